@@ -1,0 +1,1 @@
+//! The subprocess tier: finding Blender, its script, its deadline.

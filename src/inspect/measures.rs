@@ -1,0 +1,119 @@
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+/// A mesh measured. Vertices are merged at exactly equal positions first, as every STL reader must, so that the
+/// counts say what a slicer sees; `-0.0` equals `0.0`.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, ToSchema)]
+pub struct Measures {
+    /// Faces, as the file has them.
+    pub faces: u64,
+    /// Different vertex positions that a face uses.
+    pub vertices: u64,
+    /// Different edges.
+    pub edges: u64,
+    /// Edge-connected parts of the raw mesh, counted before anything is processed.
+    pub parts: u64,
+    /// Edges that one face uses.
+    pub boundary_edges: u64,
+    /// Closed chains of boundary edges.
+    pub boundary_loops: u64,
+    /// Edges that more than two faces use.
+    pub nonmanifold_edges: u64,
+    /// Vertices whose faces form more than one fan.
+    pub nonmanifold_vertices: u64,
+    /// Edges of two faces that both run along it in the same direction.
+    pub misoriented_edges: u64,
+    /// Faces without area: a repeated vertex, or corners on a line.
+    pub degenerate_faces: u64,
+    /// Faces with the same three vertices as an earlier face.
+    pub duplicate_faces: u64,
+    /// Vertices of the file that no face uses.
+    pub unreferenced_vertices: u64,
+    /// Faces with a corner that is not a finite number; they are left out of every other count.
+    pub nonfinite_faces: u64,
+    /// Closed parts that are turned inside out: not within another part, and of negative volume.
+    pub inverted_parts: u64,
+    /// No boundary edge, and there is a face.
+    pub closed: bool,
+    /// Every edge has at most two faces and every vertex one fan.
+    pub manifold: bool,
+    /// No edge is crossed twice in the same direction.
+    pub consistent: bool,
+    /// Closed, manifold, consistent, and no part is inside out.
+    pub outward: bool,
+    /// The box around all faces; none for a mesh without faces.
+    pub bounding_box: Option<BoundingBox>,
+    /// Area of all faces, in square units.
+    pub area: f64,
+    /// Enclosed volume, in cubic units.
+    pub volume: Volume,
+    /// Pairs of faces that intersect other than in a shared vertex or edge.
+    pub self_intersections: SelfIntersections,
+}
+
+impl Measures {
+    /// Closed, manifold, outward, without degenerate or duplicate faces, of positive volume, and without
+    /// self-intersections as far as those were checked.
+    #[must_use]
+    pub fn printable(&self) -> bool {
+        self.closed
+            && self.manifold
+            && self.consistent
+            && self.outward
+            && self.faces > 0
+            && self.nonfinite_faces == 0
+            && self.degenerate_faces == 0
+            && self.duplicate_faces == 0
+            && self.volume.value > 0.0
+            && self.self_intersections.pairs.unwrap_or(0) == 0
+    }
+
+    /// How many things are wrong, to compare candidates of which none is printable.
+    #[must_use]
+    pub fn defects(&self) -> u64 {
+        self.boundary_edges
+            + self.nonmanifold_edges
+            + self.nonmanifold_vertices
+            + self.misoriented_edges
+            + self.degenerate_faces
+            + self.duplicate_faces
+            + self.nonfinite_faces
+            + self.inverted_parts
+            + self.self_intersections.pairs.unwrap_or(0)
+    }
+}
+
+/// An axis-parallel box.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct BoundingBox {
+    /// Smallest coordinates.
+    pub min: [f64; 3],
+    /// Largest coordinates.
+    pub max: [f64; 3],
+}
+
+impl BoundingBox {
+    /// Length of the diagonal.
+    #[must_use]
+    pub fn diagonal(&self) -> f64 {
+        (0..3).map(|k| (self.max[k] - self.min[k]).powi(2)).sum::<f64>().sqrt()
+    }
+}
+
+/// Enclosed volume by the divergence theorem.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize, ToSchema)]
+pub struct Volume {
+    /// Cubic units; negative for a mesh that is inside out.
+    pub value: f64,
+    /// Whether the mesh is closed and consistently oriented, without which the figure means little.
+    pub reliable: bool,
+}
+
+/// Faces that intersect.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, ToSchema)]
+pub struct SelfIntersections {
+    /// Whether they were counted at all. This version does not count them yet.
+    pub checked: bool,
+    /// How many pairs, where counted.
+    pub pairs: Option<u64>,
+}

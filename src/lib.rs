@@ -1,0 +1,25 @@
+//! meshmend repairs broken 3D models.
+//!
+//! One promise: **what you download is printable and still your model.** Printable is judged on the very bytes that are
+//! handed out, read back and welded by position; where the promise can't be kept, the report says so.
+//!
+//! A mesh's way through the crate is one straight line, and the engine's modules stand in that order:
+//!
+//! ```text
+//! bytes -> format -> mesh -> inspect -> repair (plan, tiers) -> verify -> format -> bytes
+//! ```
+//!
+//! and a job's way is another:
+//!
+//! ```text
+//! api -> blobs + jobs -> worker -> (the line above, in a child process) -> blobs + jobs -> api
+//! ```
+//!
+//! The engine (`math`, `mesh`, `format`, `inspect`, `repair`, `blender`) knows nothing of tokio, axum or sqlx.
+
+pub mod blender;
+pub mod format;
+pub mod inspect;
+pub mod math;
+pub mod mesh;
+pub mod repair;

@@ -1,0 +1,1 @@
+//! Predicates, boxes, and the tree over obvhs.

@@ -1,0 +1,157 @@
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use crate::format::Format;
+
+/// A named plan, after the MeshPrep repair strategy guide ("Filter Scripts & When to Use Them").
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize, ToSchema, clap::ValueEnum)]
+#[serde(rename_all = "kebab-case")]
+pub enum Preset {
+    /// Chosen from the model's category.
+    #[default]
+    Auto,
+    /// Weld, drop degenerate and duplicate faces, fix normals.
+    BasicCleanup,
+    /// Basic cleanup, then close holes.
+    FillHoles,
+    /// For one part with several kinds of damage.
+    FullRepair,
+    /// For several parts: each is repaired apart and none is lost.
+    ConservativeRepair,
+    /// For non-manifold edges and vertices.
+    ManifoldRepair,
+    /// Basic cleanup, then Blender: for severe damage.
+    BlenderRemesh,
+}
+
+/// The format of the result.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize, ToSchema, clap::ValueEnum)]
+#[serde(rename_all = "lowercase")]
+pub enum OutputFormat {
+    /// Binary STL.
+    #[default]
+    Stl,
+    /// Wavefront OBJ.
+    Obj,
+    /// Binary little-endian PLY.
+    Ply,
+    /// OFF.
+    Off,
+    /// The input's own format.
+    Same,
+}
+
+impl OutputFormat {
+    /// The concrete format for an input of format `input`.
+    #[must_use]
+    pub fn resolve(self, input: Format) -> Format {
+        match self {
+            Self::Stl => Format::Stl,
+            Self::Obj => Format::Obj,
+            Self::Ply => Format::Ply,
+            Self::Off => Format::Off,
+            Self::Same => input,
+        }
+    }
+}
+
+/// How a model is to be repaired. Every field has a default; unknown fields are refused.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Options {
+    /// The plan to run, or `auto`.
+    pub preset: Preset,
+    /// Format of the result.
+    pub output: OutputFormat,
+    /// Highest tier that may run, 1 to 3: 1 cleans, 2 mends, 3 is Blender.
+    #[schema(minimum = 1, maximum = 3)]
+    pub max_tier: u8,
+    /// Seconds the repair may take from its start; then the best result so far is returned or the job fails.
+    #[schema(minimum = 1.0, maximum = 3600.0)]
+    pub deadline_s: f64,
+    /// Red flag: share of the faces lost, in percent.
+    #[schema(minimum = 0.0, maximum = 100.0)]
+    pub max_face_loss_pct: f64,
+    /// Red flag: change of the bounding box's diagonal, in percent.
+    #[schema(minimum = 0.0, maximum = 1000.0)]
+    pub max_box_change_pct: f64,
+    /// Red flag: change of the volume, in percent; judged only where the input's volume is reliable.
+    #[schema(minimum = 0.0, maximum = 1000.0)]
+    pub max_volume_change_pct: f64,
+    /// Boundary vertices closer than this share of the bounding box's diagonal are merged; 0 merges equal positions only.
+    #[schema(minimum = 0.0, maximum = 0.01)]
+    pub weld_tolerance: f64,
+    /// Most edges around a hole that tier 1 closes.
+    #[schema(minimum = 3, maximum = 100000)]
+    pub max_hole_edges: u32,
+    /// Blender's voxel edge in the model's unit. Without it the size follows from `voxel_resolution`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub voxel_size: Option<f64>,
+    /// Voxels along the bounding box's diagonal for Blender's remesh.
+    #[schema(minimum = 16, maximum = 2000)]
+    pub voxel_resolution: u32,
+    /// Most faces a remesh may have; the voxel size is made larger until the estimate is below.
+    #[schema(minimum = 1000, maximum = 20000000)]
+    pub max_remesh_faces: u64,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self {
+            preset: Preset::Auto,
+            output: OutputFormat::Stl,
+            max_tier: 3,
+            deadline_s: 300.0,
+            max_face_loss_pct: 40.0,
+            max_box_change_pct: 30.0,
+            max_volume_change_pct: 30.0,
+            weld_tolerance: 1e-6,
+            max_hole_edges: 10_000,
+            voxel_size: None,
+            voxel_resolution: 300,
+            max_remesh_faces: 2_000_000,
+        }
+    }
+}
+
+/// An option outside what it may be.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[error("option '{option}' is {value}; it must be {expected}")]
+pub struct OptionsError {
+    /// The option's name.
+    pub option: &'static str,
+    /// What was given.
+    pub value: String,
+    /// What is allowed, in words.
+    pub expected: &'static str,
+}
+
+impl Options {
+    /// Checks every range.
+    ///
+    /// # Errors
+    /// The first option that is out of its range.
+    pub fn validate(&self) -> Result<(), OptionsError> {
+        let number = |option, value: f64, low: f64, high: f64, expected| {
+            if (low..=high).contains(&value) {
+                Ok(())
+            } else {
+                Err(OptionsError { option, value: value.to_string(), expected })
+            }
+        };
+        number("max_tier", f64::from(self.max_tier), 1.0, 3.0, "1, 2 or 3")?;
+        number("deadline_s", self.deadline_s, 1.0, 3600.0, "between 1 and 3600 seconds")?;
+        number("max_face_loss_pct", self.max_face_loss_pct, 0.0, 100.0, "between 0 and 100 percent")?;
+        number("max_box_change_pct", self.max_box_change_pct, 0.0, 1000.0, "between 0 and 1000 percent")?;
+        number("max_volume_change_pct", self.max_volume_change_pct, 0.0, 1000.0, "between 0 and 1000 percent")?;
+        number("weld_tolerance", self.weld_tolerance, 0.0, 0.01, "between 0 and 0.01 of the bounding box's diagonal")?;
+        number("max_hole_edges", f64::from(self.max_hole_edges), 3.0, 100_000.0, "between 3 and 100000 edges")?;
+        if let Some(size) = self.voxel_size {
+            number("voxel_size", size, f64::MIN_POSITIVE, f64::MAX, "a length above zero, in the model's unit")?;
+        }
+        number("voxel_resolution", f64::from(self.voxel_resolution), 16.0, 2000.0, "between 16 and 2000 voxels")?;
+        #[expect(clippy::cast_precision_loss, reason = "compared with a small bound")]
+        let faces = self.max_remesh_faces as f64;
+        number("max_remesh_faces", faces, 1000.0, 20_000_000.0, "between 1000 and 20000000 faces")
+    }
+}

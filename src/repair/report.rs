@@ -1,0 +1,261 @@
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use super::{Options, Preset, RemesherInfo};
+use crate::format::Format;
+use crate::inspect::Measures;
+
+/// The version of [`Report`]'s structure.
+pub const REPORT_VERSION: u32 = 1;
+
+/// What became of a model, apart from whether the job ran.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Outcome {
+    /// The input is printable; its geometry comes back untouched.
+    AlreadyPrintable,
+    /// The result is printable and no red flag is up.
+    Repaired,
+    /// The result is better than the input, but not printable, or printable with a red flag up.
+    PartiallyRepaired,
+    /// Nothing that ran made the model better; the reason is in the report.
+    Unrepairable,
+}
+
+/// What kind of trouble a model is in, after the MeshPrep repair strategy guide ("Category-to-Filter Mapping").
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Category {
+    /// Nothing is wrong.
+    Clean,
+    /// Boundaries only, a few.
+    Holes,
+    /// Boundaries only, many.
+    ManySmallHoles,
+    /// Non-manifold edges or vertices.
+    NonManifold,
+    /// Faces intersect.
+    SelfIntersecting,
+    /// Many parts, most of them open or tiny.
+    Fragmented,
+    /// More than one part.
+    MultipleComponents,
+    /// Faces turned the wrong way, nothing else.
+    Orientation,
+    /// Degenerate or duplicate faces, nothing else.
+    Degenerate,
+    /// A surface that encloses nothing, such as terrain or a single wall.
+    OpenSheet,
+    /// Several of these at once.
+    Complex,
+}
+
+/// One thing a plan does.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Action {
+    /// Tier 1: weld, drop degenerate, duplicate and unreferenced (the guide's `trimesh_basic`).
+    BasicCleanup,
+    /// Tier 1: consistent and outward normals (`fix_normals`).
+    FixNormals,
+    /// Tier 1: close simple holes (`fill_holes`).
+    FillHoles,
+    /// Tier 2: mend everything in one part (`pymeshfix_repair`).
+    Mend,
+    /// Tier 2: mend each part apart (`pymeshfix_repair_conservative`).
+    MendConservative,
+    /// Tier 2: separate non-manifold edges and vertices (`make_manifold`).
+    MakeManifold,
+    /// Tier 3: voxel remesh (`blender_remesh`).
+    VoxelRemesh,
+    /// Tier 3: boolean union with itself (`blender_make_manifold`).
+    BooleanUnion,
+    /// Write, read back, weld by position and judge.
+    Validate,
+}
+
+/// The account of one repair.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct Report {
+    /// Version of this structure.
+    pub version: u32,
+    /// Name and version of the engine.
+    pub engine: String,
+    /// What became of the model.
+    pub outcome: Outcome,
+    /// The outcome in words, with what to do next where it is not good.
+    pub summary: String,
+    /// The input file.
+    pub input: FileSummary,
+    /// The result; none only if there is nothing to hand out.
+    pub output: Option<FileSummary>,
+    /// The options that were in force.
+    pub options: Options,
+    /// The input, measured before anything was processed.
+    pub before: Measures,
+    /// The result, measured on its own bytes.
+    pub after: Option<Measures>,
+    /// Whether `after` was measured on the written bytes, read back and welded by position.
+    pub verified_from_output_bytes: bool,
+    /// From `before` to `after`.
+    pub changes: Option<Changes>,
+    /// What was going to be done, and why.
+    pub plan: Plan,
+    /// What was done, in order.
+    pub steps: Vec<Step>,
+    /// Every result that was judged; the chosen one is marked.
+    pub candidates: Vec<Candidate>,
+    /// Signs that the repair destroyed something, on the chosen result.
+    pub red_flags: Vec<RedFlag>,
+    /// What a person should know.
+    pub warnings: Vec<String>,
+    /// Time from first byte read to last byte written, in milliseconds.
+    pub milliseconds: f64,
+}
+
+/// A file that went in or came out.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct FileSummary {
+    /// Its format.
+    pub format: Format,
+    /// The dialect in words, such as `binary STL`.
+    pub dialect: String,
+    /// Its size.
+    pub bytes: u64,
+}
+
+/// How the result differs from the input. Percentages are of the input's value; none where the input's value is
+/// zero or not reliable.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct Changes {
+    /// Faces after minus before.
+    pub faces: i64,
+    /// Vertices after minus before.
+    pub vertices: i64,
+    /// Parts after minus before.
+    pub parts: i64,
+    /// Share of the faces lost; negative where faces were added.
+    pub face_loss_pct: f64,
+    /// Faces of the input that stand in the result at the same three positions, in percent.
+    pub faces_kept_pct: f64,
+    /// Largest move of a side of the bounding box, over its diagonal before.
+    pub box_change_pct: Option<f64>,
+    /// Change of the surface area.
+    pub area_change_pct: Option<f64>,
+    /// Change of the volume.
+    pub volume_change_pct: Option<f64>,
+}
+
+/// What is to be done, as data: made from the inspection, run afterwards.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct Plan {
+    /// What kind of trouble the model is in.
+    pub category: Category,
+    /// The preset in force, never `auto`.
+    pub preset: Preset,
+    /// Why this preset.
+    pub reason: String,
+    /// The rungs in order; each starts from the input, and the next runs only if the one before was not good enough.
+    pub rungs: Vec<Rung>,
+}
+
+/// One try of a plan.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct Rung {
+    /// The highest tier it uses.
+    pub tier: u8,
+    /// The preset it comes from.
+    pub preset: Preset,
+    /// Its actions in order.
+    pub actions: Vec<Action>,
+}
+
+/// How a step ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum StepStatus {
+    /// It ran.
+    Done,
+    /// It ran and was undone, or made nothing; the note says why.
+    Failed,
+    /// It was not run; the note says why.
+    Skipped,
+}
+
+/// One action that was run or passed over.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct Step {
+    /// Index of the rung in the plan.
+    pub rung: u32,
+    /// The tier, 1 to 3; 0 for validation.
+    pub tier: u8,
+    /// What was to be done.
+    pub action: Action,
+    /// How it ended.
+    pub status: StepStatus,
+    /// How long it took.
+    pub milliseconds: f64,
+    /// What it changed, by operator.
+    pub changed: Vec<Change>,
+    /// Why it failed or was skipped, or what it left, in words.
+    pub note: Option<String>,
+    /// For tier 3: the program that ran.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub program: Option<RemesherInfo>,
+    /// For tier 3: the voxel edge in the model's unit.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub voxel_size: Option<f64>,
+}
+
+/// One kind of change that an operator made, such as 12 `duplicate_faces_removed`.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct Change {
+    /// What was changed, as a name for programs.
+    pub what: String,
+    /// How many.
+    pub count: u64,
+}
+
+/// A result that was judged.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct Candidate {
+    /// Index of the rung that made it; none for the input itself.
+    pub rung: Option<u32>,
+    /// Whether it passed every check.
+    pub printable: bool,
+    /// How many things are still wrong with it.
+    pub defects: u64,
+    /// Its faces.
+    pub faces: u64,
+    /// Its red flags.
+    pub red_flags: Vec<RedFlag>,
+    /// Whether it is the one handed out.
+    pub chosen: bool,
+}
+
+/// A sign that a repair destroyed something, after the MeshPrep repair strategy guide (lessons 3 and 4).
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct RedFlag {
+    /// Which sign.
+    pub code: RedFlagCode,
+    /// What was measured.
+    pub value: f64,
+    /// The threshold that it is over.
+    pub threshold: f64,
+    /// In words.
+    pub detail: String,
+}
+
+/// The kinds of red flag.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum RedFlagCode {
+    /// More faces were lost than `max_face_loss_pct`.
+    FaceLoss,
+    /// The box changed by more than `max_box_change_pct`.
+    BoxChange,
+    /// The volume changed by more than `max_volume_change_pct`.
+    VolumeChange,
+    /// Several parts became one.
+    PartsMerged,
+}
