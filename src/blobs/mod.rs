@@ -1,0 +1,243 @@
+//! Files: uploads and artifacts, in a local folder (object_store's local file system; S3 fits the same type).
+//!
+//! Keys: `jobs/<job id>/input` for the upload and `jobs/<job id>/<claim>/<name>` for what an attempt made, so that the
+//! files of a lost attempt are never mistaken for the result.
+
+use std::ops::Range;
+use std::path::Path;
+use std::sync::Arc;
+
+use bytes::Bytes;
+use futures::stream::BoxStream;
+use futures::{Stream, StreamExt, TryStreamExt};
+use object_store::local::LocalFileSystem;
+use object_store::path::Path as Key;
+use object_store::{GetOptions, GetRange, ObjectStore, ObjectStoreExt, WriteMultipart};
+use sha2::{Digest, Sha256};
+use tokio::io::AsyncWriteExt;
+
+use crate::jobs::JobId;
+
+/// Bytes held back before they are handed to the store. Small, since many uploads may run at once.
+const CHUNK: usize = 256 << 10;
+/// Bytes kept from the start of an upload, to tell its format.
+const HEAD: usize = 4 << 10;
+
+/// Why a file could not be stored or fetched.
+#[derive(Debug, thiserror::Error)]
+pub enum BlobError {
+    /// The store said no.
+    #[error("file store: {0}")]
+    Store(#[from] object_store::Error),
+    /// The local file system said no.
+    #[error("file store: {0}")]
+    Io(#[from] std::io::Error),
+    /// There is no such file.
+    #[error("no such file")]
+    NotFound,
+}
+
+/// Why an upload was not stored. Nothing of it is left.
+#[derive(Debug, thiserror::Error)]
+pub enum UploadError<E> {
+    /// More bytes came than may.
+    #[error("more than {0} bytes")]
+    TooLarge(u64),
+    /// The stream of bytes broke off.
+    #[error("the upload broke off")]
+    Source(E),
+    /// The store said no.
+    #[error(transparent)]
+    Store(#[from] BlobError),
+}
+
+/// A file that was stored.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Stored {
+    /// Its size.
+    pub bytes: u64,
+    /// SHA-256, in hexadecimal.
+    pub sha256: String,
+    /// Its first bytes, at most a few thousand.
+    pub head: Vec<u8>,
+}
+
+/// Where files are kept.
+#[derive(Debug, Clone)]
+pub struct Blobs {
+    store: Arc<dyn ObjectStore>,
+}
+
+impl Blobs {
+    /// Files in a local folder, made if missing. Files are synced to disk before they count as stored.
+    ///
+    /// # Errors
+    /// When the folder can't be made.
+    pub fn local(folder: &Path) -> Result<Self, BlobError> {
+        std::fs::create_dir_all(folder)?;
+        let store = LocalFileSystem::new_with_prefix(folder)?.with_fsync(true).with_automatic_cleanup(true);
+        Ok(Self { store: Arc::new(store) })
+    }
+
+    /// The key of a job's upload.
+    #[must_use]
+    pub fn input_key(id: JobId) -> String {
+        format!("jobs/{id}/input")
+    }
+
+    /// The key of a file that one claim of a job made.
+    #[must_use]
+    pub fn artifact_key(id: JobId, token: &str, name: &str) -> String {
+        format!("jobs/{id}/{token}/{name}")
+    }
+
+    /// Stores a stream of bytes, at most `limit` of them, without ever holding more than a few chunks.
+    ///
+    /// # Errors
+    /// [`UploadError`]; what was written is removed.
+    pub async fn put_stream<E>(
+        &self,
+        key: &str,
+        source: impl Stream<Item = Result<Bytes, E>>,
+        limit: u64,
+    ) -> Result<Stored, UploadError<E>> {
+        let upload = self.store.put_multipart(&Key::from(key)).await.map_err(BlobError::from)?;
+        let mut upload = WriteMultipart::new_with_chunk_size(upload, CHUNK);
+        let mut hash = Sha256::new();
+        let mut head = Vec::new();
+        let mut bytes = 0_u64;
+        let mut source = std::pin::pin!(source);
+        let failure = loop {
+            let chunk = match source.next().await {
+                None => break None,
+                Some(Err(e)) => break Some(UploadError::Source(e)),
+                Some(Ok(chunk)) => chunk,
+            };
+            bytes += chunk.len() as u64;
+            if bytes > limit {
+                break Some(UploadError::TooLarge(limit));
+            }
+            hash.update(&chunk);
+            head.extend_from_slice(&chunk[..chunk.len().min(HEAD - head.len())]);
+            upload.write(&chunk);
+            if let Err(e) = upload.wait_for_capacity(1).await {
+                break Some(UploadError::Store(e.into()));
+            }
+        };
+        if let Some(failure) = failure {
+            if let Err(error) = upload.abort().await {
+                tracing::warn!(%error, key, "could not remove a broken upload");
+            }
+            return Err(failure);
+        }
+        upload.finish().await.map_err(BlobError::from)?;
+        Ok(Stored { bytes, sha256: hex::encode(hash.finalize()), head })
+    }
+
+    /// Stores a local file.
+    ///
+    /// # Errors
+    /// When it can't be read or stored.
+    pub async fn put_file(&self, key: &str, path: &Path) -> Result<Stored, BlobError> {
+        let file = tokio::fs::File::open(path).await?;
+        let source = tokio_util::io::ReaderStream::with_capacity(file, CHUNK);
+        self.put_stream(key, source, u64::MAX).await.map_err(|e| match e {
+            UploadError::Source(e) => BlobError::Io(e),
+            UploadError::Store(e) => e,
+            UploadError::TooLarge(_) => BlobError::Io(std::io::ErrorKind::FileTooLarge.into()),
+        })
+    }
+
+    /// A file's bytes, or a range of them.
+    ///
+    /// # Errors
+    /// [`BlobError::NotFound`] when there is none of that key.
+    pub async fn get(
+        &self,
+        key: &str,
+        range: Option<Range<u64>>,
+    ) -> Result<BoxStream<'static, Result<Bytes, BlobError>>, BlobError> {
+        let options = GetOptions { range: range.map(GetRange::Bounded), ..GetOptions::default() };
+        let found = self.store.get_opts(&Key::from(key), options).await.map_err(not_found)?;
+        Ok(found.into_stream().map_err(BlobError::from).boxed())
+    }
+
+    /// Copies a file into the local file system.
+    ///
+    /// # Errors
+    /// [`BlobError::NotFound`] when there is none of that key.
+    pub async fn fetch(&self, key: &str, path: &Path) -> Result<(), BlobError> {
+        let mut source = self.get(key, None).await?;
+        let mut file = tokio::fs::File::create(path).await?;
+        while let Some(chunk) = source.try_next().await? {
+            file.write_all(&chunk).await?;
+        }
+        file.flush().await?;
+        Ok(())
+    }
+
+    /// Deletes all files of a job, but those of the claim `keep`.
+    ///
+    /// # Errors
+    /// When the store can't list or delete; files already gone are no error.
+    pub async fn delete_job(&self, id: JobId, keep: Option<&Keep<'_>>) -> Result<u64, BlobError> {
+        let mut deleted = 0;
+        let mut files = self.store.list(Some(&Key::from(format!("jobs/{id}"))));
+        while let Some(file) = files.try_next().await? {
+            if keep.is_some_and(|keep| keep.keeps(file.location.as_ref())) {
+                continue;
+            }
+            match self.store.delete(&file.location).await {
+                Ok(()) => deleted += 1,
+                Err(object_store::Error::NotFound { .. }) => {}
+                Err(e) => return Err(e.into()),
+            }
+        }
+        Ok(deleted)
+    }
+
+    /// Deletes one file; one already gone is no error.
+    ///
+    /// # Errors
+    /// When the store can't delete.
+    pub async fn delete(&self, key: &str) -> Result<(), BlobError> {
+        match self.store.delete(&Key::from(key)).await {
+            Ok(()) | Err(object_store::Error::NotFound { .. }) => Ok(()),
+            Err(e) => Err(e.into()),
+        }
+    }
+
+    /// Writes, reads and deletes a small file, to see that the store works.
+    ///
+    /// # Errors
+    /// What the store says.
+    pub async fn probe(&self) -> Result<(), BlobError> {
+        let key = Key::from(format!("probe/{}", uuid::Uuid::new_v4().simple()));
+        self.store.put(&key, Bytes::from_static(b"probe").into()).await?;
+        self.store.get(&key).await?.bytes().await?;
+        self.store.delete(&key).await?;
+        Ok(())
+    }
+}
+
+/// Which of a job's files to spare.
+#[derive(Debug, Clone, Copy)]
+pub struct Keep<'a> {
+    /// The upload's key.
+    pub input: &'a str,
+    /// The token of the claim whose files stay.
+    pub token: &'a str,
+}
+
+impl Keep<'_> {
+    fn keeps(&self, key: &str) -> bool {
+        key == self.input || key.split('/').nth(2) == Some(self.token)
+    }
+}
+
+fn not_found(error: object_store::Error) -> BlobError {
+    match error {
+        object_store::Error::NotFound { .. } => BlobError::NotFound,
+        other => BlobError::Store(other),
+    }
+}

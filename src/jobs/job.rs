@@ -1,0 +1,265 @@
+use std::collections::BTreeMap;
+use std::fmt;
+use std::str::FromStr;
+
+use serde::{Deserialize, Serialize};
+use time::OffsetDateTime;
+use utoipa::ToSchema;
+use uuid::Uuid;
+
+use crate::format::{Format, Place};
+use crate::repair::{Options, Outcome, Report, Stage};
+
+/// A job's name: `job_` and a UUID of version 7, so that names sort by time.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct JobId(Uuid);
+
+/// A text that is no job id.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[error("a job id is 'job_' and 32 hexadecimal digits")]
+pub struct JobIdError;
+
+impl JobId {
+    /// A new id of this moment.
+    #[must_use]
+    pub fn new() -> Self {
+        Self(Uuid::now_v7())
+    }
+}
+
+impl Default for JobId {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl fmt::Display for JobId {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "job_{}", self.0.simple())
+    }
+}
+
+impl FromStr for JobId {
+    type Err = JobIdError;
+
+    fn from_str(text: &str) -> Result<Self, JobIdError> {
+        let digits = text.strip_prefix("job_").filter(|d| d.len() == 32).ok_or(JobIdError)?;
+        Uuid::try_parse(digits).map(Self).map_err(|_| JobIdError)
+    }
+}
+
+impl Serialize for JobId {
+    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_str(self)
+    }
+}
+
+impl<'de> Deserialize<'de> for JobId {
+    fn deserialize<D: serde::Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        String::deserialize(deserializer)?.parse().map_err(serde::de::Error::custom)
+    }
+}
+
+/// Where a job stands.
+///
+/// ```text
+/// queued -> running -> succeeded | failed | canceled
+///    ^         |
+///    +---------+  handed back, retried, or rescued after its lease ran out
+/// queued -> canceled
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Status {
+    /// Waiting for a worker, perhaps until a retry is due.
+    Queued,
+    /// A worker has it under a lease.
+    Running,
+    /// Done; the result's `outcome` says how good it is.
+    Succeeded,
+    /// Ended without a result; `problem` says why.
+    Failed,
+    /// Stopped on request.
+    Canceled,
+}
+
+impl Status {
+    /// Every status.
+    pub const ALL: [Self; 5] = [Self::Queued, Self::Running, Self::Succeeded, Self::Failed, Self::Canceled];
+
+    /// The name used in JSON and in the store.
+    #[must_use]
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Queued => "queued",
+            Self::Running => "running",
+            Self::Succeeded => "succeeded",
+            Self::Failed => "failed",
+            Self::Canceled => "canceled",
+        }
+    }
+
+    /// Whether nothing more will happen.
+    #[must_use]
+    pub fn is_final(self) -> bool {
+        matches!(self, Self::Succeeded | Self::Failed | Self::Canceled)
+    }
+}
+
+impl FromStr for Status {
+    type Err = ();
+
+    fn from_str(text: &str) -> Result<Self, ()> {
+        Self::ALL.into_iter().find(|s| s.as_str() == text).ok_or(())
+    }
+}
+
+/// What a job is to do.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct JobOptions {
+    /// How to repair.
+    #[serde(flatten)]
+    pub repair: Options,
+}
+
+/// The uploaded file.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct Input {
+    /// The name it was sent with, without folders.
+    pub name: String,
+    /// Its size.
+    pub bytes: u64,
+    /// SHA-256 of its bytes, in hexadecimal.
+    pub sha256: String,
+    /// The format found in its bytes.
+    pub format: Format,
+}
+
+/// How far a job is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct JobProgress {
+    /// What is being done.
+    pub stage: Stage,
+    /// The tier that runs, 1 to 3.
+    pub tier: Option<u8>,
+    /// Share of the repair that is done, 0 to 100.
+    pub percent: u8,
+}
+
+/// A stored result file.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct Artifact {
+    /// Key in the blob store.
+    #[schema(ignore)]
+    pub key: String,
+    /// The name to save it under.
+    pub filename: String,
+    /// Its media type.
+    pub media_type: String,
+    /// Its size.
+    pub bytes: u64,
+    /// SHA-256 of its bytes, in hexadecimal.
+    pub sha256: String,
+}
+
+/// Result files by artifact name (`model`, `report.json`, `log.txt`).
+pub type Artifacts = BTreeMap<String, Artifact>;
+
+/// Why a job failed, for programs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum ProblemKind {
+    /// The file can't be read as a mesh.
+    BadInput,
+    /// The result can't be written in the format that was asked for.
+    BadOutput,
+    /// The time given by `deadline_s` ran out before there was any result.
+    DeadlineExceeded,
+    /// The repair needed more memory than a job may have.
+    OutOfMemory,
+    /// The repair needed more processor time than a job may have.
+    CpuLimit,
+    /// The repair wrote a larger file than a job may write.
+    FileLimit,
+    /// The repair's process ended by itself, again and again.
+    Crashed,
+    /// Workers went away while they had this job, again and again; it is set aside.
+    WorkerLost,
+    /// Something in the service failed, again and again.
+    Internal,
+}
+
+/// Why a job failed.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct JobProblem {
+    /// Which problem.
+    pub code: ProblemKind,
+    /// What happened and what to do, in words.
+    pub detail: String,
+    /// Where in the input file, if it has a place.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub place: Option<Place>,
+}
+
+/// One job as the store keeps it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Job {
+    /// Its name.
+    pub id: JobId,
+    /// Where it stands.
+    pub status: Status,
+    /// What became of the model, once it succeeded.
+    pub outcome: Option<Outcome>,
+    /// How far it is, while it runs.
+    pub progress: Option<JobProgress>,
+    /// Claims that count, the running one among them.
+    pub attempt: u32,
+    /// Times it took its worker or child process down.
+    pub crashes: u32,
+    /// When it was accepted.
+    pub created_at: OffsetDateTime,
+    /// When a worker first took it.
+    pub started_at: Option<OffsetDateTime>,
+    /// When it ended.
+    pub finished_at: Option<OffsetDateTime>,
+    /// When it is due, for a job that waits.
+    pub run_at: OffsetDateTime,
+    /// The uploaded file.
+    pub input: Input,
+    /// Key of the uploaded file in the blob store.
+    pub input_key: String,
+    /// What to do.
+    pub options: JobOptions,
+    /// The account of the repair.
+    pub report: Option<Report>,
+    /// The result files.
+    pub artifacts: Artifacts,
+    /// Why it failed.
+    pub problem: Option<JobProblem>,
+    /// Grows with every change of the row.
+    pub version: i64,
+    /// Whether its files and content were deleted on request.
+    pub purged: bool,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_job_id_is_read_back_from_its_text_and_nothing_else_is() {
+        let id = JobId::new();
+        assert_eq!(id.to_string().parse(), Ok(id));
+        let long = format!("{id}0");
+        let bare = id.to_string().replace("job_", "");
+        for text in ["", "job_", "job_1", "job_zz", &bare, &long, "job_0190-4", "../etc"] {
+            assert_eq!(text.parse::<JobId>(), Err(JobIdError), "{text}");
+        }
+    }
+
+    #[test]
+    fn ids_sort_by_the_time_they_were_made() {
+        let ids: Vec<JobId> = (0..100).map(|_| JobId::new()).collect();
+        assert!(ids.is_sorted());
+    }
+}

@@ -1,0 +1,23 @@
+//! Jobs: what they are, how they move from state to state, and the store that keeps them.
+//!
+//! The store is a trait ([`JobStore`]) whose every statement that ends or extends a running job is fenced by
+//! (job, attempt, token), so that the write of a worker that lost its lease changes nothing.
+
+mod bell;
+mod clock;
+mod job;
+mod retry;
+mod sqlite;
+mod store;
+
+pub use bell::Bell;
+pub use clock::{Clock, SystemClock};
+pub use job::{
+    Artifact, Artifacts, Input, Job, JobId, JobIdError, JobOptions, JobProblem, JobProgress, ProblemKind, Status,
+};
+pub use retry::RetryPolicy;
+pub use sqlite::SqliteStore;
+pub use store::{
+    Cancelled, Claim, Completion, Failure, FailureKind, JobStore, Lease, ListQuery, NewJob, Page, StatusCount,
+    StoreError,
+};

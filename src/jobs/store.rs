@@ -1,0 +1,197 @@
+use std::time::Duration;
+
+use async_trait::async_trait;
+
+use super::{Artifacts, Bell, Input, Job, JobId, JobOptions, JobProblem, JobProgress, Status};
+use crate::repair::Report;
+
+/// What went wrong in the store.
+#[derive(Debug, thiserror::Error)]
+pub enum StoreError {
+    /// The database said no.
+    #[error("database: {0}")]
+    Database(#[from] sqlx::Error),
+    /// The migrations could not be run.
+    #[error("migration: {0}")]
+    Migration(#[from] sqlx::migrate::MigrateError),
+    /// A row holds what this version can't read.
+    #[error("job {id}: column {column} can't be read: {reason}")]
+    Corrupt {
+        /// The row's id.
+        id: String,
+        /// The column.
+        column: &'static str,
+        /// What is wrong.
+        reason: String,
+    },
+    /// The lease is no longer this worker's: it ran out, or the job was cancelled or deleted.
+    #[error("the lease on this job was lost")]
+    LeaseLost,
+}
+
+/// A job to accept. Its file is in the blob store already.
+#[derive(Debug, Clone, PartialEq)]
+pub struct NewJob {
+    /// The name, made by the caller because the file's key holds it.
+    pub id: JobId,
+    /// The file.
+    pub input: Input,
+    /// The file's key.
+    pub input_key: String,
+    /// What to do.
+    pub options: JobOptions,
+}
+
+/// A worker's hold on a job. Every write under it is fenced by all three values.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Lease {
+    /// The job.
+    pub id: JobId,
+    /// The claim's number.
+    pub attempt: u32,
+    /// Random, new with every claim.
+    pub token: String,
+}
+
+/// A job that a worker took.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Claim {
+    /// The hold on it.
+    pub lease: Lease,
+    /// The job.
+    pub job: Job,
+}
+
+/// What a finished job leaves.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Completion {
+    /// The account; its outcome becomes the job's.
+    pub report: Report,
+    /// The files, already in the blob store under the attempt's key.
+    pub artifacts: Artifacts,
+}
+
+/// Whether and how a failure may be tried again.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum FailureKind {
+    /// Trying again would give the same: the job fails.
+    Final,
+    /// Something around the job failed: tried again up to the policy's attempts.
+    Passing,
+    /// The child process ended by itself: tried again up to the policy's crashes.
+    Crash,
+}
+
+/// A failed attempt.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Failure {
+    /// Whether it may be tried again.
+    pub kind: FailureKind,
+    /// Why; kept as the job's problem if this was the last try.
+    pub problem: JobProblem,
+    /// Files to keep, such as the log.
+    pub artifacts: Artifacts,
+}
+
+/// What a request to cancel found.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Cancelled {
+    /// It is cancelled now, or was before.
+    Yes(Box<Job>),
+    /// It had ended otherwise.
+    TooLate(Box<Job>),
+}
+
+/// What to list: newest first.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct ListQuery {
+    /// Only jobs of this status.
+    pub status: Option<Status>,
+    /// Only jobs older than this one.
+    pub before: Option<JobId>,
+    /// At most so many.
+    pub limit: u32,
+}
+
+/// One page of a list.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Page {
+    /// The jobs, newest first, without their reports.
+    pub jobs: Vec<Job>,
+    /// Where the next page begins, if there is one.
+    pub next: Option<JobId>,
+}
+
+/// How many jobs there are of one status.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct StatusCount {
+    /// The status.
+    pub status: Status,
+    /// How many.
+    pub count: u64,
+}
+
+/// Where jobs are kept and queued.
+///
+/// Any number of processes may share one store. A job is claimed in one short transaction under a lease; whoever holds
+/// the lease extends it by [`heartbeat`](Self::heartbeat), and when it runs out [`rescue`](Self::rescue) makes the job
+/// claimable again.
+#[async_trait]
+pub trait JobStore: Send + Sync {
+    /// Accepts a job. When this returns, the job is on disk.
+    async fn submit(&self, job: NewJob) -> Result<Job, StoreError>;
+
+    /// One job; none if there never was one of that name.
+    async fn get(&self, id: JobId) -> Result<Option<Job>, StoreError>;
+
+    /// One page of jobs that are not purged.
+    async fn list(&self, query: ListQuery) -> Result<Page, StoreError>;
+
+    /// Jobs that will be claimed before this one; none if it does not wait.
+    async fn queue_position(&self, job: &Job) -> Result<Option<u64>, StoreError>;
+
+    /// How many jobs there are of each status.
+    async fn counts(&self) -> Result<Vec<StatusCount>, StoreError>;
+
+    /// Takes the job that has been due longest, if one is, and holds it for `lease`.
+    async fn claim(&self, worker: &str, lease: Duration) -> Result<Option<Claim>, StoreError>;
+
+    /// Extends a lease to `lease` from now and notes the progress.
+    ///
+    /// # Errors
+    /// [`StoreError::LeaseLost`] when the job is no longer this worker's; the worker must stop.
+    async fn heartbeat(&self, held: &Lease, lease: Duration, progress: Option<JobProgress>) -> Result<(), StoreError>;
+
+    /// Ends a job with a result and publishes its artifacts.
+    ///
+    /// # Errors
+    /// [`StoreError::LeaseLost`] when the job is no longer this worker's; nothing was changed.
+    async fn complete(&self, held: &Lease, completion: Completion) -> Result<Job, StoreError>;
+
+    /// Notes a failed attempt: the job waits for its next try or fails for good.
+    ///
+    /// # Errors
+    /// [`StoreError::LeaseLost`] when the job is no longer this worker's; nothing was changed.
+    async fn fail(&self, held: &Lease, failure: Failure) -> Result<Job, StoreError>;
+
+    /// Gives a job back unfinished and charges it nothing, as at a shutdown.
+    ///
+    /// # Errors
+    /// [`StoreError::LeaseLost`] when the job is no longer this worker's; nothing was changed.
+    async fn hand_back(&self, held: &Lease) -> Result<(), StoreError>;
+
+    /// Makes jobs whose lease ran out claimable again, or sets them aside when it has happened too often.
+    async fn rescue(&self) -> Result<Vec<Job>, StoreError>;
+
+    /// Stops a job. A running one is taken from its worker, which learns it at its next heartbeat or by the bell.
+    async fn cancel(&self, id: JobId) -> Result<Option<Cancelled>, StoreError>;
+
+    /// Empties a job's row, cancelling it first if need be. The caller then deletes its files. False if there is none.
+    async fn purge(&self, id: JobId) -> Result<bool, StoreError>;
+
+    /// Asks the database for a sign of life.
+    async fn ping(&self) -> Result<(), StoreError>;
+
+    /// Rings when jobs change through this store object.
+    fn bell(&self) -> &Bell;
+}
