@@ -1,0 +1,403 @@
+use std::io;
+use std::os::unix::process::ExitStatusExt;
+use std::path::Path;
+use std::process::ExitStatus;
+use std::time::Duration;
+
+use futures::StreamExt;
+use serde::de::DeserializeOwned;
+use tokio::io::{AsyncReadExt, AsyncSeekExt, AsyncWriteExt};
+use tokio::sync::broadcast::error::RecvError;
+use tokio::time::Instant;
+use tokio_util::codec::{FramedRead, LinesCodec};
+use tokio_util::sync::CancellationToken;
+
+use super::pool::Pool;
+use super::process::JobProcess;
+use super::task::{ProgressLine, Task};
+use super::{ProcessLimits, pause_at};
+use crate::blobs::{BlobError, Blobs, Keep};
+use crate::format::Format;
+use crate::jobs::{
+    Artifact, Artifacts, Claim, Completion, Failure, FailureKind, Job, JobProblem, JobProgress, Lease, ProblemKind,
+    Status, StoreError,
+};
+use crate::repair::Report;
+
+/// Progress is written to the store no more often than this.
+const PROGRESS_EVERY: Duration = Duration::from_millis(250);
+/// Longest line of progress that is read.
+const LINE_BYTES: usize = 4 << 10;
+/// Most bytes of a JSON file from the child that are read.
+const JSON_BYTES: u64 = 16 << 20;
+/// Bytes from the end of the child's standard error that are kept.
+const STDERR_BYTES: u64 = 16 << 10;
+
+/// One claim, from the first byte fetched to the result published.
+pub(super) struct Attempt<'a> {
+    pool: &'a Pool,
+    lease: Lease,
+    job: Job,
+}
+
+/// How the child's run ended.
+enum Ended {
+    /// By itself.
+    Exited(ExitStatus),
+    /// Killed at the deadline.
+    Deadline,
+    /// Killed because the job is no longer ours: cancelled, deleted, or given to another worker.
+    LeaseLost,
+    /// Killed because this process stops.
+    Shutdown,
+}
+
+/// Why an attempt can't go on.
+#[derive(Debug, thiserror::Error)]
+enum AttemptError {
+    #[error(transparent)]
+    Io(#[from] io::Error),
+    #[error(transparent)]
+    Blob(#[from] BlobError),
+    #[error(transparent)]
+    Store(#[from] StoreError),
+    #[error("{0} from the repair process can't be read: {1}")]
+    Json(&'static str, serde_json::Error),
+}
+
+impl<'a> Attempt<'a> {
+    pub fn new(pool: &'a Pool, claim: Claim) -> Self {
+        Self { pool, lease: claim.lease, job: claim.job }
+    }
+
+    /// Runs to the end; whatever happens is noted in the store, unless the lease is lost.
+    pub async fn run(self, stop: &CancellationToken) {
+        let started = Instant::now();
+        let ended = match self.try_run(stop).await {
+            Err(AttemptError::Store(StoreError::LeaseLost)) => Err(StoreError::LeaseLost),
+            Err(error) => self.fail_passing(&error).await.map(Some),
+            Ok(ended) => Ok(ended),
+        };
+        let milliseconds = u64::try_from(started.elapsed().as_millis()).unwrap_or(u64::MAX);
+        metrics::histogram!("meshmend_attempt_seconds").record(started.elapsed());
+        match ended {
+            Ok(Some(job)) => {
+                tracing::info!(status = job.status.as_str(), outcome = ?job.outcome, milliseconds, "attempt ended");
+                let outcome = job.outcome.map_or(String::new(), |o| format!("{o:?}"));
+                metrics::counter!("meshmend_attempts_total", "status" => job.status.as_str(), "outcome" => outcome)
+                    .increment(1);
+            }
+            Ok(None) => tracing::info!(milliseconds, "handed back"),
+            Err(StoreError::LeaseLost) => {
+                tracing::warn!(milliseconds, "the job is no longer ours; its result is dropped");
+                metrics::counter!("meshmend_attempts_dropped_total").increment(1);
+                self.drop_files().await;
+            }
+            // The lease will run out, and the job be rescued.
+            Err(error) => tracing::error!(%error, milliseconds, "could not note how the attempt ended"),
+        }
+    }
+
+    async fn try_run(&self, stop: &CancellationToken) -> Result<Option<Job>, AttemptError> {
+        pause_at("worker-claimed");
+        let scratch = self.pool.scratch.attempt()?;
+        let folder = scratch.path();
+        self.pool.blobs.fetch(&self.job.input_key, &folder.join(Task::INPUT)).await?;
+        let task = self.task();
+        tokio::fs::write(
+            folder.join(Task::TASK),
+            serde_json::to_vec(&task).map_err(|e| AttemptError::Json("task", e))?,
+        )
+        .await?;
+        pause_at("worker-spawn");
+        let mut process = JobProcess::start(&self.pool.config.program, folder, self.lease.attempt == 1)?;
+        tracing::info!(process = process.id(), "started");
+        let ended = self.watch(&mut process, stop).await;
+        let status = process.end().await?;
+        let ended = ended?;
+        append_stderr(folder, &ended, status).await?;
+        match ended {
+            Ended::LeaseLost => Err(StoreError::LeaseLost.into()),
+            Ended::Shutdown => {
+                self.pool.store.hand_back(&self.lease).await?;
+                Ok(None)
+            }
+            Ended::Deadline => {
+                metrics::counter!("meshmend_kills_total", "reason" => "deadline").increment(1);
+                let detail = format!(
+                    "The repair was stopped: it ran longer than the {} s that deadline_s allows. Send the model again \
+                     with a larger deadline_s, a smaller max_tier, or fewer faces.",
+                    self.job.options.repair.deadline_s
+                );
+                self.fail(folder, FailureKind::Final, problem(ProblemKind::DeadlineExceeded, detail)).await.map(Some)
+            }
+            Ended::Exited(status) if status.success() => self.succeed(folder).await.map(Some),
+            Ended::Exited(status) if status.code() == Some(i32::from(Task::EXIT_PROBLEM)) => {
+                let problem = read_json(folder, Task::PROBLEM).await?;
+                self.fail(folder, FailureKind::Final, problem).await.map(Some)
+            }
+            Ended::Exited(status) => {
+                metrics::counter!("meshmend_child_crashes_total").increment(1);
+                let (kind, problem) = self.explain_crash(folder, status).await?;
+                tracing::warn!(%status, code = ?problem.code, "the repair process ended by itself");
+                self.fail(folder, kind, problem).await.map(Some)
+            }
+        }
+    }
+
+    fn task(&self) -> Task {
+        let config = &self.pool.config;
+        let longest = self.deadline();
+        let cores = u32::try_from(std::thread::available_parallelism().map_or(1, usize::from)).unwrap_or(1);
+        Task {
+            options: self.job.options.repair.clone(),
+            limits: config.limits.into(),
+            process: ProcessLimits {
+                memory_bytes: config.job_memory,
+                file_bytes: config.job_file,
+                // A backstop behind the deadline, for a process that escapes its group.
+                cpu: longest * cores + Duration::from_secs(5),
+            },
+            remesher: config.remesher.clone(),
+        }
+    }
+
+    /// The time after which the job's processes are killed.
+    fn deadline(&self) -> Duration {
+        Duration::from_secs_f64(self.job.options.repair.deadline_s.clamp(1.0, 3600.0)) + self.pool.config.deadline_grace
+    }
+
+    /// Reads progress and keeps the lease alive until the child ends or must be killed.
+    async fn watch(&self, process: &mut JobProcess, stop: &CancellationToken) -> Result<Ended, AttemptError> {
+        let config = &self.pool.config;
+        let store = &self.pool.store;
+        let stdout = process.stdout().ok_or_else(|| io::Error::other("the child process has no standard output"))?;
+        let mut lines = FramedRead::new(stdout, LinesCodec::new_with_max_length(LINE_BYTES)).fuse();
+        let mut changed = store.bell().listen();
+        let deadline = tokio::time::sleep(self.deadline());
+        tokio::pin!(deadline);
+        let mut beat = tokio::time::interval_at(Instant::now() + config.lease / 3, config.lease / 3);
+        let mut held_until = Instant::now() + config.lease;
+        let mut progress: Option<JobProgress> = None;
+        let mut news = tokio::time::interval_at(Instant::now() + PROGRESS_EVERY, PROGRESS_EVERY);
+        let mut written: Option<JobProgress> = None;
+        loop {
+            tokio::select! {
+                status = process.wait() => return Ok(Ended::Exited(status?)),
+                () = &mut deadline => return Ok(Ended::Deadline),
+                () = stop.cancelled() => return Ok(Ended::Shutdown),
+                Some(line) = lines.next() => {
+                    let line = line.ok().and_then(|line| serde_json::from_str::<ProgressLine>(&line).ok());
+                    progress = line.or(progress);
+                }
+                _ = news.tick(), if progress != written => {
+                    match store.heartbeat(&self.lease, config.lease, progress).await {
+                        Ok(()) => { written = progress; held_until = Instant::now() + config.lease; }
+                        Err(StoreError::LeaseLost) => return Ok(Ended::LeaseLost),
+                        Err(error) => tracing::warn!(%error, "progress was not noted"),
+                    }
+                }
+                _ = beat.tick() => {
+                    match store.heartbeat(&self.lease, config.lease, None).await {
+                        Ok(()) => held_until = Instant::now() + config.lease,
+                        Err(StoreError::LeaseLost) => return Ok(Ended::LeaseLost),
+                        Err(error) if Instant::now() < held_until => tracing::warn!(%error, "heartbeat failed"),
+                        Err(_) => return Ok(Ended::LeaseLost),
+                    }
+                }
+                ring = changed.recv() => {
+                    let maybe_ours = match ring {
+                        Ok(id) => id == self.lease.id,
+                        Err(RecvError::Lagged(_)) => true,
+                        Err(RecvError::Closed) => false,
+                    };
+                    if maybe_ours && !self.still_ours().await {
+                        return Ok(Ended::LeaseLost);
+                    }
+                }
+            }
+        }
+    }
+
+    async fn still_ours(&self) -> bool {
+        match self.pool.store.get(self.lease.id).await {
+            Ok(Some(job)) => job.status == Status::Running && job.attempt == self.lease.attempt,
+            Ok(None) => false,
+            Err(_) => true,
+        }
+    }
+
+    async fn succeed(&self, folder: &Path) -> Result<Job, AttemptError> {
+        pause_at("worker-publish");
+        let report: Report = read_json(folder, Task::REPORT).await?;
+        let mut artifacts = self.store_log(folder).await?;
+        if let Some(output) = &report.output {
+            let filename = result_name(&self.job.input.name, output.format);
+            let model = self.store_file(folder, Task::MODEL, filename, media_type(output.format)).await?;
+            artifacts.insert("model".to_owned(), model);
+        }
+        let filename = format!("{}-report.json", stem(&self.job.input.name));
+        let stored = self.store_file(folder, Task::REPORT, filename, "application/json").await?;
+        artifacts.insert(Task::REPORT.to_owned(), stored);
+        pause_at("worker-complete");
+        record_steps(&report);
+        let job = self.pool.store.complete(&self.lease, Completion { report, artifacts }).await?;
+        if self.lease.attempt > 1 {
+            let keep = Keep { input: &self.job.input_key, token: &self.lease.token };
+            if let Err(error) = self.pool.blobs.delete_job(self.lease.id, Some(&keep)).await {
+                tracing::warn!(%error, "files of an earlier attempt were left");
+            }
+        }
+        Ok(job)
+    }
+
+    async fn fail(&self, folder: &Path, kind: FailureKind, problem: JobProblem) -> Result<Job, AttemptError> {
+        let artifacts = self.store_log(folder).await?;
+        Ok(self.pool.store.fail(&self.lease, Failure { kind, problem, artifacts }).await?)
+    }
+
+    /// Notes a failure of something around the job.
+    async fn fail_passing(&self, error: &AttemptError) -> Result<Job, StoreError> {
+        tracing::error!(%error, "attempt failed");
+        let detail = format!("The service could not run this job: {error}. Please try again later.");
+        let problem = problem(ProblemKind::Internal, detail);
+        let failure = Failure { kind: FailureKind::Passing, problem, artifacts: Artifacts::new() };
+        self.pool.store.fail(&self.lease, failure).await
+    }
+
+    async fn store_log(&self, folder: &Path) -> Result<Artifacts, AttemptError> {
+        let mut artifacts = Artifacts::new();
+        if tokio::fs::try_exists(folder.join(Task::LOG)).await? {
+            let filename = format!("{}-log.txt", stem(&self.job.input.name));
+            let log = self.store_file(folder, Task::LOG, filename, "text/plain; charset=utf-8").await?;
+            artifacts.insert(Task::LOG.to_owned(), log);
+        }
+        Ok(artifacts)
+    }
+
+    async fn store_file(
+        &self,
+        folder: &Path,
+        name: &str,
+        filename: String,
+        media_type: &str,
+    ) -> Result<Artifact, AttemptError> {
+        let key = Blobs::artifact_key(self.lease.id, &self.lease.token, name);
+        let stored = self.pool.blobs.put_file(&key, &folder.join(name)).await?;
+        Ok(Artifact { key, filename, media_type: media_type.to_owned(), bytes: stored.bytes, sha256: stored.sha256 })
+    }
+
+    /// Removes what this attempt stored, after it lost the job.
+    async fn drop_files(&self) {
+        let keys = [Task::MODEL, Task::REPORT, Task::LOG]
+            .map(|name| Blobs::artifact_key(self.lease.id, &self.lease.token, name));
+        for key in keys {
+            if let Err(error) = self.pool.blobs.delete(&key).await {
+                tracing::warn!(%error, key, "a file of a lost attempt was left");
+            }
+        }
+    }
+
+    async fn explain_crash(
+        &self,
+        folder: &Path,
+        status: ExitStatus,
+    ) -> Result<(FailureKind, JobProblem), AttemptError> {
+        const SIGXCPU: i32 = 24;
+        const SIGXFSZ: i32 = 25;
+        let stderr = tail(&folder.join(Task::STDERR)).await?;
+        let megabytes = self.pool.config.job_memory >> 20;
+        let (kind, code, detail) = if stderr.contains("memory allocation of") {
+            let detail = format!(
+                "The repair needs more than the {megabytes} MiB of memory that a job may have. Send the model with \
+                 fewer faces, or raise the service's --job-memory."
+            );
+            (FailureKind::Final, ProblemKind::OutOfMemory, detail)
+        } else if status.signal() == Some(SIGXCPU) {
+            let detail = "The repair used more processor time than a job may have. Send the model with fewer faces or \
+                          a smaller max_tier.";
+            (FailureKind::Final, ProblemKind::CpuLimit, detail.to_owned())
+        } else if status.signal() == Some(SIGXFSZ) {
+            let detail = "The repair wrote a larger file than a job may write. Ask for a coarser result, such as a \
+                          smaller voxel_resolution.";
+            (FailureKind::Final, ProblemKind::FileLimit, detail.to_owned())
+        } else {
+            let detail = format!(
+                "The repair process ended by itself ({status}). This is a fault of the service, not of the model: \
+                 please report it with the job's log."
+            );
+            (FailureKind::Crash, ProblemKind::Crashed, detail)
+        };
+        Ok((kind, problem(code, detail)))
+    }
+}
+
+fn problem(code: ProblemKind, detail: String) -> JobProblem {
+    JobProblem { code, detail, place: None }
+}
+
+/// Puts what the child wrote to standard error, and how it ended, at the end of its log.
+async fn append_stderr(folder: &Path, ended: &Ended, status: ExitStatus) -> Result<(), AttemptError> {
+    let stderr = tail(&folder.join(Task::STDERR)).await?;
+    let how = match ended {
+        Ended::Exited(status) if status.success() && stderr.is_empty() => return Ok(()),
+        Ended::Exited(_) => format!("the repair process ended: {status}"),
+        Ended::Deadline => "the repair process was killed at its deadline".to_owned(),
+        Ended::LeaseLost | Ended::Shutdown => "the repair process was killed".to_owned(),
+    };
+    let mut log = tokio::fs::OpenOptions::new().append(true).create(true).open(folder.join(Task::LOG)).await?;
+    log.write_all(
+        format!("{stderr}{}{how}\n", if stderr.is_empty() || stderr.ends_with('\n') { "" } else { "\n" }).as_bytes(),
+    )
+    .await?;
+    log.flush().await?;
+    Ok(())
+}
+
+/// The end of a text file.
+async fn tail(path: &Path) -> Result<String, AttemptError> {
+    let mut file = tokio::fs::File::open(path).await?;
+    let length = file.metadata().await?.len();
+    file.seek(io::SeekFrom::Start(length.saturating_sub(STDERR_BYTES))).await?;
+    let mut bytes = Vec::new();
+    file.take(STDERR_BYTES).read_to_end(&mut bytes).await?;
+    Ok(String::from_utf8_lossy(&bytes).into_owned())
+}
+
+async fn read_json<T: DeserializeOwned>(folder: &Path, name: &'static str) -> Result<T, AttemptError> {
+    let file = tokio::fs::File::open(folder.join(name)).await?;
+    let mut bytes = Vec::new();
+    file.take(JSON_BYTES).read_to_end(&mut bytes).await?;
+    serde_json::from_slice(&bytes).map_err(|e| AttemptError::Json(name, e))
+}
+
+fn record_steps(report: &Report) {
+    for step in &report.steps {
+        metrics::histogram!("meshmend_step_seconds", "tier" => step.tier.to_string(), "action" => format!("{:?}", step.action))
+            .record(step.milliseconds / 1000.0);
+    }
+}
+
+/// A file name without its ending.
+fn stem(name: &str) -> &str {
+    let stem = name.rsplit_once('.').map_or(name, |(stem, _)| stem);
+    if stem.is_empty() { "model" } else { stem }
+}
+
+fn result_name(input: &str, format: Format) -> String {
+    let extension = match format {
+        Format::Stl => "stl",
+        Format::Obj => "obj",
+        Format::Ply => "ply",
+        Format::Off => "off",
+    };
+    format!("{}-repaired.{extension}", stem(input))
+}
+
+fn media_type(format: Format) -> &'static str {
+    match format {
+        Format::Stl => "model/stl",
+        Format::Obj => "model/obj",
+        Format::Ply | Format::Off => "application/octet-stream",
+    }
+}

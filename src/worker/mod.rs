@@ -1,0 +1,19 @@
+//! Workers: claim a job, run it in a child process under limits, keep the lease alive, publish the result.
+//!
+//! ```text
+//! pool (slots) -> attempt (one claim) -> process (the child and its group) -> child (the engine, in there)
+//! ```
+
+mod attempt;
+mod child;
+mod failpoint;
+mod limits;
+mod pool;
+mod process;
+mod scratch;
+mod task;
+
+pub use child::run_child;
+pub use failpoint::pause_at;
+pub use limits::ProcessLimits;
+pub use pool::{Pool, Shutdown, WorkerConfig};

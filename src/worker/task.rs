@@ -1,0 +1,61 @@
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+
+use super::ProcessLimits;
+use crate::format::Limits;
+use crate::jobs::JobProgress;
+use crate::repair::{Options, RemesherInfo};
+
+/// What a worker tells its child process: a JSON file in the scratch folder.
+///
+/// The child leaves its files in the same folder: `model`, [`REPORT`](Self::REPORT), [`LOG`](Self::LOG), and
+/// [`PROBLEM`](Self::PROBLEM) where the input is to blame. On standard output it writes one [`JobProgress`] a line.
+/// Its standard input is a lifeline: when that closes, the worker is gone, and the child ends its process group.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(super) struct Task {
+    pub options: Options,
+    pub limits: TaskLimits,
+    pub process: ProcessLimits,
+    pub remesher: Option<RemesherInfo>,
+}
+
+/// [`Limits`] as they go over to the child.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub(super) struct TaskLimits {
+    pub max_bytes: u64,
+    pub max_faces: u64,
+    pub max_vertices: u64,
+}
+
+impl From<Limits> for TaskLimits {
+    fn from(l: Limits) -> Self {
+        Self { max_bytes: l.max_bytes, max_faces: l.max_faces, max_vertices: l.max_vertices }
+    }
+}
+
+impl From<TaskLimits> for Limits {
+    fn from(l: TaskLimits) -> Self {
+        Self { max_bytes: l.max_bytes, max_faces: l.max_faces, max_vertices: l.max_vertices }
+    }
+}
+
+/// A line of the child's standard output.
+pub(super) type ProgressLine = JobProgress;
+
+impl Task {
+    pub const TASK: &str = "task.json";
+    pub const INPUT: &str = "input";
+    pub const MODEL: &str = "model";
+    pub const REPORT: &str = "report.json";
+    pub const LOG: &str = "log.txt";
+    pub const PROBLEM: &str = "problem.json";
+    pub const STDERR: &str = "stderr.txt";
+
+    /// The child's exit code for a problem with the input, described in [`PROBLEM`](Self::PROBLEM).
+    pub const EXIT_PROBLEM: u8 = 2;
+
+    pub fn in_folder(folder: &Path, name: &str) -> PathBuf {
+        folder.join(name)
+    }
+}
