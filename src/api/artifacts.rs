@@ -1,0 +1,167 @@
+use std::ops::Range;
+
+use axum::body::Body;
+use axum::extract::State;
+use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
+use axum::response::{IntoResponse, Response};
+
+use super::extract::{ApiPath, find_job, job_id, text_header};
+use super::jobs::names;
+use super::problem::{Problem, ProblemCode};
+use super::state::ApiState;
+use crate::jobs::Artifact;
+
+/// Download a file of a job.
+///
+/// `model` is the result, `report.json` the account, `log.txt` what the tiers said. Single ranges, If-Range and
+/// If-None-Match are honoured; the entity tag is the file's SHA-256.
+#[utoipa::path(
+    get, path = "/v1/jobs/{id}/artifacts/{name}", tag = "jobs",
+    params(
+        ("id" = String, Path, description = "The job's id"),
+        ("name" = String, Path, description = "model, report.json or log.txt"),
+    ),
+    responses(
+        (status = 200, description = "The file", body = Vec<u8>, content_type = "application/octet-stream"),
+        (status = 206, description = "The range of the file", body = Vec<u8>, content_type = "application/octet-stream"),
+        (status = 304, description = "The client has it already"),
+        (status = 404, description = "No such job, or no such file of it yet", body = Problem, content_type = "application/problem+json"),
+        (status = 410, description = "The job was deleted", body = Problem, content_type = "application/problem+json"),
+        (status = 416, description = "The range lies outside the file", body = Problem, content_type = "application/problem+json"),
+        (status = 500, description = "A fault of the service", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub(super) async fn get_artifact(
+    State(state): State<ApiState>,
+    ApiPath((id, name)): ApiPath<(String, String)>,
+    headers: HeaderMap,
+) -> Result<Response, Problem> {
+    let job = find_job(&state, job_id(&id)?).await?;
+    let Some(artifact) = job.artifacts.get(&name) else {
+        let shown: String = name.chars().take(64).collect();
+        let detail = if job.status.is_final() {
+            let known: Vec<&str> = job.artifacts.keys().map(String::as_str).collect();
+            format!(
+                "The job has no file '{shown}'. It has: {}.",
+                if known.is_empty() { "none".into() } else { known.join(", ") }
+            )
+        } else {
+            format!("The job is {}; its files come when it has ended.", job.status.as_str())
+        };
+        return Err(Problem::new(ProblemCode::ArtifactNotFound, detail));
+    };
+    let etag = format!("\"{}\"", artifact.sha256);
+    let tagged = [(header::ETAG, etag.clone()), (header::CACHE_CONTROL, "private, no-cache".to_owned())];
+    if text_header(&headers, &header::IF_NONE_MATCH).is_some_and(|known| names(known, &etag)) {
+        return Ok((StatusCode::NOT_MODIFIED, tagged).into_response());
+    }
+    let range = match asked_range(&headers, &etag, artifact.bytes) {
+        Asked::Whole => None,
+        Asked::Part(range) => Some(range),
+        Asked::Outside => {
+            let detail = format!("The range lies outside the file of {} bytes.", artifact.bytes);
+            return Err(Problem::new(ProblemCode::RangeNotSatisfiable, detail)
+                .with_header(header::CONTENT_RANGE, format!("bytes */{}", artifact.bytes)));
+        }
+    };
+    let body = Body::from_stream(state.blobs.get(&artifact.key, range.clone()).await?);
+    let length = range.as_ref().map_or(artifact.bytes, |r| r.end - r.start);
+    let mut response = (StatusCode::OK, tagged, body).into_response();
+    describe(response.headers_mut(), artifact, length);
+    if let Some(range) = range {
+        *response.status_mut() = StatusCode::PARTIAL_CONTENT;
+        let value = format!("bytes {}-{}/{}", range.start, range.end - 1, artifact.bytes);
+        insert(response.headers_mut(), header::CONTENT_RANGE, &value);
+    }
+    Ok(response)
+}
+
+fn describe(headers: &mut HeaderMap, artifact: &Artifact, length: u64) {
+    insert(headers, header::CONTENT_TYPE, &artifact.media_type);
+    insert(headers, header::CONTENT_LENGTH, &length.to_string());
+    insert(headers, header::ACCEPT_RANGES, "bytes");
+    insert(headers, header::CONTENT_DISPOSITION, &disposition(&artifact.filename));
+}
+
+fn insert(headers: &mut HeaderMap, name: header::HeaderName, value: &str) {
+    if let Ok(value) = HeaderValue::from_str(value) {
+        headers.insert(name, value);
+    }
+}
+
+/// What part of a file a request asks for.
+#[derive(Debug, PartialEq, Eq)]
+enum Asked {
+    Whole,
+    Part(Range<u64>),
+    Outside,
+}
+
+/// The range asked for (RFC 9110, 14). A Range that can't be understood, or names several ranges, asks for the whole
+/// file, as the RFC allows; so does one under an If-Range that names another version.
+fn asked_range(headers: &HeaderMap, etag: &str, bytes: u64) -> Asked {
+    let Some(range) = text_header(headers, &header::RANGE) else { return Asked::Whole };
+    if text_header(headers, &header::IF_RANGE).is_some_and(|known| known.trim() != etag) {
+        return Asked::Whole;
+    }
+    let Ok(ranges) = http_range_header::parse_range_header(range) else { return Asked::Whole };
+    if ranges.ranges.len() != 1 {
+        return Asked::Whole;
+    }
+    match ranges.validate(bytes) {
+        Ok(valid) => valid.first().map_or(Asked::Whole, |r| Asked::Part(*r.start()..r.end() + 1)),
+        Err(_) => Asked::Outside,
+    }
+}
+
+/// Content-Disposition with a plain name for old clients and the true one in UTF-8 (RFC 6266, RFC 8187).
+fn disposition(name: &str) -> String {
+    let plain: String = name
+        .chars()
+        .map(|c| if c.is_ascii() && !c.is_ascii_control() && !matches!(c, '"' | '\\' | '%') { c } else { '_' })
+        .collect();
+    let encoded: String = name
+        .bytes()
+        .map(|b| {
+            if b.is_ascii_alphanumeric() || b"-._~".contains(&b) {
+                char::from(b).to_string()
+            } else {
+                format!("%{b:02X}")
+            }
+        })
+        .collect();
+    format!("attachment; filename=\"{plain}\"; filename*=UTF-8''{encoded}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn asked(range: &str, if_range: Option<&str>) -> Asked {
+        let mut headers = HeaderMap::new();
+        insert(&mut headers, header::RANGE, range);
+        if let Some(tag) = if_range {
+            insert(&mut headers, header::IF_RANGE, tag);
+        }
+        asked_range(&headers, "\"abc\"", 100)
+    }
+
+    #[test]
+    fn ranges_are_understood_as_the_rfc_says() {
+        assert_eq!(asked("bytes=0-9", None), Asked::Part(0..10));
+        assert_eq!(asked("bytes=90-", None), Asked::Part(90..100));
+        assert_eq!(asked("bytes=-5", None), Asked::Part(95..100));
+        assert_eq!(asked("bytes=50-1000", None), Asked::Part(50..100));
+        assert_eq!(asked("bytes=100-", None), Asked::Outside);
+        assert_eq!(asked("bytes=0-1,5-6", None), Asked::Whole);
+        assert_eq!(asked("lines=0-1", None), Asked::Whole);
+        assert_eq!(asked("bytes=0-9", Some("\"abc\"")), Asked::Part(0..10));
+        assert_eq!(asked("bytes=0-9", Some("\"old\"")), Asked::Whole);
+    }
+
+    #[test]
+    fn a_file_name_in_any_script_is_offered_and_can_break_no_header() {
+        assert_eq!(disposition("a.stl"), "attachment; filename=\"a.stl\"; filename*=UTF-8''a.stl");
+        assert_eq!(disposition("ö\"x.stl"), "attachment; filename=\"__x.stl\"; filename*=UTF-8''%C3%B6%22x.stl");
+    }
+}

@@ -1,0 +1,103 @@
+use axum::Json;
+use axum::extract::State;
+use serde::Serialize;
+use utoipa::ToSchema;
+
+use super::state::ApiState;
+use crate::format::{Format, Limits};
+use crate::repair::{Options, Preset, RemesherInfo};
+
+/// What this service can do right now.
+#[derive(Debug, Clone, Serialize, ToSchema)]
+pub struct Capabilities {
+    /// Name and version of the engine.
+    pub engine: String,
+    /// Formats that can be sent.
+    pub input_formats: Vec<Format>,
+    /// Formats that can be asked for.
+    pub output_formats: Vec<Format>,
+    /// Presets, apart from `auto`.
+    pub presets: Vec<Preset>,
+    /// The tiers and whether they work.
+    pub tiers: Vec<TierStatus>,
+    /// Limits on an upload.
+    pub limits: UploadLimits,
+    /// Every option with its default.
+    pub default_options: Options,
+}
+
+/// One tier.
+#[derive(Debug, Clone, Serialize, ToSchema)]
+pub struct TierStatus {
+    /// Its number, 1 to 3.
+    pub tier: u8,
+    /// What it is.
+    pub name: &'static str,
+    /// Whether it works.
+    pub available: bool,
+    /// Why it does not, or what a person should know.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub detail: Option<String>,
+    /// The program behind it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub program: Option<RemesherInfo>,
+}
+
+/// Limits on an upload.
+#[derive(Debug, Clone, Copy, Serialize, ToSchema)]
+pub struct UploadLimits {
+    /// Largest file, in bytes.
+    pub max_bytes: u64,
+    /// Most triangles.
+    pub max_faces: u64,
+    /// Most vertices.
+    pub max_vertices: u64,
+}
+
+impl Capabilities {
+    /// `remesher` is tier 3, or why there is none.
+    #[must_use]
+    pub fn new(limits: Limits, remesher: Result<RemesherInfo, String>) -> Self {
+        let formats = vec![Format::Stl, Format::Obj, Format::Ply, Format::Off];
+        let (program, missing) = match remesher {
+            Ok(info) => (Some(info), None),
+            Err(reason) => (None, Some(reason)),
+        };
+        let tier = |tier, name, available| TierStatus { tier, name, available, detail: None, program: None };
+        Self {
+            engine: crate::ENGINE.to_owned(),
+            input_formats: formats.clone(),
+            output_formats: formats,
+            presets: vec![
+                Preset::BasicCleanup,
+                Preset::FillHoles,
+                Preset::FullRepair,
+                Preset::ConservativeRepair,
+                Preset::ManifoldRepair,
+                Preset::BlenderRemesh,
+            ],
+            tiers: vec![
+                tier(1, "clean", true),
+                TierStatus { detail: Some("not part of this version".to_owned()), ..tier(2, "mend", false) },
+                TierStatus { detail: missing, available: program.is_some(), program, ..tier(3, "Blender", false) },
+            ],
+            limits: UploadLimits {
+                max_bytes: limits.max_bytes,
+                max_faces: limits.max_faces,
+                max_vertices: limits.max_vertices,
+            },
+            default_options: Options::default(),
+        }
+    }
+}
+
+/// What this service can do.
+///
+/// Formats, presets, limits, every option with its default, and the tiers that work right now with Blender's version.
+#[utoipa::path(
+    get, path = "/v1/capabilities", tag = "service",
+    responses((status = 200, description = "What can be asked for", body = Capabilities))
+)]
+pub(super) async fn get_capabilities(State(state): State<ApiState>) -> Json<Capabilities> {
+    Json(state.capabilities.as_ref().clone())
+}

@@ -1,0 +1,70 @@
+use std::convert::Infallible;
+use std::time::Duration;
+
+use axum::extract::State;
+use axum::response::sse::{Event, KeepAlive, Sse};
+use futures::Stream;
+
+use super::extract::PathJob;
+use super::job_view::{JobView, ProgressView};
+use super::problem::Problem;
+use super::state::ApiState;
+use super::wait::Watch;
+use crate::jobs::Job;
+
+/// Listen to a job.
+///
+/// Server-sent events: `progress` with stage, tier, percent and queue position each time they change, and at the end
+/// `done` with the whole job. A client that reconnects hears the present state first.
+#[utoipa::path(
+    get, path = "/v1/jobs/{id}/events", tag = "jobs",
+    params(("id" = String, Path, description = "The job's id")),
+    responses(
+        (status = 200, description = "The events", body = String, content_type = "text/event-stream"),
+        (status = 404, description = "No such job", body = Problem, content_type = "application/problem+json"),
+        (status = 410, description = "The job was deleted", body = Problem, content_type = "application/problem+json"),
+        (status = 500, description = "A fault of the service", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub(super) async fn job_events(
+    State(state): State<ApiState>,
+    PathJob(job): PathJob,
+) -> Sse<impl Stream<Item = Result<Event, Infallible>>> {
+    let watch = Watch::new(&state, job.id);
+    let stream = futures::stream::unfold((watch, 0, false), move |(mut watch, seen, done)| {
+        let state = state.clone();
+        async move {
+            if done {
+                return None;
+            }
+            let job = match watch.past(seen).await {
+                Ok(job) => job?,
+                Err(error) => {
+                    tracing::error!(%error, "a listener was lost");
+                    return None;
+                }
+            };
+            let (seen, done) = (job.version, job.status.is_final() || job.purged);
+            Some((Ok(event(&state, job).await), (watch, seen, done)))
+        }
+    });
+    Sse::new(stream).keep_alive(KeepAlive::new().interval(Duration::from_secs(15)))
+}
+
+async fn event(state: &ApiState, job: Job) -> Event {
+    let position = state.store.queue_position(&job).await.unwrap_or(None);
+    let id = job.version.to_string();
+    let (status, done) = (job.status, job.status.is_final());
+    let view = JobView::new(job, position);
+    let event = if done {
+        Event::default().event("done").json_data(view)
+    } else {
+        let ProgressView { stage, tier, percent, queue_position } =
+            view.progress.unwrap_or(ProgressView { stage: None, tier: None, percent: 0, queue_position: None });
+        let data = serde_json::json!({
+            "status": status, "stage": stage, "tier": tier, "percent": percent, "queue_position": queue_position,
+        });
+        Event::default().event("progress").json_data(data)
+    };
+    event.unwrap_or_default().id(id)
+}

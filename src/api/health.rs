@@ -1,0 +1,103 @@
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+use axum::Json;
+use axum::extract::State;
+use axum::http::{StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use serde::Serialize;
+use utoipa::ToSchema;
+
+use super::extract::ApiPath;
+use super::problem::{Problem, ProblemCode, ProblemDoc, catalogue};
+use super::state::ApiState;
+
+/// Longest time one check may take.
+const CHECK_TIME: Duration = Duration::from_secs(5);
+
+/// Whether the process runs.
+#[utoipa::path(get, path = "/livez", tag = "service", responses((status = 200, description = "It runs", body = String)))]
+pub(super) async fn livez() -> &'static str {
+    "ok\n"
+}
+
+/// Whether the service can take jobs.
+#[derive(Debug, Serialize, ToSchema)]
+pub(super) struct Readiness {
+    /// Whether all that is needed works.
+    ready: bool,
+    /// Each check: `ok`, or what is wrong. A missing Blender does not make the service unready.
+    checks: BTreeMap<&'static str, String>,
+}
+
+/// Whether the service can take jobs.
+///
+/// Asks the database, writes and reads a file, and tells whether Blender is there.
+#[utoipa::path(
+    get, path = "/readyz", tag = "service",
+    responses(
+        (status = 200, description = "It can", body = Readiness),
+        (status = 503, description = "It can't", body = Readiness),
+    )
+)]
+pub(super) async fn readyz(State(state): State<ApiState>) -> Response {
+    let store = check(state.store.ping()).await;
+    let blobs = check(state.blobs.probe()).await;
+    let stopping = state.stopping.is_cancelled();
+    let ready = store.is_ok() && blobs.is_ok() && !stopping;
+    let word = |result: Result<(), String>| result.err().unwrap_or_else(|| "ok".to_owned());
+    let mut checks = BTreeMap::from([("store", word(store)), ("blobs", word(blobs))]);
+    if stopping {
+        checks.insert("service", "stopping".to_owned());
+    }
+    if let Some(tier) = state.capabilities.tiers.iter().find(|tier| tier.tier == 3) {
+        let blender = if tier.available { None } else { Some(tier.detail.clone().unwrap_or_default()) };
+        checks.insert("blender", blender.map_or_else(|| "ok".to_owned(), |why| format!("missing: {why}")));
+    }
+    let status = if ready { StatusCode::OK } else { StatusCode::SERVICE_UNAVAILABLE };
+    (status, [(header::CACHE_CONTROL, "no-store")], Json(Readiness { ready, checks })).into_response()
+}
+
+async fn check<E: std::fmt::Display>(result: impl Future<Output = Result<(), E>>) -> Result<(), String> {
+    match tokio::time::timeout(CHECK_TIME, result).await {
+        Ok(Ok(())) => Ok(()),
+        Ok(Err(error)) => Err(error.to_string()),
+        Err(_) => Err(format!("no answer within {} s", CHECK_TIME.as_secs())),
+    }
+}
+
+/// Metrics for Prometheus.
+#[utoipa::path(
+    get, path = "/metrics", tag = "service",
+    responses((status = 200, description = "Metrics in Prometheus' text format", body = String))
+)]
+pub(super) async fn get_metrics(State(state): State<ApiState>) -> Result<Response, Problem> {
+    for count in state.store.counts().await? {
+        metrics::gauge!("meshmend_jobs", "status" => count.status.as_str())
+            .set(u32::try_from(count.count).unwrap_or(u32::MAX));
+    }
+    Ok(([(header::CONTENT_TYPE, "text/plain; version=0.0.4; charset=utf-8")], state.metrics.render()).into_response())
+}
+
+/// Every problem code, and what to do about it.
+#[utoipa::path(
+    get, path = "/problems", tag = "service",
+    responses((status = 200, description = "The codes", body = Vec<ProblemDoc>))
+)]
+pub(super) async fn list_problems() -> Json<Vec<ProblemDoc>> {
+    Json(catalogue())
+}
+
+/// One problem code, and what to do about it.
+#[utoipa::path(
+    get, path = "/problems/{code}", tag = "service",
+    params(("code" = String, Path, description = "The code")),
+    responses(
+        (status = 200, description = "The code", body = ProblemDoc),
+        (status = 404, description = "No such code", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub(super) async fn get_problem(ApiPath(code): ApiPath<String>) -> Result<Json<ProblemDoc>, Problem> {
+    let found = catalogue().into_iter().find(|doc| doc.code == code);
+    found.map(Json).ok_or_else(|| Problem::new(ProblemCode::RouteNotFound, "There is no such problem code."))
+}

@@ -1,0 +1,132 @@
+use std::collections::BTreeMap;
+
+use serde::Serialize;
+use time::OffsetDateTime;
+use utoipa::ToSchema;
+
+use super::problem::describe_job_problem;
+use crate::format::Place;
+use crate::jobs::{Input, Job, JobOptions, ProblemKind, Status};
+use crate::repair::{Outcome, Report, Stage};
+
+/// A job as clients see it.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = Job)]
+pub(super) struct JobView {
+    /// Its name.
+    #[schema(value_type = String, example = "job_019a3c5e7b1f7c3e8d2a4b6c8d0e2f4a")]
+    pub id: String,
+    /// Where it stands.
+    pub status: Status,
+    /// What became of the model, once the job succeeded.
+    pub outcome: Option<Outcome>,
+    /// How far it is; none once it has ended.
+    pub progress: Option<ProgressView>,
+    /// Tries that count, the running one among them.
+    pub attempt: u32,
+    /// When it was accepted.
+    #[serde(with = "time::serde::rfc3339")]
+    pub created_at: OffsetDateTime,
+    /// When a worker first took it.
+    #[serde(with = "time::serde::rfc3339::option")]
+    pub started_at: Option<OffsetDateTime>,
+    /// When it ended.
+    #[serde(with = "time::serde::rfc3339::option")]
+    pub finished_at: Option<OffsetDateTime>,
+    /// The uploaded file.
+    pub input: Input,
+    /// What was asked for, defaults filled in.
+    pub options: JobOptions,
+    /// The account of the repair; left out of lists.
+    pub report: Option<Report>,
+    /// The files to download, by name.
+    pub artifacts: BTreeMap<String, ArtifactView>,
+    /// Why it failed.
+    pub problem: Option<JobProblemView>,
+}
+
+/// How far a job is.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = Progress)]
+pub(super) struct ProgressView {
+    /// What is being done; none while it waits.
+    pub stage: Option<Stage>,
+    /// The tier that runs, 1 to 3.
+    pub tier: Option<u8>,
+    /// Share of the repair that is done, 0 to 100.
+    pub percent: u8,
+    /// Jobs that will be taken before this one, while it waits.
+    pub queue_position: Option<u64>,
+}
+
+/// A file to download.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = ArtifactLink)]
+pub(super) struct ArtifactView {
+    /// Its address, relative to the service's.
+    pub href: String,
+    /// The name it is saved under.
+    pub filename: String,
+    /// Its media type.
+    pub media_type: String,
+    /// Its size.
+    pub bytes: u64,
+    /// SHA-256 of its bytes, in hexadecimal.
+    pub sha256: String,
+}
+
+/// Why a job failed, in the shape of a problem.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = JobProblem)]
+pub(super) struct JobProblemView {
+    /// Where the code is documented.
+    #[serde(rename = "type")]
+    pub kind: String,
+    /// The code's title.
+    pub title: &'static str,
+    /// The code, for programs.
+    pub code: ProblemKind,
+    /// What happened and what to do.
+    pub detail: String,
+    /// Where in the input file, if it has a place.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub place: Option<Place>,
+}
+
+impl JobView {
+    pub fn new(job: Job, queue_position: Option<u64>) -> Self {
+        let progress = (!job.status.is_final()).then(|| ProgressView {
+            stage: job.progress.map(|p| p.stage),
+            tier: job.progress.and_then(|p| p.tier),
+            percent: job.progress.map_or(0, |p| p.percent),
+            queue_position,
+        });
+        let link = |(name, artifact): (String, crate::jobs::Artifact)| {
+            let href = format!("/v1/jobs/{}/artifacts/{name}", job.id);
+            let crate::jobs::Artifact { filename, media_type, bytes, sha256, .. } = artifact;
+            (name, ArtifactView { href, filename, media_type, bytes, sha256 })
+        };
+        let problem = job.problem.map(|problem| JobProblemView {
+            kind: format!("/problems/{}", serde_json::to_string(&problem.code).unwrap_or_default().trim_matches('"')),
+            title: describe_job_problem(problem.code).0,
+            code: problem.code,
+            detail: problem.detail,
+            place: problem.place,
+        });
+        Self {
+            id: job.id.to_string(),
+            status: job.status,
+            outcome: job.outcome,
+            progress,
+            attempt: job.attempt,
+            created_at: job.created_at,
+            started_at: job.started_at,
+            finished_at: job.finished_at,
+            input: job.input,
+            options: job.options,
+            report: job.report,
+            artifacts: job.artifacts.into_iter().map(link).collect(),
+            problem,
+        }
+    }
+}

@@ -1,0 +1,227 @@
+use std::time::Duration;
+
+use axum::Json;
+use axum::extract::State;
+use axum::http::{HeaderMap, HeaderName, StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use serde::{Deserialize, Serialize};
+use utoipa::{IntoParams, ToSchema};
+
+use super::extract::{ApiPath, ApiQuery, PathJob, find_job, job_id, text_header};
+use super::job_view::JobView;
+use super::problem::{Problem, ProblemCode};
+use super::state::ApiState;
+use super::wait::Watch;
+use crate::jobs::{Cancelled, Job, ListQuery, Status};
+
+/// Longest time a request is held, in seconds.
+const LONGEST_WAIT: u64 = 60;
+/// Jobs on a page of a list, unless asked otherwise.
+const PAGE: u32 = 50;
+/// Most jobs on a page.
+const LARGEST_PAGE: u32 = 200;
+
+#[derive(Debug, Deserialize, IntoParams)]
+#[into_params(parameter_in = Query)]
+#[serde(deny_unknown_fields)]
+pub(super) struct WaitQuery {
+    /// Hold the answer until the job's status changes or so many seconds have passed, at most 60. The header
+    /// `Prefer: wait=20` asks for the same.
+    #[param(minimum = 0, maximum = 60, example = 20)]
+    wait: Option<u64>,
+}
+
+/// One job.
+///
+/// Answers 304 where If-None-Match names the state that the client has. Retry-After says when to ask again.
+#[utoipa::path(
+    get, path = "/v1/jobs/{id}", tag = "jobs",
+    params(("id" = String, Path, description = "The job's id"), WaitQuery),
+    responses(
+        (status = 200, description = "The job", body = JobView),
+        (status = 304, description = "Nothing has changed"),
+        (status = 400, description = "A query that can't be understood", body = Problem, content_type = "application/problem+json"),
+        (status = 404, description = "No such job", body = Problem, content_type = "application/problem+json"),
+        (status = 410, description = "The job was deleted", body = Problem, content_type = "application/problem+json"),
+        (status = 500, description = "A fault of the service", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub(super) async fn get_job(
+    State(state): State<ApiState>,
+    ApiPath(id): ApiPath<String>,
+    ApiQuery(query): ApiQuery<WaitQuery>,
+    headers: HeaderMap,
+) -> Result<Response, Problem> {
+    let id = job_id(&id)?;
+    let mut watch = Watch::new(&state, id);
+    let mut job = find_job(&state, id).await?;
+    if let Some(seconds) = query.wait.or_else(|| preferred_wait(&headers)) {
+        let longest = Duration::from_secs(seconds.min(LONGEST_WAIT));
+        job = watch.status_change(job, longest).await?;
+        if job.purged {
+            return Err(Problem::new(ProblemCode::JobDeleted, format!("The job '{id}' was deleted.")));
+        }
+    }
+    let position = state.store.queue_position(&job).await?;
+    let etag = etag(&job, position);
+    if text_header(&headers, &header::IF_NONE_MATCH).is_some_and(|known| names(known, &etag)) {
+        return Ok((StatusCode::NOT_MODIFIED, [(header::ETAG, etag)]).into_response());
+    }
+    Ok(answer(StatusCode::OK, job, position, [(header::ETAG, etag)]))
+}
+
+/// The answer with a job in it, and when to ask again.
+pub(super) fn answer<const N: usize>(
+    status: StatusCode,
+    job: Job,
+    position: Option<u64>,
+    headers: [(HeaderName, String); N],
+) -> Response {
+    let more = (!job.status.is_final()).then_some([(header::RETRY_AFTER, "1")]);
+    (status, headers, [(header::CACHE_CONTROL, "no-cache")], more, Json(JobView::new(job, position))).into_response()
+}
+
+pub(super) fn etag(job: &Job, position: Option<u64>) -> String {
+    match position {
+        Some(position) => format!("W/\"{}-{position}\"", job.version),
+        None => format!("W/\"{}\"", job.version),
+    }
+}
+
+/// Whether a list of entity tags names this one, compared weakly (RFC 9110, 8.8.3.2).
+pub(super) fn names(list: &str, etag: &str) -> bool {
+    let bare = |tag: &str| tag.trim().trim_start_matches("W/").to_owned();
+    list.trim() == "*" || list.split(',').any(|tag| bare(tag) == bare(etag))
+}
+
+/// The seconds of `Prefer: wait=N` (RFC 7240).
+fn preferred_wait(headers: &HeaderMap) -> Option<u64> {
+    let prefer = text_header(headers, &HeaderName::from_static("prefer"))?;
+    prefer.split([',', ';']).find_map(|part| part.trim().strip_prefix("wait=")?.trim().parse().ok())
+}
+
+#[derive(Debug, Deserialize, IntoParams)]
+#[into_params(parameter_in = Query)]
+#[serde(deny_unknown_fields)]
+pub(super) struct JobsQuery {
+    /// Only jobs of this status.
+    status: Option<Status>,
+    /// Where to go on: `next` of the page before.
+    cursor: Option<String>,
+    /// Jobs on the page, 1 to 200.
+    #[param(minimum = 1, maximum = 200, default = 50)]
+    limit: Option<u32>,
+}
+
+/// A page of jobs.
+#[derive(Debug, Serialize, ToSchema)]
+pub(super) struct JobPage {
+    /// The jobs, newest first, without their reports.
+    jobs: Vec<JobView>,
+    /// The cursor of the next page; none on the last.
+    next: Option<String>,
+}
+
+/// Jobs, newest first.
+#[utoipa::path(
+    get, path = "/v1/jobs", tag = "jobs", params(JobsQuery),
+    responses(
+        (status = 200, description = "A page of jobs", body = JobPage),
+        (status = 400, description = "A query that can't be understood", body = Problem, content_type = "application/problem+json"),
+        (status = 500, description = "A fault of the service", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub(super) async fn list_jobs(
+    State(state): State<ApiState>,
+    ApiQuery(query): ApiQuery<JobsQuery>,
+) -> Result<Json<JobPage>, Problem> {
+    let limit = query.limit.unwrap_or(PAGE);
+    if !(1..=LARGEST_PAGE).contains(&limit) {
+        let detail = format!("limit is {limit}; it must be between 1 and {LARGEST_PAGE}.");
+        return Err(Problem::new(ProblemCode::InvalidRequest, detail));
+    }
+    let before = query.cursor.map(|cursor| cursor.parse()).transpose().map_err(|_| {
+        Problem::new(
+            ProblemCode::InvalidRequest,
+            "cursor is not one that this service gave; take 'next' of the page before.",
+        )
+    })?;
+    let page = state.store.list(ListQuery { status: query.status, before, limit }).await?;
+    let mut jobs = Vec::with_capacity(page.jobs.len());
+    for job in page.jobs {
+        let position = state.store.queue_position(&job).await?;
+        jobs.push(JobView::new(job, position));
+    }
+    Ok(Json(JobPage { jobs, next: page.next.map(|id| id.to_string()) }))
+}
+
+/// Stop a job.
+///
+/// A job that runs is stopped with all its processes. Cancelling a cancelled job changes nothing.
+#[utoipa::path(
+    post, path = "/v1/jobs/{id}/cancel", tag = "jobs",
+    params(("id" = String, Path, description = "The job's id")),
+    responses(
+        (status = 200, description = "The job is cancelled", body = JobView),
+        (status = 404, description = "No such job", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "The job has ended", body = Problem, content_type = "application/problem+json"),
+        (status = 410, description = "The job was deleted", body = Problem, content_type = "application/problem+json"),
+        (status = 500, description = "A fault of the service", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub(super) async fn cancel_job(State(state): State<ApiState>, PathJob(job): PathJob) -> Result<Response, Problem> {
+    match state.store.cancel(job.id).await? {
+        Some(Cancelled::Yes(job)) => {
+            let etag = etag(&job, None);
+            Ok(answer(StatusCode::OK, *job, None, [(header::ETAG, etag)]))
+        }
+        Some(Cancelled::TooLate(job)) => {
+            let detail = format!("The job '{}' has {}; it can't be cancelled any more.", job.id, job.status.as_str());
+            Err(Problem::new(ProblemCode::JobFinished, detail))
+        }
+        None => Err(Problem::new(ProblemCode::JobNotFound, format!("There is no job '{}'.", job.id))),
+    }
+}
+
+/// Delete a job and its files.
+///
+/// A job that has not ended is cancelled first. The upload, the results and the report are deleted.
+#[utoipa::path(
+    delete, path = "/v1/jobs/{id}", tag = "jobs",
+    params(("id" = String, Path, description = "The job's id")),
+    responses(
+        (status = 204, description = "The job and its files are gone"),
+        (status = 404, description = "No such job", body = Problem, content_type = "application/problem+json"),
+        (status = 410, description = "The job was deleted before", body = Problem, content_type = "application/problem+json"),
+        (status = 500, description = "A fault of the service", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub(super) async fn delete_job(State(state): State<ApiState>, PathJob(job): PathJob) -> Result<StatusCode, Problem> {
+    state.store.purge(job.id).await?;
+    let files = state.blobs.delete_job(job.id, None).await?;
+    tracing::info!(id = %job.id, files, "deleted");
+    Ok(StatusCode::NO_CONTENT)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn entity_tags_are_compared_weakly_and_one_by_one() {
+        assert!(names("W/\"3\"", "W/\"3\""));
+        assert!(names("\"1\", \"3\"", "W/\"3\""));
+        assert!(names("*", "W/\"3\""));
+        assert!(!names("W/\"33\"", "W/\"3\""));
+        assert!(!names("", "W/\"3\""));
+    }
+
+    #[test]
+    fn the_prefer_header_gives_the_seconds_to_wait() {
+        let mut headers = HeaderMap::new();
+        headers.insert("prefer", "respond-async, wait=7".parse().expect("a header"));
+        assert_eq!(preferred_wait(&headers), Some(7));
+        headers.insert("prefer", "wait=x".parse().expect("a header"));
+        assert_eq!(preferred_wait(&headers), None);
+    }
+}

@@ -1,0 +1,85 @@
+use std::any::Any;
+use std::time::Instant;
+
+use axum::Router;
+use axum::extract::{MatchedPath, Request};
+use axum::http::{HeaderName, HeaderValue, header};
+use axum::middleware::{Next, from_fn};
+use axum::response::{IntoResponse, Response};
+use tower_http::catch_panic::CatchPanicLayer;
+use tower_http::request_id::{MakeRequestUuid, PropagateRequestIdLayer, RequestId, SetRequestIdLayer};
+use tracing::Instrument;
+
+use super::problem::{PROBLEM_JSON, Problem, ProblemCode};
+
+const REQUEST_ID: HeaderName = HeaderName::from_static("x-request-id");
+/// Longest request id taken from a client.
+const ID_CHARS: usize = 64;
+
+/// What every request passes through, outermost last.
+pub(super) fn add(router: Router) -> Router {
+    router
+        .layer(CatchPanicLayer::custom(panicked))
+        .layer(from_fn(observe))
+        .layer(PropagateRequestIdLayer::new(REQUEST_ID))
+        .layer(SetRequestIdLayer::new(REQUEST_ID, MakeRequestUuid))
+        .layer(from_fn(distrust_request_id))
+}
+
+/// Drops a request id that could not stand in a log line.
+async fn distrust_request_id(mut request: Request, next: Next) -> Response {
+    let fine = |id: &HeaderValue| {
+        id.len() <= ID_CHARS && id.as_bytes().iter().all(|b| b.is_ascii_alphanumeric() || b"-_.".contains(b))
+    };
+    if request.headers().get(&REQUEST_ID).is_some_and(|id| !fine(id)) {
+        request.headers_mut().remove(&REQUEST_ID);
+    }
+    next.run(request).await
+}
+
+/// Traces and counts the request, and renders a problem with the request's id and address in it.
+async fn observe(request: Request, next: Next) -> Response {
+    let id = request.extensions().get::<RequestId>().and_then(|id| id.header_value().to_str().ok());
+    let id = id.unwrap_or_default().to_owned();
+    let method = request.method().clone();
+    let path = request.uri().path().to_owned();
+    let route = request.extensions().get::<MatchedPath>().map_or("none", MatchedPath::as_str).to_owned();
+    let span = tracing::info_span!("request", request_id = id, %method, path);
+    let started = Instant::now();
+    let mut response = next.run(request).instrument(span.clone()).await;
+    if let Some(mut problem) = response.extensions_mut().remove::<Problem>() {
+        problem.request_id = id;
+        problem.instance = path;
+        response = problem.render(response);
+    } else if unexplained(&response) {
+        let mut problem = Problem::new(ProblemCode::InvalidRequest, "The request could not be handled.");
+        problem.status = response.status().as_u16();
+        problem.title = response.status().canonical_reason().unwrap_or("Error").to_owned();
+        problem.request_id = id;
+        problem.instance = path;
+        response = problem.render(response);
+    }
+    response.headers_mut().insert(header::X_CONTENT_TYPE_OPTIONS, HeaderValue::from_static("nosniff"));
+    let status = response.status().as_u16();
+    let elapsed = started.elapsed();
+    span.in_scope(|| tracing::debug!(status, milliseconds = elapsed.as_secs_f64() * 1000.0, "answered"));
+    let labels = [("method", method.to_string()), ("route", route), ("status", status.to_string())];
+    metrics::histogram!("meshmend_http_request_seconds", &labels).record(elapsed);
+    response
+}
+
+/// Whether some library answered an error in its own words.
+fn unexplained(response: &Response) -> bool {
+    let error = response.status().is_client_error() || response.status().is_server_error();
+    let media_type = response.headers().get(header::CONTENT_TYPE);
+    let explained = media_type.is_some_and(|m| *m == PROBLEM_JSON || m.as_bytes().starts_with(b"application/json"));
+    error && !explained
+}
+
+/// A panic in a handler is a fault of ours; the request ends, the service goes on.
+fn panicked(panic: Box<dyn Any + Send + 'static>) -> Response {
+    let message = panic.downcast_ref::<String>().map(String::as_str);
+    let message = message.or_else(|| panic.downcast_ref::<&str>().copied()).unwrap_or("no message");
+    tracing::error!(message, "a handler panicked");
+    Problem::new(ProblemCode::Internal, "The service could not do this. Try again later.").into_response()
+}

@@ -1,0 +1,321 @@
+use axum::Json;
+use axum::extract::rejection::{PathRejection, QueryRejection};
+use axum::http::{HeaderName, HeaderValue, StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use crate::blobs::BlobError;
+use crate::jobs::{ProblemKind, StoreError};
+
+/// Every problem that a request can meet, for programs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum ProblemCode {
+    /// No such address.
+    RouteNotFound,
+    /// The address exists, but not for this method.
+    MethodNotAllowed,
+    /// A path, query or form that can't be understood.
+    InvalidRequest,
+    /// An option that is unknown or out of its range.
+    InvalidOptions,
+    /// No file, or an empty one.
+    MissingFile,
+    /// The file is larger than the service takes.
+    PayloadTooLarge,
+    /// The body's media type is not one that this address takes.
+    UnsupportedMediaType,
+    /// The file's bytes are of no format that can be read.
+    UnsupportedModel,
+    /// The upload stopped coming.
+    UploadTimeout,
+    /// The upload broke off.
+    UploadInterrupted,
+    /// No job of that name.
+    JobNotFound,
+    /// The job was deleted on request.
+    JobDeleted,
+    /// The job has ended, so it can't be cancelled.
+    JobFinished,
+    /// The job has no such file, or not yet.
+    ArtifactNotFound,
+    /// The range lies outside the file.
+    RangeNotSatisfiable,
+    /// A fault of the service.
+    Internal,
+}
+
+/// A code with its meaning, for the documentation.
+#[derive(Debug, Clone, Serialize, ToSchema)]
+pub struct ProblemDoc {
+    /// The code.
+    pub code: String,
+    /// The title.
+    pub title: &'static str,
+    /// The HTTP status of a response with it; none for a problem of a job.
+    pub status: Option<u16>,
+    /// What to do.
+    pub advice: &'static str,
+}
+
+impl ProblemCode {
+    /// Every code.
+    pub const ALL: [Self; 16] = [
+        Self::RouteNotFound,
+        Self::MethodNotAllowed,
+        Self::InvalidRequest,
+        Self::InvalidOptions,
+        Self::MissingFile,
+        Self::PayloadTooLarge,
+        Self::UnsupportedMediaType,
+        Self::UnsupportedModel,
+        Self::UploadTimeout,
+        Self::UploadInterrupted,
+        Self::JobNotFound,
+        Self::JobDeleted,
+        Self::JobFinished,
+        Self::ArtifactNotFound,
+        Self::RangeNotSatisfiable,
+        Self::Internal,
+    ];
+
+    /// The HTTP status, the title, and what to do.
+    #[must_use]
+    pub fn describe(self) -> (StatusCode, &'static str, &'static str) {
+        match self {
+            Self::RouteNotFound => {
+                (StatusCode::NOT_FOUND, "No such address", "See /docs for the addresses that exist.")
+            }
+            Self::MethodNotAllowed => {
+                (StatusCode::METHOD_NOT_ALLOWED, "Method not allowed", "Use a method that the Allow header names.")
+            }
+            Self::InvalidRequest => {
+                (StatusCode::BAD_REQUEST, "Invalid request", "Correct what the detail names and send it again.")
+            }
+            Self::InvalidOptions => (
+                StatusCode::UNPROCESSABLE_ENTITY,
+                "Invalid options",
+                "Correct the option that the detail names; /docs lists every option with its range.",
+            ),
+            Self::MissingFile => (
+                StatusCode::BAD_REQUEST,
+                "No file",
+                "Send the model as the form part 'file', or as the whole body of the request.",
+            ),
+            Self::PayloadTooLarge => (
+                StatusCode::PAYLOAD_TOO_LARGE,
+                "File too large",
+                "Send a smaller file; /v1/capabilities tells the limit.",
+            ),
+            Self::UnsupportedMediaType => (
+                StatusCode::UNSUPPORTED_MEDIA_TYPE,
+                "Unsupported media type",
+                "Send multipart/form-data, or the model's bytes with a media type such as application/octet-stream.",
+            ),
+            Self::UnsupportedModel => (
+                StatusCode::UNSUPPORTED_MEDIA_TYPE,
+                "Not a model that can be read",
+                "Send STL, OBJ, PLY or OFF; /v1/capabilities lists the formats.",
+            ),
+            Self::UploadTimeout => (StatusCode::REQUEST_TIMEOUT, "Upload stopped coming", "Send it again."),
+            Self::UploadInterrupted => (StatusCode::BAD_REQUEST, "Upload broke off", "Send it again."),
+            Self::JobNotFound => {
+                (StatusCode::NOT_FOUND, "No such job", "Check the id; it is in the answer to POST /v1/jobs.")
+            }
+            Self::JobDeleted => (StatusCode::GONE, "Job deleted", "Its files are gone; send the model again."),
+            Self::JobFinished => (StatusCode::CONFLICT, "Job has ended", "Nothing is left to cancel."),
+            Self::ArtifactNotFound => (
+                StatusCode::NOT_FOUND,
+                "No such file",
+                "The job's 'artifacts' list its files; a job that has not ended has none yet.",
+            ),
+            Self::RangeNotSatisfiable => (
+                StatusCode::RANGE_NOT_SATISFIABLE,
+                "Range not satisfiable",
+                "The Content-Range header tells the file's size.",
+            ),
+            Self::Internal => (
+                StatusCode::INTERNAL_SERVER_ERROR,
+                "Internal error",
+                "Try again later; if it stays, report it with the request_id.",
+            ),
+        }
+    }
+
+    /// The name in JSON.
+    #[must_use]
+    pub fn name(self) -> String {
+        code_name(&self)
+    }
+}
+
+fn code_name<T: Serialize>(code: &T) -> String {
+    match serde_json::to_value(code) {
+        Ok(serde_json::Value::String(name)) => name,
+        _ => String::new(),
+    }
+}
+
+/// The title of a job's problem, and what to do.
+#[must_use]
+pub fn describe_job_problem(kind: ProblemKind) -> (&'static str, &'static str) {
+    match kind {
+        ProblemKind::BadInput => ("The file can't be read", "Export the model again; the detail names what and where."),
+        ProblemKind::BadOutput => ("The result can't be written", "Ask for another output format."),
+        ProblemKind::DeadlineExceeded => ("Out of time", "Raise deadline_s, lower max_tier, or send fewer faces."),
+        ProblemKind::OutOfMemory => ("Out of memory", "Send fewer faces, or raise the service's --job-memory."),
+        ProblemKind::CpuLimit => ("Out of processor time", "Send fewer faces or lower max_tier."),
+        ProblemKind::FileLimit => ("Result too large", "Ask for a coarser result, such as a smaller voxel_resolution."),
+        ProblemKind::Crashed => ("The repair crashed", "A fault of the service: report it with the job's log."),
+        ProblemKind::WorkerLost => ("Set aside", "Workers were lost with this job: report it with the model."),
+        ProblemKind::Internal => ("Internal error", "Try again later; if it stays, report it with the job's id."),
+    }
+}
+
+/// Every problem of requests and of jobs.
+#[must_use]
+pub fn catalogue() -> Vec<ProblemDoc> {
+    const KINDS: [ProblemKind; 9] = [
+        ProblemKind::BadInput,
+        ProblemKind::BadOutput,
+        ProblemKind::DeadlineExceeded,
+        ProblemKind::OutOfMemory,
+        ProblemKind::CpuLimit,
+        ProblemKind::FileLimit,
+        ProblemKind::Crashed,
+        ProblemKind::WorkerLost,
+        ProblemKind::Internal,
+    ];
+    let mut docs: Vec<ProblemDoc> = ProblemCode::ALL
+        .into_iter()
+        .map(|code| {
+            let (status, title, advice) = code.describe();
+            ProblemDoc { code: code.name(), title, status: Some(status.as_u16()), advice }
+        })
+        .collect();
+    for kind in KINDS {
+        let code = code_name(&kind);
+        if docs.iter().all(|doc| doc.code != code) {
+            let (title, advice) = describe_job_problem(kind);
+            docs.push(ProblemDoc { code, title, status: None, advice });
+        }
+    }
+    docs
+}
+
+/// An error answer after RFC 9457, `application/problem+json`.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct Problem {
+    /// Where the code is documented.
+    #[serde(rename = "type")]
+    pub kind: String,
+    /// The code's title.
+    pub title: String,
+    /// The HTTP status.
+    pub status: u16,
+    /// What happened and what to do.
+    pub detail: String,
+    /// The address that was asked for.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub instance: String,
+    /// The code, for programs.
+    pub code: ProblemCode,
+    /// The request's id, as in the service's log and in the X-Request-Id header.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub request_id: String,
+    /// Single errors, where there are several.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub errors: Vec<String>,
+    /// Headers of the answer.
+    #[serde(skip)]
+    pub(super) headers: Vec<(HeaderName, String)>,
+}
+
+/// The media type of a [`Problem`].
+pub(super) const PROBLEM_JSON: HeaderValue = HeaderValue::from_static("application/problem+json");
+
+impl Problem {
+    /// A problem with a detail of its own.
+    #[must_use]
+    pub fn new(code: ProblemCode, detail: impl Into<String>) -> Self {
+        let (status, title, _) = code.describe();
+        Self {
+            kind: format!("/problems/{}", code.name()),
+            title: title.to_owned(),
+            status: status.as_u16(),
+            detail: detail.into(),
+            instance: String::new(),
+            code,
+            request_id: String::new(),
+            errors: Vec::new(),
+            headers: Vec::new(),
+        }
+    }
+
+    /// Adds a header to the answer.
+    #[must_use]
+    pub fn with_header(mut self, name: HeaderName, value: impl Into<String>) -> Self {
+        self.headers.push((name, value.into()));
+        self
+    }
+
+    /// A fault of the service: the cause goes to the log, not to the client.
+    #[must_use]
+    pub fn internal(error: &dyn std::error::Error) -> Self {
+        tracing::error!(%error, "request failed");
+        Self::new(ProblemCode::Internal, "The service could not do this. Try again later.")
+    }
+}
+
+/// The body is rendered by the outermost layer, which knows the request's id and address; until then the problem rides
+/// in the response's extensions.
+impl IntoResponse for Problem {
+    fn into_response(self) -> Response {
+        let status = StatusCode::from_u16(self.status).unwrap_or(StatusCode::INTERNAL_SERVER_ERROR);
+        let mut response = status.into_response();
+        for (name, value) in &self.headers {
+            if let Ok(value) = HeaderValue::from_str(value) {
+                response.headers_mut().insert(name, value);
+            }
+        }
+        response.extensions_mut().insert(self);
+        response
+    }
+}
+
+impl Problem {
+    /// The finished answer: status and headers of `response`, and this problem as its body.
+    pub(super) fn render(self, response: Response) -> Response {
+        let (mut parts, _) = response.into_parts();
+        let body = Json(self).into_response().into_body();
+        parts.headers.remove(header::CONTENT_LENGTH);
+        parts.headers.insert(header::CONTENT_TYPE, PROBLEM_JSON);
+        parts.headers.insert(header::CACHE_CONTROL, HeaderValue::from_static("no-store"));
+        Response::from_parts(parts, body)
+    }
+}
+
+impl From<StoreError> for Problem {
+    fn from(error: StoreError) -> Self {
+        Self::internal(&error)
+    }
+}
+
+impl From<BlobError> for Problem {
+    fn from(error: BlobError) -> Self {
+        Self::internal(&error)
+    }
+}
+
+impl From<PathRejection> for Problem {
+    fn from(rejection: PathRejection) -> Self {
+        Self::new(ProblemCode::InvalidRequest, rejection.body_text())
+    }
+}
+
+impl From<QueryRejection> for Problem {
+    fn from(rejection: QueryRejection) -> Self {
+        Self::new(ProblemCode::InvalidRequest, rejection.body_text())
+    }
+}

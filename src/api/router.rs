@@ -1,0 +1,36 @@
+use axum::Router;
+use axum::extract::DefaultBodyLimit;
+use axum::http::Uri;
+use axum::response::Redirect;
+use axum::routing::get;
+use utoipa_swagger_ui::SwaggerUi;
+
+use super::layers;
+use super::openapi;
+use super::problem::{Problem, ProblemCode};
+use super::state::ApiState;
+
+/// The whole HTTP surface.
+pub fn router(state: ApiState) -> Router {
+    let (routes, document) = openapi::routes().split_for_parts();
+    let router = routes
+        .route("/", get(|| async { Redirect::temporary("/docs/") }))
+        .with_state(state)
+        // The page, its scripts and styles are in the binary: it works offline.
+        .merge(SwaggerUi::new("/docs").url("/openapi.json", document))
+        .fallback(no_route)
+        .method_not_allowed_fallback(wrong_method)
+        // Uploads are counted as they stream in; no other handler reads a body.
+        .layer(DefaultBodyLimit::disable());
+    layers::add(router)
+}
+
+async fn no_route(uri: Uri) -> Problem {
+    let path: String = uri.path().chars().take(200).collect();
+    Problem::new(ProblemCode::RouteNotFound, format!("There is nothing at '{path}'. See /docs."))
+}
+
+async fn wrong_method(uri: Uri) -> Problem {
+    let path: String = uri.path().chars().take(200).collect();
+    Problem::new(ProblemCode::MethodNotAllowed, format!("'{path}' can't be asked with this method. See /docs."))
+}

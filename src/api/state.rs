@@ -1,0 +1,38 @@
+use std::sync::Arc;
+use std::time::Duration;
+
+use metrics_exporter_prometheus::PrometheusHandle;
+use tokio_util::sync::CancellationToken;
+
+use super::Capabilities;
+use crate::blobs::Blobs;
+use crate::format::Limits;
+use crate::jobs::JobStore;
+
+/// What the API may spend on a request.
+#[derive(Debug, Clone, Copy)]
+pub struct ApiConfig {
+    /// What an upload may hold.
+    pub limits: Limits,
+    /// Longest silence in the middle of an upload.
+    pub upload_idle: Duration,
+    /// How long to wait before looking for a change that no bell told of.
+    pub poll: Duration,
+}
+
+/// What every handler can reach.
+#[derive(Clone)]
+pub struct ApiState {
+    /// The jobs.
+    pub store: Arc<dyn JobStore>,
+    /// The files.
+    pub blobs: Blobs,
+    /// Limits and times.
+    pub config: ApiConfig,
+    /// What this service can do.
+    pub capabilities: Arc<Capabilities>,
+    /// Where the metrics are rendered.
+    pub metrics: PrometheusHandle,
+    /// Cancelled when the service stops: requests that wait end.
+    pub stopping: CancellationToken,
+}
