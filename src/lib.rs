@@ -17,9 +17,16 @@
 //!
 //! The engine (`math`, `mesh`, `format`, `inspect`, `repair`, `blender`) knows nothing of tokio, axum or sqlx.
 
+pub mod api;
 pub mod blender;
+pub mod blobs;
 pub mod format;
 pub mod inspect;
+pub mod jobs;
 pub mod math;
 pub mod mesh;
 pub mod repair;
+pub mod worker;
+
+/// Name and version of the engine, as in every report.
+pub const ENGINE: &str = concat!("meshmend ", env!("CARGO_PKG_VERSION"));

@@ -1,2 +1,11 @@
-//! The command line.
-fn main() {}
+//! The command line: `meshmend serve`, `work`, `repair`, `inspect`, `migrate`, `openapi`.
+
+mod cli;
+
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    #[cfg(feature = "failpoints")]
+    let _failpoints = fail::FailScenario::setup();
+    cli::run()
+}

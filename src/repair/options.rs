@@ -1,5 +1,5 @@
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
+use utoipa::{IntoParams, ToSchema};
 
 use crate::format::Format;
 
@@ -56,8 +56,9 @@ impl OutputFormat {
 }
 
 /// How a model is to be repaired. Every field has a default; unknown fields are refused.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema, IntoParams)]
 #[serde(deny_unknown_fields, default)]
+#[into_params(parameter_in = Query)]
 pub struct Options {
     /// The plan to run, or `auto`.
     pub preset: Preset,

@@ -84,8 +84,11 @@ pub enum RemeshError {
 
 /// The last tier's way to a solid. The pipeline calls it through this trait and knows nothing of Blender.
 pub trait Remesher {
-    /// The program behind it.
-    fn info(&self) -> &RemesherInfo;
+    /// The program behind it, or why there is none. The first call may take a few seconds, since it may look for it.
+    ///
+    /// # Errors
+    /// Why tier 3 is missing, in words.
+    fn info(&self) -> Result<&RemesherInfo, &str>;
 
     /// Runs one action in a process of its own. What the program prints goes to the context's log.
     ///

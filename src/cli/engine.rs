@@ -1,0 +1,91 @@
+use std::fs::File;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use indicatif::{ProgressBar, ProgressStyle};
+use meshmend::format::Limits;
+use meshmend::repair::{Progress, Stage};
+
+/// What a reader may spend.
+#[derive(Debug, Clone, Args)]
+pub struct LimitArgs {
+    /// Largest file, in MiB.
+    #[arg(long, env = "MESHMEND_MAX_FILE_MIB", default_value_t = 512, value_parser = clap::value_parser!(u64).range(1..=65_536))]
+    pub max_file_mib: u64,
+    /// Most triangles.
+    #[arg(long, env = "MESHMEND_MAX_FACES", default_value_t = Limits::default().max_faces)]
+    pub max_faces: u64,
+    /// Most vertices.
+    #[arg(long, env = "MESHMEND_MAX_VERTICES", default_value_t = Limits::default().max_vertices)]
+    pub max_vertices: u64,
+}
+
+impl LimitArgs {
+    pub fn limits(&self) -> Limits {
+        Limits { max_bytes: self.max_file_mib << 20, max_faces: self.max_faces, max_vertices: self.max_vertices }
+    }
+}
+
+/// Where Blender is.
+#[derive(Debug, Clone, Args)]
+pub struct BlenderArgs {
+    /// Blender, or a Python that has bpy. Without it: `blender` on PATH, then `.venv-blender`.
+    #[arg(long, env = "MESHMEND_BLENDER", value_name = "PROGRAM")]
+    pub blender: Option<PathBuf>,
+}
+
+/// Reads a file of at most the limit's size.
+pub fn read_file(path: &Path, limits: &Limits) -> Result<Vec<u8>, String> {
+    let name = path.display();
+    let file = File::open(path).map_err(|e| format!("{name}: {e}"))?;
+    let mut bytes = Vec::new();
+    file.take(limits.max_bytes.saturating_add(1)).read_to_end(&mut bytes).map_err(|e| format!("{name}: {e}"))?;
+    if bytes.len() as u64 > limits.max_bytes {
+        return Err(format!("{name}: larger than {} MiB; raise --max-file-mib", limits.max_bytes >> 20));
+    }
+    Ok(bytes)
+}
+
+/// Progress as a bar on a terminal; nothing where there is none.
+pub struct Bar {
+    bar: ProgressBar,
+    verbose: bool,
+}
+
+impl Bar {
+    pub fn new(verbose: bool) -> Self {
+        let bar = ProgressBar::new(100);
+        if let Ok(style) = ProgressStyle::with_template("{msg:24} [{bar:40}] {percent:>3} %  {elapsed}") {
+            bar.set_style(style.progress_chars("=> "));
+        }
+        bar.enable_steady_tick(std::time::Duration::from_millis(200));
+        Self { bar, verbose }
+    }
+
+    pub fn finish(&self) {
+        self.bar.finish_and_clear();
+    }
+}
+
+impl Progress for Bar {
+    fn report(&self, stage: Stage, tier: Option<u8>, percent: u8) {
+        let stage = match stage {
+            Stage::Read => "reading",
+            Stage::Inspect => "inspecting",
+            Stage::Repair => "repairing",
+            Stage::Verify => "verifying",
+            Stage::Finish => "finishing",
+        };
+        self.bar.set_message(tier.map_or_else(|| stage.to_owned(), |tier| format!("{stage}, tier {tier}")));
+        self.bar.set_position(u64::from(percent));
+    }
+
+    fn log(&self, line: &str) {
+        if self.verbose {
+            self.bar.suspend(|| {
+                let _ = std::io::Write::write_all(&mut std::io::stderr(), format!("{line}\n").as_bytes());
+            });
+        }
+    }
+}

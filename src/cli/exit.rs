@@ -1,0 +1,27 @@
+use std::fmt::Display;
+use std::io::Write;
+use std::process::ExitCode;
+
+/// What the exit codes mean, for `--help`.
+pub const HELP: &str = "Exit codes of repair and inspect:
+  0  printable: the result (or, for inspect, the file) passes every check
+  1  repaired only in part, or not at all; the report and the last line say what is left
+  2  bad input: the file or an argument can't be used; the message says what and where
+  3  internal error
+
+Every flag can be set by an environment variable, named in its help.";
+
+/// The result passes every check.
+pub const PRINTABLE: u8 = 0;
+/// Something is left to repair.
+pub const PARTIAL: u8 = 1;
+/// The file or an argument can't be used.
+pub const BAD_INPUT: u8 = 2;
+/// A fault of the program or the machine.
+pub const INTERNAL: u8 = 3;
+
+/// Says what went wrong on standard error.
+pub fn fail(code: u8, message: impl Display) -> ExitCode {
+    let _ = writeln!(std::io::stderr(), "meshmend: {message}");
+    ExitCode::from(code)
+}

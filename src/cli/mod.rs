@@ -1,0 +1,54 @@
+mod engine;
+mod exit;
+mod inspect;
+mod openapi;
+mod repair;
+mod service;
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+/// Repairs broken 3D models, proves that the result is printable, and gives an honest account of what changed.
+#[derive(Debug, Parser)]
+#[command(name = "meshmend", version, propagate_version = true, max_term_width = 110, after_help = exit::HELP)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Serve the API and run workers in one process.
+    Serve(service::ServeArgs),
+    /// Run workers only, beside a `serve` that shares the data folder.
+    Work(service::WorkArgs),
+    /// Repair one file. Needs no server.
+    Repair(repair::RepairArgs),
+    /// Tell what is wrong with one file. Needs no server.
+    Inspect(inspect::InspectArgs),
+    /// Make or update the database's tables and stop.
+    Migrate(service::MigrateArgs),
+    /// Print the OpenAPI document, or check a file against it.
+    Openapi(openapi::OpenapiArgs),
+    /// Run one job in this process, as workers start it.
+    #[command(hide = true)]
+    JobChild {
+        /// The scratch folder with the task in it.
+        folder: PathBuf,
+    },
+}
+
+/// Runs the command line.
+pub fn run() -> ExitCode {
+    match Cli::parse().command {
+        Command::Serve(args) => service::serve(args),
+        Command::Work(args) => service::work(args),
+        Command::Repair(args) => repair::run(&args),
+        Command::Inspect(args) => inspect::run(&args),
+        Command::Migrate(args) => service::migrate(&args),
+        Command::Openapi(args) => openapi::run(&args),
+        Command::JobChild { folder } => meshmend::worker::run_child(&folder),
+    }
+}

@@ -1,0 +1,178 @@
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+use clap::Args;
+use meshmend::blender::{BlenderConfig, OnDemandBlender};
+use meshmend::repair::{Context, Options, Outcome, OutputFormat, Preset, RepairError, Report, monotonic_clock, repair};
+
+use super::engine::{Bar, BlenderArgs, LimitArgs, read_file};
+use super::exit;
+
+/// Arguments of `meshmend repair`.
+#[derive(Debug, Args)]
+pub struct RepairArgs {
+    /// The model: STL, OBJ, PLY or OFF, told by its content.
+    input: PathBuf,
+    /// Where the result goes; its ending (.stl, .obj, .ply, .off) is the format.
+    #[arg(short, long, env = "MESHMEND_OUTPUT")]
+    output: PathBuf,
+    /// Where the report goes, as JSON.
+    #[arg(long, env = "MESHMEND_REPORT", value_name = "FILE")]
+    report: Option<PathBuf>,
+    /// The plan to run.
+    #[arg(long, env = "MESHMEND_PRESET", value_enum, default_value_t)]
+    preset: Preset,
+    /// Highest tier that may run: 1 cleans, 2 mends, 3 is Blender.
+    #[arg(long, env = "MESHMEND_MAX_TIER", default_value_t = Options::default().max_tier)]
+    max_tier: u8,
+    /// Seconds the repair may take; then the best result so far is written.
+    #[arg(long, env = "MESHMEND_DEADLINE_S", default_value_t = Options::default().deadline_s)]
+    deadline_s: f64,
+    /// Red flag: share of the faces lost, in percent.
+    #[arg(long, env = "MESHMEND_MAX_FACE_LOSS_PCT", default_value_t = Options::default().max_face_loss_pct)]
+    max_face_loss_pct: f64,
+    /// Red flag: change of the bounding box, in percent.
+    #[arg(long, env = "MESHMEND_MAX_BOX_CHANGE_PCT", default_value_t = Options::default().max_box_change_pct)]
+    max_box_change_pct: f64,
+    /// Red flag: change of the volume, in percent.
+    #[arg(long, env = "MESHMEND_MAX_VOLUME_CHANGE_PCT", default_value_t = Options::default().max_volume_change_pct)]
+    max_volume_change_pct: f64,
+    /// Boundary vertices closer than this share of the model's diagonal are merged.
+    #[arg(long, env = "MESHMEND_WELD_TOLERANCE", default_value_t = Options::default().weld_tolerance)]
+    weld_tolerance: f64,
+    /// Most edges around a hole that is closed.
+    #[arg(long, env = "MESHMEND_MAX_HOLE_EDGES", default_value_t = Options::default().max_hole_edges)]
+    max_hole_edges: u32,
+    /// Blender's voxel edge, in the model's unit.
+    #[arg(long, env = "MESHMEND_VOXEL_SIZE")]
+    voxel_size: Option<f64>,
+    /// Blender's voxels along the model's diagonal.
+    #[arg(long, env = "MESHMEND_VOXEL_RESOLUTION", default_value_t = Options::default().voxel_resolution)]
+    voxel_resolution: u32,
+    /// Most faces a remesh may have.
+    #[arg(long, env = "MESHMEND_MAX_REMESH_FACES", default_value_t = Options::default().max_remesh_faces)]
+    max_remesh_faces: u64,
+    /// Show what each step does.
+    #[arg(short, long, env = "MESHMEND_VERBOSE")]
+    verbose: bool,
+    #[command(flatten)]
+    limits: LimitArgs,
+    #[command(flatten)]
+    blender: BlenderArgs,
+}
+
+impl RepairArgs {
+    fn options(&self) -> Result<Options, String> {
+        let ending = self.output.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
+        let output = match ending.as_str() {
+            "stl" => OutputFormat::Stl,
+            "obj" => OutputFormat::Obj,
+            "ply" => OutputFormat::Ply,
+            "off" => OutputFormat::Off,
+            _ => {
+                let name = self.output.display();
+                return Err(format!("{name}: the output's name must end in .stl, .obj, .ply or .off"));
+            }
+        };
+        let options = Options {
+            preset: self.preset,
+            output,
+            max_tier: self.max_tier,
+            deadline_s: self.deadline_s,
+            max_face_loss_pct: self.max_face_loss_pct,
+            max_box_change_pct: self.max_box_change_pct,
+            max_volume_change_pct: self.max_volume_change_pct,
+            weld_tolerance: self.weld_tolerance,
+            max_hole_edges: self.max_hole_edges,
+            voxel_size: self.voxel_size,
+            voxel_resolution: self.voxel_resolution,
+            max_remesh_faces: self.max_remesh_faces,
+        };
+        options.validate().map_err(|e| e.to_string())?;
+        Ok(options)
+    }
+}
+
+/// Runs `meshmend repair`.
+pub fn run(args: &RepairArgs) -> ExitCode {
+    let prepared = args.options().and_then(|options| {
+        let limits = args.limits.limits();
+        read_file(&args.input, &limits).map(|bytes| (options, limits, bytes))
+    });
+    let (options, limits, bytes) = match prepared {
+        Ok(prepared) => prepared,
+        Err(message) => return exit::fail(exit::BAD_INPUT, message),
+    };
+    let cancel = stop_on_interrupt();
+    let clock = monotonic_clock();
+    let bar = Bar::new(args.verbose);
+    let context = Context::new(&bar, &cancel, &clock, Duration::from_secs_f64(options.deadline_s));
+    let blender =
+        OnDemandBlender::new(BlenderConfig { program: args.blender.blender.clone(), ..BlenderConfig::default() });
+    let repaired = repair(&bytes, &options, &limits, Some(&blender), &context);
+    bar.finish();
+    let repaired = match repaired {
+        Ok(repaired) => repaired,
+        Err(error @ (RepairError::Read(_) | RepairError::Options(_))) => {
+            return exit::fail(exit::BAD_INPUT, format!("{}: {error}", args.input.display()));
+        }
+        Err(error) => return exit::fail(exit::INTERNAL, error),
+    };
+    let written = write_file(&args.output, &repaired.bytes).and_then(|()| match &args.report {
+        Some(path) => serde_json::to_vec_pretty(&repaired.report)
+            .map_err(|e| e.to_string())
+            .and_then(|json| write_file(path, &json)),
+        None => Ok(()),
+    });
+    if let Err(message) = written {
+        return exit::fail(exit::INTERNAL, message);
+    }
+    tell(&repaired.report, &args.output);
+    ExitCode::from(match repaired.report.outcome {
+        Outcome::AlreadyPrintable | Outcome::Repaired => exit::PRINTABLE,
+        Outcome::PartiallyRepaired | Outcome::Unrepairable => exit::PARTIAL,
+    })
+}
+
+/// The result in a few lines on standard error, so that standard output stays free.
+fn tell(report: &Report, output: &Path) {
+    let mut lines = vec![format!("{}: {}", output.display(), report.summary)];
+    lines.extend(report.red_flags.iter().map(|flag| format!("  red flag: {}", flag.detail)));
+    lines.extend(report.warnings.iter().map(|warning| format!("  note: {warning}")));
+    let _ = writeln!(std::io::stderr(), "{}", lines.join("\n"));
+}
+
+/// Writes beside the place and then moves, so that no half file is ever seen.
+fn write_file(path: &Path, bytes: &[u8]) -> Result<(), String> {
+    let name = path.display();
+    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let mut file = tempfile::Builder::new()
+        .prefix(".meshmend-")
+        .permissions(std::os::unix::fs::PermissionsExt::from_mode(0o644))
+        .tempfile_in(folder)
+        .map_err(|e| format!("{name}: {e}"))?;
+    file.write_all(bytes).map_err(|e| format!("{name}: {e}"))?;
+    file.persist(path).map_err(|e| format!("{name}: {}", e.error))?;
+    Ok(())
+}
+
+/// Cancels the repair at the first interrupt, so that Blender and its scratch folder are cleared away.
+fn stop_on_interrupt() -> Arc<AtomicBool> {
+    let cancel = Arc::new(AtomicBool::new(false));
+    let flag = Arc::clone(&cancel);
+    std::thread::spawn(move || {
+        let Ok(runtime) = tokio::runtime::Builder::new_current_thread().enable_all().build() else { return };
+        runtime.block_on(async {
+            while tokio::signal::ctrl_c().await.is_ok() {
+                if flag.swap(true, Ordering::Relaxed) {
+                    std::process::exit(130);
+                }
+            }
+        });
+    });
+    cancel
+}
