@@ -1,0 +1,94 @@
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+use serde_json::json;
+
+use crate::cancel::hanging_blender;
+use crate::files;
+use crate::server::{Api, Program, Start, is_alive, until};
+
+fn scratch_is_empty(data: &Path) -> bool {
+    let worker = std::fs::read_dir(data.join("scratch")).expect("a folder").flatten().next().expect("one worker");
+    let folders = std::fs::read_dir(worker.path()).expect("a folder").flatten();
+    folders.filter(|entry| entry.path().is_dir()).count() == 0
+}
+
+async fn still_serves(api: &Api, program: &Program, data: &Path) {
+    let id = api.submit(files::broken_box(), json!({"max_tier": 1})).await;
+    assert_eq!(api.finished(&id).await["outcome"], "repaired");
+    until("no process is left", async || program.job_children().is_empty().then_some(())).await;
+    until("no scratch is left", async || scratch_is_empty(data).then_some(())).await;
+}
+
+#[tokio::test]
+async fn a_model_that_needs_more_memory_than_a_job_may_have_fails_alone_and_says_so() {
+    let data = tempfile::tempdir().expect("a folder");
+    let program = Start::serve(data.path()).arg("--job-memory-mib", "160").start();
+    let api = Api::new(&program);
+    let id = api.submit(files::large_open_sphere(1_500_000), json!({"max_tier": 1})).await;
+    let job = api.finished(&id).await;
+    assert_eq!(job["status"], "failed");
+    assert_eq!(job["problem"]["code"], "out_of_memory", "{job}");
+    assert_eq!(job["attempt"], 1, "the same limit would be met again");
+    assert!(job["problem"]["detail"].as_str().expect("text").contains("160 MiB"));
+    still_serves(&api, &program, data.path()).await;
+}
+
+#[tokio::test]
+async fn a_repair_that_hangs_is_killed_at_its_deadline_with_all_its_processes() {
+    let data = tempfile::tempdir().expect("a folder");
+    // It pauses where the engine does not look at its own deadline.
+    let program = Start::serve(data.path())
+        .arg("--deadline-grace-s", "0.5")
+        .env("FAILPOINTS", "child-inspect=sleep(600000)")
+        .start();
+    let api = Api::new(&program);
+    let started = Instant::now();
+    let id = api.submit(files::broken_box(), json!({"deadline_s": 1})).await;
+    let child = until("the child runs", async || program.job_children().first().copied()).await;
+    let job = api.finished(&id).await;
+    assert!(started.elapsed() < Duration::from_secs(20));
+    assert_eq!(job["problem"]["code"], "deadline_exceeded", "{job}");
+    assert!(!is_alive(child));
+    let log = String::from_utf8(api.artifact(&id, "log.txt").await).expect("text");
+    assert!(log.contains("killed at its deadline"), "{log}");
+}
+
+#[tokio::test]
+async fn a_blender_that_hangs_costs_its_time_and_the_best_result_so_far_comes_back() {
+    let data = tempfile::tempdir().expect("a folder");
+    let blender = hanging_blender(data.path());
+    let program = Start::serve(data.path()).blender(&blender).start();
+    let api = Api::new(&program);
+    let id = api.submit(files::boxes_on_an_edge(), json!({"deadline_s": 2})).await;
+    let job = api.finished(&id).await;
+    assert_eq!(job["status"], "succeeded", "{job}");
+    assert!(["partially_repaired", "unrepairable"].contains(&job["outcome"].as_str().expect("an outcome")), "{job}");
+    assert!(!api.artifact(&id, "model").await.is_empty());
+    still_serves(&api, &program, data.path()).await;
+}
+
+#[tokio::test]
+async fn a_child_that_is_killed_each_time_is_set_aside_with_its_reason() {
+    let data = tempfile::tempdir().expect("a folder");
+    let program = Start::serve(data.path()).env("FAILPOINTS", "child-read=sleep(600000)").start();
+    let api = Api::new(&program);
+    // Each attempt but the first runs without the pause, so the model is large enough to be caught at work.
+    let id = api.submit(files::large_open_sphere(1_000_000), json!({"max_tier": 1})).await;
+    let mut killed = Vec::new();
+    let job = until("the job is set aside", async || {
+        for pid in program.job_children() {
+            if !killed.contains(&pid) {
+                crate::server::signal(pid, "KILL");
+                killed.push(pid);
+            }
+        }
+        let job = api.job(&id).await;
+        (!job["finished_at"].is_null()).then_some(job)
+    })
+    .await;
+    assert_eq!(job["status"], "failed");
+    assert_eq!(job["problem"]["code"], "crashed", "{job}");
+    assert_eq!(killed.len(), 3, "it was tried three times");
+    still_serves(&api, &program, data.path()).await;
+}

@@ -1,0 +1,14 @@
+//! The service as its users meet it: the built program, a real socket, real processes.
+
+#[path = "../support/files.rs"]
+mod files;
+#[path = "../support/server.rs"]
+mod server;
+
+mod cancel;
+mod faults;
+mod jobs;
+mod limits;
+mod problems;
+mod store;
+mod surface;

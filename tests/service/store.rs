@@ -1,0 +1,270 @@
+//! What every job store promises, tried on each. (SQLite now; the next one joins `stores`.)
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicI64, Ordering};
+use std::time::Duration;
+
+use meshmend::format::Format;
+use meshmend::jobs::{
+    Artifacts, Cancelled, Claim, Clock, Failure, FailureKind, Input, Job, JobId, JobOptions, JobProblem, JobProgress,
+    JobStore, ListQuery, NewJob, ProblemKind, RetryPolicy, SqliteStore, Status, StoreError,
+};
+use meshmend::repair::{Options, Stage};
+use tempfile::TempDir;
+
+const LEASE: Duration = Duration::from_secs(10);
+
+struct Manual(AtomicI64);
+
+impl Clock for Manual {
+    fn now_ms(&self) -> i64 {
+        self.0.load(Ordering::SeqCst)
+    }
+}
+
+struct Bench {
+    store: SqliteStore,
+    clock: Arc<Manual>,
+    policy: RetryPolicy,
+    _folder: TempDir,
+}
+
+impl Bench {
+    async fn new() -> Self {
+        let folder = tempfile::tempdir().expect("a folder");
+        let clock = Arc::new(Manual(AtomicI64::new(1_800_000_000_000)));
+        let policy = RetryPolicy::default();
+        let store = SqliteStore::open(&folder.path().join("jobs.db"), clock.clone(), policy).await.expect("a store");
+        Self { store, clock, policy, _folder: folder }
+    }
+
+    fn pass(&self, time: Duration) {
+        self.clock.0.fetch_add(i64::try_from(time.as_millis()).expect("short"), Ordering::SeqCst);
+    }
+
+    async fn submit(&self) -> Job {
+        let id = JobId::new();
+        let input = Input { name: "a.stl".into(), bytes: 684, sha256: "00".into(), format: Format::Stl };
+        let options = JobOptions { repair: Options::default() };
+        self.store.submit(NewJob { id, input, input_key: format!("jobs/{id}/input"), options }).await.expect("accepted")
+    }
+
+    async fn claim(&self) -> Option<Claim> {
+        self.store.claim("worker", LEASE).await.expect("an answer")
+    }
+
+    async fn get(&self, id: JobId) -> Job {
+        self.store.get(id).await.expect("an answer").expect("a job")
+    }
+
+    fn failure(kind: FailureKind) -> Failure {
+        let problem = JobProblem { code: ProblemKind::Internal, detail: "why".into(), place: None };
+        Failure { kind, problem, artifacts: Artifacts::new() }
+    }
+}
+
+#[tokio::test]
+async fn jobs_are_claimed_in_the_order_they_came_and_each_only_once() {
+    let bench = Bench::new().await;
+    let mut ids = Vec::new();
+    for _ in 0..4 {
+        ids.push(bench.submit().await.id);
+        bench.pass(Duration::from_millis(1));
+    }
+    for id in ids {
+        assert_eq!(bench.claim().await.expect("a job").job.id, id);
+    }
+    assert_eq!(bench.claim().await, None);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn many_workers_at_once_never_get_the_same_job() {
+    let bench = Arc::new(Bench::new().await);
+    for _ in 0..100 {
+        bench.submit().await;
+    }
+    let workers: Vec<_> = (0..8)
+        .map(|_| {
+            let bench = Arc::clone(&bench);
+            tokio::spawn(async move {
+                let mut mine = Vec::new();
+                while let Some(claim) = bench.claim().await {
+                    mine.push(claim.job.id);
+                }
+                mine
+            })
+        })
+        .collect();
+    let mut all = Vec::new();
+    for worker in workers {
+        all.extend(worker.await.expect("no panic"));
+    }
+    all.sort();
+    all.dedup();
+    assert_eq!(all.len(), 100);
+}
+
+#[tokio::test]
+async fn a_heartbeat_extends_the_lease_and_a_lease_that_ran_out_makes_the_job_claimable_again() {
+    let bench = Bench::new().await;
+    let job = bench.submit().await;
+    let first = bench.claim().await.expect("a job");
+    bench.pass(LEASE / 2);
+    let progress = JobProgress { stage: Stage::Repair, tier: Some(1), percent: 40 };
+    bench.store.heartbeat(&first.lease, LEASE, Some(progress)).await.expect("still held");
+    assert_eq!(bench.get(job.id).await.progress, Some(progress));
+    bench.pass(LEASE / 2 + Duration::from_secs(1));
+    assert!(bench.store.rescue().await.expect("an answer").is_empty(), "the heartbeat extended it");
+    bench.pass(LEASE);
+    let rescued = bench.store.rescue().await.expect("an answer");
+    assert_eq!((rescued[0].id, rescued[0].status, rescued[0].crashes), (job.id, Status::Queued, 1));
+    let second = bench.claim().await.expect("the job again");
+    assert_eq!(second.lease.attempt, 2);
+    assert_ne!(second.lease.token, first.lease.token);
+}
+
+#[tokio::test]
+async fn every_write_of_a_stale_worker_loses() {
+    let bench = Bench::new().await;
+    let job = bench.submit().await;
+    let stale = bench.claim().await.expect("a job").lease;
+    bench.pass(LEASE + Duration::from_secs(1));
+    bench.store.rescue().await.expect("an answer");
+    bench.claim().await.expect("the job again");
+    let before = bench.get(job.id).await;
+    let lost = |result: Result<(), StoreError>| assert!(matches!(result, Err(StoreError::LeaseLost)), "{result:?}");
+    lost(bench.store.heartbeat(&stale, LEASE, None).await);
+    lost(bench.store.hand_back(&stale).await);
+    lost(bench.store.fail(&stale, Bench::failure(FailureKind::Final)).await.map(drop));
+    let mut forged = stale.clone();
+    forged.attempt = 2;
+    lost(bench.store.heartbeat(&forged, LEASE, None).await);
+    assert_eq!(bench.get(job.id).await, before);
+}
+
+#[tokio::test]
+async fn a_passing_failure_waits_longer_each_time_and_is_final_at_the_last_attempt() {
+    let bench = Bench::new().await;
+    let job = bench.submit().await;
+    let mut waited = Duration::ZERO;
+    for attempt in 1..=bench.policy.max_attempts {
+        let claim = bench.claim().await.expect("due");
+        assert_eq!(claim.lease.attempt, attempt);
+        let after = bench.store.fail(&claim.lease, Bench::failure(FailureKind::Passing)).await.expect("noted");
+        if attempt == bench.policy.max_attempts {
+            assert_eq!(after.status, Status::Failed);
+            assert_eq!(after.problem.expect("a problem").detail, "why");
+            break;
+        }
+        assert_eq!(after.status, Status::Queued);
+        assert_eq!(bench.claim().await, None, "not due yet");
+        let wait = Duration::from_millis(
+            u64::try_from((after.run_at.unix_timestamp_nanos() / 1_000_000) as i64 - bench.clock.now_ms())
+                .expect("later"),
+        );
+        assert!(wait >= waited, "{wait:?} after {waited:?}");
+        waited = wait;
+        bench.pass(wait);
+    }
+    assert_eq!(bench.get(job.id).await.crashes, 0, "crashes are counted apart");
+}
+
+#[tokio::test]
+async fn a_job_that_kills_its_workers_is_set_aside() {
+    let bench = Bench::new().await;
+    let job = bench.submit().await;
+    for crash in 1..=bench.policy.max_crashes {
+        bench.claim().await.expect("claimable");
+        bench.pass(LEASE + Duration::from_secs(1));
+        let rescued = bench.store.rescue().await.expect("an answer");
+        assert_eq!(rescued[0].crashes, crash);
+    }
+    let job = bench.get(job.id).await;
+    assert_eq!(job.status, Status::Failed);
+    assert_eq!(job.problem.expect("a problem").code, ProblemKind::WorkerLost);
+    assert_eq!(bench.claim().await, None);
+}
+
+#[tokio::test]
+async fn a_job_handed_back_is_charged_nothing() {
+    let bench = Bench::new().await;
+    let job = bench.submit().await;
+    let claim = bench.claim().await.expect("a job");
+    bench.store.hand_back(&claim.lease).await.expect("held");
+    let after = bench.get(job.id).await;
+    assert_eq!((after.status, after.attempt, after.crashes), (Status::Queued, 0, 0));
+    let again = bench.claim().await.expect("the job again");
+    assert_eq!(again.lease.attempt, 1);
+    assert!(
+        matches!(bench.store.hand_back(&claim.lease).await, Err(StoreError::LeaseLost)),
+        "same attempt, other token"
+    );
+}
+
+#[tokio::test]
+async fn a_cancelled_job_is_taken_from_its_worker() {
+    let bench = Bench::new().await;
+    let job = bench.submit().await;
+    let claim = bench.claim().await.expect("a job");
+    assert!(matches!(bench.store.cancel(job.id).await.expect("an answer"), Some(Cancelled::Yes(_))));
+    assert!(matches!(bench.store.heartbeat(&claim.lease, LEASE, None).await, Err(StoreError::LeaseLost)));
+    assert!(matches!(bench.store.cancel(job.id).await.expect("an answer"), Some(Cancelled::Yes(_))));
+    assert_eq!(bench.store.cancel(JobId::new()).await.expect("an answer"), None);
+}
+
+#[tokio::test]
+async fn a_final_failure_is_not_tried_again_and_can_not_be_cancelled() {
+    let bench = Bench::new().await;
+    let job = bench.submit().await;
+    let claim = bench.claim().await.expect("a job");
+    let after = bench.store.fail(&claim.lease, Bench::failure(FailureKind::Final)).await.expect("noted");
+    assert_eq!(after.status, Status::Failed);
+    assert!(matches!(bench.store.cancel(job.id).await.expect("an answer"), Some(Cancelled::TooLate(_))));
+}
+
+#[tokio::test]
+async fn a_purged_job_keeps_its_name_and_loses_its_content() {
+    let bench = Bench::new().await;
+    let job = bench.submit().await;
+    bench.claim().await.expect("a job");
+    assert!(bench.store.purge(job.id).await.expect("an answer"));
+    let after = bench.get(job.id).await;
+    assert!(after.purged);
+    assert_eq!((after.status, after.input.name.as_str(), after.input.sha256.as_str()), (Status::Canceled, "", ""));
+    assert!(
+        bench.store.list(ListQuery { limit: 10, ..ListQuery::default() }).await.expect("an answer").jobs.is_empty()
+    );
+    assert!(!bench.store.purge(JobId::new()).await.expect("an answer"));
+}
+
+#[tokio::test]
+async fn the_queue_position_counts_those_ahead() {
+    let bench = Bench::new().await;
+    let mut jobs = Vec::new();
+    for _ in 0..3 {
+        jobs.push(bench.submit().await);
+        bench.pass(Duration::from_millis(5));
+    }
+    for (ahead, job) in jobs.iter().enumerate() {
+        assert_eq!(bench.store.queue_position(job).await.expect("an answer"), Some(ahead as u64));
+    }
+    bench.claim().await.expect("a job");
+    assert_eq!(bench.store.queue_position(&jobs[2]).await.expect("an answer"), Some(1));
+    let running = bench.get(jobs[0].id).await;
+    assert_eq!(bench.store.queue_position(&running).await.expect("an answer"), None);
+}
+
+#[tokio::test]
+async fn each_change_grows_the_version_and_a_quiet_heartbeat_does_not() {
+    let bench = Bench::new().await;
+    let job = bench.submit().await;
+    let claim = bench.claim().await.expect("a job");
+    assert!(claim.job.version > job.version);
+    let progress = JobProgress { stage: Stage::Inspect, tier: None, percent: 5 };
+    bench.store.heartbeat(&claim.lease, LEASE, Some(progress)).await.expect("held");
+    let news = bench.get(job.id).await.version;
+    assert!(news > claim.job.version);
+    bench.store.heartbeat(&claim.lease, LEASE, None).await.expect("held");
+    bench.store.heartbeat(&claim.lease, LEASE, Some(progress)).await.expect("held");
+    assert_eq!(bench.get(job.id).await.version, news);
+}

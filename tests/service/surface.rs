@@ -1,0 +1,55 @@
+use serde_json::{Value, json};
+
+use crate::files;
+use crate::server::{Api, Start};
+
+#[tokio::test]
+async fn health_capabilities_metrics_and_documentation_answer() {
+    let data = tempfile::tempdir().expect("a folder");
+    let program = Start::serve(data.path()).start();
+    let api = Api::new(&program);
+    assert_eq!(api.get("/livez").send().await.expect("an answer").status(), 200);
+    let ready: Value = api.get("/readyz").send().await.expect("an answer").json().await.expect("JSON");
+    assert_eq!(ready["ready"], true);
+    assert_eq!(ready["checks"]["store"], "ok");
+    assert!(ready["checks"]["blender"].as_str().expect("text").starts_with("missing"), "{ready}");
+    let can: Value = api.get("/v1/capabilities").send().await.expect("an answer").json().await.expect("JSON");
+    assert_eq!(can["tiers"][2]["available"], false);
+    assert!(can["tiers"][2]["detail"].as_str().is_some_and(|text| text.contains("/nonexistent/blender")), "{can}");
+    assert_eq!(can["presets"].as_array().map(Vec::len), Some(6));
+    assert_eq!(can["input_formats"], json!(["stl", "obj", "ply", "off"]));
+
+    let id = api.submit(files::broken_box(), json!({"max_tier": 1})).await;
+    api.finished(&id).await;
+    let metrics = api.get("/metrics").send().await.expect("an answer").text().await.expect("text");
+    for line in
+        ["meshmend_jobs{status=\"succeeded\"} 1", "meshmend_jobs_submitted_total 1", "meshmend_step_seconds_bucket"]
+    {
+        assert!(metrics.contains(line), "{line} is not in\n{metrics}");
+    }
+
+    let codes: Value = api.get("/problems").send().await.expect("an answer").json().await.expect("JSON");
+    for code in codes.as_array().expect("codes") {
+        let path = format!("/problems/{}", code["code"].as_str().expect("a code"));
+        let one: Value = api.get(&path).send().await.expect("an answer").json().await.expect("JSON");
+        assert_eq!(&one, code);
+    }
+}
+
+#[tokio::test]
+async fn the_documentation_page_needs_nothing_from_elsewhere() {
+    let data = tempfile::tempdir().expect("a folder");
+    let program = Start::serve(data.path()).start();
+    let api = Api::new(&program);
+    let page = api.get("/docs/").send().await.expect("an answer").text().await.expect("text");
+    assert!(page.contains("swagger-ui"), "{page}");
+    assert!(!page.contains("://"), "every address is of this service: {page}");
+    for file in page.split(['"', '\'']).filter_map(|word| word.strip_prefix("./")) {
+        let answer = api.get(&format!("/docs/{file}")).send().await.expect("an answer");
+        assert_eq!(answer.status(), 200, "{file}");
+    }
+    let served: Value = api.get("/openapi.json").send().await.expect("an answer").json().await.expect("JSON");
+    let kept: Value = serde_json::from_str(include_str!("../../openapi/openapi.json")).expect("JSON");
+    assert_eq!(served, kept);
+    assert_eq!(served["openapi"], "3.1.0");
+}

@@ -1,0 +1,274 @@
+//! The built program as a server on a socket of its own, and a client for it.
+
+use std::io::{BufRead, BufReader};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
+
+use reqwest::{Client, RequestBuilder, Response};
+use serde_json::Value;
+
+/// Longest wait for anything in a test.
+pub const PATIENCE: Duration = Duration::from_secs(60);
+
+/// A running `meshmend` process; killed with all its children when dropped.
+pub struct Program {
+    child: Child,
+    /// The service's address, for `serve`.
+    pub url: String,
+    log: Arc<Mutex<String>>,
+}
+
+/// How to start one.
+pub struct Start<'a> {
+    command: Command,
+    data: &'a Path,
+}
+
+impl<'a> Start<'a> {
+    /// `meshmend serve` on any free port.
+    pub fn serve(data: &'a Path) -> Self {
+        let mut start = Self::verb("serve", data);
+        start.command.args(["--listen", "127.0.0.1:0"]);
+        start
+    }
+
+    /// `meshmend work`.
+    pub fn work(data: &'a Path) -> Self {
+        Self::verb("work", data)
+    }
+
+    fn verb(verb: &str, data: &'a Path) -> Self {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_meshmend"));
+        command.arg(verb).arg("--data-dir").arg(data).args(["--lease-s", "1.5"]).env_remove("FAILPOINTS");
+        // Tests that want Blender say so; the others should not wait for it.
+        command.args(["--blender", "/nonexistent/blender"]);
+        Self { command, data }
+    }
+
+    pub fn arg(mut self, name: &str, value: impl AsRef<std::ffi::OsStr>) -> Self {
+        self.command.arg(name).arg(value);
+        self
+    }
+
+    pub fn env(mut self, name: &str, value: &str) -> Self {
+        self.command.env(name, value);
+        self
+    }
+
+    /// Uses this program as Blender.
+    pub fn blender(mut self, program: &Path) -> Self {
+        let old = std::mem::replace(&mut self.command, Command::new(env!("CARGO_BIN_EXE_meshmend")));
+        let mut args = old.get_args();
+        while let Some(arg) = args.next() {
+            if arg == "--blender" {
+                args.next();
+            } else {
+                self.command.arg(arg);
+            }
+        }
+        self.command.arg("--blender").arg(program).env_remove("FAILPOINTS");
+        self
+    }
+
+    /// Starts it and waits until it is ready.
+    pub fn start(mut self) -> Program {
+        let mut child = self.command.stderr(Stdio::piped()).spawn().expect("the program starts");
+        let stderr = BufReader::new(child.stderr.take().expect("a pipe"));
+        let log = Arc::new(Mutex::new(String::new()));
+        let (sender, ready) = std::sync::mpsc::channel();
+        let kept = Arc::clone(&log);
+        std::thread::spawn(move || {
+            for line in stderr.lines().map_while(Result::ok) {
+                if let Some((_, rest)) = line.split_once("listening on ") {
+                    let _ = sender.send(rest.split(',').next().unwrap_or_default().to_owned());
+                } else if line.contains("workers are ready") {
+                    let _ = sender.send(String::new());
+                }
+                let mut log = kept.lock().expect("not poisoned");
+                log.push_str(&line);
+                log.push('\n');
+            }
+        });
+        let wants_url = self.command.get_args().any(|arg| arg == "serve");
+        let url = loop {
+            match ready.recv_timeout(PATIENCE) {
+                Ok(url) if wants_url && url.is_empty() => {}
+                Ok(url) => break url,
+                Err(_) => panic!("not ready in {}: {}", self.data.display(), log.lock().expect("not poisoned")),
+            }
+        };
+        Program { child, url, log }
+    }
+}
+
+impl Program {
+    pub fn pid(&self) -> u32 {
+        self.child.id()
+    }
+
+    pub fn log(&self) -> String {
+        self.log.lock().expect("not poisoned").clone()
+    }
+
+    /// kill -9, as a machine that lost power would.
+    pub fn kill(mut self) {
+        self.child.kill().expect("it can be killed");
+        self.child.wait().expect("it ended");
+    }
+
+    /// SIGTERM.
+    pub fn terminate(&self) {
+        signal(self.pid(), "TERM");
+    }
+
+    /// Waits for it to end by itself, and gives its exit code.
+    pub fn wait(&mut self) -> Option<i32> {
+        let started = Instant::now();
+        loop {
+            if let Some(status) = self.child.try_wait().expect("it can be asked") {
+                return status.code();
+            }
+            assert!(started.elapsed() < PATIENCE, "it does not end: {}", self.log());
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    }
+
+    /// The processes that run one job each.
+    pub fn job_children(&self) -> Vec<u32> {
+        children(self.pid())
+    }
+}
+
+impl Drop for Program {
+    fn drop(&mut self) {
+        if std::thread::panicking() {
+            eprintln!("log of process {}:\n{}", self.pid(), self.log());
+        }
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+/// Sends a signal by process id.
+pub fn signal(pid: u32, name: &str) {
+    let status = Command::new("kill").arg(format!("-{name}")).arg(pid.to_string()).status().expect("kill runs");
+    assert!(status.success(), "kill -{name} {pid}");
+}
+
+/// Direct children of a process.
+pub fn children(pid: u32) -> Vec<u32> {
+    let tasks = std::fs::read_dir(format!("/proc/{pid}/task")).into_iter().flatten().flatten();
+    tasks
+        .filter_map(|task| std::fs::read_to_string(task.path().join("children")).ok())
+        .flat_map(|list| list.split_whitespace().filter_map(|id| id.parse().ok()).collect::<Vec<u32>>())
+        .collect()
+}
+
+/// Whether a process is there and not a zombie.
+pub fn is_alive(pid: u32) -> bool {
+    let stat = std::fs::read_to_string(format!("/proc/{pid}/stat")).unwrap_or_default();
+    stat.rsplit(") ").next().is_some_and(|rest| !rest.is_empty() && !rest.starts_with(['Z', 'X']))
+}
+
+/// Waits until `ready` gives something.
+pub async fn until<T>(what: &str, mut ready: impl AsyncFnMut() -> Option<T>) -> T {
+    let started = Instant::now();
+    loop {
+        if let Some(found) = ready().await {
+            return found;
+        }
+        assert!(started.elapsed() < PATIENCE, "waited too long until {what}");
+        tokio::time::sleep(Duration::from_millis(20)).await;
+    }
+}
+
+/// A client of one service.
+#[derive(Clone)]
+pub struct Api {
+    pub url: String,
+    pub http: Client,
+}
+
+impl Api {
+    pub fn new(program: &Program) -> Self {
+        Self { url: program.url.clone(), http: Client::new() }
+    }
+
+    pub fn get(&self, path: &str) -> RequestBuilder {
+        self.http.get(format!("{}{path}", self.url))
+    }
+
+    pub fn post(&self, path: &str) -> RequestBuilder {
+        self.http.post(format!("{}{path}", self.url))
+    }
+
+    pub fn delete(&self, path: &str) -> RequestBuilder {
+        self.http.delete(format!("{}{path}", self.url))
+    }
+
+    /// Submits a file as a form with options, and gives the answer as it is.
+    pub async fn try_submit(&self, name: &str, file: Vec<u8>, options: Value) -> Response {
+        let part = reqwest::multipart::Part::bytes(file).file_name(name.to_owned());
+        let form = reqwest::multipart::Form::new().part("file", part).text("options", options.to_string());
+        self.post("/v1/jobs").multipart(form).send().await.expect("an answer")
+    }
+
+    /// Submits a file that must be accepted, and gives the job's id.
+    pub async fn submit(&self, file: Vec<u8>, options: Value) -> String {
+        let answer = self.try_submit("model.stl", file, options).await;
+        assert_eq!(answer.status(), 202);
+        let job: Value = answer.json().await.expect("a job");
+        job["id"].as_str().expect("an id").to_owned()
+    }
+
+    pub async fn job(&self, id: &str) -> Value {
+        let answer = self.get(&format!("/v1/jobs/{id}")).send().await.expect("an answer");
+        assert_eq!(answer.status(), 200);
+        answer.json().await.expect("a job")
+    }
+
+    /// The job once it has ended.
+    pub async fn finished(&self, id: &str) -> Value {
+        until("the job has ended", async || {
+            let job = self.job(id).await;
+            (!job["finished_at"].is_null()).then_some(job)
+        })
+        .await
+    }
+
+    /// Waits until the job's progress is at `stage` (and `tier`, if given).
+    pub async fn reaches(&self, id: &str, stage: &str, tier: Option<u64>) {
+        until("the job reaches its stage", async || {
+            let progress = self.job(id).await["progress"].clone();
+            (progress["stage"] == stage && (tier.is_none() || progress["tier"].as_u64() == tier)).then_some(())
+        })
+        .await;
+    }
+
+    pub async fn artifact(&self, id: &str, name: &str) -> Vec<u8> {
+        let answer = self.get(&format!("/v1/jobs/{id}/artifacts/{name}")).send().await.expect("an answer");
+        assert_eq!(answer.status(), 200, "{name}");
+        answer.bytes().await.expect("bytes").to_vec()
+    }
+}
+
+/// Files that are in the store for a job, as paths relative to its folder.
+pub fn stored_files(data: &Path, id: &str) -> Vec<PathBuf> {
+    fn walk(folder: &Path, root: &Path, found: &mut Vec<PathBuf>) {
+        for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
+            let path = entry.path();
+            if path.is_dir() {
+                walk(&path, root, found);
+            } else {
+                found.push(path.strip_prefix(root).expect("inside").to_owned());
+            }
+        }
+    }
+    let root = data.join("files/jobs").join(id);
+    let mut found = Vec::new();
+    walk(&root, &root, &mut found);
+    found.sort();
+    found
+}
