@@ -1,0 +1,92 @@
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+/// Where in a file something was found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Place {
+    /// Offset in bytes from the file's start.
+    Byte(u64),
+    /// Line number, the first line being 1.
+    Line(u64),
+}
+
+/// What is wrong with a file, for programs; the words for people are in [`ReadError::detail`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum ReadErrorKind {
+    /// The file has no bytes.
+    Empty,
+    /// The bytes match no known format.
+    UnknownFormat,
+    /// A known format that is not read by this version.
+    UnsupportedFormat,
+    /// The file ends before what it promised.
+    Truncated,
+    /// A word, number or header that is not what the format asks for.
+    Malformed,
+    /// A face names a vertex that is not there.
+    IndexOutOfRange,
+    /// Over one of the [`Limits`](super::Limits).
+    TooLarge,
+    /// The file is well formed and holds no triangle.
+    NoFaces,
+}
+
+/// Why a file could not be read.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("{detail}{}", match place { Some(Place::Byte(b)) => format!(" (at byte {b})"), Some(Place::Line(l)) => format!(" (line {l})"), None => String::new() })]
+pub struct ReadError {
+    /// The kind, for programs.
+    pub kind: ReadErrorKind,
+    /// Where, if it has a place.
+    pub place: Option<Place>,
+    /// What was found and what was expected, and what to do, in words.
+    pub detail: String,
+}
+
+impl ReadError {
+    /// An error about the file as a whole.
+    pub(super) fn whole(kind: ReadErrorKind, detail: impl Into<String>) -> Self {
+        Self { kind, place: None, detail: detail.into() }
+    }
+
+    /// An error at an offset in bytes.
+    pub(super) fn at_byte(kind: ReadErrorKind, at: usize, detail: impl Into<String>) -> Self {
+        Self { kind, place: Some(Place::Byte(at as u64)), detail: detail.into() }
+    }
+}
+
+/// Why a mesh could not be written.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum WriteError {
+    /// The format's count field is too small.
+    #[error("{faces} faces are more than the {most} that the format can count; choose another output format")]
+    TooManyFaces {
+        /// Faces in the mesh.
+        faces: u64,
+        /// What the format can say.
+        most: u64,
+    },
+    /// A coordinate does not fit the format's number type.
+    #[error(
+        "coordinate {value} of vertex {vertex} does not fit in the format's 32-bit numbers; scale the model or choose another output format"
+    )]
+    OutOfRange {
+        /// Index of the vertex.
+        vertex: u32,
+        /// The coordinate.
+        value: f64,
+    },
+}
+
+/// A word of the file as it can be shown in a message: printable, and cut where it is long.
+pub(super) fn shown(word: &[u8]) -> String {
+    const MOST: usize = 32;
+    let mut text: String =
+        String::from_utf8_lossy(&word[..word.len().min(MOST)]).chars().flat_map(char::escape_debug).collect();
+    if word.len() > MOST {
+        text.push_str("...");
+    }
+    text
+}

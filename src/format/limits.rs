@@ -1,0 +1,48 @@
+use super::errors::{ReadError, ReadErrorKind};
+
+/// What a reader may spend on one file.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Limits {
+    /// Largest file, in bytes.
+    pub max_bytes: u64,
+    /// Most triangles after polygons are cut.
+    pub max_faces: u64,
+    /// Most vertices.
+    pub max_vertices: u64,
+}
+
+impl Default for Limits {
+    fn default() -> Self {
+        Self { max_bytes: 512 << 20, max_faces: 10_000_000, max_vertices: 30_000_000 }
+    }
+}
+
+impl Limits {
+    pub(super) fn check_bytes(&self, found: u64) -> Result<(), ReadError> {
+        check("bytes", found, self.max_bytes)
+    }
+
+    pub(super) fn check_faces(&self, found: u64) -> Result<(), ReadError> {
+        check("faces", found, self.max_faces)
+    }
+
+    /// Vertices are also held to what a 32-bit index can name, whatever the limit says.
+    pub(super) fn check_vertices(&self, found: u64) -> Result<(), ReadError> {
+        check("vertices", found, self.max_vertices.min(u64::from(u32::MAX)))
+    }
+}
+
+fn check(what: &str, found: u64, most: u64) -> Result<(), ReadError> {
+    if found <= most {
+        return Ok(());
+    }
+    let advice = if what == "bytes" {
+        "export the model in a binary format, or simplify it first"
+    } else {
+        "simplify the model before you send it"
+    };
+    Err(ReadError::whole(
+        ReadErrorKind::TooLarge,
+        format!("the file has {found} {what}, which is over the limit of {most}; {advice}"),
+    ))
+}

@@ -1,0 +1,245 @@
+//! Wavefront OBJ: polygons as lines of text ("Advanced Visualizer Manual", appendix B1). Only vertices and faces are read.
+
+use std::fmt::Write as _;
+
+use glam::DVec3;
+
+use super::errors::{ReadError, ReadErrorKind, shown};
+use super::faces::Faces;
+use super::text::{Text, Word, integer};
+use super::{Format, Limits, ReadMesh};
+use crate::mesh::Soup;
+
+/// Statements whose line ends where it ends: the names in them may end in a backslash.
+const NAMES: [&str; 7] = ["o", "g", "usemtl", "mtllib", "usemap", "maplib", "shadow_obj"];
+
+/// Statements that say nothing about the surface, or that belong to free-form surfaces.
+const IGNORED: [&str; 29] = [
+    "vt",
+    "vn",
+    "s",
+    "mg",
+    "vp",
+    "cstype",
+    "deg",
+    "bmat",
+    "step",
+    "parm",
+    "trim",
+    "hole",
+    "scrv",
+    "sp",
+    "end",
+    "con",
+    "bevel",
+    "c_interp",
+    "d_interp",
+    "lod",
+    "trace_obj",
+    "ctech",
+    "stech",
+    "bsp",
+    "bzp",
+    "cdc",
+    "cdp",
+    "res",
+    "call",
+];
+
+struct Reader<'a> {
+    text: Text<'a>,
+    limits: Limits,
+    positions: Vec<DVec3>,
+    faces: Faces,
+    corners: Vec<u32>,
+    /// The largest index that was named before its vertex, and where.
+    ahead: Option<(u32, usize)>,
+    face_statements: u64,
+    lines: u64,
+    points: u64,
+    free_form: u64,
+    unknown: u64,
+    first_unknown: Option<Word<'a>>,
+}
+
+/// Reads OBJ.
+pub(super) fn read(bytes: &[u8], limits: &Limits) -> Result<ReadMesh, ReadError> {
+    let mut reader = Reader {
+        text: Text::new(bytes).with_comments().with_continued_lines(),
+        limits: *limits,
+        positions: Vec::new(),
+        faces: Faces::new(limits, 0),
+        corners: Vec::new(),
+        ahead: None,
+        face_statements: 0,
+        lines: 0,
+        points: 0,
+        free_form: 0,
+        unknown: 0,
+        first_unknown: None,
+    };
+    while let Some(word) = reader.text.word() {
+        reader.statement(word)?;
+    }
+    reader.finish()
+}
+
+impl<'a> Reader<'a> {
+    fn statement(&mut self, word: Word<'a>) -> Result<(), ReadError> {
+        match word.bytes {
+            b"v" | b"V" => return self.vertex(word),
+            b"f" | b"F" | b"fo" => return self.face(word),
+            b"vn" | b"vt" => {}
+            b"l" => self.lines += 1,
+            b"p" => self.points += 1,
+            b"curv" | b"curv2" | b"surf" => self.free_form += 1,
+            _ if NAMES.iter().any(|name| word.is(name)) => {
+                self.text.skip_line();
+                return Ok(());
+            }
+            _ if IGNORED.iter().any(|name| word.is(name)) => {}
+            _ => {
+                self.unknown += 1;
+                self.first_unknown.get_or_insert(word);
+                self.text.skip_line();
+                return Ok(());
+            }
+        }
+        self.text.skip_statement();
+        Ok(())
+    }
+
+    fn vertex(&mut self, keyword: Word<'a>) -> Result<(), ReadError> {
+        self.limits.check_vertices(self.positions.len() as u64 + 1)?;
+        let mut position = [0.0; 3];
+        for (k, value) in position.iter_mut().enumerate() {
+            let Some(word) = self.text.word_on_line() else {
+                return Err(self.text.error(
+                    ReadErrorKind::Malformed,
+                    keyword.at,
+                    format!("a vertex has {k} coordinates where 3 were expected; export the model again"),
+                ));
+            };
+            *value = self.text.number(word, "a coordinate of a vertex")?;
+        }
+        self.positions.push(DVec3::from_array(position));
+        self.text.skip_statement();
+        Ok(())
+    }
+
+    fn face(&mut self, keyword: Word<'a>) -> Result<(), ReadError> {
+        self.corners.clear();
+        self.face_statements += 1;
+        while let Some(word) = self.text.word_on_line() {
+            let index = self.vertex_index(word)?;
+            self.corners.push(index);
+            // Before the list of one face grows over what all faces may be.
+            self.limits.check_faces((self.corners.len() as u64).saturating_sub(2))?;
+            if index as usize >= self.positions.len() && self.ahead.is_none_or(|(most, _)| index > most) {
+                self.ahead = Some((index, keyword.at));
+            }
+        }
+        self.faces.polygon(&self.positions, &self.corners)
+    }
+
+    /// The vertex of a corner `v`, `v/vt`, `v//vn` or `v/vt/vn`, counted from 0.
+    fn vertex_index(&self, word: Word<'_>) -> Result<u32, ReadError> {
+        let end = word.bytes.iter().position(|&b| b == b'/').unwrap_or(word.bytes.len());
+        let Some(number) = integer(&word.bytes[..end]) else {
+            return Err(self.text.error(
+                ReadErrorKind::Malformed,
+                word.at,
+                format!(
+                    "found '{}' in a face where a vertex number such as 7, 7/1 or 7/1/3 was expected; export the model again",
+                    shown(word.bytes)
+                ),
+            ));
+        };
+        let have = self.positions.len() as i64;
+        let index = if number > 0 { number - 1 } else { have + number };
+        if number == 0 || index < 0 || index >= i64::from(u32::MAX) {
+            return Err(self.out_of_range(number, have, word.at));
+        }
+        // Just checked to be in range.
+        Ok(u32::try_from(index).unwrap_or(u32::MAX))
+    }
+
+    fn out_of_range(&self, number: i64, have: i64, at: usize) -> ReadError {
+        let detail = match number {
+            0 => "a face names vertex 0, but OBJ counts vertices from 1; export the model again".to_owned(),
+            ..0 => format!(
+                "a face names vertex {number}, counted back, where {have} vertices have been read; export the model again"
+            ),
+            _ => format!("a face names vertex {number}, but the file has {have} vertices; export the model again"),
+        };
+        self.text.error(ReadErrorKind::IndexOutOfRange, at, detail)
+    }
+
+    fn finish(self) -> Result<ReadMesh, ReadError> {
+        let have = self.positions.len();
+        if let Some((most, at)) = self.ahead
+            && most as usize >= have
+        {
+            return Err(self.out_of_range(i64::from(most) + 1, have as i64, at));
+        }
+        if self.faces.is_empty() {
+            return Err(self.no_faces());
+        }
+        let mut warnings = Vec::new();
+        let faces = self.faces.finish(&self.positions, &mut warnings);
+        if self.lines + self.points > 0 {
+            warnings.push(format!("lines and points are no surface and were left out: {}", self.lines + self.points));
+        }
+        if self.free_form > 0 {
+            warnings.push(format!(
+                "free-form curves and surfaces were left out: {}; convert them to polygons if they belong to the model",
+                self.free_form
+            ));
+        }
+        if let Some(first) = self.first_unknown {
+            warnings.push(format!(
+                "lines that are no part of OBJ were passed over: {} in all, the first beginning with '{}'",
+                self.unknown,
+                shown(first.bytes)
+            ));
+        }
+        let soup = Soup { positions: self.positions, faces };
+        Ok(ReadMesh { soup, format: Format::Obj, dialect: "OBJ".to_owned(), warnings })
+    }
+
+    fn no_faces(&self) -> ReadError {
+        let vertices = self.positions.len();
+        let detail = if self.free_form > 0 {
+            format!(
+                "the OBJ file holds {} free-form curves or surfaces and no polygons; convert them to polygons in the program that made it",
+                self.free_form
+            )
+        } else if self.face_statements > 0 {
+            format!("none of the OBJ file's {} faces has three corners; export the model again", self.face_statements)
+        } else if self.lines + self.points > 0 {
+            "the OBJ file holds lines or points and no faces; a surface is needed, so export the model as polygons"
+                .to_owned()
+        } else if vertices > 0 {
+            format!(
+                "the OBJ file holds {vertices} vertices and no faces: it is a point cloud; make a surface from it first"
+            )
+        } else {
+            "the OBJ file holds no vertices and no faces; export the model again".to_owned()
+        };
+        ReadError::whole(ReadErrorKind::NoFaces, detail)
+    }
+}
+
+/// Writes OBJ; every f64 as the shortest decimal that reads back the same.
+pub(super) fn write(soup: &Soup) -> Vec<u8> {
+    let mut text = String::with_capacity(48 * soup.positions.len() + 24 * soup.faces.len());
+    // Writing to a string can't fail.
+    for p in &soup.positions {
+        let _ = writeln!(text, "v {} {} {}", p.x, p.y, p.z);
+    }
+    for face in &soup.faces {
+        let [a, b, c] = face.map(|v| u64::from(v) + 1);
+        let _ = writeln!(text, "f {a} {b} {c}");
+    }
+    text.into_bytes()
+}

@@ -1,0 +1,187 @@
+//! OFF: counts, vertices and polygons as lines of text (Geomview manual, "OFF Files").
+
+use std::fmt::Write as _;
+
+use glam::DVec3;
+
+use super::errors::{ReadError, ReadErrorKind, shown};
+use super::faces::Faces;
+use super::sniff::is_off_keyword;
+use super::text::{Text, Word};
+use super::{Format, Limits, ReadMesh};
+use crate::mesh::Soup;
+
+/// The least bytes that a vertex (`0 0 0` and a line end) and a face (`0` and a line end) take.
+const LEAST_VERTEX: u64 = 6;
+const LEAST_FACE: u64 = 2;
+
+/// Reads OFF, COFF, NOFF and the like.
+pub(super) fn read(bytes: &[u8], limits: &Limits) -> Result<ReadMesh, ReadError> {
+    let mut text = Text::new(bytes).with_comments();
+    let mut warnings = Vec::new();
+    let Some(first) = text.word() else { return Err(text.ended("the word OFF")) };
+    let (dialect, count) = if is_off_keyword(first.bytes) {
+        (dialect(&text, first)?, None)
+    } else {
+        warnings.push("the word OFF is missing at the start".to_owned());
+        ("OFF".to_owned(), Some(first))
+    };
+    let vertices = match count {
+        Some(word) => count_of(&text, word, "vertices")?,
+        None => next_count(&mut text, "vertices")?,
+    };
+    let faces = next_count(&mut text, "faces")?;
+    // The count of edges may be missing, and nobody uses it.
+    text.skip_line();
+
+    let remaining = text.remaining() as u64;
+    let least = vertices.saturating_mul(LEAST_VERTEX).saturating_add(faces.saturating_mul(LEAST_FACE));
+    // The last line may lack its end.
+    if least > remaining + 2 {
+        return Err(text.error(
+            ReadErrorKind::Truncated,
+            bytes.len(),
+            format!(
+                "the header counts {vertices} vertices and {faces} faces, which the {remaining} bytes after it can't hold; the file was cut off or its counts are wrong"
+            ),
+        ));
+    }
+    limits.check_vertices(vertices)?;
+    limits.check_faces(faces)?;
+    let positions = read_vertices(&mut text, vertices)?;
+    let soup_faces = read_faces(&mut text, &positions, faces, limits, &mut warnings)?;
+    if text.word().is_some() {
+        warnings.push("text after the last face was left out".to_owned());
+    }
+    if soup_faces.is_empty() {
+        let detail = if vertices > 0 && faces == 0 {
+            format!(
+                "the OFF file holds {vertices} vertices and no faces: it is a point cloud; make a surface from it first"
+            )
+        } else if faces > 0 {
+            format!("none of the OFF file's {faces} faces has three corners; export the model again")
+        } else {
+            "the OFF file holds no vertices and no faces; export the model again".to_owned()
+        };
+        return Err(ReadError::whole(ReadErrorKind::NoFaces, detail));
+    }
+    Ok(ReadMesh { soup: Soup { positions, faces: soup_faces }, format: Format::Off, dialect, warnings })
+}
+
+/// The dialect by its keyword; refuses those with other than three coordinates, and the binary one.
+fn dialect(text: &Text<'_>, keyword: Word<'_>) -> Result<String, ReadError> {
+    let name = String::from_utf8_lossy(keyword.bytes).into_owned();
+    let prefix = &keyword.bytes[..keyword.bytes.len() - 3];
+    // Only the case of the letter tells normals (NOFF) from n dimensions (nOFF).
+    let of_n_dimensions = prefix.last() == Some(&b'n') && keyword.bytes.ends_with(b"OFF");
+    if prefix.contains(&b'4') || of_n_dimensions {
+        return Err(text.error(
+            ReadErrorKind::UnsupportedFormat,
+            keyword.at,
+            format!(
+                "this is {name}, whose vertices don't have three coordinates; export an OFF file with three, or STL, OBJ or PLY"
+            ),
+        ));
+    }
+    let mut rest = text.clone();
+    if rest.word_on_line().is_some_and(|word| word.is("binary")) {
+        return Err(text.error(
+            ReadErrorKind::UnsupportedFormat,
+            keyword.at,
+            "this is binary OFF, which is not read; export OFF as text, or STL, OBJ or PLY",
+        ));
+    }
+    Ok(name.to_ascii_uppercase())
+}
+
+fn next_count(text: &mut Text<'_>, what: &str) -> Result<u64, ReadError> {
+    let Some(word) = text.word() else { return Err(text.ended(&format!("the count of {what}"))) };
+    count_of(text, word, what)
+}
+
+fn count_of(text: &Text<'_>, word: Word<'_>, what: &str) -> Result<u64, ReadError> {
+    let count = text.integer(word, &format!("the count of {what}"))?;
+    u64::try_from(count).map_err(|_| {
+        text.error(
+            ReadErrorKind::Malformed,
+            word.at,
+            format!("the count of {what} is {count}; a count can't be below zero"),
+        )
+    })
+}
+
+/// The first three numbers of each line; colours, normals and texture coordinates follow on it.
+fn read_vertices(text: &mut Text<'_>, count: u64) -> Result<Vec<DVec3>, ReadError> {
+    // The caller has checked that the bytes can hold them.
+    let mut positions = Vec::with_capacity(usize::try_from(count).unwrap_or(0));
+    for vertex in 0..count {
+        let mut position = [0.0; 3];
+        for value in &mut position {
+            let Some(word) = text.word() else {
+                return Err(text.ended(&format!("vertex {vertex} of {count}")));
+            };
+            *value = text.number(word, "a coordinate of a vertex")?;
+        }
+        text.skip_line();
+        positions.push(DVec3::from_array(position));
+    }
+    Ok(positions)
+}
+
+/// A count of corners and as many indices; a colour may follow on the line.
+fn read_faces(
+    text: &mut Text<'_>,
+    positions: &[DVec3],
+    count: u64,
+    limits: &Limits,
+    warnings: &mut Vec<String>,
+) -> Result<Vec<[u32; 3]>, ReadError> {
+    let room = count.min(text.remaining() as u64 / LEAST_FACE + 1);
+    let mut faces = Faces::new(limits, usize::try_from(room).unwrap_or(0));
+    let mut corners = Vec::new();
+    for face in 0..count {
+        let Some(word) = text.word() else {
+            return Err(text.ended(&format!("face {face} of {count}")));
+        };
+        let size = count_of(text, word, "corners of a face")?;
+        corners.clear();
+        for _ in 0..size {
+            let Some(word) = text.word() else {
+                return Err(text.ended(&format!("a corner of face {face} of {count}")));
+            };
+            let index = text.integer(word, "the index of a vertex")?;
+            match u32::try_from(index) {
+                Ok(known) if (known as usize) < positions.len() => corners.push(known),
+                _ => {
+                    return Err(text.error(
+                        ReadErrorKind::IndexOutOfRange,
+                        word.at,
+                        format!(
+                            "face {face} names vertex {}, but the file has {} vertices, counted from 0; export the model again",
+                            shown(word.bytes),
+                            positions.len()
+                        ),
+                    ));
+                }
+            }
+            limits.check_faces((corners.len() as u64).saturating_sub(2))?;
+        }
+        text.skip_line();
+        faces.polygon(positions, &corners)?;
+    }
+    Ok(faces.finish(positions, warnings))
+}
+
+/// Writes OFF; every f64 as the shortest decimal that reads back the same.
+pub(super) fn write(soup: &Soup) -> Vec<u8> {
+    let mut text = String::with_capacity(32 + 48 * soup.positions.len() + 24 * soup.faces.len());
+    // Writing to a string can't fail.
+    let _ = writeln!(text, "OFF\n{} {} 0", soup.positions.len(), soup.faces.len());
+    for p in &soup.positions {
+        let _ = writeln!(text, "{} {} {}", p.x, p.y, p.z);
+    }
+    for [a, b, c] in &soup.faces {
+        let _ = writeln!(text, "3 {a} {b} {c}");
+    }
+    text.into_bytes()
+}

@@ -1,0 +1,177 @@
+use glam::DVec3;
+
+use super::super::Limits;
+use super::super::errors::{ReadError, ReadErrorKind};
+use super::super::faces::Faces;
+use super::header::{Element, Header, Kind, Meaning, Role};
+use super::values::{Values, list_length};
+use crate::mesh::Soup;
+
+/// Reads the elements in the order in which the header names them.
+pub(super) struct Elements<V> {
+    values: V,
+    limits: Limits,
+    positions: Vec<DVec3>,
+    /// The header's count of vertices, against which indices are checked; faces may come first.
+    vertices: u64,
+    corners: Vec<u32>,
+    repeated: u64,
+}
+
+impl<V: Values> Elements<V> {
+    pub fn new(values: V, limits: &Limits) -> Self {
+        Self { values, limits: *limits, positions: Vec::new(), vertices: 0, corners: Vec::new(), repeated: 0 }
+    }
+
+    /// The mesh and what there is to tell. The header's counts must have been held to the file's size.
+    pub fn read(mut self, header: &Header) -> Result<(Soup, Vec<String>), ReadError> {
+        let count = |role| header.elements.iter().filter(|e| e.role == role).map(|e| e.count).sum::<u64>();
+        self.vertices = count(Role::Vertices);
+        // A face takes a byte at least, so that this is no more than a few times the file's size.
+        let mut faces = Faces::new(&self.limits, usize::try_from(count(Role::Faces)).unwrap_or(0));
+        for element in &header.elements {
+            match element.role {
+                Role::Vertices => self.read_vertices(element)?,
+                Role::Faces | Role::Strips => self.read_faces(element, &mut faces)?,
+                Role::Other => self.values.skip_element(element)?,
+            }
+        }
+        let mut warnings = Vec::new();
+        let faces = faces.finish(&self.positions, &mut warnings);
+        if self.repeated > 0 {
+            warnings.push(format!(
+                "triangles of strips that name a vertex twice only join the strips and were left out: {}",
+                self.repeated
+            ));
+        }
+        warnings.extend(self.values.left_over());
+        Ok((Soup { positions: self.positions, faces }, warnings))
+    }
+
+    fn read_vertices(&mut self, element: &Element) -> Result<(), ReadError> {
+        self.positions.reserve_exact(usize::try_from(element.count).unwrap_or(0));
+        for row in 0..element.count {
+            let mut position = DVec3::ZERO;
+            for property in &element.properties {
+                match (property.kind, property.meaning) {
+                    (Kind::Scalar(scalar), Meaning::Coordinate(k)) => {
+                        position[k] = self.values.real(scalar, element, row)?;
+                    }
+                    (Kind::Scalar(scalar), _) => self.values.skip(scalar, 1, element, row)?,
+                    (Kind::List { count, item }, _) => {
+                        let length = list_length(&mut self.values, count, element, row)?;
+                        self.values.skip(item, length, element, row)?;
+                    }
+                }
+            }
+            self.positions.push(position);
+        }
+        Ok(())
+    }
+
+    fn read_faces(&mut self, element: &Element, faces: &mut Faces) -> Result<(), ReadError> {
+        for row in 0..element.count {
+            // The first list of indices counts, should there be two.
+            let mut taken = false;
+            for property in &element.properties {
+                match property.kind {
+                    Kind::Scalar(scalar) => self.values.skip(scalar, 1, element, row)?,
+                    Kind::List { count, item } => {
+                        let length = list_length(&mut self.values, count, element, row)?;
+                        if taken || property.meaning != Meaning::Indices {
+                            self.values.skip(item, length, element, row)?;
+                            continue;
+                        }
+                        taken = true;
+                        if length > self.values.most_left(item) {
+                            return Err(self.values.refuse(
+                                ReadErrorKind::Truncated,
+                                format!(
+                                    "'{}' {row} of {} has a list of {length} vertices, which the rest of the file can't hold; the file is cut off or damaged",
+                                    element.name, element.count
+                                ),
+                            ));
+                        }
+                        if element.role == Role::Strips {
+                            self.strips(element, row, item, length, faces)?;
+                        } else {
+                            self.polygon(element, row, item, length, faces)?;
+                        }
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn polygon(
+        &mut self,
+        element: &Element,
+        row: u64,
+        item: super::header::Scalar,
+        length: u64,
+        faces: &mut Faces,
+    ) -> Result<(), ReadError> {
+        self.limits.check_faces(length.saturating_sub(2))?;
+        self.corners.clear();
+        for _ in 0..length {
+            let index = self.values.whole(item, element, row)?;
+            let vertex = self.vertex(index, element, row)?;
+            self.corners.push(vertex);
+        }
+        faces.polygon(&self.positions, &self.corners)
+    }
+
+    /// Triangle strips, one after the other with -1 between them; every second triangle of a strip is turned.
+    fn strips(
+        &mut self,
+        element: &Element,
+        row: u64,
+        item: super::header::Scalar,
+        length: u64,
+        faces: &mut Faces,
+    ) -> Result<(), ReadError> {
+        let mut last = [0; 2];
+        let mut in_strip = 0_u64;
+        for _ in 0..length {
+            let index = self.values.whole(item, element, row)?;
+            if index == -1 {
+                in_strip = 0;
+                continue;
+            }
+            let vertex = self.vertex(index, element, row)?;
+            if in_strip >= 2 {
+                let [a, b] = last;
+                if a == b || b == vertex || a == vertex {
+                    self.repeated += 1;
+                } else if in_strip % 2 == 0 {
+                    faces.triangle([a, b, vertex])?;
+                } else {
+                    faces.triangle([b, a, vertex])?;
+                }
+            }
+            last = [last[1], vertex];
+            in_strip += 1;
+        }
+        Ok(())
+    }
+
+    #[inline]
+    fn vertex(&self, index: i64, element: &Element, row: u64) -> Result<u32, ReadError> {
+        match u32::try_from(index) {
+            Ok(vertex) if u64::from(vertex) < self.vertices => Ok(vertex),
+            _ => Err(self.out_of_range(index, element, row)),
+        }
+    }
+
+    #[cold]
+    fn out_of_range(&self, index: i64, element: &Element, row: u64) -> ReadError {
+        self.values.refuse(
+            ReadErrorKind::IndexOutOfRange,
+            format!(
+                "'{}' {row} of {} names vertex {index}, but the file has {} vertices, counted from 0; export the model again",
+                element.name, element.count, self.vertices
+            ),
+        )
+    }
+}

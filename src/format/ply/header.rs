@@ -1,0 +1,326 @@
+use super::super::Limits;
+use super::super::errors::{ReadError, ReadErrorKind, shown};
+use super::super::text::{Text, Word, integer};
+
+/// How the elements are written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Encoding {
+    Ascii,
+    BinaryLittleEndian,
+    BinaryBigEndian,
+}
+
+impl Encoding {
+    pub fn dialect(self) -> &'static str {
+        match self {
+            Self::Ascii => "ASCII PLY",
+            Self::BinaryLittleEndian => "binary little-endian PLY",
+            Self::BinaryBigEndian => "binary big-endian PLY",
+        }
+    }
+}
+
+/// A number type of PLY.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Scalar {
+    I8,
+    U8,
+    I16,
+    U16,
+    I32,
+    U32,
+    F32,
+    F64,
+}
+
+impl Scalar {
+    fn named(word: Word<'_>) -> Option<Self> {
+        Some(match word.bytes {
+            b"char" | b"int8" => Self::I8,
+            b"uchar" | b"uint8" => Self::U8,
+            b"short" | b"int16" => Self::I16,
+            b"ushort" | b"uint16" => Self::U16,
+            b"int" | b"int32" => Self::I32,
+            b"uint" | b"uint32" => Self::U32,
+            b"float" | b"float32" => Self::F32,
+            b"double" | b"float64" => Self::F64,
+            _ => return None,
+        })
+    }
+
+    /// Its size in bytes.
+    pub fn size(self) -> usize {
+        match self {
+            Self::I8 | Self::U8 => 1,
+            Self::I16 | Self::U16 => 2,
+            Self::I32 | Self::U32 | Self::F32 => 4,
+            Self::F64 => 8,
+        }
+    }
+
+    pub fn is_integer(self) -> bool {
+        !matches!(self, Self::F32 | Self::F64)
+    }
+}
+
+/// What a property holds.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Kind {
+    Scalar(Scalar),
+    List { count: Scalar, item: Scalar },
+}
+
+/// What a property is to a mesh.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Meaning {
+    /// x, y or z of a vertex, as 0, 1 or 2.
+    Coordinate(usize),
+    /// The vertices of a face or a strip.
+    Indices,
+    /// Nothing that is read.
+    Other,
+}
+
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Property {
+    pub kind: Kind,
+    pub meaning: Meaning,
+}
+
+/// What an element is to a mesh.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Role {
+    Vertices,
+    Faces,
+    /// Triangle strips, as range scanners write them.
+    Strips,
+    Other,
+}
+
+#[derive(Debug, Clone)]
+pub(super) struct Element {
+    pub name: String,
+    pub role: Role,
+    pub count: u64,
+    pub properties: Vec<Property>,
+    /// Where it is declared.
+    at: usize,
+}
+
+impl Element {
+    /// The bytes of a row of scalars; none if there is a list.
+    pub fn fixed_size(&self) -> Option<usize> {
+        self.properties.iter().map(|p| if let Kind::Scalar(s) = p.kind { Some(s.size()) } else { None }).sum()
+    }
+
+    /// The least bytes that a row takes.
+    fn least_size(&self, encoding: Encoding) -> u64 {
+        match encoding {
+            // A digit and what parts it from the next.
+            Encoding::Ascii => 2 * self.properties.len() as u64,
+            _ => self
+                .properties
+                .iter()
+                .map(|p| match p.kind {
+                    Kind::Scalar(s) | Kind::List { count: s, .. } => s.size() as u64,
+                })
+                .sum(),
+        }
+    }
+
+    fn has(&self, meaning: Meaning) -> bool {
+        self.properties.iter().any(|p| p.meaning == meaning)
+    }
+}
+
+/// What stands before `end_header`.
+#[derive(Debug, Clone)]
+pub(super) struct Header {
+    pub encoding: Encoding,
+    pub elements: Vec<Element>,
+    /// Offset of the first byte after it.
+    pub body: usize,
+}
+
+impl Header {
+    pub fn read(bytes: &[u8]) -> Result<Self, ReadError> {
+        let mut text = Text::new(bytes);
+        // Sniffed to be `ply`.
+        let _ = text.word();
+        text.skip_line();
+        let mut encoding = None;
+        let mut elements: Vec<Element> = Vec::new();
+        loop {
+            let Some(word) = text.word() else { return Err(text.ended("the header's 'end_header'")) };
+            match word.bytes {
+                b"comment" | b"obj_info" => text.skip_line(),
+                b"format" => encoding = Some(read_format(&mut text, word)?),
+                b"element" => elements.push(read_element(&mut text, word)?),
+                b"property" => {
+                    let Some(element) = elements.last_mut() else {
+                        return Err(malformed(&text, word, "an element before this property"));
+                    };
+                    let property = read_property(&mut text, word, element.role)?;
+                    element.properties.push(property);
+                }
+                b"end_header" => break,
+                _ => return Err(malformed(&text, word, "'format', 'element', 'property', 'comment' or 'end_header'")),
+            }
+        }
+        let Some(encoding) = encoding else {
+            return Err(text.error(
+                ReadErrorKind::Malformed,
+                text.at(),
+                "the header has no line such as 'format binary_little_endian 1.0'; export the model again",
+            ));
+        };
+        let header = Self { encoding, elements, body: body_start(bytes, text.at()) };
+        header.check_elements(&text)?;
+        Ok(header)
+    }
+
+    fn check_elements(&self, text: &Text<'_>) -> Result<(), ReadError> {
+        let mut seen = false;
+        for element in &self.elements {
+            let refuse = |detail: String| Err(text.error(ReadErrorKind::Malformed, element.at, detail));
+            match element.role {
+                Role::Vertices if seen => {
+                    return refuse("the header has a second element 'vertex'; export the model again".to_owned());
+                }
+                Role::Vertices => {
+                    seen = true;
+                    if let Some(k) = (0..3).find(|&k| !element.has(Meaning::Coordinate(k))) {
+                        return refuse(format!(
+                            "the element 'vertex' has no property '{}'; x, y and z were expected",
+                            ["x", "y", "z"][k]
+                        ));
+                    }
+                }
+                Role::Faces | Role::Strips if element.count > 0 && !element.has(Meaning::Indices) => {
+                    return refuse(format!(
+                        "the element '{}' has no list of whole numbers named 'vertex_indices' or 'vertex_index'; export the model again",
+                        shown(element.name.as_bytes())
+                    ));
+                }
+                _ => {}
+            }
+        }
+        Ok(())
+    }
+
+    /// Holds every count to the bytes that are there, and to the limits.
+    pub fn check_counts(&self, length: usize, limits: &Limits) -> Result<(), ReadError> {
+        let available = (length - self.body) as u64;
+        let mut least = 0_u64;
+        for element in &self.elements {
+            least = least.saturating_add(element.count.saturating_mul(element.least_size(self.encoding)));
+            // The last word of a text needs nothing after it.
+            if least > available + 1 {
+                return Err(ReadError::at_byte(
+                    ReadErrorKind::Truncated,
+                    length,
+                    format!(
+                        "the header counts {} of the element '{}', but the {available} bytes after the header can't hold them; the file was cut off or its counts are wrong",
+                        element.count,
+                        shown(element.name.as_bytes())
+                    ),
+                ));
+            }
+        }
+        for element in &self.elements {
+            match element.role {
+                Role::Vertices => limits.check_vertices(element.count)?,
+                Role::Faces => limits.check_faces(element.count)?,
+                Role::Strips | Role::Other => {}
+            }
+        }
+        Ok(())
+    }
+}
+
+fn malformed(text: &Text<'_>, word: Word<'_>, expected: &str) -> ReadError {
+    text.error(
+        ReadErrorKind::Malformed,
+        word.at,
+        format!(
+            "found '{}' in the PLY header where {expected} was expected; export the model again",
+            shown(word.bytes)
+        ),
+    )
+}
+
+fn read_format(text: &mut Text<'_>, keyword: Word<'_>) -> Result<Encoding, ReadError> {
+    let word = text.word_on_line().unwrap_or(keyword);
+    let encoding = match word.bytes {
+        b"ascii" => Encoding::Ascii,
+        b"binary_little_endian" => Encoding::BinaryLittleEndian,
+        b"binary_big_endian" => Encoding::BinaryBigEndian,
+        _ => return Err(malformed(text, word, "'ascii', 'binary_little_endian' or 'binary_big_endian'")),
+    };
+    text.skip_line();
+    Ok(encoding)
+}
+
+fn read_element(text: &mut Text<'_>, keyword: Word<'_>) -> Result<Element, ReadError> {
+    let name = text.word_on_line().ok_or_else(|| malformed(text, keyword, "an element's name"))?;
+    let count = text.word_on_line().ok_or_else(|| malformed(text, name, "a name and a count"))?;
+    let Some(count) = integer(count.bytes).and_then(|n| u64::try_from(n).ok()) else {
+        return Err(malformed(text, count, "an element's count"));
+    };
+    text.skip_line();
+    let role = match name.bytes {
+        b"vertex" => Role::Vertices,
+        b"face" => Role::Faces,
+        b"tristrips" => Role::Strips,
+        _ => Role::Other,
+    };
+    let name = String::from_utf8_lossy(name.bytes).into_owned();
+    Ok(Element { name, role, count, properties: Vec::new(), at: keyword.at })
+}
+
+fn read_property(text: &mut Text<'_>, keyword: Word<'_>, role: Role) -> Result<Property, ReadError> {
+    let scalar = |text: &mut Text<'_>, last: Word<'_>| {
+        let word = text.word_on_line().unwrap_or(last);
+        Scalar::named(word).ok_or_else(|| malformed(text, word, "a number type such as 'float' or 'int'"))
+    };
+    let ahead = text.clone().word_on_line();
+    let kind = if ahead.is_some_and(|word| word.bytes == b"list") {
+        let list = text.word_on_line().unwrap_or(keyword);
+        let count = scalar(text, list)?;
+        if !count.is_integer() {
+            return Err(malformed(text, list, "a list whose count is a whole number"));
+        }
+        Kind::List { count, item: scalar(text, list)? }
+    } else {
+        Kind::Scalar(scalar(text, keyword)?)
+    };
+    let name = text.word_on_line().ok_or_else(|| malformed(text, keyword, "a property's type and name"))?;
+    text.skip_line();
+    let meaning = match (role, kind, name.bytes) {
+        (Role::Vertices, Kind::Scalar(_), b"x") => Meaning::Coordinate(0),
+        (Role::Vertices, Kind::Scalar(_), b"y") => Meaning::Coordinate(1),
+        (Role::Vertices, Kind::Scalar(_), b"z") => Meaning::Coordinate(2),
+        (Role::Faces | Role::Strips, Kind::List { item, .. }, b"vertex_indices" | b"vertex_index")
+            if item.is_integer() =>
+        {
+            Meaning::Indices
+        }
+        _ => Meaning::Other,
+    };
+    Ok(Property { kind, meaning })
+}
+
+/// Where the elements begin: after one line end of the kind that the file's first line has, since what follows may be a
+/// binary number that looks like one.
+fn body_start(bytes: &[u8], after_word: usize) -> usize {
+    let rest = &bytes[after_word..];
+    let blank = rest.iter().take_while(|b| matches!(b, b' ' | b'\t')).count();
+    let at = after_word + blank;
+    let first_line = bytes.iter().position(|b| matches!(b, b'\n' | b'\r')).unwrap_or(0);
+    let only_cr = bytes.get(first_line) == Some(&b'\r') && bytes.get(first_line + 1) != Some(&b'\n');
+    match (bytes.get(at), bytes.get(at + 1)) {
+        (Some(b'\r'), Some(b'\n')) if !only_cr => at + 2,
+        (Some(b'\r' | b'\n'), _) => at + 1,
+        _ => at,
+    }
+}

@@ -1,0 +1,237 @@
+use super::super::errors::{ReadError, ReadErrorKind, shown};
+use super::super::text::Text;
+use super::header::{Element, Kind, Scalar};
+
+/// Where the elements' numbers come from, one after the other.
+pub(super) trait Values {
+    /// A number as f64. `element` and `row` are for the words of an error.
+    fn real(&mut self, scalar: Scalar, element: &Element, row: u64) -> Result<f64, ReadError>;
+
+    /// A whole number.
+    fn whole(&mut self, scalar: Scalar, element: &Element, row: u64) -> Result<i64, ReadError>;
+
+    /// Goes past some numbers.
+    fn skip(&mut self, scalar: Scalar, count: u64, element: &Element, row: u64) -> Result<(), ReadError>;
+
+    /// Goes past all rows of an element.
+    fn skip_element(&mut self, element: &Element) -> Result<(), ReadError>;
+
+    /// How many numbers there can be in what is left, at most.
+    fn most_left(&self, scalar: Scalar) -> u64;
+
+    /// An error about the number that was read last.
+    fn refuse(&self, kind: ReadErrorKind, detail: String) -> ReadError;
+
+    /// What stands after the last element, as a warning.
+    fn left_over(&mut self) -> Option<String>;
+}
+
+/// Goes past the rows of an element one number at a time.
+fn skip_rows<V: Values>(values: &mut V, element: &Element) -> Result<(), ReadError> {
+    if element.properties.is_empty() {
+        return Ok(());
+    }
+    for row in 0..element.count {
+        for property in &element.properties {
+            match property.kind {
+                Kind::Scalar(scalar) => values.skip(scalar, 1, element, row)?,
+                Kind::List { count, item } => {
+                    let length = list_length(values, count, element, row)?;
+                    values.skip(item, length, element, row)?;
+                }
+            }
+        }
+    }
+    Ok(())
+}
+
+/// The length of a list, which stands before it.
+pub(super) fn list_length<V: Values>(
+    values: &mut V,
+    count: Scalar,
+    element: &Element,
+    row: u64,
+) -> Result<u64, ReadError> {
+    let length = values.whole(count, element, row)?;
+    u64::try_from(length).map_err(|_| {
+        values.refuse(
+            ReadErrorKind::Malformed,
+            format!(
+                "a list in {row_name} has the length {length}, below zero; export the model again",
+                row_name = name(element, row)
+            ),
+        )
+    })
+}
+
+fn name(element: &Element, row: u64) -> String {
+    format!("'{}' {row} of {}", shown(element.name.as_bytes()), element.count)
+}
+
+/// Binary numbers; `LITTLE` for little-endian.
+pub(super) struct BinaryValues<'a, const LITTLE: bool> {
+    bytes: &'a [u8],
+    at: usize,
+    last: usize,
+}
+
+impl<'a, const LITTLE: bool> BinaryValues<'a, LITTLE> {
+    pub fn new(bytes: &'a [u8], at: usize) -> Self {
+        Self { bytes, at, last: at }
+    }
+
+    #[inline]
+    fn take<const N: usize>(&mut self, element: &Element, row: u64) -> Result<[u8; N], ReadError> {
+        match self.bytes.get(self.at..).and_then(|rest| rest.first_chunk::<N>()) {
+            Some(&chunk) => {
+                self.last = self.at;
+                self.at += N;
+                Ok(chunk)
+            }
+            None => Err(self.ended(element, row)),
+        }
+    }
+
+    #[cold]
+    fn ended(&self, element: &Element, row: u64) -> ReadError {
+        ReadError::at_byte(
+            ReadErrorKind::Truncated,
+            self.bytes.len(),
+            format!(
+                "the file ends within {}; it was cut off, or its counts are wrong, so send it again",
+                name(element, row)
+            ),
+        )
+    }
+}
+
+/// Reads one number of type `$t`.
+macro_rules! number {
+    ($self:ident, $t:ty, $element:ident, $row:ident) => {{
+        let bytes = $self.take::<{ size_of::<$t>() }>($element, $row)?;
+        if LITTLE { <$t>::from_le_bytes(bytes) } else { <$t>::from_be_bytes(bytes) }
+    }};
+}
+
+impl<const LITTLE: bool> Values for BinaryValues<'_, LITTLE> {
+    #[inline]
+    fn real(&mut self, scalar: Scalar, element: &Element, row: u64) -> Result<f64, ReadError> {
+        Ok(match scalar {
+            Scalar::F32 => f64::from(number!(self, f32, element, row)),
+            Scalar::F64 => number!(self, f64, element, row),
+            Scalar::I8 => f64::from(number!(self, i8, element, row)),
+            Scalar::U8 => f64::from(number!(self, u8, element, row)),
+            Scalar::I16 => f64::from(number!(self, i16, element, row)),
+            Scalar::U16 => f64::from(number!(self, u16, element, row)),
+            Scalar::I32 => f64::from(number!(self, i32, element, row)),
+            Scalar::U32 => f64::from(number!(self, u32, element, row)),
+        })
+    }
+
+    #[inline]
+    fn whole(&mut self, scalar: Scalar, element: &Element, row: u64) -> Result<i64, ReadError> {
+        Ok(match scalar {
+            Scalar::U8 => i64::from(number!(self, u8, element, row)),
+            Scalar::I32 => i64::from(number!(self, i32, element, row)),
+            Scalar::U32 => i64::from(number!(self, u32, element, row)),
+            Scalar::I8 => i64::from(number!(self, i8, element, row)),
+            Scalar::I16 => i64::from(number!(self, i16, element, row)),
+            Scalar::U16 => i64::from(number!(self, u16, element, row)),
+            // The header has been checked to ask for whole numbers here.
+            Scalar::F32 | Scalar::F64 => -1,
+        })
+    }
+
+    fn skip(&mut self, scalar: Scalar, count: u64, element: &Element, row: u64) -> Result<(), ReadError> {
+        let left = self.bytes.len() - self.at;
+        let size = usize::try_from(count).ok().and_then(|count| count.checked_mul(scalar.size()));
+        match size.filter(|&size| size <= left) {
+            Some(size) => {
+                self.at += size;
+                Ok(())
+            }
+            None => Err(self.ended(element, row)),
+        }
+    }
+
+    fn skip_element(&mut self, element: &Element) -> Result<(), ReadError> {
+        match element.fixed_size() {
+            // In whole rows, of which the counts have been held to the bytes.
+            Some(size) => self.skip(Scalar::U8, element.count.saturating_mul(size as u64), element, 0),
+            None => skip_rows(self, element),
+        }
+    }
+
+    fn most_left(&self, scalar: Scalar) -> u64 {
+        ((self.bytes.len() - self.at) / scalar.size()) as u64
+    }
+
+    fn refuse(&self, kind: ReadErrorKind, detail: String) -> ReadError {
+        ReadError::at_byte(kind, self.last, detail)
+    }
+
+    fn left_over(&mut self) -> Option<String> {
+        let rest = &self.bytes[self.at..];
+        // A line end after the last element is an editor's habit.
+        let bare = rest.trim_ascii().is_empty() && rest.len() <= 2;
+        (!bare).then(|| format!("{} bytes after the last element were left out", rest.len()))
+    }
+}
+
+/// Numbers as words.
+pub(super) struct AsciiValues<'a> {
+    text: Text<'a>,
+    last: usize,
+}
+
+impl<'a> AsciiValues<'a> {
+    pub fn new(bytes: &'a [u8], at: usize) -> Self {
+        Self { text: Text::starting_at(bytes, at), last: at }
+    }
+
+    #[cold]
+    fn ended(&self, element: &Element, row: u64) -> ReadError {
+        self.text.ended(&name(element, row))
+    }
+}
+
+impl Values for AsciiValues<'_> {
+    #[inline]
+    fn real(&mut self, _: Scalar, element: &Element, row: u64) -> Result<f64, ReadError> {
+        let Some(word) = self.text.word() else { return Err(self.ended(element, row)) };
+        self.last = word.at;
+        self.text.number(word, "a number")
+    }
+
+    #[inline]
+    fn whole(&mut self, _: Scalar, element: &Element, row: u64) -> Result<i64, ReadError> {
+        let Some(word) = self.text.word() else { return Err(self.ended(element, row)) };
+        self.last = word.at;
+        self.text.integer(word, "a whole number")
+    }
+
+    fn skip(&mut self, _: Scalar, count: u64, element: &Element, row: u64) -> Result<(), ReadError> {
+        for _ in 0..count {
+            if self.text.word().is_none() {
+                return Err(self.ended(element, row));
+            }
+        }
+        Ok(())
+    }
+
+    fn skip_element(&mut self, element: &Element) -> Result<(), ReadError> {
+        skip_rows(self, element)
+    }
+
+    fn most_left(&self, _: Scalar) -> u64 {
+        self.text.remaining() as u64 / 2 + 1
+    }
+
+    fn refuse(&self, kind: ReadErrorKind, detail: String) -> ReadError {
+        self.text.error(kind, self.last, detail)
+    }
+
+    fn left_over(&mut self) -> Option<String> {
+        self.text.word().map(|_| "text after the last element was left out".to_owned())
+    }
+}

@@ -1,0 +1,393 @@
+//! STL: facets without indices, as 50-byte records or as words (3D Systems, "SLC file specification" appendix, 1989).
+
+use glam::DVec3;
+
+use super::errors::{ReadError, ReadErrorKind, WriteError};
+use super::sniff::HEAD;
+use super::text::{Text, Word, number};
+use super::{Format, Limits, ReadMesh};
+use crate::mesh::Soup;
+
+/// Free text and the facet count.
+const HEADER: usize = 84;
+/// A normal, three corners, and two bytes that nobody agrees on.
+const FACET: usize = 50;
+
+/// Whether a file of this length holds exactly as many facets as its header counts, and at least one.
+pub(super) fn length_fits(head: &[u8], length: Option<u64>) -> bool {
+    let (Some(count), Some(length)) = (declared(head), length) else { return false };
+    count > 0 && length == HEADER as u64 + FACET as u64 * u64::from(count)
+}
+
+fn declared(head: &[u8]) -> Option<u32> {
+    head.get(80..HEADER)?.try_into().ok().map(u32::from_le_bytes)
+}
+
+/// Whether the head starts as ASCII STL does and goes on as text: facets follow, or nothing binary.
+pub(super) fn starts_as_text(head: &[u8]) -> bool {
+    let mut text = Text::new(head);
+    let Some(first) = text.word() else { return false };
+    if !first.is("solid") && !first.is("facet") {
+        return false;
+    }
+    // A header of a binary file can say `solid`, and even `facet`; a corner with a number is in none.
+    while let Some(word) = text.word() {
+        if word.is("vertex") {
+            return text.word().is_some_and(|w| number(w.bytes).is_some() || !has_control(w.bytes));
+        }
+        if word.is("endsolid") {
+            return true;
+        }
+    }
+    !head.contains(&0)
+}
+
+fn has_control(word: &[u8]) -> bool {
+    word.iter().any(|&b| b < 0x20 || b == 0x7F)
+}
+
+/// Whether what follows the header can be facets although their number is wrong: at least one record, and nearly
+/// all numbers of a size that coordinates have.
+pub(super) fn looks_like_facets(head: &[u8]) -> bool {
+    let facets = head.get(HEADER..).unwrap_or_default().chunks_exact(FACET);
+    let mut numbers = 0_u32;
+    let mut usual = 0_u32;
+    for facet in facets {
+        for value in facet[..48].chunks_exact(4).map(float) {
+            let size = value.abs();
+            numbers += 1;
+            usual += u32::from(size == 0.0 || (1e-12..1e12).contains(&size) || value.is_nan());
+        }
+    }
+    numbers > 0 && usual * 10 >= numbers * 9
+}
+
+fn float(bytes: &[u8]) -> f32 {
+    f32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]])
+}
+
+/// Reads either kind.
+pub(super) fn read(bytes: &[u8], limits: &Limits) -> Result<ReadMesh, ReadError> {
+    let head = &bytes[..bytes.len().min(HEAD)];
+    if !length_fits(head, Some(bytes.len() as u64)) && starts_as_text(head) {
+        read_ascii(bytes, limits)
+    } else {
+        read_binary(bytes, limits)
+    }
+}
+
+fn read_binary(bytes: &[u8], limits: &Limits) -> Result<ReadMesh, ReadError> {
+    let length = bytes.len();
+    let Some(declared) = declared(bytes) else {
+        return Err(ReadError::at_byte(
+            ReadErrorKind::Truncated,
+            length,
+            format!(
+                "the file ends within the {HEADER} bytes of a binary STL's header; it was cut off, so send it again"
+            ),
+        ));
+    };
+    let body = &bytes[HEADER..];
+    let (whole, rest) = (body.len() / FACET, body.len() % FACET);
+    let mut warnings = Vec::new();
+    let count = usize::try_from(declared).unwrap_or(usize::MAX);
+    let facets = if count > whole {
+        if whole == 0 {
+            return Err(ReadError::at_byte(
+                ReadErrorKind::Truncated,
+                length,
+                format!(
+                    "the header counts {declared} facets, but the file ends before the first is complete; send it again"
+                ),
+            ));
+        }
+        let cut = if rest > 0 { ", and the last is cut off" } else { "" };
+        warnings.push(format!(
+            "the header counts {declared} facets, but there are bytes for {whole}{cut}; the {whole} whole facets were read"
+        ));
+        whole
+    } else if count == 0 && whole > 0 {
+        warnings.push(format!("the header counts 0 facets, but bytes for {whole} follow; they were read"));
+        if rest > 0 {
+            warnings.push(format!("{rest} bytes after the last whole facet were left out"));
+        }
+        whole
+    } else if count == 0 {
+        return Err(ReadError::whole(
+            ReadErrorKind::NoFaces,
+            "the STL file counts 0 facets and holds none; export the model again",
+        ));
+    } else {
+        let left = body.len() - count * FACET;
+        if left >= FACET {
+            warnings.push(format!(
+                "the header counts {declared} facets, but bytes for {whole} follow; the {declared} that it counts were read and {left} bytes left out"
+            ));
+        } else if left > 0 {
+            warnings.push(format!("{left} bytes after the last facet were left out"));
+        }
+        count
+    };
+    limits.check_faces(facets as u64)?;
+    limits.check_vertices(3 * facets as u64)?;
+    let mut positions = Vec::with_capacity(3 * facets);
+    for facet in body.chunks_exact(FACET).take(facets) {
+        for corner in facet[12..48].chunks_exact(12) {
+            let at = |k: usize| f64::from(float(&corner[4 * k..]));
+            positions.push(DVec3::new(at(0), at(1), at(2)));
+        }
+    }
+    Ok(ReadMesh { soup: unindexed(positions), format: Format::Stl, dialect: "binary STL".to_owned(), warnings })
+}
+
+/// Three positions a face, in order.
+fn unindexed(positions: Vec<DVec3>) -> Soup {
+    // Limits keep the count of positions within u32.
+    let count = u32::try_from(positions.len() / 3).unwrap_or(u32::MAX / 3);
+    Soup { positions, faces: (0..count).map(|f| [3 * f, 3 * f + 1, 3 * f + 2]).collect() }
+}
+
+/// The facet that is being read.
+#[derive(Default)]
+struct Facet {
+    /// Where it begins; none between facets.
+    begin: Option<usize>,
+    corners: [DVec3; 3],
+    count: usize,
+    /// Whether its loop has ended.
+    closed: bool,
+}
+
+struct Ascii<'a> {
+    text: Text<'a>,
+    limits: Limits,
+    positions: Vec<DVec3>,
+    facet: Facet,
+    solids: u64,
+    ended: bool,
+    strange: u64,
+    first_strange: Option<Word<'a>>,
+}
+
+fn read_ascii(bytes: &[u8], limits: &Limits) -> Result<ReadMesh, ReadError> {
+    let mut reader = Ascii {
+        text: Text::new(bytes),
+        limits: *limits,
+        positions: Vec::new(),
+        facet: Facet::default(),
+        solids: 0,
+        ended: true,
+        strange: 0,
+        first_strange: None,
+    };
+    while let Some(word) = reader.text.word() {
+        if !reader.take(word)? {
+            break;
+        }
+    }
+    reader.finish()
+}
+
+impl<'a> Ascii<'a> {
+    /// Takes one keyword with what belongs to it; false if the file ends within.
+    fn take(&mut self, word: Word<'a>) -> Result<bool, ReadError> {
+        if word.is("vertex") {
+            return self.vertex(word);
+        } else if word.is("facet") {
+            self.end_facet(word)?;
+            self.facet = Facet { begin: Some(word.at), ..Facet::default() };
+            self.skip_normal();
+        } else if word.is("endloop") {
+            self.facet.closed = true;
+        } else if word.is("endfacet") {
+            if self.facet.begin.is_none() {
+                self.stray(word);
+            } else {
+                self.facet.closed = true;
+                self.end_facet(word)?;
+            }
+        } else if word.is("solid") {
+            self.end_facet(word)?;
+            self.solids += 1;
+            self.ended = false;
+            self.skip_name();
+        } else if word.is("endsolid") {
+            self.end_facet(word)?;
+            self.ended = true;
+            self.skip_name();
+        } else if !word.is("outer") && !word.is("loop") && !word.is("end") {
+            self.stray(word);
+        }
+        Ok(true)
+    }
+
+    fn stray(&mut self, word: Word<'a>) {
+        self.strange += 1;
+        self.first_strange.get_or_insert(word);
+    }
+
+    fn vertex(&mut self, keyword: Word<'a>) -> Result<bool, ReadError> {
+        let mut corner = [0.0; 3];
+        for value in &mut corner {
+            let Some(word) = self.text.word() else { return Ok(false) };
+            *value = match self.text.number(word, "a coordinate of a vertex") {
+                Ok(number) => number,
+                // The end of a file that is cut off can be any part of a number or of the next word.
+                Err(_) if self.text.remaining() == 0 => return Ok(false),
+                Err(error) => return Err(error),
+            };
+        }
+        if self.facet.begin.is_none() {
+            return Err(self.text.error(
+                ReadErrorKind::Malformed,
+                keyword.at,
+                "this vertex is in no facet; 'facet' was expected before it",
+            ));
+        }
+        if let Some(slot) = self.facet.corners.get_mut(self.facet.count) {
+            // STL's numbers have 32 bits, whatever the text spells: what is read from text and from binary is the same.
+            #[expect(clippy::cast_possible_truncation, reason = "rounding is meant")]
+            let rounded = corner.map(|value| f64::from(value as f32));
+            *slot = DVec3::from_array(rounded);
+        }
+        self.facet.count += 1;
+        Ok(true)
+    }
+
+    /// Goes past `normal` and its numbers, which readers compute anew anyway.
+    fn skip_normal(&mut self) {
+        let mut ahead = self.text.clone();
+        let Some(word) = ahead.word() else { return };
+        if !word.is("normal") {
+            return;
+        }
+        self.text = ahead.clone();
+        // Exporters leave numbers out or write words for them; none is one of the keywords that can follow.
+        for _ in 0..3 {
+            match ahead.word() {
+                Some(word) if !is_keyword(word) => self.text = ahead.clone(),
+                _ => return,
+            }
+        }
+    }
+
+    /// Goes past the name of a solid: the rest of the line, but not into facets that stand on the same line.
+    fn skip_name(&mut self) {
+        let mut ahead = self.text.clone();
+        while let Some(word) = ahead.word_on_line() {
+            if word.is("facet") && ahead.clone().word().is_some_and(|next| next.is("normal")) {
+                return;
+            }
+            if word.is("endsolid") {
+                return;
+            }
+            self.text = ahead.clone();
+        }
+    }
+
+    /// Ends the facet that is open, if one is.
+    fn end_facet(&mut self, next: Word<'_>) -> Result<(), ReadError> {
+        let Some(begin) = self.facet.begin.take() else { return Ok(()) };
+        if self.facet.count != 3 {
+            return Err(self.text.error(
+                ReadErrorKind::Malformed,
+                if self.facet.count > 3 { next.at } else { begin },
+                format!(
+                    "a facet has {} vertices where STL asks for 3; export the model again, or as OBJ if it has polygons",
+                    self.facet.count
+                ),
+            ));
+        }
+        self.limits.check_faces(self.positions.len() as u64 / 3 + 1)?;
+        self.limits.check_vertices(self.positions.len() as u64 + 3)?;
+        self.positions.extend(self.facet.corners);
+        Ok(())
+    }
+
+    fn finish(mut self) -> Result<ReadMesh, ReadError> {
+        let mut warnings = Vec::new();
+        let whole = self.positions.len() / 3;
+        if let Some(begin) = self.facet.begin {
+            if self.facet.count == 3 && self.facet.closed {
+                self.end_facet(Word { bytes: b"", at: begin })?;
+            } else if whole == 0 {
+                return Err(self.text.ended("the rest of the first facet"));
+            } else {
+                warnings.push(format!(
+                    "the file ends within a facet, so that it was probably cut off; the {whole} whole facets before were read"
+                ));
+            }
+        } else if !self.ended && whole > 0 {
+            warnings.push("the file ends without 'endsolid'; it may have been cut off".to_owned());
+        }
+        if self.positions.is_empty() {
+            return Err(ReadError::whole(
+                ReadErrorKind::NoFaces,
+                "the ASCII STL file holds no facet; export the model again",
+            ));
+        }
+        if self.solids > 1 {
+            warnings.push(format!("the file holds {} solids; all were read as one model", self.solids));
+        }
+        if let Some(first) = self.first_strange {
+            warnings.push(format!(
+                "words that are no part of STL were passed over: {} in all, the first '{}'",
+                self.strange,
+                super::errors::shown(first.bytes)
+            ));
+        }
+        let dialect = "ASCII STL".to_owned();
+        Ok(ReadMesh { soup: unindexed(self.positions), format: Format::Stl, dialect, warnings })
+    }
+}
+
+fn is_keyword(word: Word<'_>) -> bool {
+    ["outer", "loop", "vertex", "endloop", "endfacet", "facet", "endsolid"].iter().any(|k| word.is(k))
+}
+
+/// Writes binary STL, with normals computed from the corners as they are written.
+///
+/// # Errors
+/// [`WriteError`] for more than `u32::MAX` faces, or for a coordinate that is not finite as f32.
+pub(super) fn write(soup: &Soup) -> Result<Vec<u8>, WriteError> {
+    let faces = soup.faces.len() as u64;
+    let count = u32::try_from(faces).map_err(|_| WriteError::TooManyFaces { faces, most: u64::from(u32::MAX) })?;
+    let mut bytes = Vec::with_capacity(HEADER + FACET * soup.faces.len());
+    // Not `solid`, by which some readers take a file for ASCII.
+    bytes.extend_from_slice(b"meshmend");
+    bytes.resize(80, 0);
+    bytes.extend_from_slice(&count.to_le_bytes());
+    for (face, vertices) in soup.faces.iter().enumerate() {
+        let corners = soup.corners(face).map(DVec3::as_vec3);
+        if let Some(k) = corners.iter().position(|corner| !corner.is_finite()) {
+            let exact = soup.corners(face)[k].to_array();
+            #[expect(clippy::cast_possible_truncation, reason = "the very question")]
+            let value = exact.into_iter().find(|&value| !(value as f32).is_finite()).unwrap_or(f64::NAN);
+            return Err(WriteError::OutOfRange { vertex: vertices[k], value });
+        }
+        // In f64 products of f32 neither overflow nor vanish.
+        let [a, b, c] = corners.map(glam::Vec3::as_dvec3);
+        let normal = (b - a).cross(c - a).normalize_or_zero().as_vec3();
+        for corner in [normal].into_iter().chain(corners) {
+            for value in corner.to_array() {
+                bytes.extend_from_slice(&value.to_le_bytes());
+            }
+        }
+        bytes.extend_from_slice(&[0, 0]);
+    }
+    Ok(bytes)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_header_that_says_solid_and_facet_is_not_taken_for_text() {
+        let mut head = b"solid of 12 facets".to_vec();
+        head.resize(80, b' ');
+        head.extend_from_slice(&[7, 0, 0, 0]);
+        head.extend_from_slice(&[0; 200]);
+        assert!(!starts_as_text(&head));
+    }
+}
