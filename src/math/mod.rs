@@ -1,1 +1,14 @@
 //! Predicates, boxes, and the tree over obvhs.
+//!
+//! Where topology is decided, signs are exact (Shewchuk's adaptive predicates through the crate `robust`); boxes and
+//! the tree only ever narrow down what the predicates look at.
+
+mod boxes;
+mod predicates;
+mod ray;
+mod tree;
+
+pub use boxes::Box3;
+pub use predicates::{Sign, collinear, midmost, orient2d, orient3d, to_unit_range};
+pub use ray::{Crossing, crossing, ray_direction};
+pub use tree::Tree;

@@ -82,6 +82,26 @@ impl<'a> Context<'a> {
         if self.cancel.load(Ordering::Relaxed) || self.remaining().is_zero() { Err(Cancelled) } else { Ok(()) }
     }
 
+    /// Whether the work was asked to stop, apart from the deadline.
+    #[must_use]
+    pub fn is_cancelled(&self) -> bool {
+        self.cancel.load(Ordering::Relaxed)
+    }
+
+    /// The same surroundings with no deadline, for work that must be done even when the time is over, such as
+    /// judging the last result. It can still be cancelled.
+    #[must_use]
+    pub fn without_deadline(&self) -> Context<'a> {
+        Context { progress: self.progress, cancel: self.cancel, clock: self.clock, deadline: Duration::MAX }
+    }
+
+    /// The same surroundings with a deadline no later than `time` from now.
+    #[must_use]
+    pub fn limited_to(&self, time: Duration) -> Context<'a> {
+        let deadline = self.deadline.min(self.now().saturating_add(time));
+        Context { progress: self.progress, cancel: self.cancel, clock: self.clock, deadline }
+    }
+
     /// Tells how far the repair is.
     pub fn report(&self, stage: Stage, tier: Option<u8>, percent: u8) {
         self.progress.report(stage, tier, percent);

@@ -1,11 +1,35 @@
 //! Repair: operators (one file each), presets and the plan as data, and the pipeline on one page.
+//!
+//! [`repair`] is the way in. The operators of tier 1 are [`weld`], [`duplicates`], [`degenerate`], [`orient`] and
+//! [`holes`]; they work on a [`crate::mesh::Surface`] and answer what they changed as [`Change`]s.
 
+mod category;
+mod changes;
 mod context;
+pub mod degenerate;
+pub mod duplicates;
+pub mod holes;
 mod options;
+pub mod orient;
+mod outside;
+mod pipeline;
+mod plan;
+mod presets;
+pub mod quantise;
 mod remesher;
 mod report;
+pub mod sheets;
+mod summary;
+mod tiers;
+mod triangulate;
+mod verdict;
+pub mod weld;
 
+pub use category::categorise;
+pub use changes::{compare, red_flags};
 pub use context::{Cancelled, Context, NoProgress, Progress, Stage, monotonic_clock};
 pub use options::{Options, OptionsError, OutputFormat, Preset};
+pub use pipeline::{RepairError, Repaired, repair};
+pub use plan::make_plan;
 pub use remesher::{RemeshAction, RemeshError, RemeshRequest, Remeshed, Remesher, RemesherInfo};
 pub use report::*;

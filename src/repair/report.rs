@@ -216,6 +216,14 @@ pub struct Change {
     pub count: u64,
 }
 
+impl Change {
+    /// A list of the given changes without those that count nothing.
+    pub(super) fn list<const N: usize>(changes: [(&str, u64); N]) -> Vec<Self> {
+        let some = changes.into_iter().filter(|&(_, count)| count > 0);
+        some.map(|(what, count)| Self { what: what.to_owned(), count }).collect()
+    }
+}
+
 /// A result that was judged.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Candidate {

@@ -1,0 +1,79 @@
+use super::{BoundingBox, Measures, SelfIntersections, Volume, group_faces, nesting_depths, solids};
+use crate::math::{Box3, collinear, to_unit_range};
+use crate::mesh::{Edges, Fans, Parts, Soup, Surface, count_boundary_chains};
+use crate::repair::{Cancelled, Context};
+
+/// Measures a mesh as [`Measures`] says, after merging vertices at exactly equal positions.
+///
+/// O(n log n) in the number of faces.
+///
+/// # Errors
+/// [`Cancelled`] when the work should stop.
+pub fn measure(soup: &Soup, context: &Context<'_>) -> Result<Measures, Cancelled> {
+    let (surface, ingest) = Surface::from_soup(soup);
+    let mut it = Measures {
+        faces: soup.faces.len() as u64,
+        vertices: surface.positions.len() as u64,
+        unreferenced_vertices: ingest.unreferenced_vertices,
+        nonfinite_faces: ingest.nonfinite_faces,
+        self_intersections: SelfIntersections { checked: false, pairs: None },
+        ..Measures::default()
+    };
+    if surface.faces.is_empty() {
+        return Ok(it);
+    }
+    context.check()?;
+    let edges = Edges::new(&surface.faces);
+    context.check()?;
+    let parts = Parts::new(&surface, &edges);
+    let fans = Fans::new(&surface, &edges);
+    context.check()?;
+    it.edges = edges.len() as u64;
+    it.parts = parts.count as u64;
+    it.nonmanifold_vertices = fans.nonmanifold_vertices;
+    it.boundary_loops = count_boundary_chains(&edges, &fans);
+    it.degenerate_faces = count_degenerate(&surface);
+    it.duplicate_faces = (surface.faces.len() - group_faces(&surface.faces).len()) as u64;
+    context.check()?;
+    let mut balanced = true;
+    it.consistent = true;
+    for half_edges in edges.iter() {
+        let forward = half_edges.iter().filter(|&&h| Edges::is_forward(&surface.faces, h)).count();
+        match half_edges.len() {
+            1 => it.boundary_edges += 1,
+            2 => it.misoriented_edges += u64::from(forward != 1),
+            _ => it.nonmanifold_edges += 1,
+        }
+        balanced &= 2 * forward == half_edges.len();
+        it.consistent &= forward <= 1 && half_edges.len() - forward <= 1;
+    }
+    // Faces with a repeated vertex have no edges; a mesh of nothing else is not closed.
+    it.closed = it.boundary_edges == 0 && !edges.is_empty();
+    it.manifold = it.nonmanifold_edges == 0 && it.nonmanifold_vertices == 0;
+    let solids = solids(&surface, &edges, &parts);
+    let negative: Vec<bool> = solids.iter().map(|s| s.volume < 0.0).collect();
+    let depths = nesting_depths(&surface, &parts, &solids, &negative, context)?;
+    it.inverted_parts = depths.iter().filter(|d| d.is_some_and(|d| d % 2 == 0)).count() as u64;
+    it.outward = it.closed && it.manifold && it.consistent && it.inverted_parts == 0;
+    let bounds = Box3::of(surface.positions.iter().copied());
+    it.bounding_box = Some(BoundingBox { min: bounds.min.to_array(), max: bounds.max.to_array() });
+    it.area = (0..surface.faces.len()).map(|f| surface.area_vector(f).length() / 2.0).sum();
+    let about = bounds.centre();
+    let value = (0..surface.faces.len())
+        .map(|f| {
+            let [a, b, c] = surface.corners(f).map(|p| p - about);
+            a.dot(b.cross(c)) / 6.0
+        })
+        .sum();
+    it.volume = Volume { value, reliable: it.closed && balanced };
+    Ok(it)
+}
+
+fn count_degenerate(surface: &Surface) -> u64 {
+    let unit = to_unit_range(&surface.positions);
+    let on_line = |face: &&[u32; 3]| {
+        let [a, b, c] = face.map(|v| unit[v as usize]);
+        collinear(a, b, c)
+    };
+    surface.faces.iter().filter(on_line).count() as u64
+}

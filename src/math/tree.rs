@@ -1,0 +1,160 @@
+use glam::{DVec3, Vec3A};
+use obvhs::aabb::Aabb;
+use obvhs::bvh2::Bvh2;
+use obvhs::ploc::{PlocBuilder, PlocSearchDistance, SortPrecision};
+
+use super::Box3;
+
+/// How far a box in the tree reaches beyond its triangle, as a share of half of the model's longest side: more than
+/// the rounding of the tree's own frame, and a spread that keeps equal boxes from being equal (see [`Tree::new`]).
+const PAD: f64 = 1e-6;
+
+/// A tree of boxes over triangles, to find the few that a segment may meet.
+///
+/// It answers candidates, never hits: boxes are f32 and rounded outward, and the exact predicates decide.
+pub struct Tree {
+    bvh: Option<Bvh2>,
+    centre: DVec3,
+    scale: f64,
+}
+
+impl Tree {
+    /// Builds the tree. The same triangles give the same tree. All positions that are used must be finite.
+    ///
+    /// The builder is quadratic where many boxes are equal, so each box is widened by an amount that is hashed from
+    /// its index.
+    #[must_use]
+    pub fn new(positions: &[DVec3], faces: &[[u32; 3]]) -> Self {
+        let bounds = Box3::of(faces.iter().flatten().map(|&v| positions[v as usize]));
+        let centre = bounds.centre();
+        let half = (bounds.max * 0.5 - bounds.min * 0.5).max_element();
+        let scale = if half > 0.0 && half.is_finite() && (1.0 / half).is_finite() { 1.0 / half } else { 1.0 };
+        if faces.is_empty() {
+            return Self { bvh: None, centre, scale };
+        }
+        let boxes: Vec<Aabb> = faces
+            .iter()
+            .enumerate()
+            .map(|(index, face)| {
+                let b = Box3::of(face.map(|v| (positions[v as usize] - centre) * scale));
+                let pad = DVec3::splat(PAD * (1.0 + jitter(index)));
+                Aabb::new(vec3a(b.min - pad), vec3a(b.max + pad))
+            })
+            .collect();
+        #[expect(clippy::cast_possible_truncation, reason = "faces are counted in u32")]
+        let indices = (0..faces.len() as u32).collect();
+        let bvh = PlocBuilder::new().build(PlocSearchDistance::Minimum, &boxes, indices, SortPrecision::U64, 0);
+        Self { bvh: Some(bvh), centre, scale }
+    }
+
+    /// Calls `visit` with every triangle whose box the segment from `from` to `to` meets, until it answers `false`.
+    pub fn along(&self, from: DVec3, to: DVec3, mut visit: impl FnMut(u32) -> bool) {
+        let Some(bvh) = &self.bvh else { return };
+        let origin = (from - self.centre) * self.scale;
+        let step = (to - self.centre) * self.scale - origin;
+        let mut stack = vec![0u32];
+        while let Some(at) = stack.pop() {
+            let node = &bvh.nodes[at as usize];
+            let aabb = node.aabb();
+            if !meets(origin, step, aabb.min.as_dvec3(), aabb.max.as_dvec3()) {
+                continue;
+            }
+            if node.is_leaf() {
+                for i in 0..node.prim_count {
+                    if !visit(bvh.primitive_indices[(node.first_index + i) as usize]) {
+                        return;
+                    }
+                }
+            } else {
+                stack.push(node.first_index + 1);
+                stack.push(node.first_index);
+            }
+        }
+    }
+}
+
+#[expect(clippy::cast_possible_truncation, reason = "the pad is wider than f32's rounding in [-1, 1]")]
+fn vec3a(v: DVec3) -> Vec3A {
+    Vec3A::new(v.x as f32, v.y as f32, v.z as f32)
+}
+
+/// A number in `[0, 1)` from an index (the finaliser of SplitMix64, Steele et al. 2014).
+#[expect(clippy::cast_precision_loss, reason = "53 bits are kept")]
+fn jitter(index: usize) -> f64 {
+    let mut z = (index as u64).wrapping_add(0x9e37_79b9_7f4a_7c15);
+    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
+}
+
+/// Whether the segment meets the box: the slab test (Kay and Kajiya 1986), with a segment parallel to a slab decided
+/// by its origin.
+fn meets(origin: DVec3, step: DVec3, min: DVec3, max: DVec3) -> bool {
+    let (mut enter, mut leave) = (0.0f64, 1.0f64);
+    for k in 0..3 {
+        if step[k] == 0.0 {
+            if origin[k] < min[k] || origin[k] > max[k] {
+                return false;
+            }
+            continue;
+        }
+        let (a, b) = ((min[k] - origin[k]) / step[k], (max[k] - origin[k]) / step[k]);
+        enter = enter.max(a.min(b));
+        leave = leave.min(a.max(b));
+    }
+    enter <= leave
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn grid(n: u32) -> (Vec<DVec3>, Vec<[u32; 3]>) {
+        let positions = (0..n * 3)
+            .map(|i| {
+                let (t, c) = (i / 3, i % 3);
+                DVec3::new(f64::from(t) + f64::from(c % 2), f64::from(c / 2), 0.0)
+            })
+            .collect();
+        (positions, (0..n).map(|t| [3 * t, 3 * t + 1, 3 * t + 2]).collect())
+    }
+
+    #[test]
+    fn a_segment_meets_the_boxes_that_it_crosses_and_few_others() {
+        let (positions, faces) = grid(1000);
+        let tree = Tree::new(&positions, &faces);
+        let mut found = Vec::new();
+        tree.along(DVec3::new(500.2, 0.1, -1.0), DVec3::new(500.2, 0.1, 1.0), |f| {
+            found.push(f);
+            true
+        });
+        assert!(found.contains(&500), "{found:?}");
+        assert!(found.len() < 4, "{found:?}");
+    }
+
+    #[test]
+    fn one_triangle_and_no_triangle_make_trees_too() {
+        for n in [0, 1, 2] {
+            let (positions, faces) = grid(n);
+            let mut hits = 0;
+            Tree::new(&positions, &faces).along(DVec3::new(0.2, 0.1, -1.0), DVec3::new(0.2, 0.1, 1.0), |_| {
+                hits += 1;
+                true
+            });
+            assert_eq!(hits, n.min(1));
+        }
+    }
+
+    #[test]
+    fn many_equal_triangles_do_not_make_the_build_quadratic() {
+        let (positions, _) = grid(1);
+        let faces = vec![[0, 1, 2]; 50_000];
+        let tree = Tree::new(&positions, &faces);
+        let mut hits = 0;
+        tree.along(DVec3::new(0.2, 0.1, -1.0), DVec3::new(0.2, 0.1, 1.0), |_| {
+            hits += 1;
+            true
+        });
+        assert_eq!(hits, 50_000);
+    }
+}

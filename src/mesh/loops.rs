@@ -1,0 +1,166 @@
+use super::edges::next;
+use super::{Edges, Fans, Surface, UnionFind};
+
+/// The holes of a surface as closed walks along its boundary.
+///
+/// ```text
+///      face            a loop runs against the half-edges of the faces,
+///   u -----> v         so that a patch whose edges run along the loop
+///   u <----- v         fits the faces around it
+///      loop
+/// ```
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct BoundaryLoops {
+    /// Simple loops (no vertex twice) of at least three vertices, in the order of their smallest half-edge.
+    pub simple: Vec<Vec<u32>>,
+    /// For each simple loop, a face on its border.
+    pub face: Vec<u32>,
+    /// Boundary edges in no simple loop: walks that end, which needs inconsistent winding or non-manifold edges, and
+    /// two-edge loops.
+    pub left: u64,
+}
+
+/// Walks along the boundary, at each vertex from fan to fan, and cuts each walk where it meets itself.
+///
+/// The surface should be consistently wound; where it is not, walks end and are left.
+#[must_use]
+pub fn boundary_loops(surface: &Surface, edges: &Edges, fans: &Fans) -> BoundaryLoops {
+    let faces = &surface.faces;
+    // A face's half-edge u -> v on the boundary is walked as v -> u; the walk goes on in u's fan with the half-edge
+    // that ends in u, found by the fan of the corner where it ends.
+    let mut boundary: Vec<u32> = edges.iter().filter(|h| h.len() == 1).map(|h| h[0]).collect();
+    boundary.sort_unstable();
+    let mut by_end: Vec<(u32, u32)> = boundary.iter().map(|&h| (fans.of_corner[next(h) as usize], h)).collect();
+    by_end.sort_unstable();
+    let mut used = vec![false; by_end.len()];
+    let position_of = |h: u32| by_end.binary_search(&(fans.of_corner[next(h) as usize], h)).ok();
+    let mut loops = BoundaryLoops::default();
+    for &start in &boundary {
+        let Some(at) = position_of(start) else { continue };
+        if used[at] {
+            continue;
+        }
+        let mut walk = vec![start];
+        used[at] = true;
+        let mut h = start;
+        let closed = loop {
+            let fan = fans.of_corner[h as usize];
+            let from = by_end.partition_point(|&(f, _)| f < fan);
+            let Some(found) = (from..by_end.len())
+                .take_while(|&i| by_end[i].0 == fan)
+                .take(64)
+                .find(|&i| !used[i] || by_end[i].1 == start)
+            else {
+                break false;
+            };
+            h = by_end[found].1;
+            if h == start {
+                break true;
+            }
+            used[found] = true;
+            walk.push(h);
+        };
+        if closed {
+            cut_into_simple_loops(faces, &walk, &mut loops);
+        } else {
+            loops.left += walk.len() as u64;
+        }
+    }
+    loops
+}
+
+/// Cuts a closed walk at each vertex that it passes more than once.
+fn cut_into_simple_loops(faces: &[[u32; 3]], walk: &[u32], loops: &mut BoundaryLoops) {
+    // The vertices on the stack, with the half-edge that was walked to reach each.
+    let mut at: std::collections::HashMap<u32, usize> = std::collections::HashMap::with_capacity(walk.len());
+    let mut stack: Vec<(u32, u32)> = Vec::with_capacity(walk.len());
+    for &h in walk {
+        let [_, v] = Edges::ends(faces, h);
+        if let Some(&from) = at.get(&v) {
+            take_loop(&mut stack, from, &mut at, loops);
+        }
+        at.insert(v, stack.len());
+        stack.push((v, h / 3));
+    }
+    take_loop(&mut stack, 0, &mut at, loops);
+}
+
+fn take_loop(
+    stack: &mut Vec<(u32, u32)>,
+    from: usize,
+    at: &mut std::collections::HashMap<u32, usize>,
+    loops: &mut BoundaryLoops,
+) {
+    let piece = stack.split_off(from);
+    for (v, _) in &piece {
+        at.remove(v);
+    }
+    if piece.len() < 3 {
+        loops.left += piece.len() as u64;
+    } else {
+        loops.face.push(piece[0].1);
+        loops.simple.push(piece.iter().map(|&(v, _)| v).collect());
+    }
+}
+
+/// How many chains the boundary edges form, whatever the winding: boundary edges belong together where they bound the
+/// same fan.
+#[must_use]
+pub fn count_boundary_chains(edges: &Edges, fans: &Fans) -> u64 {
+    let boundary: Vec<u32> = edges.iter().filter(|h| h.len() == 1).map(|h| h[0]).collect();
+    let mut ends: Vec<(u32, u32)> = boundary
+        .iter()
+        .zip(0u32..)
+        .flat_map(|(&h, i)| [(fans.of_corner[h as usize], i), (fans.of_corner[next(h) as usize], i)])
+        .collect();
+    ends.sort_unstable();
+    let mut sets = UnionFind::new(boundary.len());
+    for pair in ends.windows(2).filter(|p| p[0].0 == p[1].0) {
+        sets.unite(pair[0].1, pair[1].1);
+    }
+    (0u32..).zip(&boundary).filter(|&(i, _)| sets.root(i) == i).count() as u64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::DVec3;
+
+    fn surface(faces: Vec<[u32; 3]>) -> Surface {
+        let n = faces.iter().flatten().max().map_or(0, |m| m + 1);
+        let source = vec![0; faces.len()];
+        Surface { positions: (0..n).map(|i| DVec3::splat(f64::from(i))).collect(), faces, source }
+    }
+
+    fn loops(faces: Vec<[u32; 3]>) -> (BoundaryLoops, u64) {
+        let surface = surface(faces);
+        let edges = Edges::new(&surface.faces);
+        let fans = Fans::new(&surface, &edges);
+        (boundary_loops(&surface, &edges, &fans), count_boundary_chains(&edges, &fans))
+    }
+
+    #[test]
+    fn a_loop_runs_against_the_half_edges_of_the_faces() {
+        let (it, chains) = loops(vec![[0, 1, 2], [0, 2, 3]]);
+        assert_eq!(it.simple, [[1, 0, 3, 2]]);
+        assert_eq!((it.left, chains), (0, 1));
+    }
+
+    #[test]
+    fn two_holes_that_touch_in_a_vertex_are_two_simple_loops() {
+        // Two triangles joined in vertex 0 by nothing but the vertex.
+        let (it, _) = loops(vec![[0, 1, 2], [0, 3, 4]]);
+        assert_eq!(it.simple.len(), 2);
+        assert!(it.simple.iter().all(|l| l.len() == 3));
+    }
+
+    #[test]
+    fn a_walk_that_cannot_go_on_is_left() {
+        // The second face is turned the wrong way.
+        let (it, chains) = loops(vec![[0, 1, 2], [0, 3, 2]].into_iter().map(|f: [u32; 3]| f).collect());
+        let (turned, _) = loops(vec![[0, 1, 2], [2, 3, 0]]);
+        assert_eq!(turned.left, 0);
+        assert_eq!(it.simple.len() as u64 + it.left.min(1), 1);
+        assert_eq!(chains, 1);
+    }
+}

@@ -1,0 +1,65 @@
+use super::{Edges, Surface, UnionFind};
+
+/// The edge-connected parts of a surface: faces belong together where a chain of shared edges joins them.
+///
+/// Parts are numbered in the order of their first face. Faces with a repeated vertex belong to no part.
+#[derive(Debug, Clone)]
+pub struct Parts {
+    /// The part of each face, or [`Parts::NONE`].
+    pub of_face: Vec<u32>,
+    /// How many parts there are.
+    pub count: usize,
+}
+
+impl Parts {
+    /// The part of a face that belongs to none.
+    pub const NONE: u32 = u32::MAX;
+
+    /// Parts joined across every shared edge, however many faces it has.
+    #[must_use]
+    pub fn new(surface: &Surface, edges: &Edges) -> Self {
+        Self::joined_where(surface, edges, |_| true)
+    }
+
+    /// Patches: parts joined across edges of exactly two faces only.
+    #[must_use]
+    pub fn patches(surface: &Surface, edges: &Edges) -> Self {
+        Self::joined_where(surface, edges, |half_edges| half_edges.len() == 2)
+    }
+
+    fn joined_where(surface: &Surface, edges: &Edges, joins: impl Fn(&[u32]) -> bool) -> Self {
+        let mut sets = UnionFind::new(surface.faces.len());
+        for half_edges in edges.iter().filter(|h| joins(h)) {
+            for pair in half_edges.windows(2) {
+                sets.unite(pair[0] / 3, pair[1] / 3);
+            }
+        }
+        let mut number = vec![Self::NONE; surface.faces.len()];
+        let mut count = 0u32;
+        let mut of_face = vec![Self::NONE; surface.faces.len()];
+        for (&[a, b, c], f) in surface.faces.iter().zip(0u32..) {
+            if a == b || b == c || c == a {
+                continue;
+            }
+            let root = sets.root(f) as usize;
+            if number[root] == Self::NONE {
+                number[root] = count;
+                count += 1;
+            }
+            of_face[f as usize] = number[root];
+        }
+        Self { of_face, count: count as usize }
+    }
+
+    /// The faces of each part, in order.
+    #[must_use]
+    pub fn faces(&self) -> Vec<Vec<u32>> {
+        let mut lists = vec![Vec::new(); self.count];
+        for (&part, f) in self.of_face.iter().zip(0u32..) {
+            if part != Self::NONE {
+                lists[part as usize].push(f);
+            }
+        }
+        lists
+    }
+}

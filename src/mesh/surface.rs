@@ -1,0 +1,229 @@
+use glam::DVec3;
+
+use super::Soup;
+
+/// The source of a face that no input face gave, such as one of a patch.
+pub const NO_SOURCE: u32 = u32::MAX;
+
+/// An indexed triangle surface: positions are finite and pairwise different when it is made, every index is in range.
+///
+/// Vertices stand in the order of their first use by a face, faces in the order of the input. Faces may be degenerate
+/// (even with a repeated vertex), duplicated, intersecting or turned any way; edges may have any number of faces.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Surface {
+    /// Vertex positions.
+    pub positions: Vec<DVec3>,
+    /// Faces as indices into `positions`.
+    pub faces: Vec<[u32; 3]>,
+    /// For each face the index of the input face that it is or was cut from, or [`NO_SOURCE`].
+    pub source: Vec<u32>,
+}
+
+/// What was left out or merged when a [`Surface`] was made of a [`Soup`].
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Ingest {
+    /// Faces with a corner that is not finite or whose index has no vertex.
+    pub nonfinite_faces: u64,
+    /// Vertices that no face uses, the non-finite faces counting as faces.
+    pub unreferenced_vertices: u64,
+    /// Used vertices that stand at the position of another one.
+    pub merged_vertices: u64,
+}
+
+impl Surface {
+    /// Drops non-finite faces and merges vertices at exactly equal positions; `-0.0` equals `0.0`.
+    #[must_use]
+    pub fn from_soup(soup: &Soup) -> (Self, Ingest) {
+        let mut ingest = Ingest::default();
+        let finite: Vec<bool> = soup.positions.iter().map(|p| p.is_finite()).collect();
+        let mut referenced = vec![false; soup.positions.len()];
+        let mut faces = Vec::with_capacity(soup.faces.len());
+        let mut source = Vec::with_capacity(soup.faces.len());
+        for (&face, index) in soup.faces.iter().zip(0u32..) {
+            for v in face {
+                if let Some(it) = referenced.get_mut(v as usize) {
+                    *it = true;
+                }
+            }
+            if face.iter().all(|&v| finite.get(v as usize).is_some_and(|&f| f)) {
+                faces.push(face);
+                source.push(index);
+            } else {
+                ingest.nonfinite_faces += 1;
+            }
+        }
+        ingest.unreferenced_vertices = referenced.iter().filter(|&&r| !r).count() as u64;
+        let mut surface = Self { positions: soup.positions.clone(), faces, source };
+        ingest.merged_vertices = weld_exactly(&mut surface);
+        (surface, ingest)
+    }
+
+    /// The triangles alone.
+    #[must_use]
+    pub fn to_soup(&self) -> Soup {
+        Soup { positions: self.positions.clone(), faces: self.faces.clone() }
+    }
+
+    /// The corner positions of face `face`.
+    ///
+    /// # Panics
+    /// When `face` is not an index of `faces`.
+    #[must_use]
+    pub fn corners(&self, face: usize) -> [DVec3; 3] {
+        self.faces[face].map(|v| self.positions[v as usize])
+    }
+
+    /// Twice the area of a face times its unit normal.
+    ///
+    /// # Panics
+    /// When `face` is not an index of `faces`.
+    #[must_use]
+    pub fn area_vector(&self, face: usize) -> DVec3 {
+        let [a, b, c] = self.corners(face);
+        (b - a).cross(c - a)
+    }
+
+    /// Adds a face that no input face gave.
+    pub fn push_patch(&mut self, face: [u32; 3]) {
+        self.faces.push(face);
+        self.source.push(NO_SOURCE);
+    }
+
+    /// Keeps the faces for which `keep` (one for each face) is true. Answers how many went.
+    pub fn retain_faces(&mut self, keep: &[bool]) -> u64 {
+        let before = self.faces.len();
+        let mut flags = keep.iter();
+        self.faces.retain(|_| flags.next().is_some_and(|&k| k));
+        let mut flags = keep.iter();
+        self.source.retain(|_| flags.next().is_some_and(|&k| k));
+        (before - self.faces.len()) as u64
+    }
+
+    /// Drops vertices that no face uses and numbers the others by first use. Answers how many went.
+    pub fn drop_unreferenced(&mut self) -> u64 {
+        let before = self.positions.len();
+        let mut new_index = vec![u32::MAX; before];
+        let mut positions = Vec::with_capacity(before);
+        for v in self.faces.iter_mut().flatten() {
+            let slot = &mut new_index[*v as usize];
+            if *slot == u32::MAX {
+                #[expect(clippy::cast_possible_truncation, reason = "no more than there were indices")]
+                {
+                    *slot = positions.len() as u32;
+                }
+                positions.push(self.positions[*v as usize]);
+            }
+            *v = *slot;
+        }
+        self.positions = positions;
+        (before - self.positions.len()) as u64
+    }
+
+    /// Whether the type's promises hold; for tests.
+    ///
+    /// # Errors
+    /// The first promise that is broken, in words.
+    pub fn check(&self) -> Result<(), String> {
+        if self.source.len() != self.faces.len() {
+            return Err(format!("{} sources for {} faces", self.source.len(), self.faces.len()));
+        }
+        if let Some(p) = self.positions.iter().find(|p| !p.is_finite()) {
+            return Err(format!("position {p} is not finite"));
+        }
+        if let Some(f) = self.faces.iter().find(|f| f.iter().any(|&v| v as usize >= self.positions.len())) {
+            return Err(format!("face {f:?} names a vertex that is not there"));
+        }
+        let mut keys: Vec<_> = self.positions.iter().map(|&p| position_key(p)).collect();
+        keys.sort_unstable();
+        if keys.windows(2).any(|w| w[0] == w[1]) {
+            return Err("two vertices stand at the same position".to_owned());
+        }
+        Ok(())
+    }
+}
+
+/// Merges vertices at exactly equal positions (the first used one stays) and drops those that no face uses.
+/// Answers how many used vertices were merged into another.
+pub fn weld_exactly(surface: &mut Surface) -> u64 {
+    surface.drop_unreferenced();
+    // By sorting, not by hashing: no input makes it slow, and the order is the same everywhere.
+    let mut order: Vec<([u64; 3], u32)> = surface.positions.iter().map(|&p| position_key(p)).zip(0..).collect();
+    order.sort_unstable();
+    let mut target = vec![0u32; order.len()];
+    let (mut first, mut merged) = (0usize, 0u64);
+    for i in 0..order.len() {
+        if order[i].0 == order[first].0 {
+            merged += u64::from(i != first);
+        } else {
+            first = i;
+        }
+        target[order[i].1 as usize] = order[first].1;
+    }
+    if merged > 0 {
+        for v in surface.faces.iter_mut().flatten() {
+            *v = target[*v as usize];
+        }
+        surface.drop_unreferenced();
+    }
+    merged
+}
+
+fn position_key(p: DVec3) -> [u64; 3] {
+    // Adding 0.0 turns -0.0 into 0.0.
+    p.to_array().map(|x| (x + 0.0).to_bits())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn soup() -> Soup {
+        Soup {
+            positions: vec![
+                DVec3::X,
+                DVec3::new(9.0, 9.0, 9.0),
+                DVec3::Y,
+                DVec3::new(-0.0, 0.0, 0.0),
+                DVec3::new(0.0, -0.0, 0.0),
+                DVec3::X,
+                DVec3::NAN,
+            ],
+            faces: vec![[3, 0, 2], [5, 4, 2], [0, 2, 6]],
+        }
+    }
+
+    #[test]
+    fn equal_positions_become_one_vertex_and_minus_zero_equals_zero() {
+        let (surface, ingest) = Surface::from_soup(&soup());
+        assert_eq!(surface.positions, [DVec3::ZERO, DVec3::X, DVec3::Y]);
+        assert_eq!(surface.faces, [[0, 1, 2], [1, 0, 2]]);
+        assert_eq!(ingest.merged_vertices, 2);
+        surface.check().unwrap();
+    }
+
+    #[test]
+    fn faces_that_are_not_finite_are_dropped_and_counted() {
+        let (surface, ingest) = Surface::from_soup(&soup());
+        assert_eq!(surface.source, [0, 1]);
+        assert_eq!(ingest.nonfinite_faces, 1);
+        assert_eq!(ingest.unreferenced_vertices, 1);
+    }
+
+    #[test]
+    fn an_index_out_of_range_does_not_panic() {
+        let soup = Soup { positions: vec![DVec3::ZERO], faces: vec![[0, 7, 0]] };
+        assert_eq!(Surface::from_soup(&soup).1.nonfinite_faces, 1);
+    }
+
+    #[test]
+    fn dropping_unreferenced_vertices_keeps_the_order_of_first_use() {
+        let mut surface = Surface {
+            positions: vec![DVec3::X, DVec3::Y, DVec3::Z, DVec3::ONE],
+            faces: vec![[3, 0, 2]],
+            source: vec![0],
+        };
+        assert_eq!(surface.drop_unreferenced(), 1);
+        assert_eq!(surface.positions, [DVec3::ONE, DVec3::X, DVec3::Z]);
+        assert_eq!(surface.faces, [[0, 1, 2]]);
+    }
+}

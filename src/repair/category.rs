@@ -1,0 +1,53 @@
+use super::Category;
+use crate::inspect::Measures;
+
+/// Where one kind of trouble ends and another begins.
+struct Thresholds {
+    /// Share of the area in open sheets that makes the whole an open sheet.
+    sheet_share: f64,
+    /// Boundary loops from which on holes are many.
+    many_loops: u64,
+    /// Parts from which on a model is fragmented, ...
+    fragments: u64,
+    /// ... if it has on average at most this many faces a part, or
+    faces_a_fragment: u64,
+    /// boundary loops for at least this share of its parts.
+    open_fragments: f64,
+}
+
+const THRESHOLDS: Thresholds =
+    Thresholds { sheet_share: 0.9, many_loops: 8, fragments: 10, faces_a_fragment: 20, open_fragments: 0.5 };
+
+/// What kind of trouble a model is in, by its measures and by the share of its area in open sheets.
+#[must_use]
+#[expect(clippy::cast_precision_loss, reason = "counts are far below 2^53")]
+pub fn categorise(m: &Measures, sheet_share: f64) -> Category {
+    let t = &THRESHOLDS;
+    if m.printable() {
+        return Category::Clean;
+    }
+    if m.boundary_edges > 0 && sheet_share >= t.sheet_share {
+        return Category::OpenSheet;
+    }
+    let small = m.faces <= m.parts.saturating_mul(t.faces_a_fragment);
+    let open = m.boundary_loops as f64 >= m.parts as f64 * t.open_fragments;
+    if m.parts >= t.fragments && (small || open) {
+        return Category::Fragmented;
+    }
+    let nonmanifold = m.nonmanifold_edges > 0 || m.nonmanifold_vertices > 0;
+    let holes = m.boundary_edges > 0;
+    let turned = m.misoriented_edges > 0 || m.inverted_parts > 0 || m.volume.value < 0.0;
+    let faces = m.degenerate_faces > 0 || m.duplicate_faces > 0 || m.nonfinite_faces > 0;
+    let crossed = m.self_intersections.pairs.unwrap_or(0) > 0;
+    match (nonmanifold, holes, crossed) {
+        (false, false, false) if turned => Category::Orientation,
+        (false, false, false) if faces => Category::Degenerate,
+        _ if m.parts > 1 => Category::MultipleComponents,
+        (true, false, false) => Category::NonManifold,
+        (false, true, false) if turned => Category::Complex,
+        (false, true, false) if m.boundary_loops >= t.many_loops => Category::ManySmallHoles,
+        (false, true, false) => Category::Holes,
+        (false, false, true) => Category::SelfIntersecting,
+        _ => Category::Complex,
+    }
+}

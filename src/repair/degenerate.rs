@@ -1,0 +1,100 @@
+//! Faces without area.
+
+use std::collections::HashSet;
+
+use super::{Cancelled, Change, Context};
+use crate::math::{collinear, midmost, to_unit_range};
+use crate::mesh::{Edges, Surface};
+
+/// Passes over the mesh: a stack of caps loses one layer in each, and a stack so deep is no model.
+const MOST_PASSES: usize = 64;
+
+/// Drops faces with a repeated vertex. Their half-edges cancel, so that nothing opens. Answers how many went.
+pub fn remove_collapsed(surface: &mut Surface) -> Vec<Change> {
+    let keep: Vec<bool> = surface.faces.iter().map(|&[a, b, c]| a != b && b != c && c != a).collect();
+    Change::list([("collapsed_faces_removed", surface.retain_faces(&keep))])
+}
+
+/// Removes faces whose three different corners lie on a line, without opening the surface and without moving a vertex.
+///
+/// The middle corner `m` lies on the long edge. The face beyond that edge is cut in two at `m`, which is an edge flip;
+/// since `m` lies on the edge, the surface stays where it was. Where nothing is beyond, the face just goes.
+///
+/// ```text
+///        m                     m
+///    a-------b             a-------b
+///     \     /       ->      \  |  /
+///      \   /                 \ | /
+///        d                     d
+/// ```
+///
+/// Precondition: no face with a repeated vertex. Result: each removal takes one face without area away and makes
+/// none. Leaves: faces whose long edge has more than two faces, or where the edge from `m` to `d` is there already
+/// (it would get a third face); they are what remains in the count of degenerate faces.
+///
+/// # Errors
+/// [`Cancelled`] when the work should stop; passes that are done stay done.
+pub fn remove_caps(surface: &mut Surface, context: &Context<'_>) -> Result<Vec<Change>, Cancelled> {
+    let unit = to_unit_range(&surface.positions);
+    let flat = |face: [u32; 3]| {
+        let [a, b, c] = face.map(|v| unit[v as usize]);
+        collinear(a, b, c)
+    };
+    let (mut flipped, mut dropped) = (0u64, 0u64);
+    let mut caps: Vec<u32> = (0u32..).zip(&surface.faces).filter(|&(_, &f)| flat(f)).map(|(i, _)| i).collect();
+    for _ in 0..MOST_PASSES {
+        context.check()?;
+        if caps.is_empty() {
+            break;
+        }
+        let edges = Edges::new(&surface.faces);
+        let mut touched = HashSet::new();
+        let mut made = HashSet::new();
+        let mut keep = vec![true; surface.faces.len()];
+        let before = (flipped, dropped);
+        for &cap in &caps {
+            let face = surface.faces[cap as usize];
+            let middle = midmost(face.map(|v| unit[v as usize]));
+            let [m, a, b] = [face[middle], face[(middle + 1) % 3], face[(middle + 2) % 3]];
+            let Some(long) = edges.find(a, b) else { continue };
+            match *edges.half_edges(long) {
+                [_] if touched.insert(cap) => {
+                    keep[cap as usize] = false;
+                    dropped += 1;
+                }
+                [x, y] => {
+                    let beyond = if x / 3 == cap { y / 3 } else { x / 3 };
+                    let other = surface.faces[beyond as usize];
+                    let Some(d) = other.into_iter().find(|&v| v != a && v != b) else { continue };
+                    let new_edge = (m.min(d), m.max(d));
+                    if d == m
+                        || touched.contains(&cap)
+                        || touched.contains(&beyond)
+                        || flat(other)
+                        || edges.find(m, d).is_some()
+                        || !made.insert(new_edge)
+                    {
+                        continue;
+                    }
+                    touched.extend([cap, beyond]);
+                    let with_m_for = |gone: u32| other.map(|v| if v == gone { m } else { v });
+                    surface.faces[beyond as usize] = with_m_for(a);
+                    surface.faces[cap as usize] = with_m_for(b);
+                    surface.source[cap as usize] = surface.source[beyond as usize];
+                    flipped += 1;
+                }
+                _ => {}
+            }
+        }
+        if (flipped, dropped) == before {
+            break;
+        }
+        surface.retain_faces(&keep);
+        caps = (0u32..).zip(&surface.faces).filter(|&(_, &f)| flat(f)).map(|(i, _)| i).collect();
+    }
+    Ok(Change::list([
+        ("degenerate_faces_flipped", flipped),
+        ("degenerate_faces_removed", dropped),
+        ("degenerate_faces_left", caps.len() as u64),
+    ]))
+}

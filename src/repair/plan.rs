@@ -1,0 +1,61 @@
+use super::presets::{RECIPES, preset_for, tier_of};
+use super::{Action, Category, Options, Plan, Preset, Rung};
+use crate::inspect::Measures;
+
+/// Makes the plan: the preset that was asked for, or the one for the model's category; then Blender, unless the model
+/// is an open sheet or `max_tier` forbids it.
+///
+/// Blender comes in two ways. A boolean union with itself keeps sharp edges and faces where they are but needs
+/// closed parts; so it is tried first where there are several parts, which may overlap or lie in one another, or
+/// non-manifold edges, which often are where solids touch. A voxel remesh takes anything and keeps no face.
+#[must_use]
+pub fn make_plan(before: &Measures, category: Category, options: &Options) -> Plan {
+    let (preset, reason) = match options.preset {
+        Preset::Auto => {
+            let (preset, reason) = preset_for(category, before.parts);
+            (preset, format!("{reason}, so {} was chosen", name(preset)))
+        }
+        asked => (asked, format!("{} was asked for", name(asked))),
+    };
+    let mut rungs = Vec::new();
+    if preset != Preset::BlenderRemesh {
+        rungs.extend(rung(preset, options.max_tier, None));
+    }
+    let remesh = preset == Preset::BlenderRemesh || !matches!(category, Category::OpenSheet | Category::Clean);
+    if remesh && options.max_tier >= 3 {
+        if before.parts > 1 || before.nonmanifold_edges > 0 {
+            rungs.extend(rung(Preset::BlenderRemesh, 3, Some(Action::BooleanUnion)));
+        }
+        rungs.extend(rung(Preset::BlenderRemesh, 3, None));
+    }
+    if preset == Preset::BlenderRemesh {
+        // Blender may be missing, not allowed, or fail; what tier 1 can do is better than nothing.
+        rungs.extend(rung(Preset::FillHoles, 1, None));
+    }
+    Plan { category, preset, reason, rungs }
+}
+
+/// The preset's actions up to a tier, the remesh being replaced where asked.
+fn rung(preset: Preset, max_tier: u8, instead_of_voxels: Option<Action>) -> Option<Rung> {
+    let recipe = RECIPES.iter().find(|r| r.preset == preset)?;
+    let actions: Vec<Action> = recipe
+        .actions
+        .iter()
+        .filter(|&&a| tier_of(a) <= max_tier)
+        .map(|&a| if a == Action::VoxelRemesh { instead_of_voxels.unwrap_or(a) } else { a })
+        .collect();
+    let tier = actions.iter().map(|&a| tier_of(a)).max()?;
+    Some(Rung { tier, preset, actions })
+}
+
+pub(super) fn name(preset: Preset) -> &'static str {
+    match preset {
+        Preset::Auto => "auto",
+        Preset::BasicCleanup => "basic-cleanup",
+        Preset::FillHoles => "fill-holes",
+        Preset::FullRepair => "full-repair",
+        Preset::ConservativeRepair => "conservative-repair",
+        Preset::ManifoldRepair => "manifold-repair",
+        Preset::BlenderRemesh => "blender-remesh",
+    }
+}

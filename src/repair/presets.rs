@@ -1,0 +1,86 @@
+use super::{Action, Category, Preset, RemeshAction};
+
+/// What a preset does, in order, and what runs after it when the result is not good enough.
+pub(super) struct Recipe {
+    pub preset: Preset,
+    pub actions: &'static [Action],
+}
+
+/// The presets of the guide ("Filter Scripts & When to Use Them"). Tier 2 is not part of this version: what leans on
+/// it closes holes by tier 1 in that place, so that it does useful work. Normals are made consistent before holes are
+/// closed, because a hole's border is walked along the winding, and outward afterwards, because only a closed
+/// part has a sign.
+pub(super) const RECIPES: [Recipe; 6] = {
+    use Action::{BasicCleanup, FillHoles, FixNormals, MakeManifold, Mend, MendConservative, Validate, VoxelRemesh};
+    [
+        Recipe { preset: Preset::BasicCleanup, actions: &[BasicCleanup, FixNormals, Validate] },
+        Recipe { preset: Preset::FillHoles, actions: &[BasicCleanup, FixNormals, FillHoles, FixNormals, Validate] },
+        Recipe {
+            preset: Preset::FullRepair,
+            actions: &[BasicCleanup, FixNormals, Mend, FillHoles, FixNormals, Validate],
+        },
+        Recipe {
+            preset: Preset::ConservativeRepair,
+            actions: &[BasicCleanup, FixNormals, MendConservative, FillHoles, FixNormals, Validate],
+        },
+        Recipe {
+            preset: Preset::ManifoldRepair,
+            actions: &[BasicCleanup, FixNormals, MakeManifold, FillHoles, FixNormals, Validate],
+        },
+        // A voxel remesh keeps only what is enclosed, so holes are closed before it.
+        Recipe {
+            preset: Preset::BlenderRemesh,
+            actions: &[
+                BasicCleanup,
+                FixNormals,
+                FillHoles,
+                FixNormals,
+                VoxelRemesh,
+                BasicCleanup,
+                FixNormals,
+                FillHoles,
+                FixNormals,
+                Validate,
+            ],
+        },
+    ]
+};
+
+/// The preset for each category (the guide's "Category-to-Filter Mapping") and why.
+pub(super) fn preset_for(category: Category, parts: u64) -> (Preset, &'static str) {
+    match category {
+        Category::Clean => (Preset::BasicCleanup, "nothing is wrong with the model"),
+        Category::Orientation => (Preset::BasicCleanup, "only the direction of faces is wrong"),
+        Category::Degenerate => (Preset::BasicCleanup, "only degenerate or duplicate faces are wrong"),
+        Category::OpenSheet => (
+            Preset::BasicCleanup,
+            "the model is an open surface that encloses nothing; closing it would invent a solid that it does not describe",
+        ),
+        _ if parts > 1 => (Preset::ConservativeRepair, "the model has several parts, and each must be kept"),
+        Category::Holes | Category::ManySmallHoles => (Preset::FullRepair, "one part with holes"),
+        Category::SelfIntersecting => (Preset::FullRepair, "one part whose faces intersect"),
+        Category::NonManifold => (Preset::ManifoldRepair, "one part with non-manifold edges or vertices"),
+        Category::Fragmented | Category::MultipleComponents | Category::Complex => {
+            (Preset::ConservativeRepair, "several kinds of damage; the safe choice")
+        }
+    }
+}
+
+/// The tier that an action belongs to; 0 for validation.
+pub(super) fn tier_of(action: Action) -> u8 {
+    match action {
+        Action::Validate => 0,
+        Action::BasicCleanup | Action::FixNormals | Action::FillHoles => 1,
+        Action::Mend | Action::MendConservative | Action::MakeManifold => 2,
+        Action::VoxelRemesh | Action::BooleanUnion => 3,
+    }
+}
+
+/// What an action asks of Blender.
+pub(super) fn remesh_action(action: Action) -> Option<RemeshAction> {
+    match action {
+        Action::VoxelRemesh => Some(RemeshAction::VoxelRemesh),
+        Action::BooleanUnion => Some(RemeshAction::BooleanUnion),
+        _ => None,
+    }
+}

@@ -1,0 +1,62 @@
+//! Open sheets told from solids with holes.
+
+use glam::DVec3;
+
+use crate::inspect::solids;
+use crate::mesh::{Edges, Fans, Parts, Surface, boundary_loops};
+
+/// A part is closed when its patches have at most this share of its own area, ...
+const MOST_PATCH_SHARE: f64 = 0.5;
+/// ... or when the closed part is at least this round (36 pi V^2 / A^3, 1 for a ball).
+const LEAST_QUOTIENT: f64 = 0.02;
+
+/// Whether an open part with patches over its holes is a solid with holes, rather than an open sheet such as terrain
+/// or a single wall.
+///
+/// A sheet's patch is about as large as the sheet, and what lies between them is thin. `volume` is that of the closed
+/// part, where all its holes have a patch.
+#[must_use]
+pub fn encloses(area: f64, patch_area: f64, volume: Option<f64>) -> bool {
+    if patch_area <= MOST_PATCH_SHARE * area {
+        return true;
+    }
+    let closed = area + patch_area;
+    // In this order so that neither factor leaves the range of f64.
+    let quotient = |v: f64| 36.0 * std::f64::consts::PI * (v / closed).powi(2) / closed;
+    volume.is_some_and(|v| quotient(v) >= LEAST_QUOTIENT)
+}
+
+/// Share of the surface's area in parts that are open sheets, each hole being closed by a cone over its middle.
+///
+/// The surface should be oriented and welded. Linear but for sorting.
+#[must_use]
+pub fn open_sheet_share(surface: &Surface) -> f64 {
+    let edges = Edges::new(&surface.faces);
+    let parts = Parts::new(surface, &edges);
+    let fans = Fans::new(surface, &edges);
+    let loops = boundary_loops(surface, &edges, &fans);
+    let solids = solids(surface, &edges, &parts);
+    let mut patch_area = vec![0.0; parts.count];
+    let mut volume: Vec<f64> = solids.iter().map(|s| s.volume).collect();
+    let mut open = vec![false; parts.count];
+    for half_edges in edges.iter().filter(|h| h.len() == 1) {
+        open[parts.of_face[half_edges[0] as usize / 3] as usize] = true;
+    }
+    for (vertices, &face) in loops.simple.iter().zip(&loops.face) {
+        let part = parts.of_face[face as usize] as usize;
+        let about = solids[part].bounds.centre();
+        let at = |i: usize| surface.positions[vertices[i % vertices.len()] as usize] - about;
+        #[expect(clippy::cast_precision_loss, reason = "a loop is far shorter than 2^53")]
+        let middle = (0..vertices.len()).map(at).sum::<DVec3>() / vertices.len() as f64;
+        for i in 0..vertices.len() {
+            patch_area[part] += (at(i) - middle).cross(at(i + 1) - middle).length() / 2.0;
+            volume[part] += middle.dot(at(i).cross(at(i + 1))) / 6.0;
+        }
+    }
+    let total: f64 = solids.iter().map(|s| s.area).sum();
+    let sheets: f64 = (0..parts.count)
+        .filter(|&p| open[p] && !encloses(solids[p].area, patch_area[p], Some(volume[p])))
+        .map(|p| solids[p].area)
+        .sum();
+    if total > 0.0 { sheets / total } else { 0.0 }
+}

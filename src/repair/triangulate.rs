@@ -1,0 +1,150 @@
+use glam::DVec3;
+
+/// Dihedral angles are compared in steps of this many degrees; what is equal then goes by area.
+const STEP_DEGREES: f64 = 5.0;
+/// The step of a triangle without area: worse than any fold.
+const NO_AREA: u16 = 60;
+
+/// The weight of a triangulation: its worst dihedral angle in steps, then its area (Liepa 2003, section 3).
+#[derive(Debug, Clone, Copy, PartialEq, PartialOrd)]
+struct Weight(u16, f64);
+
+const NEVER: Weight = Weight(u16::MAX, f64::INFINITY);
+
+/// The triangulation of a closed polygon in space with the least worst fold, then the least area.
+///
+/// `normals[i]` is the unit normal of the face across the side from corner `i` to corner `i + 1`, or zero where there
+/// is none; `forbidden(i, j)` says which diagonals may not be used. Triangles run the way the polygon runs.
+/// None where every triangulation needs a forbidden diagonal. O(n^3) time, O(n^2) memory.
+///
+/// Liepa 2003, "Filling Holes in Meshes"; the recurrence is that of Barequet and Sharir 1995.
+pub(super) fn least_weight(
+    points: &[DVec3],
+    normals: &[DVec3],
+    forbidden: impl Fn(usize, usize) -> bool,
+    mut go_on: impl FnMut() -> bool,
+) -> Option<Vec<[usize; 3]>> {
+    let n = points.len();
+    let at = |i: usize, j: usize| i * n + j;
+    let mut weight = vec![Weight(0, 0.0); n * n];
+    let mut apex = vec![0usize; n * n];
+    let mut normal = vec![DVec3::ZERO; n * n];
+    for i in 0..n {
+        normal[at(i, (i + 1) % n)] = normals[i];
+    }
+    for span in 2..n {
+        if !go_on() {
+            return None;
+        }
+        for i in 0..n - span {
+            let j = i + span;
+            let mut best = NEVER;
+            if !(forbidden(i, j) && span < n - 1) {
+                for k in i + 1..j {
+                    let (left, right) = (weight[at(i, k)], weight[at(k, j)]);
+                    if left == NEVER || right == NEVER || left.0.max(right.0) > best.0 {
+                        continue;
+                    }
+                    let cross = (points[k] - points[i]).cross(points[j] - points[i]);
+                    let length = cross.length();
+                    let own = if length > 0.0 { cross / length } else { DVec3::ZERO };
+                    let mut fold = if length > 0.0 { 0 } else { NO_AREA };
+                    fold = fold.max(step(own, normal[at(i, k)])).max(step(own, normal[at(k, j)]));
+                    if span == n - 1 {
+                        fold = fold.max(step(own, normal[at(n - 1, 0)]));
+                    }
+                    let it = Weight(fold.max(left.0).max(right.0), left.1 + right.1 + length);
+                    if it < best {
+                        best = it;
+                        apex[at(i, j)] = k;
+                        if span < n - 1 {
+                            normal[at(i, j)] = own;
+                        }
+                    }
+                }
+            }
+            weight[at(i, j)] = best;
+        }
+    }
+    if weight[at(0, n - 1)] == NEVER {
+        return None;
+    }
+    let mut triangles = Vec::with_capacity(n - 2);
+    let mut stack = vec![(0, n - 1)];
+    while let Some((i, j)) = stack.pop() {
+        if j - i < 2 {
+            continue;
+        }
+        let k = apex[at(i, j)];
+        triangles.push([i, k, j]);
+        stack.push((k, j));
+        stack.push((i, k));
+    }
+    Some(triangles)
+}
+
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "an angle of at most 180 degrees")]
+fn step(a: DVec3, b: DVec3) -> u16 {
+    if a == DVec3::ZERO || b == DVec3::ZERO {
+        return 0;
+    }
+    (a.dot(b).clamp(-1.0, 1.0).acos().to_degrees() / STEP_DEGREES) as u16
+}
+
+/// Triangles of a polygon that is simple when it is looked at along its own normal, by ear cutting. None where it
+/// is not, or where a diagonal is forbidden.
+pub(super) fn flat(points: &[DVec3], forbidden: impl Fn(usize, usize) -> bool) -> Option<Vec<[usize; 3]>> {
+    let n = points.len();
+    let about = points[0];
+    let newell: DVec3 = (0..n).map(|i| (points[i] - about).cross(points[(i + 1) % n] - about)).sum();
+    let normal = newell.try_normalize()?;
+    let x = normal.any_orthonormal_vector();
+    let y = normal.cross(x);
+    let plane: Vec<[f64; 2]> = points.iter().map(|p| [(*p - about).dot(x), (*p - about).dot(y)]).collect();
+    let mut out: Vec<u32> = Vec::new();
+    earcut::Earcut::new().earcut(plane.iter().copied(), &[], &mut out);
+    if out.len() != 3 * (n - 2) {
+        return None;
+    }
+    let mut triangles = Vec::with_capacity(n - 2);
+    let mut uses = 0.0;
+    for t in out.chunks_exact(3) {
+        let [a, b, c] = [t[0] as usize, t[1] as usize, t[2] as usize];
+        let area = cross2(plane[a], plane[b], plane[c]);
+        if area == 0.0 || !area.is_finite() {
+            return None;
+        }
+        // The polygon is counter-clockwise about its own normal, so its triangles are as well.
+        triangles.push(if area > 0.0 { [a, b, c] } else { [a, c, b] });
+        uses += area.abs();
+        let diagonal = |i: usize, j: usize| i.abs_diff(j) != 1 && i.abs_diff(j) != n - 1;
+        if [(a, b), (b, c), (c, a)].into_iter().any(|(i, j)| diagonal(i, j) && forbidden(i.min(j), i.max(j))) {
+            return None;
+        }
+    }
+    // Ears that cover more or less than the polygon mean that its picture crosses itself.
+    let whole: f64 = (1..n - 1).map(|i| cross2(plane[0], plane[i], plane[i + 1])).sum();
+    ((uses - whole).abs() <= 1e-9 * whole.abs()).then_some(triangles)
+}
+
+fn cross2(a: [f64; 2], b: [f64; 2], c: [f64; 2]) -> f64 {
+    (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+}
+
+/// A diagonal that cuts a long polygon into two of at least a quarter of its corners each, as short as can be found
+/// among about a thousand corners.
+pub(super) fn shortest_cut(points: &[DVec3], forbidden: impl Fn(usize, usize) -> bool) -> Option<(usize, usize)> {
+    let n = points.len();
+    let stride = n.div_ceil(1000);
+    let mut best: Option<(f64, usize, usize)> = None;
+    for i in (0..n).step_by(stride) {
+        let last = (i + n - n / 4).min(n - 1);
+        for j in (i + (n / 4).max(2)..=last).step_by(stride) {
+            let length = points[i].distance_squared(points[j]);
+            if best.is_none_or(|b| length < b.0) && !forbidden(i, j) {
+                best = Some((length, i, j));
+            }
+        }
+    }
+    best.map(|(_, i, j)| (i, j))
+}

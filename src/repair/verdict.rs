@@ -1,0 +1,68 @@
+use super::{Cancelled, Changes, Context, Options, RedFlag, RedFlagCode, compare, red_flags};
+use crate::format::{self, Format, Limits, ReadError, WriteError};
+use crate::inspect::{Measures, measure};
+use crate::mesh::Soup;
+
+/// A result as bytes, and what those bytes say.
+pub(super) struct Judged {
+    pub bytes: Vec<u8>,
+    pub dialect: String,
+    pub measures: Measures,
+    pub changes: Changes,
+    pub red_flags: Vec<RedFlag>,
+}
+
+/// Why a result could not be judged.
+#[derive(Debug, thiserror::Error)]
+pub(super) enum JudgeError {
+    #[error(transparent)]
+    Write(#[from] WriteError),
+    #[error("the written file could not be read back: {0}")]
+    Read(#[from] ReadError),
+    #[error(transparent)]
+    Cancelled(#[from] Cancelled),
+}
+
+/// Writes a mesh, reads the written bytes back, and measures those, so that the verdict is on what is handed out.
+pub(super) fn judge(
+    soup: &Soup,
+    format: Format,
+    input: &Soup,
+    before: &Measures,
+    options: &Options,
+    context: &Context<'_>,
+) -> Result<Judged, JudgeError> {
+    let bytes = format::write(soup, format)?;
+    // What we have written may be read however large it is.
+    let limits = Limits { max_bytes: u64::MAX, max_faces: u64::MAX, max_vertices: u64::MAX };
+    let read = format::read(&bytes, &limits)?;
+    let measures = measure(&read.soup, context)?;
+    let changes = compare(before, &measures, input, &read.soup);
+    let red_flags = red_flags(before, &measures, &changes, options);
+    Ok(Judged { bytes, dialect: read.dialect, measures, changes, red_flags })
+}
+
+impl Judged {
+    /// Printable with no sign of destruction.
+    pub fn is_good(&self) -> bool {
+        self.measures.printable() && self.red_flags.is_empty()
+    }
+
+    /// Smaller is better: first good results, then printable ones that kept their place, then by defects, and last
+    /// those that lost a part of the model's extent.
+    pub fn rank(&self) -> (u8, u64) {
+        let lost = self.red_flags.iter().any(|f| f.code == RedFlagCode::BoxChange);
+        let class = match (self.measures.printable(), self.red_flags.is_empty(), lost) {
+            (true, true, _) => 0,
+            (true, false, false) => 1,
+            (false, _, false) => 2,
+            (_, _, true) => 3,
+        };
+        (class, self.measures.defects())
+    }
+}
+
+/// The rank of the input itself, which any result must beat.
+pub(super) fn rank_of_input(before: &Measures) -> (u8, u64) {
+    (if before.printable() { 0 } else { 2 }, before.defects())
+}
