@@ -1,0 +1,51 @@
+//! Tier 3 with a real Blender, and with programs that behave worse than Blender does.
+//!
+//! The real one is what `MESHMEND_BLENDER` names, or else what is found; `make test` installs one.
+#![allow(clippy::unwrap_used, missing_docs)]
+
+mod fake;
+mod models;
+mod real;
+
+use std::cell::RefCell;
+use std::sync::atomic::AtomicBool;
+use std::time::Duration;
+
+use meshmend::blender::BlenderRemesher;
+use meshmend::mesh::Soup;
+use meshmend::repair::{Context, Progress, RemeshAction, RemeshError, RemeshRequest, Remesher, Stage, monotonic_clock};
+
+/// Keeps the log.
+#[derive(Default)]
+struct Log(RefCell<Vec<String>>);
+
+impl Progress for Log {
+    fn report(&self, _stage: Stage, _tier: Option<u8>, _percent: u8) {}
+    fn log(&self, line: &str) {
+        self.0.borrow_mut().push(line.to_owned());
+    }
+}
+
+impl Log {
+    fn text(&self) -> String {
+        self.0.borrow().join("\n")
+    }
+}
+
+/// Runs one action with two minutes of time and no cancellation; the log comes with the result.
+fn remesh(
+    remesher: &BlenderRemesher,
+    soup: &Soup,
+    action: RemeshAction,
+    voxel_size: f64,
+    max_faces: u64,
+) -> (Result<Soup, RemeshError>, String) {
+    let time_limit = Duration::from_secs(120);
+    let request = RemeshRequest { soup, action, voxel_size, max_faces, time_limit };
+    let log = Log::default();
+    let cancel = AtomicBool::new(false);
+    let clock = monotonic_clock();
+    let context = Context::new(&log, &cancel, &clock, Duration::from_secs(600));
+    let result = remesher.remesh(&request, &context).map(|made| made.soup);
+    (result, log.text())
+}
