@@ -3,7 +3,7 @@
 //! One promise: **what you download is printable and still your model.** Printable is judged on the very bytes that are
 //! handed out, read back and welded by position; where the promise can't be kept, the report says so.
 //!
-//! A mesh's way through the crate is one straight line, and the engine's modules stand in that order:
+//! A mesh's way through the crate is one straight line, and the engine's modules stand in that order, with [`context`] beside them:
 //!
 //! ```text
 //! bytes -> format -> mesh -> inspect -> repair (plan, tiers) -> verify -> format -> bytes
@@ -20,6 +20,7 @@
 pub mod api;
 pub mod blender;
 pub mod blobs;
+pub mod context;
 pub mod format;
 pub mod inspect;
 pub mod jobs;

@@ -14,9 +14,11 @@ mod estimate;
 mod exchange;
 mod find;
 mod frame;
+mod on_demand;
 mod process;
 mod remesher;
 mod strays;
 
 pub use find::{BlenderConfig, BlenderMissing, Rejected};
+pub use on_demand::OnDemandBlender;
 pub use remesher::BlenderRemesher;

@@ -143,8 +143,8 @@ impl BlenderRemesher {
 }
 
 impl Remesher for BlenderRemesher {
-    fn info(&self) -> &RemesherInfo {
-        &self.info
+    fn info(&self) -> Result<&RemesherInfo, &str> {
+        Ok(&self.info)
     }
 
     fn remesh(&self, request: &RemeshRequest<'_>, context: &Context<'_>) -> Result<Remeshed, RemeshError> {

@@ -1,7 +1,7 @@
 use super::{BoundingBox, Measures, SelfIntersections, Volume, group_faces, nesting_depths, solids};
+use crate::context::{Cancelled, Context};
 use crate::math::{Box3, collinear, to_unit_range};
 use crate::mesh::{Edges, Fans, Parts, Soup, Surface, count_boundary_chains};
-use crate::repair::{Cancelled, Context};
 
 /// Measures a mesh as [`Measures`] says, after merging vertices at exactly equal positions.
 ///

@@ -1,9 +1,9 @@
 use glam::DVec3;
 
 use super::Solid;
+use crate::context::{Cancelled, Context};
 use crate::math::{Box3, Crossing, Tree, crossing, ray_direction, to_unit_range};
 use crate::mesh::{Parts, Surface};
-use crate::repair::{Cancelled, Context};
 
 /// Rays tried from one vertex before another is taken.
 const ATTEMPTS: u32 = 8;

@@ -5,7 +5,6 @@
 
 mod category;
 mod changes;
-mod context;
 pub mod degenerate;
 pub mod duplicates;
 pub mod holes;
@@ -25,9 +24,9 @@ mod triangulate;
 mod verdict;
 pub mod weld;
 
+pub use crate::context::{Cancelled, Context, NoProgress, Progress, Stage, monotonic_clock};
 pub use category::categorise;
 pub use changes::{compare, red_flags};
-pub use context::{Cancelled, Context, NoProgress, Progress, Stage, monotonic_clock};
 pub use options::{Options, OptionsError, OutputFormat, Preset};
 pub use pipeline::{RepairError, Repaired, repair};
 pub use plan::make_plan;

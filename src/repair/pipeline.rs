@@ -218,12 +218,11 @@ fn unchanged_or_converted(
 /// The step that says why a rung is passed over, if it is.
 fn not_runnable(index: u32, rung: &Rung, remesher: Option<&dyn Remesher>, context: &Context<'_>) -> Option<Step> {
     let action = *rung.actions.iter().find(|&&a| remesh_action(a).is_some())?;
-    let why = if remesher.is_none() {
-        "Blender is not installed on this server; the best result without it is handed out"
-    } else if context.remaining().is_zero() {
-        "the time was over before it could start"
+    let why = if context.remaining().is_zero() {
+        "the time was over before it could start".to_owned()
     } else {
-        return None;
+        let missing = remesher.map_or(Err("Blender is not installed on this server"), |r| r.info().map(drop)).err()?;
+        format!("{missing}; the best result without tier 3 is handed out")
     };
     Some(Step {
         rung: index,
@@ -232,7 +231,7 @@ fn not_runnable(index: u32, rung: &Rung, remesher: Option<&dyn Remesher>, contex
         status: StepStatus::Skipped,
         milliseconds: 0.0,
         changed: Vec::new(),
-        note: Some(why.to_owned()),
+        note: Some(why),
         program: None,
         voxel_size: None,
     })

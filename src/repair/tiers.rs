@@ -153,7 +153,7 @@ impl Runner<'_> {
     fn remesh(&self, action: Action, surface: &mut Surface, step: &mut Step) -> End {
         let (Some(remesher), Some(remesh)) = (self.remesher, remesh_action(action)) else { return End::Nothing };
         let voxel_size = voxel_size(surface, self.options);
-        step.program = Some(remesher.info().clone());
+        step.program = remesher.info().ok().cloned();
         step.voxel_size = (action == Action::VoxelRemesh).then_some(voxel_size);
         let soup = surface.to_soup();
         let request = RemeshRequest {

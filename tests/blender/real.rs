@@ -15,7 +15,7 @@ fn config() -> BlenderConfig {
 fn blender() -> BlenderRemesher {
     static FOUND: OnceLock<RemesherInfo> = OnceLock::new();
     let info = FOUND.get_or_init(|| match BlenderRemesher::find(config()) {
-        Ok(found) => found.info().clone(),
+        Ok(found) => found.info().expect("found").clone(),
         Err(missing) => panic!("these tests need a real Blender: {missing}"),
     });
     BlenderRemesher::new(info.clone(), config())
@@ -177,7 +177,7 @@ fn a_run_that_needs_more_memory_than_allowed_fails_and_says_so() {
     // A union is not estimated, so that the limit strikes inside the program.
     let parts: Vec<Soup> = (0..4000).map(|i| overlapping_cubes(1.0, DVec3::X * f64::from(i) * 3.0)).collect();
     let config = BlenderConfig { memory: 1 << 20, ..config() };
-    let remesher = BlenderRemesher::new(blender().info().clone(), config);
+    let remesher = BlenderRemesher::new(blender().info().expect("found").clone(), config);
     let (result, log) = remesh(&remesher, &together(&parts), RemeshAction::BooleanUnion, 1.0, 1_000_000);
     match result {
         Err(RemeshError::Failed(message)) => assert!(message.contains("memory"), "{message}\n{log}"),

@@ -1,3 +1,5 @@
+//! What surrounds a piece of work in the engine: progress, cancellation, deadline, clock.
+
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
