@@ -75,6 +75,7 @@ fn power_of_two(exponent: i64) -> f64 {
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
 
