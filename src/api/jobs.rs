@@ -198,8 +198,8 @@ pub(super) async fn cancel_job(State(state): State<ApiState>, PathJob(job): Path
 )]
 pub(super) async fn delete_job(State(state): State<ApiState>, PathJob(job): PathJob) -> Result<StatusCode, Problem> {
     state.store.purge(job.id).await?;
-    let files = state.blobs.delete_job(job.id, None).await?;
-    tracing::info!(id = %job.id, files, "deleted");
+    state.blobs.delete_job(job.id).await?;
+    tracing::info!(id = %job.id, "deleted");
     Ok(StatusCode::NO_CONTENT)
 }
 

@@ -1,6 +1,7 @@
 use std::error::Error;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::task::Poll;
 use std::time::Duration;
 
 use axum::body::{Body, Bytes};
@@ -22,8 +23,9 @@ use crate::repair::Options;
 
 /// Largest `options` part of a form.
 const OPTIONS_BYTES: usize = 64 << 10;
-/// Most bytes of a form between its parts: headers, boundaries, what comes before the first part.
-const FORM_BYTES: u64 = 256 << 10;
+/// Most bytes of a form between its parts: headers, boundaries, what comes before the first part, and what of a part
+/// comes in the same chunk.
+const FORM_BYTES: u64 = 1 << 20;
 /// Longest file name that is kept, in characters.
 const NAME_CHARS: usize = 200;
 
@@ -94,7 +96,7 @@ pub(super) async fn submit_job(State(state): State<ApiState>, request: Request) 
         Ok(job) => job,
         Err(problem) => {
             // Nothing of a refused upload stays.
-            if let Err(error) = state.blobs.delete_job(id, None).await {
+            if let Err(error) = state.blobs.delete_job(id).await {
                 tracing::warn!(%error, "a refused upload was left");
             }
             return Err(problem);
@@ -176,7 +178,7 @@ async fn from_form(state: &ApiState, id: JobId, request: Request) -> Result<Uplo
             .map_err(|_| SourceError::Form)?;
         Ok::<Bytes, SourceError>(chunk)
     });
-    let request = Request::from_parts(parts, Body::from_stream(body));
+    let request = Request::from_parts(parts, Body::from_stream(one_at_a_time(body)));
     let mut form = Multipart::from_request(request, &())
         .await
         .map_err(|e| Problem::new(ProblemCode::InvalidRequest, e.body_text()))?;
@@ -264,6 +266,22 @@ fn with_patience(
             Ok(Some(Err(error))) => Some((Err(error.into()), None)),
             Ok(Some(Ok(chunk))) => Some((Ok(chunk), Some(source))),
         }
+    })
+}
+
+/// The stream, but never two chunks without a pause between: a reader of forms takes in all that is ready before it
+/// looks at any of it, which from a fast sender would be the whole file.
+fn one_at_a_time<T>(source: impl Stream<Item = T> + Send + 'static) -> impl Stream<Item = T> + Send + 'static {
+    let mut source = Box::pin(source);
+    let mut pause = false;
+    futures::stream::poll_fn(move |context| {
+        if std::mem::take(&mut pause) {
+            context.waker().wake_by_ref();
+            return Poll::Pending;
+        }
+        let next = source.as_mut().poll_next(context);
+        pause = next.is_ready();
+        next
     })
 }
 

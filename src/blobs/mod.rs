@@ -1,7 +1,7 @@
 //! Files: uploads and artifacts, in a local folder (object_store's local file system; S3 fits the same type).
 //!
-//! Keys: `jobs/<job id>/input` for the upload and `jobs/<job id>/<claim>/<name>` for what an attempt made, so that the
-//! files of a lost attempt are never mistaken for the result.
+//! Keys: `uploads/<job id>` for the upload and `jobs/<job id>/<claim>/<name>` for what an attempt made, so that the files
+//! of a lost attempt are never mistaken for the result.
 
 use std::ops::Range;
 use std::path::Path;
@@ -82,7 +82,7 @@ impl Blobs {
     /// The key of a job's upload.
     #[must_use]
     pub fn input_key(id: JobId) -> String {
-        format!("jobs/{id}/input")
+        format!("uploads/{id}")
     }
 
     /// The key of a file that one claim of a job made.
@@ -176,24 +176,28 @@ impl Blobs {
         Ok(())
     }
 
-    /// Deletes all files of a job, but those of the claim `keep`.
+    /// Deletes a job's upload and all that its attempts made.
     ///
     /// # Errors
     /// When the store can't list or delete; files already gone are no error.
-    pub async fn delete_job(&self, id: JobId, keep: Option<&Keep<'_>>) -> Result<u64, BlobError> {
-        let mut deleted = 0;
+    pub async fn delete_job(&self, id: JobId) -> Result<(), BlobError> {
+        self.delete(&Self::input_key(id)).await?;
+        self.delete_attempts(id, None).await
+    }
+
+    /// Deletes what a job's attempts made, but for the files of the claim with the token `keep`.
+    ///
+    /// # Errors
+    /// When the store can't list or delete; files already gone are no error.
+    pub async fn delete_attempts(&self, id: JobId, keep: Option<&str>) -> Result<(), BlobError> {
         let mut files = self.store.list(Some(&Key::from(format!("jobs/{id}"))));
         while let Some(file) = files.try_next().await? {
-            if keep.is_some_and(|keep| keep.keeps(file.location.as_ref())) {
-                continue;
-            }
-            match self.store.delete(&file.location).await {
-                Ok(()) => deleted += 1,
-                Err(object_store::Error::NotFound { .. }) => {}
-                Err(e) => return Err(e.into()),
+            let token = file.location.as_ref().split('/').nth(2);
+            if keep.is_none() || token != keep {
+                self.delete(file.location.as_ref()).await?;
             }
         }
-        Ok(deleted)
+        Ok(())
     }
 
     /// Deletes one file; one already gone is no error.
@@ -217,21 +221,6 @@ impl Blobs {
         self.store.get(&key).await?.bytes().await?;
         self.store.delete(&key).await?;
         Ok(())
-    }
-}
-
-/// Which of a job's files to spare.
-#[derive(Debug, Clone, Copy)]
-pub struct Keep<'a> {
-    /// The upload's key.
-    pub input: &'a str,
-    /// The token of the claim whose files stay.
-    pub token: &'a str,
-}
-
-impl Keep<'_> {
-    fn keeps(&self, key: &str) -> bool {
-        key == self.input || key.split('/').nth(2) == Some(self.token)
     }
 }
 

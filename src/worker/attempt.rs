@@ -16,7 +16,7 @@ use super::pool::Pool;
 use super::process::JobProcess;
 use super::task::{ProgressLine, Task};
 use super::{ProcessLimits, pause_at};
-use crate::blobs::{BlobError, Blobs, Keep};
+use crate::blobs::{BlobError, Blobs};
 use crate::format::Format;
 use crate::jobs::{
     Artifact, Artifacts, Claim, Completion, Failure, FailureKind, Job, JobProblem, JobProgress, Lease, ProblemKind,
@@ -243,8 +243,7 @@ impl<'a> Attempt<'a> {
         record_steps(&report);
         let job = self.pool.store.complete(&self.lease, Completion { report, artifacts }).await?;
         if self.lease.attempt > 1 {
-            let keep = Keep { input: &self.job.input_key, token: &self.lease.token };
-            if let Err(error) = self.pool.blobs.delete_job(self.lease.id, Some(&keep)).await {
+            if let Err(error) = self.pool.blobs.delete_attempts(self.lease.id, Some(&self.lease.token)).await {
                 tracing::warn!(%error, "files of an earlier attempt were left");
             }
         }

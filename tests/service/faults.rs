@@ -5,7 +5,7 @@ use std::path::Path;
 use serde_json::{Value, json};
 
 use crate::files;
-use crate::server::{Api, Program, Start, is_alive, signal, stored_files, until};
+use crate::server::{Api, Program, Start, is_alive, signal, stored_files, stored_uploads, until};
 
 const CHILD_STAGES: [(&str, &str); 5] = [
     ("child-read", "read"),
@@ -120,10 +120,7 @@ async fn a_server_killed_during_an_upload_has_no_job_and_one_killed_after_the_an
     let upload = api.post("/v1/jobs").body(reqwest::Body::wrap_stream(body)).send();
     let upload = tokio::spawn(upload);
     sender.send(Ok(files::whole_box())).await.expect("the upload listens");
-    until("the upload has begun", async || {
-        (std::fs::read_dir(data.path().join("files/jobs")).into_iter().flatten().count() == 2).then_some(())
-    })
-    .await;
+    until("the upload has begun", async || (stored_uploads(data.path()) == 2).then_some(())).await;
     program.kill();
     assert!(upload.await.expect("no panic").is_err());
     let program = Start::serve(data.path()).start();

@@ -90,5 +90,5 @@ async fn a_child_that_is_killed_each_time_is_set_aside_with_its_reason() {
     assert_eq!(job["status"], "failed");
     assert_eq!(job["problem"]["code"], "crashed", "{job}");
     assert_eq!(killed.len(), 3, "it was tried three times");
-    still_serves(&api, &program, data.path()).await;
+    until("no process is left", async || program.job_children().is_empty().then_some(())).await;
 }

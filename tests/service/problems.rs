@@ -2,7 +2,7 @@ use reqwest::{Method, RequestBuilder};
 use serde_json::{Value, json};
 
 use crate::files;
-use crate::server::{Api, Start};
+use crate::server::{Api, Start, stored_uploads};
 
 /// Sends it and expects this problem, complete.
 async fn problem(request: RequestBuilder, status: u16, code: &str) -> Value {
@@ -79,8 +79,7 @@ async fn every_kind_of_wrong_request_gets_a_problem_that_says_what_to_do() {
     assert!(large["detail"].as_str().expect("text").contains("64 KiB"));
     let list: Value = api.get("/v1/jobs").send().await.expect("an answer").json().await.expect("JSON");
     assert_eq!(list["jobs"].as_array().map(Vec::len), Some(0), "nothing refused became a job");
-    let left = std::fs::read_dir(data.path().join("files/jobs")).into_iter().flatten().count();
-    assert_eq!(left, 0, "nothing refused is stored");
+    assert_eq!(stored_uploads(data.path()), 0, "nothing refused is stored");
 }
 
 #[tokio::test]
@@ -92,8 +91,7 @@ async fn a_file_over_the_limit_is_refused_by_its_declared_length_and_by_its_byte
     assert!(declared["detail"].as_str().expect("text").contains("1 MiB"));
     let chunks = futures::stream::iter((0..40).map(|_| Ok::<_, std::io::Error>(vec![0_u8; 64 << 10])));
     problem(api.post("/v1/jobs").body(reqwest::Body::wrap_stream(chunks)), 413, "payload_too_large").await;
-    let left = std::fs::read_dir(data.path().join("files/jobs")).into_iter().flatten().count();
-    assert_eq!(left, 0, "nothing is stored");
+    assert_eq!(stored_uploads(data.path()), 0, "nothing is stored");
 }
 
 #[tokio::test]
