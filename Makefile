@@ -1,0 +1,58 @@
+# Two commands do all the set-up on a fresh Debian or Ubuntu machine with Rust: make serve, make test.
+
+CARGO_DENY_VERSION := 0.20.2
+
+.PHONY: serve test lint fmt clippy deny openapi check-openapi build bench audit blender tools
+
+## Install what is missing, build, and serve on 127.0.0.1:8080 with SQLite and a local folder.
+serve: tools blender
+	cargo build --release --locked
+	./target/release/meshmend serve
+
+## Install what the tests need and run them all.
+test: tools blender
+	@if cargo nextest --version >/dev/null 2>&1; then \
+		cargo nextest run --locked --features failpoints; \
+	else \
+		cargo test --locked --features failpoints; \
+	fi
+
+lint: tools fmt clippy deny check-openapi
+
+fmt:
+	cargo fmt --check
+
+clippy:
+	cargo clippy --locked --all-targets --features failpoints -- -D warnings
+
+## Licences, sources and duplicate versions of all dependencies.
+deny:
+	@cargo deny --version >/dev/null 2>&1 || cargo install --locked cargo-deny --version $(CARGO_DENY_VERSION)
+	cargo deny --log-level error check bans licenses sources
+
+## Known vulnerabilities; needs the advisory database from the network.
+audit:
+	cargo deny check advisories
+
+## Write the OpenAPI document anew.
+openapi:
+	cargo run --locked --quiet -- openapi > openapi/openapi.json.new
+	mv openapi/openapi.json.new openapi/openapi.json
+
+check-openapi:
+	cargo run --locked --quiet --features failpoints -- openapi --check openapi/openapi.json
+
+build:
+	cargo build --release --locked
+
+## Jobs per second through the whole service.
+bench:
+	cargo bench --locked --bench jobs_per_second
+
+## A Blender for tier 3: one on PATH, the distribution's package, or bpy in a private environment.
+blender:
+	@sh scripts/install-blender.sh
+
+## What the build needs beside Rust: a C compiler, for SQLite.
+tools:
+	@sh scripts/install-tools.sh
