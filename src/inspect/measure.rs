@@ -65,8 +65,15 @@ pub fn measure(soup: &Soup, context: &Context<'_>) -> Result<Measures, Cancelled
             a.dot(b.cross(c)) / 6.0
         })
         .sum();
-    it.volume = Volume { value, reliable: it.closed && balanced };
+    // Surface that is written twice counts twice.
+    it.volume = Volume { value: finite(value), reliable: it.closed && balanced && it.duplicate_faces == 0 };
+    it.area = finite(it.area);
     Ok(it)
+}
+
+/// Coordinates around 1e150 have areas and volumes that no f64 holds, and JSON has no word for infinity.
+fn finite(x: f64) -> f64 {
+    if x.is_nan() { 0.0 } else { x.clamp(f64::MIN, f64::MAX) }
 }
 
 fn count_degenerate(surface: &Surface) -> u64 {

@@ -7,8 +7,10 @@ use crate::mesh::{Parts, Surface};
 
 /// Rays tried from one vertex before another is taken.
 const ATTEMPTS: u32 = 8;
-/// Faces that all rays together may look at, so that thousands of nested shells do not take for ever.
-const BUDGET: u64 = 200_000_000;
+/// Faces that all rays together may look at, and as many again for each face, so that thousands of nested shells, of
+/// which each ray meets them all, do not take for ever.
+const BUDGET: u64 = 5_000_000;
+const BUDGET_A_FACE: u64 = 8;
 
 /// How many other closed parts each closed part lies in, where `wanted` asks for it; none where it is not asked for,
 /// not closed, or can't be told (it touches another part at all tried vertices, or the budget is spent).
@@ -52,6 +54,7 @@ pub fn nesting_depths(
     let tree = Tree::new(&unit, &faces);
     // `unit` is inside the cube of side 4, so that a ray of this length ends outside.
     let reach = 8.0;
+    let budget = BUDGET + BUDGET_A_FACE * faces.len() as u64;
     let mut spent = 0u64;
     for part in 0..solids.len() {
         context.check()?;
@@ -68,16 +71,16 @@ pub fn nesting_depths(
                     spent += 1;
                     let other = parts.of_face[in_solid[i as usize] as usize];
                     if other as usize == part || !holds(&solids[other as usize].bounds, &solids[part].bounds) {
-                        return spent < BUDGET;
+                        return spent < budget;
                     }
                     match crossing(from, to, faces[i as usize].map(|v| unit[v as usize])) {
                         Crossing::Miss => {}
                         Crossing::Enters | Crossing::Leaves => hits.push(other),
                         Crossing::Touches => clear = false,
                     }
-                    clear && spent < BUDGET
+                    clear && spent < budget
                 });
-                clear && spent < BUDGET
+                clear && spent < budget
             });
             if !told {
                 continue;

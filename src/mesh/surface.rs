@@ -174,6 +174,7 @@ fn position_key(p: DVec3) -> [u64; 3] {
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 mod tests {
     use super::*;
 

@@ -2,6 +2,10 @@ use super::{Changes, Options, RedFlag, RedFlagCode};
 use crate::inspect::{BoundingBox, Measures};
 use crate::mesh::Soup;
 
+/// Share of the sound faces that must stand for parts to have been joined rather than lost; the rest are slivers that
+/// rounding made degenerate.
+const LEAST_STANDING: f64 = 0.98;
+
 /// How the result differs from the input.
 #[must_use]
 pub fn compare(before: &Measures, after: &Measures, input: &Soup, output: &Soup) -> Changes {
@@ -69,8 +73,17 @@ fn keys(soup: &Soup) -> Vec<[[u32; 3]; 3]> {
 
 /// The signs that a repair destroyed something. Degenerate, duplicate and non-finite faces of the input count as none:
 /// they are gone with a reason.
+///
+/// `standing` is how many faces of the input are in the result, whole or cut. Parts that became one are no bad sign
+/// where all sound faces are: they were pieces of one surface along a crack.
 #[must_use]
-pub fn red_flags(before: &Measures, after: &Measures, changes: &Changes, options: &Options) -> Vec<RedFlag> {
+pub fn red_flags(
+    before: &Measures,
+    after: &Measures,
+    changes: &Changes,
+    standing: u64,
+    options: &Options,
+) -> Vec<RedFlag> {
     let mut flags = Vec::new();
     let mut raise = |code, value: f64, threshold: f64, detail: String| {
         if value > threshold {
@@ -106,7 +119,7 @@ pub fn red_flags(before: &Measures, after: &Measures, changes: &Changes, options
             after.volume.value
         ),
     );
-    if before.parts > 1 && after.parts == 1 {
+    if before.parts > 1 && after.parts == 1 && (standing as f64) < LEAST_STANDING * sound as f64 {
         raise(RedFlagCode::PartsMerged, before.parts as f64, 1.0, format!("{} parts became one", before.parts));
     }
     flags

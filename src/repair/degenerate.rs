@@ -28,8 +28,10 @@ pub fn remove_collapsed(surface: &mut Surface) -> Vec<Change> {
 ///        d                     d
 /// ```
 ///
-/// Precondition: no face with a repeated vertex. Result: each removal takes one face without area away and makes
-/// none. Leaves: faces whose long edge has more than two faces, or where the edge from `m` to `d` is there already
+/// Where the face beyond is a cap on the same edge, the flip makes two caps with shorter long edges, which later passes
+/// take.
+///
+/// Precondition: no face with a repeated vertex. Result: the number of faces without area never grows. Leaves: faces whose long edge has more than two faces, or where the edge from `m` to `d` is there already
 /// (it would get a third face); they are what remains in the count of degenerate faces.
 ///
 /// # Errors
@@ -70,7 +72,7 @@ pub fn remove_caps(surface: &mut Surface, context: &Context<'_>) -> Result<Vec<C
                     if d == m
                         || touched.contains(&cap)
                         || touched.contains(&beyond)
-                        || flat(other)
+                        || (flat(other) && other[midmost(other.map(|v| unit[v as usize]))] != d)
                         || edges.find(m, d).is_some()
                         || !made.insert(new_edge)
                     {

@@ -6,9 +6,10 @@ use crate::mesh::{Edges, Surface, UnionFind};
 
 /// Leaves one face of each group of faces with the same three vertices, or none where they cancel.
 ///
-/// In the arithmetic of chains two faces of opposite winding add up to nothing: a wall of no thickness. Such pairs are
-/// taken together with the pairs next to them; the whole wall goes where that leaves fewer open edges than one sheet
-/// of it would, and one sheet stays otherwise, so that a two-sided sheet standing alone is not lost.
+/// In the arithmetic of chains two faces on the same vertices add up to nothing: they may be a wall of no thickness,
+/// a flap, or a piece of surface that was written twice. Such pairs are taken together with the pairs next to them;
+/// all of them go where that leaves fewer open or non-manifold edges than one sheet of them would, and one sheet
+/// stays otherwise, so that a two-sided sheet standing alone is not lost.
 ///
 /// ```text
 ///    ____________                    ____________
@@ -32,7 +33,8 @@ pub fn remove_duplicates(surface: &mut Surface) -> Vec<Change> {
         for &f in group {
             keep[f as usize] = Some(&f) == first;
         }
-        if 2 * even == group.len() {
+        // By number and not by winding, which says little before faces are turned.
+        if group.len() % 2 == 0 {
             cancelling.extend(first.copied());
         }
     }
@@ -41,8 +43,8 @@ pub fn remove_duplicates(surface: &mut Surface) -> Vec<Change> {
     Change::list([("duplicate_faces_removed", gone - walls), ("cancelling_faces_removed", walls)])
 }
 
-/// Takes back the sheets of those walls that are better gone. `cancelling` are the kept faces of groups that add up
-/// to nothing. Answers how many faces that is.
+/// Takes back the sheets of those walls that are better gone. `cancelling` are the kept faces of groups of even
+/// number. Answers how many faces that is.
 fn drop_walls(surface: &Surface, keep: &mut [bool], cancelling: &[u32]) -> u64 {
     if cancelling.is_empty() {
         return 0;

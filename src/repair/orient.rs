@@ -10,7 +10,7 @@ const NONE: u32 = u32::MAX;
 ///
 /// 1. Within each patch (faces joined across edges of two faces) the winding is carried from face to face; the side
 ///    that holds more area as it was stays, and the rest is turned.
-/// 2. A closed patch at even nesting depth is turned to positive volume. At odd depth it may be a cavity or a part
+/// 2. A closed patch at even nesting depth is turned to positive volume. Where the depth can't be told it stays. At odd depth it may be a cavity or a part
 ///    within a part, which no count can tell, so it stays as the majority had it.
 /// 3. An open patch is turned when most of the area of its largest faces sees the outside, by crossings of a ray, at
 ///    its back; a sheet alone stays as it is.
@@ -32,7 +32,7 @@ pub fn orient(surface: &mut Surface, context: &Context<'_>) -> Result<Vec<Change
     let all = vec![true; solids.len()];
     let depths = nesting_depths(surface, &patches, &solids, &all, context)?;
     let mut turn_patch: Vec<bool> =
-        solids.iter().zip(&depths).map(|(s, d)| s.closed && s.volume < 0.0 && d.unwrap_or(0) % 2 == 0).collect();
+        solids.iter().zip(&depths).map(|(s, d)| s.closed && s.volume < 0.0 && d.is_some_and(|d| d % 2 == 0)).collect();
     let solids_turned = turn_patch.iter().filter(|&&t| t).count() as u64;
     let open: Vec<bool> = solids.iter().map(|s| !s.closed).collect();
     let mut open_turned = 0u64;

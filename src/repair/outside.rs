@@ -4,8 +4,10 @@ use crate::mesh::{Parts, Surface};
 
 /// Faces that vote for a patch.
 const VOTERS: usize = 16;
-/// Faces that all rays together may look at.
-const BUDGET: u64 = 200_000_000;
+/// Faces that all rays together may look at: this many, and as many again for each face. Enough for a soup of single
+/// triangles; a fan of thousands of sheets around one axis, where each ray meets them all, runs out of it.
+const BUDGET: u64 = 5_000_000;
+const BUDGET_A_FACE: u64 = 8;
 
 /// For each patch that `open` marks, whether it shows its back to the outside.
 ///
@@ -22,6 +24,7 @@ pub(super) fn looks_inward(
     let unit = to_unit_range(&surface.positions);
     let tree = Tree::new(&unit, &surface.faces);
     let mut inward = vec![false; patches.count];
+    let budget = BUDGET + BUDGET_A_FACE * surface.faces.len() as u64;
     let mut spent = 0u64;
     for (patch, mut faces) in patches.faces().into_iter().enumerate().filter(|(p, _)| open[*p]) {
         context.check()?;
@@ -49,9 +52,9 @@ pub(super) fn looks_inward(
                             Crossing::Enters | Crossing::Leaves => crossings += 1,
                         }
                     }
-                    clear && spent < BUDGET
+                    clear && spent < budget
                 });
-                (clear && spent < BUDGET).then_some(crossings)
+                (clear && spent < budget).then_some(crossings)
             };
             if normal.length_squared() < 0.5 {
                 continue;

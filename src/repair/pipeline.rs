@@ -83,12 +83,20 @@ pub fn repair(
     let (mut surface, _) = Surface::from_soup(&soup);
     let mut report = empty_report(&input, options, warnings);
 
-    if before.printable()
-        && let Some(untouched) = unchanged(&input, &surface, format, options, patient)?
-    {
-        report.plan.reason = "the input is printable already, so nothing was run".to_owned();
-        report.candidates.push(candidate(None, &untouched, true));
-        return Ok(finish(report, Outcome::AlreadyPrintable, Some(untouched), format, start, context));
+    // What is to be beaten: the input, or what the output's format makes of it.
+    let mut as_is = before.clone();
+    if before.printable() {
+        match unchanged_or_converted(&input, &surface, format, options, patient) {
+            Ok(Some(untouched)) if untouched.measures.printable() => {
+                report.plan.reason = "the input is printable already, so nothing was run".to_owned();
+                report.candidates.push(candidate(None, &untouched, true));
+                return Ok(finish(report, Outcome::AlreadyPrintable, Some(untouched), format, start, context));
+            }
+            Ok(Some(broken)) => as_is = broken.measures,
+            Ok(None) | Err(RepairError::Write(_)) => {}
+            Err(error) => return Err(error),
+        }
+        report.warnings.push("the input is printable, but not with the numbers of the output's format".to_owned());
     }
 
     // Every recipe begins with the same two actions; what they leave is what tells a sheet from a solid with holes.
@@ -97,8 +105,8 @@ pub fn repair(
     let mut runner = Runner { options, format, remesher, context, steps: Vec::new() };
     let opened = runner.run(0, &opening, 0, &mut surface)?;
     let opening_steps = runner.steps.clone();
-    let category = categorise(&before, if before.boundary_edges > 0 { open_sheet_share(&surface) } else { 0.0 });
-    report.plan = make_plan(&before, category, options);
+    let category = categorise(&as_is, if as_is.boundary_edges > 0 { open_sheet_share(&surface) } else { 0.0 });
+    report.plan = make_plan(&as_is, category, options);
     context.log(&format!("plan: {} because {}", name(report.plan.preset), report.plan.reason));
 
     let mut best: Option<(usize, Judged)> = None;
@@ -122,7 +130,7 @@ pub fn repair(
         }
         context.report(Stage::Verify, Some(rung.tier), verify_percent(index));
         let judging = context.now();
-        let verdict = judge(&result.to_soup(), format, &soup, &before, options, patient);
+        let verdict = judge(&result, format, &soup, &before, options, patient);
         let mut step = validation(index, judging, context);
         match verdict {
             Ok(judged) => {
@@ -149,7 +157,7 @@ pub fn repair(
     }
     report.steps = runner.steps;
 
-    let best = best.filter(|(_, judged)| judged.rank() < rank_of_input(&before));
+    let best = best.filter(|(_, judged)| judged.rank() < rank_of_input(&as_is));
     if let Some((index, judged)) = best {
         report.candidates[index].chosen = true;
         let outcome = if judged.is_good() { Outcome::Repaired } else { Outcome::PartiallyRepaired };
@@ -172,21 +180,6 @@ struct Input<'a> {
     before: &'a Measures,
 }
 
-/// The input itself as a result, if it is as printable in the output's format as it was.
-fn unchanged(
-    input: &Input<'_>,
-    surface: &Surface,
-    format: Format,
-    options: &Options,
-    context: &Context<'_>,
-) -> Result<Option<Judged>, RepairError> {
-    match unchanged_or_converted(input, surface, format, options, context) {
-        Ok(judged) => Ok(judged.filter(|j| j.measures.printable())),
-        Err(RepairError::Write(_)) => Ok(None),
-        Err(error) => Err(error),
-    }
-}
-
 /// The input's own bytes, or its faces in order in another format; none where no face is left to write.
 fn unchanged_or_converted(
     input: &Input<'_>,
@@ -207,7 +200,7 @@ fn unchanged_or_converted(
     if surface.faces.is_empty() {
         return Ok(None);
     }
-    match judge(&surface.to_soup(), format, input.soup, input.before, options, context) {
+    match judge(surface, format, input.soup, input.before, options, context) {
         Ok(judged) => Ok(Some(judged)),
         Err(JudgeError::Write(error)) => Err(error.into()),
         Err(JudgeError::Read(error)) => Err(error.into()),

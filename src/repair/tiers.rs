@@ -106,6 +106,8 @@ impl Runner<'_> {
             Action::FillHoles => {
                 let filled = FillHoles { max_edges: self.options.max_hole_edges }.apply(surface, self.context)?;
                 step.changed = filled.changes;
+                // A crack whose border lies on a line is closed by a face without area, which the flip takes out.
+                step.changed.extend(remove_caps(surface, self.context)?);
                 step.note = match (filled.holes_left, filled.open_sheets) {
                     (0, 0) => None,
                     (0, sheets) => {

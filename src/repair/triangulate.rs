@@ -108,6 +108,7 @@ pub(super) fn flat(points: &[DVec3], forbidden: impl Fn(usize, usize) -> bool) -
     }
     let mut triangles = Vec::with_capacity(n - 2);
     let mut uses = 0.0;
+    let mut angles = vec![0.0f64; n];
     for t in out.chunks_exact(3) {
         let [a, b, c] = [t[0] as usize, t[1] as usize, t[2] as usize];
         let area = cross2(plane[a], plane[b], plane[c]);
@@ -117,12 +118,21 @@ pub(super) fn flat(points: &[DVec3], forbidden: impl Fn(usize, usize) -> bool) -
         // The polygon is counter-clockwise about its own normal, so its triangles are as well.
         triangles.push(if area > 0.0 { [a, b, c] } else { [a, c, b] });
         uses += area.abs();
+        for [i, j, k] in [[a, b, c], [b, c, a], [c, a, b]] {
+            let dot = (plane[j][0] - plane[i][0]) * (plane[k][0] - plane[i][0])
+                + (plane[j][1] - plane[i][1]) * (plane[k][1] - plane[i][1]);
+            angles[i] += area.abs().atan2(dot);
+        }
         let diagonal = |i: usize, j: usize| i.abs_diff(j) != 1 && i.abs_diff(j) != n - 1;
         if [(a, b), (b, c), (c, a)].into_iter().any(|(i, j)| diagonal(i, j) && forbidden(i.min(j), i.max(j))) {
             return None;
         }
     }
-    // Ears that cover more or less than the polygon mean that its picture crosses itself.
+    // Ears that cover more or less than the polygon, or more than a full turn at a corner, mean that its picture
+    // crosses itself.
+    if angles.iter().any(|&a| a > std::f64::consts::TAU + 1e-9) {
+        return None;
+    }
     let whole: f64 = (1..n - 1).map(|i| cross2(plane[0], plane[i], plane[i + 1])).sum();
     ((uses - whole).abs() <= 1e-9 * whole.abs()).then_some(triangles)
 }
@@ -147,4 +157,67 @@ pub(super) fn shortest_cut(points: &[DVec3], forbidden: impl Fn(usize, usize) ->
         }
     }
     best.map(|(_, i, j)| (i, j))
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "a test fails by panicking")]
+mod tests {
+    use super::*;
+
+    fn circle(n: u32, z: impl Fn(f64) -> f64) -> Vec<DVec3> {
+        (0..n)
+            .map(|i| {
+                let u = f64::from(i) / f64::from(n) * std::f64::consts::TAU;
+                DVec3::new(u.cos(), u.sin(), z(u))
+            })
+            .collect()
+    }
+
+    #[test]
+    fn a_bent_quad_is_cut_along_the_diagonal_that_folds_less() {
+        let points = [DVec3::ZERO, DVec3::X, DVec3::new(1.0, 1.0, 0.9), DVec3::Y];
+        // The faces around lie flat except at the raised corner.
+        let normals = [DVec3::Z, DVec3::ZERO, DVec3::ZERO, DVec3::Z];
+        let cut = least_weight(&points, &normals, |_, _| false, || true).unwrap();
+        assert!(cut.contains(&[0, 1, 3]), "{cut:?}");
+        let other = least_weight(&points, &normals, |i, j| (i, j) == (1, 3), || true).unwrap();
+        assert!(other.contains(&[0, 1, 2]), "{other:?}");
+        assert_eq!(least_weight(&points, &normals, |_, _| true, || true), None);
+    }
+
+    #[test]
+    fn a_flat_polygon_is_covered_once() {
+        let points = circle(40, |_| 0.0);
+        let area = |t: &[[usize; 3]]| -> f64 {
+            t.iter().map(|t| (points[t[1]] - points[t[0]]).cross(points[t[2]] - points[t[0]]).z / 2.0).sum()
+        };
+        let whole = 20.0 * (std::f64::consts::TAU / 40.0).sin();
+        for t in [least_weight(&points, &[DVec3::ZERO; 40], |_, _| false, || true), flat(&points, |_, _| false)] {
+            let t = t.unwrap();
+            assert_eq!(t.len(), 38);
+            assert!((area(&t) - whole).abs() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn a_polygon_whose_picture_crosses_itself_is_not_cut_by_ears() {
+        // Twice around the axis, rising and falling once.
+        let coil: Vec<DVec3> = (0..48)
+            .map(|i| {
+                let u = f64::from(i) / 24.0 * std::f64::consts::TAU;
+                let r = 2.0 + (u / 2.0 + 0.1).cos();
+                DVec3::new(r * u.cos(), r * u.sin(), (u / 2.0).sin())
+            })
+            .collect();
+        assert_eq!(flat(&coil, |_, _| false), None);
+    }
+
+    #[test]
+    fn a_long_polygon_is_cut_where_it_is_narrow_and_not_at_its_end() {
+        let mut points = circle(400, |u| u.sin());
+        points.iter_mut().for_each(|p| p.y *= 0.1);
+        let (i, j) = shortest_cut(&points, |_, _| false).unwrap();
+        assert!(j - i >= 100 && j - i <= 300);
+        assert!(points[i].distance(points[j]) < 2.1);
+    }
 }

@@ -1,7 +1,7 @@
 use super::{Cancelled, Changes, Context, Options, RedFlag, RedFlagCode, compare, red_flags};
 use crate::format::{self, Format, Limits, ReadError, WriteError};
 use crate::inspect::{Measures, measure};
-use crate::mesh::Soup;
+use crate::mesh::{NO_SOURCE, Soup, Surface};
 
 /// A result as bytes, and what those bytes say.
 pub(super) struct Judged {
@@ -25,21 +25,29 @@ pub(super) enum JudgeError {
 
 /// Writes a mesh, reads the written bytes back, and measures those, so that the verdict is on what is handed out.
 pub(super) fn judge(
-    soup: &Soup,
+    surface: &Surface,
     format: Format,
     input: &Soup,
     before: &Measures,
     options: &Options,
     context: &Context<'_>,
 ) -> Result<Judged, JudgeError> {
-    let bytes = format::write(soup, format)?;
+    let bytes = format::write(&surface.to_soup(), format)?;
     // What we have written may be read however large it is.
     let limits = Limits { max_bytes: u64::MAX, max_faces: u64::MAX, max_vertices: u64::MAX };
     let read = format::read(&bytes, &limits)?;
     let measures = measure(&read.soup, context)?;
     let changes = compare(before, &measures, input, &read.soup);
-    let red_flags = red_flags(before, &measures, &changes, options);
+    let red_flags = red_flags(before, &measures, &changes, standing(surface), options);
     Ok(Judged { bytes, dialect: read.dialect, measures, changes, red_flags })
+}
+
+/// How many faces of the input are in a surface, whole or cut.
+fn standing(surface: &Surface) -> u64 {
+    let mut sources: Vec<u32> = surface.source.iter().copied().filter(|&s| s != NO_SOURCE).collect();
+    sources.sort_unstable();
+    sources.dedup();
+    sources.len() as u64
 }
 
 impl Judged {

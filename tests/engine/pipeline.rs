@@ -1,0 +1,317 @@
+//! The whole way from bytes to bytes.
+
+use std::cell::RefCell;
+use std::sync::atomic::AtomicBool;
+use std::time::Duration;
+
+use glam::DVec3;
+use meshmend::format::{self, Format, Limits};
+use meshmend::mesh::Soup;
+use meshmend::repair::{
+    Action, Category, Context, NoProgress, Options, Outcome, OutputFormat, Preset, RedFlagCode, RemeshAction,
+    RemeshError, RemeshRequest, Remeshed, Remesher, RemesherInfo, RepairError, Repaired, StepStatus, repair,
+};
+use proptest::prelude::*;
+
+use crate::meshes::{as_f32, cube, inside_out, join, push, sheet, sphere, torus};
+
+fn run(soup: &Soup, options: &Options, remesher: Option<&dyn Remesher>) -> Repaired {
+    let bytes = format::write(soup, Format::Stl).unwrap();
+    run_bytes(&bytes, options, remesher).unwrap()
+}
+
+fn run_bytes(bytes: &[u8], options: &Options, remesher: Option<&dyn Remesher>) -> Result<Repaired, RepairError> {
+    let cancel = AtomicBool::new(false);
+    let clock = || Duration::ZERO;
+    let context = Context::new(&NoProgress, &cancel, &clock, Duration::from_secs(600));
+    repair(bytes, options, &Limits::default(), remesher, &context)
+}
+
+fn read(bytes: &[u8]) -> Soup {
+    format::read(bytes, &Limits::default()).unwrap().soup
+}
+
+/// A remesher that answers what it is told to.
+struct Fake {
+    info: RemesherInfo,
+    answers: RefCell<Vec<Result<Soup, RemeshError>>>,
+    asked: RefCell<Vec<(RemeshAction, usize, f64)>>,
+}
+
+impl Fake {
+    fn answering(answers: Vec<Result<Soup, RemeshError>>) -> Self {
+        let info = RemesherInfo { kind: "fake".into(), version: "1".into(), program: "none".into() };
+        Self { info, answers: RefCell::new(answers), asked: RefCell::default() }
+    }
+}
+
+impl Remesher for Fake {
+    fn info(&self) -> &RemesherInfo {
+        &self.info
+    }
+
+    fn remesh(&self, request: &RemeshRequest<'_>, _: &Context<'_>) -> Result<Remeshed, RemeshError> {
+        self.asked.borrow_mut().push((request.action, request.soup.faces.len(), request.voxel_size));
+        self.answers.borrow_mut().remove(0).map(|soup| Remeshed { soup })
+    }
+}
+
+/// Two cubes on a common edge: beyond what tier 1 mends.
+fn non_manifold() -> Soup {
+    join(&cube(DVec3::ZERO, 1.0, 1), &cube(DVec3::new(1.0, 1.0, 0.0), 1.0, 1))
+}
+
+#[test]
+fn a_printable_file_comes_back_bit_for_bit() {
+    let bytes = format::write(&torus(3.0, 1.0, 16, 8), Format::Stl).unwrap();
+    let it = run_bytes(&bytes, &Options::default(), None).unwrap();
+    assert_eq!(it.report.outcome, Outcome::AlreadyPrintable);
+    assert_eq!(it.bytes, bytes);
+    assert!(it.report.verified_from_output_bytes && it.report.steps.is_empty());
+    assert_eq!(it.report.changes.unwrap().faces_kept_pct, 100.0);
+}
+
+#[test]
+fn a_printable_file_in_another_format_keeps_its_faces_in_order() {
+    let soup = as_f32(sphere(DVec3::ZERO, 1.0, 12, 6));
+    let options = Options { output: OutputFormat::Off, ..Options::default() };
+    let it = run(&soup, &options, None);
+    assert_eq!((it.report.outcome, it.format), (Outcome::AlreadyPrintable, Format::Off));
+    let out = read(&it.bytes);
+    for f in 0..soup.faces.len() {
+        assert_eq!(out.corners(f), soup.corners(f));
+    }
+}
+
+#[test]
+fn a_file_that_breaks_when_it_is_rounded_goes_on_to_repair() {
+    // The two sides of a slit so thin that f32 has no number between them.
+    let mut soup = cube(DVec3::splat(1000.0), 1.0, 2);
+    for p in &mut soup.positions {
+        if p.x == 1000.5 && p.y == 1000.5 {
+            p.x -= 0.5 - 1e-9;
+        }
+    }
+    let bytes = format::write(&soup, Format::Off).unwrap();
+    let it = run_bytes(&bytes, &Options::default(), None).unwrap();
+    assert!(it.report.before.printable());
+    assert_ne!(it.report.outcome, Outcome::Unrepairable);
+    assert!(it.report.after.unwrap().printable());
+}
+
+#[test]
+fn each_kind_of_damage_is_repaired_by_the_first_tier() {
+    let ball = sphere(DVec3::ZERO, 1.0, 16, 10);
+    let mut missing = ball.clone();
+    missing.faces.drain(41..47);
+    let mut flipped = ball.clone();
+    for face in flipped.faces.iter_mut().step_by(3) {
+        face.swap(0, 1);
+    }
+    let mut doubled = ball.clone();
+    doubled.faces.extend(ball.faces[..30].to_vec());
+    let mut not_a_number = ball.clone();
+    push(&mut not_a_number, [DVec3::NAN, DVec3::X, DVec3::Y]);
+    let hollow = join(&cube(DVec3::splat(-4.0), 8.0, 3), &inside_out(ball.clone()));
+    let mut hollow_with_hole = hollow.clone();
+    hollow_with_hole.faces.remove(0);
+    for (name, soup, category) in [
+        ("missing", missing, Category::Holes),
+        ("flipped", flipped, Category::Orientation),
+        ("inside out", inside_out(ball.clone()), Category::Orientation),
+        ("doubled", doubled, Category::NonManifold),
+        ("hollow", hollow_with_hole, Category::MultipleComponents),
+    ] {
+        let it = run(&soup, &Options::default(), None);
+        assert_eq!(it.report.outcome, Outcome::Repaired, "{name}: {:?}", it.report);
+        assert_eq!(it.report.plan.category, category, "{name}");
+        assert!(it.report.candidates.iter().filter(|c| c.chosen).count() == 1);
+    }
+    let it = run(&hollow, &Options::default(), None);
+    assert_eq!(it.report.outcome, Outcome::AlreadyPrintable);
+}
+
+#[test]
+fn surface_that_was_fine_is_not_moved() {
+    let mut soup = as_f32(torus(3.0, 1.0, 24, 12));
+    soup.faces.drain(100..106);
+    let it = run(&soup, &Options::default(), None);
+    assert_eq!(it.report.outcome, Outcome::Repaired);
+    assert_eq!(it.report.changes.unwrap().faces_kept_pct, 100.0);
+    let out = read(&it.bytes);
+    for f in 0..soup.faces.len() {
+        assert_eq!(out.corners(f), soup.corners(f), "face {f} stands where it stood");
+    }
+}
+
+#[test]
+fn an_open_sheet_is_handed_back_with_the_reason() {
+    let bytes = format::write(&sheet(12), Format::Stl).unwrap();
+    let fake = Fake::answering(vec![]);
+    let it = run_bytes(&bytes, &Options::default(), Some(&fake)).unwrap();
+    assert_eq!((it.report.outcome, it.report.plan.category), (Outcome::Unrepairable, Category::OpenSheet));
+    assert_eq!(it.bytes, bytes);
+    assert!(it.report.summary.contains("open surface"), "{}", it.report.summary);
+    assert!(fake.asked.borrow().is_empty());
+}
+
+#[test]
+fn an_open_sheet_is_remeshed_when_that_is_asked_for() {
+    let fake = Fake::answering(vec![Ok(cube(DVec3::ZERO, 12.0, 4))]);
+    let options = Options { preset: Preset::BlenderRemesh, ..Options::default() };
+    run(&sheet(12), &options, Some(&fake));
+    assert_eq!(fake.asked.borrow().len(), 1);
+}
+
+#[test]
+fn what_tier_1_cannot_mend_goes_to_the_boolean_and_then_to_voxels() {
+    let solid = cube(DVec3::new(0.0, 0.0, 0.0), 2.0, 3);
+    let mut slab = solid.clone();
+    for p in &mut slab.positions {
+        p.z /= 2.0;
+    }
+    let fake = Fake::answering(vec![Err(RemeshError::Failed("no".into())), Ok(slab)]);
+    let it = run(&non_manifold(), &Options { max_volume_change_pct: 1000.0, ..Options::default() }, Some(&fake));
+    let asked: Vec<RemeshAction> = fake.asked.borrow().iter().map(|a| a.0).collect();
+    assert_eq!(asked, [RemeshAction::BooleanUnion, RemeshAction::VoxelRemesh]);
+    assert_eq!(it.report.outcome, Outcome::Repaired, "{:#?}", it.report);
+    let failed = it.report.steps.iter().find(|s| s.status == StepStatus::Failed).unwrap();
+    assert_eq!((failed.action, failed.note.as_deref()), (Action::BooleanUnion, Some("no")));
+    let voxels = it.report.steps.iter().find(|s| s.action == Action::VoxelRemesh).unwrap();
+    assert!(voxels.voxel_size.unwrap() > 0.0 && voxels.program.as_ref().unwrap().kind == "fake");
+}
+
+#[test]
+fn a_result_that_lost_most_of_the_model_is_not_chosen() {
+    let corner = || cube(DVec3::ZERO, 0.5, 1);
+    let fake = Fake::answering(vec![Ok(corner()), Ok(corner())]);
+    let bytes = format::write(&non_manifold(), Format::Stl).unwrap();
+    let it = run_bytes(&bytes, &Options::default(), Some(&fake)).unwrap();
+    assert_eq!(it.report.outcome, Outcome::Unrepairable);
+    assert_eq!(it.bytes, bytes);
+    let judged = it.report.candidates.iter().find(|c| c.rung == Some(1)).unwrap();
+    assert!(judged.printable && judged.red_flags.iter().any(|f| f.code == RedFlagCode::BoxChange));
+}
+
+#[test]
+fn an_empty_result_is_never_handed_out() {
+    let fake = Fake::answering(vec![Ok(Soup::default()), Err(RemeshError::Empty)]);
+    let it = run(&non_manifold(), &Options::default(), Some(&fake));
+    assert_eq!(it.report.outcome, Outcome::Unrepairable);
+    assert!(!read(&it.bytes).faces.is_empty());
+}
+
+#[test]
+fn without_blender_the_rung_is_skipped_and_says_so() {
+    let it = run(&non_manifold(), &Options::default(), None);
+    let skipped: Vec<_> = it.report.steps.iter().filter(|s| s.tier == 3).collect();
+    assert_eq!(skipped.len(), 2);
+    assert!(skipped.iter().all(|s| s.status == StepStatus::Skipped && s.note.as_ref().unwrap().contains("Blender")));
+}
+
+#[test]
+fn max_tier_keeps_higher_tiers_out_of_the_plan() {
+    let fake = Fake::answering(vec![]);
+    let it = run(&non_manifold(), &Options { max_tier: 1, ..Options::default() }, Some(&fake));
+    assert!(it.report.plan.rungs.iter().all(|r| r.tier == 1));
+    assert!(fake.asked.borrow().is_empty());
+}
+
+#[test]
+fn parts_that_became_one_raise_a_flag() {
+    let two = join(&cube(DVec3::ZERO, 1.0, 1), &cube(DVec3::ONE, 1.0, 1));
+    let whole = cube(DVec3::ZERO, 2.0, 2);
+    let fake = Fake::answering(vec![Ok(whole.clone()), Ok(whole)]);
+    let options = Options { max_volume_change_pct: 1000.0, ..Options::default() };
+    let it = run(&two, &options, Some(&fake));
+    assert_eq!(it.report.outcome, Outcome::PartiallyRepaired, "{:#?}", it.report);
+    assert_eq!(it.report.red_flags[0].code, RedFlagCode::PartsMerged);
+}
+
+#[test]
+fn the_voxels_are_made_larger_until_the_faces_fit() {
+    let fake = Fake::answering(vec![Err(RemeshError::Empty), Err(RemeshError::Empty)]);
+    let options = Options { voxel_size: Some(1e-6), max_remesh_faces: 10_000, ..Options::default() };
+    run(&non_manifold(), &options, Some(&fake));
+    let size = fake.asked.borrow()[1].2;
+    assert!(2.0 * 12.0 / (size * size) <= 10_000.0 && size < 0.2, "{size}");
+}
+
+#[test]
+fn a_cancelled_job_ends_with_an_error() {
+    let cancel = AtomicBool::new(true);
+    let clock = || Duration::ZERO;
+    let context = Context::new(&NoProgress, &cancel, &clock, Duration::from_secs(600));
+    let bytes = format::write(&non_manifold(), Format::Stl).unwrap();
+    let it = repair(&bytes, &Options::default(), &Limits::default(), None, &context);
+    assert!(matches!(it, Err(RepairError::Cancelled(_))));
+}
+
+#[test]
+fn when_the_time_is_over_the_best_so_far_is_handed_out() {
+    let cancel = AtomicBool::new(false);
+    let now = std::cell::Cell::new(0u64);
+    for tick in [1u64, 300, 5_000_000] {
+        now.set(0);
+        // Each look at the clock costs time.
+        let clock = || {
+            now.set(now.get() + tick);
+            Duration::from_micros(now.get())
+        };
+        let context = Context::new(&NoProgress, &cancel, &clock, Duration::from_secs(5));
+        let mut soup = sphere(DVec3::ZERO, 1.0, 16, 10);
+        soup.faces.drain(40..60);
+        let bytes = format::write(&soup, Format::Stl).unwrap();
+        let it = repair(&bytes, &Options::default(), &Limits::default(), None, &context).unwrap();
+        assert!(!it.bytes.is_empty());
+        let late = it.report.outcome != Outcome::Repaired;
+        assert_eq!(late, tick > 1_000_000, "{}", it.report.summary);
+        assert_eq!(late, it.report.summary.contains("deadline_s"));
+    }
+}
+
+#[test]
+fn an_option_out_of_range_is_refused_before_the_file_is_read() {
+    let it = run_bytes(b"", &Options { max_tier: 4, ..Options::default() }, None);
+    assert!(matches!(it, Err(RepairError::Options(_))));
+}
+
+#[test]
+fn a_file_of_nothing_but_broken_faces_is_handed_back() {
+    let mut soup = Soup::default();
+    push(&mut soup, [DVec3::X, DVec3::X, DVec3::Y]);
+    let bytes = format::write(&soup, Format::Stl).unwrap();
+    let it = run_bytes(&bytes, &Options::default(), None).unwrap();
+    assert_eq!((it.report.outcome, it.bytes), (Outcome::Unrepairable, bytes));
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 24, failure_persistence: None, ..ProptestConfig::default() })]
+
+    #[test]
+    fn the_same_bytes_in_give_the_same_bytes_out_and_the_verdict_is_true(
+        gone in proptest::collection::vec(0..180usize, 0..12),
+        turned in proptest::collection::vec(0..180usize, 0..12),
+        doubled in proptest::collection::vec(0..180usize, 0..6),
+    ) {
+        let mut soup = torus(3.0, 1.0, 12, 8);
+        for f in turned {
+            soup.faces[f].swap(1, 2);
+        }
+        for f in doubled {
+            let face = soup.faces[f];
+            soup.faces.push(face);
+        }
+        for f in gone {
+            soup.faces.swap_remove(f);
+        }
+        let (a, b) = (run(&soup, &Options::default(), None), run(&soup, &Options::default(), None));
+        prop_assert_eq!(&a, &b);
+        let cancel = AtomicBool::new(false);
+        let clock = || Duration::ZERO;
+        let context = Context::new(&NoProgress, &cancel, &clock, Duration::from_secs(600));
+        let seen = meshmend::inspect::measure(&read(&a.bytes), &context).unwrap();
+        prop_assert_eq!(Some(&seen), a.report.after.as_ref());
+        prop_assert_eq!(seen.printable(), matches!(a.report.outcome, Outcome::Repaired | Outcome::AlreadyPrintable));
+    }
+}
