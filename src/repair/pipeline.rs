@@ -1,3 +1,4 @@
+use std::ops::Range;
 use std::time::Duration;
 
 use super::plan::{make_plan, name};
@@ -103,7 +104,7 @@ pub fn repair(
     let opening =
         Rung { tier: 1, preset: Preset::BasicCleanup, actions: vec![Action::BasicCleanup, Action::FixNormals] };
     let mut runner = Runner { options, format, remesher, context, steps: Vec::new() };
-    let opened = runner.run(0, &opening, 0, &mut surface)?;
+    let opened = runner.run(0, &opening, 0, &(5..15), &mut surface)?;
     let opening_steps = runner.steps.clone();
     let category = categorise(&as_is, if as_is.boundary_edges > 0 { open_sheet_share(&surface) } else { 0.0 });
     report.plan = make_plan(&as_is, category, options);
@@ -117,18 +118,19 @@ pub fn repair(
             continue;
         }
         let mut result = surface.clone();
+        let span = span(index);
         if index > 0 {
             runner.steps.extend(opening_steps.iter().cloned().map(|s| taken_over(s, index)));
         }
         let end = match opened {
-            End::Finished => runner.run(index, rung, opening.actions.len(), &mut result)?,
+            End::Finished => runner.run(index, rung, opening.actions.len(), &span, &mut result)?,
             End::Nothing => End::Nothing,
             End::OutOfTime => End::OutOfTime,
         };
         if matches!(end, End::Nothing) || result.faces.is_empty() {
             continue;
         }
-        context.report(Stage::Verify, Some(rung.tier), verify_percent(index));
+        context.report(Stage::Verify, Some(rung.tier), span.end);
         let judging = context.now();
         let verdict = judge(&result, format, &soup, &before, options, patient);
         let mut step = validation(index, judging, context);
@@ -260,13 +262,11 @@ fn candidate(rung: Option<u32>, judged: &Judged, chosen: bool) -> Candidate {
     }
 }
 
-/// After which share of the whole a rung is judged.
-fn verify_percent(rung: u32) -> u8 {
-    match rung {
-        0 => 50,
-        1 => 70,
-        _ => 90,
-    }
+/// The share of the whole repair, in percent, that a rung is taken to be: each is half of what is left, since later ones
+/// seldom run.
+fn span(rung: u32) -> Range<u8> {
+    let begin = |rung: u32| 95 - (80 >> rung.min(7));
+    begin(rung)..begin(rung + 1)
 }
 
 fn empty_report(input: &Input<'_>, options: &Options, warnings: Vec<String>) -> Report {

@@ -1,3 +1,4 @@
+use std::ops::Range;
 use std::time::Duration;
 
 use super::degenerate::{remove_caps, remove_collapsed};
@@ -39,12 +40,21 @@ pub(super) enum End {
 }
 
 impl Runner<'_> {
-    /// Runs all actions but `Validate` on `surface`.
+    /// Runs all actions but `Validate` on `surface`, from number `from` on. `span` is the share of the whole repair, in
+    /// percent, that they are taken to be.
     ///
     /// # Errors
     /// [`Cancelled`] when the job was cancelled; the end of time is no error here.
-    pub fn run(&mut self, index: u32, rung: &Rung, from: usize, surface: &mut Surface) -> Result<End, Cancelled> {
-        for &action in &rung.actions[from..] {
+    pub fn run(
+        &mut self,
+        index: u32,
+        rung: &Rung,
+        from: usize,
+        span: &Range<u8>,
+        surface: &mut Surface,
+    ) -> Result<End, Cancelled> {
+        let actions = &rung.actions[from..];
+        for (done, &action) in actions.iter().enumerate() {
             if action == Action::Validate {
                 continue;
             }
@@ -60,7 +70,7 @@ impl Runner<'_> {
                 program: None,
                 voxel_size: None,
             };
-            self.context.report(Stage::Repair, Some(rung.tier), percent(index, rung.actions.len(), &self.steps, index));
+            self.context.report(Stage::Repair, Some(rung.tier), percent(span, done, actions.len()));
             let end = self.act(action, surface, &mut step);
             step.milliseconds = (self.context.now().saturating_sub(start)).as_secs_f64() * 1e3;
             let end = match end {
@@ -193,16 +203,8 @@ fn voxel_size(surface: &Surface, options: &Options) -> f64 {
     wanted.max((TRIANGLES_PER_VOXEL_AREA * area / options.max_remesh_faces as f64).sqrt())
 }
 
-/// How far a repair is while a rung runs: rungs share the span from 10 to 90 in halves, since later ones seldom run.
-fn percent(rung: u32, actions: usize, steps: &[Step], index: u32) -> u8 {
-    let done = steps.iter().filter(|s| s.rung == index).count();
-    let (mut low, mut span) = (10.0, 80.0);
-    for _ in 0..rung.min(8) {
-        low += span / 2.0;
-        span /= 2.0;
-    }
-    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "between 10 and 90")]
-    {
-        (low + span / 2.0 * (done as f64 / actions.max(1) as f64).min(1.0)) as u8
-    }
+/// How far the whole is when `done` of `actions` of a rung are done.
+fn percent(span: &Range<u8>, done: usize, actions: usize) -> u8 {
+    let width = usize::from(span.end.saturating_sub(span.start));
+    span.start + u8::try_from(width * done / actions.max(1)).unwrap_or(0)
 }

@@ -46,8 +46,8 @@ impl Fake {
 }
 
 impl Remesher for Fake {
-    fn info(&self) -> &RemesherInfo {
-        &self.info
+    fn info(&self) -> Result<&RemesherInfo, &str> {
+        Ok(&self.info)
     }
 
     fn remesh(&self, request: &RemeshRequest<'_>, _: &Context<'_>) -> Result<Remeshed, RemeshError> {

@@ -135,8 +135,8 @@ async fn events_tell_each_stage_and_end_with_the_job() {
     let program = Start::serve(data.path()).arg("--workers", "1").start();
     let api = Api::new(&program);
     // The second job waits behind the first, so that the listener is there before it starts.
-    api.submit(files::large_open_sphere(300_000), json!({"max_tier": 1})).await;
-    let id = api.submit(files::large_open_sphere(300_000), json!({"max_tier": 1})).await;
+    api.submit(files::large_open_sphere(60_000), json!({"max_tier": 1})).await;
+    let id = api.submit(files::large_open_sphere(60_000), json!({"max_tier": 1})).await;
     let events = api.get(&format!("/v1/jobs/{id}/events")).send().await.expect("an answer");
     assert_eq!(events.headers()["content-type"], "text/event-stream");
     let text = events.text().await.expect("the stream ends by itself");

@@ -74,7 +74,7 @@ async fn a_child_that_is_killed_each_time_is_set_aside_with_its_reason() {
     let program = Start::serve(data.path()).env("FAILPOINTS", "child-read=sleep(600000)").start();
     let api = Api::new(&program);
     // Each attempt but the first runs without the pause, so the model is large enough to be caught at work.
-    let id = api.submit(files::large_open_sphere(1_000_000), json!({"max_tier": 1})).await;
+    let id = api.submit(files::large_open_sphere(400_000), json!({"max_tier": 1})).await;
     let mut killed = Vec::new();
     let job = until("the job is set aside", async || {
         for pid in program.job_children() {
