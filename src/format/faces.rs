@@ -12,7 +12,6 @@ pub(super) struct Faces {
     /// Polygons whose vertices had not been read yet.
     waiting: Vec<Waiting>,
     waiting_corners: Vec<u32>,
-    polygons: u64,
     too_few: u64,
 }
 
@@ -31,7 +30,6 @@ impl Faces {
             cutter: Cutter::new(),
             waiting: Vec::new(),
             waiting_corners: Vec::new(),
-            polygons: 0,
             too_few: 0,
         }
     }
@@ -53,7 +51,6 @@ impl Faces {
             }
             &[a, b, c] => self.triangle([a, b, c]),
             _ => {
-                self.polygons += 1;
                 let triangles = corners.len() - 2;
                 self.limits.check_faces((self.faces.len() + triangles) as u64)?;
                 if corners.iter().all(|&v| (v as usize) < positions.len()) {
@@ -79,12 +76,15 @@ impl Faces {
                 next += 1;
             });
         }
-        if self.polygons > 0 {
-            warnings.push(format!("faces with more than three corners were cut into triangles: {}", self.polygons));
+        if self.cutter.without_normal() > 0 {
+            warnings.push(format!(
+                "polygons whose corners lie on a line or have no position: {}",
+                self.cutter.without_normal()
+            ));
         }
         if self.cutter.fanned() > 0 {
             warnings.push(format!(
-                "polygons that cross themselves, lie on a line or have too many corners were cut as fans: {}; look at the result there",
+                "polygons that cross themselves or have too many corners were cut as fans: {}; look at the result there",
                 self.cutter.fanned()
             ));
         }

@@ -87,17 +87,17 @@ pub(super) fn read(bytes: &[u8], limits: &Limits) -> Result<ReadMesh, ReadError>
 impl<'a> Reader<'a> {
     fn statement(&mut self, word: Word<'a>) -> Result<(), ReadError> {
         match word.bytes {
-            b"v" | b"V" => return self.vertex(word),
-            b"f" | b"F" | b"fo" => return self.face(word),
+            b"v" => return self.vertex(word),
+            b"f" | b"fo" => return self.face(word),
             b"vn" | b"vt" => {}
             b"l" => self.lines += 1,
             b"p" => self.points += 1,
             b"curv" | b"curv2" | b"surf" => self.free_form += 1,
-            _ if NAMES.iter().any(|name| word.is(name)) => {
+            _ if NAMES.iter().any(|name| word.bytes == name.as_bytes()) => {
                 self.text.skip_line();
                 return Ok(());
             }
-            _ if IGNORED.iter().any(|name| word.is(name)) => {}
+            _ if IGNORED.iter().any(|name| word.bytes == name.as_bytes()) => {}
             _ => {
                 self.unknown += 1;
                 self.first_unknown.get_or_insert(word);
@@ -156,7 +156,7 @@ impl<'a> Reader<'a> {
             ));
         };
         let have = self.positions.len() as i64;
-        let index = if number > 0 { number - 1 } else { have + number };
+        let index = if number > 0 { number - 1 } else { have.saturating_add(number) };
         if number == 0 || index < 0 || index >= i64::from(u32::MAX) {
             return Err(self.out_of_range(number, have, word.at));
         }

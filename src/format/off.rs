@@ -30,6 +30,7 @@ pub(super) fn read(bytes: &[u8], limits: &Limits) -> Result<ReadMesh, ReadError>
         Some(word) => count_of(&text, word, "vertices")?,
         None => next_count(&mut text, "vertices")?,
     };
+    let counts_at = text.at();
     let faces = next_count(&mut text, "faces")?;
     // The count of edges may be missing, and nobody uses it.
     text.skip_line();
@@ -40,7 +41,7 @@ pub(super) fn read(bytes: &[u8], limits: &Limits) -> Result<ReadMesh, ReadError>
     if least > remaining + 2 {
         return Err(text.error(
             ReadErrorKind::Truncated,
-            bytes.len(),
+            counts_at,
             format!(
                 "the header counts {vertices} vertices and {faces} faces, which the {remaining} bytes after it can't hold; the file was cut off or its counts are wrong"
             ),

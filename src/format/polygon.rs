@@ -5,34 +5,59 @@
 //! itself still doesn't. Ears are then cut in that plane. Every polygon of n corners gives exactly n - 2 triangles that turn
 //! as it does and have each of its edges once, whatever its shape.
 
-use earcut::Earcut;
+use earcut::{Earcut, Refiner};
 use glam::DVec3;
 use robust::{Coord, orient2d};
 
 /// Cuts polygons, keeping its buffers from one to the next.
 pub(super) struct Cutter {
     earcut: Earcut<f64>,
+    refiner: Refiner,
     flat: Vec<[f64; 2]>,
     triangles: Vec<u32>,
     edges: Vec<(u32, u32)>,
+    order: Vec<u32>,
     work: u64,
+    without_normal: u64,
     fanned: u64,
 }
 
-/// Corners above which a polygon that is not convex is cut as a fan: ear cutting takes cubic time on polygons that are
-/// made to defeat it.
-const MOST_CORNERS: usize = 4096;
+/// Corners above which polygons are cut as fans, right for convex ones only: ear cutting takes quadratic time on polygons
+/// that are made to defeat it.
+const MOST_CORNERS: usize = 8192;
 
-/// Sum of squared corner counts above which polygons that are not convex are cut as fans, for the same reason.
-const MOST_WORK: u64 = 400_000_000;
+/// Corners above which a polygon that crosses itself is cut as a fan: on these ear cutting can take cubic time, and what it
+/// gives is no better.
+const MOST_CROSSING_CORNERS: usize = 64;
+
+/// Work after which all polygons are cut as fans, in squared corner counts; far more than a model needs that is not made to
+/// be slow.
+const MOST_WORK: u64 = 100_000_000;
+
+/// Twice the area of the triangle at a corner, in a polygon of a size near one, below which the corner counts as straight.
+const STRAIGHT: f64 = 1e-9;
 
 impl Cutter {
     pub fn new() -> Self {
-        Self { earcut: Earcut::new(), flat: Vec::new(), triangles: Vec::new(), edges: Vec::new(), work: 0, fanned: 0 }
+        Self {
+            earcut: Earcut::new(),
+            refiner: Refiner::new(),
+            flat: Vec::new(),
+            triangles: Vec::new(),
+            edges: Vec::new(),
+            order: Vec::new(),
+            work: 0,
+            without_normal: 0,
+            fanned: 0,
+        }
     }
 
-    /// Polygons that had to be cut as fans although they are not convex: without a plane, crossing themselves, or with
-    /// too many corners.
+    /// Polygons without a normal: with all corners on a line, or some that are not finite. They are cut as fans.
+    pub fn without_normal(&self) -> u64 {
+        self.without_normal
+    }
+
+    /// Polygons that had to be cut as fans although they are not convex: crossing themselves, or with too many corners.
     pub fn fanned(&self) -> u64 {
         self.fanned
     }
@@ -63,56 +88,63 @@ impl Cutter {
     }
 
     fn shape(&mut self, positions: &[DVec3], corners: &[u32]) -> Shape {
-        if !self.flatten(positions, corners) {
-            self.fanned += 1;
+        let count = corners.len();
+        let Some((normal, scale)) = newell(positions, corners) else {
+            self.without_normal += 1;
             return Shape::FanFrom(0);
-        }
-        if corners.len() == 4 {
+        };
+        self.look_along_axis(positions, corners, normal, scale);
+        if count == 4 {
             // A fan from a straight or reflex corner is the only one whose triangles have area and don't fold.
-            return Shape::FanFrom((0..4).find(|&k| self.turn(k) <= 0.0).unwrap_or(0));
+            return Shape::FanFrom((0..4).find(|&k| self.turn(k) <= STRAIGHT).unwrap_or(0));
         }
-        if self.convex() {
+        let convex = self.convex();
+        if count > MOST_CORNERS || self.work > MOST_WORK {
+            self.fanned += u64::from(!convex);
             return Shape::FanFrom(0);
         }
-        let work = (corners.len() as u64).saturating_pow(2);
-        if corners.len() <= MOST_CORNERS && self.work.saturating_add(work) <= MOST_WORK {
-            self.work += work;
-            if self.cut_ears() {
-                return Shape::Ears;
-            }
+        if convex {
+            self.triangles.clear();
+            #[expect(clippy::cast_possible_truncation, reason = "a polygon here has at most MOST_CORNERS corners")]
+            self.triangles.extend((1..count as u32 - 1).flat_map(|k| [0, k, k + 1]));
+            self.refiner.refine(&mut self.triangles, &self.flat);
+            return Shape::Ears;
+        }
+        if self.cut_ears() {
+            return Shape::Ears;
+        }
+        // A narrow polygon that is not quite flat can cross itself when seen askew.
+        self.look_along_normal(positions, corners, normal, scale);
+        if self.cut_ears() {
+            return Shape::Ears;
         }
         self.fanned += 1;
         Shape::FanFrom(0)
     }
 
-    /// Fills `flat` with the polygon in a coordinate plane in which it runs counter-clockwise; false if it has no normal.
-    fn flatten(&mut self, positions: &[DVec3], corners: &[u32]) -> bool {
-        let at = |k: usize| positions[corners[k] as usize];
-        let origin = at(0);
-        let size = (1..corners.len()).map(|k| (at(k) - origin).abs().max_element()).fold(0.0, f64::max);
-        if !size.is_finite() || size == 0.0 || !(0..corners.len()).all(|k| at(k).is_finite()) {
-            return false;
-        }
-        // Scaled, so that the products of very large or small models stay in range.
-        let mut normal = DVec3::ZERO;
-        for k in 1..corners.len() - 1 {
-            normal += ((at(k) - origin) / size).cross((at(k + 1) - origin) / size);
-        }
-        let strength = normal.abs().max_element();
-        if !strength.is_finite() || strength <= f64::EPSILON * 16.0 {
-            return false;
-        }
-        let axis = (0..3).find(|&k| normal[k].abs() == strength).unwrap_or(2);
+    /// Fills `flat` with the polygon in the coordinate plane in which it is largest; there it runs counter-clockwise.
+    fn look_along_axis(&mut self, positions: &[DVec3], corners: &[u32], normal: DVec3, scale: f64) {
+        let axis = normal.abs().max_position();
         let (mut u, mut v) = ((axis + 1) % 3, (axis + 2) % 3);
         if normal[axis] < 0.0 {
             std::mem::swap(&mut u, &mut v);
         }
         self.flat.clear();
-        self.flat.extend((0..corners.len()).map(|k| {
-            let p = at(k);
+        self.flat.extend(corners.iter().map(|&corner| {
+            let p = positions[corner as usize] * scale;
             [p[u], p[v]]
         }));
-        true
+    }
+
+    /// Fills `flat` with the polygon in the plane across its normal, counter-clockwise.
+    fn look_along_normal(&mut self, positions: &[DVec3], corners: &[u32], normal: DVec3, scale: f64) {
+        let (u, v) = normal.normalize_or_zero().any_orthonormal_pair();
+        let origin = positions[corners[0] as usize] * scale;
+        self.flat.clear();
+        self.flat.extend(corners.iter().map(|&corner| {
+            let p = positions[corner as usize] * scale - origin;
+            [p.dot(u), p.dot(v)]
+        }));
     }
 
     /// How the polygon turns at a corner: above zero for left, zero for straight on.
@@ -139,6 +171,15 @@ impl Cutter {
     /// Cuts ears; false if what comes out is not a disk over exactly the polygon's edges.
     fn cut_ears(&mut self) -> bool {
         let count = self.flat.len();
+        let squared = (count as u64).saturating_pow(2);
+        let crossing = self.crosses_itself();
+        self.work += squared / 16;
+        if crossing {
+            if count > MOST_CROSSING_CORNERS {
+                return false;
+            }
+            self.work += squared;
+        }
         self.earcut.earcut_slice(&self.flat, &[], &mut self.triangles);
         for triangle in self.triangles.chunks_exact_mut(3) {
             // Along the polygon, so that each turns as it does.
@@ -147,7 +188,38 @@ impl Cutter {
         if self.triangles.len() < 3 * (count - 2) {
             self.put_back_skipped_corners();
         }
+        if !crossing {
+            // Rounding lets ears without area pass for ears; Delaunay flips are rid of them.
+            self.refiner.refine(&mut self.triangles, &self.flat);
+        }
         self.triangles.len() == 3 * (count - 2) && self.is_disk()
+    }
+
+    /// Whether two of the polygon's edges cross. Touching is not crossing: a polygon with a hole that is joined to the
+    /// outline by a cut runs along the cut twice.
+    fn crosses_itself(&mut self) -> bool {
+        let count = self.flat.len();
+        let flat = &self.flat;
+        let ends = |k: u32| (flat[k as usize], flat[(k as usize + 1) % count]);
+        self.order.clear();
+        #[expect(clippy::cast_possible_truncation, reason = "a polygon here has at most MOST_CORNERS corners")]
+        self.order.extend(0..count as u32);
+        let left = |k: u32| ends(k).0[0].min(ends(k).1[0]);
+        self.order.sort_unstable_by(|&a, &b| left(a).total_cmp(&left(b)));
+        for (i, &a) in self.order.iter().enumerate() {
+            let (p, q) = ends(a);
+            let (right, low, high) = (p[0].max(q[0]), p[1].min(q[1]), p[1].max(q[1]));
+            for &b in &self.order[i + 1..] {
+                let (r, s) = ends(b);
+                if r[0].min(s[0]) > right {
+                    break;
+                }
+                if r[1].max(s[1]) >= low && r[1].min(s[1]) <= high && cross([p, q, r, s]) {
+                    return true;
+                }
+            }
+        }
+        false
     }
 
     /// Ear cutting passes over corners on a straight line; each run of them is put back by splitting the triangle that has
@@ -196,6 +268,34 @@ impl Cutter {
     }
 }
 
+/// The Newell normal, not normalised, of a polygon that was scaled to a size near one, and that scale, a power of two;
+/// none if the corners lie on a line or are not finite.
+fn newell(positions: &[DVec3], corners: &[u32]) -> Option<(DVec3, f64)> {
+    let at = |k: usize| positions[corners[k] as usize];
+    let origin = at(0);
+    let size = corners.iter().map(|&v| (positions[v as usize] - origin).abs().max_element()).fold(0.0, f64::max);
+    let finite = origin.is_finite() && corners.iter().all(|&v| (positions[v as usize] - origin).is_finite());
+    if !finite || size == 0.0 {
+        return None;
+    }
+    // So that products of very large or small coordinates stay in range; a power of two is free of rounding.
+    let scale = size.log2().floor().clamp(-1000.0, 1000.0).exp2().recip();
+    let mut normal = DVec3::ZERO;
+    for k in 1..corners.len() - 1 {
+        normal += ((at(k) - origin) * scale).cross((at(k + 1) - origin) * scale);
+    }
+    // Less is what rounding leaves of corners on a line.
+    (normal.abs().max_element() > 16.0 * f64::EPSILON).then_some((normal, scale))
+}
+
+/// Whether the segments from p to q and from r to s cross in their insides.
+fn cross([p, q, r, s]: [[f64; 2]; 4]) -> bool {
+    let side = |a: [f64; 2], b: [f64; 2], c: [f64; 2]| {
+        orient2d(Coord { x: a[0], y: a[1] }, Coord { x: b[0], y: b[1] }, Coord { x: c[0], y: c[1] })
+    };
+    side(p, q, r) * side(p, q, s) < 0.0 && side(r, s, p) * side(r, s, q) < 0.0
+}
+
 fn has_side(triangle: &[u32], a: u32, b: u32) -> bool {
     (0..3).any(|k| triangle[k] == a && triangle[(k + 1) % 3] == b)
 }
@@ -206,3 +306,6 @@ enum Shape {
     /// The triangles are in `Cutter::triangles`, as places in the polygon.
     Ears,
 }
+
+#[cfg(test)]
+mod tests;

@@ -21,6 +21,12 @@ pub(super) fn sniff(head: &[u8], length: Option<u64>) -> Result<Format, ReadErro
     if stl::length_fits(head, length) {
         return Ok(Format::Stl);
     }
+    if is_mangled(head) {
+        return Err(ReadError::whole(
+            ReadErrorKind::UnknownFormat,
+            "this was a binary file and was then converted as if it were text, which can't be undone; send the original",
+        ));
+    }
     if let Some(found) = foreign::recognise(head) {
         return Err(ReadError::whole(
             ReadErrorKind::UnsupportedFormat,
@@ -62,6 +68,12 @@ fn text_start(head: &[u8]) -> usize {
 /// Whether there are bytes that no text has.
 fn looks_binary(head: &[u8]) -> bool {
     head.iter().any(|&b| b < 0x20 && !matches!(b, b'\t' | b'\n' | b'\r' | 0x0B | 0x0C | 0x1A))
+}
+
+/// Whether bytes of a binary file were replaced by U+FFFD, as programs do that take it for UTF-8. By chance, three of
+/// these marks in a head are as good as impossible.
+fn is_mangled(head: &[u8]) -> bool {
+    head.contains(&0) && head.windows(3).filter(|w| w == b"\xEF\xBF\xBD").count() >= 3
 }
 
 fn is_ply(head: &[u8]) -> bool {
@@ -150,15 +162,13 @@ fn is_obj(head: &[u8]) -> bool {
     let Some(first) = text.word() else {
         return head.contains(&b'#');
     };
-    let is_statement = OBJ_STATEMENTS.iter().any(|s| first.is(s));
+    let is_statement = OBJ_STATEMENTS.iter().any(|s| first.bytes == s.as_bytes());
     // A letter alone starts many a text; what follows has to fit.
     let mut rest = text.clone();
     let second = rest.word_on_line();
     let fits = match first.bytes {
-        [b'v' | b'V'] => second.is_some_and(|w| w.bytes.first().is_some_and(|b| b"+-.0123456789nNiI".contains(b))),
-        [b'f' | b'F' | b'l' | b'L' | b'p' | b'P'] => {
-            second.is_none_or(|w| w.bytes.first().is_some_and(|b| b"-0123456789".contains(b)))
-        }
+        [b'v'] => second.is_some_and(|w| w.bytes.first().is_some_and(|b| b"+-.0123456789nNiI".contains(b))),
+        [b'f' | b'l' | b'p'] => second.is_none_or(|w| w.bytes.first().is_some_and(|b| b"-0123456789".contains(b))),
         _ => true,
     };
     if is_statement && fits {
@@ -166,7 +176,7 @@ fn is_obj(head: &[u8]) -> bool {
     }
     let mut word = Some(first);
     while let Some(found) = word {
-        if found.is("v") {
+        if found.bytes == b"v" {
             let coordinates = (0..3).map_while(|_| text.word_on_line()).filter(|w| number(w.bytes).is_some()).count();
             if coordinates == 3 {
                 return true;
@@ -183,8 +193,13 @@ fn unknown(head: &[u8]) -> ReadError {
         "this is text in UTF-16; save it as UTF-8 or plain ASCII text, or export a binary format, and send that"
             .to_owned()
     } else {
+        let cut = if looks_binary(head) && head.len() < stl::LEAST_BINARY {
+            "; if it was binary STL, it was cut off, so send it again"
+        } else {
+            ""
+        };
         format!(
-            "the file begins with '{}', which is no format that is known here; send STL, OBJ, PLY or OFF",
+            "the file begins with '{}', which is no format that is known here; send STL, OBJ, PLY or OFF{cut}",
             shown(&head[..head.len().min(16)])
         )
     };

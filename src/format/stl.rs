@@ -13,10 +13,13 @@ const HEADER: usize = 84;
 /// A normal, three corners, and two bytes that nobody agrees on.
 const FACET: usize = 50;
 
-/// Whether a file of this length holds exactly as many facets as its header counts, and at least one.
+/// The smallest binary file with a facet.
+pub(super) const LEAST_BINARY: usize = HEADER + FACET;
+
+/// Whether a file of this length holds exactly as many facets as its header counts.
 pub(super) fn length_fits(head: &[u8], length: Option<u64>) -> bool {
     let (Some(count), Some(length)) = (declared(head), length) else { return false };
-    count > 0 && length == HEADER as u64 + FACET as u64 * u64::from(count)
+    length == HEADER as u64 + FACET as u64 * u64::from(count)
 }
 
 fn declared(head: &[u8]) -> Option<u32> {
@@ -56,7 +59,7 @@ pub(super) fn looks_like_facets(head: &[u8]) -> bool {
         for value in facet[..48].chunks_exact(4).map(float) {
             let size = value.abs();
             numbers += 1;
-            usual += u32::from(size == 0.0 || (1e-12..1e12).contains(&size) || value.is_nan());
+            usual += u32::from(size == 0.0 || (1e-20..1e20).contains(&size) || value.is_nan());
         }
     }
     numbers > 0 && usual * 10 >= numbers * 9

@@ -1,3 +1,5 @@
+use std::num::IntErrorKind;
+
 use super::errors::{Place, ReadError, ReadErrorKind, shown};
 
 /// A word of a text file and where it stands.
@@ -238,15 +240,18 @@ fn spelled_number(text: &str) -> Option<f64> {
     None
 }
 
-/// A word as a whole number.
+/// A word as a whole number; beyond what an i64 holds, the nearest that it does.
 pub(super) fn integer(word: &[u8]) -> Option<i64> {
     // Ten digits can't overflow, and longer ones are rare.
     if !word.is_empty() && word.len() <= 10 && word.iter().all(u8::is_ascii_digit) {
         return Some(word.iter().fold(0, |value, digit| value * 10 + i64::from(digit - b'0')));
     }
     let text = std::str::from_utf8(word).ok()?;
-    if let Ok(value) = text.parse::<i64>() {
-        return Some(value);
+    match text.parse::<i64>().map_err(|error| error.kind().clone()) {
+        Ok(value) => return Some(value),
+        Err(IntErrorKind::PosOverflow) => return Some(i64::MAX),
+        Err(IntErrorKind::NegOverflow) => return Some(i64::MIN),
+        Err(_) => {}
     }
     let value: f64 = text.parse().ok()?;
     #[expect(clippy::cast_possible_truncation, reason = "whole and below 2^53")]
@@ -312,6 +317,6 @@ mod tests {
         assert_eq!(integer(b"3.0"), Some(3));
         assert_eq!(integer(b"-12"), Some(-12));
         assert_eq!(integer(b"3.5"), None);
-        assert_eq!(integer(b"99999999999999999999"), None);
+        assert_eq!(integer(b"99999999999999999999"), Some(i64::MAX));
     }
 }

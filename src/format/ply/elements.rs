@@ -36,7 +36,7 @@ impl<V: Values> Elements<V> {
                 Role::Other => self.values.skip_element(element)?,
             }
         }
-        let mut warnings = Vec::new();
+        let mut warnings = header.warnings.clone();
         let faces = faces.finish(&self.positions, &mut warnings);
         if self.repeated > 0 {
             warnings.push(format!(

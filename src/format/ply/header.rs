@@ -138,6 +138,8 @@ impl Element {
 pub(super) struct Header {
     pub encoding: Encoding,
     pub elements: Vec<Element>,
+    /// Oddities that were read past.
+    pub warnings: Vec<String>,
     /// Offset of the first byte after it.
     pub body: usize,
 }
@@ -150,6 +152,7 @@ impl Header {
         text.skip_line();
         let mut encoding = None;
         let mut elements: Vec<Element> = Vec::new();
+        let mut strange = None;
         loop {
             let Some(word) = text.word() else { return Err(text.ended("the header's 'end_header'")) };
             match word.bytes {
@@ -164,7 +167,11 @@ impl Header {
                     element.properties.push(property);
                 }
                 b"end_header" => break,
-                _ => return Err(malformed(&text, word, "'format', 'element', 'property', 'comment' or 'end_header'")),
+                // Some exporters forget the word `comment`.
+                _ => {
+                    strange.get_or_insert(word);
+                    text.skip_line();
+                }
             }
         }
         let Some(encoding) = encoding else {
@@ -174,7 +181,16 @@ impl Header {
                 "the header has no line such as 'format binary_little_endian 1.0'; export the model again",
             ));
         };
-        let header = Self { encoding, elements, body: body_start(bytes, text.at()) };
+        let warnings = strange
+            .map(|word: Word<'_>| {
+                format!(
+                    "lines that are no part of a PLY header were passed over, the first beginning with '{}'",
+                    shown(word.bytes)
+                )
+            })
+            .into_iter()
+            .collect();
+        let header = Self { encoding, elements, warnings, body: body_start(bytes, text.at()) };
         header.check_elements(&text)?;
         Ok(header)
     }
