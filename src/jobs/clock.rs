@@ -12,6 +12,7 @@ pub struct SystemClock;
 
 impl Clock for SystemClock {
     fn now_ms(&self) -> i64 {
+        #[expect(clippy::disallowed_methods, reason = "the one place that asks the operating system")]
         let now = OffsetDateTime::now_utc();
         now.unix_timestamp() * 1000 + i64::from(now.millisecond())
     }

@@ -1,5 +1,4 @@
 use std::io;
-use std::os::unix::process::ExitStatusExt;
 use std::path::Path;
 use std::process::ExitStatus;
 use std::time::Duration;
@@ -15,7 +14,7 @@ use tokio_util::sync::CancellationToken;
 use super::pool::Pool;
 use super::process::JobProcess;
 use super::task::{ProgressLine, Task};
-use super::{ProcessLimits, pause_at};
+use super::{ProcessLimits, crash, pause_at};
 use crate::blobs::{BlobError, Blobs};
 use crate::format::Format;
 use crate::jobs::{
@@ -138,7 +137,8 @@ impl<'a> Attempt<'a> {
             }
             Ended::Exited(status) => {
                 metrics::counter!("meshmend_child_crashes_total").increment(1);
-                let (kind, problem) = self.explain_crash(folder, status).await?;
+                let stderr = tail(&folder.join(Task::STDERR)).await?;
+                let (kind, problem) = crash::explain(status, &stderr, self.pool.config.job_memory);
                 tracing::warn!(%status, code = ?problem.code, "the repair process ended by itself");
                 self.fail(folder, kind, problem).await.map(Some)
             }
@@ -242,10 +242,10 @@ impl<'a> Attempt<'a> {
         pause_at("worker-complete");
         record_steps(&report);
         let job = self.pool.store.complete(&self.lease, Completion { report, artifacts }).await?;
-        if self.lease.attempt > 1 {
-            if let Err(error) = self.pool.blobs.delete_attempts(self.lease.id, Some(&self.lease.token)).await {
-                tracing::warn!(%error, "files of an earlier attempt were left");
-            }
+        if self.lease.attempt > 1
+            && let Err(error) = self.pool.blobs.delete_attempts(self.lease.id, Some(&self.lease.token)).await
+        {
+            tracing::warn!(%error, "files of an earlier attempt were left");
         }
         Ok(job)
     }
@@ -295,39 +295,6 @@ impl<'a> Attempt<'a> {
                 tracing::warn!(%error, key, "a file of a lost attempt was left");
             }
         }
-    }
-
-    async fn explain_crash(
-        &self,
-        folder: &Path,
-        status: ExitStatus,
-    ) -> Result<(FailureKind, JobProblem), AttemptError> {
-        const SIGXCPU: i32 = 24;
-        const SIGXFSZ: i32 = 25;
-        let stderr = tail(&folder.join(Task::STDERR)).await?;
-        let megabytes = self.pool.config.job_memory >> 20;
-        let (kind, code, detail) = if stderr.contains("memory allocation of") {
-            let detail = format!(
-                "The repair needs more than the {megabytes} MiB of memory that a job may have. Send the model with \
-                 fewer faces, or raise the service's --job-memory."
-            );
-            (FailureKind::Final, ProblemKind::OutOfMemory, detail)
-        } else if status.signal() == Some(SIGXCPU) {
-            let detail = "The repair used more processor time than a job may have. Send the model with fewer faces or \
-                          a smaller max_tier.";
-            (FailureKind::Final, ProblemKind::CpuLimit, detail.to_owned())
-        } else if status.signal() == Some(SIGXFSZ) {
-            let detail = "The repair wrote a larger file than a job may write. Ask for a coarser result, such as a \
-                          smaller voxel_resolution.";
-            (FailureKind::Final, ProblemKind::FileLimit, detail.to_owned())
-        } else {
-            let detail = format!(
-                "The repair process ended by itself ({status}). This is a fault of the service, not of the model: \
-                 please report it with the job's log."
-            );
-            (FailureKind::Crash, ProblemKind::Crashed, detail)
-        };
-        Ok((kind, problem(code, detail)))
     }
 }
 

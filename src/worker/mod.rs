@@ -6,6 +6,7 @@
 
 mod attempt;
 mod child;
+mod crash;
 mod failpoint;
 mod limits;
 mod pool;

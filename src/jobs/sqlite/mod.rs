@@ -1,17 +1,15 @@
+mod row;
+
 use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
 use async_trait::async_trait;
-use serde::Serialize;
-use serde::de::DeserializeOwned;
-use sqlx::sqlite::{
-    SqliteConnectOptions, SqliteJournalMode, SqlitePool, SqlitePoolOptions, SqliteRow, SqliteSynchronous,
-};
-use sqlx::{Row, SqliteConnection};
-use time::OffsetDateTime;
+use sqlx::SqliteConnection;
+use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode, SqlitePool, SqlitePoolOptions, SqliteSynchronous};
 use uuid::Uuid;
 
+use self::row::{corrupt, count, millis, read_job, to_json, to_millis};
 use super::store::{
     Cancelled, Claim, Completion, Failure, FailureKind, JobStore, Lease, ListQuery, NewJob, Page, StatusCount,
     StoreError,
@@ -394,61 +392,4 @@ async fn end_attempt(connection: &mut SqliteConnection, end: &End<'_>) -> Result
     .fetch_one(connection)
     .await?;
     read_job(&row)
-}
-
-fn millis(duration: Duration) -> i64 {
-    i64::try_from(duration.as_millis()).unwrap_or(i64::MAX / 4)
-}
-
-fn to_millis(time: OffsetDateTime) -> i64 {
-    i64::try_from(time.unix_timestamp_nanos() / 1_000_000).unwrap_or(i64::MAX)
-}
-
-fn count(stored: i64) -> u32 {
-    u32::try_from(stored).unwrap_or(0)
-}
-
-/// JSON of a type of this crate, none of which can fail to be written.
-fn to_json<T: Serialize>(value: &T) -> String {
-    serde_json::to_string(value).unwrap_or_default()
-}
-
-fn corrupt(id: &str, column: &'static str, reason: impl ToString) -> StoreError {
-    StoreError::Corrupt { id: id.to_owned(), column, reason: reason.to_string() }
-}
-
-fn read_job(row: &SqliteRow) -> Result<Job, StoreError> {
-    let id: String = row.try_get("id")?;
-    let time = |column: &'static str| -> Result<Option<OffsetDateTime>, StoreError> {
-        let Some(stored) = row.try_get::<Option<i64>, _>(column)? else { return Ok(None) };
-        let time = OffsetDateTime::from_unix_timestamp_nanos(i128::from(stored) * 1_000_000);
-        time.map(Some).map_err(|e| corrupt(&id, column, e))
-    };
-    let moment = |column| time(column)?.ok_or_else(|| corrupt(&id, column, "no time"));
-    let status: String = row.try_get("status")?;
-    Ok(Job {
-        status: status.parse().map_err(|()| corrupt(&id, "status", &status))?,
-        outcome: json(row, &id, "outcome")?,
-        progress: json(row, &id, "progress")?,
-        attempt: count(row.try_get("attempt")?),
-        crashes: count(row.try_get("crashes")?),
-        created_at: moment("created_at")?,
-        run_at: moment("run_at")?,
-        started_at: time("started_at")?,
-        finished_at: time("finished_at")?,
-        input: json(row, &id, "input")?.ok_or_else(|| corrupt(&id, "input", "null"))?,
-        input_key: row.try_get("input_key")?,
-        options: json(row, &id, "options")?.ok_or_else(|| corrupt(&id, "options", "null"))?,
-        report: json(row, &id, "report")?,
-        artifacts: json(row, &id, "artifacts")?.unwrap_or_default(),
-        problem: json(row, &id, "problem")?,
-        version: row.try_get("version")?,
-        purged: row.try_get::<Option<i64>, _>("purged_at")?.is_some(),
-        id: id.parse().map_err(|_| corrupt(&id, "id", "no job id"))?,
-    })
-}
-
-fn json<T: DeserializeOwned>(row: &SqliteRow, id: &str, column: &'static str) -> Result<Option<T>, StoreError> {
-    let text: Option<String> = row.try_get(column)?;
-    text.map(|text| serde_json::from_str(&text).map_err(|e| corrupt(id, column, e))).transpose()
 }

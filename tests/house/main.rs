@@ -1,0 +1,100 @@
+//! The house itself: which way imports run, and that no file outgrows its idea.
+
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+
+/// Each room, and the rooms it may import from. `ARCHITECTURE.md` has the reasons.
+const ROOMS: [(&str, &[&str]); 11] = [
+    ("math", &[]),
+    ("context", &[]),
+    ("mesh", &["math"]),
+    ("format", &["math", "mesh"]),
+    ("inspect", &["math", "mesh", "context"]),
+    ("repair", &["math", "mesh", "context", "format", "inspect"]),
+    ("blender", &["math", "mesh", "context", "repair"]),
+    ("jobs", &["format", "repair", "context"]),
+    ("blobs", &["jobs"]),
+    ("worker", &["format", "context", "repair", "blender", "jobs", "blobs"]),
+    ("api", &["format", "context", "repair", "jobs", "blobs"]),
+];
+
+/// Rooms of the engine, and the crates that it knows nothing of.
+const ENGINE: [&str; 7] = ["math", "context", "mesh", "format", "inspect", "repair", "blender"];
+const NOT_IN_THE_ENGINE: [&str; 5] = ["tokio", "axum", "sqlx", "object_store", "tower_http"];
+
+const LONGEST_FILE: usize = 450;
+
+fn source() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("src")
+}
+
+fn rust_files(folder: &Path) -> Vec<PathBuf> {
+    if folder.is_file() {
+        return vec![folder.to_owned()];
+    }
+    let entries = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
+    let files = entries.flat_map(|path| if path.is_dir() { rust_files(&path) } else { vec![path] });
+    files.filter(|path| path.extension().is_some_and(|e| e == "rs")).collect()
+}
+
+fn files_of(room: &str) -> Vec<PathBuf> {
+    let folder = source().join(room);
+    rust_files(&if folder.is_dir() { folder } else { folder.with_extension("rs") })
+}
+
+/// The parts of a text that follow `before` and go on as a name.
+fn names_after(text: &str, before: &str) -> BTreeSet<String> {
+    let name = |rest: &str| rest.chars().take_while(|c| c.is_alphanumeric() || *c == '_').collect::<String>();
+    text.match_indices(before).map(|(at, found)| name(&text[at + found.len()..])).collect()
+}
+
+/// The text without comments.
+fn code(path: &Path) -> String {
+    let text = std::fs::read_to_string(path).unwrap();
+    text.lines().filter(|line| !line.trim_start().starts_with("//")).collect::<Vec<_>>().join("\n")
+}
+
+#[test]
+fn imports_run_one_way() {
+    let known: BTreeSet<&str> = ROOMS.iter().map(|(room, _)| *room).collect();
+    let mut seen = 0;
+    for (room, allowed) in ROOMS {
+        for file in files_of(room) {
+            for import in names_after(&code(&file), "crate::") {
+                if known.contains(import.as_str()) && import != room {
+                    seen += 1;
+                    assert!(allowed.contains(&import.as_str()), "{} imports {import}", file.display());
+                }
+            }
+        }
+    }
+    assert!(seen > 50, "only {seen} imports were found: the test sees nothing");
+}
+
+#[test]
+fn every_room_is_on_the_list() {
+    let lib = code(&source().join("lib.rs"));
+    let rooms: BTreeSet<String> = names_after(&lib, "pub mod ");
+    let listed: BTreeSet<String> = ROOMS.iter().map(|(room, _)| (*room).to_owned()).collect();
+    assert_eq!(rooms, listed);
+}
+
+#[test]
+fn the_engine_knows_nothing_of_the_service() {
+    for room in ENGINE {
+        for file in files_of(room) {
+            let code = code(&file);
+            for name in NOT_IN_THE_ENGINE {
+                assert!(!code.contains(&format!("{name}::")), "{} uses {name}", file.display());
+            }
+        }
+    }
+}
+
+#[test]
+fn no_file_outgrows_its_idea() {
+    for file in rust_files(&source()) {
+        let lines = std::fs::read_to_string(&file).unwrap().lines().count();
+        assert!(lines <= LONGEST_FILE, "{} has {lines} lines", file.display());
+    }
+}
