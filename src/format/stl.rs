@@ -35,18 +35,14 @@ pub(super) fn starts_as_text(head: &[u8]) -> bool {
     }
     // A header of a binary file can say `solid`, and even `facet`; a corner with a number is in none.
     while let Some(word) = text.word() {
-        if word.is("vertex") {
-            return text.word().is_some_and(|w| number(w.bytes).is_some() || !has_control(w.bytes));
+        if word.is("vertex") && text.clone().word().is_some_and(|next| number(next.bytes).is_some()) {
+            return true;
         }
         if word.is("endsolid") {
             return true;
         }
     }
     !head.contains(&0)
-}
-
-fn has_control(word: &[u8]) -> bool {
-    word.iter().any(|&b| b < 0x20 || b == 0x7F)
 }
 
 /// Whether what follows the header can be facets although their number is wrong: at least one record, and nearly
@@ -309,17 +305,20 @@ impl<'a> Ascii<'a> {
 
     fn finish(mut self) -> Result<ReadMesh, ReadError> {
         let mut warnings = Vec::new();
+        if let Some(begin) = self.facet.begin
+            && self.facet.count == 3
+            && self.facet.closed
+        {
+            self.end_facet(Word { bytes: b"", at: begin })?;
+        }
         let whole = self.positions.len() / 3;
-        if let Some(begin) = self.facet.begin {
-            if self.facet.count == 3 && self.facet.closed {
-                self.end_facet(Word { bytes: b"", at: begin })?;
-            } else if whole == 0 {
+        if self.facet.begin.is_some() {
+            if whole == 0 {
                 return Err(self.text.ended("the rest of the first facet"));
-            } else {
-                warnings.push(format!(
-                    "the file ends within a facet, so that it was probably cut off; the {whole} whole facets before were read"
-                ));
             }
+            warnings.push(format!(
+                "the file ends within a facet, so that it was probably cut off; the {whole} whole facets before were read"
+            ));
         } else if !self.ended && whole > 0 {
             warnings.push("the file ends without 'endsolid'; it may have been cut off".to_owned());
         }

@@ -247,7 +247,7 @@ pub(super) fn integer(word: &[u8]) -> Option<i64> {
         return Some(word.iter().fold(0, |value, digit| value * 10 + i64::from(digit - b'0')));
     }
     let text = std::str::from_utf8(word).ok()?;
-    match text.parse::<i64>().map_err(|error| error.kind().clone()) {
+    match text.parse::<i64>().map_err(|error| *error.kind()) {
         Ok(value) => return Some(value),
         Err(IntErrorKind::PosOverflow) => return Some(i64::MAX),
         Err(IntErrorKind::NegOverflow) => return Some(i64::MIN),

@@ -144,7 +144,7 @@ impl<V: Values> Elements<V> {
                 let [a, b] = last;
                 if a == b || b == vertex || a == vertex {
                     self.repeated += 1;
-                } else if in_strip % 2 == 0 {
+                } else if in_strip.is_multiple_of(2) {
                     faces.triangle([a, b, vertex])?;
                 } else {
                     faces.triangle([b, a, vertex])?;

@@ -1,0 +1,55 @@
+//! Reading and writing: each dialect, each kind of damage, and what a reader says about it.
+
+mod any_bytes;
+mod limits;
+mod obj;
+mod off;
+mod ply;
+mod round_trip;
+mod sniffing;
+mod stl;
+
+use glam::DVec3;
+use meshmend::format::{Limits, Place, ReadError, ReadErrorKind, ReadMesh, read};
+use meshmend::mesh::Soup;
+
+/// Four vertices and four faces, turned outward.
+fn tetrahedron() -> Soup {
+    Soup {
+        positions: vec![DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::Z],
+        faces: vec![[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]],
+    }
+}
+
+fn read_all(bytes: &[u8]) -> ReadMesh {
+    match read(bytes, &Limits::default()) {
+        Ok(mesh) => mesh,
+        Err(error) => panic!("{error}\n{}", String::from_utf8_lossy(&bytes[..bytes.len().min(300)])),
+    }
+}
+
+fn refused(bytes: &[u8]) -> ReadError {
+    match read(bytes, &Limits::default()) {
+        Ok(mesh) => panic!("was read: {mesh:?}"),
+        Err(error) => error,
+    }
+}
+
+/// Corner positions of all faces, which is what a format without indices keeps.
+fn corners(soup: &Soup) -> Vec<[DVec3; 3]> {
+    (0..soup.faces.len()).map(|face| soup.corners(face)).collect()
+}
+
+#[track_caller]
+fn assert_refused(bytes: &[u8], kind: ReadErrorKind, place: Option<Place>, words: &str) {
+    let error = refused(bytes);
+    assert_eq!((error.kind, error.place), (kind, place), "{error}");
+    assert!(error.detail.contains(words), "'{error}' does not say '{words}'");
+}
+
+/// The only warning, which must hold these words.
+#[track_caller]
+fn assert_warned(mesh: &ReadMesh, words: &str) {
+    assert_eq!(mesh.warnings.len(), 1, "{:?}", mesh.warnings);
+    assert!(mesh.warnings[0].contains(words), "'{}' does not say '{words}'", mesh.warnings[0]);
+}
