@@ -58,7 +58,12 @@ impl<'a> Start<'a> {
     }
 
     /// Uses this program as Blender.
-    pub fn blender(mut self, program: &Path) -> Self {
+    pub fn blender(self, program: &Path) -> Self {
+        self.real_blender().arg("--blender", program)
+    }
+
+    /// Uses the Blender that the program finds by itself.
+    pub fn real_blender(mut self) -> Self {
         let old = std::mem::replace(&mut self.command, Command::new(env!("CARGO_BIN_EXE_meshmend")));
         let mut args = old.get_args();
         while let Some(arg) = args.next() {
@@ -68,7 +73,7 @@ impl<'a> Start<'a> {
                 self.command.arg(arg);
             }
         }
-        self.command.arg("--blender").arg(program).env_remove("FAILPOINTS");
+        self.command.env_remove("FAILPOINTS");
         self
     }
 
@@ -144,6 +149,7 @@ impl Program {
 impl Drop for Program {
     fn drop(&mut self) {
         if std::thread::panicking() {
+            #[allow(clippy::print_stderr, reason = "a failed test shows the program's log")]
             eprintln!("log of process {}:\n{}", self.pid(), self.log());
         }
         let _ = self.child.kill();
