@@ -3,6 +3,7 @@
 //! Keys: `uploads/<job id>` for the upload and `jobs/<job id>/<claim>/<name>` for what an attempt made, so that the files
 //! of a lost attempt are never mistaken for the result.
 
+use std::io::SeekFrom;
 use std::ops::Range;
 use std::path::Path;
 use std::sync::Arc;
@@ -12,9 +13,10 @@ use futures::stream::BoxStream;
 use futures::{Stream, StreamExt, TryStreamExt};
 use object_store::local::LocalFileSystem;
 use object_store::path::Path as Key;
-use object_store::{GetOptions, GetRange, ObjectStore, ObjectStoreExt, WriteMultipart};
+use object_store::{GetOptions, GetRange, GetResultPayload, ObjectStore, ObjectStoreExt, WriteMultipart};
 use sha2::{Digest, Sha256};
-use tokio::io::AsyncWriteExt;
+use tokio::io::{AsyncReadExt, AsyncSeekExt, AsyncWriteExt};
+use tokio_util::io::ReaderStream;
 
 use crate::jobs::JobId;
 
@@ -140,7 +142,7 @@ impl Blobs {
     /// When it can't be read or stored.
     pub async fn put_file(&self, key: &str, path: &Path) -> Result<Stored, BlobError> {
         let file = tokio::fs::File::open(path).await?;
-        let source = tokio_util::io::ReaderStream::with_capacity(file, CHUNK);
+        let source = ReaderStream::with_capacity(file, CHUNK);
         self.put_stream(key, source, u64::MAX).await.map_err(|e| match e {
             UploadError::Source(e) => BlobError::Io(e),
             UploadError::Store(e) => e,
@@ -159,7 +161,16 @@ impl Blobs {
     ) -> Result<BoxStream<'static, Result<Bytes, BlobError>>, BlobError> {
         let options = GetOptions { range: range.map(GetRange::Bounded), ..GetOptions::default() };
         let found = self.store.get_opts(&Key::from(key), options).await.map_err(not_found)?;
-        Ok(found.into_stream().map_err(BlobError::from).boxed())
+        let range = found.range.clone();
+        match found.payload {
+            GetResultPayload::File(file, _) => {
+                let mut file = tokio::fs::File::from_std(file);
+                file.seek(SeekFrom::Start(range.start)).await?;
+                let file = file.take(range.end - range.start);
+                Ok(ReaderStream::with_capacity(file, CHUNK).map_err(BlobError::from).boxed())
+            }
+            GetResultPayload::Stream(stream) => Ok(stream.map_err(BlobError::from).boxed()),
+        }
     }
 
     /// Copies a file into the local file system.

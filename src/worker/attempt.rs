@@ -1,3 +1,4 @@
+use std::convert::Infallible;
 use std::io;
 use std::path::Path;
 use std::process::ExitStatus;
@@ -72,7 +73,12 @@ impl<'a> Attempt<'a> {
     /// Runs to the end; whatever happens is noted in the store, unless the lease is lost.
     pub async fn run(self, stop: &CancellationToken) {
         let started = Instant::now();
-        let ended = match self.try_run(stop).await {
+        let lost = CancellationToken::new();
+        let ended = tokio::select! {
+            ended = self.try_run(stop, &lost) => ended,
+            never = self.keep_lease(&lost) => match never {},
+        };
+        let ended = match ended {
             Err(AttemptError::Store(StoreError::LeaseLost)) => Err(StoreError::LeaseLost),
             Err(error) => self.fail_passing(&error).await.map(Some),
             Ok(ended) => Ok(ended),
@@ -97,11 +103,11 @@ impl<'a> Attempt<'a> {
         }
     }
 
-    async fn try_run(&self, stop: &CancellationToken) -> Result<Option<Job>, AttemptError> {
+    async fn try_run(&self, stop: &CancellationToken, lost: &CancellationToken) -> Result<Option<Job>, AttemptError> {
         pause_at("worker-claimed");
         let scratch = self.pool.scratch.attempt()?;
         let folder = scratch.path();
-        self.pool.blobs.fetch(&self.job.input_key, &folder.join(Task::INPUT)).await?;
+        unless(lost, self.pool.blobs.fetch(&self.job.input_key, &folder.join(Task::INPUT))).await?;
         let task = self.task();
         tokio::fs::write(
             folder.join(Task::TASK),
@@ -111,7 +117,7 @@ impl<'a> Attempt<'a> {
         pause_at("worker-spawn");
         let mut process = JobProcess::start(&self.pool.config.program, folder, self.lease.attempt == 1)?;
         tracing::info!(process = process.id(), "started");
-        let ended = self.watch(&mut process, stop).await;
+        let ended = self.watch(&mut process, stop, lost).await;
         let status = process.end().await?;
         let ended = ended?;
         append_stderr(folder, &ended, status).await?;
@@ -130,7 +136,7 @@ impl<'a> Attempt<'a> {
                 );
                 self.fail(folder, FailureKind::Final, problem(ProblemKind::DeadlineExceeded, detail)).await.map(Some)
             }
-            Ended::Exited(status) if status.success() => self.succeed(folder).await.map(Some),
+            Ended::Exited(status) if status.success() => self.succeed(folder, lost).await.map(Some),
             Ended::Exited(status) if status.code() == Some(i32::from(Task::EXIT_PROBLEM)) => {
                 let problem = read_json(folder, Task::PROBLEM).await?;
                 self.fail(folder, FailureKind::Final, problem).await.map(Some)
@@ -167,52 +173,68 @@ impl<'a> Attempt<'a> {
         Duration::from_secs_f64(self.job.options.repair.deadline_s.clamp(1.0, 3600.0)) + self.pool.config.deadline_grace
     }
 
-    /// Reads progress and keeps the lease alive until the child ends or must be killed.
-    async fn watch(&self, process: &mut JobProcess, stop: &CancellationToken) -> Result<Ended, AttemptError> {
-        let config = &self.pool.config;
-        let store = &self.pool.store;
+    /// Extends the lease from the claim to the end of the attempt, whatever the attempt is doing. When the job is no
+    /// longer ours it says so through `lost`, and waits for the attempt to end itself.
+    async fn keep_lease(&self, lost: &CancellationToken) -> Infallible {
+        let (store, lease) = (&self.pool.store, self.pool.config.lease);
+        let mut changed = store.bell().listen();
+        let mut beat = tokio::time::interval_at(Instant::now() + lease / 3, lease / 3);
+        let mut held_until = Instant::now() + lease;
+        loop {
+            let ours = tokio::select! {
+                _ = beat.tick() => match store.heartbeat(&self.lease, lease, None).await {
+                    Ok(()) => {
+                        held_until = Instant::now() + lease;
+                        true
+                    }
+                    Err(StoreError::LeaseLost) => false,
+                    Err(error) => {
+                        tracing::warn!(%error, "heartbeat failed");
+                        Instant::now() < held_until
+                    }
+                },
+                ring = changed.recv() => match ring {
+                    Ok(id) if id != self.lease.id => true,
+                    Ok(_) | Err(RecvError::Lagged(_)) => self.still_ours().await,
+                    Err(RecvError::Closed) => true,
+                },
+            };
+            if !ours {
+                lost.cancel();
+                return std::future::pending().await;
+            }
+        }
+    }
+
+    /// Reads progress until the child ends or must be killed.
+    async fn watch(
+        &self,
+        process: &mut JobProcess,
+        stop: &CancellationToken,
+        lost: &CancellationToken,
+    ) -> Result<Ended, AttemptError> {
         let stdout = process.stdout().ok_or_else(|| io::Error::other("the child process has no standard output"))?;
         let mut lines = FramedRead::new(stdout, LinesCodec::new_with_max_length(LINE_BYTES)).fuse();
-        let mut changed = store.bell().listen();
         let deadline = tokio::time::sleep(self.deadline());
         tokio::pin!(deadline);
-        let mut beat = tokio::time::interval_at(Instant::now() + config.lease / 3, config.lease / 3);
-        let mut held_until = Instant::now() + config.lease;
         let mut progress: Option<JobProgress> = None;
-        let mut news = tokio::time::interval_at(Instant::now() + PROGRESS_EVERY, PROGRESS_EVERY);
         let mut written: Option<JobProgress> = None;
+        let mut news = tokio::time::interval_at(Instant::now() + PROGRESS_EVERY, PROGRESS_EVERY);
         loop {
             tokio::select! {
                 status = process.wait() => return Ok(Ended::Exited(status?)),
                 () = &mut deadline => return Ok(Ended::Deadline),
                 () = stop.cancelled() => return Ok(Ended::Shutdown),
+                () = lost.cancelled() => return Ok(Ended::LeaseLost),
                 Some(line) = lines.next() => {
                     let line = line.ok().and_then(|line| serde_json::from_str::<ProgressLine>(&line).ok());
                     progress = line.or(progress);
                 }
                 _ = news.tick(), if progress != written => {
-                    match store.heartbeat(&self.lease, config.lease, progress).await {
-                        Ok(()) => { written = progress; held_until = Instant::now() + config.lease; }
+                    match self.pool.store.heartbeat(&self.lease, self.pool.config.lease, progress).await {
+                        Ok(()) => written = progress,
                         Err(StoreError::LeaseLost) => return Ok(Ended::LeaseLost),
                         Err(error) => tracing::warn!(%error, "progress was not noted"),
-                    }
-                }
-                _ = beat.tick() => {
-                    match store.heartbeat(&self.lease, config.lease, None).await {
-                        Ok(()) => held_until = Instant::now() + config.lease,
-                        Err(StoreError::LeaseLost) => return Ok(Ended::LeaseLost),
-                        Err(error) if Instant::now() < held_until => tracing::warn!(%error, "heartbeat failed"),
-                        Err(_) => return Ok(Ended::LeaseLost),
-                    }
-                }
-                ring = changed.recv() => {
-                    let maybe_ours = match ring {
-                        Ok(id) => id == self.lease.id,
-                        Err(RecvError::Lagged(_)) => true,
-                        Err(RecvError::Closed) => false,
-                    };
-                    if maybe_ours && !self.still_ours().await {
-                        return Ok(Ended::LeaseLost);
                     }
                 }
             }
@@ -227,8 +249,23 @@ impl<'a> Attempt<'a> {
         }
     }
 
-    async fn succeed(&self, folder: &Path) -> Result<Job, AttemptError> {
+    async fn succeed(&self, folder: &Path, lost: &CancellationToken) -> Result<Job, AttemptError> {
         pause_at("worker-publish");
+        let completion = unless(lost, self.publish(folder)).await?;
+        pause_at("worker-complete");
+        record_steps(&completion.report);
+        // From here on the store decides: once it is completed, the job is rightly ours no more.
+        let job = self.pool.store.complete(&self.lease, completion).await?;
+        if self.lease.attempt > 1
+            && let Err(error) = self.pool.blobs.delete_attempts(self.lease.id, Some(&self.lease.token)).await
+        {
+            tracing::warn!(%error, "files of an earlier attempt were left");
+        }
+        Ok(job)
+    }
+
+    /// Stores the files under this attempt's own keys, where nobody sees them yet.
+    async fn publish(&self, folder: &Path) -> Result<Completion, AttemptError> {
         let report: Report = read_json(folder, Task::REPORT).await?;
         let mut artifacts = self.store_log(folder).await?;
         if let Some(output) = &report.output {
@@ -239,15 +276,7 @@ impl<'a> Attempt<'a> {
         let filename = format!("{}-report.json", stem(&self.job.input.name));
         let stored = self.store_file(folder, Task::REPORT, filename, "application/json").await?;
         artifacts.insert(Task::REPORT.to_owned(), stored);
-        pause_at("worker-complete");
-        record_steps(&report);
-        let job = self.pool.store.complete(&self.lease, Completion { report, artifacts }).await?;
-        if self.lease.attempt > 1
-            && let Err(error) = self.pool.blobs.delete_attempts(self.lease.id, Some(&self.lease.token)).await
-        {
-            tracing::warn!(%error, "files of an earlier attempt were left");
-        }
-        Ok(job)
+        Ok(Completion { report, artifacts })
     }
 
     async fn fail(&self, folder: &Path, kind: FailureKind, problem: JobProblem) -> Result<Job, AttemptError> {
@@ -295,6 +324,17 @@ impl<'a> Attempt<'a> {
                 tracing::warn!(%error, key, "a file of a lost attempt was left");
             }
         }
+    }
+}
+
+/// Does it, unless the job is lost meanwhile.
+async fn unless<T, E: Into<AttemptError>>(
+    lost: &CancellationToken,
+    work: impl Future<Output = Result<T, E>>,
+) -> Result<T, AttemptError> {
+    tokio::select! {
+        done = work => done.map_err(Into::into),
+        () = lost.cancelled() => Err(StoreError::LeaseLost.into()),
     }
 }
 

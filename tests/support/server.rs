@@ -1,6 +1,6 @@
 //! The built program as a server on a socket of its own, and a client for it.
 
-use std::io::{BufRead, BufReader};
+use std::io::{BufRead, BufReader, Write};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::sync::{Arc, Mutex};
@@ -149,8 +149,7 @@ impl Program {
 impl Drop for Program {
     fn drop(&mut self) {
         if std::thread::panicking() {
-            #[allow(clippy::print_stderr, reason = "a failed test shows the program's log")]
-            eprintln!("log of process {}:\n{}", self.pid(), self.log());
+            let _ = writeln!(std::io::stderr(), "log of process {}:\n{}", self.pid(), self.log());
         }
         let _ = self.child.kill();
         let _ = self.child.wait();
