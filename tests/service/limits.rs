@@ -1,6 +1,7 @@
 use std::path::Path;
 use std::time::{Duration, Instant};
 
+use bytes::Bytes;
 use serde_json::json;
 
 use crate::cancel::hanging_blender;
@@ -91,4 +92,36 @@ async fn a_child_that_is_killed_each_time_is_set_aside_with_its_reason() {
     assert_eq!(job["problem"]["code"], "crashed", "{job}");
     assert_eq!(killed.len(), 3, "it was tried three times");
     until("no process is left", async || program.job_children().is_empty().then_some(())).await;
+}
+
+#[tokio::test]
+async fn many_large_uploads_at_once_leave_the_servers_memory_small() {
+    const UPLOADS: usize = 32;
+    const CHUNKS: usize = 50 << 4;
+    let data = tempfile::tempdir().expect("a folder");
+    let program = Start::serve(data.path()).arg("--workers", "0").start();
+    let api = Api::new(&program);
+    let header = Bytes::from([vec![0; 80], 1_000_000_u32.to_le_bytes().to_vec()].concat());
+    let zeros = Bytes::from(vec![0; 64 << 10]);
+    let uploads = (0..UPLOADS).map(|number| {
+        let (api, header, zeros) = (api.clone(), header.clone(), zeros.clone());
+        tokio::spawn(async move {
+            let chunks = std::iter::once(header).chain(std::iter::repeat_n(zeros, CHUNKS)).map(Ok::<_, std::io::Error>);
+            let body = reqwest::Body::wrap_stream(futures::stream::iter(chunks));
+            let request = if number % 2 == 0 {
+                api.post("/v1/jobs").body(body)
+            } else {
+                let form = reqwest::multipart::Form::new();
+                api.post("/v1/jobs").multipart(form.part("file", reqwest::multipart::Part::stream(body)))
+            };
+            request.send().await.expect("an answer").status()
+        })
+    });
+    for upload in uploads.collect::<Vec<_>>() {
+        assert_eq!(upload.await.expect("no panic"), 202);
+    }
+    let status = std::fs::read_to_string(format!("/proc/{}/status", program.pid())).expect("a process");
+    let peak = status.lines().find_map(|line| line.strip_prefix("VmHWM:")).expect("a line");
+    let peak: u64 = peak.trim().trim_end_matches(" kB").parse().expect("a number");
+    assert!(peak < 200 << 10, "{} MiB for {UPLOADS} uploads of 50 MB", peak >> 10);
 }

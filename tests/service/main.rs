@@ -11,5 +11,6 @@ mod faults;
 mod jobs;
 mod limits;
 mod problems;
+mod readme;
 mod store;
 mod surface;
