@@ -52,3 +52,28 @@ pub fn run() -> ExitCode {
         Command::JobChild { folder } => meshmend::worker::run_child(&folder),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use clap::CommandFactory;
+
+    use super::Cli;
+
+    #[test]
+    fn every_flag_has_its_environment_variable() {
+        let mut command = Cli::command();
+        command.build();
+        let mut flags = 0;
+        for verb in command.get_subcommands().filter(|verb| verb.get_name() != "help") {
+            let given = verb
+                .get_arguments()
+                .filter(|a| !a.is_positional() && !["help", "version"].contains(&a.get_id().as_str()));
+            for flag in given {
+                let variable = flag.get_env().unwrap_or_default().to_string_lossy().into_owned();
+                assert!(variable.starts_with("MESHMEND_"), "{} --{}", verb.get_name(), flag.get_id());
+                flags += 1;
+            }
+        }
+        assert!(flags > 30, "only {flags} flags were found");
+    }
+}

@@ -16,7 +16,7 @@ pub fn hanging_blender(folder: &Path) -> PathBuf {
 }
 
 /// All processes below one.
-fn tree(pid: u32) -> Vec<u32> {
+pub fn tree(pid: u32) -> Vec<u32> {
     children(pid).into_iter().flat_map(|child| [vec![child], tree(child)].concat()).collect()
 }
 

@@ -4,6 +4,7 @@ use std::path::Path;
 
 use serde_json::{Value, json};
 
+use crate::cancel::{hanging_blender, tree};
 use crate::files;
 use crate::server::{Api, Program, Start, is_alive, signal, stored_files, stored_uploads, until};
 
@@ -163,4 +164,42 @@ async fn a_stop_lets_running_jobs_finish_and_takes_no_new_connection() {
     let program = Start::serve(data.path()).arg("--workers", "0").start();
     let job = Api::new(&program).job(&id).await;
     assert_eq!(job["status"], "succeeded", "it was finished before the stop");
+}
+
+/// Starts a job that hangs in Blender, and gives the processes below the server.
+async fn hanging_in_tier_three(program: &Program, api: &Api) -> (String, Vec<u32>) {
+    let id = api.submit(files::boxes_on_an_edge(), json!({"preset": "blender-remesh", "deadline_s": 30})).await;
+    api.reaches(&id, "repair", Some(3)).await;
+    let processes = until("Blender runs", async || {
+        let tree = tree(program.pid());
+        (tree.len() >= 2).then_some(tree)
+    })
+    .await;
+    (id, processes)
+}
+
+#[tokio::test]
+async fn a_server_killed_while_blender_runs_takes_blender_with_it() {
+    let data = tempfile::tempdir().expect("a folder");
+    let blender = hanging_blender(data.path());
+    let program = Start::serve(data.path()).blender(&blender).start();
+    let (id, processes) = hanging_in_tier_three(&program, &Api::new(&program)).await;
+    program.kill();
+    until("no process is left", async || processes.iter().all(|pid| !is_alive(*pid)).then_some(())).await;
+    let program = Start::serve(data.path()).start();
+    let job = Api::new(&program).finished(&id).await;
+    assert_eq!((job["status"].as_str(), job["attempt"].as_u64()), (Some("succeeded"), Some(2)), "{job}");
+}
+
+#[tokio::test]
+async fn a_child_killed_while_blender_runs_leaves_no_blender_behind() {
+    let data = tempfile::tempdir().expect("a folder");
+    let blender = hanging_blender(data.path());
+    let program = Start::serve(data.path()).blender(&blender).start();
+    let api = Api::new(&program);
+    let (id, processes) = hanging_in_tier_three(&program, &api).await;
+    signal(processes[0], "KILL");
+    until("no process is left", async || processes.iter().all(|pid| !is_alive(*pid)).then_some(())).await;
+    until("it is tried again", async || (api.job(&id).await["attempt"] == 2).then_some(())).await;
+    api.delete(&format!("/v1/jobs/{id}")).send().await.expect("an answer");
 }

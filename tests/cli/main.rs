@@ -1,0 +1,159 @@
+//! The command line as an engineer uses it: the built program, files, exit codes.
+
+#[path = "../support/files.rs"]
+#[allow(dead_code, reason = "shared with the tests of the service")]
+mod files;
+
+use std::path::Path;
+use std::process::{Command, Output};
+
+use meshmend::format::{Limits, read};
+use serde_json::Value;
+use tempfile::TempDir;
+
+struct Desk(TempDir);
+
+impl Desk {
+    fn new() -> Self {
+        Self(tempfile::tempdir().expect("a folder"))
+    }
+
+    fn put(&self, name: &str, bytes: &[u8]) {
+        std::fs::write(self.0.path().join(name), bytes).expect("a file");
+    }
+
+    fn get(&self, name: &str) -> Vec<u8> {
+        std::fs::read(self.0.path().join(name)).expect("a file")
+    }
+
+    fn run(&self, args: &[&str]) -> Output {
+        self.run_with(args, &[])
+    }
+
+    fn run_with(&self, args: &[&str], env: &[(&str, &str)]) -> Output {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_meshmend"));
+        command.args(args).envs(env.iter().copied()).current_dir(self.0.path());
+        // No test here needs Blender, and looking for it takes time.
+        command.env("MESHMEND_BLENDER", "/nonexistent/blender").output().expect("the program runs")
+    }
+}
+
+fn code(output: &Output) -> i32 {
+    output.status.code().expect("it ended by itself")
+}
+
+fn said(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+#[test]
+fn repair_writes_the_model_and_the_report_and_says_printable_by_code_zero() {
+    let desk = Desk::new();
+    desk.put("in.stl", &files::broken_box());
+    let output = desk.run(&["repair", "in.stl", "-o", "out.stl", "--report", "r.json", "--max-tier", "1"]);
+    assert_eq!(code(&output), 0, "{}", said(&output));
+    assert_eq!(read(&desk.get("out.stl"), &Limits::default()).expect("a model").soup.faces.len(), 12);
+    let report: Value = serde_json::from_slice(&desk.get("r.json")).expect("JSON");
+    assert_eq!(report["outcome"], "repaired");
+    assert_eq!(report["options"]["max_tier"], 1);
+    assert!(output.stdout.is_empty(), "standard output stays free");
+}
+
+#[test]
+fn a_model_repaired_only_in_part_is_written_and_code_one() {
+    let desk = Desk::new();
+    desk.put("in.stl", &files::boxes_on_an_edge());
+    let output = desk.run(&["repair", "in.stl", "-o", "out.stl"]);
+    assert_eq!(code(&output), 1, "{}", said(&output));
+    assert!(!desk.get("out.stl").is_empty());
+    assert!(said(&output).contains("Blender") || said(&output).contains("printable"), "{}", said(&output));
+}
+
+#[test]
+fn bad_input_is_code_two_with_the_place_and_nothing_is_written() {
+    let desk = Desk::new();
+    desk.put("in.stl", b"solid x\nfacet normal 0 0 1\nouter loop\nvertex 0,5 0 0\n");
+    for (args, expected) in [
+        (["repair", "in.stl", "-o", "out.stl"].as_slice(), "line 4"),
+        (&["repair", "missing.stl", "-o", "out.stl"], "missing.stl"),
+        (&["repair", "in.stl", "-o", "out.xyz"], ".stl, .obj, .ply or .off"),
+        (&["repair", "in.stl", "-o", "out.stl", "--max-tier", "7"], "max_tier"),
+        (&["repair", "in.stl", "-o", "out.stl", "--preset", "magic"], "magic"),
+        (&["inspect", "in.stl"], "line 4"),
+    ] {
+        let output = desk.run(args);
+        assert_eq!(code(&output), 2, "{args:?}: {}", said(&output));
+        assert!(said(&output).contains(expected), "{args:?}: {}", said(&output));
+    }
+    assert!(!desk.0.path().join("out.stl").exists());
+}
+
+#[test]
+fn the_output_s_ending_is_its_format() {
+    let desk = Desk::new();
+    desk.put("in.stl", &files::broken_box());
+    for name in ["out.stl", "out.obj", "out.ply", "out.OFF"] {
+        let output = desk.run(&["repair", "in.stl", "-o", name, "--max-tier", "1"]);
+        assert_eq!(code(&output), 0, "{}", said(&output));
+        let found = read(&desk.get(name), &Limits::default()).expect("a model");
+        assert_eq!(format!("{:?}", found.format).to_lowercase(), name.to_lowercase()[4..]);
+        assert_eq!(found.soup.faces.len(), 12);
+    }
+}
+
+#[test]
+fn inspect_says_what_is_wrong_for_people_and_for_programs() {
+    let desk = Desk::new();
+    desk.put("bad.stl", &files::broken_box());
+    desk.put("good.stl", &files::whole_box());
+    let text = desk.run(&["inspect", "bad.stl"]);
+    assert_eq!(code(&text), 1);
+    let lines = String::from_utf8(text.stdout).expect("text");
+    assert!(lines.contains("boundary edges          4 in 1 loops"), "{lines}");
+    let json = desk.run(&["inspect", "good.stl", "--json"]);
+    assert_eq!(code(&json), 0);
+    let value: Value = serde_json::from_slice(&json.stdout).expect("JSON");
+    assert_eq!(value["printable"], true);
+    assert_eq!(value["measures"]["volume"]["value"], 1.0);
+}
+
+#[test]
+fn flags_can_be_set_by_the_environment_and_the_command_line_wins() {
+    let desk = Desk::new();
+    desk.put("in.stl", &files::broken_box());
+    let env = [("MESHMEND_MAX_TIER", "1"), ("MESHMEND_PRESET", "basic-cleanup"), ("MESHMEND_REPORT", "r.json")];
+    desk.run_with(&["repair", "in.stl", "-o", "out.stl", "--preset", "fill-holes"], &env);
+    let report: Value = serde_json::from_slice(&desk.get("r.json")).expect("JSON");
+    assert_eq!(report["options"]["max_tier"], 1);
+    assert_eq!(report["options"]["preset"], "fill-holes");
+}
+
+#[test]
+fn the_kept_openapi_document_is_the_one_that_the_code_makes() {
+    let kept = Path::new(env!("CARGO_MANIFEST_DIR")).join("openapi/openapi.json");
+    let desk = Desk::new();
+    let kept = kept.to_str().expect("a path");
+    assert_eq!(code(&desk.run(&["openapi", "--check", kept])), 0, "run 'make openapi'");
+    desk.put("stale.json", b"{}");
+    assert_eq!(code(&desk.run(&["openapi", "--check", "stale.json"])), 1);
+}
+
+#[test]
+fn migrate_makes_the_database_and_may_be_run_again() {
+    let desk = Desk::new();
+    for _ in 0..2 {
+        let output = desk.run(&["migrate", "--data-dir", "data"]);
+        assert_eq!(code(&output), 0, "{}", said(&output));
+    }
+    assert!(desk.0.path().join("data/meshmend.db").exists());
+}
+
+#[test]
+fn a_port_in_use_is_said_plainly() {
+    let taken = std::net::TcpListener::bind("127.0.0.1:0").expect("a port");
+    let address = taken.local_addr().expect("an address").to_string();
+    let desk = Desk::new();
+    let output = desk.run(&["serve", "--data-dir", "data", "--listen", &address]);
+    assert_eq!(code(&output), 3);
+    assert!(said(&output).contains(&format!("listen on {address}")), "{}", said(&output));
+}
