@@ -267,15 +267,16 @@ impl<'a> Attempt<'a> {
     /// Stores the files under this attempt's own keys, where nobody sees them yet.
     async fn publish(&self, folder: &Path) -> Result<Completion, AttemptError> {
         let report: Report = read_json(folder, Task::REPORT).await?;
-        let mut artifacts = self.store_log(folder).await?;
-        if let Some(output) = &report.output {
+        let model = async {
+            let Some(output) = &report.output else { return Ok(None) };
             let filename = result_name(&self.job.input.name, output.format);
-            let model = self.store_file(folder, Task::MODEL, filename, media_type(output.format)).await?;
-            artifacts.insert("model".to_owned(), model);
-        }
+            self.store_file(folder, Task::MODEL, filename, media_type(output.format)).await.map(Some)
+        };
         let filename = format!("{}-report.json", stem(&self.job.input.name));
-        let stored = self.store_file(folder, Task::REPORT, filename, "application/json").await?;
-        artifacts.insert(Task::REPORT.to_owned(), stored);
+        let account = self.store_file(folder, Task::REPORT, filename, "application/json");
+        let (mut artifacts, model, account) = tokio::try_join!(self.store_log(folder), model, account)?;
+        artifacts.extend(model.map(|model| (Task::MODEL.to_owned(), model)));
+        artifacts.insert(Task::REPORT.to_owned(), account);
         Ok(Completion { report, artifacts })
     }
 
