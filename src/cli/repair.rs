@@ -41,6 +41,9 @@ pub struct RepairArgs {
     /// Red flag: change of the volume, in percent.
     #[arg(long, env = "MESHMEND_MAX_VOLUME_CHANGE_PCT", default_value_t = Options::default().max_volume_change_pct)]
     max_volume_change_pct: f64,
+    /// Red flag: share of the visible surface without a counterpart in the result, in percent.
+    #[arg(long, env = "MESHMEND_MAX_SURFACE_LOST_PCT", default_value_t = Options::default().max_surface_lost_pct)]
+    max_surface_lost_pct: f64,
     /// Boundary vertices closer than this share of the model's diagonal are merged.
     #[arg(long, env = "MESHMEND_WELD_TOLERANCE", default_value_t = Options::default().weld_tolerance)]
     weld_tolerance: f64,
@@ -86,6 +89,7 @@ impl RepairArgs {
             max_face_loss_pct: self.max_face_loss_pct,
             max_box_change_pct: self.max_box_change_pct,
             max_volume_change_pct: self.max_volume_change_pct,
+            max_surface_lost_pct: self.max_surface_lost_pct,
             weld_tolerance: self.weld_tolerance,
             max_hole_edges: self.max_hole_edges,
             voxel_size: self.voxel_size,

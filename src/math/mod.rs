@@ -4,11 +4,13 @@
 //! the tree only ever narrow down what the predicates look at.
 
 mod boxes;
+mod distance;
 mod predicates;
 mod ray;
 mod tree;
 
 pub use boxes::Box3;
+pub use distance::within;
 pub use predicates::{Sign, collinear, midmost, orient2d, orient3d, to_unit_range};
 pub use ray::{Crossing, crossing, ray_direction};
 pub use tree::Tree;

@@ -9,7 +9,7 @@ use super::Box3;
 /// the rounding of the tree's own frame, and a spread that keeps equal boxes from being equal (see [`Tree::new`]).
 const PAD: f64 = 1e-6;
 
-/// A tree of boxes over triangles, to find the few that a segment may meet.
+/// A tree of boxes over triangles, to find the few that a segment may meet or that are near a point.
 ///
 /// It answers candidates, never hits: boxes are f32 and rounded outward, and the exact predicates decide.
 pub struct Tree {
@@ -48,15 +48,29 @@ impl Tree {
     }
 
     /// Calls `visit` with every triangle whose box the segment from `from` to `to` meets, until it answers `false`.
-    pub fn along(&self, from: DVec3, to: DVec3, mut visit: impl FnMut(u32) -> bool) {
-        let Some(bvh) = &self.bvh else { return };
+    pub fn along(&self, from: DVec3, to: DVec3, visit: impl FnMut(u32) -> bool) {
         let origin = (from - self.centre) * self.scale;
         let step = (to - self.centre) * self.scale - origin;
+        self.walk(|min, max| meets(origin, step, min, max), visit);
+    }
+
+    /// Calls `visit` with every triangle whose box comes within `reach` of a point along each axis, until it answers
+    /// `false`.
+    pub fn around(&self, point: DVec3, reach: f64, visit: impl FnMut(u32) -> bool) {
+        let centre = (point - self.centre) * self.scale;
+        let reach = DVec3::splat(reach * self.scale);
+        let (low, high) = (centre - reach, centre + reach);
+        self.walk(|min, max| min.cmple(high).all() && max.cmpge(low).all(), visit);
+    }
+
+    /// Visits the triangles of all boxes that `wanted` says yes to, and whose parents it says yes to.
+    fn walk(&self, wanted: impl Fn(DVec3, DVec3) -> bool, mut visit: impl FnMut(u32) -> bool) {
+        let Some(bvh) = &self.bvh else { return };
         let mut stack = vec![0u32];
         while let Some(at) = stack.pop() {
             let node = &bvh.nodes[at as usize];
             let aabb = node.aabb();
-            if !meets(origin, step, aabb.min.as_dvec3(), aabb.max.as_dvec3()) {
+            if !wanted(aabb.min.as_dvec3(), aabb.max.as_dvec3()) {
                 continue;
             }
             if node.is_leaf() {

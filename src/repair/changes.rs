@@ -1,5 +1,5 @@
-use super::{Changes, Options, RedFlag, RedFlagCode};
-use crate::inspect::{BoundingBox, Measures};
+use super::{Cancelled, Changes, Context, Options, RedFlag, RedFlagCode};
+use crate::inspect::{BoundingBox, Measures, surface_lost_pct};
 use crate::mesh::Soup;
 
 /// Share of the sound faces that must stand for parts to have been joined rather than lost; the rest are slivers that
@@ -7,19 +7,29 @@ use crate::mesh::Soup;
 const LEAST_STANDING: f64 = 0.98;
 
 /// How the result differs from the input.
-#[must_use]
-pub fn compare(before: &Measures, after: &Measures, input: &Soup, output: &Soup) -> Changes {
+///
+/// # Errors
+/// [`Cancelled`] when the context says stop.
+pub fn compare(
+    before: &Measures,
+    after: &Measures,
+    input: &Soup,
+    output: &Soup,
+    context: &Context<'_>,
+) -> Result<Changes, Cancelled> {
     let volume = before.volume.reliable && after.volume.reliable;
-    Changes {
+    let standing = standing_faces(input, output);
+    Ok(Changes {
+        surface_lost_pct: surface_lost_pct(input, output, &standing, context)?,
         faces: difference(after.faces, before.faces),
         vertices: difference(after.vertices, before.vertices),
         parts: difference(after.parts, before.parts),
         face_loss_pct: percent(before.faces as f64 - after.faces as f64, before.faces as f64).unwrap_or(0.0),
-        faces_kept_pct: faces_kept_pct(input, output),
+        faces_kept_pct: kept_pct(&standing),
         box_change_pct: box_change_pct(before.bounding_box, after.bounding_box),
         area_change_pct: percent(after.area - before.area, before.area),
         volume_change_pct: percent(after.volume.value - before.volume.value, before.volume.value).filter(|_| volume),
-    }
+    })
 }
 
 fn difference(after: u64, before: u64) -> i64 {
@@ -38,33 +48,34 @@ fn box_change_pct(before: Option<BoundingBox>, after: Option<BoundingBox>) -> Op
     percent(moved, b.diagonal())
 }
 
-/// Share of the input's faces that stand in the output at the same three positions as f32, whatever their direction,
-/// in percent. 100 for an input without faces.
-fn faces_kept_pct(input: &Soup, output: &Soup) -> f64 {
-    let standing = keys(output);
-    let wanted = keys(input);
-    if wanted.is_empty() {
-        return 100.0;
-    }
-    let mut at = 0;
-    let mut kept = 0u64;
-    for key in &wanted {
-        while standing.get(at).is_some_and(|s| s < key) {
-            at += 1;
-        }
-        kept += u64::from(standing.get(at) == Some(key));
-    }
-    kept as f64 / wanted.len() as f64 * 100.0
+/// Share of faces that stand, in percent. 100 where there is no face.
+fn kept_pct(standing: &[bool]) -> f64 {
+    let kept = standing.iter().filter(|&&stands| stands).count();
+    percent(kept as f64, standing.len() as f64).unwrap_or(100.0)
 }
 
-/// The faces as sorted triples of f32 positions, sorted.
+/// Of each input face, whether it stands in the output at the same three positions as f32, whatever its direction.
+fn standing_faces(input: &Soup, output: &Soup) -> Vec<bool> {
+    let there = keys(output);
+    let mut standing = vec![false; input.faces.len()];
+    let mut at = 0;
+    for (key, face) in keys(input) {
+        while there.get(at).is_some_and(|(other, _)| *other < key) {
+            at += 1;
+        }
+        standing[face] = there.get(at).is_some_and(|(other, _)| *other == key);
+    }
+    standing
+}
+
+/// The faces as sorted triples of f32 positions, sorted, each with its index.
 #[expect(clippy::cast_possible_truncation, reason = "compared as an STL file would hold them")]
-fn keys(soup: &Soup) -> Vec<[[u32; 3]; 3]> {
+fn keys(soup: &Soup) -> Vec<([[u32; 3]; 3], usize)> {
     let mut keys: Vec<_> = (0..soup.faces.len())
         .map(|f| {
             let mut key = soup.corners(f).map(|p| p.to_array().map(|x| (x as f32 + 0.0).to_bits()));
             key.sort_unstable();
-            key
+            (key, f)
         })
         .collect();
     keys.sort_unstable();
@@ -118,6 +129,13 @@ pub fn red_flags(
             before.volume.value,
             after.volume.value
         ),
+    );
+    let lost = changes.surface_lost_pct.unwrap_or(0.0);
+    raise(
+        RedFlagCode::SurfaceLost,
+        lost,
+        options.max_surface_lost_pct,
+        format!("{lost:.1} % of the surface that can be seen from outside has no counterpart in the result"),
     );
     if before.parts > 1 && after.parts == 1 && (standing as f64) < LEAST_STANDING * sound as f64 {
         raise(RedFlagCode::PartsMerged, before.parts as f64, 1.0, format!("{} parts became one", before.parts));

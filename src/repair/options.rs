@@ -79,6 +79,9 @@ pub struct Options {
     /// Red flag: change of the volume, in percent; judged only where the input's volume is reliable.
     #[schema(minimum = 0.0, maximum = 1000.0)]
     pub max_volume_change_pct: f64,
+    /// Red flag: share of the surface seen from outside that has no counterpart in the result, in percent.
+    #[schema(minimum = 0.0, maximum = 100.0)]
+    pub max_surface_lost_pct: f64,
     /// Boundary vertices closer than this share of the bounding box's diagonal are merged; 0 merges equal positions only.
     #[schema(minimum = 0.0, maximum = 0.01)]
     pub weld_tolerance: f64,
@@ -106,6 +109,7 @@ impl Default for Options {
             max_face_loss_pct: 40.0,
             max_box_change_pct: 30.0,
             max_volume_change_pct: 30.0,
+            max_surface_lost_pct: 1.0,
             weld_tolerance: 1e-6,
             max_hole_edges: 10_000,
             voxel_size: None,
@@ -145,6 +149,7 @@ impl Options {
         number("max_face_loss_pct", self.max_face_loss_pct, 0.0, 100.0, "between 0 and 100 percent")?;
         number("max_box_change_pct", self.max_box_change_pct, 0.0, 1000.0, "between 0 and 1000 percent")?;
         number("max_volume_change_pct", self.max_volume_change_pct, 0.0, 1000.0, "between 0 and 1000 percent")?;
+        number("max_surface_lost_pct", self.max_surface_lost_pct, 0.0, 100.0, "between 0 and 100 percent")?;
         number("weld_tolerance", self.weld_tolerance, 0.0, 0.01, "between 0 and 0.01 of the bounding box's diagonal")?;
         number("max_hole_edges", f64::from(self.max_hole_edges), 3.0, 100_000.0, "between 3 and 100000 edges")?;
         if let Some(size) = self.voxel_size {

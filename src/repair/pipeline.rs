@@ -195,7 +195,7 @@ fn unchanged_or_converted(
             bytes: input.bytes.to_vec(),
             dialect: input.dialect.to_owned(),
             measures: input.before.clone(),
-            changes: compare(input.before, input.before, input.soup, input.soup),
+            changes: compare(input.before, input.before, input.soup, input.soup, context)?,
             red_flags: Vec::new(),
         }));
     }

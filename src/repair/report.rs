@@ -138,6 +138,9 @@ pub struct Changes {
     pub face_loss_pct: f64,
     /// Faces of the input that stand in the result at the same three positions, in percent.
     pub faces_kept_pct: f64,
+    /// Share of the surface that can be seen from outside with nothing of the result within 1 % of the diagonal: sampled,
+    /// so 0.1 is about the least that is seen.
+    pub surface_lost_pct: Option<f64>,
     /// Largest move of a side of the bounding box, over its diagonal before.
     pub box_change_pct: Option<f64>,
     /// Change of the surface area.
@@ -264,6 +267,8 @@ pub enum RedFlagCode {
     BoxChange,
     /// The volume changed by more than `max_volume_change_pct`.
     VolumeChange,
+    /// More of the visible surface was lost than `max_surface_lost_pct`.
+    SurfaceLost,
     /// Several parts became one.
     PartsMerged,
 }

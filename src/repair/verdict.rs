@@ -3,6 +3,9 @@ use crate::format::{self, Format, Limits, ReadError, WriteError};
 use crate::inspect::{Measures, measure};
 use crate::mesh::{NO_SOURCE, Soup, Surface};
 
+/// Share of the visible surface, in percent, whose loss makes even a printable result worse than the input.
+const MOST_LOST_PCT: f64 = 25.0;
+
 /// A result as bytes, and what those bytes say.
 pub(super) struct Judged {
     pub bytes: Vec<u8>,
@@ -37,7 +40,7 @@ pub(super) fn judge(
     let limits = Limits { max_bytes: u64::MAX, max_faces: u64::MAX, max_vertices: u64::MAX };
     let read = format::read(&bytes, &limits)?;
     let measures = measure(&read.soup, context)?;
-    let changes = compare(before, &measures, input, &read.soup);
+    let changes = compare(before, &measures, input, &read.soup, context)?;
     let red_flags = red_flags(before, &measures, &changes, standing(surface), options);
     Ok(Judged { bytes, dialect: read.dialect, measures, changes, red_flags })
 }
@@ -56,10 +59,14 @@ impl Judged {
         self.measures.printable() && self.red_flags.is_empty()
     }
 
-    /// Smaller is better: first good results, then printable ones that kept their place, then by defects, and last
-    /// those that lost a part of the model's extent.
+    /// Smaller is better: first good results, then printable ones that kept most of the model, then by defects, and last
+    /// those that lost a part of the model's extent or much of its visible surface.
     pub fn rank(&self) -> (u8, u64) {
-        let lost = self.red_flags.iter().any(|f| f.code == RedFlagCode::BoxChange);
+        let lost = self.red_flags.iter().any(|f| match f.code {
+            RedFlagCode::BoxChange => true,
+            RedFlagCode::SurfaceLost => f.value > MOST_LOST_PCT,
+            _ => false,
+        });
         let class = match (self.measures.printable(), self.red_flags.is_empty(), lost) {
             (true, true, _) => 0,
             (true, false, false) => 1,

@@ -315,3 +315,16 @@ proptest! {
         prop_assert_eq!(seen.printable(), matches!(a.report.outcome, Outcome::Repaired | Outcome::AlreadyPrintable));
     }
 }
+
+#[test]
+fn a_printable_result_that_lost_visible_surface_raises_a_flag_and_is_repaired_only_in_part() {
+    // The remesher drops the third cube, which is too small for any other flag.
+    let model = join(&non_manifold(), &cube(DVec3::new(0.2, 0.2, 1.2), 0.3, 2));
+    let two = || join(&cube(DVec3::ZERO, 1.0, 4), &cube(DVec3::new(1.004, 1.004, 0.0), 1.0, 4));
+    let fake = Fake::answering(vec![Ok(two()), Ok(two())]);
+    let it = run(&model, &Options::default(), Some(&fake));
+    assert_eq!(it.report.outcome, Outcome::PartiallyRepaired, "{:?}", it.report.red_flags);
+    let flag = it.report.red_flags.iter().find(|f| f.code == RedFlagCode::SurfaceLost).unwrap();
+    assert!(flag.value > 1.0 && it.report.changes.unwrap().surface_lost_pct == Some(flag.value));
+    assert!(!it.report.summary.is_empty());
+}
