@@ -2,13 +2,15 @@ use std::ops::Range;
 
 use axum::body::Body;
 use axum::extract::State;
-use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
+use axum::http::{HeaderMap, HeaderValue, Method, StatusCode, header};
 use axum::response::{IntoResponse, Response};
+use http_range_header::StartPosition;
 
 use super::extract::{ApiPath, find_job, job_id, text_header};
 use super::jobs::names;
 use super::problem::{Problem, ProblemCode};
 use super::state::ApiState;
+use crate::blobs::BlobError;
 use crate::jobs::Artifact;
 
 /// Download a file of a job.
@@ -25,6 +27,7 @@ use crate::jobs::Artifact;
         (status = 200, description = "The file", body = Vec<u8>, content_type = "application/octet-stream"),
         (status = 206, description = "The range of the file", body = Vec<u8>, content_type = "application/octet-stream"),
         (status = 304, description = "The client has it already"),
+        (status = 400, description = "A path that can't be understood", body = Problem, content_type = "application/problem+json"),
         (status = 404, description = "No such job, or no such file of it yet", body = Problem, content_type = "application/problem+json"),
         (status = 410, description = "The job was deleted", body = Problem, content_type = "application/problem+json"),
         (status = 416, description = "The range lies outside the file", body = Problem, content_type = "application/problem+json"),
@@ -34,6 +37,7 @@ use crate::jobs::Artifact;
 pub(super) async fn get_artifact(
     State(state): State<ApiState>,
     ApiPath((id, name)): ApiPath<(String, String)>,
+    method: Method,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
     let job = find_job(&state, job_id(&id)?).await?;
@@ -55,7 +59,9 @@ pub(super) async fn get_artifact(
     if text_header(&headers, &header::IF_NONE_MATCH).is_some_and(|known| names(known, &etag)) {
         return Ok((StatusCode::NOT_MODIFIED, tagged).into_response());
     }
-    let range = match asked_range(&headers, &etag, artifact.bytes) {
+    // Ranges are defined for GET only (RFC 9110, 14.2).
+    let asked = if method == Method::GET { asked_range(&headers, &etag, artifact.bytes) } else { Asked::Whole };
+    let range = match asked {
         Asked::Whole => None,
         Asked::Part(range) => Some(range),
         Asked::Outside => {
@@ -64,7 +70,11 @@ pub(super) async fn get_artifact(
                 .with_header(header::CONTENT_RANGE, format!("bytes */{}", artifact.bytes)));
         }
     };
-    let body = Body::from_stream(state.blobs.get(&artifact.key, range.clone()).await?);
+    let body = state.blobs.get(&artifact.key, range.clone()).await.map_err(|error| match error {
+        BlobError::NotFound => Problem::new(ProblemCode::ArtifactNotFound, "The file was deleted meanwhile."),
+        other => other.into(),
+    })?;
+    let body = Body::from_stream(body);
     let length = range.as_ref().map_or(artifact.bytes, |r| r.end - r.start);
     let mut response = (StatusCode::OK, tagged, body).into_response();
     describe(response.headers_mut(), artifact, length);
@@ -110,7 +120,11 @@ fn asked_range(headers: &HeaderMap, etag: &str, bytes: u64) -> Asked {
     }
     match ranges.validate(bytes) {
         Ok(valid) => valid.first().map_or(Asked::Whole, |r| Asked::Part(*r.start()..r.end() + 1)),
-        Err(_) => Asked::Outside,
+        // A suffix longer than the file is the whole of it (RFC 9110, 14.1.2).
+        Err(_) => match ranges.ranges[0].start {
+            StartPosition::FromLast(suffix) if suffix > bytes && bytes > 0 => Asked::Part(0..bytes),
+            _ => Asked::Outside,
+        },
     }
 }
 
@@ -151,6 +165,7 @@ mod tests {
         assert_eq!(asked("bytes=0-9", None), Asked::Part(0..10));
         assert_eq!(asked("bytes=90-", None), Asked::Part(90..100));
         assert_eq!(asked("bytes=-5", None), Asked::Part(95..100));
+        assert_eq!(asked("bytes=-5000", None), Asked::Part(0..100));
         assert_eq!(asked("bytes=50-1000", None), Asked::Part(50..100));
         assert_eq!(asked("bytes=100-", None), Asked::Outside);
         assert_eq!(asked("bytes=0-1,5-6", None), Asked::Whole);

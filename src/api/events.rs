@@ -14,13 +14,14 @@ use crate::jobs::Job;
 
 /// Listen to a job.
 ///
-/// Server-sent events: `progress` with stage, tier, percent and queue position each time they change, and at the end
+/// Server-sent events: `progress` with stage, tier, percent and queue position each time the job changes, and at the end
 /// `done` with the whole job. A client that reconnects hears the present state first.
 #[utoipa::path(
     get, path = "/v1/jobs/{id}/events", tag = "jobs",
     params(("id" = String, Path, description = "The job's id")),
     responses(
         (status = 200, description = "The events", body = String, content_type = "text/event-stream"),
+        (status = 400, description = "A path that can't be understood", body = Problem, content_type = "application/problem+json"),
         (status = 404, description = "No such job", body = Problem, content_type = "application/problem+json"),
         (status = 410, description = "The job was deleted", body = Problem, content_type = "application/problem+json"),
         (status = 500, description = "A fault of the service", body = Problem, content_type = "application/problem+json"),

@@ -69,7 +69,10 @@ async fn check<E: std::fmt::Display>(result: impl Future<Output = Result<(), E>>
 /// Metrics for Prometheus.
 #[utoipa::path(
     get, path = "/metrics", tag = "service",
-    responses((status = 200, description = "Metrics in Prometheus' text format", body = String))
+    responses(
+        (status = 200, description = "Metrics in Prometheus' text format", body = String),
+        (status = 500, description = "A fault of the service", body = Problem, content_type = "application/problem+json"),
+    )
 )]
 pub(super) async fn get_metrics(State(state): State<ApiState>) -> Result<Response, Problem> {
     for count in state.store.counts().await? {
@@ -94,6 +97,7 @@ pub(super) async fn list_problems() -> Json<Vec<ProblemDoc>> {
     params(("code" = String, Path, description = "The code")),
     responses(
         (status = 200, description = "The code", body = ProblemDoc),
+        (status = 400, description = "A path that can't be understood", body = Problem, content_type = "application/problem+json"),
         (status = 404, description = "No such code", body = Problem, content_type = "application/problem+json"),
     )
 )]

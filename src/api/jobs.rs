@@ -25,9 +25,9 @@ const LARGEST_PAGE: u32 = 200;
 #[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
 pub(super) struct WaitQuery {
-    /// Hold the answer until the job's status changes or so many seconds have passed, at most 60. The header
-    /// `Prefer: wait=20` asks for the same.
-    #[param(minimum = 0, maximum = 60, example = 20)]
+    /// Hold the answer until the job's status changes or so many seconds have passed; more than 60 is taken as 60. The
+    /// header `Prefer: wait=20` asks for the same.
+    #[param(minimum = 0, example = 20)]
     wait: Option<u64>,
 }
 
@@ -65,7 +65,8 @@ pub(super) async fn get_job(
     let position = state.store.queue_position(&job).await?;
     let etag = etag(&job, position);
     if text_header(&headers, &header::IF_NONE_MATCH).is_some_and(|known| names(known, &etag)) {
-        return Ok((StatusCode::NOT_MODIFIED, [(header::ETAG, etag)]).into_response());
+        let headers = [(header::ETAG, etag), (header::CACHE_CONTROL, "no-cache".to_owned())];
+        return Ok((StatusCode::NOT_MODIFIED, headers).into_response());
     }
     Ok(answer(StatusCode::OK, job, position, [(header::ETAG, etag)]))
 }
@@ -116,7 +117,7 @@ pub(super) struct JobsQuery {
 /// A page of jobs.
 #[derive(Debug, Serialize, ToSchema)]
 pub(super) struct JobPage {
-    /// The jobs, newest first, without their reports.
+    /// The jobs, newest first, without their reports and queue positions.
     jobs: Vec<JobView>,
     /// The cursor of the next page; none on the last.
     next: Option<String>,
@@ -147,11 +148,7 @@ pub(super) async fn list_jobs(
         )
     })?;
     let page = state.store.list(ListQuery { status: query.status, before, limit }).await?;
-    let mut jobs = Vec::with_capacity(page.jobs.len());
-    for job in page.jobs {
-        let position = state.store.queue_position(&job).await?;
-        jobs.push(JobView::new(job, position));
-    }
+    let jobs = page.jobs.into_iter().map(|job| JobView::new(job, None)).collect();
     Ok(Json(JobPage { jobs, next: page.next.map(|id| id.to_string()) }))
 }
 
@@ -163,6 +160,7 @@ pub(super) async fn list_jobs(
     params(("id" = String, Path, description = "The job's id")),
     responses(
         (status = 200, description = "The job is cancelled", body = JobView),
+        (status = 400, description = "A path that can't be understood", body = Problem, content_type = "application/problem+json"),
         (status = 404, description = "No such job", body = Problem, content_type = "application/problem+json"),
         (status = 409, description = "The job has ended", body = Problem, content_type = "application/problem+json"),
         (status = 410, description = "The job was deleted", body = Problem, content_type = "application/problem+json"),
@@ -191,16 +189,30 @@ pub(super) async fn cancel_job(State(state): State<ApiState>, PathJob(job): Path
     params(("id" = String, Path, description = "The job's id")),
     responses(
         (status = 204, description = "The job and its files are gone"),
+        (status = 400, description = "A path that can't be understood", body = Problem, content_type = "application/problem+json"),
         (status = 404, description = "No such job", body = Problem, content_type = "application/problem+json"),
         (status = 410, description = "The job was deleted before", body = Problem, content_type = "application/problem+json"),
         (status = 500, description = "A fault of the service", body = Problem, content_type = "application/problem+json"),
     )
 )]
-pub(super) async fn delete_job(State(state): State<ApiState>, PathJob(job): PathJob) -> Result<StatusCode, Problem> {
-    state.store.purge(job.id).await?;
-    state.blobs.delete_job(job.id).await?;
-    tracing::info!(id = %job.id, "deleted");
-    Ok(StatusCode::NO_CONTENT)
+pub(super) async fn delete_job(
+    State(state): State<ApiState>,
+    ApiPath(id): ApiPath<String>,
+) -> Result<StatusCode, Problem> {
+    let id = job_id(&id)?;
+    let found = find_job(&state, id).await.map(drop);
+    if found.as_ref().is_err_and(|problem| problem.code != ProblemCode::JobDeleted) {
+        return found.map(|()| StatusCode::NO_CONTENT);
+    }
+    // A client that hangs up must not stop this half way, and asking again finishes what was stopped otherwise.
+    let deleting = tokio::spawn(async move {
+        state.store.purge(id).await?;
+        state.blobs.delete_job(id).await?;
+        tracing::info!(%id, "deleted");
+        Ok::<(), Problem>(())
+    });
+    deleting.await.map_err(|error| Problem::internal(&error))??;
+    found.map(|()| StatusCode::NO_CONTENT)
 }
 
 #[cfg(test)]

@@ -3,7 +3,7 @@ use std::time::Instant;
 
 use axum::Router;
 use axum::extract::{MatchedPath, Request};
-use axum::http::{HeaderName, HeaderValue, header};
+use axum::http::{HeaderName, HeaderValue, StatusCode, header};
 use axum::middleware::{Next, from_fn};
 use axum::response::{IntoResponse, Response};
 use tower_http::catch_panic::CatchPanicLayer;
@@ -41,10 +41,12 @@ async fn distrust_request_id(mut request: Request, next: Next) -> Response {
 async fn observe(request: Request, next: Next) -> Response {
     let id = request.extensions().get::<RequestId>().and_then(|id| id.header_value().to_str().ok());
     let id = id.unwrap_or_default().to_owned();
-    let method = request.method().clone();
+    // A client may invent methods, and each label's value is kept for ever.
+    let known = ["GET", "HEAD", "POST", "PUT", "PATCH", "DELETE", "OPTIONS"];
+    let method = known.into_iter().find(|known| request.method() == *known).unwrap_or("other");
     let path = request.uri().path().to_owned();
     let route = request.extensions().get::<MatchedPath>().map_or("none", MatchedPath::as_str).to_owned();
-    let span = tracing::info_span!("request", request_id = id, %method, path);
+    let span = tracing::info_span!("request", request_id = id, method, path);
     let started = Instant::now();
     let mut response = next.run(request).instrument(span.clone()).await;
     if let Some(mut problem) = response.extensions_mut().remove::<Problem>() {
@@ -52,7 +54,14 @@ async fn observe(request: Request, next: Next) -> Response {
         problem.instance = path;
         response = problem.render(response);
     } else if unexplained(&response) {
-        let mut problem = Problem::new(ProblemCode::InvalidRequest, "The request could not be handled.");
+        let code = match response.status() {
+            StatusCode::NOT_FOUND => ProblemCode::RouteNotFound,
+            StatusCode::METHOD_NOT_ALLOWED => ProblemCode::MethodNotAllowed,
+            StatusCode::PAYLOAD_TOO_LARGE => ProblemCode::PayloadTooLarge,
+            status if status.is_server_error() => ProblemCode::Internal,
+            _ => ProblemCode::InvalidRequest,
+        };
+        let mut problem = Problem::new(code, "The request could not be handled. See /docs.");
         problem.status = response.status().as_u16();
         problem.title = response.status().canonical_reason().unwrap_or("Error").to_owned();
         problem.request_id = id;
@@ -63,7 +72,7 @@ async fn observe(request: Request, next: Next) -> Response {
     let status = response.status().as_u16();
     let elapsed = started.elapsed();
     span.in_scope(|| tracing::debug!(status, milliseconds = elapsed.as_secs_f64() * 1000.0, "answered"));
-    let labels = [("method", method.to_string()), ("route", route), ("status", status.to_string())];
+    let labels = [("method", method.to_owned()), ("route", route), ("status", status.to_string())];
     metrics::histogram!("meshmend_http_request_seconds", &labels).record(elapsed);
     response
 }

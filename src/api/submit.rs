@@ -18,7 +18,7 @@ use super::problem::{Problem, ProblemCode};
 use super::state::ApiState;
 use crate::blobs::{Blobs, Stored, UploadError};
 use crate::format::{ReadError, ReadErrorKind, sniff};
-use crate::jobs::{Input, JobId, JobOptions, NewJob};
+use crate::jobs::{Input, Job, JobId, JobOptions, NewJob};
 use crate::repair::Options;
 
 /// Largest `options` part of a form.
@@ -40,6 +40,12 @@ pub(super) struct SubmitForm {
     options: Option<Options>,
 }
 
+/// A model's bytes.
+#[derive(ToSchema)]
+#[schema(value_type = String, format = Binary)]
+#[expect(dead_code, reason = "it describes the body in the OpenAPI document")]
+pub(super) struct RawModel(Vec<u8>);
+
 /// Submit a model for repair.
 ///
 /// Send a form with the parts `file` and, if wanted, `options`; or the model's bytes as the whole body, with the options
@@ -53,7 +59,7 @@ pub(super) struct SubmitForm {
     ),
     request_body(content(
         (SubmitForm = "multipart/form-data"),
-        (Vec<u8> = "application/octet-stream"),
+        (RawModel = "application/octet-stream"),
     )),
     responses(
         (status = 202, description = "The job was accepted", body = super::job_view::JobView,
@@ -76,6 +82,7 @@ pub(super) async fn submit_job(State(state): State<ApiState>, request: Request) 
     let media_type = text_header(request.headers(), &header::CONTENT_TYPE).unwrap_or_default().trim().to_owned();
     let essence = media_type.split(';').next().unwrap_or_default().trim().to_ascii_lowercase();
     let id = JobId::new();
+    let mut unclaimed = Unclaimed { blobs: Some(state.blobs.clone()), id };
     let upload = match essence.as_str() {
         "multipart/form-data" => from_form(&state, id, request).await,
         "application/json" => {
@@ -85,29 +92,46 @@ pub(super) async fn submit_job(State(state): State<ApiState>, request: Request) 
         }
         _ => from_body(&state, id, request).await,
     };
-    let accepted = match upload.and_then(Upload::accept) {
-        Ok((input, options)) => {
-            let new = NewJob { id, input, input_key: Blobs::input_key(id), options: JobOptions { repair: options } };
-            state.store.submit(new).await.map_err(Problem::from)
-        }
-        Err(problem) => Err(problem),
-    };
-    let job = match accepted {
-        Ok(job) => job,
-        Err(problem) => {
-            // Nothing of a refused upload stays.
-            if let Err(error) = state.blobs.delete_job(id).await {
-                tracing::warn!(%error, "a refused upload was left");
-            }
-            return Err(problem);
-        }
-    };
+    let upload = upload?;
+    let store = Arc::clone(&state.store);
+    // From here on a client that hangs up changes nothing: the job is accepted, or its file goes.
+    let accepting = tokio::spawn(async move {
+        let (input, options) = upload.accept()?;
+        let new = NewJob { id, input, input_key: Blobs::input_key(id), options: JobOptions { repair: options } };
+        let job = store.submit(new).await?;
+        unclaimed.keep();
+        Ok::<Job, Problem>(job)
+    });
+    let job = accepting.await.map_err(|error| Problem::internal(&error))??;
     metrics::counter!("meshmend_jobs_submitted_total").increment(1);
     metrics::histogram!("meshmend_upload_bytes").record(u32::try_from(job.input.bytes).unwrap_or(u32::MAX));
     tracing::info!(id = %job.id, bytes = job.input.bytes, format = ?job.input.format, "accepted");
     let position = state.store.queue_position(&job).await?;
     let headers = [(header::LOCATION, format!("/v1/jobs/{id}")), (header::ETAG, etag(&job, position))];
     Ok(answer(StatusCode::ACCEPTED, job, position, headers))
+}
+
+/// The files of a job that does not exist yet; removed unless it comes to be.
+struct Unclaimed {
+    blobs: Option<Blobs>,
+    id: JobId,
+}
+
+impl Unclaimed {
+    fn keep(&mut self) {
+        self.blobs = None;
+    }
+}
+
+impl Drop for Unclaimed {
+    fn drop(&mut self) {
+        let (Some(blobs), id) = (self.blobs.take(), self.id) else { return };
+        tokio::spawn(async move {
+            if let Err(error) = blobs.delete_job(id).await {
+                tracing::warn!(%error, "a refused upload was left");
+            }
+        });
+    }
 }
 
 /// What came with a request, its file stored already.

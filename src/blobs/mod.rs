@@ -3,10 +3,13 @@
 //! Keys: `uploads/<job id>` for the upload and `jobs/<job id>/<claim>/<name>` for what an attempt made, so that the files
 //! of a lost attempt are never mistaken for the result.
 
+mod local;
+
 use std::io::SeekFrom;
 use std::ops::Range;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::time::Duration;
 
 use bytes::Bytes;
 use futures::stream::BoxStream;
@@ -68,6 +71,8 @@ pub struct Stored {
 #[derive(Debug, Clone)]
 pub struct Blobs {
     store: Arc<dyn ObjectStore>,
+    /// For a local store, its folder.
+    folder: Option<PathBuf>,
 }
 
 impl Blobs {
@@ -78,7 +83,7 @@ impl Blobs {
     pub fn local(folder: &Path) -> Result<Self, BlobError> {
         std::fs::create_dir_all(folder)?;
         let store = LocalFileSystem::new_with_prefix(folder)?.with_fsync(true).with_automatic_cleanup(true);
-        Ok(Self { store: Arc::new(store) })
+        Ok(Self { store: Arc::new(store), folder: Some(folder.to_owned()) })
     }
 
     /// The key of a job's upload.
@@ -187,12 +192,13 @@ impl Blobs {
         Ok(())
     }
 
-    /// Deletes a job's upload and all that its attempts made.
+    /// Deletes a job's upload and all that its attempts made, half-written files among them.
     ///
     /// # Errors
     /// When the store can't list or delete; files already gone are no error.
     pub async fn delete_job(&self, id: JobId) -> Result<(), BlobError> {
         self.delete(&Self::input_key(id)).await?;
+        self.in_folder(move |folder| local::remove_half_uploads(folder, id)).await?;
         self.delete_attempts(id, None).await
     }
 
@@ -208,7 +214,28 @@ impl Blobs {
                 self.delete(file.location.as_ref()).await?;
             }
         }
-        Ok(())
+        let keep = keep.map(str::to_owned);
+        self.in_folder(move |folder| local::remove_attempts(folder, id, keep.as_deref())).await
+    }
+
+    /// The jobs that have files here which nobody has touched for `age`; for a store that is no folder, none.
+    ///
+    /// # Errors
+    /// When the folder can't be read.
+    pub async fn owners(&self, age: Duration) -> Result<Vec<JobId>, BlobError> {
+        let Some(folder) = self.folder.clone() else { return Ok(Vec::new()) };
+        let found = tokio::task::spawn_blocking(move || local::owners(&folder, age)).await;
+        Ok(found.map_err(std::io::Error::from)??)
+    }
+
+    /// Does what only a folder needs, since half-written files are not in its list.
+    async fn in_folder(
+        &self,
+        work: impl FnOnce(&Path) -> std::io::Result<()> + Send + 'static,
+    ) -> Result<(), BlobError> {
+        let Some(folder) = self.folder.clone() else { return Ok(()) };
+        let done = tokio::task::spawn_blocking(move || work(&folder)).await;
+        Ok(done.map_err(std::io::Error::from)??)
     }
 
     /// Deletes one file; one already gone is no error.

@@ -1,5 +1,6 @@
 use std::convert::Infallible;
 use std::io;
+use std::os::unix::process::ExitStatusExt;
 use std::path::Path;
 use std::process::ExitStatus;
 use std::time::Duration;
@@ -12,7 +13,7 @@ use tokio::time::Instant;
 use tokio_util::codec::{FramedRead, LinesCodec};
 use tokio_util::sync::CancellationToken;
 
-use super::pool::Pool;
+use super::pool::{Pool, Shutdown};
 use super::process::JobProcess;
 use super::task::{ProgressLine, Task};
 use super::{ProcessLimits, crash, pause_at};
@@ -71,11 +72,11 @@ impl<'a> Attempt<'a> {
     }
 
     /// Runs to the end; whatever happens is noted in the store, unless the lease is lost.
-    pub async fn run(self, stop: &CancellationToken) {
+    pub async fn run(self, shutdown: &Shutdown) {
         let started = Instant::now();
         let lost = CancellationToken::new();
         let ended = tokio::select! {
-            ended = self.try_run(stop, &lost) => ended,
+            ended = self.try_run(shutdown, &lost) => ended,
             never = self.keep_lease(&lost) => match never {},
         };
         let ended = match ended {
@@ -103,7 +104,7 @@ impl<'a> Attempt<'a> {
         }
     }
 
-    async fn try_run(&self, stop: &CancellationToken, lost: &CancellationToken) -> Result<Option<Job>, AttemptError> {
+    async fn try_run(&self, shutdown: &Shutdown, lost: &CancellationToken) -> Result<Option<Job>, AttemptError> {
         pause_at("worker-claimed");
         let scratch = self.pool.scratch.attempt()?;
         let folder = scratch.path();
@@ -117,9 +118,12 @@ impl<'a> Attempt<'a> {
         pause_at("worker-spawn");
         let mut process = JobProcess::start(&self.pool.config.program, folder, self.lease.attempt == 1)?;
         tracing::info!(process = process.id(), "started");
-        let ended = self.watch(&mut process, stop, lost).await;
+        let ended = self.watch(&mut process, &shutdown.now, lost).await;
         let status = process.end().await?;
-        let ended = ended?;
+        let ended = match ended? {
+            Ended::Exited(status) if told_to_end(status, shutdown).await => Ended::Shutdown,
+            ended => ended,
+        };
         append_stderr(folder, &ended, status).await?;
         match ended {
             Ended::LeaseLost => Err(StoreError::LeaseLost.into()),
@@ -136,7 +140,7 @@ impl<'a> Attempt<'a> {
                 );
                 self.fail(folder, FailureKind::Final, problem(ProblemKind::DeadlineExceeded, detail)).await.map(Some)
             }
-            Ended::Exited(status) if status.success() => self.succeed(folder, lost).await.map(Some),
+            Ended::Exited(status) if status.success() => self.succeed(folder).await.map(Some),
             Ended::Exited(status) if status.code() == Some(i32::from(Task::EXIT_PROBLEM)) => {
                 let problem = read_json(folder, Task::PROBLEM).await?;
                 self.fail(folder, FailureKind::Final, problem).await.map(Some)
@@ -249,12 +253,12 @@ impl<'a> Attempt<'a> {
         }
     }
 
-    async fn succeed(&self, folder: &Path, lost: &CancellationToken) -> Result<Job, AttemptError> {
+    async fn succeed(&self, folder: &Path) -> Result<Job, AttemptError> {
         pause_at("worker-publish");
-        let completion = unless(lost, self.publish(folder)).await?;
+        // Not given up half way when the job is lost: what is in flight would land after the clearing away.
+        let completion = self.publish(folder).await?;
         pause_at("worker-complete");
         record_steps(&completion.report);
-        // From here on the store decides: once it is completed, the job is rightly ours no more.
         let job = self.pool.store.complete(&self.lease, completion).await?;
         if self.lease.attempt > 1
             && let Err(error) = self.pool.blobs.delete_attempts(self.lease.id, Some(&self.lease.token)).await
@@ -288,8 +292,8 @@ impl<'a> Attempt<'a> {
     /// Notes a failure of something around the job.
     async fn fail_passing(&self, error: &AttemptError) -> Result<Job, StoreError> {
         tracing::error!(%error, "attempt failed");
-        let detail = format!("The service could not run this job: {error}. Please try again later.");
-        let problem = problem(ProblemKind::Internal, detail);
+        let detail = "The service could not run this job. Please try again later; its log has the reason.";
+        let problem = problem(ProblemKind::Internal, detail.to_owned());
         let failure = Failure { kind: FailureKind::Passing, problem, artifacts: Artifacts::new() };
         self.pool.store.fail(&self.lease, failure).await
     }
@@ -326,6 +330,14 @@ impl<'a> Attempt<'a> {
             }
         }
     }
+}
+
+/// Whether the child was ended by the same signal that tells this process to stop, as some service managers send it to
+/// every process of a service. The two may come in either order.
+async fn told_to_end(status: ExitStatus, shutdown: &Shutdown) -> bool {
+    const SIGTERM: i32 = 15;
+    status.signal() == Some(SIGTERM)
+        && tokio::time::timeout(Duration::from_millis(500), shutdown.drain.cancelled()).await.is_ok()
 }
 
 /// Does it, unless the job is lost meanwhile.

@@ -12,6 +12,7 @@ mod limits;
 mod pool;
 mod process;
 mod scratch;
+mod sweep;
 mod task;
 
 pub use child::run_child;

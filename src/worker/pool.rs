@@ -1,6 +1,6 @@
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use tokio::task::JoinSet;
 use tokio_util::sync::CancellationToken;
@@ -8,6 +8,7 @@ use tracing::Instrument;
 
 use super::attempt::Attempt;
 use super::scratch::Scratch;
+use super::sweep::{EVERY, sweep};
 use crate::blobs::Blobs;
 use crate::format::Limits;
 use crate::jobs::JobStore;
@@ -75,6 +76,7 @@ impl Pool {
         tracing::info!(worker = pool.name, slots = pool.config.slots, "workers are ready");
         let mut tasks = JoinSet::new();
         tasks.spawn(rescue(Arc::clone(&pool), shutdown.drain.clone()));
+        tasks.spawn(sweep_now_and_then(Arc::clone(&pool), shutdown.drain.clone()));
         for _ in 0..pool.config.slots {
             tasks.spawn(slot(Arc::clone(&pool), shutdown.clone()));
         }
@@ -93,7 +95,7 @@ async fn slot(pool: Arc<Pool>, shutdown: Shutdown) {
         match pool.store.claim(&pool.name, pool.config.lease).await {
             Ok(Some(claim)) => {
                 let span = tracing::info_span!("job", id = %claim.lease.id, attempt = claim.lease.attempt);
-                Attempt::new(&pool, claim).run(&shutdown.now).instrument(span).await;
+                Attempt::new(&pool, claim).run(&shutdown).instrument(span).await;
                 continue;
             }
             Ok(None) => {}
@@ -109,7 +111,14 @@ async fn slot(pool: Arc<Pool>, shutdown: Shutdown) {
 
 /// Makes jobs of lost workers claimable again.
 async fn rescue(pool: Arc<Pool>, stop: CancellationToken) {
+    let pause = pool.config.lease / 3;
+    let mut overslept = false;
     while !stop.is_cancelled() {
+        // After a stop of the whole process, or of the machine, the leases of its own jobs ran out unseen: their
+        // heartbeats go first.
+        if overslept {
+            tokio::time::sleep(pause).await;
+        }
         match pool.store.rescue().await {
             Ok(jobs) => {
                 for job in jobs {
@@ -119,8 +128,23 @@ async fn rescue(pool: Arc<Pool>, stop: CancellationToken) {
             }
             Err(error) => tracing::error!(%error, "could not look for lost jobs"),
         }
+        let asleep = Instant::now();
         tokio::select! {
-            () = tokio::time::sleep(pool.config.lease / 3) => {}
+            () = tokio::time::sleep(pause) => {}
+            () = stop.cancelled() => {}
+        }
+        overslept = asleep.elapsed() > 2 * pause;
+    }
+}
+
+/// Removes files that no job owns, at the start and then by the hour.
+async fn sweep_now_and_then(pool: Arc<Pool>, stop: CancellationToken) {
+    while !stop.is_cancelled() {
+        if let Err(error) = sweep(pool.store.as_ref(), &pool.blobs).await {
+            tracing::warn!(%error, "could not sweep");
+        }
+        tokio::select! {
+            () = tokio::time::sleep(EVERY) => {}
             () = stop.cancelled() => {}
         }
     }

@@ -47,7 +47,11 @@ fn remove_abandoned(root: &Path) -> io::Result<()> {
         let Ok(lock) = File::open(folder.join(LOCK)) else { continue };
         if flock(&lock, FlockOperation::NonBlockingLockExclusive).is_ok() {
             tracing::info!(folder = %folder.display(), "removing the scratch folder of a worker that is gone");
-            fs::remove_dir_all(&folder)?;
+            match fs::remove_dir_all(&folder) {
+                // Another worker may be clearing away too.
+                Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
+                _ => {}
+            }
         }
     }
     Ok(())

@@ -1,10 +1,12 @@
 mod row;
 
+use std::fs::File;
 use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
 use async_trait::async_trait;
+use rustix::fs::{FlockOperation, flock};
 use sqlx::SqliteConnection;
 use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode, SqlitePool, SqlitePoolOptions, SqliteSynchronous};
 use uuid::Uuid;
@@ -21,6 +23,9 @@ use super::{Bell, Clock, Job, JobId, JobProblem, JobProgress, ProblemKind, Retry
 /// Writing goes through a single connection, since SQLite has one writer anyway and waiting in a pool is fairer than
 /// waiting for a lock; reading has connections of its own (write-ahead logging lets both go on). Commits are synced to
 /// disk: what was accepted survives a power cut.
+///
+/// A statement outside a transaction is committed when it has been stepped to its end, and only then can it fail for a
+/// full disk; so statements with `RETURNING` are read to their end, never only to their first row.
 pub struct SqliteStore {
     writer: SqlitePool,
     reader: SqlitePool,
@@ -50,8 +55,13 @@ impl SqliteStore {
             .synchronous(SqliteSynchronous::Full)
             .busy_timeout(Duration::from_secs(10))
             .foreign_keys(true);
+        // Migrations take no lock of their own, and a server and a worker may start together.
+        let lock = File::create(path.with_extension("lock")).map_err(sqlx::Error::Io)?;
+        let lock = tokio::task::spawn_blocking(move || flock(&lock, FlockOperation::LockExclusive).map(|()| lock));
+        let lock = lock.await.map_err(|e| sqlx::Error::Io(e.into()))?.map_err(|e| sqlx::Error::Io(e.into()))?;
         let writer = SqlitePoolOptions::new().max_connections(1).connect_with(options.clone()).await?;
         sqlx::migrate!("migrations/sqlite").run(&writer).await?;
+        drop(lock);
         let reader = SqlitePoolOptions::new().max_connections(4).connect_with(options.read_only(true)).await?;
         Ok(Self { writer, reader, clock, retry, bell: Bell::default() })
     }
@@ -82,8 +92,10 @@ impl JobStore for SqliteStore {
         .bind(to_json(&job.input))
         .bind(&job.input_key)
         .bind(to_json(&job.options))
-        .fetch_one(&self.writer)
-        .await?;
+        .fetch_all(&self.writer)
+        .await?
+        .pop()
+        .ok_or(sqlx::Error::RowNotFound)?;
         self.bell.ring_for_work();
         read_job(&row)
     }
@@ -156,8 +168,9 @@ impl JobStore for SqliteStore {
         .bind(&token)
         .bind(now + millis(lease))
         .bind(now)
-        .fetch_optional(&self.writer)
-        .await?;
+        .fetch_all(&self.writer)
+        .await?
+        .pop();
         let Some(row) = row else { return Ok(None) };
         let job = read_job(&row)?;
         self.bell.ring(job.id);
@@ -172,17 +185,16 @@ impl JobStore for SqliteStore {
         let row = sqlx::query(
             "UPDATE jobs SET lease_expires_at = ?1, version = version + (?2 IS NOT NULL AND ?2 IS NOT progress), \
              progress = coalesce(?2, progress) \
-             WHERE id = ?3 AND attempt = ?4 AND lease_token = ?5 AND status = 'running' AND lease_expires_at > ?6 \
-             RETURNING id",
+             WHERE id = ?3 AND attempt = ?4 AND lease_token = ?5 AND status = 'running' RETURNING id",
         )
         .bind(self.clock.now_ms() + millis(lease))
         .bind(&progress)
         .bind(held.id.to_string())
         .bind(held.attempt)
         .bind(&held.token)
-        .bind(self.clock.now_ms())
-        .fetch_optional(&self.writer)
-        .await?;
+        .fetch_all(&self.writer)
+        .await?
+        .pop();
         row.ok_or(StoreError::LeaseLost)?;
         if progress.is_some() {
             self.bell.ring(held.id);
@@ -206,8 +218,9 @@ impl JobStore for SqliteStore {
         .bind(held.id.to_string())
         .bind(held.attempt)
         .bind(&held.token)
-        .fetch_optional(&self.writer)
-        .await?;
+        .fetch_all(&self.writer)
+        .await?
+        .pop();
         let job = read_job(&row.ok_or(StoreError::LeaseLost)?)?;
         self.bell.ring(job.id);
         Ok(job)
@@ -254,8 +267,9 @@ impl JobStore for SqliteStore {
         .bind(held.id.to_string())
         .bind(held.attempt)
         .bind(&held.token)
-        .fetch_optional(&self.writer)
-        .await?;
+        .fetch_all(&self.writer)
+        .await?
+        .pop();
         row.ok_or(StoreError::LeaseLost)?;
         self.bell.ring(held.id);
         self.bell.ring_for_work();
@@ -347,8 +361,9 @@ impl JobStore for SqliteStore {
         )
         .bind(now)
         .bind(id.to_string())
-        .fetch_optional(&self.writer)
-        .await?;
+        .fetch_all(&self.writer)
+        .await?
+        .pop();
         self.bell.ring(id);
         Ok(row.is_some())
     }

@@ -1,0 +1,29 @@
+use std::time::Duration;
+
+use crate::blobs::{BlobError, Blobs};
+use crate::jobs::{JobStore, StoreError};
+
+/// How often to sweep.
+pub(super) const EVERY: Duration = Duration::from_secs(3600);
+/// Files younger than this may be an upload under way.
+const AGE: Duration = Duration::from_secs(3600);
+
+/// Why a sweep was not finished.
+#[derive(Debug, thiserror::Error)]
+pub(super) enum SweepError {
+    #[error(transparent)]
+    Blobs(#[from] BlobError),
+    #[error(transparent)]
+    Store(#[from] StoreError),
+}
+
+/// Removes files that no job owns: of uploads that a killed server left, and of deletions that were stopped half way.
+pub(super) async fn sweep(store: &dyn JobStore, blobs: &Blobs) -> Result<(), SweepError> {
+    for id in blobs.owners(AGE).await? {
+        if store.get(id).await?.is_none_or(|job| job.purged) {
+            blobs.delete_job(id).await?;
+            tracing::info!(%id, "removed files that no job owns");
+        }
+    }
+    Ok(())
+}
