@@ -165,13 +165,9 @@ fn an_open_sheet_is_remeshed_when_that_is_asked_for() {
 
 #[test]
 fn what_tier_1_cannot_mend_goes_to_the_boolean_and_then_to_voxels() {
-    let solid = cube(DVec3::new(0.0, 0.0, 0.0), 2.0, 3);
-    let mut slab = solid.clone();
-    for p in &mut slab.positions {
-        p.z /= 2.0;
-    }
-    let fake = Fake::answering(vec![Err(RemeshError::Failed("no".into())), Ok(slab)]);
-    let it = run(&non_manifold(), &Options { max_volume_change_pct: 1000.0, ..Options::default() }, Some(&fake));
+    let apart = join(&cube(DVec3::ZERO, 1.0, 3), &cube(DVec3::new(1.004, 1.004, 0.0), 1.0, 3));
+    let fake = Fake::answering(vec![Err(RemeshError::Failed("no".into())), Ok(apart)]);
+    let it = run(&non_manifold(), &Options::default(), Some(&fake));
     let asked: Vec<RemeshAction> = fake.asked.borrow().iter().map(|a| a.0).collect();
     assert_eq!(asked, [RemeshAction::BooleanUnion, RemeshAction::VoxelRemesh]);
     assert_eq!(it.report.outcome, Outcome::Repaired, "{:#?}", it.report);
@@ -219,11 +215,11 @@ fn max_tier_keeps_higher_tiers_out_of_the_plan() {
 
 #[test]
 fn parts_that_became_one_raise_a_flag() {
-    let two = join(&cube(DVec3::ZERO, 1.0, 1), &cube(DVec3::ONE, 1.0, 1));
-    let whole = cube(DVec3::ZERO, 2.0, 2);
+    // The second part is so small that no other flag sees it go.
+    let two = join(&cube(DVec3::ZERO, 1.0, 1), &cube(DVec3::ONE, 0.005, 1));
+    let whole = cube(DVec3::ZERO, 1.0, 2);
     let fake = Fake::answering(vec![Ok(whole.clone()), Ok(whole)]);
-    let options = Options { max_volume_change_pct: 1000.0, ..Options::default() };
-    let it = run(&two, &options, Some(&fake));
+    let it = run(&two, &Options::default(), Some(&fake));
     assert_eq!(it.report.outcome, Outcome::PartiallyRepaired, "{:#?}", it.report);
     assert_eq!(it.report.red_flags[0].code, RedFlagCode::PartsMerged);
 }
