@@ -1,6 +1,7 @@
 mod engine;
 mod exit;
 mod inspect;
+mod listen;
 mod openapi;
 mod repair;
 mod service;

@@ -18,6 +18,7 @@ use tokio_util::sync::CancellationToken;
 
 use super::engine::{BlenderArgs, LimitArgs};
 use super::exit;
+use super::listen::listen;
 
 /// How long to wait before looking for what no bell told of.
 const POLL: Duration = Duration::from_millis(500);
@@ -226,16 +227,15 @@ async fn serve_until_stopped(args: &ServeArgs) -> Result<(), ServiceError> {
     let grace = seconds(args.work.shutdown_grace_s);
     tokio::spawn(stop_on_signal(shutdown.clone(), stopping.clone(), grace));
     let workers = tokio::spawn(pool.run(shutdown.clone()));
-    let served = axum::serve(listener, router(state)).with_graceful_shutdown(stopping.clone().cancelled_owned());
-    let served = tokio::spawn(async move { served.await });
+    let served = tokio::spawn(listen(listener, router(state), stopping));
     if let Err(error) = workers.await {
         tracing::error!(%error, "the workers ended");
     }
     // Connections that are still open, such as a slow download, get the rest of the grace and no more.
     tokio::select! {
         served = served => {
-            if let Ok(Err(error)) = served {
-                return Err(ServiceError::Io("serving".to_owned(), error));
+            if let Err(error) = served {
+                tracing::error!(%error, "serving ended");
             }
         }
         () = async { shutdown.now.cancelled().await; tokio::time::sleep(Duration::from_secs(1)).await } => {
