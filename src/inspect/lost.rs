@@ -7,8 +7,8 @@ use crate::mesh::Soup;
 /// Points that are looked at, spread over the input by area.
 const SAMPLES: u32 = 4000;
 /// Surface farther than this from all of the output is lost, as a share of the input's diagonal. A remesh with the
-/// default 300 voxels along the diagonal stays well within it.
-const FAR: f64 = 0.01;
+/// default 300 voxels along the diagonal stays within it.
+const FAR: f64 = 0.005;
 /// Directions in which a point may see the outside.
 const DIRECTIONS: u32 = 32;
 /// How far in front of its face a ray starts, as a share of the diagonal.

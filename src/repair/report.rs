@@ -138,7 +138,7 @@ pub struct Changes {
     pub face_loss_pct: f64,
     /// Faces of the input that stand in the result at the same three positions, in percent.
     pub faces_kept_pct: f64,
-    /// Share of the surface that can be seen from outside with nothing of the result within 1 % of the diagonal: sampled,
+    /// Share of the surface that can be seen from outside with nothing of the result within 0.5 % of the diagonal: sampled,
     /// so 0.1 is about the least that is seen.
     pub surface_lost_pct: Option<f64>,
     /// Largest move of a side of the bounding box, over its diagonal before.
