@@ -1,7 +1,9 @@
+use serde::{Deserialize, Serialize};
+
 use super::errors::{ReadError, ReadErrorKind};
 
 /// What a reader may spend on one file.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Limits {
     /// Largest file, in bytes.
     pub max_bytes: u64,

@@ -55,14 +55,15 @@ pub fn surface_lost_pct(
         return Ok(Some(0.0));
     }
     let view = View::new(input, diagonal);
-    let seen = |sample: &Sample| context.check().map(|()| u32::from(view.sees_outside(sample)));
-    let mut visible = 0;
+    let (mut visible, mut lost) = (0, 0);
+    let mut far = far.into_iter().peekable();
     for sample in &samples {
-        visible += seen(sample)?;
-    }
-    let mut lost = 0;
-    for sample in far {
-        lost += seen(sample)?;
+        context.check()?;
+        let seen = u32::from(view.sees_outside(sample));
+        visible += seen;
+        if far.next_if(|next| std::ptr::eq(*next, sample)).is_some() {
+            lost += seen;
+        }
     }
     Ok(Some(f64::from(lost) / f64::from(visible.max(1)) * 100.0))
 }

@@ -272,7 +272,7 @@ fn span(rung: u32) -> Range<u8> {
 fn empty_report(input: &Input<'_>, options: &Options, warnings: Vec<String>) -> Report {
     Report {
         version: REPORT_VERSION,
-        engine: concat!("meshmend ", env!("CARGO_PKG_VERSION")).to_owned(),
+        engine: crate::ENGINE.to_owned(),
         outcome: Outcome::Unrepairable,
         summary: String::new(),
         input: FileSummary { format: input.format, dialect: input.dialect.to_owned(), bytes: input.bytes.len() as u64 },

@@ -161,7 +161,7 @@ impl<'a> Attempt<'a> {
         let cores = u32::try_from(std::thread::available_parallelism().map_or(1, usize::from)).unwrap_or(1);
         Task {
             options: self.job.options.repair.clone(),
-            limits: config.limits.into(),
+            limits: config.limits,
             process: ProcessLimits {
                 memory_bytes: config.job_memory,
                 file_bytes: config.job_file,

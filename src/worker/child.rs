@@ -11,7 +11,7 @@ use rustix::process::{Signal, getpgrp, kill_process_group};
 use super::pause_at;
 use super::task::Task;
 use crate::blender::{BlenderConfig, BlenderRemesher};
-use crate::format::{Limits, ReadErrorKind};
+use crate::format::ReadErrorKind;
 use crate::jobs::{JobProblem, JobProgress, ProblemKind};
 use crate::repair::{Context, Progress, Remesher, RepairError, Stage, monotonic_clock, repair};
 
@@ -35,7 +35,6 @@ fn try_run(folder: &Path) -> io::Result<ExitCode> {
     let task: Task = serde_json::from_slice(&fs::read(folder.join(Task::TASK))?)?;
     task.process.apply()?;
     end_with_the_worker()?;
-    let limits: Limits = task.limits.into();
     let progress = Reporter::new(folder)?;
     let cancel = AtomicBool::new(false);
     let clock = monotonic_clock();
@@ -46,7 +45,7 @@ fn try_run(folder: &Path) -> io::Result<ExitCode> {
     });
     let remesher = remesher.as_ref().map(|r| -> &dyn Remesher { r });
     let bytes = fs::read(folder.join(Task::INPUT))?;
-    match repair(&bytes, &task.options, &limits, remesher, &context) {
+    match repair(&bytes, &task.options, &task.limits, remesher, &context) {
         Ok(repaired) => {
             fs::write(folder.join(Task::MODEL), &repaired.bytes)?;
             fs::write(folder.join(Task::REPORT), serde_json::to_vec_pretty(&repaired.report)?)?;

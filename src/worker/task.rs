@@ -15,29 +15,9 @@ use crate::repair::{Options, RemesherInfo};
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(super) struct Task {
     pub options: Options,
-    pub limits: TaskLimits,
+    pub limits: Limits,
     pub process: ProcessLimits,
     pub remesher: Option<RemesherInfo>,
-}
-
-/// [`Limits`] as they go over to the child.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-pub(super) struct TaskLimits {
-    pub max_bytes: u64,
-    pub max_faces: u64,
-    pub max_vertices: u64,
-}
-
-impl From<Limits> for TaskLimits {
-    fn from(l: Limits) -> Self {
-        Self { max_bytes: l.max_bytes, max_faces: l.max_faces, max_vertices: l.max_vertices }
-    }
-}
-
-impl From<TaskLimits> for Limits {
-    fn from(l: TaskLimits) -> Self {
-        Self { max_bytes: l.max_bytes, max_faces: l.max_faces, max_vertices: l.max_vertices }
-    }
 }
 
 /// A line of the child's standard output.
