@@ -1,7 +1,7 @@
-use super::{BoundingBox, Measures, SelfIntersections, Volume, group_faces, nesting_depths, solids};
+use super::{Analysis, BoundingBox, Measures, SelfIntersections, Volume, group_faces, nesting_depths};
 use crate::context::{Cancelled, Context};
-use crate::math::{Box3, collinear, to_unit_range};
-use crate::mesh::{Edges, Fans, Parts, Soup, Surface, count_boundary_chains};
+use crate::math::{Box3, collinear};
+use crate::mesh::{Edges, Soup, count_boundary_chains};
 
 /// Measures a mesh as [`Measures`] says, after merging vertices at exactly equal positions.
 ///
@@ -10,9 +10,17 @@ use crate::mesh::{Edges, Fans, Parts, Soup, Surface, count_boundary_chains};
 /// # Errors
 /// [`Cancelled`] when the work should stop.
 pub fn measure(soup: &Soup, context: &Context<'_>) -> Result<Measures, Cancelled> {
-    let (surface, ingest) = Surface::from_soup(soup);
+    measures(&Analysis::new(soup.into(), context)?, context)
+}
+
+/// Measures a mesh whose structure is known.
+///
+/// # Errors
+/// [`Cancelled`] when the work should stop.
+pub fn measures(analysis: &Analysis<'_>, context: &Context<'_>) -> Result<Measures, Cancelled> {
+    let Analysis { subject, surface, ingest, edges, parts, fans, solids, .. } = analysis;
     let mut it = Measures {
-        faces: soup.faces.len() as u64,
+        faces: subject.soup.faces.len() as u64,
         vertices: surface.positions.len() as u64,
         unreferenced_vertices: ingest.unreferenced_vertices,
         nonfinite_faces: ingest.nonfinite_faces,
@@ -22,17 +30,11 @@ pub fn measure(soup: &Soup, context: &Context<'_>) -> Result<Measures, Cancelled
     if surface.faces.is_empty() {
         return Ok(it);
     }
-    context.check()?;
-    let edges = Edges::new(&surface.faces);
-    context.check()?;
-    let parts = Parts::new(&surface, &edges);
-    let fans = Fans::new(&surface, &edges);
-    context.check()?;
     it.edges = edges.len() as u64;
     it.parts = parts.count as u64;
     it.nonmanifold_vertices = fans.nonmanifold_vertices;
-    it.boundary_loops = count_boundary_chains(&edges, &fans);
-    it.degenerate_faces = count_degenerate(&surface);
+    it.boundary_loops = count_boundary_chains(edges, fans);
+    it.degenerate_faces = count_degenerate(analysis);
     it.duplicate_faces = (surface.faces.len() - group_faces(&surface.faces).len()) as u64;
     context.check()?;
     let mut balanced = true;
@@ -50,9 +52,8 @@ pub fn measure(soup: &Soup, context: &Context<'_>) -> Result<Measures, Cancelled
     // Faces with a repeated vertex have no edges; a mesh of nothing else is not closed.
     it.closed = it.boundary_edges == 0 && !edges.is_empty();
     it.manifold = it.nonmanifold_edges == 0 && it.nonmanifold_vertices == 0;
-    let solids = solids(&surface, &edges, &parts);
     let negative: Vec<bool> = solids.iter().map(|s| s.volume < 0.0).collect();
-    let depths = nesting_depths(&surface, &parts, &solids, &negative, context)?;
+    let depths = nesting_depths(surface, parts, solids, &negative, context)?;
     it.inverted_parts = depths.iter().filter(|d| d.is_some_and(|d| d % 2 == 0)).count() as u64;
     it.outward = it.closed && it.manifold && it.consistent && it.inverted_parts == 0;
     let bounds = Box3::of(surface.positions.iter().copied());
@@ -76,11 +77,11 @@ fn finite(x: f64) -> f64 {
     if x.is_nan() { 0.0 } else { x.clamp(f64::MIN, f64::MAX) }
 }
 
-fn count_degenerate(surface: &Surface) -> u64 {
-    let unit = to_unit_range(&surface.positions);
+fn count_degenerate(analysis: &Analysis<'_>) -> u64 {
+    let unit = analysis.unit();
     let on_line = |face: &&[u32; 3]| {
         let [a, b, c] = face.map(|v| unit[v as usize]);
         collinear(a, b, c)
     };
-    surface.faces.iter().filter(on_line).count() as u64
+    analysis.surface.faces.iter().filter(on_line).count() as u64
 }

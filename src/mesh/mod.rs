@@ -5,6 +5,7 @@
 //! holds beyond that is asked of its [`Edges`], [`Parts`] and [`Fans`].
 
 mod edges;
+mod extras;
 mod fans;
 mod loops;
 mod parts;
@@ -13,6 +14,7 @@ mod surface;
 mod union_find;
 
 pub use edges::Edges;
+pub use extras::{CornerNormals, Numbering};
 pub use fans::Fans;
 pub use loops::{BoundaryLoops, boundary_loops, count_boundary_chains};
 pub use parts::Parts;

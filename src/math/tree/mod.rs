@@ -3,7 +3,7 @@ use obvhs::aabb::Aabb;
 use obvhs::bvh2::Bvh2;
 use obvhs::ploc::{PlocBuilder, PlocSearchDistance, SortPrecision};
 
-use super::Box3;
+use crate::math::Box3;
 
 /// How far a box in the tree reaches beyond its triangle, as a share of half of the model's longest side: more than
 /// the rounding of the tree's own frame, and a spread that keeps equal boxes from being equal (see [`Tree::new`]).
