@@ -5,9 +5,11 @@
 
 mod category;
 mod changes;
+mod climb;
 pub mod degenerate;
 pub mod duplicates;
 pub mod holes;
+mod input;
 mod options;
 pub mod orient;
 mod outside;

@@ -94,9 +94,9 @@ fn a_file_that_breaks_when_it_is_rounded_goes_on_to_repair() {
     }
     let bytes = format::write(&soup, Format::Off).unwrap();
     let it = run_bytes(&bytes, &Options::default(), None).unwrap();
-    assert!(it.report.before.printable());
+    assert!(it.report.before.measures.printable());
     assert_ne!(it.report.outcome, Outcome::Unrepairable);
-    assert!(it.report.after.unwrap().printable());
+    assert!(it.report.after.unwrap().measures.printable());
 }
 
 #[test]
@@ -307,7 +307,7 @@ proptest! {
         let clock = || Duration::ZERO;
         let context = Context::new(&NoProgress, &cancel, &clock, Duration::from_secs(600));
         let seen = meshmend::inspect::measure(&read(&a.bytes), &context).unwrap();
-        prop_assert_eq!(Some(&seen), a.report.after.as_ref());
+        prop_assert_eq!(Some(&seen), a.report.after.as_ref().map(|after| &after.measures));
         prop_assert_eq!(seen.printable(), matches!(a.report.outcome, Outcome::Repaired | Outcome::AlreadyPrintable));
     }
 }
