@@ -1,6 +1,6 @@
 //! Files: uploads and artifacts, in a local folder (object_store's local file system; S3 fits the same type).
 //!
-//! Keys: `uploads/<job id>` for the upload and `jobs/<job id>/<claim>/<name>` for what an attempt made, so that the files
+//! Keys: `uploads/<job id>/<number>` for each uploaded file and `jobs/<job id>/<claim>/<name>` for what an attempt made, so that the files
 //! of a lost attempt are never mistaken for the result.
 
 mod local;
@@ -86,10 +86,10 @@ impl Blobs {
         Ok(Self { store: Arc::new(store), folder: Some(folder.to_owned()) })
     }
 
-    /// The key of a job's upload.
+    /// The key of a job's uploaded file, counted from 0.
     #[must_use]
-    pub fn input_key(id: JobId) -> String {
-        format!("uploads/{id}")
+    pub fn input_key(id: JobId, number: usize) -> String {
+        format!("uploads/{id}/{number}")
     }
 
     /// The key of a file that one claim of a job made.
@@ -192,13 +192,16 @@ impl Blobs {
         Ok(())
     }
 
-    /// Deletes a job's upload and all that its attempts made, half-written files among them.
+    /// Deletes a job's uploaded files and all that its attempts made, half-written files among them.
     ///
     /// # Errors
     /// When the store can't list or delete; files already gone are no error.
     pub async fn delete_job(&self, id: JobId) -> Result<(), BlobError> {
-        self.delete(&Self::input_key(id)).await?;
-        self.in_folder(move |folder| local::remove_half_uploads(folder, id)).await?;
+        let mut files = self.store.list(Some(&Key::from(format!("uploads/{id}"))));
+        while let Some(file) = files.try_next().await? {
+            self.delete(file.location.as_ref()).await?;
+        }
+        self.in_folder(move |folder| local::remove_uploads(folder, id)).await?;
         self.delete_attempts(id, None).await
     }
 
