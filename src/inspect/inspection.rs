@@ -25,9 +25,9 @@ pub enum Level {
     Full,
 }
 
-/// What to look for, and how. Every field has a default; unknown fields are refused.
+/// What to look for, and how. Every field has a default.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema, IntoParams)]
-#[serde(deny_unknown_fields, default)]
+#[serde(default)]
 #[into_params(parameter_in = Query)]
 pub struct InspectOptions {
     /// How closely.

@@ -44,7 +44,10 @@ impl Mode {
     }
 }
 
-/// What a job is to do: `mode` (`repair` where it is left out), and that mode's options beside it.
+/// What a job is to do: `mode` (`repair` where it is left out), and that mode's options beside it. Others are refused.
+///
+/// The structs of the options let unknown fields pass, since a struct that does not can't stand beside `mode` in one
+/// object; [`JobOptions::from_fields`] does not let them pass.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(tag = "mode", rename_all = "snake_case")]
 pub enum JobOptions {
@@ -70,9 +73,17 @@ pub enum JobOptionsError {
         /// The job's mode.
         mode: Mode,
     },
-    /// There is no such option, or its value is of the wrong kind.
-    #[error(transparent)]
-    Unreadable(#[from] serde_json::Error),
+    /// There is no such option.
+    #[error("there is no option '{option}'; those of mode '{}' are {}", .mode.as_str(), .mode.option_names().join(", "))]
+    Unknown {
+        /// What was given.
+        option: String,
+        /// The job's mode.
+        mode: Mode,
+    },
+    /// A value is of the wrong kind.
+    #[error("{0}")]
+    Unreadable(String),
     /// A value is out of its range.
     #[error(transparent)]
     Range(#[from] OptionsError),
@@ -107,13 +118,11 @@ impl JobOptions {
             Some(mode) => serde_json::from_value(mode.clone()).map_err(|_| JobOptionsError::Mode(mode))?,
         };
         let own = mode.option_names();
-        for option in fields.keys().filter(|option| !own.contains(option)) {
-            if let Some(of) = Mode::ALL.into_iter().find(|of| of.option_names().contains(option)) {
-                return Err(JobOptionsError::OtherMode { option: option.clone(), of, mode });
-            }
-        }
-        fn read<T: DeserializeOwned>(fields: Map<String, Value>) -> Result<T, serde_json::Error> {
-            serde_json::from_value(Value::Object(fields))
+        if let Some(option) = fields.keys().find(|option| !own.contains(option)).cloned() {
+            return Err(match Mode::ALL.into_iter().find(|of| of.option_names().contains(&option)) {
+                Some(of) => JobOptionsError::OtherMode { option, of, mode },
+                None => JobOptionsError::Unknown { option, mode },
+            });
         }
         let options = match mode {
             Mode::Repair => Self::Repair(read(fields)?),
@@ -125,6 +134,17 @@ impl JobOptions {
         }
         Ok(options)
     }
+}
+
+/// Reads options one by one, so that an error can name the one it is about.
+fn read<T: DeserializeOwned>(fields: Map<String, Value>) -> Result<T, JobOptionsError> {
+    for (option, value) in &fields {
+        let alone = Map::from_iter([(option.clone(), value.clone())]);
+        if let Err(error) = serde_json::from_value::<T>(Value::Object(alone)) {
+            return Err(JobOptionsError::Unreadable(format!("option '{option}' can't be read: {error}")));
+        }
+    }
+    serde_json::from_value(Value::Object(fields)).map_err(|error| JobOptionsError::Unreadable(error.to_string()))
 }
 
 impl Default for JobOptions {
@@ -175,8 +195,10 @@ mod tests {
             (json!({"level": "full"}), "option 'level' belongs to mode 'analyze', and this job's mode is 'repair'"),
             (json!({"mode": "analyze", "preset": "auto"}), "option 'preset' belongs to mode 'repair'"),
             (json!({"mode": "destroy"}), "option 'mode' is \"destroy\"; it must be"),
-            (json!({"mode": "analyze", "levle": 1}), "levle"),
-            (json!({"mode": "analyze", "level": "deep"}), "deep"),
+            (json!({"mode": "analyze", "levle": 1}), "no option 'levle'; those of mode 'analyze' are level, "),
+            (json!({"mode": "analyze", "level": "deep"}), "option 'level' can't be read: unknown variant `deep`"),
+            (json!({"deadline_s": null}), "option 'deadline_s' can't be read"),
+            (json!({"mode": "analyze", "deadline_s": 0}), "option 'deadline_s' is 0"),
             (json!({"mode": "analyze", "places": 5000}), "option 'places' is 5000"),
             (json!({"max_tier": 9}), "option 'max_tier' is 9"),
         ] {

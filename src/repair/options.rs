@@ -56,9 +56,9 @@ impl OutputFormat {
     }
 }
 
-/// How a model is to be repaired. Every field has a default; unknown fields are refused.
+/// How a model is to be repaired. Every field has a default.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema, IntoParams)]
-#[serde(deny_unknown_fields, default)]
+#[serde(default)]
 #[into_params(parameter_in = Query)]
 pub struct Options {
     /// The plan to run, or `auto`.
