@@ -74,13 +74,7 @@ impl<'a> Analyst<'a> {
         let (inspection, _) = inspect(Subject::from(&soup), &self.options.inspect, &self.context)?;
         let measures = &inspection.measures;
         warnings.extend(measures.left_out());
-        self.context.log(&format!(
-            "{}{dialect}: {} faces, {} parts, {} defects",
-            naming(index, name, self.of),
-            measures.faces,
-            measures.parts,
-            measures.defects()
-        ));
+        self.context.log(&format!("{}{dialect}: {}", naming(index, name, self.of), measures.in_short()));
         self.files.push(FileAnalysis {
             name: name.to_owned(),
             format,

@@ -68,6 +68,12 @@ impl Measures {
             && self.self_intersections.pairs.unwrap_or(0) == 0
     }
 
+    /// Its size and its defects in a few words, for a log.
+    #[must_use]
+    pub fn in_short(&self) -> String {
+        format!("{} faces, {} parts, {} defects", self.faces, self.parts, self.defects())
+    }
+
     /// What was left out of every count, as a sentence for the person who sent the file.
     #[must_use]
     pub fn left_out(&self) -> Option<String> {

@@ -1,7 +1,7 @@
 use std::time::Duration;
 
 use super::climb::Climb;
-use super::input::Input;
+use super::input::{Input, look};
 use super::plan::{make_plan, name};
 use super::sheets::open_sheet_share;
 use super::tiers::Runner;
@@ -10,7 +10,8 @@ use super::{
     Cancelled, Candidate, Context, FileSummary, Options, OptionsError, Outcome, Remesher, Report, Stage, categorise,
     summary,
 };
-use crate::format::{Format, Limits, ReadError, WriteError};
+use crate::format::{self, Format, Limits, ReadError, WriteError};
+use crate::inspect::measure;
 
 /// A repaired file and its account.
 #[derive(Debug, Clone, PartialEq)]
@@ -60,13 +61,18 @@ pub fn repair(
     let start = context.now();
     let context = &context.limited_to(Duration::from_secs_f64(options.deadline_s));
     let patient = &context.without_deadline();
-    let input = &Input::read(bytes, limits, context)?;
-    let format = options.output.resolve(input.format);
+    context.report(Stage::Read, None, 0);
+    let mesh = format::read(bytes, limits)?;
+    let format = options.output.resolve(mesh.format);
+    context.report(Stage::Inspect, None, 3);
+    let before = look(&mesh.soup, || measure(&mesh.soup, patient), context)?;
+    context.log(&format!("read {}: {}", mesh.dialect, before.measures.in_short()));
+    let input = &Input { bytes, mesh: &mesh, before: &before };
     let end = Ending { input, format, start, context };
     let mut report = input.report(options);
 
     // What is to be beaten: the input, or what the output's format makes of it.
-    let mut as_is = input.before.measures.clone();
+    let mut as_is = before.measures.clone();
     if as_is.printable() {
         match input.handed_back(format, options, patient) {
             Ok(Some(untouched)) if untouched.measures.printable() => {
