@@ -1,7 +1,7 @@
 //! What a local folder needs beside object_store: it writes a file as `<name>#<number>` first, and neither lists nor
 //! deletes those when a process was killed half way.
 
-use std::collections::BTreeSet;
+use std::collections::BTreeMap;
 use std::fs::{self, DirEntry};
 use std::io;
 use std::path::Path;
@@ -25,18 +25,20 @@ fn gone_is_fine(result: io::Result<()>) -> io::Result<()> {
     }
 }
 
-/// The job that an entry of `uploads` or `jobs` belongs to.
+/// The job that an entry of `uploads`, `more` or `jobs` belongs to.
 fn owner(entry: &DirEntry) -> Option<JobId> {
     entry.file_name().to_str()?.split('#').next()?.parse().ok()
 }
 
-/// Removes a job's uploads, half-written ones among them. Version 0.1 had one file in the place of the folder.
+/// Removes the half-written uploads of a job, and the folder of its further files.
 pub(super) fn remove_uploads(folder: &Path, id: JobId) -> io::Result<()> {
-    let uploads = folder.join("uploads").join(id.to_string());
-    if uploads.is_file() {
-        return gone_is_fine(fs::remove_file(uploads));
+    for number in 1..100 {
+        match fs::remove_file(folder.join("uploads").join(format!("{id}#{number}"))) {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => break,
+            result => result?,
+        }
     }
-    gone_is_fine(fs::remove_dir_all(uploads))
+    gone_is_fine(fs::remove_dir_all(folder.join("more").join(id.to_string())))
 }
 
 /// Removes the folders of a job's attempts, but for the one named `keep`.
@@ -58,27 +60,32 @@ fn last_change(entry: &DirEntry) -> io::Result<SystemTime> {
     Ok(times.fold(data.modified()?, SystemTime::max))
 }
 
-/// Jobs with uploads or a folder of results that have not changed for `age`.
+/// Jobs with uploads or a folder of results of which nothing has changed for `age`.
 pub(super) fn owners(folder: &Path, age: Duration) -> io::Result<Vec<JobId>> {
-    let mut found = BTreeSet::new();
-    for kind in ["uploads", "jobs"] {
+    let mut changes: BTreeMap<JobId, SystemTime> = BTreeMap::new();
+    for kind in ["uploads", "more", "jobs"] {
         for entry in entries(&folder.join(kind))? {
-            let Ok(changed) = last_change(&entry) else { continue };
-            if changed.elapsed().is_ok_and(|quiet| quiet >= age) {
-                found.extend(owner(&entry));
-            }
+            let (Some(id), Ok(change)) = (owner(&entry), last_change(&entry)) else { continue };
+            let latest = changes.entry(id).or_insert(change);
+            *latest = change.max(*latest);
         }
     }
-    Ok(found.into_iter().collect())
+    changes.retain(|_, change| change.elapsed().is_ok_and(|quiet| quiet >= age));
+    Ok(changes.into_keys().collect())
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    fn old_file(path: &Path) {
-        fs::write(path, "old").expect("a file");
-        age(path);
+    const HOUR: Duration = Duration::from_secs(3600);
+
+    fn write(path: &Path, old: bool) {
+        fs::create_dir_all(path.parent().expect("a folder")).expect("a folder");
+        fs::write(path, "x").expect("a file");
+        if old {
+            age(path);
+        }
     }
 
     fn age(path: &Path) {
@@ -86,34 +93,32 @@ mod tests {
     }
 
     #[test]
-    fn an_upload_under_way_has_no_owner_to_ask_for_however_old_its_folder_is() {
+    fn an_upload_whose_last_file_still_grows_is_not_taken_for_abandoned() {
         let root = tempfile::tempdir().expect("a folder");
-        let uploads = root.path().join("uploads");
         let (abandoned, growing) = (JobId::new(), JobId::new());
         for id in [abandoned, growing] {
-            let folder = uploads.join(id.to_string());
-            fs::create_dir_all(&folder).expect("a folder");
-            old_file(&folder.join("0"));
-            if id == growing {
-                fs::write(folder.join("1#1"), "half").expect("a file");
-            }
-            age(&folder);
+            write(&root.path().join("uploads").join(id.to_string()), true);
+            let more = root.path().join("more").join(id.to_string());
+            write(&more.join("1"), true);
+            write(&more.join("2#1"), id == abandoned);
+            age(&more);
         }
-        assert_eq!(owners(root.path(), Duration::from_secs(3600)).expect("readable"), [abandoned]);
-        remove_uploads(root.path(), growing).expect("removed");
-        assert!(!uploads.join(growing.to_string()).exists());
+        assert_eq!(owners(root.path(), HOUR).expect("readable"), [abandoned]);
     }
 
     #[test]
-    fn an_upload_of_the_first_version_is_found_and_removed() {
+    fn what_is_half_written_goes_with_the_uploads() {
         let root = tempfile::tempdir().expect("a folder");
-        let uploads = root.path().join("uploads");
-        fs::create_dir_all(&uploads).expect("a folder");
-        let id = JobId::new();
-        old_file(&uploads.join(id.to_string()));
-        assert_eq!(owners(root.path(), Duration::from_secs(3600)).expect("readable"), [id]);
+        let (id, other) = (JobId::new(), JobId::new());
+        for id in [id, other] {
+            write(&root.path().join("uploads").join(format!("{id}#1")), false);
+            write(&root.path().join("more").join(id.to_string()).join("1#1"), false);
+        }
         remove_uploads(root.path(), id).expect("removed");
         remove_uploads(root.path(), id).expect("gone already");
-        assert_eq!(entries(&uploads).expect("readable").len(), 0);
+        for kind in ["uploads", "more"] {
+            let left: Vec<_> = entries(&root.path().join(kind)).expect("readable").iter().filter_map(owner).collect();
+            assert_eq!(left, [other], "{kind}");
+        }
     }
 }

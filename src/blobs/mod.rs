@@ -1,6 +1,7 @@
 //! Files: uploads and artifacts, in a local folder (object_store's local file system; S3 fits the same type).
 //!
-//! Keys: `uploads/<job id>/<number>` for each uploaded file and `jobs/<job id>/<claim>/<name>` for what an attempt made, so that the files
+//! Keys: `uploads/<job id>` for the uploaded file, `more/<job id>/<number>` for each further one of a job that has several
+//! (a folder for the one that most have would cost another sync to disk), and `jobs/<job id>/<claim>/<name>` for what an attempt made, so that the files
 //! of a lost attempt are never mistaken for the result.
 
 mod local;
@@ -89,7 +90,7 @@ impl Blobs {
     /// The key of a job's uploaded file, counted from 0.
     #[must_use]
     pub fn input_key(id: JobId, number: usize) -> String {
-        format!("uploads/{id}/{number}")
+        if number == 0 { format!("uploads/{id}") } else { format!("more/{id}/{number}") }
     }
 
     /// The key of a file that one claim of a job made.
@@ -197,7 +198,8 @@ impl Blobs {
     /// # Errors
     /// When the store can't list or delete; files already gone are no error.
     pub async fn delete_job(&self, id: JobId) -> Result<(), BlobError> {
-        let mut files = self.store.list(Some(&Key::from(format!("uploads/{id}"))));
+        self.delete(&Self::input_key(id, 0)).await?;
+        let mut files = self.store.list(Some(&Key::from(format!("more/{id}"))));
         while let Some(file) = files.try_next().await? {
             self.delete(file.location.as_ref()).await?;
         }
