@@ -15,8 +15,9 @@
 //! api -> blobs + jobs -> worker -> (the line above, in a child process) -> blobs + jobs -> api
 //! ```
 //!
-//! The engine (`math`, `mesh`, `format`, `inspect`, `repair`, `blender`) knows nothing of tokio, axum or sqlx.
+//! The engine (`math`, `mesh`, `format`, `inspect`, `analyze`, `repair`, `blender`) knows nothing of tokio, axum or sqlx.
 
+pub mod analyze;
 pub mod api;
 pub mod blender;
 pub mod blobs;

@@ -4,7 +4,10 @@ use serde::Serialize;
 use utoipa::ToSchema;
 
 use super::state::ApiState;
+use crate::analyze::AnalyzeOptions;
 use crate::format::{Format, Limits};
+use crate::inspect::Level;
+use crate::jobs::Mode;
 use crate::repair::{Options, Preset, RemesherInfo};
 
 /// What this service can do right now.
@@ -16,14 +19,20 @@ pub struct Capabilities {
     pub input_formats: Vec<Format>,
     /// Formats that can be asked for.
     pub output_formats: Vec<Format>,
-    /// Presets, apart from `auto`.
+    /// What a job can do.
+    pub modes: Vec<Mode>,
+    /// Presets of a repair, apart from `auto`.
     pub presets: Vec<Preset>,
+    /// Levels of an analysis.
+    pub levels: Vec<Level>,
     /// The tiers and whether they work.
     pub tiers: Vec<TierStatus>,
     /// Limits on an upload.
     pub limits: UploadLimits,
-    /// Every option with its default.
+    /// Every option of a repair with its default.
     pub default_options: Options,
+    /// Every option of an analysis with its default.
+    pub default_analyze_options: AnalyzeOptions,
 }
 
 /// One tier.
@@ -46,18 +55,20 @@ pub struct TierStatus {
 /// Limits on an upload.
 #[derive(Debug, Clone, Copy, Serialize, ToSchema)]
 pub struct UploadLimits {
-    /// Largest file, in bytes.
+    /// Largest upload in bytes: one file, or all files of a job together.
     pub max_bytes: u64,
-    /// Most triangles.
+    /// Most files of an analysis.
+    pub max_files: usize,
+    /// Most triangles of a file.
     pub max_faces: u64,
-    /// Most vertices.
+    /// Most vertices of a file.
     pub max_vertices: u64,
 }
 
 impl Capabilities {
     /// `remesher` is tier 3, or why there is none.
     #[must_use]
-    pub fn new(limits: Limits, remesher: Result<RemesherInfo, String>) -> Self {
+    pub fn new(limits: Limits, max_files: usize, remesher: Result<RemesherInfo, String>) -> Self {
         let formats = vec![Format::Stl, Format::Obj, Format::Ply, Format::Off];
         let (program, missing) = match remesher {
             Ok(info) => (Some(info), None),
@@ -68,6 +79,7 @@ impl Capabilities {
             engine: crate::ENGINE.to_owned(),
             input_formats: formats.clone(),
             output_formats: formats,
+            modes: Mode::ALL.to_vec(),
             presets: vec![
                 Preset::BasicCleanup,
                 Preset::FillHoles,
@@ -76,6 +88,7 @@ impl Capabilities {
                 Preset::ManifoldRepair,
                 Preset::BlenderRemesh,
             ],
+            levels: vec![Level::None, Level::Basic, Level::Full],
             tiers: vec![
                 tier(1, "clean", true),
                 TierStatus { detail: Some("not part of this version".to_owned()), ..tier(2, "mend", false) },
@@ -83,17 +96,19 @@ impl Capabilities {
             ],
             limits: UploadLimits {
                 max_bytes: limits.max_bytes,
+                max_files,
                 max_faces: limits.max_faces,
                 max_vertices: limits.max_vertices,
             },
             default_options: Options::default(),
+            default_analyze_options: AnalyzeOptions::default(),
         }
     }
 }
 
 /// What this service can do.
 ///
-/// Formats, presets, limits, every option with its default, and the tiers that work right now with Blender's version.
+/// Formats, modes, presets, levels, limits, every option with its default, and the tiers that work right now with Blender's version.
 #[utoipa::path(
     get, path = "/v1/capabilities", tag = "service",
     responses((status = 200, description = "What can be asked for", body = Capabilities))

@@ -5,9 +5,9 @@ use time::OffsetDateTime;
 use utoipa::ToSchema;
 
 use super::problem::describe_job_problem;
-use crate::format::Place;
-use crate::jobs::{Input, Job, JobOptions, ProblemKind, Status};
-use crate::repair::{Outcome, Report, Stage};
+use crate::context::Stage;
+use crate::format::{Format, Place};
+use crate::jobs::{Input, Job, JobOptions, JobOutcome, JobReport, ProblemKind, Status, StoredReport};
 
 /// A job as clients see it.
 #[derive(Debug, Serialize, ToSchema)]
@@ -19,7 +19,7 @@ pub(super) struct JobView {
     /// Where it stands.
     pub status: Status,
     /// What became of the model, once the job succeeded.
-    pub outcome: Option<Outcome>,
+    pub outcome: Option<JobOutcome>,
     /// How far it is; none once it has ended.
     pub progress: Option<ProgressView>,
     /// Tries that count, the running one among them.
@@ -33,16 +33,34 @@ pub(super) struct JobView {
     /// When it ended.
     #[serde(with = "time::serde::rfc3339::option")]
     pub finished_at: Option<OffsetDateTime>,
-    /// The uploaded file.
-    pub input: Input,
+    /// The uploaded file; of several the first.
+    pub input: InputView,
+    /// All uploaded files in the order they were sent, where there are several.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub inputs: Vec<InputView>,
     /// What was asked for, defaults filled in.
     pub options: JobOptions,
-    /// The account of the repair; left out of lists.
-    pub report: Option<Report>,
+    /// The account of what was done; left out of lists.
+    #[schema(value_type = Option<JobReport>)]
+    pub report: Option<StoredReport>,
     /// The files to download, by name.
     pub artifacts: BTreeMap<String, ArtifactView>,
     /// Why it failed.
     pub problem: Option<JobProblemView>,
+}
+
+/// An uploaded file.
+#[derive(Debug, Clone, Serialize, ToSchema)]
+#[schema(as = Input)]
+pub(super) struct InputView {
+    /// The name it was sent with, without folders.
+    pub name: String,
+    /// Its size.
+    pub bytes: u64,
+    /// SHA-256 of its bytes, in hexadecimal.
+    pub sha256: String,
+    /// The format found in its bytes.
+    pub format: Format,
 }
 
 /// How far a job is.
@@ -53,7 +71,7 @@ pub(super) struct ProgressView {
     pub stage: Option<Stage>,
     /// The tier that runs, 1 to 3.
     pub tier: Option<u8>,
-    /// Share of the repair that is done, 0 to 100.
+    /// Share of the work that is done, 0 to 100.
     pub percent: u8,
     /// Jobs that will be taken before this one, while it waits.
     pub queue_position: Option<u64>,
@@ -91,6 +109,9 @@ pub(super) struct JobProblemView {
     /// Where in the input file, if it has a place.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub place: Option<Place>,
+    /// Of several files, the one that is to blame, as its place in `inputs`, counted from 0.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub file: Option<u32>,
 }
 
 impl JobView {
@@ -112,7 +133,10 @@ impl JobView {
             code: problem.code,
             detail: problem.detail,
             place: problem.place,
+            file: problem.file,
         });
+        let view = |Input { name, bytes, sha256, format, .. }| InputView { name, bytes, sha256, format };
+        let inputs: Vec<InputView> = job.inputs.into_iter().map(view).collect();
         Self {
             id: job.id.to_string(),
             status: job.status,
@@ -122,7 +146,8 @@ impl JobView {
             created_at: job.created_at,
             started_at: job.started_at,
             finished_at: job.finished_at,
-            input: job.input,
+            input: inputs[0].clone(),
+            inputs: if inputs.len() > 1 { inputs } else { Vec::new() },
             options: job.options,
             report: job.report,
             artifacts: job.artifacts.into_iter().map(link).collect(),

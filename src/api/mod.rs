@@ -17,6 +17,7 @@ mod problem;
 mod router;
 mod state;
 mod submit;
+mod upload;
 mod wait;
 
 pub use capabilities::{Capabilities, TierStatus};

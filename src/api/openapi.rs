@@ -10,14 +10,14 @@ use super::{artifacts, capabilities, events, health, jobs, submit};
     info(
         title = "meshmend",
         description = "Repairs broken 3D models, proves that the result is printable, and gives an honest account of \
-                       what changed.",
+                       what changed. Or only looks, and tells what is wrong where.",
         license(name = "MIT OR Apache-2.0", identifier = "MIT OR Apache-2.0"),
     ),
     tags(
-        (name = "jobs", description = "Send a model, follow its repair, download the result"),
+        (name = "jobs", description = "Send a model, follow its job, download the result"),
         (name = "service", description = "What the service can do and how it is"),
     ),
-    components(schemas(super::Problem, crate::repair::Report)),
+    components(schemas(super::Problem, crate::jobs::JobReport)),
 )]
 struct Document;
 

@@ -22,8 +22,10 @@ pub enum ProblemCode {
     InvalidOptions,
     /// No file, or an empty one.
     MissingFile,
-    /// The file is larger than the service takes.
+    /// The file, or all files of a job together, are larger than the service takes.
     PayloadTooLarge,
+    /// The upload has more files than one job may have.
+    TooManyFiles,
     /// The body's media type is not one that this address takes.
     UnsupportedMediaType,
     /// The file's bytes are of no format that can be read.
@@ -61,13 +63,14 @@ pub struct ProblemDoc {
 
 impl ProblemCode {
     /// Every code.
-    pub const ALL: [Self; 16] = [
+    pub const ALL: [Self; 17] = [
         Self::RouteNotFound,
         Self::MethodNotAllowed,
         Self::InvalidRequest,
         Self::InvalidOptions,
         Self::MissingFile,
         Self::PayloadTooLarge,
+        Self::TooManyFiles,
         Self::UnsupportedMediaType,
         Self::UnsupportedModel,
         Self::UploadTimeout,
@@ -106,7 +109,12 @@ impl ProblemCode {
             Self::PayloadTooLarge => (
                 StatusCode::PAYLOAD_TOO_LARGE,
                 "File too large",
-                "Send a smaller file; /v1/capabilities tells the limit.",
+                "Send a smaller file, or files that are smaller together; /v1/capabilities tells the limit.",
+            ),
+            Self::TooManyFiles => (
+                StatusCode::PAYLOAD_TOO_LARGE,
+                "Too many files",
+                "Send them as several jobs; /v1/capabilities tells the limit.",
             ),
             Self::UnsupportedMediaType => (
                 StatusCode::UNSUPPORTED_MEDIA_TYPE,
@@ -163,11 +171,13 @@ pub fn describe_job_problem(kind: ProblemKind) -> (&'static str, &'static str) {
     match kind {
         ProblemKind::BadInput => ("The file can't be read", "Export the model again; the detail names what and where."),
         ProblemKind::BadOutput => ("The result can't be written", "Ask for another output format."),
-        ProblemKind::DeadlineExceeded => ("Out of time", "Raise deadline_s, lower max_tier, or send fewer faces."),
+        ProblemKind::DeadlineExceeded => {
+            ("Out of time", "Raise deadline_s, lower max_tier or level, or send fewer faces.")
+        }
         ProblemKind::OutOfMemory => ("Out of memory", "Send fewer faces, or raise the service's --job-memory."),
-        ProblemKind::CpuLimit => ("Out of processor time", "Send fewer faces or lower max_tier."),
-        ProblemKind::FileLimit => ("Result too large", "Ask for a coarser result, such as a smaller voxel_resolution."),
-        ProblemKind::Crashed => ("The repair crashed", "A fault of the service: report it with the job's log."),
+        ProblemKind::CpuLimit => ("Out of processor time", "Send fewer faces, or lower max_tier or level."),
+        ProblemKind::FileLimit => ("Result too large", "Ask for less: a smaller voxel_resolution, or fewer places."),
+        ProblemKind::Crashed => ("The job crashed", "A fault of the service: report it with the job's log."),
         ProblemKind::WorkerLost => ("Set aside", "Workers were lost with this job: report it with the model."),
         ProblemKind::Internal => ("Internal error", "Try again later; if it stays, report it with the job's id."),
     }

@@ -14,6 +14,8 @@ use crate::jobs::JobStore;
 pub struct ApiConfig {
     /// What an upload may hold.
     pub limits: Limits,
+    /// Most files of one job.
+    pub max_files: usize,
     /// Longest silence in the middle of an upload.
     pub upload_idle: Duration,
     /// How long to wait before looking for a change that no bell told of.

@@ -1,24 +1,24 @@
-use std::error::Error;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::task::Poll;
-use std::time::Duration;
 
 use axum::body::{Body, Bytes};
-use axum::extract::multipart::{Field, MultipartError};
+use axum::extract::multipart::Field;
 use axum::extract::{FromRequest, Multipart, Request, State};
 use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::Response;
-use futures::{Stream, StreamExt};
+use futures::StreamExt;
+use serde_json::{Map, Value};
 use utoipa::ToSchema;
 
 use super::extract::text_header;
 use super::jobs::{answer, etag};
 use super::problem::{Problem, ProblemCode};
 use super::state::ApiState;
-use crate::blobs::{Blobs, Stored, UploadError};
-use crate::format::{ReadError, ReadErrorKind, sniff};
-use crate::jobs::{Input, Job, JobId, JobOptions, NewJob};
+use super::upload::{Room, SourceError, Unclaimed, one_at_a_time, source_problem, too_large, with_patience};
+use crate::blobs::{Blobs, Stored};
+use crate::format::{ReadErrorKind, sniff};
+use crate::inspect::InspectOptions;
+use crate::jobs::{Input, Job, JobId, JobOptions, JobStore, Mode, NewJob};
 use crate::repair::Options;
 
 /// Largest `options` part of a form.
@@ -33,11 +33,12 @@ const NAME_CHARS: usize = 200;
 #[derive(ToSchema)]
 #[expect(dead_code, reason = "it describes the form in the OpenAPI document; the parts are read as they come")]
 pub(super) struct SubmitForm {
-    /// The model: STL, OBJ, PLY or OFF.
-    #[schema(value_type = String, format = Binary)]
-    file: Vec<u8>,
-    /// How to repair, as JSON.
-    options: Option<Options>,
+    /// The model: STL, OBJ, PLY or OFF. A repair takes one; an analysis as many parts `file` as `limits.max_files` of
+    /// the capabilities says.
+    #[schema(min_items = 1)]
+    file: Vec<RawModel>,
+    /// What to do, as JSON. Where `mode` is left out it is `repair`.
+    options: Option<JobOptions>,
 }
 
 /// A model's bytes.
@@ -46,16 +47,18 @@ pub(super) struct SubmitForm {
 #[expect(dead_code, reason = "it describes the body in the OpenAPI document")]
 pub(super) struct RawModel(Vec<u8>);
 
-/// Submit a model for repair.
+/// Submit a model for repair, or files for analysis.
 ///
-/// Send a form with the parts `file` and, if wanted, `options`; or the model's bytes as the whole body, with the options
-/// in the query and the file's name as `name`. The answer comes as soon as the file is stored: poll the job, or listen
-/// to its events.
+/// Send a form with the part `file` (for an analysis several, if wanted) and, if wanted, `options`; or one model's bytes
+/// as the whole body, with the options in the query and the file's name as `name`. The answer comes as soon as the files
+/// are stored: poll the job, or listen to its events.
 #[utoipa::path(
     post, path = "/v1/jobs", tag = "jobs",
     params(
         ("name" = Option<String>, Query, description = "For a raw body: the file's name"),
+        ("mode" = Option<Mode>, Query, description = "For a raw body: what to do, `repair` where it is left out. An option of the other mode is refused"),
         Options,
+        InspectOptions,
     ),
     request_body(content(
         (SubmitForm = "multipart/form-data"),
@@ -64,11 +67,11 @@ pub(super) struct RawModel(Vec<u8>);
     responses(
         (status = 202, description = "The job was accepted", body = super::job_view::JobView,
             headers(("Location" = String, description = "The job's address"), ("Retry-After" = u32, description = "Seconds to wait before asking"))),
-        (status = 400, description = "No file, or a form that can't be understood", body = Problem, content_type = "application/problem+json"),
+        (status = 400, description = "No file, a second file for a repair, or a form that can't be understood", body = Problem, content_type = "application/problem+json"),
         (status = 408, description = "The upload stopped coming", body = Problem, content_type = "application/problem+json"),
-        (status = 413, description = "The file is too large", body = Problem, content_type = "application/problem+json"),
-        (status = 415, description = "Not a model that can be read", body = Problem, content_type = "application/problem+json"),
-        (status = 422, description = "An option that is unknown or out of its range", body = Problem, content_type = "application/problem+json"),
+        (status = 413, description = "The upload is too large, or has too many files", body = Problem, content_type = "application/problem+json"),
+        (status = 415, description = "Not a model that can be read; of several files, `errors` names each", body = Problem, content_type = "application/problem+json"),
+        (status = 422, description = "An option that is unknown, out of its range, or of another mode", body = Problem, content_type = "application/problem+json"),
         (status = 500, description = "A fault of the service", body = Problem, content_type = "application/problem+json"),
     )
 )]
@@ -82,7 +85,7 @@ pub(super) async fn submit_job(State(state): State<ApiState>, request: Request) 
     let media_type = text_header(request.headers(), &header::CONTENT_TYPE).unwrap_or_default().trim().to_owned();
     let essence = media_type.split(';').next().unwrap_or_default().trim().to_ascii_lowercase();
     let id = JobId::new();
-    let mut unclaimed = Unclaimed { blobs: Some(state.blobs.clone()), id };
+    let unclaimed = Unclaimed::new(&state.blobs, id);
     let upload = match essence.as_str() {
         "multipart/form-data" => from_form(&state, id, request).await,
         "application/json" => {
@@ -92,82 +95,71 @@ pub(super) async fn submit_job(State(state): State<ApiState>, request: Request) 
         }
         _ => from_body(&state, id, request).await,
     };
-    let upload = upload?;
     let store = Arc::clone(&state.store);
-    // From here on a client that hangs up changes nothing: the job is accepted, or its file goes.
+    // From here on a client that hangs up changes nothing: the job is accepted, or its files go.
     let accepting = tokio::spawn(async move {
-        let (input, options) = upload.accept()?;
-        let new = NewJob { id, input, input_key: Blobs::input_key(id), options: JobOptions { repair: options } };
-        let job = store.submit(new).await?;
-        unclaimed.keep();
-        Ok::<Job, Problem>(job)
+        let accepted = accept(store.as_ref(), id, upload).await;
+        unclaimed.settle(accepted.is_ok()).await;
+        accepted
     });
     let job = accepting.await.map_err(|error| Problem::internal(&error))??;
+    let bytes: u64 = job.inputs.iter().map(|input| input.bytes).sum();
     metrics::counter!("meshmend_jobs_submitted_total").increment(1);
-    metrics::histogram!("meshmend_upload_bytes").record(u32::try_from(job.input.bytes).unwrap_or(u32::MAX));
-    tracing::info!(id = %job.id, bytes = job.input.bytes, format = ?job.input.format, "accepted");
+    metrics::histogram!("meshmend_upload_bytes").record(u32::try_from(bytes).unwrap_or(u32::MAX));
+    tracing::info!(id = %job.id, mode = job.options.mode().as_str(), files = job.inputs.len(), bytes, "accepted");
     let position = state.store.queue_position(&job).await?;
     let headers = [(header::LOCATION, format!("/v1/jobs/{id}")), (header::ETAG, etag(&job, position))];
     Ok(answer(StatusCode::ACCEPTED, job, position, headers))
 }
 
-/// The files of a job that does not exist yet; removed unless it comes to be.
-struct Unclaimed {
-    blobs: Option<Blobs>,
-    id: JobId,
+/// Makes a job of an upload that is whole and of models.
+async fn accept(store: &dyn JobStore, id: JobId, upload: Result<Upload, Problem>) -> Result<Job, Problem> {
+    let Upload { files, options } = upload?;
+    let inputs = inputs(id, files)?;
+    Ok(store.submit(NewJob { id, inputs, options }).await?)
 }
 
-impl Unclaimed {
-    fn keep(&mut self) {
-        self.blobs = None;
-    }
-}
-
-impl Drop for Unclaimed {
-    fn drop(&mut self) {
-        let (Some(blobs), id) = (self.blobs.take(), self.id) else { return };
-        tokio::spawn(async move {
-            if let Err(error) = blobs.delete_job(id).await {
-                tracing::warn!(%error, "a refused upload was left");
-            }
-        });
-    }
-}
-
-/// What came with a request, its file stored already.
+/// What came with a request, its files stored already.
 struct Upload {
+    files: Vec<File>,
+    options: JobOptions,
+}
+
+/// A file of an upload.
+struct File {
     name: String,
     stored: Stored,
-    options: Options,
 }
 
-impl Upload {
-    /// Sees whether it can become a job.
-    fn accept(self) -> Result<(Input, Options), Problem> {
-        if self.stored.bytes == 0 {
-            return Err(Problem::new(
-                ProblemCode::MissingFile,
-                "The file is empty. Send a model with at least one face.",
-            ));
+/// Sees whether every file is a model by its first bytes. Of several, each that is none is named.
+fn inputs(id: JobId, files: Vec<File>) -> Result<Vec<Input>, Problem> {
+    let of = files.len();
+    let mut inputs = Vec::with_capacity(of);
+    let mut problems: Vec<Problem> = Vec::new();
+    for (number, File { name, stored }) in files.into_iter().enumerate() {
+        match sniff(&stored.head, Some(stored.bytes)) {
+            Ok(format) => {
+                let Stored { bytes, sha256, .. } = stored;
+                inputs.push(Input { key: Blobs::input_key(id, number), name, bytes, sha256, format });
+            }
+            Err(error) => {
+                let (code, detail) = match error.kind {
+                    _ if stored.bytes == 0 => {
+                        (ProblemCode::MissingFile, "The file is empty. Send a model with at least one face.".to_owned())
+                    }
+                    ReadErrorKind::Empty => (ProblemCode::MissingFile, error.to_string()),
+                    _ => (ProblemCode::UnsupportedModel, error.to_string()),
+                };
+                let which = if of > 1 { format!("file {} of {of}, '{name}': ", number + 1) } else { String::new() };
+                problems.push(Problem::new(code, format!("{which}{detail}")));
+            }
         }
-        let format = sniff(&self.stored.head, Some(self.stored.bytes)).map_err(unsupported)?;
-        self.options.validate().map_err(|error| Problem::new(ProblemCode::InvalidOptions, format!("{error}.")))?;
-        let Stored { bytes, sha256, .. } = self.stored;
-        Ok((Input { name: self.name, bytes, sha256, format }, self.options))
     }
-}
-
-fn unsupported(error: ReadError) -> Problem {
-    match error.kind {
-        ReadErrorKind::Empty => Problem::new(ProblemCode::MissingFile, error.to_string()),
-        _ => Problem::new(ProblemCode::UnsupportedModel, error.to_string()),
+    let errors = if of > 1 { problems.iter().map(|problem| problem.detail.clone()).collect() } else { Vec::new() };
+    match problems.into_iter().next() {
+        Some(first) => Err(Problem { errors, ..first }),
+        None => Ok(inputs),
     }
-}
-
-fn too_large(limit: u64) -> Problem {
-    let detail = format!("The file is larger than the {} MiB that this service takes.", limit >> 20);
-    // The rest of the body is not read, so the connection can't be used again.
-    Problem::new(ProblemCode::PayloadTooLarge, detail).with_header(header::CONNECTION, "close")
 }
 
 async fn from_body(state: &ApiState, id: JobId, request: Request) -> Result<Upload, Problem> {
@@ -175,19 +167,30 @@ async fn from_body(state: &ApiState, id: JobId, request: Request) -> Result<Uplo
     let pairs: Vec<(String, String)> = serde_urlencoded::from_str(query)
         .map_err(|e| Problem::new(ProblemCode::InvalidRequest, format!("The query can't be read: {e}.")))?;
     let (names, options): (Vec<_>, Vec<_>) = pairs.into_iter().partition(|(key, _)| key == "name");
-    let options: Options = serde_urlencoded::to_string(options)
-        .map_err(|e| e.to_string())
-        .and_then(|query| serde_urlencoded::from_str(&query).map_err(|e| e.to_string()))
-        .map_err(|e| {
-            Problem::new(ProblemCode::InvalidOptions, format!("The options in the query can't be read: {e}."))
-        })?;
     // Options are checked before the body is read, so that a mistake does not cost an upload.
-    options.validate().map_err(|error| Problem::new(ProblemCode::InvalidOptions, format!("{error}.")))?;
+    let options = job_options(query_fields(options)?)?;
     let name = names.into_iter().next().map(|(_, name)| name);
     let name = clean_name(name.as_deref().or(disposition_name(request.headers())));
     let source = with_patience(request.into_body().into_data_stream(), state.config.upload_idle);
-    let stored = store(state, id, source).await?;
-    Ok(Upload { name, stored, options })
+    let mut room = Room::new(state.config.limits.max_bytes);
+    let stored = room.store(&state.blobs, &Blobs::input_key(id, 0), source).await?;
+    Ok(Upload { files: vec![File { name, stored }], options })
+}
+
+/// The fields of a query: numbers and other JSON as what they are, anything else as text.
+fn query_fields(pairs: Vec<(String, String)>) -> Result<Map<String, Value>, Problem> {
+    let mut fields = Map::new();
+    for (key, text) in pairs {
+        let value = serde_json::from_str(&text).unwrap_or(Value::String(text));
+        if fields.insert(key.clone(), value).is_some() {
+            return Err(Problem::new(ProblemCode::InvalidOptions, format!("The option '{key}' is given twice.")));
+        }
+    }
+    Ok(fields)
+}
+
+fn job_options(fields: Map<String, Value>) -> Result<JobOptions, Problem> {
+    JobOptions::from_fields(fields).map_err(|error| Problem::new(ProblemCode::InvalidOptions, format!("{error}.")))
 }
 
 async fn from_form(state: &ApiState, id: JobId, request: Request) -> Result<Upload, Problem> {
@@ -206,20 +209,24 @@ async fn from_form(state: &ApiState, id: JobId, request: Request) -> Result<Uplo
     let mut form = Multipart::from_request(request, &())
         .await
         .map_err(|e| Problem::new(ProblemCode::InvalidRequest, e.body_text()))?;
-    let mut file: Option<(String, Stored)> = None;
-    let mut options: Option<Options> = None;
+    let mut room = Room::new(state.config.limits.max_bytes);
+    let mut files: Vec<File> = Vec::new();
+    let mut options: Option<JobOptions> = None;
     loop {
         allowance.store(FORM_BYTES, Ordering::Relaxed);
         let Some(field) = form.next_field().await.map_err(|e| source_problem(&e))? else { break };
         match field.name() {
-            Some("file") if file.is_none() => {
+            Some("file") => {
+                // Where the options came first, a file too many is refused before its bytes are read.
+                may_have(files.len() + 1, options.as_ref(), state.config.max_files)?;
                 let name = clean_name(field.file_name());
                 allowance.store(u64::MAX, Ordering::Relaxed);
-                file = Some((name, store(state, id, field).await?));
+                let stored = room.store(&state.blobs, &Blobs::input_key(id, files.len()), field).await?;
+                files.push(File { name, stored });
             }
             Some("options") if options.is_none() => options = Some(read_options(field).await?),
-            Some(name @ ("file" | "options")) => {
-                let detail = format!("The form has two parts '{name}'. Send one model a job.");
+            Some("options") => {
+                let detail = "The form has two parts 'options'. Send one for all files.";
                 return Err(Problem::new(ProblemCode::InvalidRequest, detail));
             }
             name => {
@@ -229,16 +236,31 @@ async fn from_form(state: &ApiState, id: JobId, request: Request) -> Result<Uplo
             }
         }
     }
-    let Some((name, stored)) = file else {
-        return Err(Problem::new(
-            ProblemCode::MissingFile,
-            "The form has no part 'file'. Send the model as that part.",
-        ));
-    };
-    Ok(Upload { name, stored, options: options.unwrap_or_default() })
+    if files.is_empty() {
+        let detail = "The form has no part 'file'. Send the model as that part.";
+        return Err(Problem::new(ProblemCode::MissingFile, detail));
+    }
+    let options = options.unwrap_or_default();
+    may_have(files.len(), Some(&options), state.config.max_files)?;
+    Ok(Upload { files, options })
 }
 
-async fn read_options(mut field: Field<'_>) -> Result<Options, Problem> {
+/// Whether a job may have so many files; as long as its options have not come, as many as any job.
+fn may_have(files: usize, options: Option<&JobOptions>, most: usize) -> Result<(), Problem> {
+    if files > 1 && options.is_some_and(|options| options.mode() == Mode::Repair) {
+        let detail = "The form has two parts 'file', and a repair takes one model. Send one model a job, or ask for \
+                      the mode 'analyze'.";
+        return Err(Problem::new(ProblemCode::InvalidRequest, detail));
+    }
+    if files > most {
+        let detail =
+            format!("The form has more than the {most} files that one job may have. Send the rest as another.");
+        return Err(Problem::new(ProblemCode::TooManyFiles, detail).with_header(header::CONNECTION, "close"));
+    }
+    Ok(())
+}
+
+async fn read_options(mut field: Field<'_>) -> Result<JobOptions, Problem> {
     let mut text = Vec::new();
     while let Some(chunk) = field.chunk().await.map_err(|e| source_problem(&e))? {
         text.extend_from_slice(&chunk);
@@ -247,93 +269,9 @@ async fn read_options(mut field: Field<'_>) -> Result<Options, Problem> {
             return Err(Problem::new(ProblemCode::InvalidOptions, detail));
         }
     }
-    let options: Options = serde_json::from_slice(&text)
+    let fields = serde_json::from_slice(&text)
         .map_err(|e| Problem::new(ProblemCode::InvalidOptions, format!("The part 'options' can't be read: {e}.")))?;
-    options.validate().map_err(|error| Problem::new(ProblemCode::InvalidOptions, format!("{error}.")))?;
-    Ok(options)
-}
-
-async fn store<E: Error + 'static>(
-    state: &ApiState,
-    id: JobId,
-    source: impl Stream<Item = Result<Bytes, E>>,
-) -> Result<Stored, Problem> {
-    let limit = state.config.limits.max_bytes;
-    state.blobs.put_stream(&Blobs::input_key(id), source, limit).await.map_err(|error| match error {
-        UploadError::TooLarge(limit) => too_large(limit),
-        UploadError::Source(error) => source_problem(&error),
-        UploadError::Store(error) => error.into(),
-    })
-}
-
-/// What can go wrong while bytes come in.
-#[derive(Debug, thiserror::Error)]
-enum SourceError {
-    #[error("no bytes came for too long")]
-    Idle,
-    #[error("the form's headers are too long")]
-    Form,
-    #[error(transparent)]
-    Body(#[from] axum::Error),
-}
-
-/// The stream, but ended by an error when nothing comes for `longest`.
-fn with_patience(
-    source: impl Stream<Item = Result<Bytes, axum::Error>> + Send + 'static,
-    longest: Duration,
-) -> impl Stream<Item = Result<Bytes, SourceError>> + Send + 'static {
-    futures::stream::unfold(Some(Box::pin(source)), move |source| async move {
-        let mut source = source?;
-        match tokio::time::timeout(longest, source.next()).await {
-            Err(_) => Some((Err(SourceError::Idle), None)),
-            Ok(None) => None,
-            Ok(Some(Err(error))) => Some((Err(error.into()), None)),
-            Ok(Some(Ok(chunk))) => Some((Ok(chunk), Some(source))),
-        }
-    })
-}
-
-/// The stream, but never two chunks without a pause between: a reader of forms takes in all that is ready before it
-/// looks at any of it, which from a fast sender would be the whole file.
-fn one_at_a_time<T>(source: impl Stream<Item = T> + Send + 'static) -> impl Stream<Item = T> + Send + 'static {
-    let mut source = Box::pin(source);
-    let mut pause = false;
-    futures::stream::poll_fn(move |context| {
-        if std::mem::take(&mut pause) {
-            context.waker().wake_by_ref();
-            return Poll::Pending;
-        }
-        let next = source.as_mut().poll_next(context);
-        pause = next.is_ready();
-        next
-    })
-}
-
-/// The problem behind an error of the incoming bytes, however deep libraries wrapped it.
-fn source_problem(error: &(dyn Error + 'static)) -> Problem {
-    let mut cause = Some(error);
-    let mut form = None;
-    while let Some(e) = cause {
-        match e.downcast_ref() {
-            Some(SourceError::Idle) => {
-                let detail = "No bytes came for too long, so the upload was given up.";
-                return Problem::new(ProblemCode::UploadTimeout, detail).with_header(header::CONNECTION, "close");
-            }
-            Some(SourceError::Form) => {
-                return Problem::new(ProblemCode::InvalidRequest, "The form's headers are too long.")
-                    .with_header(header::CONNECTION, "close");
-            }
-            _ => {}
-        }
-        if let Some(multipart) = e.downcast_ref::<MultipartError>() {
-            form = Some(multipart.body_text());
-        }
-        cause = e.source();
-    }
-    match form {
-        Some(text) => Problem::new(ProblemCode::InvalidRequest, format!("The form can't be read: {text}.")),
-        None => Problem::new(ProblemCode::UploadInterrupted, format!("The upload broke off: {error}.")),
-    }
+    job_options(fields)
 }
 
 /// The file name of a raw body's Content-Disposition.

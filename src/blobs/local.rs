@@ -1,11 +1,11 @@
 //! What a local folder needs beside object_store: it writes a file as `<name>#<number>` first, and neither lists nor
 //! deletes those when a process was killed half way.
 
-use std::collections::BTreeSet;
+use std::collections::BTreeMap;
 use std::fs::{self, DirEntry};
 use std::io;
 use std::path::Path;
-use std::time::Duration;
+use std::time::{Duration, SystemTime};
 
 use crate::jobs::JobId;
 
@@ -25,20 +25,20 @@ fn gone_is_fine(result: io::Result<()>) -> io::Result<()> {
     }
 }
 
-/// The job that an entry of `uploads` or `jobs` belongs to.
+/// The job that an entry of `uploads`, `more` or `jobs` belongs to.
 fn owner(entry: &DirEntry) -> Option<JobId> {
     entry.file_name().to_str()?.split('#').next()?.parse().ok()
 }
 
-/// Removes the half-written uploads of a job.
-pub(super) fn remove_half_uploads(folder: &Path, id: JobId) -> io::Result<()> {
+/// Removes the half-written uploads of a job, and the folder of its further files.
+pub(super) fn remove_uploads(folder: &Path, id: JobId) -> io::Result<()> {
     for number in 1..100 {
         match fs::remove_file(folder.join("uploads").join(format!("{id}#{number}"))) {
             Err(error) if error.kind() == io::ErrorKind::NotFound => break,
             result => result?,
         }
     }
-    Ok(())
+    gone_is_fine(fs::remove_dir_all(folder.join("more").join(id.to_string())))
 }
 
 /// Removes the folders of a job's attempts, but for the one named `keep`.
@@ -52,16 +52,73 @@ pub(super) fn remove_attempts(folder: &Path, id: JobId, keep: Option<&str>) -> i
     if keep.is_none() { gone_is_fine(fs::remove_dir_all(job)) } else { Ok(()) }
 }
 
-/// Jobs with an upload or a folder of results that has not changed for `age`.
+/// When an entry, or anything directly in it, last changed; a folder's own time tells nothing of a file that grows.
+fn last_change(entry: &DirEntry) -> io::Result<SystemTime> {
+    let data = entry.metadata()?;
+    let inside = if data.is_dir() { entries(&entry.path())? } else { Vec::new() };
+    let times = inside.iter().filter_map(|inner| inner.metadata().and_then(|data| data.modified()).ok());
+    Ok(times.fold(data.modified()?, SystemTime::max))
+}
+
+/// Jobs with uploads or a folder of results of which nothing has changed for `age`.
 pub(super) fn owners(folder: &Path, age: Duration) -> io::Result<Vec<JobId>> {
-    let mut found = BTreeSet::new();
-    for kind in ["uploads", "jobs"] {
+    let mut changes: BTreeMap<JobId, SystemTime> = BTreeMap::new();
+    for kind in ["uploads", "more", "jobs"] {
         for entry in entries(&folder.join(kind))? {
-            let Ok(changed) = entry.metadata().and_then(|data| data.modified()) else { continue };
-            if changed.elapsed().is_ok_and(|quiet| quiet >= age) {
-                found.extend(owner(&entry));
-            }
+            let (Some(id), Ok(change)) = (owner(&entry), last_change(&entry)) else { continue };
+            let latest = changes.entry(id).or_insert(change);
+            *latest = change.max(*latest);
         }
     }
-    Ok(found.into_iter().collect())
+    changes.retain(|_, change| change.elapsed().is_ok_and(|quiet| quiet >= age));
+    Ok(changes.into_keys().collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const HOUR: Duration = Duration::from_secs(3600);
+
+    fn write(path: &Path, old: bool) {
+        fs::create_dir_all(path.parent().expect("a folder")).expect("a folder");
+        fs::write(path, "x").expect("a file");
+        if old {
+            age(path);
+        }
+    }
+
+    fn age(path: &Path) {
+        fs::File::open(path).expect("readable").set_modified(SystemTime::UNIX_EPOCH).expect("a time");
+    }
+
+    #[test]
+    fn an_upload_whose_last_file_still_grows_is_not_taken_for_abandoned() {
+        let root = tempfile::tempdir().expect("a folder");
+        let (abandoned, growing) = (JobId::new(), JobId::new());
+        for id in [abandoned, growing] {
+            write(&root.path().join("uploads").join(id.to_string()), true);
+            let more = root.path().join("more").join(id.to_string());
+            write(&more.join("1"), true);
+            write(&more.join("2#1"), id == abandoned);
+            age(&more);
+        }
+        assert_eq!(owners(root.path(), HOUR).expect("readable"), [abandoned]);
+    }
+
+    #[test]
+    fn what_is_half_written_goes_with_the_uploads() {
+        let root = tempfile::tempdir().expect("a folder");
+        let (id, other) = (JobId::new(), JobId::new());
+        for id in [id, other] {
+            write(&root.path().join("uploads").join(format!("{id}#1")), false);
+            write(&root.path().join("more").join(id.to_string()).join("1#1"), false);
+        }
+        remove_uploads(root.path(), id).expect("removed");
+        remove_uploads(root.path(), id).expect("gone already");
+        for kind in ["uploads", "more"] {
+            let left: Vec<_> = entries(&root.path().join(kind)).expect("readable").iter().filter_map(owner).collect();
+            assert_eq!(left, [other], "{kind}");
+        }
+    }
 }

@@ -1,6 +1,7 @@
 //! Files: uploads and artifacts, in a local folder (object_store's local file system; S3 fits the same type).
 //!
-//! Keys: `uploads/<job id>` for the upload and `jobs/<job id>/<claim>/<name>` for what an attempt made, so that the files
+//! Keys: `uploads/<job id>` for the uploaded file, `more/<job id>/<number>` for each further one of a job that has several
+//! (a folder for the one that most have would cost another sync to disk), and `jobs/<job id>/<claim>/<name>` for what an attempt made, so that the files
 //! of a lost attempt are never mistaken for the result.
 
 mod local;
@@ -86,10 +87,10 @@ impl Blobs {
         Ok(Self { store: Arc::new(store), folder: Some(folder.to_owned()) })
     }
 
-    /// The key of a job's upload.
+    /// The key of a job's uploaded file, counted from 0.
     #[must_use]
-    pub fn input_key(id: JobId) -> String {
-        format!("uploads/{id}")
+    pub fn input_key(id: JobId, number: usize) -> String {
+        if number == 0 { format!("uploads/{id}") } else { format!("more/{id}/{number}") }
     }
 
     /// The key of a file that one claim of a job made.
@@ -192,13 +193,17 @@ impl Blobs {
         Ok(())
     }
 
-    /// Deletes a job's upload and all that its attempts made, half-written files among them.
+    /// Deletes a job's uploaded files and all that its attempts made, half-written files among them.
     ///
     /// # Errors
     /// When the store can't list or delete; files already gone are no error.
     pub async fn delete_job(&self, id: JobId) -> Result<(), BlobError> {
-        self.delete(&Self::input_key(id)).await?;
-        self.in_folder(move |folder| local::remove_half_uploads(folder, id)).await?;
+        self.delete(&Self::input_key(id, 0)).await?;
+        let mut files = self.store.list(Some(&Key::from(format!("more/{id}"))));
+        while let Some(file) = files.try_next().await? {
+            self.delete(file.location.as_ref()).await?;
+        }
+        self.in_folder(move |folder| local::remove_uploads(folder, id)).await?;
         self.delete_attempts(id, None).await
     }
 

@@ -10,7 +10,7 @@ use meshmend::repair::{Progress, Stage};
 /// What a reader may spend.
 #[derive(Debug, Clone, Args)]
 pub struct LimitArgs {
-    /// Largest file, in MiB.
+    /// Largest file, or all files of a job together, in MiB.
     #[arg(long, env = "MESHMEND_MAX_FILE_MIB", default_value_t = 512, value_parser = clap::value_parser!(u64).range(1..=65_536))]
     pub max_file_mib: u64,
     /// Most triangles.

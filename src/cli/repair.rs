@@ -7,6 +7,7 @@ use std::time::Duration;
 
 use clap::Args;
 use meshmend::blender::{BlenderConfig, OnDemandBlender};
+use meshmend::jobs::JobReport;
 use meshmend::repair::{Context, Options, Outcome, OutputFormat, Preset, RepairError, Report, monotonic_clock, repair};
 
 use super::engine::{Bar, BlenderArgs, LimitArgs, read_file};
@@ -126,10 +127,11 @@ pub fn run(args: &RepairArgs) -> ExitCode {
         }
         Err(error) => return exit::fail(exit::INTERNAL, error),
     };
+    let report = JobReport::Repair(Box::new(repaired.report.clone()));
     let written = write_file(&args.output, &repaired.bytes).and_then(|()| match &args.report {
-        Some(path) => serde_json::to_vec_pretty(&repaired.report)
-            .map_err(|e| e.to_string())
-            .and_then(|json| write_file(path, &json)),
+        Some(path) => {
+            serde_json::to_vec_pretty(&report).map_err(|e| e.to_string()).and_then(|json| write_file(path, &json))
+        }
         None => Ok(()),
     });
     if let Err(message) = written {

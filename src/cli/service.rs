@@ -32,6 +32,9 @@ pub struct ServeArgs {
     /// Seconds of silence in the middle of an upload after which it is given up.
     #[arg(long, env = "MESHMEND_UPLOAD_IDLE_S", default_value_t = 30)]
     upload_idle_s: u64,
+    /// Most files that one job may analyse.
+    #[arg(long, env = "MESHMEND_MAX_FILES", default_value_t = 32, value_parser = clap::value_parser!(u16).range(1..=1000))]
+    max_files: u16,
     #[command(flatten)]
     work: WorkArgs,
 }
@@ -209,13 +212,13 @@ async fn serve_until_stopped(args: &ServeArgs) -> Result<(), ServiceError> {
     let metrics = install_metrics()?;
     let blender = find_blender(&args.work.blender).await;
     let pool = room.pool(&args.work, blender.clone().ok())?;
-    let limits = args.work.limits.limits();
+    let (limits, max_files) = (args.work.limits.limits(), usize::from(args.max_files));
     let stopping = CancellationToken::new();
     let state = ApiState {
         store: Arc::clone(&room.store),
         blobs: room.blobs.clone(),
-        config: ApiConfig { limits, upload_idle: Duration::from_secs(args.upload_idle_s), poll: POLL },
-        capabilities: Arc::new(Capabilities::new(limits, blender)),
+        config: ApiConfig { limits, max_files, upload_idle: Duration::from_secs(args.upload_idle_s), poll: POLL },
+        capabilities: Arc::new(Capabilities::new(limits, max_files, blender)),
         metrics,
         stopping: stopping.clone(),
     };

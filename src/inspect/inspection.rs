@@ -1,7 +1,7 @@
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
+use utoipa::{IntoParams, ToSchema};
 
-use super::{Analysis, DefectGroup, Findings, Measures, Subject, measures};
+use super::{Analysis, DefectGroup, Findings, Measures, OptionsError, Subject, measures};
 use crate::context::{Cancelled, Context};
 
 /// The version of [`Inspection`]'s structure.
@@ -25,18 +25,34 @@ pub enum Level {
     Full,
 }
 
-/// What to look for, and how.
-#[derive(Debug, Clone, PartialEq)]
+/// What to look for, and how. Every field has a default.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema, IntoParams)]
+#[serde(default)]
+#[into_params(parameter_in = Query)]
 pub struct InspectOptions {
     /// How closely.
     pub level: Level,
     /// Places of each kind of defect that the report lists.
+    #[schema(minimum = 0, maximum = 1000)]
+    #[param(minimum = 0, maximum = 1000)]
     pub places: usize,
 }
 
 impl Default for InspectOptions {
     fn default() -> Self {
         Self { level: Level::Full, places: 20 }
+    }
+}
+
+impl InspectOptions {
+    /// Checks every range.
+    ///
+    /// # Errors
+    /// The first option that is out of its range.
+    pub fn validate(&self) -> Result<(), OptionsError> {
+        #[expect(clippy::cast_precision_loss, reason = "compared with a small bound")]
+        let places = self.places as f64;
+        OptionsError::unless_within("places", places, (0.0, 1000.0), "between 0 and 1000 places of each kind")
     }
 }
 

@@ -68,6 +68,19 @@ impl Measures {
             && self.self_intersections.pairs.unwrap_or(0) == 0
     }
 
+    /// Its size and its defects in a few words, for a log.
+    #[must_use]
+    pub fn in_short(&self) -> String {
+        format!("{} faces, {} parts, {} defects", self.faces, self.parts, self.defects())
+    }
+
+    /// What was left out of every count, as a sentence for the person who sent the file.
+    #[must_use]
+    pub fn left_out(&self) -> Option<String> {
+        let faces = self.nonfinite_faces;
+        (faces > 0).then(|| format!("{faces} faces have a corner that is not a finite number; they were left out"))
+    }
+
     /// How many things are wrong, to compare candidates of which none is printable.
     #[must_use]
     pub fn defects(&self) -> u64 {

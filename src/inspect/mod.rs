@@ -11,6 +11,7 @@ mod lost;
 mod measure;
 mod measures;
 mod nesting;
+mod options_error;
 mod solids;
 
 pub use analysis::{Analysis, Subject};
@@ -21,4 +22,5 @@ pub use lost::surface_lost_pct;
 pub use measure::{measure, measures};
 pub use measures::{BoundingBox, Measures, SelfIntersections, Volume};
 pub use nesting::nesting_depths;
+pub use options_error::OptionsError;
 pub use solids::{Solid, doubled_areas, solids};

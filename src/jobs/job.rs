@@ -7,8 +7,9 @@ use time::OffsetDateTime;
 use utoipa::ToSchema;
 use uuid::Uuid;
 
+use super::{JobOptions, JobOutcome, StoredReport};
+use crate::context::Stage;
 use crate::format::{Format, Place};
-use crate::repair::{Options, Outcome, Report, Stage};
 
 /// A job's name: `job_` and a UUID of version 7, so that names sort by time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -114,17 +115,11 @@ impl FromStr for Status {
     }
 }
 
-/// What a job is to do.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct JobOptions {
-    /// How to repair.
-    #[serde(flatten)]
-    pub repair: Options,
-}
-
-/// The uploaded file.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+/// An uploaded file.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Input {
+    /// Key in the blob store.
+    pub key: String,
     /// The name it was sent with, without folders.
     pub name: String,
     /// Its size.
@@ -142,7 +137,7 @@ pub struct JobProgress {
     pub stage: Stage,
     /// The tier that runs, 1 to 3.
     pub tier: Option<u8>,
-    /// Share of the repair that is done, 0 to 100.
+    /// Share of the work that is done, 0 to 100.
     pub percent: u8,
 }
 
@@ -175,13 +170,13 @@ pub enum ProblemKind {
     BadOutput,
     /// The time given by `deadline_s` ran out before there was any result.
     DeadlineExceeded,
-    /// The repair needed more memory than a job may have.
+    /// The job needed more memory than a job may have.
     OutOfMemory,
-    /// The repair needed more processor time than a job may have.
+    /// The job needed more processor time than a job may have.
     CpuLimit,
-    /// The repair wrote a larger file than a job may write.
+    /// The job wrote a larger file than a job may write.
     FileLimit,
-    /// The repair's process ended by itself, again and again.
+    /// The job's process ended by itself, again and again.
     Crashed,
     /// Workers went away while they had this job, again and again; it is set aside.
     WorkerLost,
@@ -199,6 +194,9 @@ pub struct JobProblem {
     /// Where in the input file, if it has a place.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub place: Option<Place>,
+    /// Of several files, the one that is to blame, counted from 0.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub file: Option<u32>,
 }
 
 /// One job as the store keeps it.
@@ -209,7 +207,7 @@ pub struct Job {
     /// Where it stands.
     pub status: Status,
     /// What became of the model, once it succeeded.
-    pub outcome: Option<Outcome>,
+    pub outcome: Option<JobOutcome>,
     /// How far it is, while it runs.
     pub progress: Option<JobProgress>,
     /// Claims that count, the running one among them.
@@ -224,14 +222,12 @@ pub struct Job {
     pub finished_at: Option<OffsetDateTime>,
     /// When it is due, for a job that waits.
     pub run_at: OffsetDateTime,
-    /// The uploaded file.
-    pub input: Input,
-    /// Key of the uploaded file in the blob store.
-    pub input_key: String,
+    /// The uploaded files, at least one, in the order they were sent.
+    pub inputs: Vec<Input>,
     /// What to do.
     pub options: JobOptions,
-    /// The account of the repair.
-    pub report: Option<Report>,
+    /// The account of what was done.
+    pub report: Option<StoredReport>,
     /// The result files.
     pub artifacts: Artifacts,
     /// Why it failed.

@@ -6,15 +6,17 @@
 mod bell;
 mod clock;
 mod job;
+mod options;
+mod report;
 mod retry;
 mod sqlite;
 mod store;
 
 pub use bell::Bell;
 pub use clock::{Clock, SystemClock};
-pub use job::{
-    Artifact, Artifacts, Input, Job, JobId, JobIdError, JobOptions, JobProblem, JobProgress, ProblemKind, Status,
-};
+pub use job::{Artifact, Artifacts, Input, Job, JobId, JobIdError, JobProblem, JobProgress, ProblemKind, Status};
+pub use options::{JobOptions, JobOptionsError, Mode};
+pub use report::{JobOutcome, JobReport, StoredReport};
 pub use retry::RetryPolicy;
 pub use sqlite::SqliteStore;
 pub use store::{

@@ -2,8 +2,7 @@ use std::time::Duration;
 
 use async_trait::async_trait;
 
-use super::{Artifacts, Bell, Input, Job, JobId, JobOptions, JobProblem, JobProgress, Status};
-use crate::repair::Report;
+use super::{Artifacts, Bell, Input, Job, JobId, JobOptions, JobProblem, JobProgress, JobReport, Status};
 
 /// What went wrong in the store.
 #[derive(Debug, thiserror::Error)]
@@ -29,15 +28,13 @@ pub enum StoreError {
     LeaseLost,
 }
 
-/// A job to accept. Its file is in the blob store already.
+/// A job to accept. Its files are in the blob store already.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NewJob {
-    /// The name, made by the caller because the file's key holds it.
+    /// The name, made by the caller because the files' keys hold it.
     pub id: JobId,
-    /// The file.
-    pub input: Input,
-    /// The file's key.
-    pub input_key: String,
+    /// The files, at least one.
+    pub inputs: Vec<Input>,
     /// What to do.
     pub options: JobOptions,
 }
@@ -66,7 +63,7 @@ pub struct Claim {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Completion {
     /// The account; its outcome becomes the job's.
-    pub report: Report,
+    pub report: JobReport,
     /// The files, already in the blob store under the attempt's key.
     pub artifacts: Artifacts,
 }

@@ -5,9 +5,11 @@
 
 mod category;
 mod changes;
+mod climb;
 pub mod degenerate;
 pub mod duplicates;
 pub mod holes;
+mod input;
 mod options;
 pub mod orient;
 mod outside;
@@ -25,9 +27,10 @@ mod verdict;
 pub mod weld;
 
 pub use crate::context::{Cancelled, Context, NoProgress, Progress, Stage, monotonic_clock};
+pub use crate::inspect::OptionsError;
 pub use category::categorise;
 pub use changes::{compare, red_flags};
-pub use options::{Options, OptionsError, OutputFormat, Preset};
+pub use options::{Options, OutputFormat, Preset};
 pub use pipeline::{RepairError, Repaired, repair};
 pub use plan::make_plan;
 pub use remesher::{RemeshAction, RemeshError, RemeshRequest, Remeshed, Remesher, RemesherInfo};

@@ -2,6 +2,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 
 use crate::format::Format;
+use crate::inspect::OptionsError;
 
 /// A named plan, after the MeshPrep repair strategy guide ("Filter Scripts & When to Use Them").
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize, ToSchema, clap::ValueEnum)]
@@ -55,9 +56,9 @@ impl OutputFormat {
     }
 }
 
-/// How a model is to be repaired. Every field has a default; unknown fields are refused.
+/// How a model is to be repaired. Every field has a default.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema, IntoParams)]
-#[serde(deny_unknown_fields, default)]
+#[serde(default)]
 #[into_params(parameter_in = Query)]
 pub struct Options {
     /// The plan to run, or `auto`.
@@ -119,31 +120,14 @@ impl Default for Options {
     }
 }
 
-/// An option outside what it may be.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-#[error("option '{option}' is {value}; it must be {expected}")]
-pub struct OptionsError {
-    /// The option's name.
-    pub option: &'static str,
-    /// What was given.
-    pub value: String,
-    /// What is allowed, in words.
-    pub expected: &'static str,
-}
-
 impl Options {
     /// Checks every range.
     ///
     /// # Errors
     /// The first option that is out of its range.
     pub fn validate(&self) -> Result<(), OptionsError> {
-        let number = |option, value: f64, low: f64, high: f64, expected| {
-            if (low..=high).contains(&value) {
-                Ok(())
-            } else {
-                Err(OptionsError { option, value: value.to_string(), expected })
-            }
-        };
+        let number =
+            |option, value, low, high, expected| OptionsError::unless_within(option, value, (low, high), expected);
         number("max_tier", f64::from(self.max_tier), 1.0, 3.0, "1, 2 or 3")?;
         number("deadline_s", self.deadline_s, 1.0, 3600.0, "between 1 and 3600 seconds")?;
         number("max_face_loss_pct", self.max_face_loss_pct, 0.0, 100.0, "between 0 and 100 percent")?;

@@ -3,10 +3,11 @@ use utoipa::ToSchema;
 
 use super::{Options, Preset, RemesherInfo};
 use crate::format::Format;
-use crate::inspect::Measures;
+use crate::inspect::Inspection;
 
-/// The version of [`Report`]'s structure.
-pub const REPORT_VERSION: u32 = 1;
+/// The version of [`Report`]'s structure. 2: `before` and `after` are inspections, which add `version`, `level` and
+/// `defects` to the measures of version 1.
+pub const REPORT_VERSION: u32 = 2;
 
 /// What became of a model, apart from whether the job ran.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
@@ -91,11 +92,11 @@ pub struct Report {
     pub output: Option<FileSummary>,
     /// The options that were in force.
     pub options: Options,
-    /// The input, measured before anything was processed.
-    pub before: Measures,
-    /// The result, measured on its own bytes.
-    pub after: Option<Measures>,
-    /// Whether `after` was measured on the written bytes, read back and welded by position.
+    /// The input, looked at before anything was processed.
+    pub before: Inspection,
+    /// The result, looked at in the same way, on its own bytes.
+    pub after: Option<Inspection>,
+    /// Whether `after` was found on the written bytes, read back and welded by position.
     pub verified_from_output_bytes: bool,
     /// From `before` to `after`.
     pub changes: Option<Changes>,

@@ -1,5 +1,6 @@
+use super::input::read_own;
 use super::{Cancelled, Changes, Context, Options, RedFlag, RedFlagCode, compare, red_flags};
-use crate::format::{self, Format, Limits, ReadError, WriteError};
+use crate::format::{self, Format, ReadError, WriteError};
 use crate::inspect::{Measures, measure};
 use crate::mesh::{NO_SOURCE, Soup, Surface};
 
@@ -36,9 +37,7 @@ pub(super) fn judge(
     context: &Context<'_>,
 ) -> Result<Judged, JudgeError> {
     let bytes = format::write(&surface.to_soup(), format)?;
-    // What we have written may be read however large it is.
-    let limits = Limits { max_bytes: u64::MAX, max_faces: u64::MAX, max_vertices: u64::MAX };
-    let read = format::read(&bytes, &limits)?;
+    let read = read_own(&bytes)?;
     let measures = measure(&read.soup, context)?;
     let changes = compare(before, &measures, input, &read.soup, context)?;
     let red_flags = red_flags(before, &measures, &changes, standing(surface), options);

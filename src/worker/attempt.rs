@@ -20,17 +20,15 @@ use super::{ProcessLimits, crash, pause_at};
 use crate::blobs::{BlobError, Blobs};
 use crate::format::Format;
 use crate::jobs::{
-    Artifact, Artifacts, Claim, Completion, Failure, FailureKind, Job, JobProblem, JobProgress, Lease, ProblemKind,
-    Status, StoreError,
+    Artifact, Artifacts, Claim, Completion, Failure, FailureKind, Job, JobProblem, JobProgress, JobReport, Lease,
+    ProblemKind, Status, StoreError,
 };
-use crate::repair::Report;
+use crate::repair::Step;
 
 /// Progress is written to the store no more often than this.
 const PROGRESS_EVERY: Duration = Duration::from_millis(250);
 /// Longest line of progress that is read.
 const LINE_BYTES: usize = 4 << 10;
-/// Most bytes of a JSON file from the child that are read.
-const JSON_BYTES: u64 = 16 << 20;
 /// Bytes from the end of the child's standard error that are kept.
 const STDERR_BYTES: u64 = 16 << 10;
 
@@ -108,7 +106,9 @@ impl<'a> Attempt<'a> {
         pause_at("worker-claimed");
         let scratch = self.pool.scratch.attempt()?;
         let folder = scratch.path();
-        unless(lost, self.pool.blobs.fetch(&self.job.input_key, &folder.join(Task::INPUT))).await?;
+        for (number, input) in self.job.inputs.iter().enumerate() {
+            unless(lost, self.pool.blobs.fetch(&input.key, &folder.join(Task::input(number)))).await?;
+        }
         let task = self.task();
         tokio::fs::write(
             folder.join(Task::TASK),
@@ -134,9 +134,9 @@ impl<'a> Attempt<'a> {
             Ended::Deadline => {
                 metrics::counter!("meshmend_kills_total", "reason" => "deadline").increment(1);
                 let detail = format!(
-                    "The repair was stopped: it ran longer than the {} s that deadline_s allows. Send the model again \
-                     with a larger deadline_s, a smaller max_tier, or fewer faces.",
-                    self.job.options.repair.deadline_s
+                    "The job was stopped: it ran longer than the {} s that deadline_s allows. Send it again with a \
+                     larger deadline_s, a smaller max_tier or level, or fewer faces.",
+                    self.job.options.deadline_s()
                 );
                 self.fail(folder, FailureKind::Final, problem(ProblemKind::DeadlineExceeded, detail)).await.map(Some)
             }
@@ -160,7 +160,8 @@ impl<'a> Attempt<'a> {
         let longest = self.deadline();
         let cores = u32::try_from(std::thread::available_parallelism().map_or(1, usize::from)).unwrap_or(1);
         Task {
-            options: self.job.options.repair.clone(),
+            inputs: self.job.inputs.clone(),
+            options: self.job.options.clone(),
             limits: config.limits,
             process: ProcessLimits {
                 memory_bytes: config.job_memory,
@@ -174,7 +175,7 @@ impl<'a> Attempt<'a> {
 
     /// The time after which the job's processes are killed.
     fn deadline(&self) -> Duration {
-        Duration::from_secs_f64(self.job.options.repair.deadline_s.clamp(1.0, 3600.0)) + self.pool.config.deadline_grace
+        Duration::from_secs_f64(self.job.options.deadline_s().clamp(1.0, 3600.0)) + self.pool.config.deadline_grace
     }
 
     /// Extends the lease from the claim to the end of the attempt, whatever the attempt is doing. When the job is no
@@ -258,7 +259,7 @@ impl<'a> Attempt<'a> {
         // Not given up half way when the job is lost: what is in flight would land after the clearing away.
         let completion = self.publish(folder).await?;
         pause_at("worker-complete");
-        record_steps(&completion.report);
+        record_steps(completion.report.steps());
         let job = self.pool.store.complete(&self.lease, completion).await?;
         if self.lease.attempt > 1
             && let Err(error) = self.pool.blobs.delete_attempts(self.lease.id, Some(&self.lease.token)).await
@@ -270,18 +271,23 @@ impl<'a> Attempt<'a> {
 
     /// Stores the files under this attempt's own keys, where nobody sees them yet.
     async fn publish(&self, folder: &Path) -> Result<Completion, AttemptError> {
-        let report: Report = read_json(folder, Task::REPORT).await?;
+        let report: JobReport = read_json(folder, Task::REPORT).await?;
         let model = async {
-            let Some(output) = &report.output else { return Ok(None) };
-            let filename = result_name(&self.job.input.name, output.format);
-            self.store_file(folder, Task::MODEL, filename, media_type(output.format)).await.map(Some)
+            let Some(format) = report.output() else { return Ok(None) };
+            let filename = result_name(self.name(), format);
+            self.store_file(folder, Task::MODEL, filename, media_type(format)).await.map(Some)
         };
-        let filename = format!("{}-report.json", stem(&self.job.input.name));
+        let filename = format!("{}-report.json", stem(self.name()));
         let account = self.store_file(folder, Task::REPORT, filename, "application/json");
         let (mut artifacts, model, account) = tokio::try_join!(self.store_log(folder), model, account)?;
         artifacts.extend(model.map(|model| (Task::MODEL.to_owned(), model)));
         artifacts.insert(Task::REPORT.to_owned(), account);
         Ok(Completion { report, artifacts })
+    }
+
+    /// The name that the results are called after.
+    fn name(&self) -> &str {
+        self.job.inputs.first().map_or("", |input| &input.name)
     }
 
     async fn fail(&self, folder: &Path, kind: FailureKind, problem: JobProblem) -> Result<Job, AttemptError> {
@@ -301,7 +307,7 @@ impl<'a> Attempt<'a> {
     async fn store_log(&self, folder: &Path) -> Result<Artifacts, AttemptError> {
         let mut artifacts = Artifacts::new();
         if tokio::fs::try_exists(folder.join(Task::LOG)).await? {
-            let filename = format!("{}-log.txt", stem(&self.job.input.name));
+            let filename = format!("{}-log.txt", stem(self.name()));
             let log = self.store_file(folder, Task::LOG, filename, "text/plain; charset=utf-8").await?;
             artifacts.insert(Task::LOG.to_owned(), log);
         }
@@ -352,7 +358,7 @@ async fn unless<T, E: Into<AttemptError>>(
 }
 
 fn problem(code: ProblemKind, detail: String) -> JobProblem {
-    JobProblem { code, detail, place: None }
+    JobProblem { code, detail, place: None, file: None }
 }
 
 /// Puts what the child wrote to standard error, and how it ended, at the end of its log.
@@ -386,12 +392,12 @@ async fn tail(path: &Path) -> Result<String, AttemptError> {
 async fn read_json<T: DeserializeOwned>(folder: &Path, name: &'static str) -> Result<T, AttemptError> {
     let file = tokio::fs::File::open(folder.join(name)).await?;
     let mut bytes = Vec::new();
-    file.take(JSON_BYTES).read_to_end(&mut bytes).await?;
+    file.take(Task::REPORT_BYTES as u64).read_to_end(&mut bytes).await?;
     serde_json::from_slice(&bytes).map_err(|e| AttemptError::Json(name, e))
 }
 
-fn record_steps(report: &Report) {
-    for step in &report.steps {
+fn record_steps(steps: &[Step]) {
+    for step in steps {
         metrics::histogram!("meshmend_step_seconds", "tier" => step.tier.to_string(), "action" => format!("{:?}", step.action))
             .record(step.milliseconds / 1000.0);
     }

@@ -10,15 +10,14 @@ use rustix::process::{Signal, getpgrp, kill_process_group};
 
 use super::pause_at;
 use super::task::Task;
-use crate::blender::{BlenderConfig, BlenderRemesher};
-use crate::format::ReadErrorKind;
-use crate::jobs::{JobProblem, JobProgress, ProblemKind};
-use crate::repair::{Context, Progress, Remesher, RepairError, Stage, monotonic_clock, repair};
+use super::work::{Failed, work};
+use crate::context::{Context, Progress, Stage, monotonic_clock};
+use crate::jobs::JobProgress;
 
 /// Most bytes of a job's log.
 const LOG_BYTES: u64 = 1 << 20;
 
-/// The inside of a job's child process: reads the task in `folder`, repairs, and leaves its files there. The memory that
+/// The inside of a job's child process: reads the task in `folder`, does it, and leaves its files there. The memory that
 /// a hostile file makes it use, and a crash that it causes, stay in this process.
 #[must_use]
 pub fn run_child(folder: &Path) -> ExitCode {
@@ -38,22 +37,15 @@ fn try_run(folder: &Path) -> io::Result<ExitCode> {
     let progress = Reporter::new(folder)?;
     let cancel = AtomicBool::new(false);
     let clock = monotonic_clock();
-    let deadline = Duration::from_secs_f64(task.options.deadline_s.clamp(1.0, 3600.0));
+    let deadline = Duration::from_secs_f64(task.options.deadline_s().clamp(1.0, 3600.0));
     let context = Context::new(&progress, &cancel, &clock, deadline);
-    let remesher = task.remesher.map(|info| {
-        BlenderRemesher::new(info, BlenderConfig { scratch: Some(folder.to_owned()), ..BlenderConfig::default() })
-    });
-    let remesher = remesher.as_ref().map(|r| -> &dyn Remesher { r });
-    let bytes = fs::read(folder.join(Task::INPUT))?;
-    match repair(&bytes, &task.options, &task.limits, remesher, &context) {
-        Ok(repaired) => {
-            fs::write(folder.join(Task::MODEL), &repaired.bytes)?;
-            fs::write(folder.join(Task::REPORT), serde_json::to_vec_pretty(&repaired.report)?)?;
-            Ok(ExitCode::SUCCESS)
-        }
-        Err(error) => {
-            context.log(&format!("failed: {error}"));
-            fs::write(folder.join(Task::PROBLEM), serde_json::to_vec(&explain(&error))?)?;
+    let made = work(folder, &task, &context).and_then(|made| made.write(folder));
+    match made {
+        Ok(()) => Ok(ExitCode::SUCCESS),
+        Err(Failed::Io(error)) => Err(error),
+        Err(Failed::Problem(problem)) => {
+            context.log(&format!("failed: {}", problem.detail));
+            fs::write(folder.join(Task::PROBLEM), serde_json::to_vec(&problem)?)?;
             Ok(ExitCode::from(Task::EXIT_PROBLEM))
         }
     }
@@ -68,20 +60,6 @@ fn end_with_the_worker() -> io::Result<()> {
         let _ = kill_process_group(getpgrp(), Signal::KILL);
     })?;
     Ok(())
-}
-
-fn explain(error: &RepairError) -> JobProblem {
-    let (code, place) = match error {
-        RepairError::Read(read) => (ProblemKind::BadInput, read.place),
-        RepairError::Options(_) => (ProblemKind::BadInput, None),
-        RepairError::Write(_) => (ProblemKind::BadOutput, None),
-        RepairError::Cancelled(_) => (ProblemKind::DeadlineExceeded, None),
-    };
-    let mut detail = error.to_string();
-    if matches!(error, RepairError::Read(read) if read.kind == ReadErrorKind::TooLarge) {
-        detail.push_str(". Send the model with fewer faces");
-    }
-    JobProblem { code, detail, place }
 }
 
 /// Progress as lines on standard output, and the log as a file of bounded size.

@@ -3,7 +3,7 @@ use std::process::ExitStatus;
 
 use crate::jobs::{FailureKind, JobProblem, ProblemKind};
 
-/// Why a repair process ended without a result and without saying so in its own words: by its exit status and what it
+/// Why a job's process ended without a result and without saying so in its own words: by its exit status and what it
 /// wrote to standard error. A limit would be met again, so that is final; anything else may be tried again.
 pub(super) fn explain(status: ExitStatus, stderr: &str, memory_bytes: u64) -> (FailureKind, JobProblem) {
     const SIGXCPU: i32 = 24;
@@ -11,24 +11,24 @@ pub(super) fn explain(status: ExitStatus, stderr: &str, memory_bytes: u64) -> (F
     let megabytes = memory_bytes >> 20;
     let (kind, code, detail) = if stderr.contains("memory allocation of") {
         let detail = format!(
-            "The repair needs more than the {megabytes} MiB of memory that a job may have. Send the model with \
+            "The job needs more than the {megabytes} MiB of memory that a job may have. Send the model with \
              fewer faces, or raise the service's --job-memory."
         );
         (FailureKind::Final, ProblemKind::OutOfMemory, detail)
     } else if status.signal() == Some(SIGXCPU) {
-        let detail = "The repair used more processor time than a job may have. Send the model with fewer faces or \
-                      a smaller max_tier.";
+        let detail = "The job used more processor time than a job may have. Send it with fewer faces, or a smaller max_tier \
+                      or level.";
         (FailureKind::Final, ProblemKind::CpuLimit, detail.to_owned())
     } else if status.signal() == Some(SIGXFSZ) {
-        let detail = "The repair wrote a larger file than a job may write. Ask for a coarser result, such as a \
+        let detail = "The job wrote a larger file than a job may write. Ask for a coarser result, such as a \
                       smaller voxel_resolution.";
         (FailureKind::Final, ProblemKind::FileLimit, detail.to_owned())
     } else {
         let detail = format!(
-            "The repair process ended by itself ({status}). This is a fault of the service, not of the model: \
+            "The job's process ended by itself ({status}). This is a fault of the service, not of the model: \
              please report it with the job's log."
         );
         (FailureKind::Crash, ProblemKind::Crashed, detail)
     };
-    (kind, JobProblem { code, detail, place: None })
+    (kind, JobProblem { code, detail, place: None, file: None })
 }

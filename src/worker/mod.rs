@@ -1,7 +1,7 @@
 //! Workers: claim a job, run it in a child process under limits, keep the lease alive, publish the result.
 //!
 //! ```text
-//! pool (slots) -> attempt (one claim) -> process (the child and its group) -> child (the engine, in there)
+//! pool (slots) -> attempt (one claim) -> process (the child and its group) -> child (work: the engine, in there)
 //! ```
 
 mod attempt;
@@ -14,6 +14,7 @@ mod process;
 mod scratch;
 mod sweep;
 mod task;
+mod work;
 
 pub use child::run_child;
 pub use failpoint::pause_at;

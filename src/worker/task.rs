@@ -4,17 +4,18 @@ use serde::{Deserialize, Serialize};
 
 use super::ProcessLimits;
 use crate::format::Limits;
-use crate::jobs::JobProgress;
-use crate::repair::{Options, RemesherInfo};
+use crate::jobs::{Input, JobOptions, JobProgress};
+use crate::repair::RemesherInfo;
 
-/// What a worker tells its child process: a JSON file in the scratch folder.
+/// What a worker tells its child process: a JSON file in the scratch folder, where the [`input`](Self::input) files lie.
 ///
 /// The child leaves its files in the same folder: `model`, [`REPORT`](Self::REPORT), [`LOG`](Self::LOG), and
 /// [`PROBLEM`](Self::PROBLEM) where the input is to blame. On standard output it writes one [`JobProgress`] a line.
 /// Its standard input is a lifeline: when that closes, the worker is gone, and the child ends its process group.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(super) struct Task {
-    pub options: Options,
+    pub inputs: Vec<Input>,
+    pub options: JobOptions,
     pub limits: Limits,
     pub process: ProcessLimits,
     pub remesher: Option<RemesherInfo>,
@@ -25,7 +26,6 @@ pub(super) type ProgressLine = JobProgress;
 
 impl Task {
     pub const TASK: &str = "task.json";
-    pub const INPUT: &str = "input";
     pub const MODEL: &str = "model";
     pub const REPORT: &str = "report.json";
     pub const LOG: &str = "log.txt";
@@ -34,6 +34,14 @@ impl Task {
 
     /// The child's exit code for a problem with the input, described in [`PROBLEM`](Self::PROBLEM).
     pub const EXIT_PROBLEM: u8 = 2;
+
+    /// Most bytes of a report.
+    pub const REPORT_BYTES: usize = 16 << 20;
+
+    /// The name of an uploaded file in the folder.
+    pub fn input(number: usize) -> String {
+        format!("input-{number}")
+    }
 
     pub fn in_folder(folder: &Path, name: &str) -> PathBuf {
         folder.join(name)

@@ -6,6 +6,7 @@ use std::time::Duration;
 
 use glam::DVec3;
 use meshmend::format::{self, Format, Limits};
+use meshmend::inspect::{InspectOptions, Level, inspect};
 use meshmend::mesh::Soup;
 use meshmend::repair::{
     Action, Category, Context, NoProgress, Options, Outcome, OutputFormat, Preset, RedFlagCode, RemeshAction,
@@ -94,9 +95,9 @@ fn a_file_that_breaks_when_it_is_rounded_goes_on_to_repair() {
     }
     let bytes = format::write(&soup, Format::Off).unwrap();
     let it = run_bytes(&bytes, &Options::default(), None).unwrap();
-    assert!(it.report.before.printable());
+    assert!(it.report.before.measures.printable());
     assert_ne!(it.report.outcome, Outcome::Unrepairable);
-    assert!(it.report.after.unwrap().printable());
+    assert!(it.report.after.unwrap().measures.printable());
 }
 
 #[test]
@@ -263,6 +264,8 @@ fn when_the_time_is_over_the_best_so_far_is_handed_out() {
         let late = it.report.outcome != Outcome::Repaired;
         assert_eq!(late, tick > 1_000_000, "{}", it.report.summary);
         assert_eq!(late, it.report.summary.contains("deadline_s"));
+        let level = if late { Level::None } else { Level::Full };
+        assert_eq!((it.report.before.level, it.report.after.unwrap().level), (level, level));
     }
 }
 
@@ -306,9 +309,11 @@ proptest! {
         let cancel = AtomicBool::new(false);
         let clock = || Duration::ZERO;
         let context = Context::new(&NoProgress, &cancel, &clock, Duration::from_secs(600));
-        let seen = meshmend::inspect::measure(&read(&a.bytes), &context).unwrap();
+        let look = |soup: &Soup| inspect(soup.into(), &InspectOptions::default(), &context).unwrap().0;
+        let seen = look(&read(&a.bytes));
         prop_assert_eq!(Some(&seen), a.report.after.as_ref());
-        prop_assert_eq!(seen.printable(), matches!(a.report.outcome, Outcome::Repaired | Outcome::AlreadyPrintable));
+        prop_assert_eq!(&look(&read(&format::write(&soup, Format::Stl).unwrap())), &a.report.before);
+        prop_assert_eq!(seen.measures.printable(), matches!(a.report.outcome, Outcome::Repaired | Outcome::AlreadyPrintable));
     }
 }
 

@@ -5,6 +5,7 @@ mod files;
 #[path = "../support/server.rs"]
 mod server;
 
+mod analyze;
 mod blender;
 mod cancel;
 mod faults;

@@ -1,6 +1,7 @@
 use std::process::Command;
 
 use meshmend::format::{Limits, read};
+use serde_json::Value;
 
 use crate::server::Start;
 
@@ -22,13 +23,17 @@ async fn the_example_in_the_readme_works_as_pasted() {
         assert!(output.status.success(), "{text}{}", String::from_utf8_lossy(&output.stderr));
         text
     };
-    let (run, printed) = tokio::task::spawn_blocking(move || {
-        let printed = run(script);
-        (run, printed)
+    let analyse = block("# analyse").replace("http://127.0.0.1:8080", &program.url);
+    let (run, printed, analysed) = tokio::task::spawn_blocking(move || {
+        let (printed, analysed) = (run(script), run(analyse));
+        (run, printed, analysed)
     })
     .await
     .expect("no panic");
     assert!(printed.contains("\"outcome\": \"repaired\""), "{printed}");
+    let report: Value = serde_json::from_str(&analysed).expect("a report");
+    let printable: Vec<_> = report["files"].as_array().expect("files").iter().map(|file| &file["printable"]).collect();
+    assert_eq!(printable, [false, true], "{report}");
     let model = std::fs::read(data.path().join("repaired.stl")).expect("the model");
     assert_eq!(read(&model, &Limits::default()).expect("a model").soup.faces.len(), 12);
 

@@ -4,12 +4,13 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicI64, Ordering};
 use std::time::Duration;
 
+use meshmend::context::Stage;
 use meshmend::format::Format;
 use meshmend::jobs::{
     Artifacts, Cancelled, Claim, Clock, Failure, FailureKind, Input, Job, JobId, JobOptions, JobProblem, JobProgress,
     JobStore, ListQuery, NewJob, ProblemKind, RetryPolicy, SqliteStore, Status, StoreError,
 };
-use meshmend::repair::{Options, Stage};
+use sqlx::sqlite::SqliteConnectOptions;
 use tempfile::TempDir;
 
 const LEASE: Duration = Duration::from_secs(10);
@@ -44,9 +45,15 @@ impl Bench {
 
     async fn submit(&self) -> Job {
         let id = JobId::new();
-        let input = Input { name: "a.stl".into(), bytes: 684, sha256: "00".into(), format: Format::Stl };
-        let options = JobOptions { repair: Options::default() };
-        self.store.submit(NewJob { id, input, input_key: format!("jobs/{id}/input"), options }).await.expect("accepted")
+        let input = |number: usize| Input {
+            key: format!("uploads/{id}/{number}"),
+            name: "a.stl".into(),
+            bytes: 684,
+            sha256: "00".into(),
+            format: Format::Stl,
+        };
+        let inputs = vec![input(0), input(1)];
+        self.store.submit(NewJob { id, inputs, options: JobOptions::default() }).await.expect("accepted")
     }
 
     async fn claim(&self) -> Option<Claim> {
@@ -58,7 +65,7 @@ impl Bench {
     }
 
     fn failure(kind: FailureKind) -> Failure {
-        let problem = JobProblem { code: ProblemKind::Internal, detail: "why".into(), place: None };
+        let problem = JobProblem { code: ProblemKind::Internal, detail: "why".into(), place: None, file: None };
         Failure { kind, problem, artifacts: Artifacts::new() }
     }
 }
@@ -230,7 +237,10 @@ async fn a_purged_job_keeps_its_name_and_loses_its_content() {
     assert!(bench.store.purge(job.id).await.expect("an answer"));
     let after = bench.get(job.id).await;
     assert!(after.purged);
-    assert_eq!((after.status, after.input.name.as_str(), after.input.sha256.as_str()), (Status::Canceled, "", ""));
+    assert_eq!((after.status, after.inputs.len()), (Status::Canceled, 2));
+    for (before, input) in job.inputs.iter().zip(after.inputs) {
+        assert_eq!((input.name.as_str(), input.sha256.as_str(), input.key), ("", "", before.key.clone()));
+    }
     assert!(
         bench.store.list(ListQuery { limit: 10, ..ListQuery::default() }).await.expect("an answer").jobs.is_empty()
     );
@@ -267,4 +277,48 @@ async fn each_change_grows_the_version_and_a_quiet_heartbeat_does_not() {
     bench.store.heartbeat(&claim.lease, LEASE, None).await.expect("held");
     bench.store.heartbeat(&claim.lease, LEASE, Some(progress)).await.expect("held");
     assert_eq!(bench.get(job.id).await.version, news);
+}
+
+#[tokio::test]
+async fn jobs_of_the_first_version_are_read_claimed_and_purged() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("jobs.db");
+    let first = folder.path().join("migrations");
+    std::fs::create_dir(&first).expect("a folder");
+    std::fs::write(first.join("0001_jobs.sql"), include_str!("../../migrations/sqlite/0001_jobs.sql")).expect("a file");
+    let old = sqlx::SqlitePool::connect_with(SqliteConnectOptions::new().filename(&path).create_if_missing(true));
+    let old = old.await.expect("a database");
+    sqlx::migrate::Migrator::new(first).await.expect("a migration").run(&old).await.expect("tables");
+    let (queued, done) = (JobId::new(), JobId::new());
+    for (id, status, finished, report) in
+        [(queued, "queued", None, None), (done, "succeeded", Some(2), Some("{\"version\":1}"))]
+    {
+        sqlx::query(
+            "INSERT INTO jobs (id, status, created_at, run_at, finished_at, input, input_key, options, report) VALUES \
+             (?, ?, 1, 1, ?, '{\"name\":\"a.stl\",\"bytes\":84,\"sha256\":\"00\",\"format\":\"stl\"}', ?, \
+              '{\"max_tier\":2}', ?)",
+        )
+        .bind(id.to_string())
+        .bind(status)
+        .bind(finished)
+        .bind(format!("uploads/{id}"))
+        .bind(report)
+        .execute(&old)
+        .await
+        .expect("a row");
+    }
+    old.close().await;
+
+    let clock = Arc::new(Manual(AtomicI64::new(1_800_000_000_000)));
+    let store = SqliteStore::open(&path, clock, RetryPolicy::default()).await.expect("brought up to date");
+    let claim = store.claim("worker", LEASE).await.expect("an answer").expect("the old job");
+    let input = &claim.job.inputs[0];
+    assert_eq!((claim.job.id, claim.job.inputs.len()), (queued, 1));
+    assert_eq!((input.key.clone(), input.name.as_str(), input.bytes), (format!("uploads/{queued}"), "a.stl", 84));
+    assert!(matches!(&claim.job.options, JobOptions::Repair(options) if options.max_tier == 2));
+    let report = store.get(done).await.expect("readable").expect("there").report.expect("the old report");
+    let report = serde_json::to_value(report).expect("JSON");
+    assert_eq!(report, serde_json::json!({"mode": "repair", "version": 1}));
+    assert!(store.purge(done).await.expect("an answer"));
+    assert_eq!(store.get(done).await.expect("readable").expect("there").inputs[0].name, "");
 }

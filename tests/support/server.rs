@@ -259,12 +259,14 @@ impl Api {
     }
 }
 
-/// Uploads that are in the store, half ones among them.
+/// Jobs that have uploads in the store, half ones among them.
 pub fn stored_uploads(data: &Path) -> usize {
-    std::fs::read_dir(data.join("files/uploads")).into_iter().flatten().count()
+    let entries = |kind: &str| std::fs::read_dir(data.join("files").join(kind)).into_iter().flatten().flatten();
+    let id = |entry: std::fs::DirEntry| entry.file_name().to_string_lossy().split('#').next().map(str::to_owned);
+    entries("uploads").chain(entries("more")).filter_map(id).collect::<std::collections::BTreeSet<_>>().len()
 }
 
-/// Files that are in the store for a job: its upload, and what its attempts left.
+/// Files that are in the store for a job: its uploads, and what its attempts left.
 pub fn stored_files(data: &Path, id: &str) -> Vec<PathBuf> {
     fn walk(folder: &Path, root: &Path, found: &mut Vec<PathBuf>) {
         for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
@@ -280,6 +282,7 @@ pub fn stored_files(data: &Path, id: &str) -> Vec<PathBuf> {
     let mut found = Vec::new();
     walk(&files.join("jobs").join(id), &files, &mut found);
     found.extend(files.join("uploads").join(id).exists().then(|| PathBuf::from("uploads").join(id)));
+    walk(&files.join("more").join(id), &files, &mut found);
     found.sort();
     found
 }

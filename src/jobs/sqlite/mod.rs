@@ -37,8 +37,8 @@ pub struct SqliteStore {
 /// The columns of a job in the order that does not matter, for `SELECT` and `RETURNING`.
 macro_rules! job_columns {
     () => {
-        "id, status, outcome, attempt, crashes, created_at, run_at, started_at, finished_at, progress, input, \
-         input_key, options, report, artifacts, problem, version, purged_at"
+        "id, status, outcome, attempt, crashes, created_at, run_at, started_at, finished_at, progress, inputs, \
+         options, report, artifacts, problem, version, purged_at"
     };
 }
 
@@ -82,15 +82,14 @@ impl JobStore for SqliteStore {
     async fn submit(&self, job: NewJob) -> Result<Job, StoreError> {
         let now = self.clock.now_ms();
         let row = sqlx::query(concat!(
-            "INSERT INTO jobs (id, status, created_at, run_at, input, input_key, options) \
-             VALUES (?, 'queued', ?, ?, ?, ?, ?) RETURNING ",
+            "INSERT INTO jobs (id, status, created_at, run_at, inputs, options) \
+             VALUES (?, 'queued', ?, ?, ?, ?) RETURNING ",
             job_columns!()
         ))
         .bind(job.id.to_string())
         .bind(now)
         .bind(now)
-        .bind(to_json(&job.input))
-        .bind(&job.input_key)
+        .bind(to_json(&job.inputs))
         .bind(to_json(&job.options))
         .fetch_all(&self.writer)
         .await?
@@ -111,7 +110,7 @@ impl JobStore for SqliteStore {
     async fn list(&self, query: ListQuery) -> Result<Page, StoreError> {
         let rows = sqlx::query(
             "SELECT id, status, outcome, attempt, crashes, created_at, run_at, started_at, finished_at, progress, \
-                    input, input_key, options, NULL AS report, artifacts, problem, version, purged_at \
+                    inputs, options, NULL AS report, artifacts, problem, version, purged_at \
              FROM jobs WHERE purged_at IS NULL AND (?1 IS NULL OR status = ?1) AND (?2 IS NULL OR id < ?2) \
              ORDER BY id DESC LIMIT ?3",
         )
@@ -211,7 +210,7 @@ impl JobStore for SqliteStore {
              WHERE id = ?5 AND attempt = ?6 AND lease_token = ?7 AND status = 'running' RETURNING ",
             job_columns!()
         ))
-        .bind(to_json(&completion.report.outcome))
+        .bind(to_json(&completion.report.outcome()))
         .bind(to_json(&completion.report))
         .bind(to_json(&completion.artifacts))
         .bind(now)
@@ -305,6 +304,7 @@ impl JobStore for SqliteStore {
                      being killed by hand, this model may be what takes workers down: please report it."
                 ),
                 place: None,
+                file: None,
             };
             let retry_at = (crashes < self.retry.max_crashes).then_some(now);
             let end = End { id, crashes, retry_at, problem: &problem, artifacts: &artifacts, now };
@@ -356,7 +356,8 @@ impl JobStore for SqliteStore {
              status = CASE WHEN status IN ('queued', 'running') THEN 'canceled' ELSE status END, \
              finished_at = coalesce(finished_at, ?1), worker = NULL, lease_token = NULL, lease_expires_at = NULL, \
              progress = NULL, report = NULL, problem = NULL, artifacts = '{}', \
-             input = json_set(input, '$.name', '', '$.sha256', ''), version = version + 1 \
+             inputs = (SELECT json_group_array(json_set(value, '$.name', '', '$.sha256', '')) FROM json_each(inputs)), \
+             version = version + 1 \
              WHERE id = ?2 RETURNING id",
         )
         .bind(now)

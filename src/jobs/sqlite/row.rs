@@ -6,7 +6,7 @@ use sqlx::Row;
 use sqlx::sqlite::SqliteRow;
 use time::OffsetDateTime;
 
-use crate::jobs::{Job, StoreError};
+use crate::jobs::{Input, Job, StoreError};
 
 pub(super) fn millis(duration: Duration) -> i64 {
     i64::try_from(duration.as_millis()).unwrap_or(i64::MAX / 4)
@@ -48,8 +48,9 @@ pub(super) fn read_job(row: &SqliteRow) -> Result<Job, StoreError> {
         run_at: moment("run_at")?,
         started_at: time("started_at")?,
         finished_at: time("finished_at")?,
-        input: json(row, &id, "input")?.ok_or_else(|| corrupt(&id, "input", "null"))?,
-        input_key: row.try_get("input_key")?,
+        inputs: json::<Vec<Input>>(row, &id, "inputs")?
+            .filter(|inputs| !inputs.is_empty())
+            .ok_or_else(|| corrupt(&id, "inputs", "no file"))?,
         options: json(row, &id, "options")?.ok_or_else(|| corrupt(&id, "options", "null"))?,
         report: json(row, &id, "report")?,
         artifacts: json(row, &id, "artifacts")?.unwrap_or_default(),

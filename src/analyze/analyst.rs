@@ -1,0 +1,112 @@
+use std::time::Duration;
+
+use super::{ANALYSIS_VERSION, AnalysisReport, AnalyzeOptions, FileAnalysis};
+use crate::context::{Cancelled, Context, Stage};
+use crate::format::{self, Limits, ReadError, ReadMesh};
+use crate::inspect::{OptionsError, Subject, inspect};
+
+/// Why there is no analysis. A model with defects is no error.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum AnalyzeError {
+    /// A file is not a mesh that can be read.
+    #[error("{}{error}", naming(*.index, name, *.of))]
+    Read {
+        /// Which file, counted from 0.
+        index: usize,
+        /// Its name.
+        name: String,
+        /// How many files there are.
+        of: usize,
+        /// What is wrong with it.
+        error: ReadError,
+    },
+    /// An option is out of range.
+    #[error(transparent)]
+    Options(#[from] OptionsError),
+    /// The work was asked to stop, or its time ran out.
+    #[error(transparent)]
+    Cancelled(#[from] Cancelled),
+}
+
+/// Of several files, the one that is spoken of.
+fn naming(index: usize, name: &str, of: usize) -> String {
+    if of > 1 { format!("file {} of {of}, '{name}': ", index + 1) } else { String::new() }
+}
+
+/// Looks at one file after the other; only one is in memory at a time.
+pub struct Analyst<'a> {
+    options: &'a AnalyzeOptions,
+    limits: &'a Limits,
+    context: Context<'a>,
+    start: Duration,
+    of: usize,
+    files: Vec<FileAnalysis>,
+}
+
+impl<'a> Analyst<'a> {
+    /// Begins an analysis of `of` files. The deadline of the options runs from here.
+    ///
+    /// # Errors
+    /// [`AnalyzeError::Options`].
+    pub fn new(
+        options: &'a AnalyzeOptions,
+        limits: &'a Limits,
+        of: usize,
+        context: &Context<'a>,
+    ) -> Result<Self, AnalyzeError> {
+        options.validate()?;
+        let context = context.limited_to(Duration::from_secs_f64(options.deadline_s));
+        let start = context.now();
+        Ok(Self { options, limits, context, start, of, files: Vec::with_capacity(of) })
+    }
+
+    /// Reads a file and looks at it.
+    ///
+    /// # Errors
+    /// [`AnalyzeError::Read`], which names the file where there are several, or [`AnalyzeError::Cancelled`].
+    pub fn add(&mut self, name: &str, sha256: Option<&str>, bytes: &[u8]) -> Result<(), AnalyzeError> {
+        let index = self.files.len();
+        self.report(Stage::Read, 0);
+        let read = format::read(bytes, self.limits);
+        let ReadMesh { soup, format, dialect, mut warnings } =
+            read.map_err(|error| AnalyzeError::Read { index, name: name.to_owned(), of: self.of, error })?;
+        self.report(Stage::Inspect, 20);
+        let (inspection, _) = inspect(Subject::from(&soup), &self.options.inspect, &self.context)?;
+        let measures = &inspection.measures;
+        warnings.extend(measures.left_out());
+        self.context.log(&format!("{}{dialect}: {}", naming(index, name, self.of), measures.in_short()));
+        self.files.push(FileAnalysis {
+            name: name.to_owned(),
+            format,
+            dialect,
+            bytes: bytes.len() as u64,
+            sha256: sha256.map(str::to_owned),
+            printable: measures.printable(),
+            inspection,
+            warnings,
+        });
+        Ok(())
+    }
+
+    /// The account of all files that were added.
+    #[must_use]
+    pub fn finish(self) -> AnalysisReport {
+        let printable = self.files.iter().all(|file| file.printable);
+        self.context.report(Stage::Finish, None, 100);
+        AnalysisReport {
+            version: ANALYSIS_VERSION,
+            engine: crate::ENGINE.to_owned(),
+            options: self.options.clone(),
+            printable,
+            files: self.files,
+            milliseconds: self.context.now().saturating_sub(self.start).as_secs_f64() * 1e3,
+        }
+    }
+
+    /// Tells how far the whole is when `percent` of the present file is done; a file's size says little about its time,
+    /// so all count the same.
+    fn report(&self, stage: Stage, percent: usize) {
+        let done = (self.files.len() * 100 + percent) / self.of.max(1);
+        self.context.report(stage, None, u8::try_from(done.min(99)).unwrap_or(99));
+    }
+}

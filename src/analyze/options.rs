@@ -1,0 +1,34 @@
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use crate::inspect::{InspectOptions, OptionsError};
+
+/// How files are to be analysed. Every field has a default.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(default)]
+pub struct AnalyzeOptions {
+    /// Seconds the analysis of all files may take from its start; then the job fails.
+    #[schema(minimum = 1.0, maximum = 3600.0)]
+    pub deadline_s: f64,
+    /// What to look for, and how.
+    #[serde(flatten)]
+    pub inspect: InspectOptions,
+}
+
+impl Default for AnalyzeOptions {
+    fn default() -> Self {
+        Self { deadline_s: 300.0, inspect: InspectOptions::default() }
+    }
+}
+
+impl AnalyzeOptions {
+    /// Checks every range.
+    ///
+    /// # Errors
+    /// The first option that is out of its range.
+    pub fn validate(&self) -> Result<(), OptionsError> {
+        let seconds = "between 1 and 3600 seconds";
+        OptionsError::unless_within("deadline_s", self.deadline_s, (1.0, 3600.0), seconds)?;
+        self.inspect.validate()
+    }
+}

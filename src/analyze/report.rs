@@ -1,0 +1,48 @@
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use super::AnalyzeOptions;
+use crate::format::Format;
+use crate::inspect::Inspection;
+
+/// The version of [`AnalysisReport`]'s structure.
+pub const ANALYSIS_VERSION: u32 = 1;
+
+/// The account of one analysis.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct AnalysisReport {
+    /// Version of this structure.
+    pub version: u32,
+    /// Name and version of the engine.
+    pub engine: String,
+    /// The options that were in force.
+    pub options: AnalyzeOptions,
+    /// Whether every file is printable.
+    pub printable: bool,
+    /// What was found in each file, in the order they were sent.
+    pub files: Vec<FileAnalysis>,
+    /// Time from the first file's first byte to the end, in milliseconds.
+    pub milliseconds: f64,
+}
+
+/// What was found in one file.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct FileAnalysis {
+    /// The name it was sent with.
+    pub name: String,
+    /// Its format.
+    pub format: Format,
+    /// The dialect in words, such as `binary STL`.
+    pub dialect: String,
+    /// Its size.
+    pub bytes: u64,
+    /// SHA-256 of its bytes, in hexadecimal, where it is known.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sha256: Option<String>,
+    /// Whether it can be printed as it is, as far as its level of inspection tells.
+    pub printable: bool,
+    /// Everything that was found, in the same structure as `before` and `after` of a repair report.
+    pub inspection: Inspection,
+    /// What a person should know.
+    pub warnings: Vec<String>,
+}

@@ -1,0 +1,209 @@
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value};
+use utoipa::{IntoParams, ToSchema};
+
+use crate::analyze::AnalyzeOptions;
+use crate::inspect::{InspectOptions, OptionsError};
+use crate::repair::Options;
+
+/// What a job does with its files.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Mode {
+    /// Repair one model.
+    #[default]
+    Repair,
+    /// Look at one file or several, and change nothing.
+    Analyze,
+}
+
+impl Mode {
+    /// Every mode.
+    pub const ALL: [Self; 2] = [Self::Repair, Self::Analyze];
+
+    /// The name used in JSON.
+    #[must_use]
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Repair => "repair",
+            Self::Analyze => "analyze",
+        }
+    }
+
+    /// The names of its options.
+    #[must_use]
+    pub fn option_names(self) -> Vec<String> {
+        let of = |parameters: Vec<utoipa::openapi::path::Parameter>| parameters.into_iter().map(|p| p.name);
+        match self {
+            Self::Repair => of(Options::into_params(|| None)).collect(),
+            Self::Analyze => {
+                of(InspectOptions::into_params(|| None)).chain(std::iter::once("deadline_s".to_owned())).collect()
+            }
+        }
+    }
+}
+
+/// What a job is to do: `mode` (`repair` where it is left out), and that mode's options beside it. Others are refused.
+///
+/// The structs of the options let unknown fields pass, since a struct that does not can't stand beside `mode` in one
+/// object; [`JobOptions::from_fields`] does not let them pass.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(tag = "mode", rename_all = "snake_case")]
+pub enum JobOptions {
+    /// Repair one model.
+    Repair(Options),
+    /// Look at one file or several, and change nothing.
+    Analyze(AnalyzeOptions),
+}
+
+/// Options that can't be understood, or don't go together.
+#[derive(Debug, thiserror::Error)]
+pub enum JobOptionsError {
+    /// There is no such mode.
+    #[error("option 'mode' is {0}; it must be 'repair' or 'analyze'")]
+    Mode(Value),
+    /// The option is one of another mode.
+    #[error("option '{option}' belongs to mode '{}', and this job's mode is '{}'", .of.as_str(), .mode.as_str())]
+    OtherMode {
+        /// The option.
+        option: String,
+        /// The mode that has it.
+        of: Mode,
+        /// The job's mode.
+        mode: Mode,
+    },
+    /// There is no such option.
+    #[error("there is no option '{option}'; those of mode '{}' are {}", .mode.as_str(), .mode.option_names().join(", "))]
+    Unknown {
+        /// What was given.
+        option: String,
+        /// The job's mode.
+        mode: Mode,
+    },
+    /// A value is of the wrong kind.
+    #[error("{0}")]
+    Unreadable(String),
+    /// A value is out of its range.
+    #[error(transparent)]
+    Range(#[from] OptionsError),
+}
+
+impl JobOptions {
+    /// The mode.
+    #[must_use]
+    pub fn mode(&self) -> Mode {
+        match self {
+            Self::Repair(_) => Mode::Repair,
+            Self::Analyze(_) => Mode::Analyze,
+        }
+    }
+
+    /// Seconds that the work may take.
+    #[must_use]
+    pub fn deadline_s(&self) -> f64 {
+        match self {
+            Self::Repair(options) => options.deadline_s,
+            Self::Analyze(options) => options.deadline_s,
+        }
+    }
+
+    /// Reads and checks what a client sent.
+    ///
+    /// # Errors
+    /// [`JobOptionsError`], which names the option.
+    pub fn from_fields(mut fields: Map<String, Value>) -> Result<Self, JobOptionsError> {
+        let mode = match fields.remove("mode") {
+            None => Mode::default(),
+            Some(mode) => serde_json::from_value(mode.clone()).map_err(|_| JobOptionsError::Mode(mode))?,
+        };
+        let own = mode.option_names();
+        if let Some(option) = fields.keys().find(|option| !own.contains(option)).cloned() {
+            return Err(match Mode::ALL.into_iter().find(|of| of.option_names().contains(&option)) {
+                Some(of) => JobOptionsError::OtherMode { option, of, mode },
+                None => JobOptionsError::Unknown { option, mode },
+            });
+        }
+        let options = match mode {
+            Mode::Repair => Self::Repair(read(fields)?),
+            Mode::Analyze => Self::Analyze(read(fields)?),
+        };
+        match &options {
+            Self::Repair(options) => options.validate()?,
+            Self::Analyze(options) => options.validate()?,
+        }
+        Ok(options)
+    }
+}
+
+/// Reads options one by one, so that an error can name the one it is about.
+fn read<T: DeserializeOwned>(fields: Map<String, Value>) -> Result<T, JobOptionsError> {
+    for (option, value) in &fields {
+        let alone = Map::from_iter([(option.clone(), value.clone())]);
+        if let Err(error) = serde_json::from_value::<T>(Value::Object(alone)) {
+            return Err(JobOptionsError::Unreadable(format!("option '{option}' can't be read: {error}")));
+        }
+    }
+    serde_json::from_value(Value::Object(fields)).map_err(|error| JobOptionsError::Unreadable(error.to_string()))
+}
+
+impl Default for JobOptions {
+    fn default() -> Self {
+        Self::Repair(Options::default())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+
+    fn read(value: Value) -> Result<JobOptions, JobOptionsError> {
+        JobOptions::from_fields(value.as_object().expect("an object").clone())
+    }
+
+    #[test]
+    fn the_mode_tells_which_options_there_are_and_repair_is_the_default() {
+        assert_eq!(read(json!({})).expect("options"), JobOptions::default());
+        assert_eq!(read(json!({"mode": "repair", "max_tier": 1})).expect("options").mode(), Mode::Repair);
+        let analyze = read(json!({"mode": "analyze", "level": "basic", "deadline_s": 9})).expect("options");
+        assert_eq!((analyze.mode(), analyze.deadline_s()), (Mode::Analyze, 9.0));
+        let written = serde_json::to_value(&analyze).expect("JSON");
+        assert_eq!((&written["mode"], &written["level"]), (&json!("analyze"), &json!("basic")));
+        assert_eq!(serde_json::from_value::<JobOptions>(written).expect("options"), analyze);
+    }
+
+    #[test]
+    fn the_options_that_serde_reads_are_those_that_are_documented() {
+        for (mode, options) in [
+            (Mode::Repair, serde_json::to_value(Options { voxel_size: Some(1.0), ..Options::default() })),
+            (Mode::Analyze, serde_json::to_value(AnalyzeOptions::default())),
+        ] {
+            let mut written: Vec<String> =
+                options.expect("JSON").as_object().expect("fields").keys().cloned().collect();
+            let mut named = mode.option_names();
+            written.sort();
+            named.sort();
+            assert_eq!(written, named);
+        }
+    }
+
+    #[test]
+    fn an_option_of_the_other_mode_is_refused_by_its_name_and_its_mode() {
+        for (given, named) in [
+            (json!({"level": "full"}), "option 'level' belongs to mode 'analyze', and this job's mode is 'repair'"),
+            (json!({"mode": "analyze", "preset": "auto"}), "option 'preset' belongs to mode 'repair'"),
+            (json!({"mode": "destroy"}), "option 'mode' is \"destroy\"; it must be"),
+            (json!({"mode": "analyze", "levle": 1}), "no option 'levle'; those of mode 'analyze' are level, "),
+            (json!({"mode": "analyze", "level": "deep"}), "option 'level' can't be read: unknown variant `deep`"),
+            (json!({"deadline_s": null}), "option 'deadline_s' can't be read"),
+            (json!({"mode": "analyze", "deadline_s": 0}), "option 'deadline_s' is 0"),
+            (json!({"mode": "analyze", "places": 5000}), "option 'places' is 5000"),
+            (json!({"max_tier": 9}), "option 'max_tier' is 9"),
+        ] {
+            let error = read(given).expect_err("refused").to_string();
+            assert!(error.contains(named), "{error}");
+        }
+    }
+}

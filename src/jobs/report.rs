@@ -1,0 +1,88 @@
+use serde::{Deserialize, Serialize};
+use serde_json::value::RawValue;
+use utoipa::ToSchema;
+
+use crate::analyze::AnalysisReport;
+use crate::format::Format;
+use crate::repair::{Outcome, Report, Step};
+
+/// What became of a job's model, apart from whether the job ran.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum JobOutcome {
+    /// Repair: the input is printable; its geometry comes back untouched.
+    AlreadyPrintable,
+    /// Repair: the result is printable and no red flag is up.
+    Repaired,
+    /// Repair: the result is better than the input, but not printable, or printable with a red flag up.
+    PartiallyRepaired,
+    /// Repair: nothing that ran made the model better; the reason is in the report.
+    Unrepairable,
+    /// Analysis: every file can be printed as it is, as far as the level of inspection tells.
+    Printable,
+    /// Analysis: at least one file can't be printed as it is.
+    NotPrintable,
+}
+
+impl From<Outcome> for JobOutcome {
+    fn from(outcome: Outcome) -> Self {
+        match outcome {
+            Outcome::AlreadyPrintable => Self::AlreadyPrintable,
+            Outcome::Repaired => Self::Repaired,
+            Outcome::PartiallyRepaired => Self::PartiallyRepaired,
+            Outcome::Unrepairable => Self::Unrepairable,
+        }
+    }
+}
+
+/// The account that a job leaves; its `mode` tells which.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(tag = "mode", rename_all = "snake_case")]
+pub enum JobReport {
+    /// Of a repair.
+    Repair(Box<Report>),
+    /// Of an analysis.
+    Analyze(AnalysisReport),
+}
+
+impl JobReport {
+    /// What became of the model.
+    #[must_use]
+    pub fn outcome(&self) -> JobOutcome {
+        match self {
+            Self::Repair(report) => report.outcome.into(),
+            Self::Analyze(report) if report.printable => JobOutcome::Printable,
+            Self::Analyze(_) => JobOutcome::NotPrintable,
+        }
+    }
+
+    /// The format of the model that was made, if one was.
+    #[must_use]
+    pub fn output(&self) -> Option<Format> {
+        match self {
+            Self::Repair(report) => report.output.as_ref().map(|output| output.format),
+            Self::Analyze(_) => None,
+        }
+    }
+
+    /// The steps of a repair.
+    #[must_use]
+    pub fn steps(&self) -> &[Step] {
+        match self {
+            Self::Repair(report) => &report.steps,
+            Self::Analyze(_) => &[],
+        }
+    }
+}
+
+/// A report as JSON, as it was written: its own `version` says how to read it, and rows of earlier versions of this
+/// program stay readable.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+#[serde(transparent)]
+pub struct StoredReport(Box<RawValue>);
+
+impl PartialEq for StoredReport {
+    fn eq(&self, other: &Self) -> bool {
+        self.0.get() == other.0.get()
+    }
+}

@@ -1,0 +1,166 @@
+use std::ops::Range;
+use std::time::Duration;
+
+use super::input::Input;
+use super::presets::remesh_action;
+use super::tiers::{End, Runner};
+use super::verdict::{JudgeError, Judged, judge};
+use super::{Action, Cancelled, Candidate, Context, Preset, Remesher, Rung, Stage, Step, StepStatus, summary};
+use crate::mesh::Surface;
+
+/// The way up a plan's rungs: what was done so far, and the best that came of it.
+pub(super) struct Climb<'a> {
+    input: &'a Input<'a>,
+    runner: Runner<'a>,
+    /// What the opening left, from which every rung starts.
+    pub surface: Surface,
+    opened: End,
+    opening: Vec<Step>,
+    best: Option<(usize, Judged)>,
+    candidates: Vec<Candidate>,
+}
+
+/// What a climb brought.
+pub(super) struct Climbed {
+    pub steps: Vec<Step>,
+    pub candidates: Vec<Candidate>,
+    /// The best candidate, with its place in the list.
+    pub best: Option<(usize, Judged)>,
+}
+
+/// The two actions that every recipe begins with.
+fn opening() -> Rung {
+    Rung { tier: 1, preset: Preset::BasicCleanup, actions: vec![Action::BasicCleanup, Action::FixNormals] }
+}
+
+impl<'a> Climb<'a> {
+    /// Runs the opening that every rung shares; what it leaves is what tells a sheet from a solid with holes.
+    pub fn open(input: &'a Input<'a>, mut runner: Runner<'a>) -> Result<Self, Cancelled> {
+        let (mut surface, _) = Surface::from_soup(&input.mesh.soup);
+        let opened = runner.run(0, &opening(), 0, &(5..15), &mut surface)?;
+        let opening = runner.steps.clone();
+        Ok(Self { input, runner, surface, opened, opening, best: None, candidates: Vec::new() })
+    }
+
+    /// Climbs until a result is good.
+    pub fn run(mut self, rungs: &[Rung]) -> Result<Climbed, Cancelled> {
+        for (index, rung) in (0u32..).zip(rungs) {
+            if let Some(step) = not_runnable(index, rung, self.runner.remesher, self.runner.context) {
+                self.note(step);
+            } else if let Some(result) = self.make(index, rung)?
+                && self.judge(index, rung, &result)?
+            {
+                break;
+            }
+        }
+        Ok(Climbed { steps: self.runner.steps, candidates: self.candidates, best: self.best })
+    }
+
+    /// What a rung makes, if anything.
+    fn make(&mut self, index: u32, rung: &Rung) -> Result<Option<Surface>, Cancelled> {
+        if index > 0 {
+            self.runner.steps.extend(self.opening.iter().cloned().map(|step| taken_over(step, index)));
+        }
+        let mut result = self.surface.clone();
+        let end = match self.opened {
+            End::Finished => self.runner.run(index, rung, opening().actions.len(), &span(index), &mut result)?,
+            End::Nothing => End::Nothing,
+            End::OutOfTime => End::OutOfTime,
+        };
+        Ok((!matches!(end, End::Nothing) && !result.faces.is_empty()).then_some(result))
+    }
+
+    /// Judges a result and keeps it if it is the best so far. Whether it is good.
+    fn judge(&mut self, index: u32, rung: &Rung, result: &Surface) -> Result<bool, Cancelled> {
+        let Runner { options, format, context, .. } = self.runner;
+        context.report(Stage::Verify, Some(rung.tier), span(index).end);
+        let start = context.now();
+        let (input, before) = (&self.input.mesh.soup, &self.input.before.measures);
+        let verdict = judge(result, format, input, before, options, &context.without_deadline());
+        let mut step = validation(index, start, context);
+        let mut good = false;
+        match verdict {
+            Ok(judged) => {
+                step.note = Some(summary::verdict_in_words(&judged));
+                self.candidates.push(Candidate::new(Some(index), &judged, false));
+                good = judged.is_good();
+                if self.best.as_ref().is_none_or(|(_, best)| judged.rank() < best.rank()) {
+                    self.best = Some((self.candidates.len() - 1, judged));
+                }
+            }
+            Err(JudgeError::Cancelled(stop)) => return Err(stop),
+            Err(error) => {
+                step.status = StepStatus::Failed;
+                step.note = Some(error.to_string());
+            }
+        }
+        self.note(step);
+        Ok(good)
+    }
+
+    fn note(&mut self, step: Step) {
+        self.runner.log(&step);
+        self.runner.steps.push(step);
+    }
+}
+
+impl Candidate {
+    pub(super) fn new(rung: Option<u32>, judged: &Judged, chosen: bool) -> Self {
+        Self {
+            rung,
+            printable: judged.measures.printable(),
+            defects: judged.measures.defects(),
+            faces: judged.measures.faces,
+            red_flags: judged.red_flags.clone(),
+            chosen,
+        }
+    }
+}
+
+/// The step that says why a rung is passed over, if it is.
+fn not_runnable(index: u32, rung: &Rung, remesher: Option<&dyn Remesher>, context: &Context<'_>) -> Option<Step> {
+    let action = *rung.actions.iter().find(|&&a| remesh_action(a).is_some())?;
+    let why = if context.remaining().is_zero() {
+        "the time was over before it could start".to_owned()
+    } else {
+        let missing = remesher.map_or(Err("Blender is not installed on this server"), |r| r.info().map(drop)).err()?;
+        format!("{missing}; the best result without tier 3 is handed out")
+    };
+    Some(Step {
+        rung: index,
+        tier: 3,
+        action,
+        status: StepStatus::Skipped,
+        milliseconds: 0.0,
+        changed: Vec::new(),
+        note: Some(why),
+        program: None,
+        voxel_size: None,
+    })
+}
+
+fn taken_over(step: Step, rung: u32) -> Step {
+    let note = step.note.unwrap_or_else(|| "its result was taken over from the first rung".to_owned());
+    Step { rung, milliseconds: 0.0, note: Some(note), ..step }
+}
+
+fn validation(rung: u32, start: Duration, context: &Context<'_>) -> Step {
+    Step {
+        rung,
+        tier: 0,
+        action: Action::Validate,
+        status: StepStatus::Done,
+        milliseconds: context.now().saturating_sub(start).as_secs_f64() * 1e3,
+        changed: Vec::new(),
+        note: None,
+        program: None,
+        voxel_size: None,
+    }
+}
+
+/// The share of the whole repair, in percent, that a rung is taken to be: each is half of what is left, since later ones
+/// seldom run.
+fn span(rung: u32) -> Range<u8> {
+    let begin = |rung: u32| 95 - (80 >> rung.min(7));
+    begin(rung)..begin(rung + 1)
+}

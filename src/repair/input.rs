@@ -1,0 +1,114 @@
+use super::RepairError;
+use super::verdict::{JudgeError, Judged, judge};
+use super::{
+    Cancelled, Category, Context, FileSummary, Options, Outcome, Plan, Preset, REPORT_VERSION, Report, compare,
+};
+use crate::format::{self, Format, Limits, ReadError, ReadMesh};
+use crate::inspect::{InspectOptions, Inspection, Level, Measures, inspect};
+use crate::mesh::{Soup, Surface};
+
+/// What came in.
+pub(super) struct Input<'a> {
+    pub bytes: &'a [u8],
+    pub mesh: &'a ReadMesh,
+    pub before: &'a Inspection,
+}
+
+impl Input<'_> {
+    /// The input's own bytes, or its faces in order in another format; none where no face is left to write.
+    pub fn handed_back(
+        &self,
+        format: Format,
+        options: &Options,
+        context: &Context<'_>,
+    ) -> Result<Option<Judged>, RepairError> {
+        let before = &self.before.measures;
+        if format == self.mesh.format {
+            return Ok(Some(Judged {
+                bytes: self.bytes.to_vec(),
+                dialect: self.mesh.dialect.clone(),
+                measures: before.clone(),
+                changes: compare(before, before, &self.mesh.soup, &self.mesh.soup, context)?,
+                red_flags: Vec::new(),
+            }));
+        }
+        let (surface, _) = Surface::from_soup(&self.mesh.soup);
+        if surface.faces.is_empty() {
+            return Ok(None);
+        }
+        match judge(&surface, format, &self.mesh.soup, before, options, context) {
+            Ok(judged) => Ok(Some(judged)),
+            Err(JudgeError::Write(error)) => Err(error.into()),
+            Err(JudgeError::Read(error)) => Err(error.into()),
+            Err(JudgeError::Cancelled(stop)) => Err(stop.into()),
+        }
+    }
+
+    /// Looks at a result as at the input: at its own bytes, read back. Those of the input are known already.
+    pub fn after(&self, judged: &Judged, context: &Context<'_>) -> Result<Inspection, RepairError> {
+        if judged.bytes == self.bytes {
+            return Ok(self.before.clone());
+        }
+        let read = read_own(&judged.bytes)?;
+        Ok(look(&read.soup, || Ok(judged.measures.clone()), context)?)
+    }
+
+    /// The account as far as it is known before anything was run.
+    pub fn report(&self, options: &Options) -> Report {
+        let mut warnings = self.mesh.warnings.clone();
+        warnings.extend(self.before.measures.left_out());
+        warnings.push("self-intersections were not checked by this version".to_owned());
+        Report {
+            version: REPORT_VERSION,
+            engine: crate::ENGINE.to_owned(),
+            outcome: Outcome::Unrepairable,
+            summary: String::new(),
+            input: FileSummary {
+                format: self.mesh.format,
+                dialect: self.mesh.dialect.clone(),
+                bytes: self.bytes.len() as u64,
+            },
+            output: None,
+            options: options.clone(),
+            before: self.before.clone(),
+            after: None,
+            verified_from_output_bytes: false,
+            changes: None,
+            plan: Plan {
+                category: Category::Clean,
+                preset: Preset::BasicCleanup,
+                reason: String::new(),
+                rungs: Vec::new(),
+            },
+            steps: Vec::new(),
+            candidates: Vec::new(),
+            red_flags: Vec::new(),
+            warnings,
+            milliseconds: 0.0,
+        }
+    }
+}
+
+/// Reads what we have written, however large it is.
+pub(super) fn read_own(bytes: &[u8]) -> Result<ReadMesh, ReadError> {
+    format::read(bytes, &Limits { max_bytes: u64::MAX, max_faces: u64::MAX, max_vertices: u64::MAX })
+}
+
+/// Looks at everything. When the time is over only what results are judged by is told, from `measures`, since a repair
+/// without it is none.
+pub(super) fn look(
+    soup: &Soup,
+    measures: impl FnOnce() -> Result<Measures, Cancelled>,
+    context: &Context<'_>,
+) -> Result<Inspection, Cancelled> {
+    let all = InspectOptions::default();
+    match inspect(soup.into(), &all, context) {
+        Err(Cancelled) if !context.is_cancelled() => {
+            let measures = measures()?;
+            let counts = InspectOptions { level: Level::None, ..all };
+            let (counted, _) = inspect(soup.into(), &counts, &context.without_deadline())?;
+            Ok(Inspection { measures, ..counted })
+        }
+        looked => looked.map(|(inspection, _)| inspection),
+    }
+}

@@ -1,0 +1,221 @@
+//! Jobs of the mode `analyze`: one file or several, looked at and left as they are.
+
+use reqwest::multipart::{Form, Part};
+use serde_json::{Value, json};
+
+use crate::files;
+use crate::server::{Api, Start, signal, stored_files, stored_uploads, until};
+
+/// A form with these files and, at its end, these options.
+fn form(files: Vec<(&str, Vec<u8>)>, options: Value) -> Form {
+    let part = |(name, bytes): (&str, Vec<u8>)| Part::bytes(bytes).file_name(name.to_owned());
+    let form = files.into_iter().fold(Form::new(), |form, file| form.part("file", part(file)));
+    form.text("options", options.to_string())
+}
+
+async fn submit(api: &Api, files: Vec<(&str, Vec<u8>)>, options: Value) -> (u16, Value) {
+    let answer = api.post("/v1/jobs").multipart(form(files, options)).send().await.expect("an answer");
+    (answer.status().as_u16(), answer.json().await.expect("JSON"))
+}
+
+/// Submits files that must be accepted, and gives the job's id.
+async fn accepted(api: &Api, files: Vec<(&str, Vec<u8>)>, options: Value) -> String {
+    let (status, job) = submit(api, files, options).await;
+    assert_eq!(status, 202, "{job}");
+    job["id"].as_str().expect("an id").to_owned()
+}
+
+fn analyze() -> Value {
+    json!({"mode": "analyze"})
+}
+
+async fn nothing_is_left(api: &Api, data: &std::path::Path) {
+    let list: Value = api.get("/v1/jobs").send().await.expect("an answer").json().await.expect("JSON");
+    assert_eq!(list["jobs"].as_array().map(Vec::len), Some(0), "nothing refused became a job");
+    assert_eq!(stored_uploads(data), 0, "nothing refused is stored");
+}
+
+#[tokio::test]
+async fn one_file_is_analysed_and_what_is_said_of_it_is_what_a_repair_says_of_its_input() {
+    let data = tempfile::tempdir().expect("a folder");
+    let program = Start::serve(data.path()).start();
+    let api = Api::new(&program);
+    let id = accepted(&api, vec![("a.stl", files::broken_box())], json!({"mode": "analyze", "places": 3})).await;
+    let job = api.finished(&id).await;
+    assert_eq!((job["status"].as_str(), job["outcome"].as_str()), (Some("succeeded"), Some("not_printable")), "{job}");
+    assert_eq!((job["options"]["mode"].as_str(), job["options"]["places"].as_u64()), (Some("analyze"), Some(3)));
+    assert_eq!(job["input"]["name"], "a.stl");
+    assert!(job.get("inputs").is_none(), "one file is told as one");
+    let report = &job["report"];
+    assert_eq!((report["mode"].as_str(), report["printable"].as_bool()), (Some("analyze"), Some(false)));
+    assert!(report["version"].is_u64() && report["milliseconds"].is_f64() && report["engine"].is_string());
+    let file = &report["files"][0];
+    assert_eq!((file["name"].as_str(), file["dialect"].as_str()), (Some("a.stl"), Some("binary STL")));
+    assert_eq!(file["sha256"], job["input"]["sha256"]);
+    assert_eq!(file["inspection"]["boundary_edges"], 4);
+    assert_eq!(job["artifacts"].as_object().expect("files").keys().collect::<Vec<_>>(), ["log.txt", "report.json"]);
+    assert_eq!(job["artifacts"]["report.json"]["filename"], "a-report.json");
+    let stored: Value = serde_json::from_slice(&api.artifact(&id, "report.json").await).expect("JSON");
+    assert_eq!(&stored, report);
+
+    let repaired = accepted(&api, vec![("a.stl", files::broken_box())], json!({"max_tier": 1})).await;
+    let repaired = api.finished(&repaired).await;
+    assert_eq!(repaired["report"]["mode"], "repair");
+    let plain = accepted(&api, vec![("a.stl", files::broken_box())], analyze()).await;
+    let plain = api.finished(&plain).await;
+    assert_eq!(repaired["report"]["before"], plain["report"]["files"][0]["inspection"]);
+
+    let whole = api.post("/v1/jobs?mode=analyze&level=basic&name=b.stl").body(files::whole_box());
+    let whole: Value = whole.send().await.expect("an answer").json().await.expect("a job");
+    let whole = api.finished(whole["id"].as_str().expect("an id")).await;
+    assert_eq!(whole["outcome"], "printable");
+    assert_eq!(whole["report"]["files"][0]["inspection"]["level"], "basic");
+}
+
+#[tokio::test]
+async fn several_files_are_analysed_in_their_order_and_deleted_together() {
+    let data = tempfile::tempdir().expect("a folder");
+    let program = Start::serve(data.path()).start();
+    let api = Api::new(&program);
+    let sent =
+        vec![("a.stl", files::whole_box()), ("b.stl", files::broken_box()), ("a.stl", files::boxes_on_an_edge())];
+    let id = accepted(&api, sent, analyze()).await;
+    let job = api.finished(&id).await;
+    assert_eq!(job["outcome"], "not_printable", "{job}");
+    let inputs = job["inputs"].as_array().expect("several");
+    assert_eq!((inputs.len(), &inputs[0]), (3, &job["input"]));
+    let files = job["report"]["files"].as_array().expect("files");
+    let told: Vec<(&str, bool)> = files
+        .iter()
+        .map(|file| (file["name"].as_str().expect("a name"), file["printable"].as_bool().expect("a verdict")))
+        .collect();
+    assert_eq!(told, [("a.stl", true), ("b.stl", false), ("a.stl", false)]);
+    for (file, input) in files.iter().zip(inputs) {
+        assert_eq!((&file["sha256"], &file["bytes"]), (&input["sha256"], &input["bytes"]));
+    }
+    assert_eq!(stored_files(data.path(), &id).len(), 5, "three uploads, the report and the log");
+    assert_eq!(api.delete(&format!("/v1/jobs/{id}")).send().await.expect("an answer").status(), 204);
+    assert!(stored_files(data.path(), &id).is_empty());
+    assert_eq!(stored_uploads(data.path()), 0);
+}
+
+#[tokio::test]
+async fn a_file_that_is_no_model_is_named_and_the_others_go_with_it() {
+    let data = tempfile::tempdir().expect("a folder");
+    let program = Start::serve(data.path()).start();
+    let api = Api::new(&program);
+    let sent = vec![("a.stl", files::whole_box()), ("notes.txt", b"hello".to_vec()), ("empty.stl", Vec::new())];
+    let (status, problem) = submit(&api, sent, analyze()).await;
+    assert_eq!((status, problem["code"].as_str()), (415, Some("unsupported_model")), "{problem}");
+    let errors: Vec<&str> = problem["errors"].as_array().expect("a list").iter().filter_map(Value::as_str).collect();
+    assert!(errors[0].starts_with("file 2 of 3, 'notes.txt': "), "{errors:?}");
+    assert!(errors[1].starts_with("file 3 of 3, 'empty.stl': ") && errors.len() == 2, "{errors:?}");
+    nothing_is_left(&api, data.path()).await;
+
+    // Only a full read finds this one broken.
+    let broken = "OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 7\n";
+    let id = accepted(&api, vec![("a.stl", files::whole_box()), ("b.off", broken.into())], analyze()).await;
+    let job = api.finished(&id).await;
+    assert_eq!((job["status"].as_str(), job["problem"]["code"].as_str()), (Some("failed"), Some("bad_input")), "{job}");
+    assert!(job["problem"]["detail"].as_str().expect("text").starts_with("file 2 of 2, 'b.off': "), "{job}");
+    assert_eq!((&job["problem"]["file"], &job["problem"]["place"]["line"]), (&json!(1), &json!(6)));
+    assert_eq!(job["attempt"], 1);
+}
+
+#[tokio::test]
+async fn a_wrong_option_a_second_file_for_a_repair_and_too_many_or_too_large_files_are_refused() {
+    let data = tempfile::tempdir().expect("a folder");
+    let program = Start::serve(data.path()).arg("--max-files", "2").arg("--max-file-mib", "1").start();
+    let api = Api::new(&program);
+    let small = |name| (name, files::whole_box());
+    for (options, named) in [
+        (json!({"mode": "analyze", "output": "obj"}), "'output' belongs to mode 'repair'"),
+        (json!({"level": "full"}), "'level' belongs to mode 'analyze'"),
+        (json!({"mode": "analyze", "places": 5000}), "'places' is 5000"),
+        (json!({"mode": "analyse"}), "'mode' is \"analyse\""),
+    ] {
+        let (status, problem) = submit(&api, vec![small("a.stl")], options).await;
+        assert_eq!((status, problem["code"].as_str()), (422, Some("invalid_options")), "{problem}");
+        assert!(problem["detail"].as_str().expect("text").contains(named), "{problem}");
+    }
+    let query = api.post("/v1/jobs?mode=analyze&max_tier=2").body(files::whole_box()).send().await.expect("an answer");
+    assert_eq!(query.status(), 422);
+    let (status, problem) = submit(&api, vec![small("a.stl"), small("b.stl")], json!({"mode": "repair"})).await;
+    assert_eq!((status, problem["code"].as_str()), (400, Some("invalid_request")), "{problem}");
+    assert!(problem["detail"].as_str().expect("text").contains("'analyze'"), "{problem}");
+    let (status, problem) = submit(&api, vec![small("a.stl"), small("b.stl"), small("c.stl")], analyze()).await;
+    assert_eq!((status, problem["code"].as_str()), (413, Some("too_many_files")), "{problem}");
+    assert!(problem["detail"].as_str().expect("text").contains("the 2 files"), "{problem}");
+    // Each is small enough, both together are not; the length is not told beforehand.
+    let half = || {
+        Part::stream(reqwest::Body::wrap_stream(futures::stream::iter([Ok::<_, std::io::Error>(vec![
+            0_u8;
+            600 << 10
+        ])])))
+    };
+    let both = Form::new().text("options", analyze().to_string()).part("file", half()).part("file", half());
+    let answer = api.post("/v1/jobs").multipart(both).send().await.expect("an answer");
+    assert_eq!(answer.status(), 413);
+    assert_eq!(answer.json::<Value>().await.expect("a problem")["code"], "payload_too_large");
+    nothing_is_left(&api, data.path()).await;
+    let can: Value = api.get("/v1/capabilities").send().await.expect("an answer").json().await.expect("JSON");
+    assert_eq!((&can["modes"], &can["limits"]["max_files"]), (&json!(["repair", "analyze"]), &json!(2)));
+    assert_eq!(can["levels"], json!(["none", "basic", "full"]));
+    assert_eq!(can["default_analyze_options"]["level"], "full");
+}
+
+#[tokio::test]
+async fn a_client_that_hangs_up_between_two_files_leaves_nothing() {
+    let data = tempfile::tempdir().expect("a folder");
+    let program = Start::serve(data.path()).start();
+    let api = Api::new(&program);
+    let (sender, receiver) = tokio::sync::mpsc::channel::<Result<Vec<u8>, std::io::Error>>(1);
+    let body = futures::stream::unfold(receiver, |mut r| async move { r.recv().await.map(|chunk| (chunk, r)) });
+    let form = form(vec![("a.stl", files::whole_box())], analyze())
+        .part("file", Part::stream(reqwest::Body::wrap_stream(body)).file_name("b.stl"));
+    let upload = tokio::spawn(api.post("/v1/jobs").multipart(form).send());
+    sender.send(Ok(files::whole_box())).await.expect("the upload listens");
+    let second = || {
+        let folder = std::fs::read_dir(data.path().join("files/more")).ok()?.flatten().next()?;
+        std::fs::read_dir(folder.path()).ok()?.next().map(drop)
+    };
+    until("the second file has begun", async || second()).await;
+    assert_eq!(stored_uploads(data.path()), 1);
+    upload.abort();
+    until("both files are gone", async || (stored_uploads(data.path()) == 0).then_some(())).await;
+    nothing_is_left(&api, data.path()).await;
+}
+
+#[tokio::test]
+async fn an_analysis_is_cancelled_with_its_process_and_run_again_when_its_process_is_killed() {
+    let data = tempfile::tempdir().expect("a folder");
+    let program = Start::serve(data.path()).env("FAILPOINTS", "child-inspect=sleep(600000)").start();
+    let api = Api::new(&program);
+    let two = || vec![("a.stl", files::whole_box()), ("b.stl", files::broken_box())];
+    let cancelled = accepted(&api, two(), analyze()).await;
+    api.reaches(&cancelled, "inspect", None).await;
+    let child = until("the child runs", async || program.job_children().first().copied()).await;
+    let answer = api.post(&format!("/v1/jobs/{cancelled}/cancel")).send().await.expect("an answer");
+    assert_eq!(answer.json::<Value>().await.expect("a job")["status"], "canceled");
+    until("the child is gone", async || (!crate::server::is_alive(child)).then_some(())).await;
+
+    let killed = accepted(&api, two(), analyze()).await;
+    api.reaches(&killed, "inspect", None).await;
+    signal(until("the child runs", async || program.job_children().first().copied()).await, "KILL");
+    let job = api.finished(&killed).await;
+    assert_eq!((job["status"].as_str(), job["attempt"].as_u64()), (Some("succeeded"), Some(2)), "{job}");
+    assert_eq!(job["report"]["files"].as_array().map(Vec::len), Some(2));
+    assert_eq!(stored_files(data.path(), &killed).len(), 4, "two uploads, the report and the log of one attempt");
+}
+
+#[tokio::test]
+async fn an_analysis_that_takes_longer_than_its_deadline_says_so() {
+    let data = tempfile::tempdir().expect("a folder");
+    let program = Start::serve(data.path()).env("FAILPOINTS", "child-read=sleep(1200)").start();
+    let api = Api::new(&program);
+    let slow = accepted(&api, vec![("a.stl", files::whole_box())], json!({"mode": "analyze", "deadline_s": 1})).await;
+    let job = api.finished(&slow).await;
+    assert_eq!((job["status"].as_str(), job["outcome"].as_str()), (Some("failed"), None), "{job}");
+    assert_eq!(job["problem"]["code"], "deadline_exceeded");
+    assert!(job["problem"]["detail"].as_str().expect("text").contains("deadline_s"), "{job}");
+}
