@@ -5,10 +5,9 @@ use crate::context::{Cancelled, Context};
 use crate::math::{Contact, Frame, Hit, PairSearch, Tree, collinear, common_point, contact, to_unit_range};
 use crate::mesh::Parts;
 
-/// Steps that a search may take, and as many more for each face: some ten seconds, and a hundred times what a usual
-/// model needs.
-const STEPS: u64 = 250_000_000;
-const STEPS_A_FACE: u64 = 1_000;
+/// Steps that a search may take, and as many more for each face: some seconds, and many times what a usual model needs.
+const STEPS: u64 = 128_000_000;
+const STEPS_A_FACE: u64 = 500;
 /// Steps that a determinant counts for which floating point could not decide.
 const STEPS_A_SLOW_SIGN: u64 = 8;
 /// Pairs that are listed.
@@ -46,11 +45,20 @@ pub struct Intersections {
 /// # Errors
 /// [`Cancelled`] when the work should stop.
 pub fn intersections(analysis: &Analysis<'_>, context: &Context<'_>) -> Result<Intersections, Cancelled> {
+    let budget = STEPS + STEPS_A_FACE * analysis.surface.faces.len() as u64;
+    intersections_within(analysis, budget, context)
+}
+
+fn intersections_within(
+    analysis: &Analysis<'_>,
+    budget: u64,
+    context: &Context<'_>,
+) -> Result<Intersections, Cancelled> {
     let (unit, faces) = (analysis.unit(), &analysis.surface.faces);
     let flat = flat_faces(unit, faces);
     let search = PairSearch {
         look: |f: u32, g: u32, steps: &mut u64| look(unit, [faces, faces], [&flat, &flat], [f, g], steps),
-        budget: STEPS + STEPS_A_FACE * faces.len() as u64,
+        budget,
     };
     context.check()?;
     let tree = analysis.tree();
@@ -209,4 +217,34 @@ fn place(analysis: &Analysis<'_>, pair: &IntersectingPair) -> DVec3 {
     let largest = p.iter().chain(&q).fold(0.0f64, |m, x| m.max(x.abs().max_element()));
     let down = |t: [DVec3; 3]| t.map(|x| x / largest);
     common_point(&down(p), &down(q), pair.meeting == Meeting::Coplanar) * largest
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::atomic::AtomicBool;
+    use std::time::Duration;
+
+    use super::*;
+    use crate::context::NoProgress;
+    use crate::mesh::Soup;
+
+    #[test]
+    fn where_the_budget_ends_the_search_the_count_is_at_least_and_nothing_is_proven() {
+        let mut soup = Soup::default();
+        for i in 0..3000u32 {
+            let z = f64::from(i);
+            let p = [DVec3::new(0.0, 0.0, z), DVec3::new(4000.0, 1.0, 3000.0 - z), DVec3::new(1.0, 4000.0, 1500.0)];
+            soup.faces.push([3 * i, 3 * i + 1, 3 * i + 2]);
+            soup.positions.extend(p);
+        }
+        let (cancel, clock) = (AtomicBool::new(false), || Duration::ZERO);
+        let context = Context::new(&NoProgress, &cancel, &clock, Duration::MAX);
+        let analysis = Analysis::new((&soup).into(), &context).expect("nobody cancels");
+        let all = intersections_within(&analysis, u64::MAX, &context).expect("nobody cancels").counts;
+        let some = intersections_within(&analysis, 400_000, &context).expect("nobody cancels").counts;
+        assert!(all.complete && !some.complete);
+        assert!(some.pairs < all.pairs && some.pairs > Some(10_000), "{some:?} {all:?}");
+        let none = SelfIntersections { checked: true, pairs: Some(0), ..SelfIntersections::default() };
+        assert!(!none.proven_none());
+    }
 }
