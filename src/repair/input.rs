@@ -57,7 +57,10 @@ impl Input<'_> {
     pub fn report(&self, options: &Options) -> Report {
         let mut warnings = self.mesh.warnings.clone();
         warnings.extend(self.before.measures.left_out());
-        warnings.push("self-intersections were not checked by this version".to_owned());
+        let intersections = &self.before.measures.self_intersections;
+        if intersections.checked && !intersections.complete {
+            warnings.push("so many faces overlap that they were not all counted".to_owned());
+        }
         Report {
             version: REPORT_VERSION,
             engine: crate::ENGINE.to_owned(),

@@ -3,6 +3,7 @@
 
 mod analyze;
 mod formats;
+mod intersections;
 mod lost;
 #[path = "../support/meshes.rs"]
 mod meshes;

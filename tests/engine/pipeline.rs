@@ -178,6 +178,61 @@ fn what_tier_1_cannot_mend_goes_to_the_boolean_and_then_to_voxels() {
     assert!(voxels.voxel_size.unwrap() > 0.0 && voxels.program.as_ref().unwrap().kind == "fake");
 }
 
+/// Two cubes of `n` cells along a side, closed and each fine, of which one has a corner in the other.
+fn overlapping(n: u32) -> Soup {
+    join(&cube(DVec3::ZERO, 1.0, n), &cube(DVec3::new(0.9, 0.8, 0.7), 1.0, n))
+}
+
+#[test]
+fn a_closed_model_whose_faces_intersect_is_not_printable_and_goes_to_the_boolean() {
+    let beside = |x: f64| join(&cube(DVec3::ZERO, 1.0, 2), &cube(DVec3::new(x, 0.1, 0.2), 1.0, 2));
+    let fake = Fake::answering(vec![Ok(beside(1.0005))]);
+    let it = run(&beside(0.998), &Options::default(), Some(&fake));
+    let before = &it.report.before;
+    assert!(before.closed && before.outward && before.defects() == before.self_intersections.pairs.unwrap());
+    assert_eq!(it.report.plan.category, Category::MultipleComponents);
+    assert_eq!(fake.asked.borrow()[0].0, RemeshAction::BooleanUnion);
+    assert_eq!(it.report.outcome, Outcome::Repaired, "{:#?}", it.report);
+    assert!(it.report.after.unwrap().self_intersections.proven_none());
+}
+
+#[test]
+fn without_blender_a_model_whose_faces_intersect_comes_back_as_it_is_and_the_summary_says_why() {
+    let bytes = format::write(&overlapping(2), Format::Stl).unwrap();
+    let it = run_bytes(&bytes, &Options::default(), None).unwrap();
+    assert_eq!((it.report.outcome, &it.bytes), (Outcome::Unrepairable, &bytes));
+    assert!(it.report.summary.contains("pairs of intersecting faces"), "{}", it.report.summary);
+}
+
+#[test]
+fn a_result_with_fewer_intersecting_faces_is_better_than_one_with_more() {
+    // The union brings fewer pairs and the remesh after it more; both leave the model's extent.
+    let fake = Fake::answering(vec![Ok(overlapping(2)), Ok(overlapping(6))]);
+    let it = run(&overlapping(4), &Options::default(), Some(&fake));
+    let pairs: Vec<u64> = it.report.candidates.iter().map(|c| c.defects).collect();
+    assert!(pairs[1] < pairs[0] && pairs[0] < pairs[2], "{pairs:?}");
+    let chosen = it.report.candidates.iter().position(|c| c.chosen);
+    assert_eq!((it.report.outcome, chosen), (Outcome::PartiallyRepaired, Some(1)));
+}
+
+#[test]
+fn a_hole_closed_is_worth_faces_that_intersect() {
+    let mut soup = overlapping(2);
+    // A hole of two faces in the second cube, at the corner that is in the first: its patch crosses as they did.
+    let inside = |f: &[u32; 3]| f.iter().all(|&v| soup.positions[v as usize].max_element() < 1.35 && f[0] >= 144);
+    let gone: Vec<usize> = (0..soup.faces.len()).filter(|&f| inside(&soup.faces[f])).take(2).collect();
+    assert_eq!(gone.len(), 2);
+    let mut k = 0;
+    soup.faces.retain(|_| {
+        k += 1;
+        !gone.contains(&(k - 1))
+    });
+    let it = run(&soup, &Options::default(), None);
+    assert_eq!(it.report.outcome, Outcome::PartiallyRepaired, "{:#?}", it.report);
+    let after = it.report.after.unwrap();
+    assert!(after.printable_but_for_intersections() && after.self_intersections.pairs > Some(0));
+}
+
 #[test]
 fn a_result_that_lost_most_of_the_model_is_not_chosen() {
     let corner = || cube(DVec3::ZERO, 0.5, 1);
