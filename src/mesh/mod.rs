@@ -12,6 +12,7 @@ mod parts;
 mod soup;
 mod surface;
 mod union_find;
+mod weld;
 
 pub use edges::Edges;
 pub use extras::{CornerNormals, Numbering};
@@ -19,5 +20,6 @@ pub use fans::Fans;
 pub use loops::{BoundaryLoops, boundary_loops, count_boundary_chains};
 pub use parts::Parts;
 pub use soup::Soup;
-pub use surface::{Ingest, NO_SOURCE, Surface, weld_exactly};
+pub use surface::{Ingest, NO_SOURCE, Surface};
 pub use union_find::UnionFind;
+pub use weld::weld_exactly;

@@ -34,19 +34,18 @@ impl Parts {
                 sets.unite(pair[0] / 3, pair[1] / 3);
             }
         }
-        let mut number = vec![Self::NONE; surface.faces.len()];
+        let mut of_face = sets.into_roots();
         let mut count = 0u32;
-        let mut of_face = vec![Self::NONE; surface.faces.len()];
-        for (&[a, b, c], f) in surface.faces.iter().zip(0u32..) {
-            if a == b || b == c || c == a {
-                continue;
-            }
-            let root = sets.root(f) as usize;
-            if number[root] == Self::NONE {
-                number[root] = count;
+        for (f, &[a, b, c]) in surface.faces.iter().enumerate() {
+            of_face[f] = if a == b || b == c || c == a {
+                Self::NONE
+            } else if of_face[f] as usize == f {
                 count += 1;
-            }
-            of_face[f as usize] = number[root];
+                count - 1
+            } else {
+                // The root is smaller, so that it holds its number already.
+                of_face[of_face[f] as usize]
+            };
         }
         Self { of_face, count: count as usize }
     }
