@@ -34,10 +34,19 @@ impl Parts {
                 sets.unite(pair[0] / 3, pair[1] / 3);
             }
         }
+        Self::numbered(sets, |f| {
+            let [a, b, c] = surface.faces[f];
+            a != b && b != c && c != a
+        })
+    }
+
+    /// Numbers sets of faces in the order of their first face; where `counts` says no, a face stands alone and is in
+    /// no part.
+    pub(super) fn numbered(sets: UnionFind, counts: impl Fn(usize) -> bool) -> Self {
         let mut of_face = sets.into_roots();
         let mut count = 0u32;
-        for (f, &[a, b, c]) in surface.faces.iter().enumerate() {
-            of_face[f] = if a == b || b == c || c == a {
+        for f in 0..of_face.len() {
+            of_face[f] = if !counts(f) {
                 Self::NONE
             } else if of_face[f] as usize == f {
                 count += 1;
