@@ -16,32 +16,60 @@ const PROBES: u64 = 24;
 /// Probes that are granted beyond that, so that a few clusters in a small mesh do not matter.
 const PROBES_AT_LEAST: u64 = 1 << 16;
 
+/// Faces whose vertices are looked up at a time. Their look-ups begin together, so that they wait for memory together.
+const TOGETHER: usize = 64;
+
 /// Numbers vertices by first use, equal positions alike.
-pub(super) struct Welder<'a> {
+struct Welder<'a> {
     given: &'a [DVec3],
     /// For each given vertex its new number, [`UNUSED`] or [`LEFT_OUT`].
     number: Vec<u32>,
     index: Index,
     /// The positions of the new vertices.
-    pub(super) positions: Vec<DVec3>,
+    positions: Vec<DVec3>,
     /// Used vertices that stand at the position of another.
-    pub(super) merged: u64,
+    merged: u64,
 }
 
 impl<'a> Welder<'a> {
-    pub(super) fn new(given: &'a [DVec3]) -> Self {
+    fn new(given: &'a [DVec3]) -> Self {
         let index = Index::Hash(Table::with_room_for(given.len() / 4));
         Self { given, number: vec![UNUSED; given.len()], index, positions: Vec::new(), merged: 0 }
     }
 
-    /// The new number of a given vertex, which must be there and finite.
-    pub(super) fn number(&mut self, v: u32) -> u32 {
+    /// Gives the vertices of faces, which must be there and finite, their new numbers.
+    fn number(&mut self, faces: &mut [[u32; 3]]) {
+        let mut guesses = [EMPTY; 3 * TOGETHER];
+        for some in faces.chunks_mut(TOGETHER) {
+            let vertices = some.as_flattened_mut();
+            self.guess(vertices, &mut guesses);
+            for (v, &guess) in vertices.iter_mut().zip(&guesses) {
+                *v = self.number_of(*v, guess);
+            }
+        }
+    }
+
+    /// Looks where the hash table would look first for each vertex; a guess that is not [`EMPTY`] is right.
+    fn guess(&self, vertices: &[u32], guesses: &mut [u32]) {
+        let Index::Hash(table) = &self.index else { return guesses.fill(EMPTY) };
+        for (&v, guess) in vertices.iter().zip(&mut *guesses) {
+            *guess = table.places[table.first_place(self.given[v as usize])];
+        }
+        for (&v, guess) in vertices.iter().zip(guesses) {
+            if self.positions.get(*guess as usize) != Some(&self.given[v as usize]) {
+                *guess = EMPTY;
+            }
+        }
+    }
+
+    fn number_of(&mut self, v: u32, guess: u32) -> u32 {
         let known = self.number[v as usize];
         if known < LEFT_OUT {
             return known;
         }
         let position = self.given[v as usize];
-        let (number, is_new) = self.index.find_or_add(position, &self.positions);
+        let (number, is_new) =
+            if guess == EMPTY { self.index.find_or_add(position, &self.positions) } else { (guess, false) };
         if is_new {
             self.positions.push(position);
         } else {
@@ -52,7 +80,7 @@ impl<'a> Welder<'a> {
     }
 
     /// Notes that a face that is left out uses a vertex, if there is such a vertex.
-    pub(super) fn leave_out(&mut self, v: u32) {
+    fn leave_out(&mut self, v: u32) {
         if let Some(number) = self.number.get_mut(v as usize)
             && *number == UNUSED
         {
@@ -61,7 +89,7 @@ impl<'a> Welder<'a> {
     }
 
     /// How many given vertices no face has used.
-    pub(super) fn unused(&self) -> u64 {
+    fn unused(&self) -> u64 {
         self.number.iter().filter(|&&n| n == UNUSED).count() as u64
     }
 }
@@ -185,14 +213,18 @@ impl Surface {
         let mut welder = Welder::new(&soup.positions);
         let mut faces = Vec::with_capacity(soup.faces.len());
         let mut source = Vec::with_capacity(soup.faces.len());
-        for (&face, index) in soup.faces.iter().zip(0u32..) {
-            if face.iter().all(|&v| soup.positions.get(v as usize).is_some_and(|p| p.is_finite())) {
-                faces.push(face.map(|v| welder.number(v)));
-                source.push(index);
-            } else {
-                face.iter().for_each(|&v| welder.leave_out(v));
-                ingest.nonfinite_faces += 1;
+        for (some, first) in soup.faces.chunks(TOGETHER).zip((0u32..).step_by(TOGETHER)) {
+            let begin = faces.len();
+            for (&face, index) in some.iter().zip(first..) {
+                if face.iter().all(|&v| soup.positions.get(v as usize).is_some_and(|p| p.is_finite())) {
+                    faces.push(face);
+                    source.push(index);
+                } else {
+                    face.iter().for_each(|&v| welder.leave_out(v));
+                    ingest.nonfinite_faces += 1;
+                }
             }
+            welder.number(&mut faces[begin..]);
         }
         ingest.unreferenced_vertices = welder.unused();
         ingest.merged_vertices = welder.merged;
@@ -206,9 +238,7 @@ impl Surface {
 /// Answers how many used vertices were merged into another.
 pub fn weld_exactly(surface: &mut Surface) -> u64 {
     let mut welder = Welder::new(&surface.positions);
-    for v in surface.faces.iter_mut().flatten() {
-        *v = welder.number(*v);
-    }
+    welder.number(&mut surface.faces);
     let (positions, merged) = (welder.positions, welder.merged);
     surface.positions = positions;
     merged
@@ -274,18 +304,21 @@ mod tests {
         (0..count).map(|i| DVec3::new(number(i) % 9.0, number(i + 7) % 9.0, number(i + 13) % 9.0)).collect()
     }
 
+    /// The numbers of positions, one use of each after another, and whether the tree had to help.
     fn numbers(given: &[DVec3], table: Option<Table>) -> (Vec<u32>, bool) {
         let mut welder = Welder::new(given);
         if let Some(table) = table {
             welder.index = Index::Hash(table);
         }
-        let numbers = (0u32..).zip(given).map(|(v, _)| welder.number(v)).collect();
-        (numbers, matches!(welder.index, Index::Tree(_)))
+        let uses: Vec<u32> = (0u32..).zip(given).map(|(v, _)| v).collect();
+        let mut faces = uses.as_chunks::<3>().0.to_vec();
+        welder.number(&mut faces);
+        (faces.into_flattened(), matches!(welder.index, Index::Tree(_)))
     }
 
     #[test]
     fn numbers_are_those_that_comparing_with_all_before_gives() {
-        let given = crowded(2000);
+        let given = crowded(2001);
         let mut known: Vec<DVec3> = Vec::new();
         let slow: Vec<u32> = given
             .iter()
