@@ -86,6 +86,14 @@ impl Manifold {
         self.0.collapse_edge(h)
     }
 
+    /// Parts a vertex in two, as [`HalfEdgeMesh::split_vertex`] does.
+    ///
+    /// # Errors
+    /// [`Refused`], and nothing was changed.
+    pub fn split_vertex(&mut self, first: HalfEdgeId, last: HalfEdgeId, position: DVec3) -> Result<VertexId, Refused> {
+        self.0.split_vertex(first, last, position)
+    }
+
     /// Whether the type's promises hold; for tests.
     ///
     /// # Errors

@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use super::HalfEdgeMesh;
-use crate::mesh::{FaceId, HalfEdgeId, VertexId};
+use crate::mesh::{FaceId, HalfEdgeId, NO_SOURCE, VertexId};
 
 /// Why an edit was not made.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
@@ -108,13 +108,11 @@ impl HalfEdgeMesh {
     /// Draws an edge together: its origin moves into its destination, its faces go.
     ///
     /// ```text
-    ///       c               c
-    ///     / | \             |
-    ///   ./  |  \.         . | .      asks for the link condition (Dey, Edelsbrunner, Guha and Nekhayev 1999):
-    ///   a --h-> b   =>     -b-       a and b have no neighbours in common but those opposite the edge, they are
-    ///   .\  |  /.         . | .      not both on the boundary unless the edge is, and something is left
-    ///     \ | /             |        takes away one vertex, and one face for each face of the edge
-    ///       d               d
+    ///       c              c
+    ///     /   \            |        asks for the link condition (Dey, Edelsbrunner, Guha and Nekhayev 1999): a and b
+    ///   --a-h->b--  =>   --b--      have no neighbours in common but those opposite the edge, they are not both on
+    ///     \   /            |        the boundary unless the edge is, and something is left
+    ///       d              d        takes away one vertex, and one face for each face of the edge
     /// ```
     ///
     /// Answers the vertex that stays, where it was. Other handles stay.
@@ -146,6 +144,53 @@ impl HalfEdgeMesh {
             self.settle(x.next());
         }
         Ok(b)
+    }
+
+    /// Parts a vertex in two: the faces counter-clockwise from `first` to `last`, two half-edges that leave it, go to a
+    /// new vertex, and two faces close the gap. [`HalfEdgeMesh::collapse_edge`] from the new vertex to the old undoes it,
+    /// but where two faces lay on one another.
+    ///
+    /// ```text
+    ///        d                 d
+    ///        | last          /   \         asks for: two half-edges that leave the same vertex and have
+    ///   ---- v ----   =>  --v --- a--      twins, and no boundary between them
+    ///        | first         \   /         adds one vertex and two faces, which have no source
+    ///        c                 c
+    /// ```
+    ///
+    /// All handles stay; `first` then leaves the new vertex, `last` still the old.
+    ///
+    /// # Errors
+    /// [`Refused`], and nothing was changed.
+    pub fn split_vertex(&mut self, first: HalfEdgeId, last: HalfEdgeId, position: DVec3) -> Result<VertexId, Refused> {
+        let [first, last] = [self.present(first).ok_or(Refused::Missing)?, self.present(last).ok_or(Refused::Missing)?];
+        let v = self.origin(first);
+        if first == last || self.origin(last) != v {
+            return Err(Refused::Repeated(v));
+        }
+        let (Some(to_first), Some(to_last)) = (self.twin(first), self.twin(last)) else {
+            return Err(Refused::Boundary);
+        };
+        let moved = std::iter::successors(Some(first), |&h| self.twin(h.prev()).filter(|&next| next != last));
+        let moved: Vec<HalfEdgeId> = moved.collect();
+        if moved.last().is_none_or(|h| h.prev() != to_last) {
+            return Err(Refused::Boundary);
+        }
+        let (c, d) = (self.destination(first), self.destination(last));
+        let a = self.add_vertex(position);
+        for h in moved {
+            self.origin[h.index()] = Some(a);
+        }
+        let (at_c, at_d) = (self.push_face([v, c, a], NO_SOURCE), self.push_face([a, d, v], NO_SOURCE));
+        self.join(at_c, to_first);
+        self.join(at_c.next(), first);
+        self.join(at_d, to_last);
+        self.join(at_d.next(), last);
+        self.join(at_c.prev(), at_d.prev());
+        for leaving in [at_c, at_c.next(), at_c.prev(), at_d.next()] {
+            self.settle(leaving);
+        }
+        Ok(a)
     }
 
     /// The link of the edge is all that the links of its ends have in common, boundary edges taken as faces to one

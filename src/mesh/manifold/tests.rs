@@ -346,6 +346,49 @@ proptest! {
     }
 
     #[test]
+    fn a_vertex_parted_in_two_and_drawn_together_again_leaves_the_mesh_as_it_was(
+        faces in shapes(),
+        edits in edits(&[Edit::Flip, Edit::Split, Edit::Remove]),
+        at in any::<u32>(),
+    ) {
+        let mut before = mesh(faces).unwrap();
+        for (edit, at) in edits {
+            if let Some(h) = nth_half_edge(&before, at) {
+                try_edit(&mut before, edit, h, at);
+            }
+        }
+        let Some(first) = nth_half_edge(&before, at) else { return Ok(()) };
+        let v = before.origin(first);
+        let around: Vec<HalfEdgeId> = before.around(v).collect();
+        let from = around.iter().position(|&h| h == first).unwrap();
+        for (to, &last) in around.iter().enumerate() {
+            let mut mesh = before.clone();
+            let parted = mesh.split_vertex(first, last, DVec3::ONE);
+            mesh.check().unwrap();
+            // On the boundary the walk can't go on past its end, and its first half-edge has no twin.
+            let possible = first != last && (!before.is_boundary_vertex(v) || (0 < from && from < to));
+            prop_assert_eq!(parted.is_ok(), possible);
+            let Ok(a) = parted else {
+                prop_assert_eq!(&mesh, &before);
+                continue;
+            };
+            prop_assert_eq!((shape(&mesh), mesh.face_count()), (shape(&before), before.face_count() + 2));
+            prop_assert_eq!((mesh.origin(first), mesh.origin(last)), (a, v));
+            let moved = (to + around.len() - from) % around.len();
+            prop_assert_eq!(mesh.around(a).count(), moved + 2);
+            let undone = mesh.collapse_edge(mesh.find(a, v).unwrap());
+            mesh.check().unwrap();
+            if around.len() == 2 && !before.is_boundary_vertex(v) {
+                // Two faces on one another became a tetrahedron, which stays one.
+                prop_assert_eq!(undone, Err(Refused::Doubled));
+            } else {
+                prop_assert_eq!(undone, Ok(v));
+                prop_assert_eq!(faces_of(&mesh), faces_of(&before));
+            }
+        }
+    }
+
+    #[test]
     fn a_closed_mesh_stays_closed_and_keeps_its_genus(
         (n, m) in (3u32..6, 3u32..6),
         edits in edits(&[Edit::Flip, Edit::Split, Edit::Collapse, Edit::Collapse]),
