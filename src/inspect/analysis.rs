@@ -57,10 +57,13 @@ impl<'a> Analysis<'a> {
         context.check()?;
         let edges = Edges::new(&surface.faces);
         context.check()?;
-        let parts = Parts::new(&surface, &edges);
-        let fans = Fans::new(&surface, &edges);
+        let parts_and_solids = || {
+            let parts = Parts::new(&surface, &edges);
+            let solids = solids(&surface, &edges, &parts);
+            (parts, solids)
+        };
+        let ((parts, solids), fans) = rayon::join(parts_and_solids, || Fans::new(&surface, &edges));
         context.check()?;
-        let solids = solids(&surface, &edges, &parts);
         let (unit, tree) = (OnceLock::new(), OnceLock::new());
         Ok(Self { subject, surface, ingest, edges, parts, fans, solids, unit, tree })
     }

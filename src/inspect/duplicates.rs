@@ -26,30 +26,47 @@ impl FaceGroups {
     }
 }
 
-/// Groups faces that have the same three vertices.
+/// Groups faces that have the same three vertices: distributes them over their smallest vertex by counting, and sorts
+/// the few of each.
 #[must_use]
 pub fn group_faces(faces: &[[u32; 3]]) -> FaceGroups {
-    let mut sorted: Vec<([u32; 3], u32)> = faces
-        .iter()
-        .zip(0u32..)
-        .map(|(&face, f)| {
-            let mut key = face;
-            key.sort_unstable();
-            (key, f)
-        })
-        .collect();
-    sorted.sort_unstable();
-    let mut groups = FaceGroups { order: sorted.iter().map(|&(_, f)| f).collect(), start: Vec::new() };
-    let mut last = None;
-    for (&(key, _), at) in sorted.iter().zip(0u32..) {
-        if last != Some(key) {
-            groups.start.push(at);
-            last = Some(key);
-        }
+    let vertices = faces.iter().flatten().max().map_or(0, |&v| v as usize + 1);
+    let mut end = vec![0u32; vertices];
+    let smallest = |face: &[u32; 3]| face[0].min(face[1]).min(face[2]);
+    for face in faces {
+        end[smallest(face) as usize] += 1;
     }
-    #[expect(clippy::cast_possible_truncation, reason = "faces are counted in u32")]
-    groups.start.push(sorted.len() as u32);
-    groups
+    let mut total = 0;
+    for count in &mut end {
+        total += std::mem::replace(count, total);
+    }
+    let mut order = vec![0u32; faces.len()];
+    for (face, f) in faces.iter().zip(0u32..) {
+        let next = &mut end[smallest(face) as usize];
+        order[*next as usize] = f;
+        *next += 1;
+    }
+    let key = |f: u32| {
+        let mut key = faces[f as usize];
+        key.sort_unstable();
+        key
+    };
+    let mut start = Vec::with_capacity(faces.len() + 1);
+    let mut begin = 0;
+    for end in end {
+        let among = &mut order[begin as usize..end as usize];
+        among.sort_unstable_by_key(|&f| (key(f), f));
+        let mut last = None;
+        for (&f, at) in among.iter().zip(begin..) {
+            let key = key(f);
+            if last.replace(key) != Some(key) {
+                start.push(at);
+            }
+        }
+        begin = end;
+    }
+    start.push(total);
+    FaceGroups { order, start }
 }
 
 #[cfg(test)]

@@ -37,8 +37,8 @@ pub fn measures(analysis: &Analysis<'_>, context: &Context<'_>) -> Result<Measur
     it.parts = parts.count as u64;
     it.nonmanifold_vertices = fans.nonmanifold_vertices;
     it.boundary_loops = count_boundary_chains(edges, fans);
-    it.degenerate_faces = count_degenerate(analysis);
-    it.duplicate_faces = (surface.faces.len() - group_faces(&surface.faces).len()) as u64;
+    let count_duplicate = || (surface.faces.len() - group_faces(&surface.faces).len()) as u64;
+    (it.degenerate_faces, it.duplicate_faces) = rayon::join(|| count_degenerate(analysis), count_duplicate);
     context.check()?;
     let mut balanced = true;
     it.consistent = true;
@@ -61,17 +61,16 @@ pub fn measures(analysis: &Analysis<'_>, context: &Context<'_>) -> Result<Measur
     it.outward = it.closed && it.manifold && it.consistent && it.inverted_parts == 0;
     let bounds = Box3::of(surface.positions.iter().copied());
     it.bounding_box = Some(BoundingBox { min: bounds.min.to_array(), max: bounds.max.to_array() });
-    it.area = (0..surface.faces.len()).map(|f| surface.area_vector(f).length() / 2.0).sum();
     let about = bounds.centre();
-    let value = (0..surface.faces.len())
-        .map(|f| {
-            let [a, b, c] = surface.corners(f).map(|p| p - about);
-            a.dot(b.cross(c)) / 6.0
-        })
-        .sum();
+    let tetrahedron = |f: usize| {
+        let [a, b, c] = surface.corners(f).map(|p| p - about);
+        a.dot(b.cross(c)) / 6.0
+    };
+    let area = || (0..surface.faces.len()).map(|f| surface.area_vector(f).length() / 2.0).sum();
+    let (area, value): (f64, f64) = rayon::join(area, || (0..surface.faces.len()).map(tetrahedron).sum());
     // Surface that is written twice counts twice.
     it.volume = Volume { value: finite(value), reliable: it.closed && balanced && it.duplicate_faces == 0 };
-    it.area = finite(it.area);
+    it.area = finite(area);
     Ok(it)
 }
 

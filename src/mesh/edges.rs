@@ -1,49 +1,73 @@
-/// The edges of a list of faces, found by sorting.
+/// The edges of a list of faces, in order of their vertices.
 ///
 /// A half-edge is named by its corner `3 * face + i` and runs from corner `i` of the face to corner `i + 1`. Faces
 /// with a repeated vertex have no half-edges here.
 #[derive(Debug, Clone, Default)]
 pub struct Edges {
-    keys: Vec<u64>,
+    /// The vertices of each edge, the smaller first.
+    ends: Vec<[u32; 2]>,
+    /// For each vertex the first edge of which it is the smaller one, and the end.
+    from: Vec<u32>,
+    /// For each edge the first of its half-edges in `half_edges`, and the end.
     start: Vec<u32>,
     half_edges: Vec<u32>,
 }
 
 impl Edges {
-    /// Sorts the half-edges of `faces`, of which there must be fewer than 2^32 / 3.
+    /// Finds the edges of `faces`, of which there must be fewer than 2^32 / 3: distributes the half-edges over their
+    /// smaller vertices by counting, and sorts the few of each vertex.
     #[must_use]
     pub fn new(faces: &[[u32; 3]]) -> Self {
-        let mut sorted: Vec<(u64, u32)> = Vec::with_capacity(faces.len() * 3);
-        for (&[a, b, c], corner) in faces.iter().zip((0u32..).step_by(3)) {
-            if a != b && b != c && c != a {
-                sorted.push((key(a, b), corner));
-                sorted.push((key(b, c), corner + 1));
-                sorted.push((key(c, a), corner + 2));
+        let vertices = faces.iter().flatten().max().map_or(0, |&v| v as usize + 1);
+        let mut from = vec![0u32; vertices + 1];
+        for_each_half_edge(faces, |_, a, b| from[a.min(b) as usize] += 1);
+        let mut total = 0;
+        for count in &mut from {
+            total += std::mem::replace(count, total);
+        }
+        // The larger vertex above the half-edge, so that sorting groups edges and orders their half-edges by face.
+        let mut sorted = vec![0u64; total as usize];
+        for_each_half_edge(faces, |half_edge, a, b| {
+            let next = &mut from[a.min(b) as usize];
+            sorted[*next as usize] = u64::from(a.max(b)) << 32 | u64::from(half_edge);
+            *next += 1;
+        });
+        // `from` now holds where each vertex ends, which is where the following one begins.
+        let mut edges = Self { half_edges: Vec::with_capacity(sorted.len()), ..Self::default() };
+        edges.ends.reserve(sorted.len() / 2);
+        edges.start.reserve(sorted.len() / 2 + 1);
+        let mut begin = 0;
+        for (low, end) in (0u32..).zip(&mut from) {
+            let of_low = &mut sorted[begin..*end as usize];
+            begin = *end as usize;
+            *end = index(edges.ends.len());
+            of_low.sort_unstable();
+            let mut last = None;
+            for &entry in &*of_low {
+                let [high, half_edge] = [(entry >> 32) as u32, low_half(entry)];
+                if last != Some(high) {
+                    last = Some(high);
+                    edges.start.push(index(edges.half_edges.len()));
+                    edges.ends.push([low, high]);
+                }
+                edges.half_edges.push(half_edge);
             }
         }
-        sorted.sort_unstable();
-        let mut edges = Self { half_edges: sorted.iter().map(|&(_, h)| h).collect(), ..Self::default() };
-        for (&(key, _), at) in sorted.iter().zip(0u32..) {
-            if edges.keys.last() != Some(&key) {
-                edges.keys.push(key);
-                edges.start.push(at);
-            }
-        }
-        #[expect(clippy::cast_possible_truncation, reason = "three for each face")]
-        edges.start.push(sorted.len() as u32);
+        edges.start.push(total);
+        edges.from = from;
         edges
     }
 
     /// How many different edges there are.
     #[must_use]
     pub fn len(&self) -> usize {
-        self.keys.len()
+        self.ends.len()
     }
 
     /// Whether there is no edge.
     #[must_use]
     pub fn is_empty(&self) -> bool {
-        self.keys.is_empty()
+        self.ends.is_empty()
     }
 
     /// The two vertices of an edge, the smaller first.
@@ -51,9 +75,8 @@ impl Edges {
     /// # Panics
     /// When there is no such edge.
     #[must_use]
-    #[expect(clippy::cast_possible_truncation, reason = "two halves of a key")]
     pub fn vertices(&self, edge: usize) -> [u32; 2] {
-        [(self.keys[edge] >> 32) as u32, self.keys[edge] as u32]
+        self.ends[edge]
     }
 
     /// The half-edges along an edge, in order of their faces.
@@ -67,14 +90,38 @@ impl Edges {
 
     /// The half-edges of every edge, in order of the edges.
     pub fn iter(&self) -> impl Iterator<Item = &[u32]> {
-        (0..self.len()).map(|e| self.half_edges(e))
+        self.start.windows(2).map(|w| &self.half_edges[w[0] as usize..w[1] as usize])
     }
 
     /// The edge between two vertices, in either direction.
     #[must_use]
     pub fn find(&self, a: u32, b: u32) -> Option<usize> {
-        self.keys.binary_search(&key(a, b)).ok()
+        let (low, high) = (a.min(b) as usize, a.max(b));
+        let [begin, end] = [*self.from.get(low)? as usize, *self.from.get(low + 1)? as usize];
+        let among = &self.ends[begin..end];
+        among.binary_search_by_key(&high, |ends| ends[1]).ok().map(|at| begin + at)
     }
+}
+
+/// Calls `each` with every half-edge, where it starts and where it ends.
+fn for_each_half_edge(faces: &[[u32; 3]], mut each: impl FnMut(u32, u32, u32)) {
+    for (&[a, b, c], corner) in faces.iter().zip((0u32..).step_by(3)) {
+        if a != b && b != c && c != a {
+            each(corner, a, b);
+            each(corner + 1, b, c);
+            each(corner + 2, c, a);
+        }
+    }
+}
+
+#[expect(clippy::cast_possible_truncation, reason = "the lower half is meant")]
+fn low_half(entry: u64) -> u32 {
+    entry as u32
+}
+
+#[expect(clippy::cast_possible_truncation, reason = "there are fewer than 2^32 half-edges")]
+fn index(count: usize) -> u32 {
+    count as u32
 }
 
 /// Where a half-edge starts.
@@ -110,10 +157,6 @@ impl Edges {
     }
 }
 
-fn key(a: u32, b: u32) -> u64 {
-    u64::from(a.min(b)) << 32 | u64::from(a.max(b))
-}
-
 #[cfg(test)]
 #[allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 mod tests {
@@ -134,5 +177,32 @@ mod tests {
     #[test]
     fn a_face_with_a_repeated_vertex_has_no_edges() {
         assert!(Edges::new(&[[4, 4, 1]]).is_empty());
+    }
+
+    #[test]
+    fn edges_and_their_half_edges_stand_in_the_order_of_a_sorted_list() {
+        let mut state = 1u32;
+        let mut random = |below: u32| {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            (state >> 16) % below
+        };
+        let faces: Vec<[u32; 3]> = (0..300).map(|_| [random(40), random(40), random(40)]).collect();
+        let mut sorted: Vec<([u32; 2], u32)> = Vec::new();
+        for (face, corner) in faces.iter().zip((0u32..).step_by(3)) {
+            let [a, b, c] = *face;
+            if a != b && b != c && c != a {
+                let ends = [[a, b], [b, c], [c, a]].map(|[p, q]| [p.min(q), p.max(q)]);
+                sorted.extend(ends.into_iter().zip(corner..));
+            }
+        }
+        sorted.sort_unstable();
+        let edges = Edges::new(&faces);
+        let found = (0..edges.len()).flat_map(|e| edges.half_edges(e).iter().map(move |&h| (e, h)));
+        assert!(found.map(|(e, h)| (edges.vertices(e), h)).eq(sorted.iter().copied()));
+        for e in 0..edges.len() {
+            let [a, b] = edges.vertices(e);
+            assert_eq!((edges.find(a, b), edges.find(b, a)), (Some(e), Some(e)));
+        }
+        assert_eq!((edges.find(3, 3), edges.find(39, 77), edges.find(77, 78)), (None, None, None));
     }
 }

@@ -27,19 +27,17 @@ impl Fans {
                 sets.unite(at_high(pair[0]), at_high(pair[1]));
             }
         }
-        let mut of_corner = vec![u32::MAX; faces.len() * 3];
+        let mut of_corner = sets.into_roots();
         let mut fans_at = vec![0u8; surface.positions.len()];
-        for (&[a, b, c], f) in faces.iter().zip(0u32..) {
+        for (corners, &[a, b, c]) in of_corner.as_chunks_mut::<3>().0.iter_mut().zip(faces) {
             if a == b || b == c || c == a {
-                continue;
+                *corners = [u32::MAX; 3];
             }
-            for corner in 3 * f..3 * f + 3 {
-                let root = sets.root(corner);
-                of_corner[corner as usize] = root;
-                if root == corner {
-                    let count = &mut fans_at[origin(faces, corner) as usize];
-                    *count = count.saturating_add(1);
-                }
+        }
+        for (&root, corner) in of_corner.iter().zip(0u32..) {
+            if root == corner {
+                let count = &mut fans_at[origin(faces, corner) as usize];
+                *count = count.saturating_add(1);
             }
         }
         Self { of_corner, nonmanifold_vertices: fans_at.iter().filter(|&&n| n > 1).count() as u64 }

@@ -2,22 +2,32 @@
 //!
 //! [`Soup`] is what a file says and promises nothing. [`Surface`] is finite, indexed and welded at equal positions,
 //! and remembers which input face each face comes from; it may still be non-manifold, open or wrongly turned. What
-//! holds beyond that is asked of its [`Edges`], [`Parts`] and [`Fans`].
+//! holds beyond that is asked of its [`Edges`], [`Parts`] and [`Fans`]. [`HalfEdgeMesh`] is oriented and manifold but
+//! may have boundary; [`Manifold`] is closed. Those two are entered by `TryFrom`, which names the first edge or vertex
+//! in the way, and edited by operations that keep what they promise.
 
 mod edges;
 mod extras;
+mod fan_walk;
 mod fans;
+mod ids;
 mod loops;
+mod manifold;
 mod parts;
 mod soup;
 mod surface;
 mod union_find;
+mod weld;
 
 pub use edges::Edges;
 pub use extras::{CornerNormals, Numbering};
+pub use fan_walk::FanWalk;
 pub use fans::Fans;
+pub use ids::{EdgeId, FaceId, HalfEdgeId, VertexId};
 pub use loops::{BoundaryLoops, boundary_loops, count_boundary_chains};
+pub use manifold::{HalfEdgeMesh, Manifold, NotManifold, Refused};
 pub use parts::Parts;
 pub use soup::Soup;
-pub use surface::{Ingest, NO_SOURCE, Surface, weld_exactly};
+pub use surface::{Ingest, NO_SOURCE, Surface};
 pub use union_find::UnionFind;
+pub use weld::weld_exactly;

@@ -34,19 +34,27 @@ impl Parts {
                 sets.unite(pair[0] / 3, pair[1] / 3);
             }
         }
-        let mut number = vec![Self::NONE; surface.faces.len()];
+        Self::numbered(sets, |f| {
+            let [a, b, c] = surface.faces[f];
+            a != b && b != c && c != a
+        })
+    }
+
+    /// Numbers sets of faces in the order of their first face; where `counts` says no, a face stands alone and is in
+    /// no part.
+    pub(super) fn numbered(sets: UnionFind, counts: impl Fn(usize) -> bool) -> Self {
+        let mut of_face = sets.into_roots();
         let mut count = 0u32;
-        let mut of_face = vec![Self::NONE; surface.faces.len()];
-        for (&[a, b, c], f) in surface.faces.iter().zip(0u32..) {
-            if a == b || b == c || c == a {
-                continue;
-            }
-            let root = sets.root(f) as usize;
-            if number[root] == Self::NONE {
-                number[root] = count;
+        for f in 0..of_face.len() {
+            of_face[f] = if !counts(f) {
+                Self::NONE
+            } else if of_face[f] as usize == f {
                 count += 1;
-            }
-            of_face[f as usize] = number[root];
+                count - 1
+            } else {
+                // The root is smaller, so that it holds its number already.
+                of_face[of_face[f] as usize]
+            };
         }
         Self { of_face, count: count as usize }
     }

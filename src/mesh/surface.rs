@@ -31,33 +31,6 @@ pub struct Ingest {
 }
 
 impl Surface {
-    /// Drops non-finite faces and merges vertices at exactly equal positions; `-0.0` equals `0.0`.
-    #[must_use]
-    pub fn from_soup(soup: &Soup) -> (Self, Ingest) {
-        let mut ingest = Ingest::default();
-        let finite: Vec<bool> = soup.positions.iter().map(|p| p.is_finite()).collect();
-        let mut referenced = vec![false; soup.positions.len()];
-        let mut faces = Vec::with_capacity(soup.faces.len());
-        let mut source = Vec::with_capacity(soup.faces.len());
-        for (&face, index) in soup.faces.iter().zip(0u32..) {
-            for v in face {
-                if let Some(it) = referenced.get_mut(v as usize) {
-                    *it = true;
-                }
-            }
-            if face.iter().all(|&v| finite.get(v as usize).is_some_and(|&f| f)) {
-                faces.push(face);
-                source.push(index);
-            } else {
-                ingest.nonfinite_faces += 1;
-            }
-        }
-        ingest.unreferenced_vertices = referenced.iter().filter(|&&r| !r).count() as u64;
-        let mut surface = Self { positions: soup.positions.clone(), faces, source };
-        ingest.merged_vertices = weld_exactly(&mut surface);
-        (surface, ingest)
-    }
-
     /// The triangles alone.
     #[must_use]
     pub fn to_soup(&self) -> Soup {
@@ -142,79 +115,14 @@ impl Surface {
     }
 }
 
-/// Merges vertices at exactly equal positions (the first used one stays) and drops those that no face uses.
-/// Answers how many used vertices were merged into another.
-pub fn weld_exactly(surface: &mut Surface) -> u64 {
-    surface.drop_unreferenced();
-    // By sorting, not by hashing: no input makes it slow, and the order is the same everywhere.
-    let mut order: Vec<([u64; 3], u32)> = surface.positions.iter().map(|&p| position_key(p)).zip(0..).collect();
-    order.sort_unstable();
-    let mut target = vec![0u32; order.len()];
-    let (mut first, mut merged) = (0usize, 0u64);
-    for i in 0..order.len() {
-        if order[i].0 == order[first].0 {
-            merged += u64::from(i != first);
-        } else {
-            first = i;
-        }
-        target[order[i].1 as usize] = order[first].1;
-    }
-    if merged > 0 {
-        for v in surface.faces.iter_mut().flatten() {
-            *v = target[*v as usize];
-        }
-        surface.drop_unreferenced();
-    }
-    merged
-}
-
 fn position_key(p: DVec3) -> [u64; 3] {
     // Adding 0.0 turns -0.0 into 0.0.
     p.to_array().map(|x| (x + 0.0).to_bits())
 }
 
 #[cfg(test)]
-#[allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 mod tests {
     use super::*;
-
-    fn soup() -> Soup {
-        Soup {
-            positions: vec![
-                DVec3::X,
-                DVec3::new(9.0, 9.0, 9.0),
-                DVec3::Y,
-                DVec3::new(-0.0, 0.0, 0.0),
-                DVec3::new(0.0, -0.0, 0.0),
-                DVec3::X,
-                DVec3::NAN,
-            ],
-            faces: vec![[3, 0, 2], [5, 4, 2], [0, 2, 6]],
-        }
-    }
-
-    #[test]
-    fn equal_positions_become_one_vertex_and_minus_zero_equals_zero() {
-        let (surface, ingest) = Surface::from_soup(&soup());
-        assert_eq!(surface.positions, [DVec3::ZERO, DVec3::X, DVec3::Y]);
-        assert_eq!(surface.faces, [[0, 1, 2], [1, 0, 2]]);
-        assert_eq!(ingest.merged_vertices, 2);
-        surface.check().unwrap();
-    }
-
-    #[test]
-    fn faces_that_are_not_finite_are_dropped_and_counted() {
-        let (surface, ingest) = Surface::from_soup(&soup());
-        assert_eq!(surface.source, [0, 1]);
-        assert_eq!(ingest.nonfinite_faces, 1);
-        assert_eq!(ingest.unreferenced_vertices, 1);
-    }
-
-    #[test]
-    fn an_index_out_of_range_does_not_panic() {
-        let soup = Soup { positions: vec![DVec3::ZERO], faces: vec![[0, 7, 0]] };
-        assert_eq!(Surface::from_soup(&soup).1.nonfinite_faces, 1);
-    }
 
     #[test]
     fn dropping_unreferenced_vertices_keeps_the_order_of_first_use() {

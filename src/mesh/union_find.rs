@@ -30,4 +30,34 @@ impl UnionFind {
             self.parent[a.max(b) as usize] = a.min(b);
         }
     }
+
+    /// For each member the smallest member of its set.
+    #[must_use]
+    pub fn into_roots(mut self) -> Vec<u32> {
+        // A parent is never larger than its child, so that it has its root already.
+        for x in 0..self.parent.len() {
+            self.parent[x] = self.parent[self.parent[x] as usize];
+        }
+        self.parent
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_member_of_a_set_has_its_smallest_as_root() {
+        let mut sets = UnionFind::new(7);
+        for (a, b) in [(6, 5), (5, 2), (4, 3), (3, 1), (6, 4)] {
+            sets.unite(a, b);
+        }
+        let one_by_one: Vec<u32> = (0..7).map(|x| sets.root(x)).collect();
+        assert_eq!(one_by_one, [0, 1, 1, 1, 1, 1, 1]);
+        let mut fresh = UnionFind::new(7);
+        for (a, b) in [(6, 5), (5, 2), (4, 3), (3, 1)] {
+            fresh.unite(a, b);
+        }
+        assert_eq!(fresh.into_roots(), [0, 1, 2, 1, 1, 2, 2]);
+    }
 }

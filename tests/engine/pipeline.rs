@@ -188,12 +188,12 @@ fn a_closed_model_whose_faces_intersect_is_not_printable_and_goes_to_the_boolean
     let beside = |x: f64| join(&cube(DVec3::ZERO, 1.0, 2), &cube(DVec3::new(x, 0.1, 0.2), 1.0, 2));
     let fake = Fake::answering(vec![Ok(beside(1.0005))]);
     let it = run(&beside(0.998), &Options::default(), Some(&fake));
-    let before = &it.report.before;
+    let before = &it.report.before.measures;
     assert!(before.closed && before.outward && before.defects() == before.self_intersections.pairs.unwrap());
     assert_eq!(it.report.plan.category, Category::MultipleComponents);
     assert_eq!(fake.asked.borrow()[0].0, RemeshAction::BooleanUnion);
     assert_eq!(it.report.outcome, Outcome::Repaired, "{:#?}", it.report);
-    assert!(it.report.after.unwrap().self_intersections.proven_none());
+    assert!(it.report.after.unwrap().measures.self_intersections.proven_none());
 }
 
 #[test]

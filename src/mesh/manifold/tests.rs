@@ -1,0 +1,435 @@
+#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+use glam::DVec3;
+use proptest::prelude::*;
+
+use super::{HalfEdgeMesh, Manifold, NotManifold, Refused};
+use crate::mesh::{
+    Edges, FaceId, Fans, HalfEdgeId, NO_SOURCE, Parts, Surface, VertexId, boundary_loops, count_boundary_chains,
+};
+
+fn surface(faces: Vec<[u32; 3]>) -> Surface {
+    let n = faces.iter().flatten().max().map_or(0, |m| m + 1);
+    let source = (0u32..).take(faces.len()).collect();
+    Surface { positions: (0..n).map(|i| DVec3::splat(f64::from(i))).collect(), faces, source }
+}
+
+fn mesh(faces: Vec<[u32; 3]>) -> Result<HalfEdgeMesh, NotManifold> {
+    let mesh = HalfEdgeMesh::try_from(&surface(faces))?;
+    mesh.check().unwrap();
+    Ok(mesh)
+}
+
+fn tetrahedron() -> Vec<[u32; 3]> {
+    vec![[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]]
+}
+
+fn octahedron() -> Vec<[u32; 3]> {
+    vec![[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5]]
+}
+
+fn torus(n: u32, m: u32) -> Vec<[u32; 3]> {
+    let at = |i: u32, j: u32| (i % n) * m + j % m;
+    let quads = (0..n).flat_map(|i| (0..m).map(move |j| (i, j)));
+    quads
+        .flat_map(|(i, j)| {
+            let [a, b, c, d] = [at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)];
+            [[a, b, c], [a, c, d]]
+        })
+        .collect()
+}
+
+/// A strip of `n` quads that closes to a ring with two boundary loops.
+fn ring(n: u32) -> Vec<[u32; 3]> {
+    let at = |i: u32, side: u32| (i % n) * 2 + side;
+    (0..n).flat_map(|i| [[at(i, 0), at(i + 1, 0), at(i + 1, 1)], [at(i, 0), at(i + 1, 1), at(i, 1)]]).collect()
+}
+
+fn two_shells() -> Vec<[u32; 3]> {
+    let moved = tetrahedron().into_iter().map(|face| face.map(|v| v + 6));
+    octahedron().into_iter().chain(moved).collect()
+}
+
+fn v(index: u32) -> VertexId {
+    VertexId::new(index)
+}
+
+#[test]
+fn the_first_face_edge_or_vertex_in_the_way_is_named() {
+    assert_eq!(mesh(vec![[0, 1, 2], [3, 4, 3]]), Err(NotManifold::BadFace { face: FaceId::new(1) }));
+    let mut outside = surface(vec![[0, 1, 2]]);
+    outside.positions.pop();
+    assert_eq!(HalfEdgeMesh::try_from(&outside), Err(NotManifold::BadFace { face: FaceId::new(0) }));
+    let three = vec![[5, 6, 7], [0, 1, 2], [1, 0, 3], [0, 1, 4]];
+    assert_eq!(mesh(three), Err(NotManifold::ManyFaces { ends: [v(0), v(1)], faces: 3, face: FaceId::new(1) }));
+    let faces = [FaceId::new(0), FaceId::new(1)];
+    assert_eq!(mesh(vec![[0, 1, 2], [0, 1, 3]]), Err(NotManifold::SameDirection { ends: [v(0), v(1)], faces }));
+    assert_eq!(mesh(vec![[1, 0, 2], [0, 3, 4]]), Err(NotManifold::ManyFans { vertex: v(0) }));
+    let open = Manifold::try_from(mesh(vec![[3, 4, 5]]).unwrap());
+    assert_eq!(open, Err(NotManifold::Open { ends: [v(3), v(4)], face: FaceId::new(0) }));
+}
+
+#[test]
+fn a_vertex_that_two_tetrahedra_share_is_refused() {
+    let other = tetrahedron().into_iter().map(|face| face.map(|v| v + 3));
+    let faces = tetrahedron().into_iter().chain(other).collect();
+    assert_eq!(mesh(faces), Err(NotManifold::ManyFans { vertex: v(3) }));
+}
+
+#[test]
+fn closed_meshes_have_the_euler_characteristic_of_their_genus() {
+    for (faces, expected) in
+        [(tetrahedron(), 2), (octahedron(), 2), (torus(3, 3), 0), (torus(4, 5), 0), (two_shells(), 4)]
+    {
+        let manifold = Manifold::try_from(&surface(faces)).unwrap();
+        manifold.check().unwrap();
+        assert_eq!(manifold.euler_characteristic(), expected);
+        assert!(manifold.half_edges().all(|h| manifold.twin(manifold.twin(h)) == h));
+    }
+}
+
+#[test]
+fn walking_around_a_vertex_turns_counter_clockwise_and_begins_on_the_boundary() {
+    let closed = mesh(octahedron()).unwrap();
+    assert_eq!(closed.neighbours(v(4)).collect::<Vec<_>>(), [0, 2, 1, 3].map(v));
+    let fan = mesh(vec![[0, 2, 3], [0, 3, 4], [0, 1, 2]]).unwrap();
+    assert_eq!(fan.neighbours(v(0)).collect::<Vec<_>>(), [1, 2, 3, 4].map(v));
+    assert_eq!(fan.around(v(0)).map(HalfEdgeId::face).collect::<Vec<_>>(), [2, 0, 1].map(FaceId::new));
+    assert!(fan.is_boundary_vertex(v(0)) && !closed.is_boundary_vertex(v(4)));
+}
+
+#[test]
+fn a_ring_has_two_boundary_loops_along_its_faces() {
+    let ring = mesh(ring(4)).unwrap();
+    let loops = ring.boundary_loops();
+    let origins: Vec<Vec<u32>> = loops.iter().map(|l| l.iter().map(|&h| ring.origin(h).raw()).collect()).collect();
+    assert_eq!(origins, [[0, 2, 4, 6], [3, 1, 7, 5]]);
+    assert_eq!(ring.euler_characteristic(), 0);
+}
+
+#[test]
+fn the_last_edges_of_a_tetrahedron_and_of_a_triangle_do_not_collapse() {
+    let mut closed = mesh(tetrahedron()).unwrap();
+    let mut triangle = mesh(vec![[0, 1, 2]]).unwrap();
+    let untouched = (closed.clone(), triangle.clone());
+    let h = HalfEdgeId::new(0);
+    assert_eq!(closed.collapse_edge(h), Err(Refused::Doubled));
+    assert_eq!(triangle.collapse_edge(h), Err(Refused::Doubled));
+    assert_eq!(closed.flip_edge(h), Err(Refused::Doubled));
+    assert_eq!(triangle.flip_edge(h), Err(Refused::Boundary));
+    assert_eq!((closed, triangle), untouched);
+}
+
+#[test]
+fn flipping_an_edge_twice_more_than_once_brings_the_faces_back() {
+    let before = mesh(octahedron()).unwrap();
+    let mut mesh = before.clone();
+    let h = mesh.find(v(2), v(4)).unwrap();
+    mesh.flip_edge(h).unwrap();
+    assert!(!mesh.are_neighbours(v(2), v(4)) && mesh.are_neighbours(v(0), v(1)));
+    mesh.flip_edge(h).unwrap();
+    assert_eq!(faces_of(&mesh), faces_of(&before));
+}
+
+#[test]
+fn splitting_an_edge_and_collapsing_the_new_one_brings_the_faces_back() {
+    for faces in [octahedron(), ring(5)] {
+        let before = mesh(faces).unwrap();
+        for h in before.half_edges() {
+            let mut mesh = before.clone();
+            let m = mesh.split_edge(h, DVec3::splat(0.5)).unwrap();
+            mesh.check().unwrap();
+            assert_eq!((mesh.destination(h), mesh.position(m)), (m, DVec3::splat(0.5)));
+            let back = mesh.find(m, before.origin(h)).or_else(|| mesh.find(m, before.destination(h))).unwrap();
+            mesh.collapse_edge(back).unwrap();
+            mesh.check().unwrap();
+            assert_eq!(faces_of(&mesh), faces_of(&before));
+        }
+    }
+}
+
+#[test]
+fn a_mesh_taken_apart_face_by_face_and_put_together_again_is_the_same() {
+    let mut before = mesh(octahedron()).unwrap();
+    for h in [0, 7, 11, 19, 2, 30].map(HalfEdgeId::new) {
+        before.split_edge(h, DVec3::ONE).unwrap();
+    }
+    let mut mesh = before.clone();
+    let mut taken = Vec::new();
+    while mesh.face_count() > 0 {
+        // From the boundary inward, so that what is left is always a disc.
+        let closed = mesh.boundary_loops().is_empty();
+        let outer = |f: FaceId| closed || f.half_edges().iter().any(|&h| mesh.is_boundary(h));
+        let next = mesh.faces().find(|&f| outer(f) && mesh.clone().remove_face(f).is_ok()).unwrap();
+        taken.push((mesh.corners(next), mesh.source(next)));
+        mesh.remove_face(next).unwrap();
+        mesh.check().unwrap();
+    }
+    for (corners, source) in taken.into_iter().rev() {
+        mesh.add_face(corners, source).unwrap();
+        mesh.check().unwrap();
+    }
+    assert_eq!(faces_of(&mesh), faces_of(&before));
+    let sources = |mesh: &HalfEdgeMesh| {
+        let mut of: Vec<u32> = mesh.faces().map(|f| mesh.source(f)).collect();
+        of.sort_unstable();
+        of
+    };
+    assert_eq!(sources(&mesh), sources(&before));
+}
+
+#[test]
+fn going_to_a_surface_leaves_gaps_behind() {
+    let mut mesh = mesh(octahedron()).unwrap();
+    mesh.remove_face(FaceId::new(0)).unwrap();
+    mesh.collapse_edge(mesh.find(v(1), v(3)).unwrap()).unwrap();
+    let surface = mesh.to_surface();
+    surface.check().unwrap();
+    assert_eq!((surface.faces.len(), surface.positions.len()), (5, 5));
+    assert_eq!(surface.source, [1, 3, 4, 5, 7]);
+}
+
+/// The faces, each from its smallest vertex on, sorted.
+fn faces_of(mesh: &HalfEdgeMesh) -> Vec<[u32; 3]> {
+    sorted(mesh.faces().map(|f| mesh.corners(f).map(VertexId::raw)).collect())
+}
+
+fn sorted(mut faces: Vec<[u32; 3]>) -> Vec<[u32; 3]> {
+    for face in &mut faces {
+        let least = (0..3).min_by_key(|&i| face[i]).unwrap();
+        face.rotate_left(least);
+    }
+    faces.sort_unstable();
+    faces
+}
+
+/// An edit on a list of faces, as its words say; a list that is no mesh is an edit that must be refused.
+struct Oracle {
+    faces: Vec<[u32; 3]>,
+    vertices: usize,
+}
+
+impl Oracle {
+    fn of(mesh: &HalfEdgeMesh) -> Self {
+        Self { faces: faces_of(mesh), vertices: mesh.positions.len() }
+    }
+
+    fn without(&self, dropped: impl Fn(&[u32; 3]) -> bool, added: &[[u32; 3]]) -> Vec<[u32; 3]> {
+        let kept = self.faces.iter().filter(|f| !dropped(f)).chain(added).copied();
+        sorted(kept.collect())
+    }
+
+    fn mesh(&self, faces: &[[u32; 3]]) -> Option<HalfEdgeMesh> {
+        let positions = vec![DVec3::ZERO; self.vertices];
+        let source = vec![NO_SOURCE; faces.len()];
+        HalfEdgeMesh::try_from(&Surface { positions, faces: faces.to_vec(), source }).ok()
+    }
+}
+
+/// How many different sets of vertices the faces have.
+fn group_count(faces: &[[u32; 3]]) -> usize {
+    let mut sets = faces.to_vec();
+    sets.iter_mut().for_each(|face| face.sort_unstable());
+    sets.sort_unstable();
+    sets.dedup();
+    sets.len()
+}
+
+fn has(face: &[u32; 3], vertices: &[u32]) -> bool {
+    vertices.iter().all(|v| face.contains(v))
+}
+
+/// What an edit does to the shape as a whole.
+fn shape(mesh: &HalfEdgeMesh) -> (i64, usize, usize) {
+    (mesh.euler_characteristic(), mesh.boundary_loops().len(), mesh.shells().count)
+}
+
+#[derive(Debug, Clone, Copy)]
+enum Edit {
+    Flip,
+    Split,
+    Collapse,
+    Remove,
+    Add,
+}
+
+/// Makes the edit at the half-edge, and asks that it is made just when the oracle's result is a mesh, with its faces.
+fn try_edit(mesh: &mut HalfEdgeMesh, edit: Edit, h: HalfEdgeId, at: u32) {
+    let before = mesh.clone();
+    let oracle = Oracle::of(mesh);
+    let [a, b, c] = [h, h.next(), h.prev()].map(|h| before.origin(h).raw());
+    let d = before.twin(h).map(|t| before.origin(t.prev()).raw());
+    let m = u32::try_from(oracle.vertices).unwrap();
+    let (done, expected) = match edit {
+        Edit::Flip => {
+            let turned = d.map(|d| oracle.without(|f| has(f, &[a, b]), &[[c, a, d], [d, b, c]]));
+            (mesh.flip_edge(h).is_ok(), turned.filter(|f| oracle.mesh(f).is_some()))
+        }
+        Edit::Split => {
+            let mut halves = vec![[a, m, c], [m, b, c]];
+            halves.extend(d.into_iter().flat_map(|d| [[b, m, d], [m, a, d]]));
+            let wider = Oracle { vertices: oracle.vertices + 1, faces: oracle.faces.clone() };
+            let cut = Some(wider.without(|f| has(f, &[a, b]), &halves)).filter(|f| wider.mesh(f).is_some());
+            (mesh.split_edge(h, DVec3::ONE).is_ok(), cut)
+        }
+        Edit::Collapse => {
+            let moved: Vec<[u32; 3]> = oracle.without(|f| has(f, &[a, b]), &[]);
+            let moved = sorted(moved.into_iter().map(|f| f.map(|v| if v == a { b } else { v })).collect());
+            // The link condition keeps complexes: no two faces fall on one another, and no other vertex goes.
+            let doubled = |f: &[[u32; 3]]| f.len() - group_count(f);
+            let same = |f: &Vec<[u32; 3]>| {
+                doubled(f) == doubled(&oracle.faces)
+                    && oracle
+                        .mesh(f)
+                        .is_some_and(|m| shape(&m) == shape(&before) && m.vertex_count() + 1 == before.vertex_count())
+            };
+            (mesh.collapse_edge(h).is_ok(), Some(moved).filter(same))
+        }
+        Edit::Remove => {
+            let rest = oracle.without(|f| has(f, &[a, b, c]) && *f == sorted(vec![[a, b, c]])[0], &[]);
+            (mesh.remove_face(h.face()).is_ok(), Some(rest).filter(|f| oracle.mesh(f).is_some()))
+        }
+        Edit::Add => {
+            // Most often across two edges of the boundary, sometimes to any vertex.
+            let far = mesh.next_on_boundary(h).map_or(at % m, |next| mesh.destination(next).raw());
+            let third = if at.is_multiple_of(4) { at % m } else { far };
+            let more = oracle.without(|_| false, &[[b, a, third]]);
+            (mesh.add_face([b, a, third].map(v), NO_SOURCE).is_ok(), Some(more).filter(|f| oracle.mesh(f).is_some()))
+        }
+    };
+    assert_eq!(done, expected.is_some(), "{edit:?} of {h} from {a} to {b} in {:?}", oracle.faces);
+    mesh.check().unwrap();
+    match expected {
+        Some(faces) => assert_eq!(faces_of(mesh), faces),
+        None => assert_eq!(*mesh, before, "a refused edit changed something"),
+    }
+    if matches!(edit, Edit::Flip | Edit::Split | Edit::Collapse) {
+        assert_eq!(shape(mesh), shape(&before));
+    }
+}
+
+fn shapes() -> impl Strategy<Value = Vec<[u32; 3]>> {
+    prop_oneof![
+        Just(tetrahedron()),
+        Just(octahedron()),
+        Just(two_shells()),
+        Just(vec![[0, 1, 2], [0, 2, 1]]),
+        (3u32..6, 3u32..6).prop_map(|(n, m)| torus(n, m)),
+        (3u32..7).prop_map(ring),
+    ]
+}
+
+fn edits(kinds: &'static [Edit]) -> impl Strategy<Value = Vec<(Edit, u32)>> {
+    prop::collection::vec((prop::sample::select(kinds), any::<u32>()), 1..60)
+}
+
+fn nth_half_edge(mesh: &HalfEdgeMesh, at: u32) -> Option<HalfEdgeId> {
+    mesh.half_edges().nth(at as usize % (3 * mesh.face_count()).max(1))
+}
+
+proptest! {
+    #[test]
+    fn every_edit_is_made_just_when_its_result_is_a_mesh_and_gives_that_mesh(
+        faces in shapes(),
+        edits in edits(&[Edit::Flip, Edit::Split, Edit::Collapse, Edit::Remove, Edit::Remove, Edit::Add, Edit::Add]),
+    ) {
+        let mut mesh = mesh(faces).unwrap();
+        for (edit, at) in edits {
+            let Some(h) = nth_half_edge(&mesh, at) else { break };
+            // An edge to add a face to is looked for on the boundary.
+            let h = match edit {
+                Edit::Add => mesh.boundary_loops().first().map_or(h, |l| l[at as usize % l.len()]),
+                _ => h,
+            };
+            try_edit(&mut mesh, edit, h, at);
+        }
+    }
+
+    #[test]
+    fn a_vertex_parted_in_two_and_drawn_together_again_leaves_the_mesh_as_it_was(
+        faces in shapes(),
+        edits in edits(&[Edit::Flip, Edit::Split, Edit::Remove]),
+        at in any::<u32>(),
+    ) {
+        let mut before = mesh(faces).unwrap();
+        for (edit, at) in edits {
+            if let Some(h) = nth_half_edge(&before, at) {
+                try_edit(&mut before, edit, h, at);
+            }
+        }
+        let Some(first) = nth_half_edge(&before, at) else { return Ok(()) };
+        let v = before.origin(first);
+        let around: Vec<HalfEdgeId> = before.around(v).collect();
+        let from = around.iter().position(|&h| h == first).unwrap();
+        for (to, &last) in around.iter().enumerate() {
+            let mut mesh = before.clone();
+            let parted = mesh.split_vertex(first, last, DVec3::ONE);
+            mesh.check().unwrap();
+            // On the boundary the walk can't go on past its end, and its first half-edge has no twin.
+            let possible = first != last && (!before.is_boundary_vertex(v) || (0 < from && from < to));
+            prop_assert_eq!(parted.is_ok(), possible);
+            let Ok(a) = parted else {
+                prop_assert_eq!(&mesh, &before);
+                continue;
+            };
+            prop_assert_eq!((shape(&mesh), mesh.face_count()), (shape(&before), before.face_count() + 2));
+            prop_assert_eq!((mesh.origin(first), mesh.origin(last)), (a, v));
+            let moved = (to + around.len() - from) % around.len();
+            prop_assert_eq!(mesh.around(a).count(), moved + 2);
+            let undone = mesh.collapse_edge(mesh.find(a, v).unwrap());
+            mesh.check().unwrap();
+            if around.len() == 2 && !before.is_boundary_vertex(v) {
+                // Two faces on one another became a tetrahedron, which stays one.
+                prop_assert_eq!(undone, Err(Refused::Doubled));
+            } else {
+                prop_assert_eq!(undone, Ok(v));
+                prop_assert_eq!(faces_of(&mesh), faces_of(&before));
+            }
+        }
+    }
+
+    #[test]
+    fn a_closed_mesh_stays_closed_and_keeps_its_genus(
+        (n, m) in (3u32..6, 3u32..6),
+        edits in edits(&[Edit::Flip, Edit::Split, Edit::Collapse, Edit::Collapse]),
+    ) {
+        let mut manifold = Manifold::try_from(&surface(torus(n, m))).unwrap();
+        for (edit, at) in edits {
+            let h = nth_half_edge(&manifold, at).unwrap();
+            let faces = manifold.face_count();
+            let (done, change) = match edit {
+                Edit::Flip => (manifold.flip_edge(h).is_ok(), 0),
+                Edit::Split => (manifold.split_edge(h, DVec3::ONE).is_ok(), 2),
+                _ => (manifold.collapse_edge(h).is_ok(), -2),
+            };
+            manifold.check().unwrap();
+            prop_assert_eq!(manifold.face_count(), faces.saturating_add_signed(if done { change } else { 0 }));
+            prop_assert_eq!((manifold.euler_characteristic(), manifold.shells().count), (0, 1));
+        }
+    }
+
+    #[test]
+    fn loops_and_shells_are_those_that_the_surface_has(
+        faces in shapes(),
+        edits in edits(&[Edit::Remove, Edit::Collapse, Edit::Flip]),
+    ) {
+        let mut mesh = mesh(faces).unwrap();
+        for (edit, at) in edits {
+            if let Some(h) = nth_half_edge(&mesh, at) {
+                try_edit(&mut mesh, edit, h, at);
+            }
+        }
+        let surface = mesh.to_surface();
+        let edges = Edges::new(&surface.faces);
+        let fans = Fans::new(&surface, &edges);
+        prop_assert_eq!(mesh.shells().count, Parts::new(&surface, &edges).count);
+        prop_assert_eq!(mesh.boundary_loops().len() as u64, count_boundary_chains(&edges, &fans));
+        let loops = boundary_loops(&surface, &edges, &fans);
+        prop_assert_eq!(loops.left, 0);
+        let lengths = |of: Vec<usize>| { let mut of = of; of.sort_unstable(); of };
+        prop_assert_eq!(
+            lengths(mesh.boundary_loops().iter().map(Vec::len).collect()),
+            lengths(loops.simple.iter().map(Vec::len).collect())
+        );
+    }
+}

@@ -1,0 +1,347 @@
+use std::collections::BTreeMap;
+
+use glam::DVec3;
+
+use super::{Ingest, Soup, Surface};
+
+/// Not used by any face yet.
+const UNUSED: u32 = u32::MAX;
+/// Used, but only by faces that were left out.
+const LEFT_OUT: u32 = u32::MAX - 1;
+/// An empty place of the hash table.
+const EMPTY: u32 = u32::MAX;
+/// Places of the hash table that one look-up may pass on average. Linear probing at a load of 3/4 passes 7.5 for a
+/// position that is not there (Knuth, The Art of Computer Programming 3, 6.4) and far fewer for one that is.
+const PROBES: u64 = 24;
+/// Probes that are granted beyond that, so that a few clusters in a small mesh do not matter.
+const PROBES_AT_LEAST: u64 = 1 << 16;
+
+/// Faces whose vertices are looked up at a time. Their look-ups begin together, so that they wait for memory together.
+const TOGETHER: usize = 64;
+
+/// Numbers vertices by first use, equal positions alike.
+struct Welder<'a> {
+    given: &'a [DVec3],
+    /// For each given vertex its new number, [`UNUSED`] or [`LEFT_OUT`].
+    number: Vec<u32>,
+    index: Index,
+    /// The positions of the new vertices.
+    positions: Vec<DVec3>,
+    /// Used vertices that stand at the position of another.
+    merged: u64,
+}
+
+impl<'a> Welder<'a> {
+    fn new(given: &'a [DVec3]) -> Self {
+        let index = Index::Hash(Table::with_room_for(given.len() / 4));
+        Self { given, number: vec![UNUSED; given.len()], index, positions: Vec::new(), merged: 0 }
+    }
+
+    /// Gives the vertices of faces, which must be there and finite, their new numbers.
+    fn number(&mut self, faces: &mut [[u32; 3]]) {
+        let mut guesses = [EMPTY; 3 * TOGETHER];
+        for some in faces.chunks_mut(TOGETHER) {
+            let vertices = some.as_flattened_mut();
+            self.guess(vertices, &mut guesses);
+            for (v, &guess) in vertices.iter_mut().zip(&guesses) {
+                *v = self.number_of(*v, guess);
+            }
+        }
+    }
+
+    /// Looks where the hash table would look first for each vertex; a guess that is not [`EMPTY`] is right.
+    fn guess(&self, vertices: &[u32], guesses: &mut [u32]) {
+        let Index::Hash(table) = &self.index else { return guesses.fill(EMPTY) };
+        for (&v, guess) in vertices.iter().zip(&mut *guesses) {
+            *guess = table.places[table.first_place(self.given[v as usize])];
+        }
+        for (&v, guess) in vertices.iter().zip(guesses) {
+            if self.positions.get(*guess as usize) != Some(&self.given[v as usize]) {
+                *guess = EMPTY;
+            }
+        }
+    }
+
+    fn number_of(&mut self, v: u32, guess: u32) -> u32 {
+        let known = self.number[v as usize];
+        if known < LEFT_OUT {
+            return known;
+        }
+        let position = self.given[v as usize];
+        let (number, is_new) =
+            if guess == EMPTY { self.index.find_or_add(position, &self.positions) } else { (guess, false) };
+        if is_new {
+            self.positions.push(position);
+        } else {
+            self.merged += 1;
+        }
+        self.number[v as usize] = number;
+        number
+    }
+
+    /// Notes that a face that is left out uses a vertex, if there is such a vertex.
+    fn leave_out(&mut self, v: u32) {
+        if let Some(number) = self.number.get_mut(v as usize)
+            && *number == UNUSED
+        {
+            *number = LEFT_OUT;
+        }
+    }
+
+    /// How many given vertices no face has used.
+    fn unused(&self) -> u64 {
+        self.number.iter().filter(|&&n| n == UNUSED).count() as u64
+    }
+}
+
+/// The numbers of known positions. Hashing has a fixed function, so that a file can be made to hit one place again and
+/// again: what costs more probes than chance explains is looked up in a tree from then on, O(log n) whatever comes.
+enum Index {
+    Hash(Table),
+    Tree(BTreeMap<[u64; 3], u32>),
+}
+
+impl Index {
+    /// The number of a position and whether it is new; new ones are numbered on. `known` has the position of each number.
+    fn find_or_add(&mut self, position: DVec3, known: &[DVec3]) -> (u32, bool) {
+        #[expect(clippy::cast_possible_truncation, reason = "no more than there were indices")]
+        let next = known.len() as u32;
+        if let Self::Hash(table) = self {
+            if let Some(found) = table.find_or_add(position, known, next) {
+                return (found, found == next);
+            }
+            *self = Self::Tree(known.iter().map(|&p| key(p)).zip(0..).collect());
+        }
+        let Self::Tree(tree) = self else { unreachable!("the table was replaced") };
+        let found = *tree.entry(key(position)).or_insert(next);
+        (found, found == next)
+    }
+}
+
+/// Open addressing with linear probing over the numbers of positions; the positions themselves are the keys.
+struct Table {
+    places: Vec<u32>,
+    /// How far a hash is shifted so that its highest bits name a place.
+    shift: u32,
+    used: usize,
+    /// Probes that are left, see [`PROBES`].
+    probes_left: u64,
+}
+
+impl Table {
+    fn with_room_for(positions: usize) -> Self {
+        let bits = positions.next_power_of_two().trailing_zeros().max(4);
+        Self { places: vec![EMPTY; 1 << bits], shift: 64 - bits, used: 0, probes_left: PROBES_AT_LEAST }
+    }
+
+    /// None when the probes are spent; nothing was added then.
+    fn find_or_add(&mut self, position: DVec3, known: &[DVec3], next: u32) -> Option<u32> {
+        if self.used * 4 >= self.places.len() * 3 {
+            self.grow(known)?;
+        }
+        self.probes_left += PROBES;
+        let mut at = self.first_place(position);
+        loop {
+            let found = self.places[at];
+            if found == EMPTY {
+                self.places[at] = next;
+                self.used += 1;
+                return Some(next);
+            }
+            if known[found as usize] == position {
+                return Some(found);
+            }
+            at = self.after(at)?;
+        }
+    }
+
+    fn grow(&mut self, known: &[DVec3]) -> Option<()> {
+        self.shift -= 1;
+        let places = self.places.len() * 2;
+        // The old table goes before the new one comes, so that both are never in memory.
+        self.places = Vec::new();
+        self.places = vec![EMPTY; places];
+        self.probes_left += PROBES * known.len() as u64;
+        for (&position, number) in known.iter().zip(0u32..) {
+            let mut at = self.first_place(position);
+            while self.places[at] != EMPTY {
+                at = self.after(at)?;
+            }
+            self.places[at] = number;
+        }
+        Some(())
+    }
+
+    fn first_place(&self, position: DVec3) -> usize {
+        #[expect(clippy::cast_possible_truncation, reason = "as many bits as the table has")]
+        {
+            (hash(position) >> self.shift) as usize
+        }
+    }
+
+    fn after(&mut self, at: usize) -> Option<usize> {
+        self.probes_left = self.probes_left.checked_sub(1)?;
+        Some((at + 1) & (self.places.len() - 1))
+    }
+}
+
+/// Folded multiplication, once for each coordinate (as in wyhash, Wang Yi 2019); the constants are digits of pi.
+fn hash(position: DVec3) -> u64 {
+    let [x, y, z] = key(position);
+    let fold = |a: u64, b: u64| {
+        let product = u128::from(a) * u128::from(b);
+        #[expect(clippy::cast_possible_truncation, reason = "two halves of a product")]
+        {
+            (product as u64) ^ ((product >> 64) as u64)
+        }
+    };
+    let h = fold(x ^ 0x243f_6a88_85a3_08d3, 0x1319_8a2e_0370_7345);
+    let h = fold(h ^ y, 0xa409_3822_299f_31d1);
+    fold(h ^ z, 0x082e_fa98_ec4e_6c89)
+}
+
+/// Equal for equal positions; adding 0.0 turns -0.0 into 0.0.
+fn key(position: DVec3) -> [u64; 3] {
+    position.to_array().map(|x| (x + 0.0).to_bits())
+}
+
+impl Surface {
+    /// Drops non-finite faces and merges vertices at exactly equal positions; `-0.0` equals `0.0`.
+    #[must_use]
+    pub fn from_soup(soup: &Soup) -> (Self, Ingest) {
+        let mut ingest = Ingest::default();
+        let mut welder = Welder::new(&soup.positions);
+        let mut faces = Vec::with_capacity(soup.faces.len());
+        let mut source = Vec::with_capacity(soup.faces.len());
+        for (some, first) in soup.faces.chunks(TOGETHER).zip((0u32..).step_by(TOGETHER)) {
+            let begin = faces.len();
+            for (&face, index) in some.iter().zip(first..) {
+                if face.iter().all(|&v| soup.positions.get(v as usize).is_some_and(|p| p.is_finite())) {
+                    faces.push(face);
+                    source.push(index);
+                } else {
+                    face.iter().for_each(|&v| welder.leave_out(v));
+                    ingest.nonfinite_faces += 1;
+                }
+            }
+            welder.number(&mut faces[begin..]);
+        }
+        ingest.unreferenced_vertices = welder.unused();
+        ingest.merged_vertices = welder.merged;
+        let mut positions = welder.positions;
+        positions.shrink_to_fit();
+        (Self { positions, faces, source }, ingest)
+    }
+}
+
+/// Merges vertices at exactly equal positions (the first used one stays) and drops those that no face uses.
+/// Answers how many used vertices were merged into another.
+pub fn weld_exactly(surface: &mut Surface) -> u64 {
+    let mut welder = Welder::new(&surface.positions);
+    welder.number(&mut surface.faces);
+    let (positions, merged) = (welder.positions, welder.merged);
+    surface.positions = positions;
+    merged
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "a test fails by panicking")]
+mod tests {
+    use super::*;
+
+    fn soup() -> Soup {
+        Soup {
+            positions: vec![
+                DVec3::X,
+                DVec3::new(9.0, 9.0, 9.0),
+                DVec3::Y,
+                DVec3::new(-0.0, 0.0, 0.0),
+                DVec3::new(0.0, -0.0, 0.0),
+                DVec3::X,
+                DVec3::NAN,
+            ],
+            faces: vec![[3, 0, 2], [5, 4, 2], [0, 2, 6]],
+        }
+    }
+
+    #[test]
+    fn equal_positions_become_one_vertex_and_minus_zero_equals_zero() {
+        let (surface, ingest) = Surface::from_soup(&soup());
+        assert_eq!(surface.positions, [DVec3::ZERO, DVec3::X, DVec3::Y]);
+        assert_eq!(surface.faces, [[0, 1, 2], [1, 0, 2]]);
+        assert_eq!(ingest.merged_vertices, 2);
+        surface.check().unwrap();
+    }
+
+    #[test]
+    fn faces_that_are_not_finite_are_dropped_and_counted() {
+        let (surface, ingest) = Surface::from_soup(&soup());
+        assert_eq!(surface.source, [0, 1]);
+        assert_eq!(ingest.nonfinite_faces, 1);
+        assert_eq!(ingest.unreferenced_vertices, 1);
+    }
+
+    #[test]
+    fn an_index_out_of_range_does_not_panic() {
+        let soup = Soup { positions: vec![DVec3::ZERO], faces: vec![[0, 7, 0]] };
+        let (_, ingest) = Surface::from_soup(&soup);
+        assert_eq!((ingest.nonfinite_faces, ingest.unreferenced_vertices), (1, 0));
+    }
+
+    #[test]
+    fn a_vertex_of_a_dropped_face_is_still_welded_when_a_later_face_uses_it() {
+        let mut soup = soup();
+        soup.faces.rotate_right(1);
+        let (surface, ingest) = Surface::from_soup(&soup);
+        assert_eq!(surface.positions, [DVec3::ZERO, DVec3::X, DVec3::Y]);
+        assert_eq!((ingest.merged_vertices, ingest.unreferenced_vertices), (2, 1));
+        assert_eq!(surface.source, [1, 2]);
+    }
+
+    /// Positions on a small grid, so that many are equal.
+    fn crowded(count: u32) -> Vec<DVec3> {
+        let number = |i: u32| f64::from(i.wrapping_mul(2_654_435_761) >> 22);
+        (0..count).map(|i| DVec3::new(number(i) % 9.0, number(i + 7) % 9.0, number(i + 13) % 9.0)).collect()
+    }
+
+    /// The numbers of positions, one use of each after another, and whether the tree had to help.
+    fn numbers(given: &[DVec3], table: Option<Table>) -> (Vec<u32>, bool) {
+        let mut welder = Welder::new(given);
+        if let Some(table) = table {
+            welder.index = Index::Hash(table);
+        }
+        let uses: Vec<u32> = (0u32..).zip(given).map(|(v, _)| v).collect();
+        let mut faces = uses.as_chunks::<3>().0.to_vec();
+        welder.number(&mut faces);
+        (faces.into_flattened(), matches!(welder.index, Index::Tree(_)))
+    }
+
+    #[test]
+    fn numbers_are_those_that_comparing_with_all_before_gives() {
+        let given = crowded(2001);
+        let mut known: Vec<DVec3> = Vec::new();
+        let slow: Vec<u32> = given
+            .iter()
+            .map(|p| {
+                let found = known.iter().position(|k| k == p).unwrap_or(known.len());
+                if found == known.len() {
+                    known.push(*p);
+                }
+                u32::try_from(found).unwrap()
+            })
+            .collect();
+        assert_eq!(numbers(&given, None), (slow.clone(), false));
+        assert_eq!(numbers(&given, Some(Table::with_room_for(1))), (slow, false), "grown from the least table");
+    }
+
+    #[test]
+    fn positions_made_to_collide_are_welded_by_the_tree_with_the_same_numbers() {
+        // Of any table's places their hashes name only the first thousandth.
+        let hostile = (0u32..).map(|i| DVec3::new(f64::from(i), 0.5, 0.25)).filter(|&p| hash(p) >> 54 == 0);
+        let mut given: Vec<DVec3> = hostile.take(3000).collect();
+        given.extend_from_within(..);
+        let (attacked, by_tree) = numbers(&given, None);
+        assert!(by_tree, "the probes should have been spent");
+        assert!(attacked.into_iter().eq((0..3000).chain(0..3000)));
+    }
+}
