@@ -230,7 +230,7 @@ fn a_hole_closed_is_worth_faces_that_intersect() {
     let it = run(&soup, &Options::default(), None);
     assert_eq!(it.report.outcome, Outcome::PartiallyRepaired, "{:#?}", it.report);
     let after = it.report.after.unwrap();
-    assert!(after.printable_but_for_intersections() && after.self_intersections.pairs > Some(0));
+    assert!(after.measures.printable_but_for_intersections() && after.measures.self_intersections.pairs > Some(0));
 }
 
 #[test]
