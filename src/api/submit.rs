@@ -33,7 +33,7 @@ const NAME_CHARS: usize = 200;
 #[derive(ToSchema)]
 #[expect(dead_code, reason = "it describes the form in the OpenAPI document; the parts are read as they come")]
 pub(super) struct SubmitForm {
-    /// The model: STL, OBJ, PLY or OFF.
+    /// The model: STL, OBJ, PLY, OFF or Vertex/Face text.
     #[schema(value_type = String, format = Binary)]
     file: Vec<u8>,
     /// How to repair, as JSON.

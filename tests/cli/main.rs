@@ -76,7 +76,7 @@ fn bad_input_is_code_two_with_the_place_and_nothing_is_written() {
     for (args, expected) in [
         (["repair", "in.stl", "-o", "out.stl"].as_slice(), "line 4"),
         (&["repair", "missing.stl", "-o", "out.stl"], "missing.stl"),
-        (&["repair", "in.stl", "-o", "out.xyz"], ".stl, .obj, .ply or .off"),
+        (&["repair", "in.stl", "-o", "out.xyz"], ".stl, .obj, .ply, .off or .mesh"),
         (&["repair", "in.stl", "-o", "out.stl", "--max-tier", "7"], "max_tier"),
         (&["repair", "in.stl", "-o", "out.stl", "--preset", "magic"], "magic"),
         (&["inspect", "in.stl"], "line 4"),
@@ -92,7 +92,7 @@ fn bad_input_is_code_two_with_the_place_and_nothing_is_written() {
 fn the_output_s_ending_is_its_format() {
     let desk = Desk::new();
     desk.put("in.stl", &files::broken_box());
-    for name in ["out.stl", "out.obj", "out.ply", "out.OFF"] {
+    for name in ["out.stl", "out.obj", "out.ply", "out.OFF", "out.mesh"] {
         let output = desk.run(&["repair", "in.stl", "-o", name, "--max-tier", "1"]);
         assert_eq!(code(&output), 0, "{}", said(&output));
         let found = read(&desk.get(name), &Limits::default()).expect("a model");
