@@ -1,7 +1,7 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::{Analysis, DefectGroup, Findings, Measures, Subject, measures};
+use super::{Analysis, Characteristics, DefectGroup, Findings, Measures, Subject, characteristics, measures};
 use crate::context::{Cancelled, Context};
 
 /// The version of [`Inspection`]'s structure.
@@ -50,6 +50,9 @@ pub struct Inspection {
     /// Counts, attributes and sizes.
     #[serde(flatten)]
     pub measures: Measures,
+    /// Attributes, statistics and parts.
+    #[serde(flatten)]
+    pub characteristics: Characteristics,
     /// What is wrong where, by kind.
     pub defects: Vec<DefectGroup>,
 }
@@ -65,11 +68,13 @@ pub fn inspect(
 ) -> Result<(Inspection, Findings), Cancelled> {
     let analysis = Analysis::new(subject, context)?;
     let measures = measures(&analysis, context)?;
+    let characteristics = characteristics(&analysis, &measures, options.level, context)?;
     let findings = Findings::new(subject.soup.faces.len(), options.places.max(MOST_PLACES));
     let inspection = Inspection {
         version: INSPECTION_VERSION,
         level: options.level,
         measures,
+        characteristics,
         defects: findings.groups(options.places),
     };
     Ok((inspection, findings))

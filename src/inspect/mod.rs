@@ -4,21 +4,33 @@
 //! puts all of it in one [`Inspection`].
 
 mod analysis;
+mod attributes;
+mod characteristics;
+mod distribution;
 mod duplicates;
+mod elements;
 mod findings;
 mod inspection;
 mod lost;
 mod measure;
 mod measures;
 mod nesting;
+mod shells;
 mod solids;
+mod statistics;
 
 pub use analysis::{Analysis, Subject};
+pub use attributes::{Answer, Attributes, Unmeasurable};
+pub use characteristics::{Characteristics, characteristics};
+pub use distribution::{Bins, Distribution, Histogram, Spacing};
 pub use duplicates::{FaceGroups, group_faces};
+pub use elements::Elements;
 pub use findings::{Defect, DefectGroup, DefectKind, Findings, Meeting};
 pub use inspection::{INSPECTION_VERSION, InspectOptions, Inspection, Level, inspect};
 pub use lost::surface_lost_pct;
 pub use measure::{measure, measures};
 pub use measures::{BoundingBox, Measures, SelfIntersections, Volume};
 pub use nesting::nesting_depths;
+pub use shells::{Shell, Shells, Turning, shells};
 pub use solids::{Solid, doubled_areas, solids};
+pub use statistics::{EdgeAngles, Side, Statistics, statistics};

@@ -16,7 +16,7 @@ mod union_find;
 pub use edges::Edges;
 pub use extras::{CornerNormals, Numbering};
 pub use fans::Fans;
-pub use loops::{BoundaryLoops, boundary_loops, count_boundary_chains};
+pub use loops::{BoundaryLoops, boundary_chains, boundary_loops, count_boundary_chains};
 pub use parts::Parts;
 pub use soup::Soup;
 pub use surface::{Ingest, NO_SOURCE, Surface, weld_exactly};
