@@ -9,7 +9,7 @@ pub struct Elements {
     /// Vertices in the file.
     pub vertices: u64,
     /// Used vertices of the file that can't be told from another one, since they stand at its position. None where no
-    /// two faces share a vertex of the file, as in STL, which has no numbers: there, it is the rule.
+    /// vertex of the file is used twice, as in STL, which has no numbers: there, it is the rule.
     pub indistinguishable_vertices: Option<u64>,
     /// Faces that name a vertex more than once, by its number or by its position.
     pub repeated_vertex_faces: u64,
@@ -33,7 +33,7 @@ impl Elements {
         let (soup, numbering) = (analysis.subject.soup, analysis.subject.numbering);
         let mut used = vec![false; soup.positions.len()];
         let mut used_before = |v: u32| used.get_mut(v as usize).is_some_and(|it| std::mem::replace(it, true));
-        let shared = soup.faces.iter().flatten().fold(false, |shared, &v| used_before(v) || shared);
+        let shared = soup.faces.iter().flatten().any(|&v| used_before(v));
         let faces = &analysis.surface.faces;
         let repeated = faces.iter().filter(|[a, b, c]| a == b || b == c || c == a).count() as u64;
         Self {

@@ -19,6 +19,8 @@ pub struct Shells {
     /// Why there is no genus.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub genus_not_measurable: Option<Unmeasurable>,
+    /// Parts that are turned the wrong way, as [`Shell::outward`] says.
+    pub inward: u64,
     /// The parts of largest area, largest first, at most 100.
     pub list: Vec<Shell>,
 }
@@ -156,21 +158,22 @@ pub fn shells(analysis: &Analysis<'_>, context: &Context<'_>) -> Result<(Shells,
         count: parts.count as u64,
         genus: tallies.iter().map(Tally::genus).sum::<Option<u64>>().filter(|_| parts.count > 0),
         genus_not_measurable: why.or((parts.count == 0).then_some(Unmeasurable::NoElement)),
+        inward: turning.inward,
         list: list.collect(),
     };
     Ok((shells, turning))
 }
 
 fn tally(analysis: &Analysis<'_>) -> Vec<Tally> {
-    let Analysis { surface, edges, parts, fans, .. } = analysis;
-    let unit = analysis.unit();
+    let Analysis { surface, edges, parts, fans, solids, .. } = analysis;
+    let (unit, length) = (analysis.unit(), analysis.unit_length());
     let mut all = vec![Tally::default(); parts.count];
     for (f, &part) in (0u32..).zip(&parts.of_face).filter(|&(_, &part)| part != Parts::NONE) {
         let it = &mut all[part as usize];
         it.faces += 1;
-        let first = *it.first_face.get_or_insert(f);
-        // About a point of the part, so that a part far from the origin loses nothing.
-        let about = unit[surface.faces[first as usize][0] as usize];
+        it.first_face.get_or_insert(f);
+        // About the middle of the part, so that a part far from the origin loses nothing.
+        let about = solids[part as usize].bounds.centre() / length;
         let [a, b, c] = surface.faces[f as usize].map(|v| unit[v as usize] - about);
         it.area += (b - a).cross(c - a).length() / 2.0;
         it.volume += a.dot(b.cross(c)) / 6.0;
