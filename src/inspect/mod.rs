@@ -35,7 +35,7 @@ pub use lost::surface_lost_pct;
 pub use measure::{measure, measures};
 pub use measures::{BoundingBox, Measures, SelfIntersections, Volume};
 pub use nesting::nesting_depths;
-pub use set::{MeshPair, SetIntersections, SetReport, SetSpacing};
+pub use set::{MeshPair, MeshSpacing, Nearest, SetIntersections, SetReport, SetSpacing};
 pub use shells::{Shell, Shells, Turning, shells};
 pub use solids::{Solid, doubled_areas, solids};
 pub use statistics::{EdgeAngles, Side, Statistics, statistics};

@@ -41,8 +41,36 @@ pub struct MeshPair {
 pub struct SetSpacing {
     /// Over the vertices of all meshes.
     pub all: Option<Distribution>,
-    /// Of each mesh in the list of files; none where it has no vertex or there is no other mesh.
-    pub of_mesh: Vec<Option<Distribution>>,
+    /// Whether every vertex was measured.
+    pub complete: bool,
+    /// Of each mesh in the list of files.
+    pub of_mesh: Vec<MeshSpacing>,
+}
+
+/// Distances from the vertices of one mesh to the nearest point of any other mesh of the set.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct MeshSpacing {
+    /// How the distances are distributed; none where it has no vertex or there is no other mesh.
+    pub distances: Option<Distribution>,
+    /// Whether every vertex was measured.
+    pub complete: bool,
+    /// Where the mesh comes nearest to another.
+    pub nearest: Option<Nearest>,
+}
+
+/// The shortest way from a vertex to another mesh.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct Nearest {
+    /// How long it is.
+    pub distance: f64,
+    /// The vertex.
+    pub from: [f64; 3],
+    /// The nearest point of the other mesh.
+    pub to: [f64; 3],
+    /// The other mesh, by place in the list of files from 0.
+    pub mesh: u32,
+    /// The face of its file that the point is on, by index from 0.
+    pub face: u32,
 }
 
 impl SetIntersections {
@@ -52,7 +80,7 @@ impl SetIntersections {
     /// # Errors
     /// [`Cancelled`] when the work should stop.
     pub fn count(
-        meshes: &[Analysis<'_>],
+        meshes: &[&Analysis<'_>],
         context: &Context<'_>,
         mut between: impl FnMut(&Analysis<'_>, &Analysis<'_>) -> Result<(u64, bool), Cancelled>,
     ) -> Result<Self, Cancelled> {
@@ -70,7 +98,7 @@ impl SetIntersections {
         pairs.sort_unstable();
         for [i, j] in pairs {
             context.check()?;
-            let (pairs, complete) = between(&meshes[i], &meshes[j])?;
+            let (pairs, complete) = between(meshes[i], meshes[j])?;
             it.total += pairs;
             it.complete &= complete;
             if pairs > 0 || !complete {
@@ -83,12 +111,19 @@ impl SetIntersections {
 }
 
 impl SetSpacing {
-    /// Describes the distances of each mesh's vertices, in the unit of the files.
+    /// Describes, for each mesh, the distances of its vertices in the unit of the files, whether they are complete, and
+    /// the shortest.
     #[must_use]
-    pub fn of(distances: Vec<Vec<f64>>) -> Self {
-        let clean: Vec<Vec<f64>> = distances.into_iter().map(|d| d.into_iter().map(finite).collect()).collect();
-        let all = Distribution::of(clean.concat(), Bins::ByRange);
-        Self { all, of_mesh: clean.into_iter().map(|d| Distribution::of(d, Bins::ByRange)).collect() }
+    pub fn of(measured: impl IntoIterator<Item = (Vec<f64>, bool, Option<Nearest>)>) -> Self {
+        let (mut every, mut it) = (Vec::new(), Self { complete: true, ..Self::default() });
+        for (distances, complete, nearest) in measured {
+            let distances: Vec<f64> = distances.into_iter().map(finite).collect();
+            every.extend(&distances);
+            it.complete &= complete;
+            it.of_mesh.push(MeshSpacing { distances: Distribution::of(distances, Bins::ByRange), complete, nearest });
+        }
+        it.all = Distribution::of(every, Bins::ByRange);
+        it
     }
 }
 
@@ -118,7 +153,7 @@ mod tests {
         let meshes: Vec<Analysis<'_>> =
             soups.iter().map(|soup| Analysis::new(soup.into(), &context).unwrap()).collect();
         let mut asked = 0;
-        let it = SetIntersections::count(&meshes, &context, |a, b| {
+        let it = SetIntersections::count(&meshes.iter().collect::<Vec<_>>(), &context, |a, b| {
             asked += 1;
             assert!(!std::ptr::eq(a, b));
             let near = (a.surface.positions[0].x - b.surface.positions[0].x).abs() < 0.6;
@@ -143,7 +178,7 @@ mod tests {
         let meshes: Vec<Analysis<'_>> =
             soups.iter().map(|soup| Analysis::new(soup.into(), &context).unwrap()).collect();
         let mut asked = Vec::new();
-        let it = SetIntersections::count(&meshes, &context, |a, b| {
+        let it = SetIntersections::count(&meshes.iter().collect::<Vec<_>>(), &context, |a, b| {
             asked.push([a.surface.positions[0].x, b.surface.positions[0].x]);
             Ok((0, false))
         });
@@ -154,9 +189,12 @@ mod tests {
 
     #[test]
     fn spacing_is_told_for_each_mesh_and_for_all() {
-        let it = SetSpacing::of(vec![vec![1.0, 3.0], Vec::new(), vec![8.0]]);
-        assert_eq!(it.all.unwrap().mean, 4.0);
-        let means: Vec<Option<f64>> = it.of_mesh.iter().map(|d| d.as_ref().map(|d| d.mean)).collect();
+        let nearest = Nearest { distance: 1.0, from: [0.0; 3], to: [1.0, 0.0, 0.0], mesh: 2, face: 7 };
+        let it =
+            SetSpacing::of([(vec![1.0, 3.0], true, Some(nearest)), (Vec::new(), true, None), (vec![8.0], false, None)]);
+        assert_eq!((it.all.unwrap().mean, it.complete), (4.0, false));
+        let means: Vec<Option<f64>> = it.of_mesh.iter().map(|of| of.distances.as_ref().map(|d| d.mean)).collect();
         assert_eq!(means, [Some(2.0), None, Some(8.0)]);
+        assert_eq!((it.of_mesh[0].nearest, it.of_mesh[0].complete), (Some(nearest), true));
     }
 }

@@ -63,7 +63,7 @@ pub fn repair(
     let context = &context.limited_to(Duration::from_secs_f64(options.deadline_s));
     let patient = &context.without_deadline();
     context.report(Stage::Read, None, 0);
-    let ReadMesh { soup, format: input_format, dialect, mut warnings, .. } = format::read(bytes, limits)?;
+    let ReadMesh { soup, format: input_format, dialect, numbering, mut warnings, .. } = format::read(bytes, limits)?;
     let format = options.output.resolve(input_format);
     context.report(Stage::Inspect, None, 3);
     let before = measure(&soup, patient)?;
@@ -80,7 +80,8 @@ pub fn repair(
         ));
     }
     warnings.push("self-intersections were not checked by this version".to_owned());
-    let input = Input { bytes, soup: &soup, dialect: &dialect, format: input_format, before: &before };
+    let whole = numbering.is_none_or(|it| it.faces_without_vertex == 0);
+    let input = Input { bytes, soup: &soup, dialect: &dialect, format: input_format, whole, before: &before };
     let (mut surface, _) = Surface::from_soup(&soup);
     let mut report = empty_report(&input, options, warnings);
 
@@ -179,6 +180,8 @@ struct Input<'a> {
     soup: &'a Soup,
     dialect: &'a str,
     format: Format,
+    /// Whether every face of the file could be read; otherwise its own bytes are never handed out.
+    whole: bool,
     before: &'a Measures,
 }
 
@@ -190,7 +193,7 @@ fn unchanged_or_converted(
     options: &Options,
     context: &Context<'_>,
 ) -> Result<Option<Judged>, RepairError> {
-    if format == input.format {
+    if format == input.format && input.whole {
         return Ok(Some(Judged {
             bytes: input.bytes.to_vec(),
             dialect: input.dialect.to_owned(),

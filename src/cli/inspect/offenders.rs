@@ -48,6 +48,7 @@ fn in_a_line(place: &Defect) -> String {
     text
 }
 
-fn point([x, y, z]: [f64; 3]) -> String {
+/// A place in words.
+pub fn point([x, y, z]: [f64; 3]) -> String {
     format!("({}, {}, {})", figure(x), figure(y), figure(z))
 }

@@ -2,7 +2,8 @@ use std::fmt::Write as _;
 
 use meshmend::inspect::SetReport;
 
-use super::bars::{Style, distribution};
+use super::bars::{Style, distribution, figure};
+use super::offenders::point;
 
 /// What was measured between the files of these names.
 pub fn text(set: &SetReport, names: &[&str], intersections: bool, spacing: bool, style: Style) -> String {
@@ -28,9 +29,22 @@ pub fn text(set: &SetReport, names: &[&str], intersections: bool, spacing: bool,
                 text.push_str(&distribution("distance from each vertex to the nearest other file", all, style));
             }
             for (i, of_mesh) in (0u32..).zip(&it.of_mesh) {
-                if let Some(of_mesh) = of_mesh {
-                    text.push_str(&distribution(&format!("from {}", name(i)), of_mesh, style));
+                if let Some(distances) = &of_mesh.distances {
+                    text.push_str(&distribution(&format!("from {}", name(i)), distances, style));
                 }
+                if let Some(nearest) = &of_mesh.nearest {
+                    let (from, to) = (point(nearest.from), point(nearest.to));
+                    let _ = writeln!(
+                        text,
+                        "    nearest: {} from {from} to {to} on {}, face {}",
+                        figure(nearest.distance),
+                        name(nearest.mesh),
+                        nearest.face
+                    );
+                }
+            }
+            if !it.complete {
+                text.push_str("  not every vertex was measured\n");
             }
         }
         None if spacing => text.push_str("  the spacing of files is not measured by this version\n"),

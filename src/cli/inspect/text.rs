@@ -89,7 +89,7 @@ fn attributes(it: &Inspection) -> Vec<Row> {
     } else if !m.consistent {
         "not consistent"
     } else {
-        "parts touch or have no volume"
+        "it can't be told how the parts lie in one another"
     };
     vec![
         answer("closed", given.closed, open, ""),
@@ -142,9 +142,18 @@ fn optional(value: Option<u64>, otherwise: &str) -> String {
     value.map_or_else(|| otherwise.to_owned(), |value| value.to_string())
 }
 
+/// The count, and what else is counted of the pairs.
 fn intersecting(m: &Measures) -> String {
-    let none = if m.self_intersections.checked { "unknown" } else { "not checked" };
-    optional(m.self_intersections.pairs, none)
+    let Some(pairs) = m.self_intersections.pairs else { return "not checked".to_owned() };
+    let fields = serde_json::to_value(m.self_intersections).unwrap_or_default();
+    let more: Vec<String> = fields.as_object().into_iter().flatten().filter_map(in_words).collect();
+    if pairs == 0 || more.is_empty() { pairs.to_string() } else { format!("{pairs}: {}", more.join(", ")) }
+}
+
+/// A count that is not zero with its name, but for the count of all.
+fn in_words((name, value): (&String, &serde_json::Value)) -> Option<String> {
+    let count = value.as_u64().filter(|&count| count > 0 && name != "pairs")?;
+    Some(format!("{count} {}", name.replace('_', " ")))
 }
 
 fn missing(it: &Inspection) -> String {
