@@ -68,10 +68,11 @@ impl<'a> Analyst<'a> {
         let index = self.files.len();
         self.report(Stage::Read, 0);
         let read = format::read(bytes, self.limits);
-        let ReadMesh { soup, format, dialect, mut warnings } =
+        let ReadMesh { soup, format, dialect, numbering, normals, mut warnings } =
             read.map_err(|error| AnalyzeError::Read { index, name: name.to_owned(), of: self.of, error })?;
         self.report(Stage::Inspect, 20);
-        let (inspection, _) = inspect(Subject::from(&soup), &self.options.inspect, &self.context)?;
+        let subject = Subject { soup: &soup, normals: normals.as_ref(), numbering: numbering.as_ref() };
+        let (inspection, _) = inspect(subject, &self.options.inspect, &self.context)?;
         let measures = &inspection.measures;
         warnings.extend(measures.left_out());
         self.context.log(&format!("{}{dialect}: {}", naming(index, name, self.of), measures.in_short()));

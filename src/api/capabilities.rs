@@ -69,7 +69,7 @@ impl Capabilities {
     /// `remesher` is tier 3, or why there is none.
     #[must_use]
     pub fn new(limits: Limits, max_files: usize, remesher: Result<RemesherInfo, String>) -> Self {
-        let formats = vec![Format::Stl, Format::Obj, Format::Ply, Format::Off];
+        let formats = Format::ALL.to_vec();
         let (program, missing) = match remesher {
             Ok(info) => (Some(info), None),
             Err(reason) => (None, Some(reason)),

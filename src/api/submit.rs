@@ -33,7 +33,7 @@ const NAME_CHARS: usize = 200;
 #[derive(ToSchema)]
 #[expect(dead_code, reason = "it describes the form in the OpenAPI document; the parts are read as they come")]
 pub(super) struct SubmitForm {
-    /// The model: STL, OBJ, PLY or OFF. A repair takes one; an analysis as many parts `file` as `limits.max_files` of
+    /// The model: STL, OBJ, PLY, OFF or Vertex/Face text. A repair takes one; an analysis as many parts `file` as `limits.max_files` of
     /// the capabilities says.
     #[schema(min_items = 1)]
     file: Vec<RawModel>,

@@ -27,7 +27,7 @@ enum Command {
     Work(service::WorkArgs),
     /// Repair one file. Needs no server.
     Repair(repair::RepairArgs),
-    /// Tell what is wrong with one file. Needs no server.
+    /// Tell what is wrong with files, and describe them. Needs no server.
     Inspect(inspect::InspectArgs),
     /// Make or update the database's tables and stop.
     Migrate(service::MigrateArgs),

@@ -16,9 +16,9 @@ use super::exit;
 /// Arguments of `meshmend repair`.
 #[derive(Debug, Args)]
 pub struct RepairArgs {
-    /// The model: STL, OBJ, PLY or OFF, told by its content.
+    /// The model: STL, OBJ, PLY, OFF or Vertex/Face text, told by its content.
     input: PathBuf,
-    /// Where the result goes; its ending (.stl, .obj, .ply, .off) is the format.
+    /// Where the result goes; its ending (.stl, .obj, .ply, .off, .mesh) is the format.
     #[arg(short, long, env = "MESHMEND_OUTPUT")]
     output: PathBuf,
     /// Where the report goes, as JSON.
@@ -77,9 +77,10 @@ impl RepairArgs {
             "obj" => OutputFormat::Obj,
             "ply" => OutputFormat::Ply,
             "off" => OutputFormat::Off,
+            "mesh" => OutputFormat::Mesh,
             _ => {
                 let name = self.output.display();
-                return Err(format!("{name}: the output's name must end in .stl, .obj, .ply or .off"));
+                return Err(format!("{name}: the output's name must end in .stl, .obj, .ply, .off or .mesh"));
             }
         };
         let options = Options {

@@ -14,6 +14,7 @@ mod polygon;
 mod sniff;
 mod stl;
 mod text;
+mod vertex_face;
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -21,7 +22,7 @@ use utoipa::ToSchema;
 pub use errors::{Place, ReadError, ReadErrorKind, WriteError};
 pub use limits::Limits;
 
-use crate::mesh::Soup;
+use crate::mesh::{CornerNormals, Numbering, Soup};
 
 /// A file format that is both read and written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
@@ -35,6 +36,25 @@ pub enum Format {
     Ply,
     /// Object File Format with its variants.
     Off,
+    /// Lines `Vertex i x y z` and `Face j v1 v2 v3`, as meshalyzer has them; numbers count from 1.
+    Mesh,
+}
+
+impl Format {
+    /// All formats.
+    pub const ALL: [Self; 5] = [Self::Stl, Self::Obj, Self::Ply, Self::Off, Self::Mesh];
+
+    /// The usual ending of a file's name, without the point.
+    #[must_use]
+    pub fn extension(self) -> &'static str {
+        match self {
+            Self::Stl => "stl",
+            Self::Obj => "obj",
+            Self::Ply => "ply",
+            Self::Off => "off",
+            Self::Mesh => "mesh",
+        }
+    }
 }
 
 /// A mesh read from bytes, with what a reader should tell.
@@ -46,6 +66,10 @@ pub struct ReadMesh {
     pub format: Format,
     /// The dialect in words: `binary STL`, `ASCII PLY`, `COFF`.
     pub dialect: String,
+    /// The file's own numbers, where the format has numbers.
+    pub numbering: Option<Numbering>,
+    /// Normals at the corners, where the file gives them.
+    pub normals: Option<CornerNormals>,
     /// Oddities that were read past, each a sentence for the person who sent the file.
     pub warnings: Vec<String>,
 }
@@ -73,11 +97,12 @@ pub fn read(bytes: &[u8], limits: &Limits) -> Result<ReadMesh, ReadError> {
         Format::Obj => obj::read(bytes, limits),
         Format::Ply => ply::read(bytes, limits),
         Format::Off => off::read(bytes, limits),
+        Format::Mesh => vertex_face::read(bytes, limits),
     }
 }
 
-/// Writes a mesh in a format. The same mesh gives the same bytes, and reading them gives the same mesh: exactly for OBJ, PLY
-/// and OFF, rounded to f32 and without indices for STL.
+/// Writes a mesh in a format. The same mesh gives the same bytes, and reading them gives the same mesh: exactly for OBJ, PLY,
+/// OFF and Vertex/Face, rounded to f32 and without indices for STL.
 ///
 /// # Errors
 /// [`WriteError`] when the mesh can't be said in the format; only STL has such limits.
@@ -90,5 +115,6 @@ pub fn write(soup: &Soup, format: Format) -> Result<Vec<u8>, WriteError> {
         Format::Obj => Ok(obj::write(soup)),
         Format::Ply => Ok(ply::write(soup)),
         Format::Off => Ok(off::write(soup)),
+        Format::Mesh => Ok(vertex_face::write(soup)),
     }
 }

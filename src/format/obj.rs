@@ -204,7 +204,7 @@ impl<'a> Reader<'a> {
             ));
         }
         let soup = Soup { positions: self.positions, faces };
-        Ok(ReadMesh { soup, format: Format::Obj, dialect: "OBJ".to_owned(), warnings })
+        Ok(ReadMesh { soup, format: Format::Obj, dialect: "OBJ".to_owned(), numbering: None, normals: None, warnings })
     }
 
     fn no_faces(&self) -> ReadError {

@@ -7,7 +7,7 @@
 use super::errors::{ReadError, ReadErrorKind, shown};
 use super::foreign;
 use super::text::{Text, UTF8_MARK, integer, number};
-use super::{Format, stl};
+use super::{Format, stl, vertex_face};
 
 /// How much of a file is looked at. Longer heads are cut to this, so that a reader and a sniffer agree.
 pub(super) const HEAD: usize = 4096;
@@ -49,6 +49,9 @@ pub(super) fn sniff(head: &[u8], length: Option<u64>) -> Result<Format, ReadErro
         return Ok(Format::Off);
     }
     if !looks_binary(head) {
+        if vertex_face::starts(head) {
+            return Ok(Format::Mesh);
+        }
         if is_off_without_keyword(head) {
             return Ok(Format::Off);
         }

@@ -136,7 +136,14 @@ fn read_binary(bytes: &[u8], limits: &Limits) -> Result<ReadMesh, ReadError> {
             positions.push(DVec3::new(at(0), at(1), at(2)));
         }
     }
-    Ok(ReadMesh { soup: unindexed(positions), format: Format::Stl, dialect: "binary STL".to_owned(), warnings })
+    Ok(ReadMesh {
+        soup: unindexed(positions),
+        format: Format::Stl,
+        dialect: "binary STL".to_owned(),
+        numbering: None,
+        normals: None,
+        warnings,
+    })
 }
 
 /// Three positions a face, in order.
@@ -339,7 +346,14 @@ impl<'a> Ascii<'a> {
             ));
         }
         let dialect = "ASCII STL".to_owned();
-        Ok(ReadMesh { soup: unindexed(self.positions), format: Format::Stl, dialect, warnings })
+        Ok(ReadMesh {
+            soup: unindexed(self.positions),
+            format: Format::Stl,
+            dialect,
+            numbering: None,
+            normals: None,
+            warnings,
+        })
     }
 }
 

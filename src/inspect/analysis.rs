@@ -73,6 +73,13 @@ impl<'a> Analysis<'a> {
         self.unit.get_or_init(|| to_unit_range(&self.surface.positions))
     }
 
+    /// How long 1 in [`Analysis::unit`] is in the model's unit: a power of two.
+    pub fn unit_length(&self) -> f64 {
+        let largest = |all: &[DVec3]| all.iter().fold(0.0f64, |m, p| m.max(p.abs().max_element()));
+        let (given, scaled) = (largest(&self.surface.positions), largest(self.unit()));
+        if scaled > 0.0 { given / scaled } else { 1.0 }
+    }
+
     /// A tree over the faces of `surface` in the coordinates of [`Analysis::unit`].
     pub fn tree(&self) -> &Tree {
         self.tree.get_or_init(|| Tree::new(self.unit(), &self.surface.faces))

@@ -1,7 +1,10 @@
 use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 
-use super::{Analysis, DefectGroup, Findings, Measures, OptionsError, Subject, intersections, measures};
+use super::{
+    Analysis, Characteristics, DefectGroup, Findings, Measures, OptionsError, Subject, characteristics, intersections,
+    measures,
+};
 use crate::context::{Cancelled, Context};
 
 /// The version of [`Inspection`]'s structure.
@@ -66,6 +69,9 @@ pub struct Inspection {
     /// Counts, attributes and sizes.
     #[serde(flatten)]
     pub measures: Measures,
+    /// Attributes, statistics and parts.
+    #[serde(flatten)]
+    pub characteristics: Characteristics,
     /// What is wrong where, by kind.
     pub defects: Vec<DefectGroup>,
 }
@@ -87,10 +93,12 @@ pub fn inspect(
         found.report(&analysis, &mut findings);
         measures.self_intersections = found.counts;
     }
+    let characteristics = characteristics(&analysis, &measures, options.level, context)?;
     let inspection = Inspection {
         version: INSPECTION_VERSION,
         level: options.level,
         measures,
+        characteristics,
         defects: findings.groups(options.places),
     };
     Ok((inspection, findings))

@@ -101,6 +101,38 @@ impl Measures {
     }
 }
 
+impl Measures {
+    /// What keeps the mesh from being printable, each fault with its count in words.
+    #[must_use]
+    pub fn faults(&self) -> Vec<String> {
+        let counts = [
+            (self.boundary_edges, "open edge", "open edges"),
+            (self.nonmanifold_edges, "non-manifold edge", "non-manifold edges"),
+            (self.nonmanifold_vertices, "non-manifold vertex", "non-manifold vertices"),
+            (
+                self.misoriented_edges,
+                "edge between faces of opposite winding",
+                "edges between faces of opposite winding",
+            ),
+            (self.degenerate_faces, "degenerate face", "degenerate faces"),
+            (self.duplicate_faces, "duplicate face", "duplicate faces"),
+            (self.nonfinite_faces, "face that is not finite", "faces that are not finite"),
+            (self.inverted_parts, "part turned inside out", "parts turned inside out"),
+            (self.self_intersections.pairs.unwrap_or(0), "pair of intersecting faces", "pairs of intersecting faces"),
+        ];
+        let words =
+            |&(count, one, more): &(u64, &str, &str)| format!("{count} {}", if count == 1 { one } else { more });
+        let mut faults: Vec<String> = counts.iter().filter(|(count, ..)| *count > 0).map(words).collect();
+        if !self.self_intersections.complete {
+            faults.push("so many overlapping faces that they were not all counted".to_owned());
+        }
+        if faults.is_empty() && !self.printable() {
+            faults.push("it encloses no volume".to_owned());
+        }
+        faults
+    }
+}
+
 /// An axis-parallel box.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct BoundingBox {

@@ -59,6 +59,10 @@ pub fn nesting_depths(
     for part in 0..solids.len() {
         context.check()?;
         let (Some(_), Some(ends)) = (depths[part], extremes[part]) else { continue };
+        if spent >= budget {
+            depths[part] = None;
+            continue;
+        }
         let mut containers: Option<Vec<u32>> = None;
         for v in ends {
             let from = unit[v as usize];

@@ -9,9 +9,9 @@ pub struct CornerNormals {
 /// What a file with explicit numbers says of its vertices and faces.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Numbering {
-    /// Whether vertices are numbered 1, 2, 3 and so on.
+    /// Whether vertices are numbered 1, 2, 3 and so on, in the order of the file.
     pub vertices_contiguous: bool,
-    /// Whether faces are numbered 1, 2, 3 and so on.
+    /// Whether faces are numbered 1, 2, 3 and so on, in the order of the file.
     pub faces_contiguous: bool,
     /// Vertex numbers that a face names and that do not exist, each counted once.
     pub missing_vertices: u64,

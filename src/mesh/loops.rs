@@ -103,10 +103,10 @@ fn take_loop(
     }
 }
 
-/// How many chains the boundary edges form, whatever the winding: boundary edges belong together where they bound the
-/// same fan.
+/// One half-edge of each chain that the boundary edges form, whatever the winding: boundary edges belong together where
+/// they bound the same fan.
 #[must_use]
-pub fn count_boundary_chains(edges: &Edges, fans: &Fans) -> u64 {
+pub fn boundary_chains(edges: &Edges, fans: &Fans) -> Vec<u32> {
     let boundary: Vec<u32> = edges.iter().filter(|h| h.len() == 1).map(|h| h[0]).collect();
     let mut ends: Vec<(u32, u32)> = boundary
         .iter()
@@ -118,7 +118,13 @@ pub fn count_boundary_chains(edges: &Edges, fans: &Fans) -> u64 {
     for pair in ends.windows(2).filter(|p| p[0].0 == p[1].0) {
         sets.unite(pair[0].1, pair[1].1);
     }
-    (0u32..).zip(&boundary).filter(|&(i, _)| sets.root(i) == i).count() as u64
+    (0u32..).zip(&boundary).filter(|&(i, _)| sets.root(i) == i).map(|(_, &h)| h).collect()
+}
+
+/// How many chains the boundary edges form.
+#[must_use]
+pub fn count_boundary_chains(edges: &Edges, fans: &Fans) -> u64 {
+    boundary_chains(edges, fans).len() as u64
 }
 
 #[cfg(test)]

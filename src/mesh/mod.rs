@@ -24,7 +24,7 @@ pub use extras::{CornerNormals, Numbering};
 pub use fan_walk::FanWalk;
 pub use fans::Fans;
 pub use ids::{EdgeId, FaceId, HalfEdgeId, VertexId};
-pub use loops::{BoundaryLoops, boundary_loops, count_boundary_chains};
+pub use loops::{BoundaryLoops, boundary_chains, boundary_loops, count_boundary_chains};
 pub use manifold::{HalfEdgeMesh, Manifold, NotManifold, Refused};
 pub use parts::Parts;
 pub use soup::Soup;

@@ -23,7 +23,9 @@ impl Input<'_> {
         context: &Context<'_>,
     ) -> Result<Option<Judged>, RepairError> {
         let before = &self.before.measures;
-        if format == self.mesh.format {
+        // A file of which some faces could not be read is never handed out as it is.
+        let whole = self.mesh.numbering.is_none_or(|it| it.faces_without_vertex == 0);
+        if format == self.mesh.format && whole {
             return Ok(Some(Judged {
                 bytes: self.bytes.to_vec(),
                 dialect: self.mesh.dialect.clone(),

@@ -38,6 +38,8 @@ pub enum OutputFormat {
     Ply,
     /// OFF.
     Off,
+    /// Lines `Vertex i x y z` and `Face j v1 v2 v3`.
+    Mesh,
     /// The input's own format.
     Same,
 }
@@ -51,6 +53,7 @@ impl OutputFormat {
             Self::Obj => Format::Obj,
             Self::Ply => Format::Ply,
             Self::Off => Format::Off,
+            Self::Mesh => Format::Mesh,
             Self::Same => input,
         }
     }

@@ -4,7 +4,7 @@ use crate::inspect::Measures;
 
 /// The outcome in words, with what to do next where it is not good.
 pub(super) fn in_words(outcome: Outcome, report: &Report, after: Option<&Measures>, context: &Context<'_>) -> String {
-    let left = after.map_or_else(String::new, wrong);
+    let left = after.map_or_else(String::new, |after| after.faults().join(", "));
     let mut text = match outcome {
         Outcome::AlreadyPrintable => return "The model is printable already; its geometry was not touched.".to_owned(),
         Outcome::Repaired => return "The model was repaired and is printable.".to_owned(),
@@ -40,33 +40,9 @@ pub(super) fn in_words(outcome: Outcome, report: &Report, after: Option<&Measure
     text
 }
 
-/// What is wrong with a mesh, as a list in words.
-fn wrong(m: &Measures) -> String {
-    let counts = [
-        (m.boundary_edges, "open edges"),
-        (m.nonmanifold_edges, "non-manifold edges"),
-        (m.nonmanifold_vertices, "non-manifold vertices"),
-        (m.misoriented_edges, "edges between faces of opposite winding"),
-        (m.degenerate_faces, "degenerate faces"),
-        (m.duplicate_faces, "duplicate faces"),
-        (m.nonfinite_faces, "faces that are not finite"),
-        (m.inverted_parts, "parts turned inside out"),
-        (m.self_intersections.pairs.unwrap_or(0), "pairs of intersecting faces"),
-    ];
-    let mut found: Vec<String> =
-        counts.iter().filter(|(count, _)| *count > 0).map(|(count, what)| format!("{count} {what}")).collect();
-    if !m.self_intersections.complete {
-        found.push("so many overlapping faces that they were not all counted".to_owned());
-    }
-    if found.is_empty() && !m.printable() {
-        found.push("it encloses no volume".to_owned());
-    }
-    found.join(", ")
-}
-
 /// A verdict in words, for a validation step.
 pub(super) fn verdict_in_words(judged: &Judged) -> String {
-    let mut text = match wrong(&judged.measures) {
+    let mut text = match judged.measures.faults().join(", ") {
         fine if fine.is_empty() => "printable".to_owned(),
         left => format!("not printable: {left}"),
     };

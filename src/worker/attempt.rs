@@ -410,19 +410,13 @@ fn stem(name: &str) -> &str {
 }
 
 fn result_name(input: &str, format: Format) -> String {
-    let extension = match format {
-        Format::Stl => "stl",
-        Format::Obj => "obj",
-        Format::Ply => "ply",
-        Format::Off => "off",
-    };
-    format!("{}-repaired.{extension}", stem(input))
+    format!("{}-repaired.{}", stem(input), format.extension())
 }
 
 fn media_type(format: Format) -> &'static str {
     match format {
         Format::Stl => "model/stl",
         Format::Obj => "model/obj",
-        Format::Ply | Format::Off => "application/octet-stream",
+        Format::Ply | Format::Off | Format::Mesh => "application/octet-stream",
     }
 }

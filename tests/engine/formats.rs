@@ -8,6 +8,7 @@ mod ply;
 mod round_trip;
 mod sniffing;
 mod stl;
+mod vertex_face;
 
 use glam::DVec3;
 use meshmend::format::{Limits, Place, ReadError, ReadErrorKind, ReadMesh, read};

@@ -2,6 +2,7 @@
 #![allow(clippy::unwrap_used, reason = "tests fail by panicking")]
 
 mod analyze;
+mod characteristics;
 mod formats;
 mod intersections;
 mod lost;

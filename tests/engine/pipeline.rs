@@ -73,6 +73,19 @@ fn a_printable_file_comes_back_bit_for_bit() {
 }
 
 #[test]
+fn a_file_of_which_faces_were_left_out_is_never_handed_back_itself() {
+    let soup = cube(DVec3::ZERO, 1.0, 1);
+    let options = Options { output: OutputFormat::Same, ..Options::default() };
+    let whole = format::write(&soup, Format::Mesh).unwrap();
+    assert_eq!(run_bytes(&whole, &options, None).unwrap().bytes, whole);
+    let more = [whole.as_slice(), b"Face 13 1 2 99\n"].concat();
+    let it = run_bytes(&more, &options, None).unwrap();
+    assert_eq!((it.report.outcome, it.format), (Outcome::AlreadyPrintable, Format::Mesh));
+    assert_eq!(read(&it.bytes).faces.len(), 12);
+    assert!(!String::from_utf8(it.bytes).unwrap().contains("99"));
+}
+
+#[test]
 fn a_printable_file_in_another_format_keeps_its_faces_in_order() {
     let soup = as_f32(sphere(DVec3::ZERO, 1.0, 12, 6));
     let options = Options { output: OutputFormat::Off, ..Options::default() };

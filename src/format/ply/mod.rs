@@ -24,7 +24,14 @@ pub(super) fn read(bytes: &[u8], limits: &Limits) -> Result<ReadMesh, ReadError>
     if soup.faces.is_empty() {
         return Err(no_faces(&header));
     }
-    Ok(ReadMesh { soup, format: Format::Ply, dialect: header.encoding.dialect().to_owned(), warnings })
+    Ok(ReadMesh {
+        soup,
+        format: Format::Ply,
+        dialect: header.encoding.dialect().to_owned(),
+        numbering: None,
+        normals: None,
+        warnings,
+    })
 }
 
 fn no_faces(header: &Header) -> ReadError {

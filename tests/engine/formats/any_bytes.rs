@@ -37,17 +37,17 @@ fn assert_holds_up(bytes: &[u8]) {
 /// A valid file of each dialect.
 fn files() -> Vec<Vec<u8>> {
     let soup: Soup = tetrahedron();
-    let mut files: Vec<Vec<u8>> =
-        [Format::Stl, Format::Obj, Format::Ply, Format::Off].iter().map(|&f| write(&soup, f).unwrap()).collect();
+    let mut files: Vec<Vec<u8>> = Format::ALL.iter().map(|&f| write(&soup, f).unwrap()).collect();
     files.push(super::stl::ascii(&soup, "x").into_bytes());
     files.push(b"ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\nelement face 2\nproperty list uchar int vertex_indices\nelement tristrips 1\nproperty list int int vertex_indices\nend_header\n0 0 0\n1 0 0\n1 1 0\n0 1 0\n4 0 1 2 3\n3 0 1 2\n5 0 1 2 -1 3\n".to_vec());
     files.push(b"COFF\n5 2 0\n0 0 0 1 1 1\n4 0 0 1 1 1\n1 1 0 1 1 1\n0 4 0 1 1 1\n9 9 9 0 0 0\n4 0 1 2 3\n5 0 1 4 2 3 255 0 0\n".to_vec());
     files.push(b"o x\nv 0 0 0\nv 4 0 0\nv 1 1 0\nv 0 4 0\nvt 0 0\nf 1/1 2/1 3/1 4/1\nf -4 -3 \\\n-1\nl 1 2\n".to_vec());
+    files.push(b"Face 7 3 1 2\nVertex 3 0 0 0\nVertex 1 1 0 0\nVertex 2 0 1 0\nFace 9 1 2 8\n".to_vec());
     files
 }
 
 /// Words that mean something to some reader.
-const WORDS: [&str; 36] = [
+const WORDS: [&str; 39] = [
     "solid",
     "facet",
     "normal",
@@ -62,6 +62,9 @@ const WORDS: [&str; 36] = [
     " ",
     "v",
     "f",
+    "Vertex 1 0 0 0\n",
+    "Face 1",
+    "Face 1 1 1 1\n",
     "vt",
     "l",
     "OFF",
@@ -112,7 +115,7 @@ proptest! {
 
     #[test]
     fn damaged_files_are_answered(
-        file in 0..8_usize,
+        file in 0..10_usize,
         changes in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>(), 0..4_u8), 1..8),
         end in any::<prop::sample::Index>(),
         cut in any::<bool>(),
@@ -179,6 +182,10 @@ fn long_repetitions_take_linear_time() {
         ("v 0 0 0\n", "#\n"),
         ("v 0 0 0\n", "f -1 9 9 9\n"),
         ("v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n", "f 1 3 2 4 1 3 2 4 1 2\n"),
+        ("Vertex 1 0 0 0\n", "Face 1 1 1 1\n"),
+        ("Vertex 2 0 0 0\n", "Vertex 1 0 0 0\n"),
+        ("Face 1 9 9 9\n", "Face 1 8 7 6\n"),
+        ("Vertex 1 0 0 0\n", "x\n"),
         ("OFF\n", "\n"),
         ("OFF\n", "#"),
         ("OFF\n1 1 0\n0 0 0\n999999999 ", "0 "),

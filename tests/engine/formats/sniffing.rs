@@ -4,7 +4,7 @@ use super::{assert_refused, tetrahedron};
 
 #[test]
 fn each_format_is_found_from_its_head() {
-    for format in [Format::Stl, Format::Obj, Format::Ply, Format::Off] {
+    for format in Format::ALL {
         let bytes = write(&tetrahedron(), format).unwrap();
         assert_eq!(sniff(&bytes, Some(bytes.len() as u64)), Ok(format));
         assert_eq!(sniff(&bytes, None), Ok(format), "without the length");
@@ -15,7 +15,7 @@ fn each_format_is_found_from_its_head() {
 fn a_head_of_four_thousand_bytes_says_what_the_whole_file_says() {
     let mut soup = tetrahedron();
     soup.faces = soup.faces.repeat(200);
-    for format in [Format::Stl, Format::Obj, Format::Ply, Format::Off] {
+    for format in Format::ALL {
         let mut bytes = write(&soup, format).unwrap();
         let length = Some(bytes.len() as u64);
         assert!(bytes.len() > 4096);

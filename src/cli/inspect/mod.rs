@@ -1,0 +1,216 @@
+mod bars;
+mod files;
+mod good;
+mod offenders;
+mod set;
+mod text;
+
+use std::io::{IsTerminal, Write};
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::sync::atomic::AtomicBool;
+use std::time::Duration;
+
+use clap::Args;
+use meshmend::format::{Limits, ReadMesh, read};
+use meshmend::inspect::{
+    Goodness, InspectOptions, Inspection, Level, SetReport, Subject, Thresholds, goodness, inspect,
+};
+use meshmend::repair::{Context, monotonic_clock};
+use serde_json::{Value, json};
+
+use super::engine::{Bar, LimitArgs, read_file};
+use super::exit;
+use bars::Style;
+use files::{Input, inputs};
+
+/// The version of the JSON that `--json` prints.
+const JSON_VERSION: u32 = 1;
+
+/// Arguments of `meshmend inspect`.
+#[derive(Debug, Args)]
+pub struct InspectArgs {
+    /// Models: STL, OBJ, PLY, OFF or Vertex/Face text, told by their content; a folder stands for the models in it, by name.
+    #[arg(required = true, value_name = "FILE or FOLDER")]
+    inputs: Vec<PathBuf>,
+    /// How closely to look: `none` counts and tells attributes, `basic` also looks for defects that need no search in
+    /// space, `full` for all. Without it: full, or what --attributes needs.
+    #[arg(long, env = "MESHMEND_LEVEL", value_enum)]
+    level: Option<Level>,
+    /// Tell only whether the mesh is closed, manifold, consistent and outward.
+    #[arg(short, long, env = "MESHMEND_ATTRIBUTES", conflicts_with = "good")]
+    attributes: bool,
+    /// Tell only whether the mesh is good, 1 or 0: nothing wrong with it, every aspect ratio (longest edge over
+    /// shortest altitude) below the first number, every edge angle above the second, in radians, and every edge longer
+    /// than the third. It is then the exit code, too.
+    #[arg(short, long, env = "MESHMEND_GOOD", value_name = "RATIO,ANGLE,LENGTH", value_parser = good::thresholds)]
+    good: Option<Thresholds>,
+    /// List every offending element with its place.
+    #[arg(short = 'p', long, env = "MESHMEND_OFFENDERS")]
+    offenders: bool,
+    /// Of several files: count faces that intersect faces of another file.
+    #[arg(short, long, env = "MESHMEND_INTERSECTIONS")]
+    intersections: bool,
+    /// Of several files: measure the distance from each vertex to the nearest surface of another file.
+    #[arg(short, long, env = "MESHMEND_SPACING")]
+    spacing: bool,
+    /// Print JSON.
+    #[arg(long, env = "MESHMEND_JSON")]
+    json: bool,
+    #[command(flatten)]
+    limits: LimitArgs,
+}
+
+impl InspectArgs {
+    fn options(&self) -> InspectOptions {
+        let needed = match (self.attributes, self.offenders) {
+            (true, false) => Level::None,
+            (true, true) => Level::Basic,
+            (false, _) => Level::Full,
+        };
+        let default = InspectOptions::default();
+        let places = if self.offenders { usize::MAX } else { default.places };
+        InspectOptions { level: self.level.unwrap_or(needed), places }
+    }
+}
+
+/// One file looked at.
+struct Look {
+    name: String,
+    mesh: ReadMesh,
+    inspection: Inspection,
+    goodness: Option<Goodness>,
+}
+
+impl Look {
+    fn code(&self) -> u8 {
+        let fine = self.goodness.as_ref().map_or_else(|| self.inspection.measures.printable(), |it| it.good);
+        if fine { exit::PRINTABLE } else { exit::PARTIAL }
+    }
+
+    fn to_json(&self) -> Value {
+        json!({
+            "path": self.name, "format": self.mesh.format, "dialect": self.mesh.dialect,
+            "warnings": self.mesh.warnings, "printable": self.inspection.measures.printable(),
+            "goodness": self.goodness, "inspection": self.inspection,
+        })
+    }
+}
+
+/// Runs `meshmend inspect`.
+pub fn run(args: &InspectArgs) -> ExitCode {
+    match Run::new(args).and_then(Run::all) {
+        Ok(code) => ExitCode::from(code),
+        Err((code, message)) => exit::fail(code, message),
+    }
+}
+
+type Failure = (u8, String);
+
+/// The files one after another.
+struct Run<'a> {
+    args: &'a InspectArgs,
+    limits: Limits,
+    options: InspectOptions,
+    style: Style,
+    files: Vec<Input>,
+    code: u8,
+    json: Vec<Value>,
+    /// Kept for what is measured between files.
+    kept: Vec<(String, ReadMesh)>,
+    printed: bool,
+}
+
+impl<'a> Run<'a> {
+    fn new(args: &'a InspectArgs) -> Result<Self, Failure> {
+        let files = inputs(&args.inputs).map_err(|message| (exit::BAD_INPUT, message))?;
+        let unicode = std::io::stdout().is_terminal() && std::env::var_os("NO_COLOR").is_none();
+        Ok(Self {
+            args,
+            limits: args.limits.limits(),
+            options: args.options(),
+            style: Style { unicode },
+            files,
+            code: exit::PRINTABLE,
+            json: Vec::new(),
+            kept: Vec::new(),
+            printed: false,
+        })
+    }
+
+    fn all(mut self) -> Result<u8, Failure> {
+        for input in std::mem::take(&mut self.files) {
+            let name = input.path.display().to_string();
+            let read = read_file(&input.path, &self.limits)
+                .and_then(|bytes| read(&bytes, &self.limits).map_err(|error| format!("{name}: {error}")));
+            match read {
+                Ok(mesh) => self.one(name, mesh)?,
+                Err(_) if !input.named => {}
+                Err(message) => {
+                    self.code = exit::BAD_INPUT;
+                    self.json.push(json!({ "path": name, "error": message }));
+                    exit::fail(exit::BAD_INPUT, message);
+                }
+            }
+        }
+        let set = self.set();
+        if self.args.json {
+            let value = json!({ "version": JSON_VERSION, "files": self.json, "set": set });
+            self.print(&format!("{value:#}\n"))?;
+        } else if let Some(set) = set {
+            let names: Vec<&str> = self.kept.iter().map(|(name, _)| name.as_str()).collect();
+            let text = set::text(&set, &names, self.args.intersections, self.args.spacing, self.style);
+            self.print(&text)?;
+        }
+        Ok(self.code)
+    }
+
+    fn one(&mut self, name: String, mesh: ReadMesh) -> Result<(), Failure> {
+        let subject = Subject { soup: &mesh.soup, normals: mesh.normals.as_ref(), numbering: mesh.numbering.as_ref() };
+        let (inspection, _) =
+            in_context(|context| inspect(subject, &self.options, context)).map_err(|e| (exit::INTERNAL, e))?;
+        let goodness = self.args.good.map(|thresholds| goodness(&inspection, thresholds));
+        let look = Look { name, mesh, inspection, goodness };
+        self.code = self.code.max(look.code());
+        if self.args.json {
+            self.json.push(look.to_json());
+        } else {
+            let text = self.text(&look);
+            self.print(&text)?;
+        }
+        if self.args.intersections || self.args.spacing {
+            self.kept.push((look.name, look.mesh));
+        }
+        Ok(())
+    }
+
+    fn text(&self, look: &Look) -> String {
+        let apart = if self.printed { "\n" } else { "" };
+        let offenders = if self.args.offenders { offenders::all(&look.inspection) } else { String::new() };
+        match &look.goodness {
+            Some(it) if self.args.offenders => format!("{apart}{}{offenders}", good::in_words(&look.name, it)),
+            Some(it) => good::line(&look.name, it),
+            None if self.args.attributes => format!("{apart}{}{offenders}", text::attributes_only(look)),
+            None => format!("{apart}{}{offenders}", text::report(look, self.style, !self.args.offenders)),
+        }
+    }
+
+    /// What is measured of all files together, where it was asked for and there are several.
+    fn set(&self) -> Option<SetReport> {
+        // This version measures neither; the report says so.
+        (self.kept.len() > 1).then(SetReport::default)
+    }
+
+    fn print(&mut self, text: &str) -> Result<(), Failure> {
+        self.printed = true;
+        std::io::stdout().write_all(text.as_bytes()).map_err(|e| (exit::INTERNAL, e.to_string()))
+    }
+}
+
+/// Works with a bar on the terminal.
+fn in_context<T, E: ToString>(work: impl FnOnce(&Context<'_>) -> Result<T, E>) -> Result<T, String> {
+    let (clock, cancel, bar) = (monotonic_clock(), AtomicBool::new(false), Bar::new(false));
+    let done = work(&Context::new(&bar, &cancel, &clock, Duration::MAX));
+    bar.finish();
+    done.map_err(|e| e.to_string())
+}

@@ -1,0 +1,235 @@
+//! Vertex/Face text, the mesh format of meshalyzer, DReAMM and MCell: a line `Vertex i x y z` or `Face j v1 v2 v3` for each element.
+//!
+//! Numbers count from 1; they may have gaps, come in any order, and a face may name a vertex that no line gives.
+
+use std::fmt::Write as _;
+
+use glam::DVec3;
+
+use super::errors::{ReadError, ReadErrorKind, shown};
+use super::text::{Text, Word, integer};
+use super::{Format, Limits, ReadMesh};
+use crate::mesh::{Numbering, Soup};
+
+/// Whether a file's first line is one of this format's.
+pub(super) fn starts(head: &[u8]) -> bool {
+    let mut text = Text::new(head).with_comments();
+    let keyword = text.word().is_some_and(|word| word.is("vertex") || word.is("face"));
+    keyword && text.word_on_line().is_some_and(|word| integer(word.bytes).is_some())
+}
+
+/// Reads a file. Faces that name a missing vertex are left out and counted.
+pub(super) fn read(bytes: &[u8], limits: &Limits) -> Result<ReadMesh, ReadError> {
+    let mut reader = Reader {
+        text: Text::new(bytes).with_comments(),
+        limits: *limits,
+        positions: Vec::new(),
+        numbers: Vec::new(),
+        vertices_contiguous: true,
+        faces: Vec::new(),
+        faces_contiguous: true,
+        unknown: None,
+    };
+    while let Some(keyword) = reader.text.word() {
+        reader.line(keyword)?;
+    }
+    reader.finish(bytes)
+}
+
+struct Reader<'a> {
+    text: Text<'a>,
+    limits: Limits,
+    positions: Vec<DVec3>,
+    /// The number of each vertex.
+    numbers: Vec<u32>,
+    vertices_contiguous: bool,
+    /// The vertex numbers of each face.
+    faces: Vec<[u32; 3]>,
+    faces_contiguous: bool,
+    /// How many lines are of no known kind, and the word that the first begins with.
+    unknown: Option<(u64, String)>,
+}
+
+impl<'a> Reader<'a> {
+    fn line(&mut self, keyword: Word<'a>) -> Result<(), ReadError> {
+        if keyword.is("vertex") {
+            self.limits.check_vertices(self.positions.len() as u64 + 1)?;
+            let number = self.element(keyword, "the number of a vertex")?;
+            let mut position = [0.0; 3];
+            for value in &mut position {
+                let word = self.word(keyword, "a coordinate of a vertex")?;
+                *value = self.text.number(word, "a coordinate of a vertex")?;
+            }
+            self.positions.push(DVec3::from_array(position));
+            self.numbers.push(number);
+            self.vertices_contiguous &= number as usize == self.positions.len();
+            self.text.skip_line();
+        } else if keyword.is("face") {
+            self.limits.check_faces(self.faces.len() as u64 + 1)?;
+            let number = self.element(keyword, "the number of a face")?;
+            let mut corners = [0; 3];
+            for corner in &mut corners {
+                *corner = self.element(keyword, "the number of a vertex")?;
+            }
+            if let Some(word) = self.text.word_on_line() {
+                return Err(self.text.error(
+                    ReadErrorKind::Malformed,
+                    word.at,
+                    format!(
+                        "found '{}' after the three vertices of a face; cut the polygons into triangles",
+                        shown(word.bytes)
+                    ),
+                ));
+            }
+            self.faces.push(corners);
+            self.faces_contiguous &= number as usize == self.faces.len();
+        } else {
+            let (count, _) = self.unknown.get_or_insert_with(|| (0, shown(keyword.bytes)));
+            *count += 1;
+            self.text.skip_line();
+        }
+        Ok(())
+    }
+
+    /// The next word of this line.
+    fn word(&mut self, keyword: Word<'a>, expected: &str) -> Result<Word<'a>, ReadError> {
+        match self.text.word_on_line() {
+            Some(word) => Ok(word),
+            None if self.text.remaining() == 0 => Err(self.text.ended(expected)),
+            None => Err(self.text.error(
+                ReadErrorKind::Malformed,
+                keyword.at,
+                format!("the line ends where {expected} was expected; export the model again"),
+            )),
+        }
+    }
+
+    /// The next word as the number of an element.
+    fn element(&mut self, keyword: Word<'a>, expected: &str) -> Result<u32, ReadError> {
+        let word = self.word(keyword, expected)?;
+        let number = self.text.integer(word, expected)?;
+        u32::try_from(number).ok().filter(|&number| number > 0).ok_or_else(|| {
+            self.text.error(
+                ReadErrorKind::Malformed,
+                word.at,
+                format!(
+                    "found '{}' where {expected} was expected; numbers go from 1 to {}",
+                    shown(word.bytes),
+                    u32::MAX
+                ),
+            )
+        })
+    }
+
+    fn finish(mut self, bytes: &[u8]) -> Result<ReadMesh, ReadError> {
+        let given = self.faces.len();
+        let mut numbering = Numbering {
+            vertices_contiguous: self.vertices_contiguous,
+            faces_contiguous: self.faces_contiguous,
+            ..Numbering::default()
+        };
+        let sorted = self.sorted_numbers(bytes)?;
+        let index_of = |number: u32| match &sorted {
+            None => (number as usize <= self.positions.len()).then(|| number - 1),
+            Some(sorted) => sorted.binary_search_by_key(&number, |&(n, _)| n).ok().map(|at| sorted[at].1),
+        };
+        let mut missing = Vec::new();
+        self.faces.retain_mut(|face| {
+            let indices = face.map(index_of);
+            missing.extend(face.iter().zip(indices).filter(|(_, index)| index.is_none()).map(|(&number, _)| number));
+            let [Some(a), Some(b), Some(c)] = indices else { return false };
+            *face = [a, b, c];
+            true
+        });
+        missing.sort_unstable();
+        missing.dedup();
+        numbering.missing_vertices = missing.len() as u64;
+        numbering.faces_without_vertex = (given - self.faces.len()) as u64;
+        if self.faces.is_empty() {
+            return Err(ReadError::whole(ReadErrorKind::NoFaces, self.no_faces(given)));
+        }
+        let mut warnings = Vec::new();
+        if let Some(first) = missing.first() {
+            warnings.push(format!(
+                "vertices that are named and not given: {}, the first being number {first}; faces left out for it: {}",
+                numbering.missing_vertices, numbering.faces_without_vertex
+            ));
+        }
+        if let Some((count, word)) = &self.unknown {
+            warnings.push(format!(
+                "lines that are neither Vertex nor Face were passed over: {count} in all, the first beginning with '{word}'"
+            ));
+        }
+        Ok(ReadMesh {
+            soup: Soup { positions: self.positions, faces: self.faces },
+            format: Format::Mesh,
+            dialect: "Vertex/Face mesh".to_owned(),
+            numbering: Some(numbering),
+            normals: None,
+            warnings,
+        })
+    }
+
+    /// Each vertex number with the vertex's index, by number; none where the numbers are those in order.
+    fn sorted_numbers(&self, bytes: &[u8]) -> Result<Option<Vec<(u32, u32)>>, ReadError> {
+        if self.vertices_contiguous {
+            return Ok(None);
+        }
+        let mut sorted: Vec<(u32, u32)> = self.numbers.iter().copied().zip(0..).collect();
+        sorted.sort_unstable();
+        match sorted.windows(2).find(|pair| pair[0].0 == pair[1].0) {
+            None => Ok(Some(sorted)),
+            Some(pair) => Err(self.given_twice(bytes, pair[1])),
+        }
+    }
+
+    /// Where the vertex stands is looked up again, so that lines need not be kept for all.
+    #[cold]
+    fn given_twice(&self, bytes: &[u8], (number, index): (u32, u32)) -> ReadError {
+        let mut text = Text::new(bytes).with_comments();
+        let mut left = index;
+        let mut at = 0;
+        while let Some(word) = text.word() {
+            if word.is("vertex") {
+                at = word.at;
+                if left == 0 {
+                    break;
+                }
+                left -= 1;
+            }
+            text.skip_line();
+        }
+        text.error(
+            ReadErrorKind::Malformed,
+            at,
+            format!("vertex {number} is given a second time; a number must name one vertex, so export the model again"),
+        )
+    }
+
+    fn no_faces(&self, given: usize) -> String {
+        let vertices = self.positions.len();
+        if given > 0 {
+            format!(
+                "all of the file's {given} faces name vertices that are not given; it was cut apart or damaged, so export the model again"
+            )
+        } else {
+            format!(
+                "the file holds {vertices} vertices and no faces: it is a point cloud; make a surface from it first"
+            )
+        }
+    }
+}
+
+/// Writes numbers from 1 in order; every f64 as the shortest decimal that reads back the same.
+pub(super) fn write(soup: &Soup) -> Vec<u8> {
+    let mut text = String::with_capacity(64 * soup.positions.len() + 40 * soup.faces.len());
+    // Writing to a string can't fail.
+    for (p, number) in soup.positions.iter().zip(1u64..) {
+        let _ = writeln!(text, "Vertex {number} {} {} {}", p.x, p.y, p.z);
+    }
+    for (face, number) in soup.faces.iter().zip(1u64..) {
+        let [a, b, c] = face.map(|v| u64::from(v) + 1);
+        let _ = writeln!(text, "Face {number} {a} {b} {c}");
+    }
+    text.into_bytes()
+}
