@@ -1,7 +1,9 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::{Analysis, DefectGroup, Findings, Measures, Subject, measures};
+use super::{
+    Analysis, CheckVerdict, DefectGroup, DefectKind, Findings, Measures, Subject, Tolerances, find_defects, measures,
+};
 use crate::context::{Cancelled, Context};
 
 /// The version of [`Inspection`]'s structure.
@@ -32,11 +34,13 @@ pub struct InspectOptions {
     pub level: Level,
     /// Places of each kind of defect that the report lists.
     pub places: usize,
+    /// How closely things must agree to count as the same.
+    pub tolerances: Tolerances,
 }
 
 impl Default for InspectOptions {
     fn default() -> Self {
-        Self { level: Level::Full, places: 20 }
+        Self { level: Level::Full, places: 20, tolerances: Tolerances::default() }
     }
 }
 
@@ -52,6 +56,10 @@ pub struct Inspection {
     pub measures: Measures,
     /// What is wrong where, by kind.
     pub defects: Vec<DefectGroup>,
+    /// Kinds of which there may be more: their search met too many candidates and was given up.
+    pub incomplete: Vec<DefectKind>,
+    /// Whether the mesh keeps the rules of the level; none at level none.
+    pub check: Option<CheckVerdict>,
 }
 
 /// Looks at a mesh. The findings have more places than the report lists, and a mark on each face.
@@ -65,12 +73,15 @@ pub fn inspect(
 ) -> Result<(Inspection, Findings), Cancelled> {
     let analysis = Analysis::new(subject, context)?;
     let measures = measures(&analysis, context)?;
-    let findings = Findings::new(subject.soup.faces.len(), options.places.max(MOST_PLACES));
+    let mut findings = Findings::new(subject.soup.faces.len(), options.places.max(MOST_PLACES));
+    find_defects(&analysis, &options.tolerances, options.level, &mut findings, context)?;
     let inspection = Inspection {
         version: INSPECTION_VERSION,
         level: options.level,
-        measures,
         defects: findings.groups(options.places),
+        incomplete: findings.incomplete().to_vec(),
+        check: CheckVerdict::new(options.level, &measures, &findings),
+        measures,
     };
     Ok((inspection, findings))
 }

@@ -4,6 +4,7 @@
 //! puts all of it in one [`Inspection`].
 
 mod analysis;
+mod defects;
 mod duplicates;
 mod findings;
 mod inspection;
@@ -14,6 +15,7 @@ mod nesting;
 mod solids;
 
 pub use analysis::{Analysis, Subject};
+pub use defects::{CheckRule, CheckVerdict, Tolerance, ToleranceError, Tolerances, find_defects};
 pub use duplicates::{FaceGroups, group_faces};
 pub use findings::{Defect, DefectGroup, DefectKind, Findings, Meeting};
 pub use inspection::{INSPECTION_VERSION, InspectOptions, Inspection, Level, inspect};

@@ -1,6 +1,7 @@
 //! The engine from outside: formats, operators and the pipeline, on meshes that the tests make.
 #![allow(clippy::unwrap_used, reason = "tests fail by panicking")]
 
+mod defects;
 mod formats;
 mod lost;
 #[path = "../support/meshes.rs"]
