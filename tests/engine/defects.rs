@@ -106,18 +106,21 @@ fn folded() -> Soup {
     soup
 }
 
-/// Two layers of a square in one place, joined along the border, with diagonals that cross.
+/// Two layers of a rectangle in one place, joined along the border, each a fan around a point of its own.
 fn pouch() -> Soup {
+    let border: Vec<DVec3> = (0..14)
+        .map(|i| match i {
+            0..3 => DVec3::new(f64::from(i), 0.0, 0.0),
+            3..7 => DVec3::new(3.0, f64::from(i - 3), 0.0),
+            7..10 => DVec3::new(f64::from(10 - i), 4.0, 0.0),
+            _ => DVec3::new(0.0, f64::from(14 - i), 0.0),
+        })
+        .collect();
     let mut soup = Soup::default();
-    let at = |i: u32, j: u32| DVec3::new(f64::from(i), f64::from(j), 0.0);
-    for i in 0..3 {
-        for j in 0..4 {
-            let [a, b, c, d] = [at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)];
-            push(&mut soup, [a, b, c]);
-            push(&mut soup, [a, c, d]);
-            push(&mut soup, [a, d, b]);
-            push(&mut soup, [b, d, c]);
-        }
+    for i in 0..14 {
+        let [a, b] = [border[i], border[(i + 1) % 14]];
+        push(&mut soup, [a, b, DVec3::new(1.75, 2.25, 0.0)]);
+        push(&mut soup, [b, a, DVec3::new(1.25, 0.5, 0.0)]);
     }
     soup
 }
@@ -153,11 +156,11 @@ fn damaged() -> Vec<(&'static str, Soup, Vec<(DefectKind, u64)>)> {
     let (capped_well, capped) = (flipped(capped.clone(), capped.faces.len() - 1), capped);
     let closed = if findings(&capped).count(K::MisorientedEdge) == 0 { capped } else { capped_well };
     vec![
-        ("two holes", without(without(unit(), 40), 2), vec![(K::Hole, 2)]),
+        ("two holes", without(without(block(), 400), 100), vec![(K::Hole, 2)]),
         ("a face the wrong way", flipped(unit(), 7), vec![(K::MisorientedEdge, 3)]),
         (
             "a face beside a hole the wrong way",
-            flipped(without(block(), 200), 201),
+            flipped(without(block(), 200), 200),
             vec![(K::MisorientedEdge, 2), (K::Hole, 1)],
         ),
         ("a face twice", with_face(unit(), corner), vec![(K::DuplicateFace, 1), (K::NonManifoldEdge, 3)]),

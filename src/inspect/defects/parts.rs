@@ -32,7 +32,7 @@ pub(super) fn find(scan: &mut Scan<'_, '_>, level: Level, thin: &[Option<f64>]) 
             apart: solids.len() > 1 && Some(part) != largest,
             tiny: tiny(part),
             inverted: solids[part].volume < 0.0 && depths[part].is_some_and(|depth| depth % 2 == 0),
-            depth: depths[part].filter(|&depth| depth > 0),
+            depth: depths[part].filter(|&depth| depth > 0 && level >= Level::Full),
         };
         told.push(it);
     }

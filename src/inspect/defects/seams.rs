@@ -21,44 +21,59 @@ use crate::math::{Tree, collinear, midmost};
 use crate::mesh::Edges;
 
 /// Boundary edges that one query may look at, and all queries together for each edge and at least.
-const MOST_A_QUERY: u32 = 1024;
-const MOST_A_EDGE: u64 = 64;
+const MOST_A_QUERY: u64 = 1024;
+const MOST_A_BOX: u64 = 64;
 const MOST_AT_LEAST: u64 = 2_000_000;
 /// The widest gap beside an edge, as a share of its length: what is farther apart are two sides of something.
 const GAP_SHARE: f64 = 0.2;
 /// What rounding alone can make of a distance of 0 on the unit scale, with room to spare.
 const ROUNDING: f64 = 1e-13;
 
-/// The boundary edges with a tree over them.
-struct Boundary {
-    half_edges: Vec<u32>,
-    ends: Vec<[u32; 2]>,
+/// A tree that is asked within a budget.
+struct Near {
     tree: Tree,
     /// Looks that are left.
     budget: u64,
     /// Whether a search was given up.
-    spent: bool,
+    gave_up: bool,
+}
+
+impl Near {
+    fn new(positions: &[DVec3], boxes: &[[u32; 3]]) -> Self {
+        let budget = MOST_AT_LEAST + MOST_A_BOX * boxes.len() as u64;
+        Self { tree: Tree::new(positions, boxes), budget, gave_up: false }
+    }
+
+    /// Calls `visit` with what is near a point, as far as the budget goes.
+    fn around(&mut self, point: DVec3, reach: f64, mut visit: impl FnMut(u32)) {
+        let most = self.budget.min(MOST_A_QUERY);
+        let (mut looks, mut gave_up) = (0, false);
+        self.tree.around(point, reach, |found| {
+            gave_up = looks == most;
+            if !gave_up {
+                looks += 1;
+                visit(found);
+            }
+            !gave_up
+        });
+        self.budget -= looks;
+        self.gave_up |= gave_up;
+    }
+}
+
+/// The boundary edges.
+struct Boundary {
+    half_edges: Vec<u32>,
+    ends: Vec<[u32; 2]>,
 }
 
 impl Boundary {
-    /// Calls `visit` with the boundary edges near a point, as far as the budget goes.
-    fn around(&mut self, point: DVec3, reach: f64, mut visit: impl FnMut(u32, [u32; 2])) {
-        let (mut left, ends) = (self.budget.min(u64::from(MOST_A_QUERY)), &self.ends);
-        let before = left;
-        let mut spent = left == 0;
-        if !spent {
-            self.tree.around(point, reach, |e| {
-                if left == 0 {
-                    spent = true;
-                    return false;
-                }
-                left -= 1;
-                visit(e, ends[e as usize]);
-                true
-            });
-        }
-        self.budget -= before - left;
-        self.spent |= spent;
+    fn face(&self, edge: u32) -> u32 {
+        self.half_edges[edge as usize] / 3
+    }
+
+    fn len(&self) -> u32 {
+        u32::try_from(self.ends.len()).unwrap_or(u32::MAX)
     }
 }
 
@@ -72,18 +87,19 @@ pub(super) fn find(scan: &mut Scan<'_, '_>) -> Result<(), Cancelled> {
     }
     half_edges.sort_unstable();
     let ends: Vec<[u32; 2]> = half_edges.iter().map(|&h| Edges::ends(faces, h)).collect();
-    let as_faces: Vec<[u32; 3]> = ends.iter().map(|&[a, b]| [a, b, b]).collect();
-    let tree = Tree::new(scan.unit, &as_faces);
-    let budget = MOST_AT_LEAST + MOST_A_EDGE * half_edges.len() as u64;
-    let mut boundary = Boundary { half_edges, ends, tree, budget, spent: false };
-    find_pairs(scan, &mut boundary)?;
-    if std::mem::take(&mut boundary.spent) {
-        scan.incomplete(DefectKind::Slit);
+    let boundary = Boundary { half_edges, ends };
+    let slit = find_slits(scan, &boundary)?;
+    let boxes: Vec<[u32; 3]> = boundary.ends.iter().map(|&[a, b]| [a, b, b]).collect();
+    let mut near = Near::new(scan.unit, &boxes);
+    drop(boxes);
+    let budget = near.budget;
+    find_cracks(scan, &boundary, &mut near, &slit)?;
+    if std::mem::take(&mut near.gave_up) {
         scan.incomplete(DefectKind::Crack);
     }
-    boundary.budget = budget;
-    find_t_junctions(scan, &mut boundary)?;
-    if boundary.spent {
+    near.budget = budget;
+    find_t_junctions(scan, &boundary, &mut near)?;
+    if near.gave_up {
         scan.incomplete(DefectKind::TJunction);
     }
     Ok(())
@@ -116,79 +132,104 @@ impl Beside {
             scan.step(number)?;
             let gap = chain.edges.iter().map(|&e| gaps[e as usize]).fold(0.0, f64::max);
             let line = scan.points(chain.line);
-            let faces = chain.edges.iter().map(|&e| boundary.half_edges[edges[e as usize] as usize] / 3);
+            let faces = chain.edges.iter().map(|&e| boundary.face(edges[e as usize]));
             scan.put(kind, line[0], faces, &line, Some(scan.told_above_zero(gap)));
         }
         Ok(())
     }
 }
 
-fn find_pairs(scan: &mut Scan<'_, '_>, boundary: &mut Boundary) -> Result<(), Cancelled> {
+/// Finds boundary edges with both ends at those of another. Answers which edges are in slits.
+fn find_slits(scan: &mut Scan<'_, '_>, boundary: &Boundary) -> Result<Vec<bool>, Cancelled> {
     let unit = scan.unit;
-    let at = |v: u32| unit[v as usize];
-    let (slit, crack) = (scan.lengths.slit, scan.lengths.crack);
-    let (mut slits, mut cracks) = (Beside::default(), Beside::default());
-    for e in 0..boundary.ends.len() {
-        scan.step(e)?;
-        let [a, b] = boundary.ends[e];
-        let length = at(a).distance(at(b));
+    let slit = scan.lengths.slit;
+    let ends = |e: u32| boundary.ends[e as usize].map(|v| unit[v as usize]);
+    // Edges that coincide have their middles in one place.
+    let middles: Vec<DVec3> = (0..boundary.len()).map(|e| (ends(e)[0] + ends(e)[1]) * 0.5).collect();
+    let boxes: Vec<[u32; 3]> = (0..boundary.len()).map(|e| [e; 3]).collect();
+    let mut near = Near::new(&middles, &boxes);
+    drop(boxes);
+    let mut slits = Beside::default();
+    let mut found = vec![false; middles.len()];
+    for e in 0..boundary.len() {
+        scan.step(e as usize)?;
+        let [a, b] = ends(e);
         // All that is near a shorter edge coincides with it.
-        if length <= 2.0 * slit {
+        if a.distance(b) <= 2.0 * slit {
             continue;
         }
-        #[expect(clippy::cast_possible_truncation, reason = "edges are counted in u32")]
-        let this = e as u32;
-        let middle = (at(a) + at(b)) * 0.5;
-        let widest = crack.min(GAP_SHARE * length);
-        let mut same: Option<(f64, u32)> = None;
-        let mut nearest = (f64::INFINITY, this);
-        boundary.around(middle, widest.max(slit), |other, [c, d]| {
-            if other == this {
-                return;
-            }
-            let along = at(a).distance(at(c)).max(at(b).distance(at(d)));
-            let against = at(a).distance(at(d)).max(at(b).distance(at(c)));
-            let apart = along.min(against);
-            if apart <= slit {
-                same =
-                    Some(same.map_or((apart, other), |best| if (apart, other) < best { (apart, other) } else { best }));
-            }
-            let gap = segment_distance(middle, at(c), at(d));
-            if (gap, other) < nearest {
+        let mut nearest = (f64::INFINITY, e);
+        near.around(middles[e as usize], slit, |other| {
+            let [c, d] = ends(other);
+            let along = a.distance(c).max(b.distance(d));
+            let against = a.distance(d).max(b.distance(c));
+            let gap = along.min(against);
+            if other != e && (gap, other) < nearest {
                 nearest = (gap, other);
             }
         });
-        if let Some((gap, other)) = same {
-            slits.pairs.push((this, other, gap));
-        } else if nearest.0 > slit && nearest.0 <= widest {
-            cracks.pairs.push((this, nearest.1, nearest.0));
+        if nearest.0 <= slit {
+            found[e as usize] = true;
+            slits.pairs.push((e, nearest.1, nearest.0));
         }
     }
+    if near.gave_up {
+        scan.incomplete(DefectKind::Slit);
+    }
     slits.tell(DefectKind::Slit, scan, boundary)?;
+    Ok(found)
+}
+
+/// Finds boundary edges whose middle has another boundary edge near it, but for those in slits.
+fn find_cracks(
+    scan: &mut Scan<'_, '_>,
+    boundary: &Boundary,
+    near: &mut Near,
+    in_slit: &[bool],
+) -> Result<(), Cancelled> {
+    let unit = scan.unit;
+    let ends = |e: u32| boundary.ends[e as usize].map(|v| unit[v as usize]);
+    let mut cracks = Beside::default();
+    for e in (0..boundary.len()).filter(|&e| !in_slit[e as usize]) {
+        scan.step(e as usize)?;
+        let [a, b] = ends(e);
+        let widest = scan.lengths.crack.min(GAP_SHARE * a.distance(b));
+        let middle = (a + b) * 0.5;
+        let mut nearest = (f64::INFINITY, e);
+        near.around(middle, widest, |other| {
+            let [c, d] = ends(other);
+            let gap = segment_distance(middle, c, d);
+            if other != e && (gap, other) < nearest {
+                nearest = (gap, other);
+            }
+        });
+        // Without a gap the ends of one edge lie within the other, which makes T-junctions.
+        if nearest.0 > scan.lengths.slit && nearest.0 <= widest {
+            cracks.pairs.push((e, nearest.1, nearest.0));
+        }
+    }
     cracks.tell(DefectKind::Crack, scan, boundary)
 }
 
 /// Finds ends of boundary edges that lie on another boundary edge between its ends, each once, with the nearest.
-fn find_t_junctions(scan: &mut Scan<'_, '_>, boundary: &mut Boundary) -> Result<(), Cancelled> {
+fn find_t_junctions(scan: &mut Scan<'_, '_>, boundary: &Boundary, near: &mut Near) -> Result<(), Cancelled> {
     let (unit, faces) = (scan.unit, &scan.analysis.surface.faces);
-    let at = |v: u32| unit[v as usize];
     let reach = scan.lengths.t_junction;
     let mut uses: Vec<(u32, u32)> = (0u32..).zip(&boundary.ends).flat_map(|(e, &[a, b])| [(a, e), (b, e)]).collect();
     uses.sort_unstable();
     for (number, of_vertex) in uses.chunk_by(|x, y| x.0 == y.0).enumerate() {
         scan.step(number)?;
         let v = of_vertex[0].0;
-        let p = at(v);
+        let p = unit[v as usize];
         let mut nearest: Option<(f64, u32)> = None;
-        let half_edges = std::mem::take(&mut boundary.half_edges);
-        boundary.around(p, reach, |e, [a, b]| {
-            let (a, b) = (at(a), at(b));
+        near.around(p, reach, |e| {
+            let [a, b] = boundary.ends[e as usize].map(|v| unit[v as usize]);
             let gap = segment_distance(p, a, b);
             // Near an end it is the end that it should be joined to.
-            if gap > reach.max(ROUNDING) || p.distance(a).min(p.distance(b)) <= reach {
-                return;
-            }
-            if faces[half_edges[e as usize] as usize / 3].contains(&v) {
+            if gap > reach.max(ROUNDING)
+                || p.distance(a).min(p.distance(b)) <= reach
+                || faces[boundary.face(e) as usize].contains(&v)
+            {
                 return;
             }
             let exactly = collinear(a, p, b) && midmost([a, p, b]) == 1;
@@ -200,14 +241,12 @@ fn find_t_junctions(scan: &mut Scan<'_, '_>, boundary: &mut Boundary) -> Result<
                 nearest = Some((gap, e));
             }
         });
-        boundary.half_edges = half_edges;
         if let Some((gap, e)) = nearest {
             let line = scan.points(boundary.ends[e as usize]);
             let value = if gap == 0.0 { 0.0 } else { scan.told_above_zero(gap) };
-            let of = |e: u32| boundary.half_edges[e as usize] / 3;
-            let faces = of_vertex.iter().map(|&(_, e)| of(e)).chain([of(e)]);
-            let place = scan.points([v])[0];
-            scan.put(DefectKind::TJunction, place, faces, &line, Some(value));
+            let faces = of_vertex.iter().map(|&(_, e)| e).chain([e]).map(|e| boundary.face(e));
+            let at = scan.points([v])[0];
+            scan.put(DefectKind::TJunction, at, faces, &line, Some(value));
         }
     }
     Ok(())
