@@ -5,6 +5,7 @@
 
 mod errors;
 mod faces;
+mod facet_normals;
 mod foreign;
 mod limits;
 mod obj;
@@ -21,7 +22,7 @@ use utoipa::ToSchema;
 pub use errors::{Place, ReadError, ReadErrorKind, WriteError};
 pub use limits::Limits;
 
-use crate::mesh::Soup;
+use crate::mesh::{CornerNormals, Soup};
 
 /// A file format that is both read and written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
@@ -48,6 +49,8 @@ pub struct ReadMesh {
     pub dialect: String,
     /// Oddities that were read past, each a sentence for the person who sent the file.
     pub warnings: Vec<String>,
+    /// The normals that the file gives, if it gives any. None of them is ever a reason not to read a file.
+    pub normals: Option<CornerNormals>,
 }
 
 /// Names the format of a file from its first bytes and its length where it is known.

@@ -66,7 +66,7 @@ pub(super) fn read(bytes: &[u8], limits: &Limits) -> Result<ReadMesh, ReadError>
         };
         return Err(ReadError::whole(ReadErrorKind::NoFaces, detail));
     }
-    Ok(ReadMesh { soup: Soup { positions, faces: soup_faces }, format: Format::Off, dialect, warnings })
+    Ok(ReadMesh { soup: Soup { positions, faces: soup_faces }, format: Format::Off, dialect, warnings, normals: None })
 }
 
 /// The dialect by its keyword; refuses those with other than three coordinates, and the binary one.

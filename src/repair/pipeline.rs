@@ -63,7 +63,7 @@ pub fn repair(
     let context = &context.limited_to(Duration::from_secs_f64(options.deadline_s));
     let patient = &context.without_deadline();
     context.report(Stage::Read, None, 0);
-    let ReadMesh { soup, format: input_format, dialect, mut warnings } = format::read(bytes, limits)?;
+    let ReadMesh { soup, format: input_format, dialect, mut warnings, .. } = format::read(bytes, limits)?;
     let format = options.output.resolve(input_format);
     context.report(Stage::Inspect, None, 3);
     let before = measure(&soup, patient)?;

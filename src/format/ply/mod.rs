@@ -16,7 +16,7 @@ pub(super) fn read(bytes: &[u8], limits: &Limits) -> Result<ReadMesh, ReadError>
     let header = Header::read(bytes)?;
     header.check_counts(bytes.len(), limits)?;
     let body = header.body;
-    let (soup, warnings) = match header.encoding {
+    let (soup, normals, warnings) = match header.encoding {
         Encoding::Ascii => Elements::new(AsciiValues::new(bytes, body), limits).read(&header)?,
         Encoding::BinaryLittleEndian => Elements::new(BinaryValues::<true>::new(bytes, body), limits).read(&header)?,
         Encoding::BinaryBigEndian => Elements::new(BinaryValues::<false>::new(bytes, body), limits).read(&header)?,
@@ -24,7 +24,7 @@ pub(super) fn read(bytes: &[u8], limits: &Limits) -> Result<ReadMesh, ReadError>
     if soup.faces.is_empty() {
         return Err(no_faces(&header));
     }
-    Ok(ReadMesh { soup, format: Format::Ply, dialect: header.encoding.dialect().to_owned(), warnings })
+    Ok(ReadMesh { soup, format: Format::Ply, dialect: header.encoding.dialect().to_owned(), warnings, normals })
 }
 
 fn no_faces(header: &Header) -> ReadError {
