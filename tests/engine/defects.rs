@@ -228,6 +228,29 @@ fn every_damage_is_found_and_nothing_else() {
 }
 
 #[test]
+fn as_many_defects_are_placed_as_the_measures_count() {
+    for (name, soup, _) in damaged() {
+        let (inspection, found) = look((&soup).into(), &InspectOptions::default());
+        let m = &inspection.measures;
+        for (kind, measured) in [
+            (K::Hole, m.boundary_loops),
+            (K::NonManifoldEdge, m.nonmanifold_edges),
+            (K::NonManifoldVertex, m.nonmanifold_vertices),
+            (K::MisorientedEdge, m.misoriented_edges),
+            (K::Corrupt, m.nonfinite_faces),
+            (K::InvertedPart, m.inverted_parts),
+            (K::Disjoint, m.parts - 1),
+        ] {
+            assert_eq!(found.count(kind), measured, "{name}: {kind:?}");
+        }
+        assert_eq!(found.count(K::DuplicateFace) + found.count(K::OppositeFace), m.duplicate_faces, "{name}");
+        assert!(found.count(K::FlatFace) >= m.degenerate_faces, "{name}");
+        let listed: u64 = inspection.defects.iter().map(|group| group.count).sum();
+        assert_eq!(listed, K::ALL.into_iter().map(|kind| found.count(kind)).sum::<u64>());
+    }
+}
+
+#[test]
 fn holes_slits_and_cracks_are_where_they_were_cut() {
     let hole = the_one(&findings(&without(block(), 100)), K::Hole);
     let corners = block().corners(100).map(|p| p.to_array());
@@ -383,6 +406,23 @@ fn vertex_normals_that_point_into_the_mesh_are_found() {
     assert_eq!(the_one(&found, K::BadVertexNormal).faces, [30]);
     let at = soup.positions[soup.faces[30][1] as usize].to_array();
     assert_eq!(the_one(&found, K::BadVertexNormal).at, at);
+}
+
+#[test]
+fn a_facet_normal_against_its_corners_is_bad_at_all_three() {
+    let soup = cube(DVec3::ZERO, 1.0, 2);
+    let mut bytes = meshmend::format::write(&soup, meshmend::format::Format::Stl).unwrap();
+    for at in [84 + 50 * 17, 84 + 50 * 17 + 4, 84 + 50 * 17 + 8] {
+        let x = f32::from_le_bytes(bytes[at..at + 4].try_into().unwrap());
+        bytes[at..at + 4].copy_from_slice(&(-x).to_le_bytes());
+    }
+    let read = meshmend::format::read(&bytes, &meshmend::format::Limits::default()).unwrap();
+    let subject = Subject { soup: &read.soup, normals: read.normals.as_ref(), numbering: None };
+    let (inspection, found) = look(subject, &InspectOptions { level: Level::Basic, ..InspectOptions::default() });
+    assert_eq!(counts(&found), [(K::BadVertexNormal, 3)].into());
+    assert!(found.places(K::BadVertexNormal).iter().all(|bad| bad.faces == [17]));
+    let check = inspection.check.unwrap();
+    assert_eq!((check.passes, check.broken), (false, vec![meshmend::inspect::CheckRule::NoOpposedVertexNormal]));
 }
 
 #[test]

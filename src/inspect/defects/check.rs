@@ -79,7 +79,8 @@ impl CheckVerdict {
                 undecided.push(rule);
             }
         }
-        (!rules.is_empty()).then(|| Self { passes: broken.is_empty() && undecided.is_empty(), broken, undecided })
+        let passes = broken.is_empty() && undecided.is_empty();
+        (!rules.is_empty()).then_some(Self { passes, broken, undecided })
     }
 }
 

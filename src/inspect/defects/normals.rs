@@ -20,7 +20,7 @@ pub(super) fn find(scan: &mut Scan<'_, '_>, flat: &[bool]) -> Result<(), Cancell
         CornerNormals::OfFaces { opposed } => of_faces(scan, opposed, flat)?,
         _ => of_corners(scan, normals, flat)?,
     };
-    bad.sort_by(|x, y| (x.vertex, x.face).cmp(&(y.vertex, y.face)));
+    bad.sort_by_key(|bad| (bad.vertex, bad.face));
     for (number, of_vertex) in bad.chunk_by(|x, y| x.vertex == y.vertex).enumerate() {
         scan.step(number)?;
         let at = scan.points([of_vertex[0].vertex])[0];
@@ -87,7 +87,7 @@ fn of_corners(scan: &Scan<'_, '_>, normals: &CornerNormals, flat: &[bool]) -> Re
             at_suspects.extend(corners(f).filter(|&(vertex, _, _, _)| suspect[vertex as usize]));
         }
     }
-    at_suspects.sort_by(|x, y| (x.0, x.1, x.2).cmp(&(y.0, y.1, y.2)));
+    at_suspects.sort_by_key(|&(vertex, normal, face, _)| (vertex, normal, face));
     let same = |x: &(u32, [u32; 3], u32, f64), y: &(u32, [u32; 3], u32, f64)| (x.0, x.1) == (y.0, y.1);
     let all_opposed =
         at_suspects.chunk_by(same).filter(|shared| shared.iter().all(|&(_, _, _, cosine)| cosine < OPPOSED));
