@@ -440,6 +440,45 @@ fn crafted_boundaries_end_at_the_budget_and_say_so() {
     assert!(inspection.incomplete.contains(&K::Slit), "{:?}", inspection.incomplete);
 }
 
+#[test]
+fn meshes_made_to_be_slow_are_looked_at_in_good_time() {
+    let begin = std::time::Instant::now();
+    let circle = |i: u32| {
+        let (y, x) = (f64::from(i) * 1e-5).sin_cos();
+        DVec3::new(x, y, 0.0)
+    };
+    // A fan of slivers around one vertex, each lying on its neighbours.
+    let mut fan = Soup::default();
+    // As many triangles that share but a vertex, and as many around one edge.
+    let (mut pinch, mut book) = (Soup::default(), Soup::default());
+    // As many faces in one place, each turned the other way from the one before.
+    let mut pile = Soup::default();
+    for i in 0..60_000 {
+        push(&mut fan, [DVec3::Z, circle(i), circle(i + 1)]);
+        push(&mut pinch, [DVec3::ZERO, circle(2 * i), circle(2 * i + 1)]);
+        push(&mut book, [DVec3::ZERO, DVec3::Z, circle(i)]);
+        let off = DVec3::new(0.0, 0.0, f64::from(i) * 1e-13);
+        let corners = [DVec3::ZERO, DVec3::X, DVec3::Y].map(|p| p + off);
+        push(&mut pile, if i % 2 == 0 { corners } else { [corners[0], corners[2], corners[1]] });
+    }
+    assert!(findings(&fan).count(K::Hole) == 1);
+    assert_eq!(the_one(&findings(&pinch), K::NonManifoldVertex).value, Some(6e4));
+    let edge = the_one(&findings(&book), K::NonManifoldEdge);
+    assert_eq!((edge.value, edge.faces.len()), (Some(6e4), 1000));
+    assert!(findings(&pile).count(K::Sheet) > 0);
+    assert!(begin.elapsed().as_secs() < 60, "{:?}", begin.elapsed());
+}
+
+#[test]
+fn coordinates_near_the_ends_of_f64_change_no_count() {
+    for power in [-900, 900] {
+        for (name, soup, expected) in damaged() {
+            let found = counts(&findings(&other(&soup, 1, 5, power).soup));
+            assert_eq!(found, expected.into_iter().collect(), "{name} {power}");
+        }
+    }
+}
+
 /// A mesh written down another way: faces in another order, corners rotated, turned by right angles, scaled.
 struct Other {
     soup: Soup,

@@ -28,7 +28,8 @@ use scan::Scan;
 ///
 /// At level none nothing is looked for. Level basic leaves out what needs a search in space: slits, cracks, T-junctions,
 /// inner shells, and sheets whose two sides have different faces. Where a search meets more candidates than its budget
-/// allows it gives up, and [`Findings::incomplete`] names the kind. O(n log n) in the number of faces.
+/// allows, or no ray tells whether a part lies in another, it gives up, and [`Findings::incomplete`] names the kind.
+/// O(n log n) in the number of faces.
 ///
 /// # Errors
 /// [`Cancelled`] when the work should stop.
@@ -53,13 +54,14 @@ pub fn find_defects(
     normals::find(scan, &flat)?;
     holes::find(scan)?;
     let opposed = doubles::find(scan)?;
-    let thin = sheets::parts_without_thickness(scan);
+    let sizes = parts::sizes(scan);
+    let thin = sheets::parts_without_thickness(scan, &sizes);
     let in_thin_part: Vec<bool> =
         analysis.parts.of_face.iter().map(|&p| p != Parts::NONE && thin[p as usize].is_some()).collect();
     let folded = folds::find(scan, &flat, &in_thin_part)?;
     let known = sheets::Known { opposed: &opposed, flat: &flat, thin: &thin, folded: &folded };
     sheets::find(scan, level, &known)?;
-    parts::find(scan, level, &thin)?;
+    parts::find(scan, level, &sizes, &thin)?;
     if level >= Level::Full {
         seams::find(scan)?;
     }

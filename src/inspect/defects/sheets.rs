@@ -4,6 +4,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::super::{DefectKind, Level, Solid};
+use super::parts::Size;
 use super::scan::Scan;
 use crate::context::Cancelled;
 use crate::math::{Sign, Tree, orient3d, within};
@@ -20,26 +21,12 @@ const ROUNDING: f64 = 1e-13;
 
 /// The parts without thickness: closed, with a volume that is no more than a sheet of their area and of the tolerance's
 /// thickness has. Answers the thickness of each, none for all other parts.
-pub(super) fn parts_without_thickness(scan: &Scan<'_, '_>) -> Vec<Option<f64>> {
-    let analysis = scan.analysis;
-    let mut measured = vec![(0.0f64, 0.0f64); analysis.parts.count];
-    let mut about: Vec<Option<DVec3>> = vec![None; analysis.parts.count];
-    for (&part, f) in analysis.parts.of_face.iter().zip(0u32..) {
-        if part == Parts::NONE || !analysis.solids[part as usize].closed {
-            continue;
-        }
-        let corners = scan.corners(f);
-        let about = *about[part as usize].get_or_insert(corners[0]);
-        let [a, b, c] = corners.map(|p| p - about);
-        let (volume, area) = &mut measured[part as usize];
-        *volume += a.dot(b.cross(c)) / 6.0;
-        *area += (b - a).cross(c - a).length() / 2.0;
-    }
-    let thickness = |(&(volume, area), solid): (&(f64, f64), &Solid)| {
-        let thin = solid.closed && volume.abs() <= scan.lengths.sheet.max(ROUNDING) * area / 2.0;
-        thin.then(|| if area > 0.0 { 2.0 * volume.abs() / area } else { 0.0 })
+pub(super) fn parts_without_thickness(scan: &Scan<'_, '_>, sizes: &[Size]) -> Vec<Option<f64>> {
+    let thickness = |(size, solid): (&Size, &Solid)| {
+        let thin = solid.closed && size.volume.abs() <= scan.lengths.sheet.max(ROUNDING) * size.area / 2.0;
+        thin.then(|| if size.area > 0.0 { 2.0 * size.volume.abs() / size.area } else { 0.0 })
     };
-    measured.iter().zip(&analysis.solids).map(thickness).collect()
+    sizes.iter().zip(&scan.analysis.solids).map(thickness).collect()
 }
 
 /// What other searches found before.
