@@ -5,6 +5,7 @@
 
 mod errors;
 mod faces;
+mod facet_normals;
 mod foreign;
 mod limits;
 mod obj;
@@ -68,7 +69,7 @@ pub struct ReadMesh {
     pub dialect: String,
     /// The file's own numbers, where the format has numbers.
     pub numbering: Option<Numbering>,
-    /// Normals at the corners, where the file gives them.
+    /// The normals that the file gives, if it gives any. None of them is ever a reason not to read a file.
     pub normals: Option<CornerNormals>,
     /// Oddities that were read past, each a sentence for the person who sent the file.
     pub warnings: Vec<String>,

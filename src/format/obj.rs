@@ -1,22 +1,22 @@
-//! Wavefront OBJ: polygons as lines of text ("Advanced Visualizer Manual", appendix B1). Only vertices and faces are read.
+//! Wavefront OBJ: polygons as lines of text ("Advanced Visualizer Manual", appendix B1). Vertices, faces and
+//! normals are read.
 
 use std::fmt::Write as _;
 
 use glam::DVec3;
 
 use super::errors::{ReadError, ReadErrorKind, shown};
-use super::faces::Faces;
-use super::text::{Text, Word, integer};
+use super::faces::{Faces, NO_NORMAL};
+use super::text::{Text, Word, integer, number};
 use super::{Format, Limits, ReadMesh};
-use crate::mesh::Soup;
+use crate::mesh::{CornerNormals, Soup};
 
 /// Statements whose line ends where it ends: the names in them may end in a backslash.
 const NAMES: [&str; 7] = ["o", "g", "usemtl", "mtllib", "usemap", "maplib", "shadow_obj"];
 
 /// Statements that say nothing about the surface, or that belong to free-form surfaces.
-const IGNORED: [&str; 29] = [
+const IGNORED: [&str; 28] = [
     "vt",
-    "vn",
     "s",
     "mg",
     "vp",
@@ -52,6 +52,10 @@ struct Reader<'a> {
     positions: Vec<DVec3>,
     faces: Faces,
     corners: Vec<u32>,
+    /// What `vn` gives; one that is no normal has zeros.
+    normals: Vec<[f32; 3]>,
+    /// The normals at `corners`.
+    corner_normals: Vec<u32>,
     /// The largest index that was named before its vertex, and where.
     ahead: Option<(u32, usize)>,
     face_statements: u64,
@@ -70,6 +74,8 @@ pub(super) fn read(bytes: &[u8], limits: &Limits) -> Result<ReadMesh, ReadError>
         positions: Vec::new(),
         faces: Faces::new(limits, 0),
         corners: Vec::new(),
+        normals: Vec::new(),
+        corner_normals: Vec::new(),
         ahead: None,
         face_statements: 0,
         lines: 0,
@@ -89,7 +95,8 @@ impl<'a> Reader<'a> {
         match word.bytes {
             b"v" => return self.vertex(word),
             b"f" | b"fo" => return self.face(word),
-            b"vn" | b"vt" => {}
+            b"vn" => self.normal(),
+            b"vt" => {}
             b"l" => self.lines += 1,
             b"p" => self.points += 1,
             b"curv" | b"curv2" | b"surf" => self.free_form += 1,
@@ -127,19 +134,55 @@ impl<'a> Reader<'a> {
         Ok(())
     }
 
+    /// Reads a normal. Nothing in it is an error, since the surface is whole without; those beyond the limit of vertices are
+    /// passed over.
+    fn normal(&mut self) {
+        if self.limits.check_vertices(self.normals.len() as u64 + 1).is_err() {
+            return;
+        }
+        let mut normal = [0.0; 3];
+        for value in &mut normal {
+            let Some(number) = self.text.word_on_line().and_then(|word| number(word.bytes)) else {
+                normal = [0.0; 3];
+                break;
+            };
+            #[expect(clippy::cast_possible_truncation, reason = "only the direction is of use")]
+            {
+                *value = number as f32;
+            }
+        }
+        self.normals.push(normal);
+    }
+
     fn face(&mut self, keyword: Word<'a>) -> Result<(), ReadError> {
         self.corners.clear();
+        self.corner_normals.clear();
         self.face_statements += 1;
         while let Some(word) = self.text.word_on_line() {
             let index = self.vertex_index(word)?;
             self.corners.push(index);
+            if let Some(normal) = self.normal_index(word) {
+                self.corner_normals.resize(self.corners.len() - 1, NO_NORMAL);
+                self.corner_normals.push(normal);
+            }
             // Before the list of one face grows over what all faces may be.
             self.limits.check_faces((self.corners.len() as u64).saturating_sub(2))?;
             if index as usize >= self.positions.len() && self.ahead.is_none_or(|(most, _)| index > most) {
                 self.ahead = Some((index, keyword.at));
             }
         }
-        self.faces.polygon(&self.positions, &self.corners)
+        if !self.corner_normals.is_empty() {
+            self.corner_normals.resize(self.corners.len(), NO_NORMAL);
+        }
+        self.faces.polygon_with_normals(&self.positions, &self.corners, &self.corner_normals)
+    }
+
+    /// The normal of a corner `v//vn` or `v/vt/vn`, counted from 0, if it has one. It may be read later, or never.
+    fn normal_index(&self, word: Word<'_>) -> Option<u32> {
+        let mut fields = word.bytes.split(|&b| b == b'/').skip(2);
+        let number = integer(fields.next()?)?;
+        let index = if number > 0 { number - 1 } else { (self.normals.len() as i64).saturating_add(number) };
+        u32::try_from(index).ok().filter(|_| number != 0)
     }
 
     /// The vertex of a corner `v`, `v/vt`, `v//vn` or `v/vt/vn`, counted from 0.
@@ -186,7 +229,9 @@ impl<'a> Reader<'a> {
             return Err(self.no_faces());
         }
         let mut warnings = Vec::new();
-        let faces = self.faces.finish(&self.positions, &mut warnings);
+        let (faces, corner_normals) = self.faces.finish_with_normals(&self.positions, &mut warnings);
+        let has_normals = !self.normals.is_empty() && !corner_normals.is_empty();
+        let normals = has_normals.then_some(CornerNormals::OfCorners { normals: self.normals, faces: corner_normals });
         if self.lines + self.points > 0 {
             warnings.push(format!("lines and points are no surface and were left out: {}", self.lines + self.points));
         }
@@ -204,7 +249,7 @@ impl<'a> Reader<'a> {
             ));
         }
         let soup = Soup { positions: self.positions, faces };
-        Ok(ReadMesh { soup, format: Format::Obj, dialect: "OBJ".to_owned(), numbering: None, normals: None, warnings })
+        Ok(ReadMesh { soup, format: Format::Obj, dialect: "OBJ".to_owned(), numbering: None, normals, warnings })
     }
 
     fn no_faces(&self) -> ReadError {

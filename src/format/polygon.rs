@@ -62,26 +62,27 @@ impl Cutter {
         self.fanned
     }
 
-    /// Cuts one polygon. `corners` are indices into `positions`, all in range; the n - 2 triangles go to `push`, as corners.
-    pub fn cut(&mut self, positions: &[DVec3], corners: &[u32], mut push: impl FnMut([u32; 3])) {
+    /// Cuts one polygon. `corners` are indices into `positions`, all in range; the n - 2 triangles go to `push`, as places
+    /// in `corners`.
+    pub fn cut(&mut self, positions: &[DVec3], corners: &[u32], mut push: impl FnMut([usize; 3])) {
         let count = corners.len();
         if count < 3 {
             return;
         }
         if count == 3 {
-            push([corners[0], corners[1], corners[2]]);
+            push([0, 1, 2]);
             return;
         }
         let first = self.shape(positions, corners);
         match first {
             Shape::FanFrom(start) => {
                 for k in 1..count - 1 {
-                    push([corners[start], corners[(start + k) % count], corners[(start + k + 1) % count]]);
+                    push([start, (start + k) % count, (start + k + 1) % count]);
                 }
             }
             Shape::Ears => {
                 for triangle in self.triangles.chunks_exact(3) {
-                    push([triangle[0], triangle[1], triangle[2]].map(|k| corners[k as usize]));
+                    push([triangle[0], triangle[1], triangle[2]].map(|k| k as usize));
                 }
             }
         }

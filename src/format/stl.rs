@@ -3,6 +3,7 @@
 use glam::DVec3;
 
 use super::errors::{ReadError, ReadErrorKind, WriteError};
+use super::facet_normals::FacetNormals;
 use super::sniff::HEAD;
 use super::text::{Text, Word, number};
 use super::{Format, Limits, ReadMesh};
@@ -130,20 +131,15 @@ fn read_binary(bytes: &[u8], limits: &Limits) -> Result<ReadMesh, ReadError> {
     limits.check_faces(facets as u64)?;
     limits.check_vertices(3 * facets as u64)?;
     let mut positions = Vec::with_capacity(3 * facets);
-    for facet in body.chunks_exact(FACET).take(facets) {
-        for corner in facet[12..48].chunks_exact(12) {
-            let at = |k: usize| f64::from(float(&corner[4 * k..]));
-            positions.push(DVec3::new(at(0), at(1), at(2)));
-        }
+    let mut normals = FacetNormals::default();
+    for (facet, number) in body.chunks_exact(FACET).take(facets).zip(0..) {
+        let [normal, corners @ ..] = [0, 12, 24, 36].map(|at| [0, 4, 8].map(|k| float(&facet[at + k..])));
+        let corners = corners.map(|corner| DVec3::from_array(corner.map(f64::from)));
+        positions.extend(corners);
+        normals.take(number, normal, corners);
     }
-    Ok(ReadMesh {
-        soup: unindexed(positions),
-        format: Format::Stl,
-        dialect: "binary STL".to_owned(),
-        numbering: None,
-        normals: None,
-        warnings,
-    })
+    let (soup, dialect, normals) = (unindexed(positions), "binary STL".to_owned(), normals.finish());
+    Ok(ReadMesh { soup, format: Format::Stl, dialect, numbering: None, normals, warnings })
 }
 
 /// Three positions a face, in order.
@@ -159,6 +155,7 @@ struct Facet {
     /// Where it begins; none between facets.
     begin: Option<usize>,
     corners: [DVec3; 3],
+    normal: [f32; 3],
     count: usize,
     /// Whether its loop has ended.
     closed: bool,
@@ -168,6 +165,7 @@ struct Ascii<'a> {
     text: Text<'a>,
     limits: Limits,
     positions: Vec<DVec3>,
+    normals: FacetNormals,
     facet: Facet,
     solids: u64,
     ended: bool,
@@ -180,6 +178,7 @@ fn read_ascii(bytes: &[u8], limits: &Limits) -> Result<ReadMesh, ReadError> {
         text: Text::new(bytes),
         limits: *limits,
         positions: Vec::new(),
+        normals: FacetNormals::default(),
         facet: Facet::default(),
         solids: 0,
         ended: true,
@@ -202,7 +201,7 @@ impl<'a> Ascii<'a> {
         } else if word.is("facet") {
             self.end_facet(word)?;
             self.facet = Facet { begin: Some(word.at), ..Facet::default() };
-            self.skip_normal();
+            self.normal();
         } else if word.is("endloop") {
             self.facet.closed = true;
         } else if word.is("endfacet") {
@@ -260,8 +259,8 @@ impl<'a> Ascii<'a> {
         Ok(true)
     }
 
-    /// Goes past `normal` and its numbers, which readers compute anew anyway.
-    fn skip_normal(&mut self) {
+    /// Reads `normal` and its numbers, as far as they are there.
+    fn normal(&mut self) {
         let mut ahead = self.text.clone();
         let Some(word) = ahead.word() else { return };
         if !word.is("normal") {
@@ -269,11 +268,21 @@ impl<'a> Ascii<'a> {
         }
         self.text = ahead.clone();
         // Exporters leave numbers out or write words for them; none is one of the keywords that can follow.
-        for _ in 0..3 {
+        let mut normal = [f32::NAN; 3];
+        for value in &mut normal {
             match ahead.word() {
-                Some(word) if !is_keyword(word) => self.text = ahead.clone(),
+                Some(word) if !is_keyword(word) => {
+                    self.text = ahead.clone();
+                    #[expect(clippy::cast_possible_truncation, reason = "STL's numbers have 32 bits")]
+                    {
+                        *value = number(word.bytes).map_or(f32::NAN, |x| x as f32);
+                    }
+                }
                 _ => return,
             }
+        }
+        if normal.iter().all(|x| x.is_finite()) {
+            self.facet.normal = normal;
         }
     }
 
@@ -306,6 +315,9 @@ impl<'a> Ascii<'a> {
         }
         self.limits.check_faces(self.positions.len() as u64 / 3 + 1)?;
         self.limits.check_vertices(self.positions.len() as u64 + 3)?;
+        // Limits keep the count of positions within u32.
+        #[expect(clippy::cast_possible_truncation, reason = "as checked")]
+        self.normals.take((self.positions.len() / 3) as u32, self.facet.normal, self.facet.corners);
         self.positions.extend(self.facet.corners);
         Ok(())
     }
@@ -346,14 +358,8 @@ impl<'a> Ascii<'a> {
             ));
         }
         let dialect = "ASCII STL".to_owned();
-        Ok(ReadMesh {
-            soup: unindexed(self.positions),
-            format: Format::Stl,
-            dialect,
-            numbering: None,
-            normals: None,
-            warnings,
-        })
+        let (soup, normals) = (unindexed(self.positions), self.normals.finish());
+        Ok(ReadMesh { soup, format: Format::Stl, dialect, numbering: None, normals, warnings })
     }
 }
 

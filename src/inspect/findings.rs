@@ -7,45 +7,46 @@ use utoipa::ToSchema;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum DefectKind {
-    /// The mesh is in several parts. No fault by itself.
+    /// A part beside the largest, with its count of faces. No fault by itself.
     Disjoint,
-    /// Faces folded back on their neighbours.
+    /// A region of faces folded back on their neighbours, with the height at which they lie over them.
     Foldover,
-    /// A face of no height.
+    /// A face of no height, with that height: 0 where its corners are exactly on a line.
     FlatFace,
-    /// A face with an edge of no length.
+    /// A face with an edge of no length, with that length: 0 where it has a vertex twice. It is flat too.
     DegenerateFace,
-    /// Boundary edges that lie on one another.
+    /// A chain of boundary edges that lie on one another, with the largest gap.
     Slit,
     /// Two faces intersect other than in a shared vertex or edge.
     SelfIntersection,
-    /// An edge of more than two faces.
+    /// An edge of more than two faces, with their count.
     NonManifoldEdge,
-    /// A vertex with more than one fan.
+    /// A vertex with more than one fan, with their count.
     NonManifoldVertex,
-    /// A normal of the file that points into the mesh.
+    /// A vertex of which a normal of the file points into the mesh, with the angle from the faces' normals.
     BadVertexNormal,
     /// A face that can't be used: a corner is not a number, or names no vertex.
     Corrupt,
-    /// A hole: a closed chain of boundary edges.
+    /// A hole: a closed chain of boundary edges, with its length.
     Hole,
     /// Two faces that run along their edge in the same direction.
     MisorientedEdge,
-    /// A vertex that lies on the edge of a face that does not use it.
+    /// A boundary vertex on a boundary edge that does not use it, with the gap: 0 where it lies on it exactly.
     TJunction,
-    /// Boundaries that nearly coincide.
+    /// Chains of boundary edges that nearly coincide, with the widest gap.
     Crack,
-    /// A closed part that is turned inside out.
+    /// A closed part that is turned inside out, with the even number of parts it lies in, if any.
     InvertedPart,
-    /// A face with the same vertices as an earlier one, turned the same way.
+    /// A face with the same vertices as another one, turned the same way.
     DuplicateFace,
-    /// A face with the same vertices as an earlier one, turned the other way.
+    /// A face with the same vertices as another one, turned the other way.
     OppositeFace,
-    /// Surface of no thickness: two sides that lie on one another.
+    /// Surface of no thickness, with that thickness: two sides that lie on one another.
     Sheet,
-    /// A closed part inside another: a cavity where it is turned inward. No fault by itself.
+    /// A closed part inside others, with their count: positive for a cavity, which is turned inward; negative for a solid
+    /// within a solid. No fault by itself.
     InnerShell,
-    /// A part too small to print.
+    /// A part too small to print, with its diagonal.
     TinyPart,
 }
 
@@ -117,6 +118,7 @@ pub struct Findings {
     counts: [u64; DefectKind::ALL.len()],
     places: Vec<Vec<Defect>>,
     most: usize,
+    incomplete: Vec<DefectKind>,
     /// For each face of the file, the [`DefectKind::bit`]s of what it has part in.
     pub marks: Vec<u32>,
 }
@@ -126,7 +128,7 @@ impl Findings {
     #[must_use]
     pub fn new(faces: usize, most: usize) -> Self {
         let places = vec![Vec::new(); DefectKind::ALL.len()];
-        Self { counts: [0; DefectKind::ALL.len()], places, most, marks: vec![0; faces] }
+        Self { counts: [0; DefectKind::ALL.len()], places, most, incomplete: Vec::new(), marks: vec![0; faces] }
     }
 
     /// Counts one defect, marks its faces, and keeps its place while there is room.
@@ -169,6 +171,19 @@ impl Findings {
     #[must_use]
     pub fn places(&self, kind: DefectKind) -> &[Defect] {
         &self.places[kind as usize]
+    }
+
+    /// Says that the search for a kind was given up before its end, so that there may be more than were counted.
+    pub fn mark_incomplete(&mut self, kind: DefectKind) {
+        if let Err(at) = self.incomplete.binary_search(&kind) {
+            self.incomplete.insert(at, kind);
+        }
+    }
+
+    /// The kinds whose search was given up, in the order of their numbers.
+    #[must_use]
+    pub fn incomplete(&self) -> &[DefectKind] {
+        &self.incomplete
     }
 
     /// The kinds of which there is one, each with its count and its first `most` places.

@@ -2,8 +2,8 @@ use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 
 use super::{
-    Analysis, Characteristics, DefectGroup, Findings, Measures, OptionsError, Subject, characteristics, intersections,
-    measures,
+    Analysis, Characteristics, CheckVerdict, DefectGroup, DefectKind, Findings, Measures, OptionsError, Subject,
+    Tolerances, characteristics, find_defects, intersections, measures,
 };
 use crate::context::{Cancelled, Context};
 
@@ -39,11 +39,13 @@ pub struct InspectOptions {
     #[schema(minimum = 0, maximum = 1000)]
     #[param(minimum = 0, maximum = 1000)]
     pub places: usize,
+    /// How closely things must agree to count as the same.
+    pub tolerances: Tolerances,
 }
 
 impl Default for InspectOptions {
     fn default() -> Self {
-        Self { level: Level::Full, places: 20 }
+        Self { level: Level::Full, places: 20, tolerances: Tolerances::default() }
     }
 }
 
@@ -55,7 +57,12 @@ impl InspectOptions {
     pub fn validate(&self) -> Result<(), OptionsError> {
         #[expect(clippy::cast_precision_loss, reason = "compared with a small bound")]
         let places = self.places as f64;
-        OptionsError::unless_within("places", places, (0.0, 1000.0), "between 0 and 1000 places of each kind")
+        OptionsError::unless_within("places", places, (0.0, 1000.0), "between 0 and 1000 places of each kind")?;
+        self.tolerances.validate().map_err(|error| OptionsError {
+            option: error.name,
+            value: error.value.to_string(),
+            expected: "a finite number that is not negative",
+        })
     }
 }
 
@@ -74,6 +81,10 @@ pub struct Inspection {
     pub characteristics: Characteristics,
     /// What is wrong where, by kind.
     pub defects: Vec<DefectGroup>,
+    /// Kinds of which there may be more: their search met too many candidates and was given up.
+    pub incomplete: Vec<DefectKind>,
+    /// Whether the mesh keeps the rules of the level; none at level none.
+    pub check: Option<CheckVerdict>,
 }
 
 /// Looks at a mesh. The findings have more places than the report lists, and a mark on each face.
@@ -93,13 +104,16 @@ pub fn inspect(
         found.report(&analysis, &mut findings);
         measures.self_intersections = found.counts;
     }
+    find_defects(&analysis, &options.tolerances, options.level, &mut findings, context)?;
     let characteristics = characteristics(&analysis, &measures, options.level, context)?;
     let inspection = Inspection {
         version: INSPECTION_VERSION,
         level: options.level,
-        measures,
         characteristics,
         defects: findings.groups(options.places),
+        incomplete: findings.incomplete().to_vec(),
+        check: CheckVerdict::new(options.level, &measures, &findings),
+        measures,
     };
     Ok((inspection, findings))
 }

@@ -6,6 +6,7 @@
 mod analysis;
 mod attributes;
 mod characteristics;
+mod defects;
 mod distribution;
 mod duplicates;
 mod elements;
@@ -26,6 +27,7 @@ mod statistics;
 pub use analysis::{Analysis, Subject};
 pub use attributes::{Answer, Attributes, Unmeasurable};
 pub use characteristics::{Characteristics, characteristics};
+pub use defects::{CheckRule, CheckVerdict, Tolerance, ToleranceError, Tolerances, find_defects};
 use distribution::finite;
 pub use distribution::{Bins, Distribution, Histogram, Spacing};
 pub use duplicates::{FaceGroups, group_faces};

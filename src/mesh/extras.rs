@@ -1,9 +1,40 @@
-/// Normals that a file gives at the corners of its faces, one triple for each face of the soup. A corner without a
-/// normal has zeros.
-#[derive(Debug, Clone, Default, PartialEq)]
-pub struct CornerNormals {
-    /// Of each face of the soup, the normals at its three corners, not necessarily of unit length.
-    pub of_face: Vec<[[f32; 3]; 3]>,
+/// Normals that a file gives, as it gives them. They need not have unit length; one that is zero or not finite is none.
+#[derive(Debug, Clone, PartialEq)]
+pub enum CornerNormals {
+    /// One for each vertex of the soup.
+    OfVertices(Vec<[f32; 3]>),
+    /// A list, and for each face of the soup the places in it of its corners' normals.
+    OfCorners {
+        /// The normals.
+        normals: Vec<[f32; 3]>,
+        /// Places in `normals`; one that is out of range is none.
+        faces: Vec<[u32; 3]>,
+    },
+    /// One for each face. Only those are kept that are opposed to their face as its corners turn: there are hardly ever
+    /// any, and the others say nothing that the corners don't.
+    OfFaces {
+        /// Faces of the soup with their normals, ascending.
+        opposed: Vec<(u32, [f32; 3])>,
+    },
+}
+
+impl CornerNormals {
+    /// The normal at corner `k` (0 to 2) of a face of the soup with these vertices.
+    ///
+    /// # Panics
+    /// When `k` is more than 2.
+    #[must_use]
+    pub fn at(&self, face: usize, vertices: [u32; 3], k: usize) -> Option<[f32; 3]> {
+        let found = match self {
+            Self::OfVertices(normals) => normals.get(vertices[k] as usize),
+            Self::OfCorners { normals, faces } => faces.get(face).and_then(|corners| normals.get(corners[k] as usize)),
+            Self::OfFaces { opposed } => {
+                let at = opposed.binary_search_by(|(f, _)| (*f as usize).cmp(&face)).ok();
+                at.map(|at| &opposed[at].1)
+            }
+        };
+        found.copied().filter(|n| n.iter().all(|x| x.is_finite()) && *n != [0.0; 3])
+    }
 }
 
 /// What a file with explicit numbers says of its vertices and faces.

@@ -4,8 +4,8 @@ use super::{
     Cancelled, Category, Context, FileSummary, Options, Outcome, Plan, Preset, REPORT_VERSION, Report, compare,
 };
 use crate::format::{self, Format, Limits, ReadError, ReadMesh};
-use crate::inspect::{InspectOptions, Inspection, Level, Measures, inspect};
-use crate::mesh::{Soup, Surface};
+use crate::inspect::{InspectOptions, Inspection, Level, Measures, Subject, inspect};
+use crate::mesh::Surface;
 
 /// What came in.
 pub(super) struct Input<'a> {
@@ -52,7 +52,7 @@ impl Input<'_> {
             return Ok(self.before.clone());
         }
         let read = read_own(&judged.bytes)?;
-        Ok(look(&read.soup, || Ok(judged.measures.clone()), context)?)
+        Ok(look(&read, || Ok(judged.measures.clone()), context)?)
     }
 
     /// The account as far as it is known before anything was run.
@@ -102,16 +102,17 @@ pub(super) fn read_own(bytes: &[u8]) -> Result<ReadMesh, ReadError> {
 /// Looks at everything. When the time is over only what results are judged by is told, from `measures`, since a repair
 /// without it is none.
 pub(super) fn look(
-    soup: &Soup,
+    mesh: &ReadMesh,
     measures: impl FnOnce() -> Result<Measures, Cancelled>,
     context: &Context<'_>,
 ) -> Result<Inspection, Cancelled> {
+    let subject = Subject { soup: &mesh.soup, normals: mesh.normals.as_ref(), numbering: mesh.numbering.as_ref() };
     let all = InspectOptions::default();
-    match inspect(soup.into(), &all, context) {
+    match inspect(subject, &all, context) {
         Err(Cancelled) if !context.is_cancelled() => {
             let measures = measures()?;
             let counts = InspectOptions { level: Level::None, ..all };
-            let (counted, _) = inspect(soup.into(), &counts, &context.without_deadline())?;
+            let (counted, _) = inspect(subject, &counts, &context.without_deadline())?;
             Ok(Inspection { measures, ..counted })
         }
         looked => looked.map(|(inspection, _)| inspection),

@@ -65,7 +65,7 @@ pub fn repair(
     let mesh = format::read(bytes, limits)?;
     let format = options.output.resolve(mesh.format);
     context.report(Stage::Inspect, None, 3);
-    let before = look(&mesh.soup, || measure(&mesh.soup, patient), context)?;
+    let before = look(&mesh, || measure(&mesh.soup, patient), context)?;
     context.log(&format!("read {}: {}", mesh.dialect, before.measures.in_short()));
     let input = &Input { bytes, mesh: &mesh, before: &before };
     let end = Ending { input, format, start, context };

@@ -2,6 +2,7 @@
 
 mod any_bytes;
 mod limits;
+mod normals;
 mod obj;
 mod off;
 mod ply;

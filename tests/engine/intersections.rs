@@ -169,8 +169,11 @@ fn faces_are_named_by_their_index_in_the_file() {
 #[test]
 fn the_full_level_lists_pairs_with_their_places_and_the_basic_level_does_not_look() {
     let soup = join(&cube(DVec3::ZERO, 4.0, 1), &cube(DVec3::new(3.0, 2.9, 2.7), 4.0, 1));
-    let at =
-        |level| with_context(|context| inspect((&soup).into(), &InspectOptions { level, places: 3 }, context).unwrap());
+    let at = |level| {
+        with_context(|context| {
+            inspect((&soup).into(), &InspectOptions { level, places: 3, ..InspectOptions::default() }, context).unwrap()
+        })
+    };
     let (full, findings) = at(Level::Full);
     let count = findings.count(DefectKind::SelfIntersection);
     assert_eq!(full.measures.self_intersections.pairs, Some(count));

@@ -3,6 +3,7 @@
 
 mod analyze;
 mod characteristics;
+mod defects;
 mod formats;
 mod intersections;
 mod lost;

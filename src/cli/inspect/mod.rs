@@ -70,7 +70,7 @@ impl InspectArgs {
         };
         let default = InspectOptions::default();
         let places = if self.offenders { usize::MAX } else { default.places };
-        InspectOptions { level: self.level.unwrap_or(needed), places }
+        InspectOptions { level: self.level.unwrap_or(needed), places, ..default }
     }
 }
 

@@ -5,13 +5,15 @@ use super::super::errors::{ReadError, ReadErrorKind};
 use super::super::faces::Faces;
 use super::header::{Element, Header, Kind, Meaning, Role};
 use super::values::{Values, list_length};
-use crate::mesh::Soup;
+use crate::mesh::{CornerNormals, Soup};
 
 /// Reads the elements in the order in which the header names them.
 pub(super) struct Elements<V> {
     values: V,
     limits: Limits,
     positions: Vec<DVec3>,
+    /// One for each vertex, where the header names all three numbers.
+    normals: Vec<[f32; 3]>,
     /// The header's count of vertices, against which indices are checked; faces may come first.
     vertices: u64,
     corners: Vec<u32>,
@@ -20,11 +22,12 @@ pub(super) struct Elements<V> {
 
 impl<V: Values> Elements<V> {
     pub fn new(values: V, limits: &Limits) -> Self {
-        Self { values, limits: *limits, positions: Vec::new(), vertices: 0, corners: Vec::new(), repeated: 0 }
+        let (positions, normals, corners) = (Vec::new(), Vec::new(), Vec::new());
+        Self { values, limits: *limits, positions, normals, vertices: 0, corners, repeated: 0 }
     }
 
-    /// The mesh and what there is to tell. The header's counts must have been held to the file's size.
-    pub fn read(mut self, header: &Header) -> Result<(Soup, Vec<String>), ReadError> {
+    /// The mesh, its normals and what there is to tell. The header's counts must have been held to the file's size.
+    pub fn read(mut self, header: &Header) -> Result<(Soup, Option<CornerNormals>, Vec<String>), ReadError> {
         let count = |role| header.elements.iter().filter(|e| e.role == role).map(|e| e.count).sum::<u64>();
         self.vertices = count(Role::Vertices);
         // A face takes a byte at least, so that this is no more than a few times the file's size.
@@ -45,17 +48,26 @@ impl<V: Values> Elements<V> {
             ));
         }
         warnings.extend(self.values.left_over());
-        Ok((Soup { positions: self.positions, faces }, warnings))
+        let normals = (!self.normals.is_empty()).then_some(CornerNormals::OfVertices(self.normals));
+        Ok((Soup { positions: self.positions, faces }, normals, warnings))
     }
 
     fn read_vertices(&mut self, element: &Element) -> Result<(), ReadError> {
-        self.positions.reserve_exact(usize::try_from(element.count).unwrap_or(0));
+        let count = usize::try_from(element.count).unwrap_or(0);
+        self.positions.reserve_exact(count);
+        let has_normals = element.has_normals();
+        if has_normals {
+            self.normals.reserve_exact(count);
+        }
         for row in 0..element.count {
-            let mut position = DVec3::ZERO;
+            let (mut position, mut normal) = (DVec3::ZERO, DVec3::ZERO);
             for property in &element.properties {
                 match (property.kind, property.meaning) {
                     (Kind::Scalar(scalar), Meaning::Coordinate(k)) => {
                         position[k] = self.values.real(scalar, element, row)?;
+                    }
+                    (Kind::Scalar(scalar), Meaning::Normal(k)) if has_normals => {
+                        normal[k] = self.values.real_or_nothing(scalar, element, row)?;
                     }
                     (Kind::Scalar(scalar), _) => self.values.skip(scalar, 1, element, row)?,
                     (Kind::List { count, item }, _) => {
@@ -65,6 +77,9 @@ impl<V: Values> Elements<V> {
                 }
             }
             self.positions.push(position);
+            if has_normals {
+                self.normals.push(normal.as_vec3().to_array());
+            }
         }
         Ok(())
     }

@@ -75,6 +75,8 @@ pub(super) enum Kind {
 pub(super) enum Meaning {
     /// x, y or z of a vertex, as 0, 1 or 2.
     Coordinate(usize),
+    /// x, y or z of the normal at a vertex, as 0, 1 or 2.
+    Normal(usize),
     /// The vertices of a face or a strip.
     Indices,
     /// Nothing that is read.
@@ -126,6 +128,11 @@ impl Element {
                 })
                 .sum(),
         }
+    }
+
+    /// Whether vertices have normals.
+    pub fn has_normals(&self) -> bool {
+        (0..3).all(|k| self.has(Meaning::Normal(k)))
     }
 
     fn has(&self, meaning: Meaning) -> bool {
@@ -316,6 +323,9 @@ fn read_property(text: &mut Text<'_>, keyword: Word<'_>, role: Role) -> Result<P
         (Role::Vertices, Kind::Scalar(_), b"x") => Meaning::Coordinate(0),
         (Role::Vertices, Kind::Scalar(_), b"y") => Meaning::Coordinate(1),
         (Role::Vertices, Kind::Scalar(_), b"z") => Meaning::Coordinate(2),
+        (Role::Vertices, Kind::Scalar(_), b"nx") => Meaning::Normal(0),
+        (Role::Vertices, Kind::Scalar(_), b"ny") => Meaning::Normal(1),
+        (Role::Vertices, Kind::Scalar(_), b"nz") => Meaning::Normal(2),
         (Role::Faces | Role::Strips, Kind::List { item, .. }, b"vertex_indices" | b"vertex_index")
             if item.is_integer() =>
         {

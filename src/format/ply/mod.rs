@@ -16,7 +16,7 @@ pub(super) fn read(bytes: &[u8], limits: &Limits) -> Result<ReadMesh, ReadError>
     let header = Header::read(bytes)?;
     header.check_counts(bytes.len(), limits)?;
     let body = header.body;
-    let (soup, warnings) = match header.encoding {
+    let (soup, normals, warnings) = match header.encoding {
         Encoding::Ascii => Elements::new(AsciiValues::new(bytes, body), limits).read(&header)?,
         Encoding::BinaryLittleEndian => Elements::new(BinaryValues::<true>::new(bytes, body), limits).read(&header)?,
         Encoding::BinaryBigEndian => Elements::new(BinaryValues::<false>::new(bytes, body), limits).read(&header)?,
@@ -29,7 +29,7 @@ pub(super) fn read(bytes: &[u8], limits: &Limits) -> Result<ReadMesh, ReadError>
         format: Format::Ply,
         dialect: header.encoding.dialect().to_owned(),
         numbering: None,
-        normals: None,
+        normals,
         warnings,
     })
 }

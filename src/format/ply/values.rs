@@ -1,11 +1,16 @@
 use super::super::errors::{ReadError, ReadErrorKind, shown};
-use super::super::text::Text;
+use super::super::text::{Text, number};
 use super::header::{Element, Kind, Scalar};
 
 /// Where the elements' numbers come from, one after the other.
 pub(super) trait Values {
     /// A number as f64. `element` and `row` are for the words of an error.
     fn real(&mut self, scalar: Scalar, element: &Element, row: u64) -> Result<f64, ReadError>;
+
+    /// A number that the mesh can do without: what is none is read as not-a-number.
+    fn real_or_nothing(&mut self, scalar: Scalar, element: &Element, row: u64) -> Result<f64, ReadError> {
+        self.real(scalar, element, row)
+    }
 
     /// A whole number.
     fn whole(&mut self, scalar: Scalar, element: &Element, row: u64) -> Result<i64, ReadError>;
@@ -201,6 +206,12 @@ impl Values for AsciiValues<'_> {
         let Some(word) = self.text.word() else { return Err(self.ended(element, row)) };
         self.last = word.at;
         self.text.number(word, "a number")
+    }
+
+    #[inline]
+    fn real_or_nothing(&mut self, _: Scalar, element: &Element, row: u64) -> Result<f64, ReadError> {
+        let Some(word) = self.text.word() else { return Err(self.ended(element, row)) };
+        Ok(number(word.bytes).unwrap_or(f64::NAN))
     }
 
     #[inline]

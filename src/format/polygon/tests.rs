@@ -6,7 +6,7 @@ fn cut(positions: &[DVec3]) -> (Vec<[u32; 3]>, Cutter) {
     let corners: Vec<u32> = (0..positions.len() as u32).collect();
     let mut cutter = Cutter::new();
     let mut triangles = Vec::new();
-    cutter.cut(positions, &corners, |t| triangles.push(t));
+    cutter.cut(positions, &corners, |t| triangles.push(t.map(|k| k as u32)));
     (triangles, cutter)
 }
 

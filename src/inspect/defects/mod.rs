@@ -1,0 +1,69 @@
+//! Everything that is wrong with a mesh, typed and placed, after Parasolid's `PK_MESH_find_defects` (seed 002) and
+//! beyond it. Self-intersections are found elsewhere.
+
+mod chains;
+mod check;
+mod corrupt;
+mod doubles;
+mod folds;
+mod holes;
+mod manifold;
+mod normals;
+mod parts;
+mod scan;
+mod seams;
+mod sheets;
+mod thin_faces;
+mod tolerances;
+
+pub use check::{CheckRule, CheckVerdict};
+pub use tolerances::{Tolerance, ToleranceError, Tolerances};
+
+use super::{Analysis, Findings, Level};
+use crate::context::{Cancelled, Context};
+use crate::mesh::Parts;
+use scan::Scan;
+
+/// Finds all defects of a mesh but self-intersections.
+///
+/// At level none nothing is looked for. Level basic leaves out what needs a search in space: slits, cracks, T-junctions,
+/// inner shells, and sheets whose two sides have different faces. Where a search meets more candidates than its budget
+/// allows, or no ray tells whether a part lies in another, it gives up, and [`Findings::incomplete`] names the kind.
+/// O(n log n) in the number of faces.
+///
+/// # Errors
+/// [`Cancelled`] when the work should stop.
+pub fn find_defects(
+    analysis: &Analysis<'_>,
+    tolerances: &Tolerances,
+    level: Level,
+    findings: &mut Findings,
+    context: &Context<'_>,
+) -> Result<(), Cancelled> {
+    if level == Level::None {
+        return Ok(());
+    }
+    let scan = &mut Scan::new(analysis, tolerances, findings, context);
+    corrupt::find(scan)?;
+    if analysis.surface.faces.is_empty() {
+        return Ok(());
+    }
+    let flat = thin_faces::find(scan)?;
+    manifold::find_edges(scan)?;
+    manifold::find_vertices(scan)?;
+    normals::find(scan, &flat)?;
+    holes::find(scan)?;
+    let opposed = doubles::find(scan)?;
+    let sizes = parts::sizes(scan);
+    let thin = sheets::parts_without_thickness(scan, &sizes);
+    let in_thin_part: Vec<bool> =
+        analysis.parts.of_face.iter().map(|&p| p != Parts::NONE && thin[p as usize].is_some()).collect();
+    let folded = folds::find(scan, &flat, &in_thin_part)?;
+    let known = sheets::Known { opposed: &opposed, flat: &flat, thin: &thin, folded: &folded };
+    sheets::find(scan, level, &known)?;
+    parts::find(scan, level, &sizes, &thin)?;
+    if level >= Level::Full {
+        seams::find(scan)?;
+    }
+    Ok(())
+}

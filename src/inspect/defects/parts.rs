@@ -1,0 +1,103 @@
+use glam::DVec3;
+
+use super::super::{DefectKind, Level, nesting_depths};
+use super::scan::Scan;
+use crate::context::Cancelled;
+use crate::math::Box3;
+use crate::mesh::Parts;
+
+/// Area and signed volume of a part, on the unit scale: those of [`Solid`](super::super::Solid) leave the range of f64
+/// where coordinates are near its ends.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Size {
+    pub volume: f64,
+    pub area: f64,
+}
+
+/// Measures every part, about its first corner.
+pub(super) fn sizes(scan: &Scan<'_, '_>) -> Vec<Size> {
+    let parts = &scan.analysis.parts;
+    let mut sizes = vec![Size::default(); parts.count];
+    let mut about: Vec<Option<DVec3>> = vec![None; parts.count];
+    for (&part, f) in parts.of_face.iter().zip(0u32..).filter(|&(&part, _)| part != Parts::NONE) {
+        let corners = scan.corners(f);
+        let about = *about[part as usize].get_or_insert(corners[0]);
+        let [a, b, c] = corners.map(|p| p - about);
+        let size = &mut sizes[part as usize];
+        size.volume += a.dot(b.cross(c)) / 6.0;
+        size.area += (b - a).cross(c - a).length() / 2.0;
+    }
+    sizes
+}
+
+/// Tells of the parts: those beside the largest, those too small to print, those inside out, and, where the level allows
+/// a search, those inside others.
+///
+/// A closed part lies in as many others as a ray from it to the outside leaves (see
+/// [`nesting_depths`](super::super::nesting_depths)). Turned inward in an odd number of others it is a cavity, and in an
+/// even number it is inside out. `thin` are the parts without thickness, which have no inside.
+pub(super) fn find(
+    scan: &mut Scan<'_, '_>,
+    level: Level,
+    sizes: &[Size],
+    thin: &[Option<f64>],
+) -> Result<(), Cancelled> {
+    let analysis = scan.analysis;
+    let solids = &analysis.solids;
+    // As `measures` does at any level: only what is turned inward can be inside out.
+    let inward = |part: usize| sizes[part].volume < 0.0;
+    let wanted: Vec<bool> = (0..solids.len())
+        .map(|part| solids[part].closed && thin[part].is_none() && (inward(part) || level >= Level::Full))
+        .collect();
+    let depths = nesting_depths(&analysis.surface, &analysis.parts, solids, &wanted, scan.context())?;
+    for part in (0..solids.len()).filter(|&part| wanted[part] && depths[part].is_none()) {
+        scan.incomplete(if inward(part) { DefectKind::InvertedPart } else { DefectKind::InnerShell });
+    }
+    let largest = (0..solids.len()).rev().max_by(|&i, &j| sizes[i].area.total_cmp(&sizes[j].area));
+    let whole = Box3::of(analysis.surface.positions.iter().copied()).diagonal();
+    let tiny = |part: usize| {
+        let diagonal = solids[part].bounds.diagonal();
+        (diagonal <= scan.told(scan.lengths.tiny_part) && diagonal < whole).then_some(diagonal)
+    };
+    let mut told: Vec<Told> = Vec::new();
+    for part in 0..solids.len() {
+        scan.step(part)?;
+        let it = Told {
+            apart: solids.len() > 1 && Some(part) != largest,
+            tiny: tiny(part),
+            inverted: inward(part) && depths[part].is_some_and(|depth| depth % 2 == 0),
+            depth: depths[part].filter(|&depth| depth > 0 && level >= Level::Full),
+        };
+        told.push(it);
+    }
+    if told.iter().all(|it| !it.apart && it.tiny.is_none() && !it.inverted && it.depth.is_none()) {
+        return Ok(());
+    }
+    for (part, (it, faces)) in told.into_iter().zip(analysis.parts.faces()).enumerate() {
+        scan.step(part)?;
+        let Some(&first) = faces.first() else { continue };
+        let at = scan.points([analysis.surface.faces[first as usize][0]])[0];
+        let mut put = |kind, value| scan.put(kind, at, faces.iter().copied(), &[], value);
+        if it.apart {
+            #[expect(clippy::cast_precision_loss, reason = "faces are counted in u32")]
+            put(DefectKind::Disjoint, Some(faces.len() as f64));
+        }
+        if let Some(diagonal) = it.tiny {
+            put(DefectKind::TinyPart, Some(diagonal));
+        }
+        if it.inverted {
+            put(DefectKind::InvertedPart, it.depth.map(f64::from));
+        } else if let Some(depth) = it.depth {
+            put(DefectKind::InnerShell, Some(f64::from(depth) * if inward(part) { 1.0 } else { -1.0 }));
+        }
+    }
+    Ok(())
+}
+
+/// What is to be said of a part.
+struct Told {
+    apart: bool,
+    tiny: Option<f64>,
+    inverted: bool,
+    depth: Option<u32>,
+}

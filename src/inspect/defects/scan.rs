@@ -1,0 +1,115 @@
+use glam::DVec3;
+
+use super::super::{Analysis, Defect, DefectKind, Findings};
+use super::tolerances::{Lengths, Tolerances};
+use crate::context::{Cancelled, Context};
+use crate::math::Box3;
+
+/// Faces that one defect names; the others have its mark.
+const MOST_FACES: usize = 1000;
+/// Steps of a loop between two looks at the clock.
+const STRIDE: usize = 4096;
+
+/// What every search works with. Lengths are measured on [`Analysis::unit`], where squares of coordinates neither
+/// overflow nor vanish, and told in the model's unit.
+pub(super) struct Scan<'a, 'm> {
+    pub analysis: &'a Analysis<'m>,
+    pub unit: &'a [DVec3],
+    pub lengths: Lengths,
+    context: &'a Context<'a>,
+    findings: &'a mut Findings,
+    /// The model's length of a unit.
+    scale: f64,
+}
+
+impl<'a, 'm> Scan<'a, 'm> {
+    pub fn new(
+        analysis: &'a Analysis<'m>,
+        tolerances: &Tolerances,
+        findings: &'a mut Findings,
+        context: &'a Context<'a>,
+    ) -> Self {
+        let unit = analysis.unit();
+        let largest = |points: &[DVec3]| points.iter().fold(0.0f64, |m, p| m.max(p.abs().max_element()));
+        let scale = largest(&analysis.surface.positions) / largest(unit);
+        let scale = if scale > 0.0 && scale.is_finite() { scale } else { 1.0 };
+        let diagonal = Box3::of(unit.iter().copied()).diagonal();
+        let lengths = tolerances.lengths(diagonal, scale);
+        Self { analysis, unit, lengths, context, findings, scale }
+    }
+
+    /// Asks the context in every few thousandth step.
+    pub fn step(&self, number: usize) -> Result<(), Cancelled> {
+        if number.is_multiple_of(STRIDE) { self.context.check() } else { Ok(()) }
+    }
+
+    pub fn context(&self) -> &'a Context<'a> {
+        self.context
+    }
+
+    /// The corners of a face, on the unit scale.
+    pub fn corners(&self, face: u32) -> [DVec3; 3] {
+        self.analysis.surface.faces[face as usize].map(|v| self.unit[v as usize])
+    }
+
+    /// Twice the area of a face times its unit normal, on the unit scale.
+    pub fn area_vector(&self, face: u32) -> DVec3 {
+        let [a, b, c] = self.corners(face);
+        (b - a).cross(c - a)
+    }
+
+    /// A length on the unit scale in the model's unit, as a number that JSON has.
+    pub fn told(&self, length: f64) -> f64 {
+        (length * self.scale).clamp(f64::MIN, f64::MAX)
+    }
+
+    /// A length above 0 on the unit scale; it stays above 0, since 0 says that something is exactly so.
+    pub fn told_above_zero(&self, length: f64) -> f64 {
+        self.told(length).max(f64::MIN_POSITIVE)
+    }
+
+    /// The middle of a face, in the model's unit.
+    pub fn middle(&self, face: u32) -> DVec3 {
+        self.analysis.surface.corners(face as usize).into_iter().map(|p| p / 3.0).sum()
+    }
+
+    /// Positions of vertices, in the model's unit.
+    pub fn points(&self, vertices: impl IntoIterator<Item = u32>) -> Vec<DVec3> {
+        vertices.into_iter().map(|v| self.analysis.surface.positions[v as usize]).collect()
+    }
+
+    /// Says that a search was given up before its end.
+    pub fn incomplete(&mut self, kind: DefectKind) {
+        self.findings.mark_incomplete(kind);
+    }
+
+    /// Adds a defect at a point in the model's unit, with faces of the surface.
+    pub fn put(
+        &mut self,
+        kind: DefectKind,
+        at: DVec3,
+        faces: impl IntoIterator<Item = u32>,
+        line: &[DVec3],
+        value: Option<f64>,
+    ) {
+        let source = &self.analysis.surface.source;
+        self.put_as_read(kind, at, faces.into_iter().map(|f| source[f as usize]).collect(), line, value);
+    }
+
+    /// Adds a defect with faces as the file counts them.
+    pub fn put_as_read(
+        &mut self,
+        kind: DefectKind,
+        at: DVec3,
+        mut faces: Vec<u32>,
+        line: &[DVec3],
+        value: Option<f64>,
+    ) {
+        faces.sort_unstable();
+        faces.dedup();
+        self.findings.mark(kind, &faces);
+        faces.truncate(MOST_FACES);
+        let line = line.iter().map(|p| p.to_array()).collect();
+        self.findings.push(kind, Defect { at: at.to_array(), faces, line, value, meeting: None });
+    }
+}

@@ -1,0 +1,205 @@
+//! Surface of no thickness.
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::super::{DefectKind, Level, Solid};
+use super::parts::Size;
+use super::scan::Scan;
+use crate::context::Cancelled;
+use crate::math::{Sign, Tree, orient3d, within};
+use crate::mesh::{Parts, UnionFind};
+
+/// Cosine of the angle between two sides of a sheet: a degree from opposite.
+const OPPOSITE: f64 = -0.999_847_695;
+/// Faces that are looked at around one.
+const MOST_AROUND: u32 = 256;
+/// Faces that are looked at between two looks at the clock.
+const BATCH: usize = 1 << 15;
+/// Thickness on the unit scale that rounding alone can give.
+const ROUNDING: f64 = 1e-13;
+
+/// The parts without thickness: closed, with a volume that is no more than a sheet of their area and of the tolerance's
+/// thickness has. Answers the thickness of each, none for all other parts.
+pub(super) fn parts_without_thickness(scan: &Scan<'_, '_>, sizes: &[Size]) -> Vec<Option<f64>> {
+    let thickness = |(size, solid): (&Size, &Solid)| {
+        let thin = solid.closed && size.volume.abs() <= scan.lengths.sheet.max(ROUNDING) * size.area / 2.0;
+        thin.then(|| if size.area > 0.0 { 2.0 * size.volume.abs() / size.area } else { 0.0 })
+    };
+    sizes.iter().zip(&scan.analysis.solids).map(thickness).collect()
+}
+
+/// What other searches found before.
+pub(super) struct Known<'a> {
+    /// Faces with an opposite one of the same vertices, and that one.
+    pub opposed: &'a [(u32, u32)],
+    /// Flat faces.
+    pub flat: &'a [bool],
+    /// Thickness of the parts that have none.
+    pub thin: &'a [Option<f64>],
+    /// Faces in foldovers.
+    pub folded: &'a [bool],
+}
+
+/// Finds the parts without thickness, and in other parts regions of faces that lie on faces turned the other way: those
+/// with the same vertices and, where the level allows a search, those whose middle lies within the tolerance of one.
+///
+/// Walls of two solids that touch are found as well: what is between them has no thickness either.
+pub(super) fn find(scan: &mut Scan<'_, '_>, level: Level, known: &Known<'_>) -> Result<(), Cancelled> {
+    let parts = &scan.analysis.parts;
+    let skip: Vec<bool> = (0..known.flat.len())
+        .map(|f| {
+            let part = parts.of_face[f];
+            part == Parts::NONE || known.flat[f] || known.folded[f] || known.thin[part as usize].is_some()
+        })
+        .collect();
+    let mut pairs: Vec<(u32, u32, f64)> =
+        known.opposed.iter().filter(|&&(f, _)| !skip[f as usize]).map(|&(f, g)| (f, g, 0.0)).collect();
+    if level >= Level::Full {
+        let mut doubled = skip.clone();
+        for &(f, _) in known.opposed {
+            doubled[f as usize] = true;
+        }
+        search(scan, &skip, &doubled, &mut pairs)?;
+    }
+    tell_parts(scan, known.thin);
+    tell_regions(scan, &pairs)
+}
+
+/// Looks for a partner of every face but those in `known`.
+fn search(
+    scan: &mut Scan<'_, '_>,
+    skip: &[bool],
+    known: &[bool],
+    pairs: &mut Vec<(u32, u32, f64)>,
+) -> Result<(), Cancelled> {
+    let analysis = scan.analysis;
+    let search = Search {
+        unit: scan.unit,
+        faces: &analysis.surface.faces,
+        tree: analysis.tree(),
+        skip,
+        tolerance: scan.lengths.sheet.max(ROUNDING),
+    };
+    let asked: Vec<u32> = (0u32..).zip(known).filter(|&(_, &known)| !known).map(|(f, _)| f).collect();
+    let mut gave_up = false;
+    for batch in asked.chunks(BATCH) {
+        scan.context().check()?;
+        let found: Vec<Found> = batch.par_iter().map(|&f| search.partner(f)).collect();
+        for (&f, found) in batch.iter().zip(found) {
+            match found {
+                Found::Nothing => {}
+                Found::Partner(g, gap) => pairs.push((f, g, gap)),
+                Found::GaveUp => gave_up = true,
+            }
+        }
+    }
+    if gave_up {
+        scan.incomplete(DefectKind::Sheet);
+    }
+    Ok(())
+}
+
+struct Search<'a> {
+    unit: &'a [DVec3],
+    faces: &'a [[u32; 3]],
+    tree: &'a Tree,
+    skip: &'a [bool],
+    tolerance: f64,
+}
+
+enum Found {
+    Nothing,
+    /// A face, and how far away.
+    Partner(u32, f64),
+    /// There were too many to look at.
+    GaveUp,
+}
+
+impl Search<'_> {
+    fn corners(&self, face: u32) -> [DVec3; 3] {
+        self.faces[face as usize].map(|v| self.unit[v as usize])
+    }
+
+    /// A face turned the other way on which the middle of face `f` lies.
+    fn partner(&self, f: u32) -> Found {
+        let [a, b, c] = self.corners(f);
+        let normal = (b - a).cross(c - a).normalize_or_zero();
+        let middle = (a + b + c) / 3.0;
+        let (mut found, mut looks) = (Found::Nothing, 0);
+        self.tree.around(middle, self.tolerance, |g| {
+            looks += 1;
+            if looks > MOST_AROUND {
+                found = Found::GaveUp;
+                return false;
+            }
+            let corners @ [p, q, r] = self.corners(g);
+            let other = (q - p).cross(r - p).normalize_or_zero();
+            if g == f
+                || self.skip[g as usize]
+                || normal.dot(other) > OPPOSITE
+                || !within(middle, corners, self.tolerance)
+            {
+                return true;
+            }
+            let in_plane = [a, b, c].into_iter().all(|x| orient3d(p, q, r, x) == Sign::Zero);
+            found = Found::Partner(g, if in_plane { 0.0 } else { other.dot(middle - p).abs() });
+            false
+        });
+        found
+    }
+}
+
+/// One defect for each part without thickness.
+fn tell_parts(scan: &mut Scan<'_, '_>, thin: &[Option<f64>]) {
+    if thin.iter().all(Option::is_none) {
+        return;
+    }
+    let mut faces: Vec<Vec<u32>> = vec![Vec::new(); thin.len()];
+    for (&part, f) in scan.analysis.parts.of_face.iter().zip(0u32..) {
+        if part != Parts::NONE && thin[part as usize].is_some() {
+            faces[part as usize].push(f);
+        }
+    }
+    for (thickness, faces) in thin.iter().zip(faces) {
+        if let (Some(thickness), Some(&first)) = (thickness, faces.first()) {
+            scan.put(DefectKind::Sheet, scan.middle(first), faces, &[], Some(scan.told(*thickness)));
+        }
+    }
+}
+
+/// One defect for each set of faces that are in pairs or share edges.
+fn tell_regions(scan: &mut Scan<'_, '_>, pairs: &[(u32, u32, f64)]) -> Result<(), Cancelled> {
+    if pairs.is_empty() {
+        return Ok(());
+    }
+    let count = scan.analysis.surface.faces.len();
+    let mut part_of = vec![false; count];
+    let mut sets = UnionFind::new(count);
+    for &(f, g, _) in pairs {
+        part_of[f as usize] = true;
+        part_of[g as usize] = true;
+        sets.unite(f, g);
+    }
+    for half_edges in scan.analysis.edges.iter() {
+        let mut faces = half_edges.iter().map(|h| h / 3).filter(|&f| part_of[f as usize]);
+        if let Some(first) = faces.next() {
+            faces.for_each(|f| sets.unite(first, f));
+        }
+    }
+    let mut gaps = vec![0.0f64; count];
+    for &(f, _, gap) in pairs {
+        let widest = &mut gaps[sets.root(f) as usize];
+        *widest = widest.max(gap);
+    }
+    let mut members: Vec<(u32, u32)> =
+        (0u32..).zip(&part_of).filter(|&(_, &is)| is).map(|(f, _)| (sets.root(f), f)).collect();
+    members.sort_unstable();
+    for (number, region) in members.chunk_by(|x, y| x.0 == y.0).enumerate() {
+        scan.step(number)?;
+        let (root, first) = region[0];
+        let gap = scan.told(gaps[root as usize]);
+        scan.put(DefectKind::Sheet, scan.middle(first), region.iter().map(|&(_, f)| f), &[], Some(gap));
+    }
+    Ok(())
+}

@@ -1,0 +1,176 @@
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+/// A length below which something counts as nothing.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Tolerance {
+    /// A share of the diagonal of the box around the mesh.
+    OfDiagonal(f64),
+    /// A length in the model's unit.
+    Absolute(f64),
+}
+
+impl Tolerance {
+    fn number(self) -> f64 {
+        match self {
+            Self::OfDiagonal(number) | Self::Absolute(number) => number,
+        }
+    }
+
+    /// The length in a unit of which the model's unit has `scale`, in a mesh of this diagonal in that unit. What is no
+    /// length is 0: only what is exactly nothing counts then.
+    fn length(self, diagonal: f64, scale: f64) -> f64 {
+        let length = match self {
+            Self::OfDiagonal(share) => share * diagonal,
+            Self::Absolute(length) => length / scale,
+        };
+        if length >= 0.0 { length } else { 0.0 }
+    }
+}
+
+/// How closely things must agree to count as the same, after Parasolid's `tolerance` and `defect_tolerances` (seed 002).
+///
+/// An override that is not given is the linear tolerance. A tolerance of 0 finds only what is so exactly, decided by
+/// exact predicates; above 0 lengths are measured in f64.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct Tolerances {
+    /// What no override is given for. By default 1e-7 of the diagonal, about the distance of neighbouring 32-bit numbers
+    /// at the size of the model.
+    pub linear: Tolerance,
+    /// Largest angle between the two faces of an edge, in radians, at which the edge is a fold. By default 0.01.
+    pub foldover_angle: f64,
+    /// How far faces may stand off from those that they are folded on.
+    pub foldover_height: Option<Tolerance>,
+    /// Smallest height of a face that is not flat, and smallest edge of one that is not degenerate.
+    pub degenerate: Option<Tolerance>,
+    /// Distance of boundary edges that are at the same place.
+    pub slit: Option<Tolerance>,
+    /// Distance of a vertex from the boundary edge that it lies on.
+    pub t_junction: Option<Tolerance>,
+    /// Thickness of surface that has none.
+    pub sheet: Option<Tolerance>,
+    /// Widest gap between boundaries that nearly coincide; never more than a fifth of an edge's length is taken for one.
+    /// By default 1e-4 of the diagonal.
+    pub crack: Tolerance,
+    /// Diagonal of the largest part that is too small to print. By default 1e-3 of the whole diagonal.
+    pub tiny_part: Tolerance,
+}
+
+impl Default for Tolerances {
+    fn default() -> Self {
+        Self {
+            linear: Tolerance::OfDiagonal(1e-7),
+            foldover_angle: 0.01,
+            foldover_height: None,
+            degenerate: None,
+            slit: None,
+            t_junction: None,
+            sheet: None,
+            crack: Tolerance::OfDiagonal(1e-4),
+            tiny_part: Tolerance::OfDiagonal(1e-3),
+        }
+    }
+}
+
+/// A tolerance that is no length or angle.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[error("the tolerance '{name}' is {value}, but a finite number that is not negative was expected")]
+pub struct ToleranceError {
+    /// Its field in [`Tolerances`].
+    pub name: &'static str,
+    /// What was given.
+    pub value: f64,
+}
+
+impl Tolerances {
+    /// Whether every tolerance is a finite number that is not negative.
+    ///
+    /// # Errors
+    /// [`ToleranceError`] for the first that is not.
+    pub fn validate(&self) -> Result<(), ToleranceError> {
+        let all = [
+            ("linear", Some(self.linear)),
+            ("foldover_angle", Some(Tolerance::Absolute(self.foldover_angle))),
+            ("foldover_height", self.foldover_height),
+            ("degenerate", self.degenerate),
+            ("slit", self.slit),
+            ("t_junction", self.t_junction),
+            ("sheet", self.sheet),
+            ("crack", Some(self.crack)),
+            ("tiny_part", Some(self.tiny_part)),
+        ];
+        let given = all.into_iter().filter_map(|(name, tolerance)| Some((name, tolerance?.number())));
+        match given.into_iter().find(|&(_, value)| !(value.is_finite() && value >= 0.0)) {
+            Some((name, value)) => Err(ToleranceError { name, value }),
+            None => Ok(()),
+        }
+    }
+
+    /// The tolerances as lengths in a unit of which the model's unit has `scale`.
+    pub(super) fn lengths(&self, diagonal: f64, scale: f64) -> Lengths {
+        let length = |tolerance: Tolerance| tolerance.length(diagonal, scale);
+        let or_linear = |given: Option<Tolerance>| length(given.unwrap_or(self.linear));
+        Lengths {
+            foldover_angle: self.foldover_angle,
+            foldover_height: or_linear(self.foldover_height),
+            degenerate: or_linear(self.degenerate),
+            slit: or_linear(self.slit),
+            t_junction: or_linear(self.t_junction),
+            sheet: or_linear(self.sheet),
+            crack: length(self.crack),
+            tiny_part: length(self.tiny_part),
+        }
+    }
+}
+
+/// [`Tolerances`] as lengths, in the unit of [`Analysis::unit`](super::super::Analysis::unit).
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Lengths {
+    pub foldover_angle: f64,
+    pub foldover_height: f64,
+    pub degenerate: f64,
+    pub slit: f64,
+    pub t_junction: f64,
+    pub sheet: f64,
+    pub crack: f64,
+    pub tiny_part: f64,
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "a test fails by panicking")]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_override_that_is_not_given_is_the_linear_tolerance() {
+        let given = Tolerances {
+            linear: Tolerance::OfDiagonal(0.5),
+            slit: Some(Tolerance::Absolute(3.0)),
+            ..Tolerances::default()
+        };
+        let lengths = given.lengths(8.0, 2.0);
+        assert_eq!((lengths.degenerate, lengths.slit), (4.0, 1.5));
+    }
+
+    #[test]
+    fn tolerances_that_are_no_numbers_are_refused_by_name() {
+        assert_eq!(Tolerances::default().validate(), Ok(()));
+        for bad in [f64::NAN, f64::INFINITY, -1.0] {
+            let slit = Tolerances { slit: Some(Tolerance::OfDiagonal(bad)), ..Tolerances::default() };
+            assert_eq!(slit.validate().unwrap_err().name, "slit");
+            let angle = Tolerances { foldover_angle: bad, ..Tolerances::default() };
+            assert_eq!(angle.validate().unwrap_err().name, "foldover_angle");
+        }
+    }
+
+    #[test]
+    fn json_names_what_is_given_and_leaves_the_rest_to_the_defaults() {
+        let json = r#"{"linear": {"absolute": 0.01}, "crack": {"of_diagonal": 0.001}}"#;
+        let read: Tolerances = serde_json::from_str(json).unwrap();
+        assert_eq!((read.linear, read.crack), (Tolerance::Absolute(0.01), Tolerance::OfDiagonal(0.001)));
+        assert_eq!(read.tiny_part, Tolerances::default().tiny_part);
+        assert!(serde_json::from_str::<Tolerances>(r#"{"slits": 1}"#).is_err());
+    }
+}

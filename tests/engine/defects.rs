@@ -1,0 +1,562 @@
+//! Meshes with known defects: exactly those are found, where they are, however the mesh is written down.
+
+use std::collections::BTreeMap;
+use std::sync::atomic::AtomicBool;
+use std::time::Duration;
+
+use glam::DVec3;
+use meshmend::context::{Context, NoProgress};
+use meshmend::inspect::{
+    Defect, DefectKind, Findings, InspectOptions, Inspection, Level, Subject, Tolerance, Tolerances, inspect,
+};
+use meshmend::mesh::{CornerNormals, Soup, weld_exactly};
+use proptest::prelude::*;
+
+use crate::meshes::{cube, inside_out, join, push, sphere, torus};
+use DefectKind as K;
+
+fn look(subject: Subject<'_>, options: &InspectOptions) -> (Inspection, Findings) {
+    let (cancel, clock) = (AtomicBool::new(false), || Duration::ZERO);
+    let context = Context::new(&NoProgress, &cancel, &clock, Duration::from_secs(1));
+    inspect(subject, options, &context).unwrap()
+}
+
+fn findings(soup: &Soup) -> Findings {
+    look(soup.into(), &InspectOptions::default()).1
+}
+
+/// What is found, but for self-intersections, which other tests look at.
+fn counts(findings: &Findings) -> BTreeMap<DefectKind, u64> {
+    let found = K::ALL.into_iter().map(|kind| (kind, findings.count(kind)));
+    found.filter(|&(kind, count)| count > 0 && kind != K::SelfIntersection).collect()
+}
+
+fn the_one(findings: &Findings, kind: DefectKind) -> Defect {
+    let [one] = findings.places(kind) else { panic!("{kind:?}: {:?}", findings.places(kind)) };
+    one.clone()
+}
+
+/// The same triangles with shared vertices, so that one can be moved or left.
+fn indexed(soup: &Soup) -> Soup {
+    let mut surface = meshmend::mesh::Surface::from_soup(soup).0;
+    weld_exactly(&mut surface);
+    surface.to_soup()
+}
+
+fn vertex_at(soup: &Soup, at: DVec3) -> u32 {
+    u32::try_from(soup.positions.iter().position(|&p| p == at).unwrap()).unwrap()
+}
+
+/// The faces with all of these positions.
+fn faces_with(soup: &Soup, corners: &[DVec3]) -> Vec<usize> {
+    let has = |f: &usize| corners.iter().all(|c| soup.corners(*f).contains(c));
+    (0..soup.faces.len()).filter(has).collect()
+}
+
+/// A unit cube of 8 by 8 cells a side; in its top the cell corners are `top(i, j)`.
+fn block() -> Soup {
+    indexed(&cube(DVec3::ZERO, 1.0, 8))
+}
+
+fn top(i: u32, j: u32) -> DVec3 {
+    DVec3::new(f64::from(i) / 8.0, f64::from(j) / 8.0, 1.0)
+}
+
+/// The block with its top cut open along three cells, one side being moved by `gap`.
+fn cut(gap: f64) -> Soup {
+    let mut soup = block();
+    for i in [3, 4] {
+        let old = vertex_at(&soup, top(i, 4));
+        let new = u32::try_from(soup.positions.len()).unwrap();
+        soup.positions.push(top(i, 4) + DVec3::Y * gap);
+        for face in &mut soup.faces {
+            let above = face.iter().any(|&v| soup.positions[v as usize].y > 0.5)
+                && face.iter().all(|&v| soup.positions[v as usize].y >= 0.5 && soup.positions[v as usize].z == 1.0);
+            if above {
+                *face = face.map(|v| if v == old { new } else { v });
+            }
+        }
+    }
+    soup
+}
+
+/// The block with a vertex on an edge of its top that only one of the two faces there uses, moved by `off` into that
+/// face. Answers the vertex.
+fn with_t_junction(off: f64) -> (Soup, DVec3) {
+    let mut soup = block();
+    let [a, b] = [top(3, 4), top(4, 4)];
+    let f = faces_with(&soup, &[a, b])[0];
+    let face = soup.faces[f];
+    let c = face.into_iter().find(|&v| ![a, b].contains(&soup.positions[v as usize])).unwrap();
+    let way = (soup.positions[c as usize] - a) * DVec3::Y;
+    let m = (a + b) * 0.5 + way.normalize() * off;
+    let new = u32::try_from(soup.positions.len()).unwrap();
+    soup.positions.push(m);
+    let [a, b] = [a, b].map(|p| vertex_at(&soup, p));
+    soup.faces[f] = face.map(|v| if v == a { new } else { v });
+    soup.faces.push(face.map(|v| if v == b { new } else { v }));
+    (soup, m)
+}
+
+/// The block with an inner vertex of its top pulled over two cells' edges, so that two faces lie upside down.
+fn folded() -> Soup {
+    let mut soup = block();
+    let v = vertex_at(&soup, top(4, 4));
+    soup.positions[v as usize] = DVec3::new(5.5 / 8.0, 0.5, 1.0);
+    soup
+}
+
+/// Two layers of a rectangle in one place, joined along the border, each a fan around a point of its own.
+fn pouch() -> Soup {
+    let border: Vec<DVec3> = (0..14)
+        .map(|i| match i {
+            0..3 => DVec3::new(f64::from(i), 0.0, 0.0),
+            3..7 => DVec3::new(3.0, f64::from(i - 3), 0.0),
+            7..10 => DVec3::new(f64::from(10 - i), 4.0, 0.0),
+            _ => DVec3::new(0.0, f64::from(14 - i), 0.0),
+        })
+        .collect();
+    let mut soup = Soup::default();
+    for i in 0..14 {
+        let [a, b] = [border[i], border[(i + 1) % 14]];
+        push(&mut soup, [a, b, DVec3::new(1.75, 2.25, 0.0)]);
+        push(&mut soup, [b, a, DVec3::new(1.25, 0.5, 0.0)]);
+    }
+    soup
+}
+
+fn with_face(mut soup: Soup, face: [DVec3; 3]) -> Soup {
+    push(&mut soup, face);
+    soup
+}
+
+fn without(mut soup: Soup, face: usize) -> Soup {
+    soup.faces.remove(face);
+    soup
+}
+
+fn flipped(mut soup: Soup, face: usize) -> Soup {
+    soup.faces[face].swap(1, 2);
+    soup
+}
+
+/// Every kind of known damage, with all that is to be found in it.
+fn damaged() -> Vec<(&'static str, Soup, Vec<(DefectKind, u64)>)> {
+    let unit = || cube(DVec3::ZERO, 1.0, 2);
+    let corner = unit().corners(9);
+    let turned = [corner[0], corner[2], corner[1]];
+    let half = DVec3::splat(0.25);
+    let shell = |size: f64| cube(DVec3::splat(0.5 - size / 2.0), size, 2);
+    let fin = [top(0, 0), top(1, 0), DVec3::new(0.0, -1.0, 2.0)];
+    let mut not_a_number = unit();
+    not_a_number.positions[30].y = f64::NAN;
+    let needle = with_face(unit(), [corner[0], corner[0], corner[1]]);
+    let (open, m) = with_t_junction(0.0);
+    let capped = with_face(open.clone(), [top(4, 4), m, top(3, 4)]);
+    let (capped_well, capped) = (flipped(capped.clone(), capped.faces.len() - 1), capped);
+    let closed = if findings(&capped).count(K::MisorientedEdge) == 0 { capped } else { capped_well };
+    vec![
+        ("two holes", without(without(block(), 400), 100), vec![(K::Hole, 2)]),
+        ("a face the wrong way", flipped(unit(), 7), vec![(K::MisorientedEdge, 3)]),
+        (
+            "a face beside a hole the wrong way",
+            flipped(without(block(), 200), 200),
+            vec![(K::MisorientedEdge, 2), (K::Hole, 1)],
+        ),
+        ("a face twice", with_face(unit(), corner), vec![(K::DuplicateFace, 1), (K::NonManifoldEdge, 3)]),
+        (
+            "a face with an opposite one",
+            with_face(unit(), turned),
+            vec![(K::OppositeFace, 1), (K::NonManifoldEdge, 3), (K::Sheet, 1)],
+        ),
+        (
+            "a face three times, once the other way",
+            with_face(with_face(unit(), turned), corner),
+            vec![(K::DuplicateFace, 1), (K::OppositeFace, 1), (K::NonManifoldEdge, 3), (K::Sheet, 1)],
+        ),
+        ("a pinch", join(&unit(), &cube(DVec3::ONE, 0.5, 1)), vec![(K::NonManifoldVertex, 1), (K::Disjoint, 1)]),
+        ("three faces on an edge", with_face(block(), fin), vec![(K::NonManifoldEdge, 1), (K::Hole, 1)]),
+        ("a slit", cut(1e-9), vec![(K::Slit, 1), (K::Hole, 1)]),
+        ("a crack", cut(5e-5), vec![(K::Crack, 1), (K::Hole, 1)]),
+        ("a gap too wide for a crack", cut(5e-3), vec![(K::Hole, 1)]),
+        ("a T-junction", open, vec![(K::TJunction, 1), (K::Hole, 1)]),
+        ("a near T-junction", with_t_junction(1e-8).0, vec![(K::TJunction, 1), (K::Hole, 1)]),
+        ("a cap", closed, vec![(K::FlatFace, 1)]),
+        ("a face with a vertex twice", needle, vec![(K::DegenerateFace, 1), (K::FlatFace, 1)]),
+        ("a fold", folded(), vec![(K::Foldover, 1)]),
+        ("a pouch", pouch(), vec![(K::Sheet, 1)]),
+        (
+            "touching walls",
+            join(&cube(DVec3::ZERO, 1.0, 1), &cube(DVec3::new(1.0, 0.25, 0.25), 0.5, 1)),
+            vec![(K::Sheet, 1), (K::Disjoint, 1)],
+        ),
+        ("a cavity", join(&shell(1.0), &inside_out(shell(0.5))), vec![(K::InnerShell, 1), (K::Disjoint, 1)]),
+        ("a solid in a solid", join(&shell(1.0), &shell(0.5)), vec![(K::InnerShell, 1), (K::Disjoint, 1)]),
+        (
+            "a solid in a cavity, inside out",
+            join(&join(&shell(1.0), &inside_out(shell(0.5))), &inside_out(shell(0.25))),
+            vec![(K::InnerShell, 1), (K::InvertedPart, 1), (K::Disjoint, 2)],
+        ),
+        ("inside out", inside_out(unit()), vec![(K::InvertedPart, 1)]),
+        ("overlapping parts", join(&unit(), &cube(half, 0.9, 1)), vec![(K::Disjoint, 1)]),
+        ("a tiny part", join(&unit(), &cube(DVec3::splat(2.0), 1e-4, 1)), vec![(K::TinyPart, 1), (K::Disjoint, 1)]),
+        ("a corner that is no number", not_a_number, vec![(K::Corrupt, 1), (K::Hole, 1)]),
+    ]
+}
+
+#[test]
+fn clean_meshes_have_no_defects() {
+    for (name, soup) in [
+        ("cube", cube(DVec3::splat(-3.0), 2.0, 5)),
+        ("sphere", sphere(DVec3::X, 1.0, 24, 16)),
+        ("fine sphere far away", sphere(DVec3::splat(1e4), 1.0, 60, 40)),
+        ("torus", torus(2.0, 0.5, 32, 16)),
+        ("thin torus", torus(2.0, 0.01, 200, 8)),
+    ] {
+        let (inspection, found) = look((&soup).into(), &InspectOptions::default());
+        assert_eq!(counts(&found), BTreeMap::new(), "{name}");
+        let check = inspection.check.unwrap();
+        assert!(check.broken.is_empty() && inspection.incomplete.is_empty(), "{name}");
+    }
+}
+
+#[test]
+fn every_damage_is_found_and_nothing_else() {
+    for (name, soup, expected) in damaged() {
+        assert_eq!(counts(&findings(&soup)), expected.into_iter().collect(), "{name}");
+    }
+}
+
+#[test]
+fn as_many_defects_are_placed_as_the_measures_count() {
+    for (name, soup, _) in damaged() {
+        let (inspection, found) = look((&soup).into(), &InspectOptions::default());
+        let m = &inspection.measures;
+        for (kind, measured) in [
+            (K::Hole, m.boundary_loops),
+            (K::NonManifoldEdge, m.nonmanifold_edges),
+            (K::NonManifoldVertex, m.nonmanifold_vertices),
+            (K::MisorientedEdge, m.misoriented_edges),
+            (K::Corrupt, m.nonfinite_faces),
+            (K::InvertedPart, m.inverted_parts),
+            (K::Disjoint, m.parts - 1),
+        ] {
+            assert_eq!(found.count(kind), measured, "{name}: {kind:?}");
+        }
+        assert_eq!(found.count(K::DuplicateFace) + found.count(K::OppositeFace), m.duplicate_faces, "{name}");
+        assert!(found.count(K::FlatFace) >= m.degenerate_faces, "{name}");
+        let listed: u64 = inspection.defects.iter().map(|group| group.count).sum();
+        assert_eq!(listed, K::ALL.into_iter().map(|kind| found.count(kind)).sum::<u64>());
+    }
+}
+
+#[test]
+fn holes_slits_and_cracks_are_where_they_were_cut() {
+    let hole = the_one(&findings(&without(block(), 100)), K::Hole);
+    let corners = block().corners(100).map(|p| p.to_array());
+    assert_eq!((hole.line.len(), hole.line.first()), (4, hole.line.last()));
+    assert!(corners.iter().all(|p| hole.line.contains(p)));
+    let length: f64 = hole.line.windows(2).map(|w| DVec3::from(w[0]).distance(DVec3::from(w[1]))).sum();
+    assert_eq!(hole.value, Some(length));
+
+    for (gap, kind) in [(1e-9, K::Slit), (5e-5, K::Crack)] {
+        let it = the_one(&findings(&cut(gap)), kind);
+        assert!((it.value.unwrap() / gap - 1.0).abs() < 1e-6, "{it:?}");
+        // Both lips, from the one end around the other and back.
+        assert_eq!(it.line.len(), 7);
+        for i in 2..6 {
+            assert!(it.line.contains(&top(i, 4).to_array()), "{i}");
+        }
+        assert_eq!(it.faces.len(), 6);
+    }
+}
+
+#[test]
+fn an_exact_t_junction_is_told_from_a_near_one_by_its_value() {
+    for off in [0.0, 1e-8] {
+        let (soup, m) = with_t_junction(off);
+        let it = the_one(&findings(&soup), K::TJunction);
+        assert_eq!(it.at, m.to_array());
+        assert!((it.value.unwrap() - off).abs() < 1e-12);
+        assert_eq!(it.value == Some(0.0), off == 0.0);
+        let mut line = it.line.clone();
+        line.sort_by(|a, b| a[0].total_cmp(&b[0]));
+        assert_eq!(line, [top(3, 4).to_array(), top(4, 4).to_array()]);
+    }
+    let exact = Tolerances { t_junction: Some(Tolerance::Absolute(0.0)), ..Tolerances::default() };
+    let options = InspectOptions { tolerances: exact, ..InspectOptions::default() };
+    assert_eq!(look((&with_t_junction(0.0).0).into(), &options).1.count(K::TJunction), 1);
+    assert_eq!(look((&with_t_junction(1e-8).0).into(), &options).1.count(K::TJunction), 0);
+}
+
+#[test]
+fn a_foldover_names_its_faces_and_draws_its_folds() {
+    let soup = folded();
+    let it = the_one(&findings(&soup), K::Foldover);
+    let upside_down: Vec<u32> = (0..u32::try_from(soup.faces.len()).unwrap())
+        .filter(|&f| {
+            let [a, b, c] = soup.corners(f as usize);
+            [a, b, c].iter().all(|p| p.z == 1.0) && (b - a).cross(c - a).z < 0.0
+        })
+        .collect();
+    assert_eq!(upside_down.len(), 2);
+    assert!(upside_down.iter().all(|f| it.faces.contains(f)));
+    // Four folds around two faces, each with one face beyond.
+    assert_eq!((it.line.len(), it.faces.len()), (5, 6));
+    assert!(it.value.unwrap() < 1e-12);
+}
+
+#[test]
+fn a_fold_is_one_up_to_the_tolerances_only() {
+    // A flap on a plate, at an angle of 0.004: at its tip 0.0005 above it.
+    let flap = |tolerances: Tolerances| {
+        let mut soup = block();
+        let gone = faces_with(&soup, &[top(3, 4), top(4, 4)])[0];
+        let [a, b, c] = soup.corners(gone);
+        soup.faces.remove(gone);
+        let apex = [a, b, c].into_iter().find(|p| ![top(3, 4), top(4, 4)].contains(p)).unwrap();
+        let mirrored = DVec3::new(apex.x, 1.0 - apex.y, 1.0 + 0.004 * (apex.y - 0.5).abs());
+        push(&mut soup, [a, b, c].map(|p| if p == apex { mirrored } else { p }));
+        look((&soup).into(), &InspectOptions { tolerances, ..InspectOptions::default() }).1.count(K::Foldover)
+    };
+    let height = Some(Tolerance::Absolute(0.001));
+    assert_eq!(flap(Tolerances::default()), 0);
+    assert_eq!(flap(Tolerances { foldover_height: height, ..Tolerances::default() }), 1);
+    assert_eq!(flap(Tolerances { foldover_height: height, foldover_angle: 0.003, ..Tolerances::default() }), 0);
+}
+
+#[test]
+fn shells_inside_are_told_apart_by_depth_and_turn() {
+    let shell = |size: f64| cube(DVec3::splat(-size), 2.0 * size, 1);
+    let nested = join(&join(&shell(8.0), &inside_out(shell(4.0))), &join(&shell(2.0), &inside_out(shell(1.0))));
+    let depths =
+        |soup: &Soup| -> Vec<f64> { findings(soup).places(K::InnerShell).iter().map(|d| d.value.unwrap()).collect() };
+    assert_eq!(depths(&nested), [1.0, -2.0, 3.0]);
+    assert_eq!(depths(&join(&shell(2.0), &shell(1.0))), [-1.0]);
+    let wrong = join(&join(&shell(8.0), &inside_out(shell(4.0))), &inside_out(shell(2.0)));
+    let found = findings(&wrong);
+    assert_eq!(the_one(&found, K::InvertedPart).value, Some(2.0));
+    assert_eq!(found.marks[24..].iter().map(|m| m & K::InvertedPart.bit()).collect::<Vec<_>>(), [1 << 14; 12]);
+}
+
+#[test]
+fn faces_below_the_tolerance_are_flat_or_degenerate_and_say_by_how_much() {
+    let sliver = |height: f64, short: f64| {
+        let mut soup = cube(DVec3::ZERO, 1.0, 1);
+        let first = DVec3::new(0.0, 3.0, 0.0);
+        push(&mut soup, [first, first + DVec3::X * 0.5, first + DVec3::new(0.25, height, 0.0)]);
+        push(&mut soup, [first + DVec3::Z, first + DVec3::new(1.0, 0.0, 1.0), first + DVec3::new(0.0, short, 1.0)]);
+        findings(&soup)
+    };
+    let found = sliver(1e-9, 2e-9);
+    assert_eq!((found.count(K::FlatFace), found.count(K::DegenerateFace)), (2, 1));
+    let degenerate = the_one(&found, K::DegenerateFace);
+    assert_eq!(degenerate.faces, [13]);
+    assert!((degenerate.value.unwrap() / 2e-9 - 1.0).abs() < 1e-6);
+    assert!((found.places(K::FlatFace)[0].value.unwrap() / 1e-9 - 1.0).abs() < 1e-6);
+    let none = sliver(1e-3, 1e-3);
+    assert_eq!((none.count(K::FlatFace), none.count(K::DegenerateFace)), (0, 0));
+}
+
+#[test]
+fn level_basic_leaves_out_what_needs_a_search_and_none_everything() {
+    let all = damaged();
+    let soup = all.iter().map(|(_, soup, _)| soup).fold(Soup::default(), |a, b| join(&a, b));
+    let at = |level| look((&soup).into(), &InspectOptions { level, ..InspectOptions::default() });
+    let (none, nothing) = at(Level::None);
+    assert_eq!((counts(&nothing), none.check), (BTreeMap::new(), None));
+    let basic = at(Level::Basic).1;
+    for kind in [K::Slit, K::Crack, K::TJunction, K::InnerShell] {
+        assert_eq!(basic.count(kind), 0, "{kind:?}");
+        assert!(all.iter().any(|(_, _, found)| found.iter().any(|(k, _)| *k == kind)));
+    }
+    assert!(basic.count(K::Hole) > 0 && basic.count(K::Sheet) > 0);
+}
+
+#[test]
+fn vertex_normals_that_point_into_the_mesh_are_found() {
+    let soup = indexed(&sphere(DVec3::ZERO, 1.0, 12, 8));
+    let mut normals: Vec<[f32; 3]> = soup.positions.iter().map(|p| p.as_vec3().to_array()).collect();
+    let look_at = |normals: &CornerNormals| {
+        let subject = Subject { soup: &soup, normals: Some(normals), numbering: None };
+        look(subject, &InspectOptions::default()).1
+    };
+    assert_eq!(counts(&look_at(&CornerNormals::OfVertices(normals.clone()))), BTreeMap::new());
+    normals[5] = normals[5].map(|x| -x);
+    normals[9] = [0.0, f32::NAN, 1.0];
+    let found = look_at(&CornerNormals::OfVertices(normals.clone()));
+    assert_eq!(counts(&found), [(K::BadVertexNormal, 1)].into());
+    let bad = the_one(&found, K::BadVertexNormal);
+    assert_eq!(bad.at, soup.positions[5].to_array());
+    assert!(bad.value.unwrap() > 2.5);
+
+    // Flat shading, where one face's normal at one of its corners is turned: a vertex with several normals.
+    let normal = |f: usize| {
+        let [a, b, c] = soup.corners(f);
+        (b - a).cross(c - a).as_vec3().to_array()
+    };
+    let mut normals: Vec<[f32; 3]> = (0..soup.faces.len()).map(normal).collect();
+    let count = u32::try_from(normals.len()).unwrap();
+    normals.push(normals[30].map(|x| -x));
+    let mut faces: Vec<[u32; 3]> = (0..count).map(|f| [f; 3]).collect();
+    faces[30][1] = count;
+    faces[31][2] = u32::MAX;
+    let found = look_at(&CornerNormals::OfCorners { normals, faces });
+    assert_eq!(counts(&found), [(K::BadVertexNormal, 1)].into());
+    assert_eq!(the_one(&found, K::BadVertexNormal).faces, [30]);
+    let at = soup.positions[soup.faces[30][1] as usize].to_array();
+    assert_eq!(the_one(&found, K::BadVertexNormal).at, at);
+}
+
+#[test]
+fn a_facet_normal_against_its_corners_is_bad_at_all_three() {
+    let soup = cube(DVec3::ZERO, 1.0, 2);
+    let mut bytes = meshmend::format::write(&soup, meshmend::format::Format::Stl).unwrap();
+    for at in [84 + 50 * 17, 84 + 50 * 17 + 4, 84 + 50 * 17 + 8] {
+        let x = f32::from_le_bytes(bytes[at..at + 4].try_into().unwrap());
+        bytes[at..at + 4].copy_from_slice(&(-x).to_le_bytes());
+    }
+    let read = meshmend::format::read(&bytes, &meshmend::format::Limits::default()).unwrap();
+    let subject = Subject { soup: &read.soup, normals: read.normals.as_ref(), numbering: None };
+    let (inspection, found) = look(subject, &InspectOptions { level: Level::Basic, ..InspectOptions::default() });
+    assert_eq!(counts(&found), [(K::BadVertexNormal, 3)].into());
+    assert!(found.places(K::BadVertexNormal).iter().all(|bad| bad.faces == [17]));
+    let check = inspection.check.unwrap();
+    assert_eq!((check.passes, check.broken), (false, vec![meshmend::inspect::CheckRule::NoOpposedVertexNormal]));
+}
+
+#[test]
+fn crafted_boundaries_end_at_the_budget_and_say_so() {
+    // Edges of as many triangles, all within a slit's distance of one another.
+    let mut soup = Soup::default();
+    for i in 0..20_000 {
+        let off = DVec3::new(0.0, f64::from(i) * 1e-13, 0.0);
+        let (y, z) = (f64::from(i) / 1e3).sin_cos();
+        push(&mut soup, [off, DVec3::X + off, DVec3::new(0.5, y, z)]);
+    }
+    let tolerances = Tolerances { linear: Tolerance::Absolute(1e-6), ..Tolerances::default() };
+    let (inspection, found) = look((&soup).into(), &InspectOptions { tolerances, ..InspectOptions::default() });
+    assert!(found.count(K::Slit) > 0);
+    assert!(inspection.incomplete.contains(&K::Slit), "{:?}", inspection.incomplete);
+}
+
+#[test]
+fn meshes_made_to_be_slow_are_looked_at_in_good_time() {
+    let begin = std::time::Instant::now();
+    let circle = |i: u32| {
+        let (y, x) = (f64::from(i) * 1e-5).sin_cos();
+        DVec3::new(x, y, 0.0)
+    };
+    // A fan of slivers around one vertex, each lying on its neighbours.
+    let mut fan = Soup::default();
+    // As many triangles that share but a vertex, and as many around one edge.
+    let (mut pinch, mut book) = (Soup::default(), Soup::default());
+    // As many faces in one place, each turned the other way from the one before.
+    let mut pile = Soup::default();
+    for i in 0..60_000 {
+        push(&mut fan, [DVec3::Z, circle(i), circle(i + 1)]);
+        push(&mut pinch, [DVec3::ZERO, circle(2 * i), circle(2 * i + 1)]);
+        push(&mut book, [DVec3::ZERO, DVec3::Z, circle(i)]);
+        let off = DVec3::new(0.0, 0.0, f64::from(i) * 1e-13);
+        let corners = [DVec3::ZERO, DVec3::X, DVec3::Y].map(|p| p + off);
+        push(&mut pile, if i % 2 == 0 { corners } else { [corners[0], corners[2], corners[1]] });
+    }
+    assert!(findings(&fan).count(K::Hole) == 1);
+    assert_eq!(the_one(&findings(&pinch), K::NonManifoldVertex).value, Some(6e4));
+    let edge = the_one(&findings(&book), K::NonManifoldEdge);
+    assert_eq!((edge.value, edge.faces.len()), (Some(6e4), 1000));
+    assert!(findings(&pile).count(K::Sheet) > 0);
+    assert!(begin.elapsed().as_secs() < 60, "{:?}", begin.elapsed());
+}
+
+#[test]
+fn coordinates_near_the_ends_of_f64_change_no_count() {
+    for power in [-900, 900] {
+        for (name, soup, expected) in damaged() {
+            let found = counts(&findings(&other(&soup, 1, 5, power).soup));
+            assert_eq!(found, expected.into_iter().collect(), "{name} {power}");
+        }
+    }
+}
+
+/// A mesh written down another way: faces in another order, corners rotated, turned by right angles, scaled.
+struct Other {
+    soup: Soup,
+    /// For each face, which one of the first mesh it is.
+    was: Vec<u32>,
+}
+
+fn other(soup: &Soup, seed: u64, turns: usize, power: i32) -> Other {
+    let mut was: Vec<u32> = (0..u32::try_from(soup.faces.len()).unwrap()).collect();
+    let mut state = seed;
+    let mut random = |below: usize| {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 33) as usize % below
+    };
+    for i in (1..was.len()).rev() {
+        was.swap(i, random(i + 1));
+    }
+    let mut faces: Vec<[u32; 3]> = was.iter().map(|&f| soup.faces[f as usize]).collect();
+    faces.iter_mut().for_each(|face| face.rotate_left(random(3)));
+    Other { soup: Soup { positions: soup.positions.iter().map(|&p| moved(p, turns, power)).collect(), faces }, was }
+}
+
+fn moved(p: DVec3, turns: usize, power: i32) -> DVec3 {
+    let p = match turns % 4 {
+        0 => p,
+        1 => DVec3::new(-p.y, p.x, p.z),
+        2 => DVec3::new(-p.x, -p.y, p.z),
+        _ => DVec3::new(p.y, -p.x, p.z),
+    };
+    let p = match turns / 4 % 3 {
+        0 => p,
+        1 => DVec3::new(p.z, p.x, p.y),
+        _ => DVec3::new(p.y, p.z, p.x),
+    };
+    p * 2f64.powi(power)
+}
+
+/// The places of a kind: faces of the first mesh, and the points of the lines.
+fn places(
+    found: &Findings,
+    kind: DefectKind,
+    was: &[u32],
+    turn: impl Fn(DVec3) -> DVec3,
+) -> Vec<(Vec<u32>, Vec<String>)> {
+    let mut all: Vec<_> = found
+        .places(kind)
+        .iter()
+        .map(|defect| {
+            let mut faces: Vec<u32> = defect.faces.iter().map(|&f| was[f as usize]).collect();
+            faces.sort_unstable();
+            let mut line: Vec<String> =
+                defect.line.iter().map(|&p| format!("{:?}", (turn(DVec3::from(p)) + 0.0).to_array())).collect();
+            line.sort_unstable();
+            line.dedup();
+            (faces, line)
+        })
+        .collect();
+    all.sort_unstable();
+    all
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(48))]
+
+    #[test]
+    fn the_same_is_found_at_the_same_places_however_a_mesh_is_written_down(
+        seed in any::<u64>(), turns in 0usize..12, power in -150i32..150, damage in 0usize..25,
+    ) {
+        let all = damaged();
+        let (name, soup, expected) = &all[damage % all.len()];
+        let changed = other(soup, seed, turns, power);
+        let (first, second) = (findings(soup), findings(&changed.soup));
+        prop_assert_eq!(counts(&second), expected.iter().copied().collect::<BTreeMap<_, _>>(), "{}", name);
+        let same: Vec<u32> = (0..u32::try_from(soup.faces.len()).unwrap()).collect();
+        for kind in K::ALL.into_iter().filter(|&kind| kind != K::SelfIntersection) {
+            let here = places(&first, kind, &same, |p| moved(p, turns, power));
+            let there = places(&second, kind, &changed.was, |p| p);
+            prop_assert_eq!(here, there, "{} {:?}", name, kind);
+        }
+    }
+}
