@@ -125,7 +125,7 @@ impl<L> Walk<'_, L> {
                     self.leaves(x, y, true, &mut end);
                 } else {
                     let (l, r) = (x.first_index, x.first_index + 1);
-                    end.left.extend([(l, l), (r, r)]);
+                    end.left.extend([(l, l), (r, r)].into_iter().filter(|&(k, _)| self.has_pairs(k)));
                     self.push(l, r, &mut end);
                 }
                 continue;
@@ -151,10 +151,25 @@ impl<L> Walk<'_, L> {
         end
     }
 
+    /// Whether there is more than one triangle under a node.
     #[inline]
-    fn push<T>(&self, i: u32, j: u32, end: &mut End<T>) {
-        if meet(&self.a.nodes[i as usize], &self.b.nodes[j as usize]) {
-            end.left.push((i, j));
+    fn has_pairs(&self, k: u32) -> bool {
+        self.a.nodes[k as usize].prim_count != 1
+    }
+
+    /// Goes on with a pair of nodes if their boxes meet: at once with leaves, which most pairs are.
+    #[inline]
+    fn push<T>(&self, i: u32, j: u32, end: &mut End<T>)
+    where
+        L: Fn(u32, u32, &mut u64) -> Option<T>,
+    {
+        let (x, y) = (&self.a.nodes[i as usize], &self.b.nodes[j as usize]);
+        if meet(x, y) {
+            if x.is_leaf() && y.is_leaf() {
+                self.leaves(x, y, false, end);
+            } else {
+                end.left.push((i, j));
+            }
         }
     }
 
