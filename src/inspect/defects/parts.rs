@@ -59,17 +59,13 @@ pub(super) fn find(
         let diagonal = solids[part].bounds.diagonal();
         (diagonal <= scan.told(scan.lengths.tiny_part) && diagonal < whole).then_some(diagonal)
     };
-    let mut told: Vec<Told> = Vec::new();
-    for part in 0..solids.len() {
-        scan.step(part)?;
-        let it = Told {
-            apart: solids.len() > 1 && Some(part) != largest,
-            tiny: tiny(part),
-            inverted: inward(part) && depths[part].is_some_and(|depth| depth % 2 == 0),
-            depth: depths[part].filter(|&depth| depth > 0 && level >= Level::Full),
-        };
-        told.push(it);
-    }
+    let tell = |(part, depth): (usize, Option<u32>)| Told {
+        apart: solids.len() > 1 && Some(part) != largest,
+        tiny: tiny(part),
+        inverted: inward(part) && depth.is_some_and(|depth| depth % 2 == 0),
+        depth: depth.filter(|&depth| depth > 0 && level >= Level::Full),
+    };
+    let told: Vec<Told> = depths.into_iter().enumerate().map(tell).collect();
     if told.iter().all(|it| !it.apart && it.tiny.is_none() && !it.inverted && it.depth.is_none()) {
         return Ok(());
     }

@@ -22,7 +22,7 @@ use crate::mesh::Edges;
 
 /// Boundary edges that one query may look at, and all queries together for each edge and at least.
 const MOST_A_QUERY: u64 = 1024;
-const MOST_A_BOX: u64 = 64;
+const MOST_A_BOX: u64 = 32;
 const MOST_AT_LEAST: u64 = 2_000_000;
 /// The widest gap beside an edge, as a share of its length: what is farther apart are two sides of something.
 const GAP_SHARE: f64 = 0.2;

@@ -12,10 +12,14 @@ use crate::mesh::{Parts, UnionFind};
 
 /// Cosine of the angle between two sides of a sheet: a degree from opposite.
 const OPPOSITE: f64 = -0.999_847_695;
-/// Faces that are looked at around one.
-const MOST_AROUND: u32 = 256;
+/// Faces that are looked at around one, where there is little left to spend and where there is much.
+const LEAST_AROUND: u64 = 32;
+const MOST_AROUND: u64 = 4096;
+/// Faces that all together look at, for each and at least.
+const MOST_A_FACE: u64 = 64;
+const MOST_AT_LEAST: u64 = 4_000_000;
 /// Faces that are looked at between two looks at the clock.
-const BATCH: usize = 1 << 15;
+const BATCH: usize = 1 << 12;
 /// Thickness on the unit scale that rounding alone can give.
 const ROUNDING: f64 = 1e-13;
 
@@ -83,10 +87,14 @@ fn search(
     };
     let asked: Vec<u32> = (0u32..).zip(known).filter(|&(_, &known)| !known).map(|(f, _)| f).collect();
     let mut gave_up = false;
+    // Shared out from batch to batch, so that the answer is the same for any number of threads.
+    let mut budget = MOST_AT_LEAST + MOST_A_FACE * asked.len() as u64;
     for batch in asked.chunks(BATCH) {
         scan.context().check()?;
-        let found: Vec<Found> = batch.par_iter().map(|&f| search.partner(f)).collect();
-        for (&f, found) in batch.iter().zip(found) {
+        let most = (budget / batch.len() as u64).clamp(LEAST_AROUND, MOST_AROUND);
+        let found: Vec<(Found, u64)> = batch.par_iter().map(|&f| search.partner(f, most)).collect();
+        for (&f, (found, looks)) in batch.iter().zip(found) {
+            budget = budget.saturating_sub(looks);
             match found {
                 Found::Nothing => {}
                 Found::Partner(g, gap) => pairs.push((f, g, gap)),
@@ -121,32 +129,33 @@ impl Search<'_> {
         self.faces[face as usize].map(|v| self.unit[v as usize])
     }
 
-    /// A face turned the other way on which the middle of face `f` lies.
-    fn partner(&self, f: u32) -> Found {
+    /// A face turned the other way on which the middle of face `f` lies, among the first `most` near it; and how many were
+    /// looked at.
+    fn partner(&self, f: u32, most: u64) -> (Found, u64) {
         let [a, b, c] = self.corners(f);
         let normal = (b - a).cross(c - a).normalize_or_zero();
         let middle = (a + b + c) / 3.0;
         let (mut found, mut looks) = (Found::Nothing, 0);
         self.tree.around(middle, self.tolerance, |g| {
-            looks += 1;
-            if looks > MOST_AROUND {
+            if looks == most {
                 found = Found::GaveUp;
                 return false;
             }
+            looks += 1;
             let corners @ [p, q, r] = self.corners(g);
-            let other = (q - p).cross(r - p).normalize_or_zero();
-            if g == f
-                || self.skip[g as usize]
-                || normal.dot(other) > OPPOSITE
-                || !within(middle, corners, self.tolerance)
-            {
+            let other = (q - p).cross(r - p);
+            if g == f || self.skip[g as usize] || normal.dot(other) >= 0.0 {
+                return true;
+            }
+            let other = other.normalize_or_zero();
+            if normal.dot(other) > OPPOSITE || !within(middle, corners, self.tolerance) {
                 return true;
             }
             let in_plane = [a, b, c].into_iter().all(|x| orient3d(p, q, r, x) == Sign::Zero);
             found = Found::Partner(g, if in_plane { 0.0 } else { other.dot(middle - p).abs() });
             false
         });
-        found
+        (found, looks)
     }
 }
 
