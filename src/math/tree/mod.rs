@@ -1,9 +1,15 @@
+mod nearest;
+mod winding;
+
 use glam::{DVec3, Vec3A};
 use obvhs::aabb::Aabb;
 use obvhs::bvh2::Bvh2;
 use obvhs::ploc::{PlocBuilder, PlocSearchDistance, SortPrecision};
 
 use crate::math::Box3;
+
+pub use nearest::Nearest;
+pub use winding::{Dipoles, winding_exact};
 
 /// How far a box in the tree reaches beyond its triangle, as a share of half of the model's longest side: more than
 /// the rounding of the tree's own frame, and a spread that keeps equal boxes from being equal (see [`Tree::new`]).
