@@ -73,7 +73,7 @@ pub fn measures(analysis: &Analysis<'_>, context: &Context<'_>) -> Result<Measur
 }
 
 /// Coordinates around 1e150 have areas and volumes that no f64 holds, and JSON has no word for infinity.
-fn finite(x: f64) -> f64 {
+pub(super) fn finite(x: f64) -> f64 {
     if x.is_nan() { 0.0 } else { x.clamp(f64::MIN, f64::MAX) }
 }
 

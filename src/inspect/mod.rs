@@ -4,20 +4,25 @@
 //! puts all of it in one [`Inspection`].
 
 mod analysis;
+mod compare;
 mod duplicates;
 mod findings;
 mod inspection;
-mod lost;
 mod measure;
 mod measures;
 mod nesting;
+mod queries;
 mod solids;
 
 pub use analysis::{Analysis, Subject};
+pub use compare::{
+    COMPARISON_VERSION, Changes, CompareOptions, Comparison, Deviation, InsideAgreement, Original, Spread, compare,
+    percent,
+};
 pub use duplicates::{FaceGroups, group_faces};
 pub use findings::{Defect, DefectGroup, DefectKind, Findings, Meeting};
 pub use inspection::{INSPECTION_VERSION, InspectOptions, Inspection, Level, inspect};
-pub use lost::surface_lost_pct;
+use measure::finite;
 pub use measure::{measure, measures};
 pub use measures::{BoundingBox, Measures, SelfIntersections, Volume};
 pub use nesting::nesting_depths;

@@ -8,11 +8,10 @@ use super::tiers::{End, Runner};
 use super::verdict::{JudgeError, Judged, judge, rank_of_input};
 use super::{
     Action, Cancelled, Candidate, Category, Context, FileSummary, Options, OptionsError, Outcome, Plan, Preset,
-    REPORT_VERSION, Remesher, Report, Rung, Stage, Step, StepStatus, categorise, compare, summary,
+    REPORT_VERSION, Remesher, Report, Rung, Stage, Step, StepStatus, categorise, summary,
 };
 use crate::format::{self, Format, Limits, ReadError, ReadMesh, WriteError};
-use crate::inspect::{Measures, measure};
-use crate::mesh::{Soup, Surface};
+use crate::inspect::{Analysis, CompareOptions, Original, measures};
 
 /// A repaired file and its account.
 #[derive(Debug, Clone, PartialEq)]
@@ -66,7 +65,9 @@ pub fn repair(
     let ReadMesh { soup, format: input_format, dialect, mut warnings } = format::read(bytes, limits)?;
     let format = options.output.resolve(input_format);
     context.report(Stage::Inspect, None, 3);
-    let before = measure(&soup, patient)?;
+    let analysis = Analysis::new((&soup).into(), patient)?;
+    let before = measures(&analysis, patient)?;
+    let original = Original::new(&analysis, &before, CompareOptions::BRIEF);
     context.log(&format!(
         "read {dialect}: {} faces, {} parts, {} defects",
         before.faces,
@@ -80,14 +81,14 @@ pub fn repair(
         ));
     }
     warnings.push("self-intersections were not checked by this version".to_owned());
-    let input = Input { bytes, soup: &soup, dialect: &dialect, format: input_format, before: &before };
-    let (mut surface, _) = Surface::from_soup(&soup);
+    let input = Input { bytes, analysis: &analysis, original: &original, dialect: &dialect, format: input_format };
+    let mut surface = analysis.surface.clone();
     let mut report = empty_report(&input, options, warnings);
 
     // What is to be beaten: the input, or what the output's format makes of it.
     let mut as_is = before.clone();
     if before.printable() {
-        match unchanged_or_converted(&input, &surface, format, options, patient) {
+        match unchanged_or_converted(&input, format, options, patient) {
             Ok(Some(untouched)) if untouched.measures.printable() => {
                 report.plan.reason = "the input is printable already, so nothing was run".to_owned();
                 report.candidates.push(candidate(None, &untouched, true));
@@ -132,7 +133,7 @@ pub fn repair(
         }
         context.report(Stage::Verify, Some(rung.tier), span.end);
         let judging = context.now();
-        let verdict = judge(&result, format, &soup, &before, options, patient);
+        let verdict = judge(&result, format, &original, options, patient);
         let mut step = validation(index, judging, context);
         match verdict {
             Ok(judged) => {
@@ -165,8 +166,7 @@ pub fn repair(
         let outcome = if judged.is_good() { Outcome::Repaired } else { Outcome::PartiallyRepaired };
         return Ok(finish(report, outcome, Some(judged), format, start, context));
     }
-    let (original, _) = Surface::from_soup(&soup);
-    let handed = unchanged_or_converted(&input, &original, format, options, patient)?;
+    let handed = unchanged_or_converted(&input, format, options, patient)?;
     if let Some(judged) = &handed {
         report.candidates.push(candidate(None, judged, true));
     }
@@ -176,33 +176,34 @@ pub fn repair(
 /// What came in.
 struct Input<'a> {
     bytes: &'a [u8],
-    soup: &'a Soup,
+    analysis: &'a Analysis<'a>,
+    original: &'a Original<'a>,
     dialect: &'a str,
     format: Format,
-    before: &'a Measures,
 }
 
 /// The input's own bytes, or its faces in order in another format; none where no face is left to write.
 fn unchanged_or_converted(
     input: &Input<'_>,
-    surface: &Surface,
     format: Format,
     options: &Options,
     context: &Context<'_>,
 ) -> Result<Option<Judged>, RepairError> {
+    let before = input.original.measures();
     if format == input.format {
         return Ok(Some(Judged {
             bytes: input.bytes.to_vec(),
             dialect: input.dialect.to_owned(),
-            measures: input.before.clone(),
-            changes: compare(input.before, input.before, input.soup, input.soup, context)?,
+            measures: before.clone(),
+            changes: input.original.changes(input.analysis, before, context)?,
             red_flags: Vec::new(),
         }));
     }
+    let surface = &input.analysis.surface;
     if surface.faces.is_empty() {
         return Ok(None);
     }
-    match judge(surface, format, input.soup, input.before, options, context) {
+    match judge(surface, format, input.original, options, context) {
         Ok(judged) => Ok(Some(judged)),
         Err(JudgeError::Write(error)) => Err(error.into()),
         Err(JudgeError::Read(error)) => Err(error.into()),
@@ -278,7 +279,7 @@ fn empty_report(input: &Input<'_>, options: &Options, warnings: Vec<String>) -> 
         input: FileSummary { format: input.format, dialect: input.dialect.to_owned(), bytes: input.bytes.len() as u64 },
         output: None,
         options: options.clone(),
-        before: input.before.clone(),
+        before: input.original.measures().clone(),
         after: None,
         verified_from_output_bytes: false,
         changes: None,

@@ -1,7 +1,7 @@
-use super::{Cancelled, Changes, Context, Options, RedFlag, RedFlagCode, compare, red_flags};
+use super::{Cancelled, Changes, Context, Options, RedFlag, RedFlagCode, red_flags};
 use crate::format::{self, Format, Limits, ReadError, WriteError};
-use crate::inspect::{Measures, measure};
-use crate::mesh::{NO_SOURCE, Soup, Surface};
+use crate::inspect::{Analysis, Measures, Original, measures};
+use crate::mesh::{NO_SOURCE, Surface};
 
 /// Share of the visible surface, in percent, whose loss makes even a printable result worse than the input.
 const MOST_LOST_PCT: f64 = 25.0;
@@ -30,8 +30,7 @@ pub(super) enum JudgeError {
 pub(super) fn judge(
     surface: &Surface,
     format: Format,
-    input: &Soup,
-    before: &Measures,
+    input: &Original<'_>,
     options: &Options,
     context: &Context<'_>,
 ) -> Result<Judged, JudgeError> {
@@ -39,9 +38,10 @@ pub(super) fn judge(
     // What we have written may be read however large it is.
     let limits = Limits { max_bytes: u64::MAX, max_faces: u64::MAX, max_vertices: u64::MAX };
     let read = format::read(&bytes, &limits)?;
-    let measures = measure(&read.soup, context)?;
-    let changes = compare(before, &measures, input, &read.soup, context)?;
-    let red_flags = red_flags(before, &measures, &changes, standing(surface), options);
+    let analysis = Analysis::new((&read.soup).into(), context)?;
+    let measures = measures(&analysis, context)?;
+    let changes = input.changes(&analysis, &measures, context)?;
+    let red_flags = red_flags(input.measures(), &measures, &changes, standing(surface), options);
     Ok(Judged { bytes, dialect: read.dialect, measures, changes, red_flags })
 }
 
@@ -59,25 +59,34 @@ impl Judged {
         self.measures.printable() && self.red_flags.is_empty()
     }
 
-    /// Smaller is better: first good results, then printable ones that kept most of the model, then by defects, and last
-    /// those that lost a part of the model's extent or much of its visible surface.
-    pub fn rank(&self) -> (u8, u64) {
-        let lost = self.red_flags.iter().any(|f| match f.code {
-            RedFlagCode::BoxChange => true,
-            RedFlagCode::SurfaceLost => f.value > MOST_LOST_PCT,
-            _ => false,
-        });
-        let class = match (self.measures.printable(), self.red_flags.is_empty(), lost) {
-            (true, true, _) => 0,
-            (true, false, false) => 1,
-            (false, _, false) => 2,
-            (_, _, true) => 3,
+    /// Smaller is better. In order: good results; printable ones that kept most of the model, by what they lost; those that
+    /// are not printable but lost no visible surface to speak of, by defects; the rest, which destroyed more than they
+    /// mended, whether printable or not.
+    ///
+    /// The input itself stands in the third class (see [`rank_of_input`]), so a result that is not printable must have
+    /// fewer defects and the whole model, and one that destroyed is never preferred.
+    pub fn rank(&self) -> Rank {
+        let raised = |code| self.red_flags.iter().find(|flag| flag.code == code).map(|flag| flag.value);
+        let lost = raised(RedFlagCode::SurfaceLost);
+        let shrunk = raised(RedFlagCode::BoxChange).is_some();
+        let class = match self.measures.printable() {
+            true if self.red_flags.is_empty() => 0,
+            true if !shrunk && lost.is_none_or(|lost| lost <= MOST_LOST_PCT) => 1,
+            false if !shrunk && lost.is_none() => 2,
+            _ => 3,
         };
-        (class, self.measures.defects())
+        let lost = self.changes.surface_lost_pct.unwrap_or(0.0);
+        // Tenths of a percent: sampling tells no less.
+        let tenths = (lost * 10.0).round() as u64;
+        let defects = self.measures.defects();
+        if class == 2 { (class, defects, tenths) } else { (class, tenths, defects) }
     }
 }
 
+/// The class of a result, and what tells two of a class apart.
+pub(super) type Rank = (u8, u64, u64);
+
 /// The rank of the input itself, which any result must beat.
-pub(super) fn rank_of_input(before: &Measures) -> (u8, u64) {
-    (if before.printable() { 0 } else { 2 }, before.defects())
+pub(super) fn rank_of_input(before: &Measures) -> Rank {
+    if before.printable() { (0, 0, 0) } else { (2, before.defects(), 0) }
 }
