@@ -1,7 +1,7 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::{Analysis, DefectGroup, Findings, Measures, Subject, measures};
+use super::{Analysis, DefectGroup, Findings, Measures, PrintMeasures, Subject, Unit, measures, print_measures};
 use crate::context::{Cancelled, Context};
 
 /// The version of [`Inspection`]'s structure.
@@ -26,17 +26,33 @@ pub enum Level {
 }
 
 /// What to look for, and how.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields, default)]
 pub struct InspectOptions {
     /// How closely.
     pub level: Level,
     /// Places of each kind of defect that the report lists.
     pub places: usize,
+    /// The model's unit, where it is known; without it millimetres are assumed.
+    pub unit: Option<Unit>,
+    /// The direction in which the model is built, of any length but zero.
+    pub up: [f64; 3],
+    /// An angle from the vertical, in degrees from 0 to 90, for which the area of overhangs is told beside 30, 45 and 60.
+    pub overhang_degrees: f64,
+    /// Sides of the printer's build volume, in millimetres.
+    pub build_volume: Option<[f64; 3]>,
 }
 
 impl Default for InspectOptions {
     fn default() -> Self {
-        Self { level: Level::Full, places: 20 }
+        Self {
+            level: Level::Full,
+            places: 20,
+            unit: None,
+            up: [0.0, 0.0, 1.0],
+            overhang_degrees: 45.0,
+            build_volume: None,
+        }
     }
 }
 
@@ -52,6 +68,9 @@ pub struct Inspection {
     pub measures: Measures,
     /// What is wrong where, by kind.
     pub defects: Vec<DefectGroup>,
+    /// What a printer wants to know; absent at level `none` and for a mesh without faces.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub print: Option<PrintMeasures>,
 }
 
 /// Looks at a mesh. The findings have more places than the report lists, and a mark on each face.
@@ -65,12 +84,17 @@ pub fn inspect(
 ) -> Result<(Inspection, Findings), Cancelled> {
     let analysis = Analysis::new(subject, context)?;
     let measures = measures(&analysis, context)?;
+    let print = match options.level {
+        Level::None => None,
+        Level::Basic | Level::Full => print_measures(&analysis, &measures, options, context)?,
+    };
     let findings = Findings::new(subject.soup.faces.len(), options.places.max(MOST_PLACES));
     let inspection = Inspection {
         version: INSPECTION_VERSION,
         level: options.level,
         measures,
         defects: findings.groups(options.places),
+        print,
     };
     Ok((inspection, findings))
 }

@@ -11,8 +11,10 @@ mod inspection;
 mod measure;
 mod measures;
 mod nesting;
+mod print;
 mod queries;
 mod solids;
+mod spacing;
 
 pub use analysis::{Analysis, Subject};
 pub use compare::{
@@ -26,4 +28,6 @@ use measure::finite;
 pub use measure::{measure, measures};
 pub use measures::{BoundingBox, Measures, SelfIntersections, Volume};
 pub use nesting::nesting_depths;
+pub use print::{Fit, NoWall, Overhang, OverhangArea, PrintMeasures, ThinnestWall, Unit, UnitSource, print_measures};
 pub use solids::{Solid, doubled_areas, solids};
+pub use spacing::{Gap, Spacing, spacing};

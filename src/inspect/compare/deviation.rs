@@ -55,8 +55,12 @@ pub(in crate::inspect) struct Pair<'a> {
 
 impl<'a> Pair<'a> {
     pub fn new(from: &'a Analysis<'a>, to: &'a Analysis<'a>) -> Self {
-        let (mine, theirs) = (unit_scale(&from.surface.positions), unit_scale(&to.surface.positions));
-        // Meshes of such different sizes are points to each other, whose distance is that of the larger to the origin.
+        Self::scaled([from, to], [from, to].map(|mesh| unit_scale(&mesh.surface.positions)))
+    }
+
+    /// The same with the scales of both known.
+    pub fn scaled([from, to]: [&'a Analysis<'a>; 2], [mine, theirs]: [f64; 2]) -> Self {
+        // Beyond that, the smaller mesh is a point to the larger, at the origin.
         Self { from, to, ratio: (theirs / mine).clamp(2f64.powi(-1000), 2f64.powi(1000)) }
     }
 }
