@@ -1,9 +1,11 @@
 //! The engine from outside: formats, operators and the pipeline, on meshes that the tests make.
 #![allow(clippy::unwrap_used, reason = "tests fail by panicking")]
 
+mod compare;
 mod formats;
 mod lost;
 #[path = "../support/meshes.rs"]
 mod meshes;
 mod operators;
 mod pipeline;
+mod print;

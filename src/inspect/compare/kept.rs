@@ -16,14 +16,15 @@ pub(super) struct FaceKeys {
 }
 
 impl FaceKeys {
-    /// Sorts the faces. O(n log n).
+    /// Sorts the faces. O(n log n). `scale` is a power of two, the same for both meshes, so that f32 holds their numbers
+    /// however large or small they are; it changes no mantissa.
     #[expect(clippy::cast_possible_truncation, reason = "compared as an STL file would hold them")]
-    pub fn new(analysis: &Analysis<'_>) -> Self {
+    pub fn new(analysis: &Analysis<'_>, scale: f64) -> Self {
         let surface = &analysis.surface;
         let mut sorted: Vec<_> = (0..surface.faces.len())
             .into_par_iter()
             .map(|f| {
-                let mut key = surface.corners(f).map(|p| p.to_array().map(|x| (x as f32 + 0.0).to_bits()));
+                let mut key = surface.corners(f).map(|p| p.to_array().map(|x| ((x * scale) as f32 + 0.0).to_bits()));
                 key.sort_unstable();
                 (key, f as u32)
             })

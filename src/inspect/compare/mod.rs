@@ -13,6 +13,7 @@ use utoipa::ToSchema;
 
 use super::{Analysis, Measures, measures};
 use crate::context::{Cancelled, Context};
+use crate::math::unit_scale;
 use deviation::{Distances, deviation, distances};
 use inside::inside_agreement;
 use kept::{Common, FaceKeys};
@@ -175,8 +176,9 @@ impl<'a> Original<'a> {
     }
 
     fn way(&self, after: &Analysis<'_>, measures: &Measures, context: &Context<'_>) -> Result<Way, Cancelled> {
-        let keys = self.keys.get_or_init(|| FaceKeys::new(self.analysis));
-        let common = Common::new(keys, &FaceKeys::new(after));
+        let scale = unit_scale(&self.analysis.surface.positions);
+        let keys = self.keys.get_or_init(|| FaceKeys::new(self.analysis, scale));
+        let common = Common::new(keys, &FaceKeys::new(after, scale));
         context.check()?;
         let kept = common.first.iter().filter(|&&stands| stands).count() as f64;
         let kept_pct = percent(kept, common.first.len() as f64).unwrap_or(100.0);
