@@ -7,8 +7,9 @@ use crate::inspect::queries::ask;
 use crate::inspect::{Analysis, finite};
 use crate::math::{Box3, unit_scale};
 
-/// Boxes and triangles that all searches of one direction together may look at.
-const BUDGET: u64 = 20_000_000;
+/// Boxes and triangles that all searches of one direction together may look at: so many, and so many more for each point.
+const BUDGET: u64 = 10_000_000;
+const BUDGET_A_POINT: u64 = 500;
 
 /// How far the surface of one mesh is from that of another, sampled evenly by area.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -106,7 +107,8 @@ pub(super) fn distances(
     }
     let mine = pair.from.unit();
     let (unit, faces, tree) = (pair.to.unit(), &pair.to.surface.faces, pair.to.tree());
-    let answers = ask(missing.len() + apart.len(), BUDGET, context, |i, steps| {
+    let count = missing.len() + apart.len();
+    let answers = ask(count, BUDGET + BUDGET_A_POINT * count as u64, context, |i, steps| {
         let point = missing.get(i).map_or_else(|| mine[apart[i - missing.len()] as usize], |&i| samples[i].point);
         let corners = |f: u32| faces[f as usize].map(|v| unit[v as usize]);
         tree.nearest(point * pair.ratio, f64::INFINITY, steps, corners).map(|nearest| nearest.distance / pair.ratio)

@@ -8,8 +8,10 @@ use crate::inspect::Analysis;
 use crate::inspect::queries::ask;
 use crate::math::{Box3, r3};
 
-/// Nodes and triangles that all winding numbers of both meshes together may look at.
-const BUDGET: u64 = 60_000_000;
+/// Nodes and triangles that all winding numbers of both meshes together may look at: so many, and so many more for each
+/// point.
+const BUDGET: u64 = 10_000_000;
+const BUDGET_A_POINT: u64 = 2000;
 
 /// Whether two meshes agree on what is inside, by generalized winding numbers (Jacobson et al. 2013) at points spread evenly
 /// in the box around both. Inside is where the number is at least a half, whichever way the mesh is turned.
@@ -45,7 +47,7 @@ pub(super) fn inside_agreement(
     }
     let insides = [Inside::new(pair.from), Inside::new(pair.to)];
     context.check()?;
-    let answers = ask(points as usize, BUDGET, context, |i, steps| {
+    let answers = ask(points as usize, BUDGET + BUDGET_A_POINT * u64::from(points), context, |i, steps| {
         let share = DVec3::from(r3(i as f64));
         let point = bounds.min * (DVec3::ONE - share) + bounds.max * share;
         let found = (insides[0].has(point, steps), insides[1].has(point * pair.ratio, steps));

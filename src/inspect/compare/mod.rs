@@ -213,10 +213,14 @@ impl<'a> Original<'a> {
             changes.surface_lost_pct = Some(100.0);
             return Ok(());
         }
+        if found.samples.iter().all(Option::is_none) {
+            return Ok(());
+        }
         // Where nothing is apart, it does not matter what can be seen.
         let apart = found.samples.iter().any(|&distance| distance != Some(0.0));
         let seen: &[Option<bool>] = if apart { self.visible(context)? } else { &[] };
-        let counts = |i: usize| seen.get(i).is_none_or(|&seen| seen == Some(true));
+        // What could not be told to be hidden counts as seen.
+        let counts = |i: usize| seen.get(i).is_none_or(|&seen| seen != Some(false));
         changes.lost = deviation(self.analysis, self.samples(), found, diagonal, counts, false);
         let visible =
             found.samples.iter().enumerate().filter(|&(i, _)| counts(i)).filter_map(|(_, &distance)| distance);

@@ -9,8 +9,9 @@ use crate::math::{Box3, hit, r2, ray_direction};
 const DIRECTIONS: u32 = 32;
 /// How far in front of its face a ray starts, as a share of the diagonal.
 const LIFT: f64 = 1e-5;
-/// Faces that all rays together may look at.
-const BUDGET: u64 = 20_000_000;
+/// Faces that all rays together may look at: so many, and so many more for each point.
+const BUDGET: u64 = 10_000_000;
+const BUDGET_A_POINT: u64 = 500;
 
 /// A point on a face.
 #[derive(Debug, Clone, Copy)]
@@ -86,5 +87,6 @@ pub(super) fn visible(
         }
         Some(false)
     };
-    Ok(ask(samples.len(), BUDGET, context, |i, steps| sees_outside(&samples[i], steps))?.values)
+    let budget = BUDGET + BUDGET_A_POINT * samples.len() as u64;
+    Ok(ask(samples.len(), budget, context, |i, steps| sees_outside(&samples[i], steps))?.values)
 }

@@ -11,7 +11,7 @@ use crate::math::{hit, unit_scale};
 /// Points from which the wall is measured.
 const SAMPLES: u32 = 2000;
 /// Boxes and triangles that all of them together may look at.
-const BUDGET: u64 = 20_000_000;
+const BUDGET: u64 = 10_000_000;
 /// Winding numbers from which on a point is in material, and up to which it is in air. In between the surface is too open to
 /// tell.
 const MATERIAL: f64 = 0.75;

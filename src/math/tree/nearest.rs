@@ -34,8 +34,8 @@ impl Tree {
     ) -> Option<Nearest> {
         let bvh = self.bvh.as_ref()?;
         let place = (point - self.centre) * self.scale;
-        if !(place.abs().max_element() < FAR) {
-            return self.from_afar(point, bound, triangle);
+        if !place.abs().cmplt(DVec3::splat(FAR)).all() {
+            return self.nearest_from_afar(point, bound, triangle);
         }
         let mut best = None;
         let limit = bound.max(0.0) * self.scale;
@@ -78,7 +78,7 @@ impl Tree {
     }
 
     /// From where the model is no more than a point.
-    fn from_afar(&self, point: DVec3, bound: f64, triangle: impl Fn(u32) -> [DVec3; 3]) -> Option<Nearest> {
+    fn nearest_from_afar(&self, point: DVec3, bound: f64, triangle: impl Fn(u32) -> [DVec3; 3]) -> Option<Nearest> {
         let face = *self.bvh.as_ref()?.primitive_indices.first()?;
         let found = triangle(face)[0];
         let apart = point * 0.5 - found * 0.5;

@@ -4,9 +4,9 @@ use glam::DVec3;
 
 use super::Tree;
 
-/// How many radii of a cluster a point must be away for the cluster to count as one dipole. At 3 the sum over a closed
-/// surface errs by about 0.01, far from the 0.5 that tells inside from outside.
-const BETA: f64 = 3.0;
+/// How many radii of a cluster a point must be away for the cluster to count as one dipole. At 2 the sum over a closed
+/// surface errs by about 0.02, far from the 0.5 that tells inside from outside, for half the time that 3 takes.
+const BETA: f64 = 2.0;
 /// Half-sides of the model from which on it winds around nothing.
 const FAR: f64 = 1e18;
 
@@ -50,6 +50,9 @@ impl Tree {
                 sum.weight += weight;
                 moment += centre * weight;
             };
+            let aabb = node.aabb();
+            let (min, max) = (aabb.min.as_dvec3(), aabb.max.as_dvec3());
+            let within_box = |centre: DVec3| (centre - min).max(max - centre).length();
             if node.is_leaf() {
                 for i in 0..node.prim_count {
                     let [a, b, c] = self.framed(triangle(bvh.primitive_indices[(node.first_index + i) as usize]));
@@ -62,10 +65,16 @@ impl Tree {
                     add(area, weight, centre);
                 }
             }
-            let aabb = node.aabb();
-            let (min, max) = (aabb.min.as_dvec3(), aabb.max.as_dvec3());
             sum.centre = if sum.weight > 0.0 { moment / sum.weight } else { (min + max) * 0.5 };
-            sum.radius = (sum.centre - min).max(max - sum.centre).length();
+            sum.radius = within_box(sum.centre);
+            if !node.is_leaf() {
+                // Where the triangles fill the box badly, the spheres of the children reach less far than its corners.
+                let reach = [node.first_index, node.first_index + 1].map(|child| {
+                    let child = &nodes[child as usize];
+                    child.radius + child.centre.distance(sum.centre)
+                });
+                sum.radius = sum.radius.min(reach[0].max(reach[1]));
+            }
             nodes[at as usize] = sum;
         }
         Dipoles { nodes }
@@ -73,7 +82,7 @@ impl Tree {
 
     /// The generalized winding number of the triangles around a point: 1 inside a closed outward surface, 0 outside, and
     /// in between near a hole (Jacobson et al. 2013). Near triangles count exactly, far ones as dipoles (Barill et al.
-    /// 2018, order 1), so it errs by about 0.01.
+    /// 2018, order 1), so it errs by about 0.02.
     ///
     /// `dipoles` and `triangle` are of the triangles that the tree was built with. `steps` is how many nodes and triangles
     /// may be looked at and is counted down; where it reaches 0 the rest is left out.
@@ -86,7 +95,7 @@ impl Tree {
     ) -> f64 {
         let Some(bvh) = &self.bvh else { return 0.0 };
         let place = (point - self.centre) * self.scale;
-        if !(place.abs().max_element() < FAR) {
+        if !place.abs().cmplt(DVec3::splat(FAR)).all() {
             return 0.0;
         }
         let (mut angle, mut stack) = (0.0, vec![0u32]);
@@ -155,7 +164,7 @@ mod tests {
     }
 
     #[test]
-    fn the_fast_sum_is_the_exact_sum_but_for_a_fiftieth() {
+    fn the_fast_sum_is_the_exact_sum_but_for_a_few_hundredths() {
         for (open, size) in [(false, 1.0), (true, 1.0), (false, 1e300), (true, 1e-300)] {
             let (positions, faces) = ball(24, open, size);
             let tree = Tree::new(&positions, &faces);
@@ -166,9 +175,9 @@ mod tests {
                 let point = DVec3::from(r3(f64::from(i))) * 3.0 - 1.5;
                 let exact = winding_exact(point, (0..count).map(|f| corners(f).map(|p| p / size)));
                 let fast = tree.winding(&dipoles, point * size, &mut u64::MAX.clone(), corners);
-                assert!((fast - exact).abs() < 0.02, "{fast} {exact} at {point}, {size}");
+                assert!((fast - exact).abs() < 0.04, "{fast} {exact} at {point}, {size}");
                 if !open && (point.length() - 1.0).abs() > 0.02 {
-                    assert!((fast - f64::from(u8::from(point.length() < 1.0))).abs() < 0.02);
+                    assert!((fast - f64::from(u8::from(point.length() < 1.0))).abs() < 0.04);
                 }
             }
         }
