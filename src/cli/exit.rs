@@ -9,11 +9,17 @@ pub const HELP: &str = "Exit codes of repair and inspect:
   2  bad input: the file or an argument can't be used; the message says what and where
   3  internal error
 
+Exit codes of compare:
+  0  faithful: 99 % of the surface that can be seen from outside is within 0.5 % of the diagonal of the second model,
+     and no side of the bounding box moved by more than 1 % of it
+  1  not faithful
+  2, 3  as above
+
 Every flag can be set by an environment variable, named in its help.";
 
-/// The result passes every check.
+/// The result passes every check, or keeps the shape it is compared with.
 pub const PRINTABLE: u8 = 0;
-/// Something is left to repair.
+/// Something is left to repair, or the shape was not kept.
 pub const PARTIAL: u8 = 1;
 /// The file or an argument can't be used.
 pub const BAD_INPUT: u8 = 2;

@@ -1,3 +1,4 @@
+mod compare;
 mod engine;
 mod exit;
 mod inspect;
@@ -29,6 +30,8 @@ enum Command {
     Repair(repair::RepairArgs),
     /// Tell what is wrong with files, and describe them. Needs no server.
     Inspect(inspect::InspectArgs),
+    /// Tell what changed from one file to another. Needs no server.
+    Compare(compare::CompareArgs),
     /// Make or update the database's tables and stop.
     Migrate(service::MigrateArgs),
     /// Print the OpenAPI document, or check a file against it.
@@ -48,6 +51,7 @@ pub fn run() -> ExitCode {
         Command::Work(args) => service::work(args),
         Command::Repair(args) => repair::run(&args),
         Command::Inspect(args) => inspect::run(&args),
+        Command::Compare(args) => compare::run(&args),
         Command::Migrate(args) => service::migrate(&args),
         Command::Openapi(args) => openapi::run(&args),
         Command::JobChild { folder } => meshmend::worker::run_child(&folder),

@@ -29,7 +29,7 @@ pub struct Distribution {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Histogram {
     /// How the edges are placed.
-    pub spacing: Spacing,
+    pub spacing: BinSpacing,
     /// The borders of the bins, ascending, one more than there are bins. A value on a border belongs to the bin above it, the
     /// last border to the last bin.
     pub edges: Vec<f64>,
@@ -40,7 +40,7 @@ pub struct Histogram {
 /// How the bins of a histogram are placed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
-pub enum Spacing {
+pub enum BinSpacing {
     /// All of the same width.
     Linear,
     /// Each wider than the one before by the same factor, from the smallest value above 0 to the largest; zeros are in the
@@ -52,7 +52,7 @@ pub enum Spacing {
 /// Which bins to count in.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Bins {
-    /// From the smallest value to the largest, spaced as [`Spacing`] says.
+    /// From the smallest value to the largest, spaced as [`BinSpacing`] says.
     ByRange,
     /// This many of the same width between two fixed borders that hold all values, so that files can be compared bin by
     /// bin.
@@ -100,13 +100,13 @@ impl Histogram {
         let (first, last) = (sorted[0], sorted[sorted.len() - 1]);
         let positive = sorted.get(sorted.partition_point(|&x| x <= 0.0)).copied().unwrap_or(last);
         let (spacing, edges) = match bins {
-            Bins::Between(low, high, bins) => (Spacing::Linear, linear(low, high, bins)),
-            Bins::ByRange if first >= last => (Spacing::Linear, vec![first, last]),
-            Bins::ByRange if last / 16.0 <= positive => (Spacing::Linear, linear(first, last, BINS)),
+            Bins::Between(low, high, bins) => (BinSpacing::Linear, linear(low, high, bins)),
+            Bins::ByRange if first >= last => (BinSpacing::Linear, vec![first, last]),
+            Bins::ByRange if last / 16.0 <= positive => (BinSpacing::Linear, linear(first, last, BINS)),
             Bins::ByRange => {
                 let mut edges = geometric(positive, last);
                 edges[0] = first;
-                (Spacing::Geometric, edges)
+                (BinSpacing::Geometric, edges)
             }
         };
         let mut begin = 0;
@@ -190,7 +190,7 @@ mod tests {
     fn bins_of_one_width_hold_every_value_once() {
         let values: Vec<f64> = (0..=16).map(|i| 16.0 + f64::from(i)).collect();
         let it = of(&values).histogram;
-        assert_eq!(it.spacing, Spacing::Linear);
+        assert_eq!(it.spacing, BinSpacing::Linear);
         assert_eq!(it.edges, values);
         assert_eq!(it.counts, [1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 2]);
     }
@@ -199,7 +199,7 @@ mod tests {
     fn a_wide_range_gets_bins_that_grow_by_one_factor_and_zeros_are_in_the_first() {
         let mut values: Vec<f64> = (0..=16).map(|i| f64::from(1u32 << i)).collect();
         let it = of(&values).histogram;
-        assert_eq!(it.spacing, Spacing::Geometric);
+        assert_eq!(it.spacing, BinSpacing::Geometric);
         for (edge, value) in it.edges.iter().zip(&values) {
             assert!((edge / value - 1.0).abs() < 1e-14, "{edge} {value}");
         }

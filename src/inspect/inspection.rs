@@ -2,8 +2,8 @@ use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 
 use super::{
-    Analysis, Characteristics, CheckVerdict, DefectGroup, DefectKind, Findings, Measures, OptionsError, Subject,
-    Tolerances, characteristics, find_defects, intersections, measures,
+    Analysis, Characteristics, CheckVerdict, DefectGroup, DefectKind, Findings, Measures, OptionsError, PrintMeasures,
+    Subject, Tolerances, Unit, characteristics, find_defects, intersections, measures, print_measures,
 };
 use crate::context::{Cancelled, Context};
 
@@ -41,11 +41,27 @@ pub struct InspectOptions {
     pub places: usize,
     /// How closely things must agree to count as the same.
     pub tolerances: Tolerances,
+    /// The model's unit, where it is known; without it millimetres are assumed.
+    pub unit: Option<Unit>,
+    /// The direction in which the model is built, of any length but zero.
+    pub up: [f64; 3],
+    /// An angle from the vertical, in degrees from 0 to 90, for which the area of overhangs is told beside 30, 45 and 60.
+    pub overhang_degrees: f64,
+    /// Sides of the printer's build volume, in millimetres.
+    pub build_volume: Option<[f64; 3]>,
 }
 
 impl Default for InspectOptions {
     fn default() -> Self {
-        Self { level: Level::Full, places: 20, tolerances: Tolerances::default() }
+        Self {
+            level: Level::Full,
+            places: 20,
+            tolerances: Tolerances::default(),
+            unit: None,
+            up: [0.0, 0.0, 1.0],
+            overhang_degrees: 45.0,
+            build_volume: None,
+        }
     }
 }
 
@@ -62,7 +78,13 @@ impl InspectOptions {
             option: error.name,
             value: error.value.to_string(),
             expected: "a finite number that is not negative",
-        })
+        })?;
+        let degrees = "between 0 and 90 degrees from the vertical";
+        OptionsError::unless_within("overhang_degrees", self.overhang_degrees, (0.0, 90.0), degrees)?;
+        let up: f64 = self.up.iter().map(|x| x.abs()).sum();
+        OptionsError::unless_within("up", up, (f64::MIN_POSITIVE, f64::MAX), "a direction that is not zero")?;
+        let smallest = self.build_volume.map_or(1.0, |sides| sides.into_iter().fold(f64::MAX, f64::min));
+        OptionsError::unless_within("build_volume", smallest, (f64::MIN_POSITIVE, f64::MAX), "three lengths above zero")
     }
 }
 
@@ -85,6 +107,9 @@ pub struct Inspection {
     pub incomplete: Vec<DefectKind>,
     /// Whether the mesh keeps the rules of the level; none at level none.
     pub check: Option<CheckVerdict>,
+    /// What a printer wants to know; absent at level `none` and for a mesh without faces.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub print: Option<PrintMeasures>,
 }
 
 /// Looks at a mesh. The findings have more places than the report lists, and a mark on each face.
@@ -96,16 +121,31 @@ pub fn inspect(
     options: &InspectOptions,
     context: &Context<'_>,
 ) -> Result<(Inspection, Findings), Cancelled> {
-    let analysis = Analysis::new(subject, context)?;
-    let mut measures = measures(&analysis, context)?;
-    let mut findings = Findings::new(subject.soup.faces.len(), options.places.max(MOST_PLACES));
+    inspect_analysis(&Analysis::new(subject, context)?, options, context)
+}
+
+/// Looks at a mesh whose structure is known.
+///
+/// # Errors
+/// [`Cancelled`] when the work should stop.
+pub fn inspect_analysis(
+    analysis: &Analysis<'_>,
+    options: &InspectOptions,
+    context: &Context<'_>,
+) -> Result<(Inspection, Findings), Cancelled> {
+    let mut measures = measures(analysis, context)?;
+    let mut findings = Findings::new(analysis.subject.soup.faces.len(), options.places.max(MOST_PLACES));
     if options.level == Level::Full {
-        let found = intersections(&analysis, context)?;
-        found.report(&analysis, &mut findings);
+        let found = intersections(analysis, context)?;
+        found.report(analysis, &mut findings);
         measures.self_intersections = found.counts;
     }
-    find_defects(&analysis, &options.tolerances, options.level, &mut findings, context)?;
-    let characteristics = characteristics(&analysis, &measures, options.level, context)?;
+    find_defects(analysis, &options.tolerances, options.level, &mut findings, context)?;
+    let characteristics = characteristics(analysis, &measures, options.level, context)?;
+    let print = match options.level {
+        Level::None => None,
+        Level::Basic | Level::Full => print_measures(analysis, &measures, options, context)?,
+    };
     let inspection = Inspection {
         version: INSPECTION_VERSION,
         level: options.level,
@@ -113,6 +153,7 @@ pub fn inspect(
         defects: findings.groups(options.places),
         incomplete: findings.incomplete().to_vec(),
         check: CheckVerdict::new(options.level, &measures, &findings),
+        print,
         measures,
     };
     Ok((inspection, findings))

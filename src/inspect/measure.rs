@@ -1,4 +1,4 @@
-use super::{Analysis, BoundingBox, Measures, Volume, group_faces, intersections, nesting_depths};
+use super::{Analysis, BoundingBox, Measures, Volume, finite, group_faces, intersections, nesting_depths};
 use crate::context::{Cancelled, Context};
 use crate::math::{Box3, collinear};
 use crate::mesh::{Edges, Soup, count_boundary_chains};
@@ -11,9 +11,16 @@ use crate::mesh::{Edges, Soup, count_boundary_chains};
 /// # Errors
 /// [`Cancelled`] when the work should stop.
 pub fn measure(soup: &Soup, context: &Context<'_>) -> Result<Measures, Cancelled> {
-    let analysis = Analysis::new(soup.into(), context)?;
-    let mut it = measures(&analysis, context)?;
-    it.self_intersections = intersections(&analysis, context)?.counts;
+    measure_analysis(&Analysis::new(soup.into(), context)?, context)
+}
+
+/// The same for a mesh whose structure is known.
+///
+/// # Errors
+/// [`Cancelled`] when the work should stop.
+pub fn measure_analysis(analysis: &Analysis<'_>, context: &Context<'_>) -> Result<Measures, Cancelled> {
+    let mut it = measures(analysis, context)?;
+    it.self_intersections = intersections(analysis, context)?.counts;
     Ok(it)
 }
 
@@ -72,11 +79,6 @@ pub fn measures(analysis: &Analysis<'_>, context: &Context<'_>) -> Result<Measur
     it.volume = Volume { value: finite(value), reliable: it.closed && balanced && it.duplicate_faces == 0 };
     it.area = finite(area);
     Ok(it)
-}
-
-/// Coordinates around 1e150 have areas and volumes that no f64 holds, and JSON has no word for infinity.
-fn finite(x: f64) -> f64 {
-    if x.is_nan() { 0.0 } else { x.clamp(f64::MIN, f64::MAX) }
 }
 
 fn count_degenerate(analysis: &Analysis<'_>) -> u64 {

@@ -6,6 +6,7 @@
 mod analysis;
 mod attributes;
 mod characteristics;
+mod compare;
 mod defects;
 mod distribution;
 mod duplicates;
@@ -14,34 +15,41 @@ mod findings;
 mod good;
 mod inspection;
 mod intersections;
-mod lost;
 mod measure;
 mod measures;
 mod nesting;
 mod options_error;
+mod print;
+mod queries;
 mod set;
 mod shells;
 mod solids;
+mod spacing;
 mod statistics;
 
 pub use analysis::{Analysis, Subject};
 pub use attributes::{Answer, Attributes, Unmeasurable};
 pub use characteristics::{Characteristics, characteristics};
+pub use compare::{
+    COMPARISON_VERSION, Changes, CompareOptions, Comparison, Deviation, InsideAgreement, Original, Spread, compare,
+    percent,
+};
 pub use defects::{CheckRule, CheckVerdict, Tolerance, ToleranceError, Tolerances, find_defects};
 use distribution::finite;
-pub use distribution::{Bins, Distribution, Histogram, Spacing};
+pub use distribution::{BinSpacing, Bins, Distribution, Histogram};
 pub use duplicates::{FaceGroups, group_faces};
 pub use elements::Elements;
 pub use findings::{Defect, DefectGroup, DefectKind, Findings, Meeting};
 pub use good::{Goodness, Lack, Shortfall, Thresholds, goodness};
-pub use inspection::{INSPECTION_VERSION, InspectOptions, Inspection, Level, inspect};
+pub use inspection::{INSPECTION_VERSION, InspectOptions, Inspection, Level, inspect, inspect_analysis};
 pub use intersections::{IntersectingPair, Intersections, intersections, intersections_between};
-pub use lost::surface_lost_pct;
-pub use measure::{measure, measures};
+pub use measure::{measure, measure_analysis, measures};
 pub use measures::{BoundingBox, Measures, SelfIntersections, Volume};
 pub use nesting::nesting_depths;
 pub use options_error::OptionsError;
+pub use print::{Fit, NoWall, Overhang, OverhangArea, PrintMeasures, ThinnestWall, Unit, UnitSource, print_measures};
 pub use set::{MeshPair, MeshSpacing, Nearest, SetIntersections, SetReport, SetSpacing};
 pub use shells::{Shell, Shells, Turning, shells};
 pub use solids::{Solid, doubled_areas, solids};
+pub use spacing::{Gap, Spacing, spacing};
 pub use statistics::{EdgeAngles, Side, Statistics, statistics};

@@ -7,12 +7,14 @@ mod boxes;
 mod distance;
 mod predicates;
 mod ray;
+mod sequence;
 mod tree;
 mod triangle_pair;
 
 pub use boxes::Box3;
-pub use distance::within;
-pub use predicates::{Sign, collinear, midmost, orient2d, orient3d, to_unit_range};
-pub use ray::{Crossing, crossing, ray_direction};
-pub use tree::{Frame, Hit, PairSearch, Tree};
+pub use distance::{nearest_on_segment, nearest_on_triangle, within};
+pub use predicates::{Sign, collinear, midmost, orient2d, orient3d, to_unit_range, unit_scale};
+pub use ray::{Crossing, crossing, hit, ray_direction};
+pub use sequence::{r2, r3};
+pub use tree::{Dipoles, Frame, Hit, Nearest, PairSearch, Tree, winding_exact};
 pub use triangle_pair::{Contact, common_point, contact};

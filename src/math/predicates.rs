@@ -44,8 +44,7 @@ const FLUSH: f64 = 4.909_093_465_297_727e-91; // 2^-300
 /// All coordinates must be finite.
 #[must_use]
 pub fn to_unit_range(positions: &[DVec3]) -> Vec<DVec3> {
-    let largest = positions.iter().fold(0.0f64, |m, p| m.max(p.abs().max_element()));
-    let scale = power_of_two_below_inverse(largest);
+    let scale = unit_scale(positions);
     let flush = |x: f64| if x.abs() < FLUSH { 0.0 } else { x };
     positions
         .iter()
@@ -56,7 +55,10 @@ pub fn to_unit_range(positions: &[DVec3]) -> Vec<DVec3> {
         .collect()
 }
 
-fn power_of_two_below_inverse(largest: f64) -> f64 {
+/// The power of two by which [`to_unit_range`] scales.
+#[must_use]
+pub fn unit_scale(positions: &[DVec3]) -> f64 {
+    let largest = positions.iter().fold(0.0f64, |m, p| m.max(p.abs().max_element()));
     if largest == 0.0 || !largest.is_finite() {
         return 1.0;
     }

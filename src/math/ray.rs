@@ -35,6 +35,24 @@ pub fn crossing(p: DVec3, q: DVec3, [a, b, c]: [DVec3; 3]) -> Crossing {
     if sp == Sign::Negative { Crossing::Enters } else { Crossing::Leaves }
 }
 
+/// How far along a segment from `origin` by `step` a triangle is, as a share of `step`, where it meets it (Moeller and
+/// Trumbore 1997). In f64: a measure, not a decision of topology.
+#[must_use]
+pub fn hit(origin: DVec3, step: DVec3, [a, b, c]: [DVec3; 3]) -> Option<f64> {
+    let (e, f) = (b - a, c - a);
+    let p = step.cross(f);
+    let determinant = e.dot(p);
+    if determinant == 0.0 {
+        return None;
+    }
+    let s = origin - a;
+    let u = s.dot(p) / determinant;
+    let q = s.cross(e);
+    let v = step.dot(q) / determinant;
+    let t = f.dot(q) / determinant;
+    (u >= 0.0 && v >= 0.0 && u + v <= 1.0 && (0.0..=1.0).contains(&t)).then_some(t)
+}
+
 /// The directions in which rays are tried, one after another: unit vectors that no designed surface is aligned with.
 #[must_use]
 pub fn ray_direction(attempt: u32) -> DVec3 {
@@ -73,6 +91,15 @@ mod tests {
     #[test]
     fn a_segment_that_starts_on_the_face_touches() {
         assert_eq!(crossing(DVec3::new(0.25, 0.25, 0.0), DVec3::new(0.25, 0.25, 1.0), FACE), Crossing::Touches);
+    }
+
+    #[test]
+    fn a_hit_tells_how_far_along_it_is() {
+        let above = DVec3::new(0.25, 0.25, 1.0);
+        assert_eq!(hit(above, DVec3::NEG_Z * 4.0, FACE), Some(0.25));
+        for miss in [DVec3::NEG_Z * 0.5, DVec3::Z, DVec3::X, DVec3::new(1.0, 1.0, -1.0)] {
+            assert_eq!(hit(above, miss, FACE), None, "{miss}");
+        }
     }
 
     #[test]

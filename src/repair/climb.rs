@@ -36,7 +36,7 @@ fn opening() -> Rung {
 impl<'a> Climb<'a> {
     /// Runs the opening that every rung shares; what it leaves is what tells a sheet from a solid with holes.
     pub fn open(input: &'a Input<'a>, mut runner: Runner<'a>) -> Result<Self, Cancelled> {
-        let (mut surface, _) = Surface::from_soup(&input.mesh.soup);
+        let mut surface = input.analysis.surface.clone();
         let opened = runner.run(0, &opening(), 0, &(5..15), &mut surface)?;
         let opening = runner.steps.clone();
         Ok(Self { input, runner, surface, opened, opening, best: None, candidates: Vec::new() })
@@ -75,8 +75,7 @@ impl<'a> Climb<'a> {
         let Runner { options, format, context, .. } = self.runner;
         context.report(Stage::Verify, Some(rung.tier), span(index).end);
         let start = context.now();
-        let (input, before) = (&self.input.mesh.soup, &self.input.before.measures);
-        let verdict = judge(result, format, input, before, options, &context.without_deadline());
+        let verdict = judge(result, format, self.input.original, options, &context.without_deadline());
         let mut step = validation(index, start, context);
         let mut good = false;
         match verdict {

@@ -1,16 +1,16 @@
 use super::RepairError;
 use super::verdict::{JudgeError, Judged, judge};
-use super::{
-    Cancelled, Category, Context, FileSummary, Options, Outcome, Plan, Preset, REPORT_VERSION, Report, compare,
-};
+use super::{Cancelled, Category, Context, FileSummary, Options, Outcome, Plan, Preset, REPORT_VERSION, Report};
 use crate::format::{self, Format, Limits, ReadError, ReadMesh};
-use crate::inspect::{InspectOptions, Inspection, Level, Measures, Subject, inspect};
-use crate::mesh::Surface;
+use crate::inspect::{Analysis, InspectOptions, Inspection, Level, Measures, Original, Subject, inspect_analysis};
 
 /// What came in.
 pub(super) struct Input<'a> {
     pub bytes: &'a [u8],
     pub mesh: &'a ReadMesh,
+    pub analysis: &'a Analysis<'a>,
+    /// The same as what results are compared with.
+    pub original: &'a Original<'a>,
     pub before: &'a Inspection,
 }
 
@@ -30,15 +30,15 @@ impl Input<'_> {
                 bytes: self.bytes.to_vec(),
                 dialect: self.mesh.dialect.clone(),
                 measures: before.clone(),
-                changes: compare(before, before, &self.mesh.soup, &self.mesh.soup, context)?,
+                changes: self.original.changes(self.analysis, before, context)?,
                 red_flags: Vec::new(),
             }));
         }
-        let (surface, _) = Surface::from_soup(&self.mesh.soup);
+        let surface = &self.analysis.surface;
         if surface.faces.is_empty() {
             return Ok(None);
         }
-        match judge(&surface, format, &self.mesh.soup, before, options, context) {
+        match judge(surface, format, self.original, options, context) {
             Ok(judged) => Ok(Some(judged)),
             Err(JudgeError::Write(error)) => Err(error.into()),
             Err(JudgeError::Read(error)) => Err(error.into()),
@@ -52,7 +52,8 @@ impl Input<'_> {
             return Ok(self.before.clone());
         }
         let read = read_own(&judged.bytes)?;
-        Ok(look(&read, || Ok(judged.measures.clone()), context)?)
+        let analysis = Analysis::new(subject(&read), &context.without_deadline())?;
+        Ok(look(&analysis, || Ok(judged.measures.clone()), context)?)
     }
 
     /// The account as far as it is known before anything was run.
@@ -99,20 +100,24 @@ pub(super) fn read_own(bytes: &[u8]) -> Result<ReadMesh, ReadError> {
     format::read(bytes, &Limits { max_bytes: u64::MAX, max_faces: u64::MAX, max_vertices: u64::MAX })
 }
 
+/// All that a file says.
+pub(super) fn subject(mesh: &ReadMesh) -> Subject<'_> {
+    Subject { soup: &mesh.soup, normals: mesh.normals.as_ref(), numbering: mesh.numbering.as_ref() }
+}
+
 /// Looks at everything. When the time is over only what results are judged by is told, from `measures`, since a repair
 /// without it is none.
 pub(super) fn look(
-    mesh: &ReadMesh,
+    analysis: &Analysis<'_>,
     measures: impl FnOnce() -> Result<Measures, Cancelled>,
     context: &Context<'_>,
 ) -> Result<Inspection, Cancelled> {
-    let subject = Subject { soup: &mesh.soup, normals: mesh.normals.as_ref(), numbering: mesh.numbering.as_ref() };
     let all = InspectOptions::default();
-    match inspect(subject, &all, context) {
+    match inspect_analysis(analysis, &all, context) {
         Err(Cancelled) if !context.is_cancelled() => {
             let measures = measures()?;
             let counts = InspectOptions { level: Level::None, ..all };
-            let (counted, _) = inspect(subject, &counts, &context.without_deadline())?;
+            let (counted, _) = inspect_analysis(analysis, &counts, &context.without_deadline())?;
             Ok(Inspection { measures, ..counted })
         }
         looked => looked.map(|(inspection, _)| inspection),

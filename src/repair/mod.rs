@@ -4,7 +4,6 @@
 //! [`holes`]; they work on a [`crate::mesh::Surface`] and answer what they changed as [`Change`]s.
 
 mod category;
-mod changes;
 mod climb;
 pub mod degenerate;
 pub mod duplicates;
@@ -17,6 +16,7 @@ mod pipeline;
 mod plan;
 mod presets;
 pub mod quantise;
+mod red_flags;
 mod remesher;
 mod report;
 pub mod sheets;
@@ -29,9 +29,9 @@ pub mod weld;
 pub use crate::context::{Cancelled, Context, NoProgress, Progress, Stage, monotonic_clock};
 pub use crate::inspect::OptionsError;
 pub use category::categorise;
-pub use changes::{compare, red_flags};
 pub use options::{Options, OutputFormat, Preset};
 pub use pipeline::{RepairError, Repaired, repair};
 pub use plan::make_plan;
+pub use red_flags::red_flags;
 pub use remesher::{RemeshAction, RemeshError, RemeshRequest, Remeshed, Remesher, RemesherInfo};
 pub use report::*;

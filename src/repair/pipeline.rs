@@ -1,7 +1,7 @@
 use std::time::Duration;
 
 use super::climb::Climb;
-use super::input::{Input, look};
+use super::input::{Input, look, subject};
 use super::plan::{make_plan, name};
 use super::sheets::open_sheet_share;
 use super::tiers::Runner;
@@ -11,7 +11,7 @@ use super::{
     summary,
 };
 use crate::format::{self, Format, Limits, ReadError, WriteError};
-use crate::inspect::measure;
+use crate::inspect::{Analysis, CompareOptions, Original, measure_analysis};
 
 /// A repaired file and its account.
 #[derive(Debug, Clone, PartialEq)]
@@ -65,9 +65,11 @@ pub fn repair(
     let mesh = format::read(bytes, limits)?;
     let format = options.output.resolve(mesh.format);
     context.report(Stage::Inspect, None, 3);
-    let before = look(&mesh, || measure(&mesh.soup, patient), context)?;
+    let analysis = Analysis::new(subject(&mesh), patient)?;
+    let before = look(&analysis, || measure_analysis(&analysis, patient), context)?;
     context.log(&format!("read {}: {}", mesh.dialect, before.measures.in_short()));
-    let input = &Input { bytes, mesh: &mesh, before: &before };
+    let original = Original::new(&analysis, &before.measures, CompareOptions::BRIEF);
+    let input = &Input { bytes, mesh: &mesh, analysis: &analysis, original: &original, before: &before };
     let end = Ending { input, format, start, context };
     let mut report = input.report(options);
 

@@ -3,6 +3,7 @@ use utoipa::ToSchema;
 
 use super::{Options, Preset, RemesherInfo};
 use crate::format::Format;
+pub use crate::inspect::Changes;
 use crate::inspect::Inspection;
 
 /// The version of [`Report`]'s structure. 2: `before` and `after` are inspections, which add `version`, `level` and
@@ -123,31 +124,6 @@ pub struct FileSummary {
     pub dialect: String,
     /// Its size.
     pub bytes: u64,
-}
-
-/// How the result differs from the input. Percentages are of the input's value; none where the input's value is
-/// zero or not reliable.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct Changes {
-    /// Faces after minus before.
-    pub faces: i64,
-    /// Vertices after minus before.
-    pub vertices: i64,
-    /// Parts after minus before.
-    pub parts: i64,
-    /// Share of the faces lost; negative where faces were added.
-    pub face_loss_pct: f64,
-    /// Faces of the input that stand in the result at the same three positions, in percent.
-    pub faces_kept_pct: f64,
-    /// Share of the surface that can be seen from outside with nothing of the result within 0.5 % of the diagonal: sampled,
-    /// so 0.1 is about the least that is seen.
-    pub surface_lost_pct: Option<f64>,
-    /// Largest move of a side of the bounding box, over its diagonal before.
-    pub box_change_pct: Option<f64>,
-    /// Change of the surface area.
-    pub area_change_pct: Option<f64>,
-    /// Change of the volume.
-    pub volume_change_pct: Option<f64>,
 }
 
 /// What is to be done, as data: made from the inspection, run afterwards.

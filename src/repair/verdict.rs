@@ -1,8 +1,8 @@
 use super::input::read_own;
-use super::{Cancelled, Changes, Context, Options, RedFlag, RedFlagCode, compare, red_flags};
+use super::{Cancelled, Changes, Context, Options, RedFlag, RedFlagCode, red_flags};
 use crate::format::{self, Format, ReadError, WriteError};
-use crate::inspect::{Measures, measure};
-use crate::mesh::{NO_SOURCE, Soup, Surface};
+use crate::inspect::{Analysis, Measures, Original, measure_analysis};
+use crate::mesh::{NO_SOURCE, Surface};
 
 /// Share of the visible surface, in percent, whose loss makes even a printable result worse than the input.
 const MOST_LOST_PCT: f64 = 25.0;
@@ -31,16 +31,16 @@ pub(super) enum JudgeError {
 pub(super) fn judge(
     surface: &Surface,
     format: Format,
-    input: &Soup,
-    before: &Measures,
+    input: &Original<'_>,
     options: &Options,
     context: &Context<'_>,
 ) -> Result<Judged, JudgeError> {
     let bytes = format::write(&surface.to_soup(), format)?;
     let read = read_own(&bytes)?;
-    let measures = measure(&read.soup, context)?;
-    let changes = compare(before, &measures, input, &read.soup, context)?;
-    let red_flags = red_flags(before, &measures, &changes, standing(surface), options);
+    let analysis = Analysis::new((&read.soup).into(), context)?;
+    let measures = measure_analysis(&analysis, context)?;
+    let changes = input.changes(&analysis, &measures, context)?;
+    let red_flags = red_flags(input.measures(), &measures, &changes, standing(surface), options);
     Ok(Judged { bytes, dialect: read.dialect, measures, changes, red_flags })
 }
 
@@ -58,32 +58,38 @@ impl Judged {
         self.measures.printable() && self.red_flags.is_empty()
     }
 
-    /// Smaller is better: first good results, then printable ones that kept most of the model, then solids whose faces
-    /// intersect, then the rest, and last those that lost a part of the model's extent or much of its visible surface;
-    /// among equals by defects.
+    /// Smaller is better. In order: good results; printable ones that kept most of the model, by what they lost; solids whose
+    /// faces intersect and then the rest, both with no visible surface lost to speak of, by defects; last those that
+    /// destroyed more than they mended, whether printable or not.
+    ///
+    /// The input itself stands in the third or fourth class (see [`rank_of_input`]), so a result that is not printable must
+    /// have fewer defects and the whole model, and one that destroyed is never preferred.
     pub fn rank(&self) -> Rank {
-        let lost = self.red_flags.iter().any(|f| match f.code {
-            RedFlagCode::BoxChange => true,
-            RedFlagCode::SurfaceLost => f.value > MOST_LOST_PCT,
-            _ => false,
-        });
-        let class = match (self.measures.printable(), self.red_flags.is_empty(), lost) {
-            (true, true, _) => 0,
-            (true, false, false) => 1,
-            (false, _, false) => class_of_unprintable(&self.measures),
-            (_, _, true) => 4,
+        let raised = |code| self.red_flags.iter().find(|flag| flag.code == code).map(|flag| flag.value);
+        let lost = raised(RedFlagCode::SurfaceLost);
+        let shrunk = raised(RedFlagCode::BoxChange).is_some();
+        let class = match self.measures.printable() {
+            true if self.red_flags.is_empty() => 0,
+            true if !shrunk && lost.is_none_or(|lost| lost <= MOST_LOST_PCT) => 1,
+            false if !shrunk && lost.is_none() => class_of_unprintable(&self.measures),
+            _ => 4,
         };
-        (class, !self.measures.self_intersections.complete, self.measures.defects())
+        let lost = self.changes.surface_lost_pct.unwrap_or(0.0);
+        // Tenths of a percent: sampling tells no less.
+        let tenths = (lost * 10.0).round() as u64;
+        let defects = self.measures.defects();
+        let uncounted = !self.measures.self_intersections.complete;
+        if class == 2 || class == 3 { (class, uncounted, defects, tenths) } else { (class, uncounted, tenths, defects) }
     }
 }
 
-/// A class, whether there were too many intersections to count, and the defects.
-pub(super) type Rank = (u8, bool, u64);
+/// The class of a result, whether there were too many intersections to count, and what tells two of a class apart.
+pub(super) type Rank = (u8, bool, u64, u64);
 
 /// The rank of the input itself, which any result must beat.
 pub(super) fn rank_of_input(before: &Measures) -> Rank {
     let class = if before.printable() { 0 } else { class_of_unprintable(before) };
-    (class, !before.self_intersections.complete, before.defects())
+    (class, !before.self_intersections.complete, before.defects(), 0)
 }
 
 /// A hole is worse than faces that intersect: a slicer can unite what overlaps, but not guess what is missing.

@@ -3,6 +3,7 @@
 
 mod analyze;
 mod characteristics;
+mod compare;
 mod defects;
 mod formats;
 mod intersections;
@@ -11,3 +12,4 @@ mod lost;
 mod meshes;
 mod operators;
 mod pipeline;
+mod print;

@@ -397,3 +397,31 @@ fn a_printable_result_that_lost_visible_surface_raises_a_flag_and_is_repaired_on
     assert!(flag.value > 1.0 && it.report.changes.unwrap().surface_lost_pct == Some(flag.value));
     assert!(!it.report.summary.is_empty());
 }
+
+#[test]
+fn a_result_that_is_not_printable_and_lost_a_part_is_not_preferred_to_the_input() {
+    // The remesher drops the two small cubes, which halves the defects and moves no side of the box.
+    let small = |x: f64, y: f64| cube(DVec3::new(x, y, 0.25), 0.25, 1);
+    let model = join(&non_manifold(), &join(&small(0.125, 1.5), &small(0.375, 1.75)));
+    let fake = Fake::answering(vec![Ok(non_manifold()), Ok(non_manifold())]);
+    let bytes = format::write(&model, Format::Stl).unwrap();
+    let it = run_bytes(&bytes, &Options::default(), Some(&fake)).unwrap();
+    let judged = it.report.candidates.iter().find(|c| c.rung == Some(1)).unwrap();
+    assert!(!judged.printable && judged.defects < it.report.before.measures.defects());
+    let flag = judged.red_flags.iter().find(|f| f.code == RedFlagCode::SurfaceLost).unwrap();
+    assert!((3.0..25.0).contains(&flag.value) && judged.red_flags.iter().all(|f| f.code != RedFlagCode::BoxChange));
+    assert_eq!((it.report.outcome, it.bytes), (Outcome::Unrepairable, bytes));
+}
+
+#[test]
+fn the_report_says_how_far_the_result_is_from_the_input() {
+    let apart = join(&cube(DVec3::ZERO, 1.0, 3), &cube(DVec3::new(1.004, 1.004, 0.0), 1.0, 3));
+    let fake = Fake::answering(vec![Ok(apart)]);
+    let changes = run(&non_manifold(), &Options::default(), Some(&fake)).report.changes.unwrap();
+    let (lost, made) = (changes.lost.unwrap(), changes.made.unwrap());
+    for farthest in [lost.distance.max, made.distance.max] {
+        assert!((0.0035..0.006).contains(&farthest), "{farthest}");
+    }
+    assert!((lost.percent.max - lost.distance.max / 3.0 * 100.0).abs() < 1e-6);
+    assert!(lost.complete && made.complete && lost.samples > 3500 && made.vertices > 0);
+}

@@ -1,5 +1,7 @@
 mod frame;
+mod nearest;
 mod pairs;
+mod winding;
 
 use glam::{DVec3, Vec3A};
 use obvhs::aabb::Aabb;
@@ -9,7 +11,9 @@ use obvhs::ploc::{PlocBuilder, PlocSearchDistance, SortPrecision};
 use crate::math::Box3;
 
 pub use frame::Frame;
+pub use nearest::Nearest;
 pub use pairs::{Hit, PairSearch};
+pub use winding::{Dipoles, winding_exact};
 
 /// How far a box in the tree reaches beyond its triangle, as a share of half of the model's longest side: more than
 /// the rounding of the tree's own frame, and a spread that keeps equal boxes from being equal (see [`Tree::new`]).

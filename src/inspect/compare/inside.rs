@@ -1,0 +1,94 @@
+use glam::DVec3;
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use super::deviation::Pair;
+use crate::context::{Cancelled, Context};
+use crate::inspect::Analysis;
+use crate::inspect::queries::ask;
+use crate::math::{Box3, r3};
+
+/// Nodes and triangles that all winding numbers of both meshes together may look at: so many, and so many more for each
+/// point.
+const BUDGET: u64 = 10_000_000;
+const BUDGET_A_POINT: u64 = 2000;
+
+/// Whether two meshes agree on what is inside, by generalized winding numbers (Jacobson et al. 2013) at points spread evenly
+/// in the box around both. Inside is where the number is at least a half, whichever way the mesh is turned.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct InsideAgreement {
+    /// Points that were asked for.
+    pub points: u64,
+    /// Share of them on which both agree, in percent.
+    pub agree_pct: f64,
+    /// Share of those inside at least one that are inside both, in percent; none where no point is inside.
+    pub overlap_pct: Option<f64>,
+    /// Points inside the first mesh.
+    pub inside_before: u64,
+    /// Points inside the second mesh.
+    pub inside_after: u64,
+}
+
+/// Compares what is inside. None where one mesh has no face or no point could be asked for.
+///
+/// # Errors
+/// [`Cancelled`] when the context says stop.
+pub(super) fn inside_agreement(
+    pair: Pair<'_>,
+    points: u32,
+    context: &Context<'_>,
+) -> Result<Option<InsideAgreement>, Cancelled> {
+    let mut bounds = Box3::of(pair.from.unit().iter().copied());
+    for &p in pair.to.unit() {
+        bounds.extend(p / pair.ratio);
+    }
+    if points == 0 || pair.from.surface.faces.is_empty() || pair.to.surface.faces.is_empty() {
+        return Ok(None);
+    }
+    let insides = [Inside::new(pair.from), Inside::new(pair.to)];
+    context.check()?;
+    let answers = ask(points as usize, BUDGET + BUDGET_A_POINT * u64::from(points), context, |i, steps| {
+        let share = DVec3::from(r3(i as f64));
+        let point = bounds.min * (DVec3::ONE - share) + bounds.max * share;
+        let found = (insides[0].has(point, steps), insides[1].has(point * pair.ratio, steps));
+        (*steps > 0).then_some(found)
+    })?;
+    let count =
+        |wanted: fn(&(bool, bool)) -> bool| answers.values.iter().flatten().filter(|it| wanted(it)).count() as f64;
+    let asked = count(|_| true);
+    let (either, both) = (count(|it| it.0 || it.1), count(|it| it.0 && it.1));
+    Ok((asked > 0.0).then(|| InsideAgreement {
+        points: asked as u64,
+        agree_pct: (asked - either + both) / asked * 100.0,
+        overlap_pct: (either > 0.0).then(|| both / either * 100.0),
+        inside_before: count(|it| it.0) as u64,
+        inside_after: count(|it| it.1) as u64,
+    }))
+}
+
+/// Tells what is inside a mesh.
+pub(in crate::inspect) struct Inside<'a> {
+    analysis: &'a Analysis<'a>,
+    dipoles: crate::math::Dipoles,
+}
+
+impl<'a> Inside<'a> {
+    /// Sums the faces. Linear.
+    pub fn new(analysis: &'a Analysis<'a>) -> Self {
+        let dipoles = analysis.tree().dipoles(|f| corners(analysis, f));
+        Self { analysis, dipoles }
+    }
+
+    /// The size of the winding number at a point in unit coordinates, whichever way the mesh is turned.
+    pub fn winding(&self, point: DVec3, steps: &mut u64) -> f64 {
+        self.analysis.tree().winding(&self.dipoles, point, steps, |f| corners(self.analysis, f)).abs()
+    }
+
+    fn has(&self, point: DVec3, steps: &mut u64) -> bool {
+        self.winding(point, steps) >= 0.5
+    }
+}
+
+fn corners(analysis: &Analysis<'_>, face: u32) -> [DVec3; 3] {
+    analysis.surface.faces[face as usize].map(|v| analysis.unit()[v as usize])
+}

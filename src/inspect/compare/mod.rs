@@ -1,0 +1,235 @@
+//! What changed from one mesh to another: counts, sizes, how far the surfaces are apart, and what is inside.
+
+mod changes;
+mod deviation;
+mod inside;
+mod kept;
+mod samples;
+
+use std::cell::OnceCell;
+
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use super::{Analysis, Measures, measures};
+use crate::context::{Cancelled, Context};
+use crate::math::unit_scale;
+use deviation::{Distances, deviation, distances};
+use inside::inside_agreement;
+use kept::{Common, FaceKeys};
+
+pub use changes::{Changes, percent};
+pub use deviation::{Deviation, Spread};
+pub(super) use deviation::{Pair, percentile, unit_diagonal};
+pub(super) use inside::Inside;
+pub use inside::InsideAgreement;
+pub(super) use samples::{Sample, samples};
+
+/// The version of [`Comparison`]'s structure.
+pub const COMPARISON_VERSION: u32 = 1;
+
+/// Surface farther than this from all of the other mesh is lost, as a share of the input's diagonal. A remesh with the
+/// default 300 voxels along the diagonal stays within it.
+const FAR: f64 = 0.005;
+/// What a faithful result may lose: the distance that 99 % of the visible surface keeps to, and the move of a side of the
+/// box, in percent of the diagonal.
+const FAITHFUL_PCT: [f64; 2] = [0.5, 1.0];
+
+/// How closely two meshes are compared.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct CompareOptions {
+    /// Points on each surface from which the other's distance is measured.
+    pub samples: u32,
+    /// Vertices of each mesh, at most, that are measured beside them.
+    pub vertices: u32,
+    /// Points at which both are asked what is inside; 0 leaves it out.
+    pub inside: u32,
+}
+
+impl Default for CompareOptions {
+    fn default() -> Self {
+        Self { samples: 20_000, vertices: 20_000, inside: 20_000 }
+    }
+}
+
+impl CompareOptions {
+    /// What every result of a repair is judged with.
+    pub const BRIEF: Self = Self { samples: 4000, vertices: 2000, inside: 0 };
+}
+
+/// Two meshes compared.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct Comparison {
+    /// Version of this structure.
+    pub version: u32,
+    /// Whether the second mesh keeps the first's shape: 99 % of the surface that can be seen from outside is within 0.5 %
+    /// of the diagonal of the second mesh, and no side of the box moved by more than 1 % of it.
+    pub faithful: bool,
+    /// What the report of a repair says too.
+    #[serde(flatten)]
+    pub changes: Changes,
+    /// Share of the first mesh's surface that can be seen from outside, in percent; none where nothing was apart, so that
+    /// nobody had to look.
+    pub visible_pct: Option<f64>,
+    /// Distance from all of the first mesh's surface to the second, also from what can't be seen.
+    pub deviation: Option<Deviation>,
+    /// Whether both agree on what is inside.
+    pub inside: Option<InsideAgreement>,
+}
+
+/// Compares `before` with `after`. The same meshes give the same figures, on any number of threads.
+///
+/// # Errors
+/// [`Cancelled`] when the context says stop.
+pub fn compare(
+    before: &Analysis<'_>,
+    after: &Analysis<'_>,
+    options: CompareOptions,
+    context: &Context<'_>,
+) -> Result<Comparison, Cancelled> {
+    let (before_measures, after_measures) = (measures(before, context)?, measures(after, context)?);
+    Original::new(before, &before_measures, options).compare(after, &after_measures, context)
+}
+
+/// The mesh that others are compared with, and what is looked at of it again and again: found once.
+pub struct Original<'a> {
+    analysis: &'a Analysis<'a>,
+    measures: &'a Measures,
+    options: CompareOptions,
+    keys: OnceCell<FaceKeys>,
+    samples: OnceCell<Vec<Sample>>,
+    visible: OnceCell<Vec<Option<bool>>>,
+}
+
+/// What is known on the way from the one mesh to the other.
+struct Way {
+    changes: Changes,
+    distances: Distances,
+}
+
+impl<'a> Original<'a> {
+    /// A mesh with its measures. Costs nothing yet.
+    #[must_use]
+    pub fn new(analysis: &'a Analysis<'a>, measures: &'a Measures, options: CompareOptions) -> Self {
+        let (keys, samples, visible) = (OnceCell::new(), OnceCell::new(), OnceCell::new());
+        Self { analysis, measures, options, keys, samples, visible }
+    }
+
+    /// The mesh's own measures.
+    #[must_use]
+    pub fn measures(&self) -> &'a Measures {
+        self.measures
+    }
+
+    /// How another mesh differs.
+    ///
+    /// # Errors
+    /// [`Cancelled`] when the context says stop.
+    pub fn changes(
+        &self,
+        after: &Analysis<'_>,
+        measures: &Measures,
+        context: &Context<'_>,
+    ) -> Result<Changes, Cancelled> {
+        Ok(self.way(after, measures, context)?.changes)
+    }
+
+    /// All that can be said of another mesh.
+    ///
+    /// # Errors
+    /// [`Cancelled`] when the context says stop.
+    pub fn compare(
+        &self,
+        after: &Analysis<'_>,
+        measures: &Measures,
+        context: &Context<'_>,
+    ) -> Result<Comparison, Cancelled> {
+        let Way { changes, distances } = self.way(after, measures, context)?;
+        let diagonal = unit_diagonal(self.analysis);
+        let near =
+            changes.lost.map_or(changes.surface_lost_pct == Some(0.0), |lost| lost.percent.p99 <= FAITHFUL_PCT[0]);
+        let visible_pct = self.visible.get().and_then(|visible| {
+            let known = visible.iter().flatten();
+            percent(known.clone().filter(|&&seen| seen).count() as f64, known.count() as f64)
+        });
+        Ok(Comparison {
+            version: COMPARISON_VERSION,
+            faithful: near && changes.box_change_pct.is_some_and(|moved| moved <= FAITHFUL_PCT[1]),
+            changes,
+            visible_pct,
+            deviation: deviation(self.analysis, self.samples(), &distances, diagonal, |_| true, true),
+            inside: inside_agreement(Pair::new(self.analysis, after), self.options.inside, context)?,
+        })
+    }
+
+    fn samples(&self) -> &[Sample] {
+        self.samples.get_or_init(|| samples(self.analysis, self.options.samples))
+    }
+
+    fn visible(&self, context: &Context<'_>) -> Result<&[Option<bool>], Cancelled> {
+        if self.visible.get().is_none() {
+            let found = samples::visible(self.analysis, self.samples(), context)?;
+            return Ok(self.visible.get_or_init(|| found));
+        }
+        Ok(self.visible.get().map_or(&[], Vec::as_slice))
+    }
+
+    fn way(&self, after: &Analysis<'_>, measures: &Measures, context: &Context<'_>) -> Result<Way, Cancelled> {
+        let scale = unit_scale(&self.analysis.surface.positions);
+        let keys = self.keys.get_or_init(|| FaceKeys::new(self.analysis, scale));
+        let common = Common::new(keys, &FaceKeys::new(after, scale));
+        context.check()?;
+        let kept = common.first.iter().filter(|&&stands| stands).count() as f64;
+        let kept_pct = percent(kept, common.first.len() as f64).unwrap_or(100.0);
+        let mut changes = Changes::of(self.measures, measures, kept_pct);
+        let (there, back) = (Pair::new(self.analysis, after), Pair::new(after, self.analysis));
+        let stands = |faces: &[bool], f: u32| common.fine && faces[f as usize];
+        let options = self.options;
+        let found = distances(there, self.samples(), options.vertices, |f| stands(&common.first, f), context)?;
+        let diagonal = unit_diagonal(self.analysis);
+        self.lost(&found, diagonal, after, &mut changes, context)?;
+        if !self.analysis.surface.faces.is_empty() {
+            let points = samples(after, options.samples);
+            let made = distances(back, &points, options.vertices, |f| stands(&common.second, f), context)?;
+            changes.made = deviation(after, &points, &made, diagonal * there.ratio, |_| true, true);
+        }
+        Ok(Way { changes, distances: found })
+    }
+
+    /// Fills in what was lost of the visible surface.
+    fn lost(
+        &self,
+        found: &Distances,
+        diagonal: f64,
+        after: &Analysis<'_>,
+        changes: &mut Changes,
+        context: &Context<'_>,
+    ) -> Result<(), Cancelled> {
+        if self.samples().is_empty() {
+            return Ok(());
+        }
+        if after.surface.faces.is_empty() {
+            changes.surface_lost_pct = Some(100.0);
+            return Ok(());
+        }
+        if found.samples.iter().all(Option::is_none) {
+            return Ok(());
+        }
+        // Where nothing is apart, it does not matter what can be seen.
+        let apart = found.samples.iter().any(|&distance| distance != Some(0.0));
+        let seen: &[Option<bool>] = if apart { self.visible(context)? } else { &[] };
+        // What could not be told to be hidden counts as seen.
+        let counts = |i: usize| seen.get(i).is_none_or(|&seen| seen != Some(false));
+        changes.lost = deviation(self.analysis, self.samples(), found, diagonal, counts, false);
+        let visible =
+            found.samples.iter().enumerate().filter(|&(i, _)| counts(i)).filter_map(|(_, &distance)| distance);
+        let (mut all, mut far) = (0u32, 0u32);
+        for distance in visible {
+            all += 1;
+            far += u32::from(distance > FAR * diagonal);
+        }
+        changes.surface_lost_pct = Some(f64::from(far) / f64::from(all.max(1)) * 100.0);
+        Ok(())
+    }
+}

@@ -1,0 +1,130 @@
+//! What a printer and its operator want to know of a model.
+
+mod overhang;
+mod unit;
+mod walls;
+
+use glam::DVec3;
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use super::{Analysis, InspectOptions, Measures, finite, nesting_depths};
+use crate::context::{Cancelled, Context};
+use crate::math::{Box3, unit_scale};
+use overhang::overhang;
+use walls::thinnest_wall;
+
+pub use overhang::{Overhang, OverhangArea};
+pub use unit::{Unit, UnitSource};
+pub use walls::{NoWall, ThinnestWall};
+
+/// Measures for printing. Lengths, areas and volumes are in the model's unit where nothing else is said.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct PrintMeasures {
+    /// The model's unit.
+    pub unit: Unit,
+    /// How it is known.
+    pub unit_source: UnitSource,
+    /// Sides of the bounding box.
+    pub size: [f64; 3],
+    /// The same in millimetres.
+    pub size_mm: [f64; 3],
+    /// Area of all faces.
+    pub area: f64,
+    /// Enclosed volume; none where the mesh is not closed and consistently turned. What overlaps counts twice.
+    pub volume: Option<f64>,
+    /// Centre of mass of the enclosed volume; none where that is not reliable or zero.
+    pub centre_of_mass: Option<[f64; 3]>,
+    /// Closed parts that enclose something and are not the wall of a cavity.
+    pub solids: u64,
+    /// The thinnest wall.
+    pub thinnest_wall: Option<ThinnestWall>,
+    /// Why there is none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub no_wall: Option<NoWall>,
+    /// Surface that faces down.
+    pub overhang: Overhang,
+    /// Whether the model fits; none where no build volume was given.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub fit: Option<Fit>,
+}
+
+/// Whether a model fits a printer.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct Fit {
+    /// Sides of the build volume, in millimetres.
+    pub build_volume: [f64; 3],
+    /// Whether it fits as it stands.
+    pub as_is: bool,
+    /// Whether it fits in some order of its axes.
+    pub turned: bool,
+}
+
+/// Measures a model for printing; none for a mesh without faces. The walls are sampled and the samples bounded, so it is
+/// O(n) beside the tree.
+///
+/// # Errors
+/// [`Cancelled`] when the context says stop.
+pub fn print_measures(
+    analysis: &Analysis<'_>,
+    measures: &Measures,
+    options: &InspectOptions,
+    context: &Context<'_>,
+) -> Result<Option<PrintMeasures>, Cancelled> {
+    let Some(bounds) = measures.bounding_box else { return Ok(None) };
+    let (unit, unit_source) = match options.unit {
+        Some(unit) => (unit, UnitSource::Declared),
+        None => (Unit::default(), UnitSource::Assumed),
+    };
+    let size = [0, 1, 2].map(|k| finite(bounds.max[k] - bounds.min[k]));
+    let size_mm = size.map(|side| finite(side * unit.millimetres()));
+    let wall = thinnest_wall(analysis, context)?;
+    Ok(Some(PrintMeasures {
+        unit,
+        unit_source,
+        size,
+        size_mm,
+        area: measures.area,
+        volume: measures.volume.reliable.then_some(measures.volume.value),
+        centre_of_mass: if measures.volume.reliable { centre_of_mass(analysis) } else { None },
+        solids: count_solids(analysis, context)?,
+        no_wall: wall.as_ref().err().copied(),
+        thinnest_wall: wall.ok(),
+        overhang: overhang(analysis, options.up, options.overhang_degrees),
+        fit: options.build_volume.map(|build_volume| fit(size_mm, build_volume)),
+    }))
+}
+
+/// The centre of the enclosed volume: of the tetrahedra from the middle of the box to each face, by their signed volumes.
+fn centre_of_mass(analysis: &Analysis<'_>) -> Option<[f64; 3]> {
+    let unit = analysis.unit();
+    let about = Box3::of(unit.iter().copied()).centre();
+    let (mut volume, mut moment) = (0.0, DVec3::ZERO);
+    for face in &analysis.surface.faces {
+        let [a, b, c] = face.map(|v| unit[v as usize] - about);
+        let part = a.dot(b.cross(c));
+        volume += part;
+        moment += (a + b + c) * (part / 4.0);
+    }
+    let centre = (about + moment / volume) / unit_scale(&analysis.surface.positions);
+    (volume != 0.0 && centre.is_finite()).then(|| centre.to_array())
+}
+
+fn count_solids(analysis: &Analysis<'_>, context: &Context<'_>) -> Result<u64, Cancelled> {
+    let Analysis { surface, parts, solids, .. } = analysis;
+    let depths = nesting_depths(surface, parts, solids, &vec![true; solids.len()], context)?;
+    let encloses = solids.iter().map(|solid| solid.closed && solid.volume != 0.0);
+    // A part whose nesting can't be told, because it touches others everywhere, is most likely no cavity.
+    let cavity = depths.iter().map(|depth| depth.is_some_and(|depth| depth % 2 == 1));
+    Ok(encloses.zip(cavity).filter(|&(encloses, cavity)| encloses && !cavity).count() as u64)
+}
+
+fn fit(size: [f64; 3], build_volume: [f64; 3]) -> Fit {
+    let within = |size: [f64; 3], room: [f64; 3]| size.iter().zip(room).all(|(side, room)| *side <= room);
+    let sorted = |mut sides: [f64; 3]| {
+        sides.sort_by(f64::total_cmp);
+        sides
+    };
+    let turned = within(sorted(size), sorted(build_volume));
+    Fit { build_volume, as_is: within(size, build_volume), turned }
+}

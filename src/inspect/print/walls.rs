@@ -1,0 +1,190 @@
+use glam::DVec3;
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use crate::context::{Cancelled, Context};
+use crate::inspect::compare::{Inside, Sample, percentile, samples, unit_diagonal};
+use crate::inspect::queries::ask;
+use crate::inspect::{Analysis, finite};
+use crate::math::{hit, unit_scale};
+
+/// Points from which the wall is measured.
+const SAMPLES: u32 = 2000;
+/// Boxes and triangles that all of them together may look at.
+const BUDGET: u64 = 10_000_000;
+/// Winding numbers from which on a point is in material, and up to which it is in air. In between the surface is too open to
+/// tell.
+const MATERIAL: f64 = 0.75;
+const AIR: f64 = 0.25;
+/// How far beside the surface is asked for material and air: a share of the diagonal, and what f64 tells apart.
+const BESIDE: [f64; 2] = [1e-9, 1e-13];
+/// Two sides make a wall where they face away from each other by at least the angle of this cosine, 143 degrees: at the
+/// edges of a box the faces are near each other, but there is no thin wall.
+const OPPOSITE: f64 = 0.8;
+/// Faces that a ray may pass through on its way to the air, as in overlapping parts.
+const MOST_PASSED: usize = 16;
+/// Steps of a shrinking sphere; it mostly takes three.
+const MOST_SHRUNK: usize = 16;
+/// Share of the samples that must have material on one side and air on the other for the mesh to have walls.
+const SOLID_SHARE: f64 = 0.5;
+
+/// The thinnest wall that was found.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct ThinnestWall {
+    /// Its thickness, in the model's unit. Sampled: what is thin on less than a thousandth of the area may be missed.
+    pub thickness: f64,
+    /// A point on one side of it.
+    pub at: [f64; 3],
+    /// The faces of the file on both sides of it.
+    pub faces: [u32; 2],
+    /// The median of the thickness over the area that is part of a wall.
+    pub median: f64,
+    /// Points at which a wall was measured.
+    pub samples: u64,
+}
+
+/// Why no wall was measured.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum NoWall {
+    /// The mesh has no area.
+    NoSurface,
+    /// Most of the surface has no material on one side and air on the other: it is a sheet, or too open to tell.
+    OpenSurface,
+    /// No two sides face away from each other.
+    NoOppositeSides,
+}
+
+/// What is at one sample.
+enum Probe {
+    /// The surface does not part material from air here.
+    NotSolid,
+    /// Material, but no opposite side.
+    NoWall,
+    /// The thickness in unit coordinates, and the opposite face.
+    Wall(f64, u32),
+}
+
+/// Measures the wall behind points spread evenly over the surface: by a ray inward to where the air begins, and by the sphere
+/// inside the material that touches the point, shrunk until nothing is in it (Ma et al. 2012). Winding numbers tell material
+/// from air, so parts may overlap, surfaces intersect, and parts be turned inside out.
+///
+/// # Errors
+/// [`Cancelled`] when the context says stop.
+pub(super) fn thinnest_wall(
+    analysis: &Analysis<'_>,
+    context: &Context<'_>,
+) -> Result<Result<ThinnestWall, NoWall>, Cancelled> {
+    let samples = samples(analysis, SAMPLES);
+    if samples.is_empty() {
+        return Ok(Err(NoWall::NoSurface));
+    }
+    let diagonal = unit_diagonal(analysis);
+    let beside = (BESIDE[0] * diagonal).max(BESIDE[1]);
+    let prober = Prober { analysis, inside: Inside::new(analysis), reach: 2.0 * diagonal, beside };
+    context.check()?;
+    let answers = ask(samples.len(), BUDGET, context, |i, steps| {
+        let probe = prober.probe(&samples[i], steps);
+        (*steps > 0).then_some(probe)
+    })?;
+    let (mut asked, mut solid, mut walls) = (0u32, 0u32, Vec::new());
+    for (sample, probe) in samples.iter().zip(&answers.values) {
+        let Some(probe) = probe else { continue };
+        asked += 1;
+        solid += u32::from(!matches!(probe, Probe::NotSolid));
+        if let &Probe::Wall(thickness, face) = probe {
+            walls.push((thickness, sample, face));
+        }
+    }
+    if f64::from(solid) < SOLID_SHARE * f64::from(asked) || asked == 0 {
+        return Ok(Err(NoWall::OpenSurface));
+    }
+    let Some(&(thickness, sample, face)) = walls.iter().min_by(|a, b| a.0.total_cmp(&b.0)) else {
+        return Ok(Err(NoWall::NoOppositeSides));
+    };
+    let mut sorted: Vec<f64> = walls.iter().map(|wall| wall.0).collect();
+    sorted.sort_unstable_by(f64::total_cmp);
+    let scale = unit_scale(&analysis.surface.positions);
+    Ok(Ok(ThinnestWall {
+        thickness: finite(thickness / scale),
+        at: sample.point.to_array().map(|x| finite(x / scale)),
+        faces: [sample.face, face].map(|face| analysis.surface.source[face as usize]),
+        median: finite(percentile(&sorted, 0.5) / scale),
+        samples: walls.len() as u64,
+    }))
+}
+
+struct Prober<'a> {
+    analysis: &'a Analysis<'a>,
+    inside: Inside<'a>,
+    reach: f64,
+    beside: f64,
+}
+
+impl Prober<'_> {
+    fn probe(&self, sample: &Sample, steps: &mut u64) -> Probe {
+        let step = sample.normal * self.beside;
+        let sides = [sample.point + step, sample.point - step].map(|p| self.inside.winding(p, steps));
+        let inward = if sides[0] < AIR && sides[1] > MATERIAL {
+            -sample.normal
+        } else if sides[1] < AIR && sides[0] > MATERIAL {
+            sample.normal
+        } else {
+            return Probe::NotSolid;
+        };
+        let Some((length, face)) = self.way_out(sample, inward, steps) else { return Probe::NoWall };
+        if let Some(wall) = self.sphere(sample.point, inward, length / 2.0, steps) {
+            return wall;
+        }
+        let [a, b, c] = self.corners(face);
+        let opposite = (b - a).cross(c - a).normalize_or_zero().dot(inward).abs() >= OPPOSITE;
+        if opposite { Probe::Wall(length, face) } else { Probe::NoWall }
+    }
+
+    /// How far it is inward to where the air begins, and the face there.
+    fn way_out(&self, sample: &Sample, inward: DVec3, steps: &mut u64) -> Option<(f64, u32)> {
+        let ray = inward * self.reach;
+        let mut hits = Vec::new();
+        self.analysis.tree().along(sample.point, sample.point + ray, |face| {
+            *steps = steps.saturating_sub(1);
+            if face != sample.face
+                && let Some(share) = hit(sample.point, ray, self.corners(face))
+            {
+                hits.push((share * self.reach, face));
+            }
+            *steps > 0
+        });
+        hits.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        let found = hits.into_iter().take(MOST_PASSED).find(|&(length, _)| {
+            let beyond = sample.point + inward * (length + self.beside);
+            self.inside.winding(beyond, steps) < AIR
+        });
+        found.filter(|_| *steps > 0)
+    }
+
+    /// The wall by the largest sphere of at most `radius` that touches `point` from inside, where it touches an opposite side.
+    fn sphere(&self, point: DVec3, inward: DVec3, mut radius: f64, steps: &mut u64) -> Option<Probe> {
+        let mut contact = None;
+        for _ in 0..MOST_SHRUNK {
+            let centre = point + inward * radius;
+            let bound = radius * (1.0 - 1e-6);
+            let Some(nearest) = self.analysis.tree().nearest(centre, bound, steps, |f| self.corners(f)) else { break };
+            let way = nearest.point - point;
+            let smaller = way.length_squared() / (2.0 * way.dot(inward));
+            if !(smaller > 0.0 && smaller < radius) {
+                return None;
+            }
+            radius = smaller;
+            contact = Some(nearest);
+        }
+        let contact = contact?;
+        let outward = (contact.point - (point + inward * radius)) / radius;
+        let beyond = contact.point + outward * self.beside;
+        let wall = outward.dot(inward) >= OPPOSITE && self.inside.winding(beyond, steps) < AIR;
+        wall.then_some(Probe::Wall(2.0 * radius, contact.face))
+    }
+
+    fn corners(&self, face: u32) -> [DVec3; 3] {
+        self.analysis.surface.faces[face as usize].map(|v| self.analysis.unit()[v as usize])
+    }
+}

@@ -1,0 +1,125 @@
+use rayon::prelude::*;
+
+use crate::context::{Cancelled, Context};
+
+/// Share of a budget that one question may take.
+const SHARE: u64 = 16;
+/// Questions asked at once before anything is known of what they cost, at least, and at most.
+const BLOCK: [usize; 3] = [64, 16, 4096];
+
+/// What many questions to a tree were answered.
+pub(super) struct Answers<T> {
+    /// The answer to each question; none to those that were not asked or had too few steps for any.
+    pub values: Vec<Option<T>>,
+    /// Whether every question was asked and had all the steps that it wanted.
+    pub complete: bool,
+}
+
+/// Asks questions 0 to `count` in parallel until `budget` steps are spent, so that a mesh made to be slow, such as a fan of
+/// needles whose boxes all overlap, costs no more. `question` gets a number of steps to count down.
+///
+/// The questions are asked in an order of which every beginning is spread evenly over all of them. Blocks and their sizes
+/// follow from the steps alone, so the answers are the same for any number of threads.
+///
+/// # Errors
+/// [`Cancelled`] when the context says stop.
+pub(super) fn ask<T: Send>(
+    count: usize,
+    budget: u64,
+    context: &Context<'_>,
+    question: impl Fn(usize, &mut u64) -> Option<T> + Sync,
+) -> Result<Answers<T>, Cancelled> {
+    let mut answers = Answers { values: (0..count).map(|_| None).collect(), complete: true };
+    let (stride, most) = (stride(count), (budget / SHARE).max(1));
+    let (mut asked, mut spent) = (0, 0u64);
+    let mut block = BLOCK[0];
+    while asked < count {
+        context.check()?;
+        if spent >= budget {
+            answers.complete = false;
+            break;
+        }
+        let end = count.min(asked + block);
+        let found: Vec<(usize, Option<T>, u64)> = (asked..end)
+            .into_par_iter()
+            .with_min_len(BLOCK[1])
+            .map(|i| {
+                let number = (i as u128 * stride as u128 % count as u128) as usize;
+                let mut left = most;
+                let answer = question(number, &mut left);
+                (number, answer, left)
+            })
+            .collect();
+        for (number, answer, left) in found {
+            answers.values[number] = answer;
+            answers.complete &= left > 0;
+            spent += most - left;
+        }
+        asked = end;
+        let mean = (spent / asked as u64).max(1);
+        block = usize::try_from((budget.saturating_sub(spent) / mean / 2).max(1)).unwrap_or(BLOCK[2]);
+        block = block.clamp(BLOCK[1], BLOCK[2]);
+    }
+    Ok(answers)
+}
+
+/// A step that leads to every number below `count` once, about a golden section of it.
+fn stride(count: usize) -> usize {
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a share of a count")]
+    let start = (count as f64 * 0.618_033_988_749_895) as usize;
+    (start.max(1)..).find(|&stride| coprime(stride, count)).unwrap_or(1)
+}
+
+fn coprime(mut a: usize, mut b: usize) -> bool {
+    while b > 0 {
+        (a, b) = (b, a % b);
+    }
+    a == 1
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "a test fails by panicking")]
+mod tests {
+    use std::sync::atomic::AtomicBool;
+    use std::time::Duration;
+
+    use super::*;
+    use crate::context::NoProgress;
+
+    fn costly(count: usize, budget: u64, cost: u64) -> Answers<usize> {
+        let (cancel, clock) = (AtomicBool::new(false), || Duration::ZERO);
+        let context = Context::new(&NoProgress, &cancel, &clock, Duration::from_secs(1));
+        ask(count, budget, &context, |i, steps| {
+            *steps = steps.saturating_sub(cost);
+            Some(i)
+        })
+        .unwrap()
+    }
+
+    #[test]
+    fn every_question_is_asked_once_while_there_are_steps() {
+        for count in [0, 1, 2, 7, 1000, 5001] {
+            let answers = costly(count, u64::MAX, 3);
+            assert!(answers.complete);
+            assert!(answers.values.iter().enumerate().all(|(i, &answer)| answer == Some(i)));
+        }
+    }
+
+    #[test]
+    fn a_spent_budget_leaves_answers_that_are_spread_evenly() {
+        let answers = costly(10_000, 200_000, 100);
+        assert!(!answers.complete);
+        for tenth in answers.values.chunks(1000) {
+            let asked = tenth.iter().flatten().count();
+            assert!((150..350).contains(&asked), "{asked}");
+        }
+        assert_eq!(answers.values, costly(10_000, 200_000, 100).values);
+    }
+
+    #[test]
+    fn no_question_takes_more_than_its_share() {
+        let answers = costly(1000, 1600, 1_000_000);
+        assert!(!answers.complete);
+        assert_eq!(answers.values.iter().flatten().count(), BLOCK[0]);
+    }
+}

@@ -1,0 +1,67 @@
+use super::{Changes, Options, RedFlag, RedFlagCode};
+use crate::inspect::{Measures, percent};
+
+/// Share of the sound faces that must stand for parts to have been joined rather than lost; the rest are slivers that
+/// rounding made degenerate.
+const LEAST_STANDING: f64 = 0.98;
+
+/// The signs that a repair destroyed something. Degenerate, duplicate and non-finite faces of the input count as none:
+/// they are gone with a reason.
+///
+/// `standing` is how many faces of the input are in the result, whole or cut. Parts that became one are no bad sign
+/// where all sound faces are: they were pieces of one surface along a crack.
+#[must_use]
+pub fn red_flags(
+    before: &Measures,
+    after: &Measures,
+    changes: &Changes,
+    standing: u64,
+    options: &Options,
+) -> Vec<RedFlag> {
+    let mut flags = Vec::new();
+    let mut raise = |code, value: f64, threshold: f64, detail: String| {
+        if value > threshold {
+            flags.push(RedFlag { code, value, threshold, detail });
+        }
+    };
+    let sound = before.faces.saturating_sub(before.degenerate_faces + before.duplicate_faces + before.nonfinite_faces);
+    let lost = percent(sound as f64 - after.faces as f64, sound as f64).unwrap_or(0.0);
+    raise(
+        RedFlagCode::FaceLoss,
+        lost,
+        options.max_face_loss_pct,
+        format!("{:.1} % of the faces were lost: {sound} sound faces before, {} after", lost, after.faces),
+    );
+    let moved = changes.box_change_pct.unwrap_or(0.0);
+    raise(
+        RedFlagCode::BoxChange,
+        moved,
+        options.max_box_change_pct,
+        format!("a side of the bounding box moved by {moved:.1} % of its diagonal"),
+    );
+    let volume = changes.volume_change_pct.map_or(0.0, f64::abs);
+    // An inside-out solid that was turned changes the sign of its volume and nothing else.
+    let size = percent(after.volume.value.abs() - before.volume.value.abs(), before.volume.value).map_or(0.0, f64::abs);
+    raise(
+        RedFlagCode::VolumeChange,
+        volume.min(size),
+        options.max_volume_change_pct,
+        format!(
+            "the volume changed by {:.1} %: {} before, {} after",
+            volume.min(size),
+            before.volume.value,
+            after.volume.value
+        ),
+    );
+    let lost = changes.surface_lost_pct.unwrap_or(0.0);
+    raise(
+        RedFlagCode::SurfaceLost,
+        lost,
+        options.max_surface_lost_pct,
+        format!("{lost:.1} % of the surface that can be seen from outside has no counterpart in the result"),
+    );
+    if before.parts > 1 && after.parts == 1 && (standing as f64) < LEAST_STANDING * sound as f64 {
+        raise(RedFlagCode::PartsMerged, before.parts as f64, 1.0, format!("{} parts became one", before.parts));
+    }
+    flags
+}
