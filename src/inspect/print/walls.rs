@@ -9,7 +9,7 @@ use crate::inspect::{Analysis, finite};
 use crate::math::{hit, unit_scale};
 
 /// Points from which the wall is measured.
-const SAMPLES: u32 = 2000;
+const SAMPLES: u32 = 1000;
 /// Boxes and triangles that all of them together may look at.
 const BUDGET: u64 = 10_000_000;
 /// Winding numbers from which on a point is in material, and up to which it is in air. In between the surface is too open to
@@ -31,7 +31,7 @@ const SOLID_SHARE: f64 = 0.5;
 /// The thinnest wall that was found.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct ThinnestWall {
-    /// Its thickness, in the model's unit. Sampled: what is thin on less than a thousandth of the area may be missed.
+    /// Its thickness, in the model's unit. Sampled: what is thin on less than a hundredth of the area may be missed.
     pub thickness: f64,
     /// A point on one side of it.
     pub at: [f64; 3],
