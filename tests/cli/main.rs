@@ -202,6 +202,24 @@ fn inspect_counts_as_closely_as_it_is_asked_to() {
 }
 
 #[test]
+fn compare_says_what_changed_and_whether_the_shape_was_kept_by_its_code() {
+    let desk = Desk::new();
+    desk.put("whole.stl", &files::whole_box());
+    desk.put("broken.stl", &files::broken_box());
+    let same = desk.run(&["compare", "whole.stl", "whole.stl"]);
+    assert_eq!(code(&same), 0, "{}", said(&same));
+    let lines = String::from_utf8(same.stdout).expect("text");
+    assert!(lines.contains("faithful                yes") && lines.contains("farthest at"), "{lines}");
+    let changed = desk.run(&["compare", "whole.stl", "broken.stl", "--json", "--samples", "500"]);
+    assert_eq!(code(&changed), 1, "{}", said(&changed));
+    let value: Value = serde_json::from_slice(&changed.stdout).expect("JSON");
+    assert_eq!(value["comparison"]["faithful"], false);
+    assert_eq!(value["comparison"]["inside"]["points"], 500);
+    assert!(value["comparison"]["lost"]["distance"]["max"].as_f64() > Some(0.1));
+    assert_eq!(code(&desk.run(&["compare", "whole.stl", "missing.stl"])), 2);
+}
+
+#[test]
 fn flags_can_be_set_by_the_environment_and_the_command_line_wins() {
     let desk = Desk::new();
     desk.put("in.stl", &files::broken_box());

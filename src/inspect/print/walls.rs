@@ -9,7 +9,7 @@ use crate::inspect::{Analysis, finite};
 use crate::math::{hit, unit_scale};
 
 /// Points from which the wall is measured.
-const SAMPLES: u32 = 2000;
+const SAMPLES: u32 = 1000;
 /// Boxes and triangles that all of them together may look at.
 const BUDGET: u64 = 10_000_000;
 /// Winding numbers from which on a point is in material, and up to which it is in air. In between the surface is too open to
@@ -23,15 +23,15 @@ const BESIDE: [f64; 2] = [1e-9, 1e-13];
 const OPPOSITE: f64 = 0.8;
 /// Faces that a ray may pass through on its way to the air, as in overlapping parts.
 const MOST_PASSED: usize = 16;
-/// Steps of a shrinking sphere; it mostly takes three.
-const MOST_SHRUNK: usize = 16;
+/// Steps of a shrinking sphere. It mostly takes three; beside an edge it halves in each step.
+const MOST_SHRUNK: usize = 40;
 /// Share of the samples that must have material on one side and air on the other for the mesh to have walls.
 const SOLID_SHARE: f64 = 0.5;
 
 /// The thinnest wall that was found.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct ThinnestWall {
-    /// Its thickness, in the model's unit. Sampled: what is thin on less than a thousandth of the area may be missed.
+    /// Its thickness, in the model's unit. Sampled: what is thin on less than a hundredth of the area may be missed.
     pub thickness: f64,
     /// A point on one side of it.
     pub at: [f64; 3],
@@ -164,11 +164,14 @@ impl Prober<'_> {
 
     /// The wall by the largest sphere of at most `radius` that touches `point` from inside, where it touches an opposite side.
     fn sphere(&self, point: DVec3, inward: DVec3, mut radius: f64, steps: &mut u64) -> Option<Probe> {
-        let mut contact = None;
+        let (mut contact, mut settled) = (None, false);
         for _ in 0..MOST_SHRUNK {
             let centre = point + inward * radius;
             let bound = radius * (1.0 - 1e-6);
-            let Some(nearest) = self.analysis.tree().nearest(centre, bound, steps, |f| self.corners(f)) else { break };
+            let Some(nearest) = self.analysis.tree().nearest(centre, bound, steps, |f| self.corners(f)) else {
+                settled = true;
+                break;
+            };
             let way = nearest.point - point;
             let smaller = way.length_squared() / (2.0 * way.dot(inward));
             if !(smaller > 0.0 && smaller < radius) {
@@ -177,7 +180,8 @@ impl Prober<'_> {
             radius = smaller;
             contact = Some(nearest);
         }
-        let contact = contact?;
+        // Before the sphere is empty, its last contact says nothing of where it will touch.
+        let contact = contact.filter(|_| settled && *steps > 0)?;
         let outward = (contact.point - (point + inward * radius)) / radius;
         let beyond = contact.point + outward * self.beside;
         let wall = outward.dot(inward) >= OPPOSITE && self.inside.winding(beyond, steps) < AIR;
