@@ -7,7 +7,11 @@ use std::time::Duration;
 
 use clap::Args;
 use meshmend::blender::{BlenderConfig, OnDemandBlender};
-use meshmend::repair::{Context, Options, Outcome, OutputFormat, Preset, RepairError, Report, monotonic_clock, repair};
+use meshmend::format::Limits;
+use meshmend::render::Drawing;
+use meshmend::repair::{
+    Context, Options, Outcome, OutputFormat, Preset, RepairError, Repaired, Report, draw, monotonic_clock, repair,
+};
 
 use super::engine::{Bar, BlenderArgs, LimitArgs, read_file};
 use super::exit;
@@ -59,6 +63,9 @@ pub struct RepairArgs {
     /// Most faces a remesh may have.
     #[arg(long, env = "MESHMEND_MAX_REMESH_FACES", default_value_t = Options::default().max_remesh_faces)]
     max_remesh_faces: u64,
+    /// Where to draw what was found: before.png, after.png, defects.glb and defects.ply. The folder is made.
+    #[arg(long, env = "MESHMEND_PICTURES", value_name = "FOLDER")]
+    pictures: Option<PathBuf>,
     /// Show what each step does.
     #[arg(short, long, env = "MESHMEND_VERBOSE")]
     verbose: bool,
@@ -95,6 +102,7 @@ impl RepairArgs {
             voxel_size: self.voxel_size,
             voxel_resolution: self.voxel_resolution,
             max_remesh_faces: self.max_remesh_faces,
+            pictures: self.pictures.is_some(),
         };
         options.validate().map_err(|e| e.to_string())?;
         Ok(options)
@@ -118,6 +126,10 @@ pub fn run(args: &RepairArgs) -> ExitCode {
     let blender =
         OnDemandBlender::new(BlenderConfig { program: args.blender.blender.clone(), ..BlenderConfig::default() });
     let repaired = repair(&bytes, &options, &limits, Some(&blender), &context);
+    let drawn = match (&args.pictures, &repaired) {
+        (Some(folder), Ok(repaired)) => draw_into(folder, &bytes, repaired, &limits, &context),
+        _ => Ok(()),
+    };
     bar.finish();
     let repaired = match repaired {
         Ok(repaired) => repaired,
@@ -136,10 +148,30 @@ pub fn run(args: &RepairArgs) -> ExitCode {
         return exit::fail(exit::INTERNAL, message);
     }
     tell(&repaired.report, &args.output);
+    if let Err(message) = drawn {
+        return exit::fail(exit::INTERNAL, message);
+    }
     ExitCode::from(match repaired.report.outcome {
         Outcome::AlreadyPrintable | Outcome::Repaired => exit::PRINTABLE,
         Outcome::PartiallyRepaired | Outcome::Unrepairable => exit::PARTIAL,
     })
+}
+
+fn draw_into(
+    folder: &Path,
+    input: &[u8],
+    repaired: &Repaired,
+    limits: &Limits,
+    context: &Context<'_>,
+) -> Result<(), String> {
+    let drawings = draw(input, repaired, limits, context).map_err(|e| format!("without pictures: {e}"))?;
+    write_drawings(folder, &drawings)
+}
+
+/// Writes drawings into a folder, which is made where it is not there.
+pub fn write_drawings(folder: &Path, drawings: &[Drawing]) -> Result<(), String> {
+    std::fs::create_dir_all(folder).map_err(|e| format!("{}: {e}", folder.display()))?;
+    drawings.iter().try_for_each(|drawing| write_file(&folder.join(drawing.name), &drawing.bytes))
 }
 
 /// The result in a few lines on standard error, so that standard output stays free.

@@ -65,7 +65,6 @@ fn header(scene: &Scene, body: &Body, own: u64) -> String {
     text
 }
 
-#[expect(clippy::cast_possible_truncation, reason = "that is the question")]
 fn fits_f32(p: DVec3) -> bool {
     p.as_vec3().as_dvec3() == p
 }

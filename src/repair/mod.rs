@@ -6,6 +6,7 @@
 mod category;
 mod changes;
 pub mod degenerate;
+mod drawings;
 pub mod duplicates;
 pub mod holes;
 mod options;
@@ -27,6 +28,7 @@ pub mod weld;
 pub use crate::context::{Cancelled, Context, NoProgress, Progress, Stage, monotonic_clock};
 pub use category::categorise;
 pub use changes::{compare, red_flags};
+pub use drawings::{DrawError, draw};
 pub use options::{Options, OptionsError, OutputFormat, Preset};
 pub use pipeline::{RepairError, Repaired, repair};
 pub use plan::make_plan;

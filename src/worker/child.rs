@@ -1,5 +1,6 @@
 use std::fs::{self, File};
 use std::io::{self, Read, Write};
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 use std::process::ExitCode;
 use std::sync::Mutex;
@@ -13,7 +14,8 @@ use super::task::Task;
 use crate::blender::{BlenderConfig, BlenderRemesher};
 use crate::format::ReadErrorKind;
 use crate::jobs::{JobProblem, JobProgress, ProblemKind};
-use crate::repair::{Context, Progress, Remesher, RepairError, Stage, monotonic_clock, repair};
+use crate::render::Drawing;
+use crate::repair::{Context, DrawError, Progress, Remesher, RepairError, Stage, draw, monotonic_clock, repair};
 
 /// Most bytes of a job's log.
 const LOG_BYTES: u64 = 1 << 20;
@@ -48,7 +50,11 @@ fn try_run(folder: &Path) -> io::Result<ExitCode> {
     match repair(&bytes, &task.options, &task.limits, remesher, &context) {
         Ok(repaired) => {
             fs::write(folder.join(Task::MODEL), &repaired.bytes)?;
-            fs::write(folder.join(Task::REPORT), serde_json::to_vec_pretty(&repaired.report)?)?;
+            write_whole(folder, Task::REPORT, &serde_json::to_vec_pretty(&repaired.report)?)?;
+            if task.options.pictures {
+                pause_at("child-draw");
+                leave_drawings(folder, || draw(&bytes, &repaired, &task.limits, &context), &context);
+            }
             Ok(ExitCode::SUCCESS)
         }
         Err(error) => {
@@ -57,6 +63,29 @@ fn try_run(folder: &Path) -> io::Result<ExitCode> {
             Ok(ExitCode::from(Task::EXIT_PROBLEM))
         }
     }
+}
+
+/// Leaves pictures beside the result. The job has its result already, so that nothing that goes wrong here, be it a
+/// panic, is more than a line in the log.
+fn leave_drawings(folder: &Path, draw: impl FnOnce() -> Result<Vec<Drawing>, DrawError>, context: &Context<'_>) {
+    let why = match catch_unwind(AssertUnwindSafe(draw)) {
+        Ok(Ok(drawings)) => {
+            let written = drawings.iter().try_for_each(|drawing| write_whole(folder, drawing.name, &drawing.bytes));
+            written.err().map(|error| error.to_string())
+        }
+        Ok(Err(error)) => Some(error.to_string()),
+        Err(_) => Some("the drawing crashed".to_owned()),
+    };
+    if let Some(why) = why {
+        context.log(&format!("without all pictures: {why}"));
+    }
+}
+
+/// Writes a file so that it is there as a whole or not at all, should the process end meanwhile.
+fn write_whole(folder: &Path, name: &str, bytes: &[u8]) -> io::Result<()> {
+    let half = folder.join(format!("{name}.half"));
+    fs::write(&half, bytes)?;
+    fs::rename(&half, folder.join(name))
 }
 
 /// Watches the lifeline: when the worker is gone, however it went, nobody wants this job's result any more, and another

@@ -12,11 +12,11 @@ const ROOMS: [(&str, &[&str]); 12] = [
     ("format", &["math", "mesh"]),
     ("inspect", &["math", "mesh", "context"]),
     ("render", &["math", "mesh", "context", "inspect"]),
-    ("repair", &["math", "mesh", "context", "format", "inspect"]),
+    ("repair", &["math", "mesh", "context", "format", "inspect", "render"]),
     ("blender", &["math", "mesh", "context", "repair"]),
     ("jobs", &["format", "repair", "context"]),
     ("blobs", &["jobs"]),
-    ("worker", &["mesh", "format", "context", "inspect", "render", "repair", "blender", "jobs", "blobs"]),
+    ("worker", &["format", "context", "render", "repair", "blender", "jobs", "blobs"]),
     ("api", &["format", "context", "repair", "jobs", "blobs"]),
 ];
 
