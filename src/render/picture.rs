@@ -173,3 +173,172 @@ fn number(value: f64) -> String {
     let text = format!("{value:.*}", digits as usize);
     if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }
 }
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "a test fails by panicking")]
+mod tests {
+    use std::sync::atomic::AtomicBool;
+    use std::time::Duration;
+
+    use glam::DVec3;
+
+    use super::*;
+    use crate::context::NoProgress;
+    use crate::inspect::{Defect, DefectKind, Findings};
+    use crate::mesh::Soup;
+
+    const FRONT: usize = 2;
+    const ABOVE: usize = 3;
+    const BELOW: usize = 1;
+
+    /// A cube of side 2 around the origin, its top in the last two faces.
+    fn cube() -> Soup {
+        let positions = (0..8).map(|i| DVec3::new(side(i & 1), side(i >> 1 & 1), side(i >> 2))).collect();
+        let quads = [[0, 2, 3, 1], [0, 1, 5, 4], [1, 3, 7, 5], [3, 2, 6, 7], [2, 0, 4, 6], [4, 5, 7, 6]];
+        Soup { positions, faces: quads.iter().flat_map(|&[a, b, c, d]| [[a, b, c], [a, c, d]]).collect() }
+    }
+
+    fn side(bit: u32) -> f64 {
+        f64::from(bit) * 2.0 - 1.0
+    }
+
+    fn defect(faces: &[u32], line: &[[f64; 3]]) -> Defect {
+        Defect { at: [0.0; 3], faces: faces.to_vec(), line: line.to_vec(), value: None, meeting: None }
+    }
+
+    fn with_context<T>(run: impl FnOnce(&Context<'_>) -> T) -> T {
+        let (cancel, clock) = (AtomicBool::new(false), || Duration::ZERO);
+        run(&Context::new(&NoProgress, &cancel, &clock, Duration::MAX))
+    }
+
+    fn seen(soup: &Soup, findings: &Findings, view: usize) -> Drawn {
+        let scene = with_context(|context| Scene::new(soup, findings, context)).unwrap();
+        let points: Vec<Vec3> = scene.surface.positions.iter().map(|&p| scene.frame.to_cube(p).as_vec3()).collect();
+        draw_view(&scene, &points, &VIEWS[view], [100, 80])
+    }
+
+    /// The pixels above the line with the scale that `is` takes.
+    fn count(drawn: &Drawn, is: impl Fn([u8; 3]) -> bool) -> usize {
+        let [width, height] = drawn.canvas.size;
+        (24..height - 20)
+            .flat_map(|y| (0..width).map(move |x| (x, y)))
+            .filter(|&(x, y)| is(drawn.canvas.get(x, y).0))
+            .count()
+    }
+
+    fn red([r, g, b]: [u8; 3]) -> bool {
+        r > 60 && g < r / 3 && b < r / 3
+    }
+
+    fn sound([r, g, b]: [u8; 3]) -> bool {
+        r == g && g == b && (120..200).contains(&r)
+    }
+
+    fn blue([r, g, b]: [u8; 3]) -> bool {
+        b > 90 && r < b / 3 && g < b
+    }
+
+    #[test]
+    fn a_marked_face_has_its_kind_s_colour_where_it_is_seen_and_nowhere_from_behind() {
+        let mut findings = Findings::new(12, 10);
+        findings.push(DefectKind::SelfIntersection, defect(&[10, 11], &[]));
+        let above = seen(&cube(), &findings, ABOVE);
+        assert!(count(&above, red) > 900, "{} pixels of the top", count(&above, red));
+        assert_eq!(count(&above, sound), 0);
+        for view in [BELOW, FRONT] {
+            assert_eq!(count(&seen(&cube(), &findings, view), red), 0);
+        }
+        assert_eq!(count(&seen(&cube(), &Findings::new(12, 10), ABOVE), red), 0);
+        assert!(count(&seen(&cube(), &Findings::new(12, 10), ABOVE), sound) > 900);
+    }
+
+    #[test]
+    fn a_line_is_drawn_on_the_surface_and_hidden_behind_it() {
+        let mut findings = Findings::new(12, 10);
+        findings.push(DefectKind::MisorientedEdge, defect(&[], &[[-1.0, -1.0, 1.0], [1.0, -1.0, 1.0]]));
+        findings.push(DefectKind::MisorientedEdge, defect(&[], &[[-0.5, 0.0, -1.0], [0.5, 0.0, -1.0]]));
+        assert!(count(&seen(&cube(), &findings, FRONT), blue) > 10);
+        let mut hidden = Findings::new(12, 10);
+        hidden.push(DefectKind::MisorientedEdge, defect(&[], &[[-0.5, 0.0, -1.0], [0.5, 0.0, -1.0]]));
+        assert_eq!(count(&seen(&cube(), &hidden, ABOVE), blue), 0);
+        assert!(count(&seen(&cube(), &hidden, BELOW), blue) > 10);
+    }
+
+    #[test]
+    fn the_inner_side_is_seen_through_a_hole_and_not_on_a_closed_cube() {
+        let open = Soup { faces: cube().faces[..10].to_vec(), ..cube() };
+        assert!(seen(&open, &Findings::new(10, 1), ABOVE).inside);
+        for view in 0..VIEWS.len() {
+            assert!(!seen(&cube(), &Findings::new(12, 1), view).inside);
+        }
+    }
+
+    #[test]
+    fn of_faces_at_one_place_the_gravest_is_seen_whatever_their_order() {
+        for marked in [0, 1] {
+            let mut soup = cube();
+            soup.faces = vec![soup.faces[10], soup.faces[10]];
+            let mut findings = Findings::new(2, 10);
+            findings.push(DefectKind::SelfIntersection, defect(&[marked], &[]));
+            findings.push(DefectKind::Disjoint, defect(&[1 - marked], &[]));
+            assert!(count(&seen(&soup, &findings, ABOVE), red) > 400);
+        }
+    }
+
+    #[test]
+    fn a_defect_too_small_to_see_gets_a_dot() {
+        let mut soup = cube();
+        let n = 8;
+        soup.positions.extend([[0.0, 0.0], [1e-4, 0.0], [0.0, 1e-4]].map(|[x, y]| DVec3::new(x, y, 1.0 + 1e-4)));
+        soup.faces.push([n, n + 1, n + 2]);
+        let mut findings = Findings::new(13, 10);
+        findings.push(DefectKind::SelfIntersection, Defect { at: [0.0, 0.0, 1.0], ..defect(&[12], &[]) });
+        assert!(count(&seen(&soup, &findings, ABOVE), red) > 10);
+        assert_eq!(count(&seen(&soup, &findings, BELOW), red), 0);
+    }
+
+    #[test]
+    fn no_pixel_of_a_dense_surface_is_left_out() {
+        let n = 200u32;
+        let mut soup = Soup::default();
+        for i in 0..=n {
+            for j in 0..=n {
+                let (x, y) = (f64::from(i), f64::from(j));
+                soup.positions.push(DVec3::new(
+                    x + (y * 0.7).sin() * 0.3,
+                    y + (x * 1.3).sin() * 0.3,
+                    (x * y).sin() * 0.1,
+                ));
+            }
+        }
+        for i in 0..n {
+            for j in 0..n {
+                let at = |i: u32, j: u32| i * (n + 1) + j;
+                soup.faces.push([at(i, j), at(i + 1, j), at(i + 1, j + 1)]);
+                soup.faces.push([at(i, j), at(i + 1, j + 1), at(i, j + 1)]);
+            }
+        }
+        let drawn = seen(&soup, &Findings::new(soup.faces.len(), 1), ABOVE);
+        let [width, height] = drawn.canvas.size;
+        let bare = (26..height - 26).flat_map(|y| (width / 2 - 14..width / 2 + 14).map(move |x| (x, y)));
+        assert_eq!(bare.filter(|&(x, y)| drawn.canvas.get(x, y).0[0] > 205).count(), 0);
+    }
+
+    #[test]
+    fn sheets_without_end_are_drawn_in_part_and_their_defects_in_full() {
+        let mut soup = cube();
+        let top = soup.faces[10];
+        soup.faces = vec![top; 200_000];
+        let mut findings = Findings::new(soup.faces.len(), 10);
+        findings.push(DefectKind::SelfIntersection, defect(&[123_457], &[]));
+        let drawn = seen(&soup, &findings, ABOVE);
+        assert!(drawn.every > 1, "all are drawn");
+        assert!(count(&drawn, red) > 400);
+    }
+
+    #[test]
+    fn numbers_are_short_at_any_size() {
+        let numbers = [0.0, 1.0, 49.6, 0.120_74, 1234.56, 1e-12, 3e200, f64::MAX].map(number);
+        assert_eq!(numbers, ["0", "1", "49.6", "0.1207", "1235", "1.00e-12", "3.00e200", "1.80e308"]);
+    }
+}

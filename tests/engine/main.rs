@@ -7,3 +7,4 @@ mod lost;
 mod meshes;
 mod operators;
 mod pipeline;
+mod render;
