@@ -7,10 +7,9 @@ use std::time::Duration;
 
 use clap::Args;
 use meshmend::blender::{BlenderConfig, OnDemandBlender};
-use meshmend::format::Limits;
 use meshmend::render::Drawing;
 use meshmend::repair::{
-    Context, Options, Outcome, OutputFormat, Preset, RepairError, Repaired, Report, draw, monotonic_clock, repair,
+    Context, Options, Outcome, OutputFormat, Preset, RepairError, Report, draw, monotonic_clock, repair,
 };
 
 use super::engine::{Bar, BlenderArgs, LimitArgs, read_file};
@@ -126,10 +125,6 @@ pub fn run(args: &RepairArgs) -> ExitCode {
     let blender =
         OnDemandBlender::new(BlenderConfig { program: args.blender.blender.clone(), ..BlenderConfig::default() });
     let repaired = repair(&bytes, &options, &limits, Some(&blender), &context);
-    let drawn = match (&args.pictures, &repaired) {
-        (Some(folder), Ok(repaired)) => draw_into(folder, &bytes, repaired, &limits, &context),
-        _ => Ok(()),
-    };
     bar.finish();
     let repaired = match repaired {
         Ok(repaired) => repaired,
@@ -148,24 +143,21 @@ pub fn run(args: &RepairArgs) -> ExitCode {
         return exit::fail(exit::INTERNAL, message);
     }
     tell(&repaired.report, &args.output);
-    if let Err(message) = drawn {
-        return exit::fail(exit::INTERNAL, message);
+    if let Some(folder) = &args.pictures {
+        match draw(&bytes, &repaired, &limits, &context) {
+            Ok(drawings) => {
+                if let Err(message) = write_drawings(folder, &drawings) {
+                    return exit::fail(exit::INTERNAL, message);
+                }
+            }
+            // The result is there, and how good it is does not hang on its pictures.
+            Err(error) => drop(writeln!(std::io::stderr(), "  note: without pictures: {error}")),
+        }
     }
     ExitCode::from(match repaired.report.outcome {
         Outcome::AlreadyPrintable | Outcome::Repaired => exit::PRINTABLE,
         Outcome::PartiallyRepaired | Outcome::Unrepairable => exit::PARTIAL,
     })
-}
-
-fn draw_into(
-    folder: &Path,
-    input: &[u8],
-    repaired: &Repaired,
-    limits: &Limits,
-    context: &Context<'_>,
-) -> Result<(), String> {
-    let drawings = draw(input, repaired, limits, context).map_err(|e| format!("without pictures: {e}"))?;
-    write_drawings(folder, &drawings)
 }
 
 /// Writes drawings into a folder, which is made where it is not there.
