@@ -27,6 +27,7 @@ pub mod inspect;
 pub mod jobs;
 pub mod math;
 pub mod mesh;
+pub mod render;
 pub mod repair;
 pub mod worker;
 

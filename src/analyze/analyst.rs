@@ -3,7 +3,9 @@ use std::time::Duration;
 use super::{ANALYSIS_VERSION, AnalysisReport, AnalyzeOptions, FileAnalysis};
 use crate::context::{Cancelled, Context, Stage};
 use crate::format::{self, Limits, ReadError, ReadMesh};
-use crate::inspect::{OptionsError, Subject, inspect};
+use crate::inspect::{Findings, OptionsError, SetReport, Subject, inspect};
+use crate::mesh::Soup;
+use crate::render::{Drawing, Marked, RenderError, draw_inspected};
 
 /// Why there is no analysis. A model with defects is no error.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -33,7 +35,31 @@ fn naming(index: usize, name: &str, of: usize) -> String {
     if of > 1 { format!("file {} of {of}, '{name}': ", index + 1) } else { String::new() }
 }
 
-/// Looks at one file after the other; only one is in memory at a time.
+/// A file that was looked at: its mesh and what was found on it.
+pub struct Looked {
+    mesh: ReadMesh,
+    findings: Findings,
+}
+
+impl Looked {
+    /// Draws what was found.
+    ///
+    /// # Errors
+    /// The first [`RenderError`].
+    pub fn draw(&self, context: &Context<'_>) -> Result<Vec<Drawing>, RenderError> {
+        draw_inspected(Marked { soup: &self.mesh.soup, findings: &self.findings }, context)
+    }
+}
+
+/// All files looked at.
+pub struct Analyzed {
+    /// The account.
+    pub report: AnalysisReport,
+    /// The files themselves, in order, for pictures.
+    pub looked: Vec<Looked>,
+}
+
+/// Looks at one file after the other, and then at all together.
 pub struct Analyst<'a> {
     options: &'a AnalyzeOptions,
     limits: &'a Limits,
@@ -41,6 +67,7 @@ pub struct Analyst<'a> {
     start: Duration,
     of: usize,
     files: Vec<FileAnalysis>,
+    looked: Vec<Looked>,
 }
 
 impl<'a> Analyst<'a> {
@@ -57,7 +84,7 @@ impl<'a> Analyst<'a> {
         options.validate()?;
         let context = context.limited_to(Duration::from_secs_f64(options.deadline_s));
         let start = context.now();
-        Ok(Self { options, limits, context, start, of, files: Vec::with_capacity(of) })
+        Ok(Self { options, limits, context, start, of, files: Vec::with_capacity(of), looked: Vec::with_capacity(of) })
     }
 
     /// Reads a file and looks at it.
@@ -68,40 +95,47 @@ impl<'a> Analyst<'a> {
         let index = self.files.len();
         self.report(Stage::Read, 0);
         let read = format::read(bytes, self.limits);
-        let ReadMesh { soup, format, dialect, numbering, normals, mut warnings } =
-            read.map_err(|error| AnalyzeError::Read { index, name: name.to_owned(), of: self.of, error })?;
+        let mesh = read.map_err(|error| AnalyzeError::Read { index, name: name.to_owned(), of: self.of, error })?;
         self.report(Stage::Inspect, 20);
-        let subject = Subject { soup: &soup, normals: normals.as_ref(), numbering: numbering.as_ref() };
-        let (inspection, _) = inspect(subject, &self.options.inspect, &self.context)?;
+        let subject = Subject { soup: &mesh.soup, normals: mesh.normals.as_ref(), numbering: mesh.numbering.as_ref() };
+        let (inspection, findings) = inspect(subject, &self.options.inspect, &self.context)?;
         let measures = &inspection.measures;
-        warnings.extend(measures.left_out());
-        self.context.log(&format!("{}{dialect}: {}", naming(index, name, self.of), measures.in_short()));
+        let warnings = mesh.warnings.iter().cloned().chain(measures.left_out()).collect();
+        self.context.log(&format!("{}{}: {}", naming(index, name, self.of), mesh.dialect, measures.in_short()));
         self.files.push(FileAnalysis {
             name: name.to_owned(),
-            format,
-            dialect,
+            format: mesh.format,
+            dialect: mesh.dialect.clone(),
             bytes: bytes.len() as u64,
             sha256: sha256.map(str::to_owned),
             printable: measures.printable(),
             inspection,
             warnings,
         });
+        self.looked.push(Looked { mesh, findings });
         Ok(())
     }
 
-    /// The account of all files that were added.
-    #[must_use]
-    pub fn finish(self) -> AnalysisReport {
+    /// The account of all files that were added, and of what is between them.
+    ///
+    /// # Errors
+    /// [`AnalyzeError::Cancelled`].
+    pub fn finish(self) -> Result<Analyzed, AnalyzeError> {
+        let meshes: Vec<&Soup> = self.looked.iter().map(|looked| &looked.mesh.soup).collect();
+        let (intersections, spacing) = (self.options.intersections, self.options.spacing);
+        let set = SetReport::of(&meshes, intersections, spacing, &self.context)?;
         let printable = self.files.iter().all(|file| file.printable);
         self.context.report(Stage::Finish, None, 100);
-        AnalysisReport {
+        let report = AnalysisReport {
             version: ANALYSIS_VERSION,
             engine: crate::ENGINE.to_owned(),
             options: self.options.clone(),
             printable,
             files: self.files,
+            set,
             milliseconds: self.context.now().saturating_sub(self.start).as_secs_f64() * 1e3,
-        }
+        };
+        Ok(Analyzed { report, looked: self.looked })
     }
 
     /// Tells how far the whole is when `percent` of the present file is done; a file's size says little about its time,

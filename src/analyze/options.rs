@@ -10,6 +10,13 @@ pub struct AnalyzeOptions {
     /// Seconds the analysis of all files may take from its start; then the job fails.
     #[schema(minimum = 1.0, maximum = 3600.0)]
     pub deadline_s: f64,
+    /// Whether to count the faces of each file that intersect those of another.
+    pub intersections: bool,
+    /// Whether to measure the distance from each vertex to the nearest surface of another file.
+    pub spacing: bool,
+    /// Whether to draw what was found: `defects.png`, `defects.glb` and `defects.ply` for the first file, `2-defects.png`
+    /// and so on for the others.
+    pub pictures: bool,
     /// What to look for, and how.
     #[serde(flatten)]
     pub inspect: InspectOptions,
@@ -17,7 +24,13 @@ pub struct AnalyzeOptions {
 
 impl Default for AnalyzeOptions {
     fn default() -> Self {
-        Self { deadline_s: 300.0, inspect: InspectOptions::default() }
+        Self {
+            deadline_s: 300.0,
+            intersections: true,
+            spacing: true,
+            pictures: true,
+            inspect: InspectOptions::default(),
+        }
     }
 }
 

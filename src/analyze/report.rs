@@ -3,7 +3,7 @@ use utoipa::ToSchema;
 
 use super::AnalyzeOptions;
 use crate::format::Format;
-use crate::inspect::Inspection;
+use crate::inspect::{Inspection, SetReport};
 
 /// The version of [`AnalysisReport`]'s structure.
 pub const ANALYSIS_VERSION: u32 = 1;
@@ -21,6 +21,9 @@ pub struct AnalysisReport {
     pub printable: bool,
     /// What was found in each file, in the order they were sent.
     pub files: Vec<FileAnalysis>,
+    /// What was measured between the files; none where there is only one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub set: Option<SetReport>,
     /// Time from the first file's first byte to the end, in milliseconds.
     pub milliseconds: f64,
 }

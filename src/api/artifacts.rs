@@ -15,13 +15,14 @@ use crate::jobs::Artifact;
 
 /// Download a file of a job.
 ///
-/// `model` is the result, `report.json` the account, `log.txt` what the tiers said. Single ranges, If-Range and
-/// If-None-Match are honoured; the entity tag is the file's SHA-256.
+/// `model` is the result, `report.json` the account, `log.txt` what the tiers said. Unless `pictures` is false,
+/// `before.png` and `after.png` show the input and the result with what is wrong in colour, and `defects.glb` and
+/// `defects.ply` are the input as coloured meshes with a legend. Single ranges, If-Range and If-None-Match are honoured; the entity tag is the file's SHA-256.
 #[utoipa::path(
     get, path = "/v1/jobs/{id}/artifacts/{name}", tag = "jobs",
     params(
         ("id" = String, Path, description = "The job's id"),
-        ("name" = String, Path, description = "model, report.json or log.txt"),
+        ("name" = String, Path, description = "One of the job's artifacts, such as model or before.png"),
     ),
     responses(
         (status = 200, description = "The file", body = Vec<u8>, content_type = "application/octet-stream"),

@@ -8,7 +8,10 @@ use std::time::Duration;
 use clap::Args;
 use meshmend::blender::{BlenderConfig, OnDemandBlender};
 use meshmend::jobs::JobReport;
-use meshmend::repair::{Context, Options, Outcome, OutputFormat, Preset, RepairError, Report, monotonic_clock, repair};
+use meshmend::render::Drawing;
+use meshmend::repair::{
+    Context, Options, Outcome, OutputFormat, Preset, RepairError, Report, draw, monotonic_clock, repair,
+};
 
 use super::engine::{Bar, BlenderArgs, LimitArgs, read_file};
 use super::exit;
@@ -60,6 +63,9 @@ pub struct RepairArgs {
     /// Most faces a remesh may have.
     #[arg(long, env = "MESHMEND_MAX_REMESH_FACES", default_value_t = Options::default().max_remesh_faces)]
     max_remesh_faces: u64,
+    /// Where to draw what was found: before.png, after.png, defects.glb and defects.ply. The folder is made.
+    #[arg(long, env = "MESHMEND_PICTURES", value_name = "FOLDER")]
+    pictures: Option<PathBuf>,
     /// Show what each step does.
     #[arg(short, long, env = "MESHMEND_VERBOSE")]
     verbose: bool,
@@ -97,6 +103,7 @@ impl RepairArgs {
             voxel_size: self.voxel_size,
             voxel_resolution: self.voxel_resolution,
             max_remesh_faces: self.max_remesh_faces,
+            pictures: self.pictures.is_some(),
         };
         options.validate().map_err(|e| e.to_string())?;
         Ok(options)
@@ -139,10 +146,27 @@ pub fn run(args: &RepairArgs) -> ExitCode {
         return exit::fail(exit::INTERNAL, message);
     }
     tell(&repaired.report, &args.output);
+    if let Some(folder) = &args.pictures {
+        match draw(&bytes, &repaired, &limits, &context) {
+            Ok(drawings) => {
+                if let Err(message) = write_drawings(folder, &drawings) {
+                    return exit::fail(exit::INTERNAL, message);
+                }
+            }
+            // The result is there, and how good it is does not hang on its pictures.
+            Err(error) => drop(writeln!(std::io::stderr(), "  note: without pictures: {error}")),
+        }
+    }
     ExitCode::from(match repaired.report.outcome {
         Outcome::AlreadyPrintable | Outcome::Repaired => exit::PRINTABLE,
         Outcome::PartiallyRepaired | Outcome::Unrepairable => exit::PARTIAL,
     })
+}
+
+/// Writes drawings into a folder, which is made where it is not there.
+pub fn write_drawings(folder: &Path, drawings: &[Drawing]) -> Result<(), String> {
+    std::fs::create_dir_all(folder).map_err(|e| format!("{}: {e}", folder.display()))?;
+    drawings.iter().try_for_each(|drawing| write_file(&folder.join(drawing.name), &drawing.bytes))
 }
 
 /// The result in a few lines on standard error, so that standard output stays free.

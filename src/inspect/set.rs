@@ -1,9 +1,10 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::{Analysis, Bins, Distribution, finite};
+use super::{Analysis, Bins, Distribution, finite, intersections_between, spacing};
 use crate::context::{Cancelled, Context};
 use crate::math::Box3;
+use crate::mesh::Soup;
 
 /// What is measured of a set of meshes beyond each one: characteristics 13 and 14 of meshalyzer (seed 004).
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -71,6 +72,48 @@ pub struct Nearest {
     pub mesh: u32,
     /// The face of its file that the point is on, by index from 0.
     pub face: u32,
+}
+
+impl SetReport {
+    /// Measures what is asked for between meshes; none where there are fewer than two or nothing is asked for.
+    ///
+    /// # Errors
+    /// [`Cancelled`] when the work should stop.
+    pub fn of(
+        meshes: &[&Soup],
+        intersections: bool,
+        distances: bool,
+        context: &Context<'_>,
+    ) -> Result<Option<Self>, Cancelled> {
+        if meshes.len() < 2 || !(intersections || distances) {
+            return Ok(None);
+        }
+        let analyses: Vec<Analysis<'_>> =
+            meshes.iter().map(|&soup| Analysis::new(soup.into(), context)).collect::<Result<_, _>>()?;
+        let all: Vec<&Analysis<'_>> = analyses.iter().collect();
+        let mut it = Self::default();
+        if intersections {
+            it.intersections = Some(SetIntersections::count(&all, context, |a, b| {
+                let counts = intersections_between(a, b, context)?.counts;
+                Ok((counts.pairs.unwrap_or(0), counts.complete))
+            })?);
+        }
+        if distances {
+            let measured = spacing(&all, context)?.into_iter().map(|it| {
+                #[expect(clippy::cast_possible_truncation, reason = "a list of files")]
+                let nearest = it.least.map(|gap| Nearest {
+                    distance: gap.distance,
+                    from: gap.from,
+                    to: gap.to,
+                    mesh: gap.mesh as u32,
+                    face: gap.face,
+                });
+                (it.distances, it.complete, nearest)
+            });
+            it.spacing = Some(SetSpacing::of(measured));
+        }
+        Ok(Some(it))
+    }
 }
 
 impl SetIntersections {
@@ -141,7 +184,6 @@ mod tests {
 
     use super::*;
     use crate::context::NoProgress;
-    use crate::mesh::Soup;
 
     #[test]
     fn only_meshes_whose_boxes_meet_are_asked_about_and_named_in_order() {

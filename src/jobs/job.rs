@@ -157,7 +157,7 @@ pub struct Artifact {
     pub sha256: String,
 }
 
-/// Result files by artifact name (`model`, `report.json`, `log.txt`).
+/// Result files by artifact name (`model`, `report.json`, `log.txt`, pictures).
 pub type Artifacts = BTreeMap<String, Artifact>;
 
 /// Why a job failed, for programs.

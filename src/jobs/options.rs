@@ -38,7 +38,8 @@ impl Mode {
         match self {
             Self::Repair => of(Options::into_params(|| None)).collect(),
             Self::Analyze => {
-                of(InspectOptions::into_params(|| None)).chain(std::iter::once("deadline_s".to_owned())).collect()
+                let own = ["deadline_s", "intersections", "spacing", "pictures"].map(str::to_owned);
+                of(InspectOptions::into_params(|| None)).chain(own).collect()
             }
         }
     }

@@ -42,7 +42,7 @@ pub enum JobReport {
     /// Of a repair.
     Repair(Box<Report>),
     /// Of an analysis.
-    Analyze(AnalysisReport),
+    Analyze(Box<AnalysisReport>),
 }
 
 impl JobReport {

@@ -2,7 +2,9 @@ use super::RepairError;
 use super::verdict::{JudgeError, Judged, judge};
 use super::{Cancelled, Category, Context, FileSummary, Options, Outcome, Plan, Preset, REPORT_VERSION, Report};
 use crate::format::{self, Format, Limits, ReadError, ReadMesh};
-use crate::inspect::{Analysis, InspectOptions, Inspection, Level, Measures, Original, Subject, inspect_analysis};
+use crate::inspect::{
+    Analysis, Findings, InspectOptions, Inspection, Level, Measures, Original, Subject, inspect_analysis,
+};
 
 /// What came in.
 pub(super) struct Input<'a> {
@@ -47,13 +49,14 @@ impl Input<'_> {
     }
 
     /// Looks at a result as at the input: at its own bytes, read back. Those of the input are known already.
-    pub fn after(&self, judged: &Judged, context: &Context<'_>) -> Result<Inspection, RepairError> {
+    pub fn after(&self, judged: &Judged, context: &Context<'_>) -> Result<(Inspection, Option<Findings>), RepairError> {
         if judged.bytes == self.bytes {
-            return Ok(self.before.clone());
+            return Ok((self.before.clone(), None));
         }
         let read = read_own(&judged.bytes)?;
         let analysis = Analysis::new(subject(&read), &context.without_deadline())?;
-        Ok(look(&analysis, || Ok(judged.measures.clone()), context)?)
+        let (inspection, findings) = look(&analysis, || Ok(judged.measures.clone()), context)?;
+        Ok((inspection, Some(findings)))
     }
 
     /// The account as far as it is known before anything was run.
@@ -111,15 +114,15 @@ pub(super) fn look(
     analysis: &Analysis<'_>,
     measures: impl FnOnce() -> Result<Measures, Cancelled>,
     context: &Context<'_>,
-) -> Result<Inspection, Cancelled> {
+) -> Result<(Inspection, Findings), Cancelled> {
     let all = InspectOptions::default();
     match inspect_analysis(analysis, &all, context) {
         Err(Cancelled) if !context.is_cancelled() => {
             let measures = measures()?;
             let counts = InspectOptions { level: Level::None, ..all };
-            let (counted, _) = inspect_analysis(analysis, &counts, &context.without_deadline())?;
-            Ok(Inspection { measures, ..counted })
+            let (counted, findings) = inspect_analysis(analysis, &counts, &context.without_deadline())?;
+            Ok((Inspection { measures, ..counted }, findings))
         }
-        looked => looked.map(|(inspection, _)| inspection),
+        looked => looked,
     }
 }

@@ -6,6 +6,7 @@
 mod category;
 mod climb;
 pub mod degenerate;
+mod drawings;
 pub mod duplicates;
 pub mod holes;
 mod input;
@@ -29,6 +30,7 @@ pub mod weld;
 pub use crate::context::{Cancelled, Context, NoProgress, Progress, Stage, monotonic_clock};
 pub use crate::inspect::OptionsError;
 pub use category::categorise;
+pub use drawings::{DrawError, draw};
 pub use options::{Options, OutputFormat, Preset};
 pub use pipeline::{RepairError, Repaired, repair};
 pub use plan::make_plan;

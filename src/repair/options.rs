@@ -101,6 +101,8 @@ pub struct Options {
     /// Most faces a remesh may have; the voxel size is made larger until the estimate is below.
     #[schema(minimum = 1000, maximum = 20000000)]
     pub max_remesh_faces: u64,
+    /// Whether to draw what was found: `before.png`, `after.png`, `defects.glb` and `defects.ply`.
+    pub pictures: bool,
 }
 
 impl Default for Options {
@@ -119,6 +121,7 @@ impl Default for Options {
             voxel_size: None,
             voxel_resolution: 300,
             max_remesh_faces: 2_000_000,
+            pictures: true,
         }
     }
 }

@@ -11,7 +11,7 @@ use super::{
     summary,
 };
 use crate::format::{self, Format, Limits, ReadError, WriteError};
-use crate::inspect::{Analysis, CompareOptions, Original, measure_analysis};
+use crate::inspect::{Analysis, CompareOptions, Findings, Original, measure_analysis};
 
 /// A repaired file and its account.
 #[derive(Debug, Clone, PartialEq)]
@@ -22,6 +22,10 @@ pub struct Repaired {
     pub format: Format,
     /// The account.
     pub report: Report,
+    /// What was found on the input.
+    pub found_before: Findings,
+    /// What was found on the result, where there is one that is not the input.
+    pub found_after: Option<Findings>,
 }
 
 /// Why there is no result at all. A model that can't be repaired is no error: see [`Outcome::Unrepairable`].
@@ -66,11 +70,11 @@ pub fn repair(
     let format = options.output.resolve(mesh.format);
     context.report(Stage::Inspect, None, 3);
     let analysis = Analysis::new(subject(&mesh), patient)?;
-    let before = look(&analysis, || measure_analysis(&analysis, patient), context)?;
+    let (before, found_before) = look(&analysis, || measure_analysis(&analysis, patient), context)?;
     context.log(&format!("read {}: {}", mesh.dialect, before.measures.in_short()));
     let original = Original::new(&analysis, &before.measures, CompareOptions::BRIEF);
     let input = &Input { bytes, mesh: &mesh, analysis: &analysis, original: &original, before: &before };
-    let end = Ending { input, format, start, context };
+    let end = Ending { input, found_before, format, start, context };
     let mut report = input.report(options);
 
     // What is to be beaten: the input, or what the output's format makes of it.
@@ -109,6 +113,7 @@ pub fn repair(
 /// What every end of a repair has in common.
 struct Ending<'a> {
     input: &'a Input<'a>,
+    found_before: Findings,
     format: Format,
     start: Duration,
     context: &'a Context<'a>,
@@ -117,12 +122,14 @@ struct Ending<'a> {
 impl Ending<'_> {
     /// Fills in what is known at the end.
     fn with(self, mut report: Report, outcome: Outcome, judged: Option<Judged>) -> Result<Repaired, RepairError> {
-        let Self { input, format, start, context } = self;
+        let Self { input, found_before, format, start, context } = self;
         report.outcome = outcome;
         report.summary = summary::in_words(outcome, &report, judged.as_ref().map(|j| &j.measures), context);
-        let mut bytes = Vec::new();
+        let (mut bytes, mut found_after) = (Vec::new(), None);
         if let Some(judged) = judged {
-            report.after = Some(input.after(&judged, context)?);
+            let (after, found) = input.after(&judged, context)?;
+            report.after = Some(after);
+            found_after = found;
             report.output = Some(FileSummary { format, dialect: judged.dialect, bytes: judged.bytes.len() as u64 });
             report.changes = Some(judged.changes);
             report.red_flags = judged.red_flags;
@@ -132,6 +139,6 @@ impl Ending<'_> {
         report.milliseconds = context.now().saturating_sub(start).as_secs_f64() * 1e3;
         context.log(&report.summary);
         context.report(Stage::Finish, None, 100);
-        Ok(Repaired { bytes, format, report })
+        Ok(Repaired { bytes, format, report, found_before, found_after })
     }
 }

@@ -13,12 +13,12 @@ use tokio::time::Instant;
 use tokio_util::codec::{FramedRead, LinesCodec};
 use tokio_util::sync::CancellationToken;
 
+use super::files::{Offered, names, offered};
 use super::pool::{Pool, Shutdown};
 use super::process::JobProcess;
 use super::task::{ProgressLine, Task};
 use super::{ProcessLimits, crash, pause_at};
 use crate::blobs::{BlobError, Blobs};
-use crate::format::Format;
 use crate::jobs::{
     Artifact, Artifacts, Claim, Completion, Failure, FailureKind, Job, JobProblem, JobProgress, JobReport, Lease,
     ProblemKind, Status, StoreError,
@@ -130,6 +130,10 @@ impl<'a> Attempt<'a> {
             Ended::Shutdown => {
                 self.pool.store.hand_back(&self.lease).await?;
                 Ok(None)
+            }
+            // The result was there before the process went down, so that at most pictures are missing.
+            Ended::Exited(_) | Ended::Deadline if tokio::fs::try_exists(folder.join(Task::REPORT)).await? => {
+                self.succeed(folder).await.map(Some)
             }
             Ended::Deadline => {
                 metrics::counter!("meshmend_kills_total", "reason" => "deadline").increment(1);
@@ -269,29 +273,14 @@ impl<'a> Attempt<'a> {
         Ok(job)
     }
 
-    /// Stores the files under this attempt's own keys, where nobody sees them yet.
     async fn publish(&self, folder: &Path) -> Result<Completion, AttemptError> {
         let report: JobReport = read_json(folder, Task::REPORT).await?;
-        let model = async {
-            let Some(format) = report.output() else { return Ok(None) };
-            let filename = result_name(self.name(), format);
-            self.store_file(folder, Task::MODEL, filename, media_type(format)).await.map(Some)
-        };
-        let filename = format!("{}-report.json", stem(self.name()));
-        let account = self.store_file(folder, Task::REPORT, filename, "application/json");
-        let (mut artifacts, model, account) = tokio::try_join!(self.store_log(folder), model, account)?;
-        artifacts.extend(model.map(|model| (Task::MODEL.to_owned(), model)));
-        artifacts.insert(Task::REPORT.to_owned(), account);
+        let artifacts = self.store_files(folder, offered(&self.job.inputs, Some(&report))).await?;
         Ok(Completion { report, artifacts })
     }
 
-    /// The name that the results are called after.
-    fn name(&self) -> &str {
-        self.job.inputs.first().map_or("", |input| &input.name)
-    }
-
     async fn fail(&self, folder: &Path, kind: FailureKind, problem: JobProblem) -> Result<Job, AttemptError> {
-        let artifacts = self.store_log(folder).await?;
+        let artifacts = self.store_files(folder, offered(&self.job.inputs, None)).await?;
         Ok(self.pool.store.fail(&self.lease, Failure { kind, problem, artifacts }).await?)
     }
 
@@ -304,32 +293,27 @@ impl<'a> Attempt<'a> {
         self.pool.store.fail(&self.lease, failure).await
     }
 
-    async fn store_log(&self, folder: &Path) -> Result<Artifacts, AttemptError> {
-        let mut artifacts = Artifacts::new();
-        if tokio::fs::try_exists(folder.join(Task::LOG)).await? {
-            let filename = format!("{}-log.txt", stem(self.name()));
-            let log = self.store_file(folder, Task::LOG, filename, "text/plain; charset=utf-8").await?;
-            artifacts.insert(Task::LOG.to_owned(), log);
-        }
-        Ok(artifacts)
-    }
-
-    async fn store_file(
-        &self,
-        folder: &Path,
-        name: &str,
-        filename: String,
-        media_type: &str,
-    ) -> Result<Artifact, AttemptError> {
-        let key = Blobs::artifact_key(self.lease.id, &self.lease.token, name);
-        let stored = self.pool.blobs.put_file(&key, &folder.join(name)).await?;
-        Ok(Artifact { key, filename, media_type: media_type.to_owned(), bytes: stored.bytes, sha256: stored.sha256 })
+    /// Stores those files that are there under this attempt's own keys, where nobody sees them yet.
+    async fn store_files(&self, folder: &Path, files: Vec<Offered>) -> Result<Artifacts, AttemptError> {
+        let stored = files.into_iter().map(|Offered { name, filename, media_type }| async move {
+            let path = folder.join(&name);
+            if !tokio::fs::try_exists(&path).await? {
+                return Ok(None);
+            }
+            let key = Blobs::artifact_key(self.lease.id, &self.lease.token, &name);
+            let stored = self.pool.blobs.put_file(&key, &path).await?;
+            let media_type = media_type.to_owned();
+            let artifact = Artifact { key, filename, media_type, bytes: stored.bytes, sha256: stored.sha256 };
+            Ok::<_, AttemptError>(Some((name, artifact)))
+        });
+        Ok(futures::future::try_join_all(stored).await?.into_iter().flatten().collect())
     }
 
     /// Removes what this attempt stored, after it lost the job.
     async fn drop_files(&self) {
-        let keys = [Task::MODEL, Task::REPORT, Task::LOG]
-            .map(|name| Blobs::artifact_key(self.lease.id, &self.lease.token, name));
+        let keys = names(self.job.inputs.len())
+            .into_iter()
+            .map(|name| Blobs::artifact_key(self.lease.id, &self.lease.token, &name));
         for key in keys {
             if let Err(error) = self.pool.blobs.delete(&key).await {
                 tracing::warn!(%error, key, "a file of a lost attempt was left");
@@ -400,23 +384,5 @@ fn record_steps(steps: &[Step]) {
     for step in steps {
         metrics::histogram!("meshmend_step_seconds", "tier" => step.tier.to_string(), "action" => format!("{:?}", step.action))
             .record(step.milliseconds / 1000.0);
-    }
-}
-
-/// A file name without its ending.
-fn stem(name: &str) -> &str {
-    let stem = name.rsplit_once('.').map_or(name, |(stem, _)| stem);
-    if stem.is_empty() { "model" } else { stem }
-}
-
-fn result_name(input: &str, format: Format) -> String {
-    format!("{}-repaired.{}", stem(input), format.extension())
-}
-
-fn media_type(format: Format) -> &'static str {
-    match format {
-        Format::Stl => "model/stl",
-        Format::Obj => "model/obj",
-        Format::Ply | Format::Off | Format::Mesh => "application/octet-stream",
     }
 }

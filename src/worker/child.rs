@@ -39,8 +39,7 @@ fn try_run(folder: &Path) -> io::Result<ExitCode> {
     let clock = monotonic_clock();
     let deadline = Duration::from_secs_f64(task.options.deadline_s().clamp(1.0, 3600.0));
     let context = Context::new(&progress, &cancel, &clock, deadline);
-    let made = work(folder, &task, &context).and_then(|made| made.write(folder));
-    match made {
+    match work(folder, &task, &context) {
         Ok(()) => Ok(ExitCode::SUCCESS),
         Err(Failed::Io(error)) => Err(error),
         Err(Failed::Problem(problem)) => {

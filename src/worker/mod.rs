@@ -8,6 +8,7 @@ mod attempt;
 mod child;
 mod crash;
 mod failpoint;
+mod files;
 mod limits;
 mod pool;
 mod process;

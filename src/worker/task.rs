@@ -9,7 +9,8 @@ use crate::repair::RemesherInfo;
 
 /// What a worker tells its child process: a JSON file in the scratch folder, where the [`input`](Self::input) files lie.
 ///
-/// The child leaves its files in the same folder: `model`, [`REPORT`](Self::REPORT), [`LOG`](Self::LOG), and
+/// The child leaves its files in the same folder: `model`, then [`REPORT`](Self::REPORT), which says that the job has its
+/// result, then pictures; [`LOG`](Self::LOG), and
 /// [`PROBLEM`](Self::PROBLEM) where the input is to blame. On standard output it writes one [`JobProgress`] a line.
 /// Its standard input is a lifeline: when that closes, the worker is gone, and the child ends its process group.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

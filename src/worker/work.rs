@@ -1,21 +1,19 @@
+use std::fmt::Display;
 use std::fs;
 use std::io;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 
+use super::files::of_file;
+use super::pause_at;
 use super::task::Task;
-use crate::analyze::{Analyst, AnalyzeError, AnalyzeOptions};
+use crate::analyze::{Analyst, AnalyzeError, AnalyzeOptions, Analyzed};
 use crate::blender::{BlenderConfig, BlenderRemesher};
 use crate::context::Context;
 use crate::format::{ReadError, ReadErrorKind};
 use crate::jobs::{JobOptions, JobProblem, JobReport, ProblemKind};
-use crate::repair::{Options, Remesher, RepairError, repair};
-
-/// What a job makes of its files, whatever its mode.
-pub(super) struct Made {
-    /// The model's bytes, from a repair.
-    pub model: Option<Vec<u8>>,
-    pub report: JobReport,
-}
+use crate::render::Drawing;
+use crate::repair::{Options, Remesher, RepairError, draw, repair};
 
 /// Why it makes nothing.
 pub(super) enum Failed {
@@ -25,47 +23,82 @@ pub(super) enum Failed {
     Problem(Box<JobProblem>),
 }
 
-/// Does the work of a task whose files lie in `folder`.
-pub(super) fn work(folder: &Path, task: &Task, context: &Context<'_>) -> Result<Made, Failed> {
+/// Does the work of a task whose files lie in `folder`, and leaves the result there: the model, then the report, which
+/// says that the job has its result, then pictures.
+pub(super) fn work(folder: &Path, task: &Task, context: &Context<'_>) -> Result<(), Failed> {
     match &task.options {
         JobOptions::Repair(options) => run_repair(folder, task, options, context),
         JobOptions::Analyze(options) => run_analysis(folder, task, options, context),
     }
 }
 
-fn run_repair(folder: &Path, task: &Task, options: &Options, context: &Context<'_>) -> Result<Made, Failed> {
+fn run_repair(folder: &Path, task: &Task, options: &Options, context: &Context<'_>) -> Result<(), Failed> {
     let remesher = task.remesher.clone().map(|info| {
         BlenderRemesher::new(info, BlenderConfig { scratch: Some(folder.to_owned()), ..BlenderConfig::default() })
     });
     let remesher = remesher.as_ref().map(|r| -> &dyn Remesher { r });
     let bytes = fs::read(folder.join(Task::input(0)))?;
     let repaired = repair(&bytes, options, &task.limits, remesher, context)?;
-    Ok(Made { model: Some(repaired.bytes), report: JobReport::Repair(Box::new(repaired.report)) })
+    fs::write(folder.join(Task::MODEL), &repaired.bytes)?;
+    write_report(folder, &JobReport::Repair(Box::new(repaired.report.clone())))?;
+    if options.pictures {
+        leave_drawings(folder, 0, || draw(&bytes, &repaired, &task.limits, context), context);
+    }
+    Ok(())
 }
 
-fn run_analysis(folder: &Path, task: &Task, options: &AnalyzeOptions, context: &Context<'_>) -> Result<Made, Failed> {
+fn run_analysis(folder: &Path, task: &Task, options: &AnalyzeOptions, context: &Context<'_>) -> Result<(), Failed> {
     let mut analyst = Analyst::new(options, &task.limits, task.inputs.len(), context)?;
     for (number, input) in task.inputs.iter().enumerate() {
         analyst.add(&input.name, Some(&input.sha256), &fs::read(folder.join(Task::input(number)))?)?;
     }
-    Ok(Made { model: None, report: JobReport::Analyze(analyst.finish()) })
+    let Analyzed { report, looked } = analyst.finish()?;
+    write_report(folder, &JobReport::Analyze(Box::new(report)))?;
+    if options.pictures {
+        for (number, looked) in looked.iter().enumerate() {
+            leave_drawings(folder, number, || looked.draw(context), context);
+        }
+    }
+    Ok(())
 }
 
-impl Made {
-    /// Writes the files into `folder`.
-    pub fn write(&self, folder: &Path) -> Result<(), Failed> {
-        let report = serde_json::to_vec_pretty(&self.report).map_err(io::Error::from)?;
-        if report.len() > Task::REPORT_BYTES {
-            let most = Task::REPORT_BYTES >> 20;
-            let detail =
-                format!("The report would be larger than {most} MiB. Ask for fewer places, or send fewer files.");
-            return Err(problem(ProblemKind::FileLimit, detail, None).into());
-        }
-        if let Some(model) = &self.model {
-            fs::write(folder.join(Task::MODEL), model)?;
-        }
-        Ok(fs::write(folder.join(Task::REPORT), report)?)
+fn write_report(folder: &Path, report: &JobReport) -> Result<(), Failed> {
+    let report = serde_json::to_vec_pretty(report).map_err(io::Error::from)?;
+    if report.len() > Task::REPORT_BYTES {
+        let most = Task::REPORT_BYTES >> 20;
+        let detail = format!("The report would be larger than {most} MiB. Ask for fewer places, or send fewer files.");
+        return Err(problem(ProblemKind::FileLimit, detail, None).into());
     }
+    Ok(write_whole(folder, Task::REPORT, &report)?)
+}
+
+/// Leaves pictures of the job's file `number` beside the result. The job has its result already, so that nothing that
+/// goes wrong here, be it a panic, is more than a line in the log.
+fn leave_drawings<E: Display>(
+    folder: &Path,
+    number: usize,
+    draw: impl FnOnce() -> Result<Vec<Drawing>, E>,
+    context: &Context<'_>,
+) {
+    pause_at("child-draw");
+    let why = match catch_unwind(AssertUnwindSafe(draw)) {
+        Ok(Ok(drawings)) => {
+            let write = |drawing: &Drawing| write_whole(folder, &of_file(number, drawing.name), &drawing.bytes);
+            drawings.iter().try_for_each(write).err().map(|error| error.to_string())
+        }
+        Ok(Err(error)) => Some(error.to_string()),
+        Err(_) => Some("the drawing crashed".to_owned()),
+    };
+    if let Some(why) = why {
+        context.log(&format!("without all pictures: {why}"));
+    }
+}
+
+/// Writes a file so that it is there as a whole or not at all, should the process end meanwhile.
+fn write_whole(folder: &Path, name: &str, bytes: &[u8]) -> io::Result<()> {
+    let half = folder.join(format!("{name}.half"));
+    fs::write(&half, bytes)?;
+    fs::rename(&half, folder.join(name))
 }
 
 impl From<io::Error> for Failed {

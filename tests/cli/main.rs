@@ -60,6 +60,23 @@ fn repair_writes_the_model_and_the_report_and_says_printable_by_code_zero() {
 }
 
 #[test]
+fn repair_draws_into_the_folder_that_is_named_and_only_then() {
+    let desk = Desk::new();
+    desk.put("in.stl", &files::broken_box());
+    let args = ["repair", "in.stl", "-o", "out.stl", "--max-tier", "1"];
+    assert_eq!(code(&desk.run(&args)), 0);
+    assert_eq!(std::fs::read_dir(desk.0.path()).expect("a folder").count(), 2);
+    let output = desk.run(&[&args[..], &["--pictures", "made/here"]].concat());
+    assert_eq!(code(&output), 0, "{}", said(&output));
+    let mut names: Vec<_> = std::fs::read_dir(desk.0.path().join("made/here"))
+        .expect("a folder")
+        .map(|entry| entry.expect("an entry").file_name().into_string().expect("text"))
+        .collect();
+    names.sort();
+    assert_eq!(names, ["after.png", "before.png", "defects.glb", "defects.ply"]);
+}
+
+#[test]
 fn a_model_repaired_only_in_part_is_written_and_code_one() {
     let desk = Desk::new();
     desk.put("in.stl", &files::boxes_on_an_edge());

@@ -13,3 +13,4 @@ mod meshes;
 mod operators;
 mod pipeline;
 mod print;
+mod render;

@@ -18,6 +18,9 @@ const CHILD_STAGES: [(&str, &str); 5] = [
 
 const WORKER_STAGES: [&str; 4] = ["worker-claimed", "worker-spawn", "worker-publish", "worker-complete"];
 
+/// The upload, the model, the report, the log, two pictures and two coloured meshes.
+const FILES: usize = 8;
+
 fn paused(stage: &str) -> String {
     format!("{stage}=sleep(600000)")
 }
@@ -30,10 +33,10 @@ async fn done_exactly_once(api: &Api, data: &Path, id: &str, attempt: u64) {
     assert_eq!(job["attempt"], attempt);
     let files = until("only the last attempt's files are left", async || {
         let files = stored_files(data, id);
-        (files.len() <= 4).then_some(files)
+        (files.len() <= FILES).then_some(files)
     })
     .await;
-    assert_eq!(files.len(), 4, "the upload, the model, the report and the log: {files:?}");
+    assert_eq!(files.len(), FILES, "{files:?}");
     assert_eq!(api.artifact(id, "model").await.len(), 84 + 50 * 12);
     let list: Value = api.get("/v1/jobs?status=succeeded").send().await.expect("an answer").json().await.expect("JSON");
     assert_eq!(list["jobs"].as_array().map(Vec::len), Some(1));
@@ -54,6 +57,28 @@ async fn a_child_killed_at_any_stage_is_run_again() {
         signal(one_child(&program).await, "KILL");
         done_exactly_once(&api, data.path(), &id, 2).await;
     }
+}
+
+#[tokio::test]
+async fn a_child_killed_while_it_draws_has_given_its_result_all_the_same() {
+    let data = tempfile::tempdir().expect("a folder");
+    let program = Start::serve(data.path()).env("FAILPOINTS", &paused("child-draw")).start();
+    let api = Api::new(&program);
+    let id = api.submit(files::broken_box(), json!({"max_tier": 1})).await;
+    api.reaches(&id, "finish", None).await;
+    let child = one_child(&program).await;
+    until("the report is there", async || {
+        let folders = std::fs::read_dir(format!("/proc/{child}/cwd")).ok()?;
+        folders.flatten().any(|entry| entry.file_name() == "report.json").then_some(())
+    })
+    .await;
+    signal(child, "KILL");
+    let job = api.finished(&id).await;
+    assert_eq!((&job["status"], &job["attempt"]), (&json!("succeeded"), &json!(1)), "{job}");
+    assert_eq!(api.artifact(&id, "model").await.len(), 84 + 50 * 12);
+    assert!(job["artifacts"].get("before.png").is_none());
+    let log = String::from_utf8(api.artifact(&id, "log.txt").await).expect("text");
+    assert!(log.contains("signal: 9"), "{log}");
 }
 
 #[tokio::test]
@@ -83,7 +108,7 @@ async fn a_worker_killed_at_any_of_its_steps_loses_the_job_to_another_worker() {
         let id = api.submit(files::broken_box(), json!({"max_tier": 1})).await;
         until("the worker has it", async || (api.job(&id).await["status"] == "running").then_some(())).await;
         if pause == "worker-complete" {
-            until("the result is stored", async || (stored_files(data.path(), &id).len() == 4).then_some(())).await;
+            until("the result is stored", async || (stored_files(data.path(), &id).len() == FILES).then_some(())).await;
         }
         worker.kill();
         let _other = Start::work(data.path()).start();
@@ -98,7 +123,7 @@ async fn a_worker_that_was_stopped_and_comes_back_after_its_lease_changes_nothin
     let api = Api::new(&server);
     let stale = Start::work(data.path()).env("FAILPOINTS", "worker-complete=sleep(3000)").start();
     let id = api.submit(files::broken_box(), json!({"max_tier": 1})).await;
-    until("the result is stored", async || (stored_files(data.path(), &id).len() == 4).then_some(())).await;
+    until("the result is stored", async || (stored_files(data.path(), &id).len() == FILES).then_some(())).await;
     signal(stale.pid(), "STOP");
     let other = Start::work(data.path()).start();
     let job = api.finished(&id).await;

@@ -16,6 +16,7 @@ use meshmend::format::{Limits, ReadMesh, read};
 use meshmend::inspect::{
     Goodness, InspectOptions, Inspection, Level, SetReport, Subject, Thresholds, goodness, inspect,
 };
+use meshmend::mesh::Soup;
 use meshmend::repair::{Context, monotonic_clock};
 use serde_json::{Value, json};
 
@@ -153,7 +154,7 @@ impl<'a> Run<'a> {
                 }
             }
         }
-        let set = self.set();
+        let set = self.set()?;
         if self.args.json {
             let value = json!({ "version": JSON_VERSION, "files": self.json, "set": set });
             self.print(&format!("{value:#}\n"))?;
@@ -196,9 +197,10 @@ impl<'a> Run<'a> {
     }
 
     /// What is measured of all files together, where it was asked for and there are several.
-    fn set(&self) -> Option<SetReport> {
-        // This version measures neither; the report says so.
-        (self.kept.len() > 1).then(SetReport::default)
+    fn set(&self) -> Result<Option<SetReport>, Failure> {
+        let meshes: Vec<&Soup> = self.kept.iter().map(|(_, mesh)| &mesh.soup).collect();
+        in_context(|context| SetReport::of(&meshes, self.args.intersections, self.args.spacing, context))
+            .map_err(|e| (exit::INTERNAL, e))
     }
 
     fn print(&mut self, text: &str) -> Result<(), Failure> {

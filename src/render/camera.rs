@@ -1,0 +1,105 @@
+use glam::{DVec3, Vec3};
+
+use super::scene::Frame;
+use crate::mesh::Surface;
+
+/// A fixed direction to look from, with z up; views are parallel projections.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct View {
+    /// What it is called in the picture.
+    pub name: &'static str,
+    /// From the model to the eye.
+    pub towards_eye: DVec3,
+    /// What is up in the picture, not along `towards_eye`.
+    pub up: DVec3,
+}
+
+/// The views of a picture: the first is the large one. The first two together see all six sides.
+pub const VIEWS: [View; 4] = [
+    View { name: "from front, right, above", towards_eye: DVec3::new(0.7, -1.0, 0.65), up: DVec3::Z },
+    View { name: "from back, left, below", towards_eye: DVec3::new(-0.7, 1.0, -0.65), up: DVec3::Z },
+    View { name: "from the front", towards_eye: DVec3::NEG_Y, up: DVec3::Z },
+    View { name: "from above", towards_eye: DVec3::Z, up: DVec3::Y },
+];
+
+/// Samples along a pixel's side.
+pub const SAMPLES: usize = 2;
+/// Fixed-point steps in a sample's side: edges are then decided exactly, and neighbours leave no gap between them.
+pub const STEPS: i32 = 256;
+
+/// A view fitted to an image: brings points of the scene's cube to samples of the image.
+#[derive(Debug, Clone)]
+pub struct Camera {
+    axes: [Vec3; 3],
+    /// Samples for one unit of the cube.
+    pub scale: f32,
+    shift: [f32; 2],
+    /// Width and height in samples.
+    pub size: [usize; 2],
+}
+
+/// A point in an image: `x` to the right and `y` down in [`STEPS`] of a sample, `z` towards the eye in samples.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Projected {
+    /// To the right.
+    pub x: i32,
+    /// Down.
+    pub y: i32,
+    /// Towards the eye.
+    pub z: f32,
+}
+
+impl Camera {
+    /// Fits a view of a surface, whose points in the cube are `points`, to an image of `size` pixels with a margin of
+    /// `margin` pixels on each side.
+    #[must_use]
+    pub fn new(view: &View, surface: &Surface, points: &[Vec3], size: [usize; 2], margin: usize) -> Self {
+        let eye = view.towards_eye.normalize();
+        let right = view.up.cross(eye).normalize();
+        let axes = [right, eye.cross(right), eye].map(DVec3::as_vec3);
+        let (mut low, mut high) = ([f32::INFINITY; 2], [f32::NEG_INFINITY; 2]);
+        for &v in surface.faces.iter().flatten() {
+            for k in 0..2 {
+                let at = axes[k].dot(points[v as usize]);
+                low[k] = low[k].min(at);
+                high[k] = high[k].max(at);
+            }
+        }
+        if surface.faces.is_empty() {
+            (low, high) = ([-1.0; 2], [1.0; 2]);
+        }
+        #[expect(clippy::cast_precision_loss, reason = "an image's size")]
+        let room: [f32; 2] = size.map(|s| s.saturating_sub(2 * margin).max(1) as f32 * SAMPLES as f32);
+        let fit = |k: usize| room[k] / (high[k] - low[k]).max(1e-6);
+        let scale = fit(0).min(fit(1));
+        #[expect(clippy::cast_precision_loss, reason = "an image's size")]
+        let middle = size.map(|s| (s * SAMPLES) as f32 / 2.0);
+        let shift = [middle[0] - scale * (low[0] + high[0]) / 2.0, middle[1] + scale * (low[1] + high[1]) / 2.0];
+        Self { axes, scale, shift, size: size.map(|s| s * SAMPLES) }
+    }
+
+    /// Where a point of the cube is in the image.
+    #[must_use]
+    #[expect(clippy::cast_possible_truncation, clippy::cast_precision_loss, reason = "an image's size")]
+    pub fn project(&self, p: Vec3) -> Projected {
+        let [x, y, z] = self.axes.map(|axis| axis.dot(p) * self.scale);
+        let steps = STEPS as f32;
+        Projected {
+            x: ((x + self.shift[0]) * steps).round() as i32,
+            y: ((self.shift[1] - y) * steps).round() as i32,
+            z,
+        }
+    }
+
+    /// A direction of the model as right, up and towards the eye.
+    #[must_use]
+    pub fn turn(&self, direction: Vec3) -> Vec3 {
+        Vec3::from_array(self.axes.map(|axis| axis.dot(direction)))
+    }
+
+    /// Pixels for one of the model's unit.
+    #[must_use]
+    pub fn pixels_a_unit(&self, frame: &Frame) -> f64 {
+        f64::from(self.scale) / SAMPLES as f64 * (frame.scale / frame.half)
+    }
+}

@@ -1,0 +1,237 @@
+use glam::DVec3;
+use serde_json::{Value, json};
+
+use super::palette::{SOUND, colour, id};
+use super::scene::Compactor;
+use super::{Colour, RenderError, Scene};
+use crate::context::Context;
+use crate::inspect::DefectKind;
+
+/// How many times larger than the model its coordinates may be before it is written about its own middle.
+const FAR: f64 = 8.0;
+/// Sizes outside this range do not fit f32 well, and are scaled.
+const SIZES: std::ops::Range<f64> = 1e-25..1e25;
+
+/// Values of glTF's enumerations (glTF 2.0, 3.6 and 5).
+const UNSIGNED_INT: u32 = 5125;
+const FLOAT: u32 = 5126;
+const ARRAY_BUFFER: u32 = 34962;
+const ELEMENT_ARRAY_BUFFER: u32 = 34963;
+const POINTS: u32 = 0;
+const LINES: u32 = 1;
+const TRIANGLES: u32 = 4;
+
+/// Writes the mesh as glTF 2.0 binary: a node `sound` and one node for each kind of defect that can be shown, named by
+/// the kind, with its own material; lines are `LINES`, dots are `POINTS`. The legend is in the scene's `extras`.
+///
+/// The root node turns z up into y up, and moves the model to its place where its coordinates are large for its
+/// size, so that f32 keeps its detail. Numbers are in the model's own unit; where they do not fit f32 they are
+/// multiplied by `extras.scale`.
+///
+/// # Errors
+/// [`RenderError::Cancelled`] when the work should stop, [`RenderError::TooLarge`] beyond the format's 4 GiB.
+pub fn write_glb(scene: &Scene, context: &Context<'_>) -> Result<Vec<u8>, RenderError> {
+    let mut file = File::new(scene);
+    for (paint, faces) in groups_with_lines(scene) {
+        context.check()?;
+        file.node(scene, paint, &faces)?;
+    }
+    file.finish(scene)
+}
+
+/// The groups of faces, and empty ones for the kinds that have only lines or dots.
+fn groups_with_lines(scene: &Scene) -> Vec<(Option<DefectKind>, Vec<u32>)> {
+    let mut groups: Vec<_> = scene.groups().into_iter().map(|(paint, faces)| (paint.0, faces)).collect();
+    let kinds = scene.segments.iter().map(|s| s.kind).chain(scene.dots.iter().map(|d| d.kind));
+    let mut drawn: Vec<DefectKind> = kinds.collect();
+    drawn.sort_unstable();
+    drawn.dedup();
+    for kind in drawn {
+        if !groups.iter().any(|(paint, _)| *paint == Some(kind)) {
+            groups.push((Some(kind), Vec::new()));
+        }
+    }
+    groups.sort_by_key(|(paint, _)| *paint);
+    groups
+}
+
+struct File {
+    compactor: Compactor,
+    bytes: Vec<u8>,
+    views: Vec<Value>,
+    accessors: Vec<Value>,
+    materials: Vec<Value>,
+    meshes: Vec<Value>,
+    nodes: Vec<Value>,
+    /// What coordinates are multiplied by, and what is then subtracted.
+    scale: f64,
+    middle: DVec3,
+}
+
+impl File {
+    fn new(scene: &Scene) -> Self {
+        let frame = &scene.frame;
+        let largest = frame.bounds.min.abs().max(frame.bounds.max.abs()).max_element();
+        let fits = scene.surface.positions.is_empty() || largest == 0.0 || SIZES.contains(&largest);
+        let far = (frame.centre.abs() / frame.half).max_element() > FAR;
+        let scale = if fits { 1.0 } else { frame.scale };
+        // Rounded to f32, as programs read a translation.
+        let middle = if far { (frame.centre / frame.scale * scale).as_vec3().as_dvec3() } else { DVec3::ZERO };
+        Self {
+            compactor: Compactor::new(scene.surface.positions.len()),
+            bytes: Vec::new(),
+            views: Vec::new(),
+            accessors: Vec::new(),
+            materials: Vec::new(),
+            meshes: Vec::new(),
+            nodes: Vec::new(),
+            scale,
+            middle,
+        }
+    }
+
+    /// One node with its triangles, lines and dots.
+    fn node(&mut self, scene: &Scene, kind: Option<DefectKind>, faces: &[u32]) -> Result<(), RenderError> {
+        let name = kind.map_or_else(|| "sound".to_owned(), id);
+        let mut primitives = Vec::new();
+        if !faces.is_empty() {
+            let group = self.compactor.compact(&scene.surface, faces);
+            let points = group.vertices.iter().map(|&v| scene.surface.positions[v as usize]);
+            let position = self.positions(points);
+            let indices = self.indices(group.faces.iter().flatten().copied());
+            let paint = super::scene::Paint(kind).colour();
+            let suffix = if kind.is_some_and(|k| colour(k) != paint) { "_beside" } else { "" };
+            let material = self.material(&format!("{name}{suffix}"), paint);
+            primitives.push(primitive(TRIANGLES, position, Some(indices), material));
+        }
+        if let Some(kind) = kind {
+            let ends: Vec<DVec3> = scene.segments.iter().filter(|s| s.kind == kind).flat_map(|s| s.ends).collect();
+            let dots: Vec<DVec3> = scene.dots.iter().filter(|d| d.kind == kind).map(|d| d.at).collect();
+            if !ends.is_empty() || !dots.is_empty() {
+                let material = self.material(&name, colour(kind));
+                for (mode, points) in [(LINES, ends), (POINTS, dots)] {
+                    if !points.is_empty() {
+                        let position = self.positions(points.into_iter());
+                        primitives.push(primitive(mode, position, None, material));
+                    }
+                }
+            }
+        }
+        self.nodes.push(json!({ "name": name, "mesh": self.meshes.len() }));
+        self.meshes.push(json!({ "name": name, "primitives": primitives }));
+        // Beyond 4 GiB the file can't be said; better told before memory is full.
+        u32::try_from(self.bytes.len()).map_err(|_| RenderError::TooLarge).map(drop)
+    }
+
+    fn material(&mut self, name: &str, colour: Colour) -> usize {
+        if let Some(known) = self.materials.iter().position(|m| m["name"] == name) {
+            return known;
+        }
+        let [r, g, b] = colour.linear().map(|c| (c * 1e4).round() / 1e4);
+        self.materials.push(json!({
+            "name": name,
+            "doubleSided": true,
+            "pbrMetallicRoughness": { "baseColorFactor": [r, g, b, 1.0], "metallicFactor": 0.0, "roughnessFactor": 0.8 },
+        }));
+        self.materials.len() - 1
+    }
+
+    #[expect(clippy::cast_possible_truncation, reason = "glTF has f32 only")]
+    fn positions(&mut self, points: impl Iterator<Item = DVec3>) -> usize {
+        let start = self.bytes.len();
+        let (mut count, mut min, mut max) = (0usize, [f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
+        for point in points {
+            let point = (point * self.scale - self.middle).to_array().map(|x| x as f32);
+            for k in 0..3 {
+                min[k] = min[k].min(point[k]);
+                max[k] = max[k].max(point[k]);
+                self.bytes.extend_from_slice(&point[k].to_le_bytes());
+            }
+            count += 1;
+        }
+        let view = self.view(start, ARRAY_BUFFER);
+        self.accessors.push(json!({
+            "bufferView": view, "componentType": FLOAT, "type": "VEC3", "count": count, "min": min, "max": max,
+        }));
+        self.accessors.len() - 1
+    }
+
+    fn indices(&mut self, indices: impl Iterator<Item = u32>) -> usize {
+        let start = self.bytes.len();
+        for index in indices {
+            self.bytes.extend_from_slice(&index.to_le_bytes());
+        }
+        let count = (self.bytes.len() - start) / 4;
+        let view = self.view(start, ELEMENT_ARRAY_BUFFER);
+        self.accessors.push(json!({
+            "bufferView": view, "componentType": UNSIGNED_INT, "type": "SCALAR", "count": count,
+        }));
+        self.accessors.len() - 1
+    }
+
+    fn view(&mut self, start: usize, target: u32) -> usize {
+        let length = self.bytes.len() - start;
+        self.views.push(json!({ "buffer": 0, "byteOffset": start, "byteLength": length, "target": target }));
+        self.views.len() - 1
+    }
+
+    fn finish(mut self, scene: &Scene) -> Result<Vec<u8>, RenderError> {
+        let half_root = 0.5f64.sqrt();
+        let mut root = json!({ "name": "model", "rotation": [-half_root, 0.0, 0.0, half_root] });
+        if !self.nodes.is_empty() {
+            root["children"] = (1..=self.nodes.len()).collect();
+        }
+        if self.middle != DVec3::ZERO {
+            // The translation comes after the rotation, so that it is in axes with y up.
+            root["translation"] = json!([self.middle.x, self.middle.z, -self.middle.y]);
+        }
+        self.nodes.insert(0, root);
+        let mut document = json!({
+            "asset": { "version": "2.0", "generator": crate::ENGINE },
+            "scene": 0,
+            "scenes": [{
+                "name": "defects",
+                "nodes": [0],
+                "extras": { "legend": scene.legend, "sound": SOUND, "scale": self.scale },
+            }],
+            "nodes": self.nodes,
+        });
+        if !self.bytes.is_empty() {
+            document["meshes"] = self.meshes.into();
+            document["materials"] = self.materials.into();
+            document["accessors"] = self.accessors.into();
+            document["bufferViews"] = self.views.into();
+            document["buffers"] = json!([{ "byteLength": self.bytes.len() }]);
+        }
+        let mut text = document.to_string().into_bytes();
+        text.resize(text.len().next_multiple_of(4), b' ');
+        assemble(&text, &self.bytes)
+    }
+}
+
+fn primitive(mode: u32, position: usize, indices: Option<usize>, material: usize) -> Value {
+    let mut it = json!({ "mode": mode, "attributes": { "POSITION": position }, "material": material });
+    if let Some(indices) = indices {
+        it["indices"] = indices.into();
+    }
+    it
+}
+
+/// The header and the two chunks, each a multiple of four bytes long (glTF 2.0, 4).
+fn assemble(text: &[u8], bytes: &[u8]) -> Result<Vec<u8>, RenderError> {
+    let binary = if bytes.is_empty() { 0 } else { 8 + bytes.len() };
+    let length = 12 + 8 + text.len() + binary;
+    let size = |n: usize| u32::try_from(n).map_err(|_| RenderError::TooLarge);
+    let mut file = Vec::with_capacity(length);
+    for word in [u32::from_le_bytes(*b"glTF"), 2, size(length)?, size(text.len())?, u32::from_le_bytes(*b"JSON")] {
+        file.extend_from_slice(&word.to_le_bytes());
+    }
+    file.extend_from_slice(text);
+    if !bytes.is_empty() {
+        for word in [size(bytes.len())?, u32::from_le_bytes(*b"BIN\0")] {
+            file.extend_from_slice(&word.to_le_bytes());
+        }
+        file.extend_from_slice(bytes);
+    }
+    Ok(file)
+}

@@ -1,0 +1,36 @@
+//! Pictures and coloured meshes of what was found on a mesh.
+//!
+//! [`Scene`] lays a mesh and its findings out once; [`write_picture`], [`write_glb`] and [`write_ply`] draw it, and
+//! [`draw_repaired`] and [`draw_inspected`] make the files that go beside a result. The colours are in [`palette`].
+
+mod camera;
+mod canvas;
+mod drawings;
+mod glb;
+mod overlay;
+pub mod palette;
+mod picture;
+mod ply;
+mod raster;
+mod scene;
+
+pub use drawings::{Drawing, Marked, draw_inspected, draw_repaired};
+pub use glb::write_glb;
+pub use palette::{Colour, LegendEntry};
+pub use picture::write_picture;
+pub use ply::write_ply;
+pub use scene::{Dot, Frame, Paint, Scene, Segment};
+
+/// Why a picture or a coloured mesh could not be made.
+#[derive(Debug, thiserror::Error)]
+pub enum RenderError {
+    /// The work was asked to stop, or its time ran out.
+    #[error(transparent)]
+    Cancelled(#[from] crate::context::Cancelled),
+    /// The mesh has more in it than the format can say.
+    #[error("the mesh is too large for the format")]
+    TooLarge,
+    /// The PNG could not be made.
+    #[error("the picture could not be encoded: {0}")]
+    Png(#[from] png::EncodingError),
+}

@@ -1,0 +1,344 @@
+use glam::Vec3;
+use rayon::prelude::*;
+
+use super::camera::{Camera, SAMPLES, VIEWS, View};
+use super::canvas::{Canvas, text_width};
+use super::overlay::draw_overlay;
+use super::palette::INSIDE;
+use super::raster::Raster;
+use super::{Colour, RenderError, Scene};
+use crate::context::Context;
+
+/// Width and height of a picture in pixels.
+const SIZE: [usize; 2] = [960, 720];
+/// Share of the width that the large view has, in percent.
+const LARGE_PCT: usize = 66;
+/// Heights of the line above the views and of a line of the legend.
+const HEADER: usize = 30;
+const LINE: usize = 20;
+/// Width of a column of the legend.
+const COLUMN: usize = 320;
+/// Space between views, and around the mesh in its view.
+const GAP: usize = 4;
+const MARGIN: usize = 22;
+
+const PAPER: Colour = Colour([0xFF; 3]);
+const PANEL: Colour = Colour([0xF1, 0xF3, 0xF6]);
+const INK: Colour = Colour([0x1E, 0x24, 0x2C]);
+const FAINT: Colour = Colour([0x6B, 0x75, 0x82]);
+
+/// Draws a mesh from four fixed sides with its defects in colour, a legend with counts, a scale and the size of its
+/// box, as PNG. `title` stands above.
+///
+/// # Errors
+/// [`RenderError::Cancelled`] when the work should stop, [`RenderError::Png`] from the encoder.
+pub fn write_picture(scene: &Scene, title: &str, context: &Context<'_>) -> Result<Vec<u8>, RenderError> {
+    context.check()?;
+    let points: Vec<Vec3> = scene.surface.positions.iter().map(|&p| scene.frame.to_cube(p).as_vec3()).collect();
+    let key_lines = (scene.legend.len() + 1).div_ceil(SIZE[0] / COLUMN);
+    let footer = key_lines * LINE + 8;
+    let places = layout([SIZE[0], SIZE[1] - HEADER - footer]);
+    // Each view is drawn by itself, so that the picture is the same for any number of threads.
+    let drawn: Vec<Drawn> =
+        VIEWS.par_iter().zip(&places).map(|(view, &[_, size])| draw_view(scene, &points, view, size)).collect();
+    context.check()?;
+    let mut canvas = Canvas::new(SIZE, PAPER);
+    for (it, [[x, y], _]) in drawn.iter().zip(places) {
+        canvas.paste(&it.canvas, [x, y + HEADER]);
+    }
+    header(&mut canvas, scene, title, drawn.iter().map(|it| it.every).max().unwrap_or(1));
+    key(&mut canvas, scene, drawn.iter().any(|it| it.inside), SIZE[1] - footer + 4);
+    canvas.png()
+}
+
+/// Where the views are: the large one at the left, the others below one another at the right.
+fn layout([width, height]: [usize; 2]) -> [[[usize; 2]; 2]; 4] {
+    let large = width * LARGE_PCT / 100;
+    let small = (height - 2 * GAP) / 3;
+    let at = |i: usize| [[large + GAP, i * (small + GAP)], [width - large - GAP, small]];
+    [[[0, 0], [large, 3 * small + 2 * GAP]], at(0), at(1), at(2)]
+}
+
+/// One view.
+struct Drawn {
+    canvas: Canvas,
+    inside: bool,
+    every: usize,
+}
+
+fn draw_view(scene: &Scene, points: &[Vec3], view: &View, size: [usize; 2]) -> Drawn {
+    let camera = Camera::new(view, &scene.surface, points, size, MARGIN);
+    let mut raster = Raster::new(scene, points, &camera);
+    draw_overlay(scene, &camera, &mut raster);
+    let mut canvas = resolve(&raster);
+    canvas.text([8, 4], view.name, FAINT);
+    if !scene.surface.faces.is_empty() {
+        scale_bar(&mut canvas, camera.pixels_a_unit(&scene.frame));
+    }
+    Drawn { canvas, inside: raster.shows_inside(), every: raster.every }
+}
+
+/// Takes the mean of each pixel's samples.
+fn resolve(raster: &Raster) -> Canvas {
+    let size = raster.size.map(|s| s / SAMPLES);
+    let mut canvas = Canvas::new(size, PANEL);
+    for y in 0..size[1] {
+        for x in 0..size[0] {
+            let mut sum = [0u16; 3];
+            for (i, j) in [(0, 0), (1, 0), (0, 1), (1, 1)] {
+                let sample = (y * SAMPLES + j) * raster.size[0] + x * SAMPLES + i;
+                let colour = if raster.depth[sample] > f32::NEG_INFINITY { raster.seen[sample].colour } else { PANEL };
+                for (s, c) in sum.iter_mut().zip(colour.0) {
+                    *s += u16::from(c);
+                }
+            }
+            #[expect(clippy::cast_possible_truncation, reason = "the mean of bytes")]
+            canvas.put(x, y, Colour(sum.map(|s| ((s + 2) / 4) as u8)));
+        }
+    }
+    canvas
+}
+
+/// A bar of a round length, at most a quarter of the view, with the length beside it.
+fn scale_bar(canvas: &mut Canvas, pixels_a_unit: f64) {
+    #[expect(clippy::cast_precision_loss, reason = "an image's size")]
+    let room = canvas.size[0] as f64 / 4.0;
+    let longest = room / pixels_a_unit;
+    if !longest.is_finite() || longest <= 0.0 {
+        return;
+    }
+    let decade = 10f64.powf(longest.log10().floor());
+    let length = [5.0, 2.0, 1.0].into_iter().map(|d| d * decade).find(|&l| l <= longest).unwrap_or(decade);
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "no more than a quarter of the view")]
+    let pixels = (length * pixels_a_unit).round() as usize;
+    let y = canvas.size[1] - 12;
+    canvas.fill([10, y], [pixels, 2], INK);
+    canvas.fill([10, y - 3], [2, 8], INK);
+    canvas.fill([8 + pixels, y - 3], [2, 8], INK);
+    canvas.text([16 + pixels, y - 8], &number(length), INK);
+}
+
+fn header(canvas: &mut Canvas, scene: &Scene, title: &str, every: usize) {
+    let faces = scene.surface.faces.len();
+    let found: u64 = scene.legend.iter().map(|entry| entry.count).sum();
+    let part = if every > 1 { format!(" (one of {every} drawn)") } else { String::new() };
+    let text = format!("{title}: {faces} face{}{part}, {found} finding{}", plural(faces as u64), plural(found));
+    canvas.text([8, 7], &text, INK);
+    if faces > 0 {
+        let [x, y, z] = scene.frame.sides().to_array().map(number);
+        let text = format!("box {x} x {y} x {z}");
+        let left = SIZE[0].saturating_sub(8 + text_width(text.len()));
+        canvas.text([left, 7], &text, INK);
+    }
+}
+
+fn plural(count: u64) -> &'static str {
+    if count == 1 { "" } else { "s" }
+}
+
+/// The legend, column by column, and what else must be known to read the picture.
+fn key(canvas: &mut Canvas, scene: &Scene, inside: bool, top: usize) {
+    let mut lines: Vec<(Option<Colour>, String)> =
+        scene.legend.iter().map(|e| (Some(e.colour), format!("{} {}", e.count, e.name))).collect();
+    if scene.surface.faces.is_empty() {
+        lines.push((None, "there is no face to draw".to_owned()));
+    } else if inside {
+        lines.push((Some(INSIDE), "inner side of the surface".to_owned()));
+    } else if lines.is_empty() {
+        lines.push((None, "nothing was found".to_owned()));
+    }
+    let columns = SIZE[0] / COLUMN;
+    let rows = lines.len().div_ceil(columns);
+    for (i, (colour, text)) in lines.iter().enumerate() {
+        let [x, y] = [8 + i / rows * COLUMN, top + i % rows * LINE];
+        if let Some(colour) = colour {
+            canvas.fill([x, y + 2], [14, 14], INK);
+            canvas.fill([x + 1, y + 3], [12, 12], *colour);
+        }
+        canvas.text([x + if colour.is_some() { 22 } else { 0 }, y + 1], text, INK);
+    }
+}
+
+/// A length in at most five digits.
+fn number(value: f64) -> String {
+    if value == 0.0 {
+        return "0".to_owned();
+    }
+    if !(1e-4..1e7).contains(&value) {
+        return format!("{value:.2e}");
+    }
+    #[expect(clippy::cast_possible_truncation, reason = "between -4 and 7")]
+    let digits = (3 - value.log10().floor() as i32).clamp(0, 8);
+    #[expect(clippy::cast_sign_loss, reason = "clamped above")]
+    let text = format!("{value:.*}", digits as usize);
+    if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "a test fails by panicking")]
+mod tests {
+    use std::sync::atomic::AtomicBool;
+    use std::time::Duration;
+
+    use glam::DVec3;
+
+    use super::*;
+    use crate::context::NoProgress;
+    use crate::inspect::{Defect, DefectKind, Findings};
+    use crate::mesh::Soup;
+
+    const FRONT: usize = 2;
+    const ABOVE: usize = 3;
+    const BELOW: usize = 1;
+
+    /// A cube of side 2 around the origin, its top in the last two faces.
+    fn cube() -> Soup {
+        let positions = (0..8).map(|i| DVec3::new(side(i & 1), side(i >> 1 & 1), side(i >> 2))).collect();
+        let quads = [[0, 2, 3, 1], [0, 1, 5, 4], [1, 3, 7, 5], [3, 2, 6, 7], [2, 0, 4, 6], [4, 5, 7, 6]];
+        Soup { positions, faces: quads.iter().flat_map(|&[a, b, c, d]| [[a, b, c], [a, c, d]]).collect() }
+    }
+
+    fn side(bit: u32) -> f64 {
+        f64::from(bit) * 2.0 - 1.0
+    }
+
+    fn defect(faces: &[u32], line: &[[f64; 3]]) -> Defect {
+        Defect { at: [0.0; 3], faces: faces.to_vec(), line: line.to_vec(), value: None, meeting: None }
+    }
+
+    fn with_context<T>(run: impl FnOnce(&Context<'_>) -> T) -> T {
+        let (cancel, clock) = (AtomicBool::new(false), || Duration::ZERO);
+        run(&Context::new(&NoProgress, &cancel, &clock, Duration::MAX))
+    }
+
+    fn seen(soup: &Soup, findings: &Findings, view: usize) -> Drawn {
+        let scene = with_context(|context| Scene::new(soup, findings, context)).unwrap();
+        let points: Vec<Vec3> = scene.surface.positions.iter().map(|&p| scene.frame.to_cube(p).as_vec3()).collect();
+        draw_view(&scene, &points, &VIEWS[view], [100, 80])
+    }
+
+    /// The pixels above the line with the scale that `is` takes.
+    fn count(drawn: &Drawn, is: impl Fn([u8; 3]) -> bool) -> usize {
+        let [width, height] = drawn.canvas.size;
+        (24..height - 20)
+            .flat_map(|y| (0..width).map(move |x| (x, y)))
+            .filter(|&(x, y)| is(drawn.canvas.get(x, y).0))
+            .count()
+    }
+
+    fn red([r, g, b]: [u8; 3]) -> bool {
+        r > 60 && g < r / 3 && b < r / 3
+    }
+
+    fn sound([r, g, b]: [u8; 3]) -> bool {
+        r == g && g == b && (120..200).contains(&r)
+    }
+
+    fn blue([r, g, b]: [u8; 3]) -> bool {
+        b > 90 && r < b / 3 && g < b
+    }
+
+    #[test]
+    fn a_marked_face_has_its_kind_s_colour_where_it_is_seen_and_nowhere_from_behind() {
+        let mut findings = Findings::new(12, 10);
+        findings.push(DefectKind::SelfIntersection, defect(&[10, 11], &[]));
+        let above = seen(&cube(), &findings, ABOVE);
+        assert!(count(&above, red) > 900, "{} pixels of the top", count(&above, red));
+        assert_eq!(count(&above, sound), 0);
+        for view in [BELOW, FRONT] {
+            assert_eq!(count(&seen(&cube(), &findings, view), red), 0);
+        }
+        assert_eq!(count(&seen(&cube(), &Findings::new(12, 10), ABOVE), red), 0);
+        assert!(count(&seen(&cube(), &Findings::new(12, 10), ABOVE), sound) > 900);
+    }
+
+    #[test]
+    fn a_line_is_drawn_on_the_surface_and_hidden_behind_it() {
+        let mut findings = Findings::new(12, 10);
+        findings.push(DefectKind::MisorientedEdge, defect(&[], &[[-1.0, -1.0, 1.0], [1.0, -1.0, 1.0]]));
+        findings.push(DefectKind::MisorientedEdge, defect(&[], &[[-0.5, 0.0, -1.0], [0.5, 0.0, -1.0]]));
+        assert!(count(&seen(&cube(), &findings, FRONT), blue) > 10);
+        let mut hidden = Findings::new(12, 10);
+        hidden.push(DefectKind::MisorientedEdge, defect(&[], &[[-0.5, 0.0, -1.0], [0.5, 0.0, -1.0]]));
+        assert_eq!(count(&seen(&cube(), &hidden, ABOVE), blue), 0);
+        assert!(count(&seen(&cube(), &hidden, BELOW), blue) > 10);
+    }
+
+    #[test]
+    fn the_inner_side_is_seen_through_a_hole_and_not_on_a_closed_cube() {
+        let open = Soup { faces: cube().faces[..10].to_vec(), ..cube() };
+        assert!(seen(&open, &Findings::new(10, 1), ABOVE).inside);
+        for view in 0..VIEWS.len() {
+            assert!(!seen(&cube(), &Findings::new(12, 1), view).inside);
+        }
+    }
+
+    #[test]
+    fn of_faces_at_one_place_the_gravest_is_seen_whatever_their_order() {
+        for marked in [0, 1] {
+            let mut soup = cube();
+            soup.faces = vec![soup.faces[10], soup.faces[10]];
+            let mut findings = Findings::new(2, 10);
+            findings.push(DefectKind::SelfIntersection, defect(&[marked], &[]));
+            findings.push(DefectKind::Disjoint, defect(&[1 - marked], &[]));
+            assert!(count(&seen(&soup, &findings, ABOVE), red) > 400);
+        }
+    }
+
+    #[test]
+    fn a_defect_too_small_to_see_gets_a_dot() {
+        let mut soup = cube();
+        let n = 8;
+        soup.positions.extend([[0.0, 0.0], [1e-4, 0.0], [0.0, 1e-4]].map(|[x, y]| DVec3::new(x, y, 1.0 + 1e-4)));
+        soup.faces.push([n, n + 1, n + 2]);
+        let mut findings = Findings::new(13, 10);
+        findings.push(DefectKind::SelfIntersection, Defect { at: [0.0, 0.0, 1.0], ..defect(&[12], &[]) });
+        assert!(count(&seen(&soup, &findings, ABOVE), red) > 10);
+        assert_eq!(count(&seen(&soup, &findings, BELOW), red), 0);
+    }
+
+    #[test]
+    fn no_pixel_of_a_dense_surface_is_left_out() {
+        let n = 200u32;
+        let mut soup = Soup::default();
+        for i in 0..=n {
+            for j in 0..=n {
+                let (x, y) = (f64::from(i), f64::from(j));
+                soup.positions.push(DVec3::new(
+                    x + (y * 0.7).sin() * 0.3,
+                    y + (x * 1.3).sin() * 0.3,
+                    (x * y).sin() * 0.1,
+                ));
+            }
+        }
+        for i in 0..n {
+            for j in 0..n {
+                let at = |i: u32, j: u32| i * (n + 1) + j;
+                soup.faces.push([at(i, j), at(i + 1, j), at(i + 1, j + 1)]);
+                soup.faces.push([at(i, j), at(i + 1, j + 1), at(i, j + 1)]);
+            }
+        }
+        let drawn = seen(&soup, &Findings::new(soup.faces.len(), 1), ABOVE);
+        let [width, height] = drawn.canvas.size;
+        let bare = (26..height - 26).flat_map(|y| (width / 2 - 14..width / 2 + 14).map(move |x| (x, y)));
+        assert_eq!(bare.filter(|&(x, y)| drawn.canvas.get(x, y).0[0] > 205).count(), 0);
+    }
+
+    #[test]
+    fn sheets_without_end_are_drawn_in_part_and_their_defects_in_full() {
+        let mut soup = cube();
+        let top = soup.faces[10];
+        soup.faces = vec![top; 200_000];
+        let mut findings = Findings::new(soup.faces.len(), 10);
+        findings.push(DefectKind::SelfIntersection, defect(&[123_457], &[]));
+        let drawn = seen(&soup, &findings, ABOVE);
+        assert!(drawn.every > 1, "all are drawn");
+        assert!(count(&drawn, red) > 400);
+    }
+
+    #[test]
+    fn numbers_are_short_at_any_size() {
+        let numbers = [0.0, 1.0, 49.6, 0.120_74, 1234.56, 1e-12, 3e200, f64::MAX].map(number);
+        assert_eq!(numbers, ["0", "1", "49.6", "0.1207", "1235", "1.00e-12", "3.00e200", "1.80e308"]);
+    }
+}

@@ -1,0 +1,279 @@
+use glam::Vec3;
+
+use super::camera::{Camera, Projected, STEPS};
+use super::palette::{BY_GRAVITY, INSIDE};
+use super::scene::Paint;
+use super::{Colour, Scene};
+use crate::inspect::DefectKind;
+
+/// Samples that the faces of one view may cover together. A mesh that covers more, which no real one does, is drawn
+/// from every nth of its sound faces.
+const MOST_COVERED: f64 = 6e7;
+/// Where the light stands: right, up, towards the eye.
+const LIGHT: Vec3 = Vec3::new(-0.32, 0.50, 0.80);
+/// Light on a face that is turned away from the light; it grows smoothly to 1, so that faces in the shadow differ too.
+const SHADOW: f32 = 0.44;
+/// How far in front of its neighbours a face with a defect is taken to be, in samples for each step of gravity, so that
+/// of faces at the same place the gravest is seen; and how far behind an inner side is.
+const LIFT: f32 = 0.05;
+const DROP: f32 = 0.03;
+/// Samples of one view from which on the inner side is worth a word.
+const WORTH_A_WORD: usize = 40;
+/// Width of the line along a face's edges in samples, and how dark it is where faces are large.
+const WIRE: f32 = 1.0;
+const WIRE_DARK: f32 = 0.22;
+
+/// The samples of one view: what is nearest, and its colour.
+#[derive(Debug, Clone)]
+pub struct Raster {
+    /// Width and height in samples.
+    pub size: [usize; 2],
+    /// Depth of the nearest surface, larger towards the eye; minus infinity where there is none.
+    pub depth: Vec<f32>,
+    /// What is seen of it.
+    pub seen: Vec<Seen>,
+    /// Only every nth of the sound faces was drawn.
+    pub every: usize,
+}
+
+/// What is seen at a sample.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Seen {
+    /// The colour.
+    pub colour: Colour,
+    /// Whether it is the inner side of a sound face.
+    pub inside: bool,
+}
+
+impl Raster {
+    /// Draws the faces of a scene. `points` are its vertices in the cube.
+    #[must_use]
+    pub fn new(scene: &Scene, points: &[Vec3], camera: &Camera) -> Self {
+        let samples = camera.size[0] * camera.size[1];
+        let mut raster = Self {
+            size: camera.size,
+            depth: vec![f32::NEG_INFINITY; samples],
+            seen: vec![Seen { colour: Colour([0; 3]), inside: false }; samples],
+            every: every(scene, points, camera),
+        };
+        let corners = |f: usize| scene.surface.faces[f].map(|v| points[v as usize]);
+        let lifts = lifts();
+        for (f, &paint) in scene.paint.iter().enumerate() {
+            if paint.0.is_some() || f % raster.every == 0 {
+                let lift = paint.0.map_or(0.0, |kind| lifts[kind as usize]);
+                raster.face(camera, corners(f), paint, lift);
+            }
+        }
+        raster
+    }
+
+    /// Whether the inner side of the surface is seen.
+    #[must_use]
+    pub fn shows_inside(&self) -> bool {
+        self.seen.iter().filter(|seen| seen.inside).count() >= WORTH_A_WORD
+    }
+
+    fn face(&mut self, camera: &Camera, corners: [Vec3; 3], paint: Paint, lift: f32) {
+        let [a, b, c] = corners;
+        let normal = camera.turn((b - a).cross(c - a)).normalize_or_zero();
+        if normal.z == 0.0 {
+            return;
+        }
+        let outer = normal.z > 0.0;
+        let towards_light = normal.dot(if outer { LIGHT } else { -LIGHT });
+        let light = SHADOW + (1.0 - SHADOW) * ((towards_light + 1.0) / 2.0).powi(2);
+        let colour = match (outer, paint.0) {
+            (true, _) => paint.colour().lit(light),
+            (false, None) => INSIDE.lit(light),
+            (false, Some(_)) => paint.colour().mixed(INSIDE, 0.3).lit(0.8 * light),
+        };
+        let lift = if outer { lift } else { lift - DROP };
+        let placed = corners.map(|p| {
+            let mut it = camera.project(p);
+            it.z += lift;
+            it
+        });
+        self.triangle(placed, Seen { colour, inside: !outer && paint.0.is_none() });
+    }
+
+    /// Fills a triangle, its borders included.
+    fn triangle(&mut self, corners: [Projected; 3], seen: Seen) {
+        let [a, mut b, mut c] = corners;
+        let mut doubled = cross(a, b, c);
+        if doubled == 0 {
+            return;
+        }
+        if doubled < 0 {
+            std::mem::swap(&mut b, &mut c);
+            doubled = -doubled;
+        }
+        let corners = [a, b, c];
+        let Some([columns, rows]) = self.covered(corners) else { return };
+        let edges = [Edge::new(b, c), Edge::new(c, a), Edge::new(a, b)];
+        let plane = Plane::new(corners, edges, doubled, [columns[0], rows[0]]);
+        let wire = Wire::new(&edges, doubled);
+        let dark = Seen { colour: seen.colour.lit(1.0 - wire.dark), ..seen };
+        for row in rows[0]..=rows[1] {
+            let begin = edges.map(|edge| edge.at(columns[0], row));
+            let Some([first, last]) = span(&edges, begin, columns) else { continue };
+            for column in first..=last {
+                let z = plane.at(column, row);
+                #[expect(clippy::cast_sign_loss, reason = "clamped to the image")]
+                let sample = row as usize * self.size[0] + column as usize;
+                if z > self.depth[sample] {
+                    let steps = column - columns[0];
+                    let near = (0..3).any(|e| begin[e] + edges[e].right * steps < wire.near[e]);
+                    self.depth[sample] = z;
+                    self.seen[sample] = if near { dark } else { seen };
+                }
+            }
+        }
+    }
+
+    /// The columns and rows of samples whose middles a triangle's box holds.
+    fn covered(&self, corners: [Projected; 3]) -> Option<[[i64; 2]; 2]> {
+        let range = |of: fn(&Projected) -> i32, size: usize| {
+            let (low, high) = corners.iter().fold((i32::MAX, i32::MIN), |(l, h), p| (l.min(of(p)), h.max(of(p))));
+            let half = i64::from(STEPS / 2);
+            let first = (i64::from(low) - half + i64::from(STEPS) - 1).div_euclid(i64::from(STEPS)).max(0);
+            #[expect(clippy::cast_possible_wrap, reason = "an image's size")]
+            let last = (i64::from(high) - half).div_euclid(i64::from(STEPS)).min(size as i64 - 1);
+            (first <= last).then_some([first, last])
+        };
+        Some([range(|p| p.x, self.size[0])?, range(|p| p.y, self.size[1])?])
+    }
+}
+
+/// For each kind, how far its faces are lifted.
+fn lifts() -> [f32; DefectKind::ALL.len()] {
+    let mut lifts = [0.0; DefectKind::ALL.len()];
+    let mut lift = 0.0;
+    for kind in BY_GRAVITY.into_iter().rev() {
+        lift += LIFT;
+        lifts[kind as usize] = lift;
+    }
+    lifts
+}
+
+/// From how many sound faces one is drawn, so that all together cover no more than [`MOST_COVERED`].
+fn every(scene: &Scene, points: &[Vec3], camera: &Camera) -> usize {
+    let doubled: f64 = scene
+        .surface
+        .faces
+        .iter()
+        .map(|face| {
+            let [a, b, c] = face.map(|v| points[v as usize]);
+            f64::from(camera.turn((b - a).cross(c - a)).z.abs())
+        })
+        .sum();
+    let covered = doubled / 2.0 * f64::from(camera.scale).powi(2);
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "above 0, and no more than there are faces"
+    )]
+    {
+        (covered / MOST_COVERED).ceil().max(1.0) as usize
+    }
+}
+
+/// Twice the signed area, positive where the three turn clockwise on the screen.
+fn cross(a: Projected, b: Projected, c: Projected) -> i64 {
+    let d = |p: i32, q: i32| i64::from(p) - i64::from(q);
+    d(b.x, a.x) * d(c.y, a.y) - d(b.y, a.y) * d(c.x, a.x)
+}
+
+/// The function of one edge, which is not negative on the triangle's side: its value, and its change a sample.
+#[derive(Debug, Clone, Copy)]
+struct Edge {
+    from: [i64; 2],
+    right: i64,
+    down: i64,
+}
+
+impl Edge {
+    fn new(from: Projected, to: Projected) -> Self {
+        let d = |p: i32, q: i32| (i64::from(p) - i64::from(q)) * i64::from(STEPS);
+        Self { from: [i64::from(from.x), i64::from(from.y)], right: -d(to.y, from.y), down: d(to.x, from.x) }
+    }
+
+    /// The value at the middle of a sample.
+    fn at(&self, column: i64, row: i64) -> i64 {
+        let steps = i64::from(STEPS);
+        let [x, y] = [column * steps + steps / 2 - self.from[0], row * steps + steps / 2 - self.from[1]];
+        (self.right * x + self.down * y) / steps
+    }
+
+    /// Length in steps.
+    #[expect(clippy::cast_precision_loss, reason = "for a width only")]
+    fn length(&self) -> f32 {
+        (self.right as f32).hypot(self.down as f32) / STEPS as f32
+    }
+}
+
+/// The columns of one row where no edge is negative.
+fn span(edges: &[Edge; 3], begin: [i64; 3], columns: [i64; 2]) -> Option<[i64; 2]> {
+    let (mut first, mut last) = (0, columns[1] - columns[0]);
+    for (edge, begin) in edges.iter().zip(begin) {
+        match edge.right {
+            0 if begin < 0 => return None,
+            0 => {}
+            right if right > 0 && begin < 0 => first = first.max((-begin + right - 1) / right),
+            right if right > 0 => {}
+            _ if begin < 0 => return None,
+            right => last = last.min(begin / -right),
+        }
+    }
+    (first <= last).then_some([columns[0] + first, columns[0] + last])
+}
+
+/// Depth over a triangle, kept within that of its corners, which a sliver's slope would leave.
+struct Plane {
+    origin: [i64; 2],
+    base: f32,
+    right: f32,
+    down: f32,
+    low: f32,
+    high: f32,
+}
+
+impl Plane {
+    #[expect(clippy::cast_precision_loss, reason = "a depth")]
+    fn new(corners: [Projected; 3], edges: [Edge; 3], doubled: i64, origin: [i64; 2]) -> Self {
+        let z = corners.map(|p| p.z);
+        let weigh = |of: [i64; 3]| (0..3).map(|i| z[i] * (of[i] as f64 / doubled as f64) as f32).sum::<f32>();
+        Self {
+            origin,
+            base: weigh(edges.map(|edge| edge.at(origin[0], origin[1]))),
+            right: weigh(edges.map(|edge| edge.right)),
+            down: weigh(edges.map(|edge| edge.down)),
+            low: z[0].min(z[1]).min(z[2]),
+            high: z[0].max(z[1]).max(z[2]),
+        }
+    }
+
+    #[expect(clippy::cast_precision_loss, reason = "a place in an image")]
+    fn at(&self, column: i64, row: i64) -> f32 {
+        let [right, down] = [column - self.origin[0], row - self.origin[1]];
+        (self.base + self.right * right as f32 + self.down * down as f32).clamp(self.low, self.high)
+    }
+}
+
+/// Where a triangle is darkened along its edges: the larger it is on the screen, the more.
+struct Wire {
+    near: [i64; 3],
+    dark: f32,
+}
+
+impl Wire {
+    #[expect(clippy::cast_possible_truncation, clippy::cast_precision_loss, reason = "a width")]
+    fn new(edges: &[Edge; 3], doubled: i64) -> Self {
+        let lengths = edges.map(|edge| edge.length());
+        let longest = lengths[0].max(lengths[1]).max(lengths[2]);
+        // The least height, in samples.
+        let height = doubled as f32 / longest.max(1.0) / STEPS as f32;
+        let share = ((height - 6.0) / 24.0).clamp(0.0, 1.0);
+        let near = lengths.map(|length| if share > 0.0 { (length * WIRE * STEPS as f32 / 2.0) as i64 } else { 0 });
+        Self { near, dark: WIRE_DARK * share }
+    }
+}

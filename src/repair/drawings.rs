@@ -1,0 +1,47 @@
+use std::time::Duration;
+
+use super::Repaired;
+use crate::context::{Cancelled, Context};
+use crate::format::{self, Limits, ReadError};
+use crate::render::{Drawing, Marked, RenderError, draw_repaired};
+
+/// Why a repair could not be drawn.
+#[derive(Debug, thiserror::Error)]
+pub enum DrawError {
+    /// A file can't be read, which should not be once it was repaired.
+    #[error(transparent)]
+    Read(#[from] ReadError),
+    /// The work was asked to stop, or its time ran out.
+    #[error(transparent)]
+    Cancelled(#[from] Cancelled),
+    /// The drawing itself.
+    #[error(transparent)]
+    Render(#[from] RenderError),
+}
+
+/// Draws what was wrong with a file and what is wrong with its repaired one, both read from their bytes, so that the
+/// drawings show what those hold.
+///
+/// # Errors
+/// [`DrawError`]; the repaired file is good all the same.
+pub fn draw(
+    input: &[u8],
+    repaired: &Repaired,
+    limits: &Limits,
+    context: &Context<'_>,
+) -> Result<Vec<Drawing>, DrawError> {
+    // The deadline of the repair is that of its drawings too.
+    let left = Duration::from_secs_f64(repaired.report.options.deadline_s)
+        .saturating_sub(Duration::try_from_secs_f64(repaired.report.milliseconds / 1e3).unwrap_or_default());
+    let context = &context.limited_to(left);
+    let before = format::read(input, limits)?.soup;
+    let before = Marked { soup: &before, findings: &repaired.found_before };
+    let ours = Limits { max_bytes: u64::MAX, max_faces: u64::MAX, max_vertices: u64::MAX };
+    let after = match &repaired.found_after {
+        Some(findings) => Some((format::read(&repaired.bytes, &ours)?.soup, findings)),
+        None => None,
+    };
+    let unchanged = (repaired.bytes == input).then_some(before);
+    let after = after.as_ref().map(|(soup, findings)| Marked { soup, findings });
+    Ok(draw_repaired(before, after.or(unchanged), context)?)
+}

@@ -1,0 +1,75 @@
+use super::task::Task;
+use crate::format::Format;
+use crate::jobs::{Input, JobReport};
+
+/// A file that a child may leave and a job then offers.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct Offered {
+    /// Its name in the scratch folder, which is the artifact's.
+    pub name: String,
+    /// The name to save it under.
+    pub filename: String,
+    pub media_type: &'static str,
+}
+
+/// What a job may offer once, whatever its mode, but for the model, whose format the report says.
+const OF_THE_JOB: [(&str, &str); 2] = [(Task::LOG, "text/plain; charset=utf-8"), (Task::REPORT, "application/json")];
+
+/// What it may offer of each of its files.
+const OF_EACH_FILE: [(&str, &str); 5] = [
+    ("before.png", "image/png"),
+    ("after.png", "image/png"),
+    ("defects.png", "image/png"),
+    ("defects.glb", "model/gltf-binary"),
+    ("defects.ply", "application/octet-stream"),
+];
+
+/// What a drawing of the job's file `number`, counted from 0, is called: as it is for the first, `2-defects.png` and so
+/// on for the others.
+pub(super) fn of_file(number: usize, name: &str) -> String {
+    if number == 0 { name.to_owned() } else { format!("{}-{name}", number + 1) }
+}
+
+/// Every name that an attempt at a job of so many files may have stored a file under.
+pub(super) fn names(files: usize) -> Vec<String> {
+    let once = std::iter::once(Task::MODEL).chain(OF_THE_JOB.map(|(name, _)| name)).map(str::to_owned);
+    let each = (0..files).flat_map(|number| OF_EACH_FILE.map(|(name, _)| of_file(number, name)));
+    once.chain(each).collect()
+}
+
+/// What a job on these files offers, as far as the child left it: after a failure the log only.
+pub(super) fn offered(inputs: &[Input], report: Option<&JobReport>) -> Vec<Offered> {
+    let first = stem(inputs.first().map_or("", |input| &input.name));
+    let once = OF_THE_JOB
+        .into_iter()
+        .filter(|(name, _)| report.is_some() || *name == Task::LOG)
+        .map(|(name, media_type)| Offered { name: name.to_owned(), filename: format!("{first}-{name}"), media_type });
+    let model = report.and_then(JobReport::output).map(|format| Offered {
+        name: Task::MODEL.to_owned(),
+        filename: format!("{first}-repaired.{}", format.extension()),
+        media_type: media_type(format),
+    });
+    let drawn = inputs.iter().enumerate().filter(|_| report.is_some()).flat_map(|(number, input)| {
+        let stem = stem(&input.name);
+        OF_EACH_FILE.map(|(name, media_type)| Offered {
+            name: of_file(number, name),
+            filename: format!("{stem}-{name}"),
+            media_type,
+        })
+    });
+    once.chain(model).chain(drawn).collect()
+}
+
+/// A file name without its ending.
+fn stem(name: &str) -> &str {
+    let stem = name.rsplit_once('.').map_or(name, |(stem, _)| stem);
+    if stem.is_empty() { "model" } else { stem }
+}
+
+fn media_type(format: Format) -> &'static str {
+    match format {
+        Format::Stl => "model/stl",
+        Format::Obj => "model/obj",
+        Format::Ply | Format::Off | Format::Mesh => "application/octet-stream",
+    }
+}
