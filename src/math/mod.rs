@@ -3,12 +3,14 @@
 //! Where topology is decided, signs are exact (Shewchuk's adaptive predicates through the crate `robust`); boxes and
 //! the tree only ever narrow down what the predicates look at.
 
+mod angular;
 mod boxes;
 mod distance;
 mod predicates;
 mod ray;
 mod tree;
 
+pub use angular::order_around;
 pub use boxes::Box3;
 pub use distance::within;
 pub use predicates::{Sign, collinear, midmost, orient2d, orient3d, to_unit_range};

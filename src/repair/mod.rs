@@ -1,10 +1,12 @@
 //! Repair: operators (one file each), presets and the plan as data, and the pipeline on one page.
 //!
 //! [`repair`] is the way in. The operators of tier 1 are [`weld`], [`duplicates`], [`degenerate`], [`orient`] and
-//! [`holes`]; they work on a [`crate::mesh::Surface`] and answer what they changed as [`Change`]s.
+//! [`holes`], those of tier 2 [`cut`] and [`separate`]; they work on a [`crate::mesh::Surface`] and answer what they changed as [`Change`]s.
 
 mod category;
 mod changes;
+pub mod cut;
+pub mod debris;
 pub mod degenerate;
 pub mod duplicates;
 pub mod holes;
@@ -17,6 +19,7 @@ mod presets;
 pub mod quantise;
 mod remesher;
 mod report;
+pub mod separate;
 pub mod sheets;
 mod summary;
 mod tiers;
