@@ -10,9 +10,11 @@ use crate::mesh::{Edges, Parts, Surface};
 /// An open part no larger than this share of the model's diagonal is debris: on a print of 200 mm less than half the width of a
 /// nozzle.
 const SMALL: f64 = 1e-3;
-/// So is one with at most so many faces and this share of the model's area, such as a fin that stood on a solid.
+/// So is one with at most so many faces and this share of the model's area, ...
 const FEW_FACES: usize = 10;
 const LITTLE_AREA: f64 = 1e-3;
+/// ... or this share where it is a fin: an open part that stood on an edge of a closed one.
+const FIN_AREA: f64 = 1e-2;
 
 /// Faces of an open part that are asked whether they lie inside a solid, and rays tried from each.
 const ASKED: usize = 64;
@@ -42,11 +44,13 @@ pub fn remove_debris(surface: &mut Surface, context: &Context<'_>) -> Result<Vec
     let solids = solids(surface, &edges, &parts);
     let diagonal = Box3::of(surface.positions.iter().copied()).diagonal();
     let area: f64 = solids.iter().map(|s| s.area).sum();
+    let fins = fins(surface, &edges, &parts, &solids);
     let mut inside = Inside::new(surface, &parts, &solids);
     let (mut goes, mut hidden) = (vec![false; parts.count], 0);
     for (part, faces) in parts.faces().iter().enumerate().filter(|&(part, _)| open[part]) {
         context.check()?;
-        let few = faces.len() <= FEW_FACES && solids[part].area <= LITTLE_AREA * area;
+        let little = if fins[part] { FIN_AREA } else { LITTLE_AREA };
+        let few = faces.len() <= FEW_FACES && solids[part].area <= little * area;
         goes[part] = few || solids[part].bounds.diagonal() <= SMALL * diagonal;
         if !goes[part] && inside.holds(surface, faces) {
             goes[part] = true;
@@ -65,6 +69,29 @@ pub fn remove_debris(surface: &mut Surface, context: &Context<'_>) -> Result<Vec
         ("sheets_inside_solids_removed", hidden),
         ("debris_faces_removed", faces),
     ]))
+}
+
+/// Of each part, whether it has an edge at the same two positions as an edge of a closed part.
+fn fins(surface: &Surface, edges: &Edges, parts: &Parts, solids: &[Solid]) -> Vec<bool> {
+    let bits = |v: u32| surface.positions[v as usize].to_array().map(|x| (x + 0.0).to_bits());
+    let mut ends: Vec<([[u64; 3]; 2], bool, u32)> = (0..edges.len())
+        .map(|e| {
+            let mut ends = edges.vertices(e).map(bits);
+            ends.sort_unstable();
+            let part = parts.of_face[edges.half_edges(e)[0] as usize / 3];
+            (ends, solids[part as usize].closed, part)
+        })
+        .collect();
+    ends.sort_unstable();
+    let mut fins = vec![false; parts.count];
+    for at_one_place in ends.chunk_by(|x, y| x.0 == y.0) {
+        if at_one_place.iter().any(|&(_, closed, _)| closed) {
+            for &(_, closed, part) in at_one_place {
+                fins[part as usize] |= !closed;
+            }
+        }
+    }
+    fins
 }
 
 /// Tells what lies inside the closed parts.

@@ -3,6 +3,7 @@
 
 mod formats;
 mod lost;
+mod mend;
 #[path = "../support/meshes.rs"]
 mod meshes;
 mod operators;
