@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use clap::Args;
 use meshmend::format::{ReadMesh, read};
-use meshmend::inspect::{Measures, measure};
+use meshmend::inspect::{Measures, SelfIntersections, measure};
 use meshmend::repair::{Context, monotonic_clock};
 
 use super::engine::{Bar, LimitArgs, read_file};
@@ -82,10 +82,7 @@ fn as_text(file: &ReadMesh, m: &Measures) -> String {
         ("faces not finite", m.nonfinite_faces.to_string()),
         ("unreferenced vertices", m.unreferenced_vertices.to_string()),
     ];
-    rows.push(match m.self_intersections.pairs {
-        Some(pairs) => ("self-intersecting pairs", pairs.to_string()),
-        None => ("self-intersecting pairs", "not checked by this version".to_owned()),
-    });
+    rows.push(("self-intersecting pairs", intersecting(&m.self_intersections)));
     rows.push(("area", m.area.to_string()));
     rows.push((
         "volume",
@@ -100,6 +97,19 @@ fn as_text(file: &ReadMesh, m: &Measures) -> String {
     }
     for warning in &file.warnings {
         let _ = writeln!(text, "note: {warning}");
+    }
+    text
+}
+
+fn intersecting(it: &SelfIntersections) -> String {
+    let Some(pairs) = it.pairs else { return "not checked".to_owned() };
+    let mut text = if it.complete { pairs.to_string() } else { format!("at least {pairs}; too many to count") };
+    if pairs > 0 {
+        let _ = write!(
+            text,
+            " ({} crossing, {} touching, {} coplanar; {} within a part, {} between parts; {} faces)",
+            it.crossing, it.touching, it.coplanar, it.within_one_part, it.between_parts, it.faces
+        );
     }
     text
 }

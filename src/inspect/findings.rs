@@ -139,6 +139,17 @@ impl Findings {
         }
     }
 
+    /// How many more places of a kind would be kept.
+    #[must_use]
+    pub fn room(&self, kind: DefectKind) -> usize {
+        self.most.saturating_sub(self.places[kind as usize].len())
+    }
+
+    /// Counts defects whose places are not kept.
+    pub fn count_more(&mut self, kind: DefectKind, count: u64) {
+        self.counts[kind as usize] += count;
+    }
+
     /// Marks faces of the file without counting, such as the rest of a part whose defect names only some.
     pub fn mark(&mut self, kind: DefectKind, faces: &[u32]) {
         for &face in faces {

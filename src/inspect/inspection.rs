@@ -1,7 +1,7 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::{Analysis, DefectGroup, Findings, Measures, Subject, measures};
+use super::{Analysis, DefectGroup, Findings, Measures, Subject, intersections, measures};
 use crate::context::{Cancelled, Context};
 
 /// The version of [`Inspection`]'s structure.
@@ -64,8 +64,13 @@ pub fn inspect(
     context: &Context<'_>,
 ) -> Result<(Inspection, Findings), Cancelled> {
     let analysis = Analysis::new(subject, context)?;
-    let measures = measures(&analysis, context)?;
-    let findings = Findings::new(subject.soup.faces.len(), options.places.max(MOST_PLACES));
+    let mut measures = measures(&analysis, context)?;
+    let mut findings = Findings::new(subject.soup.faces.len(), options.places.max(MOST_PLACES));
+    if options.level == Level::Full {
+        let found = intersections(&analysis, context)?;
+        found.report(&analysis, &mut findings);
+        measures.self_intersections = found.counts;
+    }
     let inspection = Inspection {
         version: INSPECTION_VERSION,
         level: options.level,

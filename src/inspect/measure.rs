@@ -1,19 +1,23 @@
-use super::{Analysis, BoundingBox, Measures, SelfIntersections, Volume, group_faces, nesting_depths};
+use super::{Analysis, BoundingBox, Measures, Volume, group_faces, intersections, nesting_depths};
 use crate::context::{Cancelled, Context};
 use crate::math::{Box3, collinear};
 use crate::mesh::{Edges, Soup, count_boundary_chains};
 
-/// Measures a mesh as [`Measures`] says, after merging vertices at exactly equal positions.
+/// Measures a mesh as [`Measures`] says, after merging vertices at exactly equal positions, and counts the faces that
+/// intersect.
 ///
-/// O(n log n) in the number of faces.
+/// O(n log n) in the number of faces and of pairs of faces whose boxes meet.
 ///
 /// # Errors
 /// [`Cancelled`] when the work should stop.
 pub fn measure(soup: &Soup, context: &Context<'_>) -> Result<Measures, Cancelled> {
-    measures(&Analysis::new(soup.into(), context)?, context)
+    let analysis = Analysis::new(soup.into(), context)?;
+    let mut it = measures(&analysis, context)?;
+    it.self_intersections = intersections(&analysis, context)?.counts;
+    Ok(it)
 }
 
-/// Measures a mesh whose structure is known.
+/// Measures a mesh whose structure is known, but for [`Measures::self_intersections`], which are not checked.
 ///
 /// # Errors
 /// [`Cancelled`] when the work should stop.
@@ -24,7 +28,6 @@ pub fn measures(analysis: &Analysis<'_>, context: &Context<'_>) -> Result<Measur
         vertices: surface.positions.len() as u64,
         unreferenced_vertices: ingest.unreferenced_vertices,
         nonfinite_faces: ingest.nonfinite_faces,
-        self_intersections: SelfIntersections { checked: false, pairs: None },
         ..Measures::default()
     };
     if surface.faces.is_empty() {

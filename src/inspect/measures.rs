@@ -52,10 +52,16 @@ pub struct Measures {
 }
 
 impl Measures {
-    /// Closed, manifold, outward, without degenerate or duplicate faces, of positive volume, and without
-    /// self-intersections as far as those were checked.
+    /// Closed, manifold, outward, without degenerate or duplicate faces, of positive volume, and proven to be without
+    /// self-intersections.
     #[must_use]
     pub fn printable(&self) -> bool {
+        self.printable_but_for_intersections() && self.self_intersections.proven_none()
+    }
+
+    /// What [`Measures::printable`] says but for self-intersections.
+    #[must_use]
+    pub fn printable_but_for_intersections(&self) -> bool {
         self.closed
             && self.manifold
             && self.consistent
@@ -65,7 +71,6 @@ impl Measures {
             && self.degenerate_faces == 0
             && self.duplicate_faces == 0
             && self.volume.value > 0.0
-            && self.self_intersections.pairs.unwrap_or(0) == 0
     }
 
     /// How many things are wrong, to compare candidates of which none is printable.
@@ -109,11 +114,36 @@ pub struct Volume {
     pub reliable: bool,
 }
 
-/// Faces that intersect.
+/// Pairs of faces that intersect, counted exactly: they have a point in common beside a vertex or an edge that they
+/// share. Left out are faces whose corners are on a line and pairs with the same three vertices, which are counted as
+/// degenerate and duplicate faces.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, ToSchema)]
 pub struct SelfIntersections {
-    /// Whether they were counted at all. This version does not count them yet.
+    /// Whether they were counted at all.
     pub checked: bool,
+    /// Whether the count was brought to its end. Where it is not, for the sake of time, each number is at least so
+    /// large.
+    pub complete: bool,
     /// How many pairs, where counted.
     pub pairs: Option<u64>,
+    /// Pairs within one edge-connected part.
+    pub within_one_part: u64,
+    /// Pairs of faces of two parts.
+    pub between_parts: u64,
+    /// Pairs of which the inside of one passes through the inside of the other.
+    pub crossing: u64,
+    /// Pairs that only touch.
+    pub touching: u64,
+    /// Pairs that lie in one plane and overlap.
+    pub coplanar: u64,
+    /// Faces that are in a pair.
+    pub faces: u64,
+}
+
+impl SelfIntersections {
+    /// Whether there is none for certain.
+    #[must_use]
+    pub fn proven_none(&self) -> bool {
+        self.checked && self.complete && self.pairs == Some(0)
+    }
 }

@@ -9,10 +9,12 @@ mod distance;
 mod predicates;
 mod ray;
 mod tree;
+mod triangle_pair;
 
 pub use angular::order_around;
 pub use boxes::Box3;
 pub use distance::within;
 pub use predicates::{Sign, collinear, midmost, orient2d, orient3d, to_unit_range};
 pub use ray::{Crossing, crossing, ray_direction};
-pub use tree::Tree;
+pub use tree::{Frame, Hit, PairSearch, Tree};
+pub use triangle_pair::{Contact, common_point, contact};

@@ -38,7 +38,7 @@ pub fn categorise(m: &Measures, sheet_share: f64) -> Category {
     let holes = m.boundary_edges > 0;
     let turned = m.misoriented_edges > 0 || m.inverted_parts > 0 || m.volume.value < 0.0;
     let faces = m.degenerate_faces > 0 || m.duplicate_faces > 0 || m.nonfinite_faces > 0;
-    let crossed = m.self_intersections.pairs.unwrap_or(0) > 0;
+    let crossed = m.self_intersections.checked && !m.self_intersections.proven_none();
     match (nonmanifold, holes, crossed) {
         (false, false, false) if turned => Category::Orientation,
         (false, false, false) if faces => Category::Degenerate,

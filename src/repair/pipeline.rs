@@ -79,7 +79,9 @@ pub fn repair(
             before.nonfinite_faces
         ));
     }
-    warnings.push("self-intersections were not checked by this version".to_owned());
+    if !before.self_intersections.complete {
+        warnings.push("so many faces overlap that they were not all counted".to_owned());
+    }
     let input = Input { bytes, soup: &soup, dialect: &dialect, format: input_format, before: &before };
     let (mut surface, _) = Surface::from_soup(&soup);
     let mut report = empty_report(&input, options, warnings);

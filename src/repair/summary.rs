@@ -55,6 +55,9 @@ fn wrong(m: &Measures) -> String {
     ];
     let mut found: Vec<String> =
         counts.iter().filter(|(count, _)| *count > 0).map(|(count, what)| format!("{count} {what}")).collect();
+    if !m.self_intersections.complete {
+        found.push("so many overlapping faces that they were not all counted".to_owned());
+    }
     if found.is_empty() && !m.printable() {
         found.push("it encloses no volume".to_owned());
     }

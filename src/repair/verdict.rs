@@ -59,9 +59,10 @@ impl Judged {
         self.measures.printable() && self.red_flags.is_empty()
     }
 
-    /// Smaller is better: first good results, then printable ones that kept most of the model, then by defects, and last
-    /// those that lost a part of the model's extent or much of its visible surface.
-    pub fn rank(&self) -> (u8, u64) {
+    /// Smaller is better: first good results, then printable ones that kept most of the model, then solids whose faces
+    /// intersect, then the rest, and last those that lost a part of the model's extent or much of its visible surface;
+    /// among equals by defects.
+    pub fn rank(&self) -> Rank {
         let lost = self.red_flags.iter().any(|f| match f.code {
             RedFlagCode::BoxChange => true,
             RedFlagCode::SurfaceLost => f.value > MOST_LOST_PCT,
@@ -70,14 +71,23 @@ impl Judged {
         let class = match (self.measures.printable(), self.red_flags.is_empty(), lost) {
             (true, true, _) => 0,
             (true, false, false) => 1,
-            (false, _, false) => 2,
-            (_, _, true) => 3,
+            (false, _, false) => class_of_unprintable(&self.measures),
+            (_, _, true) => 4,
         };
-        (class, self.measures.defects())
+        (class, !self.measures.self_intersections.complete, self.measures.defects())
     }
 }
 
+/// A class, whether there were too many intersections to count, and the defects.
+pub(super) type Rank = (u8, bool, u64);
+
 /// The rank of the input itself, which any result must beat.
-pub(super) fn rank_of_input(before: &Measures) -> (u8, u64) {
-    (if before.printable() { 0 } else { 2 }, before.defects())
+pub(super) fn rank_of_input(before: &Measures) -> Rank {
+    let class = if before.printable() { 0 } else { class_of_unprintable(before) };
+    (class, !before.self_intersections.complete, before.defects())
+}
+
+/// A hole is worse than faces that intersect: a slicer can unite what overlaps, but not guess what is missing.
+fn class_of_unprintable(m: &Measures) -> u8 {
+    if m.printable_but_for_intersections() { 2 } else { 3 }
 }

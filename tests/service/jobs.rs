@@ -31,7 +31,8 @@ async fn a_broken_model_goes_in_and_a_printable_one_with_its_account_comes_out()
     assert_eq!(report["before"]["boundary_edges"], 4);
     assert_eq!(report["after"]["boundary_edges"], 0);
     assert_eq!(report["after"]["closed"], true);
-    assert_eq!(report["after"]["self_intersections"]["checked"], false);
+    assert_eq!(report["after"]["self_intersections"]["complete"], true);
+    assert_eq!(report["after"]["self_intersections"]["pairs"], 0);
 
     let model = api.artifact(id, "model").await;
     assert_eq!(job["artifacts"]["model"]["bytes"], model.len());

@@ -1,9 +1,15 @@
+mod frame;
+mod pairs;
+
 use glam::{DVec3, Vec3A};
 use obvhs::aabb::Aabb;
 use obvhs::bvh2::Bvh2;
 use obvhs::ploc::{PlocBuilder, PlocSearchDistance, SortPrecision};
 
 use crate::math::Box3;
+
+pub use frame::Frame;
+pub use pairs::{Hit, PairSearch};
 
 /// How far a box in the tree reaches beyond its triangle, as a share of half of the model's longest side: more than
 /// the rounding of the tree's own frame, and a spread that keeps equal boxes from being equal (see [`Tree::new`]).
@@ -14,8 +20,7 @@ const PAD: f64 = 1e-6;
 /// It answers candidates, never hits: boxes are f32 and rounded outward, and the exact predicates decide.
 pub struct Tree {
     bvh: Option<Bvh2>,
-    centre: DVec3,
-    scale: f64,
+    frame: Frame,
 }
 
 impl Tree {
@@ -25,18 +30,20 @@ impl Tree {
     /// its index.
     #[must_use]
     pub fn new(positions: &[DVec3], faces: &[[u32; 3]]) -> Self {
-        let bounds = Box3::of(faces.iter().flatten().map(|&v| positions[v as usize]));
-        let centre = bounds.centre();
-        let half = (bounds.max * 0.5 - bounds.min * 0.5).max_element();
-        let scale = if half > 0.0 && half.is_finite() && (1.0 / half).is_finite() { 1.0 / half } else { 1.0 };
+        Self::in_frame(Frame::around(positions, faces), positions, faces)
+    }
+
+    /// Builds the tree in a frame that may hold more than these triangles, such as those of another tree.
+    #[must_use]
+    pub fn in_frame(frame: Frame, positions: &[DVec3], faces: &[[u32; 3]]) -> Self {
         if faces.is_empty() {
-            return Self { bvh: None, centre, scale };
+            return Self { bvh: None, frame };
         }
         let boxes: Vec<Aabb> = faces
             .iter()
             .enumerate()
             .map(|(index, face)| {
-                let b = Box3::of(face.map(|v| (positions[v as usize] - centre) * scale));
+                let b = Box3::of(face.map(|v| frame.to_tree(positions[v as usize])));
                 let pad = DVec3::splat(PAD * (1.0 + jitter(index)));
                 Aabb::new(vec3a(b.min - pad), vec3a(b.max + pad))
             })
@@ -44,21 +51,21 @@ impl Tree {
         #[expect(clippy::cast_possible_truncation, reason = "faces are counted in u32")]
         let indices = (0..faces.len() as u32).collect();
         let bvh = PlocBuilder::new().build(PlocSearchDistance::Minimum, &boxes, indices, SortPrecision::U64, 0);
-        Self { bvh: Some(bvh), centre, scale }
+        Self { bvh: Some(bvh), frame }
     }
 
     /// Calls `visit` with every triangle whose box the segment from `from` to `to` meets, until it answers `false`.
     pub fn along(&self, from: DVec3, to: DVec3, visit: impl FnMut(u32) -> bool) {
-        let origin = (from - self.centre) * self.scale;
-        let step = (to - self.centre) * self.scale - origin;
+        let origin = self.frame.to_tree(from);
+        let step = self.frame.to_tree(to) - origin;
         self.walk(|min, max| meets(origin, step, min, max), visit);
     }
 
     /// Calls `visit` with every triangle whose box comes within `reach` of a point along each axis, until it answers
     /// `false`.
     pub fn around(&self, point: DVec3, reach: f64, visit: impl FnMut(u32) -> bool) {
-        let centre = (point - self.centre) * self.scale;
-        let reach = DVec3::splat(reach * self.scale);
+        let centre = self.frame.to_tree(point);
+        let reach = DVec3::splat(reach * self.frame.scale());
         let (low, high) = (centre - reach, centre + reach);
         self.walk(|min, max| min.cmple(high).all() && max.cmpge(low).all(), visit);
     }

@@ -1,0 +1,212 @@
+use glam::DVec3;
+
+use super::{Analysis, Defect, DefectKind, Findings, Meeting, SelfIntersections};
+use crate::context::{Cancelled, Context};
+use crate::math::{Contact, Frame, Hit, PairSearch, Tree, collinear, common_point, contact, to_unit_range};
+use crate::mesh::Parts;
+
+/// Steps that a search may take, and as many more for each face: some ten seconds, and a hundred times what a usual
+/// model needs.
+const STEPS: u64 = 250_000_000;
+const STEPS_A_FACE: u64 = 1_000;
+/// Steps that a determinant counts for which floating point could not decide.
+const STEPS_A_SLOW_SIGN: u64 = 8;
+/// Pairs that are listed.
+const MOST_PAIRS: usize = 1_000_000;
+
+/// Two faces that intersect other than in a shared vertex or edge.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub struct IntersectingPair {
+    /// The faces by index in the file, the smaller first; between two meshes, first that of the first mesh.
+    pub faces: [u32; 2],
+    /// How they meet.
+    pub meeting: Meeting,
+    /// Whether both are of one edge-connected part.
+    pub within_one_part: bool,
+}
+
+/// All faces of a mesh, or of two meshes, that intersect.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Intersections {
+    /// The pairs, sorted. Of more than a million those that were found first.
+    pub pairs: Vec<IntersectingPair>,
+    /// Exact counts of all pairs, listed or not.
+    pub counts: SelfIntersections,
+    /// For each face of the file whether it takes part; between two meshes, of the first and then of the second.
+    pub takes_part: [Vec<bool>; 2],
+}
+
+/// Finds all pairs of faces that intersect other than in a vertex or an edge that they share, exactly.
+///
+/// Faces whose corners are on a line are left out, and so are pairs with the same three vertices: both are counted
+/// apart. Crafted input, such as a hundred thousand faces that all overlap, ends the search early; then
+/// [`SelfIntersections::complete`] is false, and the counts are at least what is true. Runs on the current pool of
+/// threads; the answer is the same for any number of them.
+///
+/// # Errors
+/// [`Cancelled`] when the work should stop.
+pub fn intersections(analysis: &Analysis<'_>, context: &Context<'_>) -> Result<Intersections, Cancelled> {
+    let (unit, faces) = (analysis.unit(), &analysis.surface.faces);
+    let flat = flat_faces(unit, faces);
+    let search = PairSearch {
+        look: |f: u32, g: u32, steps: &mut u64| look(unit, [faces, faces], [&flat, &flat], [f, g], steps),
+        budget: STEPS + STEPS_A_FACE * faces.len() as u64,
+    };
+    context.check()?;
+    let tree = analysis.tree();
+    context.check()?;
+    let mut found = Found::new([analysis, analysis]);
+    let complete = search.within(tree, |hits| found.take(hits, context))?;
+    Ok(found.finish(complete))
+}
+
+/// Finds all pairs of a face in `a` and one in `b` that have a point in common, exactly. They share no vertices, so
+/// that touching in a vertex counts.
+///
+/// # Errors
+/// [`Cancelled`] when the work should stop.
+pub fn intersections_between(
+    a: &Analysis<'_>,
+    b: &Analysis<'_>,
+    context: &Context<'_>,
+) -> Result<Intersections, Cancelled> {
+    // One power of two scales both. The vertices of `b` are numbered after those of `a`.
+    let mut positions = a.surface.positions.clone();
+    positions.extend(&b.surface.positions);
+    let unit = to_unit_range(&positions);
+    #[expect(clippy::cast_possible_truncation, reason = "vertices are counted in u32")]
+    let first_of_b = a.surface.positions.len() as u32;
+    let faces_a = &a.surface.faces;
+    let faces_b: Vec<[u32; 3]> = b.surface.faces.iter().map(|f| f.map(|v| v + first_of_b)).collect();
+    let (flat_a, flat_b) = (flat_faces(&unit, faces_a), flat_faces(&unit, &faces_b));
+    context.check()?;
+    let search = PairSearch {
+        look: |f: u32, g: u32, steps: &mut u64| look(&unit, [faces_a, &faces_b], [&flat_a, &flat_b], [f, g], steps),
+        budget: STEPS + STEPS_A_FACE * (faces_a.len() + faces_b.len()) as u64,
+    };
+    let frame = Frame::around(&unit, &[faces_a.as_slice(), &faces_b].concat());
+    let trees = [Tree::in_frame(frame, &unit, faces_a), Tree::in_frame(frame, &unit, &faces_b)];
+    context.check()?;
+    let mut found = Found::new([a, b]);
+    found.one_mesh = false;
+    let complete = search.between(&trees[0], &trees[1], |hits| found.take(hits, context))?;
+    Ok(found.finish(complete))
+}
+
+/// Which faces have their corners on a line.
+fn flat_faces(unit: &[DVec3], faces: &[[u32; 3]]) -> Vec<bool> {
+    let on_line = |face: &[u32; 3]| {
+        let [a, b, c] = face.map(|v| unit[v as usize]);
+        collinear(a, b, c)
+    };
+    faces.iter().map(on_line).collect()
+}
+
+#[inline]
+fn look(
+    unit: &[DVec3],
+    faces: [&Vec<[u32; 3]>; 2],
+    flat: [&Vec<bool>; 2],
+    [f, g]: [u32; 2],
+    steps: &mut u64,
+) -> Option<Meeting> {
+    let (f, g) = (f as usize, g as usize);
+    if flat[0][f] || flat[1][g] {
+        return None;
+    }
+    let mut slow = 0;
+    let contact = contact(unit, faces[0][f], faces[1][g], &mut slow);
+    *steps += slow * STEPS_A_SLOW_SIGN;
+    match contact {
+        Contact::Disjoint | Contact::Neighbours | Contact::Same => None,
+        Contact::Touching => Some(Meeting::Touching),
+        Contact::Crossing => Some(Meeting::Crossing),
+        Contact::Coplanar => Some(Meeting::Coplanar),
+    }
+}
+
+/// What a search has found so far.
+struct Found<'a> {
+    of: [&'a Analysis<'a>; 2],
+    one_mesh: bool,
+    pairs: Vec<IntersectingPair>,
+    counts: SelfIntersections,
+    takes_part: [Vec<bool>; 2],
+}
+
+impl<'a> Found<'a> {
+    fn new(of: [&'a Analysis<'a>; 2]) -> Self {
+        let takes_part = of.map(|a| vec![false; a.subject.soup.faces.len()]);
+        Self { of, one_mesh: true, pairs: Vec::new(), counts: SelfIntersections::default(), takes_part }
+    }
+
+    fn take(&mut self, hits: Vec<Hit<Meeting>>, context: &Context<'_>) -> Result<(), Cancelled> {
+        for ([f, g], meeting) in hits {
+            let at = [f as usize, g as usize];
+            let mut faces = [self.of[0].surface.source[at[0]], self.of[1].surface.source[at[1]]];
+            if self.one_mesh {
+                faces.sort_unstable();
+            }
+            self.takes_part[0][faces[0] as usize] = true;
+            self.takes_part[usize::from(!self.one_mesh)][faces[1] as usize] = true;
+            let within_one_part = self.one_mesh && same_part(&self.of[0].parts, at);
+            let counts = &mut self.counts;
+            *match meeting {
+                Meeting::Crossing => &mut counts.crossing,
+                Meeting::Touching => &mut counts.touching,
+                Meeting::Coplanar => &mut counts.coplanar,
+            } += 1;
+            *if within_one_part { &mut counts.within_one_part } else { &mut counts.between_parts } += 1;
+            if self.pairs.len() < MOST_PAIRS {
+                self.pairs.push(IntersectingPair { faces, meeting, within_one_part });
+            }
+        }
+        context.check()
+    }
+
+    fn finish(mut self, complete: bool) -> Intersections {
+        self.pairs.sort_unstable();
+        let mut counts = self.counts;
+        counts.checked = true;
+        counts.complete = complete;
+        counts.pairs = Some(counts.within_one_part + counts.between_parts);
+        counts.faces = self.takes_part.iter().flatten().filter(|&&t| t).count() as u64;
+        Intersections { pairs: self.pairs, counts, takes_part: self.takes_part }
+    }
+}
+
+fn same_part(parts: &Parts, [f, g]: [usize; 2]) -> bool {
+    parts.of_face[f] == parts.of_face[g]
+}
+
+impl Intersections {
+    /// Puts the pairs of one mesh among its findings, as far as there is room for places.
+    pub fn report(&self, analysis: &Analysis<'_>, findings: &mut Findings) {
+        let faces: Vec<u32> = (0u32..).zip(&self.takes_part[0]).filter(|(_, takes)| **takes).map(|(f, _)| f).collect();
+        findings.mark(DefectKind::SelfIntersection, &faces);
+        let room = findings.room(DefectKind::SelfIntersection);
+        for pair in self.pairs.iter().take(room) {
+            let defect = Defect {
+                at: place(analysis, pair).to_array(),
+                faces: pair.faces.to_vec(),
+                line: Vec::new(),
+                value: None,
+                meeting: Some(pair.meeting),
+            };
+            findings.push(DefectKind::SelfIntersection, defect);
+        }
+        let pairs = self.counts.pairs.unwrap_or(0);
+        findings.count_more(DefectKind::SelfIntersection, pairs - room.min(self.pairs.len()) as u64);
+    }
+}
+
+/// A point that two faces have in common, in the model's unit.
+fn place(analysis: &Analysis<'_>, pair: &IntersectingPair) -> DVec3 {
+    let [p, q] = pair
+        .faces
+        .map(|f| analysis.subject.soup.faces[f as usize].map(|v| analysis.subject.soup.positions[v as usize]));
+    // Scaled so that products stay in range.
+    let largest = p.iter().chain(&q).fold(0.0f64, |m, x| m.max(x.abs().max_element()));
+    let down = |t: [DVec3; 3]| t.map(|x| x / largest);
+    common_point(&down(p), &down(q), pair.meeting == Meeting::Coplanar) * largest
+}

@@ -1,0 +1,160 @@
+//! What two triangles have in common, by the signs of determinants alone.
+//!
+//! The line in which two planes meet is cut by each triangle in an interval, and two more signs tell whether the
+//! intervals overlap: Guigue and Devillers 2003, "Fast and Robust Triangle-Triangle Overlap Test Using Orientation
+//! Predicates". Vertices that both have are known by their numbers, so their signs are known to be zero.
+
+mod coplanar;
+mod place;
+mod plane;
+
+use glam::DVec3;
+
+use super::Sign;
+use coplanar::Flat;
+use plane::Plane;
+
+pub use place::common_point;
+
+/// What two triangles have in common. Of two closed triangles exactly one of these holds.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Contact {
+    /// Nothing.
+    Disjoint,
+    /// The vertex or the edge that they share by its numbers, and no other point.
+    Neighbours,
+    /// All three vertices by their numbers.
+    Same,
+    /// Points beside those that they share, but the inside of neither meets the inside of the other.
+    Touching,
+    /// They lie in two planes, and the inside of one passes through the inside of the other.
+    Crossing,
+    /// They lie in one plane, and their insides overlap.
+    Coplanar,
+}
+
+/// What the triangles `a` and `b`, given by numbers in `positions`, have in common, exactly.
+///
+/// Positions must be pairwise different and in the range of [`super::to_unit_range`], and the corners of neither
+/// triangle on a line. `slow` grows by the determinants that floating point could not decide, which take a hundred
+/// times as long as others.
+///
+/// # Panics
+/// When a number is not one of `positions`.
+#[must_use]
+pub fn contact(positions: &[DVec3], a: [u32; 3], b: [u32; 3], slow: &mut u64) -> Contact {
+    let mut shared = [(0, 0); 3];
+    let mut count = 0;
+    for (i, v) in a.into_iter().enumerate() {
+        for (j, w) in b.into_iter().enumerate() {
+            if v == w && count < 3 {
+                shared[count] = (i, j);
+                count += 1;
+            }
+        }
+    }
+    let p = a.map(|v| positions[v as usize]);
+    let q = b.map(|v| positions[v as usize]);
+    match count {
+        0 => meet(&p, &q, None, slow),
+        1 => meet(&p, &q, Some(shared[0]), slow),
+        2 => {
+            let (i, j) = (3 - shared[0].0 - shared[1].0, 3 - shared[0].1 - shared[1].1);
+            along_an_edge(&p, i, q[j], slow)
+        }
+        _ => Contact::Same,
+    }
+}
+
+/// Two triangles with an edge in common: `p` without its corner `i`, and the same edge with `apex`.
+fn along_an_edge(p: &[DVec3; 3], i: usize, apex: DVec3, slow: &mut u64) -> Contact {
+    let plane = Plane::through(p);
+    if plane.side(apex, slow) != Sign::Zero {
+        return Contact::Neighbours;
+    }
+    let flat = Flat::of(&plane);
+    let [u, v] = [p[(i + 1) % 3], p[(i + 2) % 3]];
+    if flat.turn(u, v, p[i]) == flat.turn(u, v, apex) { Contact::Coplanar } else { Contact::Neighbours }
+}
+
+/// Two triangles with at most one vertex in common: corner `i` of `p` is corner `j` of `q`.
+fn meet(p: &[DVec3; 3], q: &[DVec3; 3], shared: Option<(usize, usize)>, slow: &mut u64) -> Contact {
+    let apart = if shared.is_some() { Contact::Neighbours } else { Contact::Disjoint };
+    let plane_p = Plane::through(p);
+    let sides_q = plane_p.sides(q, shared.map(|s| s.1), slow);
+    if on_one_side(sides_q, shared.is_some()) {
+        return apart;
+    }
+    if sides_q == [Sign::Zero; 3] {
+        return Flat::of(&plane_p).overlap(p, q, shared);
+    }
+    let plane_q = Plane::through(q);
+    let sides_p = plane_q.sides(p, shared.map(|s| s.0), slow);
+    if on_one_side(sides_p, shared.is_some()) {
+        return apart;
+    }
+    // Each triangle with the corner that is alone on its side first, turned so that the other's is above it.
+    let ((i, i_above), (j, j_above)) = (lone(sides_p), lone(sides_q));
+    let mut order_p = [i, (i + 1) % 3, (i + 2) % 3];
+    let mut order_q = [j, (j + 1) % 3, (j + 2) % 3];
+    if !i_above {
+        order_q.swap(1, 2);
+    }
+    if !j_above {
+        order_p.swap(1, 2);
+    }
+    // The intervals end where the edges from those corners go through the other's plane. Of two edges that have a
+    // vertex in common these are the same point.
+    let mut strictly = true;
+    for k in [1, 2] {
+        let side = match shared {
+            Some((s, t)) if [order_p[0], order_p[k]].contains(&s) && [order_q[0], order_q[k]].contains(&t) => {
+                Sign::Zero
+            }
+            _ => {
+                let [p0, pk] = [p[order_p[0]], p[order_p[k]]];
+                let [q0, qk] = [q[order_q[0]], q[order_q[k]]];
+                let triangle = if k == 1 { [pk, q0, p0] } else { [p0, q0, pk] };
+                Plane::through(&triangle).side(qk, slow)
+            }
+        };
+        match side {
+            Sign::Positive => return apart,
+            Sign::Zero => strictly = false,
+            Sign::Negative => {}
+        }
+    }
+    let through = |sides: [Sign; 3]| sides.contains(&Sign::Positive) && sides.contains(&Sign::Negative);
+    match (strictly, through(sides_p) && through(sides_q)) {
+        (true, true) => Contact::Crossing,
+        (false, _) if shared.is_some() => Contact::Neighbours,
+        _ => Contact::Touching,
+    }
+}
+
+/// Whether a plane has nothing in common with a triangle but a vertex that is known to be in it.
+fn on_one_side(sides: [Sign; 3], vertex_in_plane: bool) -> bool {
+    let count = |sign| sides.iter().filter(|&&s| s == sign).count();
+    let all = if vertex_in_plane { 2 } else { 3 };
+    count(Sign::Positive) == all || count(Sign::Negative) == all
+}
+
+/// The corner that a plane parts from the two others, or that alone lies in it, and whether it is above the others.
+/// Not all of `sides` are strictly the same.
+fn lone(sides: [Sign; 3]) -> (usize, bool) {
+    for i in 0..3 {
+        let others = [sides[(i + 1) % 3], sides[(i + 2) % 3]];
+        let none = |sign| !others.contains(&sign);
+        match sides[i] {
+            Sign::Positive if none(Sign::Positive) => return (i, true),
+            Sign::Negative if none(Sign::Negative) => return (i, false),
+            Sign::Zero if others == [Sign::Negative; 2] => return (i, true),
+            Sign::Zero if others == [Sign::Positive; 2] => return (i, false),
+            _ => {}
+        }
+    }
+    (0, true)
+}
+
+#[cfg(test)]
+mod tests;
