@@ -18,6 +18,7 @@
 //! The engine (`math`, `mesh`, `format`, `inspect`, `repair`, `blender`) knows nothing of tokio, axum or sqlx.
 
 pub mod api;
+pub mod arrange;
 pub mod blender;
 pub mod blobs;
 pub mod context;

@@ -19,6 +19,7 @@ mod presets;
 pub mod quantise;
 mod remesher;
 mod report;
+pub mod resolve;
 pub mod separate;
 pub mod sheets;
 mod summary;

@@ -9,11 +9,13 @@ use super::holes::FillHoles;
 use super::orient::orient;
 use super::presets::{remesh_action, tier_of};
 use super::quantise::quantise;
+use super::resolve::resolve;
 use super::separate::separate;
 use super::weld::Weld;
 use super::{
     Action, Cancelled, Change, Context, Options, RemeshError, RemeshRequest, Remesher, Rung, Stage, Step, StepStatus,
 };
+use crate::arrange::{Inside, ManifoldRust};
 use crate::format::Format;
 use crate::inspect::doubled_areas;
 use crate::math::Box3;
@@ -135,6 +137,14 @@ impl Runner<'_> {
             Action::Mend | Action::MendConservative | Action::MakeManifold => {
                 let pairing = if action == Action::Mend { Pairing::Angular } else { Pairing::FinsLast };
                 step.changed = cut_apart(surface, pairing, Pinches::KeepAtBoundaries, self.context)?;
+            }
+            Action::Resolve => {
+                let resolved = resolve(surface, &ManifoldRust, Inside::Positive, self.context)?;
+                step.changed = resolved.changes;
+                step.note = resolved.error.map(|error| {
+                    step.status = StepStatus::Failed;
+                    error.to_string()
+                });
             }
             Action::Separate => {
                 step.changed = remove_debris(surface, self.context)?;
