@@ -22,7 +22,7 @@ pub fn make_plan(before: &Measures, category: Category, options: &Options) -> Pl
         rungs.extend(rung(preset, options.max_tier, None));
     }
     if options.preset == Preset::Auto && options.max_tier >= 2 && tier(preset) == 2 {
-        // The other way to pair faces around non-manifold edges.
+        // The other way to pair faces around non-manifold edges, and to take what is turned inside out.
         let other = if preset == Preset::FullRepair { Preset::ConservativeRepair } else { Preset::FullRepair };
         rungs.extend(rung(other, options.max_tier, None));
     }

@@ -76,7 +76,7 @@ impl Runner<'_> {
                 voxel_size: None,
             };
             self.context.report(Stage::Repair, Some(rung.tier), percent(span, done, actions.len()));
-            let end = self.act(action, surface, &mut step);
+            let end = self.act(action, rung, surface, &mut step);
             step.milliseconds = (self.context.now().saturating_sub(start)).as_secs_f64() * 1e3;
             let end = match end {
                 Ok(end) => end,
@@ -113,7 +113,7 @@ impl Runner<'_> {
         self.context.log(&line);
     }
 
-    fn act(&self, action: Action, surface: &mut Surface, step: &mut Step) -> Result<End, Cancelled> {
+    fn act(&self, action: Action, rung: &Rung, surface: &mut Surface, step: &mut Step) -> Result<End, Cancelled> {
         self.context.check()?;
         match action {
             Action::BasicCleanup => self.clean(surface, step)?,
@@ -139,7 +139,10 @@ impl Runner<'_> {
                 step.changed = cut_apart(surface, pairing, Pinches::KeepAtBoundaries, self.context)?;
             }
             Action::Resolve => {
-                let resolved = resolve(surface, &ManifoldRust, Inside::Positive, self.context)?;
+                // The two ways differ in what is turned inside out: one drops it, the other keeps it.
+                let keeps_inverted = rung.actions.contains(&Action::Mend);
+                let inside = if keeps_inverted { Inside::Nonzero } else { Inside::Positive };
+                let resolved = resolve(surface, &ManifoldRust, inside, self.context)?;
                 step.changed = resolved.changes;
                 step.note = resolved.error.map(|error| {
                     step.status = StepStatus::Failed;
