@@ -1,0 +1,107 @@
+use clap::ValueEnum;
+use meshmend::inspect::{Fit, Inspection, NoWall, PrintMeasures, Unit, UnitSource};
+
+use super::bars::figure;
+use super::defects::point;
+use super::text::{Row, genus, row};
+
+/// Sizes, and what a printer wants to know, as far as it was measured.
+pub fn measures(it: &Inspection) -> Vec<Row> {
+    let (m, print) = (&it.measures, it.print.as_ref());
+    let scale = Scale::of(print);
+    let mut list = Vec::new();
+    if let Some(print) = print {
+        list.push(row("unit", unit(print)));
+    }
+    if let Some(b) = m.bounding_box {
+        list.push(row("size", scale.lengths([0, 1, 2].map(|k| b.max[k] - b.min[k]))));
+        list.push(row("box", format!("{} to {}", point(b.min), point(b.max))));
+    }
+    list.push(row("area", scale.power(m.area, 2)));
+    let volume = scale.power(m.volume.value, 3);
+    list.push(row(
+        "volume",
+        if m.volume.reliable { volume } else { format!("{volume}, not reliable: not a closed solid") },
+    ));
+    let shells = &it.characteristics.shells;
+    list.push(row("genus", genus(shells.genus, shells.genus_not_measurable)));
+    list.extend(print.into_iter().flat_map(|print| printing(print, &scale)));
+    list
+}
+
+fn unit(print: &PrintMeasures) -> String {
+    let why = match print.unit_source {
+        UnitSource::Declared => "as given",
+        UnitSource::File => "as the file says",
+        UnitSource::Assumed => "assumed; --unit says otherwise",
+    };
+    format!("{}, {why}", symbol(print.unit))
+}
+
+fn printing(it: &PrintMeasures, scale: &Scale) -> Vec<Row> {
+    let centre = it.centre_of_mass.map_or_else(|| "not measurable: no reliable volume".to_owned(), point);
+    let wall = match (&it.thinnest_wall, it.no_wall) {
+        (Some(wall), _) => format!(
+            "{} at {}, faces {} and {}; the median is {}",
+            scale.lengths([wall.thickness]),
+            point(wall.at),
+            wall.faces[0],
+            wall.faces[1],
+            figure(wall.median)
+        ),
+        (None, Some(NoWall::NoSurface)) => "not measurable: no surface".to_owned(),
+        (None, Some(NoWall::NoOppositeSides)) => "not measurable: no two sides face away from each other".to_owned(),
+        (None, Some(NoWall::OpenSurface) | None) => "not measurable: too open to have an inside, or a sheet".to_owned(),
+    };
+    let mut list = vec![row("centre of mass", centre), row("solids", it.solids), row("thinnest wall", wall)];
+    for (i, beyond) in it.overhang.beyond.iter().enumerate() {
+        let name = if i == 0 { format!("overhang, up is {}", point(it.overhang.up)) } else { String::new() };
+        let (degrees, percent) = (figure(beyond.degrees), figure(beyond.percent));
+        list.push(row(name, format!("beyond {degrees} degrees: {}, {percent} %", scale.power(beyond.area, 2))));
+    }
+    list.extend(it.fit.map(|fit| row("build volume", fits(fit))));
+    list
+}
+
+fn fits(fit: Fit) -> String {
+    let room = format!("{} mm", fit.build_volume.map(figure).join(" x "));
+    match (fit.as_is, fit.turned) {
+        (true, _) => format!("it fits into {room}"),
+        (false, true) => format!("it fits into {room} only when turned"),
+        (false, false) => format!("it does not fit into {room}"),
+    }
+}
+
+/// The short name of a unit, as on the command line.
+fn symbol(unit: Unit) -> String {
+    unit.to_possible_value().map_or_else(String::new, |value| value.get_name().to_owned())
+}
+
+/// Writes measures with their unit, where it is told.
+struct Scale {
+    unit: Option<Unit>,
+}
+
+impl Scale {
+    fn of(print: Option<&PrintMeasures>) -> Self {
+        Self { unit: print.map(|print| print.unit) }
+    }
+
+    /// Lengths, in millimetres too.
+    fn lengths<const N: usize>(&self, lengths: [f64; N]) -> String {
+        let text = lengths.map(figure).join(" x ");
+        match self.unit {
+            None => text,
+            Some(Unit::Millimetre) => format!("{text} mm"),
+            Some(unit) => {
+                let millimetres = lengths.map(|length| figure(length * unit.millimetres())).join(" x ");
+                format!("{text} {} = {millimetres} mm", symbol(unit))
+            }
+        }
+    }
+
+    /// An area or a volume.
+    fn power(&self, value: f64, dimension: u32) -> String {
+        self.unit.map_or_else(|| figure(value), |unit| format!("{} {}^{dimension}", figure(value), symbol(unit)))
+    }
+}
