@@ -6,6 +6,8 @@ use meshmend::inspect::{Distribution, Histogram};
 const WIDTH: u64 = 40;
 /// Most rows of a histogram; neighbouring bins share one where there are more.
 const MOST_ROWS: usize = 8;
+/// Longest name that stands beside its figures.
+const SHORT: usize = 14;
 const EIGHTHS: [&str; 8] = ["", "▏", "▎", "▍", "▌", "▋", "▊", "▉"];
 
 /// What the output can show.
@@ -53,8 +55,8 @@ pub fn distribution(name: &str, it: &Distribution, style: Style) -> String {
 pub fn figures(name: &str, it: &Distribution) -> String {
     let values =
         [("min", it.min), ("max", it.max), ("mean", it.mean), ("median", it.median), ("variance", it.variance)];
-    let values = values.map(|(name, value)| format!("{name} {}", figure(value)));
-    format!("  {name}\n    {}\n", values.join("   "))
+    let values = values.map(|(name, value)| format!("{name} {}", figure(value))).join("   ");
+    if name.len() <= SHORT { format!("  {name:SHORT$}  {values}\n") } else { format!("  {name}\n    {values}\n") }
 }
 
 fn histogram(it: &Histogram, style: Style) -> String {
@@ -77,9 +79,10 @@ fn histogram(it: &Histogram, style: Style) -> String {
     text
 }
 
-/// The same with as few neighbouring bins put together as leave no more than [`MOST_ROWS`].
+/// The same, where it would take more than [`MOST_ROWS`], with as few neighbouring bins put together as leave no more.
 fn in_few_bins(it: &Histogram) -> Histogram {
-    let together = it.counts.len().div_ceil(MOST_ROWS).max(1);
+    let rows = it.counts.chunk_by(|a, b| a + b == 0).count();
+    let together = if rows > MOST_ROWS { it.counts.len().div_ceil(MOST_ROWS) } else { 1 };
     let counts = it.counts.chunks(together).map(|bins| bins.iter().sum()).collect();
     let last = it.edges.last().filter(|_| !it.counts.len().is_multiple_of(together));
     Histogram { spacing: it.spacing, edges: it.edges.iter().step_by(together).chain(last).copied().collect(), counts }

@@ -25,10 +25,11 @@ pub fn section(look: &Look, all: bool) -> String {
     let most = if all { usize::MAX } else { (MOST_PLACES / found.len().max(1)).clamp(1, MOST_OF_A_KIND) };
     let wide = found.iter().map(|&kind| findings.count(kind).to_string().len()).max().unwrap_or(0);
     let wide_name = found.iter().map(|&kind| in_words(kind, findings.count(kind)).len()).max().unwrap_or(0);
-    let mut text = match found.len() {
-        0 => "\nDefects: none\n".to_owned(),
-        _ => "\nDefects, the gravest first; faces are numbered from 0\n".to_owned(),
-    };
+    let incomplete = BY_GRAVITY.into_iter().any(|kind| given_up(it, kind));
+    if found.is_empty() && !incomplete && it.level == Level::Full {
+        return format!("\nDefects: none of the {} kinds\n", BY_GRAVITY.len());
+    }
+    let mut text = "\nDefects, the gravest first; faces are numbered from 0\n".to_owned();
     for &kind in &found {
         let count = findings.count(kind);
         let mut lines = remarks(kind, it);

@@ -39,7 +39,14 @@ fn unit(print: &PrintMeasures) -> String {
 }
 
 fn printing(it: &PrintMeasures, scale: &Scale) -> Vec<Row> {
-    let centre = it.centre_of_mass.map_or_else(|| "not measurable: no reliable volume".to_owned(), point);
+    let centre = it.centre_of_mass.map_or_else(
+        || "not measurable: no reliable volume".to_owned(),
+        |at| {
+            // What is less than rounding on the model's size is told as 0.
+            let least = it.size.iter().fold(0.0f64, |most, side| most.max(*side)) * f64::EPSILON;
+            point(at.map(|x| if x.abs() > least { x } else { 0.0 }))
+        },
+    );
     let wall = match (&it.thinnest_wall, it.no_wall) {
         (Some(wall), _) => format!(
             "{} at {}, faces {} and {}; the median is {}",
@@ -54,11 +61,12 @@ fn printing(it: &PrintMeasures, scale: &Scale) -> Vec<Row> {
         (None, Some(NoWall::OpenSurface) | None) => "not measurable: too open to have an inside, or a sheet".to_owned(),
     };
     let mut list = vec![row("centre of mass", centre), row("solids", it.solids), row("thinnest wall", wall)];
-    for (i, beyond) in it.overhang.beyond.iter().enumerate() {
-        let name = if i == 0 { format!("overhang, up is {}", point(it.overhang.up)) } else { String::new() };
-        let (degrees, percent) = (figure(beyond.degrees), figure(beyond.percent));
-        list.push(row(name, format!("beyond {degrees} degrees: {}, {percent} %", scale.power(beyond.area, 2))));
-    }
+    let beyond = it.overhang.beyond.iter().map(|beyond| {
+        let area = scale.power(beyond.area, 2);
+        format!("{area} ({:.1} %) beyond {} degrees", beyond.percent, figure(beyond.degrees))
+    });
+    let beyond: Vec<String> = beyond.collect();
+    list.push(row(format!("overhang, up {}", it.overhang.up.map(figure).join(" ")), beyond.join(", ")));
     list.extend(it.fit.map(|fit| row("build volume", fits(fit))));
     list
 }

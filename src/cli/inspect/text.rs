@@ -1,7 +1,9 @@
 use std::fmt::Write as _;
 
 use clap::ValueEnum;
-use meshmend::inspect::{Answer, CheckRule, CheckVerdict, Inspection, Level, Shell, Side, Statistics, Unmeasurable};
+use meshmend::inspect::{
+    Answer, CheckRule, CheckVerdict, Inspection, Level, Measures, Shell, Side, Statistics, Unmeasurable,
+};
 
 use super::bars::{Style, distribution, figure};
 use super::print::measures;
@@ -100,7 +102,9 @@ fn attributes(it: &Inspection, counted: bool) -> Vec<Row> {
         answer("consistent", given.consistent, turned, "not manifold"),
         answer("outward", given.outward, inward, assumed),
     ];
-    list.extend(it.check.as_ref().map(|check| row(format!("check, level {}", level_name(it.level)), verdict(check))));
+    list.extend(
+        it.check.as_ref().map(|check| row(format!("check, level {}", level_name(it.level)), verdict(check, m))),
+    );
     list
 }
 
@@ -109,11 +113,12 @@ fn level_name(level: Level) -> String {
 }
 
 /// Whether the rules of a level are kept, and if not, what is against it.
-fn verdict(check: &CheckVerdict) -> String {
+fn verdict(check: &CheckVerdict, measures: &Measures) -> String {
     let list = |rules: &[CheckRule]| rules.iter().map(|&rule| against(rule)).collect::<Vec<_>>().join(", ");
     let undecided = format!("the search was not finished for {}", list(&check.undecided));
     match (check.passes, check.broken.is_empty(), check.undecided.is_empty()) {
-        (true, ..) => "passes".to_owned(),
+        (true, ..) if measures.printable() => "passes".to_owned(),
+        (true, ..) => "passes: its rules allow boundaries and faces turned against each other".to_owned(),
         (false, false, true) => format!("fails: {}", list(&check.broken)),
         (false, false, false) => format!("fails: {}; {undecided}", list(&check.broken)),
         (false, true, _) => format!("undecided: {undecided}"),
@@ -141,27 +146,34 @@ fn counts(it: &Inspection) -> Vec<Row> {
         row("edges", m.edges),
         row("parts", m.parts),
         row("boundaries", format!("{} of {} edges", m.boundary_loops, m.boundary_edges)),
-        row("orphan vertices", m.unreferenced_vertices),
-        row("missing vertices", missing(it)),
-        row(
-            "indistinguishable vertices",
-            optional(elements.indistinguishable_vertices, "does not apply: faces share no vertex in this file"),
-        ),
-        row(
-            "degenerate faces",
-            match m.degenerate_faces {
-                0 => "0".to_owned(),
-                all => format!(
-                    "{all}: {} name a vertex twice, {} lie on a line",
-                    elements.repeated_vertex_faces, elements.collinear_faces
-                ),
-            },
-        ),
     ];
+    let degenerate = format!(
+        "{}: {} name a vertex twice, {} lie on a line",
+        m.degenerate_faces, elements.repeated_vertex_faces, elements.collinear_faces
+    );
+    let mut faults = vec![
+        (m.unreferenced_vertices, "orphan vertices", m.unreferenced_vertices.to_string()),
+        (elements.missing_vertices.unwrap_or(0), "missing vertices", missing(it)),
+        (m.degenerate_faces, "degenerate faces", degenerate),
+    ];
+    match elements.indistinguishable_vertices {
+        Some(count) => faults.push((count, "indistinguishable vertices", count.to_string())),
+        None => {
+            list.push(row("indistinguishable vertices", "does not apply: faces share no vertex in this file"));
+        }
+    }
     if it.level == Level::None {
-        list.push(row("duplicate faces", m.duplicate_faces));
-        list.push(row("faces not finite", m.nonfinite_faces));
-        list.push(row("parts inside out", m.inverted_parts));
+        let more = [
+            (m.duplicate_faces, "duplicate faces"),
+            (m.nonfinite_faces, "faces not finite"),
+            (m.inverted_parts, "parts inside out"),
+        ];
+        faults.extend(more.map(|(count, name)| (count, name, count.to_string())));
+    }
+    let none: Vec<&str> = faults.iter().filter(|fault| fault.0 == 0).map(|fault| fault.1).collect();
+    list.extend(faults.iter().filter(|fault| fault.0 > 0).map(|(_, name, text)| row(*name, text)));
+    if !none.is_empty() {
+        list.push(row("none of", none.join(", ")));
     }
     let numbered = [("vertices", elements.vertices_contiguous), ("faces", elements.faces_contiguous)];
     list.extend(numbered.into_iter().filter_map(|(name, contiguous)| {
@@ -176,9 +188,10 @@ fn optional(value: Option<u64>, otherwise: &str) -> String {
 
 fn missing(it: &Inspection) -> String {
     let elements = &it.characteristics.elements;
-    match (elements.missing_vertices, elements.faces_without_vertex) {
-        (Some(missing), Some(faces)) if faces > 0 => format!("{missing}, named by {faces} faces that were left out"),
-        (missing, _) => optional(missing, "0: such a file is refused"),
+    let missing = elements.missing_vertices.unwrap_or(0);
+    match elements.faces_without_vertex {
+        Some(faces) if faces > 0 => format!("{missing}, named by {faces} faces that were left out"),
+        _ => missing.to_string(),
     }
 }
 
@@ -196,12 +209,12 @@ fn reason(why: Unmeasurable) -> &'static str {
 }
 
 fn shapes(it: &Statistics, style: Style) -> String {
-    let mut text = "\nShapes\n".to_owned();
+    let mut text = "\nShapes; the aspect ratio is longest edge over shortest altitude\n".to_owned();
     if let Some(area) = &it.face_area {
         text += &distribution("face area", area, style);
     }
     if let Some(ratio) = &it.face_aspect_ratio {
-        text += &distribution("face aspect ratio (longest edge / shortest altitude)", ratio, style);
+        text += &distribution("aspect ratio", ratio, style);
     }
     if it.faces_without_aspect_ratio > 0 {
         let _ = writeln!(text, "    faces without an aspect ratio: {}", it.faces_without_aspect_ratio);
@@ -216,11 +229,13 @@ fn shapes(it: &Statistics, style: Style) -> String {
         Some(Side::Mixed) => "exterior and interior",
         None => "on the side of the normals",
     };
-    let name = format!("edge angle ({side}, in radians; flat is 3.14159)");
     match (&angle.distribution, angle.not_measurable) {
-        (Some(it), _) => text += &distribution(&name, it, style),
+        (Some(it), _) => {
+            text += &distribution("edge angle", it, style);
+            let _ = writeln!(text, "    in radians, {side}; flat is 3.14159");
+        }
         (None, why) => {
-            let _ = writeln!(text, "  edge angle: not measurable: {}", why.map_or("unknown", reason));
+            let _ = writeln!(text, "  edge angle      not measurable: {}", why.map_or("unknown", reason));
         }
     }
     if angle.edges_without_angle > 0 {
