@@ -118,12 +118,12 @@ fn the_report_fits_on_a_screen_and_a_half_and_offenders_lists_every_place() {
     desk.put("open.stl", &files::sphere_with_holes(30));
     let short = text(desk.run(&["inspect", "open.stl"]));
     assert!(short.lines().count() <= 75, "{} lines: {short}", short.lines().count());
-    let holes = |text: &str| text.lines().filter(|line| line.contains("length 0.")).count();
+    let holes = |text: &str| text.lines().filter(|line| line.contains(", length 0.")).count();
     assert!(short.lines().any(|line| line.starts_with("  30  holes  at (")), "{short}");
     assert_eq!((holes(&short), holes(&text(desk.run(&["inspect", "open.stl", "-p"])))), (3, 30));
     let lengths: Vec<f64> = short
         .lines()
-        .filter_map(|line| line.split_once("length "))
+        .filter_map(|line| line.split_once(", length "))
         .map(|(_, length)| length.parse().expect("a length"))
         .collect();
     assert!(lengths.is_sorted_by(|a, b| a >= b), "{lengths:?}");

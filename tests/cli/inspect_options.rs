@@ -19,7 +19,7 @@ fn measures_for_printing_follow_the_unit_the_direction_and_the_printer() {
     let desk = Desk::new();
     desk.put("box.stl", &files::stretched_box([2.0, 1.0, 1.0]));
     let found =
-        text(&desk, &["box.stl", "--unit", "in", "--up=-1,0,0", "--overhang", "20", "--build-volume", "30,60,30"]);
+        text(&desk, &["box.stl", "--unit", "in", "--up=-1,-1,0", "--overhang", "20", "--build-volume", "30,60,30"]);
     for line in [
         "  unit                        in, as given",
         "  size                        2 x 1 x 1 in = 50.8 x 25.4 x 25.4 mm",
@@ -31,12 +31,10 @@ fn measures_for_printing_follow_the_unit_the_direction_and_the_printer() {
         assert!(found.lines().any(|l| l == line), "{line}: {found}");
     }
     assert!(found.contains("thinnest wall               1 in = 25.4 mm at ("), "{found}");
-    assert!(
-        found.contains(
-            "  overhang, up -1 0 0         0 in^2 (0.0 %) beyond 20 degrees, 0 in^2 (0.0 %) beyond 30 degrees"
-        ),
-        "{found}"
-    );
+    let overhang = "  overhang                    beyond 20, 30, 45, 60 degrees: 3, 3, 0, 0 in^2 (30.0, 30.0, 0.0, 0.0 %); up is (";
+    assert!(found.contains(overhang), "{found}");
+    let upright = text(&desk, &["box.stl"]);
+    assert!(upright.contains("none beyond 30, 45, 60 degrees; up is (0, 0, 1)"), "{upright}");
     let small = text(&desk, &["box.stl", "--unit", "foot", "--build-volume", "30,60,30"]);
     assert!(small.contains("it does not fit into 30 x 60 x 30 mm"), "{small}");
     let env = [("MESHMEND_UNIT", "cm"), ("MESHMEND_UP", "0,3,0"), ("MESHMEND_BUILD_VOLUME", "20,10,10")];

@@ -1,5 +1,5 @@
 use clap::ValueEnum;
-use meshmend::inspect::{Fit, Inspection, NoWall, PrintMeasures, Unit, UnitSource};
+use meshmend::inspect::{Fit, Inspection, NoWall, Overhang, OverhangArea, PrintMeasures, Unit, UnitSource};
 
 use super::bars::figure;
 use super::defects::point;
@@ -61,14 +61,20 @@ fn printing(it: &PrintMeasures, scale: &Scale) -> Vec<Row> {
         (None, Some(NoWall::OpenSurface) | None) => "not measurable: too open to have an inside, or a sheet".to_owned(),
     };
     let mut list = vec![row("centre of mass", centre), row("solids", it.solids), row("thinnest wall", wall)];
-    let beyond = it.overhang.beyond.iter().map(|beyond| {
-        let area = scale.power(beyond.area, 2);
-        format!("{area} ({:.1} %) beyond {} degrees", beyond.percent, figure(beyond.degrees))
-    });
-    let beyond: Vec<String> = beyond.collect();
-    list.push(row(format!("overhang, up {}", it.overhang.up.map(figure).join(" ")), beyond.join(", ")));
+    list.push(row("overhang", overhang(&it.overhang, scale)));
     list.extend(it.fit.map(|fit| row("build volume", fits(fit))));
     list
+}
+
+fn overhang(it: &Overhang, scale: &Scale) -> String {
+    let list = |number: &dyn Fn(&OverhangArea) -> String| it.beyond.iter().map(number).collect::<Vec<_>>().join(", ");
+    let degrees = list(&|beyond| figure(beyond.degrees));
+    let up = point(it.up);
+    if it.beyond.iter().all(|beyond| beyond.area == 0.0) {
+        return format!("none beyond {degrees} degrees; up is {up}");
+    }
+    let (areas, percent) = (list(&|beyond| figure(beyond.area)), list(&|beyond| format!("{:.1}", beyond.percent)));
+    format!("beyond {degrees} degrees: {areas}{} ({percent} %); up is {up}", scale.suffix(2))
 }
 
 fn fits(fit: Fit) -> String {
@@ -110,6 +116,10 @@ impl Scale {
 
     /// An area or a volume.
     fn power(&self, value: f64, dimension: u32) -> String {
-        self.unit.map_or_else(|| figure(value), |unit| format!("{} {}^{dimension}", figure(value), symbol(unit)))
+        figure(value) + &self.suffix(dimension)
+    }
+
+    fn suffix(&self, dimension: u32) -> String {
+        self.unit.map_or_else(String::new, |unit| format!(" {}^{dimension}", symbol(unit)))
     }
 }

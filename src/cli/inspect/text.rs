@@ -42,7 +42,7 @@ fn rows(rows: &[Row]) -> String {
     let mut text = String::new();
     for (name, value) in rows {
         // Writing to a string can't fail.
-        let _ = writeln!(text, "  {name:28}{value}");
+        let _ = writeln!(text, "  {name:27} {value}");
     }
     text
 }
