@@ -114,6 +114,9 @@ fn pictures_are_drawn_into_the_folder_and_of_several_files_each_has_its_own() {
     assert_eq!(names("two"), [&expected[..], &["bad-defects.glb", "bad-defects.ply", "bad-defects.png"]].concat());
     assert_eq!(desk.get("two/bad-defects.png"), desk.get("made/one/defects.png"));
     assert_ne!(desk.get("two/bad-2-defects.png"), desk.get("two/bad-defects.png"));
+    assert_eq!(code(&desk.run(&["inspect", "bad.stl", "-a", "--pictures", "three"])), 1);
+    assert!(!desk.get("three/defects.ply").is_empty());
+    assert_eq!(desk.get("three/defects.ply"), desk.get("made/one/defects.ply"), "attributes alone look for nothing");
     desk.put("file", b"in the way");
     let output = desk.run(&["inspect", "bad.stl", "--pictures", "file"]);
     assert!(code(&output) == 3 && said(&output).contains("file"), "{}", said(&output));

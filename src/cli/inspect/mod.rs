@@ -77,7 +77,8 @@ pub struct InspectArgs {
 
 impl InspectArgs {
     fn options(&self) -> Result<InspectOptions, String> {
-        let needed = match (self.attributes, self.offenders) {
+        // Places and pictures want something to be looked for.
+        let needed = match (self.attributes, self.offenders || self.pictures.is_some()) {
             (true, false) => Level::None,
             (true, true) => Level::Basic,
             (false, _) => Level::Full,
