@@ -19,6 +19,7 @@
 
 pub mod analyze;
 pub mod api;
+pub mod arrange;
 pub mod blender;
 pub mod blobs;
 pub mod context;

@@ -4,7 +4,6 @@ use super::{ANALYSIS_VERSION, AnalysisReport, AnalyzeOptions, FileAnalysis};
 use crate::context::{Cancelled, Context, Stage};
 use crate::format::{self, Limits, ReadError, ReadMesh};
 use crate::inspect::{Findings, OptionsError, SetReport, Subject, inspect};
-use crate::mesh::Soup;
 use crate::render::{Drawing, Marked, RenderError, draw_inspected};
 
 /// Why there is no analysis. A model with defects is no error.
@@ -121,7 +120,7 @@ impl<'a> Analyst<'a> {
     /// # Errors
     /// [`AnalyzeError::Cancelled`].
     pub fn finish(self) -> Result<Analyzed, AnalyzeError> {
-        let meshes: Vec<&Soup> = self.looked.iter().map(|looked| &looked.mesh.soup).collect();
+        let meshes: Vec<_> = self.looked.iter().map(|looked| &looked.mesh.soup).collect();
         let (intersections, spacing) = (self.options.intersections, self.options.spacing);
         let set = SetReport::of(&meshes, intersections, spacing, &self.context)?;
         let printable = self.files.iter().all(|file| file.printable);

@@ -3,6 +3,7 @@
 //! Where topology is decided, signs are exact (Shewchuk's adaptive predicates through the crate `robust`); boxes and
 //! the tree only ever narrow down what the predicates look at.
 
+mod angular;
 mod boxes;
 mod distance;
 mod predicates;
@@ -11,6 +12,7 @@ mod sequence;
 mod tree;
 mod triangle_pair;
 
+pub use angular::order_around;
 pub use boxes::Box3;
 pub use distance::{nearest_on_segment, nearest_on_triangle, within};
 pub use predicates::{Sign, collinear, midmost, orient2d, orient3d, to_unit_range, unit_scale};

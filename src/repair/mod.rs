@@ -1,10 +1,13 @@
 //! Repair: operators (one file each), presets and the plan as data, and the pipeline on one page.
 //!
 //! [`repair`] is the way in. The operators of tier 1 are [`weld`], [`duplicates`], [`degenerate`], [`orient`] and
-//! [`holes`]; they work on a [`crate::mesh::Surface`] and answer what they changed as [`Change`]s.
+//! [`holes`], those of tier 2 [`cut`], [`mod@resolve`], [`debris`] and [`mod@separate`]; they work on a
+//! [`crate::mesh::Surface`] and answer what they changed as [`Change`]s.
 
 mod category;
 mod climb;
+pub mod cut;
+pub mod debris;
 pub mod degenerate;
 mod drawings;
 pub mod duplicates;
@@ -20,6 +23,8 @@ pub mod quantise;
 mod red_flags;
 mod remesher;
 mod report;
+pub mod resolve;
+pub mod separate;
 pub mod sheets;
 mod summary;
 mod tiers;

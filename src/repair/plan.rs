@@ -21,6 +21,11 @@ pub fn make_plan(before: &Measures, category: Category, options: &Options) -> Pl
     if preset != Preset::BlenderRemesh {
         rungs.extend(rung(preset, options.max_tier, None));
     }
+    if options.preset == Preset::Auto && options.max_tier >= 2 && tier(preset) == 2 {
+        // The other way to pair faces around non-manifold edges.
+        let other = if preset == Preset::FullRepair { Preset::ConservativeRepair } else { Preset::FullRepair };
+        rungs.extend(rung(other, options.max_tier, None));
+    }
     let remesh = preset == Preset::BlenderRemesh || !matches!(category, Category::OpenSheet | Category::Clean);
     if remesh && options.max_tier >= 3 {
         if before.parts > 1 || before.nonmanifold_edges > 0 {
@@ -46,6 +51,12 @@ fn rung(preset: Preset, max_tier: u8, instead_of_voxels: Option<Action>) -> Opti
         .collect();
     let tier = actions.iter().map(|&a| tier_of(a)).max()?;
     Some(Rung { tier, preset, actions })
+}
+
+/// The highest tier of a preset's actions.
+fn tier(preset: Preset) -> u8 {
+    let recipe = RECIPES.iter().find(|r| r.preset == preset);
+    recipe.and_then(|r| r.actions.iter().map(|&a| tier_of(a)).max()).unwrap_or(0)
 }
 
 pub(super) fn name(preset: Preset) -> &'static str {

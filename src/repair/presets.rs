@@ -11,21 +11,24 @@ pub(super) struct Recipe {
 /// closed, because a hole's border is walked along the winding, and outward afterwards, because only a closed
 /// part has a sign.
 pub(super) const RECIPES: [Recipe; 6] = {
-    use Action::{BasicCleanup, FillHoles, FixNormals, MakeManifold, Mend, MendConservative, Validate, VoxelRemesh};
+    use Action::{
+        BasicCleanup, FillHoles, FixNormals, MakeManifold, Mend, MendConservative, Resolve, Separate, Validate,
+        VoxelRemesh,
+    };
     [
         Recipe { preset: Preset::BasicCleanup, actions: &[BasicCleanup, FixNormals, Validate] },
         Recipe { preset: Preset::FillHoles, actions: &[BasicCleanup, FixNormals, FillHoles, FixNormals, Validate] },
         Recipe {
             preset: Preset::FullRepair,
-            actions: &[BasicCleanup, FixNormals, Mend, FillHoles, FixNormals, Validate],
+            actions: &[BasicCleanup, FixNormals, Mend, FillHoles, FixNormals, Resolve, Separate, Validate],
         },
         Recipe {
             preset: Preset::ConservativeRepair,
-            actions: &[BasicCleanup, FixNormals, MendConservative, FillHoles, FixNormals, Validate],
+            actions: &[BasicCleanup, FixNormals, MendConservative, FillHoles, FixNormals, Resolve, Separate, Validate],
         },
         Recipe {
             preset: Preset::ManifoldRepair,
-            actions: &[BasicCleanup, FixNormals, MakeManifold, FillHoles, FixNormals, Validate],
+            actions: &[BasicCleanup, FixNormals, MakeManifold, FillHoles, FixNormals, Resolve, Separate, Validate],
         },
         // A voxel remesh keeps only what is enclosed, so holes are closed before it.
         Recipe {
@@ -71,7 +74,7 @@ pub(super) fn tier_of(action: Action) -> u8 {
     match action {
         Action::Validate => 0,
         Action::BasicCleanup | Action::FixNormals | Action::FillHoles => 1,
-        Action::Mend | Action::MendConservative | Action::MakeManifold => 2,
+        Action::Mend | Action::MendConservative | Action::MakeManifold | Action::Resolve | Action::Separate => 2,
         Action::VoxelRemesh | Action::BooleanUnion => 3,
     }
 }

@@ -68,6 +68,10 @@ pub enum Action {
     MendConservative,
     /// Tier 2: separate non-manifold edges and vertices (`make_manifold`).
     MakeManifold,
+    /// Tier 2: unite what overlaps, so that no faces intersect.
+    Resolve,
+    /// Tier 2: keep apart by position what was cut apart by index.
+    Separate,
     /// Tier 3: voxel remesh (`blender_remesh`).
     VoxelRemesh,
     /// Tier 3: boolean union with itself (`blender_make_manifold`).

@@ -1,16 +1,21 @@
 use std::ops::Range;
 use std::time::Duration;
 
+use super::cut::{Pairing, Pinches, cut_apart};
+use super::debris::remove_debris;
 use super::degenerate::{remove_caps, remove_collapsed};
 use super::duplicates::remove_duplicates;
 use super::holes::FillHoles;
 use super::orient::orient;
 use super::presets::{remesh_action, tier_of};
 use super::quantise::quantise;
+use super::resolve::resolve;
+use super::separate::separate;
 use super::weld::Weld;
 use super::{
     Action, Cancelled, Change, Context, Options, RemeshError, RemeshRequest, Remesher, Rung, Stage, Step, StepStatus,
 };
+use crate::arrange::{Inside, ManifoldRust};
 use crate::format::Format;
 use crate::inspect::doubled_areas;
 use crate::math::Box3;
@@ -130,8 +135,20 @@ impl Runner<'_> {
                 };
             }
             Action::Mend | Action::MendConservative | Action::MakeManifold => {
-                step.status = StepStatus::Skipped;
-                step.note = Some("tier 2 is not part of this version".to_owned());
+                let pairing = if action == Action::Mend { Pairing::Angular } else { Pairing::FinsLast };
+                step.changed = cut_apart(surface, pairing, Pinches::KeepAtBoundaries, self.context)?;
+            }
+            Action::Resolve => {
+                let resolved = resolve(surface, &ManifoldRust, Inside::Positive, self.context)?;
+                step.changed = resolved.changes;
+                step.note = resolved.error.map(|error| {
+                    step.status = StepStatus::Failed;
+                    error.to_string()
+                });
+            }
+            Action::Separate => {
+                step.changed = remove_debris(surface, self.context)?;
+                step.changed.extend(separate(surface, self.context)?);
             }
             Action::VoxelRemesh | Action::BooleanUnion => return Ok(self.remesh(action, surface, step)),
             Action::Validate => {}

@@ -8,6 +8,7 @@ mod defects;
 mod formats;
 mod intersections;
 mod lost;
+mod mend;
 #[path = "../support/meshes.rs"]
 mod meshes;
 mod operators;

@@ -33,7 +33,7 @@ fn surface(soup: &Soup) -> Surface {
     surface
 }
 
-fn count(changes: &[Change], what: &str) -> u64 {
+pub fn count(changes: &[Change], what: &str) -> u64 {
     changes.iter().find(|c| c.what == what).map_or(0, |c| c.count)
 }
 

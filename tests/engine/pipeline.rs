@@ -57,6 +57,11 @@ impl Remesher for Fake {
     }
 }
 
+/// Tier 1, then Blender: what is made of a model that tier 2 can't mend.
+fn without_tier_2() -> Options {
+    Options { preset: Preset::FillHoles, ..Options::default() }
+}
+
 /// Two cubes on a common edge: beyond what tier 1 mends.
 fn non_manifold() -> Soup {
     join(&cube(DVec3::ZERO, 1.0, 1), &cube(DVec3::new(1.0, 1.0, 0.0), 1.0, 1))
@@ -181,7 +186,7 @@ fn an_open_sheet_is_remeshed_when_that_is_asked_for() {
 fn what_tier_1_cannot_mend_goes_to_the_boolean_and_then_to_voxels() {
     let apart = join(&cube(DVec3::ZERO, 1.0, 3), &cube(DVec3::new(1.004, 1.004, 0.0), 1.0, 3));
     let fake = Fake::answering(vec![Err(RemeshError::Failed("no".into())), Ok(apart)]);
-    let it = run(&non_manifold(), &Options::default(), Some(&fake));
+    let it = run(&non_manifold(), &without_tier_2(), Some(&fake));
     let asked: Vec<RemeshAction> = fake.asked.borrow().iter().map(|a| a.0).collect();
     assert_eq!(asked, [RemeshAction::BooleanUnion, RemeshAction::VoxelRemesh]);
     assert_eq!(it.report.outcome, Outcome::Repaired, "{:#?}", it.report);
@@ -200,7 +205,7 @@ fn overlapping(n: u32) -> Soup {
 fn a_closed_model_whose_faces_intersect_is_not_printable_and_goes_to_the_boolean() {
     let beside = |x: f64| join(&cube(DVec3::ZERO, 1.0, 2), &cube(DVec3::new(x, 0.1, 0.2), 1.0, 2));
     let fake = Fake::answering(vec![Ok(beside(1.0005))]);
-    let it = run(&beside(0.998), &Options::default(), Some(&fake));
+    let it = run(&beside(0.998), &without_tier_2(), Some(&fake));
     let before = &it.report.before.measures;
     assert!(before.closed && before.outward && before.defects() == before.self_intersections.pairs.unwrap());
     assert_eq!(it.report.plan.category, Category::MultipleComponents);
@@ -212,7 +217,7 @@ fn a_closed_model_whose_faces_intersect_is_not_printable_and_goes_to_the_boolean
 #[test]
 fn without_blender_a_model_whose_faces_intersect_comes_back_as_it_is_and_the_summary_says_why() {
     let bytes = format::write(&overlapping(2), Format::Stl).unwrap();
-    let it = run_bytes(&bytes, &Options::default(), None).unwrap();
+    let it = run_bytes(&bytes, &without_tier_2(), None).unwrap();
     assert_eq!((it.report.outcome, &it.bytes), (Outcome::Unrepairable, &bytes));
     assert!(it.report.summary.contains("pairs of intersecting faces"), "{}", it.report.summary);
 }
@@ -221,7 +226,7 @@ fn without_blender_a_model_whose_faces_intersect_comes_back_as_it_is_and_the_sum
 fn a_result_with_fewer_intersecting_faces_is_better_than_one_with_more() {
     // The union brings fewer pairs and the remesh after it more; both leave the model's extent.
     let fake = Fake::answering(vec![Ok(overlapping(2)), Ok(overlapping(6))]);
-    let it = run(&overlapping(4), &Options::default(), Some(&fake));
+    let it = run(&overlapping(4), &without_tier_2(), Some(&fake));
     let pairs: Vec<u64> = it.report.candidates.iter().map(|c| c.defects).collect();
     assert!(pairs[1] < pairs[0] && pairs[0] < pairs[2], "{pairs:?}");
     let chosen = it.report.candidates.iter().position(|c| c.chosen);
@@ -240,7 +245,7 @@ fn a_hole_closed_is_worth_faces_that_intersect() {
         k += 1;
         !gone.contains(&(k - 1))
     });
-    let it = run(&soup, &Options::default(), None);
+    let it = run(&soup, &without_tier_2(), None);
     assert_eq!(it.report.outcome, Outcome::PartiallyRepaired, "{:#?}", it.report);
     let after = it.report.after.unwrap();
     assert!(after.measures.printable_but_for_intersections() && after.measures.self_intersections.pairs > Some(0));
@@ -251,7 +256,7 @@ fn a_result_that_lost_most_of_the_model_is_not_chosen() {
     let corner = || cube(DVec3::ZERO, 0.5, 1);
     let fake = Fake::answering(vec![Ok(corner()), Ok(corner())]);
     let bytes = format::write(&non_manifold(), Format::Stl).unwrap();
-    let it = run_bytes(&bytes, &Options::default(), Some(&fake)).unwrap();
+    let it = run_bytes(&bytes, &without_tier_2(), Some(&fake)).unwrap();
     assert_eq!(it.report.outcome, Outcome::Unrepairable);
     assert_eq!(it.bytes, bytes);
     let judged = it.report.candidates.iter().find(|c| c.rung == Some(1)).unwrap();
@@ -261,14 +266,14 @@ fn a_result_that_lost_most_of_the_model_is_not_chosen() {
 #[test]
 fn an_empty_result_is_never_handed_out() {
     let fake = Fake::answering(vec![Ok(Soup::default()), Err(RemeshError::Empty)]);
-    let it = run(&non_manifold(), &Options::default(), Some(&fake));
+    let it = run(&non_manifold(), &without_tier_2(), Some(&fake));
     assert_eq!(it.report.outcome, Outcome::Unrepairable);
     assert!(!read(&it.bytes).faces.is_empty());
 }
 
 #[test]
 fn without_blender_the_rung_is_skipped_and_says_so() {
-    let it = run(&non_manifold(), &Options::default(), None);
+    let it = run(&non_manifold(), &without_tier_2(), None);
     let skipped: Vec<_> = it.report.steps.iter().filter(|s| s.tier == 3).collect();
     assert_eq!(skipped.len(), 2);
     assert!(skipped.iter().all(|s| s.status == StepStatus::Skipped && s.note.as_ref().unwrap().contains("Blender")));
@@ -288,7 +293,7 @@ fn parts_that_became_one_raise_a_flag() {
     let two = join(&cube(DVec3::ZERO, 1.0, 1), &cube(DVec3::ONE, 0.005, 1));
     let whole = cube(DVec3::ZERO, 1.0, 2);
     let fake = Fake::answering(vec![Ok(whole.clone()), Ok(whole)]);
-    let it = run(&two, &Options::default(), Some(&fake));
+    let it = run(&two, &without_tier_2(), Some(&fake));
     assert_eq!(it.report.outcome, Outcome::PartiallyRepaired, "{:#?}", it.report);
     assert_eq!(it.report.red_flags[0].code, RedFlagCode::PartsMerged);
 }
@@ -296,7 +301,7 @@ fn parts_that_became_one_raise_a_flag() {
 #[test]
 fn the_voxels_are_made_larger_until_the_faces_fit() {
     let fake = Fake::answering(vec![Err(RemeshError::Empty), Err(RemeshError::Empty)]);
-    let options = Options { voxel_size: Some(1e-6), max_remesh_faces: 10_000, ..Options::default() };
+    let options = Options { voxel_size: Some(1e-6), max_remesh_faces: 10_000, ..without_tier_2() };
     run(&non_manifold(), &options, Some(&fake));
     let size = fake.asked.borrow()[1].2;
     assert!(2.0 * 12.0 / (size * size) <= 10_000.0 && size < 0.2, "{size}");
@@ -391,7 +396,7 @@ fn a_printable_result_that_lost_visible_surface_raises_a_flag_and_is_repaired_on
     let model = join(&non_manifold(), &cube(DVec3::new(0.2, 0.2, 1.2), 0.3, 2));
     let two = || join(&cube(DVec3::ZERO, 1.0, 4), &cube(DVec3::new(1.004, 1.004, 0.0), 1.0, 4));
     let fake = Fake::answering(vec![Ok(two()), Ok(two())]);
-    let it = run(&model, &Options::default(), Some(&fake));
+    let it = run(&model, &without_tier_2(), Some(&fake));
     assert_eq!(it.report.outcome, Outcome::PartiallyRepaired, "{:?}", it.report.red_flags);
     let flag = it.report.red_flags.iter().find(|f| f.code == RedFlagCode::SurfaceLost).unwrap();
     assert!(flag.value > 1.0 && it.report.changes.unwrap().surface_lost_pct == Some(flag.value));
@@ -405,7 +410,7 @@ fn a_result_that_is_not_printable_and_lost_a_part_is_not_preferred_to_the_input(
     let model = join(&non_manifold(), &join(&small(0.125, 1.5), &small(0.375, 1.75)));
     let fake = Fake::answering(vec![Ok(non_manifold()), Ok(non_manifold())]);
     let bytes = format::write(&model, Format::Stl).unwrap();
-    let it = run_bytes(&bytes, &Options::default(), Some(&fake)).unwrap();
+    let it = run_bytes(&bytes, &without_tier_2(), Some(&fake)).unwrap();
     let judged = it.report.candidates.iter().find(|c| c.rung == Some(1)).unwrap();
     assert!(!judged.printable && judged.defects < it.report.before.measures.defects());
     let flag = judged.red_flags.iter().find(|f| f.code == RedFlagCode::SurfaceLost).unwrap();
@@ -417,7 +422,7 @@ fn a_result_that_is_not_printable_and_lost_a_part_is_not_preferred_to_the_input(
 fn the_report_says_how_far_the_result_is_from_the_input() {
     let apart = join(&cube(DVec3::ZERO, 1.0, 3), &cube(DVec3::new(1.004, 1.004, 0.0), 1.0, 3));
     let fake = Fake::answering(vec![Ok(apart)]);
-    let changes = run(&non_manifold(), &Options::default(), Some(&fake)).report.changes.unwrap();
+    let changes = run(&non_manifold(), &without_tier_2(), Some(&fake)).report.changes.unwrap();
     let (lost, made) = (changes.lost.unwrap(), changes.made.unwrap());
     for farthest in [lost.distance.max, made.distance.max] {
         assert!((0.0035..0.006).contains(&farthest), "{farthest}");

@@ -53,7 +53,10 @@ async fn one_file_is_analysed_and_what_is_said_of_it_is_what_a_repair_says_of_it
     assert_eq!((file["name"].as_str(), file["dialect"].as_str()), (Some("a.stl"), Some("binary STL")));
     assert_eq!(file["sha256"], job["input"]["sha256"]);
     assert_eq!(file["inspection"]["boundary_edges"], 4);
-    assert_eq!(job["artifacts"].as_object().expect("files").keys().collect::<Vec<_>>(), ["log.txt", "report.json"]);
+    assert_eq!(
+        job["artifacts"].as_object().expect("files").keys().collect::<Vec<_>>(),
+        ["defects.glb", "defects.ply", "defects.png", "log.txt", "report.json"]
+    );
     assert_eq!(job["artifacts"]["report.json"]["filename"], "a-report.json");
     let stored: Value = serde_json::from_slice(&api.artifact(&id, "report.json").await).expect("JSON");
     assert_eq!(&stored, report);
@@ -93,7 +96,11 @@ async fn several_files_are_analysed_in_their_order_and_deleted_together() {
     for (file, input) in files.iter().zip(inputs) {
         assert_eq!((&file["sha256"], &file["bytes"]), (&input["sha256"], &input["bytes"]));
     }
-    assert_eq!(stored_files(data.path(), &id).len(), 5, "three uploads, the report and the log");
+    assert_eq!(
+        stored_files(data.path(), &id).len(),
+        14,
+        "three uploads, three drawings of each, the report and the log"
+    );
     assert_eq!(api.delete(&format!("/v1/jobs/{id}")).send().await.expect("an answer").status(), 204);
     assert!(stored_files(data.path(), &id).is_empty());
     assert_eq!(stored_uploads(data.path()), 0);
@@ -205,7 +212,11 @@ async fn an_analysis_is_cancelled_with_its_process_and_run_again_when_its_proces
     let job = api.finished(&killed).await;
     assert_eq!((job["status"].as_str(), job["attempt"].as_u64()), (Some("succeeded"), Some(2)), "{job}");
     assert_eq!(job["report"]["files"].as_array().map(Vec::len), Some(2));
-    assert_eq!(stored_files(data.path(), &killed).len(), 4, "two uploads, the report and the log of one attempt");
+    assert_eq!(
+        stored_files(data.path(), &killed).len(),
+        10,
+        "two uploads, three drawings of each, the report and the log of one attempt"
+    );
 }
 
 #[tokio::test]

@@ -1,0 +1,49 @@
+//! Surfaces that intersect resolved into the boundary of what they enclose: the trait, and what stands behind it.
+//!
+//! After Zhou, Grinspun, Zorin and Jacobson 2016, "Mesh Arrangements for Solid Geometry": every face is cut where it meets
+//! others, the cells between the pieces are labelled by winding number, and the walls with the inside on one side only
+//! are kept.
+
+mod manifold;
+
+use crate::context::{Cancelled, Context};
+use crate::mesh::Surface;
+
+pub use manifold::ManifoldRust;
+
+/// Which cells are inside, by their winding number `w`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+pub enum Inside {
+    /// `w >= 1`: what the surface winds around outward. An inverted part is no material.
+    #[default]
+    Positive,
+    /// `w != 0`: inverted parts are solid as well.
+    Nonzero,
+}
+
+/// Why there is no arrangement.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum ArrangeError {
+    /// An edge is not used as often in one direction as in the other.
+    #[error("the surface is not closed and consistently wound, so what it encloses is not defined")]
+    NotClosed,
+    /// It could not be done.
+    #[error("the faces that intersect could not be resolved: {0}")]
+    Failed(String),
+    /// Nothing is inside.
+    #[error("the surface encloses nothing")]
+    Empty,
+    /// The work was stopped.
+    #[error(transparent)]
+    Cancelled(#[from] Cancelled),
+}
+
+/// Resolves intersections.
+pub trait Arrangement {
+    /// The boundary of what `surface` encloses: closed, and oriented outward. Its positions are f64; rounding them may
+    /// make faces intersect again. Each face's source is that of the face that it was cut from.
+    ///
+    /// # Errors
+    /// [`ArrangeError`]; `surface` must be closed and consistently wound, but faces may intersect and overlap.
+    fn solid(&self, surface: &Surface, inside: Inside, context: &Context<'_>) -> Result<Surface, ArrangeError>;
+}

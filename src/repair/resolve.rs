@@ -1,0 +1,129 @@
+//! Intersections resolved, and kept resolved after rounding.
+
+use super::cut::{Pairing, Pinches, cut_apart};
+use super::degenerate::{remove_caps, remove_collapsed};
+use super::quantise::{quantise, rounded};
+use super::separate::separate;
+use super::{Cancelled, Change, Context};
+use crate::arrange::{ArrangeError, Arrangement, Inside};
+use crate::inspect::{Analysis, intersections};
+use crate::math::Box3;
+use crate::mesh::{Surface, weld_exactly};
+
+/// Bits of the grid, over the largest coordinate, to which the vertices of faces that still intersect after rounding are
+/// moved, round by round.
+const GRIDS: [i32; 4] = [22, 20, 17, 14];
+
+/// What became of the intersections.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Resolved {
+    /// What changed.
+    pub changes: Vec<Change>,
+    /// Pairs of faces that still intersect.
+    pub pairs_left: u64,
+    /// Why nothing was done.
+    pub error: Option<ArrangeError>,
+}
+
+/// Resolves faces that intersect into the boundary of what they enclose: overlapping parts are united, walls inside go.
+///
+/// ```text
+///    +-----+              +-----+
+///    |  +--|--+           |     +--+
+///    +--|--+  |    ->     +--+     |
+///       +-----+              +-----+
+/// ```
+///
+/// Precondition: closed and consistently wound. Result: no two faces intersect when the positions are rounded to f32 and
+/// welded; where rounding makes faces intersect again, their vertices are moved to ever coarser grids and the arrangement
+/// is made again (after the snap rounding of Valque and Lazard). Leaves: the surface as it was where it is not closed,
+/// nothing intersects, or the arrangement fails; pairs that stay after the coarsest grid.
+///
+/// # Errors
+/// [`Cancelled`] when the work should stop; the surface is then unchanged.
+pub fn resolve(
+    surface: &mut Surface,
+    by: &dyn Arrangement,
+    inside: Inside,
+    context: &Context<'_>,
+) -> Result<Resolved, Cancelled> {
+    let (before, _) = crossing_faces(surface, context)?;
+    if before == 0 {
+        return Ok(Resolved::default());
+    }
+    let faces_before = surface.faces.len() as u64;
+    let mut work = surface.clone();
+    let mut best: Option<(u64, Surface)> = None;
+    let mut snapped = 0;
+    for grid in GRIDS.into_iter().map(Some).chain([None]) {
+        context.check()?;
+        let made = match by.solid(&work, inside, context) {
+            Ok(made) => made,
+            Err(ArrangeError::Cancelled(stop)) => return Err(stop),
+            Err(error) if best.is_none() => {
+                return Ok(Resolved { pairs_left: before, error: Some(error), ..Resolved::default() });
+            }
+            Err(_) => break,
+        };
+        work = made;
+        settle(&mut work, context)?;
+        let (pairs, takes_part) = crossing_faces(&work, context)?;
+        if best.as_ref().is_none_or(|(least, _)| pairs < *least) {
+            best = Some((pairs, work.clone()));
+        }
+        let Some(bits) = grid.filter(|_| pairs > 0) else { break };
+        snapped += snap(&mut work, &takes_part, bits);
+    }
+    let Some((pairs_left, result)) = best else { return Ok(Resolved::default()) };
+    *surface = result;
+    let changes = Change::list([
+        ("intersecting_pairs_resolved", before.saturating_sub(pairs_left)),
+        ("faces_cut", faces_before),
+        ("faces_made", surface.faces.len() as u64),
+        ("vertices_snapped", snapped),
+    ]);
+    Ok(Resolved { changes, pairs_left, error: None })
+}
+
+/// Rounds to f32 and cleans what rounding made of the smallest faces; then keeps sheets apart.
+fn settle(surface: &mut Surface, context: &Context<'_>) -> Result<(), Cancelled> {
+    quantise(surface);
+    remove_collapsed(surface);
+    super::duplicates::remove_duplicates(surface);
+    remove_caps(surface, context)?;
+    surface.drop_unreferenced();
+    cut_apart(surface, Pairing::Angular, Pinches::Cut, context)?;
+    separate(surface, context)?;
+    Ok(())
+}
+
+/// How many pairs of faces intersect, and which faces take part.
+fn crossing_faces(surface: &Surface, context: &Context<'_>) -> Result<(u64, Vec<bool>), Cancelled> {
+    let soup = surface.to_soup();
+    let analysis = Analysis::new((&soup).into(), context)?;
+    let found = intersections(&analysis, context)?;
+    let [takes_part, _] = found.takes_part;
+    Ok((found.counts.pairs.unwrap_or(0), takes_part))
+}
+
+/// Moves the vertices of faces to a grid of `2^bits` steps over the largest coordinate. Answers how many moved.
+fn snap(surface: &mut Surface, takes_part: &[bool], bits: i32) -> u64 {
+    let bounds = Box3::of(surface.positions.iter().copied());
+    let largest = bounds.min.abs().max(bounds.max.abs()).max_element();
+    let step = 2f64.powi(largest.log2().ceil() as i32 - bits);
+    let mut moved = 0;
+    let mut done = vec![false; surface.positions.len()];
+    for (face, _) in surface.faces.iter().zip(takes_part).filter(|(_, t)| **t) {
+        for &v in face {
+            let p = &mut surface.positions[v as usize];
+            if !std::mem::replace(&mut done[v as usize], true) {
+                let q = rounded((*p / step).round() * step);
+                moved += u64::from(q != *p);
+                *p = q;
+            }
+        }
+    }
+    weld_exactly(surface);
+    remove_collapsed(surface);
+    moved
+}

@@ -1,0 +1,257 @@
+//! Keeping sheets apart that a reader would weld, because STL knows positions and no indices.
+
+use std::collections::HashSet;
+
+use glam::DVec3;
+
+use super::cut::{NONE, Pairing, Pinches, apex, cut_apart, mates};
+use super::quantise::rounded;
+use super::{Cancelled, Change, Context};
+use crate::math::{Box3, collinear};
+use crate::mesh::{Edges, Surface};
+
+/// The directions to the corners, edges and sides of a cube.
+const NEIGHBOURS: [DVec3; 26] = {
+    let mut all = [DVec3::ZERO; 26];
+    let (mut at, mut i) = (0, 0);
+    while i < 27 {
+        if i != 13 {
+            all[at] = DVec3::new((i / 9) as f64 - 1.0, (i / 3 % 3) as f64 - 1.0, (i % 3) as f64 - 1.0);
+            at += 1;
+        }
+        i += 1;
+    }
+    all
+};
+/// Rounds of cutting and splitting; an edge that is still doubled after them is left.
+const MOST_ROUNDS: usize = 4;
+/// Lengths that are tried, each twice the one before, beginning with the distance between neighbouring f32 numbers.
+const STEPS: i32 = 12;
+/// No vertex is moved farther than this share of the diagonal.
+const MOST: f64 = 1e-4;
+
+/// Moves vertices that stand on one another, and the middles of edges that lie on one another, apart by the smallest
+/// distance that f32 can tell, each into the solid that it bounds, so that the result is manifold when it is welded by
+/// position.
+///
+/// ```text
+///    --------+--------             -------+ +-------
+///       A   / \   B         ->        A   / \   B
+/// ```
+///
+/// Precondition: consistently wound and outward. Result: of each group of vertices at one f32 position the one with the
+/// largest faces stays, the others moved by a few units in the last place; no face is turned over. Leaves: vertices
+/// that can't be moved without turning a face over or farther than 1e-4 of the diagonal, counted as
+/// `coincident_vertices_left`.
+///
+/// # Errors
+/// [`Cancelled`] when the work should stop.
+pub fn separate(surface: &mut Surface, context: &Context<'_>) -> Result<Vec<Change>, Cancelled> {
+    let mut changes = Vec::new();
+    let mut split = 0;
+    let mut places = Places::new(surface);
+    for _ in 0..MOST_ROUNDS {
+        changes.extend(cut_apart(surface, Pairing::Angular, Pinches::Cut, context)?);
+        let done = split_doubled_edges(surface, &mut places, context)?;
+        split += done;
+        if done == 0 {
+            break;
+        }
+    }
+    let (moved, left) = spread(surface, &mut places, context)?;
+    changes.extend(Change::list([
+        ("doubled_edges_split", split),
+        ("coincident_vertices_separated", moved),
+        ("coincident_vertices_left", left),
+    ]));
+    Ok(changes)
+}
+
+/// The positions that are taken, as f32.
+struct Places {
+    taken: HashSet<[u32; 3]>,
+    reach: f64,
+}
+
+impl Places {
+    fn new(surface: &Surface) -> Self {
+        let diagonal = Box3::of(surface.positions.iter().copied()).diagonal();
+        Self { taken: surface.positions.iter().map(|&p| key(p)).collect(), reach: MOST * diagonal }
+    }
+
+    /// The nearest free position from `p` in a direction for which `fits` holds, as f32 says it; then it is taken.
+    fn find(&mut self, p: DVec3, direction: DVec3, fits: impl Fn(DVec3) -> bool) -> Option<DVec3> {
+        let least = f64::from(spacing(p));
+        for k in 0..STEPS {
+            let length = least * 2f64.powi(k);
+            let q = rounded(p + direction * length);
+            let free = q.is_finite() && p.distance(q) <= self.reach.max(4.0 * least) && !self.taken.contains(&key(q));
+            if free && fits(q) {
+                self.taken.insert(key(q));
+                return Some(q);
+            }
+        }
+        None
+    }
+}
+
+#[expect(clippy::cast_possible_truncation, reason = "compared as an STL file would hold them")]
+fn key(p: DVec3) -> [u32; 3] {
+    p.to_array().map(|x| (x as f32 + 0.0).to_bits())
+}
+
+/// The distance between f32 numbers as large as the largest coordinate.
+#[expect(clippy::cast_possible_truncation, reason = "asked about f32")]
+fn spacing(p: DVec3) -> f32 {
+    let largest = (p.abs().max_element() as f32).max(f32::MIN_POSITIVE);
+    largest.next_up() - largest
+}
+
+/// Splits edges that several pairs of faces share after everything was cut that could be: all pairs but one get a
+/// vertex in the middle of the edge, moved into the solid.
+fn split_doubled_edges(surface: &mut Surface, places: &mut Places, context: &Context<'_>) -> Result<u64, Cancelled> {
+    let edges = Edges::new(&surface.faces);
+    if edges.iter().all(|h| h.len() <= 2) {
+        return Ok(0);
+    }
+    let mates = mates(surface, &edges, Pairing::Angular, context)?.of;
+    let mut busy = vec![false; surface.faces.len()];
+    let mut split = 0;
+    for half_edges in edges.iter().filter(|h| h.len() > 2) {
+        let mut pairs: Vec<(u32, u32)> =
+            half_edges.iter().map(|&h| (h, mates[h as usize])).filter(|&(h, m)| m != NONE && h < m).collect();
+        // One pair may keep the edge; where one can't be moved, that is the one.
+        while pairs.len() > 1 {
+            let Some(at) = (0..pairs.len()).rev().find(|&i| {
+                let (x, y) = pairs[i];
+                let [f, g] = [x, y].map(|h| h as usize / 3);
+                let fits = !busy[f] && !busy[g] && split_pair(surface, x, y, places);
+                if fits {
+                    (busy[f], busy[g]) = (true, true);
+                }
+                fits
+            }) else {
+                break;
+            };
+            pairs.remove(at);
+            split += 1;
+        }
+    }
+    Ok(split)
+}
+
+/// Puts a vertex near the middle of the edge along which the faces of half-edges `x` and `y` meet.
+fn split_pair(surface: &mut Surface, x: u32, y: u32, places: &mut Places) -> bool {
+    let [a, b] = Edges::ends(&surface.faces, x);
+    let (c, d) = (apex(&surface.faces, x), apex(&surface.faces, y));
+    let [f, g] = [x, y].map(|h| h as usize / 3);
+    let at = |v: u32| surface.positions[v as usize];
+    let [n, m] = [f, g].map(|f| surface.area_vector(f).normalize_or_zero());
+    let middle = rounded((at(a) + at(b)) * 0.5);
+    let Some(direction) = (-(n + m)).try_normalize() else { return false };
+    let new_faces = |w: DVec3| [[at(a), w, at(c), n], [w, at(b), at(c), n], [at(b), w, at(d), m], [w, at(a), at(d), m]];
+    let placed = places.find(middle, direction, |w| {
+        !collinear(at(a), w, at(b)) && new_faces(w).iter().all(|&[p, q, r, n]| (q - p).cross(r - p).dot(n) > 0.0)
+    });
+    let Some(w) = placed else { return false };
+    #[expect(clippy::cast_possible_truncation, reason = "vertices are counted in u32")]
+    let v = surface.positions.len() as u32;
+    surface.positions.push(w);
+    surface.faces[f] = [a, v, c];
+    surface.faces[g] = [b, v, d];
+    for (face, from) in [([v, b, c], f), ([v, a, d], g)] {
+        surface.faces.push(face);
+        surface.source.push(surface.source[from]);
+    }
+    true
+}
+
+/// Moves all but one of the vertices of each group at one position. Answers how many were moved and how many could not be.
+fn spread(surface: &mut Surface, places: &mut Places, context: &Context<'_>) -> Result<(u64, u64), Cancelled> {
+    let mut order: Vec<([u32; 3], u32)> = surface.positions.iter().map(|&p| key(p)).zip(0u32..).collect();
+    order.sort_unstable();
+    let groups: Vec<&[([u32; 3], u32)]> = order.chunk_by(|x, y| x.0 == y.0).filter(|g| g.len() > 1).collect();
+    if groups.is_empty() {
+        return Ok((0, 0));
+    }
+    let stars = Stars::new(surface);
+    let (mut moved, mut left) = (0, 0);
+    for (count, group) in groups.into_iter().enumerate() {
+        if count % 256 == 0 {
+            context.check()?;
+        }
+        let area = |v: u32| -> f64 { stars.of(v).iter().map(|&f| surface.area_vector(f as usize).length()).sum() };
+        let mut by_area: Vec<(f64, u32)> =
+            group.iter().map(|&(_, v)| (area(v), v)).filter(|&(_, v)| !stars.of(v).is_empty()).collect();
+        by_area.sort_by(|x, y| y.0.total_cmp(&x.0).then(x.1.cmp(&y.1)));
+        // One may stay; where one can't be moved, that is the one.
+        let mut staying = by_area.len();
+        for &(_, v) in by_area.iter().rev() {
+            if staying == 1 {
+                break;
+            }
+            if let Some(q) = aside(surface, v, stars.of(v), places) {
+                surface.positions[v as usize] = q;
+                staying -= 1;
+                moved += 1;
+            }
+        }
+        left += staying.saturating_sub(1) as u64;
+    }
+    Ok((moved, left))
+}
+
+/// A free position beside a vertex, into the solid that its faces bound.
+fn aside(surface: &Surface, v: u32, star: &[u32], places: &mut Places) -> Option<DVec3> {
+    let p = surface.positions[v as usize];
+    let mut normal = DVec3::ZERO;
+    let mut middle = DVec3::ZERO;
+    for &f in star {
+        let corners = surface.corners(f as usize);
+        let i = surface.faces[f as usize].iter().position(|&w| w == v)?;
+        let (q, r) = (corners[(i + 1) % 3] - p, corners[(i + 2) % 3] - p);
+        normal += surface.area_vector(f as usize).normalize_or_zero() * q.angle_between(r);
+        middle += (q.normalize_or_zero() + r.normalize_or_zero()) * 0.5;
+    }
+    let fits = |q: DVec3| {
+        star.iter().all(|&f| {
+            let before = surface.area_vector(f as usize);
+            let [a, b, c] = surface.faces[f as usize].map(|w| if w == v { q } else { surface.positions[w as usize] });
+            (b - a).cross(c - a).dot(before) > 0.0 && !collinear(a, b, c)
+        })
+    };
+    let ahead = (-normal).try_normalize().or_else(|| middle.try_normalize())?;
+    let mut around: Vec<DVec3> = NEIGHBOURS.iter().map(|d| d.normalize()).filter(|d| d.dot(ahead) > 0.1).collect();
+    around.sort_by(|x, y| y.dot(ahead).total_cmp(&x.dot(ahead)));
+    std::iter::once(ahead).chain(around).find_map(|direction| places.find(p, direction, fits))
+}
+
+/// The faces at each vertex.
+struct Stars {
+    start: Vec<u32>,
+    faces: Vec<u32>,
+}
+
+impl Stars {
+    fn new(surface: &Surface) -> Self {
+        let mut start = vec![0u32; surface.positions.len() + 1];
+        for &v in surface.faces.iter().flatten() {
+            start[v as usize + 1] += 1;
+        }
+        for i in 1..start.len() {
+            start[i] += start[i - 1];
+        }
+        let (mut at, mut faces) = (start.clone(), vec![0u32; surface.faces.len() * 3]);
+        for (face, f) in surface.faces.iter().zip(0u32..) {
+            for &v in face {
+                faces[at[v as usize] as usize] = f;
+                at[v as usize] += 1;
+            }
+        }
+        Self { start, faces }
+    }
+
+    fn of(&self, v: u32) -> &[u32] {
+        &self.faces[self.start[v as usize] as usize..self.start[v as usize + 1] as usize]
+    }
+}

@@ -1,0 +1,238 @@
+//! The operators of tier 2: what is cut apart stays apart when it is welded by position.
+
+use glam::DVec3;
+use meshmend::arrange::{ArrangeError, Inside, ManifoldRust};
+use meshmend::format::{Format, Limits, read, write};
+use meshmend::inspect::{Measures, measure};
+use meshmend::mesh::{Soup, Surface};
+use meshmend::repair::cut::{Pairing, Pinches, cut_apart};
+use meshmend::repair::debris::remove_debris;
+use meshmend::repair::resolve::{Resolved, resolve};
+use meshmend::repair::separate::separate;
+use meshmend::repair::{Context, NoProgress};
+use proptest::prelude::*;
+
+use crate::meshes::{cube, join, push, sphere, torus};
+use crate::operators::{count, with_context};
+
+/// Measures a surface as whoever reads it from STL will see it.
+fn as_stl(surface: &Surface) -> Measures {
+    let bytes = write(&surface.to_soup(), Format::Stl).unwrap();
+    let soup = read(&bytes, &Limits::default()).unwrap().soup;
+    with_context(|c| measure(&soup, c)).unwrap()
+}
+
+fn separated(soup: &Soup) -> Surface {
+    let (mut surface, _) = Surface::from_soup(soup);
+    with_context(|c| separate(&mut surface, c)).unwrap();
+    surface
+}
+
+/// Two cubes of side 1 that share an edge and nothing more.
+fn two_cubes_on_an_edge() -> Soup {
+    join(&cube(DVec3::ZERO, 1.0, 2), &cube(DVec3::new(1.0, 1.0, 0.0), 1.0, 2))
+}
+
+#[test]
+fn two_solids_that_share_an_edge_stay_two_solids() {
+    let soup = two_cubes_on_an_edge();
+    let before = with_context(|c| measure(&soup, c)).unwrap();
+    assert_eq!((before.nonmanifold_edges, before.parts), (2, 1));
+    let surface = separated(&soup);
+    let after = as_stl(&surface);
+    assert!(after.manifold && after.closed && after.consistent, "{after:?}");
+    assert_eq!((after.parts, after.faces), (2, before.faces));
+    assert!((after.volume.value - 2.0).abs() < 1e-5);
+}
+
+#[test]
+fn vertices_move_by_no_more_than_a_few_units_in_the_last_place() {
+    let soup = two_cubes_on_an_edge();
+    let surface = separated(&soup);
+    let moved = surface.positions.iter().filter(|p| !soup.positions.contains(p)).count();
+    assert_eq!(moved, 3, "the three vertices of the shared edge, on one side");
+    for p in &surface.positions {
+        let nearest = soup.positions.iter().map(|q| q.distance(*p)).fold(f64::MAX, f64::min);
+        assert!(nearest < 1e-6, "{p} moved by {nearest}");
+    }
+}
+
+#[test]
+fn solids_that_touch_in_a_vertex_are_parted() {
+    let soup = join(&cube(DVec3::ZERO, 1.0, 1), &cube(DVec3::ONE, 1.0, 1));
+    assert_eq!(with_context(|c| measure(&soup, c)).unwrap().nonmanifold_vertices, 1);
+    let after = as_stl(&separated(&soup));
+    assert_eq!((after.nonmanifold_vertices, after.parts), (0, 2));
+    assert!(after.closed && after.manifold);
+}
+
+/// A ring of eight cubes around a hole, two of which meet in an edge only: around that edge the surface is one piece.
+fn ring_with_a_pinched_edge() -> Soup {
+    let cells = [(0, 0), (1, 0), (2, 0), (2, 1), (1, 2), (0, 2), (0, 1)];
+    let filled = |x: i32, y: i32| cells.contains(&(x, y));
+    let mut soup = Soup::default();
+    for (x, y) in cells {
+        let low = DVec3::new(f64::from(x), f64::from(y), 0.0);
+        let inner = |p: DVec3| {
+            let axis = (0..2).find(|&k| (p[k] - low[k] - 0.5).abs() > 0.4);
+            axis.is_some_and(|k| {
+                let step = if p[k] > low[k] + 0.5 { 1 } else { -1 };
+                if k == 0 { filled(x + step, y) } else { filled(x, y + step) }
+            })
+        };
+        let one = cube(low, 1.0, 1);
+        for f in 0..one.faces.len() {
+            let [a, b, c] = one.corners(f);
+            if !inner((a + b + c) / 3.0) {
+                push(&mut soup, [a, b, c]);
+            }
+        }
+    }
+    soup
+}
+
+#[test]
+fn an_edge_where_a_solid_touches_itself_is_split() {
+    let soup = ring_with_a_pinched_edge();
+    let before = with_context(|c| measure(&soup, c)).unwrap();
+    assert_eq!((before.nonmanifold_edges, before.boundary_edges), (1, 0));
+    let after = as_stl(&separated(&soup));
+    assert!(after.closed && after.manifold && after.consistent, "{after:?}");
+    assert!((after.volume.value - 7.0).abs() < 1e-5);
+}
+
+#[test]
+fn a_fin_is_cut_off_and_the_solid_stays_closed() {
+    let mut soup = cube(DVec3::ZERO, 1.0, 1);
+    push(&mut soup, [DVec3::ZERO, DVec3::X, DVec3::new(0.5, -0.01, -0.01)]);
+    let (mut surface, _) = Surface::from_soup(&soup);
+    let changes = with_context(|c| cut_apart(&mut surface, Pairing::FinsLast, Pinches::KeepAtBoundaries, c)).unwrap();
+    assert_eq!(count(&changes, "faces_without_partner"), 1);
+    let changes = with_context(|c| remove_debris(&mut surface, c)).unwrap();
+    assert_eq!((count(&changes, "debris_parts_removed"), count(&changes, "debris_faces_removed")), (1, 1));
+    let after = as_stl(&surface);
+    assert!(after.closed && after.manifold);
+    assert_eq!(after.faces, 12);
+}
+
+#[test]
+fn a_sheet_inside_a_solid_goes_and_one_outside_stays() {
+    for (middle, goes) in [(DVec3::ZERO, true), (DVec3::X * 3.0, false)] {
+        let mut soup = sphere(DVec3::ZERO, 2.0, 16, 8);
+        push(&mut soup, [DVec3::X, DVec3::Y, DVec3::Z].map(|p| p + middle));
+        let (mut surface, _) = Surface::from_soup(&soup);
+        let changes = with_context(|c| remove_debris(&mut surface, c)).unwrap();
+        assert_eq!(count(&changes, "sheets_inside_solids_removed"), u64::from(goes));
+        assert_eq!(surface.faces.len() + usize::from(goes), soup.faces.len());
+    }
+}
+
+#[test]
+fn nothing_goes_where_all_is_debris() {
+    let mut soup = Soup::default();
+    push(&mut soup, [DVec3::ZERO, DVec3::X, DVec3::Y]);
+    let (mut surface, _) = Surface::from_soup(&soup);
+    with_context(|c| remove_debris(&mut surface, c)).unwrap();
+    assert_eq!(surface.faces.len(), 1);
+}
+
+#[test]
+fn a_mesh_that_is_manifold_is_left_bit_for_bit() {
+    let soup = join(&sphere(DVec3::ZERO, 2.0, 16, 8), &cube(DVec3::splat(5.0), 1.0, 2));
+    let (before, _) = Surface::from_soup(&soup);
+    let mut after = before.clone();
+    let changes = with_context(|c| separate(&mut after, c)).unwrap();
+    assert!(changes.is_empty(), "{changes:?}");
+    assert_eq!(before, after);
+}
+
+proptest! {
+    /// Cubes on the cells of a small board touch in faces, edges and vertices in every way; walls between neighbours are
+    /// left out. Cut apart, they are manifold by position and their volume is that of the cells.
+    #[test]
+    fn cells_of_a_board_become_manifold_solids(board in proptest::collection::vec(any::<bool>(), 27)) {
+        let filled = |x: i32, y: i32, z: i32| {
+            [x, y, z].iter().all(|k| (0..3).contains(k)) && board[(9 * x + 3 * y + z) as usize]
+        };
+        let mut soup = Soup::default();
+        let mut cells = 0.0;
+        for (x, y, z) in (0..27).map(|i| (i / 9, i / 3 % 3, i % 3)).filter(|&(x, y, z)| filled(x, y, z)) {
+            cells += 1.0;
+            let low = DVec3::new(f64::from(x), f64::from(y), f64::from(z));
+            let one = cube(low, 1.0, 1);
+            for f in 0..one.faces.len() {
+                let [a, b, c] = one.corners(f);
+                let side = ((a + b + c) / 3.0 - low - 0.5) * 2.0;
+                let step = side.to_array().map(|s| if s > 0.9 { 1 } else if s < -0.9 { -1 } else { 0 });
+                if !filled(x + step[0], y + step[1], z + step[2]) {
+                    push(&mut soup, [a, b, c]);
+                }
+            }
+        }
+        prop_assume!(cells > 0.0);
+        let after = as_stl(&separated(&soup));
+        prop_assert!(after.closed && after.manifold && after.consistent, "{:?}", after);
+        prop_assert!((after.volume.value - cells).abs() < 1e-4);
+    }
+}
+
+fn resolved(soup: &Soup) -> (Surface, Resolved) {
+    let (mut surface, _) = Surface::from_soup(soup);
+    let it = with_context(|c| resolve(&mut surface, &ManifoldRust, Inside::Positive, c)).unwrap();
+    (surface, it)
+}
+
+#[test]
+fn two_cubes_that_overlap_become_one_solid_of_their_common_volume() {
+    let soup = join(&cube(DVec3::ZERO, 1.0, 2), &cube(DVec3::new(0.5, 0.25, 0.125), 1.0, 2));
+    let (surface, it) = resolved(&soup);
+    assert!(count(&it.changes, "intersecting_pairs_resolved") > 0 && it.error.is_none());
+    let after = as_stl(&surface);
+    assert!(after.printable(), "{after:?}");
+    assert_eq!(after.parts, 1);
+    assert!((after.volume.value - (2.0 - 0.5 * 0.75 * 0.875)).abs() < 1e-6, "{}", after.volume.value);
+}
+
+#[test]
+fn solids_that_share_part_of_a_wall_become_one_and_the_wall_goes() {
+    let soup = join(&cube(DVec3::ZERO, 1.0, 1), &cube(DVec3::new(1.0, 0.25, 0.25), 0.5, 1));
+    let (surface, _) = resolved(&soup);
+    let after = as_stl(&surface);
+    assert!(after.printable(), "{after:?}");
+    assert!((after.volume.value - 1.125).abs() < 1e-6);
+}
+
+#[test]
+fn a_sphere_through_a_torus_keeps_the_volume_of_both_without_their_common_part() {
+    let (ball, ring) = (sphere(DVec3::new(3.0, 0.0, 0.1), 1.4, 24, 12), torus(3.0, 1.0, 36, 18));
+    let volume = |soup: &Soup| with_context(|c| measure(soup, c)).unwrap().volume.value;
+    let (surface, it) = resolved(&join(&ball, &ring));
+    let after = as_stl(&surface);
+    assert!(after.printable(), "{after:?}, {it:?}");
+    assert!(after.volume.value < volume(&ball) + volume(&ring));
+    assert!(after.volume.value > volume(&ball).max(volume(&ring)));
+}
+
+#[test]
+fn what_does_not_intersect_or_is_not_closed_is_left_bit_for_bit() {
+    let apart = join(&cube(DVec3::ZERO, 1.0, 1), &cube(DVec3::splat(3.0), 1.0, 1));
+    let (before, _) = Surface::from_soup(&apart);
+    assert_eq!(resolved(&apart), (before, Resolved::default()));
+    let mut open = join(&cube(DVec3::ZERO, 1.0, 1), &cube(DVec3::splat(0.5), 1.0, 1));
+    open.faces.pop();
+    let (before, _) = Surface::from_soup(&open);
+    let (after, it) = resolved(&open);
+    assert_eq!((after, it.error), (before, Some(ArrangeError::NotClosed)));
+}
+
+#[test]
+fn a_resolve_that_is_cancelled_leaves_the_surface_as_it_was() {
+    let soup = join(&sphere(DVec3::ZERO, 2.0, 64, 32), &sphere(DVec3::X, 2.0, 64, 32));
+    let (before, _) = Surface::from_soup(&soup);
+    let mut surface = before.clone();
+    let cancel = std::sync::atomic::AtomicBool::new(true);
+    let clock = || std::time::Duration::ZERO;
+    let context = Context::new(&NoProgress, &cancel, &clock, std::time::Duration::from_secs(1));
+    assert!(resolve(&mut surface, &ManifoldRust, Inside::Positive, &context).is_err());
+    assert_eq!(surface, before);
+}
