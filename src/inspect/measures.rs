@@ -113,7 +113,7 @@ impl Measures {
                 "edge between faces of opposite winding",
                 "edges between faces of opposite winding",
             ),
-            (self.degenerate_faces, "degenerate face", "degenerate faces"),
+            (self.degenerate_faces, "face without area", "faces without area"),
             (self.duplicate_faces, "duplicate face", "duplicate faces"),
             (self.nonfinite_faces, "face that is not finite", "faces that are not finite"),
             (self.inverted_parts, "part turned inside out", "parts turned inside out"),

@@ -154,7 +154,7 @@ fn counts(it: &Inspection) -> Vec<Row> {
     let mut faults = vec![
         (m.unreferenced_vertices, "orphan vertices", m.unreferenced_vertices.to_string()),
         (elements.missing_vertices.unwrap_or(0), "missing vertices", missing(it)),
-        (m.degenerate_faces, "degenerate faces", degenerate),
+        (m.degenerate_faces, "faces without area", degenerate),
     ];
     match elements.indistinguishable_vertices {
         Some(count) => faults.push((count, "indistinguishable vertices", count.to_string())),
