@@ -2,7 +2,7 @@
 
 use serde_json::Value;
 
-use super::{Desk, code, files, said};
+use super::{Desk, code, files, said, shapes};
 
 fn text(output: std::process::Output) -> String {
     String::from_utf8(output.stdout).expect("text")
@@ -115,7 +115,7 @@ fn inspect_counts_as_closely_as_it_is_asked_to() {
 #[test]
 fn the_report_fits_on_a_screen_and_a_half_and_offenders_lists_every_place() {
     let desk = Desk::new();
-    desk.put("open.stl", &files::sphere_with_holes(30));
+    desk.put("open.stl", &shapes::sphere_with_holes(30));
     let short = text(desk.run(&["inspect", "open.stl"]));
     assert!(short.lines().count() <= 75, "{} lines: {short}", short.lines().count());
     let holes = |text: &str| text.lines().filter(|line| line.contains(", length 0.")).count();
@@ -151,8 +151,8 @@ fn what_a_level_does_not_look_for_is_said_and_nothing_is_called_unprintable_for_
 fn overlapping_files_are_counted_and_separate_ones_measured() {
     let desk = Desk::new();
     desk.put("a.stl", &files::whole_box());
-    desk.put("b.stl", &files::moved_box([0.5, 0.25, 0.25]));
-    desk.put("c.stl", &files::moved_box([4.0, 0.0, 0.0]));
+    desk.put("b.stl", &shapes::moved_box([0.5, 0.25, 0.25]));
+    desk.put("c.stl", &shapes::moved_box([4.0, 0.0, 0.0]));
     let apart = text(desk.run(&["inspect", "a.stl", "c.stl", "--intersections", "--spacing"]));
     let (_, set) = apart.split_once("\nSet of 2 files\n").expect("a section");
     assert!(set.starts_with("  pairs of intersecting faces between files: 0\n"), "{set}");

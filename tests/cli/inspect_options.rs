@@ -2,7 +2,7 @@
 
 use serde_json::{Value, json};
 
-use super::{Desk, code, files, said};
+use super::{Desk, code, files, said, shapes};
 
 fn inspection(desk: &Desk, args: &[&str], env: &[(&str, &str)]) -> Value {
     let output = desk.run_with(&[&["inspect", "--json"], args].concat(), env);
@@ -17,7 +17,7 @@ fn text(desk: &Desk, args: &[&str]) -> String {
 #[test]
 fn measures_for_printing_follow_the_unit_the_direction_and_the_printer() {
     let desk = Desk::new();
-    desk.put("box.stl", &files::stretched_box([2.0, 1.0, 1.0]));
+    desk.put("box.stl", &shapes::stretched_box([2.0, 1.0, 1.0]));
     let found =
         text(&desk, &["box.stl", "--unit", "in", "--up=-1,-1,0", "--overhang", "20", "--build-volume", "30,60,30"]);
     for line in [
@@ -46,7 +46,7 @@ fn measures_for_printing_follow_the_unit_the_direction_and_the_printer() {
 #[test]
 fn tolerances_decide_what_counts_as_nothing() {
     let desk = Desk::new();
-    desk.put("thin.stl", &files::stretched_box([1.0, 1.0, 0.01]));
+    desk.put("thin.stl", &shapes::stretched_box([1.0, 1.0, 0.01]));
     let kinds = |args: &[&str], env: &[(&str, &str)]| {
         let found = inspection(&desk, &[&["thin.stl"], args].concat(), env);
         let kinds =

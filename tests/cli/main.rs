@@ -6,6 +6,7 @@ mod files;
 
 mod inspect;
 mod inspect_options;
+mod shapes;
 
 use std::path::Path;
 use std::process::{Command, Output};
