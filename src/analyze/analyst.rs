@@ -107,7 +107,7 @@ impl<'a> Analyst<'a> {
             dialect: mesh.dialect.clone(),
             bytes: bytes.len() as u64,
             sha256: sha256.map(str::to_owned),
-            printable: measures.printable(),
+            printable: measures.verdict(),
             inspection,
             warnings,
         });
@@ -123,7 +123,12 @@ impl<'a> Analyst<'a> {
         let meshes: Vec<_> = self.looked.iter().map(|looked| &looked.mesh.soup).collect();
         let (intersections, spacing) = (self.options.intersections, self.options.spacing);
         let set = SetReport::of(&meshes, intersections, spacing, &self.context)?;
-        let printable = self.files.iter().all(|file| file.printable);
+        let verdicts = || self.files.iter().map(|file| file.printable);
+        let printable = if verdicts().any(|it| it == Some(false)) {
+            Some(false)
+        } else {
+            verdicts().collect::<Option<Vec<_>>>().map(|_| true)
+        };
         self.context.report(Stage::Finish, None, 100);
         let report = AnalysisReport {
             version: ANALYSIS_VERSION,

@@ -17,8 +17,8 @@ pub struct AnalysisReport {
     pub engine: String,
     /// The options that were in force.
     pub options: AnalyzeOptions,
-    /// Whether every file is printable.
-    pub printable: bool,
+    /// Whether every file is printable; none where nothing is wrong that was looked for, but not all was looked for.
+    pub printable: Option<bool>,
     /// What was found in each file, in the order they were sent.
     pub files: Vec<FileAnalysis>,
     /// What was measured between the files; none where there is only one.
@@ -43,7 +43,7 @@ pub struct FileAnalysis {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sha256: Option<String>,
     /// Whether it can be printed as it is, as far as its level of inspection tells.
-    pub printable: bool,
+    pub printable: Option<bool>,
     /// Everything that was found, in the same structure as `before` and `after` of a repair report.
     pub inspection: Inspection,
     /// What a person should know.

@@ -73,6 +73,16 @@ impl Measures {
             && self.volume.value > 0.0
     }
 
+    /// Whether the mesh is printable; none where nothing is wrong that was looked for, but intersections were not looked
+    /// for, or not to the end.
+    #[must_use]
+    pub fn verdict(&self) -> Option<bool> {
+        let undecided = !self.printable()
+            && self.printable_but_for_intersections()
+            && self.self_intersections.pairs.unwrap_or(0) == 0;
+        (!undecided).then(|| self.printable())
+    }
+
     /// Its size and its defects in a few words, for a log.
     #[must_use]
     pub fn in_short(&self) -> String {

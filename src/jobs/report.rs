@@ -22,6 +22,9 @@ pub enum JobOutcome {
     Printable,
     /// Analysis: at least one file can't be printed as it is.
     NotPrintable,
+    /// Analysis: nothing is wrong that was looked for, but the level did not ask for faces that intersect, or they could
+    /// not all be counted.
+    Undecided,
 }
 
 impl From<Outcome> for JobOutcome {
@@ -51,8 +54,11 @@ impl JobReport {
     pub fn outcome(&self) -> JobOutcome {
         match self {
             Self::Repair(report) => report.outcome.into(),
-            Self::Analyze(report) if report.printable => JobOutcome::Printable,
-            Self::Analyze(_) => JobOutcome::NotPrintable,
+            Self::Analyze(report) => match report.printable {
+                Some(true) => JobOutcome::Printable,
+                Some(false) => JobOutcome::NotPrintable,
+                None => JobOutcome::Undecided,
+            },
         }
     }
 

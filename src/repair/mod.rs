@@ -39,6 +39,6 @@ pub use drawings::{DrawError, draw};
 pub use options::{Options, OutputFormat, Preset};
 pub use pipeline::{RepairError, Repaired, repair};
 pub use plan::make_plan;
-pub use red_flags::red_flags;
+pub use red_flags::{Standing, red_flags};
 pub use remesher::{RemeshAction, RemeshError, RemeshRequest, Remeshed, Remesher, RemesherInfo};
 pub use report::*;

@@ -5,17 +5,26 @@ use crate::inspect::{Measures, percent};
 /// rounding made degenerate.
 const LEAST_STANDING: f64 = 0.98;
 
+/// What of the input is in a result, whole or cut.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Standing {
+    /// Faces of the file.
+    pub faces: u64,
+    /// Parts of which no face stands.
+    pub parts_gone: u64,
+}
+
 /// The signs that a repair destroyed something. Degenerate, duplicate and non-finite faces of the input count as none:
 /// they are gone with a reason.
 ///
-/// `standing` is how many faces of the input are in the result, whole or cut. Parts that became one are no bad sign
-/// where all sound faces are: they were pieces of one surface along a crack.
+/// Parts that became one are no bad sign where all sound faces stand, since they were pieces of one surface along a crack, or
+/// where something of each part stands, since they overlapped and are one solid now.
 #[must_use]
 pub fn red_flags(
     before: &Measures,
     after: &Measures,
     changes: &Changes,
-    standing: u64,
+    standing: Standing,
     options: &Options,
 ) -> Vec<RedFlag> {
     let mut flags = Vec::new();
@@ -60,7 +69,8 @@ pub fn red_flags(
         options.max_surface_lost_pct,
         format!("{lost:.1} % of the surface that can be seen from outside has no counterpart in the result"),
     );
-    if before.parts > 1 && after.parts == 1 && (standing as f64) < LEAST_STANDING * sound as f64 {
+    let united = standing.parts_gone == 0;
+    if before.parts > 1 && after.parts == 1 && !united && (standing.faces as f64) < LEAST_STANDING * sound as f64 {
         raise(RedFlagCode::PartsMerged, before.parts as f64, 1.0, format!("{} parts became one", before.parts));
     }
     flags

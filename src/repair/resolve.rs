@@ -8,7 +8,7 @@ use super::{Cancelled, Change, Context};
 use crate::arrange::{ArrangeError, Arrangement, Inside};
 use crate::inspect::{Analysis, intersections};
 use crate::math::Box3;
-use crate::mesh::{Surface, weld_exactly};
+use crate::mesh::{Edges, Parts, Surface, weld_exactly};
 
 /// Bits of the grid, over the largest coordinate, to which the vertices of faces that still intersect after rounding are
 /// moved, round by round.
@@ -52,6 +52,7 @@ pub fn resolve(
         return Ok(Resolved::default());
     }
     let faces_before = surface.faces.len() as u64;
+    let parts_before = Parts::new(surface, &Edges::new(&surface.faces)).count as u64;
     let mut work = surface.clone();
     let mut best: Option<(u64, Surface)> = None;
     let mut snapped = 0;
@@ -76,7 +77,10 @@ pub fn resolve(
     }
     let Some((pairs_left, result)) = best else { return Ok(Resolved::default()) };
     *surface = result;
+    let parts = |surface: &Surface| Parts::new(surface, &Edges::new(&surface.faces)).count as u64;
+    let united = parts_before.saturating_sub(parts(surface));
     let changes = Change::list([
+        ("parts_united", united),
         ("intersecting_pairs_resolved", before.saturating_sub(pairs_left)),
         ("faces_cut", faces_before),
         ("faces_made", surface.faces.len() as u64),

@@ -1,8 +1,8 @@
 use super::input::read_own;
-use super::{Cancelled, Changes, Context, Options, RedFlag, RedFlagCode, red_flags};
+use super::{Cancelled, Changes, Context, Options, RedFlag, RedFlagCode, Standing, red_flags};
 use crate::format::{self, Format, ReadError, WriteError};
 use crate::inspect::{Analysis, Measures, Original, measure_analysis};
-use crate::mesh::{NO_SOURCE, Surface};
+use crate::mesh::{NO_SOURCE, Parts, Surface};
 
 /// Share of the visible surface, in percent, whose loss makes even a printable result worse than the input.
 const MOST_LOST_PCT: f64 = 25.0;
@@ -40,16 +40,26 @@ pub(super) fn judge(
     let analysis = Analysis::new((&read.soup).into(), context)?;
     let measures = measure_analysis(&analysis, context)?;
     let changes = input.changes(&analysis, &measures, context)?;
-    let red_flags = red_flags(input.measures(), &measures, &changes, standing(surface), options);
+    let red_flags = red_flags(input.measures(), &measures, &changes, standing(surface, input.analysis()), options);
     Ok(Judged { bytes, dialect: read.dialect, measures, changes, red_flags })
 }
 
-/// How many faces of the input are in a surface, whole or cut.
-fn standing(surface: &Surface) -> u64 {
-    let mut sources: Vec<u32> = surface.source.iter().copied().filter(|&s| s != NO_SOURCE).collect();
-    sources.sort_unstable();
-    sources.dedup();
-    sources.len() as u64
+/// What of the input is in a surface.
+fn standing(surface: &Surface, input: &Analysis<'_>) -> Standing {
+    let mut stands = vec![false; input.subject.soup.faces.len()];
+    for &source in surface.source.iter().filter(|&&source| source != NO_SOURCE) {
+        if let Some(stands) = stands.get_mut(source as usize) {
+            *stands = true;
+        }
+    }
+    let mut gone = vec![true; input.parts.count];
+    for (&part, &source) in input.parts.of_face.iter().zip(&input.surface.source) {
+        if part != Parts::NONE && stands[source as usize] {
+            gone[part as usize] = false;
+        }
+    }
+    let count = |them: &[bool]| them.iter().filter(|&&it| it).count() as u64;
+    Standing { faces: count(&stands), parts_gone: count(&gone) }
 }
 
 impl Judged {

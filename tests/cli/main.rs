@@ -84,7 +84,7 @@ fn repair_draws_into_the_folder_that_is_named_and_only_then() {
 fn a_model_repaired_only_in_part_is_written_and_code_one() {
     let desk = Desk::new();
     desk.put("in.stl", &files::boxes_on_an_edge());
-    let output = desk.run(&["repair", "in.stl", "-o", "out.stl"]);
+    let output = desk.run(&["repair", "in.stl", "-o", "out.stl", "--preset", "fill-holes"]);
     assert_eq!(code(&output), 1, "{}", said(&output));
     assert!(!desk.get("out.stl").is_empty());
     assert!(said(&output).contains("Blender") || said(&output).contains("printable"), "{}", said(&output));

@@ -38,7 +38,7 @@ async fn without_blender_the_report_says_that_tier_three_is_missing_and_the_best
     let data = tempfile::tempdir().expect("a folder");
     let program = Start::serve(data.path()).start();
     let api = Api::new(&program);
-    let id = api.submit(files::boxes_on_an_edge(), json!({})).await;
+    let id = api.submit(files::boxes_on_an_edge(), json!({"preset": "fill-holes"})).await;
     let job = api.finished(&id).await;
     assert_eq!(job["status"], "succeeded", "{job}");
     let steps = job["report"]["steps"].as_array().expect("steps");

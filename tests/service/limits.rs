@@ -61,7 +61,7 @@ async fn a_blender_that_hangs_costs_its_time_and_the_best_result_so_far_comes_ba
     let blender = hanging_blender(data.path());
     let program = Start::serve(data.path()).blender(&blender).start();
     let api = Api::new(&program);
-    let id = api.submit(files::boxes_on_an_edge(), json!({"deadline_s": 2})).await;
+    let id = api.submit(files::boxes_on_an_edge(), json!({"preset": "fill-holes", "deadline_s": 2})).await;
     let job = api.finished(&id).await;
     assert_eq!(job["status"], "succeeded", "{job}");
     assert!(["partially_repaired", "unrepairable"].contains(&job["outcome"].as_str().expect("an outcome")), "{job}");

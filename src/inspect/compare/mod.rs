@@ -116,6 +116,12 @@ impl<'a> Original<'a> {
         Self { analysis, measures, options, keys, samples, visible }
     }
 
+    /// The mesh itself.
+    #[must_use]
+    pub fn analysis(&self) -> &'a Analysis<'a> {
+        self.analysis
+    }
+
     /// The mesh's own measures.
     #[must_use]
     pub fn measures(&self) -> &'a Measures {
