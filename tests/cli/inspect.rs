@@ -139,6 +139,10 @@ fn what_a_level_does_not_look_for_is_said_and_nothing_is_called_unprintable_for_
         basic.contains("  not looked for at this level: self-intersections, slits, cracks, T-junctions,"),
         "{basic}"
     );
+    let json = desk.run(&["inspect", "good.stl", "--level", "basic", "--json"]);
+    assert_eq!(code(&json), 1, "what was not looked for is not called printable either");
+    let value: Value = serde_json::from_slice(&json.stdout).expect("JSON");
+    assert_eq!(value["files"][0]["printable"], Value::Null);
     let none = text(desk.run(&["inspect", "good.stl", "--level", "none"]));
     assert!(!none.contains("Defects") && !none.contains("check, level"), "{none}");
     assert!(none.contains("faces without area, duplicate faces, faces not finite, parts inside out"), "{none}");

@@ -115,7 +115,7 @@ impl Look {
     fn to_json(&self) -> Value {
         json!({
             "path": self.name, "format": self.mesh.format, "dialect": self.mesh.dialect,
-            "warnings": self.mesh.warnings, "printable": self.inspection.measures.printable(),
+            "warnings": self.mesh.warnings, "printable": self.inspection.measures.verdict(),
             "goodness": self.goodness, "inspection": self.inspection,
         })
     }

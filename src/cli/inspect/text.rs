@@ -54,12 +54,10 @@ fn section(title: &str, given: &[Row]) -> String {
 fn headline(look: &Look) -> String {
     let measures = &look.inspection.measures;
     let faults = measures.faults().join(", ");
-    let verdict = if measures.printable() {
-        "printable".to_owned()
-    } else if measures.printable_but_for_intersections() && !measures.self_intersections.checked {
-        format!("not known to be printable: {faults}")
-    } else {
-        format!("not printable: {faults}")
+    let verdict = match measures.verdict() {
+        Some(true) => "printable".to_owned(),
+        Some(false) => format!("not printable: {faults}"),
+        None => format!("not known to be printable: {faults}"),
     };
     let mut text = format!("{}: {}\n{verdict}\n", look.name, look.mesh.dialect);
     for warning in look.mesh.warnings.iter().cloned().chain(measures.left_out()) {
