@@ -149,7 +149,7 @@ pub fn run(args: &RepairArgs) -> ExitCode {
     if let Some(folder) = &args.pictures {
         match draw(&bytes, &repaired, &limits, &context) {
             Ok(drawings) => {
-                if let Err(message) = write_drawings(folder, &drawings) {
+                if let Err(message) = write_drawings(folder, "", &drawings) {
                     return exit::fail(exit::INTERNAL, message);
                 }
             }
@@ -163,10 +163,12 @@ pub fn run(args: &RepairArgs) -> ExitCode {
     })
 }
 
-/// Writes drawings into a folder, which is made where it is not there.
-pub fn write_drawings(folder: &Path, drawings: &[Drawing]) -> Result<(), String> {
+/// Writes drawings into a folder, which is made where it is not there, under their names after a prefix.
+pub fn write_drawings(folder: &Path, prefix: &str, drawings: &[Drawing]) -> Result<(), String> {
     std::fs::create_dir_all(folder).map_err(|e| format!("{}: {e}", folder.display()))?;
-    drawings.iter().try_for_each(|drawing| write_file(&folder.join(drawing.name), &drawing.bytes))
+    drawings
+        .iter()
+        .try_for_each(|drawing| write_file(&folder.join(format!("{prefix}{}", drawing.name)), &drawing.bytes))
 }
 
 /// The result in a few lines on standard error, so that standard output stays free.

@@ -28,6 +28,19 @@ pub enum Level {
     Full,
 }
 
+impl Level {
+    /// Whether a kind of defect is looked for. Sheets are at level basic as far as their two sides have the same faces.
+    #[must_use]
+    pub fn looks_for(self, kind: DefectKind) -> bool {
+        use DefectKind as K;
+        match self {
+            Self::None => false,
+            Self::Basic => !matches!(kind, K::Slit | K::SelfIntersection | K::TJunction | K::Crack | K::InnerShell),
+            Self::Full => true,
+        }
+    }
+}
+
 /// What to look for, and how. Every field has a default.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema, IntoParams)]
 #[serde(default)]

@@ -116,7 +116,6 @@ impl Measures {
     #[must_use]
     pub fn faults(&self) -> Vec<String> {
         let counts = [
-            (self.boundary_edges, "open edge", "open edges"),
             (self.nonmanifold_edges, "non-manifold edge", "non-manifold edges"),
             (self.nonmanifold_vertices, "non-manifold vertex", "non-manifold vertices"),
             (
@@ -124,7 +123,7 @@ impl Measures {
                 "edge between faces of opposite winding",
                 "edges between faces of opposite winding",
             ),
-            (self.degenerate_faces, "degenerate face", "degenerate faces"),
+            (self.degenerate_faces, "face without area", "faces without area"),
             (self.duplicate_faces, "duplicate face", "duplicate faces"),
             (self.nonfinite_faces, "face that is not finite", "faces that are not finite"),
             (self.inverted_parts, "part turned inside out", "parts turned inside out"),
@@ -132,8 +131,15 @@ impl Measures {
         ];
         let words =
             |&(count, one, more): &(u64, &str, &str)| format!("{count} {}", if count == 1 { one } else { more });
-        let mut faults: Vec<String> = counts.iter().filter(|(count, ..)| *count > 0).map(words).collect();
-        if !self.self_intersections.complete {
+        let mut faults = Vec::new();
+        if self.boundary_edges > 0 {
+            let holes = words(&(self.boundary_loops, "hole", "holes"));
+            faults.push(format!("{holes} ({})", words(&(self.boundary_edges, "open edge", "open edges"))));
+        }
+        faults.extend(counts.iter().filter(|(count, ..)| *count > 0).map(words));
+        if !self.self_intersections.checked {
+            faults.push("intersecting faces were not looked for".to_owned());
+        } else if !self.self_intersections.complete {
             faults.push("so many overlapping faces that they were not all counted".to_owned());
         }
         if faults.is_empty() && !self.printable() {

@@ -4,6 +4,10 @@
 #[allow(dead_code, reason = "shared with the tests of the service")]
 mod files;
 
+mod inspect;
+mod inspect_options;
+mod shapes;
+
 use std::path::Path;
 use std::process::{Command, Output};
 
@@ -115,106 +119,6 @@ fn the_output_s_ending_is_its_format() {
         let found = read(&desk.get(name), &Limits::default()).expect("a model");
         assert_eq!(format!("{:?}", found.format).to_lowercase(), name.to_lowercase()[4..]);
         assert_eq!(found.soup.faces.len(), 12);
-    }
-}
-
-#[test]
-fn inspect_says_what_is_wrong_for_people_and_for_programs() {
-    let desk = Desk::new();
-    desk.put("bad.stl", &files::broken_box());
-    desk.put("good.stl", &files::whole_box());
-    let text = desk.run(&["inspect", "bad.stl"]);
-    assert_eq!(code(&text), 1);
-    let lines = String::from_utf8(text.stdout).expect("text");
-    for line in [
-        "not printable: 4 open edges, 2 edges between faces of opposite winding",
-        "  boundaries                  1 of 4 edges",
-        "  outward                     not measurable: not closed",
-    ] {
-        assert!(lines.lines().any(|l| l == line), "{lines}");
-    }
-    let json = desk.run(&["inspect", "good.stl", "--json"]);
-    assert_eq!(code(&json), 0);
-    let value: Value = serde_json::from_slice(&json.stdout).expect("JSON");
-    assert_eq!((&value["version"], &value["set"]), (&Value::from(1), &Value::Null));
-    let file = &value["files"][0];
-    assert_eq!((&file["path"], &file["printable"]), (&Value::from("good.stl"), &Value::from(true)));
-    assert_eq!(file["inspection"]["volume"]["value"], 1.0);
-    assert_eq!(file["inspection"]["attributes"]["outward"], "yes");
-    assert_eq!(file["inspection"]["statistics"]["edge_length"]["max"], 2f64.sqrt());
-}
-
-#[test]
-fn inspect_takes_several_files_and_folders_in_order_and_its_code_is_that_of_the_worst() {
-    let desk = Desk::new();
-    std::fs::create_dir(desk.0.path().join("set")).expect("a folder");
-    desk.put("good.stl", &files::whole_box());
-    desk.put("set/b.stl", &files::broken_box());
-    desk.put("set/a", &files::whole_box());
-    desk.put("set/notes.txt", b"these are no models");
-    let paths = |args: &[&str]| {
-        let output = desk.run(args);
-        let value: Value = serde_json::from_slice(&output.stdout).expect("JSON");
-        let paths = value["files"].as_array().expect("a list").iter().map(|f| f["path"].as_str().expect("a path"));
-        (code(&output), paths.map(str::to_owned).collect::<Vec<_>>())
-    };
-    assert_eq!(
-        paths(&["inspect", "good.stl", "set", "--json"]),
-        (1, ["good.stl", "set/a", "set/b.stl"].map(str::to_owned).to_vec())
-    );
-    assert_eq!(paths(&["inspect", "good.stl", "good.stl", "--json"]).0, 0);
-    desk.put("set/c.ply", b"cut off");
-    let (worst, named) = paths(&["inspect", "set", "--json"]);
-    assert_eq!((worst, named.len(), named[2].as_str()), (2, 3, "set/c.ply"));
-    std::fs::create_dir(desk.0.path().join("empty")).expect("a folder");
-    let output = desk.run(&["inspect", "empty"]);
-    assert_eq!(code(&output), 2);
-    assert!(said(&output).contains("no model in this folder"), "{}", said(&output));
-}
-
-#[test]
-fn inspect_has_an_equal_for_each_option_of_meshalyzer() {
-    let desk = Desk::new();
-    desk.put("good.stl", &files::whole_box());
-    desk.put("bad.stl", &files::broken_box());
-    let text = |args: &[&str]| {
-        let output = desk.run(args);
-        (code(&output), String::from_utf8(output.stdout).expect("text"))
-    };
-    let (_, attributes) = text(&["inspect", "bad.stl", "-a"]);
-    assert_eq!(attributes.lines().count(), 5, "{attributes}");
-    assert!(attributes.contains("consistent                  no: 2 edges"), "{attributes}");
-    let (_, offenders) = text(&["inspect", "bad.stl", "-a", "-p"]);
-    assert!(offenders.starts_with(&attributes) && offenders.contains("Offending elements"), "{offenders}");
-    let (bad, line) = text(&["inspect", "bad.stl", "-g", "2.1,0.1,0.5"]);
-    assert!(bad == 1 && line.starts_with("0 bad.stl: not closed (boundary edges: 4), "), "{line}");
-    let (_, words) = text(&["inspect", "bad.stl", "-g", "2,0.1,0.5", "-p"]);
-    assert!(words.starts_with("bad.stl: mesh is NOT good\n  not closed"), "{words}");
-    assert!(words.contains("largest aspect ratio 2 is not below 2"), "{words}");
-    let (bad, together) = text(&["inspect", "good.stl", "bad.stl", "-g", "2.1,0.1,0.5"]);
-    assert!(bad == 1 && together.lines().count() == 2, "{together}");
-    for wrong in [["inspect", "good.stl", "-g", "1,2"], ["inspect", "good.stl", "-g", "1,2,x"]] {
-        let output = desk.run(&wrong);
-        assert_eq!(code(&output), 2);
-        assert!(said(&output).contains("three numbers"), "{}", said(&output));
-    }
-    assert_eq!(desk.run(&["inspect", "good.stl", "-a", "-g", "1,2,3"]).status.code(), Some(2));
-}
-
-#[test]
-fn inspect_counts_as_closely_as_it_is_asked_to() {
-    let desk = Desk::new();
-    desk.put("good.stl", &files::whole_box());
-    for (args, level) in [
-        (["--json"].as_slice(), "full"),
-        (&["--json", "--level", "basic"], "basic"),
-        (&["--json", "-a"], "none"),
-        (&["--json", "-a", "-p"], "basic"),
-    ] {
-        let output = desk.run(&[&["inspect", "good.stl"], args].concat());
-        let value: Value = serde_json::from_slice(&output.stdout).expect("JSON");
-        let it = &value["files"][0]["inspection"];
-        assert_eq!((&it["level"], it["statistics"].is_null()), (&Value::from(level), level == "none"));
     }
 }
 

@@ -1,7 +1,7 @@
 //! Model files for tests of the service, made on the spot.
 
 /// Corners of the unit box's faces, counter-clockwise from outside; the last two triangles are its top.
-const BOX: [[[f32; 3]; 3]; 12] = [
+pub const BOX: [[[f32; 3]; 3]; 12] = [
     [[0., 0., 0.], [0., 1., 0.], [1., 1., 0.]],
     [[0., 0., 0.], [1., 1., 0.], [1., 0., 0.]],
     [[0., 0., 0.], [1., 0., 0.], [1., 0., 1.]],

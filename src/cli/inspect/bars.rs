@@ -4,6 +4,10 @@ use meshmend::inspect::{Distribution, Histogram};
 
 /// How wide the longest bar is, in characters.
 const WIDTH: u64 = 40;
+/// Most rows of a histogram; neighbouring bins share one where there are more.
+const MOST_ROWS: usize = 8;
+/// Longest name that stands beside its figures.
+const SHORT: usize = 14;
 const EIGHTHS: [&str; 8] = ["", "▏", "▎", "▍", "▌", "▋", "▊", "▉"];
 
 /// What the output can show.
@@ -42,24 +46,21 @@ fn trimmed(digits: &str) -> &str {
     if digits.contains('.') { digits.trim_end_matches('0').trim_end_matches('.') } else { digits }
 }
 
-/// The figures of a distribution on two lines, and its histogram.
+/// The figures of a distribution, and its histogram.
 pub fn distribution(name: &str, it: &Distribution, style: Style) -> String {
-    let mut text = String::new();
-    // Writing to a string can't fail.
-    let _ = writeln!(text, "  {name}: {} values", it.count);
-    let _ = writeln!(
-        text,
-        "    min {}   max {}   mean {}   median {}   variance {}",
-        figure(it.min),
-        figure(it.max),
-        figure(it.mean),
-        figure(it.median),
-        figure(it.variance)
-    );
-    text + &histogram(&it.histogram, style)
+    figures(name, it) + &histogram(&it.histogram, style)
+}
+
+/// The figures of a distribution.
+pub fn figures(name: &str, it: &Distribution) -> String {
+    let values =
+        [("min", it.min), ("max", it.max), ("mean", it.mean), ("median", it.median), ("variance", it.variance)];
+    let values = values.map(|(name, value)| format!("{name} {}", figure(value))).join("   ");
+    if name.len() <= SHORT { format!("  {name:SHORT$}  {values}\n") } else { format!("  {name}\n    {values}\n") }
 }
 
 fn histogram(it: &Histogram, style: Style) -> String {
+    let it = &in_few_bins(it);
     let edges: Vec<String> = it.edges.iter().map(|&x| figure(x)).collect();
     let wide = edges.iter().map(String::len).max().unwrap_or(0);
     let most = it.counts.iter().copied().max().unwrap_or(0);
@@ -76,6 +77,15 @@ fn histogram(it: &Histogram, style: Style) -> String {
         at = end;
     }
     text
+}
+
+/// The same, where it would take more than [`MOST_ROWS`], with as few neighbouring bins put together as leave no more.
+fn in_few_bins(it: &Histogram) -> Histogram {
+    let rows = it.counts.chunk_by(|a, b| a + b == 0).count();
+    let together = if rows > MOST_ROWS { it.counts.len().div_ceil(MOST_ROWS) } else { 1 };
+    let counts = it.counts.chunks(together).map(|bins| bins.iter().sum()).collect();
+    let last = it.edges.last().filter(|_| !it.counts.len().is_multiple_of(together));
+    Histogram { spacing: it.spacing, edges: it.edges.iter().step_by(together).chain(last).copied().collect(), counts }
 }
 
 /// A bar in proportion; some of it is seen wherever there is anything to count.
@@ -97,6 +107,8 @@ fn bar(count: u64, most: u64, style: Style) -> String {
 
 #[cfg(test)]
 mod tests {
+    use meshmend::inspect::BinSpacing;
+
     use super::*;
 
     #[test]
@@ -114,6 +126,20 @@ mod tests {
             (1.5e-7, "1.5e-7"),
         ] {
             assert_eq!(figure(x), text);
+        }
+    }
+
+    #[test]
+    fn neighbouring_bins_share_a_row_and_none_is_lost() {
+        for bins in [1u32, 8, 9, 16, 17] {
+            let edges = (0..=bins).map(f64::from).collect();
+            let all = Histogram { spacing: BinSpacing::Linear, edges, counts: vec![1; bins as usize] };
+            let few = in_few_bins(&all);
+            assert!(few.counts.len() <= MOST_ROWS && few.edges.len() == few.counts.len() + 1);
+            assert_eq!(few.edges.last(), Some(&f64::from(bins)));
+            for (count, edges) in few.counts.iter().zip(few.edges.windows(2)) {
+                assert_eq!(edges[1] - edges[0], *count as f64);
+            }
         }
     }
 

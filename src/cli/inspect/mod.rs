@@ -1,12 +1,15 @@
 mod bars;
+mod defects;
 mod files;
 mod good;
-mod offenders;
+mod options;
+mod pictures;
+mod print;
 mod set;
 mod text;
 
 use std::io::{IsTerminal, Write};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::atomic::AtomicBool;
 use std::time::Duration;
@@ -14,16 +17,20 @@ use std::time::Duration;
 use clap::Args;
 use meshmend::format::{Limits, ReadMesh, read};
 use meshmend::inspect::{
-    Goodness, InspectOptions, Inspection, Level, SetReport, Subject, Thresholds, goodness, inspect,
+    Findings, Goodness, InspectOptions, Inspection, Level, SetReport, Subject, Thresholds, goodness, inspect,
 };
 use meshmend::mesh::Soup;
+use meshmend::render::{Marked, draw_inspected};
 use meshmend::repair::{Context, monotonic_clock};
 use serde_json::{Value, json};
 
 use super::engine::{Bar, LimitArgs, read_file};
 use super::exit;
+use super::repair::write_drawings;
 use bars::Style;
 use files::{Input, inputs};
+use options::MeasureArgs;
+use pictures::Prefixes;
 
 /// The version of the JSON that `--json` prints.
 const JSON_VERSION: u32 = 1;
@@ -55,23 +62,30 @@ pub struct InspectArgs {
     /// Of several files: measure the distance from each vertex to the nearest surface of another file.
     #[arg(short, long, env = "MESHMEND_SPACING")]
     spacing: bool,
+    /// Where to draw what was found: defects.png, defects.glb and defects.ply, of several files each after its name, as
+    /// in part-defects.png. The folder is made.
+    #[arg(long, env = "MESHMEND_PICTURES", value_name = "FOLDER")]
+    pictures: Option<PathBuf>,
     /// Print JSON.
     #[arg(long, env = "MESHMEND_JSON")]
     json: bool,
+    #[command(flatten)]
+    measures: MeasureArgs,
     #[command(flatten)]
     limits: LimitArgs,
 }
 
 impl InspectArgs {
-    fn options(&self) -> InspectOptions {
-        let needed = match (self.attributes, self.offenders) {
+    fn options(&self) -> Result<InspectOptions, String> {
+        // Places and pictures want something to be looked for.
+        let needed = match (self.attributes, self.offenders || self.pictures.is_some()) {
             (true, false) => Level::None,
             (true, true) => Level::Basic,
             (false, _) => Level::Full,
         };
-        let default = InspectOptions::default();
-        let places = if self.offenders { usize::MAX } else { default.places };
-        InspectOptions { level: self.level.unwrap_or(needed), places, ..default }
+        let given = self.measures.options()?;
+        let places = if self.offenders { usize::MAX } else { given.places };
+        Ok(InspectOptions { level: self.level.unwrap_or(needed), places, ..given })
     }
 }
 
@@ -80,6 +94,7 @@ struct Look {
     name: String,
     mesh: ReadMesh,
     inspection: Inspection,
+    findings: Findings,
     goodness: Option<Goodness>,
 }
 
@@ -89,10 +104,18 @@ impl Look {
         if fine { exit::PRINTABLE } else { exit::PARTIAL }
     }
 
+    /// Draws what was found.
+    fn draw(&self, folder: &Path, prefix: &str) -> Result<(), Failure> {
+        let marked = Marked { soup: &self.mesh.soup, findings: &self.findings };
+        let drawings = in_context(|context| draw_inspected(marked, context));
+        let written = drawings.and_then(|drawings| write_drawings(folder, prefix, &drawings));
+        written.map_err(|message| (exit::INTERNAL, format!("{}: no pictures: {message}", self.name)))
+    }
+
     fn to_json(&self) -> Value {
         json!({
             "path": self.name, "format": self.mesh.format, "dialect": self.mesh.dialect,
-            "warnings": self.mesh.warnings, "printable": self.inspection.measures.printable(),
+            "warnings": self.mesh.warnings, "printable": self.inspection.measures.verdict(),
             "goodness": self.goodness, "inspection": self.inspection,
         })
     }
@@ -120,17 +143,21 @@ struct Run<'a> {
     /// Kept for what is measured between files.
     kept: Vec<(String, ReadMesh)>,
     printed: bool,
+    /// Names for drawings, where there are several files.
+    prefixes: Option<Prefixes>,
 }
 
 impl<'a> Run<'a> {
     fn new(args: &'a InspectArgs) -> Result<Self, Failure> {
+        let options = args.options().map_err(|message| (exit::BAD_INPUT, message))?;
         let files = inputs(&args.inputs).map_err(|message| (exit::BAD_INPUT, message))?;
         let unicode = std::io::stdout().is_terminal() && std::env::var_os("NO_COLOR").is_none();
         Ok(Self {
             args,
             limits: args.limits.limits(),
-            options: args.options(),
+            options,
             style: Style { unicode },
+            prefixes: (files.len() > 1).then(Prefixes::default),
             files,
             code: exit::PRINTABLE,
             json: Vec::new(),
@@ -145,7 +172,7 @@ impl<'a> Run<'a> {
             let read = read_file(&input.path, &self.limits)
                 .and_then(|bytes| read(&bytes, &self.limits).map_err(|error| format!("{name}: {error}")));
             match read {
-                Ok(mesh) => self.one(name, mesh)?,
+                Ok(mesh) => self.one(&input.path, name, mesh)?,
                 Err(_) if !input.named => {}
                 Err(message) => {
                     self.code = exit::BAD_INPUT;
@@ -160,24 +187,28 @@ impl<'a> Run<'a> {
             self.print(&format!("{value:#}\n"))?;
         } else if let Some(set) = set {
             let names: Vec<&str> = self.kept.iter().map(|(name, _)| name.as_str()).collect();
-            let text = set::text(&set, &names, self.args.intersections, self.args.spacing, self.style);
+            let text = set::text(&set, &names, self.style);
             self.print(&text)?;
         }
         Ok(self.code)
     }
 
-    fn one(&mut self, name: String, mesh: ReadMesh) -> Result<(), Failure> {
+    fn one(&mut self, path: &Path, name: String, mesh: ReadMesh) -> Result<(), Failure> {
         let subject = Subject { soup: &mesh.soup, normals: mesh.normals.as_ref(), numbering: mesh.numbering.as_ref() };
-        let (inspection, _) =
+        let (inspection, findings) =
             in_context(|context| inspect(subject, &self.options, context)).map_err(|e| (exit::INTERNAL, e))?;
         let goodness = self.args.good.map(|thresholds| goodness(&inspection, thresholds));
-        let look = Look { name, mesh, inspection, goodness };
+        let look = Look { name, mesh, inspection, findings, goodness };
         self.code = self.code.max(look.code());
         if self.args.json {
             self.json.push(look.to_json());
         } else {
             let text = self.text(&look);
             self.print(&text)?;
+        }
+        if let Some(folder) = &self.args.pictures {
+            let prefix = self.prefixes.as_mut().map_or_else(String::new, |prefixes| prefixes.of(path));
+            look.draw(folder, &prefix)?;
         }
         if self.args.intersections || self.args.spacing {
             self.kept.push((look.name, look.mesh));
@@ -187,17 +218,22 @@ impl<'a> Run<'a> {
 
     fn text(&self, look: &Look) -> String {
         let apart = if self.printed { "\n" } else { "" };
-        let offenders = if self.args.offenders { offenders::all(&look.inspection) } else { String::new() };
+        let all = self.args.offenders;
+        let places = if all { defects::section(look, true) } else { String::new() };
         match &look.goodness {
-            Some(it) if self.args.offenders => format!("{apart}{}{offenders}", good::in_words(&look.name, it)),
+            Some(it) if all => format!("{apart}{}{places}", good::in_words(&look.name, it)),
             Some(it) => good::line(&look.name, it),
-            None if self.args.attributes => format!("{apart}{}{offenders}", text::attributes_only(look)),
-            None => format!("{apart}{}{offenders}", text::report(look, self.style, !self.args.offenders)),
+            None if self.args.attributes => format!("{apart}{}{places}", text::attributes_only(look)),
+            None => format!("{apart}{}", text::report(look, self.style, all)),
         }
     }
 
     /// What is measured of all files together, where it was asked for and there are several.
     fn set(&self) -> Result<Option<SetReport>, Failure> {
+        if self.kept.len() < 2 && (self.args.intersections || self.args.spacing) {
+            let note = "note: --intersections and --spacing are measured between files, and want at least two";
+            drop(writeln!(std::io::stderr(), "meshmend: {note}"));
+        }
         let meshes: Vec<&Soup> = self.kept.iter().map(|(_, mesh)| &mesh.soup).collect();
         in_context(|context| SetReport::of(&meshes, self.args.intersections, self.args.spacing, context))
             .map_err(|e| (exit::INTERNAL, e))

@@ -1,40 +1,40 @@
 use std::fmt::Write as _;
 
-use meshmend::inspect::{Answer, Inspection, Measures, Shell, Side, Statistics, Unmeasurable};
+use clap::ValueEnum;
+use meshmend::inspect::{
+    Answer, CheckRule, CheckVerdict, Inspection, Level, Measures, Shell, Side, Statistics, Unmeasurable,
+};
 
-use super::Look;
 use super::bars::{Style, distribution, figure};
-use super::offenders::kind_in_words;
+use super::print::measures;
+use super::{Look, defects};
 
 /// Parts that are listed on a terminal; JSON has more.
 const MOST_PARTS: usize = 10;
 
-/// Everything, plain words first. `short` lists only kinds of defects, for a list of places that follows has them anyway.
-pub fn report(look: &Look, style: Style, short: bool) -> String {
+/// Everything, plain words first, with every place or the first few.
+pub fn report(look: &Look, style: Style, all_places: bool) -> String {
     let it = &look.inspection;
     let mut text = headline(look);
-    text += &section("Attributes", &attributes(it));
+    text += &defects::section(look, all_places);
+    text += &section("Attributes", &attributes(it, it.level == Level::None));
     text += &section("Counts", &counts(it));
-    text += &section("Sizes", &sizes(it));
+    text += &section("Measures", &measures(it));
     if let Some(statistics) = &it.characteristics.statistics {
         text += &shapes(statistics, style);
     }
-    text += &parts(it);
-    if short && !it.defects.is_empty() {
-        let rows: Vec<Row> = it.defects.iter().map(|g| row(kind_in_words(g.kind), g.count)).collect();
-        text += &section("Defects", &rows);
-    }
-    text
+    text + &parts(it)
 }
 
 /// The verdict and the four attributes.
 pub fn attributes_only(look: &Look) -> String {
-    format!("{}:\n{}", look.name, rows(&attributes(&look.inspection)))
+    format!("{}:\n{}", look.name, rows(&attributes(&look.inspection, true)))
 }
 
-type Row = (String, String);
+/// A name and what is said of it.
+pub type Row = (String, String);
 
-fn row(name: impl Into<String>, value: impl ToString) -> Row {
+pub fn row(name: impl Into<String>, value: impl ToString) -> Row {
     (name.into(), value.to_string())
 }
 
@@ -42,7 +42,7 @@ fn rows(rows: &[Row]) -> String {
     let mut text = String::new();
     for (name, value) in rows {
         // Writing to a string can't fail.
-        let _ = writeln!(text, "  {name:28}{value}");
+        let _ = writeln!(text, "  {name:27} {value}");
     }
     text
 }
@@ -53,26 +53,29 @@ fn section(title: &str, given: &[Row]) -> String {
 
 fn headline(look: &Look) -> String {
     let measures = &look.inspection.measures;
-    let verdict = if measures.printable() {
-        "printable".to_owned()
-    } else {
-        format!("not printable: {}", measures.faults().join(", "))
+    let faults = measures.faults().join(", ");
+    let verdict = match measures.verdict() {
+        Some(true) => "printable".to_owned(),
+        Some(false) => format!("not printable: {faults}"),
+        None => format!("not known to be printable: {faults}"),
     };
     let mut text = format!("{}: {}\n{verdict}\n", look.name, look.mesh.dialect);
-    for warning in &look.mesh.warnings {
+    for warning in look.mesh.warnings.iter().cloned().chain(measures.left_out()) {
         let _ = writeln!(text, "note: {warning}");
     }
     text
 }
 
-fn attributes(it: &Inspection) -> Vec<Row> {
+/// The attributes, where wanted with the counts of what is against them, and whether the level's rules are kept.
+fn attributes(it: &Inspection, counted: bool) -> Vec<Row> {
     let (given, m) = (&it.characteristics.attributes, &it.measures);
     let answer = |name: &str, answer: Answer, no: String, unknown: &str| {
         row(
             name,
             match answer {
                 Answer::Yes => "yes".to_owned(),
-                Answer::No => format!("no: {no}"),
+                Answer::No if counted => format!("no: {no}"),
+                Answer::No => "no".to_owned(),
                 Answer::NotMeasurable => format!("not measurable: {unknown}"),
             },
         )
@@ -91,14 +94,48 @@ fn attributes(it: &Inspection) -> Vec<Row> {
     } else {
         "it can't be told how the parts lie in one another"
     };
-    vec![
+    let mut list = vec![
         answer("closed", given.closed, open, ""),
         answer("manifold", given.manifold, pinched, ""),
         answer("consistent", given.consistent, turned, "not manifold"),
         answer("outward", given.outward, inward, assumed),
-    ]
+    ];
+    list.extend(
+        it.check.as_ref().map(|check| row(format!("check, level {}", level_name(it.level)), verdict(check, m))),
+    );
+    list
 }
 
+fn level_name(level: Level) -> String {
+    level.to_possible_value().map_or_else(String::new, |value| value.get_name().to_owned())
+}
+
+/// Whether the rules of a level are kept, and if not, what is against it.
+fn verdict(check: &CheckVerdict, measures: &Measures) -> String {
+    let list = |rules: &[CheckRule]| rules.iter().map(|&rule| against(rule)).collect::<Vec<_>>().join(", ");
+    let undecided = format!("the search was not finished for {}", list(&check.undecided));
+    match (check.passes, check.broken.is_empty(), check.undecided.is_empty()) {
+        (true, ..) if measures.printable() => "passes".to_owned(),
+        (true, ..) => "passes: its rules allow boundaries and faces turned against each other".to_owned(),
+        (false, false, true) => format!("fails: {}", list(&check.broken)),
+        (false, false, false) => format!("fails: {}; {undecided}", list(&check.broken)),
+        (false, true, _) => format!("undecided: {undecided}"),
+    }
+}
+
+/// What a rule forbids.
+fn against(rule: CheckRule) -> &'static str {
+    match rule {
+        CheckRule::Manifold => "non-manifold edges or vertices",
+        CheckRule::NoZeroLengthEdge => "edges of zero length",
+        CheckRule::NoZeroAreaFace => "faces of zero area",
+        CheckRule::NoOpposedVertexNormal => "opposed vertex normals",
+        CheckRule::NoSlit => "slits",
+        CheckRule::NoSelfIntersection => "self-intersections",
+    }
+}
+
+/// Counts of elements; at level none, which lists no defects, those of faults too.
 fn counts(it: &Inspection) -> Vec<Row> {
     let (m, elements) = (&it.measures, &it.characteristics.elements);
     let mut list = vec![
@@ -107,34 +144,39 @@ fn counts(it: &Inspection) -> Vec<Row> {
         row("edges", m.edges),
         row("parts", m.parts),
         row("boundaries", format!("{} of {} edges", m.boundary_loops, m.boundary_edges)),
-        row("non-manifold edges", m.nonmanifold_edges),
-        row("non-manifold vertices", m.nonmanifold_vertices),
-        row("misoriented edges", m.misoriented_edges),
-        row("intersecting face pairs", intersecting(m)),
-        row("orphan vertices", m.unreferenced_vertices),
-        row("missing vertices", missing(it)),
-        row(
-            "indistinguishable vertices",
-            optional(elements.indistinguishable_vertices, "does not apply: faces share no vertex in this file"),
-        ),
-        row(
-            "degenerate faces",
-            format!(
-                "{}: {} name a vertex twice, {} lie on a line",
-                m.degenerate_faces, elements.repeated_vertex_faces, elements.collinear_faces
-            ),
-        ),
-        row("duplicate faces", m.duplicate_faces),
-        row("faces not finite", m.nonfinite_faces),
-        row("parts inside out", m.inverted_parts),
     ];
-    let contiguous = |it: Option<bool>| match it {
-        Some(true) => "yes",
-        Some(false) => "no",
-        None => "does not apply: the format has no numbers",
-    };
-    list.push(row("vertices numbered 1, 2, ...", contiguous(elements.vertices_contiguous)));
-    list.push(row("faces numbered 1, 2, ...", contiguous(elements.faces_contiguous)));
+    let degenerate = format!(
+        "{}: {} name a vertex twice, {} lie on a line",
+        m.degenerate_faces, elements.repeated_vertex_faces, elements.collinear_faces
+    );
+    let mut faults = vec![
+        (m.unreferenced_vertices, "orphan vertices", m.unreferenced_vertices.to_string()),
+        (elements.missing_vertices.unwrap_or(0), "missing vertices", missing(it)),
+        (m.degenerate_faces, "faces without area", degenerate),
+    ];
+    match elements.indistinguishable_vertices {
+        Some(count) => faults.push((count, "indistinguishable vertices", count.to_string())),
+        None => {
+            list.push(row("indistinguishable vertices", "does not apply: faces share no vertex in this file"));
+        }
+    }
+    if it.level == Level::None {
+        let more = [
+            (m.duplicate_faces, "duplicate faces"),
+            (m.nonfinite_faces, "faces not finite"),
+            (m.inverted_parts, "parts inside out"),
+        ];
+        faults.extend(more.map(|(count, name)| (count, name, count.to_string())));
+    }
+    let none: Vec<&str> = faults.iter().filter(|fault| fault.0 == 0).map(|fault| fault.1).collect();
+    list.extend(faults.iter().filter(|fault| fault.0 > 0).map(|(_, name, text)| row(*name, text)));
+    if !none.is_empty() {
+        list.push(row("none of", none.join(", ")));
+    }
+    let numbered = [("vertices", elements.vertices_contiguous), ("faces", elements.faces_contiguous)];
+    list.extend(numbered.into_iter().filter_map(|(name, contiguous)| {
+        Some(row(format!("{name} numbered 1, 2, ..."), if contiguous? { "yes" } else { "no" }))
+    }));
     list
 }
 
@@ -142,49 +184,16 @@ fn optional(value: Option<u64>, otherwise: &str) -> String {
     value.map_or_else(|| otherwise.to_owned(), |value| value.to_string())
 }
 
-/// The count, and what else is counted of the pairs.
-fn intersecting(m: &Measures) -> String {
-    let Some(pairs) = m.self_intersections.pairs else { return "not checked".to_owned() };
-    let fields = serde_json::to_value(m.self_intersections).unwrap_or_default();
-    let more: Vec<String> = fields.as_object().into_iter().flatten().filter_map(in_words).collect();
-    if pairs == 0 || more.is_empty() { pairs.to_string() } else { format!("{pairs}: {}", more.join(", ")) }
-}
-
-/// A count that is not zero with its name, but for the count of all.
-fn in_words((name, value): (&String, &serde_json::Value)) -> Option<String> {
-    let count = value.as_u64().filter(|&count| count > 0 && name != "pairs")?;
-    Some(format!("{count} {}", name.replace('_', " ")))
-}
-
 fn missing(it: &Inspection) -> String {
     let elements = &it.characteristics.elements;
-    match (elements.missing_vertices, elements.faces_without_vertex) {
-        (Some(missing), Some(faces)) if faces > 0 => format!("{missing}, named by {faces} faces that were left out"),
-        (missing, _) => optional(missing, "0: such a file is refused"),
+    let missing = elements.missing_vertices.unwrap_or(0);
+    match elements.faces_without_vertex {
+        Some(faces) if faces > 0 => format!("{missing}, named by {faces} faces that were left out"),
+        _ => missing.to_string(),
     }
 }
 
-fn sizes(it: &Inspection) -> Vec<Row> {
-    let m = &it.measures;
-    let shells = &it.characteristics.shells;
-    let volume = figure(m.volume.value);
-    let mut list = vec![
-        row("area", figure(m.area)),
-        row(
-            "volume",
-            if m.volume.reliable { volume } else { format!("{volume} (not reliable: it is not a closed solid)") },
-        ),
-        row("genus", genus(shells.genus, shells.genus_not_measurable)),
-    ];
-    if let Some(b) = m.bounding_box {
-        let size: Vec<String> = (0..3).map(|k| figure(b.max[k] - b.min[k])).collect();
-        list.push(row("size", size.join(" x ")));
-        list.push(row("box", format!("{} to {}", b.min.map(figure).join(", "), b.max.map(figure).join(", "))));
-    }
-    list
-}
-
-fn genus(genus: Option<u64>, why: Option<Unmeasurable>) -> String {
+pub fn genus(genus: Option<u64>, why: Option<Unmeasurable>) -> String {
     optional(genus, &format!("not measurable: {}", why.map_or("unknown", reason)))
 }
 
@@ -198,12 +207,12 @@ fn reason(why: Unmeasurable) -> &'static str {
 }
 
 fn shapes(it: &Statistics, style: Style) -> String {
-    let mut text = "\nShapes\n".to_owned();
+    let mut text = "\nShapes; the aspect ratio is longest edge over shortest altitude\n".to_owned();
     if let Some(area) = &it.face_area {
         text += &distribution("face area", area, style);
     }
     if let Some(ratio) = &it.face_aspect_ratio {
-        text += &distribution("face aspect ratio (longest edge / shortest altitude)", ratio, style);
+        text += &distribution("aspect ratio", ratio, style);
     }
     if it.faces_without_aspect_ratio > 0 {
         let _ = writeln!(text, "    faces without an aspect ratio: {}", it.faces_without_aspect_ratio);
@@ -218,11 +227,13 @@ fn shapes(it: &Statistics, style: Style) -> String {
         Some(Side::Mixed) => "exterior and interior",
         None => "on the side of the normals",
     };
-    let name = format!("edge angle ({side}, in radians; flat is 3.14159)");
     match (&angle.distribution, angle.not_measurable) {
-        (Some(it), _) => text += &distribution(&name, it, style),
+        (Some(it), _) => {
+            text += &distribution("edge angle", it, style);
+            let _ = writeln!(text, "    in radians, {side}; flat is 3.14159");
+        }
         (None, why) => {
-            let _ = writeln!(text, "  edge angle: not measurable: {}", why.map_or("unknown", reason));
+            let _ = writeln!(text, "  edge angle      not measurable: {}", why.map_or("unknown", reason));
         }
     }
     if angle.edges_without_angle > 0 {

@@ -6,17 +6,23 @@ use utoipa::ToSchema;
 #[serde(rename_all = "snake_case")]
 pub enum Unit {
     /// 0.001 mm.
+    #[value(name = "um", alias = "micrometre")]
     Micrometre,
     /// What slicers take numbers for.
     #[default]
+    #[value(name = "mm", alias = "millimetre")]
     Millimetre,
     /// 10 mm.
+    #[value(name = "cm", alias = "centimetre")]
     Centimetre,
     /// 1000 mm.
+    #[value(name = "m", alias = "metre")]
     Metre,
     /// 25.4 mm.
+    #[value(name = "in", alias = "inch")]
     Inch,
     /// 304.8 mm.
+    #[value(name = "ft", alias = "foot")]
     Foot,
 }
 

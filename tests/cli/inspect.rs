@@ -1,0 +1,179 @@
+//! What `meshmend inspect` says.
+
+use serde_json::Value;
+
+use super::{Desk, code, files, said, shapes};
+
+fn text(output: std::process::Output) -> String {
+    String::from_utf8(output.stdout).expect("text")
+}
+
+#[test]
+fn inspect_says_what_is_wrong_for_people_and_for_programs() {
+    let desk = Desk::new();
+    desk.put("bad.stl", &files::broken_box());
+    desk.put("good.stl", &files::whole_box());
+    let text = desk.run(&["inspect", "bad.stl"]);
+    assert_eq!(code(&text), 1);
+    let lines = String::from_utf8(text.stdout).expect("text");
+    for line in [
+        "not printable: 1 hole (4 open edges), 2 edges between faces of opposite winding",
+        "  boundaries                  1 of 4 edges",
+        "  outward                     not measurable: not closed",
+        "  1  hole               at (1, 0, 1), faces 3 5 7 9, length 4",
+        "  check, level full           passes: its rules allow boundaries and faces turned against each other",
+        "  unit                        mm, assumed; --unit says otherwise",
+        "  volume                      0.666667 mm^3, not reliable: not a closed solid",
+    ] {
+        assert!(lines.lines().any(|l| l == line), "{lines}");
+    }
+    let json = desk.run(&["inspect", "good.stl", "--json"]);
+    assert_eq!(code(&json), 0);
+    let value: Value = serde_json::from_slice(&json.stdout).expect("JSON");
+    assert_eq!((&value["version"], &value["set"]), (&Value::from(1), &Value::Null));
+    let file = &value["files"][0];
+    assert_eq!((&file["path"], &file["printable"]), (&Value::from("good.stl"), &Value::from(true)));
+    assert_eq!(file["inspection"]["volume"]["value"], 1.0);
+    assert_eq!(file["inspection"]["attributes"]["outward"], "yes");
+    assert_eq!(file["inspection"]["statistics"]["edge_length"]["max"], 2f64.sqrt());
+}
+
+#[test]
+fn inspect_takes_several_files_and_folders_in_order_and_its_code_is_that_of_the_worst() {
+    let desk = Desk::new();
+    std::fs::create_dir(desk.0.path().join("set")).expect("a folder");
+    desk.put("good.stl", &files::whole_box());
+    desk.put("set/b.stl", &files::broken_box());
+    desk.put("set/a", &files::whole_box());
+    desk.put("set/notes.txt", b"these are no models");
+    let paths = |args: &[&str]| {
+        let output = desk.run(args);
+        let value: Value = serde_json::from_slice(&output.stdout).expect("JSON");
+        let paths = value["files"].as_array().expect("a list").iter().map(|f| f["path"].as_str().expect("a path"));
+        (code(&output), paths.map(str::to_owned).collect::<Vec<_>>())
+    };
+    assert_eq!(
+        paths(&["inspect", "good.stl", "set", "--json"]),
+        (1, ["good.stl", "set/a", "set/b.stl"].map(str::to_owned).to_vec())
+    );
+    assert_eq!(paths(&["inspect", "good.stl", "good.stl", "--json"]).0, 0);
+    desk.put("set/c.ply", b"cut off");
+    let (worst, named) = paths(&["inspect", "set", "--json"]);
+    assert_eq!((worst, named.len(), named[2].as_str()), (2, 3, "set/c.ply"));
+    std::fs::create_dir(desk.0.path().join("empty")).expect("a folder");
+    let output = desk.run(&["inspect", "empty"]);
+    assert_eq!(code(&output), 2);
+    assert!(said(&output).contains("no model in this folder"), "{}", said(&output));
+}
+
+#[test]
+fn inspect_has_an_equal_for_each_option_of_meshalyzer() {
+    let desk = Desk::new();
+    desk.put("good.stl", &files::whole_box());
+    desk.put("bad.stl", &files::broken_box());
+    let text = |args: &[&str]| {
+        let output = desk.run(args);
+        (code(&output), String::from_utf8(output.stdout).expect("text"))
+    };
+    let (_, attributes) = text(&["inspect", "bad.stl", "-a"]);
+    assert_eq!(attributes.lines().count(), 5, "{attributes}");
+    assert!(attributes.contains("consistent                  no: 2 edges"), "{attributes}");
+    let (_, offenders) = text(&["inspect", "bad.stl", "-a", "-p"]);
+    assert!(offenders.starts_with(&attributes) && offenders.contains("misoriented edges"), "{offenders}");
+    let (bad, line) = text(&["inspect", "bad.stl", "-g", "2.1,0.1,0.5"]);
+    assert!(bad == 1 && line.starts_with("0 bad.stl: not closed (boundary edges: 4), "), "{line}");
+    let (_, words) = text(&["inspect", "bad.stl", "-g", "2,0.1,0.5", "-p"]);
+    assert!(words.starts_with("bad.stl: mesh is NOT good\n  not closed"), "{words}");
+    assert!(words.contains("largest aspect ratio 2 is not below 2"), "{words}");
+    let (bad, together) = text(&["inspect", "good.stl", "bad.stl", "-g", "2.1,0.1,0.5"]);
+    assert!(bad == 1 && together.lines().count() == 2, "{together}");
+    for wrong in [["inspect", "good.stl", "-g", "1,2"], ["inspect", "good.stl", "-g", "1,2,x"]] {
+        let output = desk.run(&wrong);
+        assert_eq!(code(&output), 2);
+        assert!(said(&output).contains("three numbers"), "{}", said(&output));
+    }
+    assert_eq!(desk.run(&["inspect", "good.stl", "-a", "-g", "1,2,3"]).status.code(), Some(2));
+}
+
+#[test]
+fn inspect_counts_as_closely_as_it_is_asked_to() {
+    let desk = Desk::new();
+    desk.put("good.stl", &files::whole_box());
+    for (args, level) in [
+        (["--json"].as_slice(), "full"),
+        (&["--json", "--level", "basic"], "basic"),
+        (&["--json", "-a"], "none"),
+        (&["--json", "-a", "-p"], "basic"),
+    ] {
+        let output = desk.run(&[&["inspect", "good.stl"], args].concat());
+        let value: Value = serde_json::from_slice(&output.stdout).expect("JSON");
+        let it = &value["files"][0]["inspection"];
+        assert_eq!((&it["level"], it["statistics"].is_null()), (&Value::from(level), level == "none"));
+    }
+}
+
+#[test]
+fn the_report_fits_on_a_screen_and_a_half_and_offenders_lists_every_place() {
+    let desk = Desk::new();
+    desk.put("open.stl", &shapes::sphere_with_holes(30));
+    let short = text(desk.run(&["inspect", "open.stl"]));
+    assert!(short.lines().count() <= 75, "{} lines: {short}", short.lines().count());
+    let holes = |text: &str| text.lines().filter(|line| line.contains(", length 0.")).count();
+    assert!(short.lines().any(|line| line.starts_with("  30  holes  at (")), "{short}");
+    assert_eq!((holes(&short), holes(&text(desk.run(&["inspect", "open.stl", "-p"])))), (3, 30));
+    let lengths: Vec<f64> = short
+        .lines()
+        .filter_map(|line| line.split_once(", length "))
+        .map(|(_, length)| length.parse().expect("a length"))
+        .collect();
+    assert!(lengths.is_sorted_by(|a, b| a >= b), "{lengths:?}");
+}
+
+#[test]
+fn what_a_level_does_not_look_for_is_said_and_nothing_is_called_unprintable_for_it() {
+    let desk = Desk::new();
+    desk.put("good.stl", &files::whole_box());
+    let basic = text(desk.run(&["inspect", "good.stl", "--level", "basic"]));
+    assert!(basic.contains("not known to be printable: intersecting faces were not looked for"), "{basic}");
+    assert!(
+        basic.contains("  not looked for at this level: self-intersections, slits, cracks, T-junctions,"),
+        "{basic}"
+    );
+    let json = desk.run(&["inspect", "good.stl", "--level", "basic", "--json"]);
+    assert_eq!(code(&json), 1, "what was not looked for is not called printable either");
+    let value: Value = serde_json::from_slice(&json.stdout).expect("JSON");
+    assert_eq!(value["files"][0]["printable"], Value::Null);
+    let none = text(desk.run(&["inspect", "good.stl", "--level", "none"]));
+    assert!(!none.contains("Defects") && !none.contains("check, level"), "{none}");
+    assert!(none.contains("faces without area, duplicate faces, faces not finite, parts inside out"), "{none}");
+    let full = text(desk.run(&["inspect", "good.stl"]));
+    assert!(full.starts_with("good.stl: binary STL\nprintable\n\nDefects: none of the 20 kinds\n"), "{full}");
+    assert!(full.contains("  check, level full           passes\n"), "{full}");
+}
+
+#[test]
+fn overlapping_files_are_counted_and_separate_ones_measured() {
+    let desk = Desk::new();
+    desk.put("a.stl", &files::whole_box());
+    desk.put("b.stl", &shapes::moved_box([0.5, 0.25, 0.25]));
+    desk.put("c.stl", &shapes::moved_box([4.0, 0.0, 0.0]));
+    let apart = text(desk.run(&["inspect", "a.stl", "c.stl", "--intersections", "--spacing"]));
+    let (_, set) = apart.split_once("\nSet of 2 files\n").expect("a section");
+    assert!(set.starts_with("  pairs of intersecting faces between files: 0\n"), "{set}");
+    assert!(set.contains("    min 3   max "), "{set}");
+    assert!(set.contains("    nearest: 3 from (1, ") && set.contains(" on c.stl, face "), "{set}");
+    let all = text(desk.run(&["inspect", "a.stl", "b.stl", "c.stl", "-i", "-s"]));
+    let (_, set) = all.split_once("\nSet of 3 files\n").expect("a section");
+    let lines: Vec<&str> = set.lines().collect();
+    let total = lines[0].strip_prefix("  pairs of intersecting faces between files: ").expect("a count");
+    assert!(total.parse::<u64>().is_ok_and(|total| total > 0), "{set}");
+    assert_eq!(lines[1], format!("    a.stl and b.stl: {total}"));
+    assert!(set.contains("nearest: 2.5 from (4, "), "{set}");
+    let json: Value =
+        serde_json::from_str(&text(desk.run(&["inspect", "a.stl", "b.stl", "-i", "--json"]))).expect("JSON");
+    assert_eq!(json["set"]["intersections"]["total"].to_string(), total);
+    assert_eq!(json["set"]["spacing"], Value::Null);
+    assert!(!text(desk.run(&["inspect", "a.stl", "b.stl"])).contains("Set of"));
+    let one = desk.run(&["inspect", "a.stl", "-s"]);
+    assert!(code(&one) == 0 && said(&one).contains("at least two"), "{}", said(&one));
+}
