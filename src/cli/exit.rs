@@ -4,9 +4,8 @@ use std::process::ExitCode;
 
 /// What the exit codes mean, for `--help`.
 pub const HELP: &str = "Exit codes of repair and inspect:
-  0  printable: the result (or, for inspect, the file) passes every check
-  1  repaired only in part, or not at all; the report and the last line say what is left. For inspect: something is
-     wrong, or its level leaves undecided whether faces intersect
+  0  printable: the result passes every check. For inspect: nothing is wrong with the file that its level looks for
+  1  repaired only in part, or not at all; the report and the last line say what is left. For inspect: something is wrong
   2  bad input: the file or an argument can't be used; the message says what and where
   3  internal error
 

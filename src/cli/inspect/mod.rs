@@ -100,7 +100,9 @@ struct Look {
 
 impl Look {
     fn code(&self) -> u8 {
-        let fine = self.goodness.as_ref().map_or_else(|| self.inspection.measures.printable(), |it| it.good);
+        // What the level does not look for is not held against the mesh.
+        let looks_fine = || self.inspection.measures.verdict() != Some(false);
+        let fine = self.goodness.as_ref().map_or_else(looks_fine, |it| it.good);
         if fine { exit::PRINTABLE } else { exit::PARTIAL }
     }
 
