@@ -202,10 +202,14 @@ impl<'a> AsciiValues<'a> {
 
 impl Values for AsciiValues<'_> {
     #[inline]
-    fn real(&mut self, _: Scalar, element: &Element, row: u64) -> Result<f64, ReadError> {
+    fn real(&mut self, scalar: Scalar, element: &Element, row: u64) -> Result<f64, ReadError> {
         let Some(word) = self.text.word() else { return Err(self.ended(element, row)) };
         self.last = word.at;
-        self.text.number(word, "a number")
+        let value = self.text.number(word, "a number")?;
+        // What the header calls a float is one, however many digits are written; so it is to every other reader.
+        #[expect(clippy::cast_possible_truncation, reason = "rounding is the purpose")]
+        let narrow = value as f32;
+        Ok(if scalar == Scalar::F32 && narrow.is_finite() { f64::from(narrow) } else { value })
     }
 
     #[inline]

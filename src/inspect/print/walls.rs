@@ -10,6 +10,8 @@ use crate::math::{hit, unit_scale};
 
 /// Points from which the wall is measured.
 const SAMPLES: u32 = 1000;
+/// A small model has few places to be thin at, and its inspection should take no longer than the rest of a job.
+const LEAST_SAMPLES: usize = 256;
 /// Boxes and triangles that all of them together may look at.
 const BUDGET: u64 = 10_000_000;
 /// Winding numbers from which on a point is in material, and up to which it is in air. In between the surface is too open to
@@ -75,7 +77,9 @@ pub(super) fn thinnest_wall(
     analysis: &Analysis<'_>,
     context: &Context<'_>,
 ) -> Result<Result<ThinnestWall, NoWall>, Cancelled> {
-    let samples = samples(analysis, SAMPLES);
+    #[expect(clippy::cast_possible_truncation, reason = "at most 1000")]
+    let number = analysis.surface.faces.len().clamp(LEAST_SAMPLES, SAMPLES as usize) as u32;
+    let samples = samples(analysis, number);
     if samples.is_empty() {
         return Ok(Err(NoWall::NoSurface));
     }

@@ -293,3 +293,18 @@ fn coordinates_are_written_as_float_only_if_that_loses_nothing() {
     assert!(bytes.windows(17).any(|w| w == b"property double x"));
     assert_eq!(read_all(&bytes).soup, soup);
 }
+
+#[test]
+fn a_number_of_an_ascii_ply_is_as_wide_as_the_header_says() {
+    let with = |kind: &str| {
+        let header = format!(
+            "ply\nformat ascii 1.0\nelement vertex 3\nproperty {kind} x\nproperty {kind} y\nproperty {kind} z\n"
+        );
+        let text = format!(
+            "{header}element face 1\nproperty list uchar int vertex_indices\nend_header\n0.1 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"
+        );
+        read_all(text.as_bytes()).soup.positions[0].x
+    };
+    assert_eq!(with("float"), f64::from(0.1f32));
+    assert_eq!(with("double"), 0.1);
+}
