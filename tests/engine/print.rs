@@ -196,3 +196,11 @@ fn no_input_is_too_broken_and_level_none_measures_nothing_for_print() {
     let options = InspectOptions { up: [0.0, f64::NAN, 0.0], overhang_degrees: f64::NAN, ..InspectOptions::default() };
     assert_eq!(with(&cube(DVec3::ZERO, 1.0, 1), &options).unwrap().overhang.up, [0.0, 0.0, 1.0]);
 }
+
+#[test]
+fn units_are_said_by_their_symbols_and_read_by_their_names_too() {
+    assert_eq!(serde_json::to_string(&Unit::Millimetre).unwrap(), "\"mm\"");
+    for (said, unit) in [("\"in\"", Unit::Inch), ("\"inch\"", Unit::Inch), ("\"millimetre\"", Unit::Millimetre)] {
+        assert_eq!(serde_json::from_str::<Unit>(said).unwrap(), unit);
+    }
+}

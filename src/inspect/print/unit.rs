@@ -6,22 +6,28 @@ use utoipa::ToSchema;
 #[serde(rename_all = "snake_case")]
 pub enum Unit {
     /// 0.001 mm.
+    #[serde(rename = "um", alias = "micrometre")]
     #[value(name = "um", alias = "micrometre")]
     Micrometre,
     /// What slicers take numbers for.
     #[default]
+    #[serde(rename = "mm", alias = "millimetre")]
     #[value(name = "mm", alias = "millimetre")]
     Millimetre,
     /// 10 mm.
+    #[serde(rename = "cm", alias = "centimetre")]
     #[value(name = "cm", alias = "centimetre")]
     Centimetre,
     /// 1000 mm.
+    #[serde(rename = "m", alias = "metre")]
     #[value(name = "m", alias = "metre")]
     Metre,
     /// 25.4 mm.
+    #[serde(rename = "in", alias = "inch")]
     #[value(name = "in", alias = "inch")]
     Inch,
     /// 304.8 mm.
+    #[serde(rename = "ft", alias = "foot")]
     #[value(name = "ft", alias = "foot")]
     Foot,
 }
