@@ -6,10 +6,10 @@ pub(super) struct Recipe {
     pub actions: &'static [Action],
 }
 
-/// The presets of the guide ("Filter Scripts & When to Use Them"). Tier 2 is not part of this version: what leans on
-/// it closes holes by tier 1 in that place, so that it does useful work. Normals are made consistent before holes are
-/// closed, because a hole's border is walked along the winding, and outward afterwards, because only a closed
-/// part has a sign.
+/// The presets of the guide ("Filter Scripts & When to Use Them"). Normals are made consistent before holes are closed,
+/// because a hole's border is walked along the winding, and outward afterwards, because only a closed part has a sign.
+/// What intersects is resolved last, because only closed surface has an inside, and sheets are kept apart after everything
+/// that moves or makes faces.
 pub(super) const RECIPES: [Recipe; 6] = {
     use Action::{
         BasicCleanup, FillHoles, FixNormals, MakeManifold, Mend, MendConservative, Resolve, Separate, Validate,
