@@ -91,7 +91,7 @@ impl Capabilities {
             levels: vec![Level::None, Level::Basic, Level::Full],
             tiers: vec![
                 tier(1, "clean", true),
-                TierStatus { detail: Some("not part of this version".to_owned()), ..tier(2, "mend", false) },
+                tier(2, "mend", true),
                 TierStatus { detail: missing, available: program.is_some(), program, ..tier(3, "Blender", false) },
             ],
             limits: UploadLimits {
