@@ -39,7 +39,7 @@ fn measures_for_printing_follow_the_unit_the_direction_and_the_printer() {
     assert!(small.contains("it does not fit into 30 x 60 x 30 mm"), "{small}");
     let env = [("MESHMEND_UNIT", "cm"), ("MESHMEND_UP", "0,3,0"), ("MESHMEND_BUILD_VOLUME", "20,10,10")];
     let print = &inspection(&desk, &["box.stl"], &env)["print"];
-    assert_eq!((&print["unit"], &print["unit_source"]), (&json!("centimetre"), &json!("declared")));
+    assert_eq!((&print["unit"], &print["unit_source"]), (&json!("cm"), &json!("declared")));
     assert_eq!((&print["overhang"]["up"], &print["fit"]["as_is"]), (&json!([0.0, 1.0, 0.0]), &json!(true)));
 }
 
