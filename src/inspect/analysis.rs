@@ -2,9 +2,9 @@ use std::sync::OnceLock;
 
 use glam::DVec3;
 
-use super::{Solid, solids};
+use super::{Solid, nesting_depths, solids};
 use crate::context::{Cancelled, Context};
-use crate::math::{Tree, to_unit_range};
+use crate::math::{Tree, collinear, to_unit_range, unit_scale};
 use crate::mesh::{CornerNormals, Edges, Fans, Ingest, Numbering, Parts, Soup, Surface};
 
 /// What is looked at: a mesh as its file has it, with what the file says beyond triangles.
@@ -43,7 +43,10 @@ pub struct Analysis<'a> {
     pub fans: Fans,
     /// Volume, area and box of each part.
     pub solids: Vec<Solid>,
+    scale: OnceLock<f64>,
     unit: OnceLock<Vec<DVec3>>,
+    flat: OnceLock<Vec<bool>>,
+    depths: OnceLock<Vec<Option<u32>>>,
     tree: OnceLock<Tree>,
 }
 
@@ -64,8 +67,20 @@ impl<'a> Analysis<'a> {
         };
         let ((parts, solids), fans) = rayon::join(parts_and_solids, || Fans::new(&surface, &edges));
         context.check()?;
-        let (unit, tree) = (OnceLock::new(), OnceLock::new());
-        Ok(Self { subject, surface, ingest, edges, parts, fans, solids, unit, tree })
+        Ok(Self {
+            subject,
+            surface,
+            ingest,
+            edges,
+            parts,
+            fans,
+            solids,
+            scale: OnceLock::new(),
+            unit: OnceLock::new(),
+            flat: OnceLock::new(),
+            depths: OnceLock::new(),
+            tree: OnceLock::new(),
+        })
     }
 
     /// The positions of `surface`, scaled by a power of two for the exact predicates (see [`to_unit_range`]).
@@ -73,15 +88,45 @@ impl<'a> Analysis<'a> {
         self.unit.get_or_init(|| to_unit_range(&self.surface.positions))
     }
 
+    /// What the positions were multiplied by for [`Analysis::unit`]: a power of two.
+    pub fn scale(&self) -> f64 {
+        *self.scale.get_or_init(|| unit_scale(&self.surface.positions))
+    }
+
     /// How long 1 in [`Analysis::unit`] is in the model's unit: a power of two.
     pub fn unit_length(&self) -> f64 {
-        let largest = |all: &[DVec3]| all.iter().fold(0.0f64, |m, p| m.max(p.abs().max_element()));
-        let (given, scaled) = (largest(&self.surface.positions), largest(self.unit()));
-        if scaled > 0.0 { given / scaled } else { 1.0 }
+        1.0 / self.scale()
+    }
+
+    /// Of each face whether its corners are on a line, exactly.
+    pub fn flat(&self) -> &[bool] {
+        self.flat.get_or_init(|| flat_faces(self.unit(), &self.surface.faces))
+    }
+
+    /// How many other closed parts each part lies in, as [`nesting_depths`] tells of all of them.
+    ///
+    /// # Errors
+    /// [`Cancelled`] when the work should stop.
+    pub fn depths(&self, context: &Context<'_>) -> Result<&[Option<u32>], Cancelled> {
+        if let Some(known) = self.depths.get() {
+            return Ok(known);
+        }
+        let all = vec![true; self.solids.len()];
+        let depths = nesting_depths(&self.surface, &self.parts, &self.solids, &all, context)?;
+        Ok(self.depths.get_or_init(|| depths))
     }
 
     /// A tree over the faces of `surface` in the coordinates of [`Analysis::unit`].
     pub fn tree(&self) -> &Tree {
         self.tree.get_or_init(|| Tree::new(self.unit(), &self.surface.faces))
     }
+}
+
+/// Of each face whether its corners are on a line, for positions in the range of [`to_unit_range`].
+pub(super) fn flat_faces(unit: &[DVec3], faces: &[[u32; 3]]) -> Vec<bool> {
+    let on_line = |face: &[u32; 3]| {
+        let [a, b, c] = face.map(|v| unit[v as usize]);
+        collinear(a, b, c)
+    };
+    faces.iter().map(on_line).collect()
 }

@@ -1,8 +1,9 @@
 use glam::DVec3;
 
+use super::analysis::flat_faces;
 use super::{Analysis, Defect, DefectKind, Findings, Meeting, SelfIntersections};
 use crate::context::{Cancelled, Context};
-use crate::math::{Contact, Frame, Hit, PairSearch, Tree, collinear, common_point, contact, to_unit_range};
+use crate::math::{Contact, Frame, Hit, PairSearch, Tree, common_point, contact, to_unit_range};
 use crate::mesh::Parts;
 
 /// Steps that a search may take, and as many more for each face: some seconds, and many times what a usual model needs.
@@ -55,9 +56,9 @@ fn intersections_within(
     context: &Context<'_>,
 ) -> Result<Intersections, Cancelled> {
     let (unit, faces) = (analysis.unit(), &analysis.surface.faces);
-    let flat = flat_faces(unit, faces);
+    let flat = analysis.flat();
     let search = PairSearch {
-        look: |f: u32, g: u32, steps: &mut u64| look(unit, [faces, faces], [&flat, &flat], [f, g], steps),
+        look: |f: u32, g: u32, steps: &mut u64| look(unit, [faces, faces], [flat, flat], [f, g], steps),
         budget,
     };
     context.check()?;
@@ -101,20 +102,11 @@ pub fn intersections_between(
     Ok(found.finish(complete))
 }
 
-/// Which faces have their corners on a line.
-fn flat_faces(unit: &[DVec3], faces: &[[u32; 3]]) -> Vec<bool> {
-    let on_line = |face: &[u32; 3]| {
-        let [a, b, c] = face.map(|v| unit[v as usize]);
-        collinear(a, b, c)
-    };
-    faces.iter().map(on_line).collect()
-}
-
 #[inline]
 fn look(
     unit: &[DVec3],
     faces: [&Vec<[u32; 3]>; 2],
-    flat: [&Vec<bool>; 2],
+    flat: [&[bool]; 2],
     [f, g]: [u32; 2],
     steps: &mut u64,
 ) -> Option<Meeting> {

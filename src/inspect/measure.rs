@@ -1,6 +1,6 @@
 use super::{Analysis, BoundingBox, Measures, Volume, finite, group_faces, intersections, nesting_depths};
 use crate::context::{Cancelled, Context};
-use crate::math::{Box3, collinear};
+use crate::math::Box3;
 use crate::mesh::{Edges, Soup, count_boundary_chains};
 
 /// Measures a mesh as [`Measures`] says, after merging vertices at exactly equal positions, and counts the faces that
@@ -45,7 +45,8 @@ pub fn measures(analysis: &Analysis<'_>, context: &Context<'_>) -> Result<Measur
     it.nonmanifold_vertices = fans.nonmanifold_vertices;
     it.boundary_loops = count_boundary_chains(edges, fans);
     let count_duplicate = || (surface.faces.len() - group_faces(&surface.faces).len()) as u64;
-    (it.degenerate_faces, it.duplicate_faces) = rayon::join(|| count_degenerate(analysis), count_duplicate);
+    (it.degenerate_faces, it.duplicate_faces) =
+        rayon::join(|| analysis.flat().iter().filter(|&&flat| flat).count() as u64, count_duplicate);
     context.check()?;
     let mut balanced = true;
     it.consistent = true;
@@ -79,13 +80,4 @@ pub fn measures(analysis: &Analysis<'_>, context: &Context<'_>) -> Result<Measur
     it.volume = Volume { value: finite(value), reliable: it.closed && balanced && it.duplicate_faces == 0 };
     it.area = finite(area);
     Ok(it)
-}
-
-fn count_degenerate(analysis: &Analysis<'_>) -> u64 {
-    let unit = analysis.unit();
-    let on_line = |face: &&[u32; 3]| {
-        let [a, b, c] = face.map(|v| unit[v as usize]);
-        collinear(a, b, c)
-    };
-    analysis.surface.faces.iter().filter(on_line).count() as u64
 }

@@ -2,7 +2,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::distribution::finite;
-use super::{Analysis, BoundingBox, Unmeasurable, Volume, nesting_depths};
+use super::{Analysis, BoundingBox, Unmeasurable, Volume};
 use crate::context::{Cancelled, Context};
 use crate::mesh::{Edges, Parts, boundary_chains};
 
@@ -121,9 +121,9 @@ pub fn shells(analysis: &Analysis<'_>, context: &Context<'_>) -> Result<(Shells,
     let Analysis { surface, parts, solids, .. } = analysis;
     let tallies = tally(analysis);
     context.check()?;
-    let depths = nesting_depths(surface, parts, solids, &vec![true; parts.count], context)?;
+    let depths = analysis.depths(context)?;
     let mut turning = Turning::default();
-    for (tally, &depth) in tallies.iter().zip(&depths) {
+    for (tally, &depth) in tallies.iter().zip(depths) {
         match tally.outward(depth) {
             Some(true) => turning.outward += 1,
             Some(false) => turning.inward += 1,

@@ -4,7 +4,7 @@ use super::compare::Pair;
 use super::queries::ask;
 use super::{Analysis, finite};
 use crate::context::{Cancelled, Context};
-use crate::math::{Box3, unit_scale};
+use crate::math::Box3;
 
 /// Boxes and triangles that the searches from one mesh may look at: so many, and so many more for each vertex.
 const BUDGET: u64 = 50_000_000;
@@ -43,7 +43,7 @@ pub struct Gap {
 /// # Errors
 /// [`Cancelled`] when the context says stop.
 pub fn spacing(meshes: &[&Analysis<'_>], context: &Context<'_>) -> Result<Vec<Spacing>, Cancelled> {
-    let scales: Vec<f64> = meshes.iter().map(|mesh| unit_scale(&mesh.surface.positions)).collect();
+    let scales: Vec<f64> = meshes.iter().map(|mesh| mesh.scale()).collect();
     let boxes: Vec<Box3> = meshes.iter().map(|mesh| Box3::of(mesh.unit().iter().copied())).collect();
     (0..meshes.len()).map(|own| from_one(own, meshes, &scales, &boxes, context)).collect()
 }

@@ -130,20 +130,29 @@ pub(super) fn origin(faces: &[[u32; 3]], half_edge: u32) -> u32 {
     faces[half_edge as usize / 3][half_edge as usize % 3]
 }
 
-/// The corner after this one around its face, which is where the half-edge ends.
-#[must_use]
-pub(super) fn next(half_edge: u32) -> u32 {
-    if half_edge % 3 == 2 { half_edge - 2 } else { half_edge + 1 }
-}
-
 impl Edges {
+    /// The corner after this one around its face, which is where the half-edge ends.
+    #[must_use]
+    pub fn next(half_edge: u32) -> u32 {
+        if half_edge % 3 == 2 { half_edge - 2 } else { half_edge + 1 }
+    }
+
+    /// The corner of its face that a half-edge does not touch.
+    ///
+    /// # Panics
+    /// When `half_edge` is not one of these faces.
+    #[must_use]
+    pub fn opposite(faces: &[[u32; 3]], half_edge: u32) -> u32 {
+        origin(faces, Self::next(Self::next(half_edge)))
+    }
+
     /// Where a half-edge starts and ends.
     ///
     /// # Panics
     /// When `half_edge` is not one of these faces.
     #[must_use]
     pub fn ends(faces: &[[u32; 3]], half_edge: u32) -> [u32; 2] {
-        [origin(faces, half_edge), origin(faces, next(half_edge))]
+        [origin(faces, half_edge), origin(faces, Self::next(half_edge))]
     }
 
     /// Whether a half-edge runs from the smaller vertex to the larger.

@@ -1,4 +1,4 @@
-use super::edges::{next, origin};
+use super::edges::origin;
 use super::{Edges, Surface, UnionFind};
 
 /// The fans of a surface: at each vertex, the corners of faces that follow one another across shared edges.
@@ -21,8 +21,8 @@ impl Fans {
         for (e, half_edges) in edges.iter().enumerate() {
             let low = edges.vertices(e)[0];
             for pair in half_edges.windows(2) {
-                let at_low = |h: u32| if origin(faces, h) == low { h } else { next(h) };
-                let at_high = |h: u32| if origin(faces, h) == low { next(h) } else { h };
+                let at_low = |h: u32| if origin(faces, h) == low { h } else { Edges::next(h) };
+                let at_high = |h: u32| if origin(faces, h) == low { Edges::next(h) } else { h };
                 sets.unite(at_low(pair[0]), at_low(pair[1]));
                 sets.unite(at_high(pair[0]), at_high(pair[1]));
             }

@@ -1,4 +1,3 @@
-use super::edges::next;
 use super::{Edges, Fans, Surface, UnionFind};
 
 /// The holes of a surface as closed walks along its boundary.
@@ -30,10 +29,10 @@ pub fn boundary_loops(surface: &Surface, edges: &Edges, fans: &Fans) -> Boundary
     // that ends in u, found by the fan of the corner where it ends.
     let mut boundary: Vec<u32> = edges.iter().filter(|h| h.len() == 1).map(|h| h[0]).collect();
     boundary.sort_unstable();
-    let mut by_end: Vec<(u32, u32)> = boundary.iter().map(|&h| (fans.of_corner[next(h) as usize], h)).collect();
+    let mut by_end: Vec<(u32, u32)> = boundary.iter().map(|&h| (fans.of_corner[Edges::next(h) as usize], h)).collect();
     by_end.sort_unstable();
     let mut used = vec![false; by_end.len()];
-    let position_of = |h: u32| by_end.binary_search(&(fans.of_corner[next(h) as usize], h)).ok();
+    let position_of = |h: u32| by_end.binary_search(&(fans.of_corner[Edges::next(h) as usize], h)).ok();
     let mut loops = BoundaryLoops::default();
     for &start in &boundary {
         let Some(at) = position_of(start) else { continue };
@@ -111,7 +110,7 @@ pub fn boundary_chains(edges: &Edges, fans: &Fans) -> Vec<u32> {
     let mut ends: Vec<(u32, u32)> = boundary
         .iter()
         .zip(0u32..)
-        .flat_map(|(&h, i)| [(fans.of_corner[h as usize], i), (fans.of_corner[next(h) as usize], i)])
+        .flat_map(|(&h, i)| [(fans.of_corner[h as usize], i), (fans.of_corner[Edges::next(h) as usize], i)])
         .collect();
     ends.sort_unstable();
     let mut sets = UnionFind::new(boundary.len());

@@ -60,10 +60,10 @@ pub fn cut_apart(
     for (h, &mate) in (0u32..).zip(&of).filter(|&(h, &mate)| mate != NONE && mate > h) {
         if Edges::ends(faces, h) == Edges::ends(faces, mate) {
             sets.unite(h, mate);
-            sets.unite(next(h), next(mate));
+            sets.unite(Edges::next(h), Edges::next(mate));
         } else {
-            sets.unite(h, next(mate));
-            sets.unite(next(h), mate);
+            sets.unite(h, Edges::next(mate));
+            sets.unite(Edges::next(h), mate);
         }
     }
     if pinches == Pinches::KeepAtBoundaries {
@@ -130,7 +130,7 @@ pub(super) fn mates(
                     unit = to_unit_range(&surface.positions);
                 }
                 let [a, b] = edges.vertices(e).map(|v| unit[v as usize]);
-                let points: Vec<_> = half_edges.iter().map(|&h| unit[apex(faces, h) as usize]).collect();
+                let points: Vec<_> = half_edges.iter().map(|&h| unit[Edges::opposite(faces, h) as usize]).collect();
                 // A face that runs along the edge from the smaller vertex has the solid behind it, seen
                 // counter-clockwise: it closes.
                 let closes: Vec<bool> = half_edges.iter().map(|&h| Edges::is_forward(faces, h)).collect();
@@ -158,11 +158,6 @@ pub(super) fn mates(
         }
     }
     Ok(mates)
-}
-
-/// The corner of the face that is not on the half-edge.
-pub(super) fn apex(faces: &[[u32; 3]], h: u32) -> u32 {
-    faces[h as usize / 3][(h as usize % 3 + 2) % 3]
 }
 
 /// Whether each face is in a patch (faces joined across edges of two faces) that has a boundary: a fin on a solid, rather
@@ -209,7 +204,7 @@ fn join_boundary_fans(surface: &Surface, edges: &Edges, mates: &[u32], sets: &mu
     let mut first = vec![NONE; surface.positions.len()];
     for half_edges in edges.iter() {
         for &h in half_edges.iter().filter(|&&h| mates[h as usize] == NONE) {
-            for corner in [h, next(h)] {
+            for corner in [h, Edges::next(h)] {
                 let v = surface.faces[corner as usize / 3][corner as usize % 3] as usize;
                 if !joins[v] {
                     continue;
@@ -221,9 +216,4 @@ fn join_boundary_fans(surface: &Surface, edges: &Edges, mates: &[u32], sets: &mu
             }
         }
     }
-}
-
-/// The corner after this one around its face.
-pub(super) fn next(corner: u32) -> u32 {
-    if corner % 3 == 2 { corner - 2 } else { corner + 1 }
 }

@@ -1,10 +1,9 @@
 //! Open bits of surface that enclose nothing and that no printer could make.
 
-use glam::DVec3;
-
+use super::walls::Walls;
 use super::{Cancelled, Change, Context};
 use crate::inspect::{Solid, solids};
-use crate::math::{Box3, Crossing, Tree, crossing, ray_direction, to_unit_range};
+use crate::math::{Box3, ray_direction};
 use crate::mesh::{Edges, Parts, Surface};
 
 /// An open part no larger than this share of the model's diagonal is debris: on a print of 200 mm less than half the width of a
@@ -45,14 +44,14 @@ pub fn remove_debris(surface: &mut Surface, context: &Context<'_>) -> Result<Vec
     let diagonal = Box3::of(surface.positions.iter().copied()).diagonal();
     let area: f64 = solids.iter().map(|s| s.area).sum();
     let fins = fins(surface, &edges, &parts, &solids);
-    let mut inside = Inside::new(surface, &parts, &solids);
+    let mut walls = walls(surface, &parts, &solids);
     let (mut goes, mut hidden) = (vec![false; parts.count], 0);
     for (part, faces) in parts.faces().iter().enumerate().filter(|&(part, _)| open[part]) {
         context.check()?;
         let little = if fins[part] { FIN_AREA } else { LITTLE_AREA };
         let few = faces.len() <= FEW_FACES && solids[part].area <= little * area;
         goes[part] = few || solids[part].bounds.diagonal() <= SMALL * diagonal;
-        if !goes[part] && inside.holds(surface, faces) {
+        if !goes[part] && hold(&mut walls, surface, faces) {
             goes[part] = true;
             hidden += 1;
         }
@@ -94,45 +93,20 @@ fn fins(surface: &Surface, edges: &Edges, parts: &Parts, solids: &[Solid]) -> Ve
     fins
 }
 
-/// Tells what lies inside the closed parts.
-struct Inside {
-    unit: Vec<DVec3>,
-    walls: Vec<[u32; 3]>,
-    tree: Tree,
-    spent: u64,
+/// The closed parts' faces.
+fn walls(surface: &Surface, parts: &Parts, solids: &[Solid]) -> Walls {
+    let closed = |p: u32| p != Parts::NONE && solids[p as usize].closed;
+    let of_closed = surface.faces.iter().zip(&parts.of_face).filter(|&(_, &p)| closed(p));
+    Walls::new(surface, of_closed.map(|(&face, _)| face).collect(), BUDGET)
 }
 
-impl Inside {
-    fn new(surface: &Surface, parts: &Parts, solids: &[Solid]) -> Self {
-        let closed = |p: u32| p != Parts::NONE && solids[p as usize].closed;
-        let walls: Vec<[u32; 3]> =
-            surface.faces.iter().zip(&parts.of_face).filter(|&(_, &p)| closed(p)).map(|(&face, _)| face).collect();
-        let unit = to_unit_range(&surface.positions);
-        Self { tree: Tree::new(&unit, &walls), unit, walls, spent: 0 }
-    }
-
-    /// Whether the middle of each face that is asked is inside by the crossings of a ray.
-    fn holds(&mut self, surface: &Surface, faces: &[u32]) -> bool {
-        let stride = faces.len().div_ceil(ASKED);
-        faces.iter().step_by(stride).all(|&f| {
-            let [a, b, c] = surface.faces[f as usize].map(|v| self.unit[v as usize]);
-            let from = (a + b + c) / 3.0;
-            (0..RAYS).find_map(|ray| self.crossings(from, from + ray_direction(ray) * 8.0)).is_some_and(|n| n % 2 == 1)
-        })
-    }
-
-    /// How often a segment goes through the walls; none where it touches an edge or the budget is spent.
-    fn crossings(&mut self, from: DVec3, to: DVec3) -> Option<u64> {
-        let (mut count, mut clear) = (0, true);
-        self.tree.along(from, to, |i| {
-            self.spent += 1;
-            match crossing(from, to, self.walls[i as usize].map(|v| self.unit[v as usize])) {
-                Crossing::Miss => {}
-                Crossing::Touches => clear = false,
-                Crossing::Enters | Crossing::Leaves => count += 1,
-            }
-            clear && self.spent < BUDGET
-        });
-        (clear && self.spent < BUDGET).then_some(count)
-    }
+/// Whether the middle of each face that is asked is inside the walls.
+fn hold(walls: &mut Walls, surface: &Surface, faces: &[u32]) -> bool {
+    let stride = faces.len().div_ceil(ASKED);
+    faces.iter().step_by(stride).all(|&f| {
+        let [a, b, c] = surface.faces[f as usize].map(|v| walls.unit[v as usize]);
+        let from = (a + b + c) / 3.0;
+        let count = (0..RAYS).find_map(|ray| walls.crossings(from, from + ray_direction(ray) * 8.0, None));
+        count.is_some_and(|n| n % 2 == 1)
+    })
 }

@@ -30,6 +30,7 @@ mod summary;
 mod tiers;
 mod triangulate;
 mod verdict;
+mod walls;
 pub mod weld;
 
 pub use crate::context::{Cancelled, Context, NoProgress, Progress, Stage, monotonic_clock};

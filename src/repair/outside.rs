@@ -1,5 +1,7 @@
+use glam::DVec3;
+
+use super::walls::Walls;
 use super::{Cancelled, Context};
-use crate::math::{Crossing, Tree, crossing, to_unit_range};
 use crate::mesh::{Parts, Surface};
 
 /// Faces that vote for a patch.
@@ -21,11 +23,9 @@ pub(super) fn looks_inward(
     areas: &[f64],
     context: &Context<'_>,
 ) -> Result<Vec<bool>, Cancelled> {
-    let unit = to_unit_range(&surface.positions);
-    let tree = Tree::new(&unit, &surface.faces);
-    let mut inward = vec![false; patches.count];
     let budget = BUDGET + BUDGET_A_FACE * surface.faces.len() as u64;
-    let mut spent = 0u64;
+    let mut walls = Walls::new(surface, surface.faces.clone(), budget);
+    let mut inward = vec![false; patches.count];
     for (patch, mut faces) in patches.faces().into_iter().enumerate().filter(|(p, _)| open[*p]) {
         context.check()?;
         let by_area = |x: &u32, y: &u32| areas[*y as usize].total_cmp(&areas[*x as usize]).then(x.cmp(y));
@@ -36,26 +36,11 @@ pub(super) fn looks_inward(
         faces.sort_unstable_by(by_area);
         let mut votes = 0.0;
         for f in faces {
-            let [a, b, c] = surface.faces[f as usize].map(|v| unit[v as usize]);
+            let [a, b, c] = surface.faces[f as usize].map(|v| walls.unit[v as usize]);
             // The smallest cross product of numbers around 1 may underflow; such a face has no say.
             let normal = (b - a).cross(c - a).normalize_or_zero();
             let from = (a + b + c) / 3.0;
-            let mut count = |direction| {
-                let to = from + direction * 8.0;
-                let (mut crossings, mut clear) = (0u64, true);
-                tree.along(from, to, |i| {
-                    spent += 1;
-                    if i != f {
-                        match crossing(from, to, surface.faces[i as usize].map(|v| unit[v as usize])) {
-                            Crossing::Miss => {}
-                            Crossing::Touches => clear = false,
-                            Crossing::Enters | Crossing::Leaves => crossings += 1,
-                        }
-                    }
-                    clear && spent < budget
-                });
-                (clear && spent < budget).then_some(crossings)
-            };
+            let mut count = |direction: DVec3| walls.crossings(from, from + direction * 8.0, Some(f));
             if normal.length_squared() < 0.5 {
                 continue;
             }

@@ -1,6 +1,5 @@
 //! Intersections resolved, and kept resolved after rounding.
 
-use super::cut::{Pairing, Pinches, cut_apart};
 use super::degenerate::{remove_caps, remove_collapsed};
 use super::quantise::{quantise, rounded};
 use super::separate::separate;
@@ -96,7 +95,6 @@ fn settle(surface: &mut Surface, context: &Context<'_>) -> Result<(), Cancelled>
     super::duplicates::remove_duplicates(surface);
     remove_caps(surface, context)?;
     surface.drop_unreferenced();
-    cut_apart(surface, Pairing::Angular, Pinches::Cut, context)?;
     separate(surface, context)?;
     Ok(())
 }

@@ -4,7 +4,7 @@ use std::collections::HashSet;
 
 use glam::DVec3;
 
-use super::cut::{NONE, Pairing, Pinches, apex, cut_apart, mates};
+use super::cut::{NONE, Pairing, Pinches, cut_apart, mates};
 use super::quantise::rounded;
 use super::{Cancelled, Change, Context};
 use crate::math::{Box3, collinear};
@@ -143,7 +143,7 @@ fn split_doubled_edges(surface: &mut Surface, places: &mut Places, context: &Con
 /// Puts a vertex near the middle of the edge along which the faces of half-edges `x` and `y` meet.
 fn split_pair(surface: &mut Surface, x: u32, y: u32, places: &mut Places) -> bool {
     let [a, b] = Edges::ends(&surface.faces, x);
-    let (c, d) = (apex(&surface.faces, x), apex(&surface.faces, y));
+    let (c, d) = (Edges::opposite(&surface.faces, x), Edges::opposite(&surface.faces, y));
     let [f, g] = [x, y].map(|h| h as usize / 3);
     let at = |v: u32| surface.positions[v as usize];
     let [n, m] = [f, g].map(|f| surface.area_vector(f).normalize_or_zero());

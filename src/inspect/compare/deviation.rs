@@ -5,7 +5,7 @@ use super::samples::Sample;
 use crate::context::{Cancelled, Context};
 use crate::inspect::queries::ask;
 use crate::inspect::{Analysis, finite};
-use crate::math::{Box3, unit_scale};
+use crate::math::Box3;
 
 /// Boxes and triangles that all searches of one direction together may look at: so many, and so many more for each point.
 const BUDGET: u64 = 10_000_000;
@@ -56,7 +56,7 @@ pub(in crate::inspect) struct Pair<'a> {
 
 impl<'a> Pair<'a> {
     pub fn new(from: &'a Analysis<'a>, to: &'a Analysis<'a>) -> Self {
-        Self::scaled([from, to], [from, to].map(|mesh| unit_scale(&mesh.surface.positions)))
+        Self::scaled([from, to], [from, to].map(|mesh| mesh.scale()))
     }
 
     /// The same with the scales of both known.
@@ -170,7 +170,7 @@ pub(super) fn deviation(
         .map(|x| finite(x / over * factor));
         Spread { max, mean, rms, p50, p95, p99 }
     };
-    let scale = unit_scale(&analysis.surface.positions);
+    let scale = analysis.scale();
     Some(Deviation {
         samples: sorted.len() as u64,
         vertices: looked,

@@ -13,7 +13,6 @@ use utoipa::ToSchema;
 
 use super::{Analysis, Measures, measures};
 use crate::context::{Cancelled, Context};
-use crate::math::unit_scale;
 use deviation::{Distances, deviation, distances};
 use inside::inside_agreement;
 use kept::{Common, FaceKeys};
@@ -182,7 +181,7 @@ impl<'a> Original<'a> {
     }
 
     fn way(&self, after: &Analysis<'_>, measures: &Measures, context: &Context<'_>) -> Result<Way, Cancelled> {
-        let scale = unit_scale(&self.analysis.surface.positions);
+        let scale = self.analysis.scale();
         let keys = self.keys.get_or_init(|| FaceKeys::new(self.analysis, scale));
         let common = Common::new(keys, &FaceKeys::new(after, scale));
         context.check()?;

@@ -8,9 +8,9 @@ use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::{Analysis, InspectOptions, Measures, finite, nesting_depths};
+use super::{Analysis, InspectOptions, Measures, finite};
 use crate::context::{Cancelled, Context};
-use crate::math::{Box3, unit_scale};
+use crate::math::Box3;
 use overhang::overhang;
 use walls::thinnest_wall;
 
@@ -106,14 +106,13 @@ fn centre_of_mass(analysis: &Analysis<'_>) -> Option<[f64; 3]> {
         volume += part;
         moment += (a + b + c) * (part / 4.0);
     }
-    let centre = (about + moment / volume) / unit_scale(&analysis.surface.positions);
+    let centre = (about + moment / volume) / analysis.scale();
     (volume != 0.0 && centre.is_finite()).then(|| centre.to_array())
 }
 
 fn count_solids(analysis: &Analysis<'_>, context: &Context<'_>) -> Result<u64, Cancelled> {
-    let Analysis { surface, parts, solids, .. } = analysis;
-    let depths = nesting_depths(surface, parts, solids, &vec![true; solids.len()], context)?;
-    let encloses = solids.iter().map(|solid| solid.closed && solid.volume != 0.0);
+    let depths = analysis.depths(context)?;
+    let encloses = analysis.solids.iter().map(|solid| solid.closed && solid.volume != 0.0);
     // A part whose nesting can't be told, because it touches others everywhere, is most likely no cavity.
     let cavity = depths.iter().map(|depth| depth.is_some_and(|depth| depth % 2 == 1));
     Ok(encloses.zip(cavity).filter(|&(encloses, cavity)| encloses && !cavity).count() as u64)

@@ -4,7 +4,6 @@ use utoipa::ToSchema;
 
 use crate::inspect::compare::unit_diagonal;
 use crate::inspect::{Analysis, finite};
-use crate::math::unit_scale;
 
 /// Angles for which the area is always told, in degrees from the vertical.
 const DEGREES: [f64; 3] = [30.0, 45.0, 60.0];
@@ -60,7 +59,7 @@ pub(super) fn overhang(analysis: &Analysis<'_>, up: [f64; 3], degrees: f64) -> O
             }
         }
     }
-    let scale = unit_scale(&analysis.surface.positions);
+    let scale = analysis.scale();
     let beyond = limits.into_iter().zip(areas).map(|(degrees, area)| OverhangArea {
         degrees,
         area: finite(area / scale / scale),

@@ -6,7 +6,7 @@ use crate::context::{Cancelled, Context};
 use crate::inspect::compare::{Inside, Sample, percentile, samples, unit_diagonal};
 use crate::inspect::queries::ask;
 use crate::inspect::{Analysis, finite};
-use crate::math::{hit, unit_scale};
+use crate::math::hit;
 
 /// Points from which the wall is measured.
 const SAMPLES: u32 = 1000;
@@ -108,7 +108,7 @@ pub(super) fn thinnest_wall(
     };
     let mut sorted: Vec<f64> = walls.iter().map(|wall| wall.0).collect();
     sorted.sort_unstable_by(f64::total_cmp);
-    let scale = unit_scale(&analysis.surface.positions);
+    let scale = analysis.scale();
     Ok(Ok(ThinnestWall {
         thickness: finite(thickness / scale),
         at: sample.point.to_array().map(|x| finite(x / scale)),
