@@ -10,7 +10,7 @@ use meshmend::blender::{BlenderConfig, OnDemandBlender};
 use meshmend::jobs::JobReport;
 use meshmend::render::Drawing;
 use meshmend::repair::{
-    Context, Options, Outcome, OutputFormat, Preset, RepairError, Report, draw, monotonic_clock, repair,
+    Context, Operator, Options, Outcome, OutputFormat, Preset, RepairError, Report, draw, monotonic_clock, repair,
 };
 
 use super::engine::{Bar, BlenderArgs, LimitArgs, read_file};
@@ -30,6 +30,15 @@ pub struct RepairArgs {
     /// The plan to run.
     #[arg(long, env = "MESHMEND_PRESET", value_enum, default_value_t)]
     preset: Preset,
+    /// Operators that run although they are left out by default.
+    #[arg(long, env = "MESHMEND_WITH", value_enum, value_delimiter = ',', value_name = "OPERATORS")]
+    with: Vec<Operator>,
+    /// Operators that do not run.
+    #[arg(long, env = "MESHMEND_WITHOUT", value_enum, value_delimiter = ',', value_name = "OPERATORS")]
+    without: Vec<Operator>,
+    /// The farthest that surface may be moved or made from where it was, hole patches apart, in the model's unit.
+    #[arg(long, env = "MESHMEND_MAX_DEVIATION")]
+    max_deviation: Option<f64>,
     /// Highest tier that may run: 1 cleans, 2 mends, 3 is Blender.
     #[arg(long, env = "MESHMEND_MAX_TIER", default_value_t = Options::default().max_tier)]
     max_tier: u8,
@@ -92,6 +101,9 @@ impl RepairArgs {
         let options = Options {
             preset: self.preset,
             output,
+            with: self.with.clone(),
+            without: self.without.clone(),
+            max_deviation: self.max_deviation,
             max_tier: self.max_tier,
             deadline_s: self.deadline_s,
             max_face_loss_pct: self.max_face_loss_pct,

@@ -2,7 +2,7 @@ use std::ops::Range;
 use std::time::Duration;
 
 use super::input::Input;
-use super::presets::remesh_action;
+use super::presets::{planned, remesh_action};
 use super::tiers::{End, Runner};
 use super::verdict::{JudgeError, Judged, judge};
 use super::{Action, Cancelled, Candidate, Context, Preset, Remesher, Rung, Stage, Step, StepStatus, summary};
@@ -15,6 +15,8 @@ pub(super) struct Climb<'a> {
     /// What the opening left, from which every rung starts.
     pub surface: Surface,
     opened: End,
+    /// How far the opening moved vertices, at most.
+    moved: f64,
     opening: Vec<Step>,
     best: Option<(usize, Judged)>,
     candidates: Vec<Candidate>,
@@ -29,17 +31,17 @@ pub(super) struct Climbed {
 }
 
 /// The two actions that every recipe begins with.
-fn opening() -> Rung {
-    Rung { tier: 1, preset: Preset::BasicCleanup, actions: vec![Action::BasicCleanup, Action::FixNormals] }
-}
+const OPENING: [Action; 2] = [Action::BasicCleanup, Action::FixNormals];
 
 impl<'a> Climb<'a> {
     /// Runs the opening that every rung shares; what it leaves is what tells a sheet from a solid with holes.
     pub fn open(input: &'a Input<'a>, mut runner: Runner<'a>) -> Result<Self, Cancelled> {
         let mut surface = input.analysis.surface.clone();
-        let opened = runner.run(0, &opening(), 0, &(5..15), &mut surface)?;
-        let opening = runner.steps.clone();
-        Ok(Self { input, runner, surface, opened, opening, best: None, candidates: Vec::new() })
+        let actions = OPENING.map(|action| planned(action, runner.options)).to_vec();
+        let rung = Rung { tier: 1, preset: Preset::BasicCleanup, actions };
+        let opened = runner.run(0, &rung, 0, &(5..15), &mut surface)?;
+        let (opening, moved) = (runner.steps.clone(), runner.moved);
+        Ok(Self { input, runner, surface, opened, moved, opening, best: None, candidates: Vec::new() })
     }
 
     /// Climbs until a result is good.
@@ -62,8 +64,9 @@ impl<'a> Climb<'a> {
             self.runner.steps.extend(self.opening.iter().cloned().map(|step| taken_over(step, index)));
         }
         let mut result = self.surface.clone();
+        self.runner.moved = self.moved;
         let end = match self.opened {
-            End::Finished => self.runner.run(index, rung, opening().actions.len(), &span(index), &mut result)?,
+            End::Finished => self.runner.run(index, rung, OPENING.len(), &span(index), &mut result)?,
             End::Nothing => End::Nothing,
             End::OutOfTime => End::OutOfTime,
         };
@@ -118,24 +121,14 @@ impl Candidate {
 
 /// The step that says why a rung is passed over, if it is.
 fn not_runnable(index: u32, rung: &Rung, remesher: Option<&dyn Remesher>, context: &Context<'_>) -> Option<Step> {
-    let action = *rung.actions.iter().find(|&&a| remesh_action(a).is_some())?;
+    let action = rung.actions.iter().map(|planned| planned.action).find(|&a| remesh_action(a).is_some())?;
     let why = if context.remaining().is_zero() {
         "the time was over before it could start".to_owned()
     } else {
         let missing = remesher.map_or(Err("Blender is not installed on this server"), |r| r.info().map(drop)).err()?;
         format!("{missing}; the best result without tier 3 is handed out")
     };
-    Some(Step {
-        rung: index,
-        tier: 3,
-        action,
-        status: StepStatus::Skipped,
-        milliseconds: 0.0,
-        changed: Vec::new(),
-        note: Some(why),
-        program: None,
-        voxel_size: None,
-    })
+    Some(Step { status: StepStatus::Skipped, note: Some(why), ..Step::new(index, 3, action, None) })
 }
 
 fn taken_over(step: Step, rung: u32) -> Step {
@@ -144,17 +137,8 @@ fn taken_over(step: Step, rung: u32) -> Step {
 }
 
 fn validation(rung: u32, start: Duration, context: &Context<'_>) -> Step {
-    Step {
-        rung,
-        tier: 0,
-        action: Action::Validate,
-        status: StepStatus::Done,
-        milliseconds: context.now().saturating_sub(start).as_secs_f64() * 1e3,
-        changed: Vec::new(),
-        note: None,
-        program: None,
-        voxel_size: None,
-    }
+    let milliseconds = context.now().saturating_sub(start).as_secs_f64() * 1e3;
+    Step { milliseconds, ..Step::new(rung, 0, Action::Validate, None) }
 }
 
 /// The share of the whole repair, in percent, that a rung is taken to be: each is half of what is left, since later ones

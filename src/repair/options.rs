@@ -1,6 +1,7 @@
 use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 
+use super::Operator;
 use crate::format::Format;
 use crate::inspect::OptionsError;
 
@@ -68,6 +69,16 @@ pub struct Options {
     pub preset: Preset,
     /// Format of the result.
     pub output: OutputFormat,
+    /// Operators that run although they are left out by default.
+    #[serde(deserialize_with = "operators")]
+    pub with: Vec<Operator>,
+    /// Operators that do not run.
+    #[serde(deserialize_with = "operators")]
+    pub without: Vec<Operator>,
+    /// The farthest that surface may be moved from where it was or made, hole patches apart, in the model's unit. What can't be
+    /// fixed within it is left and reported.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub max_deviation: Option<f64>,
     /// Highest tier that may run, 1 to 3: 1 cleans, 2 mends, 3 is Blender.
     #[schema(minimum = 1, maximum = 3)]
     pub max_tier: u8,
@@ -110,6 +121,9 @@ impl Default for Options {
         Self {
             preset: Preset::Auto,
             output: OutputFormat::Stl,
+            with: Vec::new(),
+            without: Vec::new(),
+            max_deviation: None,
             max_tier: 3,
             deadline_s: 300.0,
             max_face_loss_pct: 40.0,
@@ -142,6 +156,9 @@ impl Options {
         number("max_surface_lost_pct", self.max_surface_lost_pct, 0.0, 100.0, "between 0 and 100 percent")?;
         number("weld_tolerance", self.weld_tolerance, 0.0, 0.01, "between 0 and 0.01 of the bounding box's diagonal")?;
         number("max_hole_edges", f64::from(self.max_hole_edges), 3.0, 100_000.0, "between 3 and 100000 edges")?;
+        if let Some(most) = self.max_deviation {
+            number("max_deviation", most, 0.0, f64::MAX, "a length of zero or more, in the model's unit")?;
+        }
         if let Some(size) = self.voxel_size {
             number("voxel_size", size, f64::MIN_POSITIVE, f64::MAX, "a length above zero, in the model's unit")?;
         }
@@ -150,4 +167,26 @@ impl Options {
         let faces = self.max_remesh_faces as f64;
         number("max_remesh_faces", faces, 1000.0, 20_000_000.0, "between 1000 and 20000000 faces")
     }
+}
+
+/// Names of operators: an array, or one string with commas, as a query says it.
+fn operators<'de, D: serde::Deserializer<'de>>(from: D) -> Result<Vec<Operator>, D::Error> {
+    #[derive(Deserialize)]
+    #[serde(untagged)]
+    enum Names {
+        Many(Vec<String>),
+        One(String),
+    }
+    let names = match Names::deserialize(from)? {
+        Names::Many(names) => names,
+        Names::One(names) => {
+            names.split(',').map(|name| name.trim().to_owned()).filter(|name| !name.is_empty()).collect()
+        }
+    };
+    let known = || Operator::ALL.map(Operator::as_str).join(", ");
+    let of = |name: &String| Operator::ALL.into_iter().find(|o| o.as_str() == name);
+    let find = |name| {
+        of(name).ok_or_else(|| serde::de::Error::custom(format!("there is no operator '{name}'; they are {}", known())))
+    };
+    names.iter().map(find).collect()
 }

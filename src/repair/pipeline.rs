@@ -93,7 +93,7 @@ pub fn repair(
         report.warnings.push("the input is printable, but not with the numbers of the output's format".to_owned());
     }
 
-    let climb = Climb::open(input, Runner { options, format, remesher, context, steps: Vec::new() })?;
+    let climb = Climb::open(input, Runner { options, format, remesher, context, steps: Vec::new(), moved: 0.0 })?;
     let sheets = if as_is.boundary_edges > 0 { open_sheet_share(&climb.surface) } else { 0.0 };
     report.plan = make_plan(&as_is, categorise(&as_is, sheets), options);
     context.log(&format!("plan: {} because {}", name(report.plan.preset), report.plan.reason));

@@ -1,4 +1,4 @@
-use super::presets::{RECIPES, preset_for, tier_of};
+use super::presets::{RECIPES, planned, preset_for, tier_of};
 use super::{Action, Category, Options, Plan, Preset, Rung};
 use crate::inspect::Measures;
 
@@ -19,29 +19,29 @@ pub fn make_plan(before: &Measures, category: Category, options: &Options) -> Pl
     };
     let mut rungs = Vec::new();
     if preset != Preset::BlenderRemesh {
-        rungs.extend(rung(preset, options.max_tier, None));
+        rungs.extend(rung(preset, options, options.max_tier, None));
     }
     if options.preset == Preset::Auto && options.max_tier >= 2 && tier(preset) == 2 {
         // The other way to pair faces around non-manifold edges, and to take what is turned inside out.
         let other = if preset == Preset::FullRepair { Preset::ConservativeRepair } else { Preset::FullRepair };
-        rungs.extend(rung(other, options.max_tier, None));
+        rungs.extend(rung(other, options, options.max_tier, None));
     }
     let remesh = preset == Preset::BlenderRemesh || !matches!(category, Category::OpenSheet | Category::Clean);
     if remesh && options.max_tier >= 3 {
         if before.parts > 1 || before.nonmanifold_edges > 0 {
-            rungs.extend(rung(Preset::BlenderRemesh, 3, Some(Action::BooleanUnion)));
+            rungs.extend(rung(Preset::BlenderRemesh, options, 3, Some(Action::BooleanUnion)));
         }
-        rungs.extend(rung(Preset::BlenderRemesh, 3, None));
+        rungs.extend(rung(Preset::BlenderRemesh, options, 3, None));
     }
     if preset == Preset::BlenderRemesh {
         // Blender may be missing, not allowed, or fail; what tier 1 can do is better than nothing.
-        rungs.extend(rung(Preset::FillHoles, 1, None));
+        rungs.extend(rung(Preset::FillHoles, options, 1, None));
     }
     Plan { category, preset, reason, rungs }
 }
 
 /// The preset's actions up to a tier, the remesh being replaced where asked.
-fn rung(preset: Preset, max_tier: u8, instead_of_voxels: Option<Action>) -> Option<Rung> {
+fn rung(preset: Preset, options: &Options, max_tier: u8, instead_of_voxels: Option<Action>) -> Option<Rung> {
     let recipe = RECIPES.iter().find(|r| r.preset == preset)?;
     let actions: Vec<Action> = recipe
         .actions
@@ -50,6 +50,7 @@ fn rung(preset: Preset, max_tier: u8, instead_of_voxels: Option<Action>) -> Opti
         .map(|&a| if a == Action::VoxelRemesh { instead_of_voxels.unwrap_or(a) } else { a })
         .collect();
     let tier = actions.iter().map(|&a| tier_of(a)).max()?;
+    let actions = actions.into_iter().map(|action| planned(action, options)).collect();
     Some(Rung { tier, preset, actions })
 }
 

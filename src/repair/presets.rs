@@ -1,4 +1,4 @@
-use super::{Action, Category, Preset, RemeshAction};
+use super::{Action, Category, Operator, Options, PlannedAction, Preset, RemeshAction};
 
 /// What a preset does, in order, and what runs after it when the result is not good enough.
 pub(super) struct Recipe {
@@ -48,6 +48,30 @@ pub(super) const RECIPES: [Recipe; 6] = {
         },
     ]
 };
+
+/// What an action comes to, in order, before the options switch operators off.
+fn operators_of(action: Action) -> &'static [Operator] {
+    use Operator as O;
+    match action {
+        Action::BasicCleanup => {
+            &[O::RoundCoordinates, O::RemoveCollapsedFaces, O::Weld, O::RemoveDuplicates, O::RemoveCaps]
+        }
+        Action::FixNormals => &[O::Orient],
+        Action::FillHoles => &[O::FillHoles, O::RemoveCaps],
+        Action::Mend | Action::MendConservative | Action::MakeManifold => &[O::CutApart],
+        Action::Resolve => &[O::Resolve],
+        Action::Separate => &[O::RemoveDebris, O::Separate],
+        Action::VoxelRemesh | Action::BooleanUnion | Action::Validate => &[],
+    }
+}
+
+/// An action with the operators that the options leave it.
+pub(super) fn planned(action: Action, options: &Options) -> PlannedAction {
+    let runs = |operator: &Operator| {
+        !options.without.contains(operator) && (!operator.is_on_request() || options.with.contains(operator))
+    };
+    PlannedAction { action, operators: operators_of(action).iter().copied().filter(runs).collect() }
+}
 
 /// The preset for each category (the guide's "Category-to-Filter Mapping") and why.
 pub(super) fn preset_for(category: Category, parts: u64) -> (Preset, &'static str) {

@@ -1,14 +1,14 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::{Options, Preset, RemesherInfo};
+use super::{Operator, Options, Preset, RemesherInfo};
 use crate::format::Format;
 pub use crate::inspect::Changes;
 use crate::inspect::Inspection;
 
 /// The version of [`Report`]'s structure. 2: `before` and `after` are inspections, which add `version`, `level` and
-/// `defects` to the measures of version 1.
-pub const REPORT_VERSION: u32 = 2;
+/// `defects` to the measures of version 1. 3: a plan's actions list their operators, and a step is one operator.
+pub const REPORT_VERSION: u32 = 3;
 
 /// What became of a model, apart from whether the job ran.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
@@ -151,7 +151,16 @@ pub struct Rung {
     /// The preset it comes from.
     pub preset: Preset,
     /// Its actions in order.
-    pub actions: Vec<Action>,
+    pub actions: Vec<PlannedAction>,
+}
+
+/// An action and what it comes to with the options in force.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct PlannedAction {
+    /// The action.
+    pub action: Action,
+    /// Its operators in order; none for tier 3 and for validation.
+    pub operators: Vec<Operator>,
 }
 
 /// How a step ended.
@@ -160,27 +169,35 @@ pub struct Rung {
 pub enum StepStatus {
     /// It ran.
     Done,
-    /// It ran and was undone, or made nothing; the note says why.
+    /// It ran and made nothing; the note says why.
     Failed,
+    /// It ran, made something worse than it was, and was undone; the note says what.
+    Undone,
     /// It was not run; the note says why.
     Skipped,
 }
 
-/// One action that was run or passed over.
+/// One operator, remesh or validation that was run or passed over.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Step {
     /// Index of the rung in the plan.
     pub rung: u32,
     /// The tier, 1 to 3; 0 for validation.
     pub tier: u8,
-    /// What was to be done.
+    /// What it belongs to.
     pub action: Action,
+    /// The operator; none for tier 3 and for validation.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub operator: Option<Operator>,
     /// How it ended.
     pub status: StepStatus,
     /// How long it took.
     pub milliseconds: f64,
-    /// What it changed, by operator.
+    /// What it changed.
     pub changed: Vec<Change>,
+    /// The farthest that it moved a vertex, in the model's unit.
+    #[serde(default)]
+    pub moved: f64,
     /// Why it failed or was skipped, or what it left, in words.
     pub note: Option<String>,
     /// For tier 3: the program that ran.
@@ -198,6 +215,25 @@ pub struct Change {
     pub what: String,
     /// How many.
     pub count: u64,
+}
+
+impl Step {
+    /// A step that nothing is known of yet but what it is to do.
+    pub(super) fn new(rung: u32, tier: u8, action: Action, operator: Option<Operator>) -> Self {
+        Self {
+            rung,
+            tier,
+            action,
+            operator,
+            status: StepStatus::Done,
+            milliseconds: 0.0,
+            changed: Vec::new(),
+            moved: 0.0,
+            note: None,
+            program: None,
+            voxel_size: None,
+        }
+    }
 }
 
 impl Change {
@@ -250,6 +286,8 @@ pub enum RedFlagCode {
     VolumeChange,
     /// More of the visible surface was lost than `max_surface_lost_pct`.
     SurfaceLost,
+    /// Surface other than hole patches is farther from the input than `max_deviation`.
+    Deviation,
     /// Several parts became one.
     PartsMerged,
 }

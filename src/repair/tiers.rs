@@ -1,21 +1,13 @@
 use std::ops::Range;
 use std::time::Duration;
 
-use super::cut::{Pairing, Pinches, cut_apart};
-use super::debris::remove_debris;
-use super::degenerate::{remove_caps, remove_collapsed};
-use super::duplicates::remove_duplicates;
-use super::holes::FillHoles;
-use super::orient::orient;
+use super::operators::cut::Pairing;
+use super::operators::{Applied, Counts, Operator, Scope};
 use super::presets::{remesh_action, tier_of};
-use super::quantise::quantise;
-use super::resolve::resolve;
-use super::separate::separate;
-use super::weld::Weld;
 use super::{
     Action, Cancelled, Change, Context, Options, RemeshError, RemeshRequest, Remesher, Rung, Stage, Step, StepStatus,
 };
-use crate::arrange::{Inside, ManifoldRust};
+use crate::arrange::Inside;
 use crate::format::Format;
 use crate::inspect::doubled_areas;
 use crate::math::Box3;
@@ -32,6 +24,8 @@ pub(super) struct Runner<'a> {
     pub remesher: Option<&'a dyn Remesher>,
     pub context: &'a Context<'a>,
     pub steps: Vec<Step>,
+    /// How far operators since the input may have moved a vertex, in the model's unit.
+    pub moved: f64,
 }
 
 /// How a list of actions ended.
@@ -58,25 +52,26 @@ impl Runner<'_> {
         span: &Range<u8>,
         surface: &mut Surface,
     ) -> Result<End, Cancelled> {
-        let actions = &rung.actions[from..];
-        for (done, &action) in actions.iter().enumerate() {
-            if action == Action::Validate {
-                continue;
-            }
+        let tasks: Vec<(Action, Option<Operator>)> = rung.actions[from..]
+            .iter()
+            .flat_map(|planned| {
+                let remesh = remesh_action(planned.action).map(|_| None);
+                planned.operators.iter().map(|&o| Some(o)).chain(remesh).map(|operator| (planned.action, operator))
+            })
+            .collect();
+        // The counts of the surface as it is, where they are known.
+        let mut counts = None;
+        for (done, &(action, operator)) in tasks.iter().enumerate() {
             let start = self.context.now();
-            let mut step = Step {
-                rung: index,
-                tier: tier_of(action),
-                action,
-                status: StepStatus::Done,
-                milliseconds: 0.0,
-                changed: Vec::new(),
-                note: None,
-                program: None,
-                voxel_size: None,
+            let mut step = Step::new(index, tier_of(action), action, operator);
+            self.context.report(Stage::Repair, Some(rung.tier), percent(span, done, tasks.len()));
+            let end = match operator {
+                Some(operator) => self.operate(operator, rung, surface, &mut counts, &mut step),
+                None => {
+                    counts = None;
+                    self.context.check().map(|()| self.remesh(action, surface, &mut step))
+                }
             };
-            self.context.report(Stage::Repair, Some(rung.tier), percent(span, done, actions.len()));
-            let end = self.act(action, rung, surface, &mut step);
             step.milliseconds = (self.context.now().saturating_sub(start)).as_secs_f64() * 1e3;
             let end = match end {
                 Ok(end) => end,
@@ -100,10 +95,12 @@ impl Runner<'_> {
     pub fn log(&self, step: &Step) {
         let status = match step.status {
             StepStatus::Done => "done",
+            StepStatus::Undone => "undone",
             StepStatus::Failed => "failed",
             StepStatus::Skipped => "skipped",
         };
-        let mut line = format!("rung {} {:?}: {status} in {:.1} ms", step.rung, step.action, step.milliseconds);
+        let what = step.operator.map_or_else(|| format!("{:?}", step.action), |o| format!("{:?}/{o:?}", step.action));
+        let mut line = format!("rung {} {what}: {status} in {:.1} ms", step.rung, step.milliseconds);
         for Change { what, count } in &step.changed {
             line.push_str(&format!(", {what} {count}"));
         }
@@ -113,48 +110,38 @@ impl Runner<'_> {
         self.context.log(&line);
     }
 
-    fn act(&self, action: Action, rung: &Rung, surface: &mut Surface, step: &mut Step) -> Result<End, Cancelled> {
+    /// Runs one operator, and takes it back where it broke its claim.
+    fn operate(
+        &mut self,
+        operator: Operator,
+        rung: &Rung,
+        surface: &mut Surface,
+        counts: &mut Option<Counts>,
+        step: &mut Step,
+    ) -> Result<End, Cancelled> {
         self.context.check()?;
-        match action {
-            Action::BasicCleanup => self.clean(surface, step)?,
-            Action::FixNormals => step.changed = orient(surface, self.context)?,
-            Action::FillHoles => {
-                let filled = FillHoles { max_edges: self.options.max_hole_edges }.apply(surface, self.context)?;
-                step.changed = filled.changes;
-                // A crack whose border lies on a line is closed by a face without area, which the flip takes out.
-                step.changed.extend(remove_caps(surface, self.context)?);
-                step.note = match (filled.holes_left, filled.open_sheets) {
-                    (0, 0) => None,
-                    (0, sheets) => {
-                        Some(format!("{sheets} parts are open sheets that enclose nothing; they were left open"))
-                    }
-                    (holes, 0) => Some(format!("{holes} holes could not be closed")),
-                    (holes, sheets) => Some(format!(
-                        "{holes} holes could not be closed; {sheets} parts are open sheets and were left open"
-                    )),
-                };
+        let before = counts.get_or_insert_with(|| Counts::of(surface)).to_owned();
+        let kept = surface.clone();
+        let applied = operator.run(&self.scope(rung), surface, self.context);
+        let Applied { changes, moved, left, failed } = applied.inspect_err(|_| surface.clone_from(&kept))?;
+        step.changed = changes;
+        step.moved = moved;
+        step.note = left;
+        if *surface != kept {
+            surface.drop_unreferenced();
+            let after = Counts::of(surface);
+            if let Some((counter, was, is)) = operator.broken_claim(&before, &after) {
+                step.status = StepStatus::Undone;
+                step.note = Some(format!("undone: it would have made {} out of {was} {}", is, counter.in_words()));
+                *surface = kept;
+            } else {
+                *counts = Some(after);
+                self.moved += moved;
             }
-            Action::Mend | Action::MendConservative | Action::MakeManifold => {
-                let pairing = if action == Action::Mend { Pairing::Angular } else { Pairing::FinsLast };
-                step.changed = cut_apart(surface, pairing, Pinches::KeepAtBoundaries, self.context)?;
-            }
-            Action::Resolve => {
-                // The two ways differ in what is turned inside out: one drops it, the other keeps it.
-                let keeps_inverted = rung.actions.contains(&Action::Mend);
-                let inside = if keeps_inverted { Inside::Nonzero } else { Inside::Positive };
-                let resolved = resolve(surface, &ManifoldRust, inside, self.context)?;
-                step.changed = resolved.changes;
-                step.note = resolved.error.map(|error| {
-                    step.status = StepStatus::Failed;
-                    error.to_string()
-                });
-            }
-            Action::Separate => {
-                step.changed = remove_debris(surface, self.context)?;
-                step.changed.extend(separate(surface, self.context)?);
-            }
-            Action::VoxelRemesh | Action::BooleanUnion => return Ok(self.remesh(action, surface, step)),
-            Action::Validate => {}
+        }
+        if let Some(why) = failed {
+            step.status = StepStatus::Failed;
+            step.note = Some(why);
         }
         if surface.faces.is_empty() {
             step.status = StepStatus::Failed;
@@ -164,22 +151,15 @@ impl Runner<'_> {
         Ok(End::Finished)
     }
 
-    fn clean(&self, surface: &mut Surface, step: &mut Step) -> Result<(), Cancelled> {
-        let mut changed = Vec::new();
-        if self.format == Format::Stl {
-            changed.extend(Change::list([("vertices_rounded_to_f32", quantise(surface))]));
-        }
-        let result = (|| {
-            changed.extend(remove_collapsed(surface));
-            changed.extend(Weld { tolerance: self.options.weld_tolerance }.apply(surface, self.context)?);
-            changed.extend(remove_collapsed(surface));
-            changed.extend(remove_duplicates(surface));
-            changed.extend(remove_caps(surface, self.context)?);
-            changed.extend(Change::list([("unreferenced_vertices_removed", surface.drop_unreferenced())]));
-            Ok(())
-        })();
-        step.changed = changed;
-        result
+    /// What the parameters of a rung's operators follow from.
+    fn scope(&self, rung: &Rung) -> Scope<'_> {
+        // The two ways of `auto` differ in how faces are paired around edges, and in what is turned inside out: one keeps
+        // it, the other drops it.
+        let mends = rung.actions.iter().any(|planned| planned.action == Action::Mend);
+        let (pairing, inside) =
+            if mends { (Pairing::Angular, Inside::Nonzero) } else { (Pairing::FinsLast, Inside::Positive) };
+        let reach = self.options.max_deviation.map_or(f64::INFINITY, |most| (most - self.moved).max(0.0));
+        Scope { options: self.options, format: self.format, pairing, inside, reach }
     }
 
     fn remesh(&self, action: Action, surface: &mut Surface, step: &mut Step) -> End {

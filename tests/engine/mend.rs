@@ -5,10 +5,10 @@ use meshmend::arrange::{ArrangeError, Inside, ManifoldRust};
 use meshmend::format::{Format, Limits, read, write};
 use meshmend::inspect::{Measures, measure};
 use meshmend::mesh::{Soup, Surface};
-use meshmend::repair::cut::{Pairing, Pinches, cut_apart};
-use meshmend::repair::debris::remove_debris;
-use meshmend::repair::resolve::{Resolved, resolve};
-use meshmend::repair::separate::separate;
+use meshmend::repair::operators::cut::{Pairing, Pinches, cut_apart};
+use meshmend::repair::operators::debris::remove_debris;
+use meshmend::repair::operators::resolve::{Resolved, resolve};
+use meshmend::repair::operators::separate::separate;
 use meshmend::repair::{Context, NoProgress};
 use proptest::prelude::*;
 

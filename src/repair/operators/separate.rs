@@ -6,9 +6,9 @@ use glam::DVec3;
 
 use super::cut::{NONE, Pairing, Pinches, cut_apart, mates};
 use super::quantise::rounded;
-use super::{Cancelled, Change, Context};
 use crate::math::{Box3, collinear};
 use crate::mesh::{Edges, Surface};
+use crate::repair::{Cancelled, Change, Context};
 
 /// The directions to the corners, edges and sides of a cube.
 const NEIGHBOURS: [DVec3; 26] = {

@@ -1,8 +1,8 @@
 use glam::DVec3;
 
 use super::walls::Walls;
-use super::{Cancelled, Context};
 use crate::mesh::{Parts, Surface};
+use crate::repair::{Cancelled, Context};
 
 /// Faces that vote for a patch.
 const VOTERS: usize = 16;

@@ -1,8 +1,8 @@
 //! Faces with the same three vertices, and walls of no thickness.
 
-use super::Change;
 use crate::inspect::group_faces;
 use crate::mesh::{Edges, Surface, UnionFind};
+use crate::repair::Change;
 
 /// Leaves one face of each group of faces with the same three vertices, or none where they cancel.
 ///

@@ -4,11 +4,11 @@ use std::collections::HashSet;
 
 use glam::DVec3;
 
-use super::sheets::encloses;
 use super::triangulate::{flat, least_weight, shortest_cut};
-use super::{Cancelled, Change, Context};
 use crate::inspect::solids;
 use crate::mesh::{Edges, Fans, Parts, Surface, boundary_loops};
+use crate::repair::sheets::encloses;
+use crate::repair::{Cancelled, Change, Context};
 
 /// Longest loop for the cubic triangulation: about 0.03 s.
 const MOST_FOR_LEAST_WEIGHT: usize = 128;
@@ -31,6 +31,20 @@ pub struct Filled {
     pub holes_left: u64,
     /// Parts that were taken for open sheets and left open.
     pub open_sheets: u64,
+}
+
+impl Filled {
+    /// What is left, if anything.
+    pub(super) fn in_words(&self) -> Option<String> {
+        match (self.holes_left, self.open_sheets) {
+            (0, 0) => None,
+            (0, sheets) => Some(format!("{sheets} parts are open sheets that enclose nothing; they were left open")),
+            (holes, 0) => Some(format!("{holes} holes could not be closed")),
+            (holes, sheets) => {
+                Some(format!("{holes} holes could not be closed; {sheets} parts are open sheets and were left open"))
+            }
+        }
+    }
 }
 
 impl FillHoles {

@@ -1,8 +1,9 @@
 //! Consistent and outward winding.
 
-use super::{Cancelled, Change, Context, outside};
+use super::outside;
 use crate::inspect::{doubled_areas, nesting_depths, solids};
 use crate::mesh::{Edges, Parts, Surface};
+use crate::repair::{Cancelled, Change, Context};
 
 const NONE: u32 = u32::MAX;
 

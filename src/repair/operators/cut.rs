@@ -1,8 +1,8 @@
 //! Cutting a surface apart where it is not a surface.
 
-use super::{Cancelled, Change, Context};
 use crate::math::{order_around, to_unit_range};
 use crate::mesh::{Edges, Parts, Surface, UnionFind};
+use crate::repair::{Cancelled, Change, Context};
 
 /// No half-edge.
 pub(super) const NONE: u32 = u32::MAX;

@@ -2,9 +2,9 @@
 
 use std::collections::HashSet;
 
-use super::{Cancelled, Change, Context};
 use crate::math::{collinear, midmost, to_unit_range};
 use crate::mesh::{Edges, Surface};
+use crate::repair::{Cancelled, Change, Context};
 
 /// Passes over the mesh: a stack of caps loses one layer in each, and a stack so deep is no model.
 const MOST_PASSES: usize = 64;

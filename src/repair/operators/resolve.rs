@@ -3,11 +3,11 @@
 use super::degenerate::{remove_caps, remove_collapsed};
 use super::quantise::{quantise, rounded};
 use super::separate::separate;
-use super::{Cancelled, Change, Context};
 use crate::arrange::{ArrangeError, Arrangement, Inside};
 use crate::inspect::{Analysis, intersections};
 use crate::math::Box3;
 use crate::mesh::{Edges, Parts, Surface, weld_exactly};
+use crate::repair::{Cancelled, Change, Context};
 
 /// Bits of the grid, over the largest coordinate, to which the vertices of faces that still intersect after rounding are
 /// moved, round by round.

@@ -2,9 +2,10 @@
 
 use glam::DVec3;
 
-use super::{Cancelled, Change, Context};
+use super::Applied;
 use crate::math::Box3;
 use crate::mesh::{Edges, Surface};
+use crate::repair::{Cancelled, Change, Context};
 
 /// Vertices looked at in one cell of the grid: more can't lie in a cell further apart than the tolerance unless their
 /// own edges are shorter still, and then they are not merged.
@@ -15,6 +16,8 @@ const MOST_PER_CELL: usize = 32;
 pub struct Weld {
     /// Share of the bounding box's diagonal.
     pub tolerance: f64,
+    /// No vertex is moved farther than this, in the model's unit.
+    pub most: f64,
 }
 
 impl Weld {
@@ -36,13 +39,14 @@ impl Weld {
     ///
     /// # Errors
     /// [`Cancelled`] when the work should stop; the surface is then unchanged.
-    pub fn apply(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Vec<Change>, Cancelled> {
+    pub fn apply(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
         let edges = Edges::new(&surface.faces);
-        let reach = self.tolerance * Box3::of(surface.positions.iter().copied()).diagonal();
+        let diagonal = Box3::of(surface.positions.iter().copied()).diagonal();
+        let reach = (self.tolerance * diagonal).min(self.most);
         let radii = radii(surface, &edges, reach);
         let boundary: Vec<u32> = (0u32..).zip(&radii).filter(|(_, r)| **r > 0.0).map(|(v, _)| v).collect();
         if boundary.len() < 2 || !reach.is_finite() {
-            return Ok(Vec::new());
+            return Ok(Applied::default());
         }
         // Cells twice as wide as the reach are few enough to count in i64 for every tolerance above 2^-60.
         let cell = |p: DVec3| (p / (2.0 * reach)).floor().to_array().map(to_cell);
@@ -50,7 +54,7 @@ impl Weld {
             boundary.iter().map(|&v| (cell(surface.positions[v as usize]), v)).collect();
         grid.sort_unstable();
         let mut target: Vec<u32> = (0u32..).zip(&surface.positions).map(|(v, _)| v).collect();
-        let mut merged = 0u64;
+        let (mut merged, mut moved) = (0u64, 0.0f64);
         for (count, &v) in boundary.iter().enumerate() {
             if count % 4096 == 0 {
                 context.check()?;
@@ -58,6 +62,7 @@ impl Weld {
             if let Some(other) = nearest_kept(v, surface, &grid, &radii, &target, cell) {
                 target[v as usize] = other;
                 merged += 1;
+                moved = moved.max(surface.positions[v as usize].distance(surface.positions[other as usize]));
             }
         }
         if merged > 0 {
@@ -66,7 +71,8 @@ impl Weld {
             }
             surface.drop_unreferenced();
         }
-        Ok(Change::list([("boundary_vertices_merged", merged)]))
+        let changes = Change::list([("boundary_vertices_merged", merged)]);
+        Ok(Applied { changes, moved, ..Applied::default() })
     }
 }
 

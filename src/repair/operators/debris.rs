@@ -1,10 +1,10 @@
 //! Open bits of surface that enclose nothing and that no printer could make.
 
 use super::walls::Walls;
-use super::{Cancelled, Change, Context};
 use crate::inspect::{Solid, solids};
 use crate::math::{Box3, ray_direction};
 use crate::mesh::{Edges, Parts, Surface};
+use crate::repair::{Cancelled, Change, Context};
 
 /// An open part no larger than this share of the model's diagonal is debris: on a print of 200 mm less than half the width of a
 /// nozzle.

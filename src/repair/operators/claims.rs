@@ -1,0 +1,50 @@
+use super::{Counter, Counts, Operator};
+
+impl Operator {
+    /// What it claims to fix. None of these may rise by it.
+    #[must_use]
+    pub fn fixes(self) -> &'static [Counter] {
+        use Counter::{
+            BoundaryEdges, DegenerateFaces, DuplicateFaces, MisorientedEdges, NonmanifoldEdges, PinchedVertices,
+        };
+        match self {
+            Self::RoundCoordinates => &[],
+            Self::RemoveCollapsedFaces | Self::RemoveCaps => &[DegenerateFaces],
+            Self::Weld | Self::FillHoles | Self::RemoveDebris => &[BoundaryEdges],
+            Self::RemoveDuplicates => &[DuplicateFaces],
+            Self::Orient => &[MisorientedEdges],
+            Self::CutApart => &[NonmanifoldEdges, PinchedVertices],
+            Self::Resolve | Self::Separate => &[NonmanifoldEdges],
+        }
+    }
+
+    /// What may rise by it, since a later operator takes it up or since it is the lesser evil.
+    #[must_use]
+    pub fn may_raise(self) -> &'static [Counter] {
+        use Counter::{
+            BoundaryEdges, DegenerateFaces, DuplicateFaces, MisorientedEdges, NonmanifoldEdges, PinchedVertices,
+        };
+        match self {
+            Self::RoundCoordinates => &Counter::ALL,
+            Self::RemoveCollapsedFaces | Self::Orient => &[],
+            // Where several sheets meet, what was open becomes an edge of several faces.
+            Self::Weld => &[NonmanifoldEdges, MisorientedEdges, PinchedVertices, DuplicateFaces],
+            Self::RemoveDuplicates => &[BoundaryEdges, MisorientedEdges, NonmanifoldEdges, PinchedVertices],
+            // A cap on the boundary goes, and the two edges behind it are open instead of its one.
+            Self::RemoveCaps => &[BoundaryEdges],
+            Self::CutApart | Self::Separate => &[BoundaryEdges, DuplicateFaces],
+            // A crack whose border lies on a line is closed by faces without area.
+            Self::FillHoles => &[DegenerateFaces],
+            Self::Resolve => &[BoundaryEdges, MisorientedEdges, PinchedVertices, DegenerateFaces, DuplicateFaces],
+            Self::RemoveDebris => &[PinchedVertices],
+        }
+    }
+
+    /// The first counter that rose though it must not, with what it was and became.
+    pub(in crate::repair) fn broken_claim(self, before: &Counts, after: &Counts) -> Option<(Counter, u64, u64)> {
+        let rose = |counter: &Counter| after.get(*counter) > before.get(*counter);
+        let claimed = self.fixes().iter().find(|c| rose(c));
+        let found = claimed.or_else(|| Counter::ALL.iter().find(|c| rose(c) && !self.may_raise().contains(c)));
+        found.map(|&counter| (counter, before.get(counter), after.get(counter)))
+    }
+}

@@ -1,0 +1,48 @@
+//! The operators: one file each, each with its parameters, precondition, result and what it leaves unfixed.
+//!
+//! [`Operator`] names them, says what each claims to fix and may do on the way, and runs one by its name with the parameters
+//! that the options give it.
+
+mod claims;
+mod counts;
+mod name;
+mod run;
+
+pub mod cut;
+pub mod debris;
+pub mod degenerate;
+pub mod duplicates;
+pub mod holes;
+pub mod orient;
+mod outside;
+pub mod quantise;
+pub mod resolve;
+pub mod separate;
+mod triangulate;
+mod walls;
+pub mod weld;
+
+pub use counts::{Counter, Counts};
+pub use name::Operator;
+pub(super) use run::Scope;
+
+use super::Change;
+
+/// What an operator did.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Applied {
+    /// What it changed, counted.
+    pub changes: Vec<Change>,
+    /// The farthest that it moved a vertex, in the model's unit, hole patches apart; 0 where every vertex is where it was.
+    pub moved: f64,
+    /// What it left and why, in words.
+    pub left: Option<String>,
+    /// Why it did nothing at all, where it should have.
+    pub failed: Option<String>,
+}
+
+impl From<Vec<Change>> for Applied {
+    fn from(changes: Vec<Change>) -> Self {
+        Self { changes, ..Self::default() }
+    }
+}
