@@ -4,7 +4,7 @@ use std::time::Duration;
 use super::input::Input;
 use super::presets::{planned, remesh_action};
 use super::tiers::{End, Runner};
-use super::verdict::{JudgeError, Judged, judge};
+use super::verdict::{JudgeError, Judged, Patches, judge};
 use super::{Action, Cancelled, Candidate, Context, Preset, Remesher, Rung, Stage, Step, StepStatus, summary};
 use crate::mesh::Surface;
 
@@ -78,7 +78,8 @@ impl<'a> Climb<'a> {
         let Runner { options, format, context, .. } = self.runner;
         context.report(Stage::Verify, Some(rung.tier), span(index).end);
         let start = context.now();
-        let verdict = judge(result, format, self.input.original, options, &context.without_deadline());
+        let patches = if rung.tier == 3 { Patches::None } else { Patches::BySource };
+        let verdict = judge(result, patches, format, self.input.original, options, &context.without_deadline());
         let mut step = validation(index, start, context);
         let mut good = false;
         match verdict {

@@ -1,5 +1,5 @@
 use super::RepairError;
-use super::verdict::{JudgeError, Judged, judge};
+use super::verdict::{JudgeError, Judged, Patches, judge};
 use super::{Cancelled, Category, Context, FileSummary, Options, Outcome, Plan, Preset, REPORT_VERSION, Report};
 use crate::format::{self, Format, Limits, ReadError, ReadMesh};
 use crate::inspect::{
@@ -32,7 +32,7 @@ impl Input<'_> {
                 bytes: self.bytes.to_vec(),
                 dialect: self.mesh.dialect.clone(),
                 measures: before.clone(),
-                changes: self.original.changes(self.analysis, before, context)?,
+                changes: self.original.changes(self.analysis, before, Some(&[]), context)?,
                 red_flags: Vec::new(),
             }));
         }
@@ -40,7 +40,7 @@ impl Input<'_> {
         if surface.faces.is_empty() {
             return Ok(None);
         }
-        match judge(surface, format, self.original, options, context) {
+        match judge(surface, Patches::BySource, format, self.original, options, context) {
             Ok(judged) => Ok(Some(judged)),
             Err(JudgeError::Write(error)) => Err(error.into()),
             Err(JudgeError::Read(error)) => Err(error.into()),

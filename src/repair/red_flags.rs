@@ -5,6 +5,9 @@ use crate::inspect::{Measures, percent};
 /// rounding made degenerate.
 const LEAST_STANDING: f64 = 0.98;
 
+/// What rounding to f32 may move, as a share of the largest coordinate.
+const ROUNDING: f64 = 2.0 / (1u64 << 23) as f64;
+
 /// What of the input is in a result, whole or cut.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Standing {
@@ -69,9 +72,23 @@ pub fn red_flags(
         options.max_surface_lost_pct,
         format!("{lost:.1} % of the surface that can be seen from outside has no counterpart in the result"),
     );
+    if let (Some(most), Some(moved)) = (options.max_deviation, changes.moved) {
+        let farthest = moved.distance.max;
+        raise(
+            RedFlagCode::Deviation,
+            farthest,
+            most + ROUNDING * largest_coordinate(before),
+            format!("surface other than hole patches is {farthest} from the input's, and max_deviation is {most}"),
+        );
+    }
     let united = standing.parts_gone == 0;
     if before.parts > 1 && after.parts == 1 && !united && (standing.faces as f64) < LEAST_STANDING * sound as f64 {
         raise(RedFlagCode::PartsMerged, before.parts as f64, 1.0, format!("{} parts became one", before.parts));
     }
     flags
+}
+
+fn largest_coordinate(measures: &Measures) -> f64 {
+    let largest = |side: [f64; 3]| side.into_iter().map(f64::abs).fold(0.0, f64::max);
+    measures.bounding_box.map_or(0.0, |it| largest(it.min).max(largest(it.max)))
 }

@@ -27,9 +27,19 @@ pub(super) enum JudgeError {
     Cancelled(#[from] Cancelled),
 }
 
+/// Which faces of a result are the patches of holes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Patches {
+    /// Those that no face of the input gave.
+    BySource,
+    /// None: all of it was made anew.
+    None,
+}
+
 /// Writes a mesh, reads the written bytes back, and measures those, so that the verdict is on what is handed out.
 pub(super) fn judge(
     surface: &Surface,
+    patches: Patches,
     format: Format,
     input: &Original<'_>,
     options: &Options,
@@ -39,7 +49,12 @@ pub(super) fn judge(
     let read = read_own(&bytes)?;
     let analysis = Analysis::new((&read.soup).into(), context)?;
     let measures = measure_analysis(&analysis, context)?;
-    let changes = input.changes(&analysis, &measures, context)?;
+    // Faces are written and read in their order.
+    let patches: Vec<bool> = match patches {
+        Patches::BySource => surface.source.iter().map(|&source| source == NO_SOURCE).collect(),
+        Patches::None => Vec::new(),
+    };
+    let changes = input.changes(&analysis, &measures, Some(&patches), context)?;
     let red_flags = red_flags(input.measures(), &measures, &changes, standing(surface, input.analysis()), options);
     Ok(Judged { bytes, dialect: read.dialect, measures, changes, red_flags })
 }

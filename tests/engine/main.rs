@@ -7,6 +7,7 @@ mod compare;
 mod defects;
 mod formats;
 mod intersections;
+mod limits;
 mod lost;
 mod mend;
 #[path = "../support/meshes.rs"]

@@ -7,8 +7,8 @@ use meshmend::inspect::{Measures, measure};
 use meshmend::mesh::{Soup, Surface};
 use meshmend::repair::operators::cut::{Pairing, Pinches, cut_apart};
 use meshmend::repair::operators::debris::remove_debris;
-use meshmend::repair::operators::resolve::{Resolved, resolve};
-use meshmend::repair::operators::separate::separate;
+use meshmend::repair::operators::resolve::{Resolve, Resolved};
+use meshmend::repair::operators::separate::Separate;
 use meshmend::repair::{Context, NoProgress};
 use proptest::prelude::*;
 
@@ -24,7 +24,7 @@ fn as_stl(surface: &Surface) -> Measures {
 
 fn separated(soup: &Soup) -> Surface {
     let (mut surface, _) = Surface::from_soup(soup);
-    with_context(|c| separate(&mut surface, c)).unwrap();
+    with_context(|c| Separate::default().apply(&mut surface, c)).unwrap();
     surface
 }
 
@@ -141,7 +141,7 @@ fn a_mesh_that_is_manifold_is_left_bit_for_bit() {
     let soup = join(&sphere(DVec3::ZERO, 2.0, 16, 8), &cube(DVec3::splat(5.0), 1.0, 2));
     let (before, _) = Surface::from_soup(&soup);
     let mut after = before.clone();
-    let changes = with_context(|c| separate(&mut after, c)).unwrap();
+    let changes = with_context(|c| Separate::default().apply(&mut after, c)).unwrap().changes;
     assert!(changes.is_empty(), "{changes:?}");
     assert_eq!(before, after);
 }
@@ -178,7 +178,10 @@ proptest! {
 
 fn resolved(soup: &Soup) -> (Surface, Resolved) {
     let (mut surface, _) = Surface::from_soup(soup);
-    let it = with_context(|c| resolve(&mut surface, &ManifoldRust, Inside::Positive, c)).unwrap();
+    let it = with_context(|c| {
+        Resolve { inside: Inside::Positive, most: f64::INFINITY }.apply(&mut surface, &ManifoldRust, c)
+    })
+    .unwrap();
     (surface, it)
 }
 
@@ -233,6 +236,7 @@ fn a_resolve_that_is_cancelled_leaves_the_surface_as_it_was() {
     let cancel = std::sync::atomic::AtomicBool::new(true);
     let clock = || std::time::Duration::ZERO;
     let context = Context::new(&NoProgress, &cancel, &clock, std::time::Duration::from_secs(1));
-    assert!(resolve(&mut surface, &ManifoldRust, Inside::Positive, &context).is_err());
+    let it = Resolve { inside: Inside::Positive, most: f64::INFINITY };
+    assert!(it.apply(&mut surface, &ManifoldRust, &context).is_err());
     assert_eq!(surface, before);
 }

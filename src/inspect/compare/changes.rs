@@ -27,6 +27,10 @@ pub struct Changes {
     /// Distance from the result's surface to the input: what was made.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub made: Option<Deviation>,
+    /// The same for all of the result but the patches of holes: how far surface was moved. None where it is not known what is a
+    /// patch.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub moved: Option<Deviation>,
     /// Largest move of a side of the bounding box, over its diagonal before.
     pub box_change_pct: Option<f64>,
     /// Change of the surface area.
@@ -48,6 +52,7 @@ impl Changes {
             surface_lost_pct: None,
             lost: None,
             made: None,
+            moved: None,
             box_change_pct: box_change_pct(before.bounding_box, after.bounding_box),
             area_change_pct: percent(after.area - before.area, before.area),
             volume_change_pct: percent(after.volume.value - before.volume.value, before.volume.value)

@@ -122,7 +122,7 @@ pub(super) fn distances(
     Ok(all)
 }
 
-/// The distances in figures: those of the samples that `counts` says, and of the vertices where `vertices` says so. None
+/// The distances in figures: those of the samples that `counts` says, and of the vertices that `vertices` says. None
 /// where nothing was measured. `diagonal` is the input's, in the same unit coordinates.
 pub(super) fn deviation(
     analysis: &Analysis<'_>,
@@ -130,7 +130,7 @@ pub(super) fn deviation(
     found: &Distances,
     diagonal: f64,
     counts: impl Fn(usize) -> bool,
-    vertices: bool,
+    vertices: impl Fn(u32) -> bool,
 ) -> Option<Deviation> {
     let mut farthest = (f64::NEG_INFINITY, None);
     let mut look = |distance: f64, at: glam::DVec3| {
@@ -146,11 +146,9 @@ pub(super) fn deviation(
         }
     }
     let mut looked = 0;
-    if vertices {
-        for &(v, distance) in &found.vertices {
-            look(distance, analysis.unit()[v as usize]);
-            looked += 1;
-        }
+    for &(v, distance) in found.vertices.iter().filter(|&&(v, _)| vertices(v)) {
+        look(distance, analysis.unit()[v as usize]);
+        looked += 1;
     }
     let (max, at) = (farthest.0, farthest.1?);
     sorted.sort_unstable_by(f64::total_cmp);

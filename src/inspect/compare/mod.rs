@@ -127,7 +127,7 @@ impl<'a> Original<'a> {
         self.measures
     }
 
-    /// How another mesh differs.
+    /// How another mesh differs. `patches` tells for each face of its soup whether it is a hole's patch, where that is known.
     ///
     /// # Errors
     /// [`Cancelled`] when the context says stop.
@@ -135,9 +135,10 @@ impl<'a> Original<'a> {
         &self,
         after: &Analysis<'_>,
         measures: &Measures,
+        patches: Option<&[bool]>,
         context: &Context<'_>,
     ) -> Result<Changes, Cancelled> {
-        Ok(self.way(after, measures, context)?.changes)
+        Ok(self.way(after, measures, patches, context)?.changes)
     }
 
     /// All that can be said of another mesh.
@@ -150,7 +151,7 @@ impl<'a> Original<'a> {
         measures: &Measures,
         context: &Context<'_>,
     ) -> Result<Comparison, Cancelled> {
-        let Way { changes, distances } = self.way(after, measures, context)?;
+        let Way { changes, distances } = self.way(after, measures, None, context)?;
         let diagonal = unit_diagonal(self.analysis);
         let near =
             changes.lost.map_or(changes.surface_lost_pct == Some(0.0), |lost| lost.percent.p99 <= FAITHFUL_PCT[0]);
@@ -163,7 +164,7 @@ impl<'a> Original<'a> {
             faithful: near && changes.box_change_pct.is_some_and(|moved| moved <= FAITHFUL_PCT[1]),
             changes,
             visible_pct,
-            deviation: deviation(self.analysis, self.samples(), &distances, diagonal, |_| true, true),
+            deviation: deviation(self.analysis, self.samples(), &distances, diagonal, |_| true, |_| true),
             inside: inside_agreement(Pair::new(self.analysis, after), self.options.inside, context)?,
         })
     }
@@ -180,7 +181,13 @@ impl<'a> Original<'a> {
         Ok(self.visible.get().map_or(&[], Vec::as_slice))
     }
 
-    fn way(&self, after: &Analysis<'_>, measures: &Measures, context: &Context<'_>) -> Result<Way, Cancelled> {
+    fn way(
+        &self,
+        after: &Analysis<'_>,
+        measures: &Measures,
+        patches: Option<&[bool]>,
+        context: &Context<'_>,
+    ) -> Result<Way, Cancelled> {
         let scale = self.analysis.scale();
         let keys = self.keys.get_or_init(|| FaceKeys::new(self.analysis, scale));
         let common = Common::new(keys, &FaceKeys::new(after, scale));
@@ -197,7 +204,17 @@ impl<'a> Original<'a> {
         if !self.analysis.surface.faces.is_empty() {
             let points = samples(after, options.samples);
             let made = distances(back, &points, options.vertices, |f| stands(&common.second, f), context)?;
-            changes.made = deviation(after, &points, &made, diagonal * there.ratio, |_| true, true);
+            let diagonal = diagonal * there.ratio;
+            changes.made = deviation(after, &points, &made, diagonal, |_| true, |_| true);
+            if let Some(patches) = patches {
+                let is_patch = |f: u32| patches.get(after.surface.source[f as usize] as usize) == Some(&true);
+                let mut moved = vec![false; after.surface.positions.len()];
+                for (face, _) in after.surface.faces.iter().zip(0u32..).filter(|&(_, f)| !is_patch(f)) {
+                    face.iter().for_each(|&v| moved[v as usize] = true);
+                }
+                let (counts, vertices) = (|i: usize| !is_patch(points[i].face), |v: u32| moved[v as usize]);
+                changes.moved = deviation(after, &points, &made, diagonal, counts, vertices);
+            }
         }
         Ok(Way { changes, distances: found })
     }
@@ -226,7 +243,7 @@ impl<'a> Original<'a> {
         let seen: &[Option<bool>] = if apart { self.visible(context)? } else { &[] };
         // What could not be told to be hidden counts as seen.
         let counts = |i: usize| seen.get(i).is_none_or(|&seen| seen != Some(false));
-        changes.lost = deviation(self.analysis, self.samples(), found, diagonal, counts, false);
+        changes.lost = deviation(self.analysis, self.samples(), found, diagonal, counts, |_| false);
         let visible =
             found.samples.iter().enumerate().filter(|&(i, _)| counts(i)).filter_map(|(_, &distance)| distance);
         let (mut all, mut far) = (0u32, 0u32);

@@ -5,8 +5,8 @@ use super::duplicates::remove_duplicates;
 use super::holes::FillHoles;
 use super::orient::orient;
 use super::quantise::quantise;
-use super::resolve::resolve;
-use super::separate::separate;
+use super::resolve::Resolve;
+use super::separate::Separate;
 use super::weld::Weld;
 use super::{Applied, Operator};
 use crate::arrange::{Inside, ManifoldRust};
@@ -59,12 +59,12 @@ impl Operator {
                 Applied { left: filled.in_words(), changes: filled.changes, ..Applied::default() }
             }
             Self::Resolve => {
-                let resolved = resolve(surface, &ManifoldRust, scope.inside, context)?;
-                let failed = resolved.error.map(|error| error.to_string());
-                Applied { changes: resolved.changes, failed, ..Applied::default() }
+                let it = Resolve { inside: scope.inside, most: scope.reach }.apply(surface, &ManifoldRust, context)?;
+                let left = (it.pairs_left > 0).then(|| format!("{} pairs of faces still intersect", it.pairs_left));
+                Applied { changes: it.changes, moved: it.moved, left, failed: it.error.map(|e| e.to_string()) }
             }
             Self::RemoveDebris => remove_debris(surface, context)?.into(),
-            Self::Separate => separate(surface, context)?.into(),
+            Self::Separate => Separate { most: scope.reach }.apply(surface, context)?,
         })
     }
 }

@@ -4,6 +4,7 @@ use std::collections::HashSet;
 
 use glam::DVec3;
 
+use super::Applied;
 use super::cut::{NONE, Pairing, Pinches, cut_apart, mates};
 use super::quantise::rounded;
 use crate::math::{Box3, collinear};
@@ -30,53 +31,77 @@ const STEPS: i32 = 12;
 /// No vertex is moved farther than this share of the diagonal.
 const MOST: f64 = 1e-4;
 
-/// Moves vertices that stand on one another, and the middles of edges that lie on one another, apart by the smallest
-/// distance that f32 can tell, each into the solid that it bounds, so that the result is manifold when it is welded by
-/// position.
-///
-/// ```text
-///    --------+--------             -------+ +-------
-///       A   / \   B         ->        A   / \   B
-/// ```
-///
-/// Precondition: consistently wound and outward. Result: of each group of vertices at one f32 position the one with the
-/// largest faces stays, the others moved by a few units in the last place; no face is turned over. Leaves: vertices
-/// that can't be moved without turning a face over or farther than 1e-4 of the diagonal, counted as
-/// `coincident_vertices_left`.
-///
-/// # Errors
-/// [`Cancelled`] when the work should stop.
-pub fn separate(surface: &mut Surface, context: &Context<'_>) -> Result<Vec<Change>, Cancelled> {
-    let mut changes = Vec::new();
-    let mut split = 0;
-    let mut places = Places::new(surface);
-    for _ in 0..MOST_ROUNDS {
-        changes.extend(cut_apart(surface, Pairing::Angular, Pinches::Cut, context)?);
-        let done = split_doubled_edges(surface, &mut places, context)?;
-        split += done;
-        if done == 0 {
-            break;
-        }
+/// Keeps sheets apart by position.
+#[derive(Debug, Clone, Copy)]
+pub struct Separate {
+    /// No vertex is moved farther than this, in the model's unit; nor farther than 1e-4 of the diagonal.
+    pub most: f64,
+}
+
+impl Default for Separate {
+    fn default() -> Self {
+        Self { most: f64::INFINITY }
     }
-    let (moved, left) = spread(surface, &mut places, context)?;
-    changes.extend(Change::list([
-        ("doubled_edges_split", split),
-        ("coincident_vertices_separated", moved),
-        ("coincident_vertices_left", left),
-    ]));
-    Ok(changes)
+}
+
+impl Separate {
+    /// Moves vertices that stand on one another, and the middles of edges that lie on one another, apart by the smallest
+    /// distance that f32 can tell, each into the solid that it bounds, so that the result is manifold when it is welded by
+    /// position.
+    ///
+    /// ```text
+    ///    --------+--------             -------+ +-------
+    ///       A   / \   B         ->        A   / \   B
+    /// ```
+    ///
+    /// Precondition: consistently wound and outward. Result: of each group of vertices at one f32 position the one with the
+    /// largest faces stays, the others moved by a few units in the last place; no face is turned over. Leaves: vertices
+    /// that can't be moved without turning a face over or farther than 1e-4 of the diagonal, counted as
+    /// `coincident_vertices_left`.
+    ///
+    /// # Errors
+    /// [`Cancelled`] when the work should stop.
+    pub fn apply(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
+        let mut changes = Vec::new();
+        let mut split = 0;
+        let mut places = Places::new(surface, self.most);
+        for _ in 0..MOST_ROUNDS {
+            changes.extend(cut_apart(surface, Pairing::Angular, Pinches::Cut, context)?);
+            let done = split_doubled_edges(surface, &mut places, context)?;
+            split += done;
+            if done == 0 {
+                break;
+            }
+        }
+        let (moved, left) = spread(surface, &mut places, context)?;
+        changes.extend(Change::list([
+            ("doubled_edges_split", split),
+            ("coincident_vertices_separated", moved),
+            ("coincident_vertices_left", left),
+        ]));
+        let left = (left > 0).then(|| format!("{left} vertices stand on others and could not be moved aside"));
+        Ok(Applied { changes, moved: places.moved, left, ..Applied::default() })
+    }
 }
 
 /// The positions that are taken, as f32.
 struct Places {
     taken: HashSet<[u32; 3]>,
     reach: f64,
+    most: f64,
+    /// The farthest that was gone so far.
+    moved: f64,
 }
 
 impl Places {
-    fn new(surface: &Surface) -> Self {
+    fn new(surface: &Surface, most: f64) -> Self {
         let diagonal = Box3::of(surface.positions.iter().copied()).diagonal();
-        Self { taken: surface.positions.iter().map(|&p| key(p)).collect(), reach: MOST * diagonal }
+        Self {
+            taken: surface.positions.iter().map(|&p| key(p)).collect(),
+            reach: (MOST * diagonal).min(most),
+            most,
+            moved: 0.0,
+        }
     }
 
     /// The nearest free position from `p` in a direction for which `fits` holds, as f32 says it; then it is taken.
@@ -85,9 +110,12 @@ impl Places {
         for k in 0..STEPS {
             let length = least * 2f64.powi(k);
             let q = rounded(p + direction * length);
-            let free = q.is_finite() && p.distance(q) <= self.reach.max(4.0 * least) && !self.taken.contains(&key(q));
+            let free = q.is_finite()
+                && p.distance(q) <= self.reach.max(4.0 * least).min(self.most)
+                && !self.taken.contains(&key(q));
             if free && fits(q) {
                 self.taken.insert(key(q));
+                self.moved = self.moved.max(p.distance(q));
                 return Some(q);
             }
         }

@@ -1,0 +1,109 @@
+//! What the options let operators do.
+
+use std::sync::atomic::AtomicBool;
+use std::time::Duration;
+
+use glam::DVec3;
+use meshmend::format::{self, Format, Limits};
+use meshmend::mesh::Soup;
+use meshmend::repair::{
+    Context, NoProgress, Operator, Options, Outcome, RedFlagCode, RemeshError, RemeshRequest, Remeshed, Remesher,
+    RemesherInfo, Repaired, StepStatus, repair,
+};
+
+use crate::meshes::{cube, join, sphere};
+
+fn run(soup: &Soup, options: &Options, remesher: Option<&dyn Remesher>) -> Repaired {
+    let bytes = format::write(soup, Format::Stl).unwrap();
+    let cancel = AtomicBool::new(false);
+    let clock = || Duration::ZERO;
+    let context = Context::new(&NoProgress, &cancel, &clock, Duration::from_secs(600));
+    repair(&bytes, options, &Limits::default(), remesher, &context).unwrap()
+}
+
+fn native() -> Options {
+    Options { max_tier: 2, ..Options::default() }
+}
+
+/// Two cubes on a common edge: by position they can be two solids only if some vertex moves.
+fn on_an_edge() -> Soup {
+    join(&cube(DVec3::ZERO, 1.0, 1), &cube(DVec3::new(1.0, 1.0, 0.0), 1.0, 1))
+}
+
+#[test]
+fn what_needs_more_than_max_deviation_is_left_and_reported() {
+    let free = run(&on_an_edge(), &native(), None).report;
+    assert_eq!(free.outcome, Outcome::Repaired);
+    let farthest = free.steps.iter().map(|s| s.moved).fold(0.0, f64::max);
+    assert!(farthest > 0.0 && farthest < 1e-5, "{farthest}");
+    let measured = free.changes.unwrap().moved.unwrap().distance.max;
+    assert!(measured > 0.0 && measured <= farthest * 1.01, "{measured}");
+
+    let bound = run(&on_an_edge(), &Options { max_deviation: Some(0.0), ..native() }, None).report;
+    assert!(bound.steps.iter().all(|s| s.moved == 0.0), "{:?}", bound.steps);
+    assert_ne!(bound.outcome, Outcome::Repaired);
+    assert!(bound.after.unwrap().measures.nonmanifold_edges > 0);
+    assert!(bound.summary.contains("non-manifold"), "{}", bound.summary);
+}
+
+/// Answers a ball of the right size with other faces.
+struct Ball(RemesherInfo);
+
+impl Remesher for Ball {
+    fn info(&self) -> Result<&RemesherInfo, &str> {
+        Ok(&self.0)
+    }
+
+    fn remesh(&self, _: &RemeshRequest<'_>, _: &Context<'_>) -> Result<Remeshed, RemeshError> {
+        Ok(Remeshed { soup: sphere(DVec3::ZERO, 1.001, 32, 16) })
+    }
+}
+
+#[test]
+fn a_remesh_farther_from_the_input_than_max_deviation_is_flagged() {
+    let mut broken = sphere(DVec3::ZERO, 1.0, 64, 32);
+    broken.faces.truncate(broken.faces.len() - 3);
+    let ball = Ball(RemesherInfo { kind: "fake".into(), version: "1".into(), program: "none".into() });
+    let asked = Options { preset: meshmend::repair::Preset::BlenderRemesh, ..Options::default() };
+    let free = run(&broken, &asked, Some(&ball)).report;
+    assert_eq!(free.outcome, Outcome::Repaired, "{}", free.summary);
+    let bound = run(&broken, &Options { max_deviation: Some(1e-4), ..asked }, Some(&ball)).report;
+    let flagged = bound.candidates.iter().any(|c| c.red_flags.iter().any(|f| f.code == RedFlagCode::Deviation));
+    assert!(flagged, "{:?}", bound.candidates);
+    // Closing the hole needs no move, so that this is what is handed out.
+    assert_eq!(bound.outcome, Outcome::Repaired);
+    assert!(bound.red_flags.is_empty());
+}
+
+#[test]
+fn an_operator_that_is_switched_off_does_not_run() {
+    let mut open = cube(DVec3::ZERO, 1.0, 2);
+    open.faces.remove(0);
+    let ran = |report: &meshmend::repair::Report| report.steps.iter().any(|s| s.operator == Some(Operator::FillHoles));
+    let with = run(&open, &native(), None).report;
+    assert!(ran(&with) && with.outcome == Outcome::Repaired);
+    let without = run(&open, &Options { without: vec![Operator::FillHoles], ..native() }, None).report;
+    assert!(!ran(&without) && without.outcome != Outcome::Repaired);
+    let planned = without.plan.rungs.iter().flat_map(|r| &r.actions).flat_map(|a| &a.operators);
+    assert!(planned.into_iter().all(|&o| o != Operator::FillHoles));
+}
+
+#[test]
+fn operators_are_named_in_one_string_or_in_an_array() {
+    let read = |json: &str| serde_json::from_str::<Options>(json);
+    let both = vec![Operator::Weld, Operator::FillHoles];
+    assert_eq!(read(r#"{"without": "weld, fill_holes"}"#).unwrap().without, both);
+    assert_eq!(read(r#"{"without": ["weld", "fill_holes"]}"#).unwrap().without, both);
+    let error = read(r#"{"without": "wield"}"#).unwrap_err().to_string();
+    assert!(error.contains("there is no operator 'wield'; they are round_coordinates, "), "{error}");
+    for operator in Operator::ALL {
+        assert_eq!(serde_json::to_value(operator).unwrap(), operator.as_str());
+    }
+}
+
+#[test]
+fn every_step_names_its_operator_and_no_operator_broke_its_claim() {
+    let report = run(&on_an_edge(), &native(), None).report;
+    assert!(report.steps.iter().filter(|s| s.tier > 0).all(|s| s.operator.is_some()));
+    assert!(report.steps.iter().all(|s| s.status != StepStatus::Undone), "{:?}", report.steps);
+}
