@@ -59,8 +59,9 @@ fn operators_of(action: Action) -> &'static [Operator] {
         Action::FixNormals => &[O::Orient],
         Action::FillHoles => &[O::FillHoles, O::RemoveCaps],
         Action::Mend | Action::MendConservative | Action::MakeManifold => &[O::CutApart],
-        Action::Resolve => &[O::Resolve],
-        Action::Separate => &[O::RemoveDebris, O::Separate],
+        // What is open and no part of the model would leave it without an inside.
+        Action::Resolve => &[O::RemoveDebris, O::Resolve],
+        Action::Separate => &[O::Separate],
         Action::VoxelRemesh | Action::BooleanUnion | Action::Validate => &[],
     }
 }

@@ -3,6 +3,7 @@
 use super::degenerate::{remove_caps, remove_collapsed};
 use super::quantise::{quantise, rounded};
 use super::separate::Separate;
+use super::{Counter, Counts};
 use crate::arrange::{ArrangeError, Arrangement, Inside};
 use crate::inspect::{Analysis, intersections};
 use crate::math::Box3;
@@ -94,6 +95,12 @@ impl Resolve {
             moved += far;
         }
         let Some((pairs_left, result)) = best else { return Ok(Resolved::default()) };
+        // Half done it must at least be closed: faces that intersect are the lesser evil.
+        if pairs_left > 0 && !is_manifold_by_position(&result) {
+            let error =
+                ArrangeError::Failed("rounding left faces that intersect and edges of more than two faces".to_owned());
+            return Ok(Resolved { pairs_left: before, error: Some(error), ..Resolved::default() });
+        }
         *surface = result;
         let parts = |surface: &Surface| Parts::new(surface, &Edges::new(&surface.faces)).count as u64;
         let united = parts_before.saturating_sub(parts(surface));
@@ -116,6 +123,16 @@ fn settle(surface: &mut Surface, most: f64, context: &Context<'_>) -> Result<f64
     remove_caps(surface, context)?;
     surface.drop_unreferenced();
     Ok(Separate { most }.apply(surface, context)?.moved)
+}
+
+/// Whether a reader of STL would find every edge between two faces that agree, and one fan at every vertex.
+fn is_manifold_by_position(surface: &Surface) -> bool {
+    let mut welded = surface.clone();
+    quantise(&mut welded);
+    weld_exactly(&mut welded);
+    let counts = Counts::of(&welded);
+    use Counter::{BoundaryEdges, MisorientedEdges, NonmanifoldEdges, PinchedVertices};
+    [BoundaryEdges, MisorientedEdges, NonmanifoldEdges, PinchedVertices].iter().all(|&c| counts.get(c) == 0)
 }
 
 /// How many pairs of faces intersect, and which faces take part.
