@@ -6,7 +6,7 @@ mod inside;
 mod kept;
 mod samples;
 
-use std::cell::OnceCell;
+use std::cell::{OnceCell, RefCell};
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -30,6 +30,8 @@ pub const COMPARISON_VERSION: u32 = 1;
 /// Surface farther than this from all of the other mesh is lost, as a share of the input's diagonal. A remesh with the
 /// default 300 voxels along the diagonal stays within it.
 const FAR: f64 = 0.005;
+/// Samples at no distance from the other mesh that are asked whether they can be seen.
+const NEAR_ASKED: usize = 400;
 /// What a faithful result may lose: the distance that 99 % of the visible surface keeps to, and the move of a side of the
 /// box, in percent of the diagonal.
 const FAITHFUL_PCT: [f64; 2] = [0.5, 1.0];
@@ -98,7 +100,16 @@ pub struct Original<'a> {
     options: CompareOptions,
     keys: OnceCell<FaceKeys>,
     samples: OnceCell<Vec<Sample>>,
-    visible: OnceCell<Vec<Option<bool>>>,
+    /// Of each sample whether it can be seen, where somebody asked.
+    visible: RefCell<Vec<Asked>>,
+}
+
+/// Whether a sample can be seen.
+#[derive(Clone, Copy)]
+enum Asked {
+    NotYet,
+    /// None where the search was given up.
+    Known(Option<bool>),
 }
 
 /// What is known on the way from the one mesh to the other.
@@ -111,7 +122,7 @@ impl<'a> Original<'a> {
     /// A mesh with its measures. Costs nothing yet.
     #[must_use]
     pub fn new(analysis: &'a Analysis<'a>, measures: &'a Measures, options: CompareOptions) -> Self {
-        let (keys, samples, visible) = (OnceCell::new(), OnceCell::new(), OnceCell::new());
+        let (keys, samples, visible) = (OnceCell::new(), OnceCell::new(), RefCell::default());
         Self { analysis, measures, options, keys, samples, visible }
     }
 
@@ -155,10 +166,10 @@ impl<'a> Original<'a> {
         let diagonal = unit_diagonal(self.analysis);
         let near =
             changes.lost.map_or(changes.surface_lost_pct == Some(0.0), |lost| lost.percent.p99 <= FAITHFUL_PCT[0]);
-        let visible_pct = self.visible.get().and_then(|visible| {
-            let known = visible.iter().flatten();
-            percent(known.clone().filter(|&&seen| seen).count() as f64, known.count() as f64)
-        });
+        let apart = distances.samples.iter().any(|&distance| distance != Some(0.0));
+        let all: Vec<usize> = if apart { (0..self.samples().len()).collect() } else { Vec::new() };
+        let known: Vec<bool> = self.visible(&all, context)?.into_iter().flatten().collect();
+        let visible_pct = percent(known.iter().filter(|&&seen| seen).count() as f64, known.len() as f64);
         Ok(Comparison {
             version: COMPARISON_VERSION,
             faithful: near && changes.box_change_pct.is_some_and(|moved| moved <= FAITHFUL_PCT[1]),
@@ -173,12 +184,17 @@ impl<'a> Original<'a> {
         self.samples.get_or_init(|| samples(self.analysis, self.options.samples))
     }
 
-    fn visible(&self, context: &Context<'_>) -> Result<&[Option<bool>], Cancelled> {
-        if self.visible.get().is_none() {
-            let found = samples::visible(self.analysis, self.samples(), context)?;
-            return Ok(self.visible.get_or_init(|| found));
+    /// Whether each of the samples `wanted` can be seen; none where the search was given up.
+    fn visible(&self, wanted: &[usize], context: &Context<'_>) -> Result<Vec<Option<bool>>, Cancelled> {
+        let mut asked = self.visible.borrow_mut();
+        asked.resize(self.samples().len(), Asked::NotYet);
+        let open: Vec<usize> = wanted.iter().copied().filter(|&i| matches!(asked[i], Asked::NotYet)).collect();
+        let points: Vec<Sample> = open.iter().map(|&i| self.samples()[i]).collect();
+        for (&i, seen) in open.iter().zip(samples::visible(self.analysis, &points, context)?) {
+            asked[i] = Asked::Known(seen);
         }
-        Ok(self.visible.get().map_or(&[], Vec::as_slice))
+        let answer = |&i: &usize| if let Asked::Known(seen) = asked[i] { seen } else { None };
+        Ok(wanted.iter().map(answer).collect())
     }
 
     fn way(
@@ -238,14 +254,26 @@ impl<'a> Original<'a> {
         if found.samples.iter().all(Option::is_none) {
             return Ok(());
         }
-        // Where nothing is apart, it does not matter what can be seen.
-        let apart = found.samples.iter().any(|&distance| distance != Some(0.0));
-        let seen: &[Option<bool>] = if apart { self.visible(context)? } else { &[] };
-        // What could not be told to be hidden counts as seen.
-        let counts = |i: usize| seen.get(i).is_none_or(|&seen| seen != Some(false));
-        changes.lost = deviation(self.analysis, self.samples(), found, diagonal, counts, |_| false);
-        let visible =
-            found.samples.iter().enumerate().filter(|&(i, _)| counts(i)).filter_map(|(_, &distance)| distance);
+        // Where nothing is apart, it does not matter what can be seen. Elsewhere it matters of each sample that is, and of the
+        // others only how many can be seen, which some of them tell.
+        let (apart, near): (Vec<usize>, Vec<usize>) = (0..found.samples.len())
+            .filter(|&i| found.samples[i].is_some())
+            .partition(|&i| found.samples[i] != Some(0.0));
+        let mut counts = vec![false; found.samples.len()];
+        let mut seen_near = near.len();
+        if !apart.is_empty() {
+            // What could not be told to be hidden counts as seen.
+            for (&i, seen) in apart.iter().zip(self.visible(&apart, context)?) {
+                counts[i] = seen != Some(false);
+            }
+            let some: Vec<usize> = near.iter().copied().step_by(near.len().div_ceil(NEAR_ASKED).max(1)).collect();
+            let seen = self.visible(&some, context)?.iter().filter(|&&seen| seen != Some(false)).count();
+            seen_near = near.len() * seen / some.len().max(1);
+        }
+        // One at no distance is as good as another.
+        near.iter().take(seen_near).for_each(|&i| counts[i] = true);
+        changes.lost = deviation(self.analysis, self.samples(), found, diagonal, |i| counts[i], |_| false);
+        let visible = found.samples.iter().zip(&counts).filter(|(_, counts)| **counts).filter_map(|(&d, _)| d);
         let (mut all, mut far) = (0u32, 0u32);
         for distance in visible {
             all += 1;
