@@ -19,7 +19,7 @@ pub(super) enum Feature {
 pub(super) struct Search {
     limit: f64,
     snap: f64,
-    /// For each boundary vertex how wide a crack may be there.
+    /// For each boundary vertex how wide a crack may be between it and another vertex.
     width: Vec<f64>,
     near: Vec<Near>,
 }
@@ -38,11 +38,10 @@ impl Search {
 
     /// The nearest feature to which a vertex may be joined, and how far it is.
     pub fn nearest(&mut self, border: &mut Border<'_>, v: u32) -> Option<(f64, Feature)> {
-        let reach = self.width[border.place(v)];
         let mut near = std::mem::take(&mut self.near);
         near.clear();
         if border.is_on_boundary(v) {
-            border.near(v, reach, &mut near);
+            border.near(v, self.limit, &mut near);
         }
         let found = if near.is_empty() { None } else { self.choose(border, v, &near) };
         self.near = near;
@@ -51,7 +50,7 @@ impl Search {
 
     /// The nearest of the features near a vertex that is allowed.
     fn choose(&self, border: &mut Border<'_>, v: u32, near: &[Near]) -> Option<(f64, Feature)> {
-        let ahead = straight_ahead(border, v, self.width[border.place(v)]);
+        let ahead = straight_ahead(border, v, self.limit);
         let courses = border.courses(v);
         let mut best: Option<(f64, Feature)> = None;
         for it in near {

@@ -19,8 +19,9 @@ const MOST_CUTS: usize = 4;
 /// How wide a crack may be.
 #[derive(Debug, Clone, Copy)]
 pub struct Stitch {
-    /// Most of its width over the bounding box's diagonal; 0.001 by default. It is also held below half of the longer
-    /// boundary edge at each vertex: what is wider for its size is a hole.
+    /// Most of its width over the bounding box's diagonal; 0.001 by default. Between a vertex and an edge it is also held
+    /// below half of the edge, and between vertices below half of the longer boundary edge at each: what is wider for its
+    /// size is a hole.
     pub threshold: f64,
     /// Share of an edge at either end of which the end is taken for the whole share, instead of cutting the edge there; 0.2
     /// by default.
