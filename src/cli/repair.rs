@@ -60,6 +60,12 @@ pub struct RepairArgs {
     /// Boundary vertices closer than this share of the model's diagonal are merged.
     #[arg(long, env = "MESHMEND_WELD_TOLERANCE", default_value_t = Options::default().weld_tolerance)]
     weld_tolerance: f64,
+    /// Boundary vertices closer than this share of the shortest boundary edge at either are merged.
+    #[arg(long, env = "MESHMEND_SEW_RATIO", default_value_t = Options::default().sew_ratio)]
+    sew_ratio: f64,
+    /// Widest crack that is stitched, as a share of the model's diagonal.
+    #[arg(long, env = "MESHMEND_STITCH_THRESHOLD", default_value_t = Options::default().stitch_threshold)]
+    stitch_threshold: f64,
     /// Most edges around a hole that is closed.
     #[arg(long, env = "MESHMEND_MAX_HOLE_EDGES", default_value_t = Options::default().max_hole_edges)]
     max_hole_edges: u32,
@@ -111,6 +117,8 @@ impl RepairArgs {
             max_volume_change_pct: self.max_volume_change_pct,
             max_surface_lost_pct: self.max_surface_lost_pct,
             weld_tolerance: self.weld_tolerance,
+            sew_ratio: self.sew_ratio,
+            stitch_threshold: self.stitch_threshold,
             max_hole_edges: self.max_hole_edges,
             voxel_size: self.voxel_size,
             voxel_resolution: self.voxel_resolution,

@@ -100,6 +100,12 @@ pub struct Options {
     /// Boundary vertices closer than this share of the bounding box's diagonal are merged; 0 merges equal positions only.
     #[schema(minimum = 0.0, maximum = 0.01)]
     pub weld_tolerance: f64,
+    /// Boundary vertices closer than this share of the shortest boundary edge at either are merged; 0 merges none so.
+    #[schema(minimum = 0.0, maximum = 0.5)]
+    pub sew_ratio: f64,
+    /// Widest crack that is stitched, as a share of the bounding box's diagonal; 0 stitches none.
+    #[schema(minimum = 0.0, maximum = 0.01)]
+    pub stitch_threshold: f64,
     /// Most edges around a hole that tier 1 closes.
     #[schema(minimum = 3, maximum = 100000)]
     pub max_hole_edges: u32,
@@ -131,6 +137,8 @@ impl Default for Options {
             max_volume_change_pct: 30.0,
             max_surface_lost_pct: 1.0,
             weld_tolerance: 1e-6,
+            sew_ratio: 0.2,
+            stitch_threshold: 1e-3,
             max_hole_edges: 10_000,
             voxel_size: None,
             voxel_resolution: 300,
@@ -155,6 +163,14 @@ impl Options {
         number("max_volume_change_pct", self.max_volume_change_pct, 0.0, 1000.0, "between 0 and 1000 percent")?;
         number("max_surface_lost_pct", self.max_surface_lost_pct, 0.0, 100.0, "between 0 and 100 percent")?;
         number("weld_tolerance", self.weld_tolerance, 0.0, 0.01, "between 0 and 0.01 of the bounding box's diagonal")?;
+        number("sew_ratio", self.sew_ratio, 0.0, 0.5, "between 0 and 0.5 of the shortest boundary edge")?;
+        number(
+            "stitch_threshold",
+            self.stitch_threshold,
+            0.0,
+            0.01,
+            "between 0 and 0.01 of the bounding box's diagonal",
+        )?;
         number("max_hole_edges", f64::from(self.max_hole_edges), 3.0, 100_000.0, "between 3 and 100000 edges")?;
         if let Some(most) = self.max_deviation {
             number("max_deviation", most, 0.0, f64::MAX, "a length of zero or more, in the model's unit")?;

@@ -8,11 +8,12 @@ pub(super) struct Recipe {
 
 /// The presets of the guide ("Filter Scripts & When to Use Them"). Normals are made consistent before holes are closed,
 /// because a hole's border is walked along the winding, and outward afterwards, because only a closed part has a sign.
+/// Cracks are stitched before anything is cut apart or filled, which would leave slivers in them.
 /// What intersects is resolved last, because only closed surface has an inside, and sheets are kept apart after everything
 /// that moves or makes faces.
 pub(super) const RECIPES: [Recipe; 6] = {
     use Action::{
-        BasicCleanup, FillHoles, FixNormals, MakeManifold, Mend, MendConservative, Resolve, Separate, Validate,
+        BasicCleanup, FillHoles, FixNormals, MakeManifold, Mend, MendConservative, Resolve, Separate, Stitch, Validate,
         VoxelRemesh,
     };
     [
@@ -20,15 +21,35 @@ pub(super) const RECIPES: [Recipe; 6] = {
         Recipe { preset: Preset::FillHoles, actions: &[BasicCleanup, FixNormals, FillHoles, FixNormals, Validate] },
         Recipe {
             preset: Preset::FullRepair,
-            actions: &[BasicCleanup, FixNormals, Mend, FillHoles, FixNormals, Resolve, Separate, Validate],
+            actions: &[BasicCleanup, FixNormals, Stitch, Mend, FillHoles, FixNormals, Resolve, Separate, Validate],
         },
         Recipe {
             preset: Preset::ConservativeRepair,
-            actions: &[BasicCleanup, FixNormals, MendConservative, FillHoles, FixNormals, Resolve, Separate, Validate],
+            actions: &[
+                BasicCleanup,
+                FixNormals,
+                Stitch,
+                MendConservative,
+                FillHoles,
+                FixNormals,
+                Resolve,
+                Separate,
+                Validate,
+            ],
         },
         Recipe {
             preset: Preset::ManifoldRepair,
-            actions: &[BasicCleanup, FixNormals, MakeManifold, FillHoles, FixNormals, Resolve, Separate, Validate],
+            actions: &[
+                BasicCleanup,
+                FixNormals,
+                Stitch,
+                MakeManifold,
+                FillHoles,
+                FixNormals,
+                Resolve,
+                Separate,
+                Validate,
+            ],
         },
         // A voxel remesh keeps only what is enclosed, so holes are closed before it.
         Recipe {
@@ -58,6 +79,8 @@ fn operators_of(action: Action) -> &'static [Operator] {
         }
         Action::FixNormals => &[O::Orient],
         Action::FillHoles => &[O::FillHoles, O::RemoveCaps],
+        // What is exact first: it moves nothing, and what is then closed can't be merged amiss.
+        Action::Stitch => &[O::SplitTJunctions, O::Sew, O::Stitch],
         Action::Mend | Action::MendConservative | Action::MakeManifold => &[O::CutApart],
         // What is open and no part of the model would leave it without an inside.
         Action::Resolve => &[O::RemoveDebris, O::Resolve],
@@ -99,7 +122,12 @@ pub(super) fn tier_of(action: Action) -> u8 {
     match action {
         Action::Validate => 0,
         Action::BasicCleanup | Action::FixNormals | Action::FillHoles => 1,
-        Action::Mend | Action::MendConservative | Action::MakeManifold | Action::Resolve | Action::Separate => 2,
+        Action::Stitch
+        | Action::Mend
+        | Action::MendConservative
+        | Action::MakeManifold
+        | Action::Resolve
+        | Action::Separate => 2,
         Action::VoxelRemesh | Action::BooleanUnion => 3,
     }
 }

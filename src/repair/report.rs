@@ -62,6 +62,8 @@ pub enum Action {
     FixNormals,
     /// Tier 1: close simple holes (`fill_holes`).
     FillHoles,
+    /// Tier 2: close cracks and T-junctions, so that no hole has to be filled there.
+    Stitch,
     /// Tier 2: mend everything in one part (`pymeshfix_repair`).
     Mend,
     /// Tier 2: mend each part apart (`pymeshfix_repair_conservative`).

@@ -16,3 +16,4 @@ mod operators;
 mod pipeline;
 mod print;
 mod render;
+mod stitch;

@@ -121,8 +121,12 @@ impl HalfEdgeMesh {
     /// [`Refused`], and nothing was changed.
     pub fn collapse_edge(&mut self, h: HalfEdgeId) -> Result<VertexId, Refused> {
         let h = self.present(h).ok_or(Refused::Missing)?;
+        self.collapse(h, self.origin(h), self.destination(h))
+    }
+
+    /// Draws an edge together into either of its ends.
+    pub(super) fn collapse(&mut self, h: HalfEdgeId, a: VertexId, b: VertexId) -> Result<VertexId, Refused> {
         self.check_link_condition(h)?;
-        let (a, b) = (self.origin(h), self.destination(h));
         let leaving_a: Vec<HalfEdgeId> = self.around(a).collect();
         for g in leaving_a {
             self.origin[g.index()] = Some(b);
@@ -341,7 +345,7 @@ impl HalfEdgeMesh {
 
     /// Has the vertex that a half-edge leaves know the first half-edge of its fan: clockwise to the boundary, or this
     /// one.
-    fn settle(&mut self, leaving: HalfEdgeId) {
+    pub(super) fn settle(&mut self, leaving: HalfEdgeId) {
         let mut first = leaving;
         while let Some(t) = self.twin(first) {
             first = t.next();

@@ -18,6 +18,7 @@ mod check;
 mod closed;
 mod convert;
 mod edits;
+mod merge;
 mod walks;
 
 #[cfg(test)]

@@ -149,6 +149,28 @@ fn splitting_an_edge_and_collapsing_the_new_one_brings_the_faces_back() {
 }
 
 #[test]
+fn a_slit_is_closed_from_its_end_by_merging_vertices() {
+    // Two strips that share their first vertex: 0, 1, 2, 3 on one side of the slit and 0, 4, 5, 6 on the other.
+    let upper = [[0, 7, 1], [1, 7, 2], [2, 7, 3]];
+    let lower = [[0, 4, 8], [4, 5, 8], [5, 6, 8]];
+    let around = [[0, 9, 7], [0, 8, 9]];
+    let mut mesh = mesh([&upper[..], &lower, &around].concat()).unwrap();
+    let before = mesh.clone();
+    assert_eq!(mesh.merge_vertices(v(5), v(2)), Err(Refused::Pinched(v(2))));
+    assert_eq!(mesh.merge_vertices(v(5), v(5)), Err(Refused::Repeated(v(5))));
+    assert_eq!(mesh.merge_vertices(v(5), v(77)), Err(Refused::Missing));
+    assert_eq!(mesh.merge_vertices(v(9), v(1)), Err(Refused::Occupied(v(1), v(0))));
+    assert_eq!(mesh, before);
+    for (from, to) in [(4, 1), (5, 2), (6, 3)] {
+        assert_eq!(mesh.merge_vertices(v(from), v(to)), Ok(v(to)));
+        mesh.check().unwrap();
+    }
+    assert_eq!((mesh.vertex_count(), mesh.face_count(), mesh.boundary_loops().len()), (7, 8, 1));
+    assert!(!mesh.is_boundary_vertex(v(1)) && mesh.is_boundary_vertex(v(3)));
+    assert!((0..8).all(|f| mesh.source(FaceId::new(f)) == f), "no face was made anew");
+}
+
+#[test]
 fn a_mesh_taken_apart_face_by_face_and_put_together_again_is_the_same() {
     let mut before = mesh(octahedron()).unwrap();
     for h in [0, 7, 11, 19, 2, 30].map(HalfEdgeId::new) {
@@ -249,6 +271,7 @@ enum Edit {
     Flip,
     Split,
     Collapse,
+    Merge,
     Remove,
     Add,
 }
@@ -272,7 +295,14 @@ fn try_edit(mesh: &mut HalfEdgeMesh, edit: Edit, h: HalfEdgeId, at: u32) {
             let cut = Some(wider.without(|f| has(f, &[a, b]), &halves)).filter(|f| wider.mesh(f).is_some());
             (mesh.split_edge(h, DVec3::ONE).is_ok(), cut)
         }
-        Edit::Collapse => {
+        Edit::Collapse | Edit::Merge => {
+            let next = mesh.next_on_boundary(h).map(|next| mesh.destination(next).raw());
+            let b = match edit {
+                Edit::Collapse => b,
+                // Most often across a corner of the boundary, sometimes any vertex.
+                _ => next.filter(|_| !at.is_multiple_of(4)).unwrap_or(at % m),
+            };
+            let joined = oracle.faces.iter().any(|f| has(f, &[a, b]));
             let moved: Vec<[u32; 3]> = oracle.without(|f| has(f, &[a, b]), &[]);
             let moved = sorted(moved.into_iter().map(|f| f.map(|v| if v == a { b } else { v })).collect());
             // The link condition keeps complexes: no two faces fall on one another, and no other vertex goes.
@@ -283,7 +313,15 @@ fn try_edit(mesh: &mut HalfEdgeMesh, edit: Edit, h: HalfEdgeId, at: u32) {
                         .mesh(f)
                         .is_some_and(|m| shape(&m) == shape(&before) && m.vertex_count() + 1 == before.vertex_count())
             };
-            (mesh.collapse_edge(h).is_ok(), Some(moved).filter(same))
+            match edit {
+                Edit::Collapse => (mesh.collapse_edge(h).is_ok(), Some(moved).filter(same)),
+                _ => {
+                    let possible = |f: &Vec<[u32; 3]>| {
+                        before.has_vertex(v(b)) && a != b && if joined { same(f) } else { oracle.mesh(f).is_some() }
+                    };
+                    (mesh.merge_vertices(v(a), v(b)).is_ok(), Some(moved).filter(possible))
+                }
+            }
         }
         Edit::Remove => {
             let rest = oracle.without(|f| has(f, &[a, b, c]) && *f == sorted(vec![[a, b, c]])[0], &[]);
@@ -331,14 +369,16 @@ proptest! {
     #[test]
     fn every_edit_is_made_just_when_its_result_is_a_mesh_and_gives_that_mesh(
         faces in shapes(),
-        edits in edits(&[Edit::Flip, Edit::Split, Edit::Collapse, Edit::Remove, Edit::Remove, Edit::Add, Edit::Add]),
+        edits in edits(&[
+            Edit::Flip, Edit::Split, Edit::Collapse, Edit::Remove, Edit::Remove, Edit::Add, Edit::Add, Edit::Merge, Edit::Merge,
+        ]),
     ) {
         let mut mesh = mesh(faces).unwrap();
         for (edit, at) in edits {
             let Some(h) = nth_half_edge(&mesh, at) else { break };
-            // An edge to add a face to is looked for on the boundary.
+            // An edge to add a face to or to merge across is looked for on the boundary.
             let h = match edit {
-                Edit::Add => mesh.boundary_loops().first().map_or(h, |l| l[at as usize % l.len()]),
+                Edit::Add | Edit::Merge => mesh.boundary_loops().first().map_or(h, |l| l[at as usize % l.len()]),
                 _ => h,
             };
             try_edit(&mut mesh, edit, h, at);

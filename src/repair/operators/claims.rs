@@ -13,6 +13,9 @@ impl Operator {
             Self::Weld | Self::FillHoles | Self::RemoveDebris => &[BoundaryEdges],
             Self::RemoveDuplicates => &[DuplicateFaces],
             Self::Orient => &[MisorientedEdges],
+            // A cut edge is two for a while, where only one of them finds its counterpart.
+            Self::SplitTJunctions => &[MisorientedEdges, NonmanifoldEdges, DuplicateFaces],
+            Self::Sew | Self::Stitch => &[BoundaryEdges, MisorientedEdges, NonmanifoldEdges, DuplicateFaces],
             Self::CutApart => &[NonmanifoldEdges, PinchedVertices],
             Self::Resolve | Self::Separate => &[NonmanifoldEdges],
         }
@@ -29,6 +32,9 @@ impl Operator {
             Self::RemoveCollapsedFaces | Self::Orient => &[],
             // Where several sheets meet, what was open becomes an edge of several faces.
             Self::Weld => &[NonmanifoldEdges, MisorientedEdges, PinchedVertices, DuplicateFaces],
+            // What is joined at one end of an edge and not at the other is pinched.
+            Self::SplitTJunctions => &[BoundaryEdges, PinchedVertices],
+            Self::Sew | Self::Stitch => &[PinchedVertices],
             Self::RemoveDuplicates => &[BoundaryEdges, MisorientedEdges, NonmanifoldEdges, PinchedVertices],
             // A cap on the boundary goes, and the two edges behind it are open instead of its one.
             Self::RemoveCaps => &[BoundaryEdges],

@@ -3,6 +3,7 @@
 //! [`Operator`] names them, says what each claims to fix and may do on the way, and runs one by its name with the parameters
 //! that the options give it.
 
+mod border;
 mod claims;
 mod counts;
 mod name;
@@ -18,6 +19,9 @@ mod outside;
 pub mod quantise;
 pub mod resolve;
 pub mod separate;
+pub mod sew;
+pub mod stitch;
+pub mod t_junctions;
 mod triangulate;
 mod walls;
 pub mod weld;

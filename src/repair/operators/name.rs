@@ -20,6 +20,12 @@ pub enum Operator {
     RemoveCaps,
     /// Make the winding of neighbours agree, and turn solids outward.
     Orient,
+    /// Cut boundary edges at the vertices that lie on them.
+    SplitTJunctions,
+    /// Merge boundary vertices that are close for the edges around them.
+    Sew,
+    /// Close cracks whose sides have different vertices.
+    Stitch,
     /// Cut apart what meets in non-manifold edges and vertices.
     CutApart,
     /// Close holes.
@@ -34,13 +40,16 @@ pub enum Operator {
 
 impl Operator {
     /// Every operator, in the order in which they usually run.
-    pub const ALL: [Self; 11] = [
+    pub const ALL: [Self; 14] = [
         Self::RoundCoordinates,
         Self::RemoveCollapsedFaces,
         Self::Weld,
         Self::RemoveDuplicates,
         Self::RemoveCaps,
         Self::Orient,
+        Self::SplitTJunctions,
+        Self::Sew,
+        Self::Stitch,
         Self::CutApart,
         Self::FillHoles,
         Self::Resolve,
@@ -64,6 +73,9 @@ impl Operator {
             Self::RemoveDuplicates => "remove_duplicates",
             Self::RemoveCaps => "remove_caps",
             Self::Orient => "orient",
+            Self::SplitTJunctions => "split_t_junctions",
+            Self::Sew => "sew",
+            Self::Stitch => "stitch",
             Self::CutApart => "cut_apart",
             Self::FillHoles => "fill_holes",
             Self::Resolve => "resolve",

@@ -7,6 +7,9 @@ use super::orient::orient;
 use super::quantise::quantise;
 use super::resolve::Resolve;
 use super::separate::Separate;
+use super::sew::Sew;
+use super::stitch::Stitch;
+use super::t_junctions::SplitTJunctions;
 use super::weld::Weld;
 use super::{Applied, Operator};
 use crate::arrange::{Inside, ManifoldRust};
@@ -53,6 +56,16 @@ impl Operator {
             Self::RemoveDuplicates => remove_duplicates(surface).into(),
             Self::RemoveCaps => remove_caps(surface, context)?.into(),
             Self::Orient => orient(surface, context)?.into(),
+            Self::SplitTJunctions => {
+                SplitTJunctions { most: scope.reach, ..SplitTJunctions::default() }.apply(surface, context)?
+            }
+            Self::Sew => {
+                Sew { ratio: options.sew_ratio, most: scope.reach, ..Sew::default() }.apply(surface, context)?
+            }
+            Self::Stitch => {
+                let threshold = options.stitch_threshold;
+                Stitch { threshold, most: scope.reach, ..Stitch::default() }.apply(surface, context)?
+            }
             Self::CutApart => cut_apart(surface, scope.pairing, Pinches::KeepAtBoundaries, context)?.into(),
             Self::FillHoles => {
                 let filled = FillHoles { max_edges: options.max_hole_edges }.apply(surface, context)?;
