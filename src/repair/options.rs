@@ -100,6 +100,18 @@ pub struct Options {
     /// Boundary vertices closer than this share of the bounding box's diagonal are merged; 0 merges equal positions only.
     #[schema(minimum = 0.0, maximum = 0.01)]
     pub weld_tolerance: f64,
+    /// Edges shorter and faces lower than this share of the bounding box's diagonal are removed, and surface that is folded onto itself
+    /// as closely is unfolded; 0 leaves them.
+    #[schema(minimum = 0.0, maximum = 0.001)]
+    pub degenerate_tolerance: f64,
+    /// Where `with` asks for `remove_overlapping_neighbours`: the angle between two neighbouring faces, in degrees, up to
+    /// which they lie on one another.
+    #[schema(minimum = 0.0, maximum = 45.0)]
+    pub overlap_angle_deg: f64,
+    /// A polygon of the file whose corners rise from its plane by more than this angle, in degrees, is cut into
+    /// triangles with the least fold; 180 cuts all as if they were flat.
+    #[schema(minimum = 0.0, maximum = 180.0)]
+    pub twist_angle_deg: f64,
     /// Most edges around a hole that tier 1 closes.
     #[schema(minimum = 3, maximum = 100000)]
     pub max_hole_edges: u32,
@@ -131,6 +143,9 @@ impl Default for Options {
             max_volume_change_pct: 30.0,
             max_surface_lost_pct: 1.0,
             weld_tolerance: 1e-6,
+            degenerate_tolerance: 1e-7,
+            overlap_angle_deg: 1.0,
+            twist_angle_deg: 5.0,
             max_hole_edges: 10_000,
             voxel_size: None,
             voxel_resolution: 300,
@@ -155,6 +170,10 @@ impl Options {
         number("max_volume_change_pct", self.max_volume_change_pct, 0.0, 1000.0, "between 0 and 1000 percent")?;
         number("max_surface_lost_pct", self.max_surface_lost_pct, 0.0, 100.0, "between 0 and 100 percent")?;
         number("weld_tolerance", self.weld_tolerance, 0.0, 0.01, "between 0 and 0.01 of the bounding box's diagonal")?;
+        let share = "between 0 and 0.001 of the bounding box's diagonal";
+        number("degenerate_tolerance", self.degenerate_tolerance, 0.0, 0.001, share)?;
+        number("overlap_angle_deg", self.overlap_angle_deg, 0.0, 45.0, "between 0 and 45 degrees")?;
+        number("twist_angle_deg", self.twist_angle_deg, 0.0, 180.0, "between 0 and 180 degrees")?;
         number("max_hole_edges", f64::from(self.max_hole_edges), 3.0, 100_000.0, "between 3 and 100000 edges")?;
         if let Some(most) = self.max_deviation {
             number("max_deviation", most, 0.0, f64::MAX, "a length of zero or more, in the model's unit")?;

@@ -9,10 +9,12 @@ impl Operator {
         };
         match self {
             Self::RoundCoordinates => &[],
-            Self::RemoveCollapsedFaces | Self::RemoveCaps => &[DegenerateFaces],
+            Self::RemoveCollapsedFaces | Self::RemoveCaps | Self::RemoveSlivers => &[DegenerateFaces],
             Self::Weld | Self::FillHoles | Self::RemoveDebris => &[BoundaryEdges],
             Self::RemoveDuplicates => &[DuplicateFaces],
             Self::Orient => &[MisorientedEdges],
+            Self::UnfoldFoldovers => &[NonmanifoldEdges, BoundaryEdges],
+            Self::RemoveOverlappingNeighbours => &[NonmanifoldEdges],
             Self::CutApart => &[NonmanifoldEdges, PinchedVertices],
             Self::Resolve | Self::Separate => &[NonmanifoldEdges],
         }
@@ -26,12 +28,13 @@ impl Operator {
         };
         match self {
             Self::RoundCoordinates => &Counter::ALL,
-            Self::RemoveCollapsedFaces | Self::Orient => &[],
+            Self::RemoveCollapsedFaces | Self::Orient | Self::UnfoldFoldovers => &[],
             // Where several sheets meet, what was open becomes an edge of several faces.
             Self::Weld => &[NonmanifoldEdges, MisorientedEdges, PinchedVertices, DuplicateFaces],
             Self::RemoveDuplicates => &[BoundaryEdges, MisorientedEdges, NonmanifoldEdges, PinchedVertices],
             // A cap on the boundary goes, and the two edges behind it are open instead of its one.
-            Self::RemoveCaps => &[BoundaryEdges],
+            Self::RemoveCaps | Self::RemoveSlivers => &[BoundaryEdges],
+            Self::RemoveOverlappingNeighbours => &[BoundaryEdges, PinchedVertices],
             Self::CutApart | Self::Separate => &[BoundaryEdges, DuplicateFaces],
             // A crack whose border lies on a line is closed by faces without area.
             Self::FillHoles => &[DegenerateFaces],

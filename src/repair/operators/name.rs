@@ -18,8 +18,14 @@ pub enum Operator {
     RemoveDuplicates,
     /// Flip away faces whose corners lie on a line.
     RemoveCaps,
+    /// Collapse short edges and flip away faces that are almost without area.
+    RemoveSlivers,
     /// Make the winding of neighbours agree, and turn solids outward.
     Orient,
+    /// Flip the edges at which surface is folded onto itself.
+    UnfoldFoldovers,
+    /// Remove the smaller of neighbouring faces that lie on one another.
+    RemoveOverlappingNeighbours,
     /// Cut apart what meets in non-manifold edges and vertices.
     CutApart,
     /// Close holes.
@@ -34,13 +40,16 @@ pub enum Operator {
 
 impl Operator {
     /// Every operator, in the order in which they usually run.
-    pub const ALL: [Self; 11] = [
+    pub const ALL: [Self; 14] = [
         Self::RoundCoordinates,
         Self::RemoveCollapsedFaces,
         Self::Weld,
         Self::RemoveDuplicates,
         Self::RemoveCaps,
+        Self::RemoveSlivers,
         Self::Orient,
+        Self::UnfoldFoldovers,
+        Self::RemoveOverlappingNeighbours,
         Self::CutApart,
         Self::FillHoles,
         Self::Resolve,
@@ -51,7 +60,7 @@ impl Operator {
     /// Whether a plan leaves it out unless the options ask for it with `with`.
     #[must_use]
     pub fn is_on_request(self) -> bool {
-        false
+        matches!(self, Self::RemoveOverlappingNeighbours)
     }
 
     /// The name used in JSON and on the command line.
@@ -63,7 +72,10 @@ impl Operator {
             Self::Weld => "weld",
             Self::RemoveDuplicates => "remove_duplicates",
             Self::RemoveCaps => "remove_caps",
+            Self::RemoveSlivers => "remove_slivers",
             Self::Orient => "orient",
+            Self::UnfoldFoldovers => "unfold_foldovers",
+            Self::RemoveOverlappingNeighbours => "remove_overlapping_neighbours",
             Self::CutApart => "cut_apart",
             Self::FillHoles => "fill_holes",
             Self::Resolve => "resolve",
