@@ -1,8 +1,8 @@
 use glam::DVec3;
 
-use super::{Limits, Polygons, ReadOptions};
 use super::errors::ReadError;
 use super::polygon::Cutter;
+use super::{Limits, Polygons, ReadOptions};
 
 /// Collects the polygons of an indexed format as triangles, in the file's order.
 pub(super) struct Faces {
@@ -116,11 +116,7 @@ impl Faces {
     }
 
     /// As [`Faces::finish`], with normals.
-    pub fn finish_with_normals(
-        mut self,
-        positions: &[DVec3],
-        warnings: &mut Vec<String>,
-    ) -> Finished {
+    pub fn finish_with_normals(mut self, positions: &[DVec3], warnings: &mut Vec<String>) -> Finished {
         for waiting in &self.waiting {
             let corners = &self.waiting_corners[waiting.begin..waiting.end];
             let normals = self.waiting_normals.get(waiting.begin..waiting.end);

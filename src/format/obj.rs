@@ -6,9 +6,9 @@ use std::fmt::Write as _;
 use glam::DVec3;
 
 use super::errors::{ReadError, ReadErrorKind, shown};
+use super::faces::Finished;
 use super::faces::{Faces, NO_NORMAL};
 use super::text::{Text, Word, integer, number};
-use super::faces::Finished;
 use super::{Format, Limits, ReadMesh, ReadOptions};
 use crate::mesh::{CornerNormals, Soup};
 
@@ -230,7 +230,8 @@ impl<'a> Reader<'a> {
             return Err(self.no_faces());
         }
         let mut warnings = Vec::new();
-        let Finished { faces, normals: corner_normals, polygons } = self.faces.finish_with_normals(&self.positions, &mut warnings);
+        let Finished { faces, normals: corner_normals, polygons } =
+            self.faces.finish_with_normals(&self.positions, &mut warnings);
         let has_normals = !self.normals.is_empty() && !corner_normals.is_empty();
         let normals = has_normals.then_some(CornerNormals::OfCorners { normals: self.normals, faces: corner_normals });
         if self.lines + self.points > 0 {
@@ -250,7 +251,15 @@ impl<'a> Reader<'a> {
             ));
         }
         let soup = Soup { positions: self.positions, faces };
-        Ok(ReadMesh { soup, format: Format::Obj, dialect: "OBJ".to_owned(), numbering: None, normals, polygons, warnings })
+        Ok(ReadMesh {
+            soup,
+            format: Format::Obj,
+            dialect: "OBJ".to_owned(),
+            numbering: None,
+            normals,
+            polygons,
+            warnings,
+        })
     }
 
     fn no_faces(&self) -> ReadError {

@@ -53,12 +53,19 @@ pub(super) const RECIPES: [Recipe; 6] = {
 fn operators_of(action: Action) -> &'static [Operator] {
     use Operator as O;
     match action {
-        Action::BasicCleanup => {
-            &[O::RoundCoordinates, O::RemoveCollapsedFaces, O::Weld, O::RemoveDuplicates, O::RemoveCaps, O::RemoveSlivers]
-        }
+        Action::BasicCleanup => &[
+            O::RoundCoordinates,
+            O::RemoveCollapsedFaces,
+            O::Weld,
+            O::RemoveDuplicates,
+            O::RemoveCaps,
+            O::RemoveSlivers,
+        ],
         Action::FixNormals => &[O::Orient],
         Action::FillHoles => &[O::FillHoles, O::RemoveCaps],
-        Action::Mend | Action::MendConservative | Action::MakeManifold => &[O::UnfoldFoldovers, O::RemoveOverlappingNeighbours, O::CutApart],
+        Action::Mend | Action::MendConservative | Action::MakeManifold => {
+            &[O::UnfoldFoldovers, O::RemoveOverlappingNeighbours, O::RemoveMembranes, O::CutApart]
+        }
         Action::Resolve => &[O::Resolve],
         Action::Separate => &[O::RemoveDebris, O::Separate],
         Action::VoxelRemesh | Action::BooleanUnion | Action::Validate => &[],

@@ -1,8 +1,8 @@
 use glam::DVec3;
 
-use super::super::{Polygons, ReadOptions};
 use super::super::errors::{ReadError, ReadErrorKind};
 use super::super::faces::Faces;
+use super::super::{Polygons, ReadOptions};
 use super::header::{Element, Header, Kind, Meaning, Role};
 use super::values::{Values, list_length};
 use crate::mesh::{CornerNormals, Soup};

@@ -14,7 +14,7 @@ impl Operator {
             Self::RemoveDuplicates => &[DuplicateFaces],
             Self::Orient => &[MisorientedEdges],
             Self::UnfoldFoldovers => &[NonmanifoldEdges, BoundaryEdges],
-            Self::RemoveOverlappingNeighbours => &[NonmanifoldEdges],
+            Self::RemoveOverlappingNeighbours | Self::RemoveMembranes => &[NonmanifoldEdges],
             Self::CutApart => &[NonmanifoldEdges, PinchedVertices],
             Self::Resolve | Self::Separate => &[NonmanifoldEdges],
         }
@@ -35,6 +35,8 @@ impl Operator {
             // A cap on the boundary goes, and the two edges behind it are open instead of its one.
             Self::RemoveCaps | Self::RemoveSlivers => &[BoundaryEdges],
             Self::RemoveOverlappingNeighbours => &[BoundaryEdges, PinchedVertices],
+            // Faces that the wall kept apart may wind against one another.
+            Self::RemoveMembranes => &[MisorientedEdges, PinchedVertices],
             Self::CutApart | Self::Separate => &[BoundaryEdges, DuplicateFaces],
             // A crack whose border lies on a line is closed by faces without area.
             Self::FillHoles => &[DegenerateFaces],

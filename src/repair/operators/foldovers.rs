@@ -85,7 +85,8 @@ impl UnfoldFoldovers {
                 queue.extend(around(hinge));
             }
         }
-        let left = (local.spent > budget).then(|| "so many folds hang together that they were not all tried".to_owned());
+        let left =
+            (local.spent > budget).then(|| "so many folds hang together that they were not all tried".to_owned());
         local.finish();
         let changes = Change::list([("folds_flipped", flipped)]);
         Ok(Applied { changes, moved: moved / scale, left, ..Applied::default() })

@@ -15,6 +15,7 @@ pub mod duplicates;
 pub mod foldovers;
 pub mod holes;
 mod local;
+pub mod membranes;
 pub mod orient;
 mod outside;
 pub mod overlaps;

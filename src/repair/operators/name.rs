@@ -26,6 +26,8 @@ pub enum Operator {
     UnfoldFoldovers,
     /// Remove the smaller of neighbouring faces that lie on one another.
     RemoveOverlappingNeighbours,
+    /// Remove walls of one sheet within solids.
+    RemoveMembranes,
     /// Cut apart what meets in non-manifold edges and vertices.
     CutApart,
     /// Close holes.
@@ -40,7 +42,7 @@ pub enum Operator {
 
 impl Operator {
     /// Every operator, in the order in which they usually run.
-    pub const ALL: [Self; 14] = [
+    pub const ALL: [Self; 15] = [
         Self::RoundCoordinates,
         Self::RemoveCollapsedFaces,
         Self::Weld,
@@ -50,6 +52,7 @@ impl Operator {
         Self::Orient,
         Self::UnfoldFoldovers,
         Self::RemoveOverlappingNeighbours,
+        Self::RemoveMembranes,
         Self::CutApart,
         Self::FillHoles,
         Self::Resolve,
@@ -76,6 +79,7 @@ impl Operator {
             Self::Orient => "orient",
             Self::UnfoldFoldovers => "unfold_foldovers",
             Self::RemoveOverlappingNeighbours => "remove_overlapping_neighbours",
+            Self::RemoveMembranes => "remove_membranes",
             Self::CutApart => "cut_apart",
             Self::FillHoles => "fill_holes",
             Self::Resolve => "resolve",

@@ -4,6 +4,7 @@ use super::degenerate::{remove_caps, remove_collapsed};
 use super::duplicates::remove_duplicates;
 use super::foldovers::UnfoldFoldovers;
 use super::holes::FillHoles;
+use super::membranes::remove_membranes;
 use super::orient::orient;
 use super::overlaps::RemoveOverlappingNeighbours;
 use super::quantise::quantise;
@@ -67,9 +68,11 @@ impl Operator {
                 UnfoldFoldovers { angle, height, most: scope.reach }.apply(surface, context)?
             }
             Self::RemoveOverlappingNeighbours => {
-                let overlaps = RemoveOverlappingNeighbours { angle_deg: options.overlap_angle_deg, ..Default::default() };
+                let overlaps =
+                    RemoveOverlappingNeighbours { angle_deg: options.overlap_angle_deg, ..Default::default() };
                 overlaps.apply(surface, context)?
             }
+            Self::RemoveMembranes => remove_membranes(surface, context)?,
             Self::CutApart => cut_apart(surface, scope.pairing, Pinches::KeepAtBoundaries, context)?.into(),
             Self::FillHoles => {
                 let filled = FillHoles { max_edges: options.max_hole_edges }.apply(surface, context)?;

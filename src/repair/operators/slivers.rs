@@ -194,7 +194,8 @@ impl Work<'_> {
             }
         }
         if let [c, d] = *opposite {
-            let joins = |v: u32| self.local.star(v).iter().any(|&f| [c, d].iter().all(|w| self.local.face(f).contains(w)));
+            let joins =
+                |v: u32| self.local.star(v).iter().any(|&f| [c, d].iter().all(|w| self.local.face(f).contains(w)));
             if joins(a) && joins(b) {
                 return None;
             }
