@@ -66,6 +66,15 @@ pub struct RepairArgs {
     /// Widest crack that is stitched, as a share of the model's diagonal.
     #[arg(long, env = "MESHMEND_STITCH_THRESHOLD", default_value_t = Options::default().stitch_threshold)]
     stitch_threshold: f64,
+    /// Edges shorter and faces lower than this share of the model's diagonal are removed.
+    #[arg(long, env = "MESHMEND_DEGENERATE_TOLERANCE", default_value_t = Options::default().degenerate_tolerance)]
+    degenerate_tolerance: f64,
+    /// With `remove_overlapping_neighbours`: the angle in degrees up to which neighbours lie on one another.
+    #[arg(long, env = "MESHMEND_OVERLAP_ANGLE_DEG", default_value_t = Options::default().overlap_angle_deg)]
+    overlap_angle_deg: f64,
+    /// Polygons twisted by more degrees than this are cut into triangles with the least fold.
+    #[arg(long, env = "MESHMEND_TWIST_ANGLE_DEG", default_value_t = Options::default().twist_angle_deg)]
+    twist_angle_deg: f64,
     /// Most edges around a hole that is closed.
     #[arg(long, env = "MESHMEND_MAX_HOLE_EDGES", default_value_t = Options::default().max_hole_edges)]
     max_hole_edges: u32,
@@ -119,6 +128,9 @@ impl RepairArgs {
             weld_tolerance: self.weld_tolerance,
             sew_ratio: self.sew_ratio,
             stitch_threshold: self.stitch_threshold,
+            degenerate_tolerance: self.degenerate_tolerance,
+            overlap_angle_deg: self.overlap_angle_deg,
+            twist_angle_deg: self.twist_angle_deg,
             max_hole_edges: self.max_hole_edges,
             voxel_size: self.voxel_size,
             voxel_resolution: self.voxel_resolution,

@@ -1,8 +1,8 @@
 use glam::DVec3;
 
-use super::Limits;
 use super::errors::ReadError;
 use super::polygon::Cutter;
+use super::{Limits, Polygons, ReadOptions};
 
 /// Collects the polygons of an indexed format as triangles, in the file's order.
 pub(super) struct Faces {
@@ -22,6 +22,14 @@ pub(super) struct Faces {
 /// The number of no normal.
 pub(super) const NO_NORMAL: u32 = u32::MAX;
 
+/// What [`Faces`] has collected.
+pub(super) struct Finished {
+    pub faces: Vec<[u32; 3]>,
+    /// The numbers of the normals at the triangles' corners; the last triangles without any are left out.
+    pub normals: Vec<[u32; 3]>,
+    pub polygons: Polygons,
+}
+
 struct Waiting {
     face: usize,
     begin: usize,
@@ -30,12 +38,12 @@ struct Waiting {
 
 impl Faces {
     /// With room for `expected` triangles, which the caller has checked against the bytes that are there.
-    pub fn new(limits: &Limits, expected: usize) -> Self {
+    pub fn new(options: &ReadOptions, expected: usize) -> Self {
         Self {
-            limits: *limits,
+            limits: options.limits,
             faces: Vec::with_capacity(expected),
             normals: Vec::new(),
-            cutter: Cutter::new(),
+            cutter: Cutter::new(options.twist_angle_deg),
             waiting: Vec::new(),
             waiting_corners: Vec::new(),
             waiting_normals: Vec::new(),
@@ -102,17 +110,13 @@ impl Faces {
     }
 
     /// The triangles; what there is to tell is added to the warnings. All indices must be in range of `positions`.
-    pub fn finish(self, positions: &[DVec3], warnings: &mut Vec<String>) -> Vec<[u32; 3]> {
-        self.finish_with_normals(positions, warnings).0
+    pub fn finish(self, positions: &[DVec3], warnings: &mut Vec<String>) -> (Vec<[u32; 3]>, Polygons) {
+        let Finished { faces, polygons, .. } = self.finish_with_normals(positions, warnings);
+        (faces, polygons)
     }
 
-    /// As [`Faces::finish`], with the numbers of the normals at the triangles' corners; the last triangles without any are
-    /// left out.
-    pub fn finish_with_normals(
-        mut self,
-        positions: &[DVec3],
-        warnings: &mut Vec<String>,
-    ) -> (Vec<[u32; 3]>, Vec<[u32; 3]>) {
+    /// As [`Faces::finish`], with normals.
+    pub fn finish_with_normals(mut self, positions: &[DVec3], warnings: &mut Vec<String>) -> Finished {
         for waiting in &self.waiting {
             let corners = &self.waiting_corners[waiting.begin..waiting.end];
             let normals = self.waiting_normals.get(waiting.begin..waiting.end);
@@ -140,7 +144,14 @@ impl Faces {
         if self.too_few > 0 {
             warnings.push(format!("faces with fewer than three corners were left out: {}", self.too_few));
         }
-        (self.faces, self.normals)
+        let polygons = self.cutter.polygons();
+        if polygons.twisted > 0 {
+            warnings.push(format!(
+                "polygons that are not flat were cut into triangles with the least fold: {}, the most twisted by {:.1} degrees",
+                polygons.twisted, polygons.largest_twist_deg
+            ));
+        }
+        Finished { faces: self.faces, normals: self.normals, polygons }
     }
 
     pub fn is_empty(&self) -> bool {

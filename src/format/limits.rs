@@ -19,6 +19,21 @@ impl Default for Limits {
     }
 }
 
+/// How a file is read.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ReadOptions {
+    /// What may be spent.
+    pub limits: Limits,
+    /// Polygons twisted by more than this many degrees are cut with the least fold, others as flat ones: 5 by default.
+    pub twist_angle_deg: f64,
+}
+
+impl Default for ReadOptions {
+    fn default() -> Self {
+        Self { limits: Limits::default(), twist_angle_deg: 5.0 }
+    }
+}
+
 impl Limits {
     pub(super) fn check_bytes(&self, found: u64) -> Result<(), ReadError> {
         check("bytes", found, self.max_bytes)

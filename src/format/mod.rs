@@ -21,7 +21,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 pub use errors::{Place, ReadError, ReadErrorKind, WriteError};
-pub use limits::Limits;
+pub use limits::{Limits, ReadOptions};
 
 use crate::mesh::{CornerNormals, Numbering, Soup};
 
@@ -71,8 +71,22 @@ pub struct ReadMesh {
     pub numbering: Option<Numbering>,
     /// The normals that the file gives, if it gives any. None of them is ever a reason not to read a file.
     pub normals: Option<CornerNormals>,
+    /// The polygons of more than three corners that were cut.
+    pub polygons: Polygons,
     /// Oddities that were read past, each a sentence for the person who sent the file.
     pub warnings: Vec<String>,
+}
+
+/// The polygons of more than three corners in a file.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Polygons {
+    /// How many there are.
+    pub count: u64,
+    /// How many are twisted by more than [`ReadOptions::twist_angle_deg`]; they were cut with the least fold.
+    pub twisted: u64,
+    /// The largest twist of one, in degrees: the largest angle between the plane of the polygon through its corners' middle and the way from
+    /// there to a corner, after Mesh Heal (seed 001).
+    pub largest_twist_deg: f64,
 }
 
 /// Names the format of a file from its first bytes and its length where it is known.
@@ -92,12 +106,21 @@ pub fn sniff(head: &[u8], length: Option<u64>) -> Result<Format, ReadError> {
 /// # Errors
 /// A [`ReadError`] that names the place and what was expected.
 pub fn read(bytes: &[u8], limits: &Limits) -> Result<ReadMesh, ReadError> {
+    read_with(bytes, &ReadOptions { limits: *limits, ..ReadOptions::default() })
+}
+
+/// As [`read`], with all that can be chosen.
+///
+/// # Errors
+/// As [`read`].
+pub fn read_with(bytes: &[u8], options: &ReadOptions) -> Result<ReadMesh, ReadError> {
+    let limits = &options.limits;
     limits.check_bytes(bytes.len() as u64)?;
     match sniff(bytes, Some(bytes.len() as u64))? {
         Format::Stl => stl::read(bytes, limits),
-        Format::Obj => obj::read(bytes, limits),
-        Format::Ply => ply::read(bytes, limits),
-        Format::Off => off::read(bytes, limits),
+        Format::Obj => obj::read(bytes, options),
+        Format::Ply => ply::read(bytes, options),
+        Format::Off => off::read(bytes, options),
         Format::Mesh => vertex_face::read(bytes, limits),
     }
 }

@@ -6,9 +6,10 @@ use std::fmt::Write as _;
 use glam::DVec3;
 
 use super::errors::{ReadError, ReadErrorKind, shown};
+use super::faces::Finished;
 use super::faces::{Faces, NO_NORMAL};
 use super::text::{Text, Word, integer, number};
-use super::{Format, Limits, ReadMesh};
+use super::{Format, Limits, ReadMesh, ReadOptions};
 use crate::mesh::{CornerNormals, Soup};
 
 /// Statements whose line ends where it ends: the names in them may end in a backslash.
@@ -67,12 +68,12 @@ struct Reader<'a> {
 }
 
 /// Reads OBJ.
-pub(super) fn read(bytes: &[u8], limits: &Limits) -> Result<ReadMesh, ReadError> {
+pub(super) fn read(bytes: &[u8], options: &ReadOptions) -> Result<ReadMesh, ReadError> {
     let mut reader = Reader {
         text: Text::new(bytes).with_comments().with_continued_lines(),
-        limits: *limits,
+        limits: options.limits,
         positions: Vec::new(),
-        faces: Faces::new(limits, 0),
+        faces: Faces::new(options, 0),
         corners: Vec::new(),
         normals: Vec::new(),
         corner_normals: Vec::new(),
@@ -229,7 +230,8 @@ impl<'a> Reader<'a> {
             return Err(self.no_faces());
         }
         let mut warnings = Vec::new();
-        let (faces, corner_normals) = self.faces.finish_with_normals(&self.positions, &mut warnings);
+        let Finished { faces, normals: corner_normals, polygons } =
+            self.faces.finish_with_normals(&self.positions, &mut warnings);
         let has_normals = !self.normals.is_empty() && !corner_normals.is_empty();
         let normals = has_normals.then_some(CornerNormals::OfCorners { normals: self.normals, faces: corner_normals });
         if self.lines + self.points > 0 {
@@ -249,7 +251,15 @@ impl<'a> Reader<'a> {
             ));
         }
         let soup = Soup { positions: self.positions, faces };
-        Ok(ReadMesh { soup, format: Format::Obj, dialect: "OBJ".to_owned(), numbering: None, normals, warnings })
+        Ok(ReadMesh {
+            soup,
+            format: Format::Obj,
+            dialect: "OBJ".to_owned(),
+            numbering: None,
+            normals,
+            polygons,
+            warnings,
+        })
     }
 
     fn no_faces(&self) -> ReadError {

@@ -8,7 +8,7 @@ use super::errors::{ReadError, ReadErrorKind, shown};
 use super::faces::Faces;
 use super::sniff::is_off_keyword;
 use super::text::{Text, Word};
-use super::{Format, Limits, ReadMesh};
+use super::{Format, Polygons, ReadMesh, ReadOptions};
 use crate::mesh::Soup;
 
 /// The least bytes that a vertex (`0 0 0` and a line end) and a face (`0` and a line end) take.
@@ -16,7 +16,8 @@ const LEAST_VERTEX: u64 = 6;
 const LEAST_FACE: u64 = 2;
 
 /// Reads OFF, COFF, NOFF and the like.
-pub(super) fn read(bytes: &[u8], limits: &Limits) -> Result<ReadMesh, ReadError> {
+pub(super) fn read(bytes: &[u8], options: &ReadOptions) -> Result<ReadMesh, ReadError> {
+    let limits = &options.limits;
     let mut text = Text::new(bytes).with_comments();
     let mut warnings = Vec::new();
     let Some(first) = text.word() else { return Err(text.ended("the word OFF")) };
@@ -50,7 +51,7 @@ pub(super) fn read(bytes: &[u8], limits: &Limits) -> Result<ReadMesh, ReadError>
     limits.check_vertices(vertices)?;
     limits.check_faces(faces)?;
     let positions = read_vertices(&mut text, vertices)?;
-    let soup_faces = read_faces(&mut text, &positions, faces, limits, &mut warnings)?;
+    let (soup_faces, polygons) = read_faces(&mut text, &positions, faces, options, &mut warnings)?;
     if text.word().is_some() {
         warnings.push("text after the last face was left out".to_owned());
     }
@@ -72,6 +73,7 @@ pub(super) fn read(bytes: &[u8], limits: &Limits) -> Result<ReadMesh, ReadError>
         dialect,
         numbering: None,
         normals: None,
+        polygons,
         warnings,
     })
 }
@@ -141,11 +143,11 @@ fn read_faces(
     text: &mut Text<'_>,
     positions: &[DVec3],
     count: u64,
-    limits: &Limits,
+    options: &ReadOptions,
     warnings: &mut Vec<String>,
-) -> Result<Vec<[u32; 3]>, ReadError> {
+) -> Result<(Vec<[u32; 3]>, Polygons), ReadError> {
     let room = count.min(text.remaining() as u64 / LEAST_FACE + 1);
-    let mut faces = Faces::new(limits, usize::try_from(room).unwrap_or(0));
+    let mut faces = Faces::new(options, usize::try_from(room).unwrap_or(0));
     let mut corners = Vec::new();
     for face in 0..count {
         let Some(word) = text.word() else {
@@ -172,7 +174,7 @@ fn read_faces(
                     ));
                 }
             }
-            limits.check_faces((corners.len() as u64).saturating_sub(2))?;
+            options.limits.check_faces((corners.len() as u64).saturating_sub(2))?;
         }
         text.skip_line();
         faces.polygon(positions, &corners)?;

@@ -5,9 +5,13 @@
 //! itself still doesn't. Ears are then cut in that plane. Every polygon of n corners gives exactly n - 2 triangles that turn
 //! as it does and have each of its edges once, whatever its shape.
 
+mod twist;
+
 use earcut::{Earcut, Refiner};
 use glam::DVec3;
 use robust::{Coord, orient2d};
+
+use super::Polygons;
 
 /// Cuts polygons, keeping its buffers from one to the next.
 pub(super) struct Cutter {
@@ -20,6 +24,14 @@ pub(super) struct Cutter {
     work: u64,
     without_normal: u64,
     fanned: u64,
+    points: Vec<DVec3>,
+    fold_work: u64,
+    /// The square of the sine of the angle above which polygons are twisted.
+    twist: f64,
+    counted: u64,
+    twisted: u64,
+    /// The largest square of a sine so far.
+    most_twist: f64,
 }
 
 /// Corners above which polygons are cut as fans, right for convex ones only: ear cutting takes quadratic time on polygons
@@ -37,8 +49,16 @@ const MOST_WORK: u64 = 100_000_000;
 /// Twice the area of the triangle at a corner, in a polygon of a size near one, below which the corner counts as straight.
 const STRAIGHT: f64 = 1e-9;
 
+/// Corners up to which twisted polygons are cut with the least fold, which takes cubic time, ...
+const MOST_TWISTED_CORNERS: usize = 64;
+
+/// ... and work in cubed corner counts after which they are cut as flat ones.
+const MOST_FOLD_WORK: u64 = 500_000_000;
+
 impl Cutter {
-    pub fn new() -> Self {
+    /// Polygons twisted by more than `twist_angle_deg` are cut with the least fold.
+    pub fn new(twist_angle_deg: f64) -> Self {
+        let sine = twist_angle_deg.max(0.0).to_radians().sin();
         Self {
             earcut: Earcut::new(),
             refiner: Refiner::new(),
@@ -49,6 +69,12 @@ impl Cutter {
             work: 0,
             without_normal: 0,
             fanned: 0,
+            points: Vec::new(),
+            fold_work: 0,
+            twist: if twist_angle_deg < 90.0 { sine * sine } else { f64::INFINITY },
+            counted: 0,
+            twisted: 0,
+            most_twist: 0.0,
         }
     }
 
@@ -62,6 +88,12 @@ impl Cutter {
         self.fanned
     }
 
+    /// What there was to cut.
+    pub fn polygons(&self) -> Polygons {
+        let largest_twist_deg = self.most_twist.sqrt().min(1.0).asin().to_degrees();
+        Polygons { count: self.counted, twisted: self.twisted, largest_twist_deg }
+    }
+
     /// Cuts one polygon. `corners` are indices into `positions`, all in range; the n - 2 triangles go to `push`, as places
     /// in `corners`.
     pub fn cut(&mut self, positions: &[DVec3], corners: &[u32], mut push: impl FnMut([usize; 3])) {
@@ -73,8 +105,8 @@ impl Cutter {
             push([0, 1, 2]);
             return;
         }
-        let first = self.shape(positions, corners);
-        match first {
+        self.counted += 1;
+        match self.shape(positions, corners) {
             Shape::FanFrom(start) => {
                 for k in 1..count - 1 {
                     push([start, (start + k) % count, (start + k + 1) % count]);
@@ -94,10 +126,19 @@ impl Cutter {
             self.without_normal += 1;
             return Shape::FanFrom(0);
         };
+        let twist = twist::squared_sine(positions, corners, normal, scale);
+        self.most_twist = self.most_twist.max(twist);
+        let twisted = twist > self.twist;
+        self.twisted += u64::from(twisted);
         self.look_along_axis(positions, corners, normal, scale);
         if count == 4 {
             // A fan from a straight or reflex corner is the only one whose triangles have area and don't fold.
-            return Shape::FanFrom((0..4).find(|&k| self.turn(k) <= STRAIGHT).unwrap_or(0));
+            let flat = (0..4).find(|&k| self.turn(k) <= STRAIGHT).unwrap_or(0);
+            let at = |k: usize| (positions[corners[k] as usize] - positions[corners[0] as usize]) * scale;
+            return Shape::FanFrom(if twisted { twist::quad([0, 1, 2, 3].map(at), flat) } else { flat });
+        }
+        if twisted && self.fold_least(positions, corners, scale) {
+            return Shape::Ears;
         }
         let convex = self.convex();
         if count > MOST_CORNERS || self.work > MOST_WORK {
@@ -121,6 +162,20 @@ impl Cutter {
         }
         self.fanned += 1;
         Shape::FanFrom(0)
+    }
+
+    /// Cuts a twisted polygon; false if that would take too long.
+    fn fold_least(&mut self, positions: &[DVec3], corners: &[u32], scale: f64) -> bool {
+        let cubed = (corners.len() as u64).saturating_pow(3);
+        if corners.len() > MOST_TWISTED_CORNERS || self.fold_work + cubed > MOST_FOLD_WORK {
+            return false;
+        }
+        self.fold_work += cubed;
+        let origin = positions[corners[0] as usize];
+        self.points.clear();
+        self.points.extend(corners.iter().map(|&v| (positions[v as usize] - origin) * scale));
+        twist::least_fold(&self.points, &mut self.triangles);
+        true
     }
 
     /// Fills `flat` with the polygon in the coordinate plane in which it is largest; there it runs counter-clockwise.

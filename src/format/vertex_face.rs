@@ -8,7 +8,7 @@ use glam::DVec3;
 
 use super::errors::{ReadError, ReadErrorKind, shown};
 use super::text::{Text, Word, integer};
-use super::{Format, Limits, ReadMesh};
+use super::{Format, Limits, Polygons, ReadMesh};
 use crate::mesh::{Numbering, Soup};
 
 /// Whether a file's first line is one of this format's.
@@ -166,6 +166,7 @@ impl<'a> Reader<'a> {
             dialect: "Vertex/Face mesh".to_owned(),
             numbering: Some(numbering),
             normals: None,
+            polygons: Polygons::default(),
             warnings,
         })
     }

@@ -106,6 +106,18 @@ pub struct Options {
     /// Widest crack that is stitched, as a share of the bounding box's diagonal; 0 stitches none.
     #[schema(minimum = 0.0, maximum = 0.01)]
     pub stitch_threshold: f64,
+    /// Edges shorter and faces lower than this share of the bounding box's diagonal are removed, and surface that is folded onto itself
+    /// as closely is unfolded; 0 leaves them.
+    #[schema(minimum = 0.0, maximum = 0.001)]
+    pub degenerate_tolerance: f64,
+    /// Where `with` asks for `remove_overlapping_neighbours`: the angle between two neighbouring faces, in degrees, up to
+    /// which they lie on one another.
+    #[schema(minimum = 0.0, maximum = 45.0)]
+    pub overlap_angle_deg: f64,
+    /// A polygon of the file whose corners rise from its plane by more than this angle, in degrees, is cut into
+    /// triangles with the least fold; 180 cuts all as if they were flat.
+    #[schema(minimum = 0.0, maximum = 180.0)]
+    pub twist_angle_deg: f64,
     /// Most edges around a hole that tier 1 closes.
     #[schema(minimum = 3, maximum = 100000)]
     pub max_hole_edges: u32,
@@ -139,6 +151,9 @@ impl Default for Options {
             weld_tolerance: 1e-6,
             sew_ratio: 0.2,
             stitch_threshold: 1e-3,
+            degenerate_tolerance: 1e-7,
+            overlap_angle_deg: 1.0,
+            twist_angle_deg: 5.0,
             max_hole_edges: 10_000,
             voxel_size: None,
             voxel_resolution: 300,
@@ -171,6 +186,10 @@ impl Options {
             0.01,
             "between 0 and 0.01 of the bounding box's diagonal",
         )?;
+        let share = "between 0 and 0.001 of the bounding box's diagonal";
+        number("degenerate_tolerance", self.degenerate_tolerance, 0.0, 0.001, share)?;
+        number("overlap_angle_deg", self.overlap_angle_deg, 0.0, 45.0, "between 0 and 45 degrees")?;
+        number("twist_angle_deg", self.twist_angle_deg, 0.0, 180.0, "between 0 and 180 degrees")?;
         number("max_hole_edges", f64::from(self.max_hole_edges), 3.0, 100_000.0, "between 3 and 100000 edges")?;
         if let Some(most) = self.max_deviation {
             number("max_deviation", most, 0.0, f64::MAX, "a length of zero or more, in the model's unit")?;
@@ -199,8 +218,8 @@ fn operators<'de, D: serde::Deserializer<'de>>(from: D) -> Result<Vec<Operator>,
             names.split(',').map(|name| name.trim().to_owned()).filter(|name| !name.is_empty()).collect()
         }
     };
-    let known = || Operator::ALL.map(Operator::as_str).join(", ");
-    let of = |name: &String| Operator::ALL.into_iter().find(|o| o.as_str() == name);
+    let known = || Operator::ALL.iter().map(|o| o.as_str()).collect::<Vec<_>>().join(", ");
+    let of = |name: &String| Operator::ALL.iter().copied().find(|o| o.as_str() == name);
     let find = |name| {
         of(name).ok_or_else(|| serde::de::Error::custom(format!("there is no operator '{name}'; they are {}", known())))
     };

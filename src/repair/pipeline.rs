@@ -10,7 +10,7 @@ use super::{
     Cancelled, Candidate, Context, FileSummary, Options, OptionsError, Outcome, Remesher, Report, Stage, categorise,
     summary,
 };
-use crate::format::{self, Format, Limits, ReadError, WriteError};
+use crate::format::{self, Format, Limits, ReadError, ReadOptions, WriteError};
 use crate::inspect::{Analysis, CompareOptions, Findings, Original, measure_analysis};
 
 /// A repaired file and its account.
@@ -66,7 +66,7 @@ pub fn repair(
     let context = &context.limited_to(Duration::from_secs_f64(options.deadline_s));
     let patient = &context.without_deadline();
     context.report(Stage::Read, None, 0);
-    let mesh = format::read(bytes, limits)?;
+    let mesh = format::read_with(bytes, &ReadOptions { limits: *limits, twist_angle_deg: options.twist_angle_deg })?;
     let format = options.output.resolve(mesh.format);
     context.report(Stage::Inspect, None, 3);
     let analysis = Analysis::new(subject(&mesh), patient)?;

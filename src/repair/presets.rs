@@ -74,17 +74,24 @@ pub(super) const RECIPES: [Recipe; 6] = {
 fn operators_of(action: Action) -> &'static [Operator] {
     use Operator as O;
     match action {
-        Action::BasicCleanup => {
-            &[O::RoundCoordinates, O::RemoveCollapsedFaces, O::Weld, O::RemoveDuplicates, O::RemoveCaps]
-        }
+        Action::BasicCleanup => &[
+            O::RoundCoordinates,
+            O::RemoveCollapsedFaces,
+            O::Weld,
+            O::RemoveDuplicates,
+            O::RemoveCaps,
+            O::RemoveSlivers,
+        ],
         Action::FixNormals => &[O::Orient],
         Action::FillHoles => &[O::FillHoles, O::RemoveCaps],
         // What is exact first: it moves nothing, and what is then closed can't be merged amiss.
         Action::Stitch => &[O::SplitTJunctions, O::Sew, O::Stitch],
-        Action::Mend | Action::MendConservative | Action::MakeManifold => &[O::CutApart],
         // What is open and no part of the model would leave it without an inside.
         Action::Resolve => &[O::RemoveDebris, O::Resolve],
         Action::Separate => &[O::Separate],
+        Action::Mend | Action::MendConservative | Action::MakeManifold => {
+            &[O::UnfoldFoldovers, O::RemoveOverlappingNeighbours, O::RemoveMembranes, O::CutApart]
+        }
         Action::VoxelRemesh | Action::BooleanUnion | Action::Validate => &[],
     }
 }

@@ -5,6 +5,7 @@ mod analyze;
 mod characteristics;
 mod compare;
 mod defects;
+mod faces;
 mod formats;
 mod intersections;
 mod limits;

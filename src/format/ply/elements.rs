@@ -1,16 +1,24 @@
 use glam::DVec3;
 
-use super::super::Limits;
 use super::super::errors::{ReadError, ReadErrorKind};
 use super::super::faces::Faces;
+use super::super::{Polygons, ReadOptions};
 use super::header::{Element, Header, Kind, Meaning, Role};
 use super::values::{Values, list_length};
 use crate::mesh::{CornerNormals, Soup};
 
+/// What the elements came to.
+pub(super) struct Read {
+    pub soup: Soup,
+    pub normals: Option<CornerNormals>,
+    pub polygons: Polygons,
+    pub warnings: Vec<String>,
+}
+
 /// Reads the elements in the order in which the header names them.
 pub(super) struct Elements<V> {
     values: V,
-    limits: Limits,
+    options: ReadOptions,
     positions: Vec<DVec3>,
     /// One for each vertex, where the header names all three numbers.
     normals: Vec<[f32; 3]>,
@@ -21,17 +29,17 @@ pub(super) struct Elements<V> {
 }
 
 impl<V: Values> Elements<V> {
-    pub fn new(values: V, limits: &Limits) -> Self {
+    pub fn new(values: V, options: &ReadOptions) -> Self {
         let (positions, normals, corners) = (Vec::new(), Vec::new(), Vec::new());
-        Self { values, limits: *limits, positions, normals, vertices: 0, corners, repeated: 0 }
+        Self { values, options: *options, positions, normals, vertices: 0, corners, repeated: 0 }
     }
 
     /// The mesh, its normals and what there is to tell. The header's counts must have been held to the file's size.
-    pub fn read(mut self, header: &Header) -> Result<(Soup, Option<CornerNormals>, Vec<String>), ReadError> {
+    pub fn read(mut self, header: &Header) -> Result<Read, ReadError> {
         let count = |role| header.elements.iter().filter(|e| e.role == role).map(|e| e.count).sum::<u64>();
         self.vertices = count(Role::Vertices);
         // A face takes a byte at least, so that this is no more than a few times the file's size.
-        let mut faces = Faces::new(&self.limits, usize::try_from(count(Role::Faces)).unwrap_or(0));
+        let mut faces = Faces::new(&self.options, usize::try_from(count(Role::Faces)).unwrap_or(0));
         for element in &header.elements {
             match element.role {
                 Role::Vertices => self.read_vertices(element)?,
@@ -40,7 +48,7 @@ impl<V: Values> Elements<V> {
             }
         }
         let mut warnings = header.warnings.clone();
-        let faces = faces.finish(&self.positions, &mut warnings);
+        let (faces, polygons) = faces.finish(&self.positions, &mut warnings);
         if self.repeated > 0 {
             warnings.push(format!(
                 "triangles of strips that name a vertex twice only join the strips and were left out: {}",
@@ -49,7 +57,7 @@ impl<V: Values> Elements<V> {
         }
         warnings.extend(self.values.left_over());
         let normals = (!self.normals.is_empty()).then_some(CornerNormals::OfVertices(self.normals));
-        Ok((Soup { positions: self.positions, faces }, normals, warnings))
+        Ok(Read { soup: Soup { positions: self.positions, faces }, normals, polygons, warnings })
     }
 
     fn read_vertices(&mut self, element: &Element) -> Result<(), ReadError> {
@@ -127,7 +135,7 @@ impl<V: Values> Elements<V> {
         length: u64,
         faces: &mut Faces,
     ) -> Result<(), ReadError> {
-        self.limits.check_faces(length.saturating_sub(2))?;
+        self.options.limits.check_faces(length.saturating_sub(2))?;
         self.corners.clear();
         for _ in 0..length {
             let index = self.values.whole(item, element, row)?;

@@ -5,21 +5,21 @@ mod header;
 mod values;
 
 use super::errors::{ReadError, ReadErrorKind};
-use super::{Format, Limits, ReadMesh};
+use super::{Format, ReadMesh, ReadOptions};
 use crate::mesh::Soup;
-use elements::Elements;
+use elements::{Elements, Read};
 use header::{Encoding, Header, Role};
 use values::{AsciiValues, BinaryValues};
 
 /// Reads PLY of any encoding.
-pub(super) fn read(bytes: &[u8], limits: &Limits) -> Result<ReadMesh, ReadError> {
+pub(super) fn read(bytes: &[u8], options: &ReadOptions) -> Result<ReadMesh, ReadError> {
     let header = Header::read(bytes)?;
-    header.check_counts(bytes.len(), limits)?;
+    header.check_counts(bytes.len(), &options.limits)?;
     let body = header.body;
-    let (soup, normals, warnings) = match header.encoding {
-        Encoding::Ascii => Elements::new(AsciiValues::new(bytes, body), limits).read(&header)?,
-        Encoding::BinaryLittleEndian => Elements::new(BinaryValues::<true>::new(bytes, body), limits).read(&header)?,
-        Encoding::BinaryBigEndian => Elements::new(BinaryValues::<false>::new(bytes, body), limits).read(&header)?,
+    let Read { soup, normals, polygons, warnings } = match header.encoding {
+        Encoding::Ascii => Elements::new(AsciiValues::new(bytes, body), options).read(&header)?,
+        Encoding::BinaryLittleEndian => Elements::new(BinaryValues::<true>::new(bytes, body), options).read(&header)?,
+        Encoding::BinaryBigEndian => Elements::new(BinaryValues::<false>::new(bytes, body), options).read(&header)?,
     };
     if soup.faces.is_empty() {
         return Err(no_faces(&header));
@@ -30,6 +30,7 @@ pub(super) fn read(bytes: &[u8], limits: &Limits) -> Result<ReadMesh, ReadError>
         dialect: header.encoding.dialect().to_owned(),
         numbering: None,
         normals,
+        polygons,
         warnings,
     })
 }

@@ -4,7 +4,7 @@ use super::*;
 
 fn cut(positions: &[DVec3]) -> (Vec<[u32; 3]>, Cutter) {
     let corners: Vec<u32> = (0..positions.len() as u32).collect();
-    let mut cutter = Cutter::new();
+    let mut cutter = Cutter::new(5.0);
     let mut triangles = Vec::new();
     cutter.cut(positions, &corners, |t| triangles.push(t.map(|k| k as u32)));
     (triangles, cutter)
@@ -175,7 +175,7 @@ fn a_polygon_that_crosses_itself_still_gives_a_disk() {
 fn polygons_made_to_be_slow_are_cut_in_good_time() {
     for (polygons, corners) in [(60, MOST_CORNERS), (5000, MOST_CROSSING_CORNERS)] {
         let begin = std::time::Instant::now();
-        let mut cutter = Cutter::new();
+        let mut cutter = Cutter::new(5.0);
         let mut count = 0;
         for seed in 0..polygons {
             let positions = scattered(corners as u32, seed);

@@ -9,13 +9,15 @@ impl Operator {
         };
         match self {
             Self::RoundCoordinates => &[],
-            Self::RemoveCollapsedFaces | Self::RemoveCaps => &[DegenerateFaces],
+            Self::RemoveCollapsedFaces | Self::RemoveCaps | Self::RemoveSlivers => &[DegenerateFaces],
             Self::Weld | Self::FillHoles | Self::RemoveDebris => &[BoundaryEdges],
             Self::RemoveDuplicates => &[DuplicateFaces],
             Self::Orient => &[MisorientedEdges],
             // A cut edge is two for a while, where only one of them finds its counterpart.
             Self::SplitTJunctions => &[MisorientedEdges, NonmanifoldEdges, DuplicateFaces],
             Self::Sew | Self::Stitch => &[BoundaryEdges, MisorientedEdges, NonmanifoldEdges, DuplicateFaces],
+            Self::UnfoldFoldovers => &[NonmanifoldEdges, BoundaryEdges],
+            Self::RemoveOverlappingNeighbours | Self::RemoveMembranes => &[NonmanifoldEdges],
             Self::CutApart => &[NonmanifoldEdges, PinchedVertices],
             Self::Resolve | Self::Separate => &[NonmanifoldEdges],
         }
@@ -29,7 +31,7 @@ impl Operator {
         };
         match self {
             Self::RoundCoordinates => &Counter::ALL,
-            Self::RemoveCollapsedFaces | Self::Orient => &[],
+            Self::RemoveCollapsedFaces | Self::Orient | Self::UnfoldFoldovers => &[],
             // Where several sheets meet, what was open becomes an edge of several faces.
             Self::Weld => &[NonmanifoldEdges, MisorientedEdges, PinchedVertices, DuplicateFaces],
             // What is joined at one end of an edge and not at the other is pinched.
@@ -37,7 +39,10 @@ impl Operator {
             Self::Sew | Self::Stitch => &[PinchedVertices],
             Self::RemoveDuplicates => &[BoundaryEdges, MisorientedEdges, NonmanifoldEdges, PinchedVertices],
             // A cap on the boundary goes, and the two edges behind it are open instead of its one.
-            Self::RemoveCaps => &[BoundaryEdges],
+            Self::RemoveCaps | Self::RemoveSlivers => &[BoundaryEdges],
+            Self::RemoveOverlappingNeighbours => &[BoundaryEdges, PinchedVertices],
+            // Faces that the wall kept apart may wind against one another.
+            Self::RemoveMembranes => &[MisorientedEdges, PinchedVertices],
             Self::CutApart | Self::Separate => &[BoundaryEdges, DuplicateFaces],
             // A crack whose border lies on a line is closed by faces without area.
             Self::FillHoles => &[DegenerateFaces],

@@ -193,6 +193,22 @@ fn match_brackets(order: &[usize], closes: &[bool], takes_part: impl Fn(usize) -
     pairs
 }
 
+/// The items of a circle that are left when those too many of one kind are taken out: of two neighbours that both open, the
+/// later one, and of two that both close, the earlier one, so that what is enclosed stays as large as it is.
+pub(super) fn without_inner_sheets(order: &[usize], closes: &[bool]) -> Vec<usize> {
+    let mut left = order.to_vec();
+    let closing = left.iter().filter(|&&i| closes[i]).count();
+    let opening = left.len() - closing;
+    let many = closing > opening;
+    for _ in 0..closing.abs_diff(opening) {
+        let next = |at: usize| left[(at + 1) % left.len()];
+        let Some(at) = (0..left.len()).find(|&at| closes[left[at]] == many && closes[next(at)] == many) else { break };
+        let inner = if many { at } else { (at + 1) % left.len() };
+        left.remove(inner);
+    }
+    left
+}
+
 /// Joins the fans with a boundary at each vertex where no edge of more than two faces ends.
 fn join_boundary_fans(surface: &Surface, edges: &Edges, mates: &[u32], sets: &mut UnionFind) {
     let mut joins = vec![true; surface.positions.len()];

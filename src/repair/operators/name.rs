@@ -18,6 +18,8 @@ pub enum Operator {
     RemoveDuplicates,
     /// Flip away faces whose corners lie on a line.
     RemoveCaps,
+    /// Collapse short edges and flip away faces that are almost without area.
+    RemoveSlivers,
     /// Make the winding of neighbours agree, and turn solids outward.
     Orient,
     /// Cut boundary edges at the vertices that lie on them.
@@ -26,6 +28,12 @@ pub enum Operator {
     Sew,
     /// Close cracks whose sides have different vertices.
     Stitch,
+    /// Flip the edges at which surface is folded onto itself.
+    UnfoldFoldovers,
+    /// Remove the smaller of neighbouring faces that lie on one another.
+    RemoveOverlappingNeighbours,
+    /// Remove walls of one sheet within solids.
+    RemoveMembranes,
     /// Cut apart what meets in non-manifold edges and vertices.
     CutApart,
     /// Close holes.
@@ -40,16 +48,20 @@ pub enum Operator {
 
 impl Operator {
     /// Every operator, in the order in which they usually run.
-    pub const ALL: [Self; 14] = [
+    pub const ALL: &[Self] = &[
         Self::RoundCoordinates,
         Self::RemoveCollapsedFaces,
         Self::Weld,
         Self::RemoveDuplicates,
         Self::RemoveCaps,
+        Self::RemoveSlivers,
         Self::Orient,
         Self::SplitTJunctions,
         Self::Sew,
         Self::Stitch,
+        Self::UnfoldFoldovers,
+        Self::RemoveOverlappingNeighbours,
+        Self::RemoveMembranes,
         Self::CutApart,
         Self::FillHoles,
         Self::Resolve,
@@ -60,7 +72,7 @@ impl Operator {
     /// Whether a plan leaves it out unless the options ask for it with `with`.
     #[must_use]
     pub fn is_on_request(self) -> bool {
-        false
+        matches!(self, Self::RemoveOverlappingNeighbours)
     }
 
     /// The name used in JSON and on the command line.
@@ -72,10 +84,14 @@ impl Operator {
             Self::Weld => "weld",
             Self::RemoveDuplicates => "remove_duplicates",
             Self::RemoveCaps => "remove_caps",
+            Self::RemoveSlivers => "remove_slivers",
             Self::Orient => "orient",
             Self::SplitTJunctions => "split_t_junctions",
             Self::Sew => "sew",
             Self::Stitch => "stitch",
+            Self::UnfoldFoldovers => "unfold_foldovers",
+            Self::RemoveOverlappingNeighbours => "remove_overlapping_neighbours",
+            Self::RemoveMembranes => "remove_membranes",
             Self::CutApart => "cut_apart",
             Self::FillHoles => "fill_holes",
             Self::Resolve => "resolve",

@@ -2,18 +2,23 @@ use super::cut::{Pairing, Pinches, cut_apart};
 use super::debris::remove_debris;
 use super::degenerate::{remove_caps, remove_collapsed};
 use super::duplicates::remove_duplicates;
+use super::foldovers::UnfoldFoldovers;
 use super::holes::FillHoles;
+use super::membranes::remove_membranes;
 use super::orient::orient;
+use super::overlaps::RemoveOverlappingNeighbours;
 use super::quantise::quantise;
 use super::resolve::Resolve;
 use super::separate::Separate;
 use super::sew::Sew;
+use super::slivers::RemoveSlivers;
 use super::stitch::Stitch;
 use super::t_junctions::SplitTJunctions;
 use super::weld::Weld;
 use super::{Applied, Operator};
 use crate::arrange::{Inside, ManifoldRust};
 use crate::format::Format;
+use crate::inspect::Tolerances;
 use crate::mesh::Surface;
 use crate::repair::{Cancelled, Change, Context, Options};
 
@@ -55,6 +60,10 @@ impl Operator {
             }
             Self::RemoveDuplicates => remove_duplicates(surface).into(),
             Self::RemoveCaps => remove_caps(surface, context)?.into(),
+            Self::RemoveSlivers => {
+                let slivers = RemoveSlivers { tolerance: options.degenerate_tolerance, most: scope.reach };
+                slivers.apply(surface, context)?
+            }
             Self::Orient => orient(surface, context)?.into(),
             Self::SplitTJunctions => {
                 SplitTJunctions { most: scope.reach, ..SplitTJunctions::default() }.apply(surface, context)?
@@ -66,6 +75,17 @@ impl Operator {
                 let threshold = options.stitch_threshold;
                 Stitch { threshold, most: scope.reach, ..Stitch::default() }.apply(surface, context)?
             }
+            Self::UnfoldFoldovers => {
+                let angle = Tolerances::default().foldover_angle;
+                let height = options.degenerate_tolerance;
+                UnfoldFoldovers { angle, height, most: scope.reach }.apply(surface, context)?
+            }
+            Self::RemoveOverlappingNeighbours => {
+                let overlaps =
+                    RemoveOverlappingNeighbours { angle_deg: options.overlap_angle_deg, ..Default::default() };
+                overlaps.apply(surface, context)?
+            }
+            Self::RemoveMembranes => remove_membranes(surface, context)?,
             Self::CutApart => cut_apart(surface, scope.pairing, Pinches::KeepAtBoundaries, context)?.into(),
             Self::FillHoles => {
                 let filled = FillHoles { max_edges: options.max_hole_edges }.apply(surface, context)?;

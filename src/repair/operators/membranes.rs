@@ -1,0 +1,64 @@
+//! Walls of one sheet within a solid.
+
+use super::Applied;
+use super::cut::without_inner_sheets;
+use crate::math::{order_around, to_unit_range};
+use crate::mesh::{Edges, Parts, Surface};
+use crate::repair::{Cancelled, Change, Context};
+
+/// Removes sheets that part a solid, or a cavity, in two without having a thickness.
+///
+/// ```text
+///    ____________               ____________
+///   |      |     |             |            |
+///   |      |wall |     ->      |            |
+///   |______|_____|             |____________|
+/// ```
+///
+/// Along the border of such a sheet an odd number of faces meet, and it lies between the others: of two neighbours around
+/// the edge, seen along the way through the solid, that both close it, the inner one is one face too many, and so of two that both
+/// open it. A patch (faces joined across edges of two faces) that is too many along all of its border is a wall. Taking
+/// the inner sheet keeps all that is enclosed.
+///
+/// Precondition: faces wind outward as far as that goes. Result: no vertex moves, nothing opens: the edges where the wall
+/// was have one face less. Leaves: sheets with a free border, such as fins, which [`super::cut`] cuts off, and walls of two
+/// sheets, which [`super::duplicates`] removes.
+///
+/// # Errors
+/// [`Cancelled`] when the work should stop; the surface is then unchanged.
+pub fn remove_membranes(surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
+    let edges = Edges::new(&surface.faces);
+    if !edges.iter().any(|h| h.len() > 2 && h.len() % 2 == 1) {
+        return Ok(Applied::default());
+    }
+    let (faces, unit) = (&surface.faces, to_unit_range(&surface.positions));
+    let patches = Parts::patches(surface, &edges);
+    let patch_of = |h: u32| patches.of_face[h as usize / 3] as usize;
+    let mut is_wall = vec![false; patches.count];
+    let mut is_other = vec![false; patches.count];
+    for (e, half_edges) in edges.iter().enumerate() {
+        if half_edges.len() == 2 {
+            continue;
+        }
+        context.check()?;
+        let mut inner = Vec::new();
+        if half_edges.len() > 2 && half_edges.len() % 2 == 1 {
+            let [a, b] = edges.vertices(e).map(|v| unit[v as usize]);
+            let points: Vec<_> = half_edges.iter().map(|&h| unit[Edges::opposite(faces, h) as usize]).collect();
+            let closes: Vec<bool> = half_edges.iter().map(|&h| Edges::is_forward(faces, h)).collect();
+            let order = order_around(a, b, &points, |i, j| closes[j].cmp(&closes[i])).unwrap_or_default();
+            let kept = without_inner_sheets(&order, &closes);
+            inner = (0..half_edges.len()).filter(|i| !order.is_empty() && !kept.contains(i)).collect();
+        }
+        for (i, &h) in half_edges.iter().enumerate() {
+            let it = if inner.contains(&i) { &mut is_wall } else { &mut is_other };
+            it[patch_of(h)] = true;
+        }
+    }
+    let goes: Vec<bool> = is_wall.iter().zip(&is_other).map(|(&wall, &other)| wall && !other).collect();
+    let keep: Vec<bool> = patches.of_face.iter().map(|&p| p == Parts::NONE || !goes[p as usize]).collect();
+    let walls = goes.iter().filter(|&&goes| goes).count() as u64;
+    let gone = if walls > 0 { surface.retain_faces(&keep) } else { 0 };
+    surface.drop_unreferenced();
+    Ok(Change::list([("membranes_removed", walls), ("membrane_faces_removed", gone)]).into())
+}
