@@ -56,7 +56,7 @@ fn operators_of(action: Action) -> &'static [Operator] {
         Action::BasicCleanup => {
             &[O::RoundCoordinates, O::RemoveCollapsedFaces, O::Weld, O::RemoveDuplicates, O::RemoveCaps]
         }
-        Action::FixNormals => &[O::Orient],
+        Action::FixNormals => &[O::Orient, O::CutOneSided],
         Action::FillHoles => &[O::FillHoles, O::RemoveCaps],
         Action::Mend | Action::MendConservative | Action::MakeManifold => &[O::CutApart],
         Action::Resolve => &[O::Resolve],

@@ -12,7 +12,7 @@ impl Operator {
             Self::RemoveCollapsedFaces | Self::RemoveCaps => &[DegenerateFaces],
             Self::Weld | Self::FillHoles | Self::RemoveDebris => &[BoundaryEdges],
             Self::RemoveDuplicates => &[DuplicateFaces],
-            Self::Orient => &[MisorientedEdges],
+            Self::Orient | Self::CutOneSided => &[MisorientedEdges],
             Self::CutApart => &[NonmanifoldEdges, PinchedVertices],
             Self::Resolve | Self::Separate => &[NonmanifoldEdges],
         }
@@ -32,6 +32,7 @@ impl Operator {
             Self::RemoveDuplicates => &[BoundaryEdges, MisorientedEdges, NonmanifoldEdges, PinchedVertices],
             // A cap on the boundary goes, and the two edges behind it are open instead of its one.
             Self::RemoveCaps => &[BoundaryEdges],
+            Self::CutOneSided => &[BoundaryEdges],
             Self::CutApart | Self::Separate => &[BoundaryEdges, DuplicateFaces],
             // A crack whose border lies on a line is closed by faces without area.
             Self::FillHoles => &[DegenerateFaces],

@@ -20,6 +20,8 @@ pub enum Operator {
     RemoveCaps,
     /// Make the winding of neighbours agree, and turn solids outward.
     Orient,
+    /// Cut one-sided parts, such as a Möbius band, along the edges where no winding suits both faces.
+    CutOneSided,
     /// Cut apart what meets in non-manifold edges and vertices.
     CutApart,
     /// Close holes.
@@ -34,13 +36,14 @@ pub enum Operator {
 
 impl Operator {
     /// Every operator, in the order in which they usually run.
-    pub const ALL: [Self; 11] = [
+    pub const ALL: [Self; 12] = [
         Self::RoundCoordinates,
         Self::RemoveCollapsedFaces,
         Self::Weld,
         Self::RemoveDuplicates,
         Self::RemoveCaps,
         Self::Orient,
+        Self::CutOneSided,
         Self::CutApart,
         Self::FillHoles,
         Self::Resolve,
@@ -64,6 +67,7 @@ impl Operator {
             Self::RemoveDuplicates => "remove_duplicates",
             Self::RemoveCaps => "remove_caps",
             Self::Orient => "orient",
+            Self::CutOneSided => "cut_one_sided",
             Self::CutApart => "cut_apart",
             Self::FillHoles => "fill_holes",
             Self::Resolve => "resolve",

@@ -3,7 +3,8 @@ use super::debris::remove_debris;
 use super::degenerate::{remove_caps, remove_collapsed};
 use super::duplicates::remove_duplicates;
 use super::holes::FillHoles;
-use super::orient::orient;
+use super::one_sided::CutOneSided;
+use super::orient::Orient;
 use super::quantise::quantise;
 use super::resolve::resolve;
 use super::separate::separate;
@@ -52,7 +53,10 @@ impl Operator {
             }
             Self::RemoveDuplicates => remove_duplicates(surface).into(),
             Self::RemoveCaps => remove_caps(surface, context)?.into(),
-            Self::Orient => orient(surface, context)?.into(),
+            Self::Orient => Orient { nested: options.nested }.apply(surface, context)?,
+            Self::CutOneSided => {
+                CutOneSided { most: scope.reach, to_f32: scope.format == Format::Stl }.apply(surface, context)?
+            }
             Self::CutApart => cut_apart(surface, scope.pairing, Pinches::KeepAtBoundaries, context)?.into(),
             Self::FillHoles => {
                 let filled = FillHoles { max_edges: options.max_hole_edges }.apply(surface, context)?;
