@@ -58,7 +58,7 @@ fn operators_of(action: Action) -> &'static [Operator] {
         }
         Action::FixNormals => &[O::Orient, O::CutOneSided],
         Action::FillHoles => &[O::FillHoles, O::RemoveCaps],
-        Action::Mend | Action::MendConservative | Action::MakeManifold => &[O::CutApart],
+        Action::Mend | Action::MendConservative | Action::MakeManifold => &[O::CutApart, O::CutOneSided],
         Action::Resolve => &[O::Resolve],
         Action::Separate => &[O::RemoveDebris, O::Separate],
         Action::VoxelRemesh | Action::BooleanUnion | Action::Validate => &[],

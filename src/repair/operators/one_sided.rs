@@ -31,7 +31,7 @@ const STEPS: i32 = 12;
 /// smallest distance that f32 can tell, since a reader of STL would join them again.
 ///
 /// Precondition: oriented; what is not yet is turned here too. Result: no edge of two faces is in conflict; the cut is a
-/// boundary. Leaves: conflicts at edges of more than two faces where cutting would not part the faces, counted as
+/// boundary. Leaves: cuts that would run into edges of more than two faces, which have to be cut apart before, counted as
 /// `orientation_conflicts_left`, and copies that can't be moved without turning a face over or farther than `most`,
 /// counted as `coincident_vertices_left`.
 ///
@@ -84,7 +84,7 @@ impl CutOneSided {
             ("orientation_conflicts_left", left),
         ]);
         let why =
-            || format!("{left} edges between faces turned against one another end where more than two faces meet");
+            || format!("edges between faces turned against one another that run into edges of more than two faces: {left}");
         Ok(Applied { changes, moved, left: (left > 0).then(why), ..Applied::default() })
     }
 }
@@ -94,13 +94,30 @@ fn in_conflict(faces: &[[u32; 3]], half_edges: &[u32]) -> bool {
 }
 
 /// Copies the vertices along edges in conflict, for each fan beside them but the one with the most faces. Fans that do
-/// not touch such an edge stay with that one. Answers the copies.
+/// not touch such an edge stay with that one. A run of such edges that meets an edge of more than two faces is left whole,
+/// since it would part no faces there. Answers the copies.
 fn cut(surface: &mut Surface, edges: &Edges) -> Vec<u32> {
     let faces = &surface.faces;
     let corner_of = |h: u32, v: u32| if Edges::ends(faces, h)[0] == v { h } else { Edges::next(h) };
+    let mut cuts = UnionFind::new(surface.positions.len());
+    for (e, _) in edges.iter().enumerate().filter(|(_, h)| in_conflict(faces, h)) {
+        let [a, b] = edges.vertices(e);
+        cuts.unite(a, b);
+    }
+    let cuts = cuts.into_roots();
+    let mut ends_inside = vec![false; cuts.len()];
+    for (e, _) in edges.iter().enumerate().filter(|(_, h)| h.len() > 2) {
+        for v in edges.vertices(e) {
+            ends_inside[cuts[v as usize] as usize] = true;
+        }
+    }
     let (mut on_cut, mut beside) = (vec![false; surface.positions.len()], Vec::new());
     for (e, half_edges) in edges.iter().enumerate().filter(|(_, h)| in_conflict(faces, h)) {
-        for v in edges.vertices(e) {
+        let ends = edges.vertices(e);
+        if ends_inside[cuts[ends[0] as usize] as usize] {
+            continue;
+        }
+        for v in ends {
             on_cut[v as usize] = true;
             beside.extend(half_edges.iter().map(|&h| corner_of(h, v)));
         }

@@ -66,10 +66,14 @@ impl Outside<'_> {
                 if patch % 256 == 0 {
                     context.check()?;
                 }
-                let mut all = 0.0;
+                let (mut all, mut covered) = (0.0, false);
                 for &f in &*faces {
                     all += self.areas[f as usize];
-                    let Some(Sight { within, met }) = self.sight(&mut walls, f, round) else { continue };
+                    let Some(Sight { within, met }) = self.sight(&mut walls, f, round) else {
+                        covered = true;
+                        continue;
+                    };
+                    covered |= met != [0, 0];
                     let outward = match met {
                         [0, 0] => 0.0,
                         [0, _] => 1.0,
@@ -84,7 +88,8 @@ impl Outside<'_> {
                     };
                     votes[patch] += outward * sign * self.areas[f as usize];
                 }
-                if f64::abs(votes[patch]) >= CLEAR * all {
+                // Askance even hills see one another; so what sees the open on both sides is not asked again.
+                if !covered || f64::abs(votes[patch]) >= CLEAR * all {
                     faces.clear();
                 }
             }
