@@ -83,8 +83,9 @@ impl CutOneSided {
             ("coincident_vertices_left", coincident),
             ("orientation_conflicts_left", left),
         ]);
-        let why =
-            || format!("edges between faces turned against one another that run into edges of more than two faces: {left}");
+        let why = || {
+            format!("edges between faces turned against one another that run into edges of more than two faces: {left}")
+        };
         Ok(Applied { changes, moved, left: (left > 0).then(why), ..Applied::default() })
     }
 }
