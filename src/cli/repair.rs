@@ -9,6 +9,7 @@ use clap::Args;
 use meshmend::blender::{BlenderConfig, OnDemandBlender};
 use meshmend::jobs::JobReport;
 use meshmend::render::Drawing;
+use meshmend::repair::operators::orient::Nested;
 use meshmend::repair::{
     Context, Operator, Options, Outcome, OutputFormat, Preset, RepairError, Report, draw, monotonic_clock, repair,
 };
@@ -78,6 +79,9 @@ pub struct RepairArgs {
     /// Most edges around a hole that is closed.
     #[arg(long, env = "MESHMEND_MAX_HOLE_EDGES", default_value_t = Options::default().max_hole_edges)]
     max_hole_edges: u32,
+    /// How closed parts that lie in others are wound.
+    #[arg(long, env = "MESHMEND_NESTED", value_enum, default_value_t)]
+    nested: Nested,
     /// Blender's voxel edge, in the model's unit.
     #[arg(long, env = "MESHMEND_VOXEL_SIZE")]
     voxel_size: Option<f64>,
@@ -132,6 +136,7 @@ impl RepairArgs {
             overlap_angle_deg: self.overlap_angle_deg,
             twist_angle_deg: self.twist_angle_deg,
             max_hole_edges: self.max_hole_edges,
+            nested: self.nested,
             voxel_size: self.voxel_size,
             voxel_resolution: self.voxel_resolution,
             max_remesh_faces: self.max_remesh_faces,

@@ -45,7 +45,7 @@ pub use inspection::{INSPECTION_VERSION, InspectOptions, Inspection, Level, insp
 pub use intersections::{IntersectingPair, Intersections, intersections, intersections_between};
 pub use measure::{measure, measure_analysis, measures};
 pub use measures::{BoundingBox, Measures, SelfIntersections, Volume};
-pub use nesting::nesting_depths;
+pub use nesting::{nesting, nesting_depths};
 pub use options_error::OptionsError;
 pub use print::{Fit, NoWall, Overhang, OverhangArea, PrintMeasures, ThinnestWall, Unit, UnitSource, print_measures};
 pub use set::{MeshPair, MeshSpacing, Nearest, SetIntersections, SetReport, SetSpacing};

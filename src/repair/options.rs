@@ -2,6 +2,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 
 use super::Operator;
+use super::operators::orient::Nested;
 use crate::format::Format;
 use crate::inspect::OptionsError;
 
@@ -121,6 +122,8 @@ pub struct Options {
     /// Most edges around a hole that tier 1 closes.
     #[schema(minimum = 3, maximum = 100000)]
     pub max_hole_edges: u32,
+    /// How closed parts that lie in others are wound: as they were, or each layer against the one around it.
+    pub nested: Nested,
     /// Blender's voxel edge in the model's unit. Without it the size follows from `voxel_resolution`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub voxel_size: Option<f64>,
@@ -155,6 +158,7 @@ impl Default for Options {
             overlap_angle_deg: 1.0,
             twist_angle_deg: 5.0,
             max_hole_edges: 10_000,
+            nested: Nested::Keep,
             voxel_size: None,
             voxel_resolution: 300,
             max_remesh_faces: 2_000_000,

@@ -82,7 +82,7 @@ fn operators_of(action: Action) -> &'static [Operator] {
             O::RemoveCaps,
             O::RemoveSlivers,
         ],
-        Action::FixNormals => &[O::Orient],
+        Action::FixNormals => &[O::Orient, O::CutOneSided],
         Action::FillHoles => &[O::FillHoles, O::RemoveCaps],
         // What is exact first: it moves nothing, and what is then closed can't be merged amiss.
         Action::Stitch => &[O::SplitTJunctions, O::Sew, O::Stitch],
@@ -90,7 +90,7 @@ fn operators_of(action: Action) -> &'static [Operator] {
         Action::Resolve => &[O::RemoveDebris, O::Resolve],
         Action::Separate => &[O::Separate],
         Action::Mend | Action::MendConservative | Action::MakeManifold => {
-            &[O::UnfoldFoldovers, O::RemoveOverlappingNeighbours, O::RemoveMembranes, O::CutApart]
+            &[O::UnfoldFoldovers, O::RemoveOverlappingNeighbours, O::RemoveMembranes, O::CutApart, O::CutOneSided]
         }
         Action::VoxelRemesh | Action::BooleanUnion | Action::Validate => &[],
     }

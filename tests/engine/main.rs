@@ -14,6 +14,7 @@ mod mend;
 #[path = "../support/meshes.rs"]
 mod meshes;
 mod operators;
+mod orient;
 mod pipeline;
 mod print;
 mod render;

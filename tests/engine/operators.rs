@@ -9,7 +9,7 @@ use meshmend::mesh::{Soup, Surface};
 use meshmend::repair::operators::degenerate::{remove_caps, remove_collapsed};
 use meshmend::repair::operators::duplicates::remove_duplicates;
 use meshmend::repair::operators::holes::FillHoles;
-use meshmend::repair::operators::orient::orient;
+use meshmend::repair::operators::orient::Orient;
 use meshmend::repair::operators::weld::Weld;
 use meshmend::repair::sheets::{encloses, open_sheet_share};
 use meshmend::repair::{Change, Context, NoProgress};
@@ -229,10 +229,10 @@ fn a_cavity_keeps_looking_into_the_hollow_and_a_solid_outward() {
     let hollow = join(&cube(DVec3::ZERO, 4.0, 2), &inside_out(cube(DVec3::ONE, 1.0, 1)));
     let mut it = surface(&hollow);
     let before = it.faces.clone();
-    with_context(|c| orient(&mut it, c)).unwrap();
+    with_context(|c| Orient::default().apply(&mut it, c)).unwrap();
     assert_eq!(it.faces, before);
     let mut it = surface(&inside_out(torus(3.0, 1.0, 12, 6)));
-    let changes = with_context(|c| orient(&mut it, c)).unwrap();
+    let changes = with_context(|c| Orient::default().apply(&mut it, c)).unwrap().changes;
     assert_eq!(count(&changes, "closed_parts_turned"), 1);
     assert!(measured(&it.to_soup()).printable());
 }
@@ -242,7 +242,7 @@ fn an_open_box_turned_inside_out_is_turned_by_what_its_faces_see() {
     let mut soup = inside_out(cube(DVec3::ZERO, 1.0, 4));
     soup.faces.truncate(soup.faces.len() - 2);
     let mut it = surface(&soup);
-    let changes = with_context(|c| orient(&mut it, c)).unwrap();
+    let changes = with_context(|c| Orient::default().apply(&mut it, c)).unwrap().changes;
     assert_eq!(count(&changes, "open_parts_turned"), 1);
 }
 
@@ -317,7 +317,7 @@ proptest! {
                 face.swap(1, 2);
             }
         }
-        with_context(|c| orient(&mut it, c)).unwrap();
+        with_context(|c| Orient::default().apply(&mut it, c)).unwrap();
         prop_assert!(measured(&it.to_soup()).printable());
     }
 
@@ -334,7 +334,7 @@ proptest! {
             let before = measured(&it.to_soup()).degenerate_faces;
             remove_caps(&mut it, c).unwrap();
             prop_assert!(measured(&it.to_soup()).degenerate_faces <= before);
-            orient(&mut it, c).unwrap();
+            Orient::default().apply(&mut it, c).unwrap();
             let open = measured(&it.to_soup());
             FillHoles { max_edges: 1000 }.apply(&mut it, c).unwrap();
             let after = measured(&it.to_soup());

@@ -12,12 +12,12 @@ impl Operator {
             Self::RemoveCollapsedFaces | Self::RemoveCaps | Self::RemoveSlivers => &[DegenerateFaces],
             Self::Weld | Self::FillHoles | Self::RemoveDebris => &[BoundaryEdges],
             Self::RemoveDuplicates => &[DuplicateFaces],
-            Self::Orient => &[MisorientedEdges],
             // A cut edge is two for a while, where only one of them finds its counterpart.
             Self::SplitTJunctions => &[MisorientedEdges, NonmanifoldEdges, DuplicateFaces],
             Self::Sew | Self::Stitch => &[BoundaryEdges, MisorientedEdges, NonmanifoldEdges, DuplicateFaces],
             Self::UnfoldFoldovers => &[NonmanifoldEdges, BoundaryEdges],
             Self::RemoveOverlappingNeighbours | Self::RemoveMembranes => &[NonmanifoldEdges],
+            Self::Orient | Self::CutOneSided => &[MisorientedEdges],
             Self::CutApart => &[NonmanifoldEdges, PinchedVertices],
             Self::Resolve | Self::Separate => &[NonmanifoldEdges],
         }
@@ -43,6 +43,7 @@ impl Operator {
             Self::RemoveOverlappingNeighbours => &[BoundaryEdges, PinchedVertices],
             // Faces that the wall kept apart may wind against one another.
             Self::RemoveMembranes => &[MisorientedEdges, PinchedVertices],
+            Self::CutOneSided => &[BoundaryEdges],
             Self::CutApart | Self::Separate => &[BoundaryEdges, DuplicateFaces],
             // A crack whose border lies on a line is closed by faces without area.
             Self::FillHoles => &[DegenerateFaces],

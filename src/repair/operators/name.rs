@@ -34,6 +34,8 @@ pub enum Operator {
     RemoveOverlappingNeighbours,
     /// Remove walls of one sheet within solids.
     RemoveMembranes,
+    /// Cut one-sided parts, such as a Möbius band, along the edges where no winding suits both faces.
+    CutOneSided,
     /// Cut apart what meets in non-manifold edges and vertices.
     CutApart,
     /// Close holes.
@@ -62,6 +64,7 @@ impl Operator {
         Self::UnfoldFoldovers,
         Self::RemoveOverlappingNeighbours,
         Self::RemoveMembranes,
+        Self::CutOneSided,
         Self::CutApart,
         Self::FillHoles,
         Self::Resolve,
@@ -92,6 +95,7 @@ impl Operator {
             Self::UnfoldFoldovers => "unfold_foldovers",
             Self::RemoveOverlappingNeighbours => "remove_overlapping_neighbours",
             Self::RemoveMembranes => "remove_membranes",
+            Self::CutOneSided => "cut_one_sided",
             Self::CutApart => "cut_apart",
             Self::FillHoles => "fill_holes",
             Self::Resolve => "resolve",

@@ -5,7 +5,8 @@ use super::duplicates::remove_duplicates;
 use super::foldovers::UnfoldFoldovers;
 use super::holes::FillHoles;
 use super::membranes::remove_membranes;
-use super::orient::orient;
+use super::one_sided::CutOneSided;
+use super::orient::Orient;
 use super::overlaps::RemoveOverlappingNeighbours;
 use super::quantise::quantise;
 use super::resolve::Resolve;
@@ -64,7 +65,6 @@ impl Operator {
                 let slivers = RemoveSlivers { tolerance: options.degenerate_tolerance, most: scope.reach };
                 slivers.apply(surface, context)?
             }
-            Self::Orient => orient(surface, context)?.into(),
             Self::SplitTJunctions => {
                 SplitTJunctions { most: scope.reach, ..SplitTJunctions::default() }.apply(surface, context)?
             }
@@ -86,6 +86,10 @@ impl Operator {
                 overlaps.apply(surface, context)?
             }
             Self::RemoveMembranes => remove_membranes(surface, context)?,
+            Self::Orient => Orient { nested: options.nested }.apply(surface, context)?,
+            Self::CutOneSided => {
+                CutOneSided { most: scope.reach, to_f32: scope.format == Format::Stl }.apply(surface, context)?
+            }
             Self::CutApart => cut_apart(surface, scope.pairing, Pinches::KeepAtBoundaries, context)?.into(),
             Self::FillHoles => {
                 let filled = FillHoles { max_edges: options.max_hole_edges }.apply(surface, context)?;

@@ -23,19 +23,31 @@ impl Walls {
     /// How often the segment goes through the walls, but for the one of number `but`; none where it touches an edge or the
     /// budget is spent.
     pub fn crossings(&mut self, from: DVec3, to: DVec3, but: Option<u32>) -> Option<u64> {
+        let mut count = 0;
+        self.each_crossing(from, to, but, |_| count += 1).then_some(count)
+    }
+
+    /// Calls `visit` with every wall that the segment goes through, but for the one of number `but`. Answers `false` where it
+    /// touches an edge or the budget is spent, and then need not have met all.
+    pub fn each_crossing(&mut self, from: DVec3, to: DVec3, but: Option<u32>, mut visit: impl FnMut(u32)) -> bool {
         let Self { unit, faces, tree, spent, budget } = self;
-        let (mut count, mut clear) = (0, true);
+        let mut clear = true;
         tree.along(from, to, |i| {
             *spent += 1;
             if Some(i) != but {
                 match crossing(from, to, faces[i as usize].map(|v| unit[v as usize])) {
                     Crossing::Miss => {}
                     Crossing::Touches => clear = false,
-                    Crossing::Enters | Crossing::Leaves => count += 1,
+                    Crossing::Enters | Crossing::Leaves => visit(i),
                 }
             }
             clear && spent < budget
         });
-        (clear && spent < budget).then_some(count)
+        clear && spent < budget
+    }
+
+    /// Whether all that segments may look at was looked at.
+    pub fn is_spent(&self) -> bool {
+        self.spent >= self.budget
     }
 }

@@ -1,0 +1,244 @@
+//! One-sided parts cut open.
+
+use std::collections::HashSet;
+
+use glam::DVec3;
+
+use super::Applied;
+use super::orient::{agree, turn_faces};
+use super::quantise::rounded;
+use crate::inspect::doubled_areas;
+use crate::math::collinear;
+use crate::mesh::{Edges, Surface, UnionFind};
+use crate::repair::{Cancelled, Change, Context};
+
+const NONE: u32 = u32::MAX;
+/// Lengths that are tried to part two copies of a vertex, each twice the one before, beginning with the distance between
+/// neighbouring f32 numbers.
+const STEPS: i32 = 12;
+
+/// Cuts patches that have only one side, like a Möbius band, along the edges where their winding is in conflict, so that
+/// each has a front and a back.
+///
+/// ```text
+///    a->-+->-a           a->-+->-a'
+///    |   |   |           |   |   |       the ends were joined with a twist: a to b', b to a'
+///    b-<-+-<-b    ->     b-<-+-<-b'
+/// ```
+///
+/// Which edges is decided as by [`super::orient`]: few, and along sharp folds where there is a choice. Vertices along the cut
+/// are copied for each fan of faces beside it, and the smaller fans' copies are moved into their faces by the
+/// smallest distance that f32 can tell, since a reader of STL would join them again.
+///
+/// Precondition: oriented; what is not yet is turned here too. Result: no edge of two faces is in conflict; the cut is a
+/// boundary. Leaves: cuts that would run into edges of more than two faces, which have to be cut apart before, counted as
+/// `orientation_conflicts_left`, and copies that can't be moved without turning a face over or farther than `most`,
+/// counted as `coincident_vertices_left`.
+///
+/// After Guéziec et al. 2001, "Cutting and Stitching: Converting Sets of Polygons to Manifold Surfaces".
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CutOneSided {
+    /// How far a copy may be moved, in the model's unit. Default: as far as f32 asks for.
+    pub most: f64,
+    /// Whether positions must be those that f32 can hold. Default: yes.
+    pub to_f32: bool,
+}
+
+impl Default for CutOneSided {
+    fn default() -> Self {
+        Self { most: f64::INFINITY, to_f32: true }
+    }
+}
+
+impl CutOneSided {
+    /// Runs the operator.
+    ///
+    /// # Errors
+    /// [`Cancelled`] when the work should stop; the surface may then be half done.
+    pub fn apply(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
+        let edges = Edges::new(&surface.faces);
+        if !edges.iter().any(|h| in_conflict(&surface.faces, h)) {
+            return Ok(Applied::default());
+        }
+        let agreement = agree(surface, &edges, &doubled_areas(surface), context)?;
+        turn_faces(surface, &agreement.turn);
+        let edges = Edges::new(&surface.faces);
+        let copies = cut(surface, &edges);
+        let (mut moved, mut coincident) = (0.0f64, 0u64);
+        if !copies.is_empty() {
+            let mut fans = Fans::new(surface, &copies);
+            for &v in &copies {
+                match fans.part(surface, v, self) {
+                    Some(by) => moved = moved.max(by),
+                    None => coincident += 1,
+                }
+            }
+        }
+        let after = Edges::new(&surface.faces);
+        let left = after.iter().filter(|h| in_conflict(&surface.faces, h)).count() as u64;
+        let changes = Change::list([
+            ("one_sided_parts_cut", if copies.is_empty() { 0 } else { agreement.one_sided }),
+            ("edges_cut", agreement.conflicts.saturating_sub(left)),
+            ("vertices_copied", copies.len() as u64),
+            ("coincident_vertices_left", coincident),
+            ("orientation_conflicts_left", left),
+        ]);
+        let why = || {
+            format!("edges between faces turned against one another that run into edges of more than two faces: {left}")
+        };
+        Ok(Applied { changes, moved, left: (left > 0).then(why), ..Applied::default() })
+    }
+}
+
+fn in_conflict(faces: &[[u32; 3]], half_edges: &[u32]) -> bool {
+    matches!(*half_edges, [x, y] if Edges::is_forward(faces, x) == Edges::is_forward(faces, y))
+}
+
+/// Copies the vertices along edges in conflict, for each fan beside them but the one with the most faces. Fans that do
+/// not touch such an edge stay with that one. A run of such edges that meets an edge of more than two faces is left whole,
+/// since it would part no faces there. Answers the copies.
+fn cut(surface: &mut Surface, edges: &Edges) -> Vec<u32> {
+    let faces = &surface.faces;
+    let corner_of = |h: u32, v: u32| if Edges::ends(faces, h)[0] == v { h } else { Edges::next(h) };
+    let mut cuts = UnionFind::new(surface.positions.len());
+    for (e, _) in edges.iter().enumerate().filter(|(_, h)| in_conflict(faces, h)) {
+        let [a, b] = edges.vertices(e);
+        cuts.unite(a, b);
+    }
+    let cuts = cuts.into_roots();
+    let mut ends_inside = vec![false; cuts.len()];
+    for (e, _) in edges.iter().enumerate().filter(|(_, h)| h.len() > 2) {
+        for v in edges.vertices(e) {
+            ends_inside[cuts[v as usize] as usize] = true;
+        }
+    }
+    let (mut on_cut, mut beside) = (vec![false; surface.positions.len()], Vec::new());
+    for (e, half_edges) in edges.iter().enumerate().filter(|(_, h)| in_conflict(faces, h)) {
+        let ends = edges.vertices(e);
+        if ends_inside[cuts[ends[0] as usize] as usize] {
+            continue;
+        }
+        for v in ends {
+            on_cut[v as usize] = true;
+            beside.extend(half_edges.iter().map(|&h| corner_of(h, v)));
+        }
+    }
+    let mut sets = UnionFind::new(faces.len() * 3);
+    for (e, half_edges) in edges.iter().enumerate().filter(|(_, h)| !in_conflict(faces, h)) {
+        for v in edges.vertices(e).into_iter().filter(|&v| on_cut[v as usize]) {
+            for pair in half_edges.windows(2) {
+                sets.unite(corner_of(pair[0], v), corner_of(pair[1], v));
+            }
+        }
+    }
+    let roots = sets.into_roots();
+    let mut touches = vec![false; roots.len()];
+    for corner in beside {
+        touches[roots[corner as usize] as usize] = true;
+    }
+    // The fans along the cut: vertex, root, and how many faces.
+    let mut corners: Vec<(u32, u32)> = Vec::new();
+    for (face, corner) in faces.iter().zip((0usize..).step_by(3)) {
+        for (i, &v) in face.iter().enumerate() {
+            if on_cut[v as usize] && touches[roots[corner + i] as usize] {
+                corners.push((v, roots[corner + i]));
+            }
+        }
+    }
+    corners.sort_unstable();
+    let mut fans: Vec<(u32, std::cmp::Reverse<usize>, u32)> =
+        corners.chunk_by(|x, y| x == y).map(|c| (c[0].0, std::cmp::Reverse(c.len()), c[0].1)).collect();
+    fans.sort_unstable();
+    let mut copy_of = vec![NONE; roots.len()];
+    let mut copies = Vec::new();
+    for of_vertex in fans.chunk_by(|x, y| x.0 == y.0) {
+        for &(v, _, root) in &of_vertex[1..] {
+            #[expect(clippy::cast_possible_truncation, reason = "no more vertices than corners")]
+            let copy = surface.positions.len() as u32;
+            surface.positions.push(surface.positions[v as usize]);
+            copy_of[root as usize] = copy;
+            copies.push(copy);
+        }
+    }
+    for (face, corner) in surface.faces.iter_mut().zip((0usize..).step_by(3)) {
+        for (i, v) in face.iter_mut().enumerate() {
+            let copy = copy_of[roots[corner + i] as usize];
+            if copy != NONE {
+                *v = copy;
+            }
+        }
+    }
+    copies
+}
+
+/// The faces at the copies, and the positions that are taken.
+struct Fans {
+    /// Copies and their faces, in order.
+    corners: Vec<(u32, u32)>,
+    taken: HashSet<[u32; 3]>,
+}
+
+impl Fans {
+    fn new(surface: &Surface, copies: &[u32]) -> Self {
+        let first = copies[0];
+        let mut corners: Vec<(u32, u32)> = Vec::new();
+        for (face, f) in surface.faces.iter().zip(0u32..) {
+            corners.extend(face.iter().filter(|&&v| v >= first).map(|&v| (v, f)));
+        }
+        corners.sort_unstable();
+        Self { corners, taken: surface.positions.iter().map(|&p| key(p)).collect() }
+    }
+
+    /// Moves a copy into its faces by the least that f32 can tell. Answers how far, unless it can't be.
+    fn part(&mut self, surface: &mut Surface, v: u32, how: &CutOneSided) -> Option<f64> {
+        let begin = self.corners.partition_point(|&(w, _)| w < v);
+        let end = self.corners.partition_point(|&(w, _)| w <= v);
+        let fan = &self.corners[begin..end];
+        let p = surface.positions[v as usize];
+        let others = |f: u32| surface.faces[f as usize].into_iter().filter(move |&w| w != v);
+        let inward: DVec3 = fan
+            .iter()
+            .flat_map(|&(_, f)| others(f))
+            .map(|w| (surface.positions[w as usize] - p).normalize_or_zero())
+            .sum();
+        let fits = |q: DVec3| {
+            fan.iter().all(|&(_, f)| {
+                let place = |w: u32| if w == v { q } else { surface.positions[w as usize] };
+                let [a, b, c] = surface.faces[f as usize].map(place);
+                (b - a).cross(c - a).dot(surface.area_vector(f as usize)) > 0.0 && !collinear(a, b, c)
+            })
+        };
+        let directions = [inward.try_normalize()].into_iter().flatten().chain([
+            DVec3::X,
+            DVec3::NEG_X,
+            DVec3::Y,
+            DVec3::NEG_Y,
+            DVec3::Z,
+            DVec3::NEG_Z,
+        ]);
+        for direction in directions {
+            for k in 0..STEPS {
+                let far = p + direction * (spacing(p) * 2f64.powi(k));
+                let q = if how.to_f32 { rounded(far) } else { far };
+                if q.is_finite() && p.distance(q) <= how.most && !self.taken.contains(&key(q)) && fits(q) {
+                    self.taken.insert(key(q));
+                    surface.positions[v as usize] = q;
+                    return Some(p.distance(q));
+                }
+            }
+        }
+        None
+    }
+}
+
+#[expect(clippy::cast_possible_truncation, reason = "compared as an STL file would hold them")]
+fn key(p: DVec3) -> [u32; 3] {
+    p.to_array().map(|x| (x as f32 + 0.0).to_bits())
+}
+
+/// The distance between f32 numbers as large as the largest coordinate.
+#[expect(clippy::cast_possible_truncation, reason = "asked about f32")]
+fn spacing(p: DVec3) -> f64 {
+    let largest = (p.abs().max_element() as f32).max(f32::MIN_POSITIVE);
+    f64::from(largest.next_up() - largest)
+}
