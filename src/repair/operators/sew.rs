@@ -70,7 +70,9 @@ impl Sew {
         }
         let left = border.gave_up();
         let moved = border.farthest();
-        surface.drop_unreferenced();
+        if merged > 0 {
+            surface.drop_unreferenced();
+        }
         Ok(Applied { changes: Change::list([("boundary_vertices_sewn", merged)]), moved, left, failed: None })
     }
 }

@@ -114,7 +114,7 @@ impl<'a> Border<'a> {
             farthest: 0.0,
             tree,
             to_unit: unit_scale(&surface.positions),
-            steps: 20_000_000 + 2000 * edges.len() as u64,
+            steps: 1_000_000 + 400 * edges.len() as u64,
             vertices,
             edges,
             surface,

@@ -57,7 +57,8 @@ impl Search {
             if best.is_some_and(|(distance, _)| distance <= it.distance) {
                 break;
             }
-            if it.ends.iter().all(|end| ahead.contains(end)) || it.distance * 2.0 > border.length_before(it.half_edge) {
+            // An edge straight ahead is nearest at an end, which is no feature then.
+            if it.distance * 2.0 > border.length_before(it.half_edge) {
                 continue;
             }
             let snapped = if it.ratio <= self.snap {

@@ -109,7 +109,9 @@ impl Stitch {
         }
         let left = border.gave_up();
         let moved = border.farthest().max(bent);
-        surface.drop_unreferenced();
+        if merged > 0 {
+            surface.drop_unreferenced();
+        }
         let changes = Change::list([("crack_vertices_merged", merged), ("crack_edges_split", cut)]);
         Ok(Applied { changes, moved, left, failed: None })
     }
