@@ -109,6 +109,10 @@ pub(super) fn preset_for(category: Category, parts: u64) -> (Preset, &'static st
     match category {
         Category::Clean => (Preset::BasicCleanup, "nothing is wrong with the model"),
         Category::Orientation => (Preset::BasicCleanup, "only the direction of faces is wrong"),
+        // Duplicates may be a sheet of two sides within a solid.
+        Category::Degenerate if parts > 1 => {
+            (Preset::ConservativeRepair, "faces are degenerate or duplicate, and there are several parts")
+        }
         Category::Degenerate => (Preset::BasicCleanup, "only degenerate or duplicate faces are wrong"),
         Category::OpenSheet => (
             Preset::BasicCleanup,

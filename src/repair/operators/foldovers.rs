@@ -27,17 +27,17 @@ impl UnfoldFoldovers {
     /// Removes foldovers: regions between folds that lie on their neighbours with the other side up.
     ///
     /// ```text
-    ///    d                    seen from above: the face a, b, m lies on a, b, d with its back up, for m should
-    ///   /|\       /|\         be below the edge. With the edge flipped, both new faces have their front up and the
-    ///  / m \  -> / m \        surface below m goes on from a, m, b.
-    /// a-----b   a--^--b
+    ///      d               d        seen from above: the face of a, b and m lies on that of a, b and d with its back up, for
+    ///     / \             /|\       m was dragged across the edge. With the edge flipped to join m and d, both
+    ///    / m \     ->    / m \      faces have their front up, and what was below the edge goes on from a, m, b.
+    ///   a-----b         a     b
     /// ```
     ///
     /// An edge is flipped where that leaves fewer folds among the five edges around, makes both faces look as the larger one
     /// did, and makes none that is flat. So folds get fewer with each flip, and a flat solid, whose rim is a fold by right, keeps it.
     ///
     /// Precondition: neighbours wind the same way. Result: no vertex moves, nothing opens; the surface stays within the
-    /// height. Leaves: folds whose flipped edge is there already or reaches beyond the faces, for who resolves intersections.
+    /// height. Leaves: folds whose flipped edge is there already or would leave the faces, as where a vertex was dragged across another, for who resolves intersections.
     ///
     /// After foldovers as Parasolid defines them (`PK_MESH_defect_foldover_c`, seed 002).
     ///

@@ -21,7 +21,7 @@ use crate::repair::{Cancelled, Change, Context};
 /// the inner sheet keeps all that is enclosed.
 ///
 /// Precondition: faces wind outward as far as that goes. Result: no vertex moves, nothing opens: the edges where the wall
-/// was have one face less. Leaves: sheets with a free border, such as fins, which [`super::cut`] cuts off, and walls of two
+/// was have one face less. Leaves: walls that meet open surface, sheets with a free border, such as fins, which [`super::cut`] cuts off, and walls of two
 /// sheets, which [`super::duplicates`] removes.
 ///
 /// # Errors
@@ -34,6 +34,10 @@ pub fn remove_membranes(surface: &mut Surface, context: &Context<'_>) -> Result<
     let (faces, unit) = (&surface.faces, to_unit_range(&surface.positions));
     let patches = Parts::patches(surface, &edges);
     let patch_of = |h: u32| patches.of_face[h as usize / 3] as usize;
+    let mut is_open = vec![false; patches.count];
+    for half_edges in edges.iter().filter(|h| h.len() == 1) {
+        is_open[patch_of(half_edges[0])] = true;
+    }
     let mut is_wall = vec![false; patches.count];
     let mut is_other = vec![false; patches.count];
     for (e, half_edges) in edges.iter().enumerate() {
@@ -42,7 +46,9 @@ pub fn remove_membranes(surface: &mut Surface, context: &Context<'_>) -> Result<
         }
         context.check()?;
         let mut inner = Vec::new();
-        if half_edges.len() > 2 && half_edges.len() % 2 == 1 {
+        // Beside open surface nothing says which side is within.
+        let enclosed = !half_edges.iter().any(|&h| is_open[patch_of(h)]);
+        if enclosed && half_edges.len() > 2 && half_edges.len() % 2 == 1 {
             let [a, b] = edges.vertices(e).map(|v| unit[v as usize]);
             let points: Vec<_> = half_edges.iter().map(|&h| unit[Edges::opposite(faces, h) as usize]).collect();
             let closes: Vec<bool> = half_edges.iter().map(|&h| Edges::is_forward(faces, h)).collect();
