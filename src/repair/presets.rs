@@ -59,6 +59,7 @@ fn operators_of(action: Action) -> &'static [Operator] {
         Action::FixNormals => &[O::Orient],
         Action::FillHoles => &[O::FillHoles, O::RemoveCaps],
         Action::Mend | Action::MendConservative | Action::MakeManifold => &[O::CutApart],
+        Action::CleanAndPatch => &[O::CleanAndPatch],
         Action::Resolve => &[O::Resolve],
         Action::Separate => &[O::RemoveDebris, O::Separate],
         Action::VoxelRemesh | Action::BooleanUnion | Action::Validate => &[],
@@ -98,7 +99,8 @@ pub(super) fn tier_of(action: Action) -> u8 {
     match action {
         Action::Validate => 0,
         Action::BasicCleanup | Action::FixNormals | Action::FillHoles => 1,
-        Action::Mend | Action::MendConservative | Action::MakeManifold | Action::Resolve | Action::Separate => 2,
+        Action::Mend | Action::MendConservative | Action::MakeManifold => 2,
+        Action::CleanAndPatch | Action::Resolve | Action::Separate => 2,
         Action::VoxelRemesh | Action::BooleanUnion => 3,
     }
 }

@@ -14,6 +14,7 @@ impl Operator {
             Self::RemoveDuplicates => &[DuplicateFaces],
             Self::Orient => &[MisorientedEdges],
             Self::CutApart => &[NonmanifoldEdges, PinchedVertices],
+            Self::CleanAndPatch => &[BoundaryEdges, NonmanifoldEdges],
             Self::Resolve | Self::Separate => &[NonmanifoldEdges],
         }
     }
@@ -26,7 +27,7 @@ impl Operator {
         };
         match self {
             Self::RoundCoordinates => &Counter::ALL,
-            Self::RemoveCollapsedFaces | Self::Orient => &[],
+            Self::RemoveCollapsedFaces | Self::Orient | Self::CleanAndPatch => &[],
             // Where several sheets meet, what was open becomes an edge of several faces.
             Self::Weld => &[NonmanifoldEdges, MisorientedEdges, PinchedVertices, DuplicateFaces],
             Self::RemoveDuplicates => &[BoundaryEdges, MisorientedEdges, NonmanifoldEdges, PinchedVertices],

@@ -24,6 +24,8 @@ pub enum Operator {
     CutApart,
     /// Close holes.
     FillHoles,
+    /// Remove what is bad with growing rings around it, and close the holes, while that makes it better.
+    CleanAndPatch,
     /// Unite what overlaps, so that no faces intersect.
     Resolve,
     /// Remove open bits that enclose nothing and that no printer could make.
@@ -34,7 +36,7 @@ pub enum Operator {
 
 impl Operator {
     /// Every operator, in the order in which they usually run.
-    pub const ALL: [Self; 11] = [
+    pub const ALL: [Self; 12] = [
         Self::RoundCoordinates,
         Self::RemoveCollapsedFaces,
         Self::Weld,
@@ -43,6 +45,7 @@ impl Operator {
         Self::Orient,
         Self::CutApart,
         Self::FillHoles,
+        Self::CleanAndPatch,
         Self::Resolve,
         Self::RemoveDebris,
         Self::Separate,
@@ -66,6 +69,7 @@ impl Operator {
             Self::Orient => "orient",
             Self::CutApart => "cut_apart",
             Self::FillHoles => "fill_holes",
+            Self::CleanAndPatch => "clean_and_patch",
             Self::Resolve => "resolve",
             Self::RemoveDebris => "remove_debris",
             Self::Separate => "separate",
