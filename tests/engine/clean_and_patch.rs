@@ -57,7 +57,7 @@ fn faces(surface: &Surface) -> HashSet<[[u64; 3]; 3]> {
 fn a_crumpled_place_becomes_solid_and_what_is_around_it_stays_as_it_is() {
     let mut before = ball();
     let whole = measured(&before);
-    crumple(&mut before, DVec3::X, 0.3, 0.12, 1);
+    crumple(&mut before, DVec3::X, 0.3, 0.2, 1);
     assert!(pairs(&before) > 10, "{}", pairs(&before));
     let (after, applied) = cleaned(&before, CleanAndPatch::default());
     let found = measured(&after);
@@ -76,7 +76,7 @@ fn a_crumpled_place_becomes_solid_and_what_is_around_it_stays_as_it_is() {
             assert!(now.contains(&corners.map(|p| p.to_array().map(f64::to_bits))), "face {f} is gone");
         }
     }
-    assert!(count(&applied.changes, "places_patched") > 0 && applied.moved > 0.0 && applied.moved < 0.2);
+    assert!(count(&applied.changes, "places_patched") > 0 && applied.moved > 0.0 && applied.moved < 0.5);
 }
 
 #[test]
