@@ -25,6 +25,8 @@ pub fn make_plan(before: &Measures, category: Category, options: &Options) -> Pl
         // The other way to pair faces around non-manifold edges, and to take what is turned inside out.
         let other = if preset == Preset::FullRepair { Preset::ConservativeRepair } else { Preset::FullRepair };
         rungs.extend(rung(other, options, options.max_tier, None));
+        // The last way before another tier: what is bad goes, and its holes are closed.
+        rungs.extend(rung(preset, options, options.max_tier, None).map(|first| cleaning(first, options)));
     }
     let remesh = preset == Preset::BlenderRemesh || !matches!(category, Category::OpenSheet | Category::Clean);
     if remesh && options.max_tier >= 3 {
@@ -52,6 +54,13 @@ fn rung(preset: Preset, options: &Options, max_tier: u8, instead_of_voxels: Opti
     let tier = actions.iter().map(|&a| tier_of(a)).max()?;
     let actions = actions.into_iter().map(|action| planned(action, options)).collect();
     Some(Rung { tier, preset, actions })
+}
+
+/// The rung with what is bad removed and closed again, before what intersects is resolved.
+fn cleaning(mut rung: Rung, options: &Options) -> Rung {
+    let at = rung.actions.iter().position(|a| a.action == Action::Resolve).unwrap_or(rung.actions.len());
+    rung.actions.insert(at, planned(Action::CleanAndPatch, options));
+    rung
 }
 
 /// The highest tier of a preset's actions.

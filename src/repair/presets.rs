@@ -92,6 +92,7 @@ fn operators_of(action: Action) -> &'static [Operator] {
         Action::Mend | Action::MendConservative | Action::MakeManifold => {
             &[O::UnfoldFoldovers, O::RemoveOverlappingNeighbours, O::RemoveMembranes, O::CutApart, O::CutOneSided]
         }
+        Action::CleanAndPatch => &[O::CleanAndPatch],
         Action::VoxelRemesh | Action::BooleanUnion | Action::Validate => &[],
     }
 }
@@ -133,13 +134,8 @@ pub(super) fn tier_of(action: Action) -> u8 {
     match action {
         Action::Validate => 0,
         Action::BasicCleanup | Action::FixNormals | Action::FillHoles => 1,
-        Action::Stitch
-        | Action::Mend
-        | Action::MendConservative
-        | Action::MakeManifold
-        | Action::Resolve
-        | Action::Separate => 2,
         Action::VoxelRemesh | Action::BooleanUnion => 3,
+        _ => 2,
     }
 }
 

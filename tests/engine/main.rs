@@ -3,7 +3,11 @@
 
 mod analyze;
 mod characteristics;
+mod clean_and_patch;
 mod compare;
+#[path = "../support/damage.rs"]
+mod damage;
+mod damaged;
 mod defects;
 mod faces;
 mod formats;

@@ -19,6 +19,7 @@ impl Operator {
             Self::RemoveOverlappingNeighbours | Self::RemoveMembranes => &[NonmanifoldEdges],
             Self::Orient | Self::CutOneSided => &[MisorientedEdges],
             Self::CutApart => &[NonmanifoldEdges, PinchedVertices],
+            Self::CleanAndPatch => &[BoundaryEdges, NonmanifoldEdges],
             Self::Resolve | Self::Separate => &[NonmanifoldEdges],
         }
     }
@@ -31,7 +32,7 @@ impl Operator {
         };
         match self {
             Self::RoundCoordinates => &Counter::ALL,
-            Self::RemoveCollapsedFaces | Self::Orient | Self::UnfoldFoldovers => &[],
+            Self::RemoveCollapsedFaces | Self::Orient | Self::UnfoldFoldovers | Self::CleanAndPatch => &[],
             // Where several sheets meet, what was open becomes an edge of several faces.
             Self::Weld => &[NonmanifoldEdges, MisorientedEdges, PinchedVertices, DuplicateFaces],
             // What is joined at one end of an edge and not at the other is pinched.

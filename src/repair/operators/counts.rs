@@ -75,6 +75,11 @@ impl Counts {
         counts
     }
 
+    /// Whether there is more of any kind than before.
+    pub(super) fn rose_from(&self, before: &Self) -> bool {
+        self.0.iter().zip(&before.0).any(|(now, before)| now > before)
+    }
+
     /// How much of one kind.
     #[must_use]
     pub fn get(&self, counter: Counter) -> u64 {

@@ -9,6 +9,7 @@ mod counts;
 mod name;
 mod run;
 
+pub mod clean_and_patch;
 pub mod cut;
 pub mod debris;
 pub mod degenerate;

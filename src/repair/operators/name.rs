@@ -40,6 +40,8 @@ pub enum Operator {
     CutApart,
     /// Close holes.
     FillHoles,
+    /// Remove what is bad with growing rings around it, and close the holes, while that makes it better.
+    CleanAndPatch,
     /// Unite what overlaps, so that no faces intersect.
     Resolve,
     /// Remove open bits that enclose nothing and that no printer could make.
@@ -67,6 +69,7 @@ impl Operator {
         Self::CutOneSided,
         Self::CutApart,
         Self::FillHoles,
+        Self::CleanAndPatch,
         Self::Resolve,
         Self::RemoveDebris,
         Self::Separate,
@@ -98,6 +101,7 @@ impl Operator {
             Self::CutOneSided => "cut_one_sided",
             Self::CutApart => "cut_apart",
             Self::FillHoles => "fill_holes",
+            Self::CleanAndPatch => "clean_and_patch",
             Self::Resolve => "resolve",
             Self::RemoveDebris => "remove_debris",
             Self::Separate => "separate",

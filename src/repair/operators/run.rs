@@ -1,3 +1,4 @@
+use super::clean_and_patch::CleanAndPatch;
 use super::cut::{Pairing, Pinches, cut_apart};
 use super::debris::remove_debris;
 use super::degenerate::{remove_caps, remove_collapsed};
@@ -94,6 +95,15 @@ impl Operator {
             Self::FillHoles => {
                 let filled = FillHoles { max_edges: options.max_hole_edges }.apply(surface, context)?;
                 Applied { left: filled.in_words(), changes: filled.changes, ..Applied::default() }
+            }
+            Self::CleanAndPatch => {
+                let clean = CleanAndPatch {
+                    max_hole_edges: options.max_hole_edges,
+                    max_face_loss_pct: options.max_face_loss_pct,
+                    max_deviation: scope.reach,
+                    ..CleanAndPatch::default()
+                };
+                clean.apply(surface, context)?
             }
             Self::Resolve => {
                 let it = Resolve { inside: scope.inside, most: scope.reach }.apply(surface, &ManifoldRust, context)?;

@@ -1,0 +1,108 @@
+//! Known solids, damaged in many ways at once: what comes back is the solid.
+
+use std::sync::atomic::AtomicBool;
+use std::time::Duration;
+
+use meshmend::context::{Context, NoProgress};
+use meshmend::format::{Format, Limits, read, write};
+use meshmend::inspect::{Measures, measure};
+use meshmend::repair::{Options, Repaired, repair};
+use proptest::prelude::*;
+
+use crate::damage::{DAMAGES, Damaged, Random, SOLIDS};
+use crate::operators::with_context;
+
+/// Solids with a wall that a hole beside it makes doubtful: a cavity behind an open wall looks like a solid turned inside
+/// out, and a wall that two solids share is only half there.
+const DOUBTFUL: [&str; 3] = ["box with a cavity", "nested", "touching in a face"];
+
+/// Repairs without Blender. The clock stands still.
+pub fn mend(bytes: &[u8]) -> Repaired {
+    let (cancel, clock) = (AtomicBool::new(false), || Duration::ZERO);
+    let context = Context::new(&NoProgress, &cancel, &clock, Duration::from_secs(600));
+    let options = Options { max_tier: 2, pictures: false, ..Options::default() };
+    repair(bytes, &options, &Limits::default(), None, &context).unwrap()
+}
+
+/// What whoever reads the result will find.
+pub fn reread(bytes: &[u8]) -> Measures {
+    let soup = read(bytes, &Limits::default()).unwrap().soup;
+    with_context(|c| measure(&soup, c)).unwrap()
+}
+
+/// Says what is wrong with a result, if anything.
+pub fn verdict(damaged: &Damaged) -> Result<(), String> {
+    let bytes = write(&damaged.soup, Format::Stl).unwrap();
+    let repaired = mend(&bytes);
+    let after = reread(&repaired.bytes);
+    let off = (after.volume.value - damaged.volume).abs();
+    let solid = after.closed && after.manifold && after.consistent;
+    if solid && after.parts == damaged.parts && off <= damaged.slack {
+        return Ok(());
+    }
+    Err(format!(
+        "volume {} of {} with {} of slack, {} parts of {}; {}; {}",
+        after.volume.value,
+        damaged.volume,
+        damaged.slack,
+        after.parts,
+        damaged.parts,
+        after.in_short(),
+        repaired.report.summary
+    ))
+}
+
+/// A solid with several kinds of damage, of which each bit of `kinds` tells one.
+fn damaged(solid: usize, kinds: usize, amount: usize, seed: u64) -> (String, Damaged) {
+    let (mut name, make) = (SOLIDS[solid].0.to_owned(), SOLIDS[solid].1);
+    let mut it = make();
+    let mut random = Random::new(seed);
+    for (i, (kind, damage)) in DAMAGES.iter().enumerate() {
+        if kinds >> i & 1 == 1 {
+            name.push_str(&format!(", {kind}"));
+            damage(&mut it, amount, &mut random);
+        }
+    }
+    (name, it)
+}
+
+#[test]
+fn each_solid_survives_each_kind_of_damage() {
+    let mut wrong = Vec::new();
+    for solid in 0..SOLIDS.len() {
+        for kind in 0..DAMAGES.len() {
+            let (name, it) = damaged(solid, 1 << kind, 4, 7);
+            wrong.extend(verdict(&it).err().map(|why| format!("{name}: {why}")));
+        }
+    }
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 40, failure_persistence: None, ..ProptestConfig::default() })]
+
+    #[test]
+    fn a_solid_with_several_kinds_of_damage_is_solid_again(
+        solid in 0..SOLIDS.len(), kinds in 1..1usize << DAMAGES.len(), amount in 1..8usize, seed: u64,
+    ) {
+        let kinds = if DOUBTFUL.contains(&SOLIDS[solid].0) { kinds & !1 } else { kinds };
+        let (name, it) = damaged(solid, kinds, amount, seed);
+        prop_assert_eq!(verdict(&it), Ok(()), "{}", name);
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 6, failure_persistence: None, ..ProptestConfig::default() })]
+
+    #[test]
+    fn the_same_damage_gives_the_same_bytes_on_any_number_of_threads(
+        solid in 0..SOLIDS.len(), kinds in 1..1usize << DAMAGES.len(), seed: u64,
+    ) {
+        let bytes = write(&damaged(solid, kinds, 4, seed).1.soup, Format::Stl).unwrap();
+        let on = |threads| rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap().install(|| mend(&bytes));
+        let (one, two, again) = (on(1), on(2), on(2));
+        prop_assert_eq!(&one.bytes, &two.bytes);
+        prop_assert_eq!(&two.bytes, &again.bytes);
+        prop_assert_eq!(one.report, two.report);
+    }
+}

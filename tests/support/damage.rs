@@ -1,0 +1,167 @@
+//! Known solids, and damage to them that follows from a seed.
+
+use std::collections::BTreeSet;
+
+use glam::DVec3;
+use meshmend::mesh::Soup;
+
+use crate::meshes::{as_f32, cube, inside_out, join, push, sphere, torus};
+
+/// Numbers that follow from a seed (SplitMix64, Steele et al. 2014).
+pub struct Random(u64);
+
+impl Random {
+    pub fn new(seed: u64) -> Self {
+        Self(seed)
+    }
+
+    fn next(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        z ^ (z >> 31)
+    }
+
+    pub fn below(&mut self, n: usize) -> usize {
+        (self.next() % n as u64) as usize
+    }
+
+    /// Within [-1, 1] along each axis.
+    pub fn vector(&mut self) -> DVec3 {
+        let mut one = || (self.next() >> 11) as f64 / (1u64 << 52) as f64 - 1.0;
+        DVec3::new(one(), one(), one())
+    }
+}
+
+/// A mesh that was a solid, and what is known of the solid.
+#[derive(Debug, Clone)]
+pub struct Damaged {
+    pub soup: Soup,
+    /// Of the solid.
+    pub volume: f64,
+    /// Closed surfaces that bound it.
+    pub parts: u64,
+    /// What the damage may have changed of the volume.
+    pub slack: f64,
+}
+
+/// Makers of solids, by name.
+pub const SOLIDS: [(&str, fn() -> Damaged); 10] = [
+    ("cube", || known(cube(DVec3::ZERO, 2.0, 4), 1)),
+    ("torus", || known(torus(3.0, 1.0, 20, 12), 1)),
+    ("ball", || known(sphere(DVec3::ONE, 2.0, 16, 8), 1)),
+    ("L-prism", || known(cells(&[(0, 0, 0), (1, 0, 0), (0, 1, 0)], 2), 1)),
+    ("box with a cavity", || known(join(&cube(DVec3::ZERO, 4.0, 4), &inside_out(cube(DVec3::ONE, 2.0, 3))), 2)),
+    ("nested", || {
+        let shell = join(&cube(DVec3::ZERO, 6.0, 4), &inside_out(cube(DVec3::ONE, 4.0, 4)));
+        known(join(&shell, &cube(DVec3::splat(2.0), 2.0, 3)), 3)
+    }),
+    ("touching in a face", || known(join(&cube(DVec3::ZERO, 1.0, 3), &cube(DVec3::X, 1.0, 3)), 1)),
+    ("touching in an edge", || known(join(&cube(DVec3::ZERO, 1.0, 3), &cube(DVec3::new(1.0, 1.0, 0.0), 1.0, 3)), 2)),
+    ("touching in a vertex", || known(join(&cube(DVec3::ZERO, 1.0, 3), &cube(DVec3::ONE, 1.0, 3)), 2)),
+    ("apart", || {
+        let two = join(&torus(3.0, 1.0, 16, 8), &cube(DVec3::new(6.0, 0.0, 0.0), 1.0, 3));
+        known(join(&two, &sphere(DVec3::new(0.0, 0.0, 5.0), 1.0, 12, 6)), 3)
+    }),
+];
+
+fn known(soup: Soup, parts: u64) -> Damaged {
+    let soup = as_f32(soup);
+    let volume = (0..soup.faces.len()).map(|f| soup.corners(f)).map(|[a, b, c]| a.dot(b.cross(c)) / 6.0).sum();
+    Damaged { soup, volume, parts, slack: 1e-4 * volume }
+}
+
+/// Unit cubes of a grid as one solid, `n` quads along each edge.
+fn cells(at: &[(i32, i32, i32)], n: u32) -> Soup {
+    let mut soup = Soup::default();
+    for &(x, y, z) in at {
+        let low = DVec3::new(f64::from(x), f64::from(y), f64::from(z));
+        let one = cube(low, 1.0, n);
+        for f in 0..one.faces.len() {
+            let corners = one.corners(f);
+            let [a, b, c] = corners;
+            let beyond = ((a + b + c) / 3.0 + (b - a).cross(c - a).normalize() * 0.5).floor();
+            if !at.contains(&(beyond.x as i32, beyond.y as i32, beyond.z as i32)) {
+                push(&mut soup, corners);
+            }
+        }
+    }
+    soup
+}
+
+/// A kind of damage; `amount` of it, in places that `random` chooses.
+pub type Damage = fn(&mut Damaged, amount: usize, random: &mut Random);
+
+/// All of them, by name.
+pub const DAMAGES: [(&str, Damage); 5] = [
+    ("faces removed", remove_faces),
+    ("patches flipped", flip_patches),
+    ("faces doubled", double_faces),
+    ("walls without thickness", double_walls),
+    ("order shuffled", shuffle),
+];
+
+/// Some faces go, no two of them with a vertex in common.
+fn remove_faces(on: &mut Damaged, amount: usize, random: &mut Random) {
+    let soup = &mut on.soup;
+    let key = |p: DVec3| p.to_array().map(f64::to_bits);
+    let (mut gone, mut around) = (BTreeSet::new(), BTreeSet::new());
+    for _ in 0..amount {
+        let f = random.below(soup.faces.len());
+        let corners = soup.corners(f);
+        if corners.iter().any(|&p| around.contains(&key(p))) {
+            continue;
+        }
+        around.extend(corners.map(key));
+        gone.insert(f);
+        let [a, b, c] = corners;
+        let longest = a.distance(b).max(b.distance(c)).max(c.distance(a));
+        on.slack += (b - a).cross(c - a).length() / 2.0 * longest;
+    }
+    let mut f = 0;
+    soup.faces.retain(|_| {
+        f += 1;
+        !gone.contains(&(f - 1))
+    });
+}
+
+/// The faces around some points are turned over.
+fn flip_patches(on: &mut Damaged, amount: usize, random: &mut Random) {
+    let soup = &mut on.soup;
+    for _ in 0..amount.min(3) {
+        let centre = soup.corners(random.below(soup.faces.len()))[0];
+        for f in 0..soup.faces.len() {
+            let [a, b, c] = soup.corners(f);
+            if centre.distance((a + b + c) / 3.0) < 0.5 {
+                soup.faces[f].swap(1, 2);
+            }
+        }
+    }
+}
+
+/// Some faces are there twice.
+fn double_faces(on: &mut Damaged, amount: usize, random: &mut Random) {
+    for _ in 0..amount {
+        let corners = on.soup.corners(random.below(on.soup.faces.len()));
+        push(&mut on.soup, corners);
+    }
+}
+
+/// On some faces lies a wall of two faces, back to back.
+fn double_walls(on: &mut Damaged, amount: usize, random: &mut Random) {
+    for _ in 0..amount {
+        let [a, b, c] = on.soup.corners(random.below(on.soup.faces.len()));
+        push(&mut on.soup, [a, b, c]);
+        push(&mut on.soup, [a, c, b]);
+    }
+}
+
+/// Faces stand in another order, and each begins with another of its corners.
+fn shuffle(on: &mut Damaged, _: usize, random: &mut Random) {
+    let faces = &mut on.soup.faces;
+    for f in (1..faces.len()).rev() {
+        faces.swap(f, random.below(f + 1));
+        faces[f].rotate_left(random.below(3));
+    }
+}
