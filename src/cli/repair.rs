@@ -10,7 +10,8 @@ use meshmend::blender::{BlenderConfig, OnDemandBlender};
 use meshmend::jobs::JobReport;
 use meshmend::render::Drawing;
 use meshmend::repair::{
-    Context, Operator, Options, Outcome, OutputFormat, Preset, RepairError, Report, draw, monotonic_clock, repair,
+    Context, OpenSheets, Operator, Options, Outcome, OutputFormat, Preset, RepairError, Report, draw, monotonic_clock,
+    repair,
 };
 
 use super::engine::{Bar, BlenderArgs, LimitArgs, read_file};
@@ -63,6 +64,12 @@ pub struct RepairArgs {
     /// Most edges around a hole that is closed.
     #[arg(long, env = "MESHMEND_MAX_HOLE_EDGES", default_value_t = Options::default().max_hole_edges)]
     max_hole_edges: u32,
+    /// What becomes of open sheets, which enclose nothing.
+    #[arg(long, env = "MESHMEND_OPEN_SHEETS", value_enum, default_value_t)]
+    open_sheets: OpenSheets,
+    /// Thickness of thickened sheets, and of a base at its lowest point, in the model's unit; without it 0.3 % of the diagonal.
+    #[arg(long, env = "MESHMEND_THICKNESS")]
+    thickness: Option<f64>,
     /// Blender's voxel edge, in the model's unit.
     #[arg(long, env = "MESHMEND_VOXEL_SIZE")]
     voxel_size: Option<f64>,
@@ -112,6 +119,8 @@ impl RepairArgs {
             max_surface_lost_pct: self.max_surface_lost_pct,
             weld_tolerance: self.weld_tolerance,
             max_hole_edges: self.max_hole_edges,
+            open_sheets: self.open_sheets,
+            thickness: self.thickness,
             voxel_size: self.voxel_size,
             voxel_resolution: self.voxel_resolution,
             max_remesh_faces: self.max_remesh_faces,

@@ -68,6 +68,8 @@ pub enum Action {
     MendConservative,
     /// Tier 2: separate non-manifold edges and vertices (`make_manifold`).
     MakeManifold,
+    /// Tier 2: make solids of open sheets.
+    CloseSheets,
     /// Tier 2: unite what overlaps, so that no faces intersect.
     Resolve,
     /// Tier 2: keep apart by position what was cut apart by index.

@@ -10,7 +10,8 @@ impl Operator {
         match self {
             Self::RoundCoordinates => &[],
             Self::RemoveCollapsedFaces | Self::RemoveCaps => &[DegenerateFaces],
-            Self::Weld | Self::FillHoles | Self::RemoveDebris => &[BoundaryEdges],
+            Self::Weld | Self::JoinParts | Self::FillHoles | Self::AddBase | Self::RemoveDebris => &[BoundaryEdges],
+            Self::ThickenSheets => &[BoundaryEdges, MisorientedEdges],
             Self::RemoveDuplicates => &[DuplicateFaces],
             Self::Orient => &[MisorientedEdges],
             Self::CutApart => &[NonmanifoldEdges, PinchedVertices],
@@ -35,6 +36,11 @@ impl Operator {
             Self::CutApart | Self::Separate => &[BoundaryEdges, DuplicateFaces],
             // A crack whose border lies on a line is closed by faces without area.
             Self::FillHoles => &[DegenerateFaces],
+            // A band between parts that touch.
+            Self::JoinParts => &[DegenerateFaces, NonmanifoldEdges, PinchedVertices],
+            // What was one edge of several faces is so on both skins.
+            Self::ThickenSheets => &[NonmanifoldEdges, PinchedVertices, DegenerateFaces, DuplicateFaces],
+            Self::AddBase => &[NonmanifoldEdges, PinchedVertices],
             Self::Resolve => &[BoundaryEdges, MisorientedEdges, PinchedVertices, DegenerateFaces, DuplicateFaces],
             Self::RemoveDebris => &[PinchedVertices],
         }

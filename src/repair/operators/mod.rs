@@ -8,22 +8,27 @@ mod counts;
 mod name;
 mod run;
 
+pub mod base;
 pub mod cut;
 pub mod debris;
 pub mod degenerate;
 pub mod duplicates;
 pub mod holes;
+pub mod join;
+mod open_parts;
 pub mod orient;
 mod outside;
 pub mod quantise;
 pub mod resolve;
 pub mod separate;
+pub mod thicken;
 mod triangulate;
 mod walls;
 pub mod weld;
 
 pub use counts::{Counter, Counts};
 pub use name::Operator;
+use open_parts::open_parts;
 pub(super) use run::Scope;
 
 use super::Change;

@@ -22,8 +22,14 @@ pub enum Operator {
     Orient,
     /// Cut apart what meets in non-manifold edges and vertices.
     CutApart,
+    /// Join open parts where their boundaries come nearest.
+    JoinParts,
     /// Close holes.
     FillHoles,
+    /// Give open sheets a thickness.
+    ThickenSheets,
+    /// Extrude open sheets down to a plane.
+    AddBase,
     /// Unite what overlaps, so that no faces intersect.
     Resolve,
     /// Remove open bits that enclose nothing and that no printer could make.
@@ -34,7 +40,7 @@ pub enum Operator {
 
 impl Operator {
     /// Every operator, in the order in which they usually run.
-    pub const ALL: [Self; 11] = [
+    pub const ALL: [Self; 14] = [
         Self::RoundCoordinates,
         Self::RemoveCollapsedFaces,
         Self::Weld,
@@ -42,7 +48,10 @@ impl Operator {
         Self::RemoveCaps,
         Self::Orient,
         Self::CutApart,
+        Self::JoinParts,
         Self::FillHoles,
+        Self::ThickenSheets,
+        Self::AddBase,
         Self::Resolve,
         Self::RemoveDebris,
         Self::Separate,
@@ -51,7 +60,7 @@ impl Operator {
     /// Whether a plan leaves it out unless the options ask for it with `with`.
     #[must_use]
     pub fn is_on_request(self) -> bool {
-        false
+        matches!(self, Self::JoinParts)
     }
 
     /// The name used in JSON and on the command line.
@@ -65,7 +74,10 @@ impl Operator {
             Self::RemoveCaps => "remove_caps",
             Self::Orient => "orient",
             Self::CutApart => "cut_apart",
+            Self::JoinParts => "join_parts",
             Self::FillHoles => "fill_holes",
+            Self::ThickenSheets => "thicken_sheets",
+            Self::AddBase => "add_base",
             Self::Resolve => "resolve",
             Self::RemoveDebris => "remove_debris",
             Self::Separate => "separate",
