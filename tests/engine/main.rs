@@ -15,3 +15,4 @@ mod operators;
 mod pipeline;
 mod print;
 mod render;
+mod sheets;

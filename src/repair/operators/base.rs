@@ -6,7 +6,7 @@ use super::quantise::rounded;
 use super::thicken::THICKNESS;
 use super::{Applied, open_parts};
 use crate::math::{Box3, Sign, orient2d, to_unit_range};
-use crate::mesh::{Edges, Fans, Surface, boundary_loops};
+use crate::mesh::{Edges, Surface};
 use crate::repair::{Cancelled, Change, Context};
 
 /// Extrudes open sheets down to a plane.
@@ -41,9 +41,8 @@ impl AddBase {
     /// ```
     ///
     /// Up is z where the part is a height field over the plane of x and y, and else the axis nearest to its mean normal, on
-    /// the side to which it looks. The bottom is a triangulation of the boundary's picture on the plane, holes included, whose
-    /// triangles are all checked to be turned one way by exact signs, so that they cover it once; where there is none, it
-    /// is the picture of the sheet's own faces.
+    /// the side to which it looks. The bottom is the picture of the sheet's own faces on the plane, so that it is exact, fits
+    /// every hole, and needs no triangulation that could fail.
     ///
     /// Precondition: consistent winding. Result: each part that was a height field is closed; no vertex moves; a part that
     /// looked down is turned. Leaves: parts of which some face is vertical or hangs over, and those whose base would be
@@ -82,7 +81,7 @@ impl AddBase {
                 too_far += 1;
                 continue;
             }
-            if !extrude(surface, &unit, faces, &view, plane) {
+            if !extrude(surface, faces, &view, plane) {
                 no_field += 1;
                 continue;
             }
@@ -128,21 +127,16 @@ fn sign_along(unit: &[DVec3], face: [u32; 3], axis: usize) -> Sign {
     orient2d(a, b, c)
 }
 
-/// Adds skirts and bottom. Whether it could, for which the boundary must be simple loops.
-fn extrude(surface: &mut Surface, unit: &[DVec3], faces: &[u32], view: &View, plane: f64) -> bool {
+/// Adds skirts and bottom. Whether it could, for which the part must be a surface.
+fn extrude(surface: &mut Surface, faces: &[u32], view: &View, plane: f64) -> bool {
     let of_part: Vec<[u32; 3]> = faces.iter().map(|&f| surface.faces[f as usize]).collect();
     let part = Surface { positions: surface.positions.clone(), source: vec![0; faces.len()], faces: of_part };
     let edges = Edges::new(&part.faces);
-    let fans = Fans::new(&part, &edges);
     if edges.iter().any(|h| h.len() > 2) {
         return false;
     }
-    let loops = boundary_loops(&part, &edges, &fans);
-    let whole = loops.left == 0;
-    // The bottom looks the other way than the sheet does.
-    let down = if view.turned == (view.up > 0.0) { Sign::Positive } else { Sign::Negative };
-    let bottom = whole.then(|| cover_loops(unit, &loops.simple, view.axis, down)).flatten();
-    let bottom = bottom.unwrap_or_else(|| part.faces.iter().map(|&[a, b, c]| [a, c, b]).collect());
+    // The picture of faces that are all turned one way covers what is below them and has no face without area.
+    let bottom: Vec<[u32; 3]> = part.faces.iter().map(|&[a, b, c]| [a, c, b]).collect();
     let mut below = vec![u32::MAX; surface.positions.len()];
     let mut project = |surface: &mut Surface, v: u32| {
         if below[v as usize] == u32::MAX {
@@ -177,54 +171,4 @@ fn extrude(surface: &mut Surface, unit: &[DVec3], faces: &[u32], view: &View, pl
         }
     }
     true
-}
-
-/// Triangles over the picture of loops along an axis, one of them around the others, all turned as `down` says. None where
-/// they would not cover it exactly once.
-fn cover_loops(unit: &[DVec3], loops: &[Vec<u32>], axis: usize, down: Sign) -> Option<Vec<[u32; 3]>> {
-    let area = |l: &[u32]| -> f64 {
-        let at = |i: usize| flat(unit[l[i % l.len()] as usize], axis);
-        let o = at(0);
-        (1..l.len())
-            .map(|i| [at(i), at(i + 1)])
-            .map(|[p, q]| (p[0] - o[0]) * (q[1] - o[1]) - (p[1] - o[1]) * (q[0] - o[0]))
-            .sum()
-    };
-    let outer = (0..loops.len()).max_by(|&i, &j| area(&loops[i]).abs().total_cmp(&area(&loops[j]).abs()))?;
-    let order: Vec<&Vec<u32>> = std::iter::once(&loops[outer])
-        .chain(loops.iter().enumerate().filter(|&(i, _)| i != outer).map(|(_, l)| l))
-        .collect();
-    let vertices: Vec<u32> = order.iter().flat_map(|l| l.iter().copied()).collect();
-    let mut holes: Vec<u32> = Vec::with_capacity(order.len());
-    let mut at = 0u32;
-    for l in &order[..order.len() - 1] {
-        at += u32::try_from(l.len()).ok()?;
-        holes.push(at);
-    }
-    let mut out: Vec<u32> = Vec::new();
-    earcut::Earcut::new().earcut(vertices.iter().map(|&v| flat(unit[v as usize], axis)), &holes, &mut out);
-    let triangles: Option<Vec<[u32; 3]>> = out
-        .as_chunks::<3>()
-        .0
-        .iter()
-        .map(|t| {
-            let [a, b, c] = t.map(|i| vertices[i as usize]);
-            match sign_along(unit, [a, b, c], axis) {
-                Sign::Zero => None,
-                sign if sign == down => Some([a, b, c]),
-                _ => Some([a, c, b]),
-            }
-        })
-        .collect();
-    let triangles = triangles?;
-    // Turned one way and bounded by just the loops, they cover what the loops go around, as often as those do.
-    let mut sides: Vec<(u32, u32, i32)> = triangles
-        .iter()
-        .flat_map(|&[a, b, c]| [(a, b), (b, c), (c, a)])
-        .chain(order.iter().flat_map(|l| (0..l.len()).map(|i| (l[(i + 1) % l.len()], l[i]))))
-        .map(|(a, b)| if a < b { (a, b, 1) } else { (b, a, -1) })
-        .collect();
-    sides.sort_unstable();
-    let cancels = sides.chunk_by(|x, y| (x.0, x.1) == (y.0, y.1)).all(|s| s.len() == 2 && s[0].2 + s[1].2 == 0);
-    cancels.then_some(triangles)
 }
