@@ -11,7 +11,8 @@ use meshmend::jobs::JobReport;
 use meshmend::render::Drawing;
 use meshmend::repair::operators::orient::Nested;
 use meshmend::repair::{
-    Context, Operator, Options, Outcome, OutputFormat, Preset, RepairError, Report, draw, monotonic_clock, repair,
+    Context, OpenSheets, Operator, Options, Outcome, OutputFormat, Preset, RepairError, Report, draw, monotonic_clock,
+    repair,
 };
 
 use super::engine::{Bar, BlenderArgs, LimitArgs, read_file};
@@ -82,6 +83,12 @@ pub struct RepairArgs {
     /// How closed parts that lie in others are wound.
     #[arg(long, env = "MESHMEND_NESTED", value_enum, default_value_t)]
     nested: Nested,
+    /// What becomes of open sheets, which enclose nothing.
+    #[arg(long, env = "MESHMEND_OPEN_SHEETS", value_enum, default_value_t)]
+    open_sheets: OpenSheets,
+    /// Thickness of thickened sheets, and of a base at its lowest point, in the model's unit; without it 0.3 % of the diagonal.
+    #[arg(long, env = "MESHMEND_THICKNESS")]
+    thickness: Option<f64>,
     /// Blender's voxel edge, in the model's unit.
     #[arg(long, env = "MESHMEND_VOXEL_SIZE")]
     voxel_size: Option<f64>,
@@ -137,6 +144,8 @@ impl RepairArgs {
             twist_angle_deg: self.twist_angle_deg,
             max_hole_edges: self.max_hole_edges,
             nested: self.nested,
+            open_sheets: self.open_sheets,
+            thickness: self.thickness,
             voxel_size: self.voxel_size,
             voxel_resolution: self.voxel_resolution,
             max_remesh_faces: self.max_remesh_faces,

@@ -5,7 +5,9 @@ use super::input::Input;
 use super::presets::{planned, remesh_action};
 use super::tiers::{End, Runner};
 use super::verdict::{JudgeError, Judged, Patches, judge};
-use super::{Action, Cancelled, Candidate, Context, Preset, Remesher, Rung, Stage, Step, StepStatus, summary};
+use super::{
+    Action, Cancelled, Candidate, Context, OpenSheets, Preset, Remesher, Rung, Stage, Step, StepStatus, summary,
+};
 use crate::mesh::Surface;
 
 /// The way up a plan's rungs: what was done so far, and the best that came of it.
@@ -20,6 +22,8 @@ pub(super) struct Climb<'a> {
     opening: Vec<Step>,
     best: Option<(usize, Judged)>,
     candidates: Vec<Candidate>,
+    /// Whether a result was left open.
+    left_open: bool,
 }
 
 /// What a climb brought.
@@ -41,13 +45,24 @@ impl<'a> Climb<'a> {
         let rung = Rung { tier: 1, preset: Preset::BasicCleanup, actions };
         let opened = runner.run(0, &rung, 0, &(5..15), &mut surface)?;
         let (opening, moved) = (runner.steps.clone(), runner.moved);
-        Ok(Self { input, runner, surface, opened, moved, opening, best: None, candidates: Vec::new() })
+        Ok(Self {
+            input,
+            runner,
+            surface,
+            opened,
+            moved,
+            opening,
+            best: None,
+            candidates: Vec::new(),
+            left_open: false,
+        })
     }
 
     /// Climbs until a result is good.
     pub fn run(mut self, rungs: &[Rung]) -> Result<Climbed, Cancelled> {
         for (index, rung) in (0u32..).zip(rungs) {
-            if let Some(step) = not_runnable(index, rung, self.runner.remesher, self.runner.context) {
+            let step = not_runnable(index, rung, self.runner.remesher, self.runner.context);
+            if let Some(step) = step.or_else(|| self.needless(index, rung)) {
                 self.note(step);
             } else if let Some(result) = self.make(index, rung)?
                 && self.judge(index, rung, &result)?
@@ -56,6 +71,18 @@ impl<'a> Climb<'a> {
             }
         }
         Ok(Climbed { steps: self.runner.steps, candidates: self.candidates, best: self.best })
+    }
+
+    /// The step that says why a rung that closes sheets is passed over, where those before it left nothing open.
+    fn needless(&self, index: u32, rung: &Rung) -> Option<Step> {
+        let alone = self.runner.options.open_sheets == OpenSheets::Auto;
+        let closes = alone && rung.actions.iter().any(|planned| planned.action == Action::CloseSheets);
+        let note = "the rungs before it left no sheet open".to_owned();
+        (closes && !self.candidates.is_empty() && !self.left_open).then(|| Step {
+            status: StepStatus::Skipped,
+            note: Some(note),
+            ..Step::new(index, 2, Action::CloseSheets, None)
+        })
     }
 
     /// What a rung makes, if anything.
@@ -86,6 +113,7 @@ impl<'a> Climb<'a> {
             Ok(judged) => {
                 step.note = Some(summary::verdict_in_words(&judged));
                 self.candidates.push(Candidate::new(Some(index), &judged, false));
+                self.left_open |= judged.measures.boundary_edges > 0;
                 good = judged.is_good();
                 if self.best.as_ref().is_none_or(|(_, best)| judged.rank() < best.rank()) {
                     self.best = Some((self.candidates.len() - 1, judged));

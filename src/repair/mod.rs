@@ -25,7 +25,7 @@ pub use crate::inspect::OptionsError;
 pub use category::categorise;
 pub use drawings::{DrawError, draw};
 pub use operators::Operator;
-pub use options::{Options, OutputFormat, Preset};
+pub use options::{OpenSheets, Options, OutputFormat, Preset};
 pub use pipeline::{RepairError, Repaired, repair};
 pub use plan::make_plan;
 pub use red_flags::{Standing, red_flags};

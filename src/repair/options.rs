@@ -61,6 +61,22 @@ impl OutputFormat {
     }
 }
 
+/// What becomes of open sheets: parts that enclose nothing, such as terrain or a single wall.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize, ToSchema, clap::ValueEnum)]
+#[serde(rename_all = "lowercase")]
+pub enum OpenSheets {
+    /// A model that is an open sheet is left; sheets that are parts of another model get a thickness behind their surface where
+    /// nothing else made the model printable.
+    #[default]
+    Auto,
+    /// They are left open.
+    Leave,
+    /// They get a thickness, half of it on either side, and a closed rim.
+    Thicken,
+    /// They are extruded down to a plane below them.
+    Base,
+}
+
 /// How a model is to be repaired. Every field has a default.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema, IntoParams)]
 #[serde(default)]
@@ -124,6 +140,13 @@ pub struct Options {
     pub max_hole_edges: u32,
     /// How closed parts that lie in others are wound: as they were, or each layer against the one around it.
     pub nested: Nested,
+    /// What becomes of open sheets.
+    pub open_sheets: OpenSheets,
+    /// Thickness of thickened sheets and of a base at its lowest point, in the model's unit. Without it, 0.3 % of the bounding
+    /// box's diagonal.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(exclusive_minimum = 0.0)]
+    pub thickness: Option<f64>,
     /// Blender's voxel edge in the model's unit. Without it the size follows from `voxel_resolution`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub voxel_size: Option<f64>,
@@ -159,6 +182,8 @@ impl Default for Options {
             twist_angle_deg: 5.0,
             max_hole_edges: 10_000,
             nested: Nested::Keep,
+            open_sheets: OpenSheets::Auto,
+            thickness: None,
             voxel_size: None,
             voxel_resolution: 300,
             max_remesh_faces: 2_000_000,
@@ -197,6 +222,9 @@ impl Options {
         number("max_hole_edges", f64::from(self.max_hole_edges), 3.0, 100_000.0, "between 3 and 100000 edges")?;
         if let Some(most) = self.max_deviation {
             number("max_deviation", most, 0.0, f64::MAX, "a length of zero or more, in the model's unit")?;
+        }
+        if let Some(thickness) = self.thickness {
+            number("thickness", thickness, f64::MIN_POSITIVE, f64::MAX, "a length above zero, in the model's unit")?;
         }
         if let Some(size) = self.voxel_size {
             number("voxel_size", size, f64::MIN_POSITIVE, f64::MAX, "a length above zero, in the model's unit")?;

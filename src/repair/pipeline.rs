@@ -102,6 +102,7 @@ pub fn repair(
 
     if let Some((index, best)) = climbed.best.filter(|(_, best)| best.rank() < rank_of_input(&as_is)) {
         report.candidates[index].chosen = true;
+        report.warnings.extend(summary::liberties(&report.steps, report.candidates[index].rung));
         let outcome = if best.is_good() { Outcome::Repaired } else { Outcome::PartiallyRepaired };
         return end.with(report, outcome, Some(best));
     }

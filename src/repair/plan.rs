@@ -1,9 +1,12 @@
 use super::presets::{RECIPES, planned, preset_for, tier_of};
-use super::{Action, Category, Options, Plan, Preset, Rung};
+use super::{Action, Category, OpenSheets, Options, Plan, Preset, Rung};
 use crate::inspect::Measures;
 
 /// Makes the plan: the preset that was asked for, or the one for the model's category; then Blender, unless the model
 /// is an open sheet or `max_tier` forbids it.
+///
+/// Open sheets are made solid in every rung where that was asked for. Otherwise, where they are not the whole model, in a rung
+/// of its own, after those that leave them open and before Blender, which would keep nothing of them.
 ///
 /// Blender comes in two ways. A boolean union with itself keeps sharp edges and faces where they are but needs
 /// closed parts; so it is tried first where there are several parts, which may overlap or lie in one another, or
@@ -12,7 +15,11 @@ use crate::inspect::Measures;
 pub fn make_plan(before: &Measures, category: Category, options: &Options) -> Plan {
     let (preset, reason) = match options.preset {
         Preset::Auto => {
-            let (preset, reason) = preset_for(category, before.parts);
+            let (preset, reason) = if category == Category::OpenSheet && asks_for_solids(options) {
+                (Preset::ConservativeRepair, "the model is an open surface and was asked to be made solid")
+            } else {
+                preset_for(category, before.parts)
+            };
             (preset, format!("{reason}, so {} was chosen", name(preset)))
         }
         asked => (asked, format!("{} was asked for", name(asked))),
@@ -25,6 +32,12 @@ pub fn make_plan(before: &Measures, category: Category, options: &Options) -> Pl
         // The other way to pair faces around non-manifold edges, and to take what is turned inside out.
         let other = if preset == Preset::FullRepair { Preset::ConservativeRepair } else { Preset::FullRepair };
         rungs.extend(rung(other, options, options.max_tier, None));
+        if options.open_sheets == OpenSheets::Auto {
+            rungs.extend(
+                rung(Preset::ConservativeRepair, options, options.max_tier, None)
+                    .map(|it| with_sheets_closed(it, options)),
+            );
+        }
         // The last way before another tier: what is bad goes, and its holes are closed.
         rungs.extend(rung(preset, options, options.max_tier, None).map(|first| cleaning(first, options)));
     }
@@ -53,7 +66,22 @@ fn rung(preset: Preset, options: &Options, max_tier: u8, instead_of_voxels: Opti
         .collect();
     let tier = actions.iter().map(|&a| tier_of(a)).max()?;
     let actions = actions.into_iter().map(|action| planned(action, options)).collect();
-    Some(Rung { tier, preset, actions })
+    let rung = Rung { tier, preset, actions };
+    Some(if asks_for_solids(options) && max_tier >= 2 { with_sheets_closed(rung, options) } else { rung })
+}
+
+/// Whether open sheets are to be made solid, whatever else is in the model.
+fn asks_for_solids(options: &Options) -> bool {
+    matches!(options.open_sheets, OpenSheets::Thicken | OpenSheets::Base)
+}
+
+/// The rung with open sheets made solid before what needs closed surface: the resolving of intersections, a remesh.
+fn with_sheets_closed(mut rung: Rung, options: &Options) -> Rung {
+    let needs_solids = |action| matches!(action, Action::Resolve | Action::VoxelRemesh | Action::BooleanUnion);
+    let at = rung.actions.iter().position(|it| needs_solids(it.action) || it.action == Action::Validate);
+    rung.actions.insert(at.unwrap_or(rung.actions.len()), planned(Action::CloseSheets, options));
+    rung.tier = rung.tier.max(tier_of(Action::CloseSheets));
+    rung
 }
 
 /// The rung with what is bad removed and closed again, before what intersects is resolved.

@@ -1,4 +1,4 @@
-use super::{Action, Category, Operator, Options, PlannedAction, Preset, RemeshAction};
+use super::{Action, Category, OpenSheets, Operator, Options, PlannedAction, Preset, RemeshAction};
 
 /// What a preset does, in order, and what runs after it when the result is not good enough.
 pub(super) struct Recipe {
@@ -71,7 +71,7 @@ pub(super) const RECIPES: [Recipe; 6] = {
 };
 
 /// What an action comes to, in order, before the options switch operators off.
-fn operators_of(action: Action) -> &'static [Operator] {
+fn operators_of(action: Action, sheets: OpenSheets) -> &'static [Operator] {
     use Operator as O;
     match action {
         Action::BasicCleanup => &[
@@ -83,7 +83,7 @@ fn operators_of(action: Action) -> &'static [Operator] {
             O::RemoveSlivers,
         ],
         Action::FixNormals => &[O::Orient, O::CutOneSided],
-        Action::FillHoles => &[O::FillHoles, O::RemoveCaps],
+        Action::FillHoles => &[O::JoinParts, O::FillHoles, O::RemoveCaps],
         // What is exact first: it moves nothing, and what is then closed can't be merged amiss.
         Action::Stitch => &[O::SplitTJunctions, O::Sew, O::Stitch],
         // What is open and no part of the model would leave it without an inside.
@@ -93,6 +93,9 @@ fn operators_of(action: Action) -> &'static [Operator] {
             &[O::UnfoldFoldovers, O::RemoveOverlappingNeighbours, O::RemoveMembranes, O::CutApart, O::CutOneSided]
         }
         Action::CleanAndPatch => &[O::CleanAndPatch],
+        // Small bits and what lies inside a solid go before they are made solid.
+        Action::CloseSheets if sheets == OpenSheets::Base => &[O::RemoveDebris, O::AddBase],
+        Action::CloseSheets => &[O::RemoveDebris, O::ThickenSheets, O::RemoveCaps],
         Action::VoxelRemesh | Action::BooleanUnion | Action::Validate => &[],
     }
 }
@@ -102,7 +105,10 @@ pub(super) fn planned(action: Action, options: &Options) -> PlannedAction {
     let runs = |operator: &Operator| {
         !options.without.contains(operator) && (!operator.is_on_request() || options.with.contains(operator))
     };
-    PlannedAction { action, operators: operators_of(action).iter().copied().filter(runs).collect() }
+    PlannedAction {
+        action,
+        operators: operators_of(action, options.open_sheets).iter().copied().filter(runs).collect(),
+    }
 }
 
 /// The preset for each category (the guide's "Category-to-Filter Mapping") and why.
@@ -134,6 +140,12 @@ pub(super) fn tier_of(action: Action) -> u8 {
     match action {
         Action::Validate => 0,
         Action::BasicCleanup | Action::FixNormals | Action::FillHoles => 1,
+        Action::Mend
+        | Action::MendConservative
+        | Action::MakeManifold
+        | Action::CloseSheets
+        | Action::Resolve
+        | Action::Separate => 2,
         Action::VoxelRemesh | Action::BooleanUnion => 3,
         _ => 2,
     }

@@ -1,4 +1,4 @@
-use super::{Changes, Options, RedFlag, RedFlagCode};
+use super::{Changes, OpenSheets, Options, RedFlag, RedFlagCode};
 use crate::inspect::{Measures, percent};
 
 /// Share of the sound faces that must stand for parts to have been joined rather than lost; the rest are slivers that
@@ -65,7 +65,9 @@ pub fn red_flags(
             after.volume.value
         ),
     );
-    let lost = changes.surface_lost_pct.unwrap_or(0.0);
+    // Sheets that are thickened to both sides as thick as was asked for are where nothing was before.
+    let offset = options.open_sheets == OpenSheets::Thicken && options.thickness.is_some() && before.boundary_edges > 0;
+    let lost = changes.surface_lost_pct.filter(|_| !offset).unwrap_or(0.0);
     raise(
         RedFlagCode::SurfaceLost,
         lost,

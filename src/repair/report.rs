@@ -72,6 +72,8 @@ pub enum Action {
     MakeManifold,
     /// Tier 2: remove what is bad and close the holes, while that makes it better.
     CleanAndPatch,
+    /// Tier 2: make solids of open sheets.
+    CloseSheets,
     /// Tier 2: unite what overlaps, so that no faces intersect.
     Resolve,
     /// Tier 2: keep apart by position what was cut apart by index.

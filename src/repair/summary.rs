@@ -1,5 +1,5 @@
 use super::verdict::Judged;
-use super::{Category, Context, Outcome, Report, StepStatus};
+use super::{Category, Context, Operator, Outcome, Report, Step, StepStatus};
 use crate::inspect::Measures;
 
 /// The outcome in words, with what to do next where it is not good.
@@ -18,7 +18,7 @@ pub(super) fn in_words(outcome: Outcome, report: &Report, after: Option<&Measure
         }
         Outcome::Unrepairable if report.plan.category == Category::OpenSheet => {
             return "The model is an open surface that encloses nothing, so there is no solid to print; it is handed \
-                    back unchanged. Give it a thickness in a modelling program, or ask for the preset blender-remesh."
+                    back unchanged. Ask for open_sheets thicken or base to have it made solid."
                 .to_owned();
         }
         Outcome::Unrepairable => {
@@ -26,7 +26,9 @@ pub(super) fn in_words(outcome: Outcome, report: &Report, after: Option<&Measure
         }
     };
     if report.plan.category == Category::OpenSheet && outcome == Outcome::PartiallyRepaired {
-        text.push_str(" It is an open surface that encloses nothing: give it a thickness in a modelling program.");
+        text.push_str(
+            " It is an open surface that encloses nothing: ask for open_sheets thicken or base to have it made solid.",
+        );
     }
     if context.remaining().is_zero() {
         text.push_str(" The time was over before everything was tried: raise deadline_s.");
@@ -38,6 +40,24 @@ pub(super) fn in_words(outcome: Outcome, report: &Report, after: Option<&Measure
         text.push_str(" Raising max_tier to 3 lets Blender try.");
     }
     text
+}
+
+/// What the steps that led to a result made that the input does not describe, for a person to know.
+pub(super) fn liberties(steps: &[Step], rung: Option<u32>) -> Vec<String> {
+    let took = |operator, what: &str| {
+        let of_rung = steps.iter().filter(|s| Some(s.rung) == rung && s.status == StepStatus::Done);
+        let changes = of_rung.filter(|s| s.operator == Some(operator)).flat_map(|s| &s.changed);
+        changes.filter(|change| change.what == what).map(|change| change.count).sum::<u64>()
+    };
+    let words = [
+        (
+            took(Operator::JoinParts, "parts_joined"),
+            "bands of surface join parts that were apart, which changes the model",
+        ),
+        (took(Operator::ThickenSheets, "sheets_thickened"), "open parts enclose nothing and were given a thickness"),
+        (took(Operator::AddBase, "bases_added"), "open parts enclose nothing and were put on a base"),
+    ];
+    words.into_iter().filter(|w| w.0 > 0).map(|(count, what)| format!("{count} {what}")).collect()
 }
 
 /// A verdict in words, for a validation step.

@@ -22,4 +22,5 @@ mod orient;
 mod pipeline;
 mod print;
 mod render;
+mod sheets;
 mod stitch;

@@ -10,7 +10,8 @@ impl Operator {
         match self {
             Self::RoundCoordinates => &[],
             Self::RemoveCollapsedFaces | Self::RemoveCaps | Self::RemoveSlivers => &[DegenerateFaces],
-            Self::Weld | Self::FillHoles | Self::RemoveDebris => &[BoundaryEdges],
+            Self::Weld | Self::JoinParts | Self::FillHoles | Self::AddBase | Self::RemoveDebris => &[BoundaryEdges],
+            Self::ThickenSheets => &[BoundaryEdges, MisorientedEdges],
             Self::RemoveDuplicates => &[DuplicateFaces],
             // A cut edge is two for a while, where only one of them finds its counterpart.
             Self::SplitTJunctions => &[MisorientedEdges, NonmanifoldEdges, DuplicateFaces],
@@ -48,6 +49,11 @@ impl Operator {
             Self::CutApart | Self::Separate => &[BoundaryEdges, DuplicateFaces],
             // A crack whose border lies on a line is closed by faces without area.
             Self::FillHoles => &[DegenerateFaces],
+            // A band between parts that touch.
+            Self::JoinParts => &[DegenerateFaces, NonmanifoldEdges, PinchedVertices],
+            // What was one edge of several faces is so on both skins.
+            Self::ThickenSheets => &[NonmanifoldEdges, PinchedVertices, DegenerateFaces, DuplicateFaces],
+            Self::AddBase => &[NonmanifoldEdges, PinchedVertices],
             Self::Resolve => &[BoundaryEdges, MisorientedEdges, PinchedVertices, DegenerateFaces, DuplicateFaces],
             Self::RemoveDebris => &[PinchedVertices],
         }

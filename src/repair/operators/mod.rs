@@ -9,6 +9,7 @@ mod counts;
 mod name;
 mod run;
 
+pub mod base;
 pub mod clean_and_patch;
 pub mod cut;
 pub mod debris;
@@ -16,9 +17,11 @@ pub mod degenerate;
 pub mod duplicates;
 pub mod foldovers;
 pub mod holes;
+pub mod join;
 mod local;
 pub mod membranes;
 pub mod one_sided;
+mod open_parts;
 pub mod orient;
 pub mod overlaps;
 pub mod quantise;
@@ -28,12 +31,14 @@ pub mod sew;
 pub mod slivers;
 pub mod stitch;
 pub mod t_junctions;
+pub mod thicken;
 mod triangulate;
 mod walls;
 pub mod weld;
 
 pub use counts::{Counter, Counts};
 pub use name::Operator;
+use open_parts::open_parts;
 pub(super) use run::Scope;
 
 use super::Change;

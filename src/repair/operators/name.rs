@@ -38,10 +38,16 @@ pub enum Operator {
     CutOneSided,
     /// Cut apart what meets in non-manifold edges and vertices.
     CutApart,
+    /// Join open parts where their boundaries come nearest.
+    JoinParts,
     /// Close holes.
     FillHoles,
     /// Remove what is bad with growing rings around it, and close the holes, while that makes it better.
     CleanAndPatch,
+    /// Give open sheets a thickness.
+    ThickenSheets,
+    /// Extrude open sheets down to a plane.
+    AddBase,
     /// Unite what overlaps, so that no faces intersect.
     Resolve,
     /// Remove open bits that enclose nothing and that no printer could make.
@@ -68,8 +74,11 @@ impl Operator {
         Self::RemoveMembranes,
         Self::CutOneSided,
         Self::CutApart,
+        Self::JoinParts,
         Self::FillHoles,
         Self::CleanAndPatch,
+        Self::ThickenSheets,
+        Self::AddBase,
         Self::Resolve,
         Self::RemoveDebris,
         Self::Separate,
@@ -78,7 +87,7 @@ impl Operator {
     /// Whether a plan leaves it out unless the options ask for it with `with`.
     #[must_use]
     pub fn is_on_request(self) -> bool {
-        matches!(self, Self::RemoveOverlappingNeighbours)
+        matches!(self, Self::RemoveOverlappingNeighbours | Self::JoinParts)
     }
 
     /// The name used in JSON and on the command line.
@@ -100,8 +109,11 @@ impl Operator {
             Self::RemoveMembranes => "remove_membranes",
             Self::CutOneSided => "cut_one_sided",
             Self::CutApart => "cut_apart",
+            Self::JoinParts => "join_parts",
             Self::FillHoles => "fill_holes",
             Self::CleanAndPatch => "clean_and_patch",
+            Self::ThickenSheets => "thicken_sheets",
+            Self::AddBase => "add_base",
             Self::Resolve => "resolve",
             Self::RemoveDebris => "remove_debris",
             Self::Separate => "separate",

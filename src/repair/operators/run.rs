@@ -1,3 +1,4 @@
+use super::base::AddBase;
 use super::clean_and_patch::CleanAndPatch;
 use super::cut::{Pairing, Pinches, cut_apart};
 use super::debris::remove_debris;
@@ -5,6 +6,7 @@ use super::degenerate::{remove_caps, remove_collapsed};
 use super::duplicates::remove_duplicates;
 use super::foldovers::UnfoldFoldovers;
 use super::holes::FillHoles;
+use super::join::JoinParts;
 use super::membranes::remove_membranes;
 use super::one_sided::CutOneSided;
 use super::orient::Orient;
@@ -16,13 +18,14 @@ use super::sew::Sew;
 use super::slivers::RemoveSlivers;
 use super::stitch::Stitch;
 use super::t_junctions::SplitTJunctions;
+use super::thicken::{Skins, ThickenSheets};
 use super::weld::Weld;
 use super::{Applied, Operator};
 use crate::arrange::{Inside, ManifoldRust};
 use crate::format::Format;
 use crate::inspect::Tolerances;
 use crate::mesh::Surface;
-use crate::repair::{Cancelled, Change, Context, Options};
+use crate::repair::{Cancelled, Change, Context, OpenSheets, Options};
 
 /// What an operator's parameters follow from.
 #[derive(Debug, Clone, Copy)]
@@ -50,6 +53,7 @@ impl Operator {
         context: &Context<'_>,
     ) -> Result<Applied, Cancelled> {
         let options = scope.options;
+        let to_f32 = scope.format == Format::Stl;
         Ok(match self {
             Self::RoundCoordinates if scope.format != Format::Stl => Applied::default(),
             Self::RoundCoordinates => Change::list([("vertices_rounded_to_f32", quantise(surface))]).into(),
@@ -92,6 +96,16 @@ impl Operator {
                 CutOneSided { most: scope.reach, to_f32: scope.format == Format::Stl }.apply(surface, context)?
             }
             Self::CutApart => cut_apart(surface, scope.pairing, Pinches::KeepAtBoundaries, context)?.into(),
+            Self::JoinParts => JoinParts { most: scope.reach }.apply(surface, context)?,
+            Self::ThickenSheets => {
+                let asked = options.open_sheets == OpenSheets::Thicken;
+                let skins = if asked { Skins::BothSides } else { Skins::Behind };
+                ThickenSheets { thickness: options.thickness, skins, most: scope.reach, to_f32 }
+                    .apply(surface, context)?
+            }
+            Self::AddBase => {
+                AddBase { thickness: options.thickness, most: scope.reach, to_f32 }.apply(surface, context)?
+            }
             Self::FillHoles => {
                 let filled = FillHoles { max_edges: options.max_hole_edges }.apply(surface, context)?;
                 Applied { left: filled.in_words(), changes: filled.changes, ..Applied::default() }

@@ -1,0 +1,174 @@
+//! Open sheets put on a base.
+
+use glam::DVec3;
+
+use super::quantise::rounded;
+use super::thicken::THICKNESS;
+use super::{Applied, open_parts};
+use crate::math::{Box3, Sign, orient2d, to_unit_range};
+use crate::mesh::{Edges, Surface};
+use crate::repair::{Cancelled, Change, Context};
+
+/// Extrudes open sheets down to a plane.
+#[derive(Debug, Clone, Copy)]
+pub struct AddBase {
+    /// Distance from the lowest point to the plane, in the model's unit; without it [`THICKNESS`] of the diagonal.
+    pub thickness: Option<f64>,
+    /// The farthest that the base may be from the sheet, in the model's unit.
+    pub most: f64,
+    /// Whether positions are to be those that an STL file can hold.
+    pub to_f32: bool,
+}
+
+/// A part seen along an axis.
+struct View {
+    /// The axis: 0 to 2 for x to z.
+    axis: usize,
+    /// 1 where up is along the axis, -1 where it is against it.
+    up: f64,
+    /// Whether the faces look down and must be turned.
+    turned: bool,
+}
+
+impl AddBase {
+    /// Gives each open part that is a height field vertical skirts along its boundary and a flat bottom below its lowest
+    /// point.
+    ///
+    /// ```text
+    ///     __/\__/\_            __/\__/\_
+    ///    /         \    ->    |         |  skirt
+    ///                         |_________|  bottom
+    /// ```
+    ///
+    /// Up is z where the part is a height field over the plane of x and y, and else the axis nearest to its mean normal, on
+    /// the side to which it looks. The bottom is the picture of the sheet's own faces on the plane, so that it is exact, fits
+    /// every hole, and needs no triangulation that could fail.
+    ///
+    /// Precondition: consistent winding. Result: each part that was a height field is closed; no vertex moves; a part that
+    /// looked down is turned. Leaves: parts of which some face is vertical or hangs over, and those whose base would be
+    /// farther away than `most`.
+    ///
+    /// # Errors
+    /// [`Cancelled`] when the work should stop; the surface is then unchanged.
+    pub fn apply(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
+        let open = open_parts(surface);
+        if open.count == 0 {
+            return Ok(Applied::default());
+        }
+        let diagonal = Box3::of(surface.positions.iter().copied()).diagonal();
+        let thickness = self.thickness.unwrap_or(THICKNESS * diagonal);
+        let unit = to_unit_range(&surface.positions);
+        let mut by_part: Vec<Vec<u32>> = Vec::new();
+        by_part.resize_with(usize::try_from(open.count).unwrap_or(0), Vec::new);
+        for (&f, &part) in open.faces.iter().zip(&open.part) {
+            by_part[part as usize].push(f);
+        }
+        let (mut based, mut turned, mut no_field, mut too_far) = (0, 0, 0u64, 0u64);
+        for faces in &by_part {
+            context.check()?;
+            let Some(view) = View::of(surface, &unit, faces) else {
+                no_field += 1;
+                continue;
+            };
+            let heights = || faces.iter().flat_map(|&f| surface.corners(f as usize)).map(|p| p[view.axis] * view.up);
+            let (lowest, highest) = heights().fold((f64::MAX, f64::MIN), |(l, h), x| (l.min(x), h.max(x)));
+            let mut plane = DVec3::splat((lowest - thickness) * view.up);
+            if self.to_f32 {
+                plane = rounded(plane);
+            }
+            let plane = plane.x;
+            if highest - plane * view.up > self.most || plane * view.up >= lowest || !plane.is_finite() {
+                too_far += 1;
+                continue;
+            }
+            if !extrude(surface, faces, &view, plane) {
+                no_field += 1;
+                continue;
+            }
+            based += 1;
+            turned += u64::from(view.turned);
+        }
+        let why = [
+            (no_field, "are no height field over a plane, so that no base fits below them"),
+            (too_far, "were left, since the base would be too far away or too thin"),
+        ];
+        let why: Vec<_> = why.into_iter().filter(|w| w.0 > 0).map(|(n, why)| format!("{n} open parts {why}")).collect();
+        let changes = Change::list([("bases_added", based), ("open_parts_turned", turned)]);
+        Ok(Applied { changes, left: (!why.is_empty()).then(|| why.join("; ")), ..Applied::default() })
+    }
+}
+
+impl View {
+    /// How a part is a height field, if it is one.
+    fn of(surface: &Surface, unit: &[DVec3], faces: &[u32]) -> Option<Self> {
+        let normal: DVec3 = faces.iter().map(|&f| surface.area_vector(f as usize)).sum();
+        let main = (0..3).fold(2, |best, axis| if normal[axis].abs() > normal[best].abs() { axis } else { best });
+        let signs = |axis: usize| {
+            let sign = |f: &u32| sign_along(unit, surface.faces[*f as usize], axis);
+            let first = sign(faces.first()?);
+            (first != Sign::Zero && faces.iter().all(|f| sign(f) == first)).then_some(first == Sign::Positive)
+        };
+        if let Some(looks_up) = signs(2) {
+            return Some(Self { axis: 2, up: 1.0, turned: !looks_up });
+        }
+        let looks_along = signs(main)?;
+        Some(Self { axis: main, up: if looks_along { 1.0 } else { -1.0 }, turned: false })
+    }
+}
+
+/// The coordinates other than that along an axis, so that they turn counter-clockwise seen from its end.
+fn flat(p: DVec3, axis: usize) -> [f64; 2] {
+    [p[(axis + 1) % 3], p[(axis + 2) % 3]]
+}
+
+/// To which side of an axis a face is turned.
+fn sign_along(unit: &[DVec3], face: [u32; 3], axis: usize) -> Sign {
+    let [a, b, c] = face.map(|v| flat(unit[v as usize], axis));
+    orient2d(a, b, c)
+}
+
+/// Adds skirts and bottom. Whether it could, for which the part must be a surface.
+fn extrude(surface: &mut Surface, faces: &[u32], view: &View, plane: f64) -> bool {
+    let of_part: Vec<[u32; 3]> = faces.iter().map(|&f| surface.faces[f as usize]).collect();
+    let part = Surface { positions: surface.positions.clone(), source: vec![0; faces.len()], faces: of_part };
+    let edges = Edges::new(&part.faces);
+    if edges.iter().any(|h| h.len() > 2) {
+        return false;
+    }
+    // The picture of faces that are all turned one way covers what is below them and has no face without area.
+    let bottom: Vec<[u32; 3]> = part.faces.iter().map(|&[a, b, c]| [a, c, b]).collect();
+    let mut below = vec![u32::MAX; surface.positions.len()];
+    let mut project = |surface: &mut Surface, v: u32| {
+        if below[v as usize] == u32::MAX {
+            #[expect(clippy::cast_possible_truncation, reason = "vertices are counted in u32")]
+            {
+                below[v as usize] = surface.positions.len() as u32;
+            }
+            let mut p = surface.positions[v as usize];
+            p[view.axis] = plane;
+            surface.positions.push(p);
+        }
+        below[v as usize]
+    };
+    let mut made = Vec::new();
+    for half_edges in edges.iter() {
+        if let &[h] = half_edges {
+            let [u, v] = Edges::ends(&part.faces, h);
+            let [u1, v1] = [u, v].map(|v| project(surface, v));
+            made.extend([[v, u, u1], [v, u1, v1]]);
+        }
+    }
+    made.extend(bottom.into_iter().map(|face| face.map(|v| project(surface, v))));
+    for mut face in made {
+        if view.turned {
+            face.swap(1, 2);
+        }
+        surface.push_patch(face);
+    }
+    if view.turned {
+        for &f in faces {
+            surface.faces[f as usize].swap(1, 2);
+        }
+    }
+    true
+}

@@ -1,0 +1,152 @@
+//! Open sheets made solid.
+
+mod cover;
+mod offset;
+
+use cover::Cover;
+use glam::DVec3;
+use offset::Offsets;
+
+use super::quantise::rounded;
+use super::{Applied, open_parts};
+use crate::math::Box3;
+use crate::mesh::{Edges, Surface};
+use crate::repair::{Cancelled, Change, Context};
+
+/// The thickness that a sheet gets where none is asked for, as a share of the model's diagonal: on a print of 200 mm it is
+/// 0.6 mm, wider than the usual nozzle of 0.4 mm, and less than anyone sees on the whole.
+pub const THICKNESS: f64 = 3e-3;
+/// A thickness must be so many steps of f32 at the largest coordinate, or the two skins would fall together by rounding.
+const LEAST_STEPS: f64 = 64.0;
+
+/// Where the two skins of a thickened sheet lie.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Skins {
+    /// The front stays where the sheet is, to the bit, and the back lies behind it, against the sheet's normal.
+    Behind,
+    /// Each half the thickness off, so that the sheet is the middle of the solid.
+    BothSides,
+}
+
+/// Makes each open part a solid: two skins and a rim between them.
+#[derive(Debug, Clone, Copy)]
+pub struct ThickenSheets {
+    /// Distance between the skins, in the model's unit; without it [`THICKNESS`] of the diagonal.
+    pub thickness: Option<f64>,
+    /// Where the skins lie.
+    pub skins: Skins,
+    /// The farthest that a skin may be from the sheet, in the model's unit.
+    pub most: f64,
+    /// Whether positions are to be those that an STL file can hold.
+    pub to_f32: bool,
+}
+
+impl ThickenSheets {
+    /// Replaces each open part by the boundary of a thin solid around it.
+    ///
+    /// ```text
+    ///                          front  .______.______.
+    ///    .______.______.   ->         |             |  rim
+    ///                           back  .______.______.
+    /// ```
+    ///
+    /// The skins are the part's double cover: two copies of each face, one for each side, which go on across an edge into
+    /// the copies for the same side of the surface, and are joined by a rim along the boundary. So a one-sided part, such as
+    /// a Möbius band, gets one skin that goes around twice, and any part gives a closed, consistently wound surface. A
+    /// vertex is moved along the mean of its faces' normals, weighted by angle, and as far as keeps the thickness on all
+    /// of them, up to twice the thickness at sharp folds.
+    ///
+    /// Precondition: what is no surface was cut apart, and holes were closed: what is open now is taken for a sheet. Result:
+    /// no part has a boundary; with [`Skins::Behind`] every face stays but those at the seam of a one-sided part. Skins may
+    /// cross one another and other parts where the sheet bends sharply or parts touch, which is for
+    /// [`super::resolve`] to unite. Leaves: everything where the thickness would vanish by rounding or be more than
+    /// `most`.
+    ///
+    /// # Errors
+    /// [`Cancelled`] when the work should stop; the surface is then unchanged.
+    pub fn apply(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
+        let open = open_parts(surface);
+        if open.count == 0 {
+            return Ok(Applied::default());
+        }
+        let bounds = Box3::of(surface.positions.iter().copied());
+        let wanted = self.thickness.unwrap_or(THICKNESS * bounds.diagonal());
+        let farthest = if self.skins == Skins::Behind { offset::MITER } else { offset::MITER / 2.0 };
+        let thickness = wanted.min(self.most / farthest);
+        let largest = bounds.min.abs().max(bounds.max.abs()).max_element();
+        let least = LEAST_STEPS * f64::from(f32::EPSILON) * largest;
+        if !thickness.is_finite() || thickness <= least {
+            let left =
+                format!("{} open parts were left: a thickness of {thickness} would vanish by rounding", open.count);
+            return Ok(Applied { left: Some(left), ..Applied::default() });
+        }
+        let cover = Cover::new(surface, &open.faces, context)?;
+        let offsets = Offsets::new(surface, &cover);
+        context.check()?;
+        let (front, back) = match self.skins {
+            Skins::Behind => (0.0, thickness),
+            Skins::BothSides => (thickness / 2.0, thickness / 2.0),
+        };
+        let ids = place(surface, &cover, |fan, side| {
+            let step = offsets.of(fan) * if side == 0 { front } else { -back };
+            let p = surface.positions[cover.vertex(fan) as usize] + step;
+            let q = if self.to_f32 { rounded(p) } else { p };
+            if q.is_finite() { q } else { p }
+        });
+        let rim = cover.boundary.len() as u64;
+        put(surface, &cover, &ids);
+        let changes = Change::list([("sheets_thickened", open.count), ("rim_edges_closed", rim)]);
+        let moved = if front > 0.0 { front * offset::MITER } else { 0.0 };
+        Ok(Applied { changes, moved, left: Some(format!("at a thickness of {thickness:.6}")), ..Applied::default() })
+    }
+}
+
+/// The vertices of the two sides of each fan.
+struct Ids {
+    of_fan: Vec<[u32; 2]>,
+    positions: Vec<DVec3>,
+}
+
+/// Where the first front at a vertex stays where it is it keeps the vertex; all others are new, since other faces may lean on
+/// the old one.
+fn place(surface: &Surface, cover: &Cover, at: impl Fn(usize, usize) -> DVec3) -> Ids {
+    let mut positions = surface.positions.clone();
+    let mut taken = vec![false; positions.len()];
+    let mut of_fan = Vec::with_capacity(cover.fans());
+    for fan in 0..cover.fans() {
+        let v = cover.vertex(fan) as usize;
+        let mut ids = [0; 2];
+        for (side, id) in ids.iter_mut().enumerate() {
+            let p = at(fan, side);
+            #[expect(clippy::cast_possible_truncation, reason = "vertices are counted in u32")]
+            if side == 0 && p == positions[v] && !std::mem::replace(&mut taken[v], true) {
+                *id = v as u32;
+            } else {
+                *id = positions.len() as u32;
+                positions.push(p);
+            }
+        }
+        of_fan.push(ids);
+    }
+    Ids { of_fan, positions }
+}
+
+/// Puts the skins and the rim in the place of the sheet.
+fn put(surface: &mut Surface, cover: &Cover, ids: &Ids) {
+    let id = |corner: usize, side: usize| {
+        let (fan, turned) = cover.at(corner);
+        ids.of_fan[fan][side ^ usize::from(turned)]
+    };
+    surface.positions.clone_from(&ids.positions);
+    for (i, &f) in cover.faces.iter().enumerate() {
+        surface.faces[f as usize] = [0, 1, 2].map(|c| id(3 * i + c, 0));
+    }
+    for i in 0..cover.faces.len() {
+        surface.push_patch([0, 2, 1].map(|c| id(3 * i + c, 1)));
+    }
+    for &h in &cover.boundary {
+        let (u, v) = (h as usize, Edges::next(h) as usize);
+        surface.push_patch([id(v, 0), id(u, 0), id(u, 1)]);
+        surface.push_patch([id(v, 0), id(u, 1), id(v, 1)]);
+    }
+}

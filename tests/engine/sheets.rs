@@ -1,0 +1,333 @@
+//! Open sheets made solid, and parts joined.
+
+use std::sync::atomic::AtomicBool;
+use std::time::Duration;
+
+use glam::DVec3;
+use meshmend::format::{self, Format, Limits};
+use meshmend::inspect::{Measures, measure};
+use meshmend::mesh::{Soup, Surface};
+use meshmend::repair::operators::base::AddBase;
+use meshmend::repair::operators::holes::FillHoles;
+use meshmend::repair::operators::join::JoinParts;
+use meshmend::repair::operators::thicken::{Skins, ThickenSheets};
+use meshmend::repair::operators::{Applied, Counter, Counts};
+use meshmend::repair::{
+    Action, Category, Context, NoProgress, OpenSheets, Operator, Options, Outcome, Repaired, StepStatus, repair,
+};
+use proptest::prelude::*;
+
+use crate::meshes::{as_f32, cube, join, push, sheet, torus};
+use crate::operators::{count, with_context};
+
+fn measured(surface: &Surface) -> Measures {
+    with_context(|c| measure(&surface.to_soup(), c)).unwrap()
+}
+
+fn thickened(soup: &Soup, thickness: f64, skins: Skins) -> (Surface, Applied) {
+    let (mut surface, _) = Surface::from_soup(soup);
+    let thicken = ThickenSheets { thickness: Some(thickness), skins, most: f64::INFINITY, to_f32: true };
+    let applied = with_context(|c| thicken.apply(&mut surface, c)).unwrap();
+    surface.drop_unreferenced();
+    (surface, applied)
+}
+
+fn based(soup: &Soup, thickness: f64) -> (Surface, Applied) {
+    let (mut surface, _) = Surface::from_soup(soup);
+    let base = AddBase { thickness: Some(thickness), most: f64::INFINITY, to_f32: true };
+    let applied = with_context(|c| base.apply(&mut surface, c)).unwrap();
+    (surface, applied)
+}
+
+fn run(soup: &Soup, options: &Options) -> Repaired {
+    let bytes = format::write(soup, Format::Stl).unwrap();
+    let cancel = AtomicBool::new(false);
+    let clock = || Duration::ZERO;
+    let context = Context::new(&NoProgress, &cancel, &clock, Duration::from_secs(600));
+    repair(&bytes, options, &Limits::default(), None, &context).unwrap()
+}
+
+/// A band of `n` quads that goes around with a half turn.
+fn moebius(n: u32) -> Soup {
+    let at = |i: u32, side: f64| {
+        let turn = f64::from(i % n) / f64::from(n) * std::f64::consts::TAU;
+        let side = if i == n { -side } else { side };
+        let r = 10.0 + side * (turn / 2.0).cos();
+        DVec3::new(r * turn.cos(), r * turn.sin(), side * (turn / 2.0).sin())
+    };
+    let mut soup = Soup::default();
+    for i in 0..n {
+        let q = [at(i, -1.0), at(i + 1, -1.0), at(i + 1, 1.0), at(i, 1.0)];
+        push(&mut soup, [q[0], q[1], q[2]]);
+        push(&mut soup, [q[0], q[2], q[3]]);
+    }
+    soup
+}
+
+/// The corners of faces, each face beginning with its least one, to look faces up by where they are.
+fn places(soup: &Soup) -> Vec<[[u64; 3]; 3]> {
+    let mut all: Vec<_> = soup
+        .faces
+        .iter()
+        .map(|f| {
+            let mut corners = f.map(|v| soup.positions[v as usize].to_array().map(|x| (x + 0.0).to_bits()));
+            let least = (0..3).min_by_key(|&i| corners[i]).unwrap();
+            corners.rotate_left(least);
+            corners
+        })
+        .collect();
+    all.sort_unstable();
+    all
+}
+
+fn keeps_every_face(surface: &Surface, soup: &Soup) -> bool {
+    let after = places(&surface.to_soup());
+    places(soup).iter().all(|face| after.binary_search(face).is_ok())
+}
+
+#[test]
+fn a_thickened_sheet_is_a_solid_of_its_area_times_the_thickness() {
+    let soup = as_f32(sheet(20));
+    let area = with_context(|c| measure(&soup, c)).unwrap().area;
+    for skins in [Skins::Behind, Skins::BothSides] {
+        let (surface, applied) = thickened(&soup, 0.05, skins);
+        let m = measured(&surface);
+        assert!(m.closed && m.manifold && m.consistent && m.parts == 1, "{m:?}");
+        assert_eq!(m.self_intersections.pairs, Some(0));
+        assert!((m.volume.value / (area * 0.05) - 1.0).abs() < 0.02, "{} for {}", m.volume.value, area * 0.05);
+        assert_eq!(count(&applied.changes, "sheets_thickened"), 1);
+        assert_eq!(keeps_every_face(&surface, &soup), skins == Skins::Behind);
+    }
+}
+
+#[test]
+fn the_back_of_a_sheet_is_against_its_normal_and_both_sides_are_half_the_thickness_off() {
+    let mut soup = Soup::default();
+    push(&mut soup, [DVec3::ZERO, DVec3::X, DVec3::Y]);
+    let heights = |skins| {
+        let (surface, _) = thickened(&soup, 0.25, skins);
+        let z: Vec<f64> = surface.positions.iter().map(|p| p.z).collect();
+        (z.iter().copied().fold(f64::MAX, f64::min), z.iter().copied().fold(f64::MIN, f64::max))
+    };
+    assert_eq!(heights(Skins::Behind), (-0.25, 0.0));
+    assert_eq!(heights(Skins::BothSides), (-0.125, 0.125));
+}
+
+#[test]
+fn a_moebius_band_gets_one_skin_that_goes_around_twice() {
+    for skins in [Skins::Behind, Skins::BothSides] {
+        let (surface, _) = thickened(&as_f32(moebius(48)), 0.1, skins);
+        let m = measured(&surface);
+        assert!(m.closed && m.manifold && m.consistent, "{m:?}");
+        assert_eq!((m.parts, m.faces), (1, 48 * 4 + 2 * 48 * 2));
+        assert!(m.volume.value > 0.0);
+    }
+}
+
+#[test]
+fn a_closed_part_beside_a_sheet_is_untouched() {
+    let solid = cube(DVec3::splat(40.0), 1.0, 2);
+    let (surface, applied) = thickened(&join(&as_f32(sheet(3)), &solid), 0.1, Skins::BothSides);
+    assert!(keeps_every_face(&surface, &solid));
+    assert_eq!(count(&applied.changes, "sheets_thickened"), 1);
+}
+
+#[test]
+fn a_thickness_that_rounding_would_swallow_is_refused() {
+    let soup = as_f32(sheet(3));
+    let (surface, applied) = thickened(&soup, 1e-6, Skins::Behind);
+    assert_eq!(surface.faces.len(), soup.faces.len());
+    assert!(applied.changes.is_empty() && applied.left.unwrap().contains("rounding"));
+}
+
+#[test]
+fn a_thickness_stays_within_what_may_be_moved() {
+    let (mut surface, _) = Surface::from_soup(&as_f32(sheet(6)));
+    let thicken = ThickenSheets { thickness: Some(1.0), skins: Skins::Behind, most: 0.02, to_f32: true };
+    with_context(|c| thicken.apply(&mut surface, c)).unwrap();
+    let flat = |p: &DVec3| p.z - 0.3 * p.x.sin();
+    assert!(surface.positions.iter().all(|p| flat(p) > -0.03));
+}
+
+#[test]
+fn terrain_is_put_on_a_flat_base_around_its_hole() {
+    let mut soup = as_f32(sheet(8));
+    soup.faces.drain(70..72);
+    let area = 62.0 + 1.0;
+    let (surface, applied) = based(&soup, 1.0);
+    let m = measured(&surface);
+    assert!(m.closed && m.manifold && m.consistent, "{m:?}");
+    assert_eq!(m.self_intersections.pairs, Some(0));
+    assert_eq!(count(&applied.changes, "bases_added"), 1);
+    assert!(keeps_every_face(&surface, &soup));
+    // 0.3 sin(x) is at its lowest at x = 5 on this grid.
+    let lowest = f64::from((0.3 * 5f64.sin()) as f32);
+    assert!((m.bounding_box.unwrap().min[2] - (lowest - 1.0)).abs() < 1e-6);
+    assert!(m.volume.value > 0.9 * area && m.volume.value < 1.6 * area, "{}", m.volume.value);
+    // Skirts along 32 edges around and 4 of the hole.
+    assert_eq!(surface.faces.len(), 2 * soup.faces.len() + 2 * 36);
+}
+
+#[test]
+fn terrain_that_looks_down_is_turned_and_still_stands_on_its_base() {
+    let soup = crate::meshes::inside_out(as_f32(sheet(5)));
+    let (surface, applied) = based(&soup, 1.0);
+    let m = measured(&surface);
+    assert!(m.closed && m.consistent && m.volume.value > 0.0, "{m:?}");
+    assert_eq!(count(&applied.changes, "open_parts_turned"), 1);
+}
+
+#[test]
+fn a_sheet_along_another_axis_is_extruded_along_it() {
+    let mut soup = as_f32(sheet(5));
+    for p in &mut soup.positions {
+        *p = DVec3::new(p.z, p.x, p.y);
+    }
+    let m = measured(&based(&soup, 1.0).0);
+    assert!(m.closed && m.manifold && m.volume.value > 0.0, "{m:?}");
+    assert!(m.bounding_box.unwrap().min[0] < -1.0);
+}
+
+#[test]
+fn what_is_no_height_field_gets_no_base() {
+    let mut soup = torus(3.0, 1.0, 16, 8);
+    soup.faces.truncate(200);
+    let (surface, applied) = based(&soup, 1.0);
+    assert_eq!(surface.faces.len(), 200);
+    assert!(applied.left.unwrap().contains("no height field"));
+}
+
+#[test]
+fn two_open_tubes_are_joined_and_their_holes_closed_around_both() {
+    let tube = |z: f64| {
+        let mut soup = cube(DVec3::new(0.0, 0.0, z), 1.0, 2);
+        soup.faces.retain(|f| {
+            let z = f.map(|v| soup.positions[v as usize].z);
+            !(z[0] == z[1] && z[1] == z[2])
+        });
+        soup
+    };
+    let (mut surface, _) = Surface::from_soup(&join(&tube(0.0), &tube(1.5)));
+    let applied = with_context(|c| JoinParts { most: f64::INFINITY }.apply(&mut surface, c)).unwrap();
+    assert_eq!(count(&applied.changes, "parts_joined"), 1);
+    let joined = Counts::of(&surface);
+    assert_eq!(joined.get(Counter::MisorientedEdges) + joined.get(Counter::NonmanifoldEdges), 0);
+    with_context(|c| FillHoles { max_edges: 100 }.apply(&mut surface, c)).unwrap();
+    let m = measured(&surface);
+    assert!(m.closed && m.consistent && m.parts == 1, "{m:?}");
+}
+
+#[test]
+fn parts_too_far_from_one_another_are_not_joined() {
+    let (mut surface, _) = Surface::from_soup(&join(&sheet(2), &sheet(2)));
+    for p in surface.positions.iter_mut().skip(9) {
+        p.z += 50.0;
+    }
+    let applied = with_context(|c| JoinParts { most: 1.0 }.apply(&mut surface, c)).unwrap();
+    assert!(applied.changes.is_empty());
+}
+
+#[test]
+fn joining_runs_on_request_only_and_warns() {
+    let soup = join(&as_f32(sheet(4)), &{
+        let mut other = as_f32(sheet(4));
+        other.positions.iter_mut().for_each(|p| p.x += 5.0);
+        other
+    });
+    let ran = |it: &Repaired| it.report.steps.iter().any(|s| s.operator == Some(Operator::JoinParts));
+    let asked = Options {
+        with: vec![Operator::JoinParts],
+        open_sheets: OpenSheets::Thicken,
+        max_tier: 2,
+        ..Options::default()
+    };
+    let it = run(&soup, &asked);
+    assert!(ran(&it) && it.report.warnings.iter().any(|w| w.contains("changes the model")), "{:?}", it.report.warnings);
+    assert!(!ran(&run(&soup, &Options { with: vec![], ..asked })));
+}
+
+/// A box with a wing that goes through it and sticks out on both sides.
+fn box_with_a_wing() -> Soup {
+    let mut soup = cube(DVec3::ZERO, 4.0, 2);
+    let at = |x: f64, y: f64| DVec3::new(x, y, 2.1);
+    push(&mut soup, [at(-6.0, 1.1), at(10.0, 1.2), at(10.0, 2.9)]);
+    push(&mut soup, [at(-6.0, 1.1), at(10.0, 2.9), at(-6.0, 2.8)]);
+    as_f32(soup)
+}
+
+#[test]
+fn a_wing_through_a_box_becomes_part_of_the_solid_and_nothing_of_the_box_goes() {
+    let soup = box_with_a_wing();
+    let it = run(&soup, &Options { max_tier: 2, ..Options::default() });
+    let after = it.report.after.as_ref().unwrap();
+    assert_eq!(it.report.outcome, Outcome::Repaired, "{:#?}", it.report.steps);
+    assert!(after.measures.printable());
+    assert!(after.measures.volume.value > 64.0 && after.measures.volume.value < 66.5);
+    let result = format::read(&it.bytes, &Limits::default()).unwrap().soup;
+    let (surface, _) = Surface::from_soup(&result);
+    // The sides that the wing does not go through stand as they were.
+    let mut untouched = cube(DVec3::ZERO, 4.0, 2);
+    untouched.faces.retain(|f| {
+        let x = f.map(|v| untouched.positions[v as usize].x);
+        !(x[0] == x[1] && x[1] == x[2])
+    });
+    assert!(keeps_every_face(&surface, &untouched));
+    let close = it.report.plan.rungs.iter().position(|r| r.actions.iter().any(|a| a.action == Action::CloseSheets));
+    assert_eq!(it.report.candidates.iter().find(|c| c.chosen).unwrap().rung, close.map(|c| c as u32));
+    assert!(it.report.warnings.iter().any(|w| w.contains("thickness")));
+}
+
+#[test]
+fn sheets_are_left_where_that_is_asked_for() {
+    let options = Options { open_sheets: OpenSheets::Leave, max_tier: 2, ..Options::default() };
+    let it = run(&box_with_a_wing(), &options);
+    assert!(it.report.steps.iter().all(|s| s.action != Action::CloseSheets));
+}
+
+#[test]
+fn a_model_that_is_a_sheet_is_made_solid_only_when_that_is_asked_for() {
+    let soup = as_f32(sheet(12));
+    let with =
+        |open_sheets| run(&soup, &Options { open_sheets, max_tier: 2, thickness: Some(0.2), ..Options::default() });
+    let left = with(OpenSheets::Auto);
+    assert_eq!((left.report.outcome, left.report.plan.category), (Outcome::Unrepairable, Category::OpenSheet));
+    for asked in [OpenSheets::Thicken, OpenSheets::Base] {
+        let it = with(asked);
+        assert_eq!(it.report.outcome, Outcome::Repaired, "{asked:?} {:#?}", it.report.steps);
+    }
+}
+
+#[test]
+fn sheets_are_closed_in_a_rung_of_their_own_only_where_something_was_left_open() {
+    let soup = join(&cube(DVec3::ZERO, 1.0, 1), &cube(DVec3::new(1.0, 1.0, 0.0), 1.0, 1));
+    let it = run(&soup, &Options { max_tier: 2, ..Options::default() });
+    let ran = |s: &&meshmend::repair::Step| s.action == Action::CloseSheets && s.status != StepStatus::Skipped;
+    assert_eq!(it.report.steps.iter().find(ran), None);
+}
+
+#[test]
+fn a_thickness_must_be_above_zero() {
+    for thickness in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+        let options = Options { thickness: Some(thickness), ..Options::default() };
+        assert!(options.validate().is_err(), "{thickness}");
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(48))]
+
+    #[test]
+    fn any_faces_at_all_become_closed_and_consistently_wound_by_index(
+        faces in prop::collection::vec([0u32..9, 0u32..9, 0u32..9], 1..24),
+        points in prop::collection::vec([-5.0f64..5.0, -5.0f64..5.0, -5.0f64..5.0], 9),
+    ) {
+        let positions = points.into_iter().map(DVec3::from_array).collect();
+        let faces: Vec<[u32; 3]> = faces.into_iter().filter(|[a, b, c]| a != b && b != c && c != a).collect();
+        let soup = as_f32(Soup { positions, faces });
+        for skins in [Skins::Behind, Skins::BothSides] {
+            let (surface, _) = thickened(&soup, 0.1, skins);
+            let parts_open = Counts::of(&surface).get(Counter::BoundaryEdges);
+            prop_assert_eq!(parts_open, 0);
+        }
+    }
+}
