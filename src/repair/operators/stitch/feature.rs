@@ -3,6 +3,9 @@ use crate::repair::operators::border::{Border, Near};
 /// The least cosine of the angle between boundary edges that are one straight line.
 const STRAIGHT: f64 = 0.985;
 
+/// What looking at a feature costs, in looks at an edge.
+const STEPS_TO_CHOOSE: u64 = 16;
+
 /// Vertices along a straight line that are looked at: as many as can be nearer than half of an edge.
 const MOST_AHEAD: usize = 64;
 
@@ -54,7 +57,8 @@ impl Search {
         let courses = border.courses(v);
         let mut best: Option<(f64, Feature)> = None;
         for it in near {
-            if best.is_some_and(|(distance, _)| distance <= it.distance) {
+            border.steps = border.steps.saturating_sub(STEPS_TO_CHOOSE);
+            if border.steps == 0 || best.is_some_and(|(distance, _)| distance <= it.distance) {
                 break;
             }
             // An edge straight ahead is nearest at an end, which is no feature then.
