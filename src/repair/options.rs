@@ -2,6 +2,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 
 use super::Operator;
+use super::operators::holes::HoleFilling;
 use crate::format::Format;
 use crate::inspect::OptionsError;
 
@@ -103,6 +104,18 @@ pub struct Options {
     /// Most edges around a hole that tier 1 closes.
     #[schema(minimum = 3, maximum = 100000)]
     pub max_hole_edges: u32,
+    /// Largest extent of a hole that is closed, as a share of the bounding box's diagonal; 1 closes holes of any size.
+    #[schema(minimum = 0.0, maximum = 1.0)]
+    pub max_hole_size: f64,
+    /// Most holes that are closed; of more, the smallest are.
+    #[schema(minimum = 0, maximum = 4294967295u64)]
+    pub max_holes: u32,
+    /// How the triangles of a hole's patch are chosen.
+    pub hole_filling: HoleFilling,
+    /// Whether patches that are not plane get inner vertices, as close together as those around.
+    pub refine_patches: bool,
+    /// Whether patches are refined and then bent so that they go on smoothly from the surface around.
+    pub fair_patches: bool,
     /// Blender's voxel edge in the model's unit. Without it the size follows from `voxel_resolution`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub voxel_size: Option<f64>,
@@ -132,6 +145,11 @@ impl Default for Options {
             max_surface_lost_pct: 1.0,
             weld_tolerance: 1e-6,
             max_hole_edges: 10_000,
+            max_hole_size: 1.0,
+            max_holes: 1_000_000,
+            hole_filling: HoleFilling::Auto,
+            refine_patches: false,
+            fair_patches: false,
             voxel_size: None,
             voxel_resolution: 300,
             max_remesh_faces: 2_000_000,
@@ -156,6 +174,7 @@ impl Options {
         number("max_surface_lost_pct", self.max_surface_lost_pct, 0.0, 100.0, "between 0 and 100 percent")?;
         number("weld_tolerance", self.weld_tolerance, 0.0, 0.01, "between 0 and 0.01 of the bounding box's diagonal")?;
         number("max_hole_edges", f64::from(self.max_hole_edges), 3.0, 100_000.0, "between 3 and 100000 edges")?;
+        number("max_hole_size", self.max_hole_size, 0.0, 1.0, "between 0 and 1 of the bounding box's diagonal")?;
         if let Some(most) = self.max_deviation {
             number("max_deviation", most, 0.0, f64::MAX, "a length of zero or more, in the model's unit")?;
         }

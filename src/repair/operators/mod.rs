@@ -18,7 +18,6 @@ mod outside;
 pub mod quantise;
 pub mod resolve;
 pub mod separate;
-mod triangulate;
 mod walls;
 pub mod weld;
 

@@ -55,7 +55,16 @@ impl Operator {
             Self::Orient => orient(surface, context)?.into(),
             Self::CutApart => cut_apart(surface, scope.pairing, Pinches::KeepAtBoundaries, context)?.into(),
             Self::FillHoles => {
-                let filled = FillHoles { max_edges: options.max_hole_edges }.apply(surface, context)?;
+                let filled = FillHoles {
+                    max_edges: options.max_hole_edges,
+                    max_size: options.max_hole_size,
+                    max_holes: options.max_holes,
+                    filling: options.hole_filling,
+                    refine: options.refine_patches,
+                    fair: options.fair_patches,
+                    to_f32: scope.format == Format::Stl,
+                }
+                .apply(surface, context)?;
                 Applied { left: filled.in_words(), changes: filled.changes, ..Applied::default() }
             }
             Self::Resolve => {
