@@ -6,6 +6,7 @@ mod characteristics;
 mod compare;
 mod defects;
 mod formats;
+mod holes;
 mod intersections;
 mod lost;
 mod mend;
