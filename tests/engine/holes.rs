@@ -172,18 +172,31 @@ fn holes_that_touch_in_a_vertex_are_closed_to_one_manifold_surface() {
 }
 
 #[test]
-fn the_border_of_a_dented_hole_gets_a_patch_that_stays_clear_of_the_dent() {
-    // A box whose open top has a spike of surface standing under the middle of it, up to just above the rim's plane: the
-    // flat patch would cut the spike, and the patch that is taken does not.
-    let mut soup = cube(DVec3::ZERO, 1.0, 4);
-    soup.faces.truncate(soup.faces.len() - 32);
-    let tip = DVec3::new(0.5, 0.5, 1.0);
-    let base = [DVec3::new(0.45, 0.45, 0.2), DVec3::new(0.55, 0.45, 0.2), DVec3::new(0.5, 0.55, 0.2)];
-    for i in 0..3 {
-        push(&mut soup, [base[i], base[(i + 1) % 3], tip - DVec3::Z * 0.1]);
+fn of_two_patches_that_which_intersects_nothing_is_taken() {
+    // The rim of a box is a bent square: along one diagonal its patch is a ridge, along the other a valley. A spike ends
+    // between the two, once from below and once from above, so that once the one and once the other is clear.
+    for base in [-0.5, 1.0] {
+        let mut soup = Soup::default();
+        let rim = [(0.0, 0.0, 0.0), (1.0, 0.0, 0.3), (1.0, 1.0, 0.0), (0.0, 1.0, 0.3)].map(DVec3::from);
+        let floor = rim.map(|p| DVec3::new(p.x, p.y, -1.0));
+        for i in 0..4 {
+            let j = (i + 1) % 4;
+            push(&mut soup, [floor[i], floor[j], rim[j]]);
+            push(&mut soup, [floor[i], rim[j], rim[i]]);
+        }
+        push(&mut soup, [floor[0], floor[2], floor[1]]);
+        push(&mut soup, [floor[0], floor[3], floor[2]]);
+        let corner = |x: f64, y: f64| DVec3::new(0.5 + x, 0.5 + y, base);
+        let foot = [corner(-0.1, -0.1), corner(0.1, -0.1), corner(0.0, 0.1)];
+        let tip = DVec3::new(0.5, 0.5, 0.15);
+        let mut spike =
+            [[foot[0], foot[2], foot[1]], [foot[0], foot[1], tip], [foot[1], foot[2], tip], [foot[2], foot[0], tip]];
+        // From below it is a cavity, from above a solid of its own.
+        spike.iter_mut().for_each(|t| t.swap(1, 2));
+        spike.into_iter().for_each(|t| push(&mut soup, t));
+        let (_, after) = filled_soundly(&soup, FillHoles::default());
+        assert_eq!(after.parts, 2);
     }
-    push(&mut soup, [base[0], base[2], base[1]]);
-    filled_soundly(&soup, FillHoles::default());
 }
 
 /// A cup whose rim has `n` edges and goes up and down by `wave`.

@@ -83,6 +83,8 @@ pub struct Filled {
     pub open_sheets: u64,
     /// Patches that intersect something, every other way being worse.
     pub intersecting: u64,
+    /// Patches that were not looked at, since the search took all the steps that it may.
+    pub unchecked: u64,
 }
 
 impl Filled {
@@ -99,6 +101,7 @@ impl Filled {
         say(self.unwalked_edges, "open edges form no loop");
         say(self.open_sheets, "parts are open sheets that enclose nothing; they were left open");
         say(self.intersecting, "patches intersect other faces, as every other way to close these holes does");
+        say(self.unchecked, "patches were not checked against other faces, which would have taken too long");
         (!words.is_empty()).then(|| words.join("; "))
     }
 }
@@ -150,7 +153,7 @@ impl FillHoles {
         for of_body in by_body.chunk_by(|a, b| a.0 == b.0) {
             let solid = &solids[of_body[0].0 as usize];
             let start = (filler.clearance.patches().len(), filler.positions.len());
-            let (mut left, mut over, mut intersecting, mut islands) = (0u64, 0u64, 0u64, 0u64);
+            let (mut left, mut over, mut intersecting, mut unchecked, mut islands) = (0u64, 0u64, 0u64, 0u64, 0u64);
             let mut own_edges: Vec<(u32, u32)> = Vec::new();
             let mut work: Vec<Hole> = Vec::new();
             for &(_, i) in of_body.iter().rev() {
@@ -176,6 +179,7 @@ impl FillHoles {
                 islands += hole.loops.len() as u64 - 1;
                 left += u64::from(chosen.open > 0);
                 intersecting += u64::from(chosen.faults.is_some_and(|f| f.crossings > 0));
+                unchecked += u64::from(chosen.faults.is_none());
                 put(&mut filler, &chosen, &mut own_edges);
             }
             let about = solid.bounds.centre();
@@ -189,6 +193,7 @@ impl FillHoles {
                 filled.holes_left += left + over;
                 filled.over_limit += over;
                 filled.intersecting += intersecting;
+                filled.unchecked += unchecked;
                 closed += done;
                 joined += islands;
             } else {
