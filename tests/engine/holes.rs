@@ -67,9 +67,7 @@ fn comb(teeth: u32) -> Soup {
     for t in (0..teeth).rev() {
         let x = 2.0 * f64::from(t);
         outline.extend([[x + 2.0, 1.0], [x + 1.0, 1.0], [x + 1.0, 5.0], [x, 5.0]]);
-        if t > 0 {
-            outline.push([x, 1.0]);
-        }
+        outline.push([x, 1.0]);
     }
     outline.dedup();
     for t in 0..teeth {
@@ -219,8 +217,12 @@ fn cup(n: u32, wave: f64) -> Soup {
 #[test]
 fn a_rim_of_ten_thousand_edges_is_closed() {
     for wave in [0.0, 0.1] {
-        let (surface, _) = filled_soundly(&cup(10_000, wave), FillHoles::default());
+        filled_soundly(&cup(500, wave), FillHoles::default());
+        let (surface, filled) = fill(&cup(10_000, wave), FillHoles::default());
+        assert_eq!((filled.holes_left, filled.intersecting, filled.unchecked), (0, 0, 0));
         assert_eq!(surface.faces.len(), 30_000 + 9_998);
+        let uses = uses(&surface);
+        assert!(uses.iter().all(|(&(a, b), &n)| n == 1 && uses.contains_key(&(b, a))));
     }
 }
 
@@ -288,7 +290,7 @@ fn a_plane_patch_stays_plane_when_patches_are_faired() {
     let mut soup = cube(DVec3::ZERO, 1.0, 8);
     soup.faces.truncate(soup.faces.len() - 128);
     let (surface, after) = filled_soundly(&soup, FillHoles { refine: true, fair: true, ..FillHoles::default() });
-    assert_eq!(after.volume.value, 1.0);
+    assert!((after.volume.value - 1.0).abs() < 1e-12);
     assert_eq!(surface.faces.len(), soup.faces.len() + 30);
 }
 
@@ -296,12 +298,12 @@ fn a_plane_patch_stays_plane_when_patches_are_faired() {
 fn limits_in_size_and_number_leave_the_larger_holes_and_say_so() {
     let mut soup = sphere(DVec3::ZERO, 1.0, 24, 12);
     soup.faces.drain(300..302);
-    soup.faces.drain(150..170);
+    soup.faces.drain(156..170);
     soup.faces.remove(40);
     for (with, left) in [
         (FillHoles { max_holes: 2, ..FillHoles::default() }, 1),
         (FillHoles { max_holes: 0, ..FillHoles::default() }, 3),
-        (FillHoles { max_size: 0.1, ..FillHoles::default() }, 2),
+        (FillHoles { max_size: 0.13, ..FillHoles::default() }, 2),
         (FillHoles { max_edges: 4, ..FillHoles::default() }, 1),
     ] {
         let (_, filled) = fill(&soup, with);
@@ -407,6 +409,8 @@ proptest! {
         let mut index = 0;
         let mut holed = surface.to_soup();
         holed.faces.retain(|_| { index += 1; !missing[index - 1] });
+        // What hangs on by vertices alone is a part of its own, and a lone face encloses nothing.
+        prop_assume!(measured(&holed).parts == 1);
         let (after, filled) = fill(&holed, FillHoles::default());
         prop_assert_eq!((filled.holes_left, filled.open_sheets), (0, 0));
         prop_assert!(uses(&after).values().all(|&n| n == 1));

@@ -23,6 +23,8 @@ const PIECES: [usize; 2] = [MOST_FOR_LEAST_WEIGHT, 32];
 /// Cubic steps that all loops together may take: about two seconds. Loops this short count none.
 const CUBIC_STEPS: u64 = 20_000_000;
 const SHORT: usize = 16;
+/// Steps that growth from sharp corners may take for one hole where it is one way of several.
+const SHARP_STEPS: u64 = 2_000_000;
 
 /// A way to triangulate a hole.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -180,10 +182,14 @@ impl<'a> Filler<'a> {
             Way::Sharp => {
                 let clearance = &mut self.clearance;
                 let start = clearance.patches().len();
+                let enough = match self.params.filling {
+                    HoleFilling::Sharp => 0,
+                    _ => clearance.steps().saturating_sub(SHARP_STEPS),
+                };
                 let mut asked = 0u32;
                 let grown = sharp(points, *normal, |t, last| {
                     asked += 1;
-                    if asked % 256 == 0 && context.check().is_err() {
+                    if clearance.steps() <= enough || (asked.is_multiple_of(256) && context.check().is_err()) {
                         return false;
                     }
                     let face = t.map(|i| vertices[i]);

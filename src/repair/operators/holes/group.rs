@@ -39,8 +39,8 @@ struct Shape {
     normal: DVec3,
     /// Root of its area, seen along its normal.
     size: f64,
-    /// Whether the faces around it lie behind a flat patch over it.
-    behind: bool,
+    /// Whether the faces around it lie behind a flat patch: one over it, or one around it.
+    behind: [bool; 2],
 }
 
 /// Twice the area vector of a closed polygon, after Newell.
@@ -102,7 +102,7 @@ pub(super) fn group(
             }
             let Some(j) = around else { continue };
             let opposed = shapes[i].normal.dot(shapes[j].normal) <= LEAST_OPPOSED;
-            if inner_of[j].is_none() && opposed && !shapes[i].behind && !shapes[j].behind {
+            if inner_of[j].is_none() && opposed && !shapes[i].behind[1] && !shapes[j].behind[0] {
                 inner_of[i] = Some(j);
             }
         }
@@ -131,10 +131,14 @@ fn shape(positions: &[DVec3], border: &[u32], face_normal: &impl Fn(u32, u32) ->
     let points: Vec<DVec3> = border.iter().map(|&v| positions[v as usize]).collect();
     let newell = newell(&points);
     let normal = newell.try_normalize().unwrap_or(DVec3::ZERO);
-    let next = border.iter().cycle().skip(1);
-    let behind = border.iter().zip(next).filter(|&(&a, &b)| face_normal(a, b).dot(normal) < BEHIND).count();
+    // A patch around an island looks the way of the outer loop, which runs against this one.
+    let behind = [normal, -normal].map(|normal| {
+        let next = border.iter().cycle().skip(1);
+        let count = border.iter().zip(next).filter(|&(&a, &b)| face_normal(a, b).dot(normal) < BEHIND).count();
+        2 * count > border.len()
+    });
     let size = (newell.length() / 2.0).sqrt();
-    Shape { bounds: Box3::of(points), normal, size, behind: 2 * behind > border.len() }
+    Shape { bounds: Box3::of(points), normal, size, behind }
 }
 
 /// Whether a loop lies near the plane of another, and its first vertex in it as seen along the normal.
