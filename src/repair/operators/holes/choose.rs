@@ -36,6 +36,9 @@ enum Way {
     Chords,
 }
 
+/// Triangles by corner, and how many corners are left open.
+type Triangulated = (Vec<[usize; 3]>, usize);
+
 /// A patch for a hole: its faces, and what is known of it.
 pub(super) struct Chosen {
     pub faces: Vec<[u32; 3]>,
@@ -153,7 +156,7 @@ impl<'a> Filler<'a> {
     }
 
     /// Triangles by corner, and how many corners are left open. None where there are none of this kind.
-    fn triangulate(&mut self, way: Way, corners: &Corners<'_>) -> Result<Option<(Vec<[usize; 3]>, usize)>, Cancelled> {
+    fn triangulate(&mut self, way: Way, corners: &Corners<'_>) -> Result<Option<Triangulated>, Cancelled> {
         let Corners { vertices, points, ends, normal, .. } = corners;
         let n = points.len();
         if n == 3 {
