@@ -9,6 +9,7 @@ use clap::Args;
 use meshmend::blender::{BlenderConfig, OnDemandBlender};
 use meshmend::jobs::JobReport;
 use meshmend::render::Drawing;
+use meshmend::repair::operators::holes::HoleFilling;
 use meshmend::repair::operators::orient::Nested;
 use meshmend::repair::{
     Context, OpenSheets, Operator, Options, Outcome, OutputFormat, Preset, RepairError, Report, draw, monotonic_clock,
@@ -89,6 +90,21 @@ pub struct RepairArgs {
     /// Thickness of thickened sheets, and of a base at its lowest point, in the model's unit; without it 0.3 % of the diagonal.
     #[arg(long, env = "MESHMEND_THICKNESS")]
     thickness: Option<f64>,
+    /// Largest extent of a hole that is closed, as a share of the model's diagonal.
+    #[arg(long, env = "MESHMEND_MAX_HOLE_SIZE", default_value_t = Options::default().max_hole_size)]
+    max_hole_size: f64,
+    /// Most holes that are closed; of more, the smallest are.
+    #[arg(long, env = "MESHMEND_MAX_HOLES", default_value_t = Options::default().max_holes)]
+    max_holes: u32,
+    /// How the triangles over a hole are chosen.
+    #[arg(long, env = "MESHMEND_HOLE_FILLING", value_enum, default_value_t = HoleFilling::Auto)]
+    hole_filling: HoleFilling,
+    /// Give patches that are not plane inner vertices, as close together as those around.
+    #[arg(long, env = "MESHMEND_REFINE_PATCHES")]
+    refine_patches: bool,
+    /// Refine patches and bend them so that they go on smoothly from the surface around.
+    #[arg(long, env = "MESHMEND_FAIR_PATCHES")]
+    fair_patches: bool,
     /// Blender's voxel edge, in the model's unit.
     #[arg(long, env = "MESHMEND_VOXEL_SIZE")]
     voxel_size: Option<f64>,
@@ -146,6 +162,11 @@ impl RepairArgs {
             nested: self.nested,
             open_sheets: self.open_sheets,
             thickness: self.thickness,
+            max_hole_size: self.max_hole_size,
+            max_holes: self.max_holes,
+            hole_filling: self.hole_filling,
+            refine_patches: self.refine_patches,
+            fair_patches: self.fair_patches,
             voxel_size: self.voxel_size,
             voxel_resolution: self.voxel_resolution,
             max_remesh_faces: self.max_remesh_faces,

@@ -177,11 +177,10 @@ mod tests {
 
     #[test]
     fn the_options_that_serde_reads_are_those_that_are_documented() {
+        let some = Some(1.0);
+        let all = Options { voxel_size: some, max_deviation: some, thickness: some, ..Options::default() };
         for (mode, options) in [
-            (
-                Mode::Repair,
-                serde_json::to_value(Options { voxel_size: Some(1.0), max_deviation: Some(1.0), ..Options::default() }),
-            ),
+            (Mode::Repair, serde_json::to_value(&all)),
             (Mode::Analyze, serde_json::to_value(AnalyzeOptions::default())),
         ] {
             let mut written: Vec<String> =

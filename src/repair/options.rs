@@ -2,6 +2,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 
 use super::Operator;
+use super::operators::holes::HoleFilling;
 use super::operators::orient::Nested;
 use crate::format::Format;
 use crate::inspect::OptionsError;
@@ -147,6 +148,18 @@ pub struct Options {
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(exclusive_minimum = 0.0)]
     pub thickness: Option<f64>,
+    /// Largest extent of a hole that is closed, as a share of the bounding box's diagonal; 1 closes holes of any size.
+    #[schema(minimum = 0.0, maximum = 1.0)]
+    pub max_hole_size: f64,
+    /// Most holes that are closed; of more, the smallest are.
+    #[schema(minimum = 0, maximum = 4294967295u64)]
+    pub max_holes: u32,
+    /// How the triangles of a hole's patch are chosen.
+    pub hole_filling: HoleFilling,
+    /// Whether patches that are not plane get inner vertices, as close together as those around.
+    pub refine_patches: bool,
+    /// Whether patches are refined and then bent so that they go on smoothly from the surface around.
+    pub fair_patches: bool,
     /// Blender's voxel edge in the model's unit. Without it the size follows from `voxel_resolution`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub voxel_size: Option<f64>,
@@ -184,6 +197,11 @@ impl Default for Options {
             nested: Nested::Keep,
             open_sheets: OpenSheets::Auto,
             thickness: None,
+            max_hole_size: 1.0,
+            max_holes: 1_000_000,
+            hole_filling: HoleFilling::Auto,
+            refine_patches: false,
+            fair_patches: false,
             voxel_size: None,
             voxel_resolution: 300,
             max_remesh_faces: 2_000_000,
@@ -220,6 +238,7 @@ impl Options {
         number("overlap_angle_deg", self.overlap_angle_deg, 0.0, 45.0, "between 0 and 45 degrees")?;
         number("twist_angle_deg", self.twist_angle_deg, 0.0, 180.0, "between 0 and 180 degrees")?;
         number("max_hole_edges", f64::from(self.max_hole_edges), 3.0, 100_000.0, "between 3 and 100000 edges")?;
+        number("max_hole_size", self.max_hole_size, 0.0, 1.0, "between 0 and 1 of the bounding box's diagonal")?;
         if let Some(most) = self.max_deviation {
             number("max_deviation", most, 0.0, f64::MAX, "a length of zero or more, in the model's unit")?;
         }

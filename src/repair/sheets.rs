@@ -15,6 +15,12 @@ const LEAST_QUOTIENT: f64 = 0.02;
 ///
 /// A sheet's patch is about as large as the sheet, and what lies between them is thin. `volume` is that of the closed
 /// part, where all its holes have a patch.
+///
+/// What it comes to: a box without a lid (share 0.2), a ball without a cap, a tube open at both ends that is longer than
+/// its radius, and a thick vase without its rim are closed by the share. A half sphere has the share 0.5 and the quotient
+/// 0.6: closed, as its disc makes it a solid that prints. A shallow bowl or dish is closed where it is deeper than
+/// about 0.13 of its radius, by the quotient. Flatter dishes, terrain, and single walls, whose patch is as large
+/// as they are and encloses next to nothing, are sheets.
 #[must_use]
 pub fn encloses(area: f64, patch_area: f64, volume: Option<f64>) -> bool {
     if patch_area <= MOST_PATCH_SHARE * area {

@@ -82,7 +82,9 @@ fn an_operator_that_is_switched_off_does_not_run() {
     let ran = |report: &meshmend::repair::Report| report.steps.iter().any(|s| s.operator == Some(Operator::FillHoles));
     let with = run(&open, &native(), None).report;
     assert!(ran(&with) && with.outcome == Outcome::Repaired);
-    let without = run(&open, &Options { without: vec![Operator::FillHoles], ..native() }, None).report;
+    // Others that would close it in their own way.
+    let off = vec![Operator::FillHoles, Operator::ThickenSheets, Operator::CleanAndPatch];
+    let without = run(&open, &Options { without: off, ..native() }, None).report;
     assert!(!ran(&without) && without.outcome != Outcome::Repaired);
     let planned = without.plan.rungs.iter().flat_map(|r| &r.actions).flat_map(|a| &a.operators);
     assert!(planned.into_iter().all(|&o| o != Operator::FillHoles));

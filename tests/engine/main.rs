@@ -11,6 +11,7 @@ mod damaged;
 mod defects;
 mod faces;
 mod formats;
+mod holes;
 mod intersections;
 mod limits;
 mod lost;

@@ -252,7 +252,7 @@ fn a_hole_on_a_sphere_is_closed_without_moving_a_vertex() {
     soup.faces.drain(100..140);
     let mut it = surface(&soup);
     let before = it.clone();
-    let filled = with_context(|c| FillHoles { max_edges: 10_000 }.apply(&mut it, c)).unwrap();
+    let filled = with_context(|c| FillHoles { max_edges: 10_000, ..FillHoles::default() }.apply(&mut it, c)).unwrap();
     assert!(filled.holes_left == 0 && filled.open_sheets == 0);
     assert_eq!(it.positions, before.positions);
     assert_eq!(it.faces[..before.faces.len()], before.faces);
@@ -270,7 +270,8 @@ fn a_hole_of_hundreds_of_edges_is_closed() {
             index % 10 != 1
         });
         let mut it = surface(&soup);
-        let filled = with_context(|c| FillHoles { max_edges: 10_000 }.apply(&mut it, c)).unwrap();
+        let filled =
+            with_context(|c| FillHoles { max_edges: 10_000, ..FillHoles::default() }.apply(&mut it, c)).unwrap();
         assert_eq!(filled.holes_left, 0);
         assert_eq!(count(&filled.changes, "faces_added"), u64::from(n) - 2);
         let after = measured(&it.to_soup());
@@ -283,7 +284,7 @@ fn a_hole_over_the_limit_is_left_and_told() {
     let mut soup = cube(DVec3::ZERO, 1.0, 4);
     soup.faces.truncate(soup.faces.len() - 32);
     let mut it = surface(&soup);
-    let filled = with_context(|c| FillHoles { max_edges: 8 }.apply(&mut it, c)).unwrap();
+    let filled = with_context(|c| FillHoles { max_edges: 8, ..FillHoles::default() }.apply(&mut it, c)).unwrap();
     assert_eq!(filled.holes_left, 1);
     assert_eq!(it.faces.len(), soup.faces.len());
 }
@@ -292,7 +293,7 @@ fn a_hole_over_the_limit_is_left_and_told() {
 fn an_open_sheet_is_left_open() {
     let mut it = surface(&sheet(10));
     assert!(open_sheet_share(&it) > 0.99);
-    let filled = with_context(|c| FillHoles { max_edges: 10_000 }.apply(&mut it, c)).unwrap();
+    let filled = with_context(|c| FillHoles { max_edges: 10_000, ..FillHoles::default() }.apply(&mut it, c)).unwrap();
     assert_eq!((filled.open_sheets, it.faces.len()), (1, 200));
     let mut half_open = cube(DVec3::ZERO, 1.0, 4);
     half_open.faces.truncate(half_open.faces.len() - 32);
@@ -336,7 +337,7 @@ proptest! {
             prop_assert!(measured(&it.to_soup()).degenerate_faces <= before);
             Orient::default().apply(&mut it, c).unwrap();
             let open = measured(&it.to_soup());
-            FillHoles { max_edges: 1000 }.apply(&mut it, c).unwrap();
+            FillHoles { max_edges: 1000, ..FillHoles::default() }.apply(&mut it, c).unwrap();
             let after = measured(&it.to_soup());
             prop_assert!(after.boundary_edges <= open.boundary_edges);
             prop_assert!(after.nonmanifold_edges <= open.nonmanifold_edges);

@@ -212,7 +212,7 @@ fn two_open_tubes_are_joined_and_their_holes_closed_around_both() {
     assert_eq!(count(&applied.changes, "parts_joined"), 1);
     let joined = Counts::of(&surface);
     assert_eq!(joined.get(Counter::MisorientedEdges) + joined.get(Counter::NonmanifoldEdges), 0);
-    with_context(|c| FillHoles { max_edges: 100 }.apply(&mut surface, c)).unwrap();
+    with_context(|c| FillHoles { max_edges: 100, ..FillHoles::default() }.apply(&mut surface, c)).unwrap();
     let m = measured(&surface);
     assert!(m.closed && m.consistent && m.parts == 1, "{m:?}");
 }

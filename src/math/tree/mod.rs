@@ -74,6 +74,12 @@ impl Tree {
         self.walk(|min, max| min.cmple(high).all() && max.cmpge(low).all(), visit);
     }
 
+    /// Calls `visit` with every triangle whose box meets `bounds`, until it answers `false`.
+    pub fn overlapping(&self, bounds: &Box3, visit: impl FnMut(u32) -> bool) {
+        let (low, high) = (self.frame.to_tree(bounds.min), self.frame.to_tree(bounds.max));
+        self.walk(|min, max| min.cmple(high).all() && max.cmpge(low).all(), visit);
+    }
+
     /// Visits the triangles of all boxes that `wanted` says yes to, and whose parents it says yes to.
     fn walk(&self, wanted: impl Fn(DVec3, DVec3) -> bool, mut visit: impl FnMut(u32) -> bool) {
         let Some(bvh) = &self.bvh else { return };

@@ -32,7 +32,6 @@ pub mod slivers;
 pub mod stitch;
 pub mod t_junctions;
 pub mod thicken;
-mod triangulate;
 mod walls;
 pub mod weld;
 

@@ -107,7 +107,16 @@ impl Operator {
                 AddBase { thickness: options.thickness, most: scope.reach, to_f32 }.apply(surface, context)?
             }
             Self::FillHoles => {
-                let filled = FillHoles { max_edges: options.max_hole_edges }.apply(surface, context)?;
+                let filled = FillHoles {
+                    max_edges: options.max_hole_edges,
+                    max_size: options.max_hole_size,
+                    max_holes: options.max_holes,
+                    filling: options.hole_filling,
+                    refine: options.refine_patches,
+                    fair: options.fair_patches,
+                    to_f32: scope.format == Format::Stl,
+                }
+                .apply(surface, context)?;
                 Applied { left: filled.in_words(), changes: filled.changes, ..Applied::default() }
             }
             Self::CleanAndPatch => {

@@ -152,7 +152,7 @@ impl Patching {
         let mut filled = surface.clone();
         filled.retain_faces(&keep);
         let count = filled.faces.len();
-        FillHoles { max_edges }.apply(&mut filled, context)?;
+        FillHoles { max_edges, ..FillHoles::default() }.apply(&mut filled, context)?;
         if filled.faces.len() < count || !filled.positions.starts_with(&surface.positions) {
             return Ok(None);
         }

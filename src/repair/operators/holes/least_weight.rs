@@ -1,3 +1,5 @@
+//! Patches of least weight.
+
 use glam::DVec3;
 
 /// Dihedral angles are compared in steps of this many degrees; what is equal then goes by area.
@@ -11,7 +13,16 @@ struct Weight(u16, f64);
 
 const NEVER: Weight = Weight(u16::MAX, f64::INFINITY);
 
-/// The triangulation of a closed polygon in space with the least worst fold, then the least area.
+/// What a triangulation is weighed by.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Weigh {
+    /// By its worst fold, then by its area.
+    Fold,
+    /// By its area alone.
+    Area,
+}
+
+/// The triangulation of a closed polygon in space with the least worst fold and the least area, or the least area alone.
 ///
 /// `normals[i]` is the unit normal of the face across the side from corner `i` to corner `i + 1`, or zero where there
 /// is none; `forbidden(i, j)` says which diagonals may not be used. Triangles run the way the polygon runs.
@@ -21,6 +32,7 @@ const NEVER: Weight = Weight(u16::MAX, f64::INFINITY);
 pub(super) fn least_weight(
     points: &[DVec3],
     normals: &[DVec3],
+    weigh: Weigh,
     forbidden: impl Fn(usize, usize) -> bool,
     mut go_on: impl FnMut() -> bool,
 ) -> Option<Vec<[usize; 3]>> {
@@ -49,8 +61,10 @@ pub(super) fn least_weight(
                     let length = cross.length();
                     let own = if length > 0.0 { cross / length } else { DVec3::ZERO };
                     let mut fold = if length > 0.0 { 0 } else { NO_AREA };
-                    fold = fold.max(step(own, normal[at(i, k)])).max(step(own, normal[at(k, j)]));
-                    if span == n - 1 {
+                    if weigh == Weigh::Fold {
+                        fold = fold.max(step(own, normal[at(i, k)])).max(step(own, normal[at(k, j)]));
+                    }
+                    if weigh == Weigh::Fold && span == n - 1 {
                         fold = fold.max(step(own, normal[at(n - 1, 0)]));
                     }
                     let it = Weight(fold.max(left.0).max(right.0), left.1 + right.1 + length);
@@ -91,56 +105,6 @@ fn step(a: DVec3, b: DVec3) -> u16 {
     (a.dot(b).clamp(-1.0, 1.0).acos().to_degrees() / STEP_DEGREES) as u16
 }
 
-/// Triangles of a polygon that is simple when it is looked at along its own normal, by ear cutting. None where it
-/// is not, or where a diagonal is forbidden.
-pub(super) fn flat(points: &[DVec3], forbidden: impl Fn(usize, usize) -> bool) -> Option<Vec<[usize; 3]>> {
-    let n = points.len();
-    let about = points[0];
-    let newell: DVec3 = (0..n).map(|i| (points[i] - about).cross(points[(i + 1) % n] - about)).sum();
-    let normal = newell.try_normalize()?;
-    let x = normal.any_orthonormal_vector();
-    let y = normal.cross(x);
-    let plane: Vec<[f64; 2]> = points.iter().map(|p| [(*p - about).dot(x), (*p - about).dot(y)]).collect();
-    let mut out: Vec<u32> = Vec::new();
-    earcut::Earcut::new().earcut(plane.iter().copied(), &[], &mut out);
-    if out.len() != 3 * (n - 2) {
-        return None;
-    }
-    let mut triangles = Vec::with_capacity(n - 2);
-    let mut uses = 0.0;
-    let mut angles = vec![0.0f64; n];
-    for t in out.chunks_exact(3) {
-        let [a, b, c] = [t[0] as usize, t[1] as usize, t[2] as usize];
-        let area = cross2(plane[a], plane[b], plane[c]);
-        if area == 0.0 || !area.is_finite() {
-            return None;
-        }
-        // The polygon is counter-clockwise about its own normal, so its triangles are as well.
-        triangles.push(if area > 0.0 { [a, b, c] } else { [a, c, b] });
-        uses += area.abs();
-        for [i, j, k] in [[a, b, c], [b, c, a], [c, a, b]] {
-            let dot = (plane[j][0] - plane[i][0]) * (plane[k][0] - plane[i][0])
-                + (plane[j][1] - plane[i][1]) * (plane[k][1] - plane[i][1]);
-            angles[i] += area.abs().atan2(dot);
-        }
-        let diagonal = |i: usize, j: usize| i.abs_diff(j) != 1 && i.abs_diff(j) != n - 1;
-        if [(a, b), (b, c), (c, a)].into_iter().any(|(i, j)| diagonal(i, j) && forbidden(i.min(j), i.max(j))) {
-            return None;
-        }
-    }
-    // Ears that cover more or less than the polygon, or more than a full turn at a corner, mean that its picture
-    // crosses itself.
-    if angles.iter().any(|&a| a > std::f64::consts::TAU + 1e-9) {
-        return None;
-    }
-    let whole: f64 = (1..n - 1).map(|i| cross2(plane[0], plane[i], plane[i + 1])).sum();
-    ((uses - whole).abs() <= 1e-9 * whole.abs()).then_some(triangles)
-}
-
-fn cross2(a: [f64; 2], b: [f64; 2], c: [f64; 2]) -> f64 {
-    (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
-}
-
 /// A diagonal that cuts a long polygon into two of at least a quarter of its corners each, as short as can be found
 /// among about a thousand corners.
 pub(super) fn shortest_cut(points: &[DVec3], forbidden: impl Fn(usize, usize) -> bool) -> Option<(usize, usize)> {
@@ -178,11 +142,24 @@ mod tests {
         let points = [DVec3::ZERO, DVec3::X, DVec3::new(1.0, 1.0, 0.9), DVec3::Y];
         // The faces around lie flat except at the raised corner.
         let normals = [DVec3::Z, DVec3::ZERO, DVec3::ZERO, DVec3::Z];
-        let cut = least_weight(&points, &normals, |_, _| false, || true).unwrap();
+        let cut = least_weight(&points, &normals, Weigh::Fold, |_, _| false, || true).unwrap();
         assert!(cut.contains(&[0, 1, 3]), "{cut:?}");
-        let other = least_weight(&points, &normals, |i, j| (i, j) == (1, 3), || true).unwrap();
+        let other = least_weight(&points, &normals, Weigh::Fold, |i, j| (i, j) == (1, 3), || true).unwrap();
         assert!(other.contains(&[0, 1, 2]), "{other:?}");
-        assert_eq!(least_weight(&points, &normals, |_, _| true, || true), None);
+        assert_eq!(least_weight(&points, &normals, Weigh::Fold, |_, _| true, || true), None);
+    }
+
+    #[test]
+    fn the_least_area_may_fold_more() {
+        // A long roof: the ridge is the longer diagonal.
+        let points = [DVec3::ZERO, DVec3::new(1.0, 0.0, 1.0), DVec3::new(4.0, 0.0, 0.0), DVec3::new(1.0, 0.5, 1.0)];
+        let area = |t: &[[usize; 3]]| -> f64 {
+            t.iter().map(|t| (points[t[1]] - points[t[0]]).cross(points[t[2]] - points[t[0]]).length()).sum()
+        };
+        let least = least_weight(&points, &[DVec3::ZERO; 4], Weigh::Area, |_, _| false, || true).unwrap();
+        for other in [[[0, 1, 2], [0, 2, 3]], [[0, 1, 3], [1, 2, 3]]] {
+            assert!(area(&least) <= area(&other));
+        }
     }
 
     #[test]
@@ -192,24 +169,9 @@ mod tests {
             t.iter().map(|t| (points[t[1]] - points[t[0]]).cross(points[t[2]] - points[t[0]]).z / 2.0).sum()
         };
         let whole = 20.0 * (std::f64::consts::TAU / 40.0).sin();
-        for t in [least_weight(&points, &[DVec3::ZERO; 40], |_, _| false, || true), flat(&points, |_, _| false)] {
-            let t = t.unwrap();
-            assert_eq!(t.len(), 38);
-            assert!((area(&t) - whole).abs() < 1e-9);
-        }
-    }
-
-    #[test]
-    fn a_polygon_whose_picture_crosses_itself_is_not_cut_by_ears() {
-        // Twice around the axis, rising and falling once.
-        let coil: Vec<DVec3> = (0..48)
-            .map(|i| {
-                let u = f64::from(i) / 24.0 * std::f64::consts::TAU;
-                let r = 2.0 + (u / 2.0 + 0.1).cos();
-                DVec3::new(r * u.cos(), r * u.sin(), (u / 2.0).sin())
-            })
-            .collect();
-        assert_eq!(flat(&coil, |_, _| false), None);
+        let t = least_weight(&points, &[DVec3::ZERO; 40], Weigh::Fold, |_, _| false, || true).unwrap();
+        assert_eq!(t.len(), 38);
+        assert!((area(&t) - whole).abs() < 1e-9);
     }
 
     #[test]
