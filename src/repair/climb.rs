@@ -5,9 +5,7 @@ use super::input::Input;
 use super::presets::{planned, remesh_action};
 use super::tiers::{End, Runner};
 use super::verdict::{JudgeError, Judged, Patches, judge};
-use super::{
-    Action, Cancelled, Candidate, Context, OpenSheets, Preset, Remesher, Rung, Stage, Step, StepStatus, summary,
-};
+use super::{Action, Cancelled, Candidate, Context, Preset, Remesher, Rung, Stage, Step, StepStatus, When, summary};
 use crate::mesh::Surface;
 
 /// The way up a plan's rungs: what was done so far, and the best that came of it.
@@ -42,7 +40,7 @@ impl<'a> Climb<'a> {
     pub fn open(input: &'a Input<'a>, mut runner: Runner<'a>) -> Result<Self, Cancelled> {
         let mut surface = input.analysis.surface.clone();
         let actions = OPENING.map(|action| planned(action, runner.options)).to_vec();
-        let rung = Rung { tier: 1, preset: Preset::BasicCleanup, actions };
+        let rung = Rung { when: When::NothingGood, tier: 1, preset: Preset::BasicCleanup, actions };
         let opened = runner.run(0, &rung, 0, &(5..15), &mut surface)?;
         let (opening, moved) = (runner.steps.clone(), runner.moved);
         Ok(Self {
@@ -73,16 +71,19 @@ impl<'a> Climb<'a> {
         Ok(Climbed { steps: self.runner.steps, candidates: self.candidates, best: self.best })
     }
 
-    /// The step that says why a rung that closes sheets is passed over, where those before it left nothing open.
+    /// The step that says why a rung is passed over, where what came before it makes it needless.
     fn needless(&self, index: u32, rung: &Rung) -> Option<Step> {
-        let alone = self.runner.options.open_sheets == OpenSheets::Auto;
-        let closes = alone && rung.actions.iter().any(|planned| planned.action == Action::CloseSheets);
-        let note = "the rungs before it left no sheet open".to_owned();
-        (closes && !self.candidates.is_empty() && !self.left_open).then(|| Step {
-            status: StepStatus::Skipped,
-            note: Some(note),
-            ..Step::new(index, 2, Action::CloseSheets, None)
-        })
+        let whole = || self.best.as_ref().is_some_and(|(_, best)| best.is_whole());
+        let why = match rung.when {
+            When::StillOpen if !self.candidates.is_empty() && !self.left_open => {
+                "the rungs before it left nothing open"
+            }
+            When::NothingWhole if whole() => "the best result before it is closed and whole",
+            _ => return None,
+        };
+        let last = rung.actions.iter().rev().map(|it| it.action).find(|&it| it != Action::Validate)?;
+        let skipped = Step::new(index, rung.tier, last, None);
+        Some(Step { status: StepStatus::Skipped, note: Some(why.to_owned()), ..skipped })
     }
 
     /// What a rung makes, if anything.

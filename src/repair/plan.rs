@@ -1,5 +1,5 @@
 use super::presets::{RECIPES, planned, preset_for, tier_of};
-use super::{Action, Category, OpenSheets, Options, Plan, Preset, Rung};
+use super::{Action, Category, OpenSheets, Operator, Options, Plan, Preset, Rung, When};
 use crate::inspect::Measures;
 
 /// Makes the plan: the preset that was asked for, or the one for the model's category; then Blender, unless the model
@@ -32,14 +32,17 @@ pub fn make_plan(before: &Measures, category: Category, options: &Options) -> Pl
         // The other way to pair faces around non-manifold edges, and to take what is turned inside out.
         let other = if preset == Preset::FullRepair { Preset::ConservativeRepair } else { Preset::FullRepair };
         rungs.extend(rung(other, options, options.max_tier, None));
+        let both = [preset, other].map(|preset| rung(preset, options, options.max_tier, None));
+        let [mut first, _] = both.clone();
+        // The last ways before another tier: what is bad goes, and its holes are closed; what overlaps is kept so.
+        let cleaned = first.clone().map(|first| cleaning(first, options));
         if options.open_sheets == OpenSheets::Auto {
-            rungs.extend(
-                rung(Preset::ConservativeRepair, options, options.max_tier, None)
-                    .map(|it| with_sheets_closed(it, options)),
-            );
+            let closed = both.into_iter().flatten().map(|it| with_sheets_closed(it, options));
+            rungs.extend(closed.map(|it| Rung { when: When::StillOpen, ..it }));
+            first = first.map(|first| with_sheets_closed(first, options));
         }
-        // The last way before another tier: what is bad goes, and its holes are closed.
-        rungs.extend(rung(preset, options, options.max_tier, None).map(|first| cleaning(first, options)));
+        rungs.extend(cleaned);
+        rungs.extend(first.map(without_resolving));
     }
     let remesh = preset == Preset::BlenderRemesh || !matches!(category, Category::OpenSheet | Category::Clean);
     if remesh && options.max_tier >= 3 {
@@ -66,7 +69,7 @@ fn rung(preset: Preset, options: &Options, max_tier: u8, instead_of_voxels: Opti
         .collect();
     let tier = actions.iter().map(|&a| tier_of(a)).max()?;
     let actions = actions.into_iter().map(|action| planned(action, options)).collect();
-    let rung = Rung { tier, preset, actions };
+    let rung = Rung { when: When::NothingGood, tier, preset, actions };
     Some(if asks_for_solids(options) && max_tier >= 2 { with_sheets_closed(rung, options) } else { rung })
 }
 
@@ -89,6 +92,14 @@ fn cleaning(mut rung: Rung, options: &Options) -> Rung {
     let at = rung.actions.iter().position(|a| a.action == Action::Resolve).unwrap_or(rung.actions.len());
     rung.actions.insert(at, planned(Action::CleanAndPatch, options));
     rung
+}
+
+/// The rung with what overlaps kept as it is: closed, but not printable.
+fn without_resolving(mut rung: Rung) -> Rung {
+    for planned in &mut rung.actions {
+        planned.operators.retain(|&operator| operator != Operator::Resolve);
+    }
+    Rung { when: When::NothingWhole, ..rung }
 }
 
 /// The highest tier of a preset's actions.

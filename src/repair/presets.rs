@@ -74,18 +74,13 @@ pub(super) const RECIPES: [Recipe; 6] = {
 fn operators_of(action: Action, sheets: OpenSheets) -> &'static [Operator] {
     use Operator as O;
     match action {
-        Action::BasicCleanup => &[
-            O::RoundCoordinates,
-            O::RemoveCollapsedFaces,
-            O::Weld,
-            O::RemoveDuplicates,
-            O::RemoveCaps,
-            O::RemoveSlivers,
-        ],
+        Action::BasicCleanup => {
+            &[O::RoundCoordinates, O::RemoveCollapsedFaces, O::Weld, O::RemoveDuplicates, O::RemoveCaps]
+        }
         Action::FixNormals => &[O::Orient, O::CutOneSided],
         Action::FillHoles => &[O::JoinParts, O::FillHoles, O::RemoveCaps],
         // What is exact first: it moves nothing, and what is then closed can't be merged amiss.
-        Action::Stitch => &[O::SplitTJunctions, O::Sew, O::Stitch],
+        Action::Stitch => &[O::SplitTJunctions, O::Sew, O::Stitch, O::RemoveSlivers],
         // What is open and no part of the model would leave it without an inside.
         Action::Resolve => &[O::RemoveDebris, O::Resolve],
         Action::Separate => &[O::Separate],

@@ -149,9 +149,25 @@ pub struct Plan {
     pub rungs: Vec<Rung>,
 }
 
+/// When a rung runs, given that none before it was good.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum When {
+    /// Always.
+    #[default]
+    NothingGood,
+    /// When a result before it was open.
+    StillOpen,
+    /// When no result before it is closed and has all of the surface that can be seen.
+    NothingWhole,
+}
+
 /// One try of a plan.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct Rung {
+    /// When it runs.
+    #[serde(default)]
+    pub when: When,
     /// The highest tier it uses.
     pub tier: u8,
     /// The preset it comes from.

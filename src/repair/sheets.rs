@@ -44,12 +44,13 @@ pub fn open_sheet_share(surface: &Surface) -> f64 {
     let solids = solids(surface, &edges, &parts);
     let mut patch_area = vec![0.0; parts.count];
     let mut volume: Vec<f64> = solids.iter().map(|s| s.volume).collect();
-    let mut open = vec![false; parts.count];
+    let (mut open, mut walked) = (vec![false; parts.count], vec![false; parts.count]);
     for half_edges in edges.iter().filter(|h| h.len() == 1) {
         open[parts.of_face[half_edges[0] as usize / 3] as usize] = true;
     }
     for (vertices, &face) in loops.simple.iter().zip(&loops.face) {
         let part = parts.of_face[face as usize] as usize;
+        walked[part] = true;
         let about = solids[part].bounds.centre();
         let at = |i: usize| surface.positions[vertices[i % vertices.len()] as usize] - about;
         #[expect(clippy::cast_precision_loss, reason = "a loop is far shorter than 2^53")]
@@ -61,7 +62,9 @@ pub fn open_sheet_share(surface: &Surface) -> f64 {
     }
     let total: f64 = solids.iter().map(|s| s.area).sum();
     let sheets: f64 = (0..parts.count)
-        .filter(|&p| open[p] && !encloses(solids[p].area, patch_area[p], Some(volume[p])))
+        .filter(|&p| open[p])
+        // Around a part whose boundary can't be walked nothing can be closed, such as three faces on one edge.
+        .filter(|&p| !walked[p] || !encloses(solids[p].area, patch_area[p], Some(volume[p])))
         .map(|p| solids[p].area)
         .sum();
     if total > 0.0 { sheets / total } else { 0.0 }

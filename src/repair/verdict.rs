@@ -83,28 +83,40 @@ impl Judged {
         self.measures.printable() && self.red_flags.is_empty()
     }
 
-    /// Smaller is better. In order: good results; printable ones that kept most of the model, by what they lost; solids whose
-    /// faces intersect and then the rest, both with no visible surface lost to speak of, by defects; last those that
-    /// destroyed more than they mended, whether printable or not.
+    /// Whether it is closed, but perhaps for faces that intersect, and nothing of the model is lost.
+    pub fn is_whole(&self) -> bool {
+        self.rank().0 <= 2
+    }
+
+    /// Smaller is better. By class:
+    /// 0. good results;
+    /// 1. printable ones with another red flag than those of class 3 and 5;
+    /// 2. solids whose faces intersect, with nothing lost;
+    /// 3. printable ones that lost some of the surface that can be seen, since a slicer can unite what overlaps, but not guess
+    ///    what is missing;
+    /// 4. the rest that lost nothing;
+    /// 5. what destroyed more than it mended, whether printable or not.
     ///
-    /// The input itself stands in the third or fourth class (see [`rank_of_input`]), so a result that is not printable must
-    /// have fewer defects and the whole model, and one that destroyed is never preferred.
+    /// Within a class by what was lost, or by defects where that is nothing. The input itself stands in class 2 or 4 (see
+    /// [`rank_of_input`]), so a result that is not printable must have fewer defects and the whole model, and one that
+    /// destroyed is never preferred.
     pub fn rank(&self) -> Rank {
         let raised = |code| self.red_flags.iter().find(|flag| flag.code == code).map(|flag| flag.value);
         let lost = raised(RedFlagCode::SurfaceLost);
         let shrunk = raised(RedFlagCode::BoxChange).is_some();
         let class = match self.measures.printable() {
             true if self.red_flags.is_empty() => 0,
-            true if !shrunk && lost.is_none_or(|lost| lost <= MOST_LOST_PCT) => 1,
+            true if !shrunk && lost.is_none() => 1,
+            true if !shrunk && lost.is_none_or(|lost| lost <= MOST_LOST_PCT) => 3,
             false if !shrunk && lost.is_none() => class_of_unprintable(&self.measures),
-            _ => 4,
+            _ => 5,
         };
         let lost = self.changes.surface_lost_pct.unwrap_or(0.0);
         // Tenths of a percent: sampling tells no less.
         let tenths = (lost * 10.0).round() as u64;
         let defects = self.measures.defects();
         let uncounted = !self.measures.self_intersections.complete;
-        if class == 2 || class == 3 { (class, uncounted, defects, tenths) } else { (class, uncounted, tenths, defects) }
+        if class == 2 || class == 4 { (class, uncounted, defects, tenths) } else { (class, uncounted, tenths, defects) }
     }
 }
 
@@ -119,5 +131,5 @@ pub(super) fn rank_of_input(before: &Measures) -> Rank {
 
 /// A hole is worse than faces that intersect: a slicer can unite what overlaps, but not guess what is missing.
 fn class_of_unprintable(m: &Measures) -> u8 {
-    if m.printable_but_for_intersections() { 2 } else { 3 }
+    if m.printable_but_for_intersections() { 2 } else { 4 }
 }

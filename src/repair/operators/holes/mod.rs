@@ -100,7 +100,7 @@ impl Filled {
         say(self.holes_left - self.over_limit, "holes could not be closed");
         say(self.unwalked_edges, "open edges form no loop");
         say(self.open_sheets, "parts are open sheets that enclose nothing; they were left open");
-        say(self.intersecting, "patches intersect other faces, as every other way to close these holes does");
+        say(self.intersecting, "patches intersect other faces, as every other way that was tried does");
         say(self.unchecked, "patches were not checked against other faces, which would have taken too long");
         (!words.is_empty()).then(|| words.join("; "))
     }
