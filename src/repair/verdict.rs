@@ -91,7 +91,7 @@ impl Judged {
     /// Smaller is better. By class:
     /// 0. good results;
     /// 1. printable ones with another red flag than those of class 3 and 5;
-    /// 2. solids whose faces intersect, with nothing lost;
+    /// 2. closed ones whose faces intersect or look inward, with nothing lost;
     /// 3. printable ones that lost some of the surface that can be seen, since a slicer can unite what overlaps, but not guess
     ///    what is missing;
     /// 4. the rest that lost nothing;
@@ -129,7 +129,7 @@ pub(super) fn rank_of_input(before: &Measures) -> Rank {
     (class, !before.self_intersections.complete, before.defects(), 0)
 }
 
-/// A hole is worse than faces that intersect: a slicer can unite what overlaps, but not guess what is missing.
+/// A hole is worse than faces that intersect or look inward: a slicer can unite what overlaps, but not guess what is missing.
 fn class_of_unprintable(m: &Measures) -> u8 {
-    if m.printable_but_for_intersections() { 2 } else { 4 }
+    if m.closed && m.manifold && m.consistent { 2 } else { 4 }
 }
