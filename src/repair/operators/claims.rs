@@ -21,7 +21,7 @@ impl Operator {
             Self::Orient | Self::CutOneSided => &[MisorientedEdges],
             Self::CutApart => &[NonmanifoldEdges, PinchedVertices],
             Self::CleanAndPatch => &[BoundaryEdges, NonmanifoldEdges],
-            Self::Resolve | Self::Separate => &[NonmanifoldEdges],
+            Self::FreeFins | Self::Resolve | Self::Separate => &[NonmanifoldEdges],
         }
     }
 
@@ -46,6 +46,7 @@ impl Operator {
             // Faces that the wall kept apart may wind against one another.
             Self::RemoveMembranes => &[MisorientedEdges, PinchedVertices],
             Self::CutOneSided => &[BoundaryEdges],
+            Self::FreeFins => &[BoundaryEdges, PinchedVertices],
             Self::CutApart | Self::Separate => &[BoundaryEdges, DuplicateFaces],
             // A crack whose border lies on a line is closed by faces without area.
             Self::FillHoles => &[DegenerateFaces],

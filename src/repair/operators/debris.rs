@@ -15,6 +15,9 @@ const LITTLE_AREA: f64 = 1e-3;
 /// ... or this share where it is a fin: an open part that stood on an edge of a closed one.
 const FIN_AREA: f64 = 1e-2;
 
+/// What reaches out of the box of all else by more than this share of the diagonal is none.
+const BOX: f64 = 5e-3;
+
 /// Faces of an open part that are asked whether they lie inside a solid, and rays tried from each.
 const ASKED: usize = 64;
 const RAYS: u32 = 8;
@@ -56,6 +59,7 @@ pub fn remove_debris(surface: &mut Surface, context: &Context<'_>) -> Result<Vec
             hidden += 1;
         }
     }
+    keep_the_box(&mut goes, &solids, BOX * diagonal);
     let count = goes.iter().filter(|&&d| d).count();
     if count == 0 || count == parts.count {
         return Ok(Vec::new());
@@ -68,6 +72,23 @@ pub fn remove_debris(surface: &mut Surface, context: &Context<'_>) -> Result<Vec
         ("sheets_inside_solids_removed", hidden),
         ("debris_faces_removed", faces),
     ]))
+}
+
+/// Takes back what reaches farther than `most` out of the box of the rest: who put it there meant it to be seen.
+fn keep_the_box(goes: &mut [bool], solids: &[Solid], most: f64) {
+    let mut rest = Box3::EMPTY;
+    for (solid, _) in solids.iter().zip(&*goes).filter(|(_, goes)| !**goes) {
+        rest.extend(solid.bounds.min);
+        rest.extend(solid.bounds.max);
+    }
+    for (solid, goes) in solids.iter().zip(goes).filter(|(_, goes)| **goes) {
+        let out = (rest.min - solid.bounds.min).max(solid.bounds.max - rest.max).max_element();
+        if out > most {
+            *goes = false;
+            rest.extend(solid.bounds.min);
+            rest.extend(solid.bounds.max);
+        }
+    }
 }
 
 /// Of each part, whether it has an edge at the same two positions as an edge of a closed part.

@@ -1,15 +1,26 @@
 //! Faces with the same three vertices, and walls of no thickness.
 
+use std::collections::HashSet;
+
+use super::walls::Walls;
 use crate::inspect::group_faces;
+use crate::math::ray_direction;
 use crate::mesh::{Edges, Surface, UnionFind};
 use crate::repair::Change;
+
+/// Walls over this share of the whole area stay as one sheet where they can be seen.
+const LARGE: f64 = 2e-3;
+/// Faces of walls that are asked, rays tried from each, and faces that all rays together may look at.
+const ASKED: usize = 256;
+const RAYS: u32 = 24;
+const BUDGET: u64 = 5_000_000;
 
 /// Leaves one face of each group of faces with the same three vertices, or none where they cancel.
 ///
 /// In the arithmetic of chains two faces on the same vertices add up to nothing: they may be a wall of no thickness,
 /// a flap, or a piece of surface that was written twice. Such pairs are taken together with the pairs next to them;
 /// all of them go where that leaves fewer open or non-manifold edges than one sheet of them would, and one sheet
-/// stays otherwise, so that a two-sided sheet standing alone is not lost.
+/// stays otherwise, so that a two-sided sheet standing alone is not lost. Nor does a wall go that can be seen and is large.
 ///
 /// ```text
 ///    ____________                    ____________
@@ -76,15 +87,53 @@ fn drop_walls(surface: &Surface, keep: &mut [bool], cancelling: &[u32]) -> u64 {
             it.2 |= !others.is_empty();
         }
     }
+    let goes = |(without, with, attached): (u64, u64, bool)| attached && without < with;
+    let mut area = vec![0.0; cancelling.len()];
+    for (&f, i) in cancelling.iter().zip(0u32..) {
+        area[sets.root(i) as usize] += surface.area_vector(f as usize).length();
+    }
+    let total: f64 = (0..surface.faces.len()).map(|f| surface.area_vector(f).length()).sum();
+    let large: Vec<bool> = bad.iter().zip(&area).map(|(&bad, &area)| goes(bad) && area > LARGE * total).collect();
+    let seen = seen_from_outside(surface, cancelling, |i| large[sets.root(i) as usize]);
+    let mut sees = vec![[0u32; 2]; cancelling.len()];
+    for (i, seen) in seen {
+        sees[sets.root(i) as usize][usize::from(seen)] += 1;
+    }
     let mut gone = 0;
     for (&f, i) in cancelling.iter().zip(0u32..) {
-        let (without, with, attached) = bad[sets.root(i) as usize];
-        if attached && without < with {
+        let root = sets.root(i) as usize;
+        // What is large and can be seen is a board that was drawn without thickness, and part of the model.
+        if goes(bad[root]) && sees[root][1] <= sees[root][0] {
             keep[f as usize] = false;
             gone += 2;
         }
     }
     gone
+}
+
+/// Of some of the faces that `asked` says, by number, whether a ray from their middle leaves the surface unhindered.
+fn seen_from_outside(surface: &Surface, faces: &[u32], mut asked: impl FnMut(u32) -> bool) -> Vec<(u32, bool)> {
+    let asked: Vec<u32> = (0u32..).take(faces.len()).filter(|&i| asked(i)).collect();
+    if asked.is_empty() {
+        return Vec::new();
+    }
+    // The faces themselves, and their doubles, are no hindrance: rays begin within them.
+    let own: HashSet<[u32; 3]> = asked.iter().map(|&i| sorted(surface.faces[faces[i as usize] as usize])).collect();
+    let others = surface.faces.iter().copied().filter(|&face| !own.contains(&sorted(face))).collect();
+    let mut walls = Walls::new(surface, others, BUDGET);
+    let stride = asked.len().div_ceil(ASKED);
+    let see = |&i: &u32| {
+        let [a, b, c] = surface.faces[faces[i as usize] as usize].map(|v| walls.unit[v as usize]);
+        let from = (a + b + c) / 3.0;
+        let free = (0..RAYS).any(|ray| walls.crossings(from, from + ray_direction(ray) * 8.0, None) == Some(0));
+        (i, free)
+    };
+    asked.iter().step_by(stride).map(see).collect()
+}
+
+fn sorted(mut face: [u32; 3]) -> [u32; 3] {
+    face.sort_unstable();
+    face
 }
 
 /// Whether the face's vertices are an even permutation of their sorted order.

@@ -38,6 +38,8 @@ pub enum Operator {
     CutOneSided,
     /// Cut apart what meets in non-manifold edges and vertices.
     CutApart,
+    /// Free faces that hang on an edge of two others and could not be cut apart.
+    FreeFins,
     /// Join open parts where their boundaries come nearest.
     JoinParts,
     /// Close holes.
@@ -74,6 +76,7 @@ impl Operator {
         Self::RemoveMembranes,
         Self::CutOneSided,
         Self::CutApart,
+        Self::FreeFins,
         Self::JoinParts,
         Self::FillHoles,
         Self::CleanAndPatch,
@@ -109,6 +112,7 @@ impl Operator {
             Self::RemoveMembranes => "remove_membranes",
             Self::CutOneSided => "cut_one_sided",
             Self::CutApart => "cut_apart",
+            Self::FreeFins => "free_fins",
             Self::JoinParts => "join_parts",
             Self::FillHoles => "fill_holes",
             Self::CleanAndPatch => "clean_and_patch",

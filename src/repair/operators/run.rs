@@ -4,6 +4,7 @@ use super::cut::{Pairing, Pinches, cut_apart};
 use super::debris::remove_debris;
 use super::degenerate::{remove_caps, remove_collapsed};
 use super::duplicates::remove_duplicates;
+use super::fins::FreeFins;
 use super::foldovers::UnfoldFoldovers;
 use super::holes::FillHoles;
 use super::join::JoinParts;
@@ -96,6 +97,7 @@ impl Operator {
                 CutOneSided { most: scope.reach, to_f32: scope.format == Format::Stl }.apply(surface, context)?
             }
             Self::CutApart => cut_apart(surface, scope.pairing, Pinches::KeepAtBoundaries, context)?.into(),
+            Self::FreeFins => FreeFins { to_f32 }.apply(surface, context)?.into(),
             Self::JoinParts => JoinParts { most: scope.reach }.apply(surface, context)?,
             Self::ThickenSheets => {
                 let asked = options.open_sheets == OpenSheets::Thicken;

@@ -26,6 +26,9 @@ const SHORT: usize = 16;
 /// Steps that growth from sharp corners may take for one hole where it is one way of several.
 const SHARP_STEPS: u64 = 2_000_000;
 
+/// How far behind the middle of its hole the corner of a cone stands, in edges around it.
+const CONE: f64 = 0.05;
+
 /// A way to triangulate a hole.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Way {
@@ -123,12 +126,39 @@ impl<'a> Filler<'a> {
                 break;
             }
         }
-        let Some((mut chosen, triangles)) = best else { return Ok(None) };
+        let Some((mut chosen, triangles)) = best else {
+            let single = hole.loops.len() == 1 && self.params.filling == HoleFilling::Auto;
+            return Ok(if single { self.cone(&corners) } else { None });
+        };
         let sound = chosen.open == 0 && chosen.faults.is_some_and(Faults::none);
         if (self.params.refine || self.params.fair) && !flat && sound && corners.points.len() > 3 {
             self.refine(&corners, triangles, &mut chosen);
         }
         Ok(Some(chosen))
+    }
+
+    /// A patch of which every face has the same new corner, for a hole all of whose triangulations need an edge that is there
+    /// already. The corner stands behind the middle of the hole, since before it the surface may be that of the edge.
+    ///
+    /// ```text
+    ///    ____           ____
+    ///   |    |         |\  /|
+    ///   |    |   ->    | \/ |
+    ///   |____|         |_/\_|
+    /// ```
+    fn cone(&mut self, corners: &Corners<'_>) -> Option<Chosen> {
+        let points: Vec<DVec3> = corners.vertices.iter().map(|&v| self.positions[v as usize]).collect();
+        let n = points.len();
+        let middle = points.iter().sum::<DVec3>() / n as f64;
+        let length = (0..n).map(|i| points[i].distance(points[(i + 1) % n])).sum::<f64>() / n as f64;
+        let round = |p: DVec3| if self.params.to_f32 { rounded(p) } else { p };
+        let apex = round(middle - corners.normal.normalize_or_zero() * (CONE * length));
+        let new = u32::try_from(self.positions.len()).ok().filter(|_| apex.is_finite())?;
+        let faces: Vec<[u32; 3]> = (0..n).map(|i| [corners.vertices[i], corners.vertices[(i + 1) % n], new]).collect();
+        self.positions.push(apex);
+        self.clearance.add_vertices(&[apex]);
+        let faults = self.clearance.faults(&faces, false, u64::MAX);
+        Some(Chosen { faces, faults, open: 0 })
     }
 
     /// The ways that are tried, in order.

@@ -128,8 +128,8 @@ impl FillHoles {
     /// ```
     ///
     /// Precondition: consistent winding, or walks along the boundary end and are left. Result: no vertex moves and no
-    /// face goes. Leaves: loops over the limits, those of open sheets, those whose every triangulation needs
-    /// an edge that exists; what a sharp patch could not reach.
+    /// face goes. Where every triangulation needs an edge that exists, a cone over a new vertex closes the hole. Leaves:
+    /// loops over the limits, those of open sheets, what a sharp patch could not reach.
     ///
     /// # Errors
     /// [`Cancelled`] when the work should stop; the surface is then unchanged.
