@@ -98,7 +98,7 @@ impl Tree {
         if !place.abs().cmplt(DVec3::splat(FAR)).all() {
             return 0.0;
         }
-        let (mut angle, mut stack) = (0.0, vec![0u32]);
+        let (mut angle, mut near, mut stack) = (0.0, HalfAngles::NONE, vec![0u32]);
         while let Some(at) = stack.pop() {
             let (node, dipole) = (&bvh.nodes[at as usize], &dipoles.nodes[at as usize]);
             let cost = 1 + u64::from(node.prim_count);
@@ -114,13 +114,13 @@ impl Tree {
             } else if node.is_leaf() {
                 for i in 0..node.prim_count {
                     let face = bvh.primitive_indices[(node.first_index + i) as usize];
-                    angle += solid_angle(self.framed(triangle(face)).map(|p| p - place));
+                    near.add(self.framed(triangle(face)).map(|p| p - place));
                 }
             } else {
                 stack.extend([node.first_index + 1, node.first_index]);
             }
         }
-        angle / (4.0 * PI)
+        (angle + near.sum()) / (4.0 * PI)
     }
 
     fn framed(&self, triangle: [DVec3; 3]) -> [DVec3; 3] {
@@ -130,15 +130,48 @@ impl Tree {
 
 /// The generalized winding number of triangles around a point, summed one by one.
 pub fn winding_exact(point: DVec3, triangles: impl IntoIterator<Item = [DVec3; 3]>) -> f64 {
-    triangles.into_iter().map(|t| solid_angle(t.map(|p| p - point))).sum::<f64>() / (4.0 * PI)
+    let mut angles = HalfAngles::NONE;
+    triangles.into_iter().for_each(|t| angles.add(t.map(|p| p - point)));
+    angles.sum() / (4.0 * PI)
 }
 
-/// The angle under which a triangle is seen from the origin, positive from behind (van Oosterom and Strackee 1983).
-fn solid_angle([a, b, c]: [DVec3; 3]) -> f64 {
-    let (la, lb, lc) = (a.length(), b.length(), c.length());
-    let above = a.dot(b.cross(c));
-    let below = la * lb * lc + a.dot(b) * lc + b.dot(c) * la + c.dot(a) * lb;
-    if above == 0.0 { 0.0 } else { 2.0 * above.atan2(below) }
+/// A sum of angles under which triangles are seen from the origin. Half of each is the argument of a complex number (van
+/// Oosterom and Strackee 1983), so their sum is that of the product, and whole turns are counted beside it: one arc tangent
+/// for all of them.
+#[derive(Clone, Copy)]
+struct HalfAngles {
+    /// The product's real and imaginary part, of about length 1.
+    product: [f64; 2],
+    turns: i64,
+}
+
+impl HalfAngles {
+    const NONE: Self = Self { product: [1.0, 0.0], turns: 0 };
+
+    /// Adds a triangle's angle, positive from behind.
+    fn add(&mut self, [a, b, c]: [DVec3; 3]) {
+        let (la, lb, lc) = (a.length(), b.length(), c.length());
+        let above = a.dot(b.cross(c));
+        if above == 0.0 {
+            return;
+        }
+        let below = la * lb * lc + a.dot(b) * lc + b.dot(c) * la + c.dot(a) * lb;
+        let size = below.abs().max(above.abs());
+        let ([x, y], below, above) = (self.product, below / size, above / size);
+        // The last sum makes -0 a 0, which is on the upper side of the axis.
+        let next = [x * below - y * above, x * above + y * below + 0.0];
+        // Both in the upper half, or both in the lower: only their sum may pass the negative axis.
+        if (y >= 0.0) == (above > 0.0) && (next[1] >= 0.0) != (y >= 0.0) {
+            self.turns += if above > 0.0 { 1 } else { -1 };
+        }
+        let size = next[0].abs().max(next[1].abs());
+        self.product = next.map(|part| part / size);
+    }
+
+    fn sum(self) -> f64 {
+        let [x, y] = self.product;
+        2.0 * (y.atan2(x) + 2.0 * PI * self.turns as f64)
+    }
 }
 
 #[cfg(test)]
