@@ -72,7 +72,7 @@ pub fn repair(
     let analysis = Analysis::new(subject(&mesh), patient)?;
     let (before, found_before) = look(&analysis, || measure_analysis(&analysis, patient), context)?;
     context.log(&format!("read {}: {}", mesh.dialect, before.measures.in_short()));
-    let original = Original::new(&analysis, &before.measures, CompareOptions::brief(analysis.surface.faces.len()));
+    let original = Original::new(&analysis, &before.measures, CompareOptions::BRIEF);
     let input = &Input { bytes, mesh: &mesh, analysis: &analysis, original: &original, before: &before };
     let end = Ending { input, found_before, format, start, context };
     let mut report = input.report(options);

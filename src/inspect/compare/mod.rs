@@ -55,16 +55,8 @@ impl Default for CompareOptions {
 }
 
 impl CompareOptions {
-    /// What every result of a repair is judged with, at most.
+    /// What every result of a repair is judged with.
     pub const BRIEF: Self = Self { samples: 4000, vertices: 2000, inside: 0 };
-
-    /// What a repair of so many faces is judged with: fewer samples on small meshes, so that the verdict takes no longer than
-    /// the repair, but so many that one is a tenth of a percent of the area.
-    #[must_use]
-    pub fn brief(faces: usize) -> Self {
-        let most = Self::BRIEF.samples;
-        Self { samples: u32::try_from(faces).unwrap_or(most).clamp(most / 4, most), ..Self::BRIEF }
-    }
 }
 
 /// Two meshes compared.

@@ -10,8 +10,9 @@ use crate::math::hit;
 
 /// Points from which the wall is measured: five on each hundredth of the area.
 const SAMPLES: u32 = 512;
-/// A small model has few places to be thin at, and its inspection should take no longer than the rest of a job.
-const LEAST_SAMPLES: usize = 256;
+/// The same where winding numbers must tell material from air, so that inspecting a small model takes no longer than mending
+/// it.
+const COSTLY_SAMPLES: u32 = 256;
 /// Boxes and triangles that all of them together may look at.
 const BUDGET: u64 = 10_000_000;
 /// Winding numbers from which on a point is in material, and up to which it is in air. In between the surface is too open to
@@ -76,15 +77,14 @@ pub(super) fn thinnest_wall(
     measures: &Measures,
     context: &Context<'_>,
 ) -> Result<Result<ThinnestWall, NoWall>, Cancelled> {
-    #[expect(clippy::cast_possible_truncation, reason = "at most 512")]
-    let number = analysis.surface.faces.len().clamp(LEAST_SAMPLES, SAMPLES as usize) as u32;
-    let samples = samples(analysis, number);
+    let simple = parts_material_from_air(analysis, measures, context)?;
+    let samples = samples(analysis, if simple { SAMPLES } else { COSTLY_SAMPLES });
     if samples.is_empty() {
         return Ok(Err(NoWall::NoSurface));
     }
     let diagonal = unit_diagonal(analysis);
     let beside = (BESIDE[0] * diagonal).max(BESIDE[1]);
-    let inside = if parts_material_from_air(analysis, measures, context)? { None } else { Some(Inside::new(analysis)) };
+    let inside = (!simple).then(|| Inside::new(analysis));
     let prober = Prober { analysis, inside, reach: 2.0 * diagonal, beside };
     context.check()?;
     let answers = ask(samples.len(), BUDGET, context, |i, steps| {
@@ -158,8 +158,7 @@ impl Prober<'_> {
     /// The direction from a sample into the material, if there is material on one side and air on the other.
     fn inward(&self, sample: &Sample, steps: &mut u64) -> Option<DVec3> {
         let Some(inside) = &self.inside else { return Some(-sample.normal) };
-        let step = sample.normal * self.beside;
-        let [front, back] = [sample.point + step, sample.point - step].map(|p| inside.winding(p, steps));
+        let [front, back] = inside.windings(sample.point, sample.normal * self.beside, steps);
         if front < AIR && back > MATERIAL {
             Some(-sample.normal)
         } else {

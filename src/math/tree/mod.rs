@@ -107,6 +107,13 @@ impl Tree {
     }
 }
 
+/// How far a point is from a box, squared; 0 in it.
+#[inline]
+fn box_distance_squared(aabb: &Aabb, point: DVec3) -> f64 {
+    let outside = (aabb.min.as_dvec3() - point).max(point - aabb.max.as_dvec3());
+    outside.max(DVec3::ZERO).length_squared()
+}
+
 #[expect(clippy::cast_possible_truncation, reason = "the pad is wider than f32's rounding in [-1, 1]")]
 fn vec3a(v: DVec3) -> Vec3A {
     Vec3A::new(v.x as f32, v.y as f32, v.z as f32)
