@@ -2,7 +2,7 @@ use std::sync::OnceLock;
 
 use glam::DVec3;
 
-use super::{Solid, nesting_depths, solids};
+use super::{Intersections, Measures, Solid, intersections, measure, nesting_depths, solids};
 use crate::context::{Cancelled, Context};
 use crate::math::{Tree, collinear, to_unit_range, unit_scale};
 use crate::mesh::{CornerNormals, Edges, Fans, Ingest, Numbering, Parts, Soup, Surface};
@@ -48,6 +48,8 @@ pub struct Analysis<'a> {
     flat: OnceLock<Vec<bool>>,
     depths: OnceLock<Vec<Option<u32>>>,
     tree: OnceLock<Tree>,
+    measures: OnceLock<Measures>,
+    intersections: OnceLock<Intersections>,
 }
 
 impl<'a> Analysis<'a> {
@@ -80,6 +82,8 @@ impl<'a> Analysis<'a> {
             flat: OnceLock::new(),
             depths: OnceLock::new(),
             tree: OnceLock::new(),
+            measures: OnceLock::new(),
+            intersections: OnceLock::new(),
         })
     }
 
@@ -114,6 +118,27 @@ impl<'a> Analysis<'a> {
         let all = vec![true; self.solids.len()];
         let depths = nesting_depths(&self.surface, &self.parts, &self.solids, &all, context)?;
         Ok(self.depths.get_or_init(|| depths))
+    }
+
+    /// The faces that intersect, as [`intersections`] finds them.
+    ///
+    /// # Errors
+    /// [`Cancelled`] when the work should stop.
+    pub fn intersections(&self, context: &Context<'_>) -> Result<&Intersections, Cancelled> {
+        if let Some(known) = self.intersections.get() {
+            return Ok(known);
+        }
+        let found = intersections(self, context)?;
+        Ok(self.intersections.get_or_init(|| found))
+    }
+
+    /// The measures, but for self-intersections.
+    pub(super) fn measures(&self, context: &Context<'_>) -> Result<&Measures, Cancelled> {
+        if let Some(known) = self.measures.get() {
+            return Ok(known);
+        }
+        let found = measure::count(self, context)?;
+        Ok(self.measures.get_or_init(|| found))
     }
 
     /// A tree over the faces of `surface` in the coordinates of [`Analysis::unit`].

@@ -3,7 +3,7 @@ use utoipa::{IntoParams, ToSchema};
 
 use super::{
     Analysis, Characteristics, CheckVerdict, DefectGroup, DefectKind, Findings, Measures, OptionsError, PrintMeasures,
-    Subject, Tolerances, Unit, characteristics, find_defects, intersections, measures, print_measures,
+    Subject, Tolerances, Unit, characteristics, find_defects, measures, print_measures,
 };
 use crate::context::{Cancelled, Context};
 
@@ -149,7 +149,7 @@ pub fn inspect_analysis(
     let mut measures = measures(analysis, context)?;
     let mut findings = Findings::new(analysis.subject.soup.faces.len(), options.places.max(MOST_PLACES));
     if options.level == Level::Full {
-        let found = intersections(analysis, context)?;
+        let found = analysis.intersections(context)?;
         found.report(analysis, &mut findings);
         measures.self_intersections = found.counts;
     }

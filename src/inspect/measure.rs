@@ -1,4 +1,4 @@
-use super::{Analysis, BoundingBox, Measures, Volume, finite, group_faces, intersections, nesting_depths};
+use super::{Analysis, BoundingBox, Measures, Volume, finite, group_faces, nesting_depths};
 use crate::context::{Cancelled, Context};
 use crate::math::Box3;
 use crate::mesh::{Edges, Soup, count_boundary_chains};
@@ -20,7 +20,7 @@ pub fn measure(soup: &Soup, context: &Context<'_>) -> Result<Measures, Cancelled
 /// [`Cancelled`] when the work should stop.
 pub fn measure_analysis(analysis: &Analysis<'_>, context: &Context<'_>) -> Result<Measures, Cancelled> {
     let mut it = measures(analysis, context)?;
-    it.self_intersections = intersections(analysis, context)?.counts;
+    it.self_intersections = analysis.intersections(context)?.counts;
     Ok(it)
 }
 
@@ -29,6 +29,11 @@ pub fn measure_analysis(analysis: &Analysis<'_>, context: &Context<'_>) -> Resul
 /// # Errors
 /// [`Cancelled`] when the work should stop.
 pub fn measures(analysis: &Analysis<'_>, context: &Context<'_>) -> Result<Measures, Cancelled> {
+    analysis.measures(context).cloned()
+}
+
+/// Counts what [`Analysis::measures`] keeps.
+pub(super) fn count(analysis: &Analysis<'_>, context: &Context<'_>) -> Result<Measures, Cancelled> {
     let Analysis { subject, surface, ingest, edges, parts, fans, solids, .. } = analysis;
     let mut it = Measures {
         faces: subject.soup.faces.len() as u64,

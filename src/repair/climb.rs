@@ -107,7 +107,7 @@ impl<'a> Climb<'a> {
         context.report(Stage::Verify, Some(rung.tier), span(index).end);
         let start = context.now();
         let patches = if rung.tier == 3 { Patches::None } else { Patches::BySource };
-        let verdict = judge(result, patches, format, self.input.original, options, &context.without_deadline());
+        let verdict = judge(result, patches, format, self.input.original, options, context);
         let mut step = validation(index, start, context);
         let mut good = false;
         match verdict {

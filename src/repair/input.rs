@@ -17,7 +17,8 @@ pub(super) struct Input<'a> {
 }
 
 impl Input<'_> {
-    /// The input's own bytes, or its faces in order in another format; none where no face is left to write.
+    /// The input's own bytes, or its faces in order in another format; none where no face is left to write. It does not wait for
+    /// the end of the time.
     pub fn handed_back(
         &self,
         format: Format,
@@ -32,8 +33,9 @@ impl Input<'_> {
                 bytes: self.bytes.to_vec(),
                 dialect: self.mesh.dialect.clone(),
                 measures: before.clone(),
-                changes: self.original.changes(self.analysis, before, Some(&[]), context)?,
+                changes: self.original.changes(self.analysis, before, Some(&[]), &context.without_deadline())?,
                 red_flags: Vec::new(),
+                looked: None,
             }));
         }
         let surface = &self.analysis.surface;
@@ -49,9 +51,16 @@ impl Input<'_> {
     }
 
     /// Looks at a result as at the input: at its own bytes, read back. Those of the input are known already.
-    pub fn after(&self, judged: &Judged, context: &Context<'_>) -> Result<(Inspection, Option<Findings>), RepairError> {
+    pub fn after(
+        &self,
+        judged: &mut Judged,
+        context: &Context<'_>,
+    ) -> Result<(Inspection, Option<Findings>), RepairError> {
         if judged.bytes == self.bytes {
             return Ok((self.before.clone(), None));
+        }
+        if let Some((inspection, findings)) = judged.looked.take() {
+            return Ok((inspection, Some(findings)));
         }
         let read = read_own(&judged.bytes)?;
         let analysis = Analysis::new(subject(&read), &context.without_deadline())?;

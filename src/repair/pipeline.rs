@@ -80,7 +80,7 @@ pub fn repair(
     // What is to be beaten: the input, or what the output's format makes of it.
     let mut as_is = before.measures.clone();
     if as_is.printable() {
-        match input.handed_back(format, options, patient) {
+        match input.handed_back(format, options, context) {
             Ok(Some(untouched)) if untouched.measures.printable() => {
                 report.plan.reason = "the input is printable already, so nothing was run".to_owned();
                 report.candidates.push(Candidate::new(None, &untouched, true));
@@ -106,7 +106,7 @@ pub fn repair(
         let outcome = if best.is_good() { Outcome::Repaired } else { Outcome::PartiallyRepaired };
         return end.with(report, outcome, Some(best));
     }
-    let handed = input.handed_back(format, options, patient)?;
+    let handed = input.handed_back(format, options, context)?;
     report.candidates.extend(handed.as_ref().map(|judged| Candidate::new(None, judged, true)));
     end.with(report, Outcome::Unrepairable, handed)
 }
@@ -127,8 +127,8 @@ impl Ending<'_> {
         report.outcome = outcome;
         report.summary = summary::in_words(outcome, &report, judged.as_ref().map(|j| &j.measures), context);
         let (mut bytes, mut found_after) = (Vec::new(), None);
-        if let Some(judged) = judged {
-            let (after, found) = input.after(&judged, context)?;
+        if let Some(mut judged) = judged {
+            let (after, found) = input.after(&mut judged, context)?;
             report.after = Some(after);
             found_after = found;
             report.output = Some(FileSummary { format, dialect: judged.dialect, bytes: judged.bytes.len() as u64 });

@@ -1,7 +1,7 @@
-use super::input::read_own;
+use super::input::{look, read_own, subject};
 use super::{Cancelled, Changes, Context, Options, RedFlag, RedFlagCode, Standing, red_flags};
 use crate::format::{self, Format, ReadError, WriteError};
-use crate::inspect::{Analysis, Measures, Original, measure_analysis};
+use crate::inspect::{Analysis, Findings, Inspection, Measures, Original, measure_analysis};
 use crate::mesh::{NO_SOURCE, Parts, Surface};
 
 /// Share of the visible surface, in percent, whose loss makes even a printable result worse than the input.
@@ -14,6 +14,8 @@ pub(super) struct Judged {
     pub measures: Measures,
     pub changes: Changes,
     pub red_flags: Vec<RedFlag>,
+    /// All that is told of it, where it is good: then nothing better will come, and what its bytes say is at hand.
+    pub looked: Option<(Inspection, Findings)>,
 }
 
 /// Why a result could not be judged.
@@ -36,7 +38,8 @@ pub(super) enum Patches {
     None,
 }
 
-/// Writes a mesh, reads the written bytes back, and measures those, so that the verdict is on what is handed out.
+/// Writes a mesh, reads the written bytes back, and measures those, so that the verdict is on what is handed out. The verdict
+/// does not wait for the end of the time that `context` gives.
 pub(super) fn judge(
     surface: &Surface,
     patches: Patches,
@@ -45,18 +48,21 @@ pub(super) fn judge(
     options: &Options,
     context: &Context<'_>,
 ) -> Result<Judged, JudgeError> {
+    let patient = &context.without_deadline();
     let bytes = format::write(&surface.to_soup(), format)?;
     let read = read_own(&bytes)?;
-    let analysis = Analysis::new((&read.soup).into(), context)?;
-    let measures = measure_analysis(&analysis, context)?;
+    let analysis = Analysis::new(subject(&read), patient)?;
+    let measures = measure_analysis(&analysis, patient)?;
     // Faces are written and read in their order.
     let patches: Vec<bool> = match patches {
         Patches::BySource => surface.source.iter().map(|&source| source == NO_SOURCE).collect(),
         Patches::None => Vec::new(),
     };
-    let changes = input.changes(&analysis, &measures, Some(&patches), context)?;
+    let changes = input.changes(&analysis, &measures, Some(&patches), patient)?;
     let red_flags = red_flags(input.measures(), &measures, &changes, standing(surface, input.analysis()), options);
-    Ok(Judged { bytes, dialect: read.dialect, measures, changes, red_flags })
+    let good = is_good(&measures, &red_flags);
+    let looked = if good { Some(look(&analysis, || Ok(measures.clone()), context)?) } else { None };
+    Ok(Judged { bytes, dialect: read.dialect, measures, changes, red_flags, looked })
 }
 
 /// What of the input is in a surface.
@@ -77,10 +83,15 @@ fn standing(surface: &Surface, input: &Analysis<'_>) -> Standing {
     Standing { faces: count(&stands), parts_gone: count(&gone) }
 }
 
+/// Printable with no sign of destruction.
+fn is_good(measures: &Measures, red_flags: &[RedFlag]) -> bool {
+    measures.printable() && red_flags.is_empty()
+}
+
 impl Judged {
     /// Printable with no sign of destruction.
     pub fn is_good(&self) -> bool {
-        self.measures.printable() && self.red_flags.is_empty()
+        is_good(&self.measures, &self.red_flags)
     }
 
     /// Whether it is closed, but perhaps for faces that intersect, and nothing of the model is lost.

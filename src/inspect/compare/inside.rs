@@ -84,6 +84,12 @@ impl<'a> Inside<'a> {
         self.analysis.tree().winding(&self.dipoles, point, steps, |f| corners(self.analysis, f)).abs()
     }
 
+    /// The same on both sides of a point.
+    pub fn windings(&self, point: DVec3, aside: DVec3, steps: &mut u64) -> [f64; 2] {
+        let tree = self.analysis.tree();
+        tree.windings(&self.dipoles, point, aside, steps, |f| corners(self.analysis, f)).map(f64::abs)
+    }
+
     fn has(&self, point: DVec3, steps: &mut u64) -> bool {
         self.winding(point, steps) >= 0.5
     }

@@ -5,13 +5,14 @@ use utoipa::ToSchema;
 use crate::context::{Cancelled, Context};
 use crate::inspect::compare::{Inside, Sample, percentile, samples, unit_diagonal};
 use crate::inspect::queries::ask;
-use crate::inspect::{Analysis, finite};
+use crate::inspect::{Analysis, Measures, Solid, finite};
 use crate::math::hit;
 
-/// Points from which the wall is measured.
-const SAMPLES: u32 = 1000;
-/// A small model has few places to be thin at, and its inspection should take no longer than the rest of a job.
-const LEAST_SAMPLES: usize = 256;
+/// Points from which the wall is measured: five on each hundredth of the area.
+const SAMPLES: u32 = 512;
+/// The same where winding numbers must tell material from air, so that inspecting a small model takes no longer than mending
+/// it.
+const COSTLY_SAMPLES: u32 = 256;
 /// Boxes and triangles that all of them together may look at.
 const BUDGET: u64 = 10_000_000;
 /// Winding numbers from which on a point is in material, and up to which it is in air. In between the surface is too open to
@@ -25,8 +26,6 @@ const BESIDE: [f64; 2] = [1e-9, 1e-13];
 const OPPOSITE: f64 = 0.8;
 /// Faces that a ray may pass through on its way to the air, as in overlapping parts.
 const MOST_PASSED: usize = 16;
-/// Steps of a shrinking sphere. It mostly takes three; beside an edge it halves in each step.
-const MOST_SHRUNK: usize = 40;
 /// Share of the samples that must have material on one side and air on the other for the mesh to have walls.
 const SOLID_SHARE: f64 = 0.5;
 
@@ -67,25 +66,26 @@ enum Probe {
     Wall(f64, u32),
 }
 
-/// Measures the wall behind points spread evenly over the surface: by a ray inward to where the air begins, and by the sphere
+/// Measures the wall behind points spread evenly over the surface: by a ray inward to where the air begins, and by the ball
 /// inside the material that touches the point, shrunk until nothing is in it (Ma et al. 2012). Winding numbers tell material
-/// from air, so parts may overlap, surfaces intersect, and parts be turned inside out.
+/// from air, so parts may overlap, surfaces intersect, and parts be turned inside out; a printable mesh needs none.
 ///
 /// # Errors
 /// [`Cancelled`] when the context says stop.
 pub(super) fn thinnest_wall(
     analysis: &Analysis<'_>,
+    measures: &Measures,
     context: &Context<'_>,
 ) -> Result<Result<ThinnestWall, NoWall>, Cancelled> {
-    #[expect(clippy::cast_possible_truncation, reason = "at most 1000")]
-    let number = analysis.surface.faces.len().clamp(LEAST_SAMPLES, SAMPLES as usize) as u32;
-    let samples = samples(analysis, number);
+    let simple = parts_material_from_air(analysis, measures, context)?;
+    let samples = samples(analysis, if simple { SAMPLES } else { COSTLY_SAMPLES });
     if samples.is_empty() {
         return Ok(Err(NoWall::NoSurface));
     }
     let diagonal = unit_diagonal(analysis);
     let beside = (BESIDE[0] * diagonal).max(BESIDE[1]);
-    let prober = Prober { analysis, inside: Inside::new(analysis), reach: 2.0 * diagonal, beside };
+    let inside = (!simple).then(|| Inside::new(analysis));
+    let prober = Prober { analysis, inside, reach: 2.0 * diagonal, beside };
     context.check()?;
     let answers = ask(samples.len(), BUDGET, context, |i, steps| {
         let probe = prober.probe(&samples[i], steps);
@@ -118,31 +118,57 @@ pub(super) fn thinnest_wall(
     }))
 }
 
+/// Whether each face has material behind it and air in front of it for certain: nothing intersects, and parts within others
+/// are cavities and solids by turns.
+fn parts_material_from_air(
+    analysis: &Analysis<'_>,
+    measures: &Measures,
+    context: &Context<'_>,
+) -> Result<bool, Cancelled> {
+    if !measures.printable() {
+        return Ok(false);
+    }
+    let depths = analysis.depths(context)?;
+    let by_turns = |(solid, depth): (&Solid, &Option<u32>)| {
+        depth.is_some_and(|depth| (solid.volume > 0.0) == (depth % 2 == 0)) && solid.volume != 0.0
+    };
+    Ok(analysis.solids.iter().zip(depths).all(by_turns))
+}
+
 struct Prober<'a> {
     analysis: &'a Analysis<'a>,
-    inside: Inside<'a>,
+    /// What tells material from air; none where every face parts them, with the air in front of it.
+    inside: Option<Inside<'a>>,
     reach: f64,
     beside: f64,
 }
 
 impl Prober<'_> {
     fn probe(&self, sample: &Sample, steps: &mut u64) -> Probe {
-        let step = sample.normal * self.beside;
-        let sides = [sample.point + step, sample.point - step].map(|p| self.inside.winding(p, steps));
-        let inward = if sides[0] < AIR && sides[1] > MATERIAL {
-            -sample.normal
-        } else if sides[1] < AIR && sides[0] > MATERIAL {
-            sample.normal
-        } else {
-            return Probe::NotSolid;
-        };
+        let Some(inward) = self.inward(sample, steps) else { return Probe::NotSolid };
         let Some((length, face)) = self.way_out(sample, inward, steps) else { return Probe::NoWall };
-        if let Some(wall) = self.sphere(sample.point, inward, length / 2.0, steps) {
+        if let Some(wall) = self.ball(sample.point, inward, length / 2.0, steps) {
             return wall;
         }
         let [a, b, c] = self.corners(face);
         let opposite = (b - a).cross(c - a).normalize_or_zero().dot(inward).abs() >= OPPOSITE;
         if opposite { Probe::Wall(length, face) } else { Probe::NoWall }
+    }
+
+    /// The direction from a sample into the material, if there is material on one side and air on the other.
+    fn inward(&self, sample: &Sample, steps: &mut u64) -> Option<DVec3> {
+        let Some(inside) = &self.inside else { return Some(-sample.normal) };
+        let [front, back] = inside.windings(sample.point, sample.normal * self.beside, steps);
+        if front < AIR && back > MATERIAL {
+            Some(-sample.normal)
+        } else {
+            (back < AIR && front > MATERIAL).then_some(sample.normal)
+        }
+    }
+
+    /// Whether a point just behind a face that was met from the material is in air.
+    fn is_air(&self, beyond: DVec3, steps: &mut u64) -> bool {
+        self.inside.as_ref().is_none_or(|inside| inside.winding(beyond, steps) < AIR)
     }
 
     /// How far it is inward to where the air begins, and the face there.
@@ -161,35 +187,19 @@ impl Prober<'_> {
         hits.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
         let found = hits.into_iter().take(MOST_PASSED).find(|&(length, _)| {
             let beyond = sample.point + inward * (length + self.beside);
-            self.inside.winding(beyond, steps) < AIR
+            self.is_air(beyond, steps)
         });
         found.filter(|_| *steps > 0)
     }
 
-    /// The wall by the largest sphere of at most `radius` that touches `point` from inside, where it touches an opposite side.
-    fn sphere(&self, point: DVec3, inward: DVec3, mut radius: f64, steps: &mut u64) -> Option<Probe> {
-        let (mut contact, mut settled) = (None, false);
-        for _ in 0..MOST_SHRUNK {
-            let centre = point + inward * radius;
-            let bound = radius * (1.0 - 1e-6);
-            let Some(nearest) = self.analysis.tree().nearest(centre, bound, steps, |f| self.corners(f)) else {
-                settled = true;
-                break;
-            };
-            let way = nearest.point - point;
-            let smaller = way.length_squared() / (2.0 * way.dot(inward));
-            if !(smaller > 0.0 && smaller < radius) {
-                return None;
-            }
-            radius = smaller;
-            contact = Some(nearest);
-        }
-        // Before the sphere is empty, its last contact says nothing of where it will touch.
-        let contact = contact.filter(|_| settled && *steps > 0)?;
-        let outward = (contact.point - (point + inward * radius)) / radius;
+    /// The wall by the largest ball of at most `radius` that touches `point` from inside, where it touches an opposite side.
+    fn ball(&self, point: DVec3, inward: DVec3, radius: f64, steps: &mut u64) -> Option<Probe> {
+        let ball = self.analysis.tree().shrunk_ball(point, inward, radius, steps, |f| self.corners(f))?;
+        let contact = ball.touches.filter(|_| *steps > 0)?;
+        let outward = (contact.point - (point + inward * ball.radius)) / ball.radius;
         let beyond = contact.point + outward * self.beside;
-        let wall = outward.dot(inward) >= OPPOSITE && self.inside.winding(beyond, steps) < AIR;
-        wall.then_some(Probe::Wall(2.0 * radius, contact.face))
+        let wall = outward.dot(inward) >= OPPOSITE && self.is_air(beyond, steps);
+        wall.then_some(Probe::Wall(2.0 * ball.radius, contact.face))
     }
 
     fn corners(&self, face: u32) -> [DVec3; 3] {

@@ -1,3 +1,4 @@
+mod ball;
 mod frame;
 mod nearest;
 mod pairs;
@@ -10,6 +11,7 @@ use obvhs::ploc::{PlocBuilder, PlocSearchDistance, SortPrecision};
 
 use crate::math::Box3;
 
+pub use ball::Ball;
 pub use frame::Frame;
 pub use nearest::Nearest;
 pub use pairs::{Hit, PairSearch};
@@ -62,7 +64,8 @@ impl Tree {
     pub fn along(&self, from: DVec3, to: DVec3, visit: impl FnMut(u32) -> bool) {
         let origin = self.frame.to_tree(from);
         let step = self.frame.to_tree(to) - origin;
-        self.walk(|min, max| meets(origin, step, min, max), visit);
+        let share = step.recip();
+        self.walk(|min, max| meets(origin, share, min, max), visit);
     }
 
     /// Calls `visit` with every triangle whose box comes within `reach` of a point along each axis, until it answers
@@ -104,6 +107,13 @@ impl Tree {
     }
 }
 
+/// How far a point is from a box, squared; 0 in it.
+#[inline]
+fn box_distance_squared(aabb: &Aabb, point: DVec3) -> f64 {
+    let outside = (aabb.min.as_dvec3() - point).max(point - aabb.max.as_dvec3());
+    outside.max(DVec3::ZERO).length_squared()
+}
+
 #[expect(clippy::cast_possible_truncation, reason = "the pad is wider than f32's rounding in [-1, 1]")]
 fn vec3a(v: DVec3) -> Vec3A {
     Vec3A::new(v.x as f32, v.y as f32, v.z as f32)
@@ -118,18 +128,18 @@ fn jitter(index: usize) -> f64 {
     ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
 }
 
-/// Whether the segment meets the box: the slab test (Kay and Kajiya 1986), with a segment parallel to a slab decided
-/// by its origin.
-fn meets(origin: DVec3, step: DVec3, min: DVec3, max: DVec3) -> bool {
+/// Whether a segment meets the box: the slab test (Kay and Kajiya 1986), with a segment parallel to a slab decided by its
+/// origin. `share` is one over what the segment goes along each axis; the boxes are padded by far more than that rounds.
+fn meets(origin: DVec3, share: DVec3, min: DVec3, max: DVec3) -> bool {
     let (mut enter, mut leave) = (0.0f64, 1.0f64);
     for k in 0..3 {
-        if step[k] == 0.0 {
+        if !share[k].is_finite() {
             if origin[k] < min[k] || origin[k] > max[k] {
                 return false;
             }
             continue;
         }
-        let (a, b) = ((min[k] - origin[k]) / step[k], (max[k] - origin[k]) / step[k]);
+        let (a, b) = ((min[k] - origin[k]) * share[k], (max[k] - origin[k]) * share[k]);
         enter = enter.max(a.min(b));
         leave = leave.min(a.max(b));
     }

@@ -1,6 +1,6 @@
 use glam::DVec3;
 
-use super::Tree;
+use super::{Tree, box_distance_squared};
 use crate::math::nearest_on_triangle;
 
 /// Half-sides of the model from which on all its points are equally far, but for rounding.
@@ -40,11 +40,7 @@ impl Tree {
         let mut best = None;
         let limit = bound.max(0.0) * self.frame.scale();
         let mut best_square = if limit < FAR { limit * limit } else { f64::INFINITY };
-        let square = |node: u32| {
-            let node = &bvh.nodes[node as usize].aabb();
-            let outside = (node.min.as_dvec3() - place).max(place - node.max.as_dvec3()).max(DVec3::ZERO);
-            outside.length_squared()
-        };
+        let square = |node: u32| box_distance_squared(bvh.nodes[node as usize].aabb(), place);
         let mut stack = vec![(square(0), 0u32)];
         while let Some((at_least, at)) = stack.pop() {
             if at_least >= best_square {
