@@ -60,11 +60,20 @@ pub fn open_sheet_share(surface: &Surface) -> f64 {
             volume[part] += middle.dot(at(i).cross(at(i + 1))) / 6.0;
         }
     }
+    // A boundary that can't be walked is that of walls around something, or of faces around an edge.
+    let patches = Parts::patches(surface, &edges);
+    let mut has_boundary = vec![false; patches.count];
+    for half_edges in edges.iter().filter(|h| h.len() == 1) {
+        has_boundary[patches.of_face[half_edges[0] as usize / 3] as usize] = true;
+    }
+    let mut frayed = vec![true; parts.count];
+    for (&part, &patch) in parts.of_face.iter().zip(&patches.of_face).filter(|&(&part, _)| part != Parts::NONE) {
+        frayed[part as usize] &= has_boundary[patch as usize];
+    }
     let total: f64 = solids.iter().map(|s| s.area).sum();
     let sheets: f64 = (0..parts.count)
         .filter(|&p| open[p])
-        // Around a part whose boundary can't be walked nothing can be closed, such as three faces on one edge.
-        .filter(|&p| !walked[p] || !encloses(solids[p].area, patch_area[p], Some(volume[p])))
+        .filter(|&p| (!walked[p] && frayed[p]) || !encloses(solids[p].area, patch_area[p], Some(volume[p])))
         .map(|p| solids[p].area)
         .sum();
     if total > 0.0 { sheets / total } else { 0.0 }

@@ -205,15 +205,19 @@ fn a_wall_without_thickness_between_two_boxes_goes_whole() {
 }
 
 #[test]
-fn a_flap_of_two_faces_goes() {
-    let mut soup = cube(DVec3::ZERO, 1.0, 1);
-    let [a, b, _] = soup.corners(0);
-    let tip = DVec3::splat(3.0);
-    push(&mut soup, [a, b, tip]);
-    push(&mut soup, [b, a, tip]);
-    let mut it = surface(&soup);
-    assert_eq!(count(&remove_duplicates(&mut it), "cancelling_faces_removed"), 2);
-    assert!(measured(&it.to_soup()).printable());
+fn a_small_flap_of_two_faces_goes_and_a_large_one_stays_as_a_sheet() {
+    for (length, gone) in [(0.02, 2), (3.0, 0)] {
+        let mut soup = cube(DVec3::ZERO, 1.0, 1);
+        let [a, b, _] = soup.corners(0);
+        let tip = (a + b) * 0.5 - DVec3::splat(length);
+        push(&mut soup, [a, b, tip]);
+        push(&mut soup, [b, a, tip]);
+        let mut it = surface(&soup);
+        let changes = remove_duplicates(&mut it);
+        assert_eq!(count(&changes, "cancelling_faces_removed"), gone);
+        assert_eq!(count(&changes, "duplicate_faces_removed"), if gone > 0 { 0 } else { 1 });
+        assert_eq!(measured(&it.to_soup()).printable(), gone > 0);
+    }
 }
 
 #[test]

@@ -16,7 +16,7 @@ const LITTLE_AREA: f64 = 1e-3;
 const FIN_AREA: f64 = 1e-2;
 
 /// What reaches out of the box of all else by more than this share of the diagonal is none.
-const BOX: f64 = 5e-3;
+const BOX: f64 = 8e-3;
 
 /// Faces of an open part that are asked whether they lie inside a solid, and rays tried from each.
 const ASKED: usize = 64;

@@ -9,7 +9,7 @@ use crate::mesh::{Edges, Surface, UnionFind};
 use crate::repair::Change;
 
 /// Walls over this share of the whole area stay as one sheet where they can be seen.
-const LARGE: f64 = 2e-3;
+const LARGE: f64 = 5e-3;
 /// Faces of walls that are asked, rays tried from each, and faces that all rays together may look at.
 const ASKED: usize = 256;
 const RAYS: u32 = 24;
