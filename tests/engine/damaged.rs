@@ -9,7 +9,7 @@ use meshmend::inspect::{Measures, measure};
 use meshmend::repair::{Options, Repaired, repair};
 use proptest::prelude::*;
 
-use crate::damage::{DAMAGES, Damaged, Random, SOLIDS};
+use crate::damage::{DAMAGES, Damaged, Random, SOLIDS, TEARS};
 use crate::operators::with_context;
 
 /// Solids with a wall that a hole beside it makes doubtful: a cavity behind an open wall looks like a solid turned inside
@@ -104,5 +104,42 @@ proptest! {
         prop_assert_eq!(&one.bytes, &two.bytes);
         prop_assert_eq!(&two.bytes, &again.bytes);
         prop_assert_eq!(one.report, two.report);
+    }
+}
+
+/// A solid torn open, with faces removed and turned as well where `others` says so.
+fn torn(solid: usize, tear: usize, others: usize, amount: usize, seed: u64) -> (String, Damaged) {
+    let mut it = SOLIDS[solid].1();
+    let mut random = Random::new(seed);
+    TEARS[tear].1(&mut it, amount, &mut random);
+    let mut name = format!("{}, {}", SOLIDS[solid].0, TEARS[tear].0);
+    for (_, (kind, damage)) in DAMAGES.iter().enumerate().filter(|(i, _)| others >> i & 1 == 1) {
+        name.push_str(&format!(", {kind}"));
+        damage(&mut it, amount, &mut random);
+    }
+    (name, it)
+}
+
+#[test]
+fn each_solid_survives_each_kind_of_tear() {
+    let mut wrong = Vec::new();
+    for solid in 0..SOLIDS.len() {
+        for tear in 0..TEARS.len() {
+            let (name, it) = torn(solid, tear, 0, 4, 7);
+            wrong.extend(verdict(&it).err().map(|why| format!("{name}: {why}")));
+        }
+    }
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 24, failure_persistence: None, ..ProptestConfig::default() })]
+
+    #[test]
+    fn a_solid_torn_open_and_damaged_otherwise_is_solid_again(
+        solid in 0..SOLIDS.len(), tear in 0..TEARS.len(), others in 0..1usize << DAMAGES.len(), amount in 1..6usize, seed: u64,
+    ) {
+        let (name, it) = torn(solid, tear, others, amount, seed);
+        prop_assert_eq!(verdict(&it), Ok(()), "{}", name);
     }
 }
