@@ -89,9 +89,14 @@ fn operators_of(action: Action, sheets: OpenSheets) -> &'static [Operator] {
         // What is open and no part of the model would leave it without an inside.
         Action::Resolve => &[O::RemoveDebris, O::Resolve],
         Action::Separate => &[O::Separate],
-        Action::Mend | Action::MendConservative | Action::MakeManifold => {
-            &[O::UnfoldFoldovers, O::RemoveOverlappingNeighbours, O::RemoveMembranes, O::CutApart, O::CutOneSided]
-        }
+        Action::Mend | Action::MendConservative | Action::MakeManifold => &[
+            O::UnfoldFoldovers,
+            O::RemoveOverlappingNeighbours,
+            O::RemoveFinsWithin,
+            O::RemoveMembranes,
+            O::CutApart,
+            O::CutOneSided,
+        ],
         Action::CleanAndPatch => &[O::CleanAndPatch],
         // Small bits and what lies inside a solid go before they are made solid.
         Action::CloseSheets if sheets == OpenSheets::Base => &[O::RemoveDebris, O::AddBase],

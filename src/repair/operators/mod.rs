@@ -15,6 +15,7 @@ pub mod cut;
 pub mod debris;
 pub mod degenerate;
 pub mod duplicates;
+pub mod fins;
 pub mod foldovers;
 pub mod holes;
 pub mod join;
