@@ -4,6 +4,9 @@ use crate::inspect::group_faces;
 use crate::mesh::{Edges, Surface, UnionFind};
 use crate::repair::Change;
 
+/// Times that the choice between gone and one sheet is gone through, where it depends on that of neighbours.
+const PASSES: u32 = 8;
+
 /// Leaves one face of each group of faces with the same three vertices, or none where they cancel.
 ///
 /// In the arithmetic of chains two faces on the same vertices add up to nothing: they may be a wall of no thickness,
@@ -55,36 +58,90 @@ fn drop_walls(surface: &Surface, keep: &mut [bool], cancelling: &[u32]) -> u64 {
     }
     let edges = Edges::new(&surface.faces);
     let mut sets = UnionFind::new(cancelling.len());
-    for half_edges in edges.iter() {
-        let mut walls = half_edges.iter().map(|h| wall_of[*h as usize / 3]).filter(|&w| w != u32::MAX);
-        if let Some(first) = walls.next() {
-            for other in walls {
-                sets.unite(first, other);
+    let mut attached = vec![false; cancelling.len()];
+    // Of each sheet that may stay the edges, and for each edge the faces that stay.
+    let mut edges_of = vec![[u32::MAX; 3]; cancelling.len()];
+    let mut staying = vec![0u32; edges.len()];
+    for ((half_edges, e), staying) in edges.iter().zip(0u32..).zip(&mut staying) {
+        let kept = half_edges.iter().copied().filter(|&h| keep[h as usize / 3]);
+        let (walls, others): (Vec<u32>, Vec<u32>) = kept.partition(|&h| wall_of[h as usize / 3] != u32::MAX);
+        for &h in &walls {
+            let wall = wall_of[h as usize / 3] as usize;
+            edges_of[wall][h as usize % 3] = e;
+            attached[wall] |= !others.is_empty();
+            // Where other surface ends, a wall and a piece of that surface that is there twice may meet.
+            if others.is_empty() {
+                sets.unite(wall_of[walls[0] as usize / 3], wall_of[h as usize / 3]);
             }
         }
+        *staying = u32::try_from(walls.len() + others.len()).unwrap_or(u32::MAX);
     }
-    // For each wall: the edges that are bad when it is gone, and those that are bad when one sheet stays.
-    let mut bad = vec![(0u64, 0u64, false); cancelling.len()];
-    for half_edges in edges.iter() {
-        let kept = half_edges.iter().filter(|h| keep[**h as usize / 3]);
-        let (walls, others): (Vec<u32>, Vec<u32>) =
-            kept.map(|h| wall_of[*h as usize / 3]).partition(|&w| w != u32::MAX);
-        if let Some(&wall) = walls.first() {
-            let it = &mut bad[sets.root(wall) as usize];
-            it.0 += u64::from(!matches!(others.len(), 0 | 2));
-            it.1 += u64::from(walls.len() + others.len() != 2);
-            it.2 |= !others.is_empty();
+    let mut walls: Vec<Vec<u32>> = vec![Vec::new(); cancelling.len()];
+    for i in (0u32..).take(cancelling.len()) {
+        walls[sets.root(i) as usize].push(i);
+    }
+    walls.retain(|wall| wall.iter().any(|&i| attached[i as usize]));
+    let mut stays = vec![true; cancelling.len()];
+    let mut choice = Choice { edges_of: &edges_of, staying, stays: &mut stays };
+    for _ in 0..PASSES {
+        // Any that changes alters what is best for those next to it.
+        let changed = walls.iter().filter(|wall| choice.turn_if_better(wall)).count();
+        if changed == 0 {
+            break;
+        }
+    }
+    // Pieces of surface that are there twice and only hang together with a wall.
+    for _ in 0..PASSES {
+        let back: Vec<u32> = walls.iter().flatten().copied().filter(|&i| !choice.stays[i as usize]).collect();
+        if back.iter().filter(|&&i| choice.turn_if_better(&[i])).count() == 0 {
+            break;
         }
     }
     let mut gone = 0;
-    for (&f, i) in cancelling.iter().zip(0u32..) {
-        let (without, with, attached) = bad[sets.root(i) as usize];
-        if attached && without < with {
+    for (&f, stays) in cancelling.iter().zip(stays) {
+        if !stays {
             keep[f as usize] = false;
             gone += 2;
         }
     }
     gone
+}
+
+/// Which of the sheets that may go stay.
+struct Choice<'a> {
+    /// The edges of each sheet's face.
+    edges_of: &'a [[u32; 3]],
+    /// How many faces stay at each edge.
+    staying: Vec<u32>,
+    stays: &'a mut [bool],
+}
+
+impl Choice<'_> {
+    /// Takes some away that stay, or has them back, where that leaves fewer edges open or non-manifold.
+    fn turn_if_better(&mut self, wall: &[u32]) -> bool {
+        if self.turn(wall) < 0 {
+            return true;
+        }
+        self.turn(wall);
+        false
+    }
+
+    /// Turns the choice on some. Answers how many more edges are bad.
+    fn turn(&mut self, wall: &[u32]) -> i64 {
+        let bad = |n: u32| i64::from(!matches!(n, 0 | 2));
+        let mut more = 0;
+        for &i in wall {
+            let stays = &mut self.stays[i as usize];
+            for &e in &self.edges_of[i as usize] {
+                let n = &mut self.staying[e as usize];
+                more -= bad(*n);
+                *n = if *stays { *n - 1 } else { *n + 1 };
+                more += bad(*n);
+            }
+            *stays = !*stays;
+        }
+        more
+    }
 }
 
 /// Whether the face's vertices are an even permutation of their sorted order.

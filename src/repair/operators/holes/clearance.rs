@@ -163,6 +163,10 @@ impl<'a> Clearance<'a> {
         }
         let [a, b, c] = *corners;
         let [d, e, f] = other;
+        // A face without area, as cracks are closed with, and of which nothing can be asked.
+        if d == e || e == f || f == d {
+            return false;
+        }
         let number = |q: DVec3, own: u32| (0u32..).zip(corners).find(|(_, p)| **p == q).map_or(own, |(i, _)| i);
         let numbers = [number(d, 3), number(e, 4), number(f, 5)];
         let mut slow = 0;
