@@ -92,7 +92,7 @@ fn operators_of(action: Action, sheets: OpenSheets) -> &'static [Operator] {
         Action::Mend | Action::MendConservative | Action::MakeManifold => &[
             O::UnfoldFoldovers,
             O::RemoveOverlappingNeighbours,
-            O::RemoveFinsWithin,
+            O::RemoveSheetsWithin,
             O::RemoveMembranes,
             O::CutApart,
             O::CutOneSided,

@@ -4,7 +4,6 @@ use super::cut::{Pairing, Pinches, cut_apart};
 use super::debris::remove_debris;
 use super::degenerate::{remove_caps, remove_collapsed};
 use super::duplicates::remove_duplicates;
-use super::fins::remove_fins_within;
 use super::foldovers::UnfoldFoldovers;
 use super::holes::FillHoles;
 use super::join::JoinParts;
@@ -16,6 +15,7 @@ use super::quantise::quantise;
 use super::resolve::Resolve;
 use super::separate::Separate;
 use super::sew::Sew;
+use super::sheets_within::remove_sheets_within;
 use super::slivers::RemoveSlivers;
 use super::stitch::Stitch;
 use super::t_junctions::SplitTJunctions;
@@ -91,7 +91,7 @@ impl Operator {
                     RemoveOverlappingNeighbours { angle_deg: options.overlap_angle_deg, ..Default::default() };
                 overlaps.apply(surface, context)?
             }
-            Self::RemoveFinsWithin => remove_fins_within(surface, context)?,
+            Self::RemoveSheetsWithin => remove_sheets_within(surface, context)?,
             Self::RemoveMembranes => remove_membranes(surface, context)?,
             Self::Orient => Orient { nested: options.nested }.apply(surface, context)?,
             Self::CutOneSided => {
