@@ -87,6 +87,7 @@ fn operators_of(action: Action, sheets: OpenSheets) -> &'static [Operator] {
         Action::Mend | Action::MendConservative | Action::MakeManifold => &[
             O::UnfoldFoldovers,
             O::RemoveOverlappingNeighbours,
+            O::RemoveSheetsWithin,
             O::RemoveMembranes,
             O::CutApart,
             O::FreeFins,

@@ -24,4 +24,5 @@ mod pipeline;
 mod print;
 mod render;
 mod sheets;
+mod sheets_within;
 mod stitch;

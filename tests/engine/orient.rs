@@ -119,6 +119,42 @@ fn layers_alternate_where_that_is_asked_for_however_they_were_wound() {
     }
 }
 
+/// Cubes in one another without the first face of the outermost.
+fn nest_with_a_hole(outward: &[bool]) -> Soup {
+    let mut soup = nest(outward);
+    soup.faces.remove(0);
+    soup
+}
+
+#[test]
+fn a_cavity_behind_a_wall_with_a_hole_stays_one_and_is_turned_with_the_wall() {
+    let inner = |surface: &Surface| (0..2).map(|i| volume(surface, 11 + 12 * i..23 + 12 * i) > 0.0).collect::<Vec<_>>();
+    for (as_it_was, becomes) in [
+        ([true, false, true], [false, true]),
+        ([true, true, true], [true, true]),
+        ([false, true, false], [false, true]),
+        ([false, false, true], [false, true]),
+    ] {
+        let (surface, _) = oriented(&nest_with_a_hole(&as_it_was), KEEP);
+        assert_eq!(inner(&surface), becomes, "{as_it_was:?}");
+        assert!(volume(&surface, 0..11) > 0.0);
+    }
+}
+
+#[test]
+fn a_ball_over_or_beside_an_open_sheet_is_turned_outward() {
+    let mut ball = inside_out(sphere(DVec3::new(4.0, 4.0, 3.0), 1.0, 12, 6));
+    let faces = ball.faces.len();
+    ball = join(&ball, &sheet(9));
+    let (surface, _) = oriented(&ball, KEEP);
+    let middle = DVec3::new(4.0, 4.0, 3.0);
+    let outward = |f: usize| {
+        let [a, b, c] = surface.corners(f);
+        (b - a).cross(c - a).dot(a - middle) > 0.0
+    };
+    assert!((0..faces).all(outward));
+}
+
 #[test]
 fn of_two_cubes_that_overlap_the_one_inside_out_is_turned() {
     for (first, second) in [(true, false), (false, true), (false, false)] {

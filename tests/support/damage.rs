@@ -165,3 +165,55 @@ fn shuffle(on: &mut Damaged, _: usize, random: &mut Random) {
         faces[f].rotate_left(random.below(3));
     }
 }
+
+/// Kinds of damage that tear the surface open along lines.
+pub const TEARS: [(&str, Damage); 2] =
+    [("split along paths and jittered", split_along_paths), ("T-junctions", t_junctions)];
+
+/// The farthest that a side of a crack is moved along each axis.
+const JITTER: f64 = 2e-4;
+
+/// Tears the surface along planes near some points: corners on one side of them are moved, each position alike.
+fn split_along_paths(on: &mut Damaged, amount: usize, random: &mut Random) {
+    let soup = &mut on.soup;
+    let area: f64 =
+        (0..soup.faces.len()).map(|f| soup.corners(f)).map(|[a, b, c]| (b - a).cross(c - a).length() / 2.0).sum();
+    on.slack += 4.0 * JITTER * area;
+    for _ in 0..amount.min(2) {
+        let centre = soup.corners(random.below(soup.faces.len()))[0];
+        let normal = (random.vector() + DVec3::splat(0.01)).normalize();
+        // The faces behind the plane near the point move where they touch faces before it.
+        let near = |[a, b, c]: [DVec3; 3]| centre.distance((a + b + c) / 3.0) < 1.2;
+        let behind = |[a, b, c]: [DVec3; 3]| ((a + b + c) / 3.0 - centre).dot(normal) < 0.0;
+        let key = |p: DVec3| p.to_array().map(f64::to_bits);
+        let faces: Vec<[DVec3; 3]> = (0..soup.faces.len()).map(|f| soup.corners(f)).collect();
+        let before: BTreeSet<_> = faces.iter().filter(|&&t| near(t) && !behind(t)).flatten().map(|&p| key(p)).collect();
+        let far: BTreeSet<_> = faces.iter().filter(|&&t| !near(t)).flatten().map(|&p| key(p)).collect();
+        let mut moved = std::collections::BTreeMap::new();
+        for (f, corners) in faces.iter().enumerate().filter(|&(_, &t)| near(t) && behind(t)) {
+            for (i, &p) in corners.iter().enumerate() {
+                if before.contains(&key(p)) && !far.contains(&key(p)) {
+                    let to = *moved.entry(key(p)).or_insert_with(|| p + random.vector() * JITTER);
+                    let v = soup.faces[f][i] as usize;
+                    soup.positions[v] = to.as_vec3().as_dvec3();
+                }
+            }
+        }
+    }
+}
+
+/// Some faces are cut in two at the middle of an edge, of which the neighbour knows nothing.
+fn t_junctions(on: &mut Damaged, amount: usize, random: &mut Random) {
+    let soup = &mut on.soup;
+    for _ in 0..amount {
+        let f = random.below(soup.faces.len());
+        let [a, b, c] = soup.corners(f);
+        let middle = ((a + b) / 2.0).as_vec3().as_dvec3();
+        if middle == a || middle == b {
+            continue;
+        }
+        let corner = soup.faces[f][1] as usize;
+        soup.positions[corner] = middle;
+        push(soup, [middle, b, c]);
+    }
+}

@@ -17,6 +17,7 @@ impl Operator {
             Self::SplitTJunctions => &[MisorientedEdges, NonmanifoldEdges, DuplicateFaces],
             Self::Sew | Self::Stitch => &[BoundaryEdges, MisorientedEdges, NonmanifoldEdges, DuplicateFaces],
             Self::UnfoldFoldovers => &[NonmanifoldEdges, BoundaryEdges],
+            Self::RemoveSheetsWithin => &[BoundaryEdges, NonmanifoldEdges],
             Self::RemoveOverlappingNeighbours | Self::RemoveMembranes => &[NonmanifoldEdges],
             Self::Orient | Self::CutOneSided => &[MisorientedEdges],
             Self::CutApart => &[NonmanifoldEdges, PinchedVertices],
@@ -44,7 +45,7 @@ impl Operator {
             Self::RemoveCaps | Self::RemoveSlivers => &[BoundaryEdges],
             Self::RemoveOverlappingNeighbours => &[BoundaryEdges, PinchedVertices],
             // Faces that the wall kept apart may wind against one another.
-            Self::RemoveMembranes => &[MisorientedEdges, PinchedVertices],
+            Self::RemoveSheetsWithin | Self::RemoveMembranes => &[MisorientedEdges, PinchedVertices],
             Self::CutOneSided => &[BoundaryEdges],
             Self::FreeFins => &[BoundaryEdges, PinchedVertices],
             Self::CutApart | Self::Separate => &[BoundaryEdges, DuplicateFaces],

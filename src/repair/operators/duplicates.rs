@@ -14,6 +14,8 @@ const LARGE: f64 = 5e-3;
 const ASKED: usize = 256;
 const RAYS: u32 = 24;
 const BUDGET: u64 = 5_000_000;
+/// Times that the choice between gone and one sheet is gone through, where it depends on that of neighbours.
+const PASSES: u32 = 8;
 
 /// Leaves one face of each group of faces with the same three vertices, or none where they cancel.
 ///
@@ -66,44 +68,49 @@ fn drop_walls(surface: &Surface, keep: &mut [bool], cancelling: &[u32]) -> u64 {
     }
     let edges = Edges::new(&surface.faces);
     let mut sets = UnionFind::new(cancelling.len());
-    for half_edges in edges.iter() {
-        let mut walls = half_edges.iter().map(|h| wall_of[*h as usize / 3]).filter(|&w| w != u32::MAX);
-        if let Some(first) = walls.next() {
-            for other in walls {
-                sets.unite(first, other);
+    let mut attached = vec![false; cancelling.len()];
+    // Of each sheet that may stay the edges, and for each edge the faces that stay.
+    let mut edges_of = vec![[u32::MAX; 3]; cancelling.len()];
+    let mut staying = vec![0u32; edges.len()];
+    for ((half_edges, e), staying) in edges.iter().zip(0u32..).zip(&mut staying) {
+        let kept = half_edges.iter().copied().filter(|&h| keep[h as usize / 3]);
+        let (walls, others): (Vec<u32>, Vec<u32>) = kept.partition(|&h| wall_of[h as usize / 3] != u32::MAX);
+        for &h in &walls {
+            let wall = wall_of[h as usize / 3] as usize;
+            edges_of[wall][h as usize % 3] = e;
+            attached[wall] |= !others.is_empty();
+            // Where other surface ends, a wall and a piece of that surface that is there twice may meet.
+            if others.is_empty() {
+                sets.unite(wall_of[walls[0] as usize / 3], wall_of[h as usize / 3]);
             }
         }
+        *staying = u32::try_from(walls.len() + others.len()).unwrap_or(u32::MAX);
     }
-    // For each wall: the edges that are bad when it is gone, and those that are bad when one sheet stays.
-    let mut bad = vec![(0u64, 0u64, false); cancelling.len()];
-    for half_edges in edges.iter() {
-        let kept = half_edges.iter().filter(|h| keep[**h as usize / 3]);
-        let (walls, others): (Vec<u32>, Vec<u32>) =
-            kept.map(|h| wall_of[*h as usize / 3]).partition(|&w| w != u32::MAX);
-        if let Some(&wall) = walls.first() {
-            let it = &mut bad[sets.root(wall) as usize];
-            it.0 += u64::from(!matches!(others.len(), 0 | 2));
-            it.1 += u64::from(walls.len() + others.len() != 2);
-            it.2 |= !others.is_empty();
+    let mut walls: Vec<Vec<u32>> = vec![Vec::new(); cancelling.len()];
+    for i in (0u32..).take(cancelling.len()) {
+        walls[sets.root(i) as usize].push(i);
+    }
+    walls.retain(|wall| wall.iter().any(|&i| attached[i as usize]));
+    let mut stays = vec![true; cancelling.len()];
+    let mut choice = Choice { edges_of: &edges_of, staying, stays: &mut stays };
+    for _ in 0..PASSES {
+        // Any that changes alters what is best for those next to it.
+        let changed = walls.iter().filter(|wall| choice.turn_if_better(wall)).count();
+        if changed == 0 {
+            break;
         }
     }
-    let goes = |(without, with, attached): (u64, u64, bool)| attached && without < with;
-    let mut area = vec![0.0; cancelling.len()];
-    for (&f, i) in cancelling.iter().zip(0u32..) {
-        area[sets.root(i) as usize] += surface.area_vector(f as usize).length();
+    // Pieces of surface that are there twice and only hang together with a wall.
+    for _ in 0..PASSES {
+        let back: Vec<u32> = walls.iter().flatten().copied().filter(|&i| !choice.stays[i as usize]).collect();
+        if back.iter().filter(|&&i| choice.turn_if_better(&[i])).count() == 0 {
+            break;
+        }
     }
-    let total: f64 = (0..surface.faces.len()).map(|f| surface.area_vector(f).length()).sum();
-    let large: Vec<bool> = bad.iter().zip(&area).map(|(&bad, &area)| goes(bad) && area > LARGE * total).collect();
-    let seen = seen_from_outside(surface, cancelling, |i| large[sets.root(i) as usize]);
-    let mut sees = vec![[0u32; 2]; cancelling.len()];
-    for (i, seen) in seen {
-        sees[sets.root(i) as usize][usize::from(seen)] += 1;
-    }
+    keep_boards(surface, cancelling, &mut stays, |i| sets.root(i));
     let mut gone = 0;
-    for (&f, i) in cancelling.iter().zip(0u32..) {
-        let root = sets.root(i) as usize;
-        // What is large and can be seen is a board that was drawn without thickness, and part of the model.
-        if goes(bad[root]) && sees[root][1] <= sees[root][0] {
+    for (&f, stays) in cancelling.iter().zip(stays) {
+        if !stays {
             keep[f as usize] = false;
             gone += 2;
         }
@@ -111,9 +118,8 @@ fn drop_walls(surface: &Surface, keep: &mut [bool], cancelling: &[u32]) -> u64 {
     gone
 }
 
-/// Of some of the faces that `asked` says, by number, whether a ray from their middle leaves the surface unhindered.
-fn seen_from_outside(surface: &Surface, faces: &[u32], mut asked: impl FnMut(u32) -> bool) -> Vec<(u32, bool)> {
-    let asked: Vec<u32> = (0u32..).take(faces.len()).filter(|&i| asked(i)).collect();
+/// Of some of the faces numbered in `asked`, by number, whether a ray from their middle leaves the surface unhindered.
+fn seen_from_outside(surface: &Surface, faces: &[u32], asked: &[u32]) -> Vec<(u32, bool)> {
     if asked.is_empty() {
         return Vec::new();
     }
@@ -134,6 +140,64 @@ fn seen_from_outside(surface: &Surface, faces: &[u32], mut asked: impl FnMut(u32
 fn sorted(mut face: [u32; 3]) -> [u32; 3] {
     face.sort_unstable();
     face
+}
+
+/// Lets walls stay as one sheet that are large and can be seen: boards that were drawn without thickness, and part of the
+/// model. `wall` tells which faces are one wall.
+fn keep_boards(surface: &Surface, faces: &[u32], stays: &mut [bool], mut wall: impl FnMut(u32) -> u32) {
+    let goes: Vec<u32> = (0u32..).zip(&*stays).filter(|(_, stays)| !**stays).map(|(i, _)| i).collect();
+    let mut area = vec![0.0; faces.len()];
+    for &i in &goes {
+        area[wall(i) as usize] += surface.area_vector(faces[i as usize] as usize).length();
+    }
+    let total: f64 = (0..surface.faces.len()).map(|f| surface.area_vector(f).length()).sum();
+    let large: Vec<u32> = goes.into_iter().filter(|&i| area[wall(i) as usize] > LARGE * total).collect();
+    // Faces that are seen less those that are not.
+    let mut seen = vec![0i64; faces.len()];
+    for (i, is_seen) in seen_from_outside(surface, faces, &large) {
+        seen[wall(i) as usize] += if is_seen { 1 } else { -1 };
+    }
+    for i in large {
+        stays[i as usize] = seen[wall(i) as usize] > 0;
+    }
+}
+
+/// Which of the sheets that may go stay.
+struct Choice<'a> {
+    /// The edges of each sheet's face.
+    edges_of: &'a [[u32; 3]],
+    /// How many faces stay at each edge.
+    staying: Vec<u32>,
+    stays: &'a mut [bool],
+}
+
+impl Choice<'_> {
+    /// Takes some away that stay, or has them back, where that leaves fewer edges open or non-manifold.
+    fn turn_if_better(&mut self, wall: &[u32]) -> bool {
+        if self.turn(wall) < 0 {
+            return true;
+        }
+        self.turn(wall);
+        false
+    }
+
+    /// Turns the choice on some. Answers how many more edges are bad.
+    fn turn(&mut self, wall: &[u32]) -> i64 {
+        let bad = |n: u32| i64::from(!matches!(n, 0 | 2));
+        let mut more = 0;
+        for &i in wall {
+            let stays = &mut self.stays[i as usize];
+            // A face with a vertex twice has no edges.
+            for &e in self.edges_of[i as usize].iter().filter(|e| **e != u32::MAX) {
+                let n = &mut self.staying[e as usize];
+                more -= bad(*n);
+                *n = if *stays { *n - 1 } else { *n + 1 };
+                more += bad(*n);
+            }
+            *stays = !*stays;
+        }
+        more
+    }
 }
 
 /// Whether the face's vertices are an even permutation of their sorted order.

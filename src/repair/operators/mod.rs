@@ -16,6 +16,7 @@ pub mod debris;
 pub mod degenerate;
 pub mod duplicates;
 pub mod fins;
+
 pub mod foldovers;
 pub mod holes;
 pub mod join;
@@ -29,6 +30,7 @@ pub mod quantise;
 pub mod resolve;
 pub mod separate;
 pub mod sew;
+pub mod sheets_within;
 pub mod slivers;
 pub mod stitch;
 pub mod t_junctions;

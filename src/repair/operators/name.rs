@@ -32,6 +32,8 @@ pub enum Operator {
     UnfoldFoldovers,
     /// Remove the smaller of neighbouring faces that lie on one another.
     RemoveOverlappingNeighbours,
+    /// Remove open sheets within solids that part nothing.
+    RemoveSheetsWithin,
     /// Remove walls of one sheet within solids.
     RemoveMembranes,
     /// Cut one-sided parts, such as a Möbius band, along the edges where no winding suits both faces.
@@ -73,6 +75,7 @@ impl Operator {
         Self::Stitch,
         Self::UnfoldFoldovers,
         Self::RemoveOverlappingNeighbours,
+        Self::RemoveSheetsWithin,
         Self::RemoveMembranes,
         Self::CutOneSided,
         Self::CutApart,
@@ -109,6 +112,7 @@ impl Operator {
             Self::Stitch => "stitch",
             Self::UnfoldFoldovers => "unfold_foldovers",
             Self::RemoveOverlappingNeighbours => "remove_overlapping_neighbours",
+            Self::RemoveSheetsWithin => "remove_sheets_within",
             Self::RemoveMembranes => "remove_membranes",
             Self::CutOneSided => "cut_one_sided",
             Self::CutApart => "cut_apart",

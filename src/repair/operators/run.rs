@@ -16,6 +16,7 @@ use super::quantise::quantise;
 use super::resolve::Resolve;
 use super::separate::Separate;
 use super::sew::Sew;
+use super::sheets_within::remove_sheets_within;
 use super::slivers::RemoveSlivers;
 use super::stitch::Stitch;
 use super::t_junctions::SplitTJunctions;
@@ -91,6 +92,7 @@ impl Operator {
                     RemoveOverlappingNeighbours { angle_deg: options.overlap_angle_deg, ..Default::default() };
                 overlaps.apply(surface, context)?
             }
+            Self::RemoveSheetsWithin => remove_sheets_within(surface, context)?,
             Self::RemoveMembranes => remove_membranes(surface, context)?,
             Self::Orient => Orient { nested: options.nested }.apply(surface, context)?,
             Self::CutOneSided => {

@@ -163,7 +163,7 @@ impl<'a> Clearance<'a> {
         }
         let [a, b, c] = *corners;
         let [d, e, f] = other;
-        // A face whose vertices stand on one another has no inside.
+        // A face without area, as cracks are closed with, and of which nothing can be asked.
         if d == e || e == f || f == d {
             return false;
         }

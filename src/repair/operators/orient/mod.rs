@@ -1,6 +1,7 @@
 //! Consistent and outward winding.
 
 mod agree;
+mod around;
 mod nested;
 mod outside;
 
@@ -12,6 +13,7 @@ use crate::repair::{Cancelled, Change, Context};
 pub use nested::Nested;
 
 pub(super) use agree::agree;
+use around::keep_what_is_surrounded;
 use nested::Layers;
 use outside::{Looks, Outside};
 
@@ -63,32 +65,34 @@ impl Orient {
         let solids = solids(surface, &edges, &patches);
         let all = vec![true; solids.len()];
         let containers = nesting(surface, &patches, &solids, &all, context)?;
-        let layers = Layers::new(&solids, &containers, self.nested);
-        let mut turn = layers.turn;
-        let closed_turned = turn.iter().filter(|&&t| t).count() as u64;
+        let mut layers = Layers::new(&solids, &containers, self.nested);
         let asked: Vec<bool> = solids.iter().zip(&containers).map(|(s, c)| !s.closed || c.is_none()).collect();
-        let (mut open_turned, mut untold_turned, mut untold, mut sheets) = (0u64, 0u64, 0u64, 0u64);
+        let (mut untold, mut sheets) = (0u64, 0u64);
         if asked.contains(&true) {
             let closed: Vec<bool> = solids.iter().map(|s| s.closed).collect();
             let outside = Outside { surface, patches: &patches, asked: &asked, closed: &closed, areas: &areas };
-            let looks = outside.looks(self.nested, context)?;
+            let mut walls = outside.walls();
+            let looks = outside.looks(self.nested, &mut walls, context)?;
             for (patch, looks) in looks.into_iter().enumerate().filter(|&(patch, _)| asked[patch]) {
-                turn[patch] = looks == Looks::Inward;
-                *(match (looks, closed[patch]) {
-                    (Looks::Inward, false) => &mut open_turned,
-                    (Looks::Inward, true) => &mut untold_turned,
-                    (Looks::Untold, true) => &mut untold,
-                    (Looks::Untold, false) => &mut sheets,
-                    (Looks::Outward, _) => continue,
-                }) += 1;
+                layers.turn[patch] = looks == Looks::Inward;
+                if looks == Looks::Untold {
+                    *(if closed[patch] { &mut untold } else { &mut sheets }) += 1;
+                }
+            }
+            if self.nested == Nested::Keep && layers.turn.contains(&true) {
+                keep_what_is_surrounded(&outside, &mut walls, &solids, &mut layers, context)?;
             }
         }
+        let turn = layers.turn;
+        let turned_of =
+            |closed: bool| turn.iter().zip(&solids).filter(|(t, s)| **t && s.closed == closed).count() as u64;
+        let (closed_turned, open_turned) = (turned_of(true), turned_of(false));
         let of_patch = |&p: &u32| p != Parts::NONE && turn[p as usize];
         let turn: Vec<bool> = patches.of_face.iter().map(of_patch).collect();
         turn_faces(surface, &turn);
         let changes = Change::list([
             ("faces_turned", turned),
-            ("closed_parts_turned", closed_turned + untold_turned),
+            ("closed_parts_turned", closed_turned),
             ("open_parts_turned", open_turned),
             ("cavities_kept", layers.cavities_kept),
             ("solids_inside_solids", layers.solids_inside_solids),

@@ -49,17 +49,20 @@ struct Sight {
 }
 
 impl Outside<'_> {
+    /// The faces of all patches, for the rays of all that is asked.
+    pub fn walls(&self) -> Walls {
+        let faces = &self.surface.faces;
+        Walls::new(self.surface, faces.clone(), BUDGET + BUDGET_A_FACE * faces.len() as u64)
+    }
+
     /// How each patch that is asked about looks.
     ///
     /// From the middle of each of its largest faces a ray goes out to the front and another to the back. Closed patches
     /// around the face count as its surroundings. Of what else is met, the side that meets nothing is outside, and where both
     /// meet something the one that meets an even number; the faces' areas are the votes. What lies in a solid has no vote
     /// unless layers are to alternate, and then the opposite one.
-    pub fn looks(&self, nested: Nested, context: &Context<'_>) -> Result<Vec<Looks>, Cancelled> {
-        let faces = &self.surface.faces;
-        let budget = BUDGET + BUDGET_A_FACE * faces.len() as u64;
-        let mut walls = Walls::new(self.surface, faces.clone(), budget);
-        let mut voters = self.voters();
+    pub fn looks(&self, nested: Nested, walls: &mut Walls, context: &Context<'_>) -> Result<Vec<Looks>, Cancelled> {
+        let mut voters = self.voters(self.asked);
         let mut votes = vec![0.0; self.patches.count];
         for round in 0..ROUNDS {
             for (patch, faces) in voters.iter_mut().enumerate().filter(|(_, faces)| !faces.is_empty()) {
@@ -69,7 +72,7 @@ impl Outside<'_> {
                 let (mut all, mut covered) = (0.0, false);
                 for &f in &*faces {
                     all += self.areas[f as usize];
-                    let Some(Sight { within, met }) = self.sight(&mut walls, f, round) else {
+                    let Some(Sight { within, met }) = self.sight(walls, f, round) else {
                         covered = true;
                         continue;
                     };
@@ -106,14 +109,14 @@ impl Outside<'_> {
     }
 
     /// The largest faces of each patch that is asked about; of equal ones some from all over it.
-    fn voters(&self) -> Vec<Vec<u32>> {
+    pub fn voters(&self, asked: &[bool]) -> Vec<Vec<u32>> {
         let scattered = |f: u32| f.wrapping_mul(0x9e37_79b9).reverse_bits();
         let by_area = |x: &u32, y: &u32| {
             let size = |f: &u32| self.areas[*f as usize];
             size(y).total_cmp(&size(x)).then(scattered(*x).cmp(&scattered(*y)))
         };
         let mut lists = self.patches.faces();
-        for (faces, asked) in lists.iter_mut().zip(self.asked) {
+        for (faces, asked) in lists.iter_mut().zip(asked) {
             if !asked {
                 faces.clear();
             } else if faces.len() > VOTERS {

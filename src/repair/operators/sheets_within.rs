@@ -1,0 +1,123 @@
+//! Open sheets within a solid.
+
+use super::Applied;
+use super::walls::Walls;
+use crate::math::ray_direction;
+use crate::mesh::{Edges, Parts, Surface};
+use crate::repair::{Cancelled, Change, Context};
+
+/// Faces of a sheet that are asked whether they are within a solid.
+const ASKED: usize = 16;
+/// Rays that all of them cast, and each at least.
+const RAYS: usize = 48;
+const LEAST_RAYS: usize = 8;
+/// How far from its face a ray begins, where the model's size is about 1.
+const BESIDE: f64 = 1e-6;
+/// Faces that all rays together may look at.
+const BUDGET: u64 = 5_000_000;
+
+/// Removes what is left of walls within a solid: open sheets that part nothing, whether they hang on its surface by one part
+/// of their border or float.
+///
+/// ```text
+///    ____________               ____________
+///   |      |     |             |            |
+///   |  /   |     |      ->     |            |
+///   |____________|             |____________|
+/// ```
+///
+/// Such a sheet is a patch (faces joined across edges of two faces) with a boundary that is one face too many at its other
+/// edges. Nearly all rays from it go through an odd number of other faces; some may miss, so that a hole in the solid does
+/// not matter. Surface that bounds the solid sees the rest of it in every second direction only, a cavity sees itself, and one
+/// that touches the outer wall in an edge has two faces there; so all of these stay.
+///
+/// Precondition: none. Result: no vertex moves, and no edge opens. Leaves: sheets that reach out of the solid or are bent so
+/// that they see themselves, for which see [`super::debris`].
+///
+/// # Errors
+/// [`Cancelled`] when the work should stop; the surface is then unchanged.
+pub fn remove_sheets_within(surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
+    let edges = Edges::new(&surface.faces);
+    if !edges.iter().any(|h| h.len() == 1) {
+        return Ok(Applied::default());
+    }
+    let patches = Parts::patches(surface, &edges);
+    if patches.count < 2 {
+        return Ok(Applied::default());
+    }
+    let mut hangs = one_too_many(&edges, &patches, None);
+    if !hangs.contains(&true) {
+        return Ok(Applied::default());
+    }
+    let mut walls = Walls::new(surface, surface.faces.clone(), BUDGET);
+    for (hangs, faces) in hangs.iter_mut().zip(patches.faces()).filter(|(hangs, _)| **hangs) {
+        context.check()?;
+        *hangs = is_within(&mut walls, surface, &patches.of_face, &faces);
+    }
+    // Where several hang on one edge, what goes must go together.
+    let goes = one_too_many(&edges, &patches, Some(&hangs));
+    let count = goes.iter().filter(|&&goes| goes).count() as u64;
+    if count == 0 {
+        return Ok(Applied::default());
+    }
+    let keep: Vec<bool> = patches.of_face.iter().map(|&p| p == Parts::NONE || !goes[p as usize]).collect();
+    let faces = surface.retain_faces(&keep);
+    surface.drop_unreferenced();
+    Ok(Change::list([("sheets_within_removed", count), ("sheet_faces_removed", faces)]).into())
+}
+
+/// The patches with a boundary that have one face at each other edge where several meet, if any; where some are to go, those of
+/// them without which such edges have an even number.
+fn one_too_many(edges: &Edges, patches: &Parts, goes: Option<&[bool]>) -> Vec<bool> {
+    let patch = |h: &u32| patches.of_face[*h as usize / 3];
+    let goes = |p: u32| goes.is_none_or(|goes| goes[p as usize]);
+    let (mut ends, mut stays) = (vec![false; patches.count], vec![false; patches.count]);
+    for half_edges in edges.iter().filter(|h| h.len() != 2) {
+        if let [h] = half_edges {
+            ends[patch(h) as usize] = true;
+            continue;
+        }
+        let mut here: Vec<u32> = half_edges.iter().map(patch).collect();
+        here.sort_unstable();
+        let left = here.iter().filter(|&&p| !goes(p)).count();
+        let even = left >= 2 && left % 2 == 0;
+        for of_patch in here.chunk_by(|x, y| x == y) {
+            stays[of_patch[0] as usize] |= of_patch.len() > 1 || !even && left > 0;
+        }
+    }
+    let too_many = |(p, at): (u32, usize)| goes(p) && ends[at] && !stays[at];
+    (0u32..).zip(0..patches.count).map(too_many).collect()
+}
+
+/// Whether nearly all rays from the faces of a patch, and of each of them most, go through an odd number of other faces, and
+/// hardly any through an odd number of its own.
+fn is_within(walls: &mut Walls, surface: &Surface, of_face: &[u32], faces: &[u32]) -> bool {
+    let asked: Vec<u32> = faces.iter().step_by(faces.len().div_ceil(ASKED)).copied().collect();
+    let rays = (RAYS / asked.len()).max(LEAST_RAYS);
+    let (mut missed, mut own) = (0, 0);
+    for &f in &asked {
+        let [a, b, c] = surface.faces[f as usize].map(|v| walls.unit[v as usize]);
+        let middle = (a + b + c) / 3.0;
+        let mut missed_here = 0;
+        for ray in (0u32..).take(rays) {
+            // From beside the face, so that what lies on it is not touched.
+            let direction = ray_direction(ray);
+            let (mut odd, mut odd_own) = (false, false);
+            let clear = walls.each_crossing(middle + direction * BESIDE, middle + direction * 8.0, Some(f), |g| {
+                if of_face[g as usize] == of_face[f as usize] {
+                    odd_own = !odd_own;
+                } else {
+                    odd = !odd;
+                }
+            });
+            own += usize::from(odd_own);
+            missed_here += usize::from(!clear || !odd);
+            let all = rays * asked.len();
+            if 2 * missed_here >= rays || 4 * (missed + missed_here) > all || 8 * own > all {
+                return false;
+            }
+        }
+        missed += missed_here;
+    }
+    true
+}
