@@ -15,7 +15,7 @@ const MISSES: u32 = RAYS / 4;
 /// The surface around a patch, where there is any.
 struct Around {
     patch: usize,
-    /// The faces that rays met, but for its own.
+    /// The patches around it, as often as a ray went through one.
     met: Vec<u32>,
 }
 
@@ -29,6 +29,7 @@ pub(super) fn keep_what_is_surrounded(
     outside: &Outside<'_>,
     walls: &mut Walls,
     solids: &[Solid],
+    containers: &[Option<Vec<u32>>],
     layers: &mut Layers,
     context: &Context<'_>,
 ) -> Result<(), Cancelled> {
@@ -43,7 +44,9 @@ pub(super) fn keep_what_is_surrounded(
         }
         for patch in 0..solids.len() {
             let asked = if pass { layers.turn[patch] } else { !layers.turn[patch] && solids[patch].volume > 0.0 };
-            if !asked || surrounded[patch] || !bounds.hold(patch, &solids[patch].bounds) {
+            // What lies in closed patches goes with the outermost of them.
+            let inner = containers[patch].as_ref().is_some_and(|c| !c.is_empty());
+            if !asked || inner || surrounded[patch] || !bounds.hold(patch, &solids[patch].bounds) {
                 continue;
             }
             if patch % 256 == 0 {
@@ -60,10 +63,9 @@ pub(super) fn keep_what_is_surrounded(
             }
         }
     }
-    let of_face = &outside.patches.of_face;
     let met_turned = |met: &[u32]| {
-        let patches = met.iter().map(|&f| of_face[f as usize]).filter(|&p| p != Parts::NONE);
-        let outer: Vec<usize> = patches.map(|p| p as usize).filter(|&p| !surrounded[p]).collect();
+        let patches = met.iter().filter(|&&p| p != Parts::NONE);
+        let outer: Vec<usize> = patches.map(|&p| p as usize).filter(|&p| !surrounded[p]).collect();
         2 * outer.iter().filter(|&&p| layers.turn[p]).count() > outer.len()
     };
     let with_walls: Vec<usize> =
@@ -71,10 +73,11 @@ pub(super) fn keep_what_is_surrounded(
     for patch in with_walls {
         layers.turn[patch] = true;
     }
+    layers.correct_within(&surrounded, solids, containers);
     Ok(())
 }
 
-/// The faces of other patches that rays from `voters`, all of one patch, meet, where those are around it.
+/// The other patches that rays from `voters`, all of one patch, show to be around it, if nearly all do.
 fn around(outside: &Outside<'_>, walls: &mut Walls, voters: &[u32]) -> Option<Vec<u32>> {
     let of_face = &outside.patches.of_face;
     let (mut met, mut missed) = (Vec::new(), 0);
@@ -82,20 +85,23 @@ fn around(outside: &Outside<'_>, walls: &mut Walls, voters: &[u32]) -> Option<Ve
         let [a, b, c] = outside.surface.faces[f as usize].map(|v| walls.unit[v as usize]);
         let from = (a + b + c) / 3.0;
         let mut odd = false;
-        let known = met.len();
+        let mut here = Vec::new();
         let clear = walls.each_crossing(from, from + ray_direction(ray) * 8.0, Some(f), |g| {
             if of_face[g as usize] != of_face[f as usize] {
                 odd = !odd;
-                met.push(g);
+                here.push(of_face[g as usize]);
             }
         });
         if !clear || !odd {
-            met.truncate(known);
             missed += 1;
             if missed > MISSES {
                 return None;
             }
+            continue;
         }
+        // What a ray goes in and out of is beside the patch and not around it.
+        here.sort_unstable();
+        met.extend(here.chunk_by(|x, y| x == y).filter(|c| c.len() % 2 == 1).map(|c| c[0]));
     }
     (!met.is_empty()).then_some(met)
 }

@@ -80,7 +80,7 @@ impl Orient {
                 }
             }
             if self.nested == Nested::Keep && layers.turn.contains(&true) {
-                keep_what_is_surrounded(&outside, &mut walls, &solids, &mut layers, context)?;
+                keep_what_is_surrounded(&outside, &mut walls, &solids, &containers, &mut layers, context)?;
             }
         }
         let turn = layers.turn;

@@ -52,4 +52,19 @@ impl Layers {
         }
         layers
     }
+
+    /// Decides anew on parts in closed ones that are themselves `surrounded` by walls with holes, so that all that is in
+    /// them lies one layer deeper than closed parts alone tell.
+    pub fn correct_within(&mut self, surrounded: &[bool], solids: &[Solid], containers: &[Option<Vec<u32>>]) {
+        let depth = |part: usize| containers[part].as_ref().map_or(0, Vec::len);
+        let deeper = |part: usize| containers[part].iter().flatten().any(|&c| surrounded[c as usize]);
+        let mut order: Vec<(usize, usize)> = (0..solids.len()).filter(|&p| deeper(p)).map(|p| (depth(p), p)).collect();
+        order.sort_unstable();
+        for (depth_here, part) in order {
+            let inward = solids[part].volume < 0.0;
+            let around = containers[part].iter().flatten().find(|&&c| depth(c as usize) + 1 == depth_here);
+            let was_cavity = around.is_some_and(|&c| self.turn[c as usize]);
+            self.turn[part] = if depth_here % 2 == 1 { inward } else { !inward && was_cavity };
+        }
+    }
 }
