@@ -83,8 +83,18 @@ fn operators_of(action: Action, sheets: OpenSheets) -> &'static [Operator] {
         Action::Stitch => &[O::SplitTJunctions, O::Sew, O::Stitch, O::RemoveSlivers],
         // What is open and no part of the model would leave it without an inside.
         Action::Resolve => &[O::RemoveDebris, O::Resolve],
-        Action::Separate => &[O::Separate],
-        Action::Mend | Action::MendConservative | Action::MakeManifold => &[
+        // A vertex that is moved aside may be moved into another face.
+        Action::Separate => &[O::Separate, O::Resolve],
+        // One of the two ways of `auto` leaves sheets that lie within a solid, since they may be seen through a hole of it.
+        Action::Mend => &[
+            O::UnfoldFoldovers,
+            O::RemoveOverlappingNeighbours,
+            O::RemoveMembranes,
+            O::CutApart,
+            O::FreeFins,
+            O::CutOneSided,
+        ],
+        Action::MendConservative | Action::MakeManifold => &[
             O::UnfoldFoldovers,
             O::RemoveOverlappingNeighbours,
             O::RemoveSheetsWithin,

@@ -61,7 +61,12 @@ impl Runner<'_> {
             .collect();
         // The counts of the surface as it is, where they are known.
         let mut counts = None;
+        // Whether nothing changed since faces that intersect were last resolved.
+        let mut resolved = false;
         for (done, &(action, operator)) in tasks.iter().enumerate() {
+            if resolved && operator == Some(Operator::Resolve) {
+                continue;
+            }
             let start = self.context.now();
             let mut step = Step::new(index, tier_of(action), action, operator);
             self.context.report(Stage::Repair, Some(rung.tier), percent(span, done, tasks.len()));
@@ -82,6 +87,7 @@ impl Runner<'_> {
                     End::OutOfTime
                 }
             };
+            resolved = operator == Some(Operator::Resolve) || (resolved && step.changed.is_empty());
             self.log(&step);
             self.steps.push(step);
             if !matches!(end, End::Finished) {
