@@ -3,13 +3,16 @@ use std::process::ExitStatus;
 
 use crate::jobs::{FailureKind, JobProblem, ProblemKind};
 
+/// What is said where memory ends: by the allocator, by the operating system of a mapping, and of a thread's stack.
+const OUT_OF_MEMORY: [&str; 3] = ["memory allocation of", "Cannot allocate memory", "Resource temporarily unavailable"];
+
 /// Why a job's process ended without a result and without saying so in its own words: by its exit status and what it
 /// wrote to standard error. A limit would be met again, so that is final; anything else may be tried again.
 pub(super) fn explain(status: ExitStatus, stderr: &str, memory_bytes: u64) -> (FailureKind, JobProblem) {
     const SIGXCPU: i32 = 24;
     const SIGXFSZ: i32 = 25;
     let megabytes = memory_bytes >> 20;
-    let (kind, code, detail) = if stderr.contains("memory allocation of") {
+    let (kind, code, detail) = if OUT_OF_MEMORY.iter().any(|words| stderr.contains(words)) {
         let detail = format!(
             "The job needs more than the {megabytes} MiB of memory that a job may have. Send the model with \
              fewer faces, or raise the service's --job-memory."

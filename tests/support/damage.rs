@@ -46,8 +46,11 @@ pub struct Damaged {
     pub slack: f64,
 }
 
+/// Makes a solid with nothing wrong yet.
+type Make = fn() -> Damaged;
+
 /// Makers of solids, by name.
-pub const SOLIDS: [(&str, fn() -> Damaged); 10] = [
+pub const SOLIDS: [(&str, Make); 10] = [
     ("cube", || known(cube(DVec3::ZERO, 2.0, 4), 1)),
     ("torus", || known(torus(3.0, 1.0, 20, 12), 1)),
     ("ball", || known(sphere(DVec3::ONE, 2.0, 16, 8), 1)),

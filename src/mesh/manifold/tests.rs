@@ -217,6 +217,7 @@ fn faces_of(mesh: &HalfEdgeMesh) -> Vec<[u32; 3]> {
     sorted(mesh.faces().map(|f| mesh.corners(f).map(VertexId::raw)).collect())
 }
 
+/// The faces, each from its smallest vertex on, sorted.
 fn sorted(mut faces: Vec<[u32; 3]>) -> Vec<[u32; 3]> {
     for face in &mut faces {
         let least = (0..3).min_by_key(|&i| face[i]).unwrap();

@@ -2,8 +2,6 @@
 
 use super::*;
 
-/// The faces, each from its smallest vertex on, sorted.
-
 /// An edit on a list of faces, as its words say; a list that is no mesh is an edit that must be refused.
 struct Oracle {
     faces: Vec<[u32; 3]>,
