@@ -3,8 +3,10 @@ use std::process::ExitStatus;
 
 use crate::jobs::{FailureKind, JobProblem, ProblemKind};
 
-/// What is said where memory ends: by the allocator, by the operating system of a mapping, and of a thread's stack.
-const OUT_OF_MEMORY: [&str; 3] = ["memory allocation of", "Cannot allocate memory", "Resource temporarily unavailable"];
+/// What is said where memory ends: by the allocator, by a read into memory, by the operating system of a mapping and of a
+/// thread's stack.
+const OUT_OF_MEMORY: [&str; 4] =
+    ["memory allocation of", "out of memory", "Cannot allocate memory", "Resource temporarily unavailable"];
 
 /// Why a job's process ended without a result and without saying so in its own words: by its exit status and what it
 /// wrote to standard error. A limit would be met again, so that is final; anything else may be tried again.

@@ -59,6 +59,9 @@ impl Resolve {
         by: &dyn Arrangement,
         context: &Context<'_>,
     ) -> Result<Resolved, Cancelled> {
+        if !is_balanced(surface) {
+            return Ok(Resolved { error: Some(ArrangeError::NotClosed), ..Resolved::default() });
+        }
         let (before, _) = crossing_faces(surface, context)?;
         if before == 0 {
             return Ok(Resolved::default());
@@ -123,6 +126,14 @@ fn settle(surface: &mut Surface, most: f64, context: &Context<'_>) -> Result<f64
     remove_caps(surface, context)?;
     surface.drop_unreferenced();
     Ok(Separate { most }.apply(surface, context)?.moved)
+}
+
+/// Whether each edge is used as often in one direction as in the other, which every arrangement asks for.
+fn is_balanced(surface: &Surface) -> bool {
+    let forward = |h: &&u32| Edges::is_forward(&surface.faces, **h);
+    Edges::new(&surface.faces)
+        .iter()
+        .all(|half_edges| 2 * half_edges.iter().filter(forward).count() == half_edges.len())
 }
 
 /// Whether a reader of STL would find every edge between two faces that agree, and one fan at every vertex.
