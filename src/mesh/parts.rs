@@ -59,6 +59,24 @@ impl Parts {
         Self { of_face, count: count as usize }
     }
 
+    /// For each part whether it has a boundary: an edge of one face.
+    #[must_use]
+    pub fn open(&self, edges: &Edges) -> Vec<bool> {
+        let mut open = vec![false; self.count];
+        for half_edges in edges.iter().filter(|h| h.len() == 1) {
+            open[self.of_face[half_edges[0] as usize / 3] as usize] = true;
+        }
+        open
+    }
+
+    /// Removes the faces of the parts that `goes` marks, and the vertices that none uses then. Answers how many faces went.
+    pub fn remove(&self, goes: &[bool], surface: &mut Surface) -> u64 {
+        let keep: Vec<bool> = self.of_face.iter().map(|&p| p == Self::NONE || !goes[p as usize]).collect();
+        let gone = surface.retain_faces(&keep);
+        surface.drop_unreferenced();
+        gone
+    }
+
     /// The faces of each part, in order.
     #[must_use]
     pub fn faces(&self) -> Vec<Vec<u32>> {

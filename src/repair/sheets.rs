@@ -44,10 +44,7 @@ pub fn open_sheet_share(surface: &Surface) -> f64 {
     let solids = solids(surface, &edges, &parts);
     let mut patch_area = vec![0.0; parts.count];
     let mut volume: Vec<f64> = solids.iter().map(|s| s.volume).collect();
-    let (mut open, mut walked) = (vec![false; parts.count], vec![false; parts.count]);
-    for half_edges in edges.iter().filter(|h| h.len() == 1) {
-        open[parts.of_face[half_edges[0] as usize / 3] as usize] = true;
-    }
+    let (open, mut walked) = (parts.open(&edges), vec![false; parts.count]);
     for (vertices, &face) in loops.simple.iter().zip(&loops.face) {
         let part = parts.of_face[face as usize] as usize;
         walked[part] = true;
@@ -62,10 +59,7 @@ pub fn open_sheet_share(surface: &Surface) -> f64 {
     }
     // A boundary that can't be walked is that of walls around something, or of faces around an edge.
     let patches = Parts::patches(surface, &edges);
-    let mut has_boundary = vec![false; patches.count];
-    for half_edges in edges.iter().filter(|h| h.len() == 1) {
-        has_boundary[patches.of_face[half_edges[0] as usize / 3] as usize] = true;
-    }
+    let has_boundary = patches.open(&edges);
     let mut frayed = vec![true; parts.count];
     for (&part, &patch) in parts.of_face.iter().zip(&patches.of_face).filter(|&(&part, _)| part != Parts::NONE) {
         frayed[part as usize] &= has_boundary[patch as usize];

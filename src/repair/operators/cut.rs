@@ -1,5 +1,7 @@
 //! Cutting a surface apart where it is not a surface.
 
+use glam::DVec3;
+
 use crate::math::{order_around, to_unit_range};
 use crate::mesh::{Edges, Parts, Surface, UnionFind};
 use crate::repair::{Cancelled, Change, Context};
@@ -129,13 +131,7 @@ pub(super) fn mates(
                 if unit.is_empty() {
                     unit = to_unit_range(&surface.positions);
                 }
-                let [a, b] = edges.vertices(e).map(|v| unit[v as usize]);
-                let points: Vec<_> = half_edges.iter().map(|&h| unit[Edges::opposite(faces, h) as usize]).collect();
-                // A face that runs along the edge from the smaller vertex has the solid behind it, seen
-                // counter-clockwise: it closes.
-                let closes: Vec<bool> = half_edges.iter().map(|&h| Edges::is_forward(faces, h)).collect();
-                // Solids that share a wall each keep their side of it: at the same angle one closes before the next opens.
-                let order = order_around(a, b, &points, |i, j| closes[j].cmp(&closes[i])).unwrap_or_default();
+                let Turn { order, closes } = turn(faces, &unit, edges, e);
                 let fins: &[bool] = match pairing {
                     Pairing::Angular => &[],
                     Pairing::FinsLast => fins.get_or_insert_with(|| open_patches(surface, edges)),
@@ -160,14 +156,31 @@ pub(super) fn mates(
     Ok(mates)
 }
 
+/// The faces around an edge, by their places among its half-edges.
+pub(super) struct Turn {
+    /// In angular order; empty where that can't be told.
+    pub order: Vec<usize>,
+    /// Whether the way around leaves a solid at the face, rather than entering one.
+    pub closes: Vec<bool>,
+}
+
+/// Turns around an edge. `unit` are positions in the range of [`to_unit_range`].
+pub(super) fn turn(faces: &[[u32; 3]], unit: &[DVec3], edges: &Edges, edge: usize) -> Turn {
+    let half_edges = edges.half_edges(edge);
+    let [a, b] = edges.vertices(edge).map(|v| unit[v as usize]);
+    let points: Vec<_> = half_edges.iter().map(|&h| unit[Edges::opposite(faces, h) as usize]).collect();
+    // A face that runs along the edge from the smaller vertex has the solid behind it, seen counter-clockwise: it closes.
+    let closes: Vec<bool> = half_edges.iter().map(|&h| Edges::is_forward(faces, h)).collect();
+    // Solids that share a wall each keep their side of it: at the same angle one closes before the next opens.
+    let order = order_around(a, b, &points, |i, j| closes[j].cmp(&closes[i])).unwrap_or_default();
+    Turn { order, closes }
+}
+
 /// Whether each face is in a patch (faces joined across edges of two faces) that has a boundary: a fin on a solid, rather
 /// than a wall of it.
 fn open_patches(surface: &Surface, edges: &Edges) -> Vec<bool> {
     let patches = Parts::patches(surface, edges);
-    let mut open = vec![false; patches.count];
-    for half_edges in edges.iter().filter(|h| h.len() == 1) {
-        open[patches.of_face[half_edges[0] as usize / 3] as usize] = true;
-    }
+    let open = patches.open(edges);
     patches.of_face.iter().map(|&p| p != Parts::NONE && open[p as usize]).collect()
 }
 

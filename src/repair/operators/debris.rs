@@ -36,10 +36,7 @@ const BUDGET: u64 = 5_000_000;
 pub fn remove_debris(surface: &mut Surface, context: &Context<'_>) -> Result<Vec<Change>, Cancelled> {
     let edges = Edges::new(&surface.faces);
     let parts = Parts::new(surface, &edges);
-    let mut open = vec![false; parts.count];
-    for half_edges in edges.iter().filter(|h| h.len() == 1) {
-        open[parts.of_face[half_edges[0] as usize / 3] as usize] = true;
-    }
+    let open = parts.open(&edges);
     if !open.contains(&true) {
         return Ok(Vec::new());
     }
@@ -64,9 +61,7 @@ pub fn remove_debris(surface: &mut Surface, context: &Context<'_>) -> Result<Vec
     if count == 0 || count == parts.count {
         return Ok(Vec::new());
     }
-    let keep: Vec<bool> = parts.of_face.iter().map(|&p| p == Parts::NONE || !goes[p as usize]).collect();
-    let faces = surface.retain_faces(&keep);
-    surface.drop_unreferenced();
+    let faces = parts.remove(&goes, surface);
     Ok(Change::list([
         ("debris_parts_removed", count as u64 - hidden),
         ("sheets_inside_solids_removed", hidden),
@@ -125,8 +120,7 @@ fn walls(surface: &Surface, parts: &Parts, solids: &[Solid]) -> Walls {
 fn hold(walls: &mut Walls, surface: &Surface, faces: &[u32]) -> bool {
     let stride = faces.len().div_ceil(ASKED);
     faces.iter().step_by(stride).all(|&f| {
-        let [a, b, c] = surface.faces[f as usize].map(|v| walls.unit[v as usize]);
-        let from = (a + b + c) / 3.0;
+        let from = walls.middle(surface.faces[f as usize]);
         let count = (0..RAYS).find_map(|ray| walls.crossings(from, from + ray_direction(ray) * 8.0, None));
         count.is_some_and(|n| n % 2 == 1)
     })

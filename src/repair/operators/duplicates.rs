@@ -129,8 +129,7 @@ fn seen_from_outside(surface: &Surface, faces: &[u32], asked: &[u32]) -> Vec<(u3
     let mut walls = Walls::new(surface, others, BUDGET);
     let stride = asked.len().div_ceil(ASKED);
     let see = |&i: &u32| {
-        let [a, b, c] = surface.faces[faces[i as usize] as usize].map(|v| walls.unit[v as usize]);
-        let from = (a + b + c) / 3.0;
+        let from = walls.middle(surface.faces[faces[i as usize] as usize]);
         let free = (0..RAYS).any(|ray| walls.crossings(from, from + ray_direction(ray) * 8.0, None) == Some(0));
         (i, free)
     };

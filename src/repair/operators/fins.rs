@@ -1,7 +1,7 @@
 //! Fins: faces that hang on an edge of two others.
 
 use super::cut::{NONE, Pairing, mates};
-use super::quantise::rounded;
+use super::quantise::written;
 use crate::mesh::{Edges, Surface};
 use crate::repair::{Cancelled, Change, Context};
 
@@ -69,8 +69,7 @@ impl FreeFins {
         let [u, v] = Edges::ends(&surface.faces, h);
         let (w, f) = (Edges::opposite(&surface.faces, h), h as usize / 3);
         let [a, b] = [u, v].map(|v| surface.positions[v as usize]);
-        let middle = (a + b) * 0.5;
-        let middle = if self.to_f32 { rounded(middle) } else { middle };
+        let middle = written((a + b) * 0.5, self.to_f32);
         let Ok(m) = u32::try_from(surface.positions.len()) else { return false };
         if middle == a || middle == b || !middle.is_finite() {
             return false;

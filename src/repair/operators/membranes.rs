@@ -1,8 +1,8 @@
 //! Walls of one sheet within a solid.
 
 use super::Applied;
-use super::cut::without_inner_sheets;
-use crate::math::{order_around, to_unit_range};
+use super::cut::{Turn, turn, without_inner_sheets};
+use crate::math::to_unit_range;
 use crate::mesh::{Edges, Parts, Surface};
 use crate::repair::{Cancelled, Change, Context};
 
@@ -34,10 +34,7 @@ pub fn remove_membranes(surface: &mut Surface, context: &Context<'_>) -> Result<
     let (faces, unit) = (&surface.faces, to_unit_range(&surface.positions));
     let patches = Parts::patches(surface, &edges);
     let patch_of = |h: u32| patches.of_face[h as usize / 3] as usize;
-    let mut is_open = vec![false; patches.count];
-    for half_edges in edges.iter().filter(|h| h.len() == 1) {
-        is_open[patch_of(half_edges[0])] = true;
-    }
+    let is_open = patches.open(&edges);
     let mut is_wall = vec![false; patches.count];
     let mut is_other = vec![false; patches.count];
     for (e, half_edges) in edges.iter().enumerate() {
@@ -49,10 +46,7 @@ pub fn remove_membranes(surface: &mut Surface, context: &Context<'_>) -> Result<
         // Beside open surface nothing says which side is within.
         let enclosed = !half_edges.iter().any(|&h| is_open[patch_of(h)]);
         if enclosed && half_edges.len() > 2 && half_edges.len() % 2 == 1 {
-            let [a, b] = edges.vertices(e).map(|v| unit[v as usize]);
-            let points: Vec<_> = half_edges.iter().map(|&h| unit[Edges::opposite(faces, h) as usize]).collect();
-            let closes: Vec<bool> = half_edges.iter().map(|&h| Edges::is_forward(faces, h)).collect();
-            let order = order_around(a, b, &points, |i, j| closes[j].cmp(&closes[i])).unwrap_or_default();
+            let Turn { order, closes } = turn(faces, &unit, &edges, e);
             let kept = without_inner_sheets(&order, &closes);
             inner = (0..half_edges.len()).filter(|i| !order.is_empty() && !kept.contains(i)).collect();
         }
@@ -62,9 +56,7 @@ pub fn remove_membranes(surface: &mut Surface, context: &Context<'_>) -> Result<
         }
     }
     let goes: Vec<bool> = is_wall.iter().zip(&is_other).map(|(&wall, &other)| wall && !other).collect();
-    let keep: Vec<bool> = patches.of_face.iter().map(|&p| p == Parts::NONE || !goes[p as usize]).collect();
     let walls = goes.iter().filter(|&&goes| goes).count() as u64;
-    let gone = if walls > 0 { surface.retain_faces(&keep) } else { 0 };
-    surface.drop_unreferenced();
+    let gone = patches.remove(&goes, surface);
     Ok(Change::list([("membranes_removed", walls), ("membrane_faces_removed", gone)]).into())
 }

@@ -26,6 +26,7 @@ pub mod one_sided;
 mod open_parts;
 pub mod orient;
 pub mod overlaps;
+mod places;
 pub mod quantise;
 pub mod resolve;
 pub mod separate;

@@ -1,22 +1,17 @@
 //! One-sided parts cut open.
 
-use std::collections::HashSet;
-
 use glam::DVec3;
 
 use super::Applied;
 use super::orient::{agree, turn_faces};
-use super::quantise::rounded;
+use super::places::Places;
 use crate::inspect::doubled_areas;
 use crate::math::collinear;
 use crate::mesh::{Edges, Surface, UnionFind};
 use crate::repair::{Cancelled, Change, Context};
 
 const NONE: u32 = u32::MAX;
-/// Lengths that are tried to part two copies of a vertex, each twice the one before, beginning with the distance between
 /// neighbouring f32 numbers.
-const STEPS: i32 = 12;
-
 /// Cuts patches that have only one side, like a Möbius band, along the edges where their winding is in conflict, so that
 /// each has a front and a back.
 ///
@@ -66,7 +61,7 @@ impl CutOneSided {
         let copies = cut(surface, &edges);
         let (mut moved, mut coincident) = (0.0f64, 0u64);
         if !copies.is_empty() {
-            let mut fans = Fans::new(surface, &copies);
+            let mut fans = Fans::new(surface, &copies, self.to_f32);
             for &v in &copies {
                 match fans.part(surface, v, self) {
                     Some(by) => moved = moved.max(by),
@@ -175,18 +170,18 @@ fn cut(surface: &mut Surface, edges: &Edges) -> Vec<u32> {
 struct Fans {
     /// Copies and their faces, in order.
     corners: Vec<(u32, u32)>,
-    taken: HashSet<[u32; 3]>,
+    places: Places,
 }
 
 impl Fans {
-    fn new(surface: &Surface, copies: &[u32]) -> Self {
+    fn new(surface: &Surface, copies: &[u32], to_f32: bool) -> Self {
         let first = copies[0];
         let mut corners: Vec<(u32, u32)> = Vec::new();
         for (face, f) in surface.faces.iter().zip(0u32..) {
             corners.extend(face.iter().filter(|&&v| v >= first).map(|&v| (v, f)));
         }
         corners.sort_unstable();
-        Self { corners, taken: surface.positions.iter().map(|&p| key(p)).collect() }
+        Self { corners, places: Places::new(surface, to_f32) }
     }
 
     /// Moves a copy into its faces by the least that f32 can tell. Answers how far, unless it can't be.
@@ -217,28 +212,11 @@ impl Fans {
             DVec3::NEG_Z,
         ]);
         for direction in directions {
-            for k in 0..STEPS {
-                let far = p + direction * (spacing(p) * 2f64.powi(k));
-                let q = if how.to_f32 { rounded(far) } else { far };
-                if q.is_finite() && p.distance(q) <= how.most && !self.taken.contains(&key(q)) && fits(q) {
-                    self.taken.insert(key(q));
-                    surface.positions[v as usize] = q;
-                    return Some(p.distance(q));
-                }
+            if let Some(q) = self.places.find(p, direction, how.most, fits) {
+                surface.positions[v as usize] = q;
+                return Some(p.distance(q));
             }
         }
         None
     }
-}
-
-#[expect(clippy::cast_possible_truncation, reason = "compared as an STL file would hold them")]
-fn key(p: DVec3) -> [u32; 3] {
-    p.to_array().map(|x| (x as f32 + 0.0).to_bits())
-}
-
-/// The distance between f32 numbers as large as the largest coordinate.
-#[expect(clippy::cast_possible_truncation, reason = "asked about f32")]
-fn spacing(p: DVec3) -> f64 {
-    let largest = (p.abs().max_element() as f32).max(f32::MIN_POSITIVE);
-    f64::from(largest.next_up() - largest)
 }

@@ -18,10 +18,7 @@ pub(super) fn open_parts(surface: &Surface) -> OpenParts {
         return found;
     }
     let parts = Parts::new(surface, &edges);
-    let mut open = vec![false; parts.count];
-    for half_edges in edges.iter().filter(|h| h.len() == 1) {
-        open[parts.of_face[half_edges[0] as usize / 3] as usize] = true;
-    }
+    let open = parts.open(&edges);
     let mut number = vec![Parts::NONE; parts.count];
     for (number, count) in number.iter_mut().zip(&open).filter(|(_, open)| **open).map(|(n, _)| n).zip(0u32..) {
         *number = count;

@@ -23,6 +23,11 @@ pub fn quantise(surface: &mut Surface) -> u64 {
     moved
 }
 
+/// A position as the result's file will say it: in f32 where `to_f32` says so.
+pub(super) fn written(p: DVec3, to_f32: bool) -> DVec3 {
+    if to_f32 { rounded(p) } else { p }
+}
+
 /// A position as an STL file says it.
 #[expect(clippy::cast_possible_truncation, reason = "rounding is the purpose")]
 pub(super) fn rounded(p: DVec3) -> DVec3 {

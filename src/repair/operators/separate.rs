@@ -1,11 +1,10 @@
 //! Keeping sheets apart that a reader would weld, because STL knows positions and no indices.
 
-use std::collections::HashSet;
-
 use glam::DVec3;
 
 use super::Applied;
 use super::cut::{NONE, Pairing, Pinches, cut_apart, mates};
+use super::places::{Places, key, spacing};
 use super::quantise::rounded;
 use crate::math::{Box3, collinear};
 use crate::mesh::{Edges, Surface};
@@ -26,8 +25,6 @@ const NEIGHBOURS: [DVec3; 26] = {
 };
 /// Rounds of cutting and splitting; an edge that is still doubled after them is left.
 const MOST_ROUNDS: usize = 4;
-/// Lengths that are tried, each twice the one before, beginning with the distance between neighbouring f32 numbers.
-const STEPS: i32 = 12;
 /// No vertex is moved farther than this share of the diagonal.
 const MOST: f64 = 1e-4;
 
@@ -64,7 +61,7 @@ impl Separate {
     pub fn apply(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
         let mut changes = Vec::new();
         let mut split = 0;
-        let mut places = Places::new(surface, self.most);
+        let mut places = Aside::new(surface, self.most);
         for _ in 0..MOST_ROUNDS {
             changes.extend(cut_apart(surface, Pairing::Angular, Pinches::Cut, context)?);
             let done = split_doubled_edges(surface, &mut places, context)?;
@@ -80,64 +77,37 @@ impl Separate {
             ("coincident_vertices_left", left),
         ]));
         let left = (left > 0).then(|| format!("{left} vertices stand on others and could not be moved aside"));
-        Ok(Applied { changes, moved: places.moved, left, ..Applied::default() })
+        Ok(Applied { changes, moved: places.moved(), left, ..Applied::default() })
     }
 }
 
-/// The positions that are taken, as f32.
-struct Places {
-    taken: HashSet<[u32; 3]>,
+/// Places beside vertices, each within its reach.
+struct Aside {
+    places: Places,
     reach: f64,
     most: f64,
-    /// The farthest that was gone so far.
-    moved: f64,
 }
 
-impl Places {
+impl Aside {
     fn new(surface: &Surface, most: f64) -> Self {
         let diagonal = Box3::of(surface.positions.iter().copied()).diagonal();
-        Self {
-            taken: surface.positions.iter().map(|&p| key(p)).collect(),
-            reach: (MOST * diagonal).min(most),
-            most,
-            moved: 0.0,
-        }
+        Self { places: Places::new(surface, true), reach: (MOST * diagonal).min(most), most }
+    }
+
+    /// The farthest that was gone so far.
+    fn moved(&self) -> f64 {
+        self.places.moved
     }
 
     /// The nearest free position from `p` in a direction for which `fits` holds, as f32 says it; then it is taken.
     fn find(&mut self, p: DVec3, direction: DVec3, fits: impl Fn(DVec3) -> bool) -> Option<DVec3> {
-        let least = f64::from(spacing(p));
-        for k in 0..STEPS {
-            let length = least * 2f64.powi(k);
-            let q = rounded(p + direction * length);
-            let free = q.is_finite()
-                && p.distance(q) <= self.reach.max(4.0 * least).min(self.most)
-                && !self.taken.contains(&key(q));
-            if free && fits(q) {
-                self.taken.insert(key(q));
-                self.moved = self.moved.max(p.distance(q));
-                return Some(q);
-            }
-        }
-        None
+        self.places.find(p, direction, self.reach.max(4.0 * spacing(p)).min(self.most), fits)
     }
-}
-
-#[expect(clippy::cast_possible_truncation, reason = "compared as an STL file would hold them")]
-fn key(p: DVec3) -> [u32; 3] {
-    p.to_array().map(|x| (x as f32 + 0.0).to_bits())
-}
-
-/// The distance between f32 numbers as large as the largest coordinate.
-#[expect(clippy::cast_possible_truncation, reason = "asked about f32")]
-fn spacing(p: DVec3) -> f32 {
-    let largest = (p.abs().max_element() as f32).max(f32::MIN_POSITIVE);
-    largest.next_up() - largest
 }
 
 /// Splits edges that several pairs of faces share after everything was cut that could be: all pairs but one get a
 /// vertex in the middle of the edge, moved into the solid.
-fn split_doubled_edges(surface: &mut Surface, places: &mut Places, context: &Context<'_>) -> Result<u64, Cancelled> {
+fn split_doubled_edges(surface: &mut Surface, places: &mut Aside, context: &Context<'_>) -> Result<u64, Cancelled> {
     let edges = Edges::new(&surface.faces);
     if edges.iter().all(|h| h.len() <= 2) {
         return Ok(0);
@@ -169,7 +139,7 @@ fn split_doubled_edges(surface: &mut Surface, places: &mut Places, context: &Con
 }
 
 /// Puts a vertex near the middle of the edge along which the faces of half-edges `x` and `y` meet.
-fn split_pair(surface: &mut Surface, x: u32, y: u32, places: &mut Places) -> bool {
+fn split_pair(surface: &mut Surface, x: u32, y: u32, places: &mut Aside) -> bool {
     let [a, b] = Edges::ends(&surface.faces, x);
     let (c, d) = (Edges::opposite(&surface.faces, x), Edges::opposite(&surface.faces, y));
     let [f, g] = [x, y].map(|h| h as usize / 3);
@@ -195,7 +165,7 @@ fn split_pair(surface: &mut Surface, x: u32, y: u32, places: &mut Places) -> boo
 }
 
 /// Moves all but one of the vertices of each group at one position. Answers how many were moved and how many could not be.
-fn spread(surface: &mut Surface, places: &mut Places, context: &Context<'_>) -> Result<(u64, u64), Cancelled> {
+fn spread(surface: &mut Surface, places: &mut Aside, context: &Context<'_>) -> Result<(u64, u64), Cancelled> {
     let mut order: Vec<([u32; 3], u32)> = surface.positions.iter().map(|&p| key(p)).zip(0u32..).collect();
     order.sort_unstable();
     let groups: Vec<&[([u32; 3], u32)]> = order.chunk_by(|x, y| x.0 == y.0).filter(|g| g.len() > 1).collect();
@@ -230,7 +200,7 @@ fn spread(surface: &mut Surface, places: &mut Places, context: &Context<'_>) -> 
 }
 
 /// A free position beside a vertex, into the solid that its faces bound.
-fn aside(surface: &Surface, v: u32, star: &[u32], places: &mut Places) -> Option<DVec3> {
+fn aside(surface: &Surface, v: u32, star: &[u32], places: &mut Aside) -> Option<DVec3> {
     let p = surface.positions[v as usize];
     let mut normal = DVec3::ZERO;
     let mut middle = DVec3::ZERO;

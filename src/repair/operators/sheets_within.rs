@@ -60,9 +60,7 @@ pub fn remove_sheets_within(surface: &mut Surface, context: &Context<'_>) -> Res
     if count == 0 {
         return Ok(Applied::default());
     }
-    let keep: Vec<bool> = patches.of_face.iter().map(|&p| p == Parts::NONE || !goes[p as usize]).collect();
-    let faces = surface.retain_faces(&keep);
-    surface.drop_unreferenced();
+    let faces = patches.remove(&goes, surface);
     Ok(Change::list([("sheets_within_removed", count), ("sheet_faces_removed", faces)]).into())
 }
 
@@ -96,8 +94,7 @@ fn is_within(walls: &mut Walls, surface: &Surface, of_face: &[u32], faces: &[u32
     let rays = (RAYS / asked.len()).max(LEAST_RAYS);
     let (mut missed, mut own) = (0, 0);
     for &f in &asked {
-        let [a, b, c] = surface.faces[f as usize].map(|v| walls.unit[v as usize]);
-        let middle = (a + b + c) / 3.0;
+        let middle = walls.middle(surface.faces[f as usize]);
         let mut missed_here = 0;
         for ray in (0u32..).take(rays) {
             // From beside the face, so that what lies on it is not touched.

@@ -20,6 +20,12 @@ impl Walls {
         Self { tree: Tree::new(&unit, &faces), unit, faces, spent: 0, budget }
     }
 
+    /// The middle of a face, from which segments begin.
+    pub fn middle(&self, face: [u32; 3]) -> DVec3 {
+        let [a, b, c] = face.map(|v| self.unit[v as usize]);
+        (a + b + c) / 3.0
+    }
+
     /// How often the segment goes through the walls, but for the one of number `but`; none where it touches an edge or the
     /// budget is spent.
     pub fn crossings(&mut self, from: DVec3, to: DVec3, but: Option<u32>) -> Option<u64> {

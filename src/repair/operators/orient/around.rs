@@ -82,8 +82,7 @@ fn around(outside: &Outside<'_>, walls: &mut Walls, voters: &[u32]) -> Option<Ve
     let of_face = &outside.patches.of_face;
     let (mut met, mut missed) = (Vec::new(), 0);
     for (ray, &f) in (0..RAYS).zip(voters.iter().cycle()) {
-        let [a, b, c] = outside.surface.faces[f as usize].map(|v| walls.unit[v as usize]);
-        let from = (a + b + c) / 3.0;
+        let from = walls.middle(outside.surface.faces[f as usize]);
         let mut odd = false;
         let mut here = Vec::new();
         let clear = walls.each_crossing(from, from + ray_direction(ray) * 8.0, Some(f), |g| {

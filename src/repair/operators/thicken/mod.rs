@@ -7,7 +7,7 @@ use cover::Cover;
 use glam::DVec3;
 use offset::Offsets;
 
-use super::quantise::rounded;
+use super::quantise::written;
 use super::{Applied, open_parts};
 use crate::math::Box3;
 use crate::mesh::{Edges, Surface};
@@ -90,7 +90,7 @@ impl ThickenSheets {
         let ids = place(surface, &cover, |fan, side| {
             let step = offsets.of(fan) * if side == 0 { front } else { -back };
             let p = surface.positions[cover.vertex(fan) as usize] + step;
-            let q = if self.to_f32 { rounded(p) } else { p };
+            let q = written(p, self.to_f32);
             if q.is_finite() { q } else { p }
         });
         let rim = cover.boundary.len() as u64;

@@ -1,0 +1,55 @@
+//! Positions near others that no vertex has yet, as f32 tells them apart.
+
+use std::collections::HashSet;
+
+use glam::DVec3;
+
+use super::quantise::written;
+use crate::mesh::Surface;
+
+/// Lengths that are tried, each twice the one before, beginning with the distance between neighbouring f32 numbers.
+const STEPS: i32 = 12;
+
+/// The positions that are taken, as f32.
+pub(super) struct Places {
+    taken: HashSet<[u32; 3]>,
+    /// Whether positions are rounded to f32.
+    to_f32: bool,
+    /// The farthest that was gone so far.
+    pub moved: f64,
+}
+
+impl Places {
+    /// Those of a surface's vertices.
+    pub fn new(surface: &Surface, to_f32: bool) -> Self {
+        Self { taken: surface.positions.iter().map(|&p| key(p)).collect(), to_f32, moved: 0.0 }
+    }
+
+    /// The nearest free position from `p` in a direction, no farther than `most`, for which `fits` holds; then it is taken.
+    pub fn find(&mut self, p: DVec3, direction: DVec3, most: f64, fits: impl Fn(DVec3) -> bool) -> Option<DVec3> {
+        let least = spacing(p);
+        for k in 0..STEPS {
+            let q = written(p + direction * (least * 2f64.powi(k)), self.to_f32);
+            let free = q.is_finite() && p.distance(q) <= most && !self.taken.contains(&key(q));
+            if free && fits(q) {
+                self.taken.insert(key(q));
+                self.moved = self.moved.max(p.distance(q));
+                return Some(q);
+            }
+        }
+        None
+    }
+}
+
+/// A position as an STL file would hold it, to be compared.
+#[expect(clippy::cast_possible_truncation, reason = "compared as an STL file would hold them")]
+pub(super) fn key(p: DVec3) -> [u32; 3] {
+    p.to_array().map(|x| (x as f32 + 0.0).to_bits())
+}
+
+/// The distance between f32 numbers as large as the largest coordinate.
+#[expect(clippy::cast_possible_truncation, reason = "asked about f32")]
+pub(super) fn spacing(p: DVec3) -> f64 {
+    let largest = (p.abs().max_element() as f32).max(f32::MIN_POSITIVE);
+    f64::from(largest.next_up() - largest)
+}
