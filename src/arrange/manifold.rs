@@ -27,6 +27,7 @@ impl Arrangement for ManifoldRust {
         let rule = match inside {
             Inside::Positive => WindingRule::Positive,
             Inside::Nonzero => WindingRule::Nonzero,
+            Inside::Odd => return Err(ArrangeError::Failed("the engine knows no odd rule".to_owned())),
         };
         let (send, receive) = channel();
         let watched = token.clone();

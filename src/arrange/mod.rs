@@ -4,11 +4,13 @@
 //! others, the cells between the pieces are labelled by winding number, and the walls with the inside on one side only
 //! are kept.
 
+mod exact;
 mod manifold;
 
 use crate::context::{Cancelled, Context};
 use crate::mesh::Surface;
 
+pub use exact::Exact;
 pub use manifold::ManifoldRust;
 
 /// Which cells are inside, by their winding number `w`.
@@ -19,6 +21,8 @@ pub enum Inside {
     Positive,
     /// `w != 0`: inverted parts are solid as well.
     Nonzero,
+    /// `w` odd: what is wound around twice is outside again, whichever way its walls are turned.
+    Odd,
 }
 
 /// Why there is no arrangement.

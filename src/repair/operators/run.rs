@@ -23,7 +23,7 @@ use super::t_junctions::SplitTJunctions;
 use super::thicken::{Skins, ThickenSheets};
 use super::weld::Weld;
 use super::{Applied, Operator};
-use crate::arrange::{Inside, ManifoldRust};
+use crate::arrange::{Inside, Exact};
 use crate::format::Format;
 use crate::inspect::Tolerances;
 use crate::mesh::Surface;
@@ -133,7 +133,7 @@ impl Operator {
                 clean.apply(surface, context)?
             }
             Self::Resolve => {
-                let it = Resolve { inside: scope.inside, most: scope.reach }.apply(surface, &ManifoldRust, context)?;
+                let it = Resolve { inside: scope.inside, most: scope.reach }.apply(surface, &Exact, context)?;
                 let left = (it.pairs_left > 0).then(|| format!("{} pairs of faces still intersect", it.pairs_left));
                 Applied { changes: it.changes, moved: it.moved, left, failed: it.error.map(|e| e.to_string()) }
             }

@@ -1,0 +1,208 @@
+use glam::DVec3;
+use smallvec::SmallVec;
+
+use super::complex::Complex;
+use super::plane::Plane;
+use crate::arrange::{ArrangeError, Inside};
+use crate::context::Context;
+use crate::math::{Sign, Tree, winding_exact};
+use crate::mesh::{Edges, UnionFind};
+
+/// How far from a whole number a winding number may be measured before it is measured again more exactly, and then before the
+/// surface is taken for open.
+const UNSURE: f64 = 0.2;
+/// Nodes and triangles that are looked at for one winding number.
+const STEPS: u64 = 1_000_000;
+
+/// The winding numbers on both sides of each wall: before it, where its normal points, and behind it.
+pub(super) fn windings(complex: &Complex, context: &Context<'_>) -> Result<Vec<[i32; 2]>, ArrangeError> {
+    let walls = &complex.walls;
+    let corners: Vec<[u32; 3]> = walls.iter().map(|wall| wall.corners).collect();
+    let edges = Edges::new(&corners);
+    context.check()?;
+    // Side 2 w is before wall w, side 2 w + 1 behind it.
+    let mut sides = UnionFind::new(2 * walls.len());
+    let mut pieces = UnionFind::new(walls.len());
+    for edge in 0..edges.len() {
+        let around = order_around(complex, edges.half_edges(edge), &corners)?;
+        for (k, &(wall, forward)) in around.iter().enumerate() {
+            let (next, next_forward) = around[(k + 1) % around.len()];
+            // Counter-clockwise of a wall that runs forward is what is before it.
+            sides.unite(2 * wall + u32::from(!forward), 2 * next + u32::from(next_forward));
+            pieces.unite(wall, next);
+        }
+    }
+    let (cell_of, piece_of) = (sides.into_roots(), pieces.into_roots());
+    context.check()?;
+    spread(complex, &cell_of, &piece_of, context)
+}
+
+/// The walls around an edge, counter-clockwise seen from its larger vertex, and whether each runs from the smaller vertex to the
+/// larger.
+fn order_around(
+    complex: &Complex,
+    half_edges: &[u32],
+    corners: &[[u32; 3]],
+) -> Result<SmallVec<[(u32, bool); 4]>, ArrangeError> {
+    let it = half_edges.iter().map(|&h| (h, Edges::is_forward(corners, h)));
+    if half_edges.len() <= 2 {
+        return Ok(it.map(|(h, forward)| (h / 3, forward)).collect());
+    }
+    let all: SmallVec<[(u32, bool); 4]> = it.collect();
+    let planes: SmallVec<[Plane; 4]> = all.iter().map(|&(h, _)| complex.plane(&complex.walls[h as usize / 3])).collect();
+    // Positive where `j` is less than half a turn on from `i`.
+    let ahead = |i: usize, j: usize| {
+        let ((_, forward), (g, _)) = (all[i], all[j]);
+        let sign = complex.points.side(&planes[i], Edges::opposite(corners, g));
+        match (forward, sign) {
+            (false, Sign::Positive) => Sign::Negative,
+            (false, Sign::Negative) => Sign::Positive,
+            (_, sign) => sign,
+        }
+    };
+    let quarter: SmallVec<[u8; 4]> = (0..all.len())
+        .map(|j| match (j, ahead(0, j)) {
+            (0, _) => 0,
+            (_, Sign::Positive) => 1,
+            (_, Sign::Zero) => 2,
+            (_, Sign::Negative) => 3,
+        })
+        .collect();
+    let mut order: SmallVec<[usize; 4]> = (0..all.len()).collect();
+    order.sort_by(|&i, &j| {
+        quarter[i].cmp(&quarter[j]).then_with(|| match (i == j, ahead(i, j)) {
+            (false, Sign::Positive) => std::cmp::Ordering::Less,
+            (false, Sign::Negative) => std::cmp::Ordering::Greater,
+            _ => i.cmp(&j),
+        })
+    });
+    Ok(order.into_iter().map(|i| (all[i].0 / 3, all[i].1)).collect())
+}
+
+/// Spreads winding numbers over the cells: in each piece of the surface from one wall, where it is measured.
+fn spread(
+    complex: &Complex,
+    cell_of: &[u32],
+    piece_of: &[u32],
+    context: &Context<'_>,
+) -> Result<Vec<[i32; 2]>, ArrangeError> {
+    let walls = &complex.walls;
+    // The largest wall of each piece.
+    let area = |wall: usize| {
+        let [a, b, c] = walls[wall].corners.map(|p| complex.points.place(p));
+        (b - a).cross(c - a).length_squared()
+    };
+    let mut largest: Vec<u32> = (0..walls.len() as u32).collect();
+    for wall in 0..walls.len() {
+        let best = &mut largest[piece_of[wall] as usize];
+        if area(wall) > area(*best as usize) {
+            *best = wall as u32;
+        }
+    }
+    // The walls of each cell.
+    let mut first = vec![0u32; cell_of.len() + 1];
+    cell_of.iter().for_each(|&cell| first[cell as usize + 1] += 1);
+    for cell in 0..cell_of.len() {
+        first[cell + 1] += first[cell];
+    }
+    let mut next = first.clone();
+    let mut sides_of = vec![0u32; cell_of.len()];
+    for (side, &cell) in (0u32..).zip(cell_of) {
+        sides_of[next[cell as usize] as usize] = side;
+        next[cell as usize] += 1;
+    }
+    let ruler = Ruler::new(complex);
+    let mut number: Vec<Option<i32>> = vec![None; cell_of.len()];
+    let mut stack = Vec::new();
+    for piece in (0..walls.len()).filter(|&wall| piece_of[wall] as usize == wall) {
+        context.check()?;
+        let start = largest[piece] as usize;
+        let before = ruler.before(start)?;
+        number[cell_of[2 * start] as usize] = Some(before);
+        stack.push(cell_of[2 * start]);
+        while let Some(cell) = stack.pop() {
+            let here = number[cell as usize].unwrap_or(0);
+            for &side in &sides_of[first[cell as usize] as usize..first[cell as usize + 1] as usize] {
+                let weight = walls[side as usize / 2].weight;
+                let there = if side % 2 == 0 { here + weight } else { here - weight };
+                let other = cell_of[(side ^ 1) as usize];
+                match number[other as usize] {
+                    None => {
+                        number[other as usize] = Some(there);
+                        stack.push(other);
+                    }
+                    Some(known) if known != there => return Err(ArrangeError::NotClosed),
+                    Some(_) => {}
+                }
+            }
+        }
+    }
+    let at = |side: usize| number[cell_of[side] as usize].unwrap_or(0);
+    Ok((0..walls.len()).map(|wall| [at(2 * wall), at(2 * wall + 1)]).collect())
+}
+
+/// Measures winding numbers of the whole surface.
+struct Ruler<'a> {
+    complex: &'a Complex,
+    positions: Vec<DVec3>,
+    faces: Vec<[u32; 3]>,
+    /// For each face its place in `faces`.
+    place: Vec<u32>,
+    tree: Tree,
+    dipoles: crate::math::Dipoles,
+}
+
+impl<'a> Ruler<'a> {
+    fn new(complex: &'a Complex) -> Self {
+        let vertices = complex.vertices.len() as u32;
+        let positions: Vec<DVec3> = (0..vertices).map(|p| complex.points.place(p)).collect();
+        let faces: Vec<[u32; 3]> = complex.faces.iter().flatten().copied().collect();
+        let mut count = 0;
+        let place = complex
+            .faces
+            .iter()
+            .map(|face| {
+                count += u32::from(face.is_some());
+                count.wrapping_sub(1)
+            })
+            .collect();
+        let tree = Tree::new(&positions, &faces);
+        let dipoles = tree.dipoles(|f| faces[f as usize].map(|v| positions[v as usize]));
+        Self { complex, positions, faces, place, tree, dipoles }
+    }
+
+    /// The winding number before a wall. What lies in the wall itself winds around neither side of its middle, and the mean of
+    /// both sides is what the rest winds around it.
+    fn before(&self, wall: usize) -> Result<i32, ArrangeError> {
+        let it = &self.complex.walls[wall];
+        let corners = it.corners.map(|p| self.complex.points.place(p));
+        let middle = (corners[0] + corners[1] + corners[2]) / 3.0;
+        let covers: SmallVec<[u32; 2]> = it.faces.iter().map(|&face| self.place[face as usize]).collect();
+        let triangle = |f: u32| {
+            if covers.contains(&f) { [middle; 3] } else { self.faces[f as usize].map(|v| self.positions[v as usize]) }
+        };
+        let mean = |number: f64| number - f64::from(it.weight) / 2.0;
+        let mut steps = STEPS;
+        let fast = mean(self.tree.winding(&self.dipoles, middle, &mut steps, triangle));
+        let unsure = |x: f64| (x - x.round()).abs() > UNSURE;
+        let number = if unsure(fast) || steps == 0 {
+            mean(winding_exact(middle, (0..self.faces.len() as u32).map(triangle)))
+        } else {
+            fast
+        };
+        if unsure(number) {
+            return Err(ArrangeError::NotClosed);
+        }
+        #[expect(clippy::cast_possible_truncation, reason = "no more than there are faces")]
+        Ok(number.round() as i32)
+    }
+}
+
+/// Whether a winding number is one of the inside.
+pub(super) fn is_inside(inside: Inside, number: i32) -> bool {
+    match inside {
+        Inside::Positive => number > 0,
+        Inside::Nonzero => number != 0,
+        Inside::Odd => number % 2 != 0,
+    }
+}

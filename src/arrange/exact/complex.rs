@@ -1,0 +1,238 @@
+use smallvec::SmallVec;
+
+use super::contacts::{Contacts, Cuts};
+use super::grid::{Grid, Whole};
+use super::plane::Plane;
+use super::points::Points;
+use super::triangulation::{Line, Support, Triangulation};
+use crate::arrange::ArrangeError;
+use crate::context::{Cancelled, Context};
+use crate::math::{Contact, PairSearch, Tree, contact};
+use crate::mesh::Surface;
+
+/// Steps that the search for faces that meet may take, and as many more for each face.
+const STEPS: u64 = 512_000_000;
+const STEPS_A_FACE: u64 = 2_000;
+/// Points that an arrangement may have: some gigabytes.
+const MOST_POINTS: usize = 20_000_000;
+/// How far out the corners of the triangle are in which overlapping faces are laid, in steps of the grid.
+const OUT: i64 = 1 << 43;
+
+/// A piece of faces that no other face passes through: walls have nothing in common but whole edges and corners.
+#[derive(Debug, Clone)]
+pub(super) struct Wall {
+    /// Its corners, counter-clockwise seen against the normal of its plane.
+    pub corners: [u32; 3],
+    /// The faces that cover it, sorted.
+    pub faces: SmallVec<[u32; 2]>,
+    /// By how much the winding number grows through it, against the normal.
+    pub weight: i32,
+    /// Its plane, where its faces meet others.
+    pub plane: Option<u32>,
+}
+
+/// Faces cut where they meet.
+pub(super) struct Complex {
+    pub grid: Grid,
+    pub points: Points,
+    pub walls: Vec<Wall>,
+    /// For each face of the surface its corners as points; none where it is without area.
+    pub faces: Vec<Option<[u32; 3]>>,
+    /// For each point the vertex of the surface that it is.
+    pub vertices: Vec<Option<u32>>,
+}
+
+impl Complex {
+    /// Cuts the faces of a surface where they meet.
+    pub fn new(surface: &Surface, context: &Context<'_>) -> Result<Self, ArrangeError> {
+        let grid = Grid::around(&surface.positions);
+        let (mut points, point_of, vertices) = vertices_on_grid(surface, &grid);
+        let faces: Vec<Option<[u32; 3]>> = surface
+            .faces
+            .iter()
+            .map(|face| {
+                let corners = face.map(|v| point_of[v as usize]);
+                let flat = Plane::through(corners.map(|c| points.whole(c))).is_flat();
+                (!flat).then_some(corners)
+            })
+            .collect();
+        let pairs = pairs_that_meet(&points, &faces, context)?;
+        let solid: Vec<[u32; 3]> = faces.iter().map(|face| face.unwrap_or([0; 3])).collect();
+        for &([f, g], _) in &pairs {
+            for face in [f, g] {
+                solid[face as usize].iter().for_each(|&corner| points.enter_once(corner));
+            }
+        }
+        let mut contacts = Contacts::new(&solid, &mut points);
+        for (at, &([f, g], overlap)) in pairs.iter().enumerate() {
+            if at % 4096 == 0 {
+                context.check()?;
+            }
+            contacts.meet(f, g, overlap);
+        }
+        let mut walls = Vec::with_capacity(solid.len() + 4 * contacts.cuts.len());
+        let groups = groups(&mut contacts);
+        let planes: Vec<u32> = groups.iter().map(|group| contacts.plane(group[0])).collect();
+        let cuts = std::mem::take(&mut contacts.cuts);
+        let mut is_cut = vec![false; solid.len()];
+        for (at, (group, plane)) in groups.iter().zip(planes).enumerate() {
+            if at % 256 == 0 {
+                context.check()?;
+            }
+            group.iter().for_each(|&face| is_cut[face as usize] = true);
+            match group.as_slice() {
+                &[face] => cut_one(&mut points, plane, face, solid[face as usize], &cuts[&face], &mut walls),
+                _ => cut_many(&mut points, plane, group, &solid, &cuts, &mut walls),
+            }
+            if points.len() > MOST_POINTS {
+                return Err(ArrangeError::Failed("the faces meet in too many points".to_owned()));
+            }
+        }
+        for (face, corners) in (0u32..).zip(&faces) {
+            if let Some(corners) = corners.filter(|_| !is_cut[face as usize]) {
+                walls.push(Wall { corners, faces: SmallVec::from_slice(&[face]), weight: 1, plane: None });
+            }
+        }
+        Ok(Self { grid, points, walls, faces, vertices })
+    }
+
+    /// The plane of a wall, looking where its corners turn counter-clockwise.
+    pub fn plane(&self, wall: &Wall) -> Plane {
+        match wall.plane {
+            Some(plane) => self.points.planes[plane as usize],
+            None => Plane::through(wall.corners.map(|corner| self.points.whole(corner))),
+        }
+    }
+}
+
+/// The vertices as points, those at one place of the grid as one. Answers the point of each vertex, and the vertex of each point.
+fn vertices_on_grid(surface: &Surface, grid: &Grid) -> (Points, Vec<u32>, Vec<Option<u32>>) {
+    let mut points = Points::default();
+    let mut vertices = Vec::new();
+    let mut known: rustc_hash::FxHashMap<Whole, u32> = rustc_hash::FxHashMap::default();
+    let point_of = (0u32..)
+        .zip(&surface.positions)
+        .map(|(v, &p)| {
+            let place = grid.to_grid(p);
+            *known.entry(place).or_insert_with(|| {
+                vertices.push(Some(v));
+                points.push(place)
+            })
+        })
+        .collect();
+    (points, point_of, vertices)
+}
+
+/// Pairs of faces that have more in common than a vertex or an edge by its vertices, and whether they overlap in a plane.
+fn pairs_that_meet(
+    points: &Points,
+    faces: &[Option<[u32; 3]>],
+    context: &Context<'_>,
+) -> Result<Vec<([u32; 2], bool)>, ArrangeError> {
+    // Scaled by a power of two into the range of the predicates.
+    let unit: Vec<_> = (0..points.len()).map(|p| points.place(p as u32) / OUT as f64).collect();
+    let (numbers, corners): (Vec<u32>, Vec<[u32; 3]>) =
+        (0u32..).zip(faces).filter_map(|(f, corners)| corners.map(|c| (f, c))).unzip();
+    let tree = Tree::new(&unit, &corners);
+    context.check()?;
+    let look = |f: u32, g: u32, steps: &mut u64| {
+        let mut slow = 0;
+        let contact = contact(&unit, corners[f as usize], corners[g as usize], &mut slow);
+        *steps += 8 * slow;
+        match contact {
+            Contact::Disjoint | Contact::Neighbours => None,
+            Contact::Touching | Contact::Crossing => Some(false),
+            Contact::Coplanar | Contact::Same => Some(true),
+        }
+    };
+    let search = PairSearch { look, budget: STEPS + STEPS_A_FACE * faces.len() as u64 };
+    let mut pairs = Vec::new();
+    let complete = search.within(&tree, |hits| -> Result<(), Cancelled> {
+        pairs.extend(hits.into_iter().map(|(pair, overlap)| (pair.map(|f| numbers[f as usize]), overlap)));
+        context.check()
+    })?;
+    if !complete {
+        return Err(ArrangeError::Failed("too many faces meet".to_owned()));
+    }
+    pairs.sort_unstable();
+    Ok(pairs)
+}
+
+/// The faces that meet others: each by itself, or with those that overlap it in a plane; in order of their first face.
+fn groups(contacts: &mut Contacts<'_>) -> Vec<Vec<u32>> {
+    let mut faces: Vec<u32> = contacts.cuts.keys().copied().collect();
+    faces.sort_unstable();
+    let mut of_root: rustc_hash::FxHashMap<u32, usize> = rustc_hash::FxHashMap::default();
+    let mut groups: Vec<Vec<u32>> = Vec::new();
+    for face in faces {
+        let root = contacts.together.root(face);
+        let at = *of_root.entry(root).or_insert_with(|| {
+            groups.push(Vec::new());
+            groups.len() - 1
+        });
+        groups[at].push(face);
+    }
+    groups
+}
+
+/// Cuts a face that overlaps no other in its plane.
+fn cut_one(points: &mut Points, plane: u32, face: u32, corners: [u32; 3], cuts: &Cuts, walls: &mut Vec<Wall>) {
+    let mut triangulation = Triangulation::new(points, plane, corners);
+    for &point in &cuts.points {
+        triangulation.insert(point);
+    }
+    for &(ends, other) in &cuts.lines {
+        triangulation.insert_line(Line { ends, support: Support::Plane(other), bounds: None });
+    }
+    triangulation.improve();
+    walls.extend(triangulation.triangles().map(|corners| Wall {
+        corners,
+        faces: SmallVec::from_slice(&[face]),
+        weight: 1,
+        plane: Some(plane),
+    }));
+}
+
+/// Cuts faces that overlap in one plane, all at once, so that they are cut in the same way where they do.
+fn cut_many(
+    points: &mut Points,
+    plane: u32,
+    group: &[u32],
+    faces: &[[u32; 3]],
+    cuts: &rustc_hash::FxHashMap<u32, Cuts>,
+    walls: &mut Vec<Wall>,
+) {
+    let axis = points.planes[plane as usize].axis();
+    let upward = points.planes[plane as usize].normal[axis] > 0;
+    let outer = points.outer(axis, upward, OUT);
+    // Which way each face looks, before the points are lent.
+    let normal = points.planes[plane as usize].normal;
+    let agrees: Vec<bool> = group
+        .iter()
+        .map(|&face| {
+            let it = Plane::through(faces[face as usize].map(|v| points.whole(v)));
+            (it.normal[axis] > 0) == (normal[axis] > 0)
+        })
+        .collect();
+    let mut triangulation = Triangulation::new(points, plane, outer);
+    for &face in group {
+        for i in 0..3 {
+            let ends = [faces[face as usize][i], faces[face as usize][(i + 1) % 3]];
+            triangulation.insert_line(Line { ends, support: Support::Edge(ends), bounds: Some(face) });
+        }
+    }
+    for face in group {
+        for &point in &cuts[face].points {
+            triangulation.insert(point);
+        }
+        for &(ends, other) in &cuts[face].lines {
+            triangulation.insert_line(Line { ends, support: Support::Plane(other), bounds: None });
+        }
+    }
+    triangulation.improve();
+    let covers = triangulation.covers();
+    walls.extend(triangulation.triangles().zip(covers).filter(|(_, cover)| !cover.is_empty()).map(|(corners, cover)| {
+        let weight = cover.iter().map(|face| if group.binary_search(face).is_ok_and(|at| agrees[at]) { 1 } else { -1 });
+        Wall { corners, weight: weight.sum(), faces: cover, plane: Some(plane) }
+    }));
+}
