@@ -49,7 +49,8 @@ fn order_around(
         return Ok(it.map(|(h, forward)| (h / 3, forward)).collect());
     }
     let all: SmallVec<[(u32, bool); 4]> = it.collect();
-    let planes: SmallVec<[Plane; 4]> = all.iter().map(|&(h, _)| complex.plane(&complex.walls[h as usize / 3])).collect();
+    let planes: SmallVec<[Plane; 4]> =
+        all.iter().map(|&(h, _)| complex.plane(&complex.walls[h as usize / 3])).collect();
     // Positive where `j` is less than half a turn on from `i`.
     let ahead = |i: usize, j: usize| {
         let ((_, forward), (g, _)) = (all[i], all[j]);

@@ -231,8 +231,11 @@ fn cut_many(
     }
     triangulation.improve();
     let covers = triangulation.covers();
-    walls.extend(triangulation.triangles().zip(covers).filter(|(_, cover)| !cover.is_empty()).map(|(corners, cover)| {
-        let weight = cover.iter().map(|face| if group.binary_search(face).is_ok_and(|at| agrees[at]) { 1 } else { -1 });
-        Wall { corners, weight: weight.sum(), faces: cover, plane: Some(plane) }
-    }));
+    walls.extend(triangulation.triangles().zip(covers).filter(|(_, cover)| !cover.is_empty()).map(
+        |(corners, cover)| {
+            let weight =
+                cover.iter().map(|face| if group.binary_search(face).is_ok_and(|at| agrees[at]) { 1 } else { -1 });
+            Wall { corners, weight: weight.sum(), faces: cover, plane: Some(plane) }
+        },
+    ));
 }

@@ -97,7 +97,10 @@ impl<'a> Contacts<'a> {
     }
 
     /// Adds the points where edges of one face pass through the other.
-    #[expect(clippy::too_many_arguments, reason = "two faces, each by vertices and positions, and what is known of them")]
+    #[expect(
+        clippy::too_many_arguments,
+        reason = "two faces, each by vertices and positions, and what is known of them"
+    )]
     fn edges_through(
         &mut self,
         ids: &[u32; 3],

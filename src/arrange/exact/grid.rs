@@ -33,7 +33,7 @@ impl Grid {
     }
 
     /// The nearest place on the grid.
-    pub fn to_grid(&self, p: DVec3) -> Whole {
+    pub fn to_grid(self, p: DVec3) -> Whole {
         let q = (p - self.origin) / self.step;
         let limit = f64::from(2u32).powi(BITS + 1);
         #[expect(clippy::cast_possible_truncation, reason = "within the limit")]
@@ -41,7 +41,7 @@ impl Grid {
     }
 
     /// A place in steps as a position of the model.
-    pub fn to_model(&self, p: DVec3) -> DVec3 {
+    pub fn to_model(self, p: DVec3) -> DVec3 {
         p * self.step + self.origin
     }
 }

@@ -318,7 +318,8 @@ impl<'a> Triangulation<'a> {
         let (u, v) = (t, self.triangles.len() as u32);
         let w = v + 1;
         let no = NONE;
-        self.triangles[t as usize] = Triangle { corners: [a, b, p], across: [across[0], v, w], lines: [lines[0], no, no] };
+        self.triangles[t as usize] =
+            Triangle { corners: [a, b, p], across: [across[0], v, w], lines: [lines[0], no, no] };
         self.push(Triangle { corners: [b, c, p], across: [across[1], w, u], lines: [lines[1], no, no] });
         self.push(Triangle { corners: [c, a, p], across: [across[2], u, v], lines: [lines[2], no, no] });
         for t in [u, v, w] {
@@ -335,15 +336,19 @@ impl<'a> Triangulation<'a> {
         let [_, bc, ca] = [0, 1, 2].map(|k| (one.across[(i + k) % 3], one.lines[(i + k) % 3]));
         let set = one.lines[i];
         let t2 = self.push(one);
-        self.triangles[t as usize] = Triangle { corners: [a, p, c], across: [NONE, t2, ca.0], lines: [set, NONE, ca.1] };
-        self.triangles[t2 as usize] = Triangle { corners: [p, b, c], across: [NONE, bc.0, t], lines: [set, bc.1, NONE] };
+        self.triangles[t as usize] =
+            Triangle { corners: [a, p, c], across: [NONE, t2, ca.0], lines: [set, NONE, ca.1] };
+        self.triangles[t2 as usize] =
+            Triangle { corners: [p, b, c], across: [NONE, bc.0, t], lines: [set, bc.1, NONE] };
         if s != NONE {
             let two = self.triangles[s as usize];
             let d = two.corners[(j + 2) % 3];
             let [_, ad, db] = [0, 1, 2].map(|k| (two.across[(j + k) % 3], two.lines[(j + k) % 3]));
             let s2 = self.push(two);
-            self.triangles[s as usize] = Triangle { corners: [b, p, d], across: [t2, s2, db.0], lines: [set, NONE, db.1] };
-            self.triangles[s2 as usize] = Triangle { corners: [p, a, d], across: [t, ad.0, s], lines: [set, ad.1, NONE] };
+            self.triangles[s as usize] =
+                Triangle { corners: [b, p, d], across: [t2, s2, db.0], lines: [set, NONE, db.1] };
+            self.triangles[s2 as usize] =
+                Triangle { corners: [p, a, d], across: [t, ad.0, s], lines: [set, ad.1, NONE] };
             self.triangles[t as usize].across[0] = s2;
             self.triangles[t2 as usize].across[0] = s;
             self.connect(s);
@@ -363,8 +368,10 @@ impl<'a> Triangulation<'a> {
         let side = |it: &Triangle, k: usize| (it.across[k % 3], it.lines[k % 3]);
         let (bc, ca) = (side(&one, i + 1), side(&one, i + 2));
         let (ad, db) = (side(&two, j + 1), side(&two, j + 2));
-        self.triangles[t as usize] = Triangle { corners: [c, d, b], across: [s, db.0, bc.0], lines: [NONE, db.1, bc.1] };
-        self.triangles[s as usize] = Triangle { corners: [d, c, a], across: [t, ca.0, ad.0], lines: [NONE, ca.1, ad.1] };
+        self.triangles[t as usize] =
+            Triangle { corners: [c, d, b], across: [s, db.0, bc.0], lines: [NONE, db.1, bc.1] };
+        self.triangles[s as usize] =
+            Triangle { corners: [d, c, a], across: [t, ca.0, ad.0], lines: [NONE, ca.1, ad.1] };
         self.connect(t);
         self.connect(s);
     }

@@ -5,8 +5,10 @@
 
 mod border;
 mod claims;
+mod clear;
 mod counts;
 mod name;
+mod rounding;
 mod run;
 
 pub mod base;

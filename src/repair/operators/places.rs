@@ -26,7 +26,13 @@ impl Places {
     }
 
     /// The nearest free position from `p` in a direction, no farther than `most`, for which `fits` holds; then it is taken.
-    pub fn find(&mut self, p: DVec3, direction: DVec3, most: f64, fits: impl Fn(DVec3) -> bool) -> Option<DVec3> {
+    pub fn find(
+        &mut self,
+        p: DVec3,
+        direction: DVec3,
+        most: f64,
+        mut fits: impl FnMut(DVec3) -> bool,
+    ) -> Option<DVec3> {
         let least = spacing(p);
         for k in 0..STEPS {
             let q = written(p + direction * (least * 2f64.powi(k)), self.to_f32);

@@ -1,9 +1,15 @@
 //! Intersections resolved, and kept resolved after rounding.
 
+use glam::DVec3;
+use rustc_hash::FxHashSet;
+
 use super::degenerate::{remove_caps, remove_collapsed};
+use super::places::key;
 use super::quantise::{quantise, rounded};
+use super::rounding::round_apart;
 use super::separate::Separate;
 use super::{Counter, Counts};
+
 use crate::arrange::{ArrangeError, Arrangement, Inside};
 use crate::inspect::{Analysis, intersections};
 use crate::math::Box3;
@@ -12,7 +18,7 @@ use crate::repair::{Cancelled, Change, Context};
 
 /// Bits of the grid, over the largest coordinate, to which the vertices of faces that still intersect after rounding are
 /// moved, round by round.
-const GRIDS: [i32; 4] = [22, 20, 17, 14];
+const GRIDS: [i32; 5] = [22, 20, 18, 16, 14];
 
 /// Resolves faces that intersect.
 #[derive(Debug, Clone, Copy)]
@@ -46,9 +52,9 @@ impl Resolve {
     ///       +-----+              +-----+
     /// ```
     ///
-    /// Precondition: closed and consistently wound. Result: no two faces intersect when the positions are rounded to f32 and
-    /// welded; where rounding makes faces intersect again, their vertices are moved to ever coarser grids and the arrangement
-    /// is made again (after the snap rounding of Valque and Lazard). Leaves: the surface as it was where it is not closed,
+    /// Precondition: closed and consistently wound. Result: no two faces intersect. New vertices are rounded to f32 one by one so
+    /// that no faces come to meet (`rounding.rs`); where that can't be done and faces intersect again, their vertices are
+    /// moved to ever coarser grids and the arrangement is made again (after the snap rounding of Valque and Lazard). Leaves: the surface as it was where it is not closed,
     /// nothing intersects, or the arrangement fails; pairs that stay after the coarsest grid.
     ///
     /// # Errors
@@ -69,8 +75,8 @@ impl Resolve {
         let faces_before = surface.faces.len() as u64;
         let parts_before = Parts::new(surface, &Edges::new(&surface.faces)).count as u64;
         let mut work = surface.clone();
-        let mut best: Option<(u64, Surface)> = None;
-        let (mut snapped, mut moved) = (0, 0.0f64);
+        let mut best: Option<(u64, Surface, f64)> = None;
+        let (mut snapped, mut merged, mut moved) = (0, 0, 0.0f64);
         for grid in GRIDS.into_iter().map(Some).chain([None]) {
             context.check()?;
             let made = match by.solid(&work, self.inside, context) {
@@ -81,11 +87,16 @@ impl Resolve {
                 }
                 Err(_) => break,
             };
+            let known: FxHashSet<[u64; 3]> = work.positions.iter().map(bits).collect();
             work = made;
-            moved = moved.max(settle(&mut work, self.most, context)?);
+            merged += round_apart(&mut work, |p| !known.contains(&bits(&p)), context)?.merged;
+            settle(&mut work, context)?;
             let (pairs, takes_part) = crossing_faces(&work, context)?;
-            if best.as_ref().is_none_or(|(least, _)| pairs < *least) {
-                best = Some((pairs, work.clone()));
+            let mut apart = work.clone();
+            let aside = Separate { most: self.most }.apply(&mut apart, context)?.moved;
+            let pairs_apart = if apart == work { pairs } else { crossing_faces(&apart, context)?.0 };
+            if best.as_ref().is_none_or(|(least, ..)| pairs_apart < *least) {
+                best = Some((pairs_apart, apart, aside));
             }
             let Some(bits) = grid.filter(|_| pairs > 0) else { break };
             let step = grid_step(&work, bits);
@@ -97,7 +108,8 @@ impl Resolve {
             snapped += count;
             moved += far;
         }
-        let Some((pairs_left, result)) = best else { return Ok(Resolved::default()) };
+        let Some((pairs_left, result, aside)) = best else { return Ok(Resolved::default()) };
+        moved += aside;
         // Half done it must at least be closed: faces that intersect are the lesser evil.
         if pairs_left > 0 && !is_manifold_by_position(&result) {
             let error =
@@ -113,19 +125,24 @@ impl Resolve {
             ("faces_cut", faces_before),
             ("faces_made", surface.faces.len() as u64),
             ("vertices_snapped", snapped),
+            ("vertices_merged", merged),
         ]);
         Ok(Resolved { changes, moved, pairs_left, error: None })
     }
 }
 
-/// Rounds to f32 and cleans what rounding made of the smallest faces; then keeps sheets apart. Answers how far vertices moved for that.
-fn settle(surface: &mut Surface, most: f64, context: &Context<'_>) -> Result<f64, Cancelled> {
-    quantise(surface);
+/// A position, to be compared.
+fn bits(p: &DVec3) -> [u64; 3] {
+    p.to_array().map(f64::to_bits)
+}
+
+/// Cleans what rounding made of the smallest faces.
+fn settle(surface: &mut Surface, context: &Context<'_>) -> Result<(), Cancelled> {
     remove_collapsed(surface);
     super::duplicates::remove_duplicates(surface);
     remove_caps(surface, context)?;
     surface.drop_unreferenced();
-    Ok(Separate { most }.apply(surface, context)?.moved)
+    Ok(())
 }
 
 /// Whether each edge is used as often in one direction as in the other, which every arrangement asks for.
@@ -163,19 +180,32 @@ fn grid_step(surface: &Surface, bits: i32) -> f64 {
     2f64.powi(largest.log2().ceil() as i32 - bits)
 }
 
-/// Moves the vertices of faces to a grid. Answers how many moved, and how far at most.
+/// Moves the vertices of faces to a grid, and with them all vertices of the same cells. A coordinate in which a whole face agrees
+/// stays, so that surface along the axes stays flat. Answers how many moved, and how far at most.
 fn snap(surface: &mut Surface, takes_part: &[bool], step: f64) -> (u64, f64) {
     let (mut moved, mut far) = (0, 0.0f64);
-    let mut done = vec![false; surface.positions.len()];
-    for (face, _) in surface.faces.iter().zip(takes_part).filter(|(_, t)| **t) {
-        for &v in face {
-            let p = &mut surface.positions[v as usize];
-            if !std::mem::replace(&mut done[v as usize], true) {
-                let q = rounded((*p / step).round() * step);
-                moved += u64::from(q != *p);
-                far = far.max(p.distance(q));
-                *p = q;
+    let mut pinned = vec![[false; 3]; surface.positions.len()];
+    for (face, corners) in surface.faces.iter().zip((0..surface.faces.len()).map(|f| surface.corners(f))) {
+        for k in 0..3 {
+            if corners[0][k] == corners[1][k] && corners[1][k] == corners[2][k] {
+                face.iter().for_each(|&v| pinned[v as usize][k] = true);
             }
+        }
+    }
+    let on_grid = |p: DVec3, pins: [bool; 3]| {
+        let q = rounded((p / step).round() * step);
+        DVec3::from_array([0, 1, 2].map(|k| if pins[k] { p[k] } else { q[k] }))
+    };
+    let mut cells: FxHashSet<[u32; 3]> = FxHashSet::default();
+    for (face, _) in surface.faces.iter().zip(takes_part).filter(|(_, t)| **t) {
+        cells.extend(face.iter().map(|&v| key(on_grid(surface.positions[v as usize], pinned[v as usize]))));
+    }
+    for (p, &pins) in surface.positions.iter_mut().zip(&pinned) {
+        let q = on_grid(*p, pins);
+        if q != *p && cells.contains(&key(q)) {
+            moved += 1;
+            far = far.max(p.distance(q));
+            *p = q;
         }
     }
     weld_exactly(surface);

@@ -23,7 +23,7 @@ use super::t_junctions::SplitTJunctions;
 use super::thicken::{Skins, ThickenSheets};
 use super::weld::Weld;
 use super::{Applied, Operator};
-use crate::arrange::{Inside, Exact};
+use crate::arrange::{Exact, Inside};
 use crate::format::Format;
 use crate::inspect::Tolerances;
 use crate::mesh::Surface;

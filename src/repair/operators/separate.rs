@@ -3,6 +3,7 @@
 use glam::DVec3;
 
 use super::Applied;
+use super::clear::{Clear, NEW};
 use super::cut::{NONE, Pairing, Pinches, cut_apart, mates};
 use super::places::{Places, key, spacing};
 use super::quantise::rounded;
@@ -52,8 +53,8 @@ impl Separate {
     /// ```
     ///
     /// Precondition: consistently wound and outward. Result: of each group of vertices at one f32 position the one with the
-    /// largest faces stays, the others moved by a few units in the last place; no face is turned over. Leaves: vertices
-    /// that can't be moved without turning a face over or farther than 1e-4 of the diagonal, counted as
+    /// largest faces stays, the others moved by a few units in the last place; no face is turned over, and none comes to
+    /// intersect another, by exact signs. Leaves: vertices that can't be moved so within 1e-4 of the diagonal, counted as
     /// `coincident_vertices_left`.
     ///
     /// # Errors
@@ -100,7 +101,7 @@ impl Aside {
     }
 
     /// The nearest free position from `p` in a direction for which `fits` holds, as f32 says it; then it is taken.
-    fn find(&mut self, p: DVec3, direction: DVec3, fits: impl Fn(DVec3) -> bool) -> Option<DVec3> {
+    fn find(&mut self, p: DVec3, direction: DVec3, fits: impl FnMut(DVec3) -> bool) -> Option<DVec3> {
         self.places.find(p, direction, self.reach.max(4.0 * spacing(p)).min(self.most), fits)
     }
 }
@@ -112,6 +113,7 @@ fn split_doubled_edges(surface: &mut Surface, places: &mut Aside, context: &Cont
     if edges.iter().all(|h| h.len() <= 2) {
         return Ok(0);
     }
+    let mut clear = Clear::new(surface);
     let mates = mates(surface, &edges, Pairing::Angular, context)?.of;
     let mut busy = vec![false; surface.faces.len()];
     let mut split = 0;
@@ -123,7 +125,7 @@ fn split_doubled_edges(surface: &mut Surface, places: &mut Aside, context: &Cont
             let Some(at) = (0..pairs.len()).rev().find(|&i| {
                 let (x, y) = pairs[i];
                 let [f, g] = [x, y].map(|h| h as usize / 3);
-                let fits = !busy[f] && !busy[g] && split_pair(surface, x, y, places);
+                let fits = !busy[f] && !busy[g] && split_pair(surface, x, y, places, &mut clear);
                 if fits {
                     (busy[f], busy[g]) = (true, true);
                 }
@@ -139,7 +141,7 @@ fn split_doubled_edges(surface: &mut Surface, places: &mut Aside, context: &Cont
 }
 
 /// Puts a vertex near the middle of the edge along which the faces of half-edges `x` and `y` meet.
-fn split_pair(surface: &mut Surface, x: u32, y: u32, places: &mut Aside) -> bool {
+fn split_pair(surface: &mut Surface, x: u32, y: u32, places: &mut Aside, clear: &mut Clear) -> bool {
     let [a, b] = Edges::ends(&surface.faces, x);
     let (c, d) = (Edges::opposite(&surface.faces, x), Edges::opposite(&surface.faces, y));
     let [f, g] = [x, y].map(|h| h as usize / 3);
@@ -148,16 +150,24 @@ fn split_pair(surface: &mut Surface, x: u32, y: u32, places: &mut Aside) -> bool
     let middle = rounded((at(a) + at(b)) * 0.5);
     let Some(direction) = (-(n + m)).try_normalize() else { return false };
     let new_faces = |w: DVec3| [[at(a), w, at(c), n], [w, at(b), at(c), n], [at(b), w, at(d), m], [w, at(a), at(d), m]];
+    #[expect(clippy::cast_possible_truncation, reason = "faces are counted in u32")]
+    let [from_f, from_g] = [f as u32, g as u32];
+    let new = [([a, NEW, c], from_f), ([NEW, b, c], from_f), ([b, NEW, d], from_g), ([NEW, a, d], from_g)];
     let placed = places.find(middle, direction, |w| {
-        !collinear(at(a), w, at(b)) && new_faces(w).iter().all(|&[p, q, r, n]| (q - p).cross(r - p).dot(n) > 0.0)
+        !collinear(at(a), w, at(b))
+            && new_faces(w).iter().all(|&[p, q, r, n]| (q - p).cross(r - p).dot(n) > 0.0)
+            && clear.is_clear(surface, &new, &[], w)
     });
     let Some(w) = placed else { return false };
+    clear.added(w, w.distance((at(a) + at(b)) * 0.5));
     #[expect(clippy::cast_possible_truncation, reason = "vertices are counted in u32")]
     let v = surface.positions.len() as u32;
     surface.positions.push(w);
     surface.faces[f] = [a, v, c];
     surface.faces[g] = [b, v, d];
     for (face, from) in [([v, b, c], f), ([v, a, d], g)] {
+        #[expect(clippy::cast_possible_truncation, reason = "faces are counted in u32")]
+        clear.cut(from as u32, surface.faces.len() as u32);
         surface.faces.push(face);
         surface.source.push(surface.source[from]);
     }
@@ -173,6 +183,7 @@ fn spread(surface: &mut Surface, places: &mut Aside, context: &Context<'_>) -> R
         return Ok((0, 0));
     }
     let stars = Stars::new(surface);
+    let mut clear = Clear::new(surface);
     let (mut moved, mut left) = (0, 0);
     for (count, group) in groups.into_iter().enumerate() {
         if count % 256 == 0 {
@@ -188,7 +199,8 @@ fn spread(surface: &mut Surface, places: &mut Aside, context: &Context<'_>) -> R
             if staying == 1 {
                 break;
             }
-            if let Some(q) = aside(surface, v, stars.of(v), places) {
+            if let Some(q) = aside(surface, v, stars.of(v), places, &mut clear) {
+                clear.moved(v, q);
                 surface.positions[v as usize] = q;
                 staying -= 1;
                 moved += 1;
@@ -200,7 +212,7 @@ fn spread(surface: &mut Surface, places: &mut Aside, context: &Context<'_>) -> R
 }
 
 /// A free position beside a vertex, into the solid that its faces bound.
-fn aside(surface: &Surface, v: u32, star: &[u32], places: &mut Aside) -> Option<DVec3> {
+fn aside(surface: &Surface, v: u32, star: &[u32], places: &mut Aside, clear: &mut Clear) -> Option<DVec3> {
     let p = surface.positions[v as usize];
     let mut normal = DVec3::ZERO;
     let mut middle = DVec3::ZERO;
@@ -211,17 +223,20 @@ fn aside(surface: &Surface, v: u32, star: &[u32], places: &mut Aside) -> Option<
         normal += surface.area_vector(f as usize).normalize_or_zero() * q.angle_between(r);
         middle += (q.normalize_or_zero() + r.normalize_or_zero()) * 0.5;
     }
-    let fits = |q: DVec3| {
-        star.iter().all(|&f| {
+    let new: Vec<([u32; 3], u32)> =
+        star.iter().map(|&f| (surface.faces[f as usize].map(|w| if w == v { NEW } else { w }), f)).collect();
+    let mut fits = |q: DVec3| {
+        let keeps_turn = star.iter().all(|&f| {
             let before = surface.area_vector(f as usize);
             let [a, b, c] = surface.faces[f as usize].map(|w| if w == v { q } else { surface.positions[w as usize] });
             (b - a).cross(c - a).dot(before) > 0.0 && !collinear(a, b, c)
-        })
+        });
+        keeps_turn && clear.is_clear(surface, &new, &[], q)
     };
     let ahead = (-normal).try_normalize().or_else(|| middle.try_normalize())?;
-    let mut around: Vec<DVec3> = NEIGHBOURS.iter().map(|d| d.normalize()).filter(|d| d.dot(ahead) > 0.1).collect();
+    let mut around: Vec<DVec3> = NEIGHBOURS.iter().map(|d| d.normalize()).collect();
     around.sort_by(|x, y| y.dot(ahead).total_cmp(&x.dot(ahead)));
-    std::iter::once(ahead).chain(around).find_map(|direction| places.find(p, direction, fits))
+    std::iter::once(ahead).chain(around).find_map(|direction| places.find(p, direction, &mut fits))
 }
 
 /// The faces at each vertex.

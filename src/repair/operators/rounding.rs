@@ -1,0 +1,168 @@
+//! Vertices taken to positions that f32 can hold without making faces meet.
+
+use glam::DVec3;
+use smallvec::SmallVec;
+
+use super::clear::{Clear, NEW};
+use super::places::spacing;
+use super::quantise::rounded;
+use crate::mesh::Surface;
+use crate::repair::{Cancelled, Context};
+
+/// Times that all vertices that are left are tried again, since the move of one may make room for another.
+const ROUNDS: usize = 4;
+/// How far a vertex may be merged into another, in units of the last place.
+const MERGE: f64 = 64.0;
+
+/// What became of the vertices.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Rounded {
+    /// Vertices that were rounded so that faces met, since there was no other way.
+    pub forced: u64,
+    /// Vertices that were merged into neighbours.
+    pub merged: u64,
+}
+
+/// Takes vertices for which `is_free` is true to positions that f32 can hold, each by a move after which no two faces meet that
+/// did not before, by exact signs: to the nearest such position, or to one beside it, or into a neighbour that stands on one.
+///
+/// ```text
+///     o . o . o            o   o   o
+///     .  /|\  .     ->        /|\            o: positions of f32
+///     o /.|.\ o            o / o \ o
+/// ```
+///
+/// Precondition: no two faces meet but in shared vertices and edges. Result: the same, but around vertices that are counted as
+/// `forced`. A vertex moves by a unit or two of the last place, or merges within 64 of them. Edges may come to have more than two
+/// faces, and vertices several fans, where sheets are that near one another.
+///
+/// # Errors
+/// [`Cancelled`] when the work should stop.
+pub(super) fn round_apart(
+    surface: &mut Surface,
+    is_free: impl Fn(DVec3) -> bool,
+    context: &Context<'_>,
+) -> Result<Rounded, Cancelled> {
+    let to_do = |p: DVec3| is_free(p) && rounded(p) != p;
+    let mut left: Vec<u32> = (0u32..).zip(&surface.positions).filter(|&(_, &p)| to_do(p)).map(|(v, _)| v).collect();
+    let mut done = Rounded::default();
+    if left.is_empty() {
+        return Ok(done);
+    }
+    let mut stars = vec![SmallVec::<[u32; 8]>::new(); surface.positions.len()];
+    for (face, f) in surface.faces.iter().zip(0u32..) {
+        face.iter().for_each(|&v| stars[v as usize].push(f));
+    }
+    let mut it = Rounding { clear: Clear::new(surface), stars, surface };
+    for _ in 0..ROUNDS {
+        let before = left.len();
+        let mut again = Vec::new();
+        for (at, v) in left.into_iter().enumerate() {
+            if at % 64 == 0 {
+                context.check()?;
+            }
+            if it.shift(v) {
+                continue;
+            }
+            if it.merge(v) {
+                done.merged += 1;
+            } else {
+                again.push(v);
+            }
+        }
+        left = again;
+        if left.is_empty() || left.len() == before {
+            break;
+        }
+    }
+    done.forced = left.len() as u64;
+    for v in left {
+        let p = &mut surface.positions[v as usize];
+        *p = rounded(*p);
+    }
+    let live: Vec<bool> = surface.faces.iter().map(|&[a, b, c]| a != b && b != c && c != a).collect();
+    surface.retain_faces(&live);
+    surface.drop_unreferenced();
+    Ok(done)
+}
+
+struct Rounding<'a> {
+    surface: &'a mut Surface,
+    clear: Clear,
+    /// The faces at each vertex.
+    stars: Vec<SmallVec<[u32; 8]>>,
+}
+
+impl Rounding<'_> {
+    /// Moves a vertex to a position of f32 near it.
+    fn shift(&mut self, v: u32) -> bool {
+        let p = self.surface.positions[v as usize];
+        let new: Vec<([u32; 3], u32)> = self.stars[v as usize]
+            .iter()
+            .map(|&f| (self.surface.faces[f as usize].map(|w| if w == v { NEW } else { w }), f))
+            .collect();
+        let found = near(p).into_iter().find(|&q| self.clear.is_clear(self.surface, &new, &[], q));
+        if let Some(q) = found {
+            self.clear.moved(v, q);
+            self.surface.positions[v as usize] = q;
+        }
+        found.is_some()
+    }
+
+    /// Merges a vertex into a neighbour that stands on a position of f32.
+    fn merge(&mut self, v: u32) -> bool {
+        let p = self.surface.positions[v as usize];
+        let most = MERGE * spacing(p);
+        let at = |w: u32| self.surface.positions[w as usize];
+        let mut ends: Vec<u32> = self.stars[v as usize]
+            .iter()
+            .flat_map(|&f| self.surface.faces[f as usize])
+            .filter(|&w| w != v && at(w).distance(p) <= most && rounded(at(w)) == at(w))
+            .collect();
+        ends.sort_unstable();
+        ends.dedup();
+        ends.sort_by(|&a, &b| at(a).distance_squared(p).total_cmp(&at(b).distance_squared(p)).then(a.cmp(&b)));
+        for u in ends {
+            let (gone, kept): (Vec<u32>, Vec<u32>) =
+                self.stars[v as usize].iter().partition(|&&f| self.surface.faces[f as usize].contains(&u));
+            let new: Vec<([u32; 3], u32)> =
+                kept.iter().map(|&f| (self.surface.faces[f as usize].map(|w| if w == v { u } else { w }), f)).collect();
+            let to = self.surface.positions[u as usize];
+            if !self.clear.is_clear(self.surface, &new, &gone, to) {
+                continue;
+            }
+            self.clear.moved(v, to);
+            for &(face, f) in &new {
+                self.surface.faces[f as usize] = face;
+                self.stars[u as usize].push(f);
+            }
+            for f in gone {
+                let face = self.surface.faces[f as usize];
+                face.iter().filter(|&&w| w != v).for_each(|&w| self.stars[w as usize].retain(|g| *g != f));
+                self.surface.faces[f as usize] = [u; 3];
+            }
+            self.stars[v as usize].clear();
+            return true;
+        }
+        false
+    }
+}
+
+/// The positions of f32 around one, the nearest first: those of the cell that it is in, and those next to the nearest.
+fn near(p: DVec3) -> SmallVec<[DVec3; 27]> {
+    let nearest = rounded(p);
+    let beside = |x: f64| {
+        #[expect(clippy::cast_possible_truncation, reason = "it is an f32")]
+        let x = x as f32;
+        [x, x.next_up(), x.next_down()].map(f64::from)
+    };
+    let [x, y, z] = nearest.to_array().map(beside);
+    let mut all: SmallVec<[DVec3; 27]> = SmallVec::new();
+    for i in x {
+        for j in y {
+            all.extend(z.into_iter().map(|k| DVec3::new(i, j, k)).filter(|q| q.is_finite()));
+        }
+    }
+    all.sort_by(|a, b| a.distance_squared(p).total_cmp(&b.distance_squared(p)));
+    all
+}
