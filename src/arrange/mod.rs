@@ -1,17 +1,15 @@
-//! Surfaces that intersect resolved into the boundary of what they enclose: the trait, and what stands behind it.
+//! Surfaces that intersect resolved into the boundary of what they enclose: the trait, and our exact arrangement behind it.
 //!
 //! After Zhou, Grinspun, Zorin and Jacobson 2016, "Mesh Arrangements for Solid Geometry": every face is cut where it meets
 //! others, the cells between the pieces are labelled by winding number, and the walls with the inside on one side only
 //! are kept.
 
 mod exact;
-mod manifold;
 
 use crate::context::{Cancelled, Context};
 use crate::mesh::Surface;
 
 pub use exact::Exact;
-pub use manifold::ManifoldRust;
 
 /// Which cells are inside, by their winding number `w`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]

@@ -1,7 +1,7 @@
 //! The operators of tier 2: what is cut apart stays apart when it is welded by position.
 
 use glam::DVec3;
-use meshmend::arrange::{ArrangeError, Inside, ManifoldRust};
+use meshmend::arrange::{ArrangeError, Exact, Inside};
 use meshmend::format::{Format, Limits, read, write};
 use meshmend::inspect::{Measures, measure};
 use meshmend::mesh::{Soup, Surface};
@@ -16,7 +16,7 @@ use crate::meshes::{cube, join, push, sphere, torus};
 use crate::operators::{count, with_context};
 
 /// Measures a surface as whoever reads it from STL will see it.
-fn as_stl(surface: &Surface) -> Measures {
+pub fn as_stl(surface: &Surface) -> Measures {
     let bytes = write(&surface.to_soup(), Format::Stl).unwrap();
     let soup = read(&bytes, &Limits::default()).unwrap().soup;
     with_context(|c| measure(&soup, c)).unwrap()
@@ -178,10 +178,8 @@ proptest! {
 
 fn resolved(soup: &Soup) -> (Surface, Resolved) {
     let (mut surface, _) = Surface::from_soup(soup);
-    let it = with_context(|c| {
-        Resolve { inside: Inside::Positive, most: f64::INFINITY }.apply(&mut surface, &ManifoldRust, c)
-    })
-    .unwrap();
+    let it = with_context(|c| Resolve { inside: Inside::Positive, most: f64::INFINITY }.apply(&mut surface, &Exact, c))
+        .unwrap();
     (surface, it)
 }
 
@@ -237,6 +235,6 @@ fn a_resolve_that_is_cancelled_leaves_the_surface_as_it_was() {
     let clock = || std::time::Duration::ZERO;
     let context = Context::new(&NoProgress, &cancel, &clock, std::time::Duration::from_secs(1));
     let it = Resolve { inside: Inside::Positive, most: f64::INFINITY };
-    assert!(it.apply(&mut surface, &ManifoldRust, &context).is_err());
+    assert!(it.apply(&mut surface, &Exact, &context).is_err());
     assert_eq!(surface, before);
 }

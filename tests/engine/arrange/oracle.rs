@@ -6,9 +6,9 @@ use manifold_rust::cancel::CancelToken;
 use manifold_rust::manifold::Manifold;
 use manifold_rust::types::{Error, MeshGL64, WindingRule};
 
-use super::{ArrangeError, Arrangement, Inside};
-use crate::context::Context;
-use crate::mesh::{NO_SOURCE, Soup, Surface};
+use meshmend::arrange::{ArrangeError, Arrangement, Inside};
+use meshmend::context::Context;
+use meshmend::mesh::{NO_SOURCE, Soup, Surface};
 
 /// How often the context is asked whether to go on.
 const LOOK: Duration = Duration::from_millis(5);

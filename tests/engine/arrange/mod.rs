@@ -1,0 +1,208 @@
+//! Arrangements: unions of solids in general and in degenerate position, and the same by another engine.
+
+mod oracle;
+
+use glam::{DMat3, DQuat, DVec3};
+use meshmend::arrange::{ArrangeError, Arrangement, Exact, Inside};
+use meshmend::inspect::{Analysis, Measures, intersections, measure};
+use meshmend::mesh::{Soup, Surface};
+use meshmend::repair::operators::resolve::Resolve;
+use meshmend::repair::operators::separate::Separate;
+use proptest::prelude::*;
+
+use crate::mend::as_stl;
+use crate::meshes::{as_f32, cube, inside_out, join, sphere, torus};
+use crate::operators::with_context;
+use oracle::ManifoldRust;
+
+fn solid(soup: &Soup, inside: Inside) -> Result<Surface, ArrangeError> {
+    let (surface, _) = Surface::from_soup(soup);
+    with_context(|c| Exact.solid(&surface, inside, c))
+}
+
+fn measured(surface: &Surface) -> Measures {
+    with_context(|c| measure(&surface.to_soup(), c)).unwrap()
+}
+
+fn united(soup: &Soup) -> Measures {
+    let measures = measured(&solid(soup, Inside::Positive).unwrap());
+    assert!(measures.closed && measures.misoriented_edges == 0, "{measures:?}");
+    assert_eq!(measures.self_intersections.pairs, Some(0), "{measures:?}");
+    measures
+}
+
+fn near(a: f64, b: f64) {
+    assert!((a - b).abs() < 1e-9 * a.abs().max(1.0), "{a} is not {b}");
+}
+
+/// A box with whole corners, from `low` on.
+fn block(low: [i32; 3], size: [i32; 3]) -> Soup {
+    let mut soup = cube(DVec3::ZERO, 1.0, 1);
+    for p in &mut soup.positions {
+        *p = DVec3::from_array(low.map(f64::from)) + *p * DVec3::from_array(size.map(f64::from));
+    }
+    soup
+}
+
+fn turned(mut soup: Soup, turn: DQuat, offset: DVec3) -> Soup {
+    let turn = DMat3::from_quat(turn);
+    for p in &mut soup.positions {
+        *p = turn * *p + offset;
+    }
+    soup
+}
+
+#[test]
+fn two_boxes_that_overlap_are_one_solid_of_their_union() {
+    let soup = join(&block([0, 0, 0], [4, 4, 4]), &block([1, 2, 3], [4, 4, 4]));
+    let it = united(&soup);
+    near(it.volume.value, 128.0 - 3.0 * 2.0 * 1.0);
+    assert_eq!((it.parts, it.printable()), (1, true));
+}
+
+#[test]
+fn boxes_that_share_walls_edges_or_corners_are_united_along_them() {
+    let unit = block([0, 0, 0], [2, 2, 2]);
+    for (other, volume) in [
+        (block([2, 0, 0], [2, 2, 2]), 16.0),
+        (block([2, 1, 1], [2, 2, 2]), 16.0),
+        (block([1, 0, 0], [2, 2, 2]), 12.0),
+        (block([0, 0, 0], [2, 2, 2]), 8.0),
+        (block([0, 0, 0], [1, 1, 1]), 8.0),
+        (block([-1, 0, 0], [4, 2, 2]), 16.0),
+        (block([2, 2, 0], [2, 2, 2]), 16.0),
+        (block([2, 2, 2], [2, 2, 2]), 16.0),
+        (block([-1, 1, -1], [4, 4, 1]), 24.0),
+    ] {
+        near(united(&join(&unit, &other)).volume.value, volume);
+    }
+}
+
+#[test]
+fn a_cavity_stays_and_a_solid_within_a_solid_goes() {
+    let (big, small) = (block([0, 0, 0], [4, 4, 4]), block([1, 1, 1], [2, 2, 2]));
+    let kept = solid(&join(&big, &inside_out(small.clone())), Inside::Positive).unwrap();
+    assert_eq!(kept.faces.len(), 24);
+    near(measured(&kept).volume.value, 56.0);
+    let gone = solid(&join(&big, &small), Inside::Positive).unwrap();
+    assert_eq!(gone.faces.len(), 12);
+    near(measured(&gone).volume.value, 64.0);
+    let odd = solid(&join(&big, &small), Inside::Odd).unwrap();
+    near(measured(&odd).volume.value, 56.0);
+}
+
+#[test]
+fn a_solid_that_is_inside_out_is_nothing_or_turned_as_asked() {
+    let it = inside_out(block([0, 0, 0], [1, 1, 1]));
+    assert_eq!(solid(&it, Inside::Positive), Err(ArrangeError::Empty));
+    for inside in [Inside::Nonzero, Inside::Odd] {
+        near(measured(&solid(&it, inside).unwrap()).volume.value, 1.0);
+    }
+}
+
+#[test]
+fn walls_of_opposite_turn_that_lie_on_one_another_cancel() {
+    // A box with two halves of itself removed leaves nothing; one half leaves the other.
+    let whole = block([0, 0, 0], [2, 2, 2]);
+    let half = inside_out(block([0, 0, 0], [1, 2, 2]));
+    near(united(&join(&whole, &half)).volume.value, 4.0);
+    let rest = inside_out(block([1, 0, 0], [1, 2, 2]));
+    assert_eq!(solid(&join(&join(&whole, &half), &rest), Inside::Positive), Err(ArrangeError::Empty));
+}
+
+#[test]
+fn faces_that_meet_no_other_come_back_bit_for_bit_and_in_order() {
+    let turn = DQuat::from_axis_angle(DVec3::new(0.3, 0.5, 0.8).normalize(), 1.0);
+    let ball = turned(sphere(DVec3::ZERO, 1.0, 24, 12), turn, DVec3::new(1.1, 0.1, 0.2));
+    let soup = join(&cube(DVec3::ZERO, 1.0, 8), &ball);
+    let (before, _) = Surface::from_soup(&soup);
+    let after = solid(&soup, Inside::Positive).unwrap();
+    let meets = with_context(|c| {
+        let analysis = Analysis::new((&soup).into(), c)?;
+        intersections(&analysis, c)
+    });
+    let [meets, _] = meets.unwrap().takes_part;
+    assert!(after.source.is_sorted(), "faces stand in the order of those that they are cut from");
+    let free = |f: &usize| !meets[after.source[*f] as usize];
+    let kept = |f: usize| after.corners(f) == before.corners(after.source[f] as usize);
+    assert!((0..after.faces.len()).filter(free).all(kept));
+    assert!((0..after.faces.len()).filter(free).count() > 700);
+}
+
+#[test]
+fn an_open_surface_is_refused() {
+    let mut soup = join(&block([0, 0, 0], [2, 2, 2]), &block([1, 1, 1], [2, 2, 2]));
+    soup.faces.pop();
+    assert_eq!(solid(&soup, Inside::Positive), Err(ArrangeError::NotClosed));
+}
+
+#[test]
+fn a_torus_through_itself_has_the_volume_that_it_winds_around() {
+    // A spindle torus winds around what is between its inner sheets once forward and once backward: that is outside, and the
+    // rest is what Pappus says.
+    let soup = torus(0.5, 1.0, 64, 48);
+    let it = united(&soup);
+    let exact = 2.0 * std::f64::consts::PI.powi(2) * 0.5;
+    assert!((it.volume.value / exact - 1.0).abs() < 0.02, "{} is not {exact}", it.volume.value);
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 24, rng_seed: proptest::test_runner::RngSeed::Fixed(5), ..ProptestConfig::default() })]
+
+    #[test]
+    fn boxes_on_a_lattice_have_the_volume_of_the_cells_that_they_cover(
+        boxes in prop::collection::vec(((0..6i32, 0..6i32, 0..6i32), (1..4i32, 1..4i32, 1..4i32)), 2..12),
+        turn in (0.0..1.0f64, 0.0..1.0f64, 0.0..1.0f64),
+    ) {
+        let mut covered = std::collections::BTreeSet::new();
+        let mut soup = Soup::default();
+        for &((x, y, z), (a, b, c)) in &boxes {
+            soup = join(&soup, &block([x, y, z], [a, b, c]));
+            covered.extend((x..x + a).flat_map(|i| (y..y + b).flat_map(move |j| (z..z + c).map(move |k| (i, j, k)))));
+        }
+        let it = united(&soup);
+        prop_assert!((it.volume.value - covered.len() as f64).abs() < 1e-6, "{}", it.volume.value);
+        // Turned, what lay in one plane does so but for the last places, and is to be solid in an STL file.
+        let axis = DVec3::new(turn.0, turn.1, turn.2 + 0.1).normalize();
+        let soup = as_f32(turned(soup, DQuat::from_axis_angle(axis, 1.0 + turn.0), DVec3::ZERO));
+        let (mut surface, _) = Surface::from_soup(&soup);
+        let resolve = Resolve { inside: Inside::Positive, most: f64::INFINITY };
+        let done = with_context(|c| resolve.apply(&mut surface, &Exact, c)).unwrap();
+        with_context(|c| Separate::default().apply(&mut surface, c)).unwrap();
+        let it = as_stl(&surface);
+        prop_assert!(it.printable(), "{:?} {:?}", done, it);
+        prop_assert!((it.volume.value - covered.len() as f64).abs() < 1e-3, "{}", it.volume.value);
+    }
+
+    #[test]
+    fn another_engine_finds_the_same_volume(
+        places in prop::collection::vec((0..4usize, [-1.0..1.0f64, -1.0..1.0, -1.0..1.0], 0.0..6.0f64), 2..6),
+    ) {
+        let mut soup = Soup::default();
+        for (kind, place, angle) in places {
+            let it = match kind {
+                0 => cube(DVec3::splat(-0.5), 1.0, 2),
+                1 => sphere(DVec3::ZERO, 0.7, 12, 6),
+                2 => torus(0.6, 0.2, 12, 8),
+                _ => inside_out(sphere(DVec3::ZERO, 0.3, 8, 5)),
+            };
+            let turn = DQuat::from_axis_angle(DVec3::new(0.2, 0.7, 0.4).normalize(), angle);
+            soup = join(&soup, &turned(it, turn, DVec3::from_array(place)));
+        }
+        let (surface, _) = Surface::from_soup(&soup);
+        for inside in [Inside::Positive, Inside::Nonzero] {
+            let ours = with_context(|c| Exact.solid(&surface, inside, c));
+            let theirs = with_context(|c| ManifoldRust.solid(&surface, inside, c));
+            match (ours, theirs) {
+                (Ok(ours), Ok(theirs)) => {
+                    let (ours, theirs) = (measured(&ours), measured(&theirs));
+                    prop_assert!(ours.closed && ours.misoriented_edges == 0 && ours.self_intersections.pairs == Some(0), "{:?}", ours);
+                    let scale = ours.volume.value.abs().max(1e-3);
+                    prop_assert!((ours.volume.value - theirs.volume.value).abs() < 1e-6 * scale, "{:?} {:?}", ours, theirs);
+                }
+                (Err(ours), Err(theirs)) => prop_assert_eq!(ours, theirs),
+                (ours, theirs) => prop_assert!(false, "{:?} {:?}", ours.is_ok(), theirs.is_ok()),
+            }
+        }
+    }
+}
