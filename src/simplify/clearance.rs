@@ -1,9 +1,9 @@
 use super::complex::Complex;
 use crate::math::{Box3, Contact, GrowingTree, Tree, contact};
 
-/// Pairs of faces, for each face at the start and in all, that may be looked at: many times what a usual model needs.
-const PAIRS_A_FACE: u64 = 4000;
-const PAIRS: u64 = 20_000_000;
+/// Faces near new ones, for each face at the start and in all, that may be looked at: many times what a usual model needs.
+const NEAR_A_FACE: u64 = 400;
+const NEAR: u64 = 10_000_000;
 
 /// The faces as a tree, to find those that new faces may intersect.
 pub(super) struct Clearance {
@@ -13,16 +13,16 @@ pub(super) struct Clearance {
     triangle: Vec<u32>,
     stack: Vec<u32>,
     near: Vec<u32>,
-    /// Pairs that may still be looked at.
-    pub pairs_left: u64,
+    /// Faces that may still be looked at.
+    pub near_left: u64,
 }
 
 impl Clearance {
     pub fn new(it: &Complex) -> Self {
         let (tree, face) = tree_of(it);
         let triangle = face.clone();
-        let pairs_left = PAIRS + PAIRS_A_FACE * face.len() as u64;
-        Self { tree, face, triangle, stack: Vec::new(), near: Vec::new(), pairs_left }
+        let near_left = NEAR + NEAR_A_FACE * face.len() as u64;
+        Self { tree, face, triangle, stack: Vec::new(), near: Vec::new(), near_left }
     }
 
     /// Builds a new tree where half of the faces are gone.
@@ -56,8 +56,8 @@ impl Clearance {
         let (near, face) = (&mut self.near, &self.face);
         near.clear();
         self.tree.overlapping(&bounds, &mut self.stack, |triangle| near.push(face[triangle as usize]));
+        self.near_left = self.near_left.saturating_sub(near.len() as u64);
         near.retain(|&f| it.is_alive(f as usize) && !it.flat[f as usize] && !passes_over(f));
-        self.pairs_left = self.pairs_left.saturating_sub((near.len() * new.len()) as u64);
         let boxed = |face: [u32; 3]| Box3::of(face.map(|v| it.at[v as usize]));
         let boxes: Vec<([u32; 3], Box3)> = new.iter().map(|&a| (a, boxed(a))).collect();
         for &f in &*near {

@@ -7,12 +7,16 @@ use super::complex::{Complex, LINE, NONE, OPEN, after, before};
 use super::deviation::{Patch, deviation, line_deviation};
 use super::shape::{Shape, shape};
 use super::start::Bodies;
+use super::witness::Witnesses;
 use crate::mesh::Parts;
 
 /// Most faces around the two ends of an edge that collapses, so that a vertex of very many faces does not make it quadratic.
 const MOST_FACES: u32 = 512;
 /// Distances below this, in the range of exact predicates, are rounding.
 const ROUNDING: f64 = 4e-15;
+/// By how many times the bound may be larger than what is measured: each face has been changed by three collapses while their
+/// number halves, and each time the error doubles, which adds up to some seven times the last.
+const BOUND: f64 = 8.0;
 /// A closed part may shrink to this share of its volume.
 const LEAST_VOLUME: f64 = 0.5;
 
@@ -47,18 +51,28 @@ impl Why {
     ];
 }
 
+/// How far a face is from the surface at the start, in the range of exact predicates.
+#[derive(Debug, Clone, Copy)]
+struct Errors {
+    error: f64,
+    bound: f64,
+    /// Whether the witnesses were asked.
+    measured: bool,
+}
+
 /// Collapses edges one by one, or refuses.
 pub(super) struct Collapser<'a> {
     pub it: Complex,
     pub bodies: Bodies,
     pub clearance: Clearance,
+    witnesses: Witnesses,
     /// In the range of exact predicates.
     pub max_error: f64,
     /// One over the scale of that range.
     pub unscale: f64,
     pub toward: Option<Reference<'a>>,
-    /// The largest error so far.
-    pub error: f64,
+    /// The largest bound so far.
+    pub bound: f64,
     epoch: u32,
     vertex_mark: Vec<u32>,
     face_mark: Vec<u32>,
@@ -68,6 +82,7 @@ pub(super) struct Collapser<'a> {
     /// Faces that change and stay, with their corners then.
     changed: Vec<(u32, [u32; 3])>,
     vanishing: Vec<[DVec3; 3]>,
+    vanishing_faces: Vec<u32>,
     shapes: Vec<([DVec3; 3], [DVec3; 3])>,
     old: Patch,
     new: Patch,
@@ -77,11 +92,12 @@ impl<'a> Collapser<'a> {
     pub fn new(it: Complex, bodies: Bodies, max_error: f64, unscale: f64, toward: Option<Reference<'a>>) -> Self {
         Self {
             clearance: Clearance::new(&it),
+            witnesses: Witnesses::new(it.at.clone(), it.faces.clone()),
             bodies,
             max_error,
             unscale,
             toward,
-            error: 0.0,
+            bound: 0.0,
             epoch: 0,
             vertex_mark: vec![0; it.at.len()],
             face_mark: vec![0; it.faces.len()],
@@ -90,6 +106,7 @@ impl<'a> Collapser<'a> {
             kept: Vec::new(),
             changed: Vec::new(),
             vanishing: Vec::new(),
+            vanishing_faces: Vec::new(),
             shapes: Vec::new(),
             old: Patch::default(),
             new: Patch::default(),
@@ -121,11 +138,17 @@ impl<'a> Collapser<'a> {
             self.it.at[kept as usize] = was;
             return Attempt::Refused(Why::Clearance);
         }
+        if !error.measured {
+            self.gather(gone, kept, moved);
+            self.witnesses.farthest(&self.new.faces);
+        }
+        let old = self.changed.iter().map(|(f, _)| *f).chain(self.vanishing_faces.iter().copied());
+        self.witnesses.settle(old, |i| self.changed[i as usize].0);
         self.apply(gone, kept, error);
         if let Some((part, volume)) = volume {
             self.bodies.volumes[part] = Some(volume);
         }
-        self.error = self.error.max(error);
+        self.bound = self.bound.max(error.bound);
         Attempt::Done
     }
 
@@ -184,8 +207,8 @@ impl<'a> Collapser<'a> {
 
     /// Lists what changes, and the patches before and after.
     fn list_changes(&mut self, gone: u32, kept: u32, at: DVec3, moved: bool) {
-        let Self { it, changed, vanishing, shapes, old, new, face_mark, epoch, .. } = self;
-        (changed.clear(), vanishing.clear(), shapes.clear(), old.clear(), new.clear());
+        let Self { it, changed, vanishing, vanishing_faces, shapes, old, new, face_mark, epoch, .. } = self;
+        (vanishing_faces.clear(), changed.clear(), vanishing.clear(), shapes.clear(), old.clear(), new.clear());
         let place = |v: u32| if v == kept { at } else { it.at[v as usize] };
         let of_kept: &[u32] = if moved { &self.kept } else { &[] };
         for &corner in self.gone.iter().chain(of_kept) {
@@ -199,6 +222,7 @@ impl<'a> Collapser<'a> {
             face_mark[f] = *epoch;
             if face.contains(&kept) && face.contains(&gone) {
                 vanishing.push(before);
+                vanishing_faces.push(u32::try_from(f).unwrap_or(NONE));
                 continue;
             }
             let then = face.map(|v| if v == gone { kept } else { v });
@@ -229,8 +253,8 @@ impl<'a> Collapser<'a> {
         }
     }
 
-    /// The error of the faces that change, in the range of exact predicates, unless it is too large.
-    fn error_of(&self, choice: Choice, moved: bool, line: Option<(u32, u8)>) -> Option<f64> {
+    /// The error of the faces that change, unless it is too large: what it was and what is added, or what is measured.
+    fn error_of(&mut self, choice: Choice, moved: bool, line: Option<(u32, u8)>) -> Option<Errors> {
         let Choice { gone, kept, at, .. } = choice;
         let it = &self.it;
         let [p, q] = [gone, kept].map(|v| it.at[v as usize]);
@@ -246,9 +270,38 @@ impl<'a> Collapser<'a> {
         };
         let step = if step < ROUNDING { 0.0 } else { step };
         let of_kept: &[u32] = if moved { &self.kept } else { &[] };
-        let faces = self.gone.iter().chain(of_kept).map(|&corner| it.error[corner as usize / 3]);
-        let error = f64::from(faces.fold(0.0, f32::max)) + step;
-        (error <= self.max_error && self.stays_near_reference()).then_some(error)
+        let faces = || self.gone.iter().chain(of_kept).map(|&corner| corner as usize / 3);
+        let bound = f64::from(faces().map(|f| it.bound[f]).fold(0.0, f32::max)) + step;
+        let error = f64::from(faces().map(|f| it.error[f]).fold(0.0, f32::max)) + step;
+        if bound > BOUND * self.max_error || !self.stays_near_reference() {
+            return None;
+        }
+        if error <= self.max_error {
+            return Some(Errors { error, bound, measured: false });
+        }
+        self.gather(gone, kept, moved);
+        let error = self.measured(at, moved)?;
+        Some(Errors { error, bound, measured: true })
+    }
+
+    /// Gathers the witnesses of all that changes.
+    fn gather(&mut self, gone: u32, kept: u32, moved: bool) {
+        let faces = self.changed.iter().map(|(f, _)| *f).chain(self.vanishing_faces.iter().copied());
+        self.witnesses.gather(faces, &[gone, kept][..1 + usize::from(moved)]);
+    }
+
+    /// How far the new faces are from the surface at the start where that is asked: at its vertices, and at the middles of the new
+    /// faces and of their edges, and at the new position. None where that is too far.
+    fn measured(&mut self, at: DVec3, moved: bool) -> Option<f64> {
+        let mut most = self.witnesses.farthest(&self.new.faces);
+        if most > self.max_error {
+            return None;
+        }
+        let middles = |&[a, b, c]: &[DVec3; 3]| [a.midpoint(b), b.midpoint(c), c.midpoint(a), (a + b + c) / 3.0];
+        for p in self.new.faces.iter().flat_map(middles).chain(moved.then_some(at)) {
+            most = most.max(self.witnesses.distance(p, self.max_error)?);
+        }
+        Some(most)
     }
 
     /// Whether the new faces are as near to the reference as was asked, or as the faces before them were.
@@ -291,7 +344,7 @@ impl<'a> Collapser<'a> {
     }
 
     /// Makes the change that was listed.
-    fn apply(&mut self, gone: u32, kept: u32, error: f64) {
+    fn apply(&mut self, gone: u32, kept: u32, error: Errors) {
         let it = &mut self.it;
         let vertex = |it: &Complex, corner: u32| it.faces[corner as usize / 3][corner as usize % 3];
         // The edge from the vertex that goes becomes that from the one that stays, with its marks.
@@ -327,10 +380,11 @@ impl<'a> Collapser<'a> {
             }
         }
         #[expect(clippy::cast_possible_truncation, reason = "rounded up")]
-        let error = if error > 0.0 { (error as f32).next_up() } else { 0.0 };
+        let up = |x: f64| if x > 0.0 { (x as f32).next_up() } else { 0.0 };
         for (f, face) in &self.changed {
             it.faces[*f as usize] = *face;
-            it.error[*f as usize] = error;
+            it.error[*f as usize] = up(error.error);
+            it.bound[*f as usize] = up(error.bound);
             it.flat[*f as usize] = false;
         }
         let stays = |corner: &u32| it.faces[*corner as usize / 3][0] != NONE;

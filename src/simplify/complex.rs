@@ -20,8 +20,11 @@ pub(super) struct Complex {
     next: Vec<u32>,
     /// For each face the marks of its three edges: [`LINE`] and [`OPEN`], shifted by the number of the edge's corner.
     marks: Vec<u8>,
-    /// For each face how far it may be from the surface at the start and that from it.
+    /// For each face how far it is from the surface at the start and that from it: what was measured last and what was added
+    /// since.
     pub error: Vec<f32>,
+    /// For each face a bound of that: all that was added.
+    pub bound: Vec<f32>,
     /// For each face whether its corners lie on a line, exactly.
     pub flat: Vec<bool>,
     /// For each vertex how many lines end there, at most 255.
@@ -46,6 +49,7 @@ impl Complex {
             next: vec![NONE; 3 * count],
             marks: vec![0; count],
             error: vec![0.0; count],
+            bound: vec![0.0; count],
             flat: vec![false; count],
             lines: vec![0; vertices],
             fixed: vec![false; vertices],

@@ -20,6 +20,7 @@ mod quadric;
 mod queue;
 mod shape;
 mod start;
+mod witness;
 
 use glam::DVec3;
 
@@ -66,12 +67,13 @@ impl Reference<'_> {
 pub struct Simplify<'a> {
     /// Stop at this many faces. None: as few as `max_error` allows.
     pub max_faces: Option<u64>,
-    /// No point of the result is farther than this from the surface it was made of, and none of that farther from the result,
-    /// in the model's unit.
+    /// The farthest that the result may be from the surface it is made of, and that from the result, in the model's unit.
     ///
-    /// It is a bound and no sample: each collapse is a map between the faces before and after it, how far that moves any point
-    /// is known, and what a face has gathered so is added up. What is measured afterwards is therefore mostly well below it.
-    /// It holds to some 1e-14 of the largest coordinate.
+    /// Each collapse is a map between the faces before and after it, and how far that moves any point is known. What a face has
+    /// gathered so is added up. Where that sum says too much, it is measured instead: from all vertices of the start that the
+    /// faces stand for (of more than 256 the 128 farthest), and from the middles of the faces and of their edges. So at vertices and
+    /// middles this is what was asked for; that **no** point is farther than 8 times it is certain, to some 1e-14 of the largest
+    /// coordinate, since the whole sum is held below that.
     pub max_error: f64,
     /// Edges whose faces differ by more than this angle, in degrees, are lines: their vertices go only along the line, and no
     /// vertex of a line moves. Ends and branches of lines stay. So it is with boundaries, whatever the angle.
@@ -90,9 +92,11 @@ pub struct Simplified {
     pub faces_before: u64,
     /// Faces after.
     pub faces_after: u64,
-    /// A bound of how far the result is from the start and that from it, in the model's unit; 0 where nothing was collapsed
-    /// or all of it in one plane.
+    /// How far the result is from the start and that from it, as for `max_error`, in the model's unit; 0 where nothing was
+    /// collapsed or all of it in one plane.
     pub error: f64,
+    /// What no point is farther than, for certain.
+    pub bound: f64,
     /// Why there are more faces than were asked for, in words.
     pub left: Option<String>,
 }
@@ -156,13 +160,15 @@ impl Simplify<'_> {
                 }
             }
         }
+        let error = (0..it.faces.len()).filter(|&f| it.is_alive(f)).map(|f| it.error[f]).fold(0.0, f32::max);
         let keep: Vec<bool> = (0..it.faces.len()).map(|f| it.is_alive(f)).collect();
         surface.retain_faces(&keep);
         surface.drop_unreferenced();
         Ok(Simplified {
             faces_before,
             faces_after: surface.faces.len() as u64,
-            error: collapser.error / scale,
+            error: f64::from(error) / scale,
+            bound: collapser.bound / scale,
             left: self.left(it.alive, &ended),
         })
     }
@@ -193,7 +199,7 @@ impl Simplify<'_> {
                 if version(&collapser.it, a, b) != waiting.version {
                     continue;
                 }
-                if collapser.clearance.pairs_left == 0 {
+                if collapser.clearance.near_left == 0 {
                     ended.spent = true;
                     return Ok(ended);
                 }
