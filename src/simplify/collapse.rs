@@ -208,7 +208,12 @@ impl<'a> Collapser<'a> {
     /// Lists what changes, and the patches before and after.
     fn list_changes(&mut self, gone: u32, kept: u32, at: DVec3, moved: bool) {
         let Self { it, changed, vanishing, vanishing_faces, shapes, old, new, face_mark, epoch, .. } = self;
-        (vanishing_faces.clear(), changed.clear(), vanishing.clear(), shapes.clear(), old.clear(), new.clear());
+        changed.clear();
+        vanishing.clear();
+        vanishing_faces.clear();
+        shapes.clear();
+        old.clear();
+        new.clear();
         let place = |v: u32| if v == kept { at } else { it.at[v as usize] };
         let of_kept: &[u32] = if moved { &self.kept } else { &[] };
         for &corner in self.gone.iter().chain(of_kept) {

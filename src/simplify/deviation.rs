@@ -113,11 +113,14 @@ impl Frame {
 fn height_where_they_cross(a: &[Raised; 2], b: &[Raised; 2]) -> Option<f64> {
     let (u, v, between) = (a[1].0 - a[0].0, b[1].0 - b[0].0, b[0].0 - a[0].0);
     let turn = u.perp_dot(v);
-    let (s, t) = (between.perp_dot(v) / turn, between.perp_dot(u) / turn);
-    let within = |x: f64| (-OVERREACH..=1.0 + OVERREACH).contains(&x);
-    (within(s) && within(t)).then(|| {
+    // Most edges do not cross, and signs tell that without a division.
+    let (s, t) = (between.perp_dot(v), between.perp_dot(u));
+    let slack = OVERREACH * turn.abs();
+    let (low, high) = (turn.min(0.0) - slack, turn.max(0.0) + slack);
+    let within = |x: f64| low <= x && x <= high;
+    (turn != 0.0 && within(s) && within(t)).then(|| {
         let height = |e: &[Raised; 2], share: f64| e[0].1 + (e[1].1 - e[0].1) * share;
-        (height(a, s) - height(b, t)).abs()
+        (height(a, s / turn) - height(b, t / turn)).abs()
     })
 }
 

@@ -187,7 +187,7 @@ impl Simplify<'_> {
             let before_pass = collapser.it.alive;
             ended = Ended::default();
             fill(&mut queue, &collapser.it, rounding);
-            while let Some((cost, waiting)) = queue.pop() {
+            while let Some(waiting) = queue.pop() {
                 if enough(&collapser.it) {
                     return Ok(ended);
                 }
@@ -208,7 +208,7 @@ impl Simplify<'_> {
                 };
                 match collapser.attempt(choice, waiting.patient) {
                     Attempt::Done => push_around(&mut queue, &mut collapser.it, choice.kept, &mut around, rounding),
-                    Attempt::Later => queue.push(cost * PATIENCE, waiting.patient()),
+                    Attempt::Later => queue.push(waiting.patient(PATIENCE)),
                     Attempt::Refused(why) => ended.refused[why as usize] += 1,
                 }
             }
@@ -230,7 +230,7 @@ impl Simplify<'_> {
         }
         let mut reasons: Vec<(u64, &str)> =
             Why::ALL.iter().map(|&(why, words)| (ended.refused[why as usize], words)).filter(|r| r.0 > 0).collect();
-        reasons.sort_by(|a, b| b.0.cmp(&a.0));
+        reasons.sort_by_key(|reason| std::cmp::Reverse(reason.0));
         for (i, (count, words)) in reasons.iter().enumerate() {
             line.push_str(if i == 0 { "; " } else { ", " });
             line.push_str(&format!("{count} edges stay {words}"));
@@ -256,7 +256,6 @@ struct Rounding {
 }
 
 impl Rounding {
-    #[expect(clippy::cast_possible_truncation, reason = "rounding is the purpose")]
     fn written(&self, p: DVec3) -> DVec3 {
         if self.to_f32 { (p / self.scale).as_vec3().as_dvec3() * self.scale } else { p }
     }
@@ -285,10 +284,10 @@ fn fill(queue: &mut Queue, it: &Complex, rounding: &Rounding) {
     }));
 }
 
-fn waiting(it: &Complex, a: u32, b: u32, marks: u8, rounding: &Rounding) -> Option<(f64, Waiting)> {
+fn waiting(it: &Complex, a: u32, b: u32, marks: u8, rounding: &Rounding) -> Option<Waiting> {
     let along_line = marks & LINE != 0;
-    let it_waits = Waiting::new(a, b, version(it, a, b), along_line);
-    choose(it, it_waits.ends, along_line, |p| rounding.written(p)).map(|choice| (choice.cost, it_waits))
+    let edge = Waiting::new([a, b], version(it, a, b), along_line);
+    choose(it, edge.ends, along_line, |p| rounding.written(p)).map(|choice| edge.with_cost(choice.cost))
 }
 
 /// Puts the edges around a vertex into the queue.
@@ -298,8 +297,8 @@ fn push_around(queue: &mut Queue, it: &mut Complex, v: u32, corners: &mut Vec<u3
         let to = |c: u32| it.faces[c as usize / 3][c as usize % 3];
         let open = before(c);
         let mut add = |other: u32, marks: u8| {
-            if let Some((cost, waiting)) = waiting(it, v, other, marks, rounding) {
-                queue.push(cost, waiting);
+            if let Some(waiting) = waiting(it, v, other, marks, rounding) {
+                queue.push(waiting);
             }
         };
         add(to(after(c)), it.marks(c));

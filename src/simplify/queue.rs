@@ -1,10 +1,11 @@
-use std::cmp::Ordering;
+use std::cmp::{Ordering, Reverse};
 use std::collections::BinaryHeap;
 
 /// An edge that waits to be collapsed.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Waiting {
-    cost: f64,
+    /// The bits of its cost, which is not negative, so that they are ordered as it is.
+    cost: u64,
     /// Its vertices, the smaller first.
     pub ends: [u32; 2],
     /// The sum of their versions when it was put in.
@@ -15,12 +16,29 @@ pub(super) struct Waiting {
     pub patient: bool,
 }
 
+impl Waiting {
+    pub fn new([a, b]: [u32; 2], version: u32, along_line: bool) -> Self {
+        Self { cost: 0, ends: [a.min(b), a.max(b)], version, along_line, patient: false }
+    }
+
+    pub fn with_cost(self, cost: f64) -> Self {
+        Self { cost: cost.max(0.0).to_bits(), ..self }
+    }
+
+    /// The same edge when it has waited, at so many times its cost.
+    pub fn patient(self, times: f64) -> Self {
+        Self { patient: true, ..self.with_cost(f64::from_bits(self.cost) * times) }
+    }
+
+    fn key(&self) -> (u64, [u32; 2]) {
+        (self.cost, self.ends)
+    }
+}
+
 impl Ord for Waiting {
-    /// The cheapest is the greatest; of equals that with the smallest vertices.
+    /// By cost, then by vertices.
     fn cmp(&self, other: &Self) -> Ordering {
-        other.cost.total_cmp(&self.cost).then_with(|| other.ends.cmp(&self.ends)).then_with(|| {
-            (other.version, other.patient, other.along_line).cmp(&(self.version, self.patient, self.along_line))
-        })
+        self.key().cmp(&other.key())
     }
 }
 
@@ -32,45 +50,48 @@ impl PartialOrd for Waiting {
 
 impl PartialEq for Waiting {
     fn eq(&self, other: &Self) -> bool {
-        self.cmp(other) == Ordering::Equal
+        self.key() == other.key()
     }
 }
 
 impl Eq for Waiting {}
 
-/// Edges, the cheapest first.
+/// Edges, the cheapest first. Of one edge there may be several, of which all but one are of an earlier version.
 #[derive(Default)]
 pub(super) struct Queue {
-    heap: BinaryHeap<Waiting>,
-    /// Those that are put in together, see [`Queue::fill`].
-    batch: Vec<Waiting>,
+    heap: BinaryHeap<Reverse<Waiting>>,
 }
 
 impl Queue {
-    pub fn push(&mut self, cost: f64, waiting: Waiting) {
-        self.heap.push(Waiting { cost, ..waiting });
+    pub fn push(&mut self, waiting: Waiting) {
+        self.heap.push(Reverse(waiting));
     }
 
-    /// Puts edges into an empty queue in linear time.
-    pub fn fill(&mut self, edges: impl Iterator<Item = (f64, Waiting)>) {
-        self.batch = std::mem::take(&mut self.heap).into_vec();
-        self.batch.clear();
-        self.batch.extend(edges.map(|(cost, waiting)| Waiting { cost, ..waiting }));
-        self.heap = BinaryHeap::from(std::mem::take(&mut self.batch));
+    /// Puts edges in the place of what is in the queue, in linear time.
+    pub fn fill(&mut self, edges: impl Iterator<Item = Waiting>) {
+        let mut list = std::mem::take(&mut self.heap).into_vec();
+        list.clear();
+        list.extend(edges.map(Reverse));
+        self.heap = BinaryHeap::from(list);
     }
 
-    pub fn pop(&mut self) -> Option<(f64, Waiting)> {
-        self.heap.pop().map(|waiting| (waiting.cost, waiting))
+    pub fn pop(&mut self) -> Option<Waiting> {
+        self.heap.pop().map(|Reverse(waiting)| waiting)
     }
 }
 
-impl Waiting {
-    pub fn new(a: u32, b: u32, version: u32, along_line: bool) -> Self {
-        Self { cost: 0.0, ends: [a.min(b), a.max(b)], version, along_line, patient: false }
-    }
+#[cfg(test)]
+mod tests {
+    use super::*;
 
-    /// The same edge when it has waited for others.
-    pub fn patient(self) -> Self {
-        Self { patient: true, ..self }
+    #[test]
+    fn the_cheapest_edge_comes_first_and_of_equals_that_of_the_smallest_vertices() {
+        let mut queue = Queue::default();
+        let edge = |a, b, cost| Waiting::new([a, b], 0, false).with_cost(cost);
+        queue.fill([edge(5, 4, 1.0), edge(9, 8, 0.0), edge(3, 2, 1e-300)].into_iter());
+        queue.push(edge(1, 7, 1.0));
+        queue.push(edge(0, 6, 0.5).patient(4.0));
+        let order: Vec<_> = std::iter::from_fn(|| queue.pop()).map(|it| it.ends).collect();
+        assert_eq!(order, [[8, 9], [2, 3], [1, 7], [4, 5], [0, 6]]);
     }
 }

@@ -33,12 +33,12 @@ pub(super) fn prepare(
     fix_irregular(&mut it, welded, &edges);
     context.check()?;
     let normals: Vec<DVec3> = (0..it.faces.len()).map(|f| area_vector(it.corners(f))).collect();
-    for f in 0..it.faces.len() {
+    for (f, &normal) in normals.iter().enumerate() {
         let [a, b, c] = it.corners(f);
         it.flat[f] = collinear(a, b, c);
-        let doubled = normals[f].length();
+        let doubled = normal.length();
         if doubled > 0.0 {
-            let plane = Quadric::plane(normals[f] / doubled, a, doubled * 0.5);
+            let plane = Quadric::plane(normal / doubled, a, doubled * 0.5);
             for v in it.faces[f] {
                 it.quadric[v as usize].add(&plane);
             }
