@@ -83,7 +83,8 @@ pub fn red_flags(
             format!("surface other than hole patches is {farthest} from the input's, and max_deviation is {most}"),
         );
     }
-    let united = standing.parts_gone == 0;
+    // Where faces were asked to go, those that stand tell nothing of what became of parts.
+    let united = standing.parts_gone == 0 || options.asks_for_fewer_faces();
     if before.parts > 1 && after.parts == 1 && !united && (standing.faces as f64) < LEAST_STANDING * sound as f64 {
         raise(RedFlagCode::PartsMerged, before.parts as f64, 1.0, format!("{} parts became one", before.parts));
     }
