@@ -15,7 +15,7 @@
 //! api -> blobs + jobs -> worker -> (the line above, in a child process) -> blobs + jobs -> api
 //! ```
 //!
-//! The engine (`math`, `mesh`, `format`, `inspect`, `analyze`, `repair`, `blender`) knows nothing of tokio, axum or sqlx.
+//! The engine (`math`, `mesh`, `format`, `inspect`, `analyze`, `simplify`, `repair`, `blender`) knows nothing of tokio, axum or sqlx.
 
 pub mod analyze;
 pub mod api;
@@ -30,6 +30,7 @@ pub mod math;
 pub mod mesh;
 pub mod render;
 pub mod repair;
+pub mod simplify;
 pub mod worker;
 
 /// Name and version of the engine, as in every report.

@@ -13,17 +13,21 @@ pub struct LimitArgs {
     /// Largest file, or all files of a job together, in MiB.
     #[arg(long, env = "MESHMEND_MAX_FILE_MIB", default_value_t = 512, value_parser = clap::value_parser!(u64).range(1..=65_536))]
     pub max_file_mib: u64,
-    /// Most triangles.
-    #[arg(long, env = "MESHMEND_MAX_FACES", default_value_t = Limits::default().max_faces)]
-    pub max_faces: u64,
-    /// Most vertices.
-    #[arg(long, env = "MESHMEND_MAX_VERTICES", default_value_t = Limits::default().max_vertices)]
-    pub max_vertices: u64,
+    /// Most triangles of a file.
+    #[arg(long, env = "MESHMEND_MAX_FILE_FACES", default_value_t = Limits::default().max_faces)]
+    pub max_file_faces: u64,
+    /// Most vertices of a file.
+    #[arg(long, env = "MESHMEND_MAX_FILE_VERTICES", default_value_t = Limits::default().max_vertices)]
+    pub max_file_vertices: u64,
 }
 
 impl LimitArgs {
     pub fn limits(&self) -> Limits {
-        Limits { max_bytes: self.max_file_mib << 20, max_faces: self.max_faces, max_vertices: self.max_vertices }
+        Limits {
+            max_bytes: self.max_file_mib << 20,
+            max_faces: self.max_file_faces,
+            max_vertices: self.max_file_vertices,
+        }
     }
 }
 

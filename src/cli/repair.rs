@@ -42,6 +42,13 @@ pub struct RepairArgs {
     /// The farthest that surface may be moved or made from where it was, hole patches apart, in the model's unit.
     #[arg(long, env = "MESHMEND_MAX_DEVIATION")]
     max_deviation: Option<f64>,
+    /// Most faces that the result should have.
+    #[arg(long, env = "MESHMEND_MAX_FACES")]
+    max_faces: Option<u64>,
+    /// The farthest that surface may be from where it was before faces were removed, in the model's unit; without --max-faces,
+    /// all faces go that may go within it.
+    #[arg(long, env = "MESHMEND_MAX_ERROR")]
+    max_error: Option<f64>,
     /// Highest tier that may run: 1 cleans, 2 mends, 3 is Blender.
     #[arg(long, env = "MESHMEND_MAX_TIER", default_value_t = Options::default().max_tier)]
     max_tier: u8,
@@ -146,6 +153,8 @@ impl RepairArgs {
             with: self.with.clone(),
             without: self.without.clone(),
             max_deviation: self.max_deviation,
+            max_faces: self.max_faces,
+            max_error: self.max_error,
             max_tier: self.max_tier,
             deadline_s: self.deadline_s,
             max_face_loss_pct: self.max_face_loss_pct,

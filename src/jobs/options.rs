@@ -178,7 +178,14 @@ mod tests {
     #[test]
     fn the_options_that_serde_reads_are_those_that_are_documented() {
         let some = Some(1.0);
-        let all = Options { voxel_size: some, max_deviation: some, thickness: some, ..Options::default() };
+        let all = Options {
+            voxel_size: some,
+            max_deviation: some,
+            thickness: some,
+            max_faces: Some(4),
+            max_error: some,
+            ..Options::default()
+        };
         for (mode, options) in [
             (Mode::Repair, serde_json::to_value(&all)),
             (Mode::Analyze, serde_json::to_value(AnalyzeOptions::default())),

@@ -18,5 +18,5 @@ pub use distance::{nearest_on_segment, nearest_on_triangle, within};
 pub use predicates::{Sign, collinear, midmost, orient2d, orient3d, to_unit_range, unit_scale};
 pub use ray::{Crossing, crossing, hit, ray_direction};
 pub use sequence::{r2, r3};
-pub use tree::{Ball, Dipoles, Frame, Hit, Nearest, PairSearch, Tree, winding_exact};
+pub use tree::{Ball, Dipoles, Frame, GrowingTree, Hit, Nearest, PairSearch, Tree, winding_exact};
 pub use triangle_pair::{Contact, common_point, contact};

@@ -97,6 +97,16 @@ pub struct Options {
     /// fixed within it is left and reported.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub max_deviation: Option<f64>,
+    /// Most faces that the result should have: faces are removed by collapsing edges until there are no more, or `max_error`, or
+    /// without it 0.5 % of the bounding box's diagonal, allows no further.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(minimum = 4, maximum = 4294967295u64)]
+    pub max_faces: Option<u64>,
+    /// The farthest that the surface may be, both ways, from where it was before faces were removed, in the model's unit. Without
+    /// `max_faces`, all faces go that may go within it: with a tiny error those that plane surface does not need.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(minimum = 0.0)]
+    pub max_error: Option<f64>,
     /// Highest tier that may run, 1 to 3: 1 cleans, 2 mends, 3 is Blender.
     #[schema(minimum = 1, maximum = 3)]
     pub max_tier: u8,
@@ -181,6 +191,8 @@ impl Default for Options {
             with: Vec::new(),
             without: Vec::new(),
             max_deviation: None,
+            max_faces: None,
+            max_error: None,
             max_tier: 3,
             deadline_s: 300.0,
             max_face_loss_pct: 40.0,
@@ -211,6 +223,18 @@ impl Default for Options {
 }
 
 impl Options {
+    /// Whether faces are to be removed that nothing is wrong with.
+    #[must_use]
+    pub fn asks_for_fewer_faces(&self) -> bool {
+        self.max_faces.is_some() || self.max_error.is_some()
+    }
+
+    /// Whether that is so for a model of so many faces.
+    #[must_use]
+    pub fn asks_for_fewer_faces_than(&self, faces: u64) -> bool {
+        self.max_faces.map_or(self.max_error.is_some(), |most| faces > most)
+    }
+
     /// Checks every range.
     ///
     /// # Errors
@@ -241,6 +265,13 @@ impl Options {
         number("max_hole_size", self.max_hole_size, 0.0, 1.0, "between 0 and 1 of the bounding box's diagonal")?;
         if let Some(most) = self.max_deviation {
             number("max_deviation", most, 0.0, f64::MAX, "a length of zero or more, in the model's unit")?;
+        }
+        if let Some(most) = self.max_faces {
+            let most = f64::from(u32::try_from(most).unwrap_or(u32::MAX));
+            number("max_faces", most, 4.0, f64::from(u32::MAX), "4 faces or more")?;
+        }
+        if let Some(most) = self.max_error {
+            number("max_error", most, 0.0, f64::MAX, "a length of zero or more, in the model's unit")?;
         }
         if let Some(thickness) = self.thickness {
             number("thickness", thickness, f64::MIN_POSITIVE, f64::MAX, "a length above zero, in the model's unit")?;

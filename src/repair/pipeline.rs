@@ -7,8 +7,8 @@ use super::sheets::open_sheet_share;
 use super::tiers::Runner;
 use super::verdict::{Judged, rank_of_input};
 use super::{
-    Cancelled, Candidate, Context, FileSummary, Options, OptionsError, Outcome, Remesher, Report, Stage, categorise,
-    summary,
+    Cancelled, Candidate, Category, Context, FileSummary, Options, OptionsError, Outcome, Remesher, Report, Stage,
+    categorise, summary,
 };
 use crate::format::{self, Format, Limits, ReadError, ReadOptions, WriteError};
 use crate::inspect::{Analysis, CompareOptions, Findings, Original, measure_analysis};
@@ -50,7 +50,7 @@ pub enum RepairError {
 ///
 /// Each result is judged on its own bytes, read back and welded by position. A file that is printable already comes
 /// back byte for byte, or converted face by face where another format is asked for. When time runs out the best so
-/// far is handed out, which may be the input.
+/// far is handed out, which may be the input. Where fewer faces are asked for than a printable file has, they are removed.
 ///
 /// # Errors
 /// [`RepairError`]; never because a model can't be repaired or time ran out.
@@ -79,8 +79,12 @@ pub fn repair(
 
     // What is to be beaten: the input, or what the output's format makes of it.
     let mut as_is = before.measures.clone();
+    let fewer = options.asks_for_fewer_faces_than(as_is.faces);
+    let mut printable = None;
     if as_is.printable() {
         match input.handed_back(format, options, context) {
+            // What is handed back where no face can go.
+            Ok(Some(untouched)) if untouched.measures.printable() && fewer => printable = Some(untouched),
             Ok(Some(untouched)) if untouched.measures.printable() => {
                 report.plan.reason = "the input is printable already, so nothing was run".to_owned();
                 report.candidates.push(Candidate::new(None, &untouched, true));
@@ -90,21 +94,33 @@ pub fn repair(
             Ok(None) | Err(RepairError::Write(_)) => {}
             Err(error) => return Err(error),
         }
-        report.warnings.push("the input is printable, but not with the numbers of the output's format".to_owned());
+        if printable.is_none() {
+            report.warnings.push("the input is printable, but not with the numbers of the output's format".to_owned());
+        }
     }
 
     let climb = Climb::open(input, Runner { options, format, remesher, context, steps: Vec::new(), moved: 0.0 })?;
     let sheets = if as_is.boundary_edges > 0 { open_sheet_share(&climb.surface) } else { 0.0 };
-    report.plan = make_plan(&as_is, categorise(&as_is, sheets), options);
+    let category = if printable.is_some() { Category::Clean } else { categorise(&as_is, sheets) };
+    report.plan = make_plan(&as_is, category, options);
     context.log(&format!("plan: {} because {}", name(report.plan.preset), report.plan.reason));
     let climbed = climb.run(&report.plan.rungs)?;
     (report.steps, report.candidates) = (climbed.steps, climbed.candidates);
 
-    if let Some((index, best)) = climbed.best.filter(|(_, best)| best.rank() < rank_of_input(&as_is)) {
+    let better = |best: &Judged| match &printable {
+        Some(_) => best.measures.printable() && best.measures.faces < as_is.faces,
+        None => best.rank() < rank_of_input(&as_is),
+    };
+    if let Some((index, best)) = climbed.best.filter(|(_, best)| better(best)) {
         report.candidates[index].chosen = true;
         report.warnings.extend(summary::liberties(&report.steps, report.candidates[index].rung));
         let outcome = if best.is_good() { Outcome::Repaired } else { Outcome::PartiallyRepaired };
         return end.with(report, outcome, Some(best));
+    }
+    if let Some(untouched) = printable {
+        report.warnings.extend(summary::why_no_face_went(&report.steps));
+        report.candidates.push(Candidate::new(None, &untouched, true));
+        return end.with(report, Outcome::AlreadyPrintable, Some(untouched));
     }
     let handed = input.handed_back(format, options, context)?;
     report.candidates.extend(handed.as_ref().map(|judged| Candidate::new(None, judged, true)));

@@ -1,5 +1,5 @@
 use super::presets::{RECIPES, planned, preset_for, tier_of};
-use super::{Action, Category, OpenSheets, Operator, Options, Plan, Preset, Rung, When};
+use super::{Action, Category, OpenSheets, Operator, Options, Plan, PlannedAction, Preset, Rung, When};
 use crate::inspect::Measures;
 
 /// Makes the plan: the preset that was asked for, or the one for the model's category; then Blender, unless the model
@@ -58,7 +58,7 @@ pub fn make_plan(before: &Measures, category: Category, options: &Options) -> Pl
     Plan { category, preset, reason, rungs }
 }
 
-/// The preset's actions up to a tier, the remesh being replaced where asked.
+/// The preset's actions up to a tier, the remesh being replaced where asked, and at last fewer faces where asked.
 fn rung(preset: Preset, options: &Options, max_tier: u8, instead_of_voxels: Option<Action>) -> Option<Rung> {
     let recipe = RECIPES.iter().find(|r| r.preset == preset)?;
     let actions: Vec<Action> = recipe
@@ -68,7 +68,11 @@ fn rung(preset: Preset, options: &Options, max_tier: u8, instead_of_voxels: Opti
         .map(|&a| if a == Action::VoxelRemesh { instead_of_voxels.unwrap_or(a) } else { a })
         .collect();
     let tier = actions.iter().map(|&a| tier_of(a)).max()?;
-    let actions = actions.into_iter().map(|action| planned(action, options)).collect();
+    let mut actions: Vec<PlannedAction> = actions.into_iter().map(|action| planned(action, options)).collect();
+    if options.asks_for_fewer_faces() {
+        let at = actions.iter().position(|it| it.action == Action::Validate).unwrap_or(actions.len());
+        actions.insert(at, planned(Action::Simplify, options));
+    }
     let rung = Rung { when: When::NothingGood, tier, preset, actions };
     Some(if asks_for_solids(options) && max_tier >= 2 { with_sheets_closed(rung, options) } else { rung })
 }

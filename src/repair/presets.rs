@@ -104,6 +104,7 @@ fn operators_of(action: Action, sheets: OpenSheets) -> &'static [Operator] {
             O::CutOneSided,
         ],
         Action::CleanAndPatch => &[O::CleanAndPatch],
+        Action::Simplify => &[O::Simplify],
         // Small bits and what lies inside a solid go before they are made solid.
         Action::CloseSheets if sheets == OpenSheets::Base => &[O::RemoveDebris, O::AddBase],
         Action::CloseSheets => &[O::RemoveDebris, O::ThickenSheets, O::RemoveCaps],
@@ -150,7 +151,7 @@ pub(super) fn preset_for(category: Category, parts: u64) -> (Preset, &'static st
 pub(super) fn tier_of(action: Action) -> u8 {
     match action {
         Action::Validate => 0,
-        Action::BasicCleanup | Action::FixNormals | Action::FillHoles => 1,
+        Action::BasicCleanup | Action::FixNormals | Action::FillHoles | Action::Simplify => 1,
         Action::Mend
         | Action::MendConservative
         | Action::MakeManifold

@@ -20,7 +20,7 @@ pub struct Standing {
 /// The signs that a repair destroyed something. Degenerate, duplicate and non-finite faces of the input count as none:
 /// they are gone with a reason.
 ///
-/// Parts that became one are no bad sign where all sound faces stand, since they were pieces of one surface along a crack, or
+/// Faces that were asked to go are no loss: whether surface went with them the other flags say. Parts that became one are no bad sign where all sound faces stand, since they were pieces of one surface along a crack, or
 /// where something of each part stands, since they overlapped and are one solid now.
 #[must_use]
 pub fn red_flags(
@@ -40,7 +40,7 @@ pub fn red_flags(
     let lost = percent(sound as f64 - after.faces as f64, sound as f64).unwrap_or(0.0);
     raise(
         RedFlagCode::FaceLoss,
-        lost,
+        if options.asks_for_fewer_faces() { 0.0 } else { lost },
         options.max_face_loss_pct,
         format!("{:.1} % of the faces were lost: {sound} sound faces before, {} after", lost, after.faces),
     );
@@ -83,7 +83,8 @@ pub fn red_flags(
             format!("surface other than hole patches is {farthest} from the input's, and max_deviation is {most}"),
         );
     }
-    let united = standing.parts_gone == 0;
+    // Where faces were asked to go, those that stand tell nothing of what became of parts.
+    let united = standing.parts_gone == 0 || options.asks_for_fewer_faces();
     if before.parts > 1 && after.parts == 1 && !united && (standing.faces as f64) < LEAST_STANDING * sound as f64 {
         raise(RedFlagCode::PartsMerged, before.parts as f64, 1.0, format!("{} parts became one", before.parts));
     }

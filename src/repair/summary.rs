@@ -7,6 +7,9 @@ pub(super) fn in_words(outcome: Outcome, report: &Report, after: Option<&Measure
     let left = after.map_or_else(String::new, |after| after.faults().join(", "));
     let mut text = match outcome {
         Outcome::AlreadyPrintable => return "The model is printable already; its geometry was not touched.".to_owned(),
+        Outcome::Repaired if report.before.measures.printable() && report.options.asks_for_fewer_faces() => {
+            return "The model was printable already; it has fewer faces now, as was asked for.".to_owned();
+        }
         Outcome::Repaired => return "The model was repaired and is printable.".to_owned(),
         Outcome::PartiallyRepaired if left.is_empty() => {
             "The result is printable, but a red flag is up: compare it with the original before you print it."
@@ -40,6 +43,12 @@ pub(super) fn in_words(outcome: Outcome, report: &Report, after: Option<&Measure
         text.push_str(" Raising max_tier to 3 lets Blender try.");
     }
     text
+}
+
+/// What was left when faces were to be removed and none was.
+pub(super) fn why_no_face_went(steps: &[Step]) -> Option<String> {
+    let last = steps.iter().rev().find(|step| step.operator == Some(Operator::Simplify))?;
+    Some(last.note.clone().unwrap_or_else(|| "no face could be removed".to_owned()))
 }
 
 /// What the steps that led to a result made that the input does not describe, for a person to know.

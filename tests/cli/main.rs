@@ -4,6 +4,10 @@
 #[allow(dead_code, reason = "shared with the tests of the service")]
 mod files;
 
+#[path = "../support/meshes.rs"]
+#[allow(dead_code, reason = "shared with the tests of the engine")]
+mod meshes;
+
 mod inspect;
 mod inspect_options;
 mod shapes;
@@ -11,7 +15,8 @@ mod shapes;
 use std::path::Path;
 use std::process::{Command, Output};
 
-use meshmend::format::{Limits, read};
+use glam::DVec3;
+use meshmend::format::{Format, Limits, read, write};
 use serde_json::Value;
 use tempfile::TempDir;
 
@@ -61,6 +66,30 @@ fn repair_writes_the_model_and_the_report_and_says_printable_by_code_zero() {
     assert_eq!(report["outcome"], "repaired");
     assert_eq!(report["options"]["max_tier"], 1);
     assert!(output.stdout.is_empty(), "standard output stays free");
+}
+
+#[test]
+fn a_printable_model_of_too_many_faces_comes_back_with_as_many_as_were_asked_for() {
+    let desk = Desk::new();
+    desk.put("in.stl", &write(&meshes::cube(DVec3::ZERO, 10.0, 8), Format::Stl).expect("a model"));
+    let faces = |name: &str| read(&desk.get(name), &Limits::default()).expect("a model").soup.faces.len();
+    let args = ["repair", "in.stl", "-o", "out.stl", "--max-tier", "2", "--report", "r.json"];
+    for (asked, expected) in [
+        (["--max-faces", "300"].as_slice(), 300),
+        (&["--max-error", "0.001"], 12),
+        (&["--max-faces", "5000"], 768),
+        (&["--max-faces", "4"], 12),
+    ] {
+        let output = desk.run(&[&args[..], asked].concat());
+        assert_eq!((code(&output), faces("out.stl")), (0, expected), "{asked:?} {}", said(&output));
+    }
+    let report: Value = serde_json::from_slice(&desk.get("r.json")).expect("JSON");
+    assert_eq!(report["options"]["max_faces"], 4);
+    let last =
+        report["steps"].as_array().expect("steps").iter().rfind(|it| it["operator"] == "simplify").expect("a step");
+    assert!(last["note"].as_str().expect("a note").starts_with("12 faces are left of 4"), "{last}");
+    let output = desk.run_with(&args, &[("MESHMEND_MAX_FACES", "3")]);
+    assert!(code(&output) == 2 && said(&output).contains("max_faces"), "{}", said(&output));
 }
 
 #[test]

@@ -26,4 +26,5 @@ mod print;
 mod render;
 mod sheets;
 mod sheets_within;
+mod simplify;
 mod stitch;

@@ -16,7 +16,7 @@ use proptest::prelude::*;
 
 use crate::meshes::{as_f32, cube, inside_out, join, push, sheet, sphere, torus};
 
-fn run(soup: &Soup, options: &Options, remesher: Option<&dyn Remesher>) -> Repaired {
+pub fn run(soup: &Soup, options: &Options, remesher: Option<&dyn Remesher>) -> Repaired {
     let bytes = format::write(soup, Format::Stl).unwrap();
     run_bytes(&bytes, options, remesher).unwrap()
 }

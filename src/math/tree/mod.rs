@@ -1,5 +1,6 @@
 mod ball;
 mod frame;
+mod growing;
 mod nearest;
 mod pairs;
 mod winding;
@@ -13,6 +14,7 @@ use crate::math::Box3;
 
 pub use ball::Ball;
 pub use frame::Frame;
+pub use growing::GrowingTree;
 pub use nearest::Nearest;
 pub use pairs::{Hit, PairSearch};
 pub use winding::{Dipoles, winding_exact};

@@ -34,6 +34,7 @@ pub mod resolve;
 pub mod separate;
 pub mod sew;
 pub mod sheets_within;
+pub mod simplify;
 pub mod slivers;
 pub mod stitch;
 pub mod t_junctions;

@@ -58,6 +58,8 @@ pub enum Operator {
     RemoveDebris,
     /// Keep apart by position what was cut apart by index.
     Separate,
+    /// Remove faces by collapsing edges, as far as the options ask for it.
+    Simplify,
 }
 
 impl Operator {
@@ -88,6 +90,7 @@ impl Operator {
         Self::Resolve,
         Self::RemoveDebris,
         Self::Separate,
+        Self::Simplify,
     ];
 
     /// Whether a plan leaves it out unless the options ask for it with `with`.
@@ -125,6 +128,7 @@ impl Operator {
             Self::Resolve => "resolve",
             Self::RemoveDebris => "remove_debris",
             Self::Separate => "separate",
+            Self::Simplify => "simplify",
         }
     }
 }

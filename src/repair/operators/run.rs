@@ -17,6 +17,7 @@ use super::resolve::Resolve;
 use super::separate::Separate;
 use super::sew::Sew;
 use super::sheets_within::remove_sheets_within;
+use super::simplify::ReduceFaces;
 use super::slivers::RemoveSlivers;
 use super::stitch::Stitch;
 use super::t_junctions::SplitTJunctions;
@@ -139,6 +140,10 @@ impl Operator {
             }
             Self::RemoveDebris => remove_debris(surface, context)?.into(),
             Self::Separate => Separate { most: scope.reach }.apply(surface, context)?,
+            Self::Simplify => {
+                let (max_faces, max_error) = (options.max_faces, options.max_error);
+                ReduceFaces { max_faces, max_error, most: scope.reach, to_f32 }.apply(surface, context)?
+            }
         })
     }
 }

@@ -1,0 +1,49 @@
+//! Fewer faces, where that is asked for.
+
+use super::Applied;
+use crate::math::Box3;
+use crate::mesh::Surface;
+use crate::repair::{Cancelled, Change, Context};
+use crate::simplify::Simplify;
+
+/// The largest error where only a number of faces is asked for, as a share of the bounding box's diagonal: what is within
+/// it counts as no loss of surface.
+const MOST_ERROR: f64 = 0.005;
+/// Edges of which the faces differ by more degrees keep their line.
+const FEATURE_ANGLE_DEG: f64 = 50.0;
+
+/// Removes faces by collapsing edges.
+#[derive(Debug, Clone, Copy)]
+pub struct ReduceFaces {
+    /// Stop at so many faces; none: go as far as the error allows.
+    pub max_faces: Option<u64>,
+    /// The largest error, in the model's unit; none: 0.5 % of the bounding box's diagonal.
+    pub max_error: Option<f64>,
+    /// Nor may surface come farther than this from where it was, in the model's unit.
+    pub most: f64,
+    /// Whether positions are rounded to f32.
+    pub to_f32: bool,
+}
+
+impl ReduceFaces {
+    /// Collapses edges while nothing breaks by it: see [`Simplify::apply`].
+    ///
+    /// Precondition: none. Result: no counter of the topology rises and no pair of faces intersects that did not before.
+    /// Leaves: more faces than asked for, where the error, lines or faces nearby allow no fewer; it is said why.
+    ///
+    /// # Errors
+    /// [`Cancelled`] when the work should stop; the surface is then unchanged.
+    pub fn apply(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
+        let diagonal = Box3::of(surface.positions.iter().copied()).diagonal();
+        let simplify = Simplify {
+            max_faces: self.max_faces,
+            max_error: self.max_error.unwrap_or(MOST_ERROR * diagonal).min(self.most),
+            feature_angle_deg: FEATURE_ANGLE_DEG,
+            to_f32: self.to_f32,
+            toward: None,
+        };
+        let done = simplify.apply(surface, context)?;
+        let changes = Change::list([("faces_removed", done.faces_before - done.faces_after)]);
+        Ok(Applied { changes, moved: done.error, left: done.left, failed: None })
+    }
+}
