@@ -114,7 +114,8 @@ pub struct RepairArgs {
     /// Most faces a remesh may have.
     #[arg(long, env = "MESHMEND_MAX_REMESH_FACES", default_value_t = Options::default().max_remesh_faces)]
     max_remesh_faces: u64,
-    /// Where to draw what was found: before.png, after.png, defects.glb and defects.ply. The folder is made.
+    /// Where to draw what was found and what was changed: before.png, after.png, defects.glb, defects.ply, change.png, change.glb
+    /// and change.ply. The folder is made.
     #[arg(long, env = "MESHMEND_PICTURES", value_name = "FOLDER")]
     pictures: Option<PathBuf>,
     /// Show what each step does.

@@ -2,6 +2,7 @@
 #![allow(clippy::unwrap_used, reason = "tests fail by panicking")]
 
 mod analyze;
+mod change;
 mod characteristics;
 mod clean_and_patch;
 mod compare;

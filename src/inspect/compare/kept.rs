@@ -47,6 +47,11 @@ pub(super) struct Common {
 }
 
 impl Common {
+    /// What a mesh of so many faces has in common with itself.
+    pub fn whole(faces: usize) -> Self {
+        Self { first: vec![true; faces], second: vec![true; faces], fine: true }
+    }
+
     /// Finds the faces of each mesh in the other. Linear.
     pub fn new(a: &FaceKeys, b: &FaceKeys) -> Self {
         let mut common =

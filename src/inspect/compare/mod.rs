@@ -2,6 +2,7 @@
 
 mod changes;
 mod deviation;
+mod fates;
 mod inside;
 mod kept;
 mod samples;
@@ -20,6 +21,7 @@ use kept::{Common, FaceKeys};
 pub use changes::{Changes, percent};
 pub use deviation::{Deviation, Spread};
 pub(super) use deviation::{Pair, percentile, unit_diagonal};
+pub use fates::{Fate, Fates, SurfaceShare, SurfaceShares};
 pub(super) use inside::Inside;
 pub use inside::InsideAgreement;
 pub(super) use samples::{Sample, samples};
@@ -162,7 +164,8 @@ impl<'a> Original<'a> {
         measures: &Measures,
         context: &Context<'_>,
     ) -> Result<Comparison, Cancelled> {
-        let Way { changes, distances } = self.way(after, measures, None, context)?;
+        let Way { mut changes, distances } = self.way(after, measures, None, context)?;
+        changes.surface = Some(self.fates(after, context)?.shares);
         let diagonal = unit_diagonal(self.analysis);
         let near =
             changes.lost.map_or(changes.surface_lost_pct == Some(0.0), |lost| lost.percent.p99 <= FAITHFUL_PCT[0]);
