@@ -31,8 +31,9 @@ pub use analysis::{Analysis, Subject};
 pub use attributes::{Answer, Attributes, Unmeasurable};
 pub use characteristics::{Characteristics, characteristics};
 pub use compare::{
-    COMPARISON_VERSION, Changes, CompareOptions, Comparison, Deviation, Fate, Fates, InsideAgreement, Original, Spread,
-    SurfaceShare, SurfaceShares, compare, percent,
+    COMPARISON_VERSION, Certificate, Changes, CompareOptions, Comparison, Deviation, Dispensable, Fate, Fates,
+    InsideAgreement, Ledger, LostPart, Original, PartCertificate, Spread, SurfaceShare, SurfaceShares, compare,
+    percent,
 };
 pub use defects::{CheckRule, CheckVerdict, Tolerance, ToleranceError, Tolerances, find_defects};
 use distribution::finite;

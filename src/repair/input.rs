@@ -37,6 +37,7 @@ impl Input<'_> {
                 red_flags: Vec::new(),
                 looked: None,
                 fates: None,
+                ledger: None,
             }));
         }
         let surface = &self.analysis.surface;
@@ -96,6 +97,7 @@ impl Input<'_> {
             after: None,
             verified_from_output_bytes: false,
             changes: None,
+            ledger: None,
             plan: Plan {
                 category: Category::Clean,
                 preset: Preset::BasicCleanup,

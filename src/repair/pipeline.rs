@@ -137,6 +137,7 @@ impl Ending<'_> {
             fates = judged.fates;
             let surface = fates.as_ref().map(|fates| fates.shares);
             report.changes = Some(Changes { surface, ..judged.changes });
+            report.ledger = judged.ledger;
             report.red_flags = judged.red_flags;
             report.verified_from_output_bytes = true;
             bytes = judged.bytes;

@@ -14,6 +14,7 @@ mod faces;
 mod formats;
 mod holes;
 mod intersections;
+mod ledger;
 mod limits;
 mod lost;
 mod mend;

@@ -3,7 +3,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::deviation::{Pair, unit_diagonal};
-use super::kept::{Common, FaceKeys};
+use super::kept::Common;
 use super::{FAR, Original};
 use crate::context::{Cancelled, Context};
 use crate::inspect::queries::ask;
@@ -92,9 +92,7 @@ impl Original<'_> {
         let common = if std::ptr::eq(before, after) {
             Common::whole(before.surface.faces.len())
         } else {
-            let scale = before.scale();
-            let keys = self.keys.get_or_init(|| FaceKeys::new(before, scale));
-            Common::new(keys, &FaceKeys::new(after, scale))
+            Common::new(&before.keys(before.scale()), &after.keys(before.scale()))
         };
         context.check()?;
         let pieces = Pieces::of(before, &common.first);

@@ -7,8 +7,12 @@ use crate::math::Box3;
 /// diagonal.
 const NEAR: f64 = 16.0;
 
+/// No face of the other mesh.
+pub(super) const NO_FACE: u32 = u32::MAX;
+
 /// The faces of a mesh by where they are, to find them in another.
-pub(super) struct FaceKeys {
+#[derive(Clone)]
+pub(in crate::inspect) struct FaceKeys {
     /// The corners as f32 and sorted, with the face of the surface; sorted.
     sorted: Vec<([[u32; 3]; 3], u32)>,
     /// Whether f32 tells the mesh's faces apart.
@@ -34,6 +38,23 @@ impl FaceKeys {
         // Unit coordinates reach 2.
         Self { sorted, fine: bounds.diagonal() * NEAR >= 2.0 }
     }
+}
+
+/// For each face of one mesh the face of another that stands at the same three positions as f32, or [`NO_FACE`]. Of faces at
+/// one place the first ones are matched, as many as the other mesh has there. Linear.
+pub(super) fn matched(a: &FaceKeys, b: &FaceKeys) -> Vec<u32> {
+    let mut matched = vec![NO_FACE; a.sorted.len()];
+    let mut at = 0;
+    for &(key, face) in &a.sorted {
+        while b.sorted.get(at).is_some_and(|(other, _)| *other < key) {
+            at += 1;
+        }
+        if let Some(&(_, other)) = b.sorted.get(at).filter(|(other, _)| *other == key) {
+            matched[face as usize] = other;
+            at += 1;
+        }
+    }
+    matched
 }
 
 /// What two meshes have in common.
