@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use clap::Args;
-use meshmend::blender::{BlenderConfig, OnDemandBlender};
+use meshmend::blender::OnDemandBlender;
 use meshmend::jobs::JobReport;
 use meshmend::render::Drawing;
 use meshmend::repair::operators::holes::HoleFilling;
@@ -192,8 +192,7 @@ pub fn run(args: &RepairArgs) -> ExitCode {
     let clock = monotonic_clock();
     let bar = Bar::new(args.verbose);
     let context = Context::new(&bar, &cancel, &clock, Duration::from_secs_f64(options.deadline_s));
-    let blender =
-        OnDemandBlender::new(BlenderConfig { program: args.blender.blender.clone(), ..BlenderConfig::default() });
+    let blender = OnDemandBlender::new(args.blender.config());
     let repaired = repair(&bytes, &options, &limits, Some(&blender), &context);
     bar.finish();
     let repaired = match repaired {

@@ -186,7 +186,7 @@ impl Remesher for Answers {
     }
 
     fn remesh(&self, _: &RemeshRequest<'_>, _: &Context<'_>) -> Result<Remeshed, RemeshError> {
-        Ok(Remeshed { soup: self.1.clone() })
+        Ok(Remeshed::from(self.1.clone()))
     }
 }
 
