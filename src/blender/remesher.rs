@@ -213,11 +213,11 @@ impl BlenderRemesher {
         }
         let most = frame.enter_length(coarsest);
         let corner = |v: u32| input.positions.get(v as usize).map_or(DVec3::ZERO, |p| DVec3::from(p.map(f64::from)));
-        while self.config.memory > 0 {
+        let too_heavy = |voxel: f64| {
             let triangles = input.faces.iter().map(|face| face.map(corner));
-            if check_voxel_memory(triangles, voxel, self.config.memory).is_ok() {
-                break;
-            }
+            self.config.memory > 0 && check_voxel_memory(triangles, voxel, self.config.memory).is_err()
+        };
+        while too_heavy(voxel) {
             time.check(context)?;
             if voxel * COARSER > most {
                 return Err(RemeshError::Failed(format!(
