@@ -15,6 +15,7 @@
 //! once with larger voxels; a boolean is not, since the plan goes on to the remesh; nothing is started again that ran out of
 //! time. What a run had finished when it was stopped is its result.
 
+mod convert;
 mod estimate;
 mod exchange;
 mod find;
