@@ -16,6 +16,8 @@ pub enum Stage {
     Inspect,
     /// Running a tier's operators.
     Repair,
+    /// Waiting for a Blender, since as many run on the machine as memory allows.
+    Wait,
     /// Writing, reading back and judging a result.
     Verify,
     /// Handing over the best result.

@@ -17,7 +17,8 @@ use crate::jobs::Artifact;
 ///
 /// `model` is the result, `report.json` the account, `log.txt` what the tiers said. Unless `pictures` is false,
 /// `before.png` and `after.png` show the input and the result with what is wrong in colour, and `defects.glb` and
-/// `defects.ply` are the input as coloured meshes with a legend. Single ranges, If-Range and If-None-Match are honoured; the entity tag is the file's SHA-256.
+/// `defects.ply` are the input as coloured meshes with a legend. `change.png`, `change.glb` and `change.ply` show the surface that
+/// was kept, moved, added and removed. Single ranges, If-Range and If-None-Match are honoured; the entity tag is the file's SHA-256.
 #[utoipa::path(
     get, path = "/v1/jobs/{id}/artifacts/{name}", tag = "jobs",
     params(

@@ -5,11 +5,14 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::Duration;
 
+use serde::{Deserialize, Serialize};
+
 use super::process::{isolate, run};
+use super::slots::{Slot, count, half_of_memory, take, usual_folder};
 use crate::repair::{RemesherInfo, monotonic_clock};
 
 /// Where Blender is and what it may use.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct BlenderConfig {
     /// Blender, or a Python whose `import bpy` works; a name without a slash is looked up on `PATH`. When given,
     /// nothing else is tried. The service takes it from `MESHMEND_BLENDER`.
@@ -20,6 +23,12 @@ pub struct BlenderConfig {
     pub probe_time: Duration,
     /// Most memory in bytes that an action may take beyond what the program has taken when it is up; 0 for no limit.
     pub memory: u64,
+    /// Most memory in bytes that all programs on this machine may take together, which is how many may run at once; half of
+    /// the machine's if none.
+    pub memory_together: Option<u64>,
+    /// Folder of the locks by which all processes that may run a program here wait for one another; one for each user in `/tmp`
+    /// if none.
+    pub slots: Option<PathBuf>,
     /// Start the program as leader of a process group of its own. Not for a caller that ends its work by killing its
     /// process group.
     pub own_process_group: bool,
@@ -32,12 +41,29 @@ impl Default for BlenderConfig {
             scratch: None,
             probe_time: Duration::from_secs(60),
             memory: 4 << 30,
+            memory_together: None,
+            slots: None,
             own_process_group: false,
         }
     }
 }
 
 impl BlenderConfig {
+    /// How many programs may run at once on this machine.
+    #[must_use]
+    pub fn at_once(&self) -> u32 {
+        count(self.memory, self.memory_together.unwrap_or_else(half_of_memory))
+    }
+
+    /// Waits for the right to run one.
+    pub(super) fn slot<S>(
+        &self,
+        waiting: &mut dyn FnMut(),
+        watch: &mut dyn FnMut() -> Result<(), S>,
+    ) -> std::io::Result<Result<Slot, S>> {
+        take(&self.slots.clone().unwrap_or_else(usual_folder), self.at_once(), waiting, watch)
+    }
+
     /// A new private folder; it is removed when the value is dropped.
     pub(super) fn scratch_folder(&self) -> std::io::Result<tempfile::TempDir> {
         let base = self.scratch.clone().unwrap_or_else(std::env::temp_dir);

@@ -10,7 +10,7 @@ use std::time::Duration;
 
 use rustix::process::{Pid, Signal, kill_process_group};
 
-use super::strays::{MARK, end_strays};
+use super::strays::{MARK, end_descendants, end_strays};
 
 /// Time between looks at a running process.
 const PAUSE: Duration = Duration::from_millis(20);
@@ -112,8 +112,14 @@ fn start(command: &mut Command) -> io::Result<Child> {
     }
 }
 
-/// Kills and reaps the process, then whatever it started.
+/// Kills and reaps the process and whatever it started: by descent, by group, and by the mark that they carry.
 fn kill(child: &mut Child, scratch: &Path, own_group: bool) {
+    // Before the process is gone, since its children get another parent then.
+    if let Some(id) = i32::try_from(child.id()).ok().and_then(Pid::from_raw)
+        && matches!(child.try_wait(), Ok(None))
+    {
+        end_descendants(id);
+    }
     // Before the leader is reaped: afterwards its id, and with it the group's, could be another's.
     if own_group
         && let Ok(id) = i32::try_from(child.id())

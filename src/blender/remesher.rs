@@ -1,21 +1,19 @@
 use std::collections::HashMap;
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::{Command, ExitStatus};
 use std::time::Duration;
 
 use glam::DVec3;
 
-use super::estimate::{TooHeavy, check_voxel_memory};
+use super::convert::{for_boolean, for_voxels, originals, unframed};
+use super::estimate::check_voxel_memory;
 use super::exchange::{self, RawMesh, ReadResultError};
 use super::find::{BPY, BlenderConfig, BlenderMissing, find, parse_version};
 use super::frame::Frame;
 use super::process::{ERROR, isolate, run};
-use crate::mesh::Soup;
-use crate::repair::{Context, RemeshAction, RemeshError, RemeshRequest, Remeshed, Remesher, RemesherInfo};
-
-/// A position of the frame.
-type Place = [f32; 3];
+use super::slots::Slot;
+use crate::repair::{Context, RemeshAction, RemeshError, RemeshRequest, Remeshed, Remesher, RemesherInfo, Stage};
 
 const SCRIPT: &str = include_str!("script.py");
 /// The first version that can be told to stay off the network.
@@ -24,6 +22,14 @@ const OFFLINE_MODE: (u32, u32) = (4, 2);
 const LEAST_VOXEL: f64 = 1e-4;
 /// Most faces to send.
 const MOST_FACES: usize = 500_000_000;
+/// How much larger voxels are made, again and again, until memory allows them.
+const COARSER: f64 = 1.25;
+/// How much larger they are made after a crash, once.
+const AFTER_A_CRASH: f64 = 1.5;
+/// From so many faces on a remesh with voxels larger by this comes first, for a quarter of the time, so that there is something
+/// when the time is over.
+const MANY_FACES: f64 = 200_000.0;
+const STAGE: f64 = 2.0;
 /// Exit code for an error in the script that it did not foresee.
 const SCRIPT_ERROR: &str = "3";
 
@@ -64,16 +70,16 @@ impl BlenderRemesher {
         command
     }
 
-    /// Runs the script on `input`, both in the frame's unit.
+    /// Waits for a slot and runs the script on `input` once, both in the frame's unit. `voxels` are its stages, coarsest first;
+    /// of a run that did not come to its end the result is that of the last stage that did.
     fn run(
         &self,
         input: &RawMesh,
-        voxel: f64,
+        voxels: &[f64],
         request: &RemeshRequest<'_>,
         context: &Context<'_>,
-        limit: Duration,
-        begin: Duration,
-    ) -> Result<RawMesh, RemeshError> {
+        time: Time,
+    ) -> Result<Made, Failed> {
         let scratch = self.config.scratch_folder().map_err(|error| scratch_failed(&error))?;
         let [script, source, target] = ["script.py", "input", "result"].map(|name| scratch.path().join(name));
         fs::write(&script, SCRIPT).map_err(|error| scratch_failed(&error))?;
@@ -81,8 +87,9 @@ impl BlenderRemesher {
 
         let mut command = self.command(&script);
         isolate(&mut command, scratch.path());
+        let sizes: Vec<String> = voxels.iter().map(f64::to_string).collect();
         command.arg("--").arg(action_name(request.action)).arg(&source).arg(&target).args([
-            voxel.to_string(),
+            sizes.join(","),
             request.max_faces.to_string(),
             self.config.memory.to_string(),
             std::process::id().to_string(),
@@ -96,7 +103,7 @@ impl BlenderRemesher {
             context.log(&format!("{}: {text}", self.info.kind));
         };
         let mut watch = || {
-            check(context, limit, begin)?;
+            time.check(context)?;
             match fs::symlink_metadata(&target) {
                 Ok(found) if found.len() > most_bytes => {
                     Err(RemeshError::Failed(format!("the result file grew over {most_bytes} bytes")))
@@ -104,16 +111,71 @@ impl BlenderRemesher {
                 _ => Ok(()),
             }
         };
+        // Held until the program has ended.
+        let slot = self.slot(request, context, time)?;
         let ended = run(&mut command, scratch.path(), self.config.own_process_group, &mut line, &mut watch);
-        let status = ended
-            .map_err(|error| RemeshError::Start { program: self.info.program.clone(), reason: error.to_string() })??;
-        if !status.success() {
-            return Err(RemeshError::Failed(self.ended_badly(status, last_error)));
+        drop(slot);
+        let ended = ended
+            .map_err(|error| RemeshError::Start { program: self.info.program.clone(), reason: error.to_string() })?;
+        let failed = match ended {
+            Ok(status) if status.success() => None,
+            Ok(status) => Some(Failed::Crashed(self.ended_badly(status, last_error))),
+            Err(RemeshError::Cancelled) => return Err(RemeshError::Cancelled.into()),
+            Err(stopped) => Some(stopped.into()),
+        };
+        let read = exchange::read(&target, request.max_faces);
+        match (failed, read) {
+            (None, Ok(mesh)) => Ok(Made { mesh, stage: voxels.len().saturating_sub(1), note: None }),
+            // It was there as a whole when time was over or what comes after it crashed.
+            (Some(failed), Ok(mesh)) => {
+                let note = Some(format!("{failed}, but its result was there"));
+                Ok(Made { mesh, stage: voxels.len().saturating_sub(1), note })
+            }
+            (failed, Err(error)) => {
+                let why = failed.unwrap_or_else(|| self.unreadable(error, request).into());
+                let stages = (0..voxels.len().saturating_sub(1)).rev();
+                let made = stages.filter_map(|stage| {
+                    let mesh = exchange::read(&stage_file(&target, stage), request.max_faces).ok()?;
+                    let note = Some(format!("{why}; the result is that of the coarser stage before"));
+                    Some(Made { mesh, stage, note })
+                });
+                { made }.next().ok_or(why)
+            }
         }
-        exchange::read(&target, request.max_faces).map_err(|error| match error {
+    }
+
+    fn unreadable(&self, error: ReadResultError, request: &RemeshRequest<'_>) -> RemeshError {
+        match error {
             ReadResultError::TooManyFaces(faces) => RemeshError::TooManyFaces { faces, most: request.max_faces },
             other => RemeshError::Failed(format!("{} ended, but {other}", self.info.program)),
-        })
+        }
+    }
+
+    /// Waits until the machine has room for one more.
+    fn slot(&self, request: &RemeshRequest<'_>, context: &Context<'_>, time: Time) -> Result<Slot, RemeshError> {
+        let begin = context.now();
+        let at_once = self.config.at_once();
+        let mut waited = false;
+        let mut waiting = || {
+            waited = true;
+            context.log(&format!("waiting: {at_once} may run at once on this machine, and as many do"));
+            context.report(Stage::Wait, Some(3), request.percent);
+        };
+        let taken = self.config.slot(&mut waiting, &mut || time.check(context)).map_err(|error| {
+            RemeshError::Failed(format!("could not lock the file that says how many run on this machine: {error}"))
+        })?;
+        match taken {
+            Ok(slot) => {
+                if waited {
+                    context.report(Stage::Repair, Some(3), request.percent);
+                }
+                Ok(slot)
+            }
+            Err(RemeshError::TimedOut(_)) => {
+                Err(RemeshError::NoneFree { at_once, waited: context.now().saturating_sub(begin) })
+            }
+            Err(stop) => Err(stop),
+        }
     }
 
     fn ended_badly(&self, status: ExitStatus, error: Option<String>) -> String {
@@ -126,19 +188,85 @@ impl BlenderRemesher {
         }
     }
 
-    fn check_memory(&self, input: &RawMesh, voxel: f64, frame: Frame) -> Result<(), RemeshError> {
-        if self.config.memory == 0 {
-            return Ok(());
+    /// The voxel edge nearest above the one asked for that memory allows, in the frame's unit.
+    fn fitting_voxel(
+        &self,
+        input: &RawMesh,
+        request: &RemeshRequest<'_>,
+        frame: Frame,
+        context: &Context<'_>,
+        time: Time,
+    ) -> Result<f64, RemeshError> {
+        let RemeshRequest { voxel_size: size, coarsest, .. } = *request;
+        if !(size.is_finite() && size > 0.0) {
+            return Err(RemeshError::Failed(format!("the voxel_size is {size}; expected a length above zero")));
         }
+        let mut voxel = frame.enter_length(size);
+        if voxel < LEAST_VOXEL {
+            let least = frame.leave_length(LEAST_VOXEL);
+            return Err(RemeshError::Failed(format!(
+                "a voxel_size of {size} is too small for a model of this size; choose more than {least}"
+            )));
+        }
+        let most = frame.enter_length(coarsest);
         let corner = |v: u32| input.positions.get(v as usize).map_or(DVec3::ZERO, |p| DVec3::from(p.map(f64::from)));
-        let triangles = input.faces.iter().map(|face| face.map(corner));
-        check_voxel_memory(triangles, voxel, self.config.memory).map_err(|TooHeavy| {
-            RemeshError::Failed(format!(
-                "a remesh with a voxel_size of {} would take more than the {} MiB of memory it may; choose a larger voxel_size",
-                frame.leave_length(voxel),
+        let too_heavy = |voxel: f64| {
+            let triangles = input.faces.iter().map(|face| face.map(corner));
+            self.config.memory > 0 && check_voxel_memory(triangles, voxel, self.config.memory).is_err()
+        };
+        while too_heavy(voxel) {
+            time.check(context)?;
+            if voxel * COARSER > most {
+                return Err(RemeshError::Failed(format!(
+                    "a remesh with a voxel_size of {} would take more than the {} MiB of memory it may; choose a larger voxel_size",
+                    frame.leave_length(voxel),
+                    self.config.memory >> 20
+                )));
+            }
+            voxel *= COARSER;
+        }
+        Ok(voxel)
+    }
+
+    /// Remeshes with voxels, in stages where it takes long, and once more with larger ones where the program crashed.
+    fn voxels(
+        &self,
+        input: &RawMesh,
+        request: &RemeshRequest<'_>,
+        frame: Frame,
+        context: &Context<'_>,
+        time: Time,
+    ) -> Result<Remeshed, RemeshError> {
+        let most = frame.enter_length(request.coarsest);
+        let voxel = self.fitting_voxel(input, request, frame, context, time)?;
+        let first = frame.enter_length(request.voxel_size);
+        let mut notes = Vec::new();
+        if voxel > first {
+            notes.push(format!(
+                "the voxels were made larger than the {} asked for, to stay within {} MiB of memory",
+                request.voxel_size,
                 self.config.memory >> 20
-            ))
-        })
+            ));
+        }
+        let mut voxels = vec![voxel];
+        if voxel * STAGE <= most && estimated_faces(input, voxel) > MANY_FACES {
+            voxels.insert(0, voxel * STAGE);
+        }
+        let mut made = self.run(input, &voxels, request, context, time);
+        if let Err(Failed::Crashed(why)) = &made
+            && voxel * AFTER_A_CRASH <= most
+        {
+            context.log(&format!("{why}; it is started again with larger voxels"));
+            notes.push(format!("{why}, and was started again with larger voxels"));
+            voxels = vec![voxel * AFTER_A_CRASH];
+            made = self.run(input, &voxels, request, context, time);
+        }
+        let Made { mesh, stage, note } = made?;
+        notes.extend(note);
+        let used = voxels.get(stage).copied().unwrap_or(voxel);
+        let voxel_size = (used != first).then(|| frame.leave_length(used));
+        let note = (!notes.is_empty()).then(|| notes.join("; "));
+        Ok(Remeshed { soup: unframed(&mesh, frame, &HashMap::new()), voxel_size, note })
     }
 }
 
@@ -148,14 +276,9 @@ impl Remesher for BlenderRemesher {
     }
 
     fn remesh(&self, request: &RemeshRequest<'_>, context: &Context<'_>) -> Result<Remeshed, RemeshError> {
-        let begin = context.now();
-        let limit = request.time_limit.min(context.remaining());
-        check(context, limit, begin)?;
+        let time = Time { begin: context.now(), limit: request.time_limit.min(context.remaining()) };
+        time.check(context)?;
         let voxels = request.action == RemeshAction::VoxelRemesh;
-        if voxels && !(request.voxel_size.is_finite() && request.voxel_size > 0.0) {
-            let size = request.voxel_size;
-            return Err(RemeshError::Failed(format!("the voxel_size is {size}; expected a length above zero")));
-        }
         let corners = || request.soup.faces.iter().flatten().filter_map(|&v| request.soup.positions.get(v as usize));
         if request.soup.faces.is_empty() {
             return Err(RemeshError::Empty);
@@ -178,25 +301,78 @@ impl Remesher for BlenderRemesher {
         if left_out > 0 {
             context.log(&format!("{}: {left_out} faces that are flat or there twice are left out", self.info.kind));
         }
-        let voxel = if voxels { frame.enter_length(request.voxel_size) } else { 0.0 };
-        if voxels {
-            if voxel < LEAST_VOXEL {
-                let least = frame.leave_length(LEAST_VOXEL);
-                let size = request.voxel_size;
-                return Err(RemeshError::Failed(format!(
-                    "a voxel_size of {size} is too small for a model of this size; choose more than {least}"
-                )));
-            }
-            self.check_memory(&input, voxel, frame)?;
-        }
-        let made = self.run(&input, voxel, request, context, limit, begin)?;
-        let originals = if voxels { HashMap::new() } else { originals(request.soup, frame) };
-        let soup = unframed(&made, frame, &originals);
-        if soup.faces.is_empty() {
-            return Err(RemeshError::Empty);
-        }
-        Ok(Remeshed { soup })
+        let made = if voxels {
+            self.voxels(&input, request, frame, context, time)?
+        } else {
+            let Made { mesh, note, .. } = self.run(&input, &[0.0], request, context, time)?;
+            let soup = unframed(&mesh, frame, &originals(request.soup, frame));
+            Remeshed { soup, voxel_size: None, note }
+        };
+        if made.soup.faces.is_empty() { Err(RemeshError::Empty) } else { Ok(made) }
     }
+}
+
+/// What a run made.
+struct Made {
+    mesh: RawMesh,
+    /// The stage that made it.
+    stage: usize,
+    note: Option<String>,
+}
+
+/// Why a run made nothing.
+#[derive(Debug, thiserror::Error)]
+enum Failed {
+    /// The program ended by itself, and not well: it may do better with less to do.
+    #[error("{0}")]
+    Crashed(String),
+    #[error(transparent)]
+    Otherwise(#[from] RemeshError),
+}
+
+impl From<Failed> for RemeshError {
+    fn from(failed: Failed) -> Self {
+        match failed {
+            Failed::Crashed(why) => Self::Failed(why),
+            Failed::Otherwise(error) => error,
+        }
+    }
+}
+
+/// When a piece of work began and how long it may take, with all its runs and the waiting for them.
+#[derive(Clone, Copy)]
+struct Time {
+    begin: Duration,
+    limit: Duration,
+}
+
+impl Time {
+    /// Whether it may go on.
+    fn check(self, context: &Context<'_>) -> Result<(), RemeshError> {
+        let Self { begin, limit } = self;
+        if limit.is_zero() || context.now().saturating_sub(begin) >= limit {
+            return Err(RemeshError::TimedOut(limit));
+        }
+        context.check().map_err(|_| {
+            // The context stops for two reasons.
+            if context.remaining().is_zero() { RemeshError::TimedOut(limit) } else { RemeshError::Cancelled }
+        })
+    }
+}
+
+/// About how many triangles a voxel remesh makes.
+fn estimated_faces(input: &RawMesh, voxel: f64) -> f64 {
+    let corner = |v: u32| input.positions.get(v as usize).map_or(DVec3::ZERO, |p| DVec3::from(p.map(f64::from)));
+    let area = |face: &[u32; 3]| {
+        let [a, b, c] = face.map(corner);
+        (b - a).cross(c - a).length() / 2.0
+    };
+    3.0 * input.faces.iter().map(area).sum::<f64>() / (voxel * voxel)
+}
+
+/// Where the script writes what a stage before the last made.
+fn stage_file(target: &Path, stage: usize) -> PathBuf {
+    target.with_extension(stage.to_string())
 }
 
 fn action_name(action: RemeshAction) -> &'static str {
@@ -208,121 +384,4 @@ fn action_name(action: RemeshAction) -> &'static str {
 
 fn scratch_failed(error: &std::io::Error) -> RemeshError {
     RemeshError::Failed(format!("could not write to the scratch folder: {error}"))
-}
-
-/// Whether a run that began at `begin` may go on.
-fn check(context: &Context<'_>, limit: Duration, begin: Duration) -> Result<(), RemeshError> {
-    if limit.is_zero() || context.now().saturating_sub(begin) >= limit {
-        return Err(RemeshError::TimedOut(limit));
-    }
-    context.check().map_err(|_| {
-        // The context stops for two reasons.
-        if context.remaining().is_zero() { RemeshError::TimedOut(limit) } else { RemeshError::Cancelled }
-    })
-}
-
-/// The faces of a soup in the frame, without those that have two corners in one place: they enclose nothing, their edges
-/// cancel, and Blender can't hold them.
-fn framed(soup: &Soup, frame: Frame) -> impl Iterator<Item = ([u32; 3], [Place; 3])> {
-    soup.faces.iter().filter_map(move |face| {
-        let corners = face.map(|v| soup.positions.get(v as usize).map(|&position| frame.enter(position)));
-        let [Some(a), Some(b), Some(c)] = corners else { return None };
-        (a != b && b != c && c != a).then_some((*face, [a, b, c]))
-    })
-}
-
-/// What a voxel remesh is given: shared vertices stay shared, and vertices that no face uses are left out.
-fn for_voxels(soup: &Soup, frame: Frame) -> RawMesh {
-    let mut new_index: Vec<Option<u32>> = vec![None; soup.positions.len()];
-    let mut mesh = RawMesh::default();
-    for (face, places) in framed(soup, frame) {
-        let mut corners = [0; 3];
-        for ((corner, v), place) in corners.iter_mut().zip(face).zip(places) {
-            let Some(known) = new_index.get_mut(v as usize) else { continue };
-            *corner = *known.get_or_insert_with(|| {
-                mesh.positions.push(place);
-                index(mesh.positions.len() - 1)
-            });
-        }
-        mesh.faces.push(corners);
-    }
-    mesh
-}
-
-/// What a boolean is given: each face with three vertices of its own. Blender's mesh can't hold two faces on the same
-/// three vertices, and to drop one side of a double wall would open what was closed; its exact boolean welds by
-/// position anyway.
-///
-/// Faces on the same three places count as in chain arithmetic, up to one: copies turned the same way become one, which
-/// keeps a closed surface closed, and as many of one turn as of the other become one of each.
-fn for_boolean(soup: &Soup, frame: Frame) -> RawMesh {
-    /// Copies of one turn, then of the other.
-    type Turns = [u32; 2];
-    let mut turns: HashMap<[[u32; 3]; 3], Turns> = HashMap::with_capacity(soup.faces.len());
-    for (_, places) in framed(soup, frame) {
-        let (key, turn) = without_turn(places);
-        let count = &mut turns.entry(key).or_default()[turn];
-        *count = count.saturating_add(1);
-    }
-    let mut mesh = RawMesh::default();
-    for (_, places) in framed(soup, frame) {
-        let (key, turn) = without_turn(places);
-        let Some(counts) = turns.get_mut(&key) else { continue };
-        if counts[turn] == 0 || counts[turn] < counts[1 - turn] {
-            continue;
-        }
-        let first = index(mesh.positions.len());
-        mesh.positions.extend(places);
-        mesh.faces.push([first, first + 1, first + 2]);
-        // Taken; of two equal counts the other turn is still to come.
-        *counts = if counts[turn] == counts[1 - turn] { [u32::from(turn == 1), u32::from(turn == 0)] } else { [0, 0] };
-    }
-    mesh
-}
-
-/// The bits of three places in ascending order, and whether the order of the face is an even (0) or odd (1) exchange of it.
-fn without_turn(places: [Place; 3]) -> ([[u32; 3]; 3], usize) {
-    let [a, b, c] = places.map(|place| place.map(f32::to_bits));
-    let odd = usize::from(a > b) + usize::from(b > c) + usize::from(a > c);
-    let mut key = [a, b, c];
-    key.sort_unstable();
-    (key, odd % 2)
-}
-
-/// An index of a mesh that [`MOST_FACES`] keeps within u32.
-fn index(position: usize) -> u32 {
-    u32::try_from(position).unwrap_or(u32::MAX)
-}
-
-/// The first position of the soup for each place of the frame.
-fn originals(soup: &Soup, frame: Frame) -> HashMap<[u32; 3], DVec3> {
-    let mut originals = HashMap::with_capacity(soup.positions.len());
-    for &position in &soup.positions {
-        originals.entry(frame.enter(position).map(f32::to_bits)).or_insert(position);
-    }
-    originals
-}
-
-/// What Blender made, in the model's unit and place, without vertices that no face uses. A vertex that is still where
-/// it was sent gets its position back to the last bit.
-fn unframed(mesh: &RawMesh, frame: Frame, originals: &HashMap<[u32; 3], DVec3>) -> Soup {
-    const UNUSED: u32 = u32::MAX;
-    let mut soup = Soup::default();
-    let mut new_index = vec![UNUSED; mesh.positions.len()];
-    for face in &mesh.faces {
-        let face = face.map(|v| {
-            let (Some(new), Some(position)) = (new_index.get_mut(v as usize), mesh.positions.get(v as usize)) else {
-                return UNUSED;
-            };
-            if *new == UNUSED {
-                *new = u32::try_from(soup.positions.len()).unwrap_or(UNUSED);
-                let position = position.map(|c| c + 0.0);
-                let original = originals.get(&position.map(f32::to_bits));
-                soup.positions.push(original.copied().unwrap_or_else(|| frame.leave(position)));
-            }
-            *new
-        });
-        soup.faces.push(face);
-    }
-    soup
 }

@@ -1,7 +1,11 @@
 """One action of tier 3, run by Blender's Python or by a Python that has bpy.
 
-Arguments after `--`: action (voxel or union), input, output, voxel size, most faces, most bytes of memory (0: no limit),
+Arguments after `--`: action (voxel or union), input, output, voxel sizes, most faces, most bytes of memory (0: no limit),
 process id of the program that asked.
+
+Voxel sizes are one or more with commas between, coarsest first. Each is a stage: its result is written as soon as it is
+there, that of the last under the name of the output and those before it with a dot and their number, from 0, so that what was
+finished is there whatever comes after. A file is there as a whole or not at all.
 
 Input and output are little-endian: the magic below, counts of vertices and of triangles as u64, positions as f32, corners
 as u32. A result with too many triangles is given as its header alone. A failure is told on a line of its own that
@@ -118,8 +122,8 @@ def add_object(bpy, mesh):
     return thing
 
 
-def voxel_remesh(bpy, thing, voxel_size):
-    modifier = thing.modifiers.new("remesh", "REMESH")
+def voxel_remesh(thing, voxel_size):
+    modifier = thing.modifiers.get("remesh") or thing.modifiers.new("remesh", "REMESH")
     modifier.mode = "VOXEL"
     modifier.voxel_size = voxel_size
     modifier.adaptivity = 0.0
@@ -136,6 +140,12 @@ def union_with_itself(bpy, thing):
 
 
 def write_result(bpy, thing, path, most_faces):
+    half = path + ".half"
+    write_mesh(bpy, thing, half, most_faces)
+    os.rename(half, path)
+
+
+def write_mesh(bpy, thing, path, most_faces):
     evaluated = thing.evaluated_get(bpy.context.evaluated_depsgraph_get())
     mesh = evaluated.to_mesh()
     mesh.calc_loop_triangles()
@@ -151,6 +161,7 @@ def write_result(bpy, thing, path, most_faces):
         mesh.loop_triangles.foreach_get("vertices", corners)
         little_endian(positions).tofile(file)
         little_endian(corners).tofile(file)
+    evaluated.to_mesh_clear()
 
 
 def main():
@@ -158,7 +169,7 @@ def main():
     if len(arguments) != 7:
         fail(f"expected 7 arguments, found {len(arguments)}")
     action, source, target = arguments[:3]
-    voxel_size = float(arguments[3])
+    voxel_sizes = [float(text) for text in arguments[3].split(",")]
     most_faces, memory, asker = (int(text) for text in arguments[4:])
 
     end_if_orphaned(asker)
@@ -169,12 +180,15 @@ def main():
     mesh = read_mesh(bpy, source)
     thing = add_object(bpy, mesh)
     if action == "voxel":
-        voxel_remesh(bpy, thing, voxel_size)
+        for stage, voxel_size in enumerate(voxel_sizes):
+            voxel_remesh(thing, voxel_size)
+            last = stage == len(voxel_sizes) - 1
+            write_result(bpy, thing, target if last else f"{target}.{stage}", most_faces)
     elif action == "union":
         union_with_itself(bpy, thing)
+        write_result(bpy, thing, target, most_faces)
     else:
         fail(f"the action is '{action}'; expected voxel or union")
-    write_result(bpy, thing, target, most_faces)
     sys.stdout.flush()
     sys.stderr.flush()
     # Blender's own teardown can crash and costs time; everything is written.

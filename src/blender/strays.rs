@@ -29,13 +29,77 @@ pub(super) fn end_strays(scratch: &OsStr) {
     }
 }
 
+/// Kills every descendant of a running child of ours, in other sessions and without the mark too, and leaves the child itself
+/// stopped.
+pub(super) fn end_descendants(child: Pid) {
+    // So that it starts no more meanwhile. Its id is its own until it is reaped.
+    let _ = kill_process(child, Signal::STOP);
+    for _ in 0..ROUNDS {
+        let family = descendants(child);
+        if family.is_empty() {
+            return;
+        }
+        for (id, started) in family {
+            // The id may be given to another process between the look and the signal; a handle may not.
+            match pidfd_open(id, PidfdFlags::empty()) {
+                Ok(handle) if Process::read(id).is_some_and(|it| it.started == started) => {
+                    let _ = pidfd_send_signal(handle, Signal::KILL);
+                }
+                Err(rustix::io::Errno::NOSYS) => {
+                    let _ = kill_process(id, Signal::KILL);
+                }
+                _ => {}
+            }
+        }
+        sleep(PAUSE);
+    }
+}
+
+/// What `/proc` tells of a process.
+struct Process {
+    parent: i32,
+    /// When it started, which tells it from a later one with the same id.
+    started: u64,
+    ended: bool,
+}
+
+impl Process {
+    fn read(id: Pid) -> Option<Self> {
+        let stat = std::fs::read(format!("/proc/{}/stat", id.as_raw_nonzero())).ok()?;
+        // The name in brackets may hold anything.
+        let end = stat.iter().rposition(|&byte| byte == b')')?;
+        let fields = std::str::from_utf8(stat.get(end + 1..)?).ok()?;
+        let mut fields = fields.split_ascii_whitespace();
+        let ended = matches!(fields.next()?, "Z" | "X");
+        let parent = fields.next()?.parse().ok()?;
+        Some(Self { parent, started: fields.nth(17)?.parse().ok()?, ended })
+    }
+}
+
+/// The processes below another that have not ended, each with the time of its start.
+fn descendants(of: Pid) -> Vec<(Pid, u64)> {
+    let all: Vec<(Pid, Process)> = processes().filter_map(|id| Some((id, Process::read(id)?))).collect();
+    let (mut family, mut next) = (Vec::new(), vec![of.as_raw_nonzero().get()]);
+    while let Some(parent) = next.pop() {
+        for (id, it) in all.iter().filter(|(_, it)| it.parent == parent) {
+            next.push(id.as_raw_nonzero().get());
+            if !it.ended {
+                family.push((*id, it.started));
+            }
+        }
+    }
+    family
+}
+
+fn processes() -> impl Iterator<Item = Pid> {
+    let entries = std::fs::read_dir("/proc").into_iter().flatten().flatten();
+    entries.filter_map(|entry| entry.file_name().to_str()?.parse().ok().and_then(Pid::from_raw))
+}
+
 /// Whether there was any.
 fn kill_marked(entry: &[u8]) -> bool {
-    let Ok(processes) = std::fs::read_dir("/proc") else { return false };
     let mut any = false;
-    for process in processes.flatten() {
-        let id = process.file_name().to_str().and_then(|name| name.parse().ok()).and_then(Pid::from_raw);
-        let Some(id) = id.filter(|&id| id != getpid()) else { continue };
+    for id in processes().filter(|&id| id != getpid()) {
         if !is_marked(id, entry) {
             continue;
         }

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
+use meshmend::blender::BlenderConfig;
 use meshmend::format::Limits;
 use meshmend::repair::{Progress, Stage};
 
@@ -37,6 +38,29 @@ pub struct BlenderArgs {
     /// Blender, or a Python that has bpy. Without it: `blender` on PATH, then `.venv-blender`.
     #[arg(long, env = "MESHMEND_BLENDER", value_name = "PROGRAM")]
     pub blender: Option<PathBuf>,
+    /// Memory that one Blender may take for a model, in MiB; voxels are made larger until the estimate is below. 0 for no limit.
+    #[arg(long, env = "MESHMEND_BLENDER_MEMORY_MIB", default_value_t = 4096)]
+    pub blender_memory_mib: u64,
+    /// Memory that all Blenders on this machine may take together, in MiB, which is how many run at once; without it, half of
+    /// the machine's.
+    #[arg(long, env = "MESHMEND_BLENDERS_MEMORY_MIB")]
+    pub blenders_memory_mib: Option<u64>,
+    /// Folder of the locks by which all processes on this machine wait for a free Blender; without it, one for each user in /tmp.
+    #[arg(long, env = "MESHMEND_BLENDER_SLOTS", value_name = "FOLDER")]
+    pub blender_slots: Option<PathBuf>,
+}
+
+impl BlenderArgs {
+    pub fn config(&self) -> BlenderConfig {
+        BlenderConfig {
+            program: self.blender.clone(),
+            memory: self.blender_memory_mib.saturating_mul(1 << 20),
+            memory_together: self.blenders_memory_mib.map(|mib| mib.saturating_mul(1 << 20)),
+            // Jobs run elsewhere.
+            slots: self.blender_slots.as_ref().map(|path| std::path::absolute(path).unwrap_or_else(|_| path.clone())),
+            ..BlenderConfig::default()
+        }
+    }
 }
 
 /// Reads a file of at most the limit's size.
@@ -78,6 +102,7 @@ impl Progress for Bar {
             Stage::Read => "reading",
             Stage::Inspect => "inspecting",
             Stage::Repair => "repairing",
+            Stage::Wait => "waiting for a Blender",
             Stage::Verify => "verifying",
             Stage::Finish => "finishing",
         };

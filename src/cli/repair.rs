@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use clap::Args;
-use meshmend::blender::{BlenderConfig, OnDemandBlender};
+use meshmend::blender::OnDemandBlender;
 use meshmend::jobs::JobReport;
 use meshmend::render::Drawing;
 use meshmend::repair::operators::holes::HoleFilling;
@@ -121,7 +121,8 @@ pub struct RepairArgs {
     /// Most faces a remesh may have.
     #[arg(long, env = "MESHMEND_MAX_REMESH_FACES", default_value_t = Options::default().max_remesh_faces)]
     max_remesh_faces: u64,
-    /// Where to draw what was found: before.png, after.png, defects.glb and defects.ply. The folder is made.
+    /// Where to draw what was found and what was changed: before.png, after.png, defects.glb, defects.ply, change.png, change.glb
+    /// and change.ply. The folder is made.
     #[arg(long, env = "MESHMEND_PICTURES", value_name = "FOLDER")]
     pictures: Option<PathBuf>,
     /// Show what each step does.
@@ -200,8 +201,7 @@ pub fn run(args: &RepairArgs) -> ExitCode {
     let clock = monotonic_clock();
     let bar = Bar::new(args.verbose);
     let context = Context::new(&bar, &cancel, &clock, Duration::from_secs_f64(options.deadline_s));
-    let blender =
-        OnDemandBlender::new(BlenderConfig { program: args.blender.blender.clone(), ..BlenderConfig::default() });
+    let blender = OnDemandBlender::new(args.blender.config());
     let repaired = repair(&bytes, &options, &limits, Some(&blender), &context);
     bar.finish();
     let repaired = match repaired {

@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use clap::{Args, ValueEnum};
 use meshmend::api::{ApiConfig, ApiState, Capabilities, router};
-use meshmend::blender::{BlenderConfig, BlenderRemesher};
+use meshmend::blender::{BlenderRemesher, Warmth, warm_up};
 use meshmend::blobs::Blobs;
 use meshmend::jobs::{JobStore, RetryPolicy, SqliteStore, SystemClock};
 use meshmend::repair::{Remesher, RemesherInfo};
@@ -62,6 +62,10 @@ pub struct WorkArgs {
     /// Seconds that running jobs get to finish when the service is told to stop.
     #[arg(long, env = "MESHMEND_SHUTDOWN_GRACE_S", default_value_t = 20.0)]
     shutdown_grace_s: f64,
+    /// Run Blender once on a small model when the worker starts, so that the first job does not wait for what it loads, and so
+    /// that the log says whether it works.
+    #[arg(long, env = "MESHMEND_BLENDER_WARM_UP", default_value_t = true, action = clap::ArgAction::Set)]
+    blender_warm_up: bool,
     #[command(flatten)]
     limits: LimitArgs,
     #[command(flatten)]
@@ -126,8 +130,10 @@ pub fn work(args: WorkArgs) -> ExitCode {
     start(&args.data, async {
         let room = Room::open(&args.data).await?;
         let metrics = install_metrics()?;
-        let pool = room.pool(&args, find_blender(&args.blender).await.ok())?;
+        let blender = find_blender(&args.blender).await.ok();
+        let pool = room.pool(&args, blender.clone())?;
         let shutdown = Shutdown::default();
+        warm_blender_up(&args, blender, &shutdown);
         let stopping =
             tokio::spawn(stop_on_signal(shutdown.clone(), CancellationToken::new(), seconds(args.shutdown_grace_s)));
         pool.run(shutdown).await;
@@ -202,6 +208,7 @@ impl Room {
             deadline_grace: seconds(args.deadline_grace_s),
             limits: args.limits.limits(),
             remesher,
+            blender: args.blender.config(),
         };
         Pool::new(Arc::clone(&self.store), self.blobs.clone(), config).map_err(io_error("the scratch folder"))
     }
@@ -211,7 +218,8 @@ async fn serve_until_stopped(args: &ServeArgs) -> Result<(), ServiceError> {
     let room = Room::open(&args.work.data).await?;
     let metrics = install_metrics()?;
     let blender = find_blender(&args.work.blender).await;
-    let pool = room.pool(&args.work, blender.clone().ok())?;
+    let for_warmth = blender.clone().ok();
+    let pool = room.pool(&args.work, for_warmth.clone())?;
     let (limits, max_files) = (args.work.limits.limits(), usize::from(args.max_files));
     let stopping = CancellationToken::new();
     let state = ApiState {
@@ -229,6 +237,7 @@ async fn serve_until_stopped(args: &ServeArgs) -> Result<(), ServiceError> {
     let shutdown = Shutdown::default();
     let grace = seconds(args.work.shutdown_grace_s);
     tokio::spawn(stop_on_signal(shutdown.clone(), stopping.clone(), grace));
+    warm_blender_up(&args.work, for_warmth, &shutdown);
     let workers = tokio::spawn(pool.run(shutdown.clone()));
     let served = tokio::spawn(listen(listener, router(state), stopping));
     if let Err(error) = workers.await {
@@ -255,7 +264,7 @@ fn seconds(seconds: f64) -> Duration {
 
 /// Tier 3, or why there is none.
 async fn find_blender(args: &BlenderArgs) -> Result<RemesherInfo, String> {
-    let config = BlenderConfig { program: args.blender.clone(), ..BlenderConfig::default() };
+    let config = args.config();
     let found = tokio::task::spawn_blocking(move || BlenderRemesher::find(config)).await;
     let found = found.map_err(|e| e.to_string()).and_then(|found| found.map_err(|e| e.to_string()));
     match found {
@@ -269,6 +278,17 @@ async fn find_blender(args: &BlenderArgs) -> Result<RemesherInfo, String> {
             Err(reason)
         }
     }
+}
+
+/// Runs Blender once beside everything else; what comes of it is a line in the log. It ends when the service drains.
+fn warm_blender_up(args: &WorkArgs, info: Option<RemesherInfo>, shutdown: &Shutdown) {
+    let Some(info) = info.filter(|_| args.blender_warm_up) else { return };
+    let (config, drain) = (args.blender.config(), shutdown.drain.clone());
+    std::thread::spawn(move || match warm_up(info, config, &|| drain.is_cancelled()) {
+        Warmth::Warm(time) => tracing::info!(seconds = time.as_secs_f64(), "tier 3 is warm"),
+        Warmth::Failed(reason) => tracing::warn!(reason, "tier 3 was found but failed on a small model"),
+        Warmth::Stopped => {}
+    });
 }
 
 /// The first signal drains: no new connection, no new job, `grace` for what runs. The second, or the end of the grace,

@@ -1,7 +1,9 @@
+use std::borrow::Cow;
 use std::sync::OnceLock;
 
 use glam::DVec3;
 
+use super::compare::FaceKeys;
 use super::{Intersections, Measures, Solid, intersections, measure, nesting_depths, solids};
 use crate::context::{Cancelled, Context};
 use crate::math::{Tree, collinear, to_unit_range, unit_scale};
@@ -48,6 +50,7 @@ pub struct Analysis<'a> {
     flat: OnceLock<Vec<bool>>,
     depths: OnceLock<Vec<Option<u32>>>,
     tree: OnceLock<Tree>,
+    keys: OnceLock<(f64, FaceKeys)>,
     measures: OnceLock<Measures>,
     intersections: OnceLock<Intersections>,
 }
@@ -82,6 +85,7 @@ impl<'a> Analysis<'a> {
             flat: OnceLock::new(),
             depths: OnceLock::new(),
             tree: OnceLock::new(),
+            keys: OnceLock::new(),
             measures: OnceLock::new(),
             intersections: OnceLock::new(),
         })
@@ -139,6 +143,12 @@ impl<'a> Analysis<'a> {
         }
         let found = measure::count(self, context)?;
         Ok(self.measures.get_or_init(|| found))
+    }
+
+    /// The faces by where they are, when positions are multiplied by `scale`. Those of the first scale that is asked for are kept.
+    pub(super) fn keys(&self, scale: f64) -> Cow<'_, FaceKeys> {
+        let (known, keys) = self.keys.get_or_init(|| (scale, FaceKeys::new(self, scale)));
+        if *known == scale { Cow::Borrowed(keys) } else { Cow::Owned(FaceKeys::new(self, scale)) }
     }
 
     /// A tree over the faces of `surface` in the coordinates of [`Analysis::unit`].

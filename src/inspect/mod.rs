@@ -31,7 +31,8 @@ pub use analysis::{Analysis, Subject};
 pub use attributes::{Answer, Attributes, Unmeasurable};
 pub use characteristics::{Characteristics, characteristics};
 pub use compare::{
-    COMPARISON_VERSION, Changes, CompareOptions, Comparison, Deviation, InsideAgreement, Original, Spread, compare,
+    COMPARISON_VERSION, Certificate, Changes, CompareOptions, Comparison, Deviation, Dispensable, Fate, Fates,
+    InsideAgreement, Ledger, LostPart, Original, PartCertificate, Spread, SurfaceShare, SurfaceShares, compare,
     percent,
 };
 pub use defects::{CheckRule, CheckVerdict, Tolerance, ToleranceError, Tolerances, find_defects};
@@ -47,7 +48,9 @@ pub use measure::{measure, measure_analysis, measures};
 pub use measures::{BoundingBox, Measures, SelfIntersections, Volume};
 pub use nesting::{nesting, nesting_depths};
 pub use options_error::OptionsError;
-pub use print::{Fit, NoWall, Overhang, OverhangArea, PrintMeasures, ThinnestWall, Unit, UnitSource, print_measures};
+pub use print::{
+    Fit, NoWall, Overhang, OverhangArea, PrintMeasures, ThinnestWall, Unit, UnitSource, print_measures, thin_walls,
+};
 pub use set::{MeshPair, MeshSpacing, Nearest, SetIntersections, SetReport, SetSpacing};
 pub use shells::{Shell, Shells, Turning, shells};
 pub use solids::{Solid, doubled_areas, solids};

@@ -1,6 +1,6 @@
 use super::{RenderError, Scene, write_glb, write_picture, write_ply};
 use crate::context::Context;
-use crate::inspect::Findings;
+use crate::inspect::{Fates, Findings};
 use crate::mesh::Soup;
 
 /// A mesh and what was found on it.
@@ -45,6 +45,20 @@ pub fn draw_repaired(
         drawings.push(Drawing { name: "after.png", bytes: write_picture(&scene, "after", context)? });
     }
     Ok(drawings)
+}
+
+/// The drawings of what became of a mesh: `change.png`, `change.glb` and `change.ply`. `after` is the result as its file has
+/// it.
+///
+/// # Errors
+/// The first [`RenderError`].
+pub fn draw_change(after: &Soup, fates: &Fates, context: &Context<'_>) -> Result<Vec<Drawing>, RenderError> {
+    let scene = Scene::of_change(after, fates, context)?;
+    Ok(vec![
+        Drawing { name: "change.png", bytes: write_picture(&scene, "change", context)? },
+        Drawing { name: "change.glb", bytes: write_glb(&scene, context)? },
+        Drawing { name: "change.ply", bytes: write_ply(&scene, context)? },
+    ])
 }
 
 fn draw_input(

@@ -1,11 +1,10 @@
 use glam::DVec3;
 use serde_json::{Value, json};
 
-use super::palette::{SOUND, colour, id};
-use super::scene::Compactor;
+use super::palette::{SOUND, colour};
+use super::scene::{Compactor, Paint, Shows};
 use super::{Colour, RenderError, Scene};
 use crate::context::Context;
-use crate::inspect::DefectKind;
 
 /// How many times larger than the model its coordinates may be before it is written about its own middle.
 const FAR: f64 = 8.0;
@@ -22,7 +21,8 @@ const LINES: u32 = 1;
 const TRIANGLES: u32 = 4;
 
 /// Writes the mesh as glTF 2.0 binary: a node `sound` and one node for each kind of defect that can be shown, named by
-/// the kind, with its own material; lines are `LINES`, dots are `POINTS`. The legend is in the scene's `extras`.
+/// the kind, with its own material; lines are `LINES`, dots are `POINTS`. Of a change it has one node for each fate. The
+/// legend is in the scene's `extras`.
 ///
 /// The root node turns z up into y up, and moves the model to its place where its coordinates are large for its
 /// size, so that f32 keeps its detail. Numbers are in the model's own unit; where they do not fit f32 they are
@@ -40,15 +40,15 @@ pub fn write_glb(scene: &Scene, context: &Context<'_>) -> Result<Vec<u8>, Render
 }
 
 /// The groups of faces, and empty ones for the kinds that have only lines or dots.
-fn groups_with_lines(scene: &Scene) -> Vec<(Option<DefectKind>, Vec<u32>)> {
-    let mut groups: Vec<_> = scene.groups().into_iter().map(|(paint, faces)| (paint.0, faces)).collect();
+fn groups_with_lines(scene: &Scene) -> Vec<(Paint, Vec<u32>)> {
+    let mut groups = scene.groups();
     let kinds = scene.segments.iter().map(|s| s.kind).chain(scene.dots.iter().map(|d| d.kind));
-    let mut drawn: Vec<DefectKind> = kinds.collect();
+    let mut drawn: Vec<Paint> = kinds.map(Paint::Defect).collect();
     drawn.sort_unstable();
     drawn.dedup();
     for kind in drawn {
-        if !groups.iter().any(|(paint, _)| *paint == Some(kind)) {
-            groups.push((Some(kind), Vec::new()));
+        if !groups.iter().any(|(paint, _)| *paint == kind) {
+            groups.push((kind, Vec::new()));
         }
     }
     groups.sort_by_key(|(paint, _)| *paint);
@@ -91,20 +91,20 @@ impl File {
     }
 
     /// One node with its triangles, lines and dots.
-    fn node(&mut self, scene: &Scene, kind: Option<DefectKind>, faces: &[u32]) -> Result<(), RenderError> {
-        let name = kind.map_or_else(|| "sound".to_owned(), id);
+    fn node(&mut self, scene: &Scene, paint: Paint, faces: &[u32]) -> Result<(), RenderError> {
+        let name = paint.id();
         let mut primitives = Vec::new();
         if !faces.is_empty() {
             let group = self.compactor.compact(&scene.surface, faces);
             let points = group.vertices.iter().map(|&v| scene.surface.positions[v as usize]);
             let position = self.positions(points);
             let indices = self.indices(group.faces.iter().flatten().copied());
-            let paint = super::scene::Paint(kind).colour();
-            let suffix = if kind.is_some_and(|k| colour(k) != paint) { "_beside" } else { "" };
-            let material = self.material(&format!("{name}{suffix}"), paint);
+            let shown = paint.colour();
+            let suffix = if matches!(paint, Paint::Defect(kind) if colour(kind) != shown) { "_beside" } else { "" };
+            let material = self.material(&format!("{name}{suffix}"), shown);
             primitives.push(primitive(TRIANGLES, position, Some(indices), material));
         }
-        if let Some(kind) = kind {
+        if let Paint::Defect(kind) = paint {
             let ends: Vec<DVec3> = scene.segments.iter().filter(|s| s.kind == kind).flat_map(|s| s.ends).collect();
             let dots: Vec<DVec3> = scene.dots.iter().filter(|d| d.kind == kind).map(|d| d.at).collect();
             if !ends.is_empty() || !dots.is_empty() {
@@ -186,11 +186,15 @@ impl File {
             root["translation"] = json!([self.middle.x, self.middle.z, -self.middle.y]);
         }
         self.nodes.insert(0, root);
+        let name = match scene.shows {
+            Shows::Defects => "defects",
+            Shows::Change => "change",
+        };
         let mut document = json!({
             "asset": { "version": "2.0", "generator": crate::ENGINE },
             "scene": 0,
             "scenes": [{
-                "name": "defects",
+                "name": name,
                 "nodes": [0],
                 "extras": { "legend": scene.legend, "sound": SOUND, "scale": self.scale },
             }],

@@ -1,4 +1,4 @@
-//! Pictures and coloured meshes of what was found on a mesh.
+//! Pictures and coloured meshes of what was found on a mesh, and of what became of it.
 //!
 //! [`Scene`] lays a mesh and its findings out once; [`write_picture`], [`write_glb`] and [`write_ply`] draw it, and
 //! [`draw_repaired`] and [`draw_inspected`] make the files that go beside a result. The colours are in [`palette`].
@@ -14,12 +14,12 @@ mod ply;
 mod raster;
 mod scene;
 
-pub use drawings::{Drawing, Marked, draw_inspected, draw_repaired};
+pub use drawings::{Drawing, Marked, draw_change, draw_inspected, draw_repaired};
 pub use glb::write_glb;
 pub use palette::{Colour, LegendEntry};
 pub use picture::write_picture;
 pub use ply::write_ply;
-pub use scene::{Dot, Frame, Paint, Scene, Segment};
+pub use scene::{Dot, Frame, Paint, Scene, Segment, Shows};
 
 /// Why a picture or a coloured mesh could not be made.
 #[derive(Debug, thiserror::Error)]

@@ -4,7 +4,8 @@ use std::fmt;
 
 use serde::{Serialize, Serializer};
 
-use crate::inspect::{DefectKind, Findings};
+use super::scene::Paint;
+use crate::inspect::{DefectKind, Fate, Findings, SurfaceShares};
 
 /// A colour in sRGB.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -169,6 +170,23 @@ pub fn id(kind: DefectKind) -> String {
     serde_json::to_value(kind).ok().and_then(|v| v.as_str().map(str::to_owned)).unwrap_or_default()
 }
 
+/// The colour of surface by what became of it: four of the colours of defects, so that the same test holds them apart.
+#[must_use]
+pub fn fate_colour(fate: Fate) -> Colour {
+    match fate {
+        Fate::Kept => SOUND,
+        Fate::Moved => colour(DefectKind::Hole),
+        Fate::Added => colour(DefectKind::MisorientedEdge),
+        Fate::Removed => colour(DefectKind::SelfIntersection),
+    }
+}
+
+/// The name of a fate as in reports, such as `kept`.
+#[must_use]
+pub fn fate_id(fate: Fate) -> String {
+    serde_json::to_value(fate).ok().and_then(|v| v.as_str().map(str::to_owned)).unwrap_or_default()
+}
+
 /// The colour of a face: of its kind, or a tint of it where the kind is a line or a point.
 #[must_use]
 pub fn face_colour(kind: DefectKind) -> Colour {
@@ -190,14 +208,17 @@ pub fn gravest(marks: u32) -> Option<DefectKind> {
 /// One line of a legend.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct LegendEntry {
-    /// Which kind.
-    pub kind: DefectKind,
+    /// Which kind, or which fate, by its name in reports.
+    pub kind: Paint,
     /// Its name in words.
     pub name: &'static str,
     /// Its colour, as `#RRGGBB` in JSON.
     pub colour: Colour,
     /// How many of it there are.
     pub count: u64,
+    /// The area of so much surface, in the square of the model's unit; none for defects.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub area: Option<f64>,
 }
 
 /// The kinds that were found, gravest first.
@@ -207,9 +228,36 @@ pub fn legend(findings: &Findings) -> Vec<LegendEntry> {
     found
         .map(|kind| {
             let count = findings.count(kind);
-            LegendEntry { kind, name: in_words(kind, count), colour: colour(kind), count }
+            LegendEntry {
+                kind: Paint::Defect(kind),
+                name: in_words(kind, count),
+                colour: colour(kind),
+                count,
+                area: None,
+            }
         })
         .collect()
+}
+
+/// All four fates, also those of no surface, so that the colours can be read.
+#[must_use]
+pub fn legend_of_change(shares: &SurfaceShares) -> Vec<LegendEntry> {
+    let entry = |fate| {
+        let (share, name) = match fate {
+            Fate::Kept => (shares.kept, "faces kept"),
+            Fate::Moved => (shares.moved, "faces moved"),
+            Fate::Added => (shares.added, "faces added"),
+            Fate::Removed => (shares.removed, "faces removed, in part or whole"),
+        };
+        LegendEntry {
+            kind: Paint::Fate(fate),
+            name,
+            colour: fate_colour(fate),
+            count: share.faces,
+            area: Some(share.area),
+        }
+    };
+    Fate::ALL.map(entry).to_vec()
 }
 
 #[cfg(test)]

@@ -6,8 +6,10 @@ use super::canvas::{Canvas, text_width};
 use super::overlay::draw_overlay;
 use super::palette::INSIDE;
 use super::raster::Raster;
+use super::scene::{Paint, Shows};
 use super::{Colour, RenderError, Scene};
 use crate::context::Context;
+use crate::inspect::Fate;
 
 /// Width and height of a picture in pixels.
 const SIZE: [usize; 2] = [960, 720];
@@ -120,9 +122,21 @@ fn scale_bar(canvas: &mut Canvas, pixels_a_unit: f64) {
 
 fn header(canvas: &mut Canvas, scene: &Scene, title: &str, every: usize) {
     let faces = scene.surface.faces.len();
-    let found: u64 = scene.legend.iter().map(|entry| entry.count).sum();
+    let found = match scene.shows {
+        Shows::Defects => {
+            let found: u64 = scene.legend.iter().map(|entry| entry.count).sum();
+            format!(", {found} finding{}", plural(found))
+        }
+        // The faces drawn are those of the result and what was removed.
+        Shows::Change
+            if scene.legend.iter().any(|entry| entry.kind == Paint::Fate(Fate::Removed) && entry.count > 0) =>
+        {
+            ", removed ones among them".to_owned()
+        }
+        Shows::Change => String::new(),
+    };
     let part = if every > 1 { format!(" (one of {every} drawn)") } else { String::new() };
-    let text = format!("{title}: {faces} face{}{part}, {found} finding{}", plural(faces as u64), plural(found));
+    let text = format!("{title}: {faces} face{}{part}{found}", plural(faces as u64));
     canvas.text([8, 7], &text, INK);
     if faces > 0 {
         let [x, y, z] = scene.frame.sides().to_array().map(number);

@@ -2,8 +2,8 @@ use std::fmt::Write as _;
 
 use glam::DVec3;
 
-use super::palette::{SOUND, colour, id};
-use super::scene::Compactor;
+use super::palette::{SOUND, colour};
+use super::scene::{Compactor, Shows};
 use super::{Colour, RenderError, Scene};
 use crate::context::Context;
 
@@ -16,7 +16,8 @@ const DOT: f64 = 0.012;
 /// colours share no vertex.
 ///
 /// Lines and dots are small tubes and octahedra after the mesh's own faces, because few programs draw PLY's edges. The
-/// face property `defect` is 0 for sound surface, otherwise 1 and the kind's number; 255 marks tubes and octahedra.
+/// face property `defect` is 0 for sound surface, otherwise 1 and the kind's number; 255 marks tubes and octahedra. Of a
+/// change it is `fate`: 0 kept, 1 moved, 2 added, 3 removed.
 /// The legend is in the comments. Positions are `float` where that loses nothing, else `double`.
 ///
 /// # Errors
@@ -31,9 +32,8 @@ pub fn write_ply(scene: &Scene, context: &Context<'_>) -> Result<Vec<u8>, Render
         for &v in &group.vertices {
             body.vertex(scene.surface.positions[v as usize], paint.colour());
         }
-        let number = paint.0.map_or(0, |kind| 1 + kind as u8);
         for face in group.faces {
-            body.face(first, face, number)?;
+            body.face(first, face, paint.number())?;
         }
     }
     let own = body.faces;
@@ -50,16 +50,24 @@ pub fn write_ply(scene: &Scene, context: &Context<'_>) -> Result<Vec<u8>, Render
 fn header(scene: &Scene, body: &Body, own: u64) -> String {
     let real = if body.wide { "double" } else { "float" };
     let mut text = format!("ply\nformat binary_little_endian 1.0\ncomment {}\n", crate::ENGINE);
-    let _ = writeln!(text, "comment legend sound {SOUND}");
-    for entry in &scene.legend {
-        let _ = writeln!(text, "comment legend {} {} {} {}", id(entry.kind), entry.colour, entry.count, entry.name);
+    let property = match scene.shows {
+        Shows::Defects => "defect",
+        Shows::Change => "fate",
+    };
+    if scene.shows == Shows::Defects {
+        let _ = writeln!(text, "comment legend sound {SOUND}");
     }
-    let _ = writeln!(text, "comment faces from {own} on mark lines and points and are no part of the mesh");
+    for entry in &scene.legend {
+        let _ = writeln!(text, "comment legend {} {} {} {}", entry.kind.id(), entry.colour, entry.count, entry.name);
+    }
+    if scene.shows == Shows::Defects {
+        let _ = writeln!(text, "comment faces from {own} on mark lines and points and are no part of the mesh");
+    }
     let _ = write!(
         text,
         "element vertex {}\nproperty {real} x\nproperty {real} y\nproperty {real} z\n\
          property uchar red\nproperty uchar green\nproperty uchar blue\n\
-         element face {}\nproperty list uchar uint vertex_indices\nproperty uchar defect\nend_header\n",
+         element face {}\nproperty list uchar uint vertex_indices\nproperty uchar {property}\nend_header\n",
         body.vertices, body.faces
     );
     text

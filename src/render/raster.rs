@@ -59,8 +59,12 @@ impl Raster {
         let corners = |f: usize| scene.surface.faces[f].map(|v| points[v as usize]);
         let lifts = lifts();
         for (f, &paint) in scene.paint.iter().enumerate() {
-            if paint.0.is_some() || f % raster.every == 0 {
-                let lift = paint.0.map_or(0.0, |kind| lifts[kind as usize]);
+            if !paint.is_plain() || f % raster.every == 0 {
+                let lift = match paint {
+                    Paint::Sound => 0.0,
+                    Paint::Defect(kind) => lifts[kind as usize],
+                    Paint::Fate(fate) => f32::from(fate as u8) * LIFT,
+                };
                 raster.face(camera, corners(f), paint, lift);
             }
         }
@@ -82,10 +86,10 @@ impl Raster {
         let outer = normal.z > 0.0;
         let towards_light = normal.dot(if outer { LIGHT } else { -LIGHT });
         let light = SHADOW + (1.0 - SHADOW) * ((towards_light + 1.0) / 2.0).powi(2);
-        let colour = match (outer, paint.0) {
+        let colour = match (outer, paint) {
             (true, _) => paint.colour().lit(light),
-            (false, None) => INSIDE.lit(light),
-            (false, Some(_)) => paint.colour().mixed(INSIDE, 0.3).lit(0.8 * light),
+            (false, Paint::Sound) => INSIDE.lit(light),
+            (false, _) => paint.colour().mixed(INSIDE, 0.3).lit(0.8 * light),
         };
         let lift = if outer { lift } else { lift - DROP };
         let placed = corners.map(|p| {
@@ -93,7 +97,7 @@ impl Raster {
             it.z += lift;
             it
         });
-        self.triangle(placed, Seen { colour, inside: !outer && paint.0.is_none() });
+        self.triangle(placed, Seen { colour, inside: !outer && paint == Paint::Sound });
     }
 
     /// Fills a triangle, its borders included.

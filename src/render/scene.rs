@@ -1,9 +1,14 @@
 use glam::DVec3;
 
-use super::palette::{BY_GRAVITY, LegendEntry, SOUND, Shape, face_colour, gravest, legend, shape};
+use serde::{Serialize, Serializer};
+
+use super::palette::{
+    BY_GRAVITY, LegendEntry, SOUND, Shape, face_colour, fate_colour, fate_id, gravest, id, legend, legend_of_change,
+    shape,
+};
 use super::{Colour, RenderError};
 use crate::context::Context;
-use crate::inspect::{Defect, DefectKind, Findings};
+use crate::inspect::{Defect, DefectKind, Fate, Fates, Findings};
 use crate::math::{Box3, to_unit_range};
 use crate::mesh::{Soup, Surface};
 
@@ -26,21 +31,71 @@ pub struct Scene {
     pub frame: Frame,
     /// What was found.
     pub legend: Vec<LegendEntry>,
+    /// What it is about.
+    pub shows: Shows,
 }
 
-/// What a face is shown as: sound, or part of a defect.
+/// What a scene is about.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Shows {
+    /// What is wrong with a mesh.
+    Defects,
+    /// What became of one mesh in another.
+    Change,
+}
+
+/// What a face is shown as.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub struct Paint(pub Option<DefectKind>);
+pub enum Paint {
+    /// Surface with nothing wrong.
+    Sound,
+    /// Part of a defect.
+    Defect(DefectKind),
+    /// Surface of which it is told what became of it.
+    Fate(Fate),
+}
 
 impl Paint {
     /// Its colour.
     #[must_use]
     pub fn colour(self) -> Colour {
-        self.0.map_or(SOUND, face_colour)
+        match self {
+            Self::Sound => SOUND,
+            Self::Defect(kind) => face_colour(kind),
+            Self::Fate(fate) => fate_colour(fate),
+        }
     }
 
-    fn number(self) -> usize {
-        self.0.map_or(0, |kind| 1 + kind as usize)
+    /// Its name in files and reports.
+    #[must_use]
+    pub fn id(self) -> String {
+        match self {
+            Self::Sound => "sound".to_owned(),
+            Self::Defect(kind) => id(kind),
+            Self::Fate(fate) => fate_id(fate),
+        }
+    }
+
+    /// Whether it is what most surface is, of which a part tells enough.
+    #[must_use]
+    pub fn is_plain(self) -> bool {
+        matches!(self, Self::Sound | Self::Fate(Fate::Kept))
+    }
+
+    /// Its number in files: 0 for sound surface, then the kinds of defect; fates from 0.
+    #[must_use]
+    pub fn number(self) -> u8 {
+        match self {
+            Self::Sound => 0,
+            Self::Defect(kind) => 1 + kind as u8,
+            Self::Fate(fate) => fate as u8,
+        }
+    }
+}
+
+impl Serialize for Paint {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.serialize_str(&self.id())
     }
 }
 
@@ -127,11 +182,19 @@ impl Scene {
         let (surface, _) = Surface::from_soup(soup);
         context.check()?;
         let mark = |source: u32| findings.marks.get(source as usize).copied().unwrap_or(0);
-        let paint = surface.source.iter().map(|&source| Paint(gravest(mark(source)))).collect();
+        let paint =
+            surface.source.iter().map(|&source| gravest(mark(source)).map_or(Paint::Sound, Paint::Defect)).collect();
         let frame = Frame::new(Box3::of(surface.positions.iter().copied()));
         context.check()?;
-        let mut scene =
-            Self { surface, paint, segments: Vec::new(), dots: Vec::new(), frame, legend: legend(findings) };
+        let mut scene = Self {
+            surface,
+            paint,
+            segments: Vec::new(),
+            dots: Vec::new(),
+            frame,
+            legend: legend(findings),
+            shows: Shows::Defects,
+        };
         for kind in BY_GRAVITY {
             for defect in findings.places(kind) {
                 scene.place(kind, defect, soup);
@@ -139,6 +202,28 @@ impl Scene {
             context.check()?;
         }
         Ok(scene)
+    }
+
+    /// Lays out what became of a mesh: the faces of `after` by their fate, and what was removed. O(n log n).
+    ///
+    /// # Errors
+    /// [`RenderError::Cancelled`] when the work should stop, [`RenderError::TooLarge`] beyond 2^32 vertices.
+    pub fn of_change(after: &Soup, fates: &Fates, context: &Context<'_>) -> Result<Self, RenderError> {
+        let mut both = after.clone();
+        for corners in &fates.removed {
+            let first = u32::try_from(both.positions.len() + 2).map_err(|_| RenderError::TooLarge)? - 2;
+            both.positions.extend(corners);
+            both.faces.push([first, first + 1, first + 2]);
+        }
+        let (surface, _) = Surface::from_soup(&both);
+        context.check()?;
+        let fate =
+            |source: u32| fates.of_face.get(source as usize).map_or(Fate::Removed, |fate| fate.unwrap_or(Fate::Kept));
+        let paint = surface.source.iter().map(|&source| Paint::Fate(fate(source))).collect();
+        let frame = Frame::new(Box3::of(surface.positions.iter().copied()));
+        let legend = legend_of_change(&fates.shares);
+        let (segments, dots) = (Vec::new(), Vec::new());
+        Ok(Self { surface, paint, segments, dots, frame, legend, shows: Shows::Change })
     }
 
     /// Adds the line or the dot of one defect.
@@ -181,15 +266,18 @@ impl Scene {
         }
     }
 
-    /// The faces grouped by what they are shown as: sound ones first, then by kind; no group is empty.
+    /// The faces grouped by what they are shown as: sound ones first, then by kind, or by fate; no group is empty.
     #[must_use]
     pub fn groups(&self) -> Vec<(Paint, Vec<u32>)> {
-        let mut groups = vec![Vec::new(); DefectKind::ALL.len() + 1];
+        let paints: Vec<Paint> = match self.shows {
+            Shows::Defects => std::iter::once(Paint::Sound).chain(DefectKind::ALL.map(Paint::Defect)).collect(),
+            Shows::Change => Fate::ALL.map(Paint::Fate).to_vec(),
+        };
+        let mut groups = vec![Vec::new(); paints.len()];
         for (paint, f) in self.paint.iter().zip(0u32..) {
-            groups[paint.number()].push(f);
+            groups[usize::from(paint.number())].push(f);
         }
-        let paints = std::iter::once(Paint(None)).chain(DefectKind::ALL.into_iter().map(|kind| Paint(Some(kind))));
-        paints.zip(groups).filter(|(_, faces)| !faces.is_empty()).collect()
+        paints.into_iter().zip(groups).filter(|(_, faces)| !faces.is_empty()).collect()
     }
 }
 

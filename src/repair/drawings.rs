@@ -3,7 +3,7 @@ use std::time::Duration;
 use super::Repaired;
 use crate::context::{Cancelled, Context};
 use crate::format::{self, Limits, ReadError};
-use crate::render::{Drawing, Marked, RenderError, draw_repaired};
+use crate::render::{Drawing, Marked, RenderError, draw_change, draw_repaired};
 
 /// Why a repair could not be drawn.
 #[derive(Debug, thiserror::Error)]
@@ -19,8 +19,8 @@ pub enum DrawError {
     Render(#[from] RenderError),
 }
 
-/// Draws what was wrong with a file and what is wrong with its repaired one, both read from their bytes, so that the
-/// drawings show what those hold.
+/// Draws what was wrong with a file, what is wrong with its repaired one, and what became of its surface, all read from the
+/// bytes of both, so that the drawings show what those hold.
 ///
 /// # Errors
 /// [`DrawError`]; the repaired file is good all the same.
@@ -34,8 +34,8 @@ pub fn draw(
     let left = Duration::from_secs_f64(repaired.report.options.deadline_s)
         .saturating_sub(Duration::try_from_secs_f64(repaired.report.milliseconds / 1e3).unwrap_or_default());
     let context = &context.limited_to(left);
-    let before = format::read(input, limits)?.soup;
-    let before = Marked { soup: &before, findings: &repaired.found_before };
+    let read = format::read(input, limits)?.soup;
+    let before = Marked { soup: &read, findings: &repaired.found_before };
     let ours = Limits { max_bytes: u64::MAX, max_faces: u64::MAX, max_vertices: u64::MAX };
     let after = match &repaired.found_after {
         Some(findings) => Some((format::read(&repaired.bytes, &ours)?.soup, findings)),
@@ -43,5 +43,10 @@ pub fn draw(
     };
     let unchanged = (repaired.bytes == input).then_some(before);
     let after = after.as_ref().map(|(soup, findings)| Marked { soup, findings });
-    Ok(draw_repaired(before, after.or(unchanged), context)?)
+    let shown = after.or(unchanged);
+    let mut drawings = draw_repaired(before, shown, context)?;
+    if let (Some(shown), Some(fates)) = (shown, &repaired.fates) {
+        drawings.extend(draw_change(shown.soup, fates, context)?);
+    }
+    Ok(drawings)
 }

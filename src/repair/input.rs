@@ -1,5 +1,5 @@
 use super::RepairError;
-use super::verdict::{JudgeError, Judged, Patches, judge};
+use super::verdict::{JudgeError, Judged, Patches, fates, judge};
 use super::{Cancelled, Category, Context, FileSummary, Options, Outcome, Plan, Preset, REPORT_VERSION, Report};
 use crate::format::{self, Format, Limits, ReadError, ReadMesh};
 use crate::inspect::{
@@ -36,6 +36,8 @@ impl Input<'_> {
                 changes: self.original.changes(self.analysis, before, Some(&[]), &context.without_deadline())?,
                 red_flags: Vec::new(),
                 looked: None,
+                fates: None,
+                ledger: None,
             }));
         }
         let surface = &self.analysis.surface;
@@ -50,13 +52,15 @@ impl Input<'_> {
         }
     }
 
-    /// Looks at a result as at the input: at its own bytes, read back. Those of the input are known already.
+    /// Looks at a result as at the input: at its own bytes, read back, and at what became of the input. What the input's bytes
+    /// say is known already.
     pub fn after(
         &self,
         judged: &mut Judged,
         context: &Context<'_>,
     ) -> Result<(Inspection, Option<Findings>), RepairError> {
         if judged.bytes == self.bytes {
+            judged.fates = fates(self.original, self.analysis, context)?;
             return Ok((self.before.clone(), None));
         }
         if let Some((inspection, findings)) = judged.looked.take() {
@@ -65,6 +69,7 @@ impl Input<'_> {
         let read = read_own(&judged.bytes)?;
         let analysis = Analysis::new(subject(&read), &context.without_deadline())?;
         let (inspection, findings) = look(&analysis, || Ok(judged.measures.clone()), context)?;
+        judged.fates = fates(self.original, &analysis, context)?;
         Ok((inspection, Some(findings)))
     }
 
@@ -92,6 +97,7 @@ impl Input<'_> {
             after: None,
             verified_from_output_bytes: false,
             changes: None,
+            ledger: None,
             plan: Plan {
                 category: Category::Clean,
                 preset: Preset::BasicCleanup,

@@ -7,6 +7,7 @@ mod category;
 mod climb;
 mod drawings;
 mod input;
+mod ledger;
 pub mod operators;
 mod options;
 mod pipeline;
@@ -24,6 +25,7 @@ pub use crate::context::{Cancelled, Context, NoProgress, Progress, Stage, monoto
 pub use crate::inspect::OptionsError;
 pub use category::categorise;
 pub use drawings::{DrawError, draw};
+pub use ledger::ledger;
 pub use operators::Operator;
 pub use options::{OpenSheets, Options, OutputFormat, Preset};
 pub use pipeline::{RepairError, Repaired, repair};

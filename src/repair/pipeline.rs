@@ -7,11 +7,11 @@ use super::sheets::open_sheet_share;
 use super::tiers::Runner;
 use super::verdict::{Judged, rank_of_input};
 use super::{
-    Cancelled, Candidate, Category, Context, FileSummary, Options, OptionsError, Outcome, Remesher, Report, Stage,
-    categorise, summary,
+    Cancelled, Candidate, Category, Changes, Context, FileSummary, Options, OptionsError, Outcome, Remesher, Report,
+    Stage, categorise, summary,
 };
 use crate::format::{self, Format, Limits, ReadError, ReadOptions, WriteError};
-use crate::inspect::{Analysis, CompareOptions, Findings, Original, measure_analysis};
+use crate::inspect::{Analysis, CompareOptions, Fates, Findings, Original, measure_analysis};
 
 /// A repaired file and its account.
 #[derive(Debug, Clone, PartialEq)]
@@ -26,6 +26,8 @@ pub struct Repaired {
     pub found_before: Findings,
     /// What was found on the result, where there is one that is not the input.
     pub found_after: Option<Findings>,
+    /// What became of every piece of surface, where there is a result and there was time to ask.
+    pub fates: Option<Fates>,
 }
 
 /// Why there is no result at all. A model that can't be repaired is no error: see [`Outcome::Unrepairable`].
@@ -142,13 +144,16 @@ impl Ending<'_> {
         let Self { input, found_before, format, start, context } = self;
         report.outcome = outcome;
         report.summary = summary::in_words(outcome, &report, judged.as_ref().map(|j| &j.measures), context);
-        let (mut bytes, mut found_after) = (Vec::new(), None);
+        let (mut bytes, mut found_after, mut fates) = (Vec::new(), None, None);
         if let Some(mut judged) = judged {
             let (after, found) = input.after(&mut judged, context)?;
             report.after = Some(after);
             found_after = found;
             report.output = Some(FileSummary { format, dialect: judged.dialect, bytes: judged.bytes.len() as u64 });
-            report.changes = Some(judged.changes);
+            fates = judged.fates;
+            let surface = fates.as_ref().map(|fates| fates.shares);
+            report.changes = Some(Changes { surface, ..judged.changes });
+            report.ledger = judged.ledger;
             report.red_flags = judged.red_flags;
             report.verified_from_output_bytes = true;
             bytes = judged.bytes;
@@ -156,6 +161,6 @@ impl Ending<'_> {
         report.milliseconds = context.now().saturating_sub(start).as_secs_f64() * 1e3;
         context.log(&report.summary);
         context.report(Stage::Finish, None, 100);
-        Ok(Repaired { bytes, format, report, found_before, found_after })
+        Ok(Repaired { bytes, format, report, found_before, found_after, fates })
     }
 }

@@ -1,4 +1,4 @@
-use super::{Changes, OpenSheets, Options, RedFlag, RedFlagCode};
+use super::{Changes, Context, Ledger, LostPart, OpenSheets, Options, RedFlag, RedFlagCode};
 use crate::inspect::{Measures, percent};
 
 /// Share of the sound faces that must stand for parts to have been joined rather than lost; the rest are slivers that
@@ -89,6 +89,20 @@ pub fn red_flags(
         raise(RedFlagCode::PartsMerged, before.parts as f64, 1.0, format!("{} parts became one", before.parts));
     }
     flags
+}
+
+/// The flag for parts that are neither in the result nor certified, which the log tells too, since it is an error of the
+/// program.
+pub(super) fn part_lost(ledger: &Ledger, context: &Context<'_>) -> Option<RedFlag> {
+    let first = ledger.lost_parts.first()?;
+    let LostPart { part, first_face, faces, .. } = first;
+    let detail = format!(
+        "{} of {} parts are neither in the result nor duplicates, without volume, or inside another; the first is part {part} \
+         of {faces} faces from face {first_face} on",
+        ledger.lost, ledger.parts
+    );
+    context.log(&format!("part lost: {detail}"));
+    Some(RedFlag { code: RedFlagCode::PartLost, value: ledger.lost as f64, threshold: 0.0, detail })
 }
 
 fn largest_coordinate(measures: &Measures) -> f64 {

@@ -36,10 +36,14 @@ pub struct RemeshRequest<'a> {
     pub action: RemeshAction,
     /// Voxel edge in the mesh's unit; not used by the boolean.
     pub voxel_size: f64,
+    /// Largest voxel edge that may be used instead, where the memory does not allow that one or the program crashed with it.
+    pub coarsest: f64,
     /// Most faces to accept back.
     pub max_faces: u64,
     /// Most time to take, besides the context's deadline.
     pub time_limit: Duration,
+    /// How far the whole repair is, in percent, for the progress while it waits.
+    pub percent: u8,
 }
 
 /// What tier 3 made. Not verified: the pipeline judges it like any other candidate.
@@ -47,6 +51,16 @@ pub struct RemeshRequest<'a> {
 pub struct Remeshed {
     /// The new mesh, in the input's unit and place.
     pub soup: Soup,
+    /// The voxel edge that it was made with, where that is not the one that was asked for.
+    pub voxel_size: Option<f64>,
+    /// What went otherwise than asked, in words.
+    pub note: Option<String>,
+}
+
+impl From<Soup> for Remeshed {
+    fn from(soup: Soup) -> Self {
+        Self { soup, voxel_size: None, note: None }
+    }
 }
 
 /// Why tier 3 made nothing.
@@ -63,6 +77,14 @@ pub enum RemeshError {
     /// It ran longer than it may.
     #[error("stopped after {seconds:.1} s, the time it had", seconds = .0.as_secs_f64())]
     TimedOut(Duration),
+    /// As many ran on the machine as memory allows, until the time was over.
+    #[error("none of the {at_once} that may run at once on this machine was free within {seconds:.1} s, the time it had", seconds = .waited.as_secs_f64())]
+    NoneFree {
+        /// How many may run at once.
+        at_once: u32,
+        /// How long it waited.
+        waited: Duration,
+    },
     /// The job was cancelled.
     #[error("cancelled")]
     Cancelled,

@@ -3,12 +3,13 @@ use utoipa::ToSchema;
 
 use super::{Operator, Options, Preset, RemesherInfo};
 use crate::format::Format;
-pub use crate::inspect::Changes;
 use crate::inspect::Inspection;
+pub use crate::inspect::{Certificate, Changes, Ledger, LostPart, PartCertificate};
 
 /// The version of [`Report`]'s structure. 2: `before` and `after` are inspections, which add `version`, `level` and
-/// `defects` to the measures of version 1. 3: a plan's actions list their operators, and a step is one operator.
-pub const REPORT_VERSION: u32 = 3;
+/// `defects` to the measures of version 1. 3: a plan's actions list their operators, and a step is one operator. 4:
+/// adds `ledger`, `changes.surface` and the red flag `part_lost`.
+pub const REPORT_VERSION: u32 = 4;
 
 /// What became of a model, apart from whether the job ran.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
@@ -113,6 +114,9 @@ pub struct Report {
     pub verified_from_output_bytes: bool,
     /// From `before` to `after`.
     pub changes: Option<Changes>,
+    /// What became of each part of the input; none where the input itself is handed out.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub ledger: Option<Ledger>,
     /// What was going to be done, and why.
     pub plan: Plan,
     /// What was done, in order.
@@ -314,4 +318,6 @@ pub enum RedFlagCode {
     Deviation,
     /// Several parts became one.
     PartsMerged,
+    /// A part of the input is neither in the result nor certified as not missed: an error of the program.
+    PartLost,
 }

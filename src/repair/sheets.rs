@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use crate::inspect::solids;
+use crate::inspect::{Solid, solids};
 use crate::mesh::{Edges, Fans, Parts, Surface, boundary_loops};
 
 /// A part is closed when its patches have at most this share of its own area, ...
@@ -39,12 +39,20 @@ pub fn encloses(area: f64, patch_area: f64, volume: Option<f64>) -> bool {
 pub fn open_sheet_share(surface: &Surface) -> f64 {
     let edges = Edges::new(&surface.faces);
     let parts = Parts::new(surface, &edges);
-    let fans = Fans::new(surface, &edges);
-    let loops = boundary_loops(surface, &edges, &fans);
     let solids = solids(surface, &edges, &parts);
+    let total: f64 = solids.iter().map(|s| s.area).sum();
+    let sheets = open_sheets(surface, &edges, &parts, &solids);
+    let sheets: f64 = solids.iter().zip(sheets).filter(|(_, sheet)| *sheet).map(|(s, _)| s.area).sum();
+    if total > 0.0 { sheets / total } else { 0.0 }
+}
+
+/// Of each part whether it is an open sheet, as [`open_sheet_share`] tells them.
+pub(super) fn open_sheets(surface: &Surface, edges: &Edges, parts: &Parts, solids: &[Solid]) -> Vec<bool> {
+    let fans = Fans::new(surface, edges);
+    let loops = boundary_loops(surface, edges, &fans);
     let mut patch_area = vec![0.0; parts.count];
     let mut volume: Vec<f64> = solids.iter().map(|s| s.volume).collect();
-    let (open, mut walked) = (parts.open(&edges), vec![false; parts.count]);
+    let (open, mut walked) = (parts.open(edges), vec![false; parts.count]);
     for (vertices, &face) in loops.simple.iter().zip(&loops.face) {
         let part = parts.of_face[face as usize] as usize;
         walked[part] = true;
@@ -58,17 +66,12 @@ pub fn open_sheet_share(surface: &Surface) -> f64 {
         }
     }
     // A boundary that can't be walked is that of walls around something, or of faces around an edge.
-    let patches = Parts::patches(surface, &edges);
-    let has_boundary = patches.open(&edges);
+    let patches = Parts::patches(surface, edges);
+    let has_boundary = patches.open(edges);
     let mut frayed = vec![true; parts.count];
     for (&part, &patch) in parts.of_face.iter().zip(&patches.of_face).filter(|&(&part, _)| part != Parts::NONE) {
         frayed[part as usize] &= has_boundary[patch as usize];
     }
-    let total: f64 = solids.iter().map(|s| s.area).sum();
-    let sheets: f64 = (0..parts.count)
-        .filter(|&p| open[p])
-        .filter(|&p| (!walked[p] && frayed[p]) || !encloses(solids[p].area, patch_area[p], Some(volume[p])))
-        .map(|p| solids[p].area)
-        .sum();
-    if total > 0.0 { sheets / total } else { 0.0 }
+    let encloses = |p: usize| encloses(solids[p].area, patch_area[p], Some(volume[p]));
+    (0..parts.count).map(|p| open[p] && ((!walked[p] && frayed[p]) || !encloses(p))).collect()
 }

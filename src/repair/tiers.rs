@@ -5,17 +5,25 @@ use super::operators::cut::Pairing;
 use super::operators::{Applied, Counts, Operator, Scope};
 use super::presets::{remesh_action, tier_of};
 use super::{
-    Action, Cancelled, Change, Context, Options, RemeshError, RemeshRequest, Remesher, Rung, Stage, Step, StepStatus,
+    Action, Cancelled, Change, Context, Options, RemeshAction, RemeshError, RemeshRequest, Remeshed, Remesher, Rung,
+    Stage, Step, StepStatus,
 };
 use crate::arrange::Inside;
 use crate::format::Format;
-use crate::inspect::doubled_areas;
+use crate::inspect::{Analysis, doubled_areas, thin_walls};
 use crate::math::Box3;
 use crate::mesh::Surface;
 
 /// Shares of a voxel's side in a triangle: a surface of area A meets at most 1.74 A / size^2 voxel sides, each two
 /// triangles.
 const TRIANGLES_PER_VOXEL_AREA: f64 = 3.5;
+
+/// Voxels that go across thin walls: with fewer than two a remesh has holes there.
+const VOXELS_A_WALL: f64 = 3.0;
+/// How much smaller than the resolution says thin walls may make voxels.
+const MOST_FINER: f64 = 4.0;
+/// Voxels along the diagonal below which nothing of a model would be left to see.
+const LEAST_VOXELS: f64 = 16.0;
 
 /// Runs the actions of rungs and writes down what each did.
 pub(super) struct Runner<'a> {
@@ -74,7 +82,8 @@ impl Runner<'_> {
                 Some(operator) => self.operate(operator, rung, surface, &mut counts, &mut step),
                 None => {
                     counts = None;
-                    self.context.check().map(|()| self.remesh(action, surface, &mut step))
+                    let percent = percent(span, done, tasks.len());
+                    self.context.check().and_then(|()| self.remesh(action, percent, surface, &mut step))
                 }
             };
             step.milliseconds = (self.context.now().saturating_sub(start)).as_secs_f64() * 1e3;
@@ -168,26 +177,39 @@ impl Runner<'_> {
         Scope { options: self.options, format: self.format, pairing, inside, reach }
     }
 
-    fn remesh(&self, action: Action, surface: &mut Surface, step: &mut Step) -> End {
-        let (Some(remesher), Some(remesh)) = (self.remesher, remesh_action(action)) else { return End::Nothing };
-        let voxel_size = voxel_size(surface, self.options);
+    fn remesh(&self, action: Action, percent: u8, surface: &mut Surface, step: &mut Step) -> Result<End, Cancelled> {
+        let (Some(remesher), Some(remesh)) = (self.remesher, remesh_action(action)) else { return Ok(End::Nothing) };
         step.program = remesher.info().ok().cloned();
-        step.voxel_size = (action == Action::VoxelRemesh).then_some(voxel_size);
         let soup = surface.to_soup();
+        let voxels = match remesh {
+            RemeshAction::VoxelRemesh => Some(Voxels::of(surface, self.options, self.context)?),
+            RemeshAction::BooleanUnion => None,
+        };
+        step.voxel_size = voxels.as_ref().map(|it| it.size);
+        if let Some(why) = voxels.as_ref().and_then(|it| it.too_coarse(self.options)) {
+            step.status = StepStatus::Failed;
+            step.note = Some(why);
+            return Ok(End::Nothing);
+        }
+        let Voxels { size: voxel_size, coarsest, .. } = voxels.unwrap_or_default();
         let request = RemeshRequest {
             soup: &soup,
             action: remesh,
             voxel_size,
+            coarsest,
             max_faces: self.options.max_remesh_faces,
             time_limit: self.context.remaining().max(Duration::from_millis(1)),
+            percent,
         };
-        let made = remesher.remesh(&request, self.context).and_then(|made| {
-            let (made, ingest) = Surface::from_soup(&made.soup);
-            if made.faces.is_empty() { Err(RemeshError::Empty) } else { Ok((made, ingest)) }
+        let made = remesher.remesh(&request, self.context).and_then(|remeshed| {
+            let (made, _) = Surface::from_soup(&remeshed.soup);
+            if made.faces.is_empty() { Err(RemeshError::Empty) } else { Ok((made, remeshed)) }
         });
-        match made {
-            Ok((mut made, _)) => {
+        Ok(match made {
+            Ok((mut made, Remeshed { voxel_size, note, .. })) => {
                 made.source.fill(crate::mesh::NO_SOURCE);
+                step.voxel_size = voxel_size.or(step.voxel_size);
+                step.note = note;
                 step.changed = Change::list([("faces_made", made.faces.len() as u64)]);
                 *surface = made;
                 End::Finished
@@ -197,16 +219,48 @@ impl Runner<'_> {
                 step.note = Some(error.to_string());
                 End::Nothing
             }
-        }
+        })
     }
 }
 
-/// The voxel edge: as asked or from the resolution, and large enough that the estimate of faces keeps the limit.
-fn voxel_size(surface: &Surface, options: &Options) -> f64 {
-    let diagonal = Box3::of(surface.positions.iter().copied()).diagonal();
-    let wanted = options.voxel_size.unwrap_or(diagonal / f64::from(options.voxel_resolution));
-    let area: f64 = doubled_areas(surface).iter().sum::<f64>() / 2.0;
-    wanted.max((TRIANGLES_PER_VOXEL_AREA * area / options.max_remesh_faces as f64).sqrt())
+/// How large voxels are to be.
+#[derive(Default)]
+struct Voxels {
+    /// Their edge.
+    size: f64,
+    /// The largest edge that still makes sense.
+    coarsest: f64,
+}
+
+impl Voxels {
+    /// The voxel edge: as asked, or from the resolution, and smaller where walls are thin; then as large as the estimate of
+    /// faces needs to keep the limit.
+    fn of(surface: &Surface, options: &Options, context: &Context<'_>) -> Result<Self, Cancelled> {
+        let diagonal = Box3::of(surface.positions.iter().copied()).diagonal();
+        let wanted = match options.voxel_size {
+            Some(size) => size,
+            None => {
+                let usual = diagonal / f64::from(options.voxel_resolution);
+                let thin = thin_walls(&Analysis::new((&surface.to_soup()).into(), context)?, context)?;
+                thin.map_or(usual, |thin| (thin / VOXELS_A_WALL).clamp(usual / MOST_FINER, usual))
+            }
+        };
+        let area: f64 = doubled_areas(surface).iter().sum::<f64>() / 2.0;
+        let size = wanted.max((TRIANGLES_PER_VOXEL_AREA * area / options.max_remesh_faces as f64).sqrt());
+        Ok(Self { size, coarsest: size.max(diagonal / LEAST_VOXELS) })
+    }
+
+    /// Why no remesh is begun, where voxels would have to be too large.
+    fn too_coarse(&self, options: &Options) -> Option<String> {
+        let asked = options.voxel_size.is_some_and(|asked| asked >= self.size);
+        (!asked && self.size >= self.coarsest && self.size > 0.0).then(|| {
+            format!(
+                "a remesh of at most {} faces would need voxels of {}, too large for the model; allow more faces with \
+                 max_remesh_faces",
+                options.max_remesh_faces, self.size
+            )
+        })
+    }
 }
 
 /// How far the whole is when `done` of `actions` of a rung are done.

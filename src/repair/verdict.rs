@@ -1,7 +1,9 @@
 use super::input::{look, read_own, subject};
+use super::ledger::ledger;
+use super::red_flags::part_lost;
 use super::{Cancelled, Changes, Context, Options, RedFlag, RedFlagCode, Standing, red_flags};
 use crate::format::{self, Format, ReadError, WriteError};
-use crate::inspect::{Analysis, Findings, Inspection, Measures, Original, measure_analysis};
+use crate::inspect::{Analysis, Fates, Findings, Inspection, Ledger, Measures, Original, measure_analysis};
 use crate::mesh::{NO_SOURCE, Parts, Surface};
 
 /// Share of the visible surface, in percent, whose loss makes even a printable result worse than the input.
@@ -14,8 +16,12 @@ pub(super) struct Judged {
     pub measures: Measures,
     pub changes: Changes,
     pub red_flags: Vec<RedFlag>,
+    /// What became of the input's parts; none of the input itself.
+    pub ledger: Option<Ledger>,
     /// All that is told of it, where it is good: then nothing better will come, and what its bytes say is at hand.
     pub looked: Option<(Inspection, Findings)>,
+    /// What became of every piece of surface, where it is good and there was time to ask.
+    pub fates: Option<Fates>,
 }
 
 /// Why a result could not be judged.
@@ -59,10 +65,25 @@ pub(super) fn judge(
         Patches::None => Vec::new(),
     };
     let changes = input.changes(&analysis, &measures, Some(&patches), patient)?;
-    let red_flags = red_flags(input.measures(), &measures, &changes, standing(surface, input.analysis()), options);
+    let mut red_flags = red_flags(input.measures(), &measures, &changes, standing(surface, input.analysis()), options);
+    let ledger = ledger(input, &analysis, options, patient)?;
+    red_flags.extend(part_lost(&ledger, context));
     let good = is_good(&measures, &red_flags);
     let looked = if good { Some(look(&analysis, || Ok(measures.clone()), context)?) } else { None };
-    Ok(Judged { bytes, dialect: read.dialect, measures, changes, red_flags, looked })
+    let fates = if good { fates(input, &analysis, context)? } else { None };
+    Ok(Judged { bytes, dialect: read.dialect, measures, changes, red_flags, ledger: Some(ledger), looked, fates })
+}
+
+/// What became of every piece of surface; none where the time was over.
+pub(super) fn fates(
+    input: &Original<'_>,
+    result: &Analysis<'_>,
+    context: &Context<'_>,
+) -> Result<Option<Fates>, Cancelled> {
+    match input.fates(result, context) {
+        Err(Cancelled) if !context.is_cancelled() => Ok(None),
+        found => found.map(Some),
+    }
 }
 
 /// What of the input is in a surface.

@@ -174,6 +174,7 @@ impl<'a> Attempt<'a> {
                 cpu: longest * cores + Duration::from_secs(5),
             },
             remesher: config.remesher.clone(),
+            blender: config.blender.clone(),
         }
     }
 

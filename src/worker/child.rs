@@ -92,7 +92,7 @@ impl Progress for Reporter {
             (Stage::Repair, Some(3)) => pause_at("child-tier3"),
             (Stage::Verify, _) => pause_at("child-verify"),
             (Stage::Finish, _) => pause_at("child-finish"),
-            (Stage::Repair, _) => {}
+            (Stage::Repair | Stage::Wait, _) => {}
         }
     }
 

@@ -9,6 +9,7 @@ use tracing::Instrument;
 use super::attempt::Attempt;
 use super::scratch::Scratch;
 use super::sweep::{EVERY, sweep};
+use crate::blender::BlenderConfig;
 use crate::blobs::Blobs;
 use crate::format::Limits;
 use crate::jobs::JobStore;
@@ -37,6 +38,8 @@ pub struct WorkerConfig {
     pub limits: Limits,
     /// Tier 3, where there is one.
     pub remesher: Option<RemesherInfo>,
+    /// What tier 3 may use.
+    pub blender: BlenderConfig,
 }
 
 /// The two steps of stopping.

@@ -3,6 +3,7 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 
 use super::ProcessLimits;
+use crate::blender::BlenderConfig;
 use crate::format::Limits;
 use crate::jobs::{Input, JobOptions, JobProgress};
 use crate::repair::RemesherInfo;
@@ -20,6 +21,7 @@ pub(super) struct Task {
     pub limits: Limits,
     pub process: ProcessLimits,
     pub remesher: Option<RemesherInfo>,
+    pub blender: BlenderConfig,
 }
 
 /// A line of the child's standard output.

@@ -34,7 +34,7 @@ pub(super) fn work(folder: &Path, task: &Task, context: &Context<'_>) -> Result<
 
 fn run_repair(folder: &Path, task: &Task, options: &Options, context: &Context<'_>) -> Result<(), Failed> {
     let remesher = task.remesher.clone().map(|info| {
-        BlenderRemesher::new(info, BlenderConfig { scratch: Some(folder.to_owned()), ..BlenderConfig::default() })
+        BlenderRemesher::new(info, BlenderConfig { scratch: Some(folder.to_owned()), ..task.blender.clone() })
     });
     let remesher = remesher.as_ref().map(|r| -> &dyn Remesher { r });
     let bytes = fs::read(folder.join(Task::input(0)))?;

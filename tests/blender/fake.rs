@@ -6,10 +6,11 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use glam::DVec3;
-use meshmend::blender::{BlenderConfig, BlenderRemesher};
+use meshmend::blender::{BlenderConfig, BlenderRemesher, Warmth, warm_up};
 use meshmend::mesh::Soup;
 use meshmend::repair::{
-    Context, NoProgress, RemeshAction, RemeshError, RemeshRequest, Remesher, RemesherInfo, monotonic_clock,
+    Context, NoProgress, Progress, RemeshAction, RemeshError, RemeshRequest, Remeshed, Remesher, RemesherInfo, Stage,
+    monotonic_clock,
 };
 use tempfile::TempDir;
 
@@ -22,8 +23,9 @@ struct Fake {
     own_process_group: bool,
 }
 
-/// Sets `target` to the path of the result file.
-const ARGUMENTS: &str = "while [ \"$1\" != -- ]; do shift; done; shift; target=$3\n";
+/// Sets `target` to the path of the result file, `voxels` to the sizes, and `desk` to the fake's folder.
+const ARGUMENTS: &str =
+    "while [ \"$1\" != -- ]; do shift; done; shift; target=$3; voxels=$4; desk=$HOME/..; echo $voxels >> $desk/runs\n";
 
 impl Fake {
     fn new(text: &str) -> Self {
@@ -46,7 +48,54 @@ impl Fake {
         };
         let scratch = Some(self.folder.path().to_path_buf());
         let own_process_group = self.own_process_group;
-        BlenderRemesher::new(info, BlenderConfig { scratch, own_process_group, ..BlenderConfig::default() })
+        let slots = Some(self.folder.path().join("slots"));
+        BlenderRemesher::new(info, BlenderConfig { scratch, slots, own_process_group, ..BlenderConfig::default() })
+    }
+
+    /// A result file that scripts may copy.
+    fn with_mesh(self) -> Self {
+        let mut bytes = b"MMSOUP01".to_vec();
+        let (positions, faces) = ([[0.0f32; 3], [9.0, 0.0, 0.0], [0.0, 9.0, 0.0]], [0u32, 1, 2]);
+        bytes.extend([3u64, 1].iter().flat_map(|count| count.to_le_bytes()));
+        bytes.extend(positions.iter().flatten().flat_map(|x| x.to_le_bytes()));
+        bytes.extend(faces.iter().flat_map(|v| v.to_le_bytes()));
+        fs::write(self.folder.path().join("mesh"), bytes).unwrap();
+        self
+    }
+
+    /// Remeshes a cube with voxels of 0.1 of its side, or up to `coarsest`.
+    fn voxels(&self, voxel_size: f64, coarsest: f64, time_limit: Duration) -> Result<Remeshed, RemeshError> {
+        self.voxels_by(&self.remesher(), voxel_size, coarsest, time_limit, &NoProgress)
+    }
+
+    fn voxels_by(
+        &self,
+        remesher: &BlenderRemesher,
+        voxel_size: f64,
+        coarsest: f64,
+        time_limit: Duration,
+        progress: &dyn Progress,
+    ) -> Result<Remeshed, RemeshError> {
+        let soup = cube();
+        let request = RemeshRequest {
+            soup: &soup,
+            action: RemeshAction::VoxelRemesh,
+            voxel_size,
+            coarsest,
+            max_faces: 1_000_000,
+            time_limit,
+            percent: 42,
+        };
+        let (cancel, clock) = (AtomicBool::new(false), monotonic_clock());
+        remesher.remesh(&request, &Context::new(progress, &cancel, &clock, LONG))
+    }
+
+    /// The voxel sizes of each run, by a script that writes them, in the cube's unit.
+    fn runs(&self) -> Vec<Vec<f64>> {
+        let text = fs::read_to_string(self.folder.path().join("runs")).unwrap_or_default();
+        // The frame makes the unit cube 32 wide.
+        let sizes = |line: &str| line.split(',').map(|size| size.parse::<f64>().unwrap() / 32.0).collect();
+        text.lines().map(sizes).collect()
     }
 
     fn run(&self) -> (Result<Soup, RemeshError>, String) {
@@ -63,7 +112,15 @@ impl Fake {
     fn run_within(&self, time_limit: Duration, deadline: Duration, cancel: &AtomicBool) -> RemeshError {
         let soup = cube();
         let action = RemeshAction::VoxelRemesh;
-        let request = RemeshRequest { soup: &soup, action, voxel_size: 0.1, max_faces: 1000, time_limit };
+        let request = RemeshRequest {
+            soup: &soup,
+            action,
+            voxel_size: 0.1,
+            coarsest: 0.1,
+            max_faces: 1000,
+            time_limit,
+            percent: 50,
+        };
         let clock = monotonic_clock();
         let context = Context::new(&NoProgress, cancel, &clock, deadline);
         self.remesher().remesh(&request, &context).unwrap_err()
@@ -282,4 +339,160 @@ fn blender_is_started_without_profile_sound_or_network() {
         }
         assert_eq!(log.contains("--offline-mode"), offline, "{version}: {log}");
     }
+}
+
+#[test]
+fn children_in_sessions_of_their_own_with_no_environment_are_ended_too() {
+    // Nothing but its parent tells that it belongs to the run; the folder is named for the test.
+    let fake = Fake::new("touch $desk/started; setsid env -i sh -c 'sleep 600; true' \"$HOME\" & sleep 600; true");
+    let error = fake.run_within(SHORT, LONG, &AtomicBool::new(false));
+    assert_eq!(error, RemeshError::TimedOut(SHORT));
+    assert!(fake.folder.path().join("started").exists());
+    fake.assert_nothing_left();
+}
+
+#[test]
+fn a_crash_starts_it_again_once_with_larger_voxels_and_the_result_says_so() {
+    let fake = Fake::new("[ $(wc -l < $desk/runs) = 2 ] || kill -SEGV $$; cp $desk/mesh $target").with_mesh();
+    let made = fake.voxels(0.1, 1.0, LONG).unwrap();
+    assert_eq!(fake.runs().len(), 2);
+    assert!((fake.runs()[1][0] - 0.15).abs() < 1e-12, "{:?}", fake.runs());
+    assert!((made.voxel_size.unwrap() - 0.15).abs() < 1e-12);
+    assert!(made.note.unwrap().contains("signal: 11"));
+    fake.assert_nothing_left();
+}
+
+#[test]
+fn a_crash_is_final_the_second_time_and_where_voxels_may_not_be_larger_and_in_a_boolean() {
+    let fake = Fake::new("kill -SEGV $$");
+    assert!(matches!(fake.voxels(0.1, 1.0, LONG), Err(RemeshError::Failed(_))));
+    assert_eq!(fake.runs().len(), 2);
+    let fake = Fake::new("kill -SEGV $$");
+    assert!(matches!(fake.voxels(0.1, 0.1, LONG), Err(RemeshError::Failed(_))));
+    assert_eq!(fake.runs().len(), 1);
+    let fake = Fake::new("kill -SEGV $$");
+    assert!(remesh(&fake.remesher(), &cube(), RemeshAction::BooleanUnion, 0.1, 1000).0.is_err());
+    assert_eq!(fake.runs().len(), 1);
+}
+
+#[test]
+fn what_ran_out_of_time_is_not_started_again() {
+    let fake = Fake::new("sleep 600; true");
+    assert_eq!(fake.voxels(0.1, 1.0, SHORT).unwrap_err(), RemeshError::TimedOut(SHORT));
+    assert_eq!(fake.runs().len(), 1);
+}
+
+#[test]
+fn a_result_that_was_whole_when_time_was_over_or_it_crashed_is_kept() {
+    for end in ["sleep 600; true", "kill -SEGV $$"] {
+        let fake = Fake::new(&format!("cp $desk/mesh $target; {end}")).with_mesh();
+        let made = fake.voxels(0.1, 1.0, Duration::from_secs(2)).unwrap();
+        assert_eq!((made.soup.faces.len(), made.voxel_size, fake.runs().len()), (1, None, 1), "{end}");
+        assert!(made.note.unwrap().contains("its result was there"));
+        fake.assert_nothing_left();
+    }
+    // Half a result is none.
+    let fake = Fake::new("head -c 40 $desk/mesh > $target; sleep 600; true").with_mesh();
+    assert!(matches!(fake.voxels(0.1, 1.0, SHORT), Err(RemeshError::TimedOut(_))));
+}
+
+#[test]
+fn a_long_remesh_comes_after_a_coarser_one_that_is_kept_when_time_is_over() {
+    let fake = Fake::new("cp $desk/mesh $target.0; sleep 600; true").with_mesh();
+    let made = fake.voxels(0.005, 1.0, Duration::from_secs(2)).unwrap();
+    let runs = fake.runs();
+    assert_eq!(runs.len(), 1);
+    assert!((runs[0][0] - 0.01).abs() < 1e-12 && (runs[0][1] - 0.005).abs() < 1e-12, "{runs:?}");
+    assert!((made.voxel_size.unwrap() - 0.01).abs() < 1e-12);
+    assert!(made.note.unwrap().contains("coarser stage"));
+    // One that is quick has one stage.
+    let fake = Fake::new("cp $desk/mesh $target").with_mesh();
+    assert_eq!(fake.voxels(0.1, 1.0, LONG).unwrap().note, None);
+    assert_eq!(fake.runs()[0].len(), 1);
+}
+
+#[test]
+fn voxels_are_made_larger_until_memory_allows_them_and_refused_beyond_what_may_be() {
+    let fake = Fake::new("cp $desk/mesh $target").with_mesh();
+    let info = fake.remesher().info().unwrap().clone();
+    let config = BlenderConfig {
+        memory: 100 << 20,
+        scratch: Some(fake.folder.path().to_owned()),
+        slots: Some(fake.folder.path().join("slots")),
+        ..BlenderConfig::default()
+    };
+    let remesher = BlenderRemesher::new(info, config);
+    let made = fake.voxels_by(&remesher, 0.0005, 0.1, LONG, &NoProgress).unwrap();
+    let used = *fake.runs()[0].last().unwrap();
+    assert!((0.002..0.02).contains(&used), "{used}");
+    assert_eq!(made.voxel_size, Some(used));
+    assert!(made.note.unwrap().contains("100 MiB"));
+    let refused = fake.voxels_by(&remesher, 0.0005, 0.001, LONG, &NoProgress).unwrap_err();
+    assert!(refused.to_string().contains("choose a larger voxel_size"), "{refused}");
+    assert_eq!(fake.runs().len(), 1, "nothing ran");
+}
+
+/// Keeps the stages.
+#[derive(Default)]
+struct Stages(std::sync::Mutex<Vec<(Stage, Option<u8>, u8)>>);
+
+impl Progress for Stages {
+    fn report(&self, stage: Stage, tier: Option<u8>, percent: u8) {
+        self.0.lock().unwrap().push((stage, tier, percent));
+    }
+    fn log(&self, _: &str) {}
+}
+
+#[test]
+fn no_more_run_at_once_than_memory_allows_and_the_others_wait_within_their_time() {
+    // Half of the machine's memory is less than two of these take.
+    let fake =
+        Fake::new("mkdir $desk/running || touch $desk/two-ran; sleep 1; rmdir $desk/running; cp $desk/mesh $target")
+            .with_mesh();
+    let info = fake.remesher().info().unwrap().clone();
+    let config = BlenderConfig {
+        memory: 1 << 40,
+        scratch: Some(fake.folder.path().to_owned()),
+        slots: Some(fake.folder.path().join("slots")),
+        ..BlenderConfig::default()
+    };
+    assert_eq!(config.at_once(), 1);
+    let remesher = BlenderRemesher::new(info, config);
+    let stages = Stages::default();
+    let made: Vec<_> = thread::scope(|scope| {
+        let runs: Vec<_> = (0..3).map(|_| scope.spawn(|| fake.voxels_by(&remesher, 0.1, 0.1, LONG, &stages))).collect();
+        runs.into_iter().map(|run| run.join().unwrap()).collect()
+    });
+    assert!(made.iter().all(Result::is_ok), "{made:?}");
+    assert!(!fake.folder.path().join("two-ran").exists());
+    let waited = stages.0.lock().unwrap().iter().filter(|it| **it == (Stage::Wait, Some(3), 42)).count();
+    assert_eq!(waited, 2);
+    // One that waits longer than its time gives up, and nothing of it runs.
+    let before = fake.runs().len();
+    let error = thread::scope(|scope| {
+        scope.spawn(|| fake.voxels_by(&remesher, 0.1, 0.1, LONG, &NoProgress));
+        fake.wait_for("running");
+        fake.voxels_by(&remesher, 0.1, 0.1, SHORT, &NoProgress).unwrap_err()
+    });
+    assert!(matches!(error, RemeshError::NoneFree { at_once: 1, .. }), "{error}");
+    assert_eq!(fake.runs().len(), before + 1);
+    fake.assert_nothing_left();
+}
+
+#[test]
+fn a_warm_up_tells_whether_the_program_works_and_stops_when_it_is_told() {
+    let config = |fake: &Fake| BlenderConfig {
+        scratch: Some(fake.folder.path().to_owned()),
+        slots: Some(fake.folder.path().join("slots")),
+        ..BlenderConfig::default()
+    };
+    let warm = |fake: &Fake, stop: bool| {
+        let info = fake.remesher().info().unwrap().clone();
+        warm_up(info, config(fake), &|| stop)
+    };
+    assert!(matches!(warm(&Fake::new("cp $desk/mesh $target").with_mesh(), false), Warmth::Warm(_)));
+    assert!(matches!(warm(&Fake::new("exit 1"), false), Warmth::Failed(why) if why.contains("exit status: 1")));
+    let hangs = Fake::new("sleep 600; true");
+    assert_eq!(warm(&hangs, true), Warmth::Stopped);
+    hangs.assert_nothing_left();
 }

@@ -41,7 +41,7 @@ fn remesh(
     max_faces: u64,
 ) -> (Result<Soup, RemeshError>, String) {
     let time_limit = Duration::from_secs(120);
-    let request = RemeshRequest { soup, action, voxel_size, max_faces, time_limit };
+    let request = RemeshRequest { soup, action, voxel_size, coarsest: voxel_size, max_faces, time_limit, percent: 50 };
     let log = Log::default();
     let cancel = AtomicBool::new(false);
     let clock = monotonic_clock();

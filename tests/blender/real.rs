@@ -1,9 +1,13 @@
 use std::sync::OnceLock;
+use std::sync::atomic::AtomicBool;
+use std::time::Duration;
 
 use glam::DVec3;
-use meshmend::blender::{BlenderConfig, BlenderRemesher};
+use meshmend::blender::{BlenderConfig, BlenderRemesher, Warmth, warm_up};
 use meshmend::mesh::Soup;
-use meshmend::repair::{RemeshAction, RemeshError, Remesher, RemesherInfo};
+use meshmend::repair::{
+    Context, NoProgress, RemeshAction, RemeshError, RemeshRequest, Remesher, RemesherInfo, monotonic_clock,
+};
 
 use crate::models::{bounds, cuboid, is_closed, overlapping_cubes, sized, together, turned, volume};
 use crate::remesh;
@@ -183,4 +187,29 @@ fn a_run_that_needs_more_memory_than_allowed_fails_and_says_so() {
         Err(RemeshError::Failed(message)) => assert!(message.contains("memory"), "{message}\n{log}"),
         other => panic!("{other:?}\n{log}"),
     }
+}
+
+#[test]
+fn a_remesh_in_stages_gives_the_last_one() {
+    let cube = cuboid(DVec3::ZERO, DVec3::ONE);
+    let (cancel, clock, time_limit) = (AtomicBool::new(false), monotonic_clock(), Duration::from_secs(100));
+    let request = RemeshRequest {
+        soup: &cube,
+        action: RemeshAction::VoxelRemesh,
+        voxel_size: 0.009,
+        coarsest: 1.0,
+        max_faces: 10_000_000,
+        time_limit,
+        percent: 0,
+    };
+    let made = blender().remesh(&request, &Context::new(&NoProgress, &cancel, &clock, time_limit)).unwrap();
+    assert_eq!((made.voxel_size, &made.note), (None, &None));
+    assert!(is_closed(&made.soup));
+    assert!((100_000..300_000).contains(&made.soup.faces.len()), "{}", made.soup.faces.len());
+}
+
+#[test]
+fn a_warm_up_finds_it_working() {
+    let info = blender().info().expect("found").clone();
+    assert!(matches!(warm_up(info, config(), &|| false), Warmth::Warm(_)));
 }

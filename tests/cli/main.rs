@@ -106,7 +106,10 @@ fn repair_draws_into_the_folder_that_is_named_and_only_then() {
         .map(|entry| entry.expect("an entry").file_name().into_string().expect("text"))
         .collect();
     names.sort();
-    assert_eq!(names, ["after.png", "before.png", "defects.glb", "defects.ply"]);
+    assert_eq!(
+        names,
+        ["after.png", "before.png", "change.glb", "change.ply", "change.png", "defects.glb", "defects.ply"]
+    );
 }
 
 #[test]

@@ -55,7 +55,7 @@ impl Remesher for Ball {
     }
 
     fn remesh(&self, _: &RemeshRequest<'_>, _: &Context<'_>) -> Result<Remeshed, RemeshError> {
-        Ok(Remeshed { soup: sphere(DVec3::ZERO, 1.001, 32, 16) })
+        Ok(Remeshed::from(sphere(DVec3::ZERO, 1.001, 32, 16)))
     }
 }
 

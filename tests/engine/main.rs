@@ -3,6 +3,7 @@
 
 mod analyze;
 mod arrange;
+mod change;
 mod characteristics;
 mod clean_and_patch;
 mod compare;
@@ -14,6 +15,7 @@ mod faces;
 mod formats;
 mod holes;
 mod intersections;
+mod ledger;
 mod limits;
 mod lost;
 mod mend;

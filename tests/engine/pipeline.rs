@@ -53,7 +53,7 @@ impl Remesher for Fake {
 
     fn remesh(&self, request: &RemeshRequest<'_>, _: &Context<'_>) -> Result<Remeshed, RemeshError> {
         self.asked.borrow_mut().push((request.action, request.soup.faces.len(), request.voxel_size));
-        self.answers.borrow_mut().remove(0).map(|soup| Remeshed { soup })
+        self.answers.borrow_mut().remove(0).map(Remeshed::from)
     }
 }
 
@@ -305,6 +305,42 @@ fn the_voxels_are_made_larger_until_the_faces_fit() {
     run(&non_manifold(), &options, Some(&fake));
     let size = fake.asked.borrow()[1].2;
     assert!(2.0 * 12.0 / (size * size) <= 10_000.0 && size < 0.2, "{size}");
+}
+
+#[test]
+fn voxels_are_as_fine_as_thin_walls_need_and_no_finer_than_a_quarter_of_the_usual() {
+    // A plate on its edge beside a part of it, so that tier 1 leaves it to the remesh.
+    let size = |thickness: f64| {
+        let mut plate = join(&cube(DVec3::ZERO, 1.0, 8), &cube(DVec3::splat(1.0), 1.0, 8));
+        plate.positions.iter_mut().for_each(|p| p.z *= thickness);
+        let fake = Fake::answering(vec![Err(RemeshError::Empty), Err(RemeshError::Empty)]);
+        let options = Options { preset: Preset::BlenderRemesh, max_remesh_faces: 20_000_000, ..without_tier_2() };
+        run(&plate, &options, Some(&fake));
+        let asked = fake.asked.borrow();
+        let voxels = asked.iter().find(|it| it.0 == RemeshAction::VoxelRemesh).unwrap();
+        (voxels.2, 2.0 * (2.0 + thickness * thickness).sqrt() / 300.0)
+    };
+    let (found, usual) = size(1.0);
+    assert!((found / usual - 1.0).abs() < 1e-6, "{found} {usual}");
+    let (found, usual) = size(0.015);
+    assert!((found - 0.005).abs() < 1e-4 && found < usual, "{found} {usual}");
+    let (found, usual) = size(0.001);
+    assert!((found / usual - 0.25).abs() < 1e-6, "{found} {usual}");
+}
+
+#[test]
+fn a_remesh_that_could_not_keep_to_so_few_faces_is_refused_with_the_reason() {
+    let fake = Fake::answering((0..2).map(|_| Err(RemeshError::Empty)).collect());
+    let mut comb = Soup::default();
+    for i in 0..60 {
+        comb = join(&comb, &cube(DVec3::new(0.0, 0.0, f64::from(i) * 0.02), 1.0, 1));
+    }
+    let options = Options { preset: Preset::BlenderRemesh, max_remesh_faces: 1000, ..without_tier_2() };
+    let report = run(&comb, &options, Some(&fake)).report;
+    let step = report.steps.iter().find(|it| it.action == Action::VoxelRemesh).unwrap();
+    assert_eq!(step.status, StepStatus::Failed);
+    assert!(step.note.as_ref().unwrap().contains("max_remesh_faces"), "{step:?}");
+    assert!(fake.asked.borrow().iter().all(|it| it.0 != RemeshAction::VoxelRemesh));
 }
 
 #[test]

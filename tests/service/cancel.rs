@@ -69,7 +69,11 @@ async fn deleting_a_job_deletes_its_files_and_leaves_nothing_to_read() {
     let api = Api::new(&program);
     let id = api.submit(files::broken_box(), json!({"max_tier": 1})).await;
     api.finished(&id).await;
-    assert_eq!(stored_files(data.path(), &id).len(), 8, "the upload, the model, four drawings, the report and the log");
+    assert_eq!(
+        stored_files(data.path(), &id).len(),
+        11,
+        "the upload, the model, seven drawings, the report and the log"
+    );
     let answer = api.delete(&format!("/v1/jobs/{id}")).send().await.expect("an answer");
     assert_eq!(answer.status(), 204);
     assert!(stored_files(data.path(), &id).is_empty());

@@ -56,6 +56,9 @@ async fn what_was_found_is_drawn_and_each_drawing_is_listed_typed_and_served() {
         ("after.png", "image/png", b"\x89PNG"),
         ("defects.glb", "model/gltf-binary", b"glTF"),
         ("defects.ply", "application/octet-stream", b"ply\n"),
+        ("change.png", "image/png", b"\x89PNG"),
+        ("change.glb", "model/gltf-binary", b"glTF"),
+        ("change.ply", "application/octet-stream", b"ply\n"),
     ] {
         assert_eq!(job["artifacts"][name]["media_type"], media_type, "{job}");
         let answer = api.get(&format!("/v1/jobs/{id}/artifacts/{name}")).send().await.expect("an answer");

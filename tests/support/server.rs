@@ -43,7 +43,7 @@ impl<'a> Start<'a> {
         let mut command = Command::new(env!("CARGO_BIN_EXE_meshmend"));
         command.arg(verb).arg("--data-dir").arg(data).args(["--lease-s", "1.5"]).env_remove("FAILPOINTS");
         // Tests that want Blender say so; the others should not wait for it.
-        command.args(["--blender", "/nonexistent/blender"]);
+        command.args(["--blender", "/nonexistent/blender", "--blender-warm-up", "false"]);
         Self { command, data }
     }
 

@@ -1,7 +1,7 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::Deviation;
+use super::{Deviation, SurfaceShares};
 use crate::inspect::{BoundingBox, Measures};
 
 /// How one mesh, the result, differs from another, the input. Percentages are of the input's value; none where the input's
@@ -31,6 +31,10 @@ pub struct Changes {
     /// patch.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub moved: Option<Deviation>,
+    /// How much of the surface was kept, moved, added and removed. None of a candidate that was not chosen, and where the time
+    /// was over.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub surface: Option<SurfaceShares>,
     /// Largest move of a side of the bounding box, over its diagonal before.
     pub box_change_pct: Option<f64>,
     /// Change of the surface area.
@@ -53,6 +57,7 @@ impl Changes {
             lost: None,
             made: None,
             moved: None,
+            surface: None,
             box_change_pct: box_change_pct(before.bounding_box, after.bounding_box),
             area_change_pct: percent(after.area - before.area, before.area),
             volume_change_pct: percent(after.volume.value - before.volume.value, before.volume.value)

@@ -7,8 +7,12 @@ use crate::math::Box3;
 /// diagonal.
 const NEAR: f64 = 16.0;
 
+/// No face of the other mesh.
+pub(super) const NO_FACE: u32 = u32::MAX;
+
 /// The faces of a mesh by where they are, to find them in another.
-pub(super) struct FaceKeys {
+#[derive(Clone)]
+pub(in crate::inspect) struct FaceKeys {
     /// The corners as f32 and sorted, with the face of the surface; sorted.
     sorted: Vec<([[u32; 3]; 3], u32)>,
     /// Whether f32 tells the mesh's faces apart.
@@ -36,6 +40,23 @@ impl FaceKeys {
     }
 }
 
+/// For each face of one mesh the face of another that stands at the same three positions as f32, or [`NO_FACE`]. Of faces at
+/// one place the first ones are matched, as many as the other mesh has there. Linear.
+pub(super) fn matched(a: &FaceKeys, b: &FaceKeys) -> Vec<u32> {
+    let mut matched = vec![NO_FACE; a.sorted.len()];
+    let mut at = 0;
+    for &(key, face) in &a.sorted {
+        while b.sorted.get(at).is_some_and(|(other, _)| *other < key) {
+            at += 1;
+        }
+        if let Some(&(_, other)) = b.sorted.get(at).filter(|(other, _)| *other == key) {
+            matched[face as usize] = other;
+            at += 1;
+        }
+    }
+    matched
+}
+
 /// What two meshes have in common.
 pub(super) struct Common {
     /// Of each face of one, whether it stands in the other at the same three positions as f32, whatever its direction.
@@ -47,6 +68,11 @@ pub(super) struct Common {
 }
 
 impl Common {
+    /// What a mesh of so many faces has in common with itself.
+    pub fn whole(faces: usize) -> Self {
+        Self { first: vec![true; faces], second: vec![true; faces], fine: true }
+    }
+
     /// Finds the faces of each mesh in the other. Linear.
     pub fn new(a: &FaceKeys, b: &FaceKeys) -> Self {
         let mut common =

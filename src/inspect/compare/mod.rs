@@ -2,8 +2,10 @@
 
 mod changes;
 mod deviation;
+mod fates;
 mod inside;
 mod kept;
+mod ledger;
 mod samples;
 
 use std::cell::{OnceCell, RefCell};
@@ -15,13 +17,16 @@ use super::{Analysis, Measures, measures};
 use crate::context::{Cancelled, Context};
 use deviation::{Distances, deviation, distances};
 use inside::inside_agreement;
-use kept::{Common, FaceKeys};
+use kept::Common;
+pub(super) use kept::FaceKeys;
 
 pub use changes::{Changes, percent};
 pub use deviation::{Deviation, Spread};
 pub(super) use deviation::{Pair, percentile, unit_diagonal};
+pub use fates::{Fate, Fates, SurfaceShare, SurfaceShares};
 pub(super) use inside::Inside;
 pub use inside::InsideAgreement;
+pub use ledger::{Certificate, Dispensable, Ledger, LostPart, PartCertificate};
 pub(super) use samples::{Sample, samples};
 
 /// The version of [`Comparison`]'s structure.
@@ -98,7 +103,6 @@ pub struct Original<'a> {
     analysis: &'a Analysis<'a>,
     measures: &'a Measures,
     options: CompareOptions,
-    keys: OnceCell<FaceKeys>,
     samples: OnceCell<Vec<Sample>>,
     /// Of each sample whether it can be seen, where somebody asked.
     visible: RefCell<Vec<Asked>>,
@@ -122,8 +126,8 @@ impl<'a> Original<'a> {
     /// A mesh with its measures. Costs nothing yet.
     #[must_use]
     pub fn new(analysis: &'a Analysis<'a>, measures: &'a Measures, options: CompareOptions) -> Self {
-        let (keys, samples, visible) = (OnceCell::new(), OnceCell::new(), RefCell::default());
-        Self { analysis, measures, options, keys, samples, visible }
+        let (samples, visible) = (OnceCell::new(), RefCell::default());
+        Self { analysis, measures, options, samples, visible }
     }
 
     /// The mesh itself.
@@ -162,7 +166,8 @@ impl<'a> Original<'a> {
         measures: &Measures,
         context: &Context<'_>,
     ) -> Result<Comparison, Cancelled> {
-        let Way { changes, distances } = self.way(after, measures, None, context)?;
+        let Way { mut changes, distances } = self.way(after, measures, None, context)?;
+        changes.surface = Some(self.fates(after, context)?.shares);
         let diagonal = unit_diagonal(self.analysis);
         let near =
             changes.lost.map_or(changes.surface_lost_pct == Some(0.0), |lost| lost.percent.p99 <= FAITHFUL_PCT[0]);
@@ -205,8 +210,7 @@ impl<'a> Original<'a> {
         context: &Context<'_>,
     ) -> Result<Way, Cancelled> {
         let scale = self.analysis.scale();
-        let keys = self.keys.get_or_init(|| FaceKeys::new(self.analysis, scale));
-        let common = Common::new(keys, &FaceKeys::new(after, scale));
+        let common = Common::new(&self.analysis.keys(scale), &after.keys(scale));
         context.check()?;
         let kept = common.first.iter().filter(|&&stands| stands).count() as f64;
         let kept_pct = percent(kept, common.first.len() as f64).unwrap_or(100.0);

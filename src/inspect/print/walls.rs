@@ -26,6 +26,8 @@ const BESIDE: [f64; 2] = [1e-9, 1e-13];
 const OPPOSITE: f64 = 0.8;
 /// Faces that a ray may pass through on its way to the air, as in overlapping parts.
 const MOST_PASSED: usize = 16;
+/// Share of the area that is part of a wall which the thin walls are.
+const THIN: f64 = 0.05;
 /// Share of the samples that must have material on one side and air on the other for the mesh to have walls.
 const SOLID_SHARE: f64 = 0.5;
 
@@ -79,6 +81,51 @@ pub(super) fn thinnest_wall(
 ) -> Result<Result<ThinnestWall, NoWall>, Cancelled> {
     let simple = parts_material_from_air(analysis, measures, context)?;
     let samples = samples(analysis, if simple { SAMPLES } else { COSTLY_SAMPLES });
+    let walls = match walls(analysis, simple, &samples, context)? {
+        Ok(walls) => walls,
+        Err(why) => return Ok(Err(why)),
+    };
+    let Some(&(thickness, sample, face)) = walls.iter().min_by(|a, b| a.0.total_cmp(&b.0)) else {
+        return Ok(Err(NoWall::NoOppositeSides));
+    };
+    let scale = analysis.scale();
+    Ok(Ok(ThinnestWall {
+        thickness: finite(thickness / scale),
+        at: sample.point.to_array().map(|x| finite(x / scale)),
+        faces: [sample.face, face].map(|face| analysis.surface.source[face as usize]),
+        median: finite(percentile(&sorted(&walls), 0.5) / scale),
+        samples: walls.len() as u64,
+    }))
+}
+
+/// The thickness, in the model's unit, below which the wall is on a twentieth of the area that is part of a wall: thin, and
+/// not the chance of a single point. None where there is no wall to measure.
+///
+/// # Errors
+/// [`Cancelled`] when the context says stop.
+pub fn thin_walls(analysis: &Analysis<'_>, context: &Context<'_>) -> Result<Option<f64>, Cancelled> {
+    let samples = samples(analysis, COSTLY_SAMPLES);
+    let walls = walls(analysis, false, &samples, context)?.unwrap_or_default();
+    let thickness = percentile(&sorted(&walls), THIN) / analysis.scale();
+    Ok((!walls.is_empty() && thickness > 0.0 && thickness.is_finite()).then_some(thickness))
+}
+
+fn sorted(walls: &[Wall<'_>]) -> Vec<f64> {
+    let mut sorted: Vec<f64> = walls.iter().map(|wall| wall.0).collect();
+    sorted.sort_unstable_by(f64::total_cmp);
+    sorted
+}
+
+/// A thickness in unit coordinates, where it was measured, and the opposite face.
+type Wall<'a> = (f64, &'a Sample, u32);
+
+/// The wall behind each sample that has one. `simple` says that every face parts material from air, with the air in front.
+fn walls<'a>(
+    analysis: &Analysis<'_>,
+    simple: bool,
+    samples: &'a [Sample],
+    context: &Context<'_>,
+) -> Result<Result<Vec<Wall<'a>>, NoWall>, Cancelled> {
     if samples.is_empty() {
         return Ok(Err(NoWall::NoSurface));
     }
@@ -103,19 +150,7 @@ pub(super) fn thinnest_wall(
     if f64::from(solid) < SOLID_SHARE * f64::from(asked) || asked == 0 {
         return Ok(Err(NoWall::OpenSurface));
     }
-    let Some(&(thickness, sample, face)) = walls.iter().min_by(|a, b| a.0.total_cmp(&b.0)) else {
-        return Ok(Err(NoWall::NoOppositeSides));
-    };
-    let mut sorted: Vec<f64> = walls.iter().map(|wall| wall.0).collect();
-    sorted.sort_unstable_by(f64::total_cmp);
-    let scale = analysis.scale();
-    Ok(Ok(ThinnestWall {
-        thickness: finite(thickness / scale),
-        at: sample.point.to_array().map(|x| finite(x / scale)),
-        faces: [sample.face, face].map(|face| analysis.surface.source[face as usize]),
-        median: finite(percentile(&sorted, 0.5) / scale),
-        samples: walls.len() as u64,
-    }))
+    Ok(Ok(walls))
 }
 
 /// Whether each face has material behind it and air in front of it for certain: nothing intersects, and parts within others

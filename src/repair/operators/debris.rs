@@ -49,8 +49,7 @@ pub fn remove_debris(surface: &mut Surface, context: &Context<'_>) -> Result<Vec
     for (part, faces) in parts.faces().iter().enumerate().filter(|&(part, _)| open[part]) {
         context.check()?;
         let little = if fins[part] { FIN_AREA } else { LITTLE_AREA };
-        let few = faces.len() <= FEW_FACES && solids[part].area <= little * area;
-        goes[part] = few || solids[part].bounds.diagonal() <= SMALL * diagonal;
+        goes[part] = is_small(&solids[part], faces.len(), little * area, diagonal);
         if !goes[part] && hold(&mut walls, surface, faces) {
             goes[part] = true;
             hidden += 1;
@@ -67,6 +66,16 @@ pub fn remove_debris(surface: &mut Surface, context: &Context<'_>) -> Result<Vec
         ("sheets_inside_solids_removed", hidden),
         ("debris_faces_removed", faces),
     ]))
+}
+
+/// Whether an open part is too small to print: by its own size, or by few faces of no more than the area `little`.
+fn is_small(part: &Solid, faces: usize, little: f64, diagonal: f64) -> bool {
+    (faces <= FEW_FACES && part.area <= little) || part.bounds.diagonal() <= SMALL * diagonal
+}
+
+/// The same of a part of a model with so much area.
+pub(in crate::repair) fn is_debris(part: &Solid, faces: usize, area: f64, diagonal: f64) -> bool {
+    is_small(part, faces, LITTLE_AREA * area, diagonal)
 }
 
 /// Takes back what reaches farther than `most` out of the box of the rest: who put it there meant it to be seen.

@@ -1,0 +1,184 @@
+use std::fs::{self, DirBuilder, File, OpenOptions};
+use std::io;
+use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt};
+use std::path::{Path, PathBuf};
+use std::thread::sleep;
+use std::time::Duration;
+
+use rustix::fs::{FlockOperation, flock};
+use rustix::io::Errno;
+
+/// What a program takes before it begins with a mesh; Blender 3.4 to 5.0 take 150 to 400 MiB.
+const PROGRAM_BYTES: u64 = 512 << 20;
+/// Most slots, however much memory there is.
+const MOST: u64 = 64;
+/// Time between looks for a free slot.
+const PAUSE: Duration = Duration::from_millis(50);
+
+/// The right to run one Blender on this machine: a locked file, one of as many as memory allows. The kernel frees it when
+/// the process that holds it ends, however it ends.
+#[derive(Debug)]
+pub(super) struct Slot {
+    /// Locked as long as it is open. Programs that are started don't inherit it.
+    _file: File,
+}
+
+/// How many Blenders of `each` bytes may run at once where all together may take `together` bytes; at least one, and one
+/// where they have no limit of their own.
+pub(super) fn count(each: u64, together: u64) -> u32 {
+    let fit = if each == 0 { 1 } else { together / each.saturating_add(PROGRAM_BYTES) };
+    u32::try_from(fit.clamp(1, MOST)).unwrap_or(1)
+}
+
+/// Half of the memory that this machine has, or this container may use.
+pub(super) fn half_of_memory() -> u64 {
+    let kib = |text: String| {
+        text.lines()
+            .find_map(|line| line.strip_prefix("MemTotal:"))
+            .and_then(|rest| rest.trim().strip_suffix("kB")?.trim().parse::<u64>().ok())
+    };
+    let machine = fs::read_to_string("/proc/meminfo").ok().and_then(kib).map_or(0, |kib| kib << 10);
+    let own = |path| fs::read_to_string(path).ok().and_then(|text: String| text.trim().parse::<u64>().ok());
+    // Version 2 of control groups, then version 1, where no limit is a number beyond any machine's.
+    let container = own("/sys/fs/cgroup/memory.max").or_else(|| own("/sys/fs/cgroup/memory/memory.limit_in_bytes"));
+    container.map_or(machine, |most| most.min(machine)) / 2
+}
+
+/// Where slots are unless told otherwise: the same folder for every process of this user on this machine.
+pub(super) fn usual_folder() -> PathBuf {
+    PathBuf::from(format!("/tmp/meshmend-blender-{}", rustix::process::geteuid().as_raw()))
+}
+
+/// Takes one of `count` slots in `folder`, which is made where it is missing. Where none is free it calls `waiting` once,
+/// and then asks `watch` again and again whether to go on waiting.
+///
+/// # Errors
+/// The operating system's, where the folder or a file in it can't be used.
+pub(super) fn take<S>(
+    folder: &Path,
+    count: u32,
+    waiting: &mut dyn FnMut(),
+    watch: &mut dyn FnMut() -> Result<(), S>,
+) -> io::Result<Result<Slot, S>> {
+    make_private(folder)?;
+    let mut told = false;
+    loop {
+        for number in 0..count {
+            if let Some(slot) = try_take(&folder.join(format!("slot-{number}")))? {
+                return Ok(Ok(slot));
+            }
+        }
+        if !told {
+            waiting();
+            told = true;
+        }
+        if let Err(stop) = watch() {
+            return Ok(Err(stop));
+        }
+        sleep(PAUSE);
+    }
+}
+
+/// Others of this machine must neither read nor hold the files, or lead us elsewhere by links.
+fn make_private(folder: &Path) -> io::Result<()> {
+    match DirBuilder::new().mode(0o700).create(folder) {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => {
+            DirBuilder::new().mode(0o700).recursive(true).create(folder)?;
+        }
+        Err(error) if error.kind() != io::ErrorKind::AlreadyExists => return Err(error),
+        _ => {}
+    }
+    let found = fs::symlink_metadata(folder)?;
+    if !found.is_dir() || found.uid() != rustix::process::geteuid().as_raw() {
+        return Err(io::Error::other("it is no folder of this user"));
+    }
+    Ok(())
+}
+
+fn try_take(path: &Path) -> io::Result<Option<Slot>> {
+    #[expect(clippy::cast_possible_wrap, reason = "a flag")]
+    let no_links = rustix::fs::OFlags::NOFOLLOW.bits() as i32;
+    let file =
+        OpenOptions::new().write(true).create(true).truncate(false).mode(0o600).custom_flags(no_links).open(path)?;
+    match flock(&file, FlockOperation::NonBlockingLockExclusive) {
+        Ok(()) => Ok(Some(Slot { _file: file })),
+        Err(Errno::WOULDBLOCK | Errno::INTR) => Ok(None),
+        Err(error) => Err(error.into()),
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    const GIB: u64 = 1 << 30;
+
+    fn try_one(folder: &Path, count: u32) -> Option<Slot> {
+        take(folder, count, &mut || (), &mut || Err(())).unwrap().ok()
+    }
+
+    #[test]
+    fn there_are_as_many_as_memory_allows_and_at_least_one() {
+        assert_eq!(count(4 * GIB, 9 * GIB), 2);
+        assert_eq!(count(4 * GIB, 8 * GIB), 1);
+        assert_eq!(count(4 * GIB, 0), 1);
+        assert_eq!(count(0, u64::MAX), 1);
+        assert_eq!(count(1, u64::MAX), 64);
+        assert!(half_of_memory() > 1 << 20);
+    }
+
+    #[test]
+    fn no_more_are_taken_than_there_are_and_one_that_is_dropped_is_free_again() {
+        let folder = tempfile::tempdir().unwrap();
+        let slots = folder.path().join("made/here");
+        let (first, second) = (try_one(&slots, 2).unwrap(), try_one(&slots, 2).unwrap());
+        assert!(try_one(&slots, 2).is_none());
+        drop(first);
+        let again = try_one(&slots, 2).unwrap();
+        assert!(try_one(&slots, 2).is_none());
+        drop((second, again));
+    }
+
+    #[test]
+    fn waiting_is_told_once_and_ends_when_one_is_free() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut held = try_one(folder.path(), 1);
+        let (mut told, mut looks) = (0, 0);
+        let slot = take(folder.path(), 1, &mut || told += 1, &mut || {
+            looks += 1;
+            if looks == 3 {
+                held = None;
+            }
+            if looks < 100 { Ok(()) } else { Err(()) }
+        });
+        assert!(slot.unwrap().is_ok());
+        assert_eq!((told, looks), (1, 3));
+    }
+
+    #[test]
+    fn the_slot_of_a_killed_process_is_free() {
+        use std::io::BufRead;
+        let folder = tempfile::tempdir().unwrap();
+        let mut command = std::process::Command::new("sh");
+        command.args(["-c", "exec 9>slot-0; flock 9; echo held; exec sleep 600"]).current_dir(folder.path());
+        let mut child = command.stdout(std::process::Stdio::piped()).spawn().unwrap();
+        let mut line = String::new();
+        io::BufReader::new(child.stdout.take().unwrap()).read_line(&mut line).unwrap();
+        assert_eq!((line.as_str(), try_one(folder.path(), 1).is_none()), ("held\n", true));
+        child.kill().unwrap();
+        child.wait().unwrap();
+        assert!(try_one(folder.path(), 1).is_some());
+    }
+
+    #[test]
+    fn a_folder_that_is_a_link_or_a_file_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let (file, link) = (folder.path().join("file"), folder.path().join("link"));
+        fs::write(&file, "").unwrap();
+        std::os::unix::fs::symlink(folder.path(), &link).unwrap();
+        for path in [file, link] {
+            assert!(take(&path, 1, &mut || (), &mut || Err(())).is_err(), "{}", path.display());
+        }
+    }
+}

@@ -1,0 +1,322 @@
+//! What became of each part of one mesh in another.
+
+mod places;
+
+use glam::DVec3;
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use super::Original;
+use super::kept::{NO_FACE, matched};
+use crate::context::{Cancelled, Context};
+use crate::inspect::{Analysis, finite};
+use crate::mesh::Parts;
+use places::{Place, Places, Probes};
+
+/// Parts that a ledger lists, of those with a certificate and of those without.
+const MOST_LISTED: usize = 1000;
+/// Share of a part's points that must be in the result, and on no other part's surface, for the part to be there.
+const PRESENT: f64 = 0.1;
+/// Share of a part's points that may be anywhere where the rest has a certificate: sampling tells no less.
+const STRAY: f64 = 0.1;
+
+/// Why an input part of which nothing is in the result is not missed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Certificate {
+    /// All of it lies on surface of other parts, and that is in the result.
+    Duplicate,
+    /// It encloses nothing: an open sheet, or closed and without volume.
+    NoVolume,
+    /// It lies inside the result, by winding number.
+    InsideAnother,
+    /// It is open and too small to print.
+    Debris,
+}
+
+/// A part that is not in the result, and why it is not missed.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct PartCertificate {
+    /// The part, by number from 0 in the order of the parts' first faces.
+    pub part: u32,
+    /// Its first face, by index in the file from 0.
+    pub first_face: u32,
+    /// Its faces.
+    pub faces: u64,
+    /// Why it is not missed.
+    pub certificate: Certificate,
+    /// Points on it that were looked at; 0 where its faces alone tell.
+    pub samples: u32,
+}
+
+/// A part that is not in the result without a reason.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct LostPart {
+    /// The part, by number from 0 in the order of the parts' first faces.
+    pub part: u32,
+    /// Its first face, by index in the file from 0.
+    pub first_face: u32,
+    /// Its faces.
+    pub faces: u64,
+    /// Its area.
+    pub area: f64,
+    /// A point on it that is neither on nor in the result.
+    pub at: [f64; 3],
+}
+
+/// What became of each edge-connected part of the input, found on the result's own bytes: every part is in the result, or has
+/// a certificate, or is lost.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct Ledger {
+    /// Parts of the input.
+    pub parts: u64,
+    /// Parts of which every face with an area stands in the result.
+    pub kept: u64,
+    /// Parts of which some stands, whole, cut or moved.
+    pub changed: u64,
+    /// Of the parts that were kept or changed, those that share a part of the result with another.
+    pub united: u64,
+    /// Parts with the certificate `duplicate`.
+    pub duplicate: u64,
+    /// Parts with the certificate `no_volume`.
+    pub no_volume: u64,
+    /// Parts with the certificate `inside_another`.
+    pub inside_another: u64,
+    /// Parts with the certificate `debris`.
+    pub debris: u64,
+    /// Parts with neither: an error of the program.
+    pub lost: u64,
+    /// Parts that were not looked at to the end, on meshes made to be slow; they count nowhere else.
+    pub unknown: u64,
+    /// The parts with a certificate, the first 1000.
+    pub certificates: Vec<PartCertificate>,
+    /// The parts that were lost, the first 1000.
+    pub lost_parts: Vec<LostPart>,
+}
+
+/// What the faces of a part alone tell of why it may go.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Dispensable {
+    /// It encloses something that could be printed.
+    No,
+    /// It encloses nothing.
+    NoVolume,
+    /// It is too small to print.
+    Debris,
+}
+
+impl Original<'_> {
+    /// What became of each part. `dispensable` is asked about those parts alone that are neither in the result nor within it
+    /// nor on what is, and answers for each in order.
+    ///
+    /// A part is in the result where one of its faces is, in the same place; of equal faces as many as the result has, the
+    /// first ones. For the others points on them are looked for: near the result, and then on another part's surface or not,
+    /// or inside the result. O(n log n), within a budget.
+    ///
+    /// # Errors
+    /// [`Cancelled`] when the context says stop.
+    pub fn ledger(
+        &self,
+        after: &Analysis<'_>,
+        dispensable: impl FnOnce(&[u32]) -> Result<Vec<Dispensable>, Cancelled>,
+        context: &Context<'_>,
+    ) -> Result<Ledger, Cancelled> {
+        let before = self.analysis;
+        let mut book = Book::new(before, after);
+        context.check()?;
+        let gone = book.gone();
+        if gone.is_empty() {
+            return Ok(book.close(&[]));
+        }
+        let probes = Probes::new(before, &gone);
+        let found = Places::new(before, after, &book.stands).look(&probes, context)?;
+        let mut told = Vec::with_capacity(gone.len());
+        for (&part, range) in gone.iter().zip(&probes.of_part) {
+            let told_of_it = Told::of(&found[range.clone()]);
+            if told_of_it == Told::Present {
+                let in_result = |place: &Option<Place>| match place {
+                    Some(Place::On { face, .. }) => Some(after.parts.of_face[*face as usize]),
+                    _ => None,
+                };
+                book.links.extend(found[range.clone()].iter().filter_map(in_result).map(|of| (of, part)));
+            }
+            told.push(told_of_it);
+        }
+        let missed: Vec<u32> =
+            gone.iter().zip(&told).filter(|(_, told)| **told == Told::Missed).map(|(&part, _)| part).collect();
+        let mut answers = if missed.is_empty() { Vec::new() } else { dispensable(&missed)? }.into_iter();
+        let entries: Vec<Entry> = gone
+            .iter()
+            .zip(told)
+            .zip(&probes.of_part)
+            .map(|((&part, told), range)| {
+                let samples = u32::try_from(range.len()).unwrap_or(u32::MAX);
+                let fate = match told {
+                    Told::Present => PartFate::Changed,
+                    Told::Unknown => PartFate::Unknown,
+                    Told::Certain(certificate) => PartFate::Certain(certificate, samples),
+                    Told::Missed => match answers.next().unwrap_or(Dispensable::No) {
+                        Dispensable::NoVolume => PartFate::Certain(Certificate::NoVolume, 0),
+                        Dispensable::Debris => PartFate::Certain(Certificate::Debris, 0),
+                        Dispensable::No => {
+                            let stray = range.clone().find(|&i| found[i] == Some(Place::Off));
+                            PartFate::Lost(stray.map_or(DVec3::ZERO, |i| probes.points[i]))
+                        }
+                    },
+                };
+                Entry { part, fate }
+            })
+            .collect();
+        Ok(book.close(&entries))
+    }
+}
+
+/// What was found out about a part of which no face stands.
+struct Entry {
+    part: u32,
+    fate: PartFate,
+}
+
+enum PartFate {
+    Changed,
+    Certain(Certificate, u32),
+    /// With a point of it, in unit coordinates.
+    Lost(DVec3),
+    Unknown,
+}
+
+/// What is known from the faces that stand as they were.
+struct Book<'a> {
+    before: &'a Analysis<'a>,
+    /// Of each part the faces that have an area, and those of them that stand.
+    faces: Vec<[u64; 2]>,
+    /// Whether a face of each part stands.
+    stands: Vec<bool>,
+    /// Parts of the result with parts of the input that are in them.
+    links: Vec<(u32, u32)>,
+}
+
+impl<'a> Book<'a> {
+    fn new(before: &'a Analysis<'a>, after: &'a Analysis<'a>) -> Self {
+        let scale = before.scale();
+        let matched = matched(&before.keys(scale), &after.keys(scale));
+        let count = before.parts.count;
+        let mut book = Self { before, faces: vec![[0; 2]; count], stands: vec![false; count], links: Vec::new() };
+        let faces = before.parts.of_face.iter().zip(before.flat()).zip(&matched);
+        for ((&part, &flat), &other) in faces.filter(|((part, _), _)| **part != Parts::NONE) {
+            let stands = other != NO_FACE;
+            if !flat {
+                let counts = &mut book.faces[part as usize];
+                *counts = [counts[0] + 1, counts[1] + u64::from(stands)];
+            }
+            book.stands[part as usize] |= stands;
+            let link = stands.then(|| (after.parts.of_face[other as usize], part));
+            // Neighbours are mostly of the same parts.
+            if let Some(link) = link.filter(|link| book.links.last() != Some(link)) {
+                book.links.push(link);
+            }
+        }
+        book
+    }
+
+    /// The parts of which no face stands.
+    fn gone(&self) -> Vec<u32> {
+        (0u32..).zip(&self.stands).filter(|(_, stands)| !**stands).map(|(part, _)| part).collect()
+    }
+
+    /// Whether each part shares a part of the result with another.
+    fn united(&mut self) -> Vec<bool> {
+        self.links.retain(|&(of, _)| of != Parts::NONE);
+        self.links.sort_unstable();
+        self.links.dedup();
+        let mut united = vec![false; self.before.parts.count];
+        for together in self.links.chunk_by(|a, b| a.0 == b.0).filter(|together| together.len() > 1) {
+            together.iter().for_each(|&(_, part)| united[part as usize] = true);
+        }
+        united
+    }
+
+    /// The ledger, with what was found of the parts that do not stand, in order.
+    fn close(mut self, entries: &[Entry]) -> Ledger {
+        let united = self.united();
+        let Self { before, faces, stands, .. } = self;
+        let mut ledger = Ledger { parts: before.parts.count as u64, ..Ledger::default() };
+        for ([all, standing], _) in faces.iter().zip(&stands).filter(|(_, stands)| **stands) {
+            *(if all == standing { &mut ledger.kept } else { &mut ledger.changed }) += 1;
+        }
+        ledger.united = united.iter().filter(|&&united| united).count() as u64;
+        let mut first = vec![NO_FACE; if entries.is_empty() { 0 } else { before.parts.count }];
+        let mut count = vec![0u64; first.len()];
+        if !entries.is_empty() {
+            for (&part, f) in before.parts.of_face.iter().zip(0u32..).filter(|(part, _)| **part != Parts::NONE) {
+                first[part as usize] = first[part as usize].min(f);
+                count[part as usize] += 1;
+            }
+        }
+        let unit = before.unit_length();
+        for &Entry { part, ref fate } in entries {
+            let first_face = before.surface.source[first[part as usize] as usize];
+            let faces = count[part as usize];
+            match *fate {
+                PartFate::Changed => ledger.changed += 1,
+                PartFate::Unknown => ledger.unknown += 1,
+                PartFate::Certain(certificate, samples) => {
+                    *match certificate {
+                        Certificate::Duplicate => &mut ledger.duplicate,
+                        Certificate::NoVolume => &mut ledger.no_volume,
+                        Certificate::InsideAnother => &mut ledger.inside_another,
+                        Certificate::Debris => &mut ledger.debris,
+                    } += 1;
+                    if ledger.certificates.len() < MOST_LISTED {
+                        ledger.certificates.push(PartCertificate { part, first_face, faces, certificate, samples });
+                    }
+                }
+                PartFate::Lost(at) => {
+                    ledger.lost += 1;
+                    if ledger.lost_parts.len() < MOST_LISTED {
+                        let area = finite(before.solids[part as usize].area);
+                        let at = (at * unit).to_array().map(finite);
+                        ledger.lost_parts.push(LostPart { part, first_face, faces, area, at });
+                    }
+                }
+            }
+        }
+        ledger
+    }
+}
+
+/// What the points of a part tell.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Told {
+    Present,
+    Certain(Certificate),
+    Missed,
+    Unknown,
+}
+
+impl Told {
+    fn of(places: &[Option<Place>]) -> Self {
+        let (mut own, mut another, mut inside, mut off) = (0u32, 0u32, 0u32, 0u32);
+        for place in places.iter().flatten() {
+            *match place {
+                Place::On { another: false, .. } => &mut own,
+                Place::On { another: true, .. } => &mut another,
+                Place::In => &mut inside,
+                Place::Off => &mut off,
+            } += 1;
+        }
+        let all = own + another + inside + off;
+        let at_least = |count: u32, share: f64| f64::from(count) >= share * f64::from(all);
+        if all == 0 {
+            Self::Unknown
+        } else if own > 0 && at_least(own, PRESENT) {
+            Self::Present
+        } else if at_least(another, 1.0 - STRAY) {
+            Self::Certain(Certificate::Duplicate)
+        } else if inside > 0 && at_least(another + inside, 1.0 - STRAY) {
+            Self::Certain(Certificate::InsideAnother)
+        } else {
+            Self::Missed
+        }
+    }
+}

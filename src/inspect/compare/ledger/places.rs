@@ -1,0 +1,149 @@
+use glam::DVec3;
+
+use super::super::FAR;
+use super::super::deviation::{Pair, unit_diagonal};
+use super::super::fates::ROUNDING;
+use super::super::inside::Inside;
+use super::super::kept::NO_FACE;
+use crate::context::{Cancelled, Context};
+use crate::inspect::Analysis;
+use crate::inspect::queries::ask;
+use crate::math::{nearest_on_triangle, r2};
+use crate::mesh::Parts;
+
+/// Points on all parts of which no face stands, and on each of them at least and at most.
+const SAMPLES: usize = 60_000;
+const SAMPLES_EACH: [usize; 2] = [4, 64];
+/// Boxes, nodes and triangles that all searches together may look at: so many, and so many more for each point.
+const BUDGET: u64 = 10_000_000;
+const BUDGET_A_POINT: u64 = 1000;
+/// How near to the result a part's surface must be to be taken for its own, as a share of how thick it is on the whole, so
+/// that the surface under a thin plate is none of the plate's; of the diagonal of an open part.
+const OF_SIZE: f64 = 0.25;
+
+/// Points on some parts.
+pub(super) struct Probes {
+    pub points: Vec<DVec3>,
+    /// For each point its part, and how near counts, in unit coordinates.
+    part: Vec<u32>,
+    reach: Vec<f64>,
+    /// For each of the parts its points.
+    pub of_part: Vec<std::ops::Range<usize>>,
+}
+
+impl Probes {
+    /// Points spread by area over each part.
+    pub fn new(analysis: &Analysis<'_>, parts: &[u32]) -> Self {
+        let each = (SAMPLES / parts.len().max(1)).clamp(SAMPLES_EACH[0], SAMPLES_EACH[1]);
+        let mut of = vec![NO_FACE; analysis.parts.count];
+        for (number, &part) in (0u32..).zip(parts) {
+            of[part as usize] = number;
+        }
+        let mut faces: Vec<Vec<u32>> = vec![Vec::new(); parts.len()];
+        for (&part, f) in analysis.parts.of_face.iter().zip(0u32..).filter(|(part, _)| **part != Parts::NONE) {
+            if let Some(faces) = faces.get_mut(of[part as usize] as usize) {
+                faces.push(f);
+            }
+        }
+        let unit = analysis.unit();
+        let corners = |f: u32| analysis.surface.faces[f as usize].map(|v| unit[v as usize]);
+        let area = |f: u32| {
+            let [a, b, c] = corners(f);
+            (b - a).cross(c - a).length() / 2.0
+        };
+        let far = FAR * unit_diagonal(analysis);
+        let mut probes = Self { points: Vec::new(), part: Vec::new(), reach: Vec::new(), of_part: Vec::new() };
+        for (&part, faces) in parts.iter().zip(&faces) {
+            let begin = probes.points.len();
+            let total: f64 = faces.iter().map(|&f| area(f)).sum();
+            let solid = &analysis.solids[part as usize];
+            let size = if solid.closed { 2.0 * (solid.volume / solid.area).abs() } else { solid.bounds.diagonal() };
+            // NaN where there is no area: then what rounding moves.
+            let reach = far.min(OF_SIZE * size * analysis.scale()).max(2.0 * ROUNDING);
+            let (mut passed, mut number) = (0.0, 0u32);
+            let count = each as f64;
+            for &f in faces {
+                passed += area(f);
+                while (number as usize) < each && (f64::from(number) + 0.5) / count * total < passed {
+                    let [u, v] = r2(f64::from(number));
+                    let (u, [a, b, c]) = (u.sqrt(), corners(f));
+                    probes.points.push(a * (1.0 - u) + b * (u * (1.0 - v)) + c * (u * v));
+                    number += 1;
+                }
+            }
+            // A part without area is where its first corner is.
+            if number == 0 {
+                probes.points.extend(faces.first().map(|&f| corners(f)[0]));
+            }
+            probes.part.resize(probes.points.len(), part);
+            probes.reach.resize(probes.points.len(), reach);
+            probes.of_part.push(begin..probes.points.len());
+        }
+        probes
+    }
+}
+
+/// Where a point of the input is with regard to the result.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Place {
+    /// On a face, and whether also on another part of the input.
+    On { face: u32, another: bool },
+    /// Inside.
+    In,
+    /// Neither.
+    Off,
+}
+
+/// Answers where points are.
+pub(super) struct Places<'a> {
+    before: &'a Analysis<'a>,
+    after: &'a Analysis<'a>,
+    stands: &'a [bool],
+    inside: Inside<'a>,
+    /// What unit coordinates of the input are multiplied by to be such of the result.
+    ratio: f64,
+}
+
+impl<'a> Places<'a> {
+    pub fn new(before: &'a Analysis<'a>, after: &'a Analysis<'a>, stands: &'a [bool]) -> Self {
+        let ratio = Pair::new(before, after).ratio;
+        Self { before, after, stands, inside: Inside::new(after), ratio }
+    }
+
+    pub fn look(&self, probes: &Probes, context: &Context<'_>) -> Result<Vec<Option<Place>>, Cancelled> {
+        let count = probes.points.len();
+        let budget = BUDGET + BUDGET_A_POINT * count as u64;
+        let found = ask(count, budget, context, |i, steps| {
+            let place = self.place(probes.points[i], probes.part[i], probes.reach[i], steps);
+            (*steps > 0).then_some(place)
+        })?;
+        Ok(found.values)
+    }
+
+    fn place(&self, point: DVec3, part: u32, reach: f64, steps: &mut u64) -> Place {
+        let there = point * self.ratio;
+        let corners = |f: u32| self.after.surface.faces[f as usize].map(|v| self.after.unit()[v as usize]);
+        match self.after.tree().nearest(there, reach * self.ratio, steps, corners) {
+            Some(nearest) => Place::On { face: nearest.face, another: self.is_on_another(point, part, reach, steps) },
+            None if self.inside.winding(there, steps) >= 0.5 => Place::In,
+            None => Place::Off,
+        }
+    }
+
+    /// Whether a point is also on a part that stands, or on one before it: of parts on one another that were made anew the
+    /// first is taken to be there.
+    fn is_on_another(&self, point: DVec3, part: u32, reach: f64, steps: &mut u64) -> bool {
+        let Analysis { surface, parts, .. } = self.before;
+        let mut found = false;
+        self.before.tree().around(point, reach, |f| {
+            *steps = steps.saturating_sub(1);
+            let other = parts.of_face[f as usize];
+            if other != part && other != Parts::NONE && (other < part || self.stands[other as usize]) {
+                let corners = surface.faces[f as usize].map(|v| self.before.unit()[v as usize]);
+                found = nearest_on_triangle(point, corners).distance(point) <= reach;
+            }
+            !found && *steps > 0
+        });
+        found
+    }
+}

@@ -1,0 +1,194 @@
+//! What became of every piece of surface: kept, moved, added or removed, and how it is drawn.
+
+use std::sync::atomic::AtomicBool;
+use std::time::Duration;
+
+use glam::DVec3;
+use meshmend::context::{Context, NoProgress};
+use meshmend::format::{self, Format, Limits, read};
+use meshmend::inspect::{Analysis, CompareOptions, Fate, Fates, Original, measures};
+use meshmend::mesh::Soup;
+use meshmend::render::{Drawing, draw_change};
+use meshmend::repair::{Options, Outcome, draw, repair};
+use serde_json::Value;
+
+use crate::meshes::{cube, join, push, sphere};
+
+fn with_context<T>(run: impl FnOnce(&Context<'_>) -> T) -> T {
+    let (cancel, clock) = (AtomicBool::new(false), || Duration::ZERO);
+    run(&Context::new(&NoProgress, &cancel, &clock, Duration::from_secs(100)))
+}
+
+fn fates(before: &Soup, after: &Soup) -> Fates {
+    with_context(|context| {
+        let [before, after] = [before, after].map(|soup| Analysis::new(soup.into(), context).unwrap());
+        let measured = measures(&before, context).unwrap();
+        Original::new(&before, &measured, CompareOptions::BRIEF).fates(&after, context).unwrap()
+    })
+}
+
+/// The areas of what was kept, moved, added and removed.
+fn areas(before: &Soup, after: &Soup) -> [f64; 4] {
+    let shares = fates(before, after).shares;
+    assert!(shares.complete);
+    [shares.kept, shares.moved, shares.added, shares.removed].map(|share| share.area)
+}
+
+fn near(found: [f64; 4], expected: [f64; 4], within: f64) -> bool {
+    found.iter().zip(expected).all(|(a, b)| (a - b).abs() <= within)
+}
+
+fn without_top(soup: &Soup) -> Soup {
+    let mut open = soup.clone();
+    open.faces.retain(|face| !face.iter().all(|&v| soup.positions[v as usize].z == 1.0));
+    open
+}
+
+#[test]
+fn the_same_surface_is_kept_in_any_order_and_cut_anew() {
+    let coarse = cube(DVec3::ZERO, 1.0, 1);
+    let mut turned = coarse.clone();
+    turned.faces.reverse();
+    assert_eq!(areas(&coarse, &turned), [6.0, 0.0, 0.0, 0.0]);
+    assert!(near(areas(&coarse, &cube(DVec3::ZERO, 1.0, 5)), [6.0, 0.0, 0.0, 0.0], 1e-9));
+    assert!(near(areas(&cube(DVec3::ZERO, 1.0, 5), &coarse), [6.0, 0.0, 0.0, 0.0], 1e-9));
+}
+
+#[test]
+fn a_patch_is_added_however_small_the_hole_and_a_wall_that_is_gone_is_removed() {
+    let whole = cube(DVec3::ZERO, 1.0, 6);
+    assert!(near(areas(&without_top(&whole), &whole), [5.0, 0.0, 1.0, 0.0], 1e-9));
+    assert!(near(areas(&whole, &without_top(&whole)), [5.0, 0.0, 0.0, 1.0], 1e-9));
+    // A hole that is narrower than what counts as near.
+    let fine = cube(DVec3::ZERO, 1.0, 300);
+    let mut holed = fine.clone();
+    let gone = holed.faces.pop().unwrap();
+    let found = fates(&holed, &fine);
+    assert_eq!(found.of_face.iter().filter(|&&fate| fate == Some(Fate::Added)).count(), 1);
+    assert_eq!(found.of_face.last(), Some(&Some(Fate::Added)), "{gone:?}");
+    assert_eq!(found.shares.removed.faces, 0);
+}
+
+#[test]
+fn surface_that_went_a_little_way_was_moved_and_one_that_went_far_was_removed_and_added() {
+    let before = sphere(DVec3::ZERO, 1.0, 40, 20);
+    let scaled = |by: f64| Soup { positions: before.positions.iter().map(|&p| p * by).collect(), ..before.clone() };
+    let area = areas(&before, &before)[0];
+    assert!(near(areas(&before, &scaled(1.002)), [0.0, area * 1.002f64.powi(2), 0.0, 0.0], 1e-9));
+    assert!(near(areas(&before, &scaled(1.1)), [0.0, 0.0, area * 1.21, area], 1e-9));
+    // By no more than rounding to f32 moves.
+    assert!(near(areas(&before, &scaled(1.0 + 1e-8)), [area, 0.0, 0.0, 0.0], 1e-6));
+}
+
+#[test]
+fn of_a_face_that_runs_into_a_solid_the_inner_piece_is_removed() {
+    // A bar through the wall of a box: half of each of its four sides is inside.
+    let shell = cube(DVec3::ZERO, 4.0, 1);
+    let quad = |soup: &mut Soup, [a, b, c, d]: [DVec3; 4]| {
+        push(soup, [a, b, c]);
+        push(soup, [a, c, d]);
+    };
+    let at = |x: f64, y: f64, z: f64| DVec3::new(x, y, z);
+    let ring = |x: f64| [at(x, 1.0, 1.0), at(x, 2.0, 1.0), at(x, 2.0, 2.0), at(x, 1.0, 2.0)];
+    let sides = |from: f64, to: f64| {
+        let (mut soup, from, to) = (Soup::default(), ring(from), ring(to));
+        for i in 0..4 {
+            let j = (i + 1) % 4;
+            quad(&mut soup, [from[i], from[j], to[j], to[i]]);
+        }
+        soup
+    };
+    let before = join(&shell, &sides(2.0, 6.0));
+    let after = join(&shell, &sides(4.0, 6.0));
+    let [kept, moved, added, removed] = areas(&before, &after);
+    assert!((kept - (96.0 + 8.0)).abs() < 1e-9 && moved == 0.0 && added == 0.0, "{kept} {moved} {added}");
+    assert!((removed - 8.0).abs() < 0.8, "{removed}");
+}
+
+#[test]
+fn sizes_and_places_change_nothing_but_the_areas() {
+    for size in [1e-150, 1e-9, 1.0, 1e12, 1e150] {
+        let before = cube(DVec3::splat(-size), 2.0 * size, 4);
+        let mut after = before.clone();
+        after.faces.truncate(before.faces.len() - 32);
+        let found = areas(&after, &before).map(|area| area / size / size);
+        assert!(near(found, [20.0, 0.0, 4.0, 0.0], 1e-9), "{size}: {found:?}");
+    }
+}
+
+#[test]
+fn meshes_of_nothing_or_of_broken_faces_are_no_trouble() {
+    let whole = cube(DVec3::ZERO, 1.0, 1);
+    let empty = Soup::default();
+    assert_eq!(areas(&empty, &empty), [0.0; 4]);
+    assert_eq!(areas(&whole, &empty), [0.0, 0.0, 0.0, 6.0]);
+    assert_eq!(areas(&empty, &whole), [0.0, 0.0, 6.0, 0.0]);
+    let mut broken = whole.clone();
+    push(&mut broken, [DVec3::NAN; 3]);
+    push(&mut broken, [DVec3::ZERO; 3]);
+    let found = fates(&broken, &broken);
+    assert_eq!((found.of_face.len(), found.of_face[12]), (14, None));
+    assert_eq!(found.shares.kept.area, 6.0);
+}
+
+fn drawing<'a>(drawings: &'a [Drawing], name: &str) -> &'a [u8] {
+    &drawings.iter().find(|it| it.name == name).unwrap_or_else(|| panic!("no {name}")).bytes
+}
+
+#[test]
+fn a_change_is_drawn_in_four_colours_with_the_legend_in_the_file() {
+    let whole = cube(DVec3::ZERO, 1.0, 2);
+    let before = join(&without_top(&whole), &sphere(DVec3::splat(0.5), 0.2, 8, 6));
+    let mut after = whole.clone();
+    // One corner is moved a little.
+    after.positions[0] -= DVec3::splat(0.002);
+    let found = fates(&before, &after);
+    let drawings = with_context(|context| draw_change(&after, &found, context)).unwrap();
+    assert!(drawing(&drawings, "change.png").starts_with(b"\x89PNG"));
+
+    let glb = drawing(&drawings, "change.glb");
+    let length = u32::from_le_bytes(glb[12..16].try_into().unwrap()) as usize;
+    let document: Value = serde_json::from_slice(&glb[20..20 + length]).unwrap();
+    let names: Vec<_> = document["nodes"].as_array().unwrap().iter().map(|node| node["name"].clone()).collect();
+    assert_eq!(names, ["model", "kept", "moved", "added", "removed"]);
+    let legend = &document["scenes"][0]["extras"]["legend"];
+    assert_eq!(legend[2]["kind"], "added");
+    assert_eq!(legend[2]["colour"], "#0072B2");
+    assert_eq!((legend[2]["count"].as_u64(), legend[2]["area"].as_f64()), (Some(8), Some(1.0)));
+    let colours: std::collections::BTreeSet<_> =
+        (0..4).map(|i| legend[i]["colour"].as_str().unwrap().to_owned()).collect();
+    assert_eq!(colours.len(), 4);
+
+    let ply = drawing(&drawings, "change.ply");
+    let text = String::from_utf8_lossy(&ply[..800]);
+    assert!(text.contains("comment legend removed #D1241B 80 faces removed"), "{text}");
+    assert!(text.contains("property uchar fate\n"), "{text}");
+    let faces = read(ply, &Limits::default()).unwrap().soup.faces.len();
+    assert_eq!(faces, after.faces.len() + found.removed.len());
+}
+
+#[test]
+fn a_repair_reports_the_areas_and_draws_them() {
+    let input = format::write(&join(&without_top(&cube(DVec3::ZERO, 1.0, 3)), &Soup::default()), Format::Stl).unwrap();
+    with_context(|context| {
+        let repaired = repair(&input, &Options::default(), &Limits::default(), None, context).unwrap();
+        assert_eq!(repaired.report.outcome, Outcome::Repaired);
+        let surface = repaired.report.changes.unwrap().surface.unwrap();
+        assert!((surface.kept.area - 5.0).abs() < 1e-6 && (surface.added.area - 1.0).abs() < 1e-6, "{surface:?}");
+        assert_eq!((surface.kept.faces, surface.removed.faces), (90, 0));
+        let names: Vec<_> =
+            draw(&input, &repaired, &Limits::default(), context).unwrap().iter().map(|it| it.name).collect();
+        assert_eq!(names[4..], ["change.png", "change.glb", "change.ply"]);
+    });
+}
+
+#[test]
+fn a_file_that_comes_back_as_it_was_is_all_kept() {
+    let input = format::write(&cube(DVec3::ZERO, 1.0, 3), Format::Stl).unwrap();
+    with_context(|context| {
+        let repaired = repair(&input, &Options::default(), &Limits::default(), None, context).unwrap();
+        assert_eq!(repaired.report.outcome, Outcome::AlreadyPrintable);
+        let surface = repaired.report.changes.unwrap().surface.unwrap();
+        assert_eq!((surface.kept.faces, surface.moved.faces + surface.added.faces + surface.removed.faces), (108, 0));
+    });
+}

@@ -1,0 +1,262 @@
+//! Each part of the input is in the result, or has a certificate, or is lost and raises the flag.
+
+use std::sync::atomic::AtomicBool;
+use std::time::Duration;
+
+use glam::DVec3;
+use meshmend::context::{Context, NoProgress};
+use meshmend::format::{self, Format, Limits};
+use meshmend::inspect::{Analysis, CompareOptions, Original, measures};
+use meshmend::mesh::Soup;
+use meshmend::repair::{
+    Certificate, Ledger, Operator, Options, Outcome, RedFlagCode, RemeshError, RemeshRequest, Remeshed, Remesher,
+    RemesherInfo, Repaired, ledger, repair,
+};
+use proptest::prelude::*;
+
+use crate::meshes::{cube, inside_out, join, push, sheet, sphere};
+
+fn with_context<T>(run: impl FnOnce(&Context<'_>) -> T) -> T {
+    let (cancel, clock) = (AtomicBool::new(false), || Duration::ZERO);
+    run(&Context::new(&NoProgress, &cancel, &clock, Duration::from_secs(100)))
+}
+
+fn booked(before: &Soup, after: &Soup) -> Ledger {
+    let booked = with_context(|context| {
+        let [before, after] = [before, after].map(|soup| Analysis::new(soup.into(), context).unwrap());
+        let measured = measures(&before, context).unwrap();
+        let original = Original::new(&before, &measured, CompareOptions::BRIEF);
+        ledger(&original, &after, &Options::default(), context).unwrap()
+    });
+    let Ledger { parts, kept, changed, duplicate, no_volume, inside_another, debris, lost, unknown, .. } = booked;
+    assert_eq!(kept + changed + duplicate + no_volume + inside_another + debris + lost + unknown, parts, "{booked:?}");
+    booked
+}
+
+/// The certificates by part.
+fn certificates(before: &Soup, after: &Soup) -> Vec<(u32, Certificate)> {
+    let booked = booked(before, after);
+    assert_eq!(booked.lost, 0, "{booked:?}");
+    booked.certificates.iter().map(|it| (it.part, it.certificate)).collect()
+}
+
+fn box_at(x: f64, size: f64) -> Soup {
+    cube(DVec3::new(x, 0.0, 0.0), size, 3)
+}
+
+/// A cuboid with its sides cut so often.
+fn cuboid(low: DVec3, sides: DVec3, n: u32) -> Soup {
+    let mut soup = cube(DVec3::ZERO, 1.0, n);
+    soup.positions.iter_mut().for_each(|p| *p = low + *p * sides);
+    soup
+}
+
+#[test]
+fn what_stands_is_kept_and_what_stands_in_part_is_changed() {
+    let both = join(&box_at(0.0, 1.0), &box_at(3.0, 1.0));
+    let whole = booked(&both, &both);
+    assert_eq!((whole.parts, whole.kept, whole.changed, whole.united), (2, 2, 0, 0));
+    let mut cut = both.clone();
+    cut.faces.pop();
+    let cut = booked(&both, &cut);
+    assert_eq!((cut.kept, cut.changed, cut.lost), (1, 1, 0));
+    // Made anew with other faces, and moved a little.
+    let mut anew = join(&cube(DVec3::ZERO, 1.0, 5), &cube(DVec3::new(3.0, 0.0, 0.0), 1.0, 7));
+    anew.positions.iter_mut().for_each(|p| *p += DVec3::splat(0.003));
+    assert_eq!(booked(&both, &anew).changed, 2);
+}
+
+#[test]
+fn parts_that_share_a_part_of_the_result_are_united() {
+    let apart = join(&join(&box_at(0.0, 1.0), &box_at(0.5, 1.0)), &box_at(5.0, 1.0));
+    // The two that overlap become one cuboid.
+    let united = join(&cuboid(DVec3::ZERO, DVec3::new(1.5, 1.0, 1.0), 4), &box_at(5.0, 1.0));
+    let booked = booked(&apart, &united);
+    assert_eq!((booked.kept, booked.changed, booked.united, booked.lost), (1, 2, 2, 0));
+}
+
+#[test]
+fn a_copy_of_a_part_is_a_duplicate() {
+    let one = box_at(0.0, 1.0);
+    let coarse = cube(DVec3::ZERO, 1.0, 1);
+    assert_eq!(certificates(&join(&coarse, &one), &one), [(0, Certificate::Duplicate)]);
+    // Both are made anew: one of them is there.
+    let anew = cube(DVec3::ZERO, 1.0, 2);
+    assert_eq!(certificates(&join(&coarse, &one), &anew), [(1, Certificate::Duplicate)]);
+    // Copies with the same faces share their edges: they are one part, of which a part stands.
+    let twice = join(&one, &one);
+    assert_eq!((booked(&twice, &one).parts, booked(&twice, &one).changed), (1, 1));
+    assert_eq!(booked(&twice, &twice).kept, 1);
+}
+
+#[test]
+fn a_part_within_the_result_is_inside_another() {
+    let outer = box_at(0.0, 4.0);
+    let ball = sphere(DVec3::splat(2.0), 1.0, 12, 8);
+    for ball in [inside_out(ball.clone()), ball] {
+        assert_eq!(certificates(&join(&ball, &outer), &outer), [(0, Certificate::InsideAnother)]);
+    }
+}
+
+#[test]
+fn sheets_and_closed_parts_without_volume_enclose_nothing() {
+    let solid = box_at(0.0, 1.0);
+    let far = |mut soup: Soup| {
+        soup.positions.iter_mut().for_each(|p| *p += DVec3::new(9.0, 0.0, 0.0));
+        soup
+    };
+    let flat = far(sheet(4));
+    assert_eq!(certificates(&join(&solid, &flat), &solid), [(1, Certificate::NoVolume)]);
+    let double = join(&flat, &inside_out(flat.clone()));
+    assert_eq!(certificates(&join(&solid, &double), &solid), [(1, Certificate::NoVolume)]);
+    // A box pressed flat: closed, with two layers of different faces.
+    let pressed = cuboid(DVec3::new(9.0, 0.0, 0.0), DVec3::new(1.0, 1.0, 1e-9), 3);
+    assert_eq!(certificates(&join(&solid, &pressed), &solid), [(1, Certificate::NoVolume)]);
+    // A needle of which no corner is elsewhere than on one line.
+    let mut needle = solid.clone();
+    push(&mut needle, [DVec3::splat(5.0), DVec3::splat(6.0), DVec3::splat(7.0)]);
+    assert_eq!(certificates(&needle, &solid), [(1, Certificate::NoVolume)]);
+}
+
+#[test]
+fn an_open_bit_that_is_too_small_to_print_is_debris() {
+    let solid = box_at(0.0, 100.0);
+    let mut bit = cube(DVec3::new(150.0, 0.0, 0.0), 0.01, 1);
+    bit.faces.truncate(10);
+    assert_eq!(certificates(&join(&solid, &bit), &solid), [(1, Certificate::Debris)]);
+}
+
+#[test]
+fn a_part_that_is_gone_without_a_reason_is_lost() {
+    let (big, small) = (box_at(0.0, 4.0), box_at(6.0, 1.0));
+    let booked_beside = booked(&join(&big, &small), &big);
+    assert_eq!((booked_beside.kept, booked_beside.lost), (1, 1));
+    let lost = &booked_beside.lost_parts[0];
+    assert_eq!((lost.part, lost.first_face, lost.faces), (1, 108, 54 * 2));
+    assert!((lost.area - 6.0).abs() < 1e-12);
+    assert!((5.9..7.1).contains(&lost.at[0]), "{:?}", lost.at);
+    // One whose faces are turned any way.
+    let mut mixed = small.clone();
+    mixed.faces.iter_mut().step_by(3).for_each(|face| face.swap(0, 1));
+    assert_eq!(booked(&join(&big, &mixed), &big).lost, 1);
+    // A box without a lid is no sheet.
+    let mut open = small.clone();
+    open.faces.truncate(90);
+    assert_eq!(booked(&join(&big, &open), &big).lost, 1);
+    // In a closed hollow it is not inside the result.
+    let hollow = join(&box_at(0.0, 4.0), &inside_out(cube(DVec3::splat(0.5), 3.0, 2)));
+    let ball = sphere(DVec3::splat(2.0), 0.5, 12, 8);
+    assert_eq!(booked(&join(&hollow, &ball), &hollow).lost, 1);
+}
+
+#[test]
+fn a_thin_plate_on_a_large_part_is_none_of_its_surface() {
+    let table = cube(DVec3::ZERO, 100.0, 4);
+    let plate = cuboid(DVec3::new(20.0, 20.0, 100.0), DVec3::new(30.0, 30.0, 0.2), 3);
+    assert_eq!(booked(&join(&table, &plate), &table).lost, 1);
+    let mut near = join(&table, &plate);
+    near.positions.iter_mut().for_each(|p| p.x += 0.01);
+    assert_eq!(booked(&join(&table, &plate), &near).changed, 2);
+}
+
+#[test]
+fn a_result_of_nothing_loses_all_but_sheets() {
+    let input = join(&box_at(0.0, 1.0), &sheet(3));
+    let booked = booked(&input, &Soup::default());
+    assert_eq!((booked.parts, booked.lost, booked.no_volume), (2, 1, 1));
+}
+
+#[test]
+fn lists_are_bounded_and_counts_are_not() {
+    let mut input = box_at(0.0, 1.0);
+    for i in 0..1500 {
+        let at = DVec3::new(f64::from(i % 40) * 3.0, f64::from(i / 40) * 3.0, 10.0);
+        push(&mut input, [at, at + DVec3::X, at + DVec3::Y]);
+    }
+    let booked = booked(&input, &box_at(0.0, 1.0));
+    assert_eq!((booked.parts, booked.no_volume, booked.certificates.len()), (1501, 1500, 1000));
+}
+
+/// A remesher that answers with one mesh.
+struct Answers(RemesherInfo, Soup);
+
+impl Remesher for Answers {
+    fn info(&self) -> Result<&RemesherInfo, &str> {
+        Ok(&self.0)
+    }
+
+    fn remesh(&self, _: &RemeshRequest<'_>, _: &Context<'_>) -> Result<Remeshed, RemeshError> {
+        Ok(Remeshed::from(self.1.clone()))
+    }
+}
+
+fn remeshed(input: &Soup, answer: Soup) -> Repaired {
+    let info = RemesherInfo { kind: "fake".to_owned(), version: "1.0".to_owned(), program: "fake".to_owned() };
+    let bytes = format::write(input, Format::Stl).unwrap();
+    let options = Options {
+        preset: meshmend::repair::Preset::BlenderRemesh,
+        // Without these the native tiers leave the hole, so that only the remesh is closed.
+        without: vec![Operator::FillHoles, Operator::CleanAndPatch],
+        max_surface_lost_pct: 100.0,
+        max_face_loss_pct: 100.0,
+        max_volume_change_pct: 100.0,
+        max_box_change_pct: 100.0,
+        ..Options::default()
+    };
+    with_context(|context| repair(&bytes, &options, &Limits::default(), Some(&Answers(info, answer)), context).unwrap())
+}
+
+#[test]
+fn a_dropped_part_raises_the_flag_and_the_repair_is_one_in_part() {
+    let mut open = cube(DVec3::ZERO, 4.0, 3);
+    open.faces.pop();
+    let kept = cube(DVec3::new(2.5, 2.5, 4.5), 1.0, 2);
+    let input = join(&join(&open, &cube(DVec3::new(1.0, 1.0, 4.5), 1.0, 3)), &kept);
+    let dropped = remeshed(&input, join(&cube(DVec3::ZERO, 4.0, 5), &kept)).report;
+    assert_eq!(dropped.outcome, Outcome::PartiallyRepaired);
+    assert_eq!(dropped.red_flags.iter().map(|flag| flag.code).collect::<Vec<_>>(), [RedFlagCode::PartLost]);
+    assert_eq!(dropped.ledger.unwrap().lost_parts[0].part, 1);
+    let whole = join(&cube(DVec3::ZERO, 4.0, 5), &cube(DVec3::new(1.0, 1.0, 4.5), 1.0, 4));
+    let whole = remeshed(&input, join(&whole, &kept)).report;
+    assert_eq!((whole.outcome, whole.red_flags.len()), (Outcome::Repaired, 0));
+    assert_eq!(whole.ledger.unwrap().changed, 2, "the third is kept");
+}
+
+#[test]
+fn the_native_tiers_lose_no_part_of_a_model_of_many() {
+    let mut input = sphere(DVec3::splat(2.0), 0.5, 10, 6);
+    for i in 0..4 {
+        input = join(&input, &cube(DVec3::splat(f64::from(i) * 0.7), 1.0, 2));
+    }
+    input = join(&input, &cube(DVec3::splat(0.7), 1.0, 3));
+    let bytes = format::write(&input, Format::Stl).unwrap();
+    let options = Options { max_tier: 2, ..Options::default() };
+    let report = with_context(|context| repair(&bytes, &options, &Limits::default(), None, context).unwrap()).report;
+    let booked = report.ledger.unwrap();
+    assert_eq!((booked.parts, booked.lost, booked.unknown), (6, 0, 0), "{booked:?}");
+    assert!(booked.duplicate == 1 && booked.united >= 4, "{booked:?}");
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 24, failure_persistence: None, ..ProptestConfig::default() })]
+
+    #[test]
+    fn whatever_parts_are_dropped_are_the_ones_that_are_lost(
+        keep in proptest::collection::vec(any::<bool>(), 2..12),
+        size in prop::sample::select(vec![1e-6, 1.0, 1e6]),
+        n in 1u32..4,
+    ) {
+        let (mut before, mut after) = (Soup::default(), Soup::default());
+        for (i, &keep) in (0u32..).zip(&keep) {
+            let part = cube(DVec3::new(f64::from(i) * 1.5, 0.0, 0.0) * size, size, n);
+            before = join(&before, &part);
+            // Cut anew where the number is even.
+            let anew = cube(DVec3::new(f64::from(i) * 1.5, 0.0, 0.0) * size, size, n + u32::from(i % 2 == 0));
+            after = if keep { join(&after, &anew) } else { after };
+        }
+        let booked = booked(&before, &after);
+        let lost: Vec<u32> = booked.lost_parts.iter().map(|it| it.part).collect();
+        let dropped: Vec<u32> = (0u32..).zip(&keep).filter(|(_, keep)| !**keep).map(|(i, _)| i).collect();
+        prop_assert_eq!(lost, dropped);
+    }
+}
