@@ -1,7 +1,8 @@
 use super::Stop;
+use super::blockwise::depths;
 use super::field::{Field, ask};
 use super::grid::{Grid, Place};
-use super::samples::{Samples, along, around_edge, corner};
+use super::samples::{Samples, along, around_edge, by_block, corner};
 use crate::context::Context;
 
 /// Makes cells known: asks for their corners, and goes on to the cells around every edge at which the inside ends, until
@@ -33,13 +34,14 @@ pub(super) fn reach(
             }
         }
         limits.check(samples)?;
-        let depths = ask(&wanted, &mut limits.steps, context, |&place, steps| field.depth(grid.point(place), steps))?;
-        for (&place, &depth) in wanted.iter().zip(&depths) {
+        let blocks = by_block(wanted);
+        let depths = ask(&blocks, &mut limits.steps, context, |places, steps| depths(field, grid, places, steps))?;
+        for (&place, &depth) in blocks.iter().flatten().zip(depths.iter().flatten()) {
             #[expect(clippy::cast_possible_truncation, reason = "a winding number is asked for being above a half")]
             samples.set(place, depth.clamp(-1e6, 1e6) as f32);
         }
         cells.clear();
-        for &place in &wanted {
+        for &place in blocks.iter().flatten() {
             let inside = samples.inside(place);
             for axis in 0..3 {
                 let mut below = place;

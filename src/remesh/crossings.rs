@@ -6,8 +6,6 @@ use super::grid::{Grid, Place};
 use super::samples::{Samples, along};
 use crate::context::Context;
 
-/// How often the way to where the inside ends is halved where no triangle is there.
-const HALVINGS: u32 = 12;
 /// Triangles closer together than this share of an edge are one.
 const SAME: f64 = 1e-9;
 
@@ -42,14 +40,22 @@ pub(super) fn crossings(
         let ends = [place, along(place, axis)];
         let [outer, inner] = if inside_below { [ends[1], ends[0]] } else { ends };
         let [from, to] = [outer, inner].map(|place| grid.point(place));
-        let (at, normal) = crossing(field, from, to, samples.is_made(inner), steps);
+        let depths = [outer, inner].map(|place| samples.value(place).map_or(0.0, f64::from));
+        let (at, normal) = crossing(field, from, to, depths, samples.is_made(inner), steps);
         let least = grid.clearance() / grid.cell;
         Crossing { place, axis, inside_below, point: from.lerp(to, at.clamp(least, 1.0 - least)), normal }
     })
 }
 
 /// Where the way from outside to inside first passes into it, as a share of it, and the normal of the triangle there.
-fn crossing(field: &Field<'_>, from: DVec3, to: DVec3, made: bool, steps: &mut u64) -> (f64, Option<DVec3>) {
+fn crossing(
+    field: &Field<'_>,
+    from: DVec3,
+    to: DVec3,
+    depths: [f64; 2],
+    made: bool,
+    steps: &mut u64,
+) -> (f64, Option<DVec3>) {
     let hits = field.hits(from, to, steps);
     let inside = |at: f64, steps: &mut u64| field.depth(from.lerp(to, at), steps) > 0.5;
     let found = |hit: &Hit| (hit.at, Some(field.normal(hit.face)));
@@ -67,14 +73,6 @@ fn crossing(field: &Field<'_>, from: DVec3, to: DVec3, made: bool, steps: &mut u
         }
         [first, ..] => return found(first),
     }
-    if made {
-        // Nothing is there: as little as possible.
-        return (1.0, None);
-    }
-    let (mut low, mut high) = (0.0, 1.0);
-    for _ in 0..HALVINGS {
-        let middle = 0.5 * (low + high);
-        if inside(middle, steps) { high = middle } else { low = middle }
-    }
-    (0.5 * (low + high), None)
+    // It changes evenly where no triangle is; what was put inside is as little as possible.
+    (if made { 1.0 } else { ((0.5 - depths[0]) / (depths[1] - depths[0])).clamp(0.0, 1.0) }, None)
 }

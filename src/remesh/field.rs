@@ -6,7 +6,7 @@ use crate::context::Context;
 use crate::math::{Dipoles, Tree, hit, nearest_on_triangle};
 
 /// Questions asked between two looks at the clock.
-const TOGETHER: usize = 1 << 14;
+const TOGETHER: usize = 1 << 12;
 
 /// What is inside of triangles, and where they are.
 pub(super) struct Field<'a> {
@@ -52,7 +52,12 @@ impl<'a> Field<'a> {
 
     /// How much a point is inside: more than a half where it is.
     pub fn depth(&self, point: DVec3, steps: &mut u64) -> f64 {
-        self.read(self.tree.winding(&self.dipoles, point, steps, |f| self.corners(f)))
+        self.read(self.winding(point, steps))
+    }
+
+    /// How often the triangles wind around a point.
+    pub fn winding(&self, point: DVec3, steps: &mut u64) -> f64 {
+        self.tree.winding(&self.dipoles, point, steps, |f| self.corners(f))
     }
 
     /// The same on both sides of a point.
@@ -60,7 +65,8 @@ impl<'a> Field<'a> {
         self.tree.windings(&self.dipoles, point, aside, steps, |f| self.corners(f)).map(|w| self.read(w))
     }
 
-    fn read(&self, winding: f64) -> f64 {
+    /// How much a point is inside that the triangles wind around so often.
+    pub fn read(&self, winding: f64) -> f64 {
         match self.inside {
             Inside::Outward => winding,
             Inside::EitherWay => winding.abs(),
@@ -107,7 +113,7 @@ pub(super) fn ask<I: Sync, T: Send>(
         let most = *budget;
         let found: Vec<(T, u64)> = some
             .par_iter()
-            .with_min_len(64)
+            .with_min_len(8)
             .map(|item| {
                 let mut left = most;
                 let answer = question(item, &mut left);

@@ -10,6 +10,7 @@
 //!   moves are made only where exact tests say that this stays so.
 
 mod band;
+mod blockwise;
 mod compose;
 mod contour;
 mod crossings;

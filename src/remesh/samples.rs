@@ -1,7 +1,7 @@
 use super::grid::{Grid, Place};
 
 /// Samples along the side of a block.
-const SIDE: u32 = 8;
+pub(super) const SIDE: u32 = 8;
 const BLOCK: usize = 512;
 /// No block.
 const NONE: u32 = u32::MAX;
@@ -157,6 +157,13 @@ fn place_in(low: Place, i: usize) -> Place {
     #[expect(clippy::cast_possible_truncation, reason = "below 512")]
     let i = i as u32;
     [low[0] + i % SIDE, low[1] + i / SIDE % SIDE, low[2] + i / (SIDE * SIDE)]
+}
+
+/// Groups places by the block that they are in, in a fixed order.
+pub(super) fn by_block(mut places: Vec<Place>) -> Vec<Vec<Place>> {
+    let block = |place: &Place| place.map(|c| c / SIDE);
+    places.sort_unstable_by_key(|place| (block(place), *place));
+    places.chunk_by(|a, b| block(a) == block(b)).map(<[Place]>::to_vec).collect()
 }
 
 /// The next place along an axis.
