@@ -16,6 +16,7 @@ mod contour;
 mod crossings;
 mod field;
 mod grid;
+mod moves;
 mod place;
 mod raster;
 mod samples;
@@ -191,11 +192,12 @@ impl Remesh {
             .into_iter()
             .map(|crossing| crossings::Crossing { point: rounding.of(crossing.point), ..crossing })
             .collect();
-        let contour = contour::contour(&grid, &samples, &vertices, &crossings);
+        let mut contour = contour::contour(&grid, &samples, &vertices, &crossings);
         let faces = contour.faces.len() as u64;
         if faces > self.max_faces {
             return Err(Stop::Faces(faces));
         }
+        moves::move_out(&grid, &samples, &vertices, &mut contour, rounding, context)?;
         let source = vec![NO_SOURCE; contour.faces.len()];
         let mut surface = Surface { positions: contour.points, faces: contour.faces, source };
         surface.drop_unreferenced();
