@@ -1,7 +1,7 @@
 use glam::DVec3;
 
 use super::Stop;
-use super::field::{Field, Hit, ask};
+use super::field::{Field, Hit, LEVEL, ask};
 use super::grid::{Grid, Place};
 use super::samples::{Samples, along};
 use crate::context::Context;
@@ -57,7 +57,7 @@ fn crossing(
     steps: &mut u64,
 ) -> (f64, Option<DVec3>) {
     let hits = field.hits(from, to, steps);
-    let inside = |at: f64, steps: &mut u64| field.depth(from.lerp(to, at), steps) > 0.5;
+    let inside = |at: f64, steps: &mut u64| field.depth(from.lerp(to, at), steps) > LEVEL;
     let found = |hit: &Hit| (hit.at, Some(field.normal(hit.face)));
     match hits.as_slice() {
         [] => {}
@@ -74,5 +74,5 @@ fn crossing(
         [first, ..] => return found(first),
     }
     // It changes evenly where no triangle is; what was put inside is as little as possible.
-    (if made { 1.0 } else { ((0.5 - depths[0]) / (depths[1] - depths[0])).clamp(0.0, 1.0) }, None)
+    (if made { 1.0 } else { ((LEVEL - depths[0]) / (depths[1] - depths[0])).clamp(0.0, 1.0) }, None)
 }

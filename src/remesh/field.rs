@@ -8,6 +8,10 @@ use crate::math::{Dipoles, Tree, hit, nearest_on_triangle};
 /// Questions asked between two looks at the clock.
 const TOGETHER: usize = 1 << 12;
 
+/// How much a point must be inside to count so. The sum over far triangles errs by a few hundredths, and next to an open
+/// sheet, which has no inside, it is a half.
+pub(super) const LEVEL: f64 = 0.55;
+
 /// What is inside of triangles, and where they are.
 pub(super) struct Field<'a> {
     points: &'a [DVec3],
@@ -50,7 +54,7 @@ impl<'a> Field<'a> {
         self.faces
     }
 
-    /// How much a point is inside: more than a half where it is.
+    /// How much a point is inside: more than [`LEVEL`] where it is.
     pub fn depth(&self, point: DVec3, steps: &mut u64) -> f64 {
         self.read(self.winding(point, steps))
     }

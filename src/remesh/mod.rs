@@ -16,6 +16,7 @@ mod contour;
 mod crossings;
 mod field;
 mod grid;
+mod measure;
 mod moves;
 mod place;
 mod raster;
@@ -30,6 +31,7 @@ use crate::mesh::{NO_SOURCE, Surface};
 use band::Limits;
 use field::Field;
 use grid::{Grid, Place};
+pub use measure::{Deviation, Distances};
 use samples::Samples;
 
 /// What of the space is inside, by its winding number `w`.
@@ -71,6 +73,8 @@ pub struct Remeshed {
     pub surface: Surface,
     /// The edge of the cells that it was made with, in the model's unit.
     pub cell: f64,
+    /// How far it is from the input.
+    pub deviation: Deviation,
     /// Samples that were put inside so that thin parts stay and the surface is manifold.
     pub made_inside: u64,
 }
@@ -146,6 +150,8 @@ impl Remesh {
                         *p /= scale;
                     }
                     made.cell /= scale;
+                    let Deviation { lost, made: added } = &mut made.deviation;
+                    (*lost, *added) = (lost.scaled(1.0 / scale), added.scaled(1.0 / scale));
                     return Ok(made);
                 }
                 // Smaller cells than asked for would be needed.
@@ -198,10 +204,11 @@ impl Remesh {
             return Err(Stop::Faces(faces));
         }
         moves::move_out(&grid, &samples, &vertices, &mut contour, rounding, context)?;
+        let deviation = measure::deviation(field, grid.cell, &contour.points, &contour.faces, context)?;
         let source = vec![NO_SOURCE; contour.faces.len()];
         let mut surface = Surface { positions: contour.points, faces: contour.faces, source };
         surface.drop_unreferenced();
-        Ok(Some(Remeshed { surface, cell: grid.cell, made_inside: made }))
+        Ok(Some(Remeshed { surface, cell: grid.cell, deviation, made_inside: made }))
     }
 
     /// Puts samples inside in parts that are thinner than a cell: first away from everything else, then towards what they

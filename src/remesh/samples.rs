@@ -1,3 +1,4 @@
+use super::field::LEVEL;
 use super::grid::{Grid, Place};
 
 /// Samples along the side of a block.
@@ -97,7 +98,7 @@ impl Samples {
 
     /// Whether a sample is inside; none where nothing is known.
     pub fn inside(&self, place: Place) -> Option<bool> {
-        self.value(place).map(|v| v > 0.5)
+        self.value(place).map(is_inside)
     }
 
     /// Marks a cell as reached. Answers whether it was not before.
@@ -143,7 +144,7 @@ impl Samples {
             for (i, value) in block.value.iter().enumerate().filter(|(_, value)| **value != UNKNOWN) {
                 let place = place_in(block.low, i);
                 for axis in 0..3 {
-                    if self.inside(along(place, axis)).is_some_and(|inside| inside != (*value > 0.5)) {
+                    if self.inside(along(place, axis)).is_some_and(|inside| inside != is_inside(*value)) {
                         found.push((place, axis));
                     }
                 }
@@ -151,6 +152,10 @@ impl Samples {
         }
         found
     }
+}
+
+fn is_inside(value: f32) -> bool {
+    f64::from(value) > LEVEL
 }
 
 fn place_in(low: Place, i: usize) -> Place {

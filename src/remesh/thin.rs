@@ -1,11 +1,13 @@
 use super::Stop;
-use super::field::{Field, ask};
+use super::field::{Field, LEVEL, ask};
 use super::grid::{Grid, Place};
 use super::samples::{Samples, corner};
 use crate::context::Context;
 
 /// How far on each side of a face it is asked what is there, in cells.
 const ASIDE: f64 = 1.0 / 64.0;
+/// How much a point must be inside on one side of a face: next to an open sheet, which has no inside, it is a half.
+const SOLID: f64 = 0.75;
 /// Triangles of a cell that are asked.
 const MOST: usize = 64;
 
@@ -58,7 +60,8 @@ fn thin(field: &Field<'_>, grid: &Grid, cell: Place, steps: &mut u64) -> Option<
             continue;
         }
         let depths = field.depths(p, field.normal(face) * (ASIDE * grid.cell), steps);
-        if (depths[0] > 0.5) != (depths[1] > 0.5) {
+        let [low, high] = if depths[0] < depths[1] { depths } else { [depths[1], depths[0]] };
+        if low < LEVEL && high > SOLID {
             let nearest = (0..8).map(|c| corner(cell, c)).filter(|&place| !grid.is_limit(place));
             return nearest.min_by(|&a, &b| {
                 grid.point(a).distance_squared(p).total_cmp(&grid.point(b).distance_squared(p)).then(a.cmp(&b))
