@@ -5,10 +5,14 @@ use super::crossings::Crossing;
 use super::grid::Grid;
 use super::place::Vertex;
 use super::samples::{Samples, along, around_edge};
-use crate::math::{Crossing as Meeting, crossing, hit};
+use crate::math::{Crossing as Meeting, crossing, nearest_on_triangle};
 
 /// How far from the surface, in cells, two triangles may pass the edge that they stand for, before a vertex is put there.
 const NEAR: f64 = 0.05;
+/// Distances from it that differ by less, in cells, are the same.
+const SAME: f64 = 1e-3;
+/// The least height of a triangle, in cells, that is not taken for a part of a line.
+pub(super) const FLAT: f64 = 1.0 / 256.0;
 
 /// The surface as vertices and faces. The first vertices are those of the cells, in their order.
 pub(super) struct Contour {
@@ -49,7 +53,8 @@ pub(super) fn contour(grid: &Grid, samples: &Samples, vertices: &[Vertex], cross
                 around.swap(1, 3);
             }
             let ends = [crossing.place, along(crossing.place, crossing.axis)].map(|place| grid.point(place));
-            Some((around, join(ends, crossing, around.map(|v| vertices[v as usize].point))))
+            let of = around.map(|v| vertices[v as usize]);
+            Some((around, join(ends, crossing, of.map(|v| v.point), of.map(|v| v.wanted))))
         })
         .collect();
     let mut contour = Contour { points: vertices.iter().map(|v| v.point).collect(), faces: Vec::new() };
@@ -69,18 +74,23 @@ pub(super) fn contour(grid: &Grid, samples: &Samples, vertices: &[Vertex], cross
     contour
 }
 
-fn join(ends: [DVec3; 2], crossing: &Crossing, corners: [DVec3; 4]) -> Joined {
+/// How to join the vertices around an edge. `corners` are where they are, and `wanted` where they may be moved to.
+fn join(ends: [DVec3; 2], crossing: &Crossing, corners: [DVec3; 4], wanted: [DVec3; 4]) -> Joined {
     let cell = ends[0].distance(ends[1]);
-    let at = (crossing.point - ends[0]).length() / cell;
     let mut best: Option<(f64, f64, usize)> = None;
     for first in [0, 1] {
-        let [a, b, c, d] = [0, 1, 2, 3].map(|i| corners[(first + i) % 4]);
-        let Some(passes) = within_envelope(ends, [a, b, c, d]) else { continue };
-        let (off, length) = ((passes - at).abs(), a.distance(c));
+        let turned = |of: [DVec3; 4]| [0, 1, 2, 3].map(|i| of[(first + i) % 4]);
+        let [a, b, c, d] = turned(wanted);
+        let triangles = [[a, b, c], [a, c, d]];
+        if !within_envelope(ends, turned(corners)) || triangles.iter().any(|&t| height(t) < FLAT * cell) {
+            continue;
+        }
+        let off = triangles.map(|t| nearest_on_triangle(crossing.point, t).distance(crossing.point) / cell);
+        let (off, length) = (off[0].min(off[1]), a.distance(c));
         // Where both are as near, the shorter.
         let better = best.is_none_or(
             |(best_off, best_length, _)| {
-                if (off - best_off).abs() > 1e-3 { off < best_off } else { length < best_length }
+                if (off - best_off).abs() > SAME { off < best_off } else { length < best_length }
             },
         );
         if better {
@@ -94,14 +104,14 @@ fn join(ends: [DVec3; 2], crossing: &Crossing, corners: [DVec3; 4]) -> Joined {
 }
 
 /// Whether the triangles on either side of the diagonal from `a` to `c` lie in the envelope of the edge: where the diagonal
-/// passes between an end of the edge and the vertex on one side, and the edge through the triangle on the other. Answers
-/// how far along the edge that is.
-fn within_envelope([p, q]: [DVec3; 2], [a, b, c, d]: [DVec3; 4]) -> Option<f64> {
+/// passes between an end of the edge and the vertex on one side, and the edge through the triangle on the other.
+fn within_envelope([p, q]: [DVec3; 2], [a, b, c, d]: [DVec3; 4]) -> bool {
     let through = |from, to, triangle| matches!(crossing(from, to, triangle), Meeting::Enters | Meeting::Leaves);
-    [(b, d), (d, b)].into_iter().find_map(|(near, far)| {
-        let triangle = [a, c, far];
-        let safe = through(a, c, [p, q, near]) && through(p, q, triangle);
-        // In f64, and only to choose by.
-        safe.then(|| hit(p, q - p, triangle).unwrap_or(0.5))
-    })
+    [(b, d), (d, b)].into_iter().any(|(near, far)| through(a, c, [p, q, near]) && through(p, q, [a, c, far]))
+}
+
+/// The least height of a triangle. In f64: a measure.
+pub(super) fn height([a, b, c]: [DVec3; 3]) -> f64 {
+    let longest = a.distance(b).max(b.distance(c)).max(c.distance(a));
+    if longest > 0.0 { (b - a).cross(c - a).length() / longest } else { 0.0 }
 }

@@ -10,7 +10,7 @@ const TOGETHER: usize = 1 << 12;
 
 /// How much a point must be inside to count so. The sum over far triangles errs by a few hundredths, and next to an open
 /// sheet, which has no inside, it is a half.
-pub(super) const LEVEL: f64 = 0.55;
+pub(super) const LEVEL: f64 = 0.52;
 
 /// What is inside of triangles, and where they are.
 pub(super) struct Field<'a> {

@@ -1,6 +1,6 @@
 use glam::DVec3;
 
-use super::contour::Contour;
+use super::contour::{Contour, FLAT, height};
 use super::grid::Grid;
 use super::place::{BEYOND, Vertex};
 use super::samples::Samples;
@@ -108,10 +108,15 @@ fn is_valid(grid: &Grid, samples: &Samples, contour: &mut Contour, around: &Arou
         let [a, b, c] = contour.faces[face as usize].map(|v| contour.points[v as usize]);
         (b - a).cross(c - a).normalize_or_zero()
     };
+    let flat = |contour: &Contour| {
+        let of = |&face: &u32| height(contour.faces[face as usize].map(|v| contour.points[v as usize]));
+        star.iter().map(of).fold(f64::INFINITY, f64::min)
+    };
     let before: Vec<DVec3> = star.iter().map(|&face| normal(contour, face)).collect();
+    let least = flat(contour).min(FLAT * grid.cell);
     contour.points[v as usize] = to;
     let turned = star.iter().zip(before).any(|(&face, before)| normal(contour, face).dot(before) < TURN);
-    let valid = !turned && star_is_clear(grid, samples, contour, around, star);
+    let valid = !turned && flat(contour) >= least && star_is_clear(grid, samples, contour, around, star);
     contour.points[v as usize] = old;
     valid
 }

@@ -7,7 +7,7 @@ use crate::context::Context;
 /// How far on each side of a face it is asked what is there, in cells.
 const ASIDE: f64 = 1.0 / 64.0;
 /// How much a point must be inside on one side of a face: next to an open sheet, which has no inside, it is a half.
-const SOLID: f64 = 0.75;
+const SOLID: f64 = 0.6;
 /// Triangles of a cell that are asked.
 const MOST: usize = 64;
 

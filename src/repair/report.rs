@@ -78,6 +78,8 @@ pub enum Action {
     Resolve,
     /// Tier 2: keep apart by position what was cut apart by index.
     Separate,
+    /// Tier 2: make the surface anew around what is inside.
+    NativeRemesh,
     /// Tier 3: voxel remesh (`blender_remesh`).
     VoxelRemesh,
     /// Tier 3: boolean union with itself (`blender_make_manifold`).

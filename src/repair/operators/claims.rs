@@ -9,6 +9,7 @@ impl Operator {
         };
         match self {
             Self::RoundCoordinates => &[],
+            Self::Remesh => &Counter::ALL,
             Self::RemoveCollapsedFaces | Self::RemoveCaps | Self::RemoveSlivers => &[DegenerateFaces],
             Self::Weld | Self::JoinParts | Self::FillHoles | Self::AddBase | Self::RemoveDebris => &[BoundaryEdges],
             Self::ThickenSheets => &[BoundaryEdges, MisorientedEdges],
@@ -34,7 +35,9 @@ impl Operator {
         };
         match self {
             Self::RoundCoordinates => &Counter::ALL,
-            Self::RemoveCollapsedFaces | Self::Orient | Self::UnfoldFoldovers | Self::CleanAndPatch => &[],
+            Self::RemoveCollapsedFaces | Self::Orient | Self::UnfoldFoldovers | Self::CleanAndPatch | Self::Remesh => {
+                &[]
+            }
             // Where several sheets meet, what was open becomes an edge of several faces.
             Self::Weld => &[NonmanifoldEdges, MisorientedEdges, PinchedVertices, DuplicateFaces],
             // What is joined at one end of an edge and not at the other is pinched.

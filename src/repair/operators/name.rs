@@ -54,6 +54,8 @@ pub enum Operator {
     AddBase,
     /// Unite what overlaps, so that no faces intersect.
     Resolve,
+    /// Make the surface anew around what is inside.
+    Remesh,
     /// Remove open bits that enclose nothing and that no printer could make.
     RemoveDebris,
     /// Keep apart by position what was cut apart by index.
@@ -86,6 +88,7 @@ impl Operator {
         Self::ThickenSheets,
         Self::AddBase,
         Self::Resolve,
+        Self::Remesh,
         Self::RemoveDebris,
         Self::Separate,
     ];
@@ -123,6 +126,7 @@ impl Operator {
             Self::ThickenSheets => "thicken_sheets",
             Self::AddBase => "add_base",
             Self::Resolve => "resolve",
+            Self::Remesh => "remesh",
             Self::RemoveDebris => "remove_debris",
             Self::Separate => "separate",
         }
