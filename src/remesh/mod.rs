@@ -115,6 +115,8 @@ const RESOLUTION: f64 = 512.0;
 const FINEST: f64 = 2048.0;
 /// ... and at least.
 const COARSEST: f64 = 8.0;
+/// Cells along the diagonal in the try that tells what others cost.
+const SCOUT: f64 = 48.0;
 /// Boxes and triangles that may be looked at in one try.
 const STEPS: u64 = 6_000_000_000;
 /// How much larger cells become where they were too many.
@@ -142,7 +144,8 @@ impl Remesh {
         let field = Field::new(&points, &faces, self.inside);
         let rounding = Rounding { scale, to_f32: self.to_f32 };
         let wanted = self.cell.map_or(diagonal / RESOLUTION, |cell| cell * scale);
-        let mut cell = wanted.clamp(diagonal / FINEST, diagonal / COARSEST);
+        let wanted = wanted.clamp(diagonal / FINEST, diagonal / COARSEST);
+        let mut cell = self.affordable(&field, &bounds, wanted, context)?;
         loop {
             match self.attempt(&field, &bounds, cell, rounding, context) {
                 Ok(Some(mut made)) => {
@@ -154,10 +157,9 @@ impl Remesh {
                     (*lost, *added) = (lost.scaled(1.0 / scale), added.scaled(1.0 / scale));
                     return Ok(made);
                 }
-                // Smaller cells than asked for would be needed.
                 Ok(None) => return Err(RemeshError::Empty),
                 Err(Stop::Cancelled(cancelled)) => return Err(cancelled.into()),
-                Err(_) if cell * LARGER > diagonal / COARSEST => return Err(RemeshError::Limits),
+                Err(_) if cell * COARSEST > diagonal => return Err(RemeshError::Limits),
                 Err(Stop::Budget) => cell *= LARGER,
                 Err(Stop::Faces(faces)) => {
                     cell *= (faces as f64 / self.max_faces as f64).sqrt().max(1.0) * 1.02;
@@ -175,21 +177,13 @@ impl Remesh {
         rounding: Rounding,
         context: &Context<'_>,
     ) -> Result<Option<Remeshed>, Stop> {
-        let grid = Grid::around(bounds, cell);
-        let blocks = usize::try_from(self.max_memory / Samples::BLOCK_BYTES).unwrap_or(usize::MAX);
-        let mut limits = Limits { steps: STEPS, blocks };
-        let mut samples = Samples::new(&grid);
-        let met = raster::cells(field, &grid, blocks.saturating_mul(Samples::BLOCK_CELLS as usize), context)?;
-        band::reach(field, &grid, &mut samples, met.clone(), &mut limits, context)?;
-        let mut made = self.keep_thin_parts(field, &grid, &mut samples, &met, &mut limits, context)?;
-        made += compose::compose(field, &grid, &mut samples, &mut limits, context)?;
-        let cells = samples.mixed_cells();
+        let Sampled { grid, mut samples, cells, made, mut limits } = self.sampled(field, bounds, cell, context)?;
         if cells.is_empty() {
             return Ok(None);
         }
-        // A surface of V vertices with four edges each has about 2 V triangles.
+        // A surface of V vertices with four edges each has 2 V triangles.
         let least = 2 * cells.len() as u64;
-        if least > self.max_faces.saturating_mul(2) {
+        if least > self.max_faces {
             return Err(Stop::Faces(least));
         }
         let crossings = crossings::crossings(field, &grid, &samples, &mut limits.steps, context)?;
@@ -211,6 +205,21 @@ impl Remesh {
         Ok(Some(Remeshed { surface, cell: grid.cell, deviation, made_inside: made }))
     }
 
+    /// Asks what is inside.
+    fn sampled(&self, field: &Field<'_>, bounds: &Box3, cell: f64, context: &Context<'_>) -> Result<Sampled, Stop> {
+        let grid = Grid::around(bounds, cell);
+        let blocks = self.max_memory / Samples::BLOCK_BYTES;
+        let [most, blocks] = [blocks * Samples::BLOCK_CELLS, blocks].map(|n| usize::try_from(n).unwrap_or(usize::MAX));
+        let mut limits = Limits { steps: STEPS, blocks };
+        let mut samples = Samples::new(&grid);
+        let met = raster::cells(field, &grid, most, context)?;
+        band::reach(field, &grid, &mut samples, met.clone(), &mut limits, context)?;
+        let mut made = self.keep_thin_parts(field, &grid, &mut samples, &met, &mut limits, context)?;
+        made += compose::compose(field, &grid, &mut samples, &mut limits, context)?;
+        let cells = samples.mixed_cells();
+        Ok(Sampled { grid, samples, cells, made, limits })
+    }
+
     /// Puts samples inside in parts that are thinner than a cell: first away from everything else, then towards what they
     /// are joined to.
     fn keep_thin_parts(
@@ -222,13 +231,44 @@ impl Remesh {
         limits: &mut Limits,
         context: &Context<'_>,
     ) -> Result<u64, Stop> {
-        let thin = thin::thin_parts(field, grid, samples, met, &mut limits.steps, context)?;
-        for &place in &thin {
-            samples.make_inside(place);
+        let mut made = 0;
+        for beside_made in [false, true] {
+            let thin = thin::thin_parts(field, grid, samples, met, beside_made, &mut limits.steps, context)?;
+            for &place in &thin {
+                samples.make_inside(place);
+            }
+            compose::settle(field, grid, samples, &thin, limits, context)?;
+            made += thin.len() as u64;
         }
-        compose::settle(field, grid, samples, &thin, limits, context)?;
-        Ok(thin.len() as u64)
+        Ok(made)
     }
+
+    /// The size of cells for which a coarse try says that the limits of faces and work are kept.
+    fn affordable(&self, field: &Field<'_>, bounds: &Box3, cell: f64, context: &Context<'_>) -> Result<f64, Cancelled> {
+        let coarse = bounds.diagonal() / SCOUT;
+        if cell * 2.0 > coarse {
+            return Ok(cell);
+        }
+        match self.sampled(field, bounds, coarse, context) {
+            Ok(sampled) => {
+                // Both grow by the square of how much finer cells are.
+                let faces = 2.0 * sampled.cells.len() as f64 / self.max_faces as f64;
+                let steps = (STEPS - sampled.limits.steps) as f64 / STEPS as f64;
+                Ok(cell.max(coarse * faces.max(steps).sqrt()))
+            }
+            Err(Stop::Cancelled(cancelled)) => Err(cancelled),
+            Err(_) => Ok(coarse),
+        }
+    }
+}
+
+/// Samples whose inside is well-composed, and the cells that the surface passes.
+struct Sampled {
+    grid: Grid,
+    samples: Samples,
+    cells: Vec<Place>,
+    made: u64,
+    limits: Limits,
 }
 
 /// How positions are rounded that are scaled by a power of two.

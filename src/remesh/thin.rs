@@ -4,8 +4,8 @@ use super::grid::{Grid, Place};
 use super::samples::{Samples, corner};
 use crate::context::Context;
 
-/// How far on each side of a face it is asked what is there, in cells.
-const ASIDE: f64 = 1.0 / 64.0;
+/// How far on each side of a face it is asked what is there, in cells, one after another: parts may be thinner.
+const ASIDE: [f64; 3] = [1.0 / 64.0, 1.0 / 1024.0, 1.0 / 16384.0];
 /// How much a point must be inside on one side of a face: next to an open sheet, which has no inside, it is a half.
 const SOLID: f64 = 0.6;
 /// Triangles of a cell that are asked.
@@ -14,7 +14,8 @@ const MOST: usize = 64;
 /// The samples to put inside so that parts thinner than a cell, such as walls and wires, do not vanish: of every cell without
 /// a corner inside that a border of the inside passes, the corner nearest to it. `cells` are those that triangles meet.
 ///
-/// Where there is some inside next to a cell, what is in it is a tip of that, and the surface is bent out to it later.
+/// Where there is some inside next to a cell, what is in it is a tip of that, and the surface is bent out to it later; but
+/// `beside_made`, next to samples that were put inside, thin parts are filled up to what they are joined to.
 ///
 /// # Errors
 /// [`Stop`] where a limit is met.
@@ -23,11 +24,15 @@ pub(super) fn thin_parts(
     grid: &Grid,
     samples: &Samples,
     cells: &[Place],
+    beside_made: bool,
     steps: &mut u64,
     context: &Context<'_>,
 ) -> Result<Vec<Place>, Stop> {
-    let empty = |cell: Place| samples.mask(cell) == 0;
-    let alone: Vec<Place> = cells.iter().copied().filter(|&cell| empty(cell) && !near_inside(samples, cell)).collect();
+    let wanted = |cell: Place| {
+        samples.mask(cell) == 0
+            && if beside_made { around(cell, 3).any(|p| samples.is_made(p)) } else { !is_tip(samples, cell) }
+    };
+    let alone: Vec<Place> = cells.iter().copied().filter(|&cell| wanted(cell)).collect();
     let found = ask(&alone, steps, context, |&cell, steps| thin(field, grid, cell, steps))?;
     let mut places: Vec<Place> = found.into_iter().flatten().collect();
     places.sort_unstable();
@@ -35,10 +40,17 @@ pub(super) fn thin_parts(
     Ok(places)
 }
 
-/// Whether a sample is inside within a cell of this cell.
-fn near_inside(samples: &Samples, cell: Place) -> bool {
+/// Whether a sample is inside in a cell that has a side in common with this one.
+fn is_tip(samples: &Samples, cell: Place) -> bool {
+    around(cell, 1).any(|place| samples.inside(place) == Some(true))
+}
+
+/// The samples up to one step from a cell's corners, along at most so many axes.
+fn around(cell: Place, axes: usize) -> impl Iterator<Item = Place> {
     let low = cell.map(|c| c.saturating_sub(1));
-    (0..64u32).any(|i| samples.inside([low[0] + i % 4, low[1] + i / 4 % 4, low[2] + i / 16]) == Some(true))
+    let steps = (0..64u32).map(|i| [i % 4, i / 4 % 4, i / 16]);
+    let near = steps.filter(move |step| step.iter().filter(|s| [0, 3].contains(s)).count() <= axes);
+    near.map(move |step| [0, 1, 2].map(|k| low[k] + step[k]))
 }
 
 /// The corner of a cell nearest to a border of the inside in it.
@@ -59,9 +71,11 @@ fn thin(field: &Field<'_>, grid: &Grid, cell: Place, steps: &mut u64) -> Option<
         if (p - centre).abs().max_element() > grid.cell / 2.0 + slack {
             continue;
         }
-        let depths = field.depths(p, field.normal(face) * (ASIDE * grid.cell), steps);
-        let [low, high] = if depths[0] < depths[1] { depths } else { [depths[1], depths[0]] };
-        if low < LEVEL && high > SOLID {
+        let is_border = ASIDE.into_iter().any(|aside| {
+            let [a, b] = field.depths(p, field.normal(face) * (aside * grid.cell), steps);
+            a.min(b) < LEVEL && a.max(b) > SOLID
+        });
+        if is_border {
             let nearest = (0..8).map(|c| corner(cell, c)).filter(|&place| !grid.is_limit(place));
             return nearest.min_by(|&a, &b| {
                 grid.point(a).distance_squared(p).total_cmp(&grid.point(b).distance_squared(p)).then(a.cmp(&b))
