@@ -8,9 +8,8 @@ use crate::math::{Dipoles, Tree, hit, nearest_on_triangle};
 /// Questions asked between two looks at the clock.
 const TOGETHER: usize = 1 << 12;
 
-/// How much a point must be inside to count so. The sum over far triangles errs by a few hundredths, and next to an open
-/// sheet, which has no inside, it is a half.
-pub(super) const LEVEL: f64 = 0.52;
+/// How much a point must be inside to count so. Next to a flat open sheet, which has no inside, it is a half.
+pub(super) const LEVEL: f64 = 0.505;
 
 /// What is inside of triangles, and where they are.
 pub(super) struct Field<'a> {

@@ -1,3 +1,5 @@
+use glam::DVec3;
+
 use super::Stop;
 use super::field::{Field, LEVEL, ask};
 use super::grid::{Grid, Place};
@@ -8,11 +10,13 @@ use crate::context::Context;
 const ASIDE: [f64; 3] = [1.0 / 64.0, 1.0 / 1024.0, 1.0 / 16384.0];
 /// How much a point must be inside on one side of a face: next to an open sheet, which has no inside, it is a half.
 const SOLID: f64 = 0.6;
+/// How far from the edges of a face, in cells, or in shares of the way to its middle where that is shorter.
+const OFF_EDGE: f64 = 0.1;
 /// Triangles of a cell that are asked.
 const MOST: usize = 64;
 
 /// The samples to put inside so that parts thinner than a cell, such as walls and wires, do not vanish: of every cell without
-/// a corner inside that a border of the inside passes, the corner nearest to it. `cells` are those that triangles meet.
+/// a corner inside that a border of the inside passes, the corners nearest to it. `cells` are those that triangles meet.
 ///
 /// Where there is some inside next to a cell, what is in it is a tip of that, and the surface is bent out to it later; but
 /// `beside_made`, next to samples that were put inside, thin parts are filled up to what they are joined to.
@@ -53,8 +57,9 @@ fn around(cell: Place, axes: usize) -> impl Iterator<Item = Place> {
     near.map(move |step| [0, 1, 2].map(|k| low[k] + step[k]))
 }
 
-/// The corner of a cell nearest to a border of the inside in it.
-fn thin(field: &Field<'_>, grid: &Grid, cell: Place, steps: &mut u64) -> Option<Place> {
+/// The corners of a cell that a border of the inside in it is nearest to: those around which it comes within half a cell along
+/// each axis, so that the corners of neighbouring cells are joined.
+fn thin(field: &Field<'_>, grid: &Grid, cell: Place, steps: &mut u64) -> Vec<Place> {
     let bounds = grid.bounds(cell);
     let mut faces = Vec::new();
     field.tree().overlapping(&bounds, |face| {
@@ -64,23 +69,30 @@ fn thin(field: &Field<'_>, grid: &Grid, cell: Place, steps: &mut u64) -> Option<
     });
     faces.sort_unstable();
     faces.truncate(MOST);
-    let centre = bounds.centre();
-    let slack = grid.cell * 0.1;
+    let (centre, half) = (bounds.centre(), grid.cell / 2.0);
+    let mut places = Vec::new();
     for face in faces {
         let p = field.nearest_on(face, centre);
-        if (p - centre).abs().max_element() > grid.cell / 2.0 + slack {
+        if (p - centre).abs().max_element() > half || !is_border(field, grid, face, p, steps) {
             continue;
         }
-        let is_border = ASIDE.into_iter().any(|aside| {
-            let [a, b] = field.depths(p, field.normal(face) * (aside * grid.cell), steps);
-            a.min(b) < LEVEL && a.max(b) > SOLID
-        });
-        if is_border {
-            let nearest = (0..8).map(|c| corner(cell, c)).filter(|&place| !grid.is_limit(place));
-            return nearest.min_by(|&a, &b| {
-                grid.point(a).distance_squared(p).total_cmp(&grid.point(b).distance_squared(p)).then(a.cmp(&b))
-            });
+        for place in (0..8).map(|c| corner(cell, c)).filter(|&place| !grid.is_limit(place)) {
+            let at = grid.point(place);
+            if (field.nearest_on(face, at) - at).abs().max_element() <= half {
+                places.push(place);
+            }
         }
     }
-    None
+    places
+}
+
+/// Whether what is inside ends at a point of a face. What is asked for is a bit off its edges, where other faces may begin.
+fn is_border(field: &Field<'_>, grid: &Grid, face: u32, point: DVec3, steps: &mut u64) -> bool {
+    let [a, b, c] = field.corners(face);
+    let inward = (a + b + c) / 3.0 - point;
+    let point = point + inward * (OFF_EDGE * grid.cell / inward.length().max(grid.cell));
+    ASIDE.into_iter().any(|aside| {
+        let [a, b] = field.depths(point, field.normal(face) * (aside * grid.cell), steps);
+        a.min(b) < LEVEL && a.max(b) > SOLID
+    })
 }
