@@ -115,7 +115,7 @@ impl Quadric {
 
 /// Eigenvalues, the largest first, and eigenvectors of a symmetric matrix, by Jacobi's rotations.
 fn eigen(matrix: DMat3) -> ([f64; 3], [DVec3; 3]) {
-    let (mut a, mut v) = (matrix.to_cols_array_2d(), DMat3::IDENTITY.to_cols_array_2d());
+    let (mut a, mut vectors) = (matrix.to_cols_array_2d(), [DVec3::X, DVec3::Y, DVec3::Z]);
     for _ in 0..12 {
         for (p, q) in [(0, 1), (0, 2), (1, 2)] {
             if a[p][q].abs() <= f64::MIN_POSITIVE {
@@ -125,23 +125,18 @@ fn eigen(matrix: DMat3) -> ([f64; 3], [DVec3; 3]) {
             let t = theta.signum() / (theta.abs() + (theta * theta + 1.0).sqrt());
             let c = 1.0 / (t * t + 1.0).sqrt();
             let s = t * c;
-            for k in 0..3 {
-                let (x, y) = (a[k][p], a[k][q]);
-                (a[k][p], a[k][q]) = (c * x - s * y, s * x + c * y);
+            for row in &mut a {
+                (row[p], row[q]) = (c * row[p] - s * row[q], s * row[p] + c * row[q]);
             }
-            for k in 0..3 {
-                let (x, y) = (a[p][k], a[q][k]);
-                (a[p][k], a[q][k]) = (c * x - s * y, s * x + c * y);
-            }
-            let (x, y) = (v[p], v[q]);
-            for k in 0..3 {
-                (v[p][k], v[q][k]) = (c * x[k] - s * y[k], s * x[k] + c * y[k]);
-            }
+            let (x, y) = (DVec3::from(a[p]), DVec3::from(a[q]));
+            (a[p], a[q]) = ((x * c - y * s).to_array(), (x * s + y * c).to_array());
+            let (x, y) = (vectors[p], vectors[q]);
+            (vectors[p], vectors[q]) = (x * c - y * s, x * s + y * c);
         }
     }
     let mut order = [0, 1, 2];
     order.sort_by(|&i, &j| a[j][j].total_cmp(&a[i][i]));
-    (order.map(|i| a[i][i]), order.map(|i| DVec3::from(v[i])))
+    (order.map(|i| a[i][i]), order.map(|i| vectors[i]))
 }
 
 #[cfg(test)]
