@@ -15,7 +15,7 @@
 //! api -> blobs + jobs -> worker -> (the line above, in a child process) -> blobs + jobs -> api
 //! ```
 //!
-//! The engine (`math`, `mesh`, `format`, `inspect`, `analyze`, `simplify`, `repair`, `blender`) knows nothing of tokio, axum or sqlx.
+//! The engine (`math`, `mesh`, `format`, `inspect`, `analyze`, `arrange`, `simplify`, `remesh`, `repair`, `blender`) knows nothing of tokio, axum or sqlx.
 
 pub mod analyze;
 pub mod api;
@@ -28,6 +28,7 @@ pub mod inspect;
 pub mod jobs;
 pub mod math;
 pub mod mesh;
+pub mod remesh;
 pub mod render;
 pub mod repair;
 pub mod simplify;

@@ -170,10 +170,10 @@ pub struct Options {
     pub refine_patches: bool,
     /// Whether patches are refined and then bent so that they go on smoothly from the surface around.
     pub fair_patches: bool,
-    /// Blender's voxel edge in the model's unit. Without it the size follows from `voxel_resolution`.
+    /// The edge of a remesh's voxels, natively or by Blender, in the model's unit. Without it the size follows from `voxel_resolution`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub voxel_size: Option<f64>,
-    /// Voxels along the bounding box's diagonal for Blender's remesh.
+    /// Voxels along the bounding box's diagonal for a remesh.
     #[schema(minimum = 16, maximum = 2000)]
     pub voxel_resolution: u32,
     /// Most faces a remesh may have; the voxel size is made larger until the estimate is below.

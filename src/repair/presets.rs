@@ -108,6 +108,7 @@ fn operators_of(action: Action, sheets: OpenSheets) -> &'static [Operator] {
         // Small bits and what lies inside a solid go before they are made solid.
         Action::CloseSheets if sheets == OpenSheets::Base => &[O::RemoveDebris, O::AddBase],
         Action::CloseSheets => &[O::RemoveDebris, O::ThickenSheets, O::RemoveCaps],
+        Action::NativeRemesh => &[O::Remesh],
         Action::VoxelRemesh | Action::BooleanUnion | Action::Validate => &[],
     }
 }
@@ -157,7 +158,8 @@ pub(super) fn tier_of(action: Action) -> u8 {
         | Action::MakeManifold
         | Action::CloseSheets
         | Action::Resolve
-        | Action::Separate => 2,
+        | Action::Separate
+        | Action::NativeRemesh => 2,
         Action::VoxelRemesh | Action::BooleanUnion => 3,
         _ => 2,
     }

@@ -81,6 +81,8 @@ pub enum Action {
     Separate,
     /// Remove faces as far as `max_faces` and `max_error` ask for it.
     Simplify,
+    /// Tier 2: make the surface anew around what is inside.
+    NativeRemesh,
     /// Tier 3: voxel remesh (`blender_remesh`).
     VoxelRemesh,
     /// Tier 3: boolean union with itself (`blender_make_manifold`).

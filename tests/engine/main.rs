@@ -25,6 +25,7 @@ mod operators;
 mod orient;
 mod pipeline;
 mod print;
+mod remesh;
 mod render;
 mod sheets;
 mod sheets_within;

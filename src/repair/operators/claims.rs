@@ -9,7 +9,7 @@ impl Operator {
         };
         match self {
             Self::RoundCoordinates => &[],
-            Self::Simplify => &Counter::ALL,
+            Self::Simplify | Self::Remesh => &Counter::ALL,
             Self::RemoveCollapsedFaces | Self::RemoveCaps | Self::RemoveSlivers => &[DegenerateFaces],
             Self::Weld | Self::JoinParts | Self::FillHoles | Self::AddBase | Self::RemoveDebris => &[BoundaryEdges],
             Self::ThickenSheets => &[BoundaryEdges, MisorientedEdges],
@@ -39,7 +39,8 @@ impl Operator {
             | Self::Orient
             | Self::UnfoldFoldovers
             | Self::CleanAndPatch
-            | Self::Simplify => &[],
+            | Self::Simplify
+            | Self::Remesh => &[],
             // Where several sheets meet, what was open becomes an edge of several faces.
             Self::Weld => &[NonmanifoldEdges, MisorientedEdges, PinchedVertices, DuplicateFaces],
             // What is joined at one end of an edge and not at the other is pinched.

@@ -30,6 +30,7 @@ pub mod orient;
 pub mod overlaps;
 mod places;
 pub mod quantise;
+pub mod remesh;
 pub mod resolve;
 pub mod separate;
 pub mod sew;

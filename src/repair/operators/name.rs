@@ -54,6 +54,8 @@ pub enum Operator {
     AddBase,
     /// Unite what overlaps, so that no faces intersect.
     Resolve,
+    /// Make the surface anew around what is inside.
+    Remesh,
     /// Remove open bits that enclose nothing and that no printer could make.
     RemoveDebris,
     /// Keep apart by position what was cut apart by index.
@@ -88,6 +90,7 @@ impl Operator {
         Self::ThickenSheets,
         Self::AddBase,
         Self::Resolve,
+        Self::Remesh,
         Self::RemoveDebris,
         Self::Separate,
         Self::Simplify,
@@ -126,6 +129,7 @@ impl Operator {
             Self::ThickenSheets => "thicken_sheets",
             Self::AddBase => "add_base",
             Self::Resolve => "resolve",
+            Self::Remesh => "remesh",
             Self::RemoveDebris => "remove_debris",
             Self::Separate => "separate",
             Self::Simplify => "simplify",

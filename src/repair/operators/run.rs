@@ -13,6 +13,7 @@ use super::one_sided::CutOneSided;
 use super::orient::Orient;
 use super::overlaps::RemoveOverlappingNeighbours;
 use super::quantise::quantise;
+use super::remesh::RemeshInside;
 use super::resolve::Resolve;
 use super::separate::Separate;
 use super::sew::Sew;
@@ -27,7 +28,9 @@ use super::{Applied, Operator};
 use crate::arrange::{Exact, Inside};
 use crate::format::Format;
 use crate::inspect::Tolerances;
+use crate::math::Box3;
 use crate::mesh::Surface;
+use crate::remesh::{self, Remesh};
 use crate::repair::{Cancelled, Change, Context, OpenSheets, Options};
 
 /// What an operator's parameters follow from.
@@ -137,6 +140,17 @@ impl Operator {
                 let it = Resolve { inside: scope.inside, most: scope.reach }.apply(surface, &Exact, context)?;
                 let left = (it.pairs_left > 0).then(|| format!("{} pairs of faces still intersect", it.pairs_left));
                 Applied { changes: it.changes, moved: it.moved, left, failed: it.error.map(|e| e.to_string()) }
+            }
+            Self::Remesh => {
+                let resolution = f64::from(options.voxel_resolution);
+                let diagonal = || Box3::of(surface.positions.iter().copied()).diagonal();
+                let cell = Some(options.voxel_size.unwrap_or_else(|| diagonal() / resolution));
+                let inside = match scope.inside {
+                    Inside::Positive => remesh::Inside::Outward,
+                    Inside::Nonzero => remesh::Inside::EitherWay,
+                };
+                let remesh = Remesh { cell, max_faces: options.max_remesh_faces, inside, to_f32, ..Remesh::default() };
+                RemeshInside { remesh, most: scope.reach }.apply(surface, context)?
             }
             Self::RemoveDebris => remove_debris(surface, context)?.into(),
             Self::Separate => Separate { most: scope.reach }.apply(surface, context)?,

@@ -1,0 +1,285 @@
+//! A closed, manifold surface without intersections around whatever is inside of the input: the fallback that always ends.
+//!
+//! What is inside is told by generalized winding numbers (Jacobson et al. 2013; summed fast as by Barill et al. 2018), so the
+//! input may have holes, overlaps and inner walls. They are asked for on a sparse grid along the surface, and the surface
+//! is made by dual contouring (Ju et al. 2002) in a form that keeps three promises by construction:
+//!
+//! - It is **closed**, since it parts the samples inside from those outside.
+//! - It is **manifold**, since the samples inside are made well-composed first (`compose`): every cell has one disc of it.
+//! - It does **not intersect** itself, since every piece stays in the envelope of its own edge of the grid (`contour`). Later
+//!   moves are made only where exact tests say that this stays so.
+
+mod band;
+mod blockwise;
+mod compose;
+mod contour;
+mod crossings;
+mod field;
+mod grid;
+mod measure;
+mod moves;
+mod place;
+mod raster;
+mod samples;
+mod thin;
+
+use glam::DVec3;
+
+use crate::context::{Cancelled, Context};
+use crate::math::{Box3, to_unit_range, unit_scale};
+use crate::mesh::{NO_SOURCE, Surface};
+use band::Limits;
+use field::Field;
+use grid::{Grid, Place};
+pub use measure::{Deviation, Distances};
+use samples::Samples;
+
+/// What of the space is inside, by its winding number `w`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+pub enum Inside {
+    /// `w > 1/2`: what the surface winds around outward.
+    #[default]
+    Outward,
+    /// `|w| > 1/2`: parts that are inside out are solid as well.
+    EitherWay,
+}
+
+/// Makes a surface anew, from what is inside of it.
+#[derive(Debug, Clone, Copy)]
+pub struct Remesh {
+    /// The edge of a cell in the model's unit, made larger where a limit asks for it. Without it the diagonal of the box
+    /// over 512.
+    pub cell: Option<f64>,
+    /// Most faces of the result.
+    pub max_faces: u64,
+    /// Most bytes that the samples may take.
+    pub max_memory: u64,
+    /// What is inside.
+    pub inside: Inside,
+    /// Whether positions are to be those that an STL file can hold.
+    pub to_f32: bool,
+}
+
+impl Default for Remesh {
+    fn default() -> Self {
+        Self { cell: None, max_faces: 2_000_000, max_memory: 1 << 30, inside: Inside::Outward, to_f32: true }
+    }
+}
+
+/// A surface made anew.
+#[derive(Debug, Clone)]
+pub struct Remeshed {
+    /// Closed, manifold, oriented outward, and free of intersections. No face has a source.
+    pub surface: Surface,
+    /// The edge of the cells that it was made with, in the model's unit.
+    pub cell: f64,
+    /// How far it is from the input.
+    pub deviation: Deviation,
+    /// Samples that were put inside so that thin parts stay and the surface is manifold.
+    pub made_inside: u64,
+}
+
+/// Why there is no new surface.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub enum RemeshError {
+    /// Nothing is inside.
+    #[error("nothing is inside of the surface, at any size of cell that was tried")]
+    Empty,
+    /// The limits allow no cells that are small enough to tell anything.
+    #[error("the limits of faces, memory and work allow no remesh")]
+    Limits,
+    /// The work was stopped.
+    #[error(transparent)]
+    Cancelled(#[from] Cancelled),
+}
+
+/// Why one try ended.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Stop {
+    /// Too much work or memory.
+    Budget,
+    /// Too many faces: so many.
+    Faces(u64),
+    Cancelled(Cancelled),
+}
+
+impl From<Cancelled> for Stop {
+    fn from(cancelled: Cancelled) -> Self {
+        Self::Cancelled(cancelled)
+    }
+}
+
+/// Cells along the diagonal where nothing else is asked for, ...
+const RESOLUTION: f64 = 512.0;
+/// ... at most, ...
+const FINEST: f64 = 2048.0;
+/// ... and at least.
+const COARSEST: f64 = 8.0;
+/// Cells along the diagonal in the try that tells what others cost.
+const SCOUT: f64 = 48.0;
+/// Boxes and triangles that may be looked at in one try.
+const STEPS: u64 = 6_000_000_000;
+/// How much larger cells become where they were too many.
+const LARGER: f64 = 1.5;
+
+impl Remesh {
+    /// Makes the surface anew.
+    ///
+    /// # Errors
+    /// [`RemeshError`]; an input of any kind that has an inside gives a result unless the work is stopped.
+    pub fn apply(&self, surface: &Surface, context: &Context<'_>) -> Result<Remeshed, RemeshError> {
+        let points = to_unit_range(&surface.positions);
+        let scale = unit_scale(&surface.positions);
+        let has_area = |face: &[u32; 3]| {
+            let [a, b, c] = face.map(|v| points[v as usize]);
+            (b - a).cross(c - a).length_squared() > 0.0
+        };
+        let faces: Vec<[u32; 3]> = surface.faces.iter().copied().filter(has_area).collect();
+        let bounds = Box3::of(faces.iter().flatten().map(|&v| points[v as usize]));
+        let diagonal = bounds.diagonal();
+        if faces.is_empty() || diagonal <= 0.0 {
+            return Err(RemeshError::Empty);
+        }
+        context.check()?;
+        let field = Field::new(&points, &faces, self.inside);
+        let rounding = Rounding { scale, to_f32: self.to_f32 };
+        let wanted = self.cell.map_or(diagonal / RESOLUTION, |cell| cell * scale);
+        let wanted = wanted.clamp(diagonal / FINEST, diagonal / COARSEST);
+        let mut cell = self.affordable(&field, &bounds, wanted, context)?;
+        loop {
+            match self.attempt(&field, &bounds, cell, rounding, context) {
+                Ok(Some(mut made)) => {
+                    for p in &mut made.surface.positions {
+                        *p /= scale;
+                    }
+                    made.cell /= scale;
+                    let Deviation { lost, made: added } = &mut made.deviation;
+                    (*lost, *added) = (lost.scaled(1.0 / scale), added.scaled(1.0 / scale));
+                    return Ok(made);
+                }
+                Ok(None) => return Err(RemeshError::Empty),
+                Err(Stop::Cancelled(cancelled)) => return Err(cancelled.into()),
+                Err(_) if cell * COARSEST > diagonal => return Err(RemeshError::Limits),
+                Err(Stop::Budget) => cell *= LARGER,
+                Err(Stop::Faces(faces)) => {
+                    cell *= (faces as f64 / self.max_faces as f64).sqrt().max(1.0) * 1.02;
+                }
+            }
+        }
+    }
+
+    /// One try with cells of one size; none where nothing is inside.
+    fn attempt(
+        &self,
+        field: &Field<'_>,
+        bounds: &Box3,
+        cell: f64,
+        rounding: Rounding,
+        context: &Context<'_>,
+    ) -> Result<Option<Remeshed>, Stop> {
+        let Sampled { grid, mut samples, cells, made, mut limits } = self.sampled(field, bounds, cell, context)?;
+        if cells.is_empty() {
+            return Ok(None);
+        }
+        // A surface of V vertices with four edges each has 2 V triangles.
+        let least = 2 * cells.len() as u64;
+        if least > self.max_faces {
+            return Err(Stop::Faces(least));
+        }
+        let crossings = crossings::crossings(field, &grid, &samples, &mut limits.steps, context)?;
+        let vertices = place::place(&grid, &mut samples, &cells, &crossings, rounding);
+        let crossings: Vec<_> = crossings
+            .into_iter()
+            .map(|crossing| crossings::Crossing { point: rounding.of(crossing.point), ..crossing })
+            .collect();
+        let mut contour = contour::contour(&grid, &samples, &vertices, &crossings);
+        let faces = contour.faces.len() as u64;
+        if faces > self.max_faces {
+            return Err(Stop::Faces(faces));
+        }
+        moves::move_out(&grid, &samples, &vertices, &mut contour, rounding, context)?;
+        let deviation = measure::deviation(field, grid.cell, &contour.points, &contour.faces, context)?;
+        let source = vec![NO_SOURCE; contour.faces.len()];
+        let mut surface = Surface { positions: contour.points, faces: contour.faces, source };
+        surface.drop_unreferenced();
+        Ok(Some(Remeshed { surface, cell: grid.cell, deviation, made_inside: made }))
+    }
+
+    /// Asks what is inside.
+    fn sampled(&self, field: &Field<'_>, bounds: &Box3, cell: f64, context: &Context<'_>) -> Result<Sampled, Stop> {
+        let grid = Grid::around(bounds, cell);
+        let blocks = self.max_memory / Samples::BLOCK_BYTES;
+        let [most, blocks] = [blocks * Samples::BLOCK_CELLS, blocks].map(|n| usize::try_from(n).unwrap_or(usize::MAX));
+        let mut limits = Limits { steps: STEPS, blocks };
+        let mut samples = Samples::new(&grid);
+        let met = raster::cells(field, &grid, most, context)?;
+        band::reach(field, &grid, &mut samples, met.clone(), &mut limits, context)?;
+        let mut made = self.keep_thin_parts(field, &grid, &mut samples, &met, &mut limits, context)?;
+        made += compose::compose(field, &grid, &mut samples, &mut limits, context)?;
+        let cells = samples.mixed_cells();
+        Ok(Sampled { grid, samples, cells, made, limits })
+    }
+
+    /// Puts samples inside in parts that are thinner than a cell: first away from everything else, then towards what they
+    /// are joined to.
+    fn keep_thin_parts(
+        &self,
+        field: &Field<'_>,
+        grid: &Grid,
+        samples: &mut Samples,
+        met: &[Place],
+        limits: &mut Limits,
+        context: &Context<'_>,
+    ) -> Result<u64, Stop> {
+        let mut made = 0;
+        for beside_made in [false, true] {
+            let thin = thin::thin_parts(field, grid, samples, met, beside_made, &mut limits.steps, context)?;
+            for &place in &thin {
+                samples.make_inside(place);
+            }
+            compose::settle(field, grid, samples, &thin, limits, context)?;
+            made += thin.len() as u64;
+        }
+        Ok(made)
+    }
+
+    /// The size of cells for which a coarse try says that the limits of faces and work are kept.
+    fn affordable(&self, field: &Field<'_>, bounds: &Box3, cell: f64, context: &Context<'_>) -> Result<f64, Cancelled> {
+        let coarse = bounds.diagonal() / SCOUT;
+        if cell * 2.0 > coarse {
+            return Ok(cell);
+        }
+        match self.sampled(field, bounds, coarse, context) {
+            Ok(sampled) => {
+                // Both grow by the square of how much finer cells are.
+                let faces = 2.0 * sampled.cells.len() as f64 / self.max_faces as f64;
+                let steps = (STEPS - sampled.limits.steps) as f64 / STEPS as f64;
+                Ok(cell.max(coarse * faces.max(steps).sqrt()))
+            }
+            Err(Stop::Cancelled(cancelled)) => Err(cancelled),
+            Err(_) => Ok(coarse),
+        }
+    }
+}
+
+/// Samples whose inside is well-composed, and the cells that the surface passes.
+struct Sampled {
+    grid: Grid,
+    samples: Samples,
+    cells: Vec<Place>,
+    made: u64,
+    limits: Limits,
+}
+
+/// How positions are rounded that are scaled by a power of two.
+#[derive(Debug, Clone, Copy)]
+struct Rounding {
+    scale: f64,
+    to_f32: bool,
+}
+
+impl Rounding {
+    fn of(self, p: DVec3) -> DVec3 {
+        if self.to_f32 { (p / self.scale).as_vec3().as_dvec3() * self.scale } else { p }
+    }
+}
