@@ -147,7 +147,7 @@ impl Operator {
                 let cell = Some(options.voxel_size.unwrap_or_else(|| diagonal() / resolution));
                 let inside = match scope.inside {
                     Inside::Positive => remesh::Inside::Outward,
-                    Inside::Nonzero => remesh::Inside::EitherWay,
+                    Inside::Nonzero | Inside::Odd => remesh::Inside::EitherWay,
                 };
                 let remesh = Remesh { cell, max_faces: options.max_remesh_faces, inside, to_f32, ..Remesh::default() };
                 RemeshInside { remesh, most: scope.reach }.apply(surface, context)?
