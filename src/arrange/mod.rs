@@ -40,6 +40,16 @@ pub enum ArrangeError {
     Cancelled(#[from] Cancelled),
 }
 
+/// What comes of an arrangement.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Solid {
+    /// The boundary of what is inside.
+    pub surface: Surface,
+    /// Walls of no thickness outside, where surface lies on surface that looks the other way: they enclose nothing, so the
+    /// boundary has nothing of them.
+    pub flaps: Surface,
+}
+
 /// Resolves intersections.
 pub trait Arrangement {
     /// The boundary of what `surface` encloses: closed, and oriented outward. Its positions are f64; rounding them may
@@ -47,5 +57,5 @@ pub trait Arrangement {
     ///
     /// # Errors
     /// [`ArrangeError`]; `surface` must be closed and consistently wound, but faces may intersect and overlap.
-    fn solid(&self, surface: &Surface, inside: Inside, context: &Context<'_>) -> Result<Surface, ArrangeError>;
+    fn solid(&self, surface: &Surface, inside: Inside, context: &Context<'_>) -> Result<Solid, ArrangeError>;
 }

@@ -5,8 +5,10 @@ use super::input::Input;
 use super::presets::{planned, remesh_action};
 use super::tiers::{End, Runner};
 use super::verdict::{JudgeError, Judged, Patches, judge};
-use super::{Action, Cancelled, Candidate, Context, Preset, Remesher, Rung, Stage, Step, StepStatus, When, summary};
-use crate::mesh::Surface;
+use super::{
+    Action, Cancelled, Candidate, Context, Preset, RedFlagCode, Remesher, Rung, Stage, Step, StepStatus, When, summary,
+};
+use crate::mesh::{NO_SOURCE, Surface};
 
 /// The way up a plan's rungs: what was done so far, and the best that came of it.
 pub(super) struct Climb<'a> {
@@ -20,8 +22,8 @@ pub(super) struct Climb<'a> {
     opening: Vec<Step>,
     best: Option<(usize, Judged)>,
     candidates: Vec<Candidate>,
-    /// Whether a result was left open.
-    left_open: bool,
+    /// Whether a result was left open, or lost surface that can be seen.
+    left_sheets: bool,
 }
 
 /// What a climb brought.
@@ -52,7 +54,7 @@ impl<'a> Climb<'a> {
             opening,
             best: None,
             candidates: Vec::new(),
-            left_open: false,
+            left_sheets: false,
         })
     }
 
@@ -75,8 +77,8 @@ impl<'a> Climb<'a> {
     fn needless(&self, index: u32, rung: &Rung) -> Option<Step> {
         let whole = || self.best.as_ref().is_some_and(|(_, best)| best.is_whole());
         let why = match rung.when {
-            When::StillOpen if !self.candidates.is_empty() && !self.left_open => {
-                "the rungs before it left nothing open"
+            When::SheetsLeft if !self.candidates.is_empty() && !self.left_sheets => {
+                "the rungs before it left nothing open and lost no surface"
             }
             When::NothingWhole if whole() => "the best result before it is closed and whole",
             _ => return None,
@@ -106,7 +108,8 @@ impl<'a> Climb<'a> {
         let Runner { options, format, context, .. } = self.runner;
         context.report(Stage::Verify, Some(rung.tier), span(index).end);
         let start = context.now();
-        let patches = if rung.tier == 3 { Patches::None } else { Patches::BySource };
+        let anew = result.source.iter().all(|&source| source == NO_SOURCE);
+        let patches = if anew { Patches::None } else { Patches::BySource };
         let verdict = judge(result, patches, format, self.input.original, options, context);
         let mut step = validation(index, start, context);
         let mut good = false;
@@ -114,7 +117,8 @@ impl<'a> Climb<'a> {
             Ok(judged) => {
                 step.note = Some(summary::verdict_in_words(&judged));
                 self.candidates.push(Candidate::new(Some(index), &judged, false));
-                self.left_open |= judged.measures.boundary_edges > 0;
+                let lost = judged.red_flags.iter().any(|flag| flag.code == RedFlagCode::SurfaceLost);
+                self.left_sheets |= lost || judged.measures.boundary_edges > 0;
                 good = judged.is_good();
                 if self.best.as_ref().is_none_or(|(_, best)| judged.rank() < best.rank()) {
                     self.best = Some((self.candidates.len() - 1, judged));

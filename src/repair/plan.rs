@@ -8,6 +8,8 @@ use crate::inspect::Measures;
 /// Open sheets are made solid in every rung where that was asked for. Otherwise, where they are not the whole model, in a rung
 /// of its own, after those that leave them open and before Blender, which would keep nothing of them.
 ///
+/// Where no way keeps the faces, the surface is made anew ([`Operator::Remesh`]), before Blender is asked for the same.
+///
 /// Blender comes in two ways. A boolean union with itself keeps sharp edges and faces where they are but needs
 /// closed parts; so it is tried first where there are several parts, which may overlap or lie in one another, or
 /// non-manifold edges, which often are where solids touch. A voxel remesh takes anything and keeps no face.
@@ -25,6 +27,7 @@ pub fn make_plan(before: &Measures, category: Category, options: &Options) -> Pl
         asked => (asked, format!("{} was asked for", name(asked))),
     };
     let mut rungs = Vec::new();
+    let mut whole = None;
     if preset != Preset::BlenderRemesh {
         rungs.extend(rung(preset, options, options.max_tier, None));
     }
@@ -38,13 +41,17 @@ pub fn make_plan(before: &Measures, category: Category, options: &Options) -> Pl
         let cleaned = first.clone().map(|first| cleaning(first, options));
         if options.open_sheets == OpenSheets::Auto {
             let closed = both.into_iter().flatten().map(|it| with_sheets_closed(it, options));
-            rungs.extend(closed.map(|it| Rung { when: When::StillOpen, ..it }));
+            rungs.extend(closed.map(|it| Rung { when: When::SheetsLeft, ..it }));
             first = first.map(|first| with_sheets_closed(first, options));
         }
         rungs.extend(cleaned);
-        rungs.extend(first.map(without_resolving));
+        whole = first.map(without_resolving);
     }
     let remesh = preset == Preset::BlenderRemesh || !matches!(category, Category::OpenSheet | Category::Clean);
+    if remesh && options.max_tier >= 2 && options.preset == Preset::Auto {
+        rungs.extend(rung(Preset::FullRepair, options, options.max_tier, None).map(|it| remeshing(it, options)));
+    }
+    rungs.extend(whole);
     if remesh && options.max_tier >= 3 {
         if before.parts > 1 || before.nonmanifold_edges > 0 {
             rungs.extend(rung(Preset::BlenderRemesh, options, 3, Some(Action::BooleanUnion)));
@@ -84,7 +91,8 @@ fn asks_for_solids(options: &Options) -> bool {
 
 /// The rung with open sheets made solid before what needs closed surface: the resolving of intersections, a remesh.
 fn with_sheets_closed(mut rung: Rung, options: &Options) -> Rung {
-    let needs_solids = |action| matches!(action, Action::Resolve | Action::VoxelRemesh | Action::BooleanUnion);
+    let needs_solids =
+        |action| matches!(action, Action::Resolve | Action::NativeRemesh | Action::VoxelRemesh | Action::BooleanUnion);
     let at = rung.actions.iter().position(|it| needs_solids(it.action) || it.action == Action::Validate);
     rung.actions.insert(at.unwrap_or(rung.actions.len()), planned(Action::CloseSheets, options));
     rung.tier = rung.tier.max(tier_of(Action::CloseSheets));
@@ -95,6 +103,17 @@ fn with_sheets_closed(mut rung: Rung, options: &Options) -> Rung {
 fn cleaning(mut rung: Rung, options: &Options) -> Rung {
     let at = rung.actions.iter().position(|a| a.action == Action::Resolve).unwrap_or(rung.actions.len());
     rung.actions.insert(at, planned(Action::CleanAndPatch, options));
+    rung
+}
+
+/// The rung with the surface made anew in place of resolving what intersects.
+fn remeshing(mut rung: Rung, options: &Options) -> Rung {
+    rung.actions.retain(|it| it.action != Action::Separate);
+    for action in &mut rung.actions {
+        if action.action == Action::Resolve {
+            *action = planned(Action::NativeRemesh, options);
+        }
+    }
     rung
 }
 

@@ -20,8 +20,10 @@ pub struct Standing {
 /// The signs that a repair destroyed something. Degenerate, duplicate and non-finite faces of the input count as none:
 /// they are gone with a reason.
 ///
-/// Faces that were asked to go are no loss: whether surface went with them the other flags say. Parts that became one are no bad sign where all sound faces stand, since they were pieces of one surface along a crack, or
-/// where something of each part stands, since they overlapped and are one solid now.
+/// Faces that were asked to go are no loss, nor are those of a model that was made anew: whether surface went with them the
+/// other flags say. Parts that became one are no bad sign where all sound faces stand, since they were pieces of one surface
+/// along a crack, or where each part is accounted for, since they overlapped and are one solid now. The volume of faces that
+/// intersect counts some of the space twice, so there what is inside is compared instead.
 #[must_use]
 pub fn red_flags(
     before: &Measures,
@@ -40,7 +42,7 @@ pub fn red_flags(
     let lost = percent(sound as f64 - after.faces as f64, sound as f64).unwrap_or(0.0);
     raise(
         RedFlagCode::FaceLoss,
-        if options.asks_for_fewer_faces() { 0.0 } else { lost },
+        if options.asks_for_fewer_faces() || standing.faces == 0 { 0.0 } else { lost },
         options.max_face_loss_pct,
         format!("{:.1} % of the faces were lost: {sound} sound faces before, {} after", lost, after.faces),
     );
@@ -54,17 +56,25 @@ pub fn red_flags(
     let volume = changes.volume_change_pct.map_or(0.0, f64::abs);
     // An inside-out solid that was turned changes the sign of its volume and nothing else.
     let size = percent(after.volume.value.abs() - before.volume.value.abs(), before.volume.value).map_or(0.0, f64::abs);
-    raise(
-        RedFlagCode::VolumeChange,
-        volume.min(size),
-        options.max_volume_change_pct,
-        format!(
-            "the volume changed by {:.1} %: {} before, {} after",
-            volume.min(size),
-            before.volume.value,
-            after.volume.value
+    match changes.inside_overlap_pct {
+        Some(overlap) => raise(
+            RedFlagCode::VolumeChange,
+            100.0 - overlap,
+            options.max_volume_change_pct,
+            format!("only {overlap:.1} % of what is inside the model before or after is so in both"),
         ),
-    );
+        None => raise(
+            RedFlagCode::VolumeChange,
+            volume.min(size),
+            options.max_volume_change_pct,
+            format!(
+                "the volume changed by {:.1} %: {} before, {} after",
+                volume.min(size),
+                before.volume.value,
+                after.volume.value
+            ),
+        ),
+    }
     // Sheets that are thickened to both sides as thick as was asked for are where nothing was before.
     let offset = options.open_sheets == OpenSheets::Thicken && options.thickness.is_some() && before.boundary_edges > 0;
     let lost = changes.surface_lost_pct.filter(|_| !offset).unwrap_or(0.0);

@@ -164,8 +164,8 @@ pub enum When {
     /// Always.
     #[default]
     NothingGood,
-    /// When a result before it was open.
-    StillOpen,
+    /// When a result before it was open or had lost surface that can be seen: sheets that enclose nothing.
+    SheetsLeft,
     /// When no result before it is closed and has all of the surface that can be seen.
     NothingWhole,
 }

@@ -2,6 +2,7 @@ use std::ops::Range;
 use std::time::Duration;
 
 use super::operators::cut::Pairing;
+use super::operators::simplify::reduce_remeshed;
 use super::operators::{Applied, Counts, Operator, Scope};
 use super::presets::{remesh_action, tier_of};
 use super::{
@@ -174,7 +175,8 @@ impl Runner<'_> {
         let (pairing, inside) =
             if mends { (Pairing::Angular, Inside::Nonzero) } else { (Pairing::FinsLast, Inside::Positive) };
         let reach = self.options.max_deviation.map_or(f64::INFINITY, |most| (most - self.moved).max(0.0));
-        Scope { options: self.options, format: self.format, pairing, inside, reach }
+        let closes_sheets = rung.actions.iter().any(|planned| planned.action == Action::CloseSheets);
+        Scope { options: self.options, format: self.format, pairing, inside, closes_sheets, reach }
     }
 
     fn remesh(&self, action: Action, percent: u8, surface: &mut Surface, step: &mut Step) -> Result<End, Cancelled> {
@@ -211,6 +213,12 @@ impl Runner<'_> {
                 step.voxel_size = voxel_size.or(step.voxel_size);
                 step.note = note;
                 step.changed = Change::list([("faces_made", made.faces.len() as u64)]);
+                if let Some(voxel) = step.voxel_size {
+                    let to_f32 = self.format == Format::Stl;
+                    // What it makes has faces along the axes everywhere; the same lines, with as few faces as they need.
+                    let (removed, _) = reduce_remeshed(&mut made, surface, voxel, to_f32, self.context)?;
+                    step.changed.extend(removed);
+                }
                 *surface = made;
                 End::Finished
             }

@@ -65,8 +65,13 @@ pub(super) fn judge(
         Patches::None => Vec::new(),
     };
     let changes = input.changes(&analysis, &measures, Some(&patches), patient)?;
-    let mut red_flags = red_flags(input.measures(), &measures, &changes, standing(surface, input.analysis()), options);
     let ledger = ledger(input, &analysis, options, patient)?;
+    let mut standing = standing(surface, input.analysis());
+    // Where every part is accounted for, none was lost by becoming one with others.
+    if ledger.lost == 0 {
+        standing.parts_gone = 0;
+    }
+    let mut red_flags = red_flags(input.measures(), &measures, &changes, standing, options);
     red_flags.extend(part_lost(&ledger, context));
     let good = is_good(&measures, &red_flags);
     let looked = if good { Some(look(&analysis, || Ok(measures.clone()), context)?) } else { None };
@@ -115,21 +120,20 @@ impl Judged {
         is_good(&self.measures, &self.red_flags)
     }
 
-    /// Whether it is closed, but perhaps for faces that intersect, and nothing of the model is lost.
+    /// Whether it is printable with nothing destroyed, or at least closed with nothing lost.
     pub fn is_whole(&self) -> bool {
-        self.rank().0 <= 2
+        self.rank().0 <= 3
     }
 
     /// Smaller is better. By class:
     /// 0. good results;
-    /// 1. printable ones with another red flag than those of class 3 and 5;
-    /// 2. closed ones whose faces intersect or look inward, with nothing lost;
-    /// 3. printable ones that lost some of the surface that can be seen, since a slicer can unite what overlaps, but not guess
-    ///    what is missing;
+    /// 1. printable ones with another red flag than those of class 2 and 5;
+    /// 2. printable ones that lost some of the surface that can be seen, the least first;
+    /// 3. closed ones whose faces intersect or look inward, with nothing lost;
     /// 4. the rest that lost nothing;
     /// 5. what destroyed more than it mended, whether printable or not.
     ///
-    /// Within a class by what was lost, or by defects where that is nothing. The input itself stands in class 2 or 4 (see
+    /// Within a class by what was lost, or by defects where that is nothing. The input itself stands in class 3 or 4 (see
     /// [`rank_of_input`]), so a result that is not printable must have fewer defects and the whole model, and one that
     /// destroyed is never preferred.
     pub fn rank(&self) -> Rank {
@@ -139,7 +143,7 @@ impl Judged {
         let class = match self.measures.printable() {
             true if self.red_flags.is_empty() => 0,
             true if !shrunk && lost.is_none() => 1,
-            true if !shrunk && lost.is_none_or(|lost| lost <= MOST_LOST_PCT) => 3,
+            true if !shrunk && lost.is_none_or(|lost| lost <= MOST_LOST_PCT) => 2,
             false if !shrunk && lost.is_none() => class_of_unprintable(&self.measures),
             _ => 5,
         };
@@ -148,7 +152,7 @@ impl Judged {
         let tenths = (lost * 10.0).round() as u64;
         let defects = self.measures.defects();
         let uncounted = !self.measures.self_intersections.complete;
-        if class == 2 || class == 4 { (class, uncounted, defects, tenths) } else { (class, uncounted, tenths, defects) }
+        if class == 3 || class == 4 { (class, uncounted, defects, tenths) } else { (class, uncounted, tenths, defects) }
     }
 }
 
@@ -163,5 +167,5 @@ pub(super) fn rank_of_input(before: &Measures) -> Rank {
 
 /// A hole is worse than faces that intersect or look inward: a slicer can unite what overlaps, but not guess what is missing.
 fn class_of_unprintable(m: &Measures) -> u8 {
-    if m.closed && m.manifold && m.consistent { 2 } else { 4 }
+    if m.closed && m.manifold && m.consistent { 3 } else { 4 }
 }

@@ -41,6 +41,10 @@ pub struct Changes {
     pub area_change_pct: Option<f64>,
     /// Change of the volume.
     pub volume_change_pct: Option<f64>,
+    /// Of what is inside the input or the result the share that is inside both, in percent, by winding numbers at sampled points:
+    /// where the volume of the input can't tell, since it is closed but its faces intersect.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub inside_overlap_pct: Option<f64>,
 }
 
 impl Changes {
@@ -62,6 +66,7 @@ impl Changes {
             area_change_pct: percent(after.area - before.area, before.area),
             volume_change_pct: percent(after.volume.value - before.volume.value, before.volume.value)
                 .filter(|_| volume),
+            inside_overlap_pct: None,
         }
     }
 }

@@ -59,6 +59,9 @@ impl Default for CompareOptions {
     }
 }
 
+/// Points at which the inside of a result is compared, where the input's volume can't tell.
+const INSIDE: u32 = 1000;
+
 impl CompareOptions {
     /// What every result of a repair is judged with.
     pub const BRIEF: Self = Self { samples: 4000, vertices: 2000, inside: 0 };
@@ -235,6 +238,11 @@ impl<'a> Original<'a> {
                 let (counts, vertices) = (|i: usize| !is_patch(points[i].face), |v: u32| moved[v as usize]);
                 changes.moved = deviation(after, &points, &made, diagonal, counts, vertices);
             }
+        }
+        let crossed = self.measures.self_intersections.pairs.is_some_and(|pairs| pairs > 0);
+        if crossed && self.measures.closed && measures.printable() {
+            let found = inside_agreement(there, INSIDE, context)?;
+            changes.inside_overlap_pct = found.and_then(|it| it.overlap_pct);
         }
         Ok(Way { changes, distances: found })
     }

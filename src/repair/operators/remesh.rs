@@ -1,6 +1,7 @@
 //! The last way natively: the surface made anew from what is inside of it.
 
 use super::Applied;
+use super::simplify::reduce_remeshed;
 use crate::mesh::Surface;
 use crate::remesh::{Remesh, RemeshError};
 use crate::repair::{Cancelled, Change, Context};
@@ -15,7 +16,7 @@ pub struct RemeshInside {
 }
 
 impl RemeshInside {
-    /// Replaces the surface.
+    /// Replaces the surface, and then removes the faces that it does not need.
     ///
     /// ```text
     ///    .---. .                .---------.
@@ -44,13 +45,16 @@ impl RemeshInside {
             return Ok(Applied { failed: Some(failed), ..Applied::default() });
         }
         let faces = made.surface.faces.len() as u64;
-        let changes = Change::list([("faces_made", faces), ("thin_places_thickened", made.made_inside)]);
-        *surface = made.surface;
+        let mut changes = Change::list([("faces_made", faces), ("thin_places_thickened", made.made_inside)]);
+        let mut result = made.surface;
+        let (removed, error) = reduce_remeshed(&mut result, surface, made.cell, self.remesh.to_f32, context)?;
+        changes.extend(removed);
+        *surface = result;
         let left = format!(
             "with cells of {:.6}; 99 % of what was there is within {:.6} of the result, the farthest {:.6}; 99 % of the \
              result is within {:.6} of what was there, the farthest {:.6}",
             made.cell, lost.p99, lost.max, added.p99, added.max
         );
-        Ok(Applied { changes, moved: lost.max, left: Some(left), failed: None })
+        Ok(Applied { changes, moved: lost.max + error, left: Some(left), failed: None })
     }
 }

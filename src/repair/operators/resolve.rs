@@ -3,14 +3,17 @@
 use glam::DVec3;
 use rustc_hash::FxHashSet;
 
+use super::cut::{Pairing, Pinches, cut_apart};
 use super::degenerate::{remove_caps, remove_collapsed};
+use super::orient::Orient;
 use super::places::key;
 use super::quantise::{quantise, rounded};
 use super::rounding::round_apart;
 use super::separate::Separate;
+use super::thicken::{Skins, ThickenSheets};
 use super::{Counter, Counts};
 
-use crate::arrange::{ArrangeError, Arrangement, Inside};
+use crate::arrange::{ArrangeError, Arrangement, Inside, Solid};
 use crate::inspect::{Analysis, intersections};
 use crate::math::Box3;
 use crate::mesh::{Edges, Parts, Surface, weld_exactly};
@@ -27,6 +30,8 @@ pub struct Resolve {
     pub inside: Inside,
     /// No vertex is moved farther than this, in the model's unit, to stay clear of others after rounding.
     pub most: f64,
+    /// The thickness that walls of none get, in the model's unit; none: they go.
+    pub flaps: Option<f64>,
 }
 
 /// What became of the intersections.
@@ -75,30 +80,40 @@ impl Resolve {
         let faces_before = surface.faces.len() as u64;
         let parts_before = Parts::new(surface, &Edges::new(&surface.faces)).count as u64;
         let mut work = surface.clone();
-        let mut best: Option<(u64, Surface, f64)> = None;
-        let (mut snapped, mut merged, mut moved) = (0, 0, 0.0f64);
+        let mut best: Option<((bool, u64), u64, Surface, f64)> = None;
+        let (mut snapped, mut merged, mut thickened, mut moved) = (0, 0, 0, 0.0f64);
         for grid in GRIDS.into_iter().map(Some).chain([None]) {
             context.check()?;
-            let made = match by.solid(&work, self.inside, context) {
-                Ok(made) => made,
+            let known: FxHashSet<[u64; 3]> = work.positions.iter().map(bits).collect();
+            let mut made = by.solid(&work, self.inside, context);
+            if let (Some(thickness), Ok(Solid { flaps, .. })) = (self.flaps, &made)
+                && best.is_none()
+                && add_thick(&mut work, flaps, thickness, context)?
+            {
+                thickened = flaps.faces.len() as u64;
+                made = by.solid(&work, self.inside, context);
+            }
+            let made = match made {
+                Ok(made) => made.surface,
                 Err(ArrangeError::Cancelled(stop)) => return Err(stop),
                 Err(error) if best.is_none() => {
                     return Ok(Resolved { pairs_left: before, error: Some(error), ..Resolved::default() });
                 }
                 Err(_) => break,
             };
-            let known: FxHashSet<[u64; 3]> = work.positions.iter().map(bits).collect();
             work = made;
             merged += round_apart(&mut work, |p| !known.contains(&bits(&p)), context)?.merged;
             settle(&mut work, context)?;
-            let (pairs, takes_part) = crossing_faces(&work, context)?;
+            let (pairs, mut takes_part) = crossing_faces(&work, context)?;
             let mut apart = work.clone();
             let aside = Separate { most: self.most }.apply(&mut apart, context)?.moved;
             let pairs_apart = if apart == work { pairs } else { crossing_faces(&apart, context)?.0 };
-            if best.as_ref().is_none_or(|(least, ..)| pairs_apart < *least) {
-                best = Some((pairs_apart, apart, aside));
+            let pinched = mark_pinched(&apart, &work, &mut takes_part);
+            let rank = (pinched > 0, pairs_apart + pinched);
+            if best.as_ref().is_none_or(|(least, ..)| rank < *least) {
+                best = Some((rank, pairs_apart, apart, aside));
             }
-            let Some(bits) = grid.filter(|_| pairs > 0) else { break };
+            let Some(bits) = grid.filter(|_| pairs > 0 || pinched > 0) else { break };
             let step = grid_step(&work, bits);
             // Rounding to a grid moves by at most half a step along each axis.
             if step > self.most {
@@ -108,7 +123,7 @@ impl Resolve {
             snapped += count;
             moved += far;
         }
-        let Some((pairs_left, result, aside)) = best else { return Ok(Resolved::default()) };
+        let Some((_, pairs_left, result, aside)) = best else { return Ok(Resolved::default()) };
         moved += aside;
         // Half done it must at least be closed: faces that intersect are the lesser evil.
         if pairs_left > 0 && !is_manifold_by_position(&result) {
@@ -126,9 +141,30 @@ impl Resolve {
             ("faces_made", surface.faces.len() as u64),
             ("vertices_snapped", snapped),
             ("vertices_merged", merged),
+            ("faces_without_thickness_thickened", thickened),
         ]);
         Ok(Resolved { changes, moved, pairs_left, error: None })
     }
+}
+
+/// Adds walls of no thickness to a surface as thin solids, those around which they are the middle. Whether there were any.
+fn add_thick(surface: &mut Surface, flaps: &Surface, thickness: f64, context: &Context<'_>) -> Result<bool, Cancelled> {
+    let mut thick = flaps.clone();
+    let thicken =
+        ThickenSheets { thickness: Some(thickness), skins: Skins::BothSides, most: f64::INFINITY, to_f32: true };
+    // What is one wall may be cut from faces that look either way.
+    Orient::default().apply(&mut thick, context)?;
+    cut_apart(&mut thick, Pairing::Angular, Pinches::Cut, context)?;
+    let applied = thicken.apply(&mut thick, context)?;
+    if applied.changes.is_empty() {
+        return Ok(false);
+    }
+    #[expect(clippy::cast_possible_truncation, reason = "vertices are counted in u32")]
+    let first = surface.positions.len() as u32;
+    surface.positions.extend(thick.positions);
+    surface.faces.extend(thick.faces.iter().map(|face| face.map(|v| v + first)));
+    surface.source.extend(thick.source);
+    Ok(true)
 }
 
 /// A position, to be compared.
@@ -161,6 +197,26 @@ fn is_manifold_by_position(surface: &Surface) -> bool {
     let counts = Counts::of(&welded);
     use Counter::{BoundaryEdges, MisorientedEdges, NonmanifoldEdges, PinchedVertices};
     [BoundaryEdges, MisorientedEdges, NonmanifoldEdges, PinchedVertices].iter().all(|&c| counts.get(c) == 0)
+}
+
+/// Marks faces where sheets could not be kept apart by position: those at edges that more than two faces share. Answers how many
+/// such edges there are.
+fn mark_pinched(apart: &Surface, work: &Surface, takes_part: &mut [bool]) -> u64 {
+    let mut welded = apart.clone();
+    weld_exactly(&mut welded);
+    let edges = Edges::new(&welded.faces);
+    let mut at: FxHashSet<[u64; 3]> = FxHashSet::default();
+    let mut count = 0;
+    for half_edges in edges.iter().filter(|half_edges| half_edges.len() > 2) {
+        at.extend(Edges::ends(&welded.faces, half_edges[0]).iter().map(|&v| bits(&welded.positions[v as usize])));
+        count += 1;
+    }
+    if count > 0 {
+        for (face, takes) in work.faces.iter().zip(takes_part) {
+            *takes |= face.iter().any(|&v| at.contains(&bits(&work.positions[v as usize])));
+        }
+    }
+    count
 }
 
 /// How many pairs of faces intersect, and which faces take part.

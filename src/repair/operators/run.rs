@@ -22,7 +22,7 @@ use super::simplify::ReduceFaces;
 use super::slivers::RemoveSlivers;
 use super::stitch::Stitch;
 use super::t_junctions::SplitTJunctions;
-use super::thicken::{Skins, ThickenSheets};
+use super::thicken::{Skins, THICKNESS, ThickenSheets};
 use super::weld::Weld;
 use super::{Applied, Operator};
 use crate::arrange::{Exact, Inside};
@@ -43,6 +43,8 @@ pub(in crate::repair) struct Scope<'a> {
     pub pairing: Pairing,
     /// What is inside where parts are turned inside out.
     pub inside: Inside,
+    /// Whether open sheets are made solid.
+    pub closes_sheets: bool,
     /// How far a vertex may still move, in the model's unit, after what operators before it used up.
     pub reach: f64,
 }
@@ -137,7 +139,13 @@ impl Operator {
                 clean.apply(surface, context)?
             }
             Self::Resolve => {
-                let it = Resolve { inside: scope.inside, most: scope.reach }.apply(surface, &Exact, context)?;
+                let thickness = || {
+                    let diagonal = Box3::of(surface.positions.iter().copied()).diagonal();
+                    options.thickness.unwrap_or(THICKNESS * diagonal).min(scope.reach)
+                };
+                let flaps = scope.closes_sheets.then(thickness);
+                let resolve = Resolve { inside: scope.inside, most: scope.reach, flaps };
+                let it = resolve.apply(surface, &Exact, context)?;
                 let left = (it.pairs_left > 0).then(|| format!("{} pairs of faces still intersect", it.pairs_left));
                 Applied { changes: it.changes, moved: it.moved, left, failed: it.error.map(|e| e.to_string()) }
             }

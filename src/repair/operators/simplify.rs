@@ -25,6 +25,44 @@ pub struct ReduceFaces {
     pub to_f32: bool,
 }
 
+/// Most faces of a remeshed model: as many times those of the model before, but never fewer than the floor.
+const REMESHED_TIMES: u64 = 3;
+const REMESHED_FLOOR: u64 = 20_000;
+/// Edges that a remesh has found keep their line from this angle on, in degrees.
+const REMESHED_ANGLE_DEG: f64 = 30.0;
+
+/// What a remesh of `before` left, with as few faces as a fifth of a cell of error allows; where that are still many more than
+/// before, with up to 0.3 % of the diagonal. Answers what was done, and the error.
+///
+/// # Errors
+/// [`Cancelled`] when the work should stop; the surface is then unchanged.
+pub(in crate::repair) fn reduce_remeshed(
+    surface: &mut Surface,
+    before: &Surface,
+    cell: f64,
+    to_f32: bool,
+    context: &Context<'_>,
+) -> Result<(Vec<Change>, f64), Cancelled> {
+    let diagonal = Box3::of(surface.positions.iter().copied()).diagonal();
+    let simplify = Simplify {
+        max_faces: None,
+        max_error: cell / 5.0,
+        feature_angle_deg: REMESHED_ANGLE_DEG,
+        to_f32,
+        toward: None,
+    };
+    let done = simplify.apply(surface, context)?;
+    let mut error = done.error;
+    let most = REMESHED_FLOOR.max(REMESHED_TIMES * before.faces.len() as u64);
+    if done.faces_after > most {
+        let farther = Simplify { max_faces: Some(most), max_error: 0.003 * diagonal - error, ..simplify };
+        if farther.max_error > simplify.max_error {
+            error += farther.apply(surface, context)?.error;
+        }
+    }
+    Ok((Change::list([("faces_removed", done.faces_before - surface.faces.len() as u64)]), error))
+}
+
 impl ReduceFaces {
     /// Collapses edges while nothing breaks by it: see [`Simplify::apply`].
     ///

@@ -17,7 +17,7 @@ use oracle::ManifoldRust;
 
 fn solid(soup: &Soup, inside: Inside) -> Result<Surface, ArrangeError> {
     let (surface, _) = Surface::from_soup(soup);
-    with_context(|c| Exact.solid(&surface, inside, c))
+    with_context(|c| Exact.solid(&surface, inside, c)).map(|it| it.surface)
 }
 
 fn measured(surface: &Surface) -> Measures {
@@ -166,7 +166,7 @@ proptest! {
         let axis = DVec3::new(turn.0, turn.1, turn.2 + 0.1).normalize();
         let soup = as_f32(turned(soup, DQuat::from_axis_angle(axis, 1.0 + turn.0), DVec3::ZERO));
         let (mut surface, _) = Surface::from_soup(&soup);
-        let resolve = Resolve { inside: Inside::Positive, most: f64::INFINITY };
+        let resolve = Resolve { inside: Inside::Positive, most: f64::INFINITY, flaps: None };
         let done = with_context(|c| resolve.apply(&mut surface, &Exact, c)).unwrap();
         with_context(|c| Separate::default().apply(&mut surface, c)).unwrap();
         let it = as_stl(&surface);
@@ -195,7 +195,7 @@ proptest! {
             let theirs = with_context(|c| ManifoldRust.solid(&surface, inside, c));
             match (ours, theirs) {
                 (Ok(ours), Ok(theirs)) => {
-                    let (ours, theirs) = (measured(&ours), measured(&theirs));
+                    let (ours, theirs) = (measured(&ours.surface), measured(&theirs.surface));
                     prop_assert!(ours.closed && ours.misoriented_edges == 0 && ours.self_intersections.pairs == Some(0), "{:?}", ours);
                     let scale = ours.volume.value.abs().max(1e-3);
                     prop_assert!((ours.volume.value - theirs.volume.value).abs() < 1e-6 * scale, "{:?} {:?}", ours, theirs);

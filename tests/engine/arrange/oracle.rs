@@ -6,7 +6,7 @@ use manifold_rust::cancel::CancelToken;
 use manifold_rust::manifold::Manifold;
 use manifold_rust::types::{Error, MeshGL64, WindingRule};
 
-use meshmend::arrange::{ArrangeError, Arrangement, Inside};
+use meshmend::arrange::{ArrangeError, Arrangement, Inside, Solid};
 use meshmend::context::Context;
 use meshmend::mesh::{NO_SOURCE, Soup, Surface};
 
@@ -21,7 +21,7 @@ const STACK: usize = 64 << 20;
 pub struct ManifoldRust;
 
 impl Arrangement for ManifoldRust {
-    fn solid(&self, surface: &Surface, inside: Inside, context: &Context<'_>) -> Result<Surface, ArrangeError> {
+    fn solid(&self, surface: &Surface, inside: Inside, context: &Context<'_>) -> Result<Solid, ArrangeError> {
         let token = CancelToken::new();
         let mesh = to_mesh(surface);
         let rule = match inside {
@@ -60,7 +60,7 @@ impl Arrangement for ManifoldRust {
             None => Err(ArrangeError::Failed("the engine gave up".to_owned())),
             Some((Error::NotClosed | Error::NotManifold, _)) => Err(ArrangeError::NotClosed),
             Some((Error::NoError, mesh)) if mesh.tri_verts.is_empty() => Err(ArrangeError::Empty),
-            Some((Error::NoError, mesh)) => Ok(from_mesh(&mesh, surface)),
+            Some((Error::NoError, mesh)) => Ok(Solid { surface: from_mesh(&mesh, surface), flaps: Surface::default() }),
             Some((error, _)) => Err(ArrangeError::Failed(error.to_str().to_owned())),
         }
     }
