@@ -12,8 +12,8 @@ use meshmend::render::Drawing;
 use meshmend::repair::operators::holes::HoleFilling;
 use meshmend::repair::operators::orient::Nested;
 use meshmend::repair::{
-    Context, OpenSheets, Operator, Options, Outcome, OutputFormat, Preset, RepairError, Report, draw, monotonic_clock,
-    repair,
+    Context, InsideRule, OpenSheets, Operator, Options, Outcome, OutputFormat, Overlaps, Preset, RepairError, Report,
+    draw, monotonic_clock, repair,
 };
 
 use super::engine::{Bar, BlenderArgs, LimitArgs, read_file};
@@ -91,6 +91,12 @@ pub struct RepairArgs {
     /// How closed parts that lie in others are wound.
     #[arg(long, env = "MESHMEND_NESTED", value_enum, default_value_t)]
     nested: Nested,
+    /// What becomes of parts that overlap.
+    #[arg(long, env = "MESHMEND_OVERLAPS", value_enum, default_value_t)]
+    overlaps: Overlaps,
+    /// What is solid where faces intersect, by how many times the surface winds around it.
+    #[arg(long, env = "MESHMEND_INSIDE", value_enum, default_value_t)]
+    inside: InsideRule,
     /// What becomes of open sheets, which enclose nothing.
     #[arg(long, env = "MESHMEND_OPEN_SHEETS", value_enum, default_value_t)]
     open_sheets: OpenSheets,
@@ -170,6 +176,8 @@ impl RepairArgs {
             twist_angle_deg: self.twist_angle_deg,
             max_hole_edges: self.max_hole_edges,
             nested: self.nested,
+            overlaps: self.overlaps,
+            inside: self.inside,
             open_sheets: self.open_sheets,
             thickness: self.thickness,
             max_hole_size: self.max_hole_size,

@@ -27,7 +27,7 @@ pub use category::categorise;
 pub use drawings::{DrawError, draw};
 pub use ledger::ledger;
 pub use operators::Operator;
-pub use options::{OpenSheets, Options, OutputFormat, Preset};
+pub use options::{InsideRule, OpenSheets, Options, OutputFormat, Overlaps, Preset};
 pub use pipeline::{RepairError, Repaired, repair};
 pub use plan::make_plan;
 pub use red_flags::{Standing, red_flags};

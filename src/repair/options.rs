@@ -78,6 +78,33 @@ pub enum OpenSheets {
     Base,
 }
 
+/// What becomes of parts that overlap.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize, ToSchema, clap::ValueEnum)]
+#[serde(rename_all = "lowercase")]
+pub enum Overlaps {
+    /// They become one solid.
+    #[default]
+    Union,
+    /// Each is resolved by itself, and what they have in common is left to whoever prints them. The result is then not
+    /// printable, and the report says so.
+    Keep,
+}
+
+/// What is solid, by how many times the surface winds around it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize, ToSchema, clap::ValueEnum)]
+#[serde(rename_all = "lowercase")]
+pub enum InsideRule {
+    /// As the plan's rungs try it: `positive`, and `nonzero` where that is not good.
+    #[default]
+    Auto,
+    /// Once or more outward: a part that is inside out is no material.
+    Positive,
+    /// Any number of times but none: parts that are inside out are solid too.
+    Nonzero,
+    /// An odd number of times: a solid within a solid is a cavity, whichever way it is turned.
+    Odd,
+}
+
 /// How a model is to be repaired. Every field has a default.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema, IntoParams)]
 #[serde(default)]
@@ -151,6 +178,10 @@ pub struct Options {
     pub max_hole_edges: u32,
     /// How closed parts that lie in others are wound: as they were, or each layer against the one around it.
     pub nested: Nested,
+    /// What becomes of parts that overlap.
+    pub overlaps: Overlaps,
+    /// What is solid where faces intersect.
+    pub inside: InsideRule,
     /// What becomes of open sheets.
     pub open_sheets: OpenSheets,
     /// Thickness of thickened sheets and of a base at its lowest point, in the model's unit. Without it, 0.3 % of the bounding
@@ -208,6 +239,8 @@ impl Default for Options {
             twist_angle_deg: 5.0,
             max_hole_edges: 10_000,
             nested: Nested::Keep,
+            overlaps: Overlaps::Union,
+            inside: InsideRule::Auto,
             open_sheets: OpenSheets::Auto,
             thickness: None,
             max_hole_size: 1.0,

@@ -1,5 +1,5 @@
 use super::presets::{RECIPES, planned, preset_for, tier_of};
-use super::{Action, Category, OpenSheets, Operator, Options, Plan, PlannedAction, Preset, Rung, When};
+use super::{Action, Category, OpenSheets, Operator, Options, Overlaps, Plan, PlannedAction, Preset, Rung, When};
 use crate::inspect::Measures;
 
 /// Makes the plan: the preset that was asked for, or the one for the model's category; then Blender, unless the model
@@ -48,6 +48,8 @@ pub fn make_plan(before: &Measures, category: Category, options: &Options) -> Pl
         whole = first.map(without_resolving);
     }
     let remesh = preset == Preset::BlenderRemesh || !matches!(category, Category::OpenSheet | Category::Clean);
+    // A remesh unites what overlaps.
+    let remesh = remesh && (options.overlaps == Overlaps::Union || options.preset == Preset::BlenderRemesh);
     if remesh && options.max_tier >= 2 && options.preset == Preset::Auto {
         rungs.extend(rung(Preset::FullRepair, options, options.max_tier, None).map(|it| remeshing(it, options)));
     }

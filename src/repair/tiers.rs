@@ -6,8 +6,8 @@ use super::operators::simplify::reduce_remeshed;
 use super::operators::{Applied, Counts, Operator, Scope};
 use super::presets::{remesh_action, tier_of};
 use super::{
-    Action, Cancelled, Change, Context, Options, RemeshAction, RemeshError, RemeshRequest, Remeshed, Remesher, Rung,
-    Stage, Step, StepStatus,
+    Action, Cancelled, Change, Context, InsideRule, Options, RemeshAction, RemeshError, RemeshRequest, Remeshed,
+    Remesher, Rung, Stage, Step, StepStatus,
 };
 use crate::arrange::Inside;
 use crate::format::Format;
@@ -174,6 +174,12 @@ impl Runner<'_> {
         let mends = rung.actions.iter().any(|planned| planned.action == Action::Mend);
         let (pairing, inside) =
             if mends { (Pairing::Angular, Inside::Nonzero) } else { (Pairing::FinsLast, Inside::Positive) };
+        let inside = match self.options.inside {
+            InsideRule::Auto => inside,
+            InsideRule::Positive => Inside::Positive,
+            InsideRule::Nonzero => Inside::Nonzero,
+            InsideRule::Odd => Inside::Odd,
+        };
         let reach = self.options.max_deviation.map_or(f64::INFINITY, |most| (most - self.moved).max(0.0));
         let closes_sheets = rung.actions.iter().any(|planned| planned.action == Action::CloseSheets);
         Scope { options: self.options, format: self.format, pairing, inside, closes_sheets, reach }

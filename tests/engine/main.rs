@@ -30,4 +30,5 @@ mod render;
 mod sheets;
 mod sheets_within;
 mod simplify;
+mod solid;
 mod stitch;

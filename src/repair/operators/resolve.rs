@@ -147,6 +147,69 @@ impl Resolve {
     }
 }
 
+impl Resolve {
+    /// Resolves each part by itself, and leaves it as it is where nothing would be left of it, as of a cavity. What parts have
+    /// in common stays, and is counted in `pairs_left`.
+    ///
+    /// # Errors
+    /// [`Cancelled`] when the work should stop; the surface is then unchanged.
+    pub fn apply_to_parts(
+        &self,
+        surface: &mut Surface,
+        by: &dyn Arrangement,
+        context: &Context<'_>,
+    ) -> Result<Resolved, Cancelled> {
+        let parts = Parts::new(surface, &Edges::new(&surface.faces));
+        let mut whole = Surface::default();
+        let (mut all, mut cut, mut made) = (Resolved::default(), 0, 0);
+        let mut local = vec![u32::MAX; surface.positions.len()];
+        for faces in parts.faces() {
+            let mut part = Surface::default();
+            for &f in &faces {
+                let face = surface.faces[f as usize].map(|v| {
+                    let local = &mut local[v as usize];
+                    if *local == u32::MAX {
+                        *local = index(part.positions.len());
+                        part.positions.push(surface.positions[v as usize]);
+                    }
+                    *local
+                });
+                part.faces.push(face);
+                part.source.push(surface.source[f as usize]);
+            }
+            for &v in faces.iter().flat_map(|&f| &surface.faces[f as usize]) {
+                local[v as usize] = u32::MAX;
+            }
+            let before = part.faces.len() as u64;
+            let done = self.apply(&mut part, by, context)?;
+            all.moved = all.moved.max(done.moved);
+            if !done.changes.is_empty() {
+                (cut, made) = (cut + before, made + part.faces.len() as u64);
+            }
+            append(&mut whole, part);
+        }
+        all.changes = Change::list([("faces_cut", cut), ("faces_made", made)]);
+        if cut > 0 {
+            *surface = whole;
+        }
+        all.pairs_left = crossing_faces(surface, context)?.0;
+        Ok(all)
+    }
+}
+
+#[expect(clippy::cast_possible_truncation, reason = "vertices are counted in u32")]
+fn index(count: usize) -> u32 {
+    count as u32
+}
+
+/// Puts one surface beside another.
+fn append(surface: &mut Surface, other: Surface) {
+    let first = index(surface.positions.len());
+    surface.positions.extend(other.positions);
+    surface.faces.extend(other.faces.iter().map(|face| face.map(|v| v + first)));
+    surface.source.extend(other.source);
+}
+
 /// Adds walls of no thickness to a surface as thin solids, those around which they are the middle. Whether there were any.
 fn add_thick(surface: &mut Surface, flaps: &Surface, thickness: f64, context: &Context<'_>) -> Result<bool, Cancelled> {
     let mut thick = flaps.clone();
@@ -159,11 +222,7 @@ fn add_thick(surface: &mut Surface, flaps: &Surface, thickness: f64, context: &C
     if applied.changes.is_empty() {
         return Ok(false);
     }
-    #[expect(clippy::cast_possible_truncation, reason = "vertices are counted in u32")]
-    let first = surface.positions.len() as u32;
-    surface.positions.extend(thick.positions);
-    surface.faces.extend(thick.faces.iter().map(|face| face.map(|v| v + first)));
-    surface.source.extend(thick.source);
+    append(surface, thick);
     Ok(true)
 }
 

@@ -31,7 +31,7 @@ use crate::inspect::Tolerances;
 use crate::math::Box3;
 use crate::mesh::Surface;
 use crate::remesh::{self, Remesh};
-use crate::repair::{Cancelled, Change, Context, OpenSheets, Options};
+use crate::repair::{Cancelled, Change, Context, OpenSheets, Options, Overlaps};
 
 /// What an operator's parameters follow from.
 #[derive(Debug, Clone, Copy)]
@@ -145,7 +145,10 @@ impl Operator {
                 };
                 let flaps = scope.closes_sheets.then(thickness);
                 let resolve = Resolve { inside: scope.inside, most: scope.reach, flaps };
-                let it = resolve.apply(surface, &Exact, context)?;
+                let it = match options.overlaps {
+                    Overlaps::Union => resolve.apply(surface, &Exact, context)?,
+                    Overlaps::Keep => resolve.apply_to_parts(surface, &Exact, context)?,
+                };
                 let left = (it.pairs_left > 0).then(|| format!("{} pairs of faces still intersect", it.pairs_left));
                 Applied { changes: it.changes, moved: it.moved, left, failed: it.error.map(|e| e.to_string()) }
             }

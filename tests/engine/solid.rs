@@ -1,0 +1,79 @@
+//! Solid from anything: overlaps, what is inside, walls of no thickness, and the surface made anew where nothing else helps.
+
+use glam::DVec3;
+use meshmend::mesh::Soup;
+use meshmend::repair::{Action, InsideRule, Operator, Options, Outcome, Overlaps, StepStatus};
+
+use crate::meshes::{cube, join, push};
+use crate::pipeline::run;
+
+fn native() -> Options {
+    Options { max_tier: 2, ..Options::default() }
+}
+
+fn overlapping() -> Soup {
+    join(&cube(DVec3::ZERO, 1.0, 2), &cube(DVec3::new(0.5, 0.25, 0.125), 1.0, 2))
+}
+
+/// The volume that two such cubes have in common.
+const COMMON: f64 = 0.5 * 0.75 * 0.875;
+
+#[test]
+fn parts_that_overlap_become_one_solid() {
+    let it = run(&overlapping(), &native(), None);
+    assert_eq!(it.report.outcome, Outcome::Repaired);
+    let after = &it.report.after.unwrap().measures;
+    assert_eq!((after.parts, after.printable()), (1, true));
+    assert!((after.volume.value - (2.0 - COMMON)).abs() < 1e-5);
+}
+
+#[test]
+fn parts_that_are_to_be_kept_come_back_as_they_were_and_the_report_says_that_they_overlap() {
+    let it = run(&overlapping(), &Options { overlaps: Overlaps::Keep, ..native() }, None);
+    assert!(!matches!(it.report.outcome, Outcome::Repaired | Outcome::AlreadyPrintable), "{:?}", it.report.outcome);
+    let after = &it.report.after.unwrap_or(it.report.before).measures;
+    assert_eq!((after.parts, after.faces), (2, 96));
+    assert!(after.self_intersections.pairs > Some(0));
+}
+
+#[test]
+fn with_the_odd_rule_what_two_parts_have_in_common_is_empty() {
+    let it = run(&overlapping(), &Options { inside: InsideRule::Odd, max_volume_change_pct: 100.0, ..native() }, None);
+    let after = &it.report.after.unwrap().measures;
+    assert!((after.volume.value - (2.0 - 2.0 * COMMON)).abs() < 1e-4, "{}", after.volume.value);
+}
+
+/// A cube with a fin of no thickness: two sheets on one another, which look either way, cut differently.
+fn with_a_fin() -> Soup {
+    let mut soup = cube(DVec3::ZERO, 1.0, 1);
+    let [a, b] = [DVec3::new(1.0, 0.25, 0.25), DVec3::new(1.0, 0.75, 0.25)];
+    let [c, d] = [DVec3::new(2.0, 0.75, 0.25), DVec3::new(2.0, 0.25, 0.25)];
+    for triangle in [[a, d, c], [a, c, b], [a, b, d], [b, c, d]] {
+        push(&mut soup, triangle);
+    }
+    soup
+}
+
+#[test]
+fn a_wall_of_no_thickness_that_can_be_seen_gets_one() {
+    let it = run(&with_a_fin(), &native(), None);
+    assert_eq!(it.report.outcome, Outcome::Repaired, "{:?}", it.report.red_flags);
+    let after = &it.report.after.unwrap().measures;
+    assert!(after.printable());
+    assert!(after.bounding_box.unwrap().max[0] > 1.99, "{:?}", after.bounding_box);
+    assert!(after.volume.value > 1.0 && after.volume.value < 1.01, "{}", after.volume.value);
+}
+
+#[test]
+fn where_nothing_may_be_resolved_the_surface_is_made_anew() {
+    let options = Options { without: vec![Operator::Resolve], voxel_resolution: 60, ..native() };
+    let it = run(&overlapping(), &options, None);
+    assert_eq!(it.report.outcome, Outcome::Repaired, "{:?}", it.report.red_flags);
+    let remesh = it.report.steps.iter().find(|step| step.operator == Some(Operator::Remesh)).unwrap();
+    assert_eq!((remesh.action, remesh.status), (Action::NativeRemesh, StepStatus::Done));
+    let after = &it.report.after.unwrap().measures;
+    assert!((after.volume.value - (2.0 - COMMON)).abs() < 0.01, "{}", after.volume.value);
+    assert!(after.faces < 400, "flat faces come back as few: {}", after.faces);
+    let lost = it.report.changes.unwrap().lost.unwrap();
+    assert!(lost.percent.max < 0.5, "{lost:?}");
+}
