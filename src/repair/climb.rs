@@ -1,29 +1,50 @@
 use std::ops::Range;
 use std::time::Duration;
 
+use super::checkpoints::{Checkpoints, START};
 use super::input::Input;
-use super::presets::{planned, remesh_action};
-use super::tiers::{End, Runner};
+use super::presets::{planned, remesh_action, tier_of};
+use super::tiers::{End, Key, Place, Runner, Task};
 use super::verdict::{JudgeError, Judged, Patches, judge};
 use super::{
-    Action, Cancelled, Candidate, Context, Preset, RedFlagCode, Remesher, Rung, Stage, Step, StepStatus, When, summary,
+    Action, Cancelled, Candidate, Context, Operator, PlannedAction, Preset, RedFlagCode, Remesher, Rung, Stage, Step,
+    StepStatus, When, summary,
 };
-use crate::mesh::{NO_SOURCE, Surface};
+use crate::mesh::Surface;
 
 /// The way up a plan's rungs: what was done so far, and the best that came of it.
 pub(super) struct Climb<'a> {
     input: &'a Input<'a>,
     runner: Runner<'a>,
     /// What the opening left, from which every rung starts.
-    pub surface: Surface,
-    opened: End,
-    /// How far the opening moved vertices, at most.
-    moved: f64,
+    opened: Place,
+    /// How the opening ended.
+    end: End,
     opening: Vec<Step>,
+    checkpoints: Checkpoints,
+    verdicts: Vec<Verdict>,
+    steps: Vec<Step>,
     best: Option<(usize, Judged)>,
     candidates: Vec<Candidate>,
     /// Whether a result was left open, or lost surface that can be seen.
     left_sheets: bool,
+}
+
+/// What a rung made.
+enum Made {
+    Nothing,
+    /// A surface, and its number.
+    New(u32, Surface),
+    /// A surface on which there is a verdict, by the place of that.
+    Judged(usize),
+}
+
+/// A verdict on a surface that is not good enough.
+struct Verdict {
+    surface: u32,
+    patches: Patches,
+    candidate: usize,
+    step: Step,
 }
 
 /// What a climb brought.
@@ -39,38 +60,63 @@ const OPENING: [Action; 2] = [Action::BasicCleanup, Action::FixNormals];
 
 impl<'a> Climb<'a> {
     /// Runs the opening that every rung shares; what it leaves is what tells a sheet from a solid with holes.
-    pub fn open(input: &'a Input<'a>, mut runner: Runner<'a>) -> Result<Self, Cancelled> {
-        let mut surface = input.analysis.surface.clone();
+    pub fn open(input: &'a Input<'a>, runner: Runner<'a>) -> Result<Self, Cancelled> {
         let actions = OPENING.map(|action| planned(action, runner.options)).to_vec();
         let rung = Rung { when: When::NothingGood, tier: 1, preset: Preset::BasicCleanup, actions };
-        let opened = runner.run(0, &rung, 0, &(5..15), &mut surface)?;
-        let (opening, moved) = (runner.steps.clone(), runner.moved);
+        let mut opened = Place { surface: input.analysis.surface.clone(), counts: None, moved: 0.0 };
+        let (mut opening, mut end) = (Vec::new(), End::Finished);
+        let tasks = Task::of(&rung, 0);
+        for (at, &task) in tasks.iter().enumerate() {
+            let percent = percent(&(5..15), at, tasks.len());
+            let (step, ended, _) = runner.run(0, &rung, task, percent, &mut opened)?;
+            opening.push(step);
+            end = ended;
+            if end != End::Finished {
+                break;
+            }
+        }
         Ok(Self {
             input,
             runner,
-            surface,
             opened,
-            moved,
+            end,
+            steps: opening.clone(),
             opening,
+            checkpoints: Checkpoints::default(),
+            verdicts: Vec::new(),
             best: None,
             candidates: Vec::new(),
             left_sheets: false,
         })
     }
 
+    /// What the opening left.
+    pub fn surface(&self) -> &Surface {
+        &self.opened.surface
+    }
+
     /// Climbs until a result is good.
     pub fn run(mut self, rungs: &[Rung]) -> Result<Climbed, Cancelled> {
         for (index, rung) in (0u32..).zip(rungs) {
+            let later = &rungs[index as usize + 1..];
             let step = not_runnable(index, rung, self.runner.remesher, self.runner.context);
             if let Some(step) = step.or_else(|| self.needless(index, rung)) {
                 self.note(step);
-            } else if let Some(result) = self.make(index, rung)?
-                && self.judge(index, rung, &result)?
-            {
-                break;
+            } else {
+                let good = match self.make(index, rung, later)? {
+                    Made::Nothing => false,
+                    Made::New(number, result) => self.judge(index, rung, number, &result)?,
+                    Made::Judged(verdict) => {
+                        self.judge_alike(index, verdict);
+                        false
+                    }
+                };
+                if good {
+                    break;
+                }
             }
         }
-        Ok(Climbed { steps: self.runner.steps, candidates: self.candidates, best: self.best })
+        Ok(Climbed { steps: self.steps, candidates: self.candidates, best: self.best })
     }
 
     /// The step that says why a rung is passed over, where what came before it makes it needless.
@@ -88,28 +134,93 @@ impl<'a> Climb<'a> {
         Some(Step { status: StepStatus::Skipped, note: Some(why.to_owned()), ..skipped })
     }
 
-    /// What a rung makes, if anything.
-    fn make(&mut self, index: u32, rung: &Rung) -> Result<Option<Surface>, Cancelled> {
+    /// What a rung makes. What rungs before it did is taken over from them.
+    fn make(&mut self, index: u32, rung: &Rung, later: &[Rung]) -> Result<Made, Cancelled> {
         if index > 0 {
-            self.runner.steps.extend(self.opening.iter().cloned().map(|step| taken_over(step, index)));
+            self.steps.extend(self.opening.iter().map(|step| taken_over(step, index, step.action)));
         }
-        let mut result = self.surface.clone();
-        self.runner.moved = self.moved;
-        let end = match self.opened {
-            End::Finished => self.runner.run(index, rung, OPENING.len(), &span(index), &mut result)?,
-            End::Nothing => End::Nothing,
-            End::OutOfTime => End::OutOfTime,
-        };
-        Ok((!matches!(end, End::Nothing) && !result.faces.is_empty()).then_some(result))
+        let tasks = Task::of(rung, OPENING.len());
+        let mut way = self.known_way(rung, &tasks);
+        let comes_to = |way: &[(u32, Option<Step>)]| way.last().map_or(START, |&(number, _)| number);
+        let mut number = comes_to(&way);
+        let is_on_it = |it: &Verdict| it.surface == number && it.patches == patches_of(rung);
+        let verdict = self.verdicts.iter().position(is_on_it).filter(|_| way.len() == tasks.len());
+        if verdict.is_none() {
+            // On from the last surface that is at hand.
+            while number != START && self.checkpoints.kept(number).is_none() {
+                way.pop();
+                number = comes_to(&way);
+            }
+        }
+        let mut resolved = false;
+        for (&task, (_, step)) in tasks.iter().zip(&way) {
+            if let Some(step) = step {
+                resolved = stays_resolved(resolved, step);
+                self.steps.push(taken_over(step, index, task.action));
+            }
+        }
+        if let Some(verdict) = verdict {
+            return Ok(Made::Judged(verdict));
+        }
+        let mut end = self.end;
+        let mut place = self.checkpoints.kept(number).unwrap_or(&self.opened).clone();
+        let turnings = turnings(rung, later);
+        for (at, &task) in tasks.iter().enumerate().skip(way.len()) {
+            if end != End::Finished {
+                break;
+            }
+            if !is_needless(task, resolved) {
+                let percent = percent(&span(index), at, tasks.len());
+                let (step, ended, changed) = self.runner.run(index, rung, task, percent, &mut place)?;
+                end = ended;
+                resolved = stays_resolved(resolved, &step);
+                number = match task.key(rung).filter(|_| end == End::Finished) {
+                    Some(key) => self.checkpoints.learn(number, key, changed, &step),
+                    None if changed => self.checkpoints.fresh(),
+                    None => number,
+                };
+                self.steps.push(step);
+            }
+            if turnings.contains(&(at + 1)) {
+                self.checkpoints.keep(number, at + 1, &place);
+            }
+        }
+        let nothing = end == End::Nothing || place.surface.faces.is_empty();
+        Ok(if nothing { Made::Nothing } else { Made::New(number, place.surface) })
+    }
+
+    /// How far it is known what a rung does: the step of each task, unless it was needless, and the number of what it made.
+    fn known_way(&self, rung: &Rung, tasks: &[Task]) -> Vec<(u32, Option<Step>)> {
+        let (mut number, mut resolved) = (START, false);
+        let mut way = Vec::new();
+        for &task in tasks {
+            let mut taken = None;
+            if !is_needless(task, resolved) {
+                let known = task.key(rung).and_then(|key| self.checkpoints.known(number, key));
+                let Some((made, step)) = known else { break };
+                number = *made;
+                resolved = stays_resolved(resolved, step);
+                taken = Some(step.clone());
+            }
+            way.push((number, taken));
+        }
+        way
+    }
+
+    /// Takes over a verdict on the same surface.
+    fn judge_alike(&mut self, index: u32, verdict: usize) {
+        let Verdict { candidate, step, .. } = &self.verdicts[verdict];
+        let (candidate, step) = (self.candidates[*candidate].clone(), taken_over(step, index, Action::Validate));
+        self.candidates.push(Candidate { rung: Some(index), ..candidate });
+        self.note(step);
     }
 
     /// Judges a result and keeps it if it is the best so far. Whether it is good.
-    fn judge(&mut self, index: u32, rung: &Rung, result: &Surface) -> Result<bool, Cancelled> {
+    fn judge(&mut self, index: u32, rung: &Rung, number: u32, result: &Surface) -> Result<bool, Cancelled> {
         let Runner { options, format, context, .. } = self.runner;
         context.report(Stage::Verify, Some(rung.tier), span(index).end);
         let start = context.now();
-        let anew = result.source.iter().all(|&source| source == NO_SOURCE);
-        let patches = if anew { Patches::None } else { Patches::BySource };
+        let patches = patches_of(rung);
         let verdict = judge(result, patches, format, self.input.original, options, context);
         let mut step = validation(index, start, context);
         let mut good = false;
@@ -119,9 +230,11 @@ impl<'a> Climb<'a> {
                 self.candidates.push(Candidate::new(Some(index), &judged, false));
                 let lost = judged.red_flags.iter().any(|flag| flag.code == RedFlagCode::SurfaceLost);
                 self.left_sheets |= lost || judged.measures.boundary_edges > 0;
+                let candidate = self.candidates.len() - 1;
+                self.verdicts.push(Verdict { surface: number, patches, candidate, step: step.clone() });
                 good = judged.is_good();
                 if self.best.as_ref().is_none_or(|(_, best)| judged.rank() < best.rank()) {
-                    self.best = Some((self.candidates.len() - 1, judged));
+                    self.best = Some((candidate, judged));
                 }
             }
             Err(JudgeError::Cancelled(stop)) => return Err(stop),
@@ -136,7 +249,7 @@ impl<'a> Climb<'a> {
 
     fn note(&mut self, step: Step) {
         self.runner.log(&step);
-        self.runner.steps.push(step);
+        self.steps.push(step);
     }
 }
 
@@ -165,9 +278,36 @@ fn not_runnable(index: u32, rung: &Rung, remesher: Option<&dyn Remesher>, contex
     Some(Step { status: StepStatus::Skipped, note: Some(why), ..Step::new(index, 3, action, None) })
 }
 
-fn taken_over(step: Step, rung: u32) -> Step {
-    let note = step.note.unwrap_or_else(|| "its result was taken over from the first rung".to_owned());
-    Step { rung, milliseconds: 0.0, note: Some(note), ..step }
+/// Whether a task can be left out: nothing changed since faces that intersect were last resolved, where they were.
+fn is_needless(task: Task, resolved: bool) -> bool {
+    resolved && task.operator == Some(Operator::Resolve)
+}
+
+/// Whether, after a step, nothing changed since faces that intersect were last resolved.
+fn stays_resolved(resolved: bool, step: &Step) -> bool {
+    step.operator == Some(Operator::Resolve) || (resolved && step.changed.is_empty())
+}
+
+/// After how many tasks later rungs turn off from a rung's way.
+fn turnings(rung: &Rung, later: &[Rung]) -> Vec<usize> {
+    let keys = |rung: &Rung| -> Vec<Option<Key>> {
+        Task::of(rung, OPENING.len()).into_iter().map(|task| task.key(rung)).collect()
+    };
+    let own = keys(rung);
+    let alike = |other: &Rung| own.iter().zip(keys(other)).take_while(|(a, b)| a.is_some() && *a == b).count();
+    later.iter().map(alike).collect()
+}
+
+fn patches_of(rung: &Rung) -> Patches {
+    let anew = |planned: &PlannedAction| {
+        remesh_action(planned.action).is_some() || planned.operators.contains(&Operator::Remesh)
+    };
+    if rung.actions.iter().any(anew) { Patches::None } else { Patches::BySource }
+}
+
+fn taken_over(step: &Step, rung: u32, action: Action) -> Step {
+    let note = step.note.clone().unwrap_or_else(|| "its result was taken over from an earlier rung".to_owned());
+    Step { rung, action, tier: tier_of(action), milliseconds: 0.0, note: Some(note), ..step.clone() }
 }
 
 fn validation(rung: u32, start: Duration, context: &Context<'_>) -> Step {
@@ -180,4 +320,10 @@ fn validation(rung: u32, start: Duration, context: &Context<'_>) -> Step {
 fn span(rung: u32) -> Range<u8> {
     let begin = |rung: u32| 95 - (80 >> rung.min(7));
     begin(rung)..begin(rung + 1)
+}
+
+/// How far the whole is when `done` of `tasks` are done.
+fn percent(span: &Range<u8>, done: usize, tasks: usize) -> u8 {
+    let width = usize::from(span.end.saturating_sub(span.start));
+    span.start + u8::try_from(width * done / tasks.max(1)).unwrap_or(0)
 }

@@ -4,6 +4,7 @@
 //! [`operators`]; those work on a [`crate::mesh::Surface`] and answer what they changed as [`Change`]s.
 
 mod category;
+mod checkpoints;
 mod climb;
 mod drawings;
 mod input;

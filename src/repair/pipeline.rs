@@ -101,8 +101,8 @@ pub fn repair(
         }
     }
 
-    let climb = Climb::open(input, Runner { options, format, remesher, context, steps: Vec::new(), moved: 0.0 })?;
-    let sheets = if as_is.boundary_edges > 0 { open_sheet_share(&climb.surface) } else { 0.0 };
+    let climb = Climb::open(input, Runner { options, format, remesher, context })?;
+    let sheets = if as_is.boundary_edges > 0 { open_sheet_share(climb.surface()) } else { 0.0 };
     let category = if printable.is_some() { Category::Clean } else { categorise(&as_is, sheets) };
     report.plan = make_plan(&as_is, category, options);
     context.log(&format!("plan: {} because {}", name(report.plan.preset), report.plan.reason));

@@ -1,4 +1,3 @@
-use std::ops::Range;
 use std::time::Duration;
 
 use super::operators::cut::Pairing;
@@ -26,85 +25,125 @@ const MOST_FINER: f64 = 4.0;
 /// Voxels along the diagonal below which nothing of a model would be left to see.
 const LEAST_VOXELS: f64 = 16.0;
 
-/// Runs the actions of rungs and writes down what each did.
+/// Runs what rungs are made of.
 pub(super) struct Runner<'a> {
     pub options: &'a Options,
     pub format: Format,
     pub remesher: Option<&'a dyn Remesher>,
     pub context: &'a Context<'a>,
-    pub steps: Vec<Step>,
+}
+
+/// An operator of an action, or the action's remesh.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Task {
+    pub action: Action,
+    pub operator: Option<Operator>,
+}
+
+/// What tells, beside the surface, what an operator makes of it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub(super) struct Key {
+    operator: Operator,
+    pairing: Option<Pairing>,
+    inside: Option<Inside>,
+    closes_sheets: Option<bool>,
+}
+
+/// How far a rung came.
+#[derive(Debug, Clone)]
+pub(super) struct Place {
+    pub surface: Surface,
+    /// The counts of the surface, where they are known.
+    pub counts: Option<Counts>,
     /// How far operators since the input may have moved a vertex, in the model's unit.
     pub moved: f64,
 }
 
-/// How a list of actions ended.
+/// How a task ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum End {
-    /// All that could run did.
+    /// It did what it could.
     Finished,
-    /// An action that the rest leans on did not run; there is no result.
+    /// What the rest leans on did not run; there is no result.
     Nothing,
     /// The time was over; the surface is as far as it came.
     OutOfTime,
 }
 
+impl Task {
+    /// What a rung does, but for `Validate`, in order; its first `from` actions left out.
+    pub fn of(rung: &Rung, from: usize) -> Vec<Self> {
+        let tasks = rung.actions.get(from..).unwrap_or_default().iter().flat_map(|planned| {
+            let remesh = remesh_action(planned.action).map(|_| None);
+            let operators = planned.operators.iter().map(|&o| Some(o)).chain(remesh);
+            operators.map(|operator| Self { action: planned.action, operator })
+        });
+        tasks.collect()
+    }
+
+    /// What tells what its operator makes of a surface, in a rung; none for a remesh.
+    pub fn key(self, rung: &Rung) -> Option<Key> {
+        let operator = self.operator?;
+        let (pairing, inside) = ways_of(rung);
+        Some(Key {
+            operator,
+            pairing: (operator == Operator::CutApart).then_some(pairing),
+            inside: matches!(operator, Operator::Resolve | Operator::Remesh).then_some(inside),
+            closes_sheets: (operator == Operator::Resolve).then(|| closes_sheets(rung)),
+        })
+    }
+}
+
+/// The two ways of `auto` differ in how faces are paired around edges, and in what is turned inside out: one keeps it, the
+/// other drops it.
+fn ways_of(rung: &Rung) -> (Pairing, Inside) {
+    let mends = rung.actions.iter().any(|planned| planned.action == Action::Mend);
+    if mends { (Pairing::Angular, Inside::Nonzero) } else { (Pairing::FinsLast, Inside::Positive) }
+}
+
+/// Whether a rung makes open sheets solid.
+fn closes_sheets(rung: &Rung) -> bool {
+    rung.actions.iter().any(|planned| planned.action == Action::CloseSheets)
+}
+
 impl Runner<'_> {
-    /// Runs all actions but `Validate` on `surface`, from number `from` on. `span` is the share of the whole repair, in
-    /// percent, that they are taken to be.
+    /// Runs a task. `percent` of the whole repair is taken to be done before it. Answers what it did, how it ended, and whether
+    /// it changed the surface.
     ///
     /// # Errors
     /// [`Cancelled`] when the job was cancelled; the end of time is no error here.
     pub fn run(
-        &mut self,
+        &self,
         index: u32,
         rung: &Rung,
-        from: usize,
-        span: &Range<u8>,
-        surface: &mut Surface,
-    ) -> Result<End, Cancelled> {
-        let tasks: Vec<(Action, Option<Operator>)> = rung.actions[from..]
-            .iter()
-            .flat_map(|planned| {
-                let remesh = remesh_action(planned.action).map(|_| None);
-                planned.operators.iter().map(|&o| Some(o)).chain(remesh).map(|operator| (planned.action, operator))
-            })
-            .collect();
-        // The counts of the surface as it is, where they are known.
-        let mut counts = None;
-        // Whether nothing changed since faces that intersect were last resolved.
-        let mut resolved = false;
-        for (done, &(action, operator)) in tasks.iter().enumerate() {
-            if resolved && operator == Some(Operator::Resolve) {
-                continue;
+        Task { action, operator }: Task,
+        percent: u8,
+        place: &mut Place,
+    ) -> Result<(Step, End, bool), Cancelled> {
+        let start = self.context.now();
+        let mut step = Step::new(index, tier_of(action), action, operator);
+        self.context.report(Stage::Repair, Some(rung.tier), percent);
+        let end = match operator {
+            Some(operator) => self.operate(operator, rung, place, &mut step),
+            None => {
+                place.counts = None;
+                let remeshed =
+                    self.context.check().and_then(|()| self.remesh(action, percent, &mut place.surface, &mut step));
+                remeshed.map(|end| (end, true))
             }
-            let start = self.context.now();
-            let mut step = Step::new(index, tier_of(action), action, operator);
-            self.context.report(Stage::Repair, Some(rung.tier), percent(span, done, tasks.len()));
-            let end = match operator {
-                Some(operator) => self.operate(operator, rung, surface, &mut counts, &mut step),
-                None => {
-                    counts = None;
-                    let percent = percent(span, done, tasks.len());
-                    self.context.check().and_then(|()| self.remesh(action, percent, surface, &mut step))
-                }
-            };
-            step.milliseconds = (self.context.now().saturating_sub(start)).as_secs_f64() * 1e3;
-            let end = match end {
-                Ok(end) => end,
-                Err(Cancelled) if self.context.is_cancelled() => return Err(Cancelled),
-                Err(Cancelled) => {
-                    step.status = StepStatus::Failed;
-                    step.note = Some("the time was over".to_owned());
-                    End::OutOfTime
-                }
-            };
-            resolved = operator == Some(Operator::Resolve) || (resolved && step.changed.is_empty());
-            self.log(&step);
-            self.steps.push(step);
-            if !matches!(end, End::Finished) {
-                return Ok(end);
+        };
+        step.milliseconds = (self.context.now().saturating_sub(start)).as_secs_f64() * 1e3;
+        let (end, changed) = match end {
+            Ok(end) => end,
+            Err(Cancelled) if self.context.is_cancelled() => return Err(Cancelled),
+            Err(Cancelled) => {
+                step.status = StepStatus::Failed;
+                step.note = Some("the time was over".to_owned());
+                (End::OutOfTime, false)
             }
-        }
-        Ok(End::Finished)
+        };
+        self.log(&step);
+        Ok((step, end, changed))
     }
 
     /// Writes a step to the job's log.
@@ -126,33 +165,36 @@ impl Runner<'_> {
         self.context.log(&line);
     }
 
-    /// Runs one operator, and takes it back where it broke its claim.
+    /// Runs one operator, and takes it back where it broke its claim. Whether it changed the surface.
     fn operate(
-        &mut self,
+        &self,
         operator: Operator,
         rung: &Rung,
-        surface: &mut Surface,
-        counts: &mut Option<Counts>,
+        place: &mut Place,
         step: &mut Step,
-    ) -> Result<End, Cancelled> {
+    ) -> Result<(End, bool), Cancelled> {
         self.context.check()?;
+        let scope = self.scope(rung, place.moved);
+        let Place { surface, counts, moved: moved_before } = place;
         let before = counts.get_or_insert_with(|| Counts::of(surface)).to_owned();
         let kept = surface.clone();
-        let applied = operator.run(&self.scope(rung), surface, self.context);
+        let applied = operator.run(&scope, surface, self.context);
         let Applied { changes, moved, left, failed } = applied.inspect_err(|_| surface.clone_from(&kept))?;
         step.changed = changes;
         step.moved = moved;
         step.note = left;
-        if *surface != kept {
+        let mut changed = *surface != kept;
+        if changed {
             surface.drop_unreferenced();
             let after = Counts::of(surface);
             if let Some((counter, was, is)) = operator.broken_claim(&before, &after) {
                 step.status = StepStatus::Undone;
                 step.note = Some(format!("undone: it would have made {} out of {was} {}", is, counter.in_words()));
                 *surface = kept;
+                changed = false;
             } else {
                 *counts = Some(after);
-                self.moved += moved;
+                *moved_before += moved;
             }
         }
         if let Some(why) = failed {
@@ -162,27 +204,22 @@ impl Runner<'_> {
         if surface.faces.is_empty() {
             step.status = StepStatus::Failed;
             step.note = Some("no face was left".to_owned());
-            return Ok(End::Nothing);
+            return Ok((End::Nothing, changed));
         }
-        Ok(End::Finished)
+        Ok((End::Finished, changed))
     }
 
-    /// What the parameters of a rung's operators follow from.
-    fn scope(&self, rung: &Rung) -> Scope<'_> {
-        // The two ways of `auto` differ in how faces are paired around edges, and in what is turned inside out: one keeps
-        // it, the other drops it.
-        let mends = rung.actions.iter().any(|planned| planned.action == Action::Mend);
-        let (pairing, inside) =
-            if mends { (Pairing::Angular, Inside::Nonzero) } else { (Pairing::FinsLast, Inside::Positive) };
+    /// What the parameters of a rung's operators follow from, where vertices were moved so far already.
+    fn scope(&self, rung: &Rung, moved: f64) -> Scope<'_> {
+        let (pairing, inside) = ways_of(rung);
         let inside = match self.options.inside {
             InsideRule::Auto => inside,
             InsideRule::Positive => Inside::Positive,
             InsideRule::Nonzero => Inside::Nonzero,
             InsideRule::Odd => Inside::Odd,
         };
-        let reach = self.options.max_deviation.map_or(f64::INFINITY, |most| (most - self.moved).max(0.0));
-        let closes_sheets = rung.actions.iter().any(|planned| planned.action == Action::CloseSheets);
-        Scope { options: self.options, format: self.format, pairing, inside, closes_sheets, reach }
+        let reach = self.options.max_deviation.map_or(f64::INFINITY, |most| (most - moved).max(0.0));
+        Scope { options: self.options, format: self.format, pairing, inside, closes_sheets: closes_sheets(rung), reach }
     }
 
     fn remesh(&self, action: Action, percent: u8, surface: &mut Surface, step: &mut Step) -> Result<End, Cancelled> {
@@ -275,10 +312,4 @@ impl Voxels {
             )
         })
     }
-}
-
-/// How far the whole is when `done` of `actions` of a rung are done.
-fn percent(span: &Range<u8>, done: usize, actions: usize) -> u8 {
-    let width = usize::from(span.end.saturating_sub(span.start));
-    span.start + u8::try_from(width * done / actions.max(1)).unwrap_or(0)
 }

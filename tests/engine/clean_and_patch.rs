@@ -163,7 +163,7 @@ fn the_plan_of_auto_has_it_after_the_other_ways_and_runs_it_only_then() {
     let mut broken = ball();
     crumple(&mut broken, DVec3::X, 0.3, 0.12, 1);
     let bytes = write(&broken.to_soup(), Format::Stl).unwrap();
-    let options = Options { max_tier: 2, pictures: false, ..Options::default() };
+    let options = Options { max_tier: 2, pictures: false, voxel_resolution: 50, ..Options::default() };
     let report = with_context(|c| repair(&bytes, &options, &Limits::default(), None, c)).unwrap().report;
     let has = |rung: &meshmend::repair::Rung| rung.actions.iter().any(|a| a.action == Action::CleanAndPatch);
     assert_eq!(report.plan.rungs.iter().position(has), Some(4));

@@ -24,7 +24,7 @@ const DOUBLED: usize = 1 << 2;
 pub fn mend(bytes: &[u8]) -> Repaired {
     let (cancel, clock) = (AtomicBool::new(false), || Duration::ZERO);
     let context = Context::new(&NoProgress, &cancel, &clock, Duration::from_secs(600));
-    let options = Options { max_tier: 2, pictures: false, ..Options::default() };
+    let options = Options { max_tier: 2, pictures: false, voxel_resolution: 50, ..Options::default() };
     repair(bytes, &options, &Limits::default(), None, &context).unwrap()
 }
 

@@ -6,8 +6,13 @@ use rustc_hash::FxHashMap;
 use crate::math::{Box3, Contact, Tree, collinear, contact, unit_scale};
 use crate::mesh::Surface;
 
-/// Faces that all questions together may look at.
-const MOST: u64 = 30_000_000;
+/// Faces that all questions together may look at: this many, and as many more for each face.
+const MOST: u64 = 5_000_000;
+const MOST_A_FACE: u64 = 100;
+/// Obstacles that are remembered from one question to the next.
+const REMEMBERED: usize = 4;
+/// Pairs of new faces, which have a vertex in common, that are looked at as fast as one that is near.
+const NEIGHBOURS_A_STEP: u64 = 4;
 
 /// Stands for the new position in faces that are asked about.
 pub(super) const NEW: u32 = u32::MAX;
@@ -25,6 +30,33 @@ pub(super) struct Clear {
     /// How far faces may reach out of their boxes in the tree, in the range of the predicates.
     grown: f64,
     left: u64,
+    /// What was in the way of the last places, the last first.
+    in_the_way: Vec<Obstacle>,
+}
+
+/// Whether a vertex may be moved to a place.
+struct Question<'a> {
+    surface: &'a Surface,
+    /// The new faces, and those that they are made from.
+    new: &'a [([u32; 3], u32)],
+    gone: &'a [u32],
+    /// The new faces, by slots.
+    faces: Vec<[u32; 3]>,
+}
+
+/// Two faces that meet: a new one, by its place in the question, and another.
+#[derive(Clone, Copy)]
+struct Obstacle {
+    face: usize,
+    other: Other,
+}
+
+#[derive(Clone, Copy)]
+enum Other {
+    /// A new face, by its place in the question.
+    New(usize),
+    /// A face of the surface.
+    Old(u32),
 }
 
 impl Clear {
@@ -37,7 +69,8 @@ impl Clear {
             .map(|(v, p)| *first.entry(p.to_array().map(|x| (x + 0.0).to_bits())).or_insert(v))
             .collect();
         let tree = Tree::new(&unit, &surface.faces);
-        Self { unit, scale, slot, tree, pieces: FxHashMap::default(), grown: 0.0, left: MOST }
+        let left = MOST + MOST_A_FACE * surface.faces.len() as u64;
+        Self { unit, scale, slot, tree, pieces: FxHashMap::default(), grown: 0.0, left, in_the_way: Vec::new() }
     }
 
     /// Whether new faces, in which [`NEW`] stands at `q`, meet no other face and not one another but in shared vertices and edges.
@@ -51,63 +84,127 @@ impl Clear {
         clear
     }
 
+    /// Whether all was looked at that questions may look at. Every answer is then that faces meet.
+    pub fn is_spent(&self) -> bool {
+        self.left == 0
+    }
+
     fn look(&mut self, surface: &Surface, new: &[([u32; 3], u32)], gone: &[u32], at_new: usize) -> bool {
-        #[expect(clippy::cast_possible_truncation, reason = "vertices are counted in u32")]
-        let slots = |face: [u32; 3]| face.map(|v| if v == NEW { at_new as u32 } else { self.slot[v as usize] });
-        let is_flat =
-            |[a, b, c]: [u32; 3]| collinear(self.unit[a as usize], self.unit[b as usize], self.unit[c as usize]);
-        let mut slow = 0;
-        let faces: Vec<[u32; 3]> = new.iter().map(|&(face, _)| slots(face)).collect();
-        if faces.iter().any(|&face| is_flat(face)) {
+        if self.left == 0 {
             return false;
         }
-        let mut apart = |a: [u32; 3], b: [u32; 3]| {
-            matches!(contact(&self.unit, a, b, &mut slow), Contact::Disjoint | Contact::Neighbours)
-        };
-        for (i, &a) in faces.iter().enumerate() {
-            for (j, &b) in faces.iter().enumerate().skip(i + 1) {
-                let before = [i, j].map(|k| new[k].1).map(|f| slots(surface.faces[f as usize]));
-                if !apart(a, b)
-                    && (new[i].1 == new[j].1 || is_flat(before[0]) || is_flat(before[1]) || apart(before[0], before[1]))
-                {
-                    return false;
+        #[expect(clippy::cast_possible_truncation, reason = "vertices are counted in u32")]
+        let at_new = at_new as u32;
+        let faces: Vec<[u32; 3]> = new.iter().map(|&(face, _)| self.slots(face, at_new)).collect();
+        if faces.iter().any(|&face| self.is_flat(face)) {
+            return false;
+        }
+        let question = Question { surface, new, gone, faces };
+        // What was in the way of one place is mostly in the way of the next.
+        let mut work = self.in_the_way.len() as u64 + 1;
+        let known = self.in_the_way.iter().position(|&obstacle| self.is_in_the_way(&question, obstacle));
+        let found = known.map(|at| self.in_the_way[at]).or_else(|| self.find_in_the_way(&question, &mut work));
+        self.left = self.left.saturating_sub(work);
+        if let Some(obstacle) = found {
+            let last = self.in_the_way.len().min(REMEMBERED - 1);
+            match known {
+                Some(at) => self.in_the_way[..=at].rotate_right(1),
+                None => {
+                    self.in_the_way.truncate(last);
+                    self.in_the_way.insert(0, obstacle);
                 }
             }
         }
-        for (&face, &(_, parent)) in faces.iter().zip(new) {
+        found.is_none() && self.left > 0
+    }
+
+    /// What a new face meets, if anything. `work` grows by the faces that are looked at.
+    fn find_in_the_way(&self, question: &Question<'_>, work: &mut u64) -> Option<Obstacle> {
+        let Question { new, faces, .. } = question;
+        for i in 0..faces.len() {
+            for j in i + 1..faces.len() {
+                let obstacle = Obstacle { face: i, other: Other::New(j) };
+                if self.is_in_the_way(question, obstacle) {
+                    return Some(obstacle);
+                }
+            }
+            *work += (faces.len() - i) as u64 / NEIGHBOURS_A_STEP;
+            if *work > self.left {
+                return None;
+            }
+        }
+        let mut near: Vec<u32> = Vec::new();
+        for (i, face) in faces.iter().enumerate() {
             let mut bounds = Box3::of(face.map(|s| self.unit[s as usize]));
             bounds.min -= DVec3::splat(self.grown);
             bounds.max += DVec3::splat(self.grown);
-            let mut near: Vec<u32> = Vec::new();
+            near.clear();
             self.tree.overlapping(&bounds, |f| {
                 near.push(f);
                 near.extend(self.pieces.get(&f).into_iter().flatten());
-                true
+                *work + (near.len() as u64) < self.left
             });
-            self.left = self.left.saturating_sub(near.len() as u64 + 1);
-            if self.left == 0 {
-                return false;
+            *work += near.len() as u64 + 1;
+            if *work >= self.left {
+                return None;
             }
-            let old = slots(surface.faces[parent as usize]);
-            for f in near {
-                if gone.contains(&f) || new.iter().any(|&(_, replaced)| replaced == f) {
-                    continue;
-                }
-                let other = slots(surface.faces[f as usize]);
-                if is_flat(other) || apart(face, other) {
-                    continue;
-                }
-                let met_before = !is_flat(old)
-                    && matches!(
-                        contact(&self.unit, old, other, &mut 0),
-                        Contact::Touching | Contact::Crossing | Contact::Coplanar
-                    );
-                if !met_before {
-                    return false;
+            let replaced = |f: u32| new.iter().any(|&(_, replaced)| replaced == f);
+            for &f in near.iter().filter(|&&f| !replaced(f)) {
+                let obstacle = Obstacle { face: i, other: Other::Old(f) };
+                if self.is_in_the_way(question, obstacle) {
+                    return Some(obstacle);
                 }
             }
         }
-        true
+        None
+    }
+
+    /// Whether a new face meets another, and what it is made from did not.
+    fn is_in_the_way(&self, question: &Question<'_>, obstacle: Obstacle) -> bool {
+        let &Question { surface, new, gone, ref faces } = question;
+        let old = |f: u32| self.slots(surface.faces[f as usize], NEW);
+        let Obstacle { face: i, other } = obstacle;
+        let (Some(&face), Some(&(_, parent))) = (faces.get(i), new.get(i)) else { return false };
+        match other {
+            Other::New(j) => {
+                let (Some(&other), Some(&(_, other_parent))) = (faces.get(j), new.get(j)) else { return false };
+                if self.are_apart(face, other) {
+                    return false;
+                }
+                let [a, b] = [old(parent), old(other_parent)];
+                parent == other_parent || self.is_flat(a) || self.is_flat(b) || self.are_apart(a, b)
+            }
+            Other::Old(f) => {
+                if gone.contains(&f) || new.iter().any(|&(_, replaced)| replaced == f) {
+                    return false;
+                }
+                let other = old(f);
+                if self.is_flat(other) || self.are_apart(face, other) {
+                    return false;
+                }
+                let parent = old(parent);
+                let met_before = !self.is_flat(parent)
+                    && matches!(
+                        contact(&self.unit, parent, other, &mut 0),
+                        Contact::Touching | Contact::Crossing | Contact::Coplanar
+                    );
+                !met_before
+            }
+        }
+    }
+
+    /// A face by the slots of its vertices, [`NEW`] being at `at_new`.
+    fn slots(&self, face: [u32; 3], at_new: u32) -> [u32; 3] {
+        face.map(|v| if v == NEW { at_new } else { self.slot[v as usize] })
+    }
+
+    fn is_flat(&self, face: [u32; 3]) -> bool {
+        let [a, b, c] = face.map(|slot| self.unit[slot as usize]);
+        collinear(a, b, c)
+    }
+
+    fn are_apart(&self, a: [u32; 3], b: [u32; 3]) -> bool {
+        matches!(contact(&self.unit, a, b, &mut 0), Contact::Disjoint | Contact::Neighbours)
     }
 
     /// A vertex was moved to `q`.

@@ -20,7 +20,7 @@ pub enum Pinches {
 }
 
 /// How faces are paired around an edge of more than two.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Pairing {
     /// In angular order.
     Angular,

@@ -23,6 +23,10 @@ use crate::repair::{Cancelled, Change, Context};
 /// moved, round by round.
 const GRIDS: [i32; 5] = [22, 20, 18, 16, 14];
 
+/// Rounds end where pairs of faces that intersect, or faces, are so many times the fewest before: what is resolved then
+/// comes back as more.
+const GROWTH: u64 = 4;
+
 /// Resolves faces that intersect.
 #[derive(Debug, Clone, Copy)]
 pub struct Resolve {
@@ -82,6 +86,7 @@ impl Resolve {
         let mut work = surface.clone();
         let mut best: Option<((bool, u64), u64, Surface, f64)> = None;
         let (mut snapped, mut merged, mut thickened, mut moved) = (0, 0, 0, 0.0f64);
+        let mut fewest = [u64::MAX; 2];
         for grid in GRIDS.into_iter().map(Some).chain([None]) {
             context.check()?;
             let known: FxHashSet<[u64; 3]> = work.positions.iter().map(bits).collect();
@@ -105,6 +110,11 @@ impl Resolve {
             merged += round_apart(&mut work, |p| !known.contains(&bits(&p)), context)?.merged;
             settle(&mut work, context)?;
             let (pairs, mut takes_part) = crossing_faces(&work, context)?;
+            let grown = [pairs, work.faces.len() as u64];
+            if grown.iter().zip(fewest).any(|(&now, fewest)| now / GROWTH > fewest) {
+                break;
+            }
+            fewest = [0, 1].map(|k| fewest[k].min(grown[k]));
             let mut apart = work.clone();
             let aside = Separate { most: self.most }.apply(&mut apart, context)?.moved;
             let pairs_apart = if apart == work { pairs } else { crossing_faces(&apart, context)?.0 };

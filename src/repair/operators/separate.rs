@@ -121,7 +121,7 @@ fn split_doubled_edges(surface: &mut Surface, places: &mut Aside, context: &Cont
         let mut pairs: Vec<(u32, u32)> =
             half_edges.iter().map(|&h| (h, mates[h as usize])).filter(|&(h, m)| m != NONE && h < m).collect();
         // One pair may keep the edge; where one can't be moved, that is the one.
-        while pairs.len() > 1 {
+        while pairs.len() > 1 && !clear.is_spent() {
             let Some(at) = (0..pairs.len()).rev().find(|&i| {
                 let (x, y) = pairs[i];
                 let [f, g] = [x, y].map(|h| h as usize / 3);
@@ -196,7 +196,7 @@ fn spread(surface: &mut Surface, places: &mut Aside, context: &Context<'_>) -> R
         // One may stay; where one can't be moved, that is the one.
         let mut staying = by_area.len();
         for &(_, v) in by_area.iter().rev() {
-            if staying == 1 {
+            if staying == 1 || clear.is_spent() {
                 break;
             }
             if let Some(q) = aside(surface, v, stars.of(v), places, &mut clear) {
