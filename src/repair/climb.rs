@@ -10,6 +10,7 @@ use super::{
     Action, Cancelled, Candidate, Context, Operator, PlannedAction, Preset, RedFlagCode, Remesher, Rung, Stage, Step,
     StepStatus, When, summary,
 };
+use crate::arrange::ArrangeError;
 use crate::mesh::Surface;
 
 /// The way up a plan's rungs: what was done so far, and the best that came of it.
@@ -152,10 +153,10 @@ impl<'a> Climb<'a> {
                 number = comes_to(&way);
             }
         }
-        let mut resolved = false;
+        let mut crossings = Crossings::Unknown;
         for (&task, (_, step)) in tasks.iter().zip(&way) {
             if let Some(step) = step {
-                resolved = stays_resolved(resolved, step);
+                crossings = crossings.after(step);
                 self.steps.push(taken_over(step, index, task.action));
             }
         }
@@ -169,11 +170,11 @@ impl<'a> Climb<'a> {
             if end != End::Finished {
                 break;
             }
-            if !is_needless(task, resolved) {
+            if !crossings.make_needless(task) {
                 let percent = percent(&span(index), at, tasks.len());
                 let (step, ended, changed) = self.runner.run(index, rung, task, percent, &mut place)?;
                 end = ended;
-                resolved = stays_resolved(resolved, &step);
+                crossings = crossings.after(&step);
                 number = match task.key(rung).filter(|_| end == End::Finished) {
                     Some(key) => self.checkpoints.learn(number, key, changed, &step),
                     None if changed => self.checkpoints.fresh(),
@@ -191,15 +192,15 @@ impl<'a> Climb<'a> {
 
     /// How far it is known what a rung does: the step of each task, unless it was needless, and the number of what it made.
     fn known_way(&self, rung: &Rung, tasks: &[Task]) -> Vec<(u32, Option<Step>)> {
-        let (mut number, mut resolved) = (START, false);
+        let (mut number, mut crossings) = (START, Crossings::Unknown);
         let mut way = Vec::new();
         for &task in tasks {
             let mut taken = None;
-            if !is_needless(task, resolved) {
+            if !crossings.make_needless(task) {
                 let known = task.key(rung).and_then(|key| self.checkpoints.known(number, key));
                 let Some((made, step)) = known else { break };
                 number = *made;
-                resolved = stays_resolved(resolved, step);
+                crossings = crossings.after(step);
                 taken = Some(step.clone());
             }
             way.push((number, taken));
@@ -278,14 +279,35 @@ fn not_runnable(index: u32, rung: &Rung, remesher: Option<&dyn Remesher>, contex
     Some(Step { status: StepStatus::Skipped, note: Some(why), ..Step::new(index, 3, action, None) })
 }
 
-/// Whether a task can be left out: nothing changed since faces that intersect were last resolved, where they were.
-fn is_needless(task: Task, resolved: bool) -> bool {
-    resolved && task.operator == Some(Operator::Resolve)
+/// What is known of faces that intersect, on a rung's way.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Crossings {
+    Unknown,
+    /// Nothing changed since they were resolved, as far as they could be.
+    Resolved,
+    /// They could not be resolved, and nothing but sheets that were moved apart by a hair changed since.
+    Given,
 }
 
-/// Whether, after a step, nothing changed since faces that intersect were last resolved.
-fn stays_resolved(resolved: bool, step: &Step) -> bool {
-    step.operator == Some(Operator::Resolve) || (resolved && step.changed.is_empty())
+impl Crossings {
+    fn after(self, step: &Step) -> Self {
+        match step.operator {
+            Some(Operator::Resolve) => {
+                let failed = step.status == StepStatus::Failed;
+                // Sheets that are cut apart may be closed.
+                let open = step.note.as_ref().is_some_and(|note| *note == ArrangeError::NotClosed.to_string());
+                if failed && !open { Self::Given } else { Self::Resolved }
+            }
+            Some(Operator::Separate) if self == Self::Given => self,
+            _ if step.changed.is_empty() => self,
+            _ => Self::Unknown,
+        }
+    }
+
+    /// Whether a task can be left out.
+    fn make_needless(self, task: Task) -> bool {
+        self != Self::Unknown && task.operator == Some(Operator::Resolve)
+    }
 }
 
 /// After how many tasks later rungs turn off from a rung's way.

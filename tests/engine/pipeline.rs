@@ -9,8 +9,8 @@ use meshmend::format::{self, Format, Limits};
 use meshmend::inspect::{InspectOptions, Level, inspect};
 use meshmend::mesh::Soup;
 use meshmend::repair::{
-    Action, Category, Context, NoProgress, Options, Outcome, OutputFormat, Preset, RedFlagCode, RemeshAction,
-    RemeshError, RemeshRequest, Remeshed, Remesher, RemesherInfo, RepairError, Repaired, StepStatus, repair,
+    Action, Category, Context, NoProgress, Operator, Options, Outcome, OutputFormat, Preset, RedFlagCode, RemeshAction,
+    RemeshError, RemeshRequest, Remeshed, Remesher, RemesherInfo, RepairError, Repaired, Step, StepStatus, repair,
 };
 use proptest::prelude::*;
 
@@ -465,4 +465,32 @@ fn the_report_says_how_far_the_result_is_from_the_input() {
     }
     assert!((lost.percent.max - lost.distance.max / 3.0 * 100.0).abs() < 1e-6);
     assert!(lost.complete && made.complete && lost.samples > 3500 && made.vertices > 0);
+}
+
+#[test]
+fn a_rung_takes_over_what_one_before_it_did_alike_and_still_does_what_it_would_do_alone() {
+    // A sheet that is left open for as long as it can be, so that many rungs run, and a solid that is kept in one way of
+    // `auto` and dropped in the other.
+    let mut soup = join(&overlapping(2), &cube(DVec3::new(4.0, 0.0, 0.0), 1.0, 2));
+    soup = join(&soup, &inside_out(cube(DVec3::new(4.5, 0.2, 0.3), 1.0, 2)));
+    let mut open = sheet(8);
+    open.positions.iter_mut().for_each(|p| *p += DVec3::new(20.0, 0.0, 0.0));
+    soup = join(&soup, &open);
+    let auto = run(&soup, &Options { max_tier: 2, ..Options::default() }, None).report;
+    assert!(auto.candidates.len() > 2, "{:#?}", auto.plan);
+    let facts = |steps: &[Step], rung: u32| -> Vec<_> {
+        let it = steps.iter().filter(|step| step.rung == rung);
+        it.map(|step| (step.action, step.operator, step.status, step.changed.clone(), step.moved)).collect()
+    };
+    for (index, rung) in (0..2).zip(&auto.plan.rungs) {
+        let alone = run(&soup, &Options { max_tier: 2, preset: rung.preset, ..Options::default() }, None).report;
+        assert_eq!(facts(&auto.steps, index), facts(&alone.steps, 0), "{:?}", rung.preset);
+        let [a, b] = [&auto.candidates[index as usize], &alone.candidates[0]];
+        assert_eq!((a.faces, a.defects, a.printable), (b.faces, b.defects, b.printable));
+    }
+    let taken = |rung: u32, operator: Operator| {
+        let mut it = auto.steps.iter().filter(|step| step.rung == rung && step.operator == Some(operator));
+        it.all(|step| step.note.as_ref().is_some_and(|note| note.contains("taken over")))
+    };
+    assert!(!taken(0, Operator::Sew) && taken(1, Operator::Sew) && taken(2, Operator::Sew), "{:#?}", auto.steps);
 }
