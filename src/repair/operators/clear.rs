@@ -6,7 +6,11 @@ use rustc_hash::FxHashMap;
 use crate::math::{Box3, Contact, Tree, collinear, contact, unit_scale};
 use crate::mesh::Surface;
 
-/// Faces that all questions together may look at.
+/// Pairs of faces that all questions together may look at: so many for each face, ...
+const MOST_PER_FACE: u64 = 1000;
+/// ... at least, ...
+const LEAST: u64 = 200_000;
+/// ... and at most.
 const MOST: u64 = 30_000_000;
 
 /// Stands for the new position in faces that are asked about.
@@ -37,7 +41,8 @@ impl Clear {
             .map(|(v, p)| *first.entry(p.to_array().map(|x| (x + 0.0).to_bits())).or_insert(v))
             .collect();
         let tree = Tree::new(&unit, &surface.faces);
-        Self { unit, scale, slot, tree, pieces: FxHashMap::default(), grown: 0.0, left: MOST }
+        let left = (MOST_PER_FACE * surface.faces.len() as u64).clamp(LEAST, MOST);
+        Self { unit, scale, slot, tree, pieces: FxHashMap::default(), grown: 0.0, left }
     }
 
     /// Whether new faces, in which [`NEW`] stands at `q`, meet no other face and not one another but in shared vertices and edges.
@@ -52,6 +57,12 @@ impl Clear {
     }
 
     fn look(&mut self, surface: &Surface, new: &[([u32; 3], u32)], gone: &[u32], at_new: usize) -> bool {
+        // Those of the new faces with one another, which are many around a vertex of many faces.
+        let pairs = new.len() as u64 * new.len() as u64 / 2;
+        self.left = self.left.saturating_sub(pairs);
+        if self.left == 0 {
+            return false;
+        }
         #[expect(clippy::cast_possible_truncation, reason = "vertices are counted in u32")]
         let slots = |face: [u32; 3]| face.map(|v| if v == NEW { at_new as u32 } else { self.slot[v as usize] });
         let is_flat =
