@@ -31,3 +31,5 @@ mod sheets;
 mod sheets_within;
 mod simplify;
 mod stitch;
+mod threads;
+mod unions;
