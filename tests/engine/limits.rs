@@ -83,7 +83,7 @@ fn an_operator_that_is_switched_off_does_not_run() {
     let with = run(&open, &native(), None).report;
     assert!(ran(&with) && with.outcome == Outcome::Repaired);
     // Others that would close it in their own way.
-    let off = vec![Operator::FillHoles, Operator::ThickenSheets, Operator::CleanAndPatch];
+    let off = vec![Operator::FillHoles, Operator::ThickenSheets, Operator::CleanAndPatch, Operator::Remesh];
     let without = run(&open, &Options { without: off, ..native() }, None).report;
     assert!(!ran(&without) && without.outcome != Outcome::Repaired);
     let planned = without.plan.rungs.iter().flat_map(|r| &r.actions).flat_map(|a| &a.operators);

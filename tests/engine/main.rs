@@ -32,3 +32,5 @@ mod sheets_within;
 mod simplify;
 mod solid;
 mod stitch;
+mod threads;
+mod unions;

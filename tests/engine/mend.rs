@@ -128,6 +128,17 @@ fn a_sheet_inside_a_solid_goes_and_one_outside_stays() {
 }
 
 #[test]
+fn a_sheet_that_only_begins_inside_a_solid_is_not_counted_with_those_that_went() {
+    let mut soup = sphere(DVec3::ZERO, 2.0, 16, 8);
+    push(&mut soup, [DVec3::X, DVec3::Y, DVec3::Z]);
+    push(&mut soup, [DVec3::X * 4.0, DVec3::new(-2.0, 3.5, 0.0), DVec3::new(-2.0, -3.5, 0.0)]);
+    let (mut surface, _) = Surface::from_soup(&soup);
+    let changes = with_context(|c| remove_debris(&mut surface, c)).unwrap();
+    assert_eq!((count(&changes, "sheets_inside_solids_removed"), count(&changes, "debris_parts_removed")), (1, 0));
+    assert_eq!(surface.faces.len() + 1, soup.faces.len());
+}
+
+#[test]
 fn nothing_goes_where_all_is_debris() {
     let mut soup = Soup::default();
     push(&mut soup, [DVec3::ZERO, DVec3::X, DVec3::Y]);

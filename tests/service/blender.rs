@@ -30,7 +30,8 @@ async fn a_model_beyond_tier_one_is_repaired_by_a_real_blender_and_its_report_sa
     let volume = report["after"]["volume"]["value"].as_f64().expect("a number");
     assert!((volume - 2.0).abs() < 0.2, "{volume}");
     let soup = read(&api.artifact(&id, "model").await, &Limits::default()).expect("a model").soup;
-    assert!(soup.faces.len() > 1000);
+    // A remesh of two flat-sided boxes needs few faces.
+    assert!(soup.faces.len() < 2000, "{}", soup.faces.len());
 }
 
 #[tokio::test]

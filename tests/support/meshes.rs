@@ -103,3 +103,20 @@ pub fn as_f32(mut soup: Soup) -> Soup {
     }
     soup
 }
+
+/// A cylinder around a line along z, of `n` sides, outward.
+pub fn cylinder(foot: DVec3, radius: f64, height: f64, n: u32) -> Soup {
+    let mut soup = Soup::default();
+    let at = |i: u32, z: f64| {
+        let u = f64::from(i % n) / f64::from(n) * std::f64::consts::TAU;
+        foot + DVec3::new(radius * u.cos(), radius * u.sin(), z)
+    };
+    for i in 0..n {
+        let [a, b, c, d] = [at(i, 0.0), at(i + 1, 0.0), at(i + 1, height), at(i, height)];
+        push(&mut soup, [a, b, c]);
+        push(&mut soup, [a, c, d]);
+        push(&mut soup, [foot, b, a]);
+        push(&mut soup, [foot + DVec3::Z * height, d, c]);
+    }
+    soup
+}

@@ -45,18 +45,18 @@ pub fn remove_debris(surface: &mut Surface, context: &Context<'_>) -> Result<Vec
     let area: f64 = solids.iter().map(|s| s.area).sum();
     let fins = fins(surface, &edges, &parts, &solids);
     let mut walls = walls(surface, &parts, &solids);
-    let (mut goes, mut hidden) = (vec![false; parts.count], 0);
+    let (mut goes, mut hidden) = (vec![false; parts.count], vec![false; parts.count]);
     for (part, faces) in parts.faces().iter().enumerate().filter(|&(part, _)| open[part]) {
         context.check()?;
         let little = if fins[part] { FIN_AREA } else { LITTLE_AREA };
         goes[part] = is_small(&solids[part], faces.len(), little * area, diagonal);
         if !goes[part] && hold(&mut walls, surface, faces) {
-            goes[part] = true;
-            hidden += 1;
+            (goes[part], hidden[part]) = (true, true);
         }
     }
     keep_the_box(&mut goes, &solids, BOX * diagonal);
     let count = goes.iter().filter(|&&d| d).count();
+    let hidden = goes.iter().zip(&hidden).filter(|&(&goes, &hidden)| goes && hidden).count() as u64;
     if count == 0 || count == parts.count {
         return Ok(Vec::new());
     }

@@ -186,7 +186,7 @@ fn spread(surface: &mut Surface, places: &mut Aside, context: &Context<'_>) -> R
     let mut clear = Clear::new(surface);
     let (mut moved, mut left) = (0, 0);
     for (count, group) in groups.into_iter().enumerate() {
-        if count % 256 == 0 {
+        if count % 16 == 0 {
             context.check()?;
         }
         let area = |v: u32| -> f64 { stars.of(v).iter().map(|&f| surface.area_vector(f as usize).length()).sum() };

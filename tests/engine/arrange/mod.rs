@@ -1,6 +1,6 @@
 //! Arrangements: unions of solids in general and in degenerate position, and the same by another engine.
 
-mod oracle;
+pub mod oracle;
 
 use glam::{DMat3, DQuat, DVec3};
 use meshmend::arrange::{ArrangeError, Arrangement, Exact, Inside};

@@ -2,6 +2,7 @@
 
 mod agree;
 mod around;
+mod balance;
 mod nested;
 mod outside;
 
@@ -14,6 +15,7 @@ pub use nested::Nested;
 
 pub(super) use agree::agree;
 use around::keep_what_is_surrounded;
+use balance::keep_what_was_balanced;
 use nested::Layers;
 use outside::{Looks, Outside};
 
@@ -35,7 +37,8 @@ use outside::{Looks, Outside};
 ///    is turned with it.
 /// 3. An open patch, and a closed one whose depth can't be told, is turned when most of the area of its largest faces sees
 ///    the outside, by exact rays, at its back. A sheet alone stays as it is, and so does what lies in a solid, unless layers
-///    are to alternate.
+///    are to alternate; and so do open patches that meet in edges of several faces, where those were crossed as often one way
+///    as the other and would not be any more.
 ///
 /// Precondition: none. Result: every edge of two faces is crossed once in each direction, unless the patch is
 /// one-sided like a Möbius band. No vertex moves and no face goes. Leaves: edges of more than two faces as they are,
@@ -81,6 +84,7 @@ impl Orient {
             }
             if self.nested == Nested::Keep && layers.turn.contains(&true) {
                 keep_what_is_surrounded(&outside, &mut walls, &solids, &containers, &mut layers, context)?;
+                keep_what_was_balanced(surface, &edges, &patches, &solids, &mut layers);
             }
         }
         let turn = layers.turn;

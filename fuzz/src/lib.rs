@@ -1,0 +1,7 @@
+//! What is fuzzed: bytes in, a panic where a promise is broken. The same is run with damaged models by `tests/fuzz/`.
+
+mod arrangement;
+mod pipeline;
+
+pub use arrangement::arrange;
+pub use pipeline::repair;

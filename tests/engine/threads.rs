@@ -1,0 +1,74 @@
+//! The same bytes and the same account from any number of threads, and each time.
+
+use std::sync::atomic::AtomicBool;
+use std::time::Duration;
+
+use glam::{DMat3, DVec3};
+use meshmend::format::{Format, Limits, write};
+use meshmend::mesh::{Soup, Surface};
+use meshmend::remesh::Remesh;
+use meshmend::repair::{Context, NoProgress, Operator, Options, Repaired, repair};
+
+use crate::meshes::{cube, join, sphere, torus};
+use crate::operators::with_context;
+
+fn on<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> T {
+    rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap().install(work)
+}
+
+fn moved(mut soup: Soup, by: DVec3) -> Soup {
+    let turn = DMat3::from_axis_angle(DVec3::new(0.36, 0.48, 0.8), 0.7);
+    soup.positions.iter_mut().for_each(|p| *p = turn * *p + by);
+    soup
+}
+
+/// Solids that overlap in general position, of more faces than one thread is given.
+fn overlapping() -> Soup {
+    let two = join(&torus(3.0, 1.0, 72, 36), &moved(sphere(DVec3::ZERO, 1.2, 48, 30), DVec3::new(2.5, 0.3, 0.4)));
+    join(&two, &moved(cube(DVec3::ZERO, 2.0, 12), DVec3::new(-3.0, -1.0, -0.7)))
+}
+
+/// Solids that touch in an edge.
+fn touching() -> Soup {
+    join(&cube(DVec3::ZERO, 1.0, 12), &cube(DVec3::new(1.0, 1.0, 0.0), 1.0, 12))
+}
+
+/// The clock stands still, so that whole reports can be compared.
+fn mended(soup: &Soup, options: &Options) -> Repaired {
+    let (cancel, clock) = (AtomicBool::new(false), || Duration::ZERO);
+    let context = Context::new(&NoProgress, &cancel, &clock, Duration::from_secs(600));
+    repair(&write(soup, Format::Stl).unwrap(), options, &Limits::default(), None, &context).unwrap()
+}
+
+#[test]
+fn the_whole_pipeline_answers_the_same_on_any_number_of_threads() {
+    let options = Options { max_tier: 2, max_error: Some(1e-3), ..Options::default() };
+    for (mut soup, through) in [
+        (overlapping(), [Operator::FillHoles, Operator::Resolve, Operator::Simplify]),
+        (touching(), [Operator::FillHoles, Operator::Separate, Operator::Simplify]),
+    ] {
+        // A hole, and faces that are turned.
+        soup.faces.drain(20..22);
+        soup.faces[40..60].iter_mut().for_each(|face| face.swap(0, 1));
+        let one = on(1, || mended(&soup, &options));
+        for operator in through {
+            let did = one.report.steps.iter().any(|it| it.operator == Some(operator) && !it.changed.is_empty());
+            assert!(did, "{operator:?} had something to do: {:?}", one.report.steps);
+        }
+        for again in [on(2, || mended(&soup, &options)), on(2, || mended(&soup, &options))] {
+            assert!(again.bytes == one.bytes, "other bytes");
+            assert_eq!(again.report, one.report);
+        }
+    }
+}
+
+#[test]
+fn a_remesh_is_the_same_on_any_number_of_threads() {
+    let (surface, _) = Surface::from_soup(&overlapping());
+    let remeshed = || with_context(|c| Remesh { cell: Some(0.1), ..Remesh::default() }.apply(&surface, c)).unwrap();
+    let one = on(1, remeshed);
+    for again in [on(2, remeshed), on(2, remeshed)] {
+        assert!(again.surface == one.surface, "another surface");
+        assert_eq!((again.deviation, again.made_inside), (one.deviation, one.made_inside));
+    }
+}

@@ -1,0 +1,218 @@
+//! Models that follow from a seed, damaged in every way.
+
+use glam::DVec3;
+use meshmend::format::{Format, write};
+use meshmend::mesh::Soup;
+
+use crate::damage::Random;
+use crate::meshes::{cube, inside_out, join, push, sheet, sphere, torus};
+
+/// Most faces before damage.
+const MOST: usize = 250;
+
+/// A file: some model, damaged as a model, written in some format, damaged as bytes now and then.
+pub fn file(seed: u64) -> Vec<u8> {
+    let random = &mut Random::new(seed);
+    let soup = model(random);
+    let mut bytes = match random.below(7) {
+        0 => ascii_stl(&soup),
+        1 => write(&soup, Format::Obj).unwrap_or_default(),
+        2 => write(&soup, Format::Ply).unwrap_or_default(),
+        3 => write(&soup, Format::Off).unwrap_or_default(),
+        4 => write(&soup, Format::Mesh).unwrap_or_default(),
+        _ => write(&soup, Format::Stl).unwrap_or_default(),
+    };
+    if random.below(3) == 0 {
+        for _ in 0..=random.below(6) {
+            damage_bytes(&mut bytes, random);
+        }
+    }
+    bytes
+}
+
+/// One to four solids or sheets, where they are often coplanar or tangent, with damage.
+fn model(random: &mut Random) -> Soup {
+    let mut soup = Soup::default();
+    for _ in 0..=random.below(4) {
+        let n = 1 + random.below(4) as u32;
+        let low = whole(random, 4);
+        let it = match random.below(7) {
+            0 | 1 => cube(low, 1.0 + random.below(3) as f64, n),
+            2 => moved(torus(1.0 + random.below(2) as f64, 1.0, 4 + 2 * n, 3 + n), low),
+            3 => sphere(low, 1.0, 3 + n, 2 + n),
+            4 => moved(sheet(n + 1), low),
+            5 => inside_out(cube(low, 1.0, n)),
+            _ => any_triangles(random),
+        };
+        if soup.faces.len() + it.faces.len() <= MOST {
+            soup = join(&soup, &it);
+        }
+    }
+    if soup.faces.is_empty() {
+        soup = cube(DVec3::ZERO, 1.0, 2);
+    }
+    for _ in 0..random.below(5) {
+        damage(&mut soup, random);
+    }
+    soup
+}
+
+fn whole(random: &mut Random, n: usize) -> DVec3 {
+    DVec3::from_array([0, 1, 2].map(|_| random.below(n) as f64))
+}
+
+fn moved(mut soup: Soup, by: DVec3) -> Soup {
+    soup.positions.iter_mut().for_each(|p| *p += by);
+    soup
+}
+
+/// Triangles with corners on a small lattice: of all kinds of contact.
+fn any_triangles(random: &mut Random) -> Soup {
+    let mut soup = Soup::default();
+    for _ in 0..4 + random.below(40) {
+        let corners = [0, 1, 2].map(|_| whole(random, 4));
+        push(&mut soup, corners);
+    }
+    soup
+}
+
+/// Numbers at which arithmetic ends.
+const NUMBERS: [f64; 12] =
+    [f64::NAN, f64::INFINITY, 3.4e38, -3.4e38, 1e-45, 1e300, 0.0, -0.0, 1e-30, 1.0, 16_777_217.0, 1e20];
+
+fn damage(soup: &mut Soup, random: &mut Random) {
+    if soup.faces.is_empty() {
+        return;
+    }
+    let amount = 1 + random.below(6);
+    match random.below(13) {
+        // Faces that go, turn, or come twice.
+        0 => (0..amount).for_each(|_| {
+            if soup.faces.len() > 1 {
+                soup.faces.swap_remove(random.below(soup.faces.len()));
+            }
+        }),
+        1 => (0..4 * amount).for_each(|_| {
+            let f = random.below(soup.faces.len());
+            soup.faces[f].swap(0, 1);
+        }),
+        2 => (0..amount).for_each(|_| {
+            let mut face = soup.faces[random.below(soup.faces.len())];
+            face.rotate_left(random.below(3));
+            if random.below(2) == 0 {
+                face.swap(0, 1);
+            }
+            soup.faces.push(face);
+        }),
+        // Corners that move: far, a little, onto others, all of a place or one of them.
+        3 => (0..amount).for_each(|_| {
+            let v = random.below(soup.positions.len());
+            soup.positions[v] += random.vector() * [1e-7, 1e-4, 0.1, 3.0][random.below(4)];
+        }),
+        4 => (0..amount).for_each(|_| {
+            let (v, w) = (random.below(soup.positions.len()), random.below(soup.positions.len()));
+            soup.positions[v] = soup.positions[w];
+        }),
+        5 => (0..amount).for_each(|_| {
+            let p = soup.positions[random.below(soup.positions.len())];
+            let to = p + random.vector() * [1e-6, 1e-3, 0.2][random.below(3)];
+            soup.positions.iter_mut().filter(|q| **q == p).for_each(|q| *q = to);
+        }),
+        6 => (0..amount).for_each(|_| {
+            let v = random.below(soup.positions.len());
+            soup.positions[v][random.below(3)] = NUMBERS[random.below(NUMBERS.len())];
+        }),
+        // The whole: tiny, huge, far away, flat, turned.
+        7 => {
+            let scale = [1e-40, 1e-20, 1e-6, 1e6, 1e30, 3e37][random.below(6)];
+            soup.positions.iter_mut().for_each(|p| *p *= scale);
+        }
+        8 => {
+            let by = random.vector() * [1e3, 1e6, 1e12][random.below(3)];
+            soup.positions.iter_mut().for_each(|p| *p += by);
+        }
+        9 => {
+            let (k, by) = (random.below(3), [0.0, 1e-6, 1e-3][random.below(3)]);
+            soup.positions.iter_mut().for_each(|p| p[k] *= by);
+        }
+        10 => {
+            let axis = (random.vector() + DVec3::splat(0.01)).normalize();
+            let turn = glam::DMat3::from_axis_angle(axis, random.below(100) as f64);
+            soup.positions.iter_mut().for_each(|p| *p = turn * *p);
+        }
+        // The model twice, a little or not at all apart.
+        11 if soup.faces.len() <= MOST => {
+            let by = random.vector() * [0.0, 1e-6, 0.3][random.below(3)];
+            *soup = join(soup, &moved(soup.clone(), by));
+        }
+        // Another order.
+        _ => {
+            for f in (1..soup.faces.len()).rev() {
+                soup.faces.swap(f, random.below(f + 1));
+            }
+        }
+    }
+}
+
+/// Words that mean something to some reader.
+const WORDS: [&[u8]; 14] = [
+    b"\n",
+    b" ",
+    b"-1",
+    b"0",
+    b"1e999",
+    b"nan",
+    b"99999999999",
+    b"\\\n",
+    b"endfacet\n",
+    b"f 1 2 3\n",
+    b"4 0 1 2 3\n",
+    b"#",
+    b"solid",
+    b"\0\0\x80\x7f",
+];
+
+fn damage_bytes(bytes: &mut Vec<u8>, random: &mut Random) {
+    if bytes.is_empty() {
+        return;
+    }
+    let at = random.below(bytes.len());
+    match random.below(7) {
+        0 => bytes[at] ^= 1 << random.below(8),
+        1 => bytes[at] = random.below(256) as u8,
+        2 => {
+            bytes.remove(at);
+        }
+        3 => {
+            let word = WORDS[random.below(WORDS.len())];
+            bytes.splice(at..at, word.iter().copied());
+        }
+        4 => {
+            let end = bytes.len().min(at + 1 + random.below(200));
+            let piece = bytes[at..end].to_vec();
+            let to = random.below(bytes.len());
+            bytes.splice(to..to, piece);
+        }
+        5 => {
+            // A number of a binary file: the same as another, or one at which arithmetic ends.
+            let number = NUMBERS[random.below(NUMBERS.len())] as f32;
+            if let Some(place) = bytes.get_mut(at..at + 4) {
+                place.copy_from_slice(&number.to_le_bytes());
+            }
+        }
+        _ => bytes.truncate(at.max(1)),
+    }
+}
+
+fn ascii_stl(soup: &Soup) -> Vec<u8> {
+    let mut text = String::from("solid made\n");
+    for f in 0..soup.faces.len() {
+        text.push_str("facet normal 0 0 0\nouter loop\n");
+        for p in soup.corners(f) {
+            text.push_str(&format!("vertex {:e} {:e} {:e}\n", p.x as f32, p.y as f32, p.z as f32));
+        }
+        text.push_str("endloop\nendfacet\n");
+    }
+    text.push_str("endsolid made\n");
+    text.into_bytes()
+}
