@@ -61,6 +61,8 @@ impl Default for CompareOptions {
 
 /// Points at which the inside of a result is compared, where the input's volume can't tell.
 const INSIDE: u32 = 1000;
+/// Of them as many must be inside the input for the comparison to say anything.
+const LEAST_INSIDE: u64 = 20;
 
 impl CompareOptions {
     /// What every result of a repair is judged with.
@@ -242,6 +244,8 @@ impl<'a> Original<'a> {
         let crossed = self.measures.self_intersections.pairs.is_some_and(|pairs| pairs > 0);
         if crossed && self.measures.closed && measures.printable() {
             let found = inside_agreement(there, INSIDE, context)?;
+            // Walls of two sides that look apart enclose nothing by winding, and there is nothing to compare.
+            let found = found.filter(|it| it.inside_before >= LEAST_INSIDE);
             changes.inside_overlap_pct = found.and_then(|it| it.overlap_pct);
         }
         Ok(Way { changes, distances: found })
