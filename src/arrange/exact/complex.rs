@@ -6,15 +6,19 @@ use super::plane::Plane;
 use super::points::Points;
 use super::triangulation::{Line, Support, Triangulation};
 use crate::arrange::ArrangeError;
-use crate::context::{Cancelled, Context};
+use crate::context::Context;
 use crate::math::{Contact, PairSearch, Tree, contact};
 use crate::mesh::Surface;
 
 /// Steps that the search for faces that meet may take, and as many more for each face.
 const STEPS: u64 = 512_000_000;
 const STEPS_A_FACE: u64 = 2_000;
-/// Points that an arrangement may have: some gigabytes.
-const MOST_POINTS: usize = 20_000_000;
+/// Pairs of faces that may meet, and points that an arrangement may have: each takes some hundred bytes, so that both come to two
+/// gigabytes at most.
+const MOST_PAIRS: usize = 4_000_000;
+const MOST_POINTS: usize = 3_000_000;
+/// Entries of all lists of faces that cover a piece of one plane.
+const MOST_COVERS: usize = 50_000_000;
 /// How far out the corners of the triangle are in which overlapping faces are laid, in steps of the grid.
 const OUT: i64 = 1 << 43;
 
@@ -74,6 +78,7 @@ impl Complex {
         let groups = groups(&mut contacts);
         let planes: Vec<u32> = groups.iter().map(|group| contacts.plane(group[0])).collect();
         let cuts = std::mem::take(&mut contacts.cuts);
+        let work = Work { context, most: surface.positions.len() + MOST_POINTS };
         let mut is_cut = vec![false; solid.len()];
         for (at, (group, plane)) in groups.iter().zip(planes).enumerate() {
             if at % 256 == 0 {
@@ -81,11 +86,8 @@ impl Complex {
             }
             group.iter().for_each(|&face| is_cut[face as usize] = true);
             match group.as_slice() {
-                &[face] => cut_one(&mut points, plane, face, solid[face as usize], &cuts[&face], &mut walls),
-                _ => cut_many(&mut points, plane, group, &solid, &cuts, &mut walls),
-            }
-            if points.len() > MOST_POINTS {
-                return Err(ArrangeError::Failed("the faces meet in too many points".to_owned()));
+                &[face] => cut_one(&mut points, plane, face, solid[face as usize], &cuts[&face], &mut walls, &work)?,
+                _ => cut_many(&mut points, plane, group, &solid, &cuts, &mut walls, &work)?,
             }
         }
         for (face, corners) in (0u32..).zip(&faces) {
@@ -147,12 +149,14 @@ fn pairs_that_meet(
     };
     let search = PairSearch { look, budget: STEPS + STEPS_A_FACE * faces.len() as u64 };
     let mut pairs = Vec::new();
-    let complete = search.within(&tree, |hits| -> Result<(), Cancelled> {
+    let too_many = || ArrangeError::Failed("too many faces meet".to_owned());
+    let complete = search.within(&tree, |hits| -> Result<(), ArrangeError> {
         pairs.extend(hits.into_iter().map(|(pair, overlap)| (pair.map(|f| numbers[f as usize]), overlap)));
-        context.check()
+        context.check()?;
+        if pairs.len() > MOST_PAIRS { Err(too_many()) } else { Ok(()) }
     })?;
     if !complete {
-        return Err(ArrangeError::Failed("too many faces meet".to_owned()));
+        return Err(too_many());
     }
     pairs.sort_unstable();
     Ok(pairs)
@@ -175,15 +179,38 @@ fn groups(contacts: &mut Contacts<'_>) -> Vec<Vec<u32>> {
     groups
 }
 
+/// What holds an arrangement to its bounds.
+struct Work<'a, 'b> {
+    context: &'a Context<'b>,
+    /// Points that there may be.
+    most: usize,
+}
+
+impl Work<'_, '_> {
+    fn check(&self, points: usize) -> Result<(), ArrangeError> {
+        if points.is_multiple_of(256) {
+            self.context.check()?;
+        }
+        if points > self.most { Err(too_many_points()) } else { Ok(()) }
+    }
+}
+
+fn too_many_points() -> ArrangeError {
+    ArrangeError::Failed("the faces meet in too many points".to_owned())
+}
+
 /// Cuts a face that overlaps no other in its plane.
-fn cut_one(points: &mut Points, plane: u32, face: u32, corners: [u32; 3], cuts: &Cuts, walls: &mut Vec<Wall>) {
+fn cut_one(
+    points: &mut Points,
+    plane: u32,
+    face: u32,
+    corners: [u32; 3],
+    cuts: &Cuts,
+    walls: &mut Vec<Wall>,
+    work: &Work<'_, '_>,
+) -> Result<(), ArrangeError> {
     let mut triangulation = Triangulation::new(points, plane, corners);
-    for &point in &cuts.points {
-        triangulation.insert(point);
-    }
-    for &(ends, other) in &cuts.lines {
-        triangulation.insert_line(Line { ends, support: Support::Plane(other), bounds: None });
-    }
+    lay(&mut triangulation, cuts, work)?;
     triangulation.improve();
     walls.extend(triangulation.triangles().map(|corners| Wall {
         corners,
@@ -191,6 +218,19 @@ fn cut_one(points: &mut Points, plane: u32, face: u32, corners: [u32; 3], cuts: 
         weight: 1,
         plane: Some(plane),
     }));
+    Ok(())
+}
+
+/// Lays into a triangulation what other faces left on a face.
+fn lay(triangulation: &mut Triangulation<'_>, cuts: &Cuts, work: &Work<'_, '_>) -> Result<(), ArrangeError> {
+    for &point in &cuts.points {
+        triangulation.insert(point);
+    }
+    for &(ends, other) in &cuts.lines {
+        triangulation.insert_line(Line { ends, support: Support::Plane(other), bounds: None });
+        work.check(triangulation.count())?;
+    }
+    Ok(())
 }
 
 /// Cuts faces that overlap in one plane, all at once, so that they are cut in the same way where they do.
@@ -201,7 +241,8 @@ fn cut_many(
     faces: &[[u32; 3]],
     cuts: &rustc_hash::FxHashMap<u32, Cuts>,
     walls: &mut Vec<Wall>,
-) {
+    work: &Work<'_, '_>,
+) -> Result<(), ArrangeError> {
     let axis = points.planes[plane as usize].axis();
     let upward = points.planes[plane as usize].normal[axis] > 0;
     let outer = points.outer(axis, upward, OUT);
@@ -219,18 +260,14 @@ fn cut_many(
         for i in 0..3 {
             let ends = [faces[face as usize][i], faces[face as usize][(i + 1) % 3]];
             triangulation.insert_line(Line { ends, support: Support::Edge(ends), bounds: Some(face) });
+            work.check(triangulation.count())?;
         }
     }
     for face in group {
-        for &point in &cuts[face].points {
-            triangulation.insert(point);
-        }
-        for &(ends, other) in &cuts[face].lines {
-            triangulation.insert_line(Line { ends, support: Support::Plane(other), bounds: None });
-        }
+        lay(&mut triangulation, &cuts[face], work)?;
     }
     triangulation.improve();
-    let covers = triangulation.covers();
+    let covers = triangulation.covers(MOST_COVERS).ok_or_else(too_many_points)?;
     walls.extend(triangulation.triangles().zip(covers).filter(|(_, cover)| !cover.is_empty()).map(
         |(corners, cover)| {
             let weight =
@@ -238,4 +275,5 @@ fn cut_many(
             Wall { corners, weight: weight.sum(), faces: cover, plane: Some(plane) }
         },
     ));
+    Ok(())
 }

@@ -11,7 +11,7 @@ use meshmend::repair::operators::separate::Separate;
 use proptest::prelude::*;
 
 use crate::mend::as_stl;
-use crate::meshes::{as_f32, cube, inside_out, join, sphere, torus};
+use crate::meshes::{as_f32, cube, inside_out, join, push, sphere, torus};
 use crate::operators::with_context;
 use oracle::ManifoldRust;
 
@@ -205,4 +205,16 @@ proptest! {
             }
         }
     }
+}
+
+#[test]
+fn more_faces_that_meet_than_memory_has_room_for_are_refused() {
+    // Every face meets every other in the line that they share.
+    let mut soup = Soup::default();
+    for i in 0..3000 {
+        let angle = f64::from(i) * 0.002;
+        let far = DVec3::new(angle.cos(), angle.sin(), 0.0) * 10.0;
+        push(&mut soup, [far - DVec3::Z, far + DVec3::Z, -far + DVec3::Z * 0.1 * angle]);
+    }
+    assert!(matches!(solid(&soup, Inside::Positive), Err(ArrangeError::Failed(_))));
 }

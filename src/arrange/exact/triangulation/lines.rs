@@ -29,9 +29,11 @@ pub(in super::super) struct Line {
 impl Triangulation<'_> {
     /// For each triangle the faces that cover it, sorted, where the lines that bound faces are all in; a face is entered and left
     /// across its lines, and nothing covers the outermost triangles.
-    pub fn covers(&self) -> Vec<SmallVec<[u32; 2]>> {
+    /// None where there would be more than `most` entries in all.
+    pub fn covers(&self, most: usize) -> Option<Vec<SmallVec<[u32; 2]>>> {
         let mut covers: Vec<Option<SmallVec<[u32; 2]>>> = vec![None; self.triangles.len()];
         let mut queue = VecDeque::new();
+        let mut total = 0;
         for (t, triangle) in (0u32..).zip(&self.triangles) {
             if triangle.across.contains(&NONE) {
                 covers[t as usize] = Some(SmallVec::new());
@@ -53,11 +55,15 @@ impl Triangulation<'_> {
                         Err(at) => beyond.insert(at, face),
                     }
                 }
+                total += beyond.len();
+                if total > most {
+                    return None;
+                }
                 covers[next as usize] = Some(beyond);
                 queue.push_back(next);
             }
         }
-        covers.into_iter().map(Option::unwrap_or_default).collect()
+        Some(covers.into_iter().map(Option::unwrap_or_default).collect())
     }
 
     /// Puts a line in, with its ends.

@@ -70,6 +70,11 @@ impl<'a> Triangulation<'a> {
         }
     }
 
+    /// How many points there are, here and elsewhere.
+    pub fn count(&self) -> usize {
+        self.points.len()
+    }
+
     /// The triangles, by points.
     pub fn triangles(&self) -> impl Iterator<Item = [u32; 3]> {
         self.triangles.iter().map(|t| t.corners.map(|c| self.ids[c as usize]))
