@@ -70,28 +70,52 @@ impl BlenderRemesher {
         command
     }
 
-    /// Waits for a slot and runs the script on `input` once, both in the frame's unit. `voxels` are its stages, coarsest first;
-    /// of a run that did not come to its end the result is that of the last stage that did.
-    fn run(
-        &self,
-        input: &RawMesh,
-        voxels: &[f64],
-        request: &RemeshRequest<'_>,
-        context: &Context<'_>,
-        time: Time,
-    ) -> Result<Made, Failed> {
-        let scratch = self.config.scratch_folder().map_err(|error| scratch_failed(&error))?;
+    fn unreadable(&self, error: ReadResultError, request: &RemeshRequest<'_>) -> RemeshError {
+        match error {
+            ReadResultError::TooManyFaces(faces) => RemeshError::TooManyFaces { faces, most: request.max_faces },
+            other => RemeshError::Failed(format!("{} ended, but {other}", self.info.program)),
+        }
+    }
+
+    fn ended_badly(&self, status: ExitStatus, error: Option<String>) -> String {
+        match error {
+            Some(error) => format!("{} {}: {error}", self.info.kind, self.info.version),
+            None => format!(
+                "{} {} ended with {status}, perhaps for want of memory; what it printed is in the log",
+                self.info.kind, self.info.version
+            ),
+        }
+    }
+}
+
+/// One request.
+struct Work<'a> {
+    by: &'a BlenderRemesher,
+    request: &'a RemeshRequest<'a>,
+    /// What is sent, in the frame's unit.
+    input: RawMesh,
+    frame: Frame,
+    context: &'a Context<'a>,
+    time: Time,
+}
+
+impl Work<'_> {
+    /// Waits for a slot and runs the script once. `voxels` are its stages, coarsest first, in the frame's unit; of a run that did
+    /// not come to its end the result is that of the last stage that did.
+    fn run(&self, voxels: &[f64]) -> Result<Made, Failed> {
+        let Self { by, request, context, .. } = *self;
+        let scratch = by.config.scratch_folder().map_err(|error| scratch_failed(&error))?;
         let [script, source, target] = ["script.py", "input", "result"].map(|name| scratch.path().join(name));
         fs::write(&script, SCRIPT).map_err(|error| scratch_failed(&error))?;
-        exchange::write(&source, input).map_err(|error| scratch_failed(&error))?;
+        exchange::write(&source, &self.input).map_err(|error| scratch_failed(&error))?;
 
-        let mut command = self.command(&script);
+        let mut command = by.command(&script);
         isolate(&mut command, scratch.path());
         let sizes: Vec<String> = voxels.iter().map(f64::to_string).collect();
         command.arg("--").arg(action_name(request.action)).arg(&source).arg(&target).args([
             sizes.join(","),
             request.max_faces.to_string(),
-            self.config.memory.to_string(),
+            by.config.memory.to_string(),
             std::process::id().to_string(),
         ]);
         let most_bytes = exchange::most_bytes(request.max_faces).max(1 << 20);
@@ -100,10 +124,10 @@ impl BlenderRemesher {
             if let Some(error) = text.strip_prefix(ERROR) {
                 last_error = Some(error.to_owned());
             }
-            context.log(&format!("{}: {text}", self.info.kind));
+            context.log(&format!("{}: {text}", by.info.kind));
         };
         let mut watch = || {
-            time.check(context)?;
+            self.time.check(context)?;
             match fs::symlink_metadata(&target) {
                 Ok(found) if found.len() > most_bytes => {
                     Err(RemeshError::Failed(format!("the result file grew over {most_bytes} bytes")))
@@ -112,14 +136,14 @@ impl BlenderRemesher {
             }
         };
         // Held until the program has ended.
-        let slot = self.slot(request, context, time)?;
-        let ended = run(&mut command, scratch.path(), self.config.own_process_group, &mut line, &mut watch);
+        let slot = self.slot()?;
+        let ended = run(&mut command, scratch.path(), by.config.own_process_group, &mut line, &mut watch);
         drop(slot);
         let ended = ended
-            .map_err(|error| RemeshError::Start { program: self.info.program.clone(), reason: error.to_string() })?;
+            .map_err(|error| RemeshError::Start { program: by.info.program.clone(), reason: error.to_string() })?;
         let failed = match ended {
             Ok(status) if status.success() => None,
-            Ok(status) => Some(Failed::Crashed(self.ended_badly(status, last_error))),
+            Ok(status) => Some(Failed::Crashed(by.ended_badly(status, last_error))),
             Err(RemeshError::Cancelled) => return Err(RemeshError::Cancelled.into()),
             Err(stopped) => Some(stopped.into()),
         };
@@ -132,7 +156,7 @@ impl BlenderRemesher {
                 Ok(Made { mesh, stage: voxels.len().saturating_sub(1), note })
             }
             (failed, Err(error)) => {
-                let why = failed.unwrap_or_else(|| self.unreadable(error, request).into());
+                let why = failed.unwrap_or_else(|| by.unreadable(error, request).into());
                 let stages = (0..voxels.len().saturating_sub(1)).rev();
                 let made = stages.filter_map(|stage| {
                     let mesh = exchange::read(&stage_file(&target, stage), request.max_faces).ok()?;
@@ -144,24 +168,18 @@ impl BlenderRemesher {
         }
     }
 
-    fn unreadable(&self, error: ReadResultError, request: &RemeshRequest<'_>) -> RemeshError {
-        match error {
-            ReadResultError::TooManyFaces(faces) => RemeshError::TooManyFaces { faces, most: request.max_faces },
-            other => RemeshError::Failed(format!("{} ended, but {other}", self.info.program)),
-        }
-    }
-
     /// Waits until the machine has room for one more.
-    fn slot(&self, request: &RemeshRequest<'_>, context: &Context<'_>, time: Time) -> Result<Slot, RemeshError> {
+    fn slot(&self) -> Result<Slot, RemeshError> {
+        let Self { by, request, context, .. } = *self;
         let begin = context.now();
-        let at_once = self.config.at_once();
+        let at_once = by.config.at_once();
         let mut waited = false;
         let mut waiting = || {
             waited = true;
             context.log(&format!("waiting: {at_once} may run at once on this machine, and as many do"));
             context.report(Stage::Wait, Some(3), request.percent);
         };
-        let taken = self.config.slot(&mut waiting, &mut || time.check(context)).map_err(|error| {
+        let taken = by.config.slot(&mut waiting, &mut || self.time.check(context)).map_err(|error| {
             RemeshError::Failed(format!("could not lock the file that says how many run on this machine: {error}"))
         })?;
         match taken {
@@ -178,26 +196,10 @@ impl BlenderRemesher {
         }
     }
 
-    fn ended_badly(&self, status: ExitStatus, error: Option<String>) -> String {
-        match error {
-            Some(error) => format!("{} {}: {error}", self.info.kind, self.info.version),
-            None => format!(
-                "{} {} ended with {status}, perhaps for want of memory; what it printed is in the log",
-                self.info.kind, self.info.version
-            ),
-        }
-    }
-
     /// The voxel edge nearest above the one asked for that memory allows, in the frame's unit.
-    fn fitting_voxel(
-        &self,
-        input: &RawMesh,
-        request: &RemeshRequest<'_>,
-        frame: Frame,
-        context: &Context<'_>,
-        time: Time,
-    ) -> Result<f64, RemeshError> {
-        let RemeshRequest { voxel_size: size, coarsest, .. } = *request;
+    fn fitting_voxel(&self) -> Result<f64, RemeshError> {
+        let Self { by, ref input, frame, context, .. } = *self;
+        let RemeshRequest { voxel_size: size, coarsest, .. } = *self.request;
         if !(size.is_finite() && size > 0.0) {
             return Err(RemeshError::Failed(format!("the voxel_size is {size}; expected a length above zero")));
         }
@@ -212,15 +214,15 @@ impl BlenderRemesher {
         let corner = |v: u32| input.positions.get(v as usize).map_or(DVec3::ZERO, |p| DVec3::from(p.map(f64::from)));
         let too_heavy = |voxel: f64| {
             let triangles = input.faces.iter().map(|face| face.map(corner));
-            self.config.memory > 0 && check_voxel_memory(triangles, voxel, self.config.memory).is_err()
+            by.config.memory > 0 && check_voxel_memory(triangles, voxel, by.config.memory).is_err()
         };
         while too_heavy(voxel) {
-            time.check(context)?;
+            self.time.check(context)?;
             if voxel * COARSER > most {
                 return Err(RemeshError::Failed(format!(
                     "a remesh with a voxel_size of {} would take more than the {} MiB of memory it may; choose a larger voxel_size",
                     frame.leave_length(voxel),
-                    self.config.memory >> 20
+                    by.config.memory >> 20
                 )));
             }
             voxel *= COARSER;
@@ -229,37 +231,31 @@ impl BlenderRemesher {
     }
 
     /// Remeshes with voxels, in stages where it takes long, and once more with larger ones where the program crashed.
-    fn voxels(
-        &self,
-        input: &RawMesh,
-        request: &RemeshRequest<'_>,
-        frame: Frame,
-        context: &Context<'_>,
-        time: Time,
-    ) -> Result<Remeshed, RemeshError> {
+    fn voxels(&self) -> Result<Remeshed, RemeshError> {
+        let Self { by, request, frame, context, .. } = *self;
         let most = frame.enter_length(request.coarsest);
-        let voxel = self.fitting_voxel(input, request, frame, context, time)?;
+        let voxel = self.fitting_voxel()?;
         let first = frame.enter_length(request.voxel_size);
         let mut notes = Vec::new();
         if voxel > first {
             notes.push(format!(
                 "the voxels were made larger than the {} asked for, to stay within {} MiB of memory",
                 request.voxel_size,
-                self.config.memory >> 20
+                by.config.memory >> 20
             ));
         }
         let mut voxels = vec![voxel];
-        if voxel * STAGE <= most && estimated_faces(input, voxel) > MANY_FACES {
+        if voxel * STAGE <= most && estimated_faces(&self.input, voxel) > MANY_FACES {
             voxels.insert(0, voxel * STAGE);
         }
-        let mut made = self.run(input, &voxels, request, context, time);
+        let mut made = self.run(&voxels);
         if let Err(Failed::Crashed(why)) = &made
             && voxel * AFTER_A_CRASH <= most
         {
             context.log(&format!("{why}; it is started again with larger voxels"));
             notes.push(format!("{why}, and was started again with larger voxels"));
             voxels = vec![voxel * AFTER_A_CRASH];
-            made = self.run(input, &voxels, request, context, time);
+            made = self.run(&voxels);
         }
         let Made { mesh, stage, note } = made?;
         notes.extend(note);
@@ -301,10 +297,11 @@ impl Remesher for BlenderRemesher {
         if left_out > 0 {
             context.log(&format!("{}: {left_out} faces that are flat or there twice are left out", self.info.kind));
         }
+        let work = Work { by: self, request, input, frame, context, time };
         let made = if voxels {
-            self.voxels(&input, request, frame, context, time)?
+            work.voxels()?
         } else {
-            let Made { mesh, note, .. } = self.run(&input, &[0.0], request, context, time)?;
+            let Made { mesh, note, .. } = work.run(&[0.0])?;
             let soup = unframed(&mesh, frame, &originals(request.soup, frame));
             Remeshed { soup, voxel_size: None, note }
         };

@@ -20,20 +20,37 @@ pub fn order_around(
         return None;
     }
     let quarters: Vec<u8> = points.iter().map(|&p| quarter(a, b, points[0], p)).collect();
-    let mut order: Vec<usize> = (0..points.len()).collect();
+    let ahead = |i: usize, j: usize| match orient3d(a, b, points[i], points[j]) {
+        Sign::Negative => Sign::Positive,
+        Sign::Positive => Sign::Negative,
+        Sign::Zero => Sign::Zero,
+    };
+    Some(sort_by_angle(&quarters, ahead, before))
+}
+
+/// Directions around an axis sorted by angle. `quarters` tells for each where it is as seen from the first: 0 at its angle, 1 less
+/// than half a turn on, 2 opposite, 3 beyond. `ahead(i, j)` is positive where `j` is less than half a turn on from `i`, and zero
+/// where both are on one line. `before` orders directions at the same angle.
+#[must_use]
+pub fn sort_by_angle(
+    quarters: &[u8],
+    ahead: impl Fn(usize, usize) -> Sign,
+    before: impl Fn(usize, usize) -> Ordering,
+) -> Vec<usize> {
+    let mut order: Vec<usize> = (0..quarters.len()).collect();
     order.sort_by(|&i, &j| {
-        let within_half = || match orient3d(a, b, points[i], points[j]) {
-            Sign::Negative => Ordering::Less,
-            Sign::Positive => Ordering::Greater,
+        let within_half = || match ahead(i, j) {
+            Sign::Positive => Ordering::Less,
+            Sign::Negative => Ordering::Greater,
             Sign::Zero => Ordering::Equal,
         };
         let angle = match quarters[i].cmp(&quarters[j]) {
-            Ordering::Equal if quarters[i] % 2 == 1 => within_half(),
+            Ordering::Equal if i != j && quarters[i] % 2 == 1 => within_half(),
             other => other,
         };
         angle.then_with(|| before(i, j)).then(i.cmp(&j))
     });
-    Some(order)
+    order
 }
 
 /// Where `p` is as seen from the half-plane of `first`: 0 in it, 1 less than half a turn on, 2 opposite, 3 beyond.

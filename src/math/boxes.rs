@@ -40,6 +40,12 @@ impl Box3 {
         self.min.cmple(other.min).all() && self.max.cmpge(other.max).all()
     }
 
+    /// Whether the boxes have a point in common, borders included.
+    #[must_use]
+    pub fn meets(&self, other: &Self) -> bool {
+        self.min.cmple(other.max).all() && self.max.cmpge(other.min).all()
+    }
+
     /// The middle. Halves are added so that huge coordinates do not overflow.
     #[must_use]
     pub fn centre(&self) -> DVec3 {

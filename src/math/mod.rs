@@ -12,7 +12,7 @@ mod sequence;
 mod tree;
 mod triangle_pair;
 
-pub use angular::order_around;
+pub use angular::{order_around, sort_by_angle};
 pub use boxes::Box3;
 pub use distance::{nearest_on_segment, nearest_on_triangle, within};
 pub use predicates::{Sign, collinear, midmost, orient2d, orient3d, to_unit_range, unit_scale};

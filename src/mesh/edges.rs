@@ -137,13 +137,19 @@ impl Edges {
         if half_edge % 3 == 2 { half_edge - 2 } else { half_edge + 1 }
     }
 
+    /// The corner before this one around its face, whose half-edge ends where this one starts.
+    #[must_use]
+    pub fn previous(half_edge: u32) -> u32 {
+        if half_edge.is_multiple_of(3) { half_edge + 2 } else { half_edge - 1 }
+    }
+
     /// The corner of its face that a half-edge does not touch.
     ///
     /// # Panics
     /// When `half_edge` is not one of these faces.
     #[must_use]
     pub fn opposite(faces: &[[u32; 3]], half_edge: u32) -> u32 {
-        origin(faces, Self::next(Self::next(half_edge)))
+        origin(faces, Self::previous(half_edge))
     }
 
     /// Where a half-edge starts and ends.

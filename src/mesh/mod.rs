@@ -15,6 +15,7 @@ mod loops;
 mod manifold;
 mod parts;
 mod soup;
+mod stars;
 mod surface;
 mod union_find;
 mod weld;
@@ -28,6 +29,7 @@ pub use loops::{BoundaryLoops, boundary_chains, boundary_loops, count_boundary_c
 pub use manifold::{HalfEdgeMesh, Manifold, NotManifold, Refused};
 pub use parts::Parts;
 pub use soup::Soup;
-pub use surface::{Ingest, NO_SOURCE, Surface};
+pub use stars::Stars;
+pub use surface::{Ingest, NO_SOURCE, Surface, position_key};
 pub use union_find::UnionFind;
 pub use weld::weld_exactly;

@@ -115,8 +115,9 @@ impl Surface {
     }
 }
 
-fn position_key(p: DVec3) -> [u64; 3] {
-    // Adding 0.0 turns -0.0 into 0.0.
+/// Equal for equal positions; adding 0.0 turns -0.0 into 0.0.
+#[must_use]
+pub fn position_key(p: DVec3) -> [u64; 3] {
     p.to_array().map(|x| (x + 0.0).to_bits())
 }
 

@@ -2,6 +2,7 @@ use std::collections::BTreeMap;
 
 use glam::DVec3;
 
+use super::surface::position_key;
 use super::{Ingest, Soup, Surface};
 
 /// Not used by any face yet.
@@ -110,10 +111,10 @@ impl Index {
             if let Some(found) = table.find_or_add(position, known, next) {
                 return (found, found == next);
             }
-            *self = Self::Tree(known.iter().map(|&p| key(p)).zip(0..).collect());
+            *self = Self::Tree(known.iter().map(|&p| position_key(p)).zip(0..).collect());
         }
         let Self::Tree(tree) = self else { unreachable!("the table was replaced") };
-        let found = *tree.entry(key(position)).or_insert(next);
+        let found = *tree.entry(position_key(position)).or_insert(next);
         (found, found == next)
     }
 }
@@ -187,7 +188,7 @@ impl Table {
 
 /// Folded multiplication, once for each coordinate (as in wyhash, Wang Yi 2019); the constants are digits of pi.
 fn hash(position: DVec3) -> u64 {
-    let [x, y, z] = key(position);
+    let [x, y, z] = position_key(position);
     let fold = |a: u64, b: u64| {
         let product = u128::from(a) * u128::from(b);
         #[expect(clippy::cast_possible_truncation, reason = "two halves of a product")]
@@ -198,11 +199,6 @@ fn hash(position: DVec3) -> u64 {
     let h = fold(x ^ 0x243f_6a88_85a3_08d3, 0x1319_8a2e_0370_7345);
     let h = fold(h ^ y, 0xa409_3822_299f_31d1);
     fold(h ^ z, 0x082e_fa98_ec4e_6c89)
-}
-
-/// Equal for equal positions; adding 0.0 turns -0.0 into 0.0.
-fn key(position: DVec3) -> [u64; 3] {
-    position.to_array().map(|x| (x + 0.0).to_bits())
 }
 
 impl Surface {

@@ -6,7 +6,8 @@ use super::place::{BEYOND, Vertex};
 use super::samples::Samples;
 use super::{Rounding, Stop};
 use crate::context::Context;
-use crate::math::{Box3, Contact, collinear, contact};
+use crate::math::{Box3, collinear, contact};
+use crate::mesh::Stars;
 
 /// Vertices that are wanted nearer to where they are than this share of a cell stay.
 const LEAST: f64 = 1e-3;
@@ -41,7 +42,7 @@ pub(super) fn move_out(
         .filter(|(_, vertex)| vertex.point.distance(vertex.wanted) > least)
         .map(|(v, _)| v)
         .collect();
-    let around = Around::new(contour);
+    let around = Stars::new(contour.points.len(), &contour.faces);
     let mut moved = 0;
     for _ in 0..ROUNDS {
         let mut left = Vec::new();
@@ -68,40 +69,8 @@ pub(super) fn move_out(
     Ok(moved)
 }
 
-/// The faces around each vertex.
-struct Around {
-    start: Vec<u32>,
-    faces: Vec<u32>,
-}
-
-impl Around {
-    fn new(contour: &Contour) -> Self {
-        let mut start = vec![0u32; contour.points.len() + 1];
-        for &v in contour.faces.iter().flatten() {
-            start[v as usize] += 1;
-        }
-        let mut total = 0;
-        for count in &mut start {
-            total += std::mem::replace(count, total);
-        }
-        let mut next = start.clone();
-        let mut faces = vec![0; total as usize];
-        for (face, corners) in (0u32..).zip(&contour.faces) {
-            for &v in corners {
-                faces[next[v as usize] as usize] = face;
-                next[v as usize] += 1;
-            }
-        }
-        Self { start, faces }
-    }
-
-    fn of(&self, v: u32) -> &[u32] {
-        &self.faces[self.start[v as usize] as usize..self.start[v as usize + 1] as usize]
-    }
-}
-
 /// Whether the surface has no intersection with vertex `v` at `to`, where it had none before.
-fn is_valid(grid: &Grid, samples: &Samples, contour: &mut Contour, around: &Around, v: u32, to: DVec3) -> bool {
+fn is_valid(grid: &Grid, samples: &Samples, contour: &mut Contour, around: &Stars, v: u32, to: DVec3) -> bool {
     let star = around.of(v);
     let old = contour.points[v as usize];
     let normal = |contour: &Contour, face: u32| {
@@ -121,7 +90,7 @@ fn is_valid(grid: &Grid, samples: &Samples, contour: &mut Contour, around: &Arou
     valid
 }
 
-fn star_is_clear(grid: &Grid, samples: &Samples, contour: &Contour, around: &Around, star: &[u32]) -> bool {
+fn star_is_clear(grid: &Grid, samples: &Samples, contour: &Contour, around: &Stars, star: &[u32]) -> bool {
     let points = &contour.points;
     let corners = |face: u32| contour.faces[face as usize].map(|v| points[v as usize]);
     let box_of = |face: u32| Box3::of(corners(face));
@@ -134,7 +103,7 @@ fn star_is_clear(grid: &Grid, samples: &Samples, contour: &Contour, around: &Aro
     let mut slow = 0;
     let mut apart = |a: u32, b: u32| {
         let [a, b] = [a, b].map(|face| contour.faces[face as usize]);
-        matches!(contact(points, a, b, &mut slow), Contact::Disjoint | Contact::Neighbours)
+        contact(points, a, b, &mut slow).is_apart()
     };
     for (i, &a) in star.iter().enumerate() {
         if star[..i].iter().any(|&b| !apart(a, b)) {
@@ -146,17 +115,13 @@ fn star_is_clear(grid: &Grid, samples: &Samples, contour: &Contour, around: &Aro
     let boxes: Vec<Box3> = star.iter().map(|&face| box_of(face)).collect();
     others.into_iter().filter(|face| star.binary_search(face).is_err()).all(|other| {
         let of_other = box_of(other);
-        star.iter().zip(&boxes).all(|(&face, of_face)| !meet(of_face, &of_other) || apart(face, other))
+        star.iter().zip(&boxes).all(|(&face, of_face)| !of_face.meets(&of_other) || apart(face, other))
     })
-}
-
-fn meet(a: &Box3, b: &Box3) -> bool {
-    a.min.cmple(b.max).all() && a.max.cmpge(b.min).all()
 }
 
 /// The faces that may meet a box: all whose cells, and what is within reach of them, come near it. None where they are very
 /// many.
-fn faces_near(grid: &Grid, samples: &Samples, contour: &Contour, around: &Around, bounds: &Box3) -> Option<Vec<u32>> {
+fn faces_near(grid: &Grid, samples: &Samples, contour: &Contour, around: &Stars, bounds: &Box3) -> Option<Vec<u32>> {
     // A face stays within BEYOND of the two by two cells around an edge, two of which are those of its vertices.
     let reach = 1.0 + BEYOND;
     let range = |axis: usize| {
@@ -172,7 +137,7 @@ fn faces_near(grid: &Grid, samples: &Samples, contour: &Contour, around: &Around
                 let Some(v) = samples.vertex([x, y, z]) else { continue };
                 faces.extend(around.of(v).iter().copied().filter(|&face| {
                     let corners = contour.faces[face as usize].map(|v| contour.points[v as usize]);
-                    meet(&Box3::of(corners), bounds)
+                    Box3::of(corners).meets(bounds)
                 }));
                 if faces.len() > MOST {
                     return None;

@@ -66,11 +66,7 @@ pub(super) fn judge(
     };
     let changes = input.changes(&analysis, &measures, Some(&patches), patient)?;
     let ledger = ledger(input, &analysis, options, patient)?;
-    let mut standing = standing(surface, input.analysis());
-    // Where every part is accounted for, none was lost by becoming one with others.
-    if ledger.lost == 0 {
-        standing.parts_gone = 0;
-    }
+    let standing = standing(surface, input.analysis(), &ledger);
     let mut red_flags = red_flags(input.measures(), &measures, &changes, standing, options);
     red_flags.extend(part_lost(&ledger, context));
     let good = is_good(&measures, &red_flags);
@@ -91,8 +87,8 @@ pub(super) fn fates(
     }
 }
 
-/// What of the input is in a surface.
-fn standing(surface: &Surface, input: &Analysis<'_>) -> Standing {
+/// What of the input is in a surface. Where every part is accounted for, none is gone by becoming one with others.
+fn standing(surface: &Surface, input: &Analysis<'_>, ledger: &Ledger) -> Standing {
     let mut stands = vec![false; input.subject.soup.faces.len()];
     for &source in surface.source.iter().filter(|&&source| source != NO_SOURCE) {
         if let Some(stands) = stands.get_mut(source as usize) {
@@ -106,7 +102,7 @@ fn standing(surface: &Surface, input: &Analysis<'_>) -> Standing {
         }
     }
     let count = |them: &[bool]| them.iter().filter(|&&it| it).count() as u64;
-    Standing { faces: count(&stands), parts_gone: count(&gone) }
+    Standing { faces: count(&stands), parts_gone: if ledger.lost == 0 { 0 } else { count(&gone) } }
 }
 
 /// Printable with no sign of destruction.

@@ -1,5 +1,5 @@
 use super::complex::Complex;
-use crate::math::{Box3, Contact, GrowingTree, Tree, contact};
+use crate::math::{Box3, GrowingTree, Tree, contact};
 
 /// Faces near new ones, for each face at the start and in all, that may be looked at: many times what a usual model needs.
 const NEAR_A_FACE: u64 = 400;
@@ -44,9 +44,7 @@ impl Clearance {
     /// Faces that `passes_over` names are not asked. Faces without area have no inside and are not asked either.
     pub fn is_clear(&mut self, it: &Complex, new: &[[u32; 3]], passes_over: impl Fn(u32) -> bool) -> bool {
         let mut slow = 0;
-        let mut apart = |a: [u32; 3], b: [u32; 3]| {
-            matches!(contact(&it.at, a, b, &mut slow), Contact::Disjoint | Contact::Neighbours)
-        };
+        let mut apart = |a: [u32; 3], b: [u32; 3]| contact(&it.at, a, b, &mut slow).is_apart();
         for (i, &a) in new.iter().enumerate() {
             if !new[i + 1..].iter().all(|&b| apart(a, b)) {
                 return false;
@@ -64,8 +62,7 @@ impl Clearance {
             let face = it.faces[f as usize];
             let around = boxed(face);
             for (a, own) in &boxes {
-                let meet = own.min.cmple(around.max).all() && own.max.cmpge(around.min).all();
-                if meet && !apart(*a, face) {
+                if own.meets(&around) && !apart(*a, face) {
                     return false;
                 }
             }

@@ -3,12 +3,12 @@ use glam::DVec3;
 use super::Reference;
 use super::choice::Choice;
 use super::clearance::Clearance;
-use super::complex::{Complex, LINE, NONE, OPEN, after, before};
+use super::complex::{Complex, LINE, NONE, OPEN};
 use super::deviation::{Patch, deviation, line_deviation};
 use super::shape::{Shape, shape};
 use super::start::Bodies;
 use super::witness::Witnesses;
-use crate::mesh::Parts;
+use crate::mesh::{Edges, Parts};
 
 /// Most faces around the two ends of an edge that collapses, so that a vertex of very many faces does not make it quadratic.
 const MOST_FACES: u32 = 512;
@@ -164,7 +164,7 @@ impl<'a> Collapser<'a> {
         self.epoch += 2;
         let (epoch, it) = (self.epoch, &self.it);
         let vertex = |corner: u32| it.faces[corner as usize / 3][corner as usize % 3];
-        let others = |corner: u32| [vertex(after(corner)), vertex(before(corner))];
+        let others = |corner: u32| [vertex(Edges::next(corner)), vertex(Edges::previous(corner))];
         let mut shared = 0;
         for &corner in &self.gone {
             self.face_mark[corner as usize / 3] = epoch;
@@ -190,7 +190,9 @@ impl<'a> Collapser<'a> {
         }
         let mut line = None;
         for &corner in &self.gone {
-            for (edge, v) in [(corner, vertex(after(corner))), (before(corner), vertex(before(corner)))] {
+            for (edge, v) in
+                [(corner, vertex(Edges::next(corner))), (Edges::previous(corner), vertex(Edges::previous(corner)))]
+            {
                 let marks = it.marks(edge);
                 if marks & LINE == 0 || v == kept {
                     continue;
@@ -244,8 +246,8 @@ impl<'a> Collapser<'a> {
         let vertex = |corner: u32| it.faces[corner as usize / 3][corner as usize % 3];
         let target = if moved { NONE } else { kept };
         for (&corner, centre) in self.gone.iter().map(|c| (c, gone)).chain(of_kept.iter().map(|c| (c, kept))) {
-            let open = (it.marks(before(corner)) & OPEN != 0).then(|| before(corner));
-            for v in [Some(after(corner)), open].into_iter().flatten().map(vertex) {
+            let open = (it.marks(Edges::previous(corner)) & OPEN != 0).then(|| Edges::previous(corner));
+            for v in [Some(Edges::next(corner)), open].into_iter().flatten().map(vertex) {
                 if v == gone {
                     continue;
                 }
@@ -355,7 +357,7 @@ impl<'a> Collapser<'a> {
         // The edge from the vertex that goes becomes that from the one that stays, with its marks.
         for i in 0..self.gone.len() {
             let corner = self.gone[i];
-            let (next, last) = (after(corner), before(corner));
+            let (next, last) = (Edges::next(corner), Edges::previous(corner));
             let (tip, edge) = if vertex(it, next) == kept {
                 (vertex(it, last), next)
             } else if vertex(it, last) == kept {
@@ -366,11 +368,11 @@ impl<'a> Collapser<'a> {
             // Corners run gone, kept, tip or gone, tip, kept: either way the edge between kept and tip starts at `next`.
             let marks = it.marks(edge);
             for &other in &self.gone {
-                if vertex(it, after(other)) == tip {
+                if vertex(it, Edges::next(other)) == tip {
                     it.mark(other, marks);
                 }
-                if vertex(it, before(other)) == tip {
-                    it.mark(before(other), marks);
+                if vertex(it, Edges::previous(other)) == tip {
+                    it.mark(Edges::previous(other), marks);
                 }
             }
         }

@@ -137,13 +137,3 @@ pub(super) fn corner(face: usize, i: usize) -> u32 {
         (3 * face + i) as u32
     }
 }
-
-/// The corner after this one around its face.
-pub(super) fn after(corner: u32) -> u32 {
-    if corner % 3 == 2 { corner - 2 } else { corner + 1 }
-}
-
-/// The corner before this one around its face.
-pub(super) fn before(corner: u32) -> u32 {
-    if corner.is_multiple_of(3) { corner + 2 } else { corner - 1 }
-}

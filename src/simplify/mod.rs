@@ -26,10 +26,10 @@ use glam::DVec3;
 
 use crate::context::{Cancelled, Context};
 use crate::math::{Tree, to_unit_range, unit_scale};
-use crate::mesh::{Surface, weld_exactly};
+use crate::mesh::{Edges, Surface, weld_exactly};
 use choice::choose;
 use collapse::{Attempt, Collapser, Why};
-use complex::{Complex, LINE, NONE, OPEN, after, before, corner};
+use complex::{Complex, LINE, NONE, OPEN, corner};
 use queue::{Queue, Waiting};
 use start::prepare;
 
@@ -274,7 +274,7 @@ fn version(it: &Complex, a: u32, b: u32) -> u32 {
 fn fill(queue: &mut Queue, it: &Complex, rounding: &Rounding) {
     let corners = (0..it.faces.len()).filter(|&f| it.is_alive(f)).flat_map(|f| [0, 1, 2].map(|i| corner(f, i)));
     queue.fill(corners.filter_map(|c| {
-        let [a, b] = [c, after(c)].map(|c| it.faces[c as usize / 3][c as usize % 3]);
+        let [a, b] = [c, Edges::next(c)].map(|c| it.faces[c as usize / 3][c as usize % 3]);
         let marks = it.marks(c);
         // Each edge once: faces that agree run along it in both directions.
         if a > b && marks & OPEN == 0 {
@@ -295,13 +295,13 @@ fn push_around(queue: &mut Queue, it: &mut Complex, v: u32, corners: &mut Vec<u3
     it.star(v, corners);
     for &c in &*corners {
         let to = |c: u32| it.faces[c as usize / 3][c as usize % 3];
-        let open = before(c);
+        let open = Edges::previous(c);
         let mut add = |other: u32, marks: u8| {
             if let Some(waiting) = waiting(it, v, other, marks, rounding) {
                 queue.push(waiting);
             }
         };
-        add(to(after(c)), it.marks(c));
+        add(to(Edges::next(c)), it.marks(c));
         if it.marks(open) & OPEN != 0 {
             add(to(open), it.marks(open));
         }

@@ -1,3 +1,5 @@
+use std::cmp::Ordering;
+
 use glam::DVec3;
 use smallvec::SmallVec;
 
@@ -5,7 +7,7 @@ use super::complex::Complex;
 use super::plane::Plane;
 use crate::arrange::{ArrangeError, Inside};
 use crate::context::Context;
-use crate::math::{Sign, Tree, winding_exact};
+use crate::math::{Sign, Tree, sort_by_angle, winding_exact};
 use crate::mesh::{Edges, UnionFind};
 
 /// How far from a whole number a winding number may be measured before it is measured again more exactly, and then before the
@@ -24,7 +26,7 @@ pub(super) fn windings(complex: &Complex, context: &Context<'_>) -> Result<Vec<[
     let mut sides = UnionFind::new(2 * walls.len());
     let mut pieces = UnionFind::new(walls.len());
     for edge in 0..edges.len() {
-        let around = order_around(complex, edges.half_edges(edge), &corners)?;
+        let around = order_around(complex, edges.half_edges(edge), &corners);
         for (k, &(wall, forward)) in around.iter().enumerate() {
             let (next, next_forward) = around[(k + 1) % around.len()];
             // Counter-clockwise of a wall that runs forward is what is before it.
@@ -39,14 +41,10 @@ pub(super) fn windings(complex: &Complex, context: &Context<'_>) -> Result<Vec<[
 
 /// The walls around an edge, counter-clockwise seen from its larger vertex, and whether each runs from the smaller vertex to the
 /// larger.
-fn order_around(
-    complex: &Complex,
-    half_edges: &[u32],
-    corners: &[[u32; 3]],
-) -> Result<SmallVec<[(u32, bool); 4]>, ArrangeError> {
+fn order_around(complex: &Complex, half_edges: &[u32], corners: &[[u32; 3]]) -> SmallVec<[(u32, bool); 4]> {
     let it = half_edges.iter().map(|&h| (h, Edges::is_forward(corners, h)));
     if half_edges.len() <= 2 {
-        return Ok(it.map(|(h, forward)| (h / 3, forward)).collect());
+        return it.map(|(h, forward)| (h / 3, forward)).collect();
     }
     let all: SmallVec<[(u32, bool); 4]> = it.collect();
     let planes: SmallVec<[Plane; 4]> =
@@ -69,15 +67,8 @@ fn order_around(
             (_, Sign::Negative) => 3,
         })
         .collect();
-    let mut order: SmallVec<[usize; 4]> = (0..all.len()).collect();
-    order.sort_by(|&i, &j| {
-        quarter[i].cmp(&quarter[j]).then_with(|| match (i == j, ahead(i, j)) {
-            (false, Sign::Positive) => std::cmp::Ordering::Less,
-            (false, Sign::Negative) => std::cmp::Ordering::Greater,
-            _ => i.cmp(&j),
-        })
-    });
-    Ok(order.into_iter().map(|i| (all[i].0 / 3, all[i].1)).collect())
+    let order = sort_by_angle(&quarter, ahead, |_, _| Ordering::Equal);
+    order.into_iter().map(|i| (all[i].0 / 3, all[i].1)).collect()
 }
 
 /// Spreads winding numbers over the cells: in each piece of the surface from one wall, where it is measured.

@@ -43,7 +43,7 @@ pub(super) struct Complex {
     /// For each face of the surface its corners as points; none where it is without area.
     pub faces: Vec<Option<[u32; 3]>>,
     /// For each point the vertex of the surface that it is.
-    pub vertices: Vec<Option<u32>>,
+    pub vertices: Vec<u32>,
 }
 
 impl Complex {
@@ -108,7 +108,7 @@ impl Complex {
 }
 
 /// The vertices as points, those at one place of the grid as one. Answers the point of each vertex, and the vertex of each point.
-fn vertices_on_grid(surface: &Surface, grid: &Grid) -> (Points, Vec<u32>, Vec<Option<u32>>) {
+fn vertices_on_grid(surface: &Surface, grid: &Grid) -> (Points, Vec<u32>, Vec<u32>) {
     let mut points = Points::default();
     let mut vertices = Vec::new();
     let mut known: rustc_hash::FxHashMap<Whole, u32> = rustc_hash::FxHashMap::default();
@@ -117,7 +117,7 @@ fn vertices_on_grid(surface: &Surface, grid: &Grid) -> (Points, Vec<u32>, Vec<Op
         .map(|(v, &p)| {
             let place = grid.to_grid(p);
             *known.entry(place).or_insert_with(|| {
-                vertices.push(Some(v));
+                vertices.push(v);
                 points.push(place)
             })
         })

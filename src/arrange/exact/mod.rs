@@ -55,7 +55,7 @@ fn extract(complex: &Complex, windings: &[[i32; 2]], inside: Inside, surface: &S
 /// Walls, each with the face that it is cut from, as a surface.
 fn surface_of(complex: &Complex, mut walls: Vec<(u32, [u32; 3])>, surface: &Surface) -> Surface {
     walls.sort_by_key(|&(face, _)| face);
-    let position = |point: u32| match complex.vertices.get(point as usize).copied().flatten() {
+    let position = |point: u32| match complex.vertices.get(point as usize).copied() {
         Some(vertex) => surface.positions[vertex as usize],
         None => complex.grid.to_model(complex.points.place(point)),
     };

@@ -2,6 +2,7 @@ use super::super::DefectKind;
 use super::chains::chains;
 use super::scan::Scan;
 use crate::context::Cancelled;
+use crate::mesh::Edges;
 
 /// Finds the closed chains of boundary edges, as [`count_boundary_chains`](crate::mesh::count_boundary_chains) counts
 /// them: edges belong together where they bound the same fan, whatever way the faces are turned. The line is the whole
@@ -13,8 +14,7 @@ pub(super) fn find(scan: &mut Scan<'_, '_>) -> Result<(), Cancelled> {
     boundary.sort_unstable();
     // Fans, not vertices, are the nodes: holes that touch in a vertex are different holes.
     let fan = |corner: u32| analysis.fans.of_corner[corner as usize];
-    let after = |corner: u32| if corner % 3 == 2 { corner - 2 } else { corner + 1 };
-    let edges: Vec<[u32; 2]> = boundary.iter().map(|&h| [fan(after(h)), fan(h)]).collect();
+    let edges: Vec<[u32; 2]> = boundary.iter().map(|&h| [fan(Edges::next(h)), fan(h)]).collect();
     for (number, hole) in chains(&edges, &[]).into_iter().enumerate() {
         scan.step(number)?;
         let vertices = hole.line.iter().map(|&fan| faces[fan as usize / 3][fan as usize % 3]);

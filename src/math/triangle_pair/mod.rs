@@ -33,6 +33,14 @@ pub enum Contact {
     Coplanar,
 }
 
+impl Contact {
+    /// Whether they have nothing in common but the vertex or the edge that they share by its numbers.
+    #[must_use]
+    pub fn is_apart(self) -> bool {
+        matches!(self, Self::Disjoint | Self::Neighbours)
+    }
+}
+
 /// What the triangles `a` and `b`, given by numbers in `positions`, have in common, exactly.
 ///
 /// Positions must be pairwise different and in the range of [`super::to_unit_range`], and the corners of neither

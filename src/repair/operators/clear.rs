@@ -4,7 +4,7 @@ use glam::DVec3;
 use rustc_hash::FxHashMap;
 
 use crate::math::{Box3, Contact, Tree, collinear, contact, unit_scale};
-use crate::mesh::Surface;
+use crate::mesh::{Surface, position_key};
 
 /// Faces that all questions together may look at: this many, and as many more for each face.
 const MOST: u64 = 5_000_000;
@@ -64,10 +64,7 @@ impl Clear {
         let scale = unit_scale(&surface.positions);
         let unit: Vec<DVec3> = surface.positions.iter().map(|&p| p * scale).collect();
         let mut first: FxHashMap<[u64; 3], u32> = FxHashMap::default();
-        let slot = (0u32..)
-            .zip(&surface.positions)
-            .map(|(v, p)| *first.entry(p.to_array().map(|x| (x + 0.0).to_bits())).or_insert(v))
-            .collect();
+        let slot = (0u32..).zip(&surface.positions).map(|(v, p)| *first.entry(position_key(*p)).or_insert(v)).collect();
         let tree = Tree::new(&unit, &surface.faces);
         let left = MOST + MOST_A_FACE * surface.faces.len() as u64;
         Self { unit, scale, slot, tree, pieces: FxHashMap::default(), grown: 0.0, left, in_the_way: Vec::new() }
@@ -204,7 +201,7 @@ impl Clear {
     }
 
     fn are_apart(&self, a: [u32; 3], b: [u32; 3]) -> bool {
-        matches!(contact(&self.unit, a, b, &mut 0), Contact::Disjoint | Contact::Neighbours)
+        contact(&self.unit, a, b, &mut 0).is_apart()
     }
 
     /// A vertex was moved to `q`.

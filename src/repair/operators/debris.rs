@@ -3,7 +3,7 @@
 use super::walls::Walls;
 use crate::inspect::{Solid, solids};
 use crate::math::{Box3, ray_direction};
-use crate::mesh::{Edges, Parts, Surface};
+use crate::mesh::{Edges, Parts, Surface, position_key};
 use crate::repair::{Cancelled, Change, Context};
 
 /// An open part no larger than this share of the model's diagonal is debris: on a print of 200 mm less than half the width of a
@@ -97,10 +97,10 @@ fn keep_the_box(goes: &mut [bool], solids: &[Solid], most: f64) {
 
 /// Of each part, whether it has an edge at the same two positions as an edge of a closed part.
 fn fins(surface: &Surface, edges: &Edges, parts: &Parts, solids: &[Solid]) -> Vec<bool> {
-    let bits = |v: u32| surface.positions[v as usize].to_array().map(|x| (x + 0.0).to_bits());
+    let key = |v: u32| position_key(surface.positions[v as usize]);
     let mut ends: Vec<([[u64; 3]; 2], bool, u32)> = (0..edges.len())
         .map(|e| {
-            let mut ends = edges.vertices(e).map(bits);
+            let mut ends = edges.vertices(e).map(key);
             ends.sort_unstable();
             let part = parts.of_face[edges.half_edges(e)[0] as usize / 3];
             (ends, solids[part as usize].closed, part)

@@ -8,7 +8,7 @@ use super::cut::{NONE, Pairing, Pinches, cut_apart, mates};
 use super::places::{Places, key, spacing};
 use super::quantise::rounded;
 use crate::math::{Box3, collinear};
-use crate::mesh::{Edges, Surface};
+use crate::mesh::{Edges, Stars, Surface};
 use crate::repair::{Cancelled, Change, Context};
 
 /// The directions to the corners, edges and sides of a cube.
@@ -182,7 +182,7 @@ fn spread(surface: &mut Surface, places: &mut Aside, context: &Context<'_>) -> R
     if groups.is_empty() {
         return Ok((0, 0));
     }
-    let stars = Stars::new(surface);
+    let stars = Stars::new(surface.positions.len(), &surface.faces);
     let mut clear = Clear::new(surface);
     let (mut moved, mut left) = (0, 0);
     for (count, group) in groups.into_iter().enumerate() {
@@ -234,37 +234,9 @@ fn aside(surface: &Surface, v: u32, star: &[u32], places: &mut Aside, clear: &mu
         keeps_turn && clear.is_clear(surface, &new, &[], q)
     };
     let ahead = (-normal).try_normalize().or_else(|| middle.try_normalize())?;
-    let mut around: Vec<DVec3> = NEIGHBOURS.iter().map(|d| d.normalize()).collect();
-    around.sort_by(|x, y| y.dot(ahead).total_cmp(&x.dot(ahead)));
-    std::iter::once(ahead).chain(around).find_map(|direction| places.find(p, direction, &mut fits))
-}
-
-/// The faces at each vertex.
-struct Stars {
-    start: Vec<u32>,
-    faces: Vec<u32>,
-}
-
-impl Stars {
-    fn new(surface: &Surface) -> Self {
-        let mut start = vec![0u32; surface.positions.len() + 1];
-        for &v in surface.faces.iter().flatten() {
-            start[v as usize + 1] += 1;
-        }
-        for i in 1..start.len() {
-            start[i] += start[i - 1];
-        }
-        let (mut at, mut faces) = (start.clone(), vec![0u32; surface.faces.len() * 3]);
-        for (face, f) in surface.faces.iter().zip(0u32..) {
-            for &v in face {
-                faces[at[v as usize] as usize] = f;
-                at[v as usize] += 1;
-            }
-        }
-        Self { start, faces }
-    }
-
-    fn of(&self, v: u32) -> &[u32] {
-        &self.faces[self.start[v as usize] as usize..self.start[v as usize + 1] as usize]
-    }
+    places.find(p, ahead, &mut fits).or_else(|| {
+        let mut around: Vec<DVec3> = NEIGHBOURS.iter().map(|d| d.normalize()).collect();
+        around.sort_by(|x, y| y.dot(ahead).total_cmp(&x.dot(ahead)));
+        around.into_iter().find_map(|direction| places.find(p, direction, &mut fits))
+    })
 }

@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use crate::math::{Box3, Contact, Frame, Tree, collinear, contact, to_unit_range, unit_scale};
+use crate::math::{Box3, Frame, Tree, collinear, contact, to_unit_range, unit_scale};
 
 /// Steps that all questions together may take: pairs of triangles looked at, and what slow signs count.
 const STEPS: u64 = 60_000_000;
@@ -173,6 +173,6 @@ impl<'a> Clearance<'a> {
         let found = contact(&[a, b, c, d, e, f], [0, 1, 2], numbers, &mut slow);
         *steps += slow * STEPS_A_SLOW_SIGN;
         // Of a face on a line the answer means nothing; to ask that first would take longer than all else.
-        !matches!(found, Contact::Disjoint | Contact::Neighbours) && !collinear(d, e, f)
+        !found.is_apart() && !collinear(d, e, f)
     }
 }
