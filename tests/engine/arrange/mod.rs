@@ -2,6 +2,8 @@
 
 pub mod oracle;
 
+use std::time::{Duration, Instant};
+
 use glam::{DMat3, DQuat, DVec3};
 use meshmend::arrange::{ArrangeError, Arrangement, Exact, Inside};
 use meshmend::inspect::{Analysis, Measures, intersections, measure};
@@ -144,6 +146,21 @@ fn a_torus_through_itself_has_the_volume_that_it_winds_around() {
     let it = united(&soup);
     let exact = 2.0 * std::f64::consts::PI.powi(2) * 0.5;
     assert!((it.volume.value / exact - 1.0).abs() < 0.02, "{} is not {exact}", it.volume.value);
+}
+
+#[test]
+fn a_cluster_of_fifty_thousand_intersections_is_resolved_in_seconds_at_the_same_volume() {
+    let (mut surface, _) = Surface::from_soup(&as_f32(torus(0.5, 1.0, 160, 80)));
+    let before = measured(&surface);
+    assert!(before.self_intersections.pairs > Some(50_000), "{:?}", before.self_intersections);
+    let start = Instant::now();
+    let resolve = Resolve { inside: Inside::Positive, most: 0.01, flaps: None };
+    let done = with_context(|c| resolve.apply(&mut surface, &Exact, c)).unwrap();
+    let it = as_stl(&surface);
+    assert!(it.printable(), "{done:?} {it:?}");
+    assert!((it.volume.value / before.volume.value - 1.0).abs() < 1e-3, "{} {}", it.volume.value, before.volume.value);
+    assert!(done.moved < 0.004, "{done:?}");
+    assert!(start.elapsed() < Duration::from_secs(10), "{:?}", start.elapsed());
 }
 
 proptest! {

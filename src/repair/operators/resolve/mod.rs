@@ -6,7 +6,7 @@ mod snap;
 use rustc_hash::FxHashSet;
 
 use self::checks::{count, crossings, is_balanced, is_manifold_by_position, mark_pinched};
-use self::snap::{grid_step, snap};
+use self::snap::{dense_faces, grid_step, snap};
 use super::cut::{Pairing, Pinches, cut_apart};
 use super::degenerate::{remove_caps, remove_collapsed};
 use super::duplicates;
@@ -21,6 +21,10 @@ use crate::repair::{Cancelled, Change, Context};
 /// Bits of the grid, over the largest coordinate, to which the vertices of faces that still intersect after rounding are
 /// moved, round by round.
 const GRIDS: [i32; 5] = [22, 20, 18, 16, 14];
+
+/// Bits of the grid to which dense clusters of intersections are moved before all else: a thousand faces through one point would
+/// be cut into more pieces than there are positions for.
+const DENSE_GRID: i32 = 10;
 
 /// Rounds end where pairs of faces that intersect, or faces, are so many times the fewest before: what is resolved then
 /// comes back as more.
@@ -97,7 +101,8 @@ impl Resolve {
         if !is_balanced(surface) {
             return Ok(undone(0, ArrangeError::NotClosed));
         }
-        let before = count(&crossings(surface, context)?);
+        let found = crossings(surface, context)?;
+        let before = count(&found);
         if before == 0 {
             return Ok(Resolved::default());
         }
@@ -105,7 +110,14 @@ impl Resolve {
         let parts = |surface: &Surface| Parts::new(surface, &Edges::new(&surface.faces)).count as u64;
         let parts_before = parts(surface);
         let mut done = Done::default();
-        let best = match self.in_rounds(surface.clone(), &mut done, by, context) {
+        let mut work = surface.clone();
+        if let Some(dense) = dense_faces(&found) {
+            let step = grid_step(&work, DENSE_GRID);
+            if step <= self.most {
+                (done.snapped, done.moved) = snap(&mut work, &dense, step);
+            }
+        }
+        let best = match self.in_rounds(work, &mut done, by, context) {
             Ok(best) => best,
             Err(ArrangeError::Cancelled(stop)) => return Err(stop),
             Err(error) => return Ok(undone(before, error)),

@@ -6,8 +6,14 @@ use rustc_hash::FxHashSet;
 use super::super::degenerate::remove_collapsed;
 use super::super::places::key;
 use super::super::quantise::rounded;
+use crate::inspect::Intersections;
 use crate::math::Box3;
 use crate::mesh::{Surface, weld_exactly};
+
+/// So many others a face of a dense cluster intersects.
+const DENSE: u32 = 32;
+/// Clusters are looked at from so many pairs on.
+const MANY_DENSE: usize = 2_000;
 
 /// The step of the grid of `2^bits` steps over the largest coordinate.
 pub(super) fn grid_step(surface: &Surface, bits: i32) -> f64 {
@@ -48,4 +54,22 @@ pub(super) fn snap(surface: &mut Surface, takes_part: &[bool], step: f64) -> (u6
     weld_exactly(surface);
     remove_collapsed(surface);
     (moved, far)
+}
+
+/// Faces of dense clusters: those that intersect many faces which do so too. Empty where so few pairs are dense that it is no
+/// matter.
+pub(super) fn dense_faces(found: &Intersections) -> Option<Vec<bool>> {
+    let [takes_part, _] = &found.takes_part;
+    let mut partners = vec![0u32; takes_part.len()];
+    for pair in &found.pairs {
+        pair.faces.iter().for_each(|&f| partners[f as usize] += 1);
+    }
+    let is_dense = |f: u32| partners[f as usize] >= DENSE;
+    let mut dense = vec![false; takes_part.len()];
+    let mut count = 0;
+    for pair in found.pairs.iter().filter(|pair| pair.faces.iter().all(|&f| is_dense(f))) {
+        pair.faces.iter().for_each(|&f| dense[f as usize] = true);
+        count += 1;
+    }
+    (count >= MANY_DENSE).then_some(dense)
 }
