@@ -27,8 +27,10 @@ const GRIDS: [i32; 5] = [22, 20, 18, 16, 14];
 const DENSE_GRID: i32 = 10;
 
 /// Rounds end where pairs of faces that intersect, or faces, are so many times the fewest before: what is resolved then
-/// comes back as more.
-const GROWTH: u64 = 4;
+/// comes back as more. Where very many intersect they end sooner, since each round takes long.
+const GROWTH: f64 = 4.0;
+const GROWTH_OF_MANY: f64 = 1.5;
+const MANY: u64 = 10_000;
 
 /// Resolves faces that intersect.
 #[derive(Debug, Clone, Copy)]
@@ -171,7 +173,8 @@ impl Resolve {
             let found = crossings(&work, context)?;
             let pairs = count(&found);
             let grown = [pairs, work.faces.len() as u64];
-            if grown.iter().zip(fewest).any(|(&now, fewest)| now / GROWTH > fewest) {
+            let growth = if pairs > MANY { GROWTH_OF_MANY } else { GROWTH };
+            if grown.iter().zip(fewest).any(|(&now, fewest)| now as f64 / growth > fewest as f64) {
                 break;
             }
             fewest = [0, 1].map(|k| fewest[k].min(grown[k]));
