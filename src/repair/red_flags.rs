@@ -20,10 +20,11 @@ pub struct Standing {
 /// The signs that a repair destroyed something. Degenerate, duplicate and non-finite faces of the input count as none:
 /// they are gone with a reason.
 ///
-/// Faces that were asked to go are no loss, nor are those of a model that was made anew: whether surface went with them the
-/// other flags say. Parts that became one are no bad sign where all sound faces stand, since they were pieces of one surface
-/// along a crack, or where each part is accounted for, since they overlapped and are one solid now. The volume of faces that
-/// intersect counts some of the space twice, so there what is inside is compared instead.
+/// Faces that were asked to go are no loss, nor are those that are inside the result now, since they were inner walls, nor those
+/// of a model that was made anew: whether surface went with them the other flags say. Parts that became one are no bad sign
+/// where all sound faces stand, since they were pieces of one surface along a crack, or where each part is accounted for,
+/// since they overlapped and are one solid now. The volume of faces that intersect counts some of the space twice, so there
+/// what is inside is compared instead.
 #[must_use]
 pub fn red_flags(
     before: &Measures,
@@ -39,12 +40,18 @@ pub fn red_flags(
         }
     };
     let sound = before.faces.saturating_sub(before.degenerate_faces + before.duplicate_faces + before.nonfinite_faces);
-    let lost = percent(sound as f64 - after.faces as f64, sound as f64).unwrap_or(0.0);
+    // What the result has not as it was, and has around itself on both sides, was an inner wall.
+    let gone = before.faces as f64 * (100.0 - changes.faces_kept_pct) / 100.0;
+    let buried = gone * changes.faces_buried_pct.unwrap_or(0.0) / 100.0;
+    let lost = percent(sound as f64 - buried - after.faces as f64, sound as f64).unwrap_or(0.0).max(0.0);
     raise(
         RedFlagCode::FaceLoss,
         if options.asks_for_fewer_faces() || standing.faces == 0 { 0.0 } else { lost },
         options.max_face_loss_pct,
-        format!("{:.1} % of the faces were lost: {sound} sound faces before, {} after", lost, after.faces),
+        format!(
+            "{lost:.1} % of the faces were lost: {sound} sound faces before, {buried:.0} of them inside the result, {} after",
+            after.faces
+        ),
     );
     let moved = changes.box_change_pct.unwrap_or(0.0);
     raise(

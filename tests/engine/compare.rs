@@ -191,3 +191,15 @@ fn spacing_is_from_each_vertex_to_the_nearest_of_the_other_meshes() {
     let huge = spaced(&[&mapped(&left, |p| p * 1e300), &mapped(&middle, |p| p * 1e300)]);
     close(huge[0].least.unwrap().distance / 1e300, 0.5, 1e-12);
 }
+
+#[test]
+fn faces_that_went_are_buried_where_the_result_is_around_them() {
+    let inner = cube(DVec3::splat(1.0), 1.0, 4);
+    let buried = |before: &Soup, after: &Soup| compared(before, after).changes.faces_buried_pct;
+    let outer = cube(DVec3::ZERO, 3.0, 2);
+    assert_eq!(buried(&join(&outer, &inner), &outer), Some(100.0));
+    // What is gone from outside, or is cut coarser, is not.
+    assert_eq!(buried(&join(&outer, &cube(DVec3::splat(5.0), 1.0, 4)), &outer), Some(0.0));
+    assert_eq!(buried(&cube(DVec3::ZERO, 3.0, 5), &outer), Some(0.0));
+    assert_eq!(buried(&outer, &outer), None);
+}

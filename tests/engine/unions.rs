@@ -6,6 +6,7 @@ use meshmend::arrange::{Arrangement, Inside};
 use meshmend::format::{Format, Limits, read, write};
 use meshmend::inspect::measure;
 use meshmend::mesh::{Soup, Surface};
+use meshmend::repair::Outcome;
 use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
 
@@ -154,4 +155,13 @@ proptest! {
 fn solids_that_lie_in_others_but_for_common_edges_are_not_turned_inside_out() {
     let solids = in_degenerate_position(&mut Random::new(11), 5);
     assert_eq!(verdict(&solids, Harm { shuffled: false, turned: false, holes: 0 }, 11), Ok(()));
+}
+
+#[test]
+fn solids_nearly_at_one_place_are_united_though_half_of_their_faces_go() {
+    let soup = as_f32(join(&sphere(DVec3::ZERO, 1.0, 120, 60), &sphere(DVec3::new(0.13, 0.09, 0.05), 1.0, 120, 60)));
+    let report = mend(&write(&soup, Format::Stl).unwrap()).report;
+    assert_eq!((report.outcome, report.candidates.len()), (Outcome::Repaired, 1), "{:?}", report.red_flags);
+    let changes = report.changes.unwrap();
+    assert!(changes.face_loss_pct > 40.0 && changes.faces_buried_pct > Some(70.0), "{changes:?}");
 }

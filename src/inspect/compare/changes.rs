@@ -18,6 +18,10 @@ pub struct Changes {
     pub face_loss_pct: f64,
     /// Faces of the input that stand in the result at the same three positions, in percent.
     pub faces_kept_pct: f64,
+    /// Of the input's faces that the result has not, the share with the result's material on both sides, in percent: walls inside
+    /// parts that were united. None where the result has no fewer faces, or is not closed.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub faces_buried_pct: Option<f64>,
     /// Share of the surface that can be seen from outside with nothing of the result within 0.5 % of the diagonal: sampled,
     /// so 0.1 is about the least that is seen.
     pub surface_lost_pct: Option<f64>,
@@ -57,6 +61,7 @@ impl Changes {
             parts: difference(after.parts, before.parts),
             face_loss_pct: percent(before.faces as f64 - after.faces as f64, before.faces as f64).unwrap_or(0.0),
             faces_kept_pct,
+            faces_buried_pct: None,
             surface_lost_pct: None,
             lost: None,
             made: None,

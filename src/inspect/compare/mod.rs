@@ -1,5 +1,6 @@
 //! What changed from one mesh to another: counts, sizes, how far the surfaces are apart, and what is inside.
 
+mod buried;
 mod changes;
 mod deviation;
 mod fates;
@@ -15,6 +16,7 @@ use utoipa::ToSchema;
 
 use super::{Analysis, Measures, measures};
 use crate::context::{Cancelled, Context};
+use buried::buried_pct;
 use deviation::{Distances, deviation, distances};
 use inside::inside_agreement;
 use kept::Common;
@@ -240,6 +242,9 @@ impl<'a> Original<'a> {
                 let (counts, vertices) = (|i: usize| !is_patch(points[i].face), |v: u32| moved[v as usize]);
                 changes.moved = deviation(after, &points, &made, diagonal, counts, vertices);
             }
+        }
+        if after.surface.faces.len() < self.analysis.surface.faces.len() && measures.closed {
+            changes.faces_buried_pct = buried_pct(there, |f| common.first[f as usize], context)?;
         }
         let crossed = self.measures.self_intersections.pairs.is_some_and(|pairs| pairs > 0);
         if crossed && self.measures.closed && measures.printable() {

@@ -1,0 +1,44 @@
+use super::deviation::Pair;
+use super::inside::Inside;
+use super::percent;
+use crate::context::{Cancelled, Context};
+use crate::inspect::queries::ask;
+
+/// Faces that are asked for, at most.
+const FACES: usize = 1000;
+/// Nodes and triangles that all of them together may look at.
+const BUDGET: u64 = 10_000_000;
+/// How far on both sides of a face is asked, in unit coordinates, which reach 2.
+const BESIDE: f64 = 1e-6;
+/// A winding number of at least this is inside.
+const MATERIAL: f64 = 0.9;
+
+/// Of the faces of `pair.from` that `stands` denies, the share with material of `pair.to` on both sides, in percent: walls that
+/// parts had inside one another, and that their union has no more. Faces spread evenly over all of them are asked. None where
+/// all stand, or none could be asked for.
+///
+/// # Errors
+/// [`Cancelled`] when the context says stop.
+pub(super) fn buried_pct(
+    pair: Pair<'_>,
+    stands: impl Fn(u32) -> bool,
+    context: &Context<'_>,
+) -> Result<Option<f64>, Cancelled> {
+    let surface = &pair.from.surface;
+    let gone: Vec<u32> = (0u32..).take(surface.faces.len()).filter(|&f| !stands(f)).collect();
+    let asked: Vec<u32> = gone.iter().copied().step_by(gone.len().div_ceil(FACES).max(1)).collect();
+    if asked.is_empty() || pair.to.surface.faces.is_empty() {
+        return Ok(None);
+    }
+    let inside = Inside::new(pair.to);
+    let unit = pair.from.unit();
+    let answers = ask(asked.len(), BUDGET, context, |i, steps| {
+        let [a, b, c] = surface.faces[asked[i] as usize].map(|v| unit[v as usize] * pair.ratio);
+        let aside = (b - a).cross(c - a).normalize_or_zero() * BESIDE;
+        let sides = inside.windings((a + b + c) / 3.0, aside, steps);
+        (*steps > 0).then(|| sides.iter().all(|&number| number >= MATERIAL))
+    })?;
+    let [buried, known] =
+        [true, false].map(|only| answers.values.iter().flatten().filter(|&&buried| buried || !only).count() as f64);
+    Ok(percent(buried, known))
+}
