@@ -24,13 +24,14 @@ impl Default for Limits {
 pub struct ReadOptions {
     /// What may be spent.
     pub limits: Limits,
-    /// Polygons twisted by more than this many degrees are cut with the least fold, others as flat ones: 5 by default.
+    /// Polygons twisted by more than this many degrees are cut with the least fold, others as flat ones, which is how programs
+    /// show them that draw a quad as two triangles from its first corner: 45 by default.
     pub twist_angle_deg: f64,
 }
 
 impl Default for ReadOptions {
     fn default() -> Self {
-        Self { limits: Limits::default(), twist_angle_deg: 5.0 }
+        Self { limits: Limits::default(), twist_angle_deg: 45.0 }
     }
 }
 

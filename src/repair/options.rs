@@ -4,7 +4,7 @@ use utoipa::{IntoParams, ToSchema};
 use super::Operator;
 use super::operators::holes::HoleFilling;
 use super::operators::orient::Nested;
-use crate::format::Format;
+use crate::format::{Format, ReadOptions};
 use crate::inspect::OptionsError;
 
 /// A named plan, after the MeshPrep repair strategy guide ("Filter Scripts & When to Use Them").
@@ -170,7 +170,7 @@ pub struct Options {
     #[schema(minimum = 0.0, maximum = 45.0)]
     pub overlap_angle_deg: f64,
     /// A polygon of the file whose corners rise from its plane by more than this angle, in degrees, is cut into
-    /// triangles with the least fold; 180 cuts all as if they were flat.
+    /// triangles with the least fold, others as if they were flat: other programs do so with all, and show the same surface then.
     #[schema(minimum = 0.0, maximum = 180.0)]
     pub twist_angle_deg: f64,
     /// Most edges around a hole that tier 1 closes.
@@ -236,7 +236,7 @@ impl Default for Options {
             stitch_threshold: 1e-3,
             degenerate_tolerance: 1e-7,
             overlap_angle_deg: 1.0,
-            twist_angle_deg: 5.0,
+            twist_angle_deg: ReadOptions::default().twist_angle_deg,
             max_hole_edges: 10_000,
             nested: Nested::Keep,
             overlaps: Overlaps::Union,
