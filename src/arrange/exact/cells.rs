@@ -1,13 +1,12 @@
 use std::cmp::Ordering;
 
-use glam::DVec3;
 use smallvec::SmallVec;
 
-use super::complex::Complex;
+use super::complex::{Complex, SolidFaces};
 use super::plane::Plane;
 use crate::arrange::{ArrangeError, Inside};
 use crate::context::Context;
-use crate::math::{Sign, Tree, sort_by_angle, winding_exact};
+use crate::math::{Dipoles, Sign, sort_by_angle, winding_exact};
 use crate::mesh::{Edges, UnionFind};
 
 /// How far from a whole number a winding number may be measured before it is measured again more exactly, and then before the
@@ -136,49 +135,31 @@ fn spread(
 /// Measures winding numbers of the whole surface.
 struct Ruler<'a> {
     complex: &'a Complex,
-    positions: Vec<DVec3>,
-    faces: Vec<[u32; 3]>,
-    /// For each face its place in `faces`.
-    place: Vec<u32>,
-    tree: Tree,
-    dipoles: crate::math::Dipoles,
+    dipoles: Dipoles,
 }
 
 impl<'a> Ruler<'a> {
     fn new(complex: &'a Complex) -> Self {
-        let vertices = complex.vertices.len() as u32;
-        let positions: Vec<DVec3> = (0..vertices).map(|p| complex.points.place(p)).collect();
-        let faces: Vec<[u32; 3]> = complex.faces.iter().flatten().copied().collect();
-        let mut count = 0;
-        let place = complex
-            .faces
-            .iter()
-            .map(|face| {
-                count += u32::from(face.is_some());
-                count.wrapping_sub(1)
-            })
-            .collect();
-        let tree = Tree::new(&positions, &faces);
-        let dipoles = tree.dipoles(|f| faces[f as usize].map(|v| positions[v as usize]));
-        Self { complex, positions, faces, place, tree, dipoles }
+        let faces = &complex.solid_faces;
+        Self { complex, dipoles: faces.tree.dipoles(|f| faces.triangle(f)) }
     }
 
     /// The winding number before a wall. What lies in the wall itself winds around neither side of its middle, and the mean of
     /// both sides is what the rest winds around it.
     fn before(&self, wall: usize) -> Result<i32, ArrangeError> {
         let it = &self.complex.walls[wall];
-        let corners = it.corners.map(|p| self.complex.points.place(p));
+        let faces = &self.complex.solid_faces;
+        let corners = it.corners.map(|p| SolidFaces::to_unit(self.complex.points.place(p)));
         let middle = (corners[0] + corners[1] + corners[2]) / 3.0;
-        let covers: SmallVec<[u32; 2]> = it.faces.iter().map(|&face| self.place[face as usize]).collect();
         let triangle = |f: u32| {
-            if covers.contains(&f) { [middle; 3] } else { self.faces[f as usize].map(|v| self.positions[v as usize]) }
+            if it.faces.contains(&faces.numbers[f as usize]) { [middle; 3] } else { faces.triangle(f) }
         };
         let mean = |number: f64| number - f64::from(it.weight) / 2.0;
         let mut steps = STEPS;
-        let fast = mean(self.tree.winding(&self.dipoles, middle, &mut steps, triangle));
+        let fast = mean(faces.tree.winding(&self.dipoles, middle, &mut steps, triangle));
         let unsure = |x: f64| (x - x.round()).abs() > UNSURE;
         let number = if unsure(fast) || steps == 0 {
-            mean(winding_exact(middle, (0..self.faces.len() as u32).map(triangle)))
+            mean(winding_exact(middle, (0..faces.corners.len() as u32).map(triangle)))
         } else {
             fast
         };

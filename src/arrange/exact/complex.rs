@@ -1,3 +1,4 @@
+use glam::DVec3;
 use smallvec::SmallVec;
 
 use super::contacts::{Contacts, Cuts};
@@ -40,10 +41,40 @@ pub(super) struct Complex {
     pub grid: Grid,
     pub points: Points,
     pub walls: Vec<Wall>,
-    /// For each face of the surface its corners as points; none where it is without area.
-    pub faces: Vec<Option<[u32; 3]>>,
+    /// The faces of the surface that have area, to be looked up.
+    pub solid_faces: SolidFaces,
     /// For each point the vertex of the surface that it is.
     pub vertices: Vec<u32>,
+}
+
+/// Faces with area in the range of the predicates.
+pub(super) struct SolidFaces {
+    /// The vertices' points, scaled by a power of two.
+    pub unit: Vec<DVec3>,
+    /// The corners of each, as points.
+    pub corners: Vec<[u32; 3]>,
+    /// Which face of the surface each is, rising.
+    pub numbers: Vec<u32>,
+    pub tree: Tree,
+}
+
+impl SolidFaces {
+    fn new(points: &Points, faces: &[Option<[u32; 3]>]) -> Self {
+        let unit: Vec<DVec3> = (0..points.len()).map(|p| Self::to_unit(points.place(p as u32))).collect();
+        let (numbers, corners): (Vec<u32>, Vec<[u32; 3]>) =
+            (0u32..).zip(faces).filter_map(|(f, corners)| corners.map(|c| (f, c))).unzip();
+        let tree = Tree::new(&unit, &corners);
+        Self { unit, corners, numbers, tree }
+    }
+
+    /// A place of the grid in the same scale.
+    pub fn to_unit(place: DVec3) -> DVec3 {
+        place / OUT as f64
+    }
+
+    pub fn triangle(&self, at: u32) -> [DVec3; 3] {
+        self.corners[at as usize].map(|p| self.unit[p as usize])
+    }
 }
 
 impl Complex {
@@ -60,7 +91,9 @@ impl Complex {
                 (!flat).then_some(corners)
             })
             .collect();
-        let pairs = pairs_that_meet(&points, &faces, context)?;
+        let solid_faces = SolidFaces::new(&points, &faces);
+        context.check()?;
+        let pairs = pairs_that_meet(&solid_faces, context)?;
         let solid: Vec<[u32; 3]> = faces.iter().map(|face| face.unwrap_or([0; 3])).collect();
         for &([f, g], _) in &pairs {
             for face in [f, g] {
@@ -95,7 +128,7 @@ impl Complex {
                 walls.push(Wall { corners, faces: SmallVec::from_slice(&[face]), weight: 1, plane: None });
             }
         }
-        Ok(Self { grid, points, walls, faces, vertices })
+        Ok(Self { grid, points, walls, solid_faces, vertices })
     }
 
     /// The plane of a wall, looking where its corners turn counter-clockwise.
@@ -126,20 +159,11 @@ fn vertices_on_grid(surface: &Surface, grid: &Grid) -> (Points, Vec<u32>, Vec<u3
 }
 
 /// Pairs of faces that have more in common than a vertex or an edge by its vertices, and whether they overlap in a plane.
-fn pairs_that_meet(
-    points: &Points,
-    faces: &[Option<[u32; 3]>],
-    context: &Context<'_>,
-) -> Result<Vec<([u32; 2], bool)>, ArrangeError> {
-    // Scaled by a power of two into the range of the predicates.
-    let unit: Vec<_> = (0..points.len()).map(|p| points.place(p as u32) / OUT as f64).collect();
-    let (numbers, corners): (Vec<u32>, Vec<[u32; 3]>) =
-        (0u32..).zip(faces).filter_map(|(f, corners)| corners.map(|c| (f, c))).unzip();
-    let tree = Tree::new(&unit, &corners);
-    context.check()?;
+fn pairs_that_meet(faces: &SolidFaces, context: &Context<'_>) -> Result<Vec<([u32; 2], bool)>, ArrangeError> {
+    let SolidFaces { unit, corners, numbers, tree } = faces;
     let look = |f: u32, g: u32, steps: &mut u64| {
         let mut slow = 0;
-        let contact = contact(&unit, corners[f as usize], corners[g as usize], &mut slow);
+        let contact = contact(unit, corners[f as usize], corners[g as usize], &mut slow);
         *steps += 8 * slow;
         match contact {
             Contact::Disjoint | Contact::Neighbours => None,
@@ -147,10 +171,10 @@ fn pairs_that_meet(
             Contact::Coplanar | Contact::Same => Some(true),
         }
     };
-    let search = PairSearch { look, budget: STEPS + STEPS_A_FACE * faces.len() as u64 };
+    let search = PairSearch { look, budget: STEPS + STEPS_A_FACE * corners.len() as u64 };
     let mut pairs = Vec::new();
     let too_many = || ArrangeError::Failed("too many faces meet".to_owned());
-    let complete = search.within(&tree, |hits| -> Result<(), ArrangeError> {
+    let complete = search.within(tree, |hits| -> Result<(), ArrangeError> {
         pairs.extend(hits.into_iter().map(|(pair, overlap)| (pair.map(|f| numbers[f as usize]), overlap)));
         context.check()?;
         if pairs.len() > MOST_PAIRS { Err(too_many()) } else { Ok(()) }
