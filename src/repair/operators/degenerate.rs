@@ -35,7 +35,7 @@ pub fn remove_collapsed(surface: &mut Surface) -> Vec<Change> {
 /// (it would get a third face); they are what remains in the count of degenerate faces.
 ///
 /// # Errors
-/// [`Cancelled`] when the work should stop; passes that are done stay done.
+/// [`Cancelled`] when the work should stop; flips that are done stay done.
 pub fn remove_caps(surface: &mut Surface, context: &Context<'_>) -> Result<Vec<Change>, Cancelled> {
     let unit = to_unit_range(&surface.positions);
     let flat = |face: [u32; 3]| {
@@ -44,15 +44,20 @@ pub fn remove_caps(surface: &mut Surface, context: &Context<'_>) -> Result<Vec<C
     };
     let (mut flipped, mut dropped) = (0u64, 0u64);
     let mut caps: Vec<u32> = (0u32..).zip(&surface.faces).filter(|&(_, &f)| flat(f)).map(|(i, _)| i).collect();
+    let mut keep = vec![true; surface.faces.len()];
     for _ in 0..MOST_PASSES {
         context.check()?;
         if caps.is_empty() {
             break;
         }
-        let edges = Edges::new(&surface.faces);
+        // Only edges at the caps' corners matter, and few faces have any of those.
+        let mut at_cap = vec![false; surface.positions.len()];
+        caps.iter().for_each(|&cap| surface.faces[cap as usize].iter().for_each(|&v| at_cap[v as usize] = true));
+        let is_near = |&(f, face): &(u32, &[u32; 3])| keep[f as usize] && face.iter().any(|&v| at_cap[v as usize]);
+        let (near, faces): (Vec<u32>, Vec<[u32; 3]>) = (0u32..).zip(&surface.faces).filter(is_near).unzip();
+        let edges = Edges::new(&faces);
         let mut touched = HashSet::new();
         let mut made = HashSet::new();
-        let mut keep = vec![true; surface.faces.len()];
         let before = (flipped, dropped);
         for &cap in &caps {
             let face = surface.faces[cap as usize];
@@ -65,7 +70,8 @@ pub fn remove_caps(surface: &mut Surface, context: &Context<'_>) -> Result<Vec<C
                     dropped += 1;
                 }
                 [x, y] => {
-                    let beyond = if x / 3 == cap { y / 3 } else { x / 3 };
+                    let [f, g] = [x, y].map(|h| near[h as usize / 3]);
+                    let beyond = if f == cap { g } else { f };
                     let other = surface.faces[beyond as usize];
                     let Some(d) = other.into_iter().find(|&v| v != a && v != b) else { continue };
                     let new_edge = (m.min(d), m.max(d));
@@ -91,9 +97,12 @@ pub fn remove_caps(surface: &mut Surface, context: &Context<'_>) -> Result<Vec<C
         if (flipped, dropped) == before {
             break;
         }
-        surface.retain_faces(&keep);
-        caps = (0u32..).zip(&surface.faces).filter(|&(_, &f)| flat(f)).map(|(i, _)| i).collect();
+        caps.extend(touched);
+        caps.retain(|&f| keep[f as usize] && flat(surface.faces[f as usize]));
+        caps.sort_unstable();
+        caps.dedup();
     }
+    surface.retain_faces(&keep);
     Ok(Change::list([
         ("degenerate_faces_flipped", flipped),
         ("degenerate_faces_removed", dropped),

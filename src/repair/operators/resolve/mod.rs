@@ -31,6 +31,8 @@ const DENSE_GRID: i32 = 10;
 const GROWTH: f64 = 4.0;
 const GROWTH_OF_MANY: f64 = 1.5;
 const MANY: u64 = 10_000;
+/// So few that come back take no time.
+const FEW: u64 = 1_000;
 
 /// Resolves faces that intersect.
 #[derive(Debug, Clone, Copy)]
@@ -151,22 +153,26 @@ impl Resolve {
         context: &Context<'_>,
     ) -> Result<Best, ArrangeError> {
         let mut best: Option<Best> = None;
+        // What faces still intersect in, with how many pairs: kept apart only if there is nothing better in the end.
+        let mut crossing: Option<(u64, Surface)> = None;
         let mut fewest = [u64::MAX; 2];
         for grid in GRIDS.into_iter().map(Some).chain([None]) {
             context.check()?;
+            let first = best.is_none() && crossing.is_none();
             let known: FxHashSet<[u64; 3]> = work.positions.iter().map(|&p| position_key(p)).collect();
             let mut made = by.solid(&work, self.inside, context);
             if let (Some(thickness), Ok(Solid { flaps, .. })) = (self.flaps, &made)
-                && best.is_none()
+                && first
                 && add_thick(&mut work, flaps, thickness, context)?
             {
                 done.thickened = flaps.faces.len() as u64;
                 made = by.solid(&work, self.inside, context);
             }
-            work = match (made, best.is_none()) {
-                (Ok(made), _) => made.surface,
-                (Err(error @ ArrangeError::Cancelled(_)), _) | (Err(error), true) => return Err(error),
-                (Err(_), false) => break,
+            work = match made {
+                Ok(made) => made.surface,
+                Err(error @ ArrangeError::Cancelled(_)) => return Err(error),
+                Err(error) if first => return Err(error),
+                Err(_) => break,
             };
             done.merged += round_apart(&mut work, |p| !known.contains(&position_key(p)), context)?.merged;
             settle(&mut work, context)?;
@@ -174,21 +180,26 @@ impl Resolve {
             let pairs = count(&found);
             let grown = [pairs, work.faces.len() as u64];
             let growth = if pairs > MANY { GROWTH_OF_MANY } else { GROWTH };
-            if grown.iter().zip(fewest).any(|(&now, fewest)| now as f64 / growth > fewest as f64) {
+            if pairs > FEW && grown.iter().zip(fewest).any(|(&now, fewest)| now as f64 / growth > fewest as f64) {
                 break;
             }
             fewest = [0, 1].map(|k| fewest[k].min(grown[k]));
-            let mut apart = work.clone();
-            let aside = Separate { most: self.most }.apply(&mut apart, context)?.moved;
-            let pairs_apart = if apart == work { pairs } else { count(&crossings(&apart, context)?) };
             let [mut takes_part, _] = found.takes_part;
-            let pinched = mark_pinched(&apart, &work, &mut takes_part);
-            let rank = (pinched > 0, pairs_apart + pinched);
-            if best.as_ref().is_none_or(|best| rank < best.rank) {
-                best = Some(Best { rank, pairs: pairs_apart, surface: apart, aside });
+            if pairs > 0 {
+                if crossing.as_ref().is_none_or(|(fewest, _)| pairs < *fewest) {
+                    crossing = Some((pairs, work.clone()));
+                }
+            } else {
+                let (made, pinched) = self.kept_apart(&work, pairs, &mut takes_part, context)?;
+                let is_done = made.rank == (false, 0);
+                if best.as_ref().is_none_or(|best| made.rank < best.rank) {
+                    best = Some(made);
+                }
+                if is_done || pinched == 0 {
+                    break;
+                }
             }
-            let Some(bits) = grid.filter(|_| pairs > 0 || pinched > 0) else { break };
-            let step = grid_step(&work, bits);
+            let Some(step) = grid.map(|bits| grid_step(&work, bits)) else { break };
             // Rounding to a grid moves by at most half a step along each axis.
             if step > self.most {
                 break;
@@ -197,7 +208,28 @@ impl Resolve {
             done.snapped += count;
             done.moved += far;
         }
-        best.ok_or_else(|| ArrangeError::Failed("what was cut grew with each grid".to_owned()))
+        match (best, crossing) {
+            (Some(best), _) => Ok(best),
+            (None, Some((pairs, work))) => {
+                Ok(self.kept_apart(&work, pairs, &mut vec![false; work.faces.len()], context)?.0)
+            }
+            (None, None) => Err(ArrangeError::Failed("what was cut grew with each grid".to_owned())),
+        }
+    }
+
+    /// Moves sheets aside that a reader of STL would weld. Answers how many edges could not be kept apart, whose faces are marked.
+    fn kept_apart(
+        &self,
+        work: &Surface,
+        pairs: u64,
+        takes_part: &mut [bool],
+        context: &Context<'_>,
+    ) -> Result<(Best, u64), Cancelled> {
+        let mut surface = work.clone();
+        let aside = Separate { most: self.most }.apply(&mut surface, context)?.moved;
+        let pairs = if surface == *work { pairs } else { count(&crossings(&surface, context)?) };
+        let pinched = mark_pinched(&surface, work, takes_part);
+        Ok((Best { rank: (pinched > 0, pairs + pinched), pairs, surface, aside }, pinched))
     }
 
     /// Resolves each part by itself, and leaves it as it is where nothing would be left of it, as of a cavity. What parts have
