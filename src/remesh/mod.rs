@@ -62,7 +62,7 @@ pub struct Remesh {
 
 impl Default for Remesh {
     fn default() -> Self {
-        Self { cell: None, max_faces: 2_000_000, max_memory: 1 << 30, inside: Inside::Outward, to_f32: true }
+        Self { cell: None, max_faces: 1_000_000, max_memory: 1 << 30, inside: Inside::Outward, to_f32: true }
     }
 }
 

@@ -250,7 +250,7 @@ impl Default for Options {
             fair_patches: false,
             voxel_size: None,
             voxel_resolution: 300,
-            max_remesh_faces: 2_000_000,
+            max_remesh_faces: 1_000_000,
             pictures: true,
         }
     }

@@ -166,7 +166,7 @@ pub enum When {
     NothingGood,
     /// When a result before it was open or had lost surface that can be seen: sheets that enclose nothing.
     SheetsLeft,
-    /// When no result before it is closed and has all of the surface that can be seen.
+    /// When no result before it is closed.
     NothingWhole,
 }
 

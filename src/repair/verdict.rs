@@ -118,50 +118,67 @@ impl Judged {
 
     /// Whether it is printable with nothing destroyed, or at least closed with nothing lost.
     pub fn is_whole(&self) -> bool {
-        self.rank().0 <= 3
+        self.rank().0 <= Class::Crossing
     }
 
-    /// Smaller is better. By class:
-    /// 0. good results;
-    /// 1. printable ones with another red flag than those of class 2 and 5;
-    /// 2. printable ones that lost some of the surface that can be seen, the least first;
-    /// 3. closed ones whose faces intersect or look inward, with nothing lost;
-    /// 4. the rest that lost nothing;
-    /// 5. what destroyed more than it mended, whether printable or not.
-    ///
-    /// Within a class by what was lost, or by defects where that is nothing. The input itself stands in class 3 or 4 (see
-    /// [`rank_of_input`]), so a result that is not printable must have fewer defects and the whole model, and one that
-    /// destroyed is never preferred.
+    /// Smaller is better: by class, and within a class by what was lost, or by defects where that is nothing. The input itself
+    /// stands among the unprintable (see [`rank_of_input`]), so a result that is not printable must have fewer defects and the
+    /// whole model, and one that destroyed is never preferred.
     pub fn rank(&self) -> Rank {
         let raised = |code| self.red_flags.iter().find(|flag| flag.code == code).map(|flag| flag.value);
         let lost = raised(RedFlagCode::SurfaceLost);
-        let shrunk = raised(RedFlagCode::BoxChange).is_some();
+        let parts_lost = raised(RedFlagCode::PartLost).is_some();
+        let destroyed = raised(RedFlagCode::BoxChange).is_some() || lost.is_some_and(|lost| lost > MOST_LOST_PCT);
         let class = match self.measures.printable() {
-            true if self.red_flags.is_empty() => 0,
-            true if !shrunk && lost.is_none() => 1,
-            true if !shrunk && lost.is_none_or(|lost| lost <= MOST_LOST_PCT) => 2,
-            false if !shrunk && lost.is_none() => class_of_unprintable(&self.measures),
-            _ => 5,
+            _ if destroyed => Class::Destroyed,
+            true if self.red_flags.is_empty() => Class::Good,
+            true if parts_lost => Class::PartLost,
+            true if lost.is_some() => Class::SurfaceLost,
+            true => Class::Flagged,
+            false if lost.is_some() || parts_lost => Class::Destroyed,
+            false => class_of_unprintable(&self.measures),
         };
         let lost = self.changes.surface_lost_pct.unwrap_or(0.0);
         // Tenths of a percent: sampling tells no less.
         let tenths = (lost * 10.0).round() as u64;
         let defects = self.measures.defects();
         let uncounted = !self.measures.self_intersections.complete;
-        if class == 3 || class == 4 { (class, uncounted, defects, tenths) } else { (class, uncounted, tenths, defects) }
+        match class {
+            Class::Crossing | Class::Broken => (class, uncounted, defects, tenths),
+            _ => (class, uncounted, tenths, defects),
+        }
     }
 }
 
+/// How good a result is, the best first.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) enum Class {
+    /// Printable, and no red flag.
+    Good,
+    /// Printable with another red flag than the classes below have.
+    Flagged,
+    /// Printable with some of the surface lost that can be seen.
+    SurfaceLost,
+    /// Printable with a part lost.
+    PartLost,
+    /// Closed, with faces that intersect or look inward, and nothing lost.
+    Crossing,
+    /// Not closed, and nothing lost.
+    Broken,
+    /// More was destroyed than mended, whether it is printable or not.
+    Destroyed,
+}
+
 /// The class of a result, whether there were too many intersections to count, and what tells two of a class apart.
-pub(super) type Rank = (u8, bool, u64, u64);
+pub(super) type Rank = (Class, bool, u64, u64);
 
 /// The rank of the input itself, which any result must beat.
 pub(super) fn rank_of_input(before: &Measures) -> Rank {
-    let class = if before.printable() { 0 } else { class_of_unprintable(before) };
+    let class = if before.printable() { Class::Good } else { class_of_unprintable(before) };
     (class, !before.self_intersections.complete, before.defects(), 0)
 }
 
 /// A hole is worse than faces that intersect or look inward: a slicer can unite what overlaps, but not guess what is missing.
-fn class_of_unprintable(m: &Measures) -> u8 {
-    if m.closed && m.manifold && m.consistent { 3 } else { 4 }
+fn class_of_unprintable(m: &Measures) -> Class {
+    if m.closed && m.manifold && m.consistent { Class::Crossing } else { Class::Broken }
 }

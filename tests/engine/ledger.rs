@@ -223,6 +223,36 @@ fn a_dropped_part_raises_the_flag_and_the_repair_is_one_in_part() {
 }
 
 #[test]
+fn a_result_that_dropped_a_part_is_not_preferred_to_one_that_closed_an_opening_over_a_wall() {
+    let block = |low: [f64; 3], high: [f64; 3]| {
+        let (low, high) = (DVec3::from_array(low), DVec3::from_array(high));
+        let mut soup = cube(DVec3::ZERO, 1.0, 2);
+        soup.positions.iter_mut().for_each(|p| *p = low + *p * (high - low));
+        soup
+    };
+    // A tub without a lid, a block through its floor, and a crumb below it.
+    let outer = cube(DVec3::ZERO, 4.0, 3);
+    let mut tub = outer.clone();
+    tub.faces.retain(|face| face.iter().any(|&v| tub.positions[v as usize].z < 4.0));
+    let crumb = cube(DVec3::new(0.2, 0.2, -0.4), 0.2, 1);
+    let input = join(&join(&tub, &block([1.0, 1.0, -0.5], [3.0, 3.0, 1.5])), &crumb);
+    let hollow = inside_out(block([1.0, 1.0, 0.01], [3.0, 3.0, 1.5]));
+    let answer = join(&join(&outer, &hollow), &block([1.0, 1.0, -0.5], [3.0, 3.0, -0.01]));
+    let info = RemesherInfo { kind: "fake".to_owned(), version: "1.0".to_owned(), program: "fake".to_owned() };
+    let options = Options { max_volume_change_pct: 100.0, without: vec![Operator::Remesh], ..Options::default() };
+    let bytes = format::write(&input, Format::Stl).unwrap();
+    let answers = Answers(info, answer);
+    let report = with_context(|c| repair(&bytes, &options, &Limits::default(), Some(&answers), c).unwrap()).report;
+    let flags = |chosen: bool| {
+        let of = report.candidates.iter().filter(move |it| it.printable && it.chosen == chosen);
+        of.flat_map(|it| &it.red_flags).map(|flag| flag.code).collect::<Vec<_>>()
+    };
+    assert!(flags(false).contains(&RedFlagCode::PartLost), "{:?}", report.candidates);
+    assert_eq!(flags(true), [RedFlagCode::SurfaceLost]);
+    assert_eq!(report.ledger.unwrap().lost, 0);
+}
+
+#[test]
 fn the_native_tiers_lose_no_part_of_a_model_of_many() {
     let mut input = sphere(DVec3::splat(2.0), 0.5, 10, 6);
     for i in 0..4 {
