@@ -32,7 +32,7 @@ const GROWTH: f64 = 4.0;
 const GROWTH_OF_MANY: f64 = 1.5;
 const MANY: u64 = 10_000;
 /// So few that come back take no time.
-const FEW: u64 = 1_000;
+const FEW: u64 = 200;
 
 /// Resolves faces that intersect.
 #[derive(Debug, Clone, Copy)]
