@@ -157,13 +157,12 @@ impl Work<'_> {
             }
             (failed, Err(error)) => {
                 let why = failed.unwrap_or_else(|| by.unreadable(error, request).into());
-                let stages = (0..voxels.len().saturating_sub(1)).rev();
-                let made = stages.filter_map(|stage| {
+                let made = (0..voxels.len().saturating_sub(1)).rev().find_map(|stage| {
                     let mesh = exchange::read(&stage_file(&target, stage), request.max_faces).ok()?;
                     let note = Some(format!("{why}; the result is that of the coarser stage before"));
                     Some(Made { mesh, stage, note })
                 });
-                { made }.next().ok_or(why)
+                made.ok_or(why)
             }
         }
     }
@@ -211,18 +210,15 @@ impl Work<'_> {
             )));
         }
         let most = frame.enter_length(coarsest);
-        let corner = |v: u32| input.positions.get(v as usize).map_or(DVec3::ZERO, |p| DVec3::from(p.map(f64::from)));
-        let too_heavy = |voxel: f64| {
-            let triangles = input.faces.iter().map(|face| face.map(corner));
-            by.config.memory > 0 && check_voxel_memory(triangles, voxel, by.config.memory).is_err()
-        };
+        let memory = by.config.memory;
+        let too_heavy = |voxel: f64| memory > 0 && check_voxel_memory(triangles(input), voxel, memory).is_err();
         while too_heavy(voxel) {
             self.time.check(context)?;
             if voxel * COARSER > most {
                 return Err(RemeshError::Failed(format!(
                     "a remesh with a voxel_size of {} would take more than the {} MiB of memory it may; choose a larger voxel_size",
                     frame.leave_length(voxel),
-                    by.config.memory >> 20
+                    memory >> 20
                 )));
             }
             voxel *= COARSER;
@@ -359,12 +355,13 @@ impl Time {
 
 /// About how many triangles a voxel remesh makes.
 fn estimated_faces(input: &RawMesh, voxel: f64) -> f64 {
-    let corner = |v: u32| input.positions.get(v as usize).map_or(DVec3::ZERO, |p| DVec3::from(p.map(f64::from)));
-    let area = |face: &[u32; 3]| {
-        let [a, b, c] = face.map(corner);
-        (b - a).cross(c - a).length() / 2.0
-    };
-    3.0 * input.faces.iter().map(area).sum::<f64>() / (voxel * voxel)
+    let area = |[a, b, c]: [DVec3; 3]| (b - a).cross(c - a).length() / 2.0;
+    3.0 * triangles(input).map(area).sum::<f64>() / (voxel * voxel)
+}
+
+fn triangles(mesh: &RawMesh) -> impl Iterator<Item = [DVec3; 3]> {
+    let corner = |v: u32| mesh.positions.get(v as usize).map_or(DVec3::ZERO, |p| DVec3::from(p.map(f64::from)));
+    mesh.faces.iter().map(move |face| face.map(corner))
 }
 
 /// Where the script writes what a stage before the last made.

@@ -6,7 +6,7 @@ use glam::DVec3;
 use super::compare::FaceKeys;
 use super::{Intersections, Measures, Solid, intersections, measure, nesting_depths, solids};
 use crate::context::{Cancelled, Context};
-use crate::math::{Tree, collinear, to_unit_range, unit_scale};
+use crate::math::{Dipoles, Tree, collinear, to_unit_range, unit_scale};
 use crate::mesh::{CornerNormals, Edges, Fans, Ingest, Numbering, Parts, Soup, Surface};
 
 /// What is looked at: a mesh as its file has it, with what the file says beyond triangles.
@@ -50,6 +50,7 @@ pub struct Analysis<'a> {
     flat: OnceLock<Vec<bool>>,
     depths: OnceLock<Vec<Option<u32>>>,
     tree: OnceLock<Tree>,
+    dipoles: OnceLock<Dipoles>,
     keys: OnceLock<(f64, FaceKeys)>,
     measures: OnceLock<Measures>,
     intersections: OnceLock<Intersections>,
@@ -85,6 +86,7 @@ impl<'a> Analysis<'a> {
             flat: OnceLock::new(),
             depths: OnceLock::new(),
             tree: OnceLock::new(),
+            dipoles: OnceLock::new(),
             keys: OnceLock::new(),
             measures: OnceLock::new(),
             intersections: OnceLock::new(),
@@ -154,6 +156,16 @@ impl<'a> Analysis<'a> {
     /// A tree over the faces of `surface` in the coordinates of [`Analysis::unit`].
     pub fn tree(&self) -> &Tree {
         self.tree.get_or_init(|| Tree::new(self.unit(), &self.surface.faces))
+    }
+
+    /// What winding numbers of all faces are told from. Linear, once.
+    pub(super) fn dipoles(&self) -> &Dipoles {
+        self.dipoles.get_or_init(|| self.tree().dipoles(|f| self.unit_corners(f)))
+    }
+
+    /// The corners of a face of `surface` in the coordinates of [`Analysis::unit`].
+    pub(super) fn unit_corners(&self, face: u32) -> [DVec3; 3] {
+        self.surface.faces[face as usize].map(|v| self.unit()[v as usize])
     }
 }
 

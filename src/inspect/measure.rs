@@ -1,6 +1,5 @@
 use super::{Analysis, BoundingBox, Measures, Volume, finite, group_faces, nesting_depths};
 use crate::context::{Cancelled, Context};
-use crate::math::Box3;
 use crate::mesh::{Edges, Soup, count_boundary_chains};
 
 /// Measures a mesh as [`Measures`] says, after merging vertices at exactly equal positions, and counts the faces that
@@ -72,7 +71,7 @@ pub(super) fn count(analysis: &Analysis<'_>, context: &Context<'_>) -> Result<Me
     let depths = nesting_depths(surface, parts, solids, &negative, context)?;
     it.inverted_parts = depths.iter().filter(|d| d.is_some_and(|d| d % 2 == 0)).count() as u64;
     it.outward = it.closed && it.manifold && it.consistent && it.inverted_parts == 0;
-    let bounds = Box3::of(surface.positions.iter().copied());
+    let bounds = surface.bounds();
     it.bounding_box = Some(BoundingBox { min: bounds.min.to_array(), max: bounds.max.to_array() });
     let about = bounds.centre();
     let tetrahedron = |f: usize| {

@@ -128,7 +128,7 @@ impl SetIntersections {
         mut between: impl FnMut(&Analysis<'_>, &Analysis<'_>) -> Result<(u64, bool), Cancelled>,
     ) -> Result<Self, Cancelled> {
         let mut it = Self { complete: true, ..Self::default() };
-        let boxes: Vec<Box3> = meshes.iter().map(|mesh| Box3::of(mesh.surface.positions.iter().copied())).collect();
+        let boxes: Vec<Box3> = meshes.iter().map(|mesh| mesh.surface.bounds()).collect();
         // Swept along x, so that a thousand meshes in a row are not a million pairs.
         let mut order: Vec<usize> = (0..meshes.len()).filter(|&i| !boxes[i].is_empty()).collect();
         order.sort_by(|&i, &j| boxes[i].min.x.total_cmp(&boxes[j].min.x).then(i.cmp(&j)));

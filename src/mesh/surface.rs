@@ -1,6 +1,7 @@
 use glam::DVec3;
 
 use super::Soup;
+use crate::math::Box3;
 
 /// The source of a face that no input face gave, such as one of a patch.
 pub const NO_SOURCE: u32 = u32::MAX;
@@ -35,6 +36,12 @@ impl Surface {
     #[must_use]
     pub fn to_soup(&self) -> Soup {
         Soup { positions: self.positions.clone(), faces: self.faces.clone() }
+    }
+
+    /// The box around all positions.
+    #[must_use]
+    pub fn bounds(&self) -> Box3 {
+        Box3::of(self.positions.iter().copied())
     }
 
     /// The corner positions of face `face`.

@@ -184,7 +184,7 @@ impl Scene {
         let mark = |source: u32| findings.marks.get(source as usize).copied().unwrap_or(0);
         let paint =
             surface.source.iter().map(|&source| gravest(mark(source)).map_or(Paint::Sound, Paint::Defect)).collect();
-        let frame = Frame::new(Box3::of(surface.positions.iter().copied()));
+        let frame = Frame::new(surface.bounds());
         context.check()?;
         let mut scene = Self {
             surface,
@@ -220,7 +220,7 @@ impl Scene {
         let fate =
             |source: u32| fates.of_face.get(source as usize).map_or(Fate::Removed, |fate| fate.unwrap_or(Fate::Kept));
         let paint = surface.source.iter().map(|&source| Paint::Fate(fate(source))).collect();
-        let frame = Frame::new(Box3::of(surface.positions.iter().copied()));
+        let frame = Frame::new(surface.bounds());
         let legend = legend_of_change(&fates.shares);
         let (segments, dots) = (Vec::new(), Vec::new());
         Ok(Self { surface, paint, segments, dots, frame, legend, shows: Shows::Change })

@@ -7,8 +7,8 @@ use super::presets::{planned, remesh_action, tier_of};
 use super::tiers::{End, Key, Place, Runner, Task};
 use super::verdict::{JudgeError, Judged, Patches, judge};
 use super::{
-    Action, Cancelled, Candidate, Context, Operator, PlannedAction, Preset, RedFlagCode, Remesher, Rung, Stage, Step,
-    StepStatus, When, summary,
+    Action, Cancelled, Candidate, Context, Operator, Options, PlannedAction, Preset, RedFlagCode, Remesher, Rung,
+    Stage, Step, StepStatus, When, summary,
 };
 use crate::arrange::ArrangeError;
 use crate::mesh::Surface;
@@ -165,7 +165,7 @@ impl<'a> Climb<'a> {
         }
         let mut end = self.end;
         let mut place = self.checkpoints.kept(number).unwrap_or(&self.opened).clone();
-        let turnings = turnings(rung, later);
+        let turnings = turnings(rung, later, self.runner.options);
         for (at, &task) in tasks.iter().enumerate().skip(way.len()) {
             if end != End::Finished {
                 break;
@@ -175,7 +175,7 @@ impl<'a> Climb<'a> {
                 let (step, ended, changed) = self.runner.run(index, rung, task, percent, &mut place)?;
                 end = ended;
                 crossings = crossings.after(&step);
-                number = match task.key(rung).filter(|_| end == End::Finished) {
+                number = match task.key(rung, self.runner.options).filter(|_| end == End::Finished) {
                     Some(key) => self.checkpoints.learn(number, key, changed, &step),
                     None if changed => self.checkpoints.fresh(),
                     None => number,
@@ -197,7 +197,7 @@ impl<'a> Climb<'a> {
         for &task in tasks {
             let mut taken = None;
             if !crossings.make_needless(task) {
-                let known = task.key(rung).and_then(|key| self.checkpoints.known(number, key));
+                let known = task.key(rung, self.runner.options).and_then(|key| self.checkpoints.known(number, key));
                 let Some((made, step)) = known else { break };
                 number = *made;
                 crossings = crossings.after(step);
@@ -311,9 +311,9 @@ impl Crossings {
 }
 
 /// After how many tasks later rungs turn off from a rung's way.
-fn turnings(rung: &Rung, later: &[Rung]) -> Vec<usize> {
+fn turnings(rung: &Rung, later: &[Rung], options: &Options) -> Vec<usize> {
     let keys = |rung: &Rung| -> Vec<Option<Key>> {
-        Task::of(rung, OPENING.len()).into_iter().map(|task| task.key(rung)).collect()
+        Task::of(rung, OPENING.len()).into_iter().map(|task| task.key(rung, options)).collect()
     };
     let own = keys(rung);
     let alike = |other: &Rung| own.iter().zip(keys(other)).take_while(|(a, b)| a.is_some() && *a == b).count();

@@ -4,7 +4,6 @@ use super::operators::orient::Orient;
 use super::sheets::open_sheets;
 use super::{Cancelled, Context, Options};
 use crate::inspect::{Analysis, Dispensable, Ledger, Original, solids};
-use crate::math::Box3;
 use crate::mesh::{Edges, NO_SOURCE, Parts, Surface};
 
 /// Mean thickness of a closed part up to which it encloses nothing, as a share of its own diagonal, and of the model's largest
@@ -38,7 +37,7 @@ fn dispensable(
         faces[part as usize] += 1;
     }
     let area: f64 = input.solids.iter().map(|solid| solid.area).sum();
-    let diagonal = Box3::of(input.surface.positions.iter().copied()).diagonal();
+    let diagonal = input.surface.bounds().diagonal();
     // What is smaller than what is merged can't stay.
     let merged = options.weld_tolerance.max(options.degenerate_tolerance) * diagonal;
     let tell = |(&part, empty): (&u32, bool)| {

@@ -11,7 +11,6 @@ use super::{
 use crate::arrange::Inside;
 use crate::format::Format;
 use crate::inspect::{Analysis, doubled_areas, thin_walls};
-use crate::math::Box3;
 use crate::mesh::Surface;
 
 /// Shares of a voxel's side in a triangle: a surface of area A meets at most 1.74 A / size^2 voxel sides, each two
@@ -82,9 +81,9 @@ impl Task {
     }
 
     /// What tells what its operator makes of a surface, in a rung; none for a remesh.
-    pub fn key(self, rung: &Rung) -> Option<Key> {
+    pub fn key(self, rung: &Rung, options: &Options) -> Option<Key> {
         let operator = self.operator?;
-        let (pairing, inside) = ways_of(rung);
+        let (pairing, inside) = ways_of(rung, options);
         Some(Key {
             operator,
             pairing: (operator == Operator::CutApart).then_some(pairing),
@@ -95,10 +94,18 @@ impl Task {
 }
 
 /// The two ways of `auto` differ in how faces are paired around edges, and in what is turned inside out: one keeps it, the
-/// other drops it.
-fn ways_of(rung: &Rung) -> (Pairing, Inside) {
+/// other drops it, unless the options say what is inside.
+fn ways_of(rung: &Rung, options: &Options) -> (Pairing, Inside) {
     let mends = rung.actions.iter().any(|planned| planned.action == Action::Mend);
-    if mends { (Pairing::Angular, Inside::Nonzero) } else { (Pairing::FinsLast, Inside::Positive) }
+    let (pairing, inside) =
+        if mends { (Pairing::Angular, Inside::Nonzero) } else { (Pairing::FinsLast, Inside::Positive) };
+    let inside = match options.inside {
+        InsideRule::Auto => inside,
+        InsideRule::Positive => Inside::Positive,
+        InsideRule::Nonzero => Inside::Nonzero,
+        InsideRule::Odd => Inside::Odd,
+    };
+    (pairing, inside)
 }
 
 /// Whether a rung makes open sheets solid.
@@ -211,13 +218,7 @@ impl Runner<'_> {
 
     /// What the parameters of a rung's operators follow from, where vertices were moved so far already.
     fn scope(&self, rung: &Rung, moved: f64) -> Scope<'_> {
-        let (pairing, inside) = ways_of(rung);
-        let inside = match self.options.inside {
-            InsideRule::Auto => inside,
-            InsideRule::Positive => Inside::Positive,
-            InsideRule::Nonzero => Inside::Nonzero,
-            InsideRule::Odd => Inside::Odd,
-        };
+        let (pairing, inside) = ways_of(rung, self.options);
         let reach = self.options.max_deviation.map_or(f64::INFINITY, |most| (most - moved).max(0.0));
         Scope { options: self.options, format: self.format, pairing, inside, closes_sheets: closes_sheets(rung), reach }
     }
@@ -287,7 +288,7 @@ impl Voxels {
     /// The voxel edge: as asked, or from the resolution, and smaller where walls are thin; then as large as the estimate of
     /// faces needs to keep the limit.
     fn of(surface: &Surface, options: &Options, context: &Context<'_>) -> Result<Self, Cancelled> {
-        let diagonal = Box3::of(surface.positions.iter().copied()).diagonal();
+        let diagonal = surface.bounds().diagonal();
         let wanted = match options.voxel_size {
             Some(size) => size,
             None => {

@@ -24,21 +24,19 @@ pub(super) fn buried_pct(
     stands: impl Fn(u32) -> bool,
     context: &Context<'_>,
 ) -> Result<Option<f64>, Cancelled> {
-    let surface = &pair.from.surface;
-    let gone: Vec<u32> = (0u32..).take(surface.faces.len()).filter(|&f| !stands(f)).collect();
+    let gone: Vec<u32> = (0u32..).take(pair.from.surface.faces.len()).filter(|&f| !stands(f)).collect();
     let asked: Vec<u32> = gone.iter().copied().step_by(gone.len().div_ceil(FACES).max(1)).collect();
     if asked.is_empty() || pair.to.surface.faces.is_empty() {
         return Ok(None);
     }
     let inside = Inside::new(pair.to);
-    let unit = pair.from.unit();
     let answers = ask(asked.len(), BUDGET, context, |i, steps| {
-        let [a, b, c] = surface.faces[asked[i] as usize].map(|v| unit[v as usize] * pair.ratio);
+        let [a, b, c] = pair.from.unit_corners(asked[i]).map(|p| p * pair.ratio);
         let aside = (b - a).cross(c - a).normalize_or_zero() * BESIDE;
         let sides = inside.windings((a + b + c) / 3.0, aside, steps);
         (*steps > 0).then(|| sides.iter().all(|&number| number >= MATERIAL))
     })?;
-    let [buried, known] =
-        [true, false].map(|only| answers.values.iter().flatten().filter(|&&buried| buried || !only).count() as f64);
-    Ok(percent(buried, known))
+    let known: Vec<bool> = answers.values.into_iter().flatten().collect();
+    let buried = known.iter().filter(|&&buried| buried).count();
+    Ok(percent(buried as f64, known.len() as f64))
 }

@@ -109,7 +109,7 @@ impl Original<'_> {
             Sum { shares: SurfaceShares { complete: there.complete && complete, ..SurfaceShares::default() } };
         for (f, &fate) in (0u32..).zip(&of_face) {
             fates.of_face[after.surface.source[f as usize] as usize] = Some(fate);
-            sum.add(fate, 1, area(corners(after, f)) * after.unit_length().powi(2));
+            sum.add(fate, 1, area(after.unit_corners(f)) * after.unit_length().powi(2));
         }
         let unit = before.unit_length();
         let mut last = None;
@@ -179,7 +179,7 @@ fn look(pair: Pair<'_>, diagonal: f64, points: &[DVec3], context: &Context<'_>) 
     let reach = (FAR * diagonal).max(ROUNDING);
     let budget = BUDGET + BUDGET_A_POINT * points.len() as u64;
     let answers = ask(points.len(), budget, context, |i, steps| {
-        let nearest = tree.nearest(points[i] * ratio, reach * ratio, steps, |f| corners(pair.to, f));
+        let nearest = tree.nearest(points[i] * ratio, reach * ratio, steps, |f| pair.to.unit_corners(f));
         let found = nearest.map(|it| Place::Found(Nearest { distance: it.distance / ratio, ..it }));
         Some(if *steps == 0 { Some(Place::Unknown) } else { found })
     })?;
@@ -200,7 +200,7 @@ fn of_result(
     let open: Vec<u32> = (0u32..).zip(verbatim).filter(|&(_, &kept)| !kept).map(|(f, _)| f).collect();
     let each = if open.len() <= FEW { 4 } else { 1 };
     let places_in = |&f: &u32| {
-        let [a, b, c] = corners(after, f);
+        let [a, b, c] = after.unit_corners(f);
         let middle = (a + b + c) / 3.0;
         // Halfway from the middle to each corner: corners themselves are often shared with what stands.
         [middle, (middle + a) / 2.0, (middle + b) / 2.0, (middle + c) / 2.0].into_iter().take(each)
@@ -237,10 +237,10 @@ struct Piece {
 
 impl Pieces {
     fn of(analysis: &Analysis<'_>, stands: &[bool]) -> Self {
-        let total: f64 = analysis.surface.faces.iter().zip(0u32..).map(|(_, f)| area(corners(analysis, f))).sum();
+        let total: f64 = analysis.surface.faces.iter().zip(0u32..).map(|(_, f)| area(analysis.unit_corners(f))).sum();
         let mut pieces = Self::default();
         for (face, _) in (0u32..).zip(stands).filter(|&(_, &stands)| !stands) {
-            let corners = corners(analysis, face);
+            let corners = analysis.unit_corners(face);
             let (mut cuts, mut left) = (0, area(corners));
             while cuts < MOST_CUTS && left > total / PIECES {
                 (cuts, left) = (cuts + 1, left / 4.0);
@@ -263,10 +263,6 @@ impl Pieces {
             self.cut(face, piece, cuts - 1);
         }
     }
-}
-
-fn corners(analysis: &Analysis<'_>, face: u32) -> [DVec3; 3] {
-    analysis.surface.faces[face as usize].map(|v| analysis.unit()[v as usize])
 }
 
 fn area([a, b, c]: [DVec3; 3]) -> f64 {

@@ -6,7 +6,7 @@ use super::deviation::Pair;
 use crate::context::{Cancelled, Context};
 use crate::inspect::Analysis;
 use crate::inspect::queries::ask;
-use crate::math::{Box3, r3};
+use crate::math::{Box3, Dipoles, r3};
 
 /// Nodes and triangles that all winding numbers of both meshes together may look at: so many, and so many more for each
 /// point.
@@ -69,32 +69,27 @@ pub(super) fn inside_agreement(
 /// Tells what is inside a mesh.
 pub(in crate::inspect) struct Inside<'a> {
     analysis: &'a Analysis<'a>,
-    dipoles: crate::math::Dipoles,
+    dipoles: &'a Dipoles,
 }
 
 impl<'a> Inside<'a> {
-    /// Sums the faces. Linear.
+    /// Sums the faces, unless that was done for the same mesh before.
     pub fn new(analysis: &'a Analysis<'a>) -> Self {
-        let dipoles = analysis.tree().dipoles(|f| corners(analysis, f));
-        Self { analysis, dipoles }
+        Self { analysis, dipoles: analysis.dipoles() }
     }
 
     /// The size of the winding number at a point in unit coordinates, whichever way the mesh is turned.
     pub fn winding(&self, point: DVec3, steps: &mut u64) -> f64 {
-        self.analysis.tree().winding(&self.dipoles, point, steps, |f| corners(self.analysis, f)).abs()
+        self.analysis.tree().winding(self.dipoles, point, steps, |f| self.analysis.unit_corners(f)).abs()
     }
 
     /// The same on both sides of a point.
     pub fn windings(&self, point: DVec3, aside: DVec3, steps: &mut u64) -> [f64; 2] {
         let tree = self.analysis.tree();
-        tree.windings(&self.dipoles, point, aside, steps, |f| corners(self.analysis, f)).map(f64::abs)
+        tree.windings(self.dipoles, point, aside, steps, |f| self.analysis.unit_corners(f)).map(f64::abs)
     }
 
     fn has(&self, point: DVec3, steps: &mut u64) -> bool {
         self.winding(point, steps) >= 0.5
     }
-}
-
-fn corners(analysis: &Analysis<'_>, face: u32) -> [DVec3; 3] {
-    analysis.surface.faces[face as usize].map(|v| analysis.unit()[v as usize])
 }

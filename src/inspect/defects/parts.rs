@@ -3,7 +3,6 @@ use glam::DVec3;
 use super::super::{DefectKind, Level, nesting_depths};
 use super::scan::Scan;
 use crate::context::Cancelled;
-use crate::math::Box3;
 use crate::mesh::Parts;
 
 /// Area and signed volume of a part, on the unit scale: those of [`Solid`](super::super::Solid) leave the range of f64
@@ -54,7 +53,7 @@ pub(super) fn find(
         scan.incomplete(if inward(part) { DefectKind::InvertedPart } else { DefectKind::InnerShell });
     }
     let largest = (0..solids.len()).rev().max_by(|&i, &j| sizes[i].area.total_cmp(&sizes[j].area));
-    let whole = Box3::of(analysis.surface.positions.iter().copied()).diagonal();
+    let whole = analysis.surface.bounds().diagonal();
     let tiny = |part: usize| {
         let diagonal = solids[part].bounds.diagonal();
         (diagonal <= scan.told(scan.lengths.tiny_part) && diagonal < whole).then_some(diagonal)

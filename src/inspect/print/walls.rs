@@ -185,7 +185,7 @@ impl Prober<'_> {
         if let Some(wall) = self.ball(sample.point, inward, length / 2.0, steps) {
             return wall;
         }
-        let [a, b, c] = self.corners(face);
+        let [a, b, c] = self.analysis.unit_corners(face);
         let opposite = (b - a).cross(c - a).normalize_or_zero().dot(inward).abs() >= OPPOSITE;
         if opposite { Probe::Wall(length, face) } else { Probe::NoWall }
     }
@@ -213,7 +213,7 @@ impl Prober<'_> {
         self.analysis.tree().along(sample.point, sample.point + ray, |face| {
             *steps = steps.saturating_sub(1);
             if face != sample.face
-                && let Some(share) = hit(sample.point, ray, self.corners(face))
+                && let Some(share) = hit(sample.point, ray, self.analysis.unit_corners(face))
             {
                 hits.push((share * self.reach, face));
             }
@@ -229,15 +229,11 @@ impl Prober<'_> {
 
     /// The wall by the largest ball of at most `radius` that touches `point` from inside, where it touches an opposite side.
     fn ball(&self, point: DVec3, inward: DVec3, radius: f64, steps: &mut u64) -> Option<Probe> {
-        let ball = self.analysis.tree().shrunk_ball(point, inward, radius, steps, |f| self.corners(f))?;
+        let ball = self.analysis.tree().shrunk_ball(point, inward, radius, steps, |f| self.analysis.unit_corners(f))?;
         let contact = ball.touches.filter(|_| *steps > 0)?;
         let outward = (contact.point - (point + inward * ball.radius)) / ball.radius;
         let beyond = contact.point + outward * self.beside;
         let wall = outward.dot(inward) >= OPPOSITE && self.is_air(beyond, steps);
         wall.then_some(Probe::Wall(2.0 * ball.radius, contact.face))
-    }
-
-    fn corners(&self, face: u32) -> [DVec3; 3] {
-        self.analysis.surface.faces[face as usize].map(|v| self.analysis.unit()[v as usize])
     }
 }

@@ -5,7 +5,7 @@ use glam::DVec3;
 use super::quantise::rounded;
 use super::thicken::THICKNESS;
 use super::{Applied, open_parts};
-use crate::math::{Box3, Sign, orient2d, to_unit_range};
+use crate::math::{Sign, orient2d, to_unit_range};
 use crate::mesh::{Edges, Surface};
 use crate::repair::{Cancelled, Change, Context};
 
@@ -55,7 +55,7 @@ impl AddBase {
         if open.count == 0 {
             return Ok(Applied::default());
         }
-        let diagonal = Box3::of(surface.positions.iter().copied()).diagonal();
+        let diagonal = surface.bounds().diagonal();
         let thickness = self.thickness.unwrap_or(THICKNESS * diagonal);
         let unit = to_unit_range(&surface.positions);
         let mut by_part: Vec<Vec<u32>> = Vec::new();

@@ -41,7 +41,7 @@ pub fn remove_debris(surface: &mut Surface, context: &Context<'_>) -> Result<Vec
         return Ok(Vec::new());
     }
     let solids = solids(surface, &edges, &parts);
-    let diagonal = Box3::of(surface.positions.iter().copied()).diagonal();
+    let diagonal = surface.bounds().diagonal();
     let area: f64 = solids.iter().map(|s| s.area).sum();
     let fins = fins(surface, &edges, &parts, &solids);
     let mut walls = walls(surface, &parts, &solids);

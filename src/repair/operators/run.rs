@@ -28,7 +28,6 @@ use super::{Applied, Operator};
 use crate::arrange::{Exact, Inside};
 use crate::format::Format;
 use crate::inspect::Tolerances;
-use crate::math::Box3;
 use crate::mesh::Surface;
 use crate::remesh::{self, Remesh};
 use crate::repair::{Cancelled, Change, Context, OpenSheets, Options, Overlaps};
@@ -140,7 +139,7 @@ impl Operator {
             }
             Self::Resolve => {
                 let thickness = || {
-                    let diagonal = Box3::of(surface.positions.iter().copied()).diagonal();
+                    let diagonal = surface.bounds().diagonal();
                     options.thickness.unwrap_or(THICKNESS * diagonal).min(scope.reach)
                 };
                 let flaps = scope.closes_sheets.then(thickness);
@@ -154,7 +153,7 @@ impl Operator {
             }
             Self::Remesh => {
                 let resolution = f64::from(options.voxel_resolution);
-                let diagonal = || Box3::of(surface.positions.iter().copied()).diagonal();
+                let diagonal = || surface.bounds().diagonal();
                 let cell = Some(options.voxel_size.unwrap_or_else(|| diagonal() / resolution));
                 let inside = match scope.inside {
                     Inside::Positive => remesh::Inside::Outward,

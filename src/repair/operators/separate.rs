@@ -7,7 +7,7 @@ use super::clear::{Clear, NEW};
 use super::cut::{NONE, Pairing, Pinches, cut_apart, mates};
 use super::places::{Places, key, spacing};
 use super::quantise::rounded;
-use crate::math::{Box3, collinear};
+use crate::math::collinear;
 use crate::mesh::{Edges, Stars, Surface};
 use crate::repair::{Cancelled, Change, Context};
 
@@ -91,7 +91,7 @@ struct Aside {
 
 impl Aside {
     fn new(surface: &Surface, most: f64) -> Self {
-        let diagonal = Box3::of(surface.positions.iter().copied()).diagonal();
+        let diagonal = surface.bounds().diagonal();
         Self { places: Places::new(surface, true), reach: (MOST * diagonal).min(most), most }
     }
 

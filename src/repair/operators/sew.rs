@@ -2,7 +2,6 @@
 
 use super::Applied;
 use super::border::{Border, Near};
-use crate::math::Box3;
 use crate::mesh::Surface;
 use crate::repair::{Cancelled, Change, Context};
 
@@ -43,7 +42,7 @@ impl Sew {
     /// # Errors
     /// [`Cancelled`] when the work should stop; what is merged stays merged.
     pub fn apply(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
-        let cap = (self.tolerance * Box3::of(surface.positions.iter().copied()).diagonal()).min(self.most);
+        let cap = (self.tolerance * surface.bounds().diagonal()).min(self.most);
         let Some(mut border) = Border::new(surface).filter(|_| cap > 0.0) else { return Ok(Applied::default()) };
         let mut reach = vec![cap; border.vertices.len()];
         for ([a, b], length) in border.lengths().collect::<Vec<_>>() {

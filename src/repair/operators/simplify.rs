@@ -1,7 +1,6 @@
 //! Fewer faces, where that is asked for.
 
 use super::Applied;
-use crate::math::Box3;
 use crate::mesh::Surface;
 use crate::repair::{Cancelled, Change, Context};
 use crate::simplify::Simplify;
@@ -43,7 +42,7 @@ pub(in crate::repair) fn reduce_remeshed(
     to_f32: bool,
     context: &Context<'_>,
 ) -> Result<(Vec<Change>, f64), Cancelled> {
-    let diagonal = Box3::of(surface.positions.iter().copied()).diagonal();
+    let diagonal = surface.bounds().diagonal();
     let simplify = Simplify {
         max_faces: None,
         max_error: cell / 5.0,
@@ -72,7 +71,7 @@ impl ReduceFaces {
     /// # Errors
     /// [`Cancelled`] when the work should stop; the surface is then unchanged.
     pub fn apply(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
-        let diagonal = Box3::of(surface.positions.iter().copied()).diagonal();
+        let diagonal = surface.bounds().diagonal();
         let simplify = Simplify {
             max_faces: self.max_faces,
             max_error: self.max_error.unwrap_or(MOST_ERROR * diagonal).min(self.most),

@@ -4,7 +4,6 @@ use glam::DVec3;
 
 use super::Applied;
 use super::border::{Border, Near};
-use crate::math::Box3;
 use crate::mesh::Surface;
 use crate::repair::{Cancelled, Change, Context};
 
@@ -45,7 +44,7 @@ impl SplitTJunctions {
     /// # Errors
     /// [`Cancelled`] when the work should stop; what is cut stays cut.
     pub fn apply(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
-        let bounds = Box3::of(surface.positions.iter().copied());
+        let bounds = surface.bounds();
         let rounding = ROUNDING * bounds.min.abs().max(bounds.max.abs()).max_element();
         let reach = (self.tolerance * bounds.diagonal()).max(rounding).min(self.most.max(f64::MIN_POSITIVE));
         let Some(mut border) = Border::new(surface) else { return Ok(Applied::default()) };

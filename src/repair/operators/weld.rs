@@ -3,7 +3,6 @@
 use glam::DVec3;
 
 use super::Applied;
-use crate::math::Box3;
 use crate::mesh::{Edges, Surface};
 use crate::repair::{Cancelled, Change, Context};
 
@@ -41,7 +40,7 @@ impl Weld {
     /// [`Cancelled`] when the work should stop; the surface is then unchanged.
     pub fn apply(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
         let edges = Edges::new(&surface.faces);
-        let diagonal = Box3::of(surface.positions.iter().copied()).diagonal();
+        let diagonal = surface.bounds().diagonal();
         let reach = (self.tolerance * diagonal).min(self.most);
         let radii = radii(surface, &edges, reach);
         let boundary: Vec<u32> = (0u32..).zip(&radii).filter(|(_, r)| **r > 0.0).map(|(v, _)| v).collect();

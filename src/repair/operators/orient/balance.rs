@@ -1,6 +1,5 @@
 use super::Layers;
 use crate::inspect::Solid;
-use crate::math::Box3;
 use crate::mesh::{Edges, Parts, Surface, UnionFind};
 
 /// Keeps the winding of open patches that meet in edges of several faces, where those were crossed as often one way as the
@@ -37,7 +36,7 @@ pub(super) fn keep_what_was_balanced(
     }
     // ... and what it encloses as it was.
     let mut volume = vec![0.0; patches.count];
-    let about = Box3::of(surface.positions.iter().copied()).centre();
+    let about = surface.bounds().centre();
     for (f, &patch) in patches.of_face.iter().enumerate().filter(|&(_, &patch)| patch != Parts::NONE) {
         let [a, b, c] = surface.corners(f).map(|p| p - about);
         volume[group[patch as usize] as usize] += a.dot(b.cross(c)) / 6.0;

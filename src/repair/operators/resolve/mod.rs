@@ -60,12 +60,19 @@ pub struct Resolved {
 
 /// The best that the rounds have come to.
 struct Best {
-    /// Edges that could not be kept apart, and then pairs of faces that intersect and such edges: the fewer the better.
-    rank: (bool, u64),
+    /// Pairs of faces that intersect, and edges that could not be kept apart.
     pairs: u64,
+    pinched: u64,
     surface: Surface,
     /// How far sheets were moved to be apart.
     aside: f64,
+}
+
+impl Best {
+    /// The smaller the better.
+    fn rank(&self) -> (bool, u64) {
+        (self.pinched > 0, self.pairs + self.pinched)
+    }
 }
 
 /// What the rounds did.
@@ -190,12 +197,12 @@ impl Resolve {
                     crossing = Some((pairs, work.clone()));
                 }
             } else {
-                let (made, pinched) = self.kept_apart(&work, pairs, &mut takes_part, context)?;
-                let is_done = made.rank == (false, 0);
-                if best.as_ref().is_none_or(|best| made.rank < best.rank) {
+                let made = self.kept_apart(&work, pairs, &mut takes_part, context)?;
+                let is_apart = made.pinched == 0;
+                if best.as_ref().is_none_or(|best| made.rank() < best.rank()) {
                     best = Some(made);
                 }
-                if is_done || pinched == 0 {
+                if is_apart {
                     break;
                 }
             }
@@ -211,25 +218,25 @@ impl Resolve {
         match (best, crossing) {
             (Some(best), _) => Ok(best),
             (None, Some((pairs, work))) => {
-                Ok(self.kept_apart(&work, pairs, &mut vec![false; work.faces.len()], context)?.0)
+                Ok(self.kept_apart(&work, pairs, &mut vec![false; work.faces.len()], context)?)
             }
             (None, None) => Err(ArrangeError::Failed("what was cut grew with each grid".to_owned())),
         }
     }
 
-    /// Moves sheets aside that a reader of STL would weld. Answers how many edges could not be kept apart, whose faces are marked.
+    /// Moves sheets aside that a reader of STL would weld, and marks the faces where they could not be kept apart.
     fn kept_apart(
         &self,
         work: &Surface,
         pairs: u64,
         takes_part: &mut [bool],
         context: &Context<'_>,
-    ) -> Result<(Best, u64), Cancelled> {
+    ) -> Result<Best, Cancelled> {
         let mut surface = work.clone();
         let aside = Separate { most: self.most }.apply(&mut surface, context)?.moved;
         let pairs = if surface == *work { pairs } else { count(&crossings(&surface, context)?) };
         let pinched = mark_pinched(&surface, work, takes_part);
-        Ok((Best { rank: (pinched > 0, pairs + pinched), pairs, surface, aside }, pinched))
+        Ok(Best { pairs, pinched, surface, aside })
     }
 
     /// Resolves each part by itself, and leaves it as it is where nothing would be left of it, as of a cavity. What parts have

@@ -7,7 +7,6 @@ use super::super::degenerate::remove_collapsed;
 use super::super::places::key;
 use super::super::quantise::rounded;
 use crate::inspect::Intersections;
-use crate::math::Box3;
 use crate::mesh::{Surface, weld_exactly};
 
 /// So many others a face of a dense cluster intersects.
@@ -17,7 +16,7 @@ const MANY_DENSE: usize = 2_000;
 
 /// The step of the grid of `2^bits` steps over the largest coordinate.
 pub(super) fn grid_step(surface: &Surface, bits: i32) -> f64 {
-    let bounds = Box3::of(surface.positions.iter().copied());
+    let bounds = surface.bounds();
     let largest = bounds.min.abs().max(bounds.max.abs()).max_element();
     #[expect(clippy::cast_possible_truncation, reason = "an exponent")]
     2f64.powi(largest.log2().ceil() as i32 - bits)
@@ -56,7 +55,7 @@ pub(super) fn snap(surface: &mut Surface, takes_part: &[bool], step: f64) -> (u6
     (moved, far)
 }
 
-/// Faces of dense clusters: those that intersect many faces which do so too. Empty where so few pairs are dense that it is no
+/// Faces of dense clusters: those that intersect many faces which do so too. None where so few pairs are dense that it is no
 /// matter.
 pub(super) fn dense_faces(found: &Intersections) -> Option<Vec<bool>> {
     let [takes_part, _] = &found.takes_part;

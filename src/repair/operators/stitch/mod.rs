@@ -9,7 +9,6 @@ use feature::{Feature, Search};
 
 use super::Applied;
 use super::border::Border;
-use crate::math::Box3;
 use crate::mesh::Surface;
 use crate::repair::{Cancelled, Change, Context};
 
@@ -61,7 +60,7 @@ impl Stitch {
     /// # Errors
     /// [`Cancelled`] when the work should stop; what is stitched stays stitched.
     pub fn apply(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
-        let limit = (self.threshold * Box3::of(surface.positions.iter().copied()).diagonal()).min(self.most);
+        let limit = (self.threshold * surface.bounds().diagonal()).min(self.most);
         let Some(mut border) = Border::new(surface).filter(|_| limit > 0.0) else { return Ok(Applied::default()) };
         let mut search = Search::new(&border, limit, self.snap.clamp(0.0, 0.5));
         // Distances are never negative, so that their bits are in their order.

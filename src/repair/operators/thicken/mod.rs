@@ -9,7 +9,6 @@ use offset::Offsets;
 
 use super::quantise::written;
 use super::{Applied, open_parts};
-use crate::math::Box3;
 use crate::mesh::{Edges, Surface};
 use crate::repair::{Cancelled, Change, Context};
 
@@ -69,7 +68,7 @@ impl ThickenSheets {
         if open.count == 0 {
             return Ok(Applied::default());
         }
-        let bounds = Box3::of(surface.positions.iter().copied());
+        let bounds = surface.bounds();
         let wanted = self.thickness.unwrap_or(THICKNESS * bounds.diagonal());
         let farthest = if self.skins == Skins::Behind { offset::MITER } else { offset::MITER / 2.0 };
         let thickness = wanted.min(self.most / farthest);
