@@ -35,7 +35,7 @@ pub fn arrange(bytes: &[u8]) {
     let (cancel, clock) = (AtomicBool::new(false), || Duration::ZERO);
     let context = Context::new(&NoProgress, &cancel, &clock, Duration::MAX);
     for inside in [Inside::Positive, Inside::Nonzero, Inside::Odd] {
-        match Exact.solid(&surface, inside, &context) {
+        match Exact.solid(&surface, inside.into(), &context) {
             Ok(made) => hold_to_its_word(&soup, &made.surface, inside),
             Err(ArrangeError::Empty) => hold_to_its_word(&soup, &Surface::default(), inside),
             Err(error) => panic!("{error}"),

@@ -23,6 +23,22 @@ pub enum Inside {
     Odd,
 }
 
+/// What becomes of the cells.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+pub struct Rule {
+    /// Which are inside.
+    pub inside: Inside,
+    /// Whether patches are doubted: faces without a source. What is inside only because holes were closed, and would hide
+    /// surface that can be seen through those holes, is outside then.
+    pub doubts_patches: bool,
+}
+
+impl From<Inside> for Rule {
+    fn from(inside: Inside) -> Self {
+        Self { inside, doubts_patches: false }
+    }
+}
+
 /// Why there is no arrangement.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum ArrangeError {
@@ -48,14 +64,18 @@ pub struct Solid {
     /// Walls of no thickness outside, where surface lies on surface that looks the other way: they enclose nothing, so the
     /// boundary has nothing of them.
     pub flaps: Surface,
+    /// The faces with the outside on either side, since patches were taken for wrong: what they were the skin of is open. In
+    /// order, turned so that what was inside is behind them.
+    pub opened: Surface,
 }
 
 /// Resolves intersections.
 pub trait Arrangement {
     /// The boundary of what `surface` encloses: closed, and oriented outward. Its positions are f64; rounding them may
-    /// make faces intersect again. Each face's source is that of the face that it was cut from.
+    /// make faces intersect again. Each face's source is that of the face that it was cut from. It is empty only where what was
+    /// inside is all `opened`.
     ///
     /// # Errors
     /// [`ArrangeError`]; `surface` must be closed and consistently wound, but faces may intersect and overlap.
-    fn solid(&self, surface: &Surface, inside: Inside, context: &Context<'_>) -> Result<Solid, ArrangeError>;
+    fn solid(&self, surface: &Surface, rule: Rule, context: &Context<'_>) -> Result<Solid, ArrangeError>;
 }

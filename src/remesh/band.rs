@@ -20,16 +20,14 @@ pub(super) fn reach(
 ) -> Result<(), Stop> {
     while !cells.is_empty() {
         cells.retain(|&cell| samples.reach(cell));
-        let mut wanted = Vec::new();
+        let (mut wanted, mut outermost) = (Vec::new(), Vec::new());
         for &cell in &cells {
             for c in 0..8 {
                 let place = corner(cell, c);
                 if samples.value(place).is_none() {
                     // Known from here on, so that it is asked for once; the limit's samples stay so.
                     samples.set(place, 0.0);
-                    if !grid.is_limit(place) {
-                        wanted.push(place);
-                    }
+                    if grid.is_limit(place) { &mut outermost } else { &mut wanted }.push(place);
                 }
             }
         }
@@ -41,7 +39,7 @@ pub(super) fn reach(
             samples.set(place, depth.clamp(-1e6, 1e6) as f32);
         }
         cells.clear();
-        for &place in blocks.iter().flatten() {
+        for &place in blocks.iter().flatten().chain(&outermost) {
             let inside = samples.inside(place);
             for axis in 0..3 {
                 let mut below = place;

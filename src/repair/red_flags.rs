@@ -89,7 +89,9 @@ pub fn red_flags(
         RedFlagCode::SurfaceLost,
         lost,
         options.max_surface_lost_pct,
-        format!("{lost:.1} % of the surface that can be seen from outside has no counterpart in the result"),
+        format!(
+            "{lost:.1} % of the surface that can be seen from outside has no counterpart in the result or lies within it"
+        ),
     );
     if let (Some(most), Some(moved)) = (options.max_deviation, changes.moved) {
         let farthest = moved.distance.max;

@@ -64,6 +64,10 @@ pub(super) fn liberties(steps: &[Step], rung: Option<u32>) -> Vec<String> {
             "bands of surface join parts that were apart, which changes the model",
         ),
         (took(Operator::ThickenSheets, "sheets_thickened"), "open parts enclose nothing and were given a thickness"),
+        (
+            took(Operator::Resolve, "faces_around_open_rooms_thickened"),
+            "faces around rooms into which one can look through holes were given a thickness, and the rooms left open",
+        ),
         (took(Operator::AddBase, "bases_added"), "open parts enclose nothing and were put on a base"),
     ];
     words.into_iter().filter(|w| w.0 > 0).map(|(count, what)| format!("{count} {what}")).collect()

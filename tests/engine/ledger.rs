@@ -9,8 +9,8 @@ use meshmend::format::{self, Format, Limits};
 use meshmend::inspect::{Analysis, CompareOptions, Original, measures};
 use meshmend::mesh::Soup;
 use meshmend::repair::{
-    Certificate, Ledger, Operator, Options, Outcome, RedFlagCode, RemeshError, RemeshRequest, Remeshed, Remesher,
-    RemesherInfo, Repaired, ledger, repair,
+    Certificate, Ledger, OpenSheets, Operator, Options, Outcome, RedFlagCode, RemeshError, RemeshRequest, Remeshed,
+    Remesher, RemesherInfo, Repaired, ledger, repair,
 };
 use proptest::prelude::*;
 
@@ -239,7 +239,12 @@ fn a_result_that_dropped_a_part_is_not_preferred_to_one_that_closed_an_opening_o
     let hollow = inside_out(block([1.0, 1.0, 0.01], [3.0, 3.0, 1.5]));
     let answer = join(&join(&outer, &hollow), &block([1.0, 1.0, -0.5], [3.0, 3.0, -0.01]));
     let info = RemesherInfo { kind: "fake".to_owned(), version: "1.0".to_owned(), program: "fake".to_owned() };
-    let options = Options { max_volume_change_pct: 100.0, without: vec![Operator::Remesh], ..Options::default() };
+    let options = Options {
+        max_volume_change_pct: 100.0,
+        without: vec![Operator::Remesh],
+        open_sheets: OpenSheets::Leave,
+        ..Options::default()
+    };
     let bytes = format::write(&input, Format::Stl).unwrap();
     let answers = Answers(info, answer);
     let report = with_context(|c| repair(&bytes, &options, &Limits::default(), Some(&answers), c).unwrap()).report;

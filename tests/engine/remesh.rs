@@ -272,6 +272,18 @@ fn a_soup_of_walls_is_solid() {
 }
 
 #[test]
+fn what_bulges_up_to_the_limit_of_the_grid_is_closed_there() {
+    // So many sheets on one another wind around half of space, far beyond their box.
+    let soup = (0..40).fold(Soup::default(), |all, i| {
+        let mut one = sheet(6);
+        one.positions.iter_mut().for_each(|p| p.z += 0.01 * f64::from(i));
+        join(&all, &one)
+    });
+    let made = solid(&soup, 24.0);
+    assert!(volume(&made) > 100.0, "{}", volume(&made));
+}
+
+#[test]
 fn what_has_no_inside_is_empty() {
     let mut triangle = Soup::default();
     push(&mut triangle, [DVec3::ZERO, DVec3::X, DVec3::Y]);

@@ -19,7 +19,7 @@ use crate::operators::with_context;
 /// The space that a surface winds around outward, by another engine than ours.
 fn filled(soup: &Soup) -> f64 {
     let (surface, _) = Surface::from_soup(soup);
-    let solid = with_context(|c| ManifoldRust.solid(&surface, Inside::Positive, c)).unwrap();
+    let solid = with_context(|c| ManifoldRust.solid(&surface, Inside::Positive.into(), c)).unwrap();
     with_context(|c| measure(&solid.surface.to_soup(), c)).unwrap().volume.value
 }
 

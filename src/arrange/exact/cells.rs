@@ -4,7 +4,7 @@ use smallvec::SmallVec;
 
 use super::complex::{Complex, SolidFaces};
 use super::plane::Plane;
-use crate::arrange::{ArrangeError, Inside};
+use crate::arrange::ArrangeError;
 use crate::context::Context;
 use crate::math::{Dipoles, Sign, sort_by_angle, winding_exact};
 use crate::mesh::{Edges, UnionFind};
@@ -15,13 +15,37 @@ const UNSURE: f64 = 0.2;
 /// Nodes and triangles that are looked at for one winding number.
 const STEPS: u64 = 1_000_000;
 
-/// The winding numbers on both sides of each wall: before it, where its normal points, and behind it.
-pub(super) fn windings(complex: &Complex, context: &Context<'_>) -> Result<Vec<[i32; 2]>, ArrangeError> {
+/// The cells between the walls.
+pub(super) struct Cells {
+    /// The cell on each side of each wall: side `2 w` is before wall `w`, where its normal points, side `2 w + 1` behind it.
+    pub of_side: Vec<u32>,
+    /// The winding number of each cell. Cells are numbered with gaps.
+    pub number: Vec<i32>,
+    /// The connected piece that each wall is of. Cells of pieces that don't touch have different numbers, even where they are one
+    /// room.
+    pub piece_of: Vec<u32>,
+}
+
+impl Cells {
+    /// Finds the cells, and how often the surface winds around each.
+    pub fn new(complex: &Complex, context: &Context<'_>) -> Result<Self, ArrangeError> {
+        let (of_side, piece_of) = find(complex, context)?;
+        let number = spread(complex, &of_side, &piece_of, context)?;
+        Ok(Self { of_side, number, piece_of })
+    }
+
+    /// The cells before and behind a wall.
+    pub fn beside(&self, wall: usize) -> [usize; 2] {
+        [0, 1].map(|side| self.of_side[2 * wall + side] as usize)
+    }
+}
+
+/// The cell on each side of each wall, and the connected piece that each wall is of.
+fn find(complex: &Complex, context: &Context<'_>) -> Result<(Vec<u32>, Vec<u32>), ArrangeError> {
     let walls = &complex.walls;
     let corners: Vec<[u32; 3]> = walls.iter().map(|wall| wall.corners).collect();
     let edges = Edges::new(&corners);
     context.check()?;
-    // Side 2 w is before wall w, side 2 w + 1 behind it.
     let mut sides = UnionFind::new(2 * walls.len());
     let mut pieces = UnionFind::new(walls.len());
     for edge in 0..edges.len() {
@@ -33,9 +57,8 @@ pub(super) fn windings(complex: &Complex, context: &Context<'_>) -> Result<Vec<[
             pieces.unite(wall, next);
         }
     }
-    let (cell_of, piece_of) = (sides.into_roots(), pieces.into_roots());
     context.check()?;
-    spread(complex, &cell_of, &piece_of, context)
+    Ok((sides.into_roots(), pieces.into_roots()))
 }
 
 /// The walls around an edge, counter-clockwise seen from its larger vertex, and whether each runs from the smaller vertex to the
@@ -76,7 +99,7 @@ fn spread(
     cell_of: &[u32],
     piece_of: &[u32],
     context: &Context<'_>,
-) -> Result<Vec<[i32; 2]>, ArrangeError> {
+) -> Result<Vec<i32>, ArrangeError> {
     let walls = &complex.walls;
     // The largest wall of each piece.
     let area = |wall: usize| {
@@ -128,8 +151,7 @@ fn spread(
             }
         }
     }
-    let at = |side: usize| number[cell_of[side] as usize].unwrap_or(0);
-    Ok((0..walls.len()).map(|wall| [at(2 * wall), at(2 * wall + 1)]).collect())
+    Ok(number.into_iter().map(|number| number.unwrap_or(0)).collect())
 }
 
 /// Measures winding numbers of the whole surface.
@@ -168,14 +190,5 @@ impl<'a> Ruler<'a> {
         }
         #[expect(clippy::cast_possible_truncation, reason = "no more than there are faces")]
         Ok(number.round() as i32)
-    }
-}
-
-/// Whether a winding number is one of the inside.
-pub(super) fn is_inside(inside: Inside, number: i32) -> bool {
-    match inside {
-        Inside::Positive => number > 0,
-        Inside::Nonzero => number != 0,
-        Inside::Odd => number % 2 != 0,
     }
 }

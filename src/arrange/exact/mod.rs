@@ -4,16 +4,17 @@ mod cells;
 mod complex;
 mod contacts;
 mod grid;
+mod openings;
 mod plane;
 mod points;
 mod triangulation;
 
-use cells::{is_inside, windings};
+use cells::Cells;
 use complex::Complex;
 
-use super::{ArrangeError, Arrangement, Inside, Solid};
+use super::{ArrangeError, Arrangement, Inside, Rule, Solid};
 use crate::context::Context;
-use crate::mesh::Surface;
+use crate::mesh::{NO_SOURCE, Surface};
 
 /// An exact arrangement of faces, and the boundary of the cells that are inside.
 ///
@@ -28,28 +29,78 @@ use crate::mesh::Surface;
 pub struct Exact;
 
 impl Arrangement for Exact {
-    fn solid(&self, surface: &Surface, inside: Inside, context: &Context<'_>) -> Result<Solid, ArrangeError> {
+    fn solid(&self, surface: &Surface, rule: Rule, context: &Context<'_>) -> Result<Solid, ArrangeError> {
         let complex = Complex::new(surface, context)?;
-        let windings = windings(&complex, context)?;
-        let solid = extract(&complex, &windings, inside, surface);
-        if solid.surface.faces.is_empty() { Err(ArrangeError::Empty) } else { Ok(solid) }
+        let cells = Cells::new(&complex, context)?;
+        let inside: Vec<bool> = cells.number.iter().map(|&number| is_inside(rule.inside, number)).collect();
+        let opened = if rule.doubts_patches {
+            openings::seen_into(&complex, &cells, &inside, |f| surface.source[f as usize] == NO_SOURCE, context)?
+        } else {
+            None
+        };
+        let solid = extract(&complex, &cells, &inside, opened.as_deref(), surface);
+        if solid.surface.faces.is_empty() && solid.opened.faces.is_empty() {
+            return Err(ArrangeError::Empty);
+        }
+        Ok(solid)
     }
 }
 
-/// The walls with the inside on one side only, turned outward, in the order of the faces that they are cut from; and those that
-/// nothing is on either side of.
-fn extract(complex: &Complex, windings: &[[i32; 2]], inside: Inside, surface: &Surface) -> Solid {
-    let (mut kept, mut flaps) = (Vec::new(), Vec::new());
-    for (wall, &sides) in complex.walls.iter().zip(windings) {
-        let [before, behind] = sides.map(|number| is_inside(inside, number));
+/// Whether a winding number is one of the inside.
+fn is_inside(inside: Inside, number: i32) -> bool {
+    match inside {
+        Inside::Positive => number > 0,
+        Inside::Nonzero => number != 0,
+        Inside::Odd => number % 2 != 0,
+    }
+}
+
+/// The walls with the inside on one side only, turned outward, in the order of the faces that they are cut from; those that
+/// nothing is on either side of; and the faces between cells that were `opened`.
+fn extract(complex: &Complex, cells: &Cells, inside: &[bool], opened: Option<&[bool]>, surface: &Surface) -> Solid {
+    let is_open = |cell: usize| opened.is_some_and(|opened| opened[cell]);
+    let (mut kept, mut flaps, mut skins) = (Vec::new(), Vec::new(), Vec::new());
+    for (at, wall) in complex.walls.iter().enumerate() {
+        let sides = cells.beside(at);
+        let were = sides.map(|cell| inside[cell]);
+        let [before, behind] = sides.map(|cell| inside[cell] && !is_open(cell));
         let [a, b, c] = wall.corners;
         if before != behind {
             kept.push((wall.faces[0], if behind { [a, b, c] } else { [a, c, b] }));
-        } else if sides == [0, 0] {
+        } else if sides.map(|cell| cells.number[cell]) == [0, 0] {
             flaps.push((wall.faces[0], [a, b, c]));
+        } else if !before
+            && sides.into_iter().any(is_open)
+            && let Some(&face) = wall.faces.iter().find(|&&face| surface.source[face as usize] != NO_SOURCE)
+        {
+            let [p, q, r] = wall.corners.map(|point| complex.points.place(point));
+            let looks_the_same_way = (q - p).cross(r - p).dot(surface.area_vector(face as usize)) > 0.0;
+            let was_inside_before = were[0] && !were[1];
+            skins.push((face, looks_the_same_way == was_inside_before));
         }
     }
-    Solid { surface: surface_of(complex, kept, surface), flaps: surface_of(complex, flaps, surface) }
+    Solid {
+        surface: surface_of(complex, kept, surface),
+        flaps: surface_of(complex, flaps, surface),
+        opened: faces_of(skins, surface),
+    }
+}
+
+/// Faces of the surface, each once and some turned over, as a surface.
+fn faces_of(mut faces: Vec<(u32, bool)>, surface: &Surface) -> Surface {
+    faces.sort_unstable();
+    faces.dedup_by_key(|it| it.0);
+    let turned = |&(face, turned): &(u32, bool)| {
+        let [a, b, c] = surface.faces[face as usize];
+        if turned { [a, c, b] } else { [a, b, c] }
+    };
+    let mut made = Surface {
+        positions: surface.positions.clone(),
+        faces: faces.iter().map(turned).collect(),
+        source: faces.iter().map(|&(face, _)| surface.source[face as usize]).collect(),
+    };
+    made.drop_unreferenced();
+    made
 }
 
 /// Walls, each with the face that it is cut from, as a surface.

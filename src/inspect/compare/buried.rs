@@ -1,3 +1,5 @@
+use glam::DVec3;
+
 use super::deviation::Pair;
 use super::inside::Inside;
 use super::percent;
@@ -29,14 +31,30 @@ pub(super) fn buried_pct(
     if asked.is_empty() || pair.to.surface.faces.is_empty() {
         return Ok(None);
     }
-    let inside = Inside::new(pair.to);
-    let answers = ask(asked.len(), BUDGET, context, |i, steps| {
-        let [a, b, c] = pair.from.unit_corners(asked[i]).map(|p| p * pair.ratio);
-        let aside = (b - a).cross(c - a).normalize_or_zero() * BESIDE;
-        let sides = inside.windings((a + b + c) / 3.0, aside, steps);
-        (*steps > 0).then(|| sides.iter().all(|&number| number >= MATERIAL))
-    })?;
-    let known: Vec<bool> = answers.values.into_iter().flatten().collect();
+    let points = asked.iter().map(|&f| {
+        let [a, b, c] = pair.from.unit_corners(f);
+        ((a + b + c) / 3.0, (b - a).cross(c - a).normalize_or_zero())
+    });
+    let known: Vec<bool> = are_buried(pair, &points.collect::<Vec<_>>(), context)?.into_iter().flatten().collect();
     let buried = known.iter().filter(|&&buried| buried).count();
     Ok(percent(buried as f64, known.len() as f64))
+}
+
+/// Which points of `pair.from`, each with the unit normal there, have material of `pair.to` on both sides; none for those that the
+/// budget did not reach.
+///
+/// # Errors
+/// [`Cancelled`] when the context says stop.
+pub(super) fn are_buried(
+    pair: Pair<'_>,
+    points: &[(DVec3, DVec3)],
+    context: &Context<'_>,
+) -> Result<Vec<Option<bool>>, Cancelled> {
+    let inside = Inside::new(pair.to);
+    let answers = ask(points.len(), BUDGET, context, |i, steps| {
+        let (point, normal) = points[i];
+        let sides = inside.windings(point * pair.ratio, normal * BESIDE, steps);
+        (*steps > 0).then(|| sides.iter().all(|&number| number >= MATERIAL))
+    })?;
+    Ok(answers.values)
 }

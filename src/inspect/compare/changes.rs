@@ -22,8 +22,8 @@ pub struct Changes {
     /// parts that were united. None where the result has no fewer faces, or is not closed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub faces_buried_pct: Option<f64>,
-    /// Share of the surface that can be seen from outside with nothing of the result within 0.5 % of the diagonal: sampled,
-    /// so 0.1 is about the least that is seen.
+    /// Share of the surface that can be seen from outside with nothing of the result within 0.5 % of the diagonal, or
+    /// material of it on both sides: sampled, so 0.1 is about the least that is seen.
     pub surface_lost_pct: Option<f64>,
     /// Distance from the input's surface that can be seen from outside to the result: what was lost.
     #[serde(default, skip_serializing_if = "Option::is_none")]

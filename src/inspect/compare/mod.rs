@@ -16,7 +16,7 @@ use utoipa::ToSchema;
 
 use super::{Analysis, Measures, measures};
 use crate::context::{Cancelled, Context};
-use buried::buried_pct;
+use buried::{are_buried, buried_pct};
 use deviation::{Distances, deviation, distances};
 use inside::inside_agreement;
 use kept::Common;
@@ -227,7 +227,7 @@ impl<'a> Original<'a> {
         let options = self.options;
         let found = distances(there, self.samples(), options.vertices, |f| stands(&common.first, f), context)?;
         let diagonal = unit_diagonal(self.analysis);
-        self.lost(&found, diagonal, after, &mut changes, context)?;
+        self.lost(&found, diagonal, (after, measures), &mut changes, context)?;
         if !self.analysis.surface.faces.is_empty() {
             let points = samples(after, options.samples);
             let made = distances(back, &points, options.vertices, |f| stands(&common.second, f), context)?;
@@ -261,7 +261,7 @@ impl<'a> Original<'a> {
         &self,
         found: &Distances,
         diagonal: f64,
-        after: &Analysis<'_>,
+        (after, measures): (&Analysis<'_>, &Measures),
         changes: &mut Changes,
         context: &Context<'_>,
     ) -> Result<(), Cancelled> {
@@ -281,26 +281,36 @@ impl<'a> Original<'a> {
             .filter(|&i| found.samples[i].is_some())
             .partition(|&i| found.samples[i] != Some(0.0));
         let mut counts = vec![false; found.samples.len()];
-        let mut seen_near = near.len();
-        if !apart.is_empty() {
+        let (mut seen_near, mut walled_in) = (near.len(), 0);
+        // What stands in the result but within another part of it was walled in when holes were closed.
+        let may_be_walled_in = measures.closed && measures.parts > 1 && !self.measures.closed;
+        if !apart.is_empty() || may_be_walled_in {
             // What could not be told to be hidden counts as seen.
             for (&i, seen) in apart.iter().zip(self.visible(&apart, context)?) {
                 counts[i] = seen != Some(false);
             }
             let some: Vec<usize> = near.iter().copied().step_by(near.len().div_ceil(NEAR_ASKED).max(1)).collect();
-            let seen = self.visible(&some, context)?.iter().filter(|&&seen| seen != Some(false)).count();
-            seen_near = near.len() * seen / some.len().max(1);
+            let seen = self.visible(&some, context)?;
+            let seen: Vec<usize> =
+                some.iter().zip(seen).filter(|(_, seen)| *seen != Some(false)).map(|(&i, _)| i).collect();
+            let share_of = |few: usize| near.len() * few / some.len().max(1);
+            seen_near = share_of(seen.len());
+            if may_be_walled_in {
+                let points = seen.iter().map(|&i| (self.samples()[i].point, self.samples()[i].normal));
+                let buried = are_buried(Pair::new(self.analysis, after), &points.collect::<Vec<_>>(), context)?;
+                walled_in = share_of(buried.into_iter().filter(|&buried| buried == Some(true)).count());
+            }
         }
         // One at no distance is as good as another.
         near.iter().take(seen_near).for_each(|&i| counts[i] = true);
         changes.lost = deviation(self.analysis, self.samples(), found, diagonal, |i| counts[i], |_| false);
         let visible = found.samples.iter().zip(&counts).filter(|(_, counts)| **counts).filter_map(|(&d, _)| d);
-        let (mut all, mut far) = (0u32, 0u32);
+        let (mut all, mut far) = (0, walled_in);
         for distance in visible {
             all += 1;
-            far += u32::from(distance > FAR * diagonal);
+            far += usize::from(distance > FAR * diagonal);
         }
-        changes.surface_lost_pct = Some(f64::from(far) / f64::from(all.max(1)) * 100.0);
+        changes.surface_lost_pct = percent(far as f64, all.max(1) as f64);
         Ok(())
     }
 }

@@ -142,8 +142,8 @@ impl Operator {
                     let diagonal = surface.bounds().diagonal();
                     options.thickness.unwrap_or(THICKNESS * diagonal).min(scope.reach)
                 };
-                let flaps = scope.closes_sheets.then(thickness);
-                let resolve = Resolve { inside: scope.inside, most: scope.reach, flaps };
+                let sheets = scope.closes_sheets.then(thickness);
+                let resolve = Resolve { inside: scope.inside, most: scope.reach, sheets };
                 let it = match options.overlaps {
                     Overlaps::Union => resolve.apply(surface, &Exact, context)?,
                     Overlaps::Keep => resolve.apply_to_parts(surface, &Exact, context)?,

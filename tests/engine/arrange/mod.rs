@@ -1,5 +1,6 @@
 //! Arrangements: unions of solids in general and in degenerate position, and the same by another engine.
 
+mod openings;
 pub mod oracle;
 
 use std::time::{Duration, Instant};
@@ -19,7 +20,7 @@ use oracle::ManifoldRust;
 
 fn solid(soup: &Soup, inside: Inside) -> Result<Surface, ArrangeError> {
     let (surface, _) = Surface::from_soup(soup);
-    with_context(|c| Exact.solid(&surface, inside, c)).map(|it| it.surface)
+    with_context(|c| Exact.solid(&surface, inside.into(), c)).map(|it| it.surface)
 }
 
 fn measured(surface: &Surface) -> Measures {
@@ -154,7 +155,7 @@ fn a_cluster_of_fifty_thousand_intersections_is_resolved_in_seconds_at_the_same_
     let before = measured(&surface);
     assert!(before.self_intersections.pairs > Some(50_000), "{:?}", before.self_intersections);
     let start = Instant::now();
-    let resolve = Resolve { inside: Inside::Positive, most: 0.01, flaps: None };
+    let resolve = Resolve { inside: Inside::Positive, most: 0.01, sheets: None };
     let done = with_context(|c| resolve.apply(&mut surface, &Exact, c)).unwrap();
     let it = as_stl(&surface);
     assert!(it.printable(), "{done:?} {it:?}");
@@ -183,7 +184,7 @@ proptest! {
         let axis = DVec3::new(turn.0, turn.1, turn.2 + 0.1).normalize();
         let soup = as_f32(turned(soup, DQuat::from_axis_angle(axis, 1.0 + turn.0), DVec3::ZERO));
         let (mut surface, _) = Surface::from_soup(&soup);
-        let resolve = Resolve { inside: Inside::Positive, most: f64::INFINITY, flaps: None };
+        let resolve = Resolve { inside: Inside::Positive, most: f64::INFINITY, sheets: None };
         let done = with_context(|c| resolve.apply(&mut surface, &Exact, c)).unwrap();
         with_context(|c| Separate::default().apply(&mut surface, c)).unwrap();
         let it = as_stl(&surface);
@@ -208,8 +209,8 @@ proptest! {
         }
         let (surface, _) = Surface::from_soup(&soup);
         for inside in [Inside::Positive, Inside::Nonzero] {
-            let ours = with_context(|c| Exact.solid(&surface, inside, c));
-            let theirs = with_context(|c| ManifoldRust.solid(&surface, inside, c));
+            let ours = with_context(|c| Exact.solid(&surface, inside.into(), c));
+            let theirs = with_context(|c| ManifoldRust.solid(&surface, inside.into(), c));
             match (ours, theirs) {
                 (Ok(ours), Ok(theirs)) => {
                     let (ours, theirs) = (measured(&ours.surface), measured(&theirs.surface));

@@ -6,7 +6,7 @@ use manifold_rust::cancel::CancelToken;
 use manifold_rust::manifold::Manifold;
 use manifold_rust::types::{Error, MeshGL64, WindingRule};
 
-use meshmend::arrange::{ArrangeError, Arrangement, Inside, Solid};
+use meshmend::arrange::{ArrangeError, Arrangement, Inside, Rule, Solid};
 use meshmend::context::Context;
 use meshmend::mesh::{NO_SOURCE, Soup, Surface};
 
@@ -21,10 +21,10 @@ const STACK: usize = 64 << 20;
 pub struct ManifoldRust;
 
 impl Arrangement for ManifoldRust {
-    fn solid(&self, surface: &Surface, inside: Inside, context: &Context<'_>) -> Result<Solid, ArrangeError> {
+    fn solid(&self, surface: &Surface, rule: Rule, context: &Context<'_>) -> Result<Solid, ArrangeError> {
         let token = CancelToken::new();
         let mesh = to_mesh(surface);
-        let rule = match inside {
+        let rule = match rule.inside {
             Inside::Positive => WindingRule::Positive,
             Inside::Nonzero => WindingRule::Nonzero,
             Inside::Odd => return Err(ArrangeError::Failed("the engine knows no odd rule".to_owned())),
@@ -60,7 +60,7 @@ impl Arrangement for ManifoldRust {
             None => Err(ArrangeError::Failed("the engine gave up".to_owned())),
             Some((Error::NotClosed | Error::NotManifold, _)) => Err(ArrangeError::NotClosed),
             Some((Error::NoError, mesh)) if mesh.tri_verts.is_empty() => Err(ArrangeError::Empty),
-            Some((Error::NoError, mesh)) => Ok(Solid { surface: from_mesh(&mesh, surface), flaps: Surface::default() }),
+            Some((Error::NoError, mesh)) => Ok(Solid { surface: from_mesh(&mesh, surface), ..Solid::default() }),
             Some((error, _)) => Err(ArrangeError::Failed(error.to_str().to_owned())),
         }
     }

@@ -14,8 +14,8 @@ use super::orient::Orient;
 use super::rounding::round_apart;
 use super::separate::Separate;
 use super::thicken::{Skins, ThickenSheets};
-use crate::arrange::{ArrangeError, Arrangement, Inside, Solid};
-use crate::mesh::{Edges, Parts, Surface, position_key};
+use crate::arrange::{ArrangeError, Arrangement, Inside, Rule, Solid};
+use crate::mesh::{Edges, NO_SOURCE, Parts, Surface, position_key};
 use crate::repair::{Cancelled, Change, Context};
 
 /// Bits of the grid, over the largest coordinate, to which the vertices of faces that still intersect after rounding are
@@ -31,6 +31,10 @@ const DENSE_GRID: i32 = 10;
 const GROWTH: f64 = 4.0;
 const GROWTH_OF_MANY: f64 = 1.5;
 const MANY: u64 = 10_000;
+/// What is cut into a million pieces, and so many for each face, is a tangle rather than a surface with faults: rounding it takes
+/// minutes, and nobody could use it.
+const TANGLE: usize = 1_000_000;
+const TANGLE_A_FACE: usize = 5;
 /// So few that come back take no time.
 const FEW: u64 = 200;
 
@@ -41,8 +45,9 @@ pub struct Resolve {
     pub inside: Inside,
     /// No vertex is moved farther than this, in the model's unit, to stay clear of others after rounding.
     pub most: f64,
-    /// The thickness that walls of none get, in the model's unit; none: they go.
-    pub flaps: Option<f64>,
+    /// The thickness that sheets get, in the model's unit: walls of no thickness, and what is the skin of a room that would be
+    /// filled only because holes were closed, and hide what can be seen in there. Without it such walls go, and rooms are filled.
+    pub sheets: Option<f64>,
 }
 
 /// What became of the intersections.
@@ -81,6 +86,7 @@ struct Done {
     snapped: u64,
     merged: u64,
     thickened: u64,
+    opened: u64,
     moved: f64,
 }
 
@@ -97,7 +103,7 @@ impl Resolve {
     /// Precondition: closed and consistently wound. Result: no two faces intersect. New vertices are rounded to f32 one by one so
     /// that no faces come to meet (`rounding.rs`); where that can't be done and faces intersect again, their vertices are
     /// moved to ever coarser grids and the arrangement is made again (after the snap rounding of Valque and Lazard).
-    /// Leaves: the surface as it was where it is not closed, nothing intersects, or the arrangement fails; pairs that stay
+    /// Leaves: the surface as it was where it is not closed, nothing intersects and no room is open, or the arrangement fails; pairs that stay
     /// after the coarsest grid.
     ///
     /// # Errors
@@ -114,7 +120,9 @@ impl Resolve {
         }
         let found = crossings(surface, context)?;
         let before = count(&found);
-        if before == 0 {
+        // Where nothing intersects, a part may still be walled in by another whose holes were closed.
+        let may_open = self.sheets.is_some() && surface.source.contains(&NO_SOURCE);
+        if before == 0 && !may_open {
             return Ok(Resolved::default());
         }
         let faces_before = surface.faces.len() as u64;
@@ -133,6 +141,9 @@ impl Resolve {
             Err(ArrangeError::Cancelled(stop)) => return Err(stop),
             Err(error) => return Ok(undone(before, error)),
         };
+        if before == 0 && done.opened == 0 {
+            return Ok(Resolved::default());
+        }
         // Half done it must at least be closed: faces that intersect are the lesser evil.
         if best.pairs > 0 && !is_manifold_by_position(&best.surface) {
             let error = "rounding left faces that intersect and edges of more than two faces";
@@ -147,6 +158,7 @@ impl Resolve {
             ("vertices_snapped", done.snapped),
             ("vertices_merged", done.merged),
             ("faces_without_thickness_thickened", done.thickened),
+            ("faces_around_open_rooms_thickened", done.opened),
         ]);
         Ok(Resolved { changes, moved: done.moved + best.aside, pairs_left: best.pairs, error: None })
     }
@@ -159,6 +171,7 @@ impl Resolve {
         by: &dyn Arrangement,
         context: &Context<'_>,
     ) -> Result<Best, ArrangeError> {
+        let tangle = TANGLE.max(TANGLE_A_FACE * work.faces.len());
         let mut best: Option<Best> = None;
         // What faces still intersect in, with how many pairs: kept apart only if there is nothing better in the end.
         let mut crossing: Option<(u64, Surface)> = None;
@@ -167,15 +180,27 @@ impl Resolve {
             context.check()?;
             let first = best.is_none() && crossing.is_none();
             let known: FxHashSet<[u64; 3]> = work.positions.iter().map(|&p| position_key(p)).collect();
-            let mut made = by.solid(&work, self.inside, context);
-            if let (Some(thickness), Ok(Solid { flaps, .. })) = (self.flaps, &made)
-                && first
-                && add_thick(&mut work, flaps, thickness, context)?
+            let rule = Rule { inside: self.inside, doubts_patches: first && self.sheets.is_some() };
+            let mut made = by.solid(&work, rule, context);
+            if let (Some(thickness), true, Ok(with_sheets)) = (self.sheets, first, &mut made)
+                && !(with_sheets.flaps.faces.is_empty() && with_sheets.opened.faces.is_empty())
             {
-                done.thickened = flaps.faces.len() as u64;
-                made = by.solid(&work, self.inside, context);
+                if let Some(thick) = thickened(with_sheets, thickness, context)? {
+                    done.thickened = with_sheets.flaps.faces.len() as u64;
+                    done.opened = with_sheets.opened.faces.len() as u64;
+                    if done.opened > 0 {
+                        // What was opened has none of the patches that it was closed with.
+                        work = std::mem::take(&mut with_sheets.surface);
+                    }
+                    append(&mut work, thick);
+                }
+                made = by.solid(&work, self.inside.into(), context);
             }
             work = match made {
+                Ok(made) if made.surface.faces.len() > tangle => {
+                    let error = format!("they cut each other into {} pieces", made.surface.faces.len());
+                    return Err(ArrangeError::Failed(error));
+                }
                 Ok(made) => made.surface,
                 Err(error @ ArrangeError::Cancelled(_)) => return Err(error),
                 Err(error) if first => return Err(error),
@@ -301,20 +326,23 @@ fn append(surface: &mut Surface, other: Surface) {
     surface.source.extend(other.source);
 }
 
-/// Adds walls of no thickness to a surface as thin solids, those around which they are the middle. Whether there were any.
-fn add_thick(surface: &mut Surface, flaps: &Surface, thickness: f64, context: &Context<'_>) -> Result<bool, Cancelled> {
-    let mut thick = flaps.clone();
-    let thicken =
-        ThickenSheets { thickness: Some(thickness), skins: Skins::BothSides, most: f64::INFINITY, to_f32: true };
-    // What is one wall may be cut from faces that look either way.
-    Orient::default().apply(&mut thick, context)?;
-    cut_apart(&mut thick, Pairing::Angular, Pinches::Cut, context)?;
-    let applied = thicken.apply(&mut thick, context)?;
-    if applied.changes.is_empty() {
-        return Ok(false);
+/// What has no thickness in an arrangement, as thin solids: around walls that are their middle, and behind the skin of what was
+/// opened. None where there is nothing of the kind.
+fn thickened(solid: &Solid, thickness: f64, context: &Context<'_>) -> Result<Option<Surface>, Cancelled> {
+    let mut all = Surface::default();
+    for (sheets, skins) in [(&solid.flaps, Skins::BothSides), (&solid.opened, Skins::Behind)] {
+        let mut thick = sheets.clone();
+        // What is one wall may be cut from faces that look either way.
+        if skins == Skins::BothSides {
+            Orient::default().apply(&mut thick, context)?;
+        }
+        cut_apart(&mut thick, Pairing::Angular, Pinches::Cut, context)?;
+        let thicken = ThickenSheets { thickness: Some(thickness), skins, most: f64::INFINITY, to_f32: true };
+        if !thicken.apply(&mut thick, context)?.changes.is_empty() {
+            append(&mut all, thick);
+        }
     }
-    append(surface, thick);
-    Ok(true)
+    Ok((!all.faces.is_empty()).then_some(all))
 }
 
 /// Cleans what rounding made of the smallest faces.

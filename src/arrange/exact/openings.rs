@@ -1,0 +1,328 @@
+//! Patches doubted: what is inside only because holes were closed, and would hide what can be seen through them.
+//!
+//! Each sight line that reaches a hidden wall through patches alone speaks against the rooms that it passes. A minimum cut over them
+//! (Boykov and Kolmogorov 2004) weighs what would be hidden against the skin that would stand open, so that a room with a small
+//! hole is filled, and a jar with something in it is not.
+
+use std::collections::{BTreeMap, VecDeque};
+
+use glam::DVec3;
+use petgraph::algo::dinics;
+use petgraph::visit::EdgeRef;
+use petgraph::{Direction, Graph};
+
+use super::cells::Cells;
+use super::complex::{Complex, SolidFaces};
+use crate::arrange::ArrangeError;
+use crate::context::Context;
+use crate::math::{Tree, hit, ray_direction};
+use crate::mesh::UnionFind;
+
+/// Directions in which a hidden wall may be seen.
+const DIRECTIONS: u32 = 32;
+/// Hidden walls that are looked at, the largest.
+const MOST_HIDDEN: usize = 20_000;
+/// Walls that all sight lines together may look at.
+const STEPS: u64 = 100_000_000;
+/// How far sight lines go, in the scale of the tree, in which the model is about 1 wide.
+const FAR: f64 = 8.0;
+/// How far from its farthest corner a piece is left to see what is around it, as a share of the way to the middle of its wall there.
+const OFF_CORNER: f64 = 1e-3;
+/// The share of all surface that may be hidden before patches are doubted.
+const LEAST_HIDDEN: f64 = 0.005;
+/// What skin that would stand open weighs against as much hidden surface that is seen in all directions. It weighs the less the
+/// wider the openings: nothing where they are half of it.
+const SKIN: f64 = 0.01;
+const OPENING: f64 = 2.0;
+/// What a patch that would stay as the boundary weighs.
+const PATCH: f64 = 0.001;
+/// Weights are whole numbers, so many for all surface, so that sums don't depend on their order.
+const WHOLE: f64 = (1u64 << 40) as f64;
+
+/// The cells that are inside only because of patches through which hidden surface is seen; none where there are none.
+pub(super) fn seen_into(
+    complex: &Complex,
+    cells: &Cells,
+    inside: &[bool],
+    is_patch: impl Fn(u32) -> bool,
+    context: &Context<'_>,
+) -> Result<Option<Vec<bool>>, ArrangeError> {
+    let patch: Vec<bool> = complex.walls.iter().map(|wall| wall.faces.iter().all(|&f| is_patch(f))).collect();
+    if !patch.contains(&true) {
+        return Ok(None);
+    }
+    let look = Look::new(complex, cells, inside, patch, context)?;
+    let doubtful = look.behind_patches(|_| true);
+    if !doubtful.contains(&true) {
+        return Ok(None);
+    }
+    let Some(hidden) = look.hidden(&doubtful, context)? else { return Ok(None) };
+    context.check()?;
+    let outside = look.cut(&hidden, &doubtful);
+    let rooms = look.behind_patches(|room| outside[room]);
+    let opened: Vec<bool> = look.room_of.iter().map(|&room| rooms[room as usize]).collect();
+    Ok(opened.contains(&true).then_some(opened))
+}
+
+/// What is looked at.
+///
+/// A room is what cells are that have no wall between them: those of pieces of the surface that don't touch.
+struct Look<'a> {
+    cells: &'a Cells,
+    /// Which cells are inside, and so are the rooms that they stand for.
+    inside: &'a [bool],
+    /// The room of each cell, by one of its cells.
+    room_of: Vec<u32>,
+    tree: Tree,
+    /// The points.
+    points: Vec<DVec3>,
+    /// The corners of each wall.
+    corners: Vec<[u32; 3]>,
+    /// Which walls are of patches alone.
+    patch: Vec<bool>,
+    /// The area of each wall as a share of all that is no patch.
+    area: Vec<f64>,
+}
+
+impl<'a> Look<'a> {
+    fn new(
+        complex: &Complex,
+        cells: &'a Cells,
+        inside: &'a [bool],
+        patch: Vec<bool>,
+        context: &Context<'_>,
+    ) -> Result<Self, ArrangeError> {
+        #[expect(clippy::cast_possible_truncation, reason = "points are counted in u32")]
+        let points: Vec<DVec3> =
+            (0..complex.points.len() as u32).map(|p| SolidFaces::to_unit(complex.points.place(p))).collect();
+        let corners: Vec<[u32; 3]> = complex.walls.iter().map(|wall| wall.corners).collect();
+        let mut area: Vec<f64> = corners.iter().map(|face| normal(face.map(|p| points[p as usize])).length()).collect();
+        let all: f64 = area.iter().zip(&patch).filter(|(_, patch)| !**patch).map(|(area, _)| area).sum();
+        area.iter_mut().for_each(|area| *area /= all.max(f64::MIN_POSITIVE));
+        let tree = Tree::new(&points, &corners);
+        let mut look = Self { cells, inside, room_of: Vec::new(), tree, points, corners, patch, area };
+        look.room_of = look.rooms(context)?;
+        Ok(look)
+    }
+
+    /// The room of each cell: that around a piece is that of whatever is next to the piece's last wall in one direction. As all
+    /// pieces look in the same direction, none looks back.
+    fn rooms(&self, context: &Context<'_>) -> Result<Vec<u32>, ArrangeError> {
+        let direction = ray_direction(0);
+        let piece_of = &self.cells.piece_of;
+        // The wall of each piece that reaches farthest, and the corner with which it does.
+        let mut last: BTreeMap<u32, (f64, usize, DVec3)> = BTreeMap::new();
+        for (wall, &piece) in piece_of.iter().enumerate() {
+            for corner in self.triangle(wall) {
+                let far = corner.dot(direction);
+                let best = last.entry(piece).or_insert((far, wall, corner));
+                if far > best.0 {
+                    *best = (far, wall, corner);
+                }
+            }
+        }
+        let mut rooms = UnionFind::new(self.cells.number.len());
+        for (piece, (_, wall, corner)) in last {
+            context.check()?;
+            let [a, b, c] = self.triangle(wall);
+            let from = corner.lerp((a + b + c) / 3.0, OFF_CORNER);
+            let mut own = (0.0, wall);
+            let mut others: Vec<(f64, usize)> = Vec::new();
+            self.tree.along(from, from + direction * FAR, |other| {
+                let other = other as usize;
+                if other != wall
+                    && let Some(far) = hit(from, direction * FAR, self.triangle(other))
+                {
+                    if piece_of[other] != piece {
+                        others.push((far, other));
+                    } else if far > own.0 {
+                        own = (far, other);
+                    }
+                }
+                true
+            });
+            let next =
+                others.into_iter().filter(|it| it.0 > own.0).min_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+            if let Some((_, next)) = next {
+                let ends = [self.side(own.1, direction, true), self.side(next, direction, false)];
+                let [around, beside] = ends.map(|cell| self.cells.number[cell]);
+                if around == beside {
+                    rooms.unite(index(ends[0]), index(ends[1]));
+                }
+            }
+        }
+        Ok(rooms.into_roots())
+    }
+
+    /// The cell to which a line in a direction comes through a wall, or from which.
+    fn side(&self, wall: usize, direction: DVec3, to: bool) -> usize {
+        let looks_along = normal(self.triangle(wall)).dot(direction) > 0.0;
+        self.cells.beside(wall)[usize::from(looks_along != to)]
+    }
+
+    /// The rooms before and behind a wall.
+    fn beside(&self, wall: usize) -> [usize; 2] {
+        self.cells.beside(wall).map(|cell| self.room_of[cell] as usize)
+    }
+
+    fn triangle(&self, wall: usize) -> [DVec3; 3] {
+        self.corners[wall].map(|p| self.points[p as usize])
+    }
+
+    /// The cells that are inside, and to which one comes from outside through patches and other such cells that may be passed.
+    fn behind_patches(&self, may_pass: impl Fn(usize) -> bool) -> Vec<bool> {
+        let mut doors: Vec<(usize, usize)> = Vec::new();
+        for wall in (0..self.patch.len()).filter(|&wall| self.patch[wall]) {
+            let [a, b] = self.beside(wall);
+            doors.extend([(a, b), (b, a)]);
+        }
+        doors.sort_unstable();
+        doors.dedup();
+        let mut reached = vec![false; self.inside.len()];
+        let mut next: VecDeque<usize> = doors.iter().map(|&(from, _)| from).filter(|&it| !self.inside[it]).collect();
+        while let Some(cell) = next.pop_front() {
+            let first = doors.partition_point(|&(from, _)| from < cell);
+            for &(_, to) in doors[first..].iter().take_while(|&&(from, _)| from == cell) {
+                if self.inside[to] && !reached[to] && may_pass(to) {
+                    reached[to] = true;
+                    next.push_back(to);
+                }
+            }
+        }
+        reached
+    }
+
+    /// How much of the hidden surface is seen through each room: its area, times the share of directions in which it is. None where that is little, or it would take too long to know.
+    fn hidden(&self, doubtful: &[bool], context: &Context<'_>) -> Result<Option<Vec<f64>>, ArrangeError> {
+        let is_hidden = |&wall: &usize| {
+            let sides = self.beside(wall);
+            !self.patch[wall] && sides.iter().all(|&it| self.inside[it]) && sides.iter().any(|&it| doubtful[it])
+        };
+        let mut walls: Vec<usize> = (0..self.area.len()).filter(is_hidden).collect();
+        if walls.iter().map(|&wall| self.area[wall]).sum::<f64>() <= LEAST_HIDDEN {
+            return Ok(None);
+        }
+        walls.sort_by(|&a, &b| self.area[b].total_cmp(&self.area[a]));
+        walls.truncate(MOST_HIDDEN);
+        let mut hidden = vec![0.0; self.inside.len()];
+        let (mut all, mut steps) = (0.0, STEPS);
+        for wall in walls {
+            context.check()?;
+            let lines: Vec<Vec<usize>> =
+                (0..DIRECTIONS).filter_map(|number| self.sight(wall, ray_direction(number), &mut steps)).collect();
+            if steps == 0 {
+                return Ok(None);
+            }
+            if !lines.is_empty() {
+                all += self.area[wall];
+            }
+            // A wall is passed on either side by half of the directions.
+            let share = 2.0 / f64::from(DIRECTIONS);
+            for &room in lines.iter().flatten() {
+                hidden[room] += self.area[wall] * share;
+            }
+        }
+        Ok((all > LEAST_HIDDEN).then_some(hidden))
+    }
+
+    /// The cells inside that one looks through from the middle of a wall in a direction. None where a wall that is no patch is in
+    /// the way, or the line runs so close along something that it can't be followed.
+    fn sight(&self, wall: usize, direction: DVec3, steps: &mut u64) -> Option<Vec<usize>> {
+        let corners = self.triangle(wall);
+        let from = (corners[0] + corners[1] + corners[2]) / 3.0;
+        let along = direction * FAR;
+        let mut patches: Vec<(f64, usize)> = Vec::new();
+        let mut free = true;
+        self.tree.along(from, from + along, |other| {
+            let other = other as usize;
+            *steps = steps.saturating_sub(1);
+            if other != wall
+                && let Some(far) = hit(from, along, self.triangle(other))
+            {
+                patches.push((far, other));
+                free = self.patch[other];
+            }
+            free && *steps > 0
+        });
+        if !free || *steps == 0 {
+            return None;
+        }
+        patches.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        let room = |wall: usize, to: bool| self.room_of[self.side(wall, direction, to)] as usize;
+        let mut here = room(wall, true);
+        let mut passed = vec![here];
+        for (_, patch) in patches {
+            if room(patch, false) != here {
+                return None;
+            }
+            here = room(patch, true);
+            passed.push(here);
+        }
+        if self.inside[here] {
+            return None;
+        }
+        passed.retain(|&room| self.inside[room]);
+        passed.sort_unstable();
+        passed.dedup();
+        Some(passed)
+    }
+
+    /// The cells on the outer side of the cut of least weight.
+    fn cut(&self, hidden: &[f64], doubtful: &[bool]) -> Vec<bool> {
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a share, and far below 2^64")]
+        let whole = |share: f64| (share * WHOLE) as u64;
+        let (mut skin, mut openings) = (vec![0.0; doubtful.len()], vec![0.0; doubtful.len()]);
+        let mut between: BTreeMap<[usize; 2], u64> = BTreeMap::new();
+        for (wall, &area) in self.area.iter().enumerate() {
+            let [a, b] = self.beside(wall);
+            for (room, other) in [(a, b), (b, a)] {
+                if self.patch[wall] {
+                    openings[room] += area;
+                } else if !self.inside[other] {
+                    skin[room] += area;
+                }
+            }
+            if self.patch[wall] && a != b && doubtful[a] && doubtful[b] {
+                *between.entry([a.min(b), a.max(b)]).or_default() += whole(PATCH * area);
+            }
+        }
+        let mut graph = Graph::<(), u64>::new();
+        let (outer, inner) = (graph.add_node(()), graph.add_node(()));
+        let mut node = vec![inner; doubtful.len()];
+        for cell in (0..doubtful.len()).filter(|&cell| doubtful[cell]) {
+            node[cell] = graph.add_node(());
+            graph.add_edge(outer, node[cell], whole(hidden[cell]));
+            graph.add_edge(node[cell], inner, whole(SKIN * (skin[cell] - OPENING * openings[cell]).max(0.0)));
+        }
+        for (cells, weight) in between {
+            let [a, b] = cells.map(|cell| node[cell]);
+            graph.add_edge(a, b, weight);
+            graph.add_edge(b, a, weight);
+        }
+        let (_, flow) = dinics(&graph, outer, inner);
+        let mut reached = vec![false; graph.node_count()];
+        reached[outer.index()] = true;
+        let mut next = VecDeque::from([outer]);
+        while let Some(at) = next.pop_front() {
+            let on = graph.edges(at).filter(|edge| flow[edge.id().index()] < *edge.weight()).map(|edge| edge.target());
+            let back = graph.edges_directed(at, Direction::Incoming);
+            let back = back.filter(|edge| flow[edge.id().index()] > 0).map(|edge| edge.source());
+            for to in on.chain(back) {
+                if !std::mem::replace(&mut reached[to.index()], true) {
+                    next.push_back(to);
+                }
+            }
+        }
+        node.iter().map(|node| reached[node.index()]).collect()
+    }
+}
+
+#[expect(clippy::cast_possible_truncation, reason = "sides are counted in u32")]
+fn index(cell: usize) -> u32 {
+    cell as u32
+}
+
+/// A triangle's normal, as long as twice its area.
+fn normal([a, b, c]: [DVec3; 3]) -> DVec3 {
+    (b - a).cross(c - a)
+}

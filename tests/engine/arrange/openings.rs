@@ -1,0 +1,102 @@
+//! Patches doubted: rooms that can be looked into are not filled.
+
+use glam::DVec3;
+use meshmend::arrange::{Arrangement, Exact, Inside, Rule, Solid};
+use meshmend::mesh::{NO_SOURCE, Soup, Surface};
+use meshmend::repair::{Options, Outcome};
+
+use super::measured;
+use crate::meshes::{as_f32, cube, inside_out, join};
+use crate::operators::with_context;
+use crate::pipeline::run;
+
+/// A box of side 4 whose lid at `z = 4` is the patch of a hole.
+fn cup() -> Soup {
+    cube(DVec3::ZERO, 4.0, 2)
+}
+
+fn is_lid(soup: &Soup, face: usize) -> bool {
+    soup.corners(face).iter().all(|p| p.z == 4.0)
+}
+
+/// What is solid of a soup whose lid is a patch.
+fn solid(soup: &Soup, rule: Rule) -> Solid {
+    let (mut surface, _) = Surface::from_soup(soup);
+    for f in 0..soup.faces.len() {
+        if is_lid(soup, f) {
+            surface.source[f] = NO_SOURCE;
+        }
+    }
+    with_context(|c| Exact.solid(&surface, rule, c)).unwrap()
+}
+
+fn doubting(inside: Inside) -> Rule {
+    Rule { inside, doubts_patches: true }
+}
+
+fn volume(solid: &Solid) -> f64 {
+    measured(&solid.surface).volume.value
+}
+
+fn in_the_cup(size: f64) -> Soup {
+    cube(DVec3::splat(2.0 - size / 2.0), size, 1)
+}
+
+#[test]
+fn a_room_is_left_open_where_something_in_it_is_seen_through_a_patch() {
+    let soup = join(&cup(), &in_the_cup(1.5));
+    let filled = solid(&soup, Inside::Positive.into());
+    assert!((volume(&filled) - 64.0).abs() < 1e-9 && filled.opened.faces.is_empty());
+    let open = solid(&soup, doubting(Inside::Positive));
+    assert!((volume(&open) - 1.5f64.powi(3)).abs() < 1e-9, "{}", volume(&open));
+    // Its walls and its floor, looking outward as they did, and nothing of the lid.
+    assert_eq!(open.opened.faces.len(), 40);
+    for f in 0..open.opened.faces.len() {
+        let [a, b, c] = open.opened.corners(f);
+        let outward = (a + b + c) / 3.0 - DVec3::splat(2.0);
+        assert!(open.opened.area_vector(f).dot(outward) > 0.0 && a.min(b).min(c).z < 4.0);
+    }
+}
+
+#[test]
+fn what_was_inside_is_behind_the_skin_of_an_inverted_room_too() {
+    let soup = inside_out(join(&cup(), &in_the_cup(1.5)));
+    let open = solid(&soup, doubting(Inside::Nonzero));
+    let outward = |f| (open.opened.corners(f)[0] - DVec3::splat(2.0)).dot(open.opened.area_vector(f)) > 0.0;
+    assert!(!open.opened.faces.is_empty() && (0..open.opened.faces.len()).all(outward));
+}
+
+#[test]
+fn a_room_is_filled_where_nothing_is_in_it_or_nothing_of_that_can_be_seen() {
+    let alone = solid(&cup(), doubting(Inside::Positive));
+    assert!((volume(&alone) - 64.0).abs() < 1e-9 && alone.opened.faces.is_empty());
+    // What touches no patch is hidden by real walls.
+    let closed = join(&cube(DVec3::new(0.5, 0.5, 0.5), 3.0, 1), &in_the_cup(1.5));
+    let hidden = solid(&join(&cup(), &closed), doubting(Inside::Positive));
+    let behind =
+        hidden.surface.positions.iter().filter(|p| (**p - DVec3::splat(2.0)).abs().max_element() < 1.0).count();
+    assert_eq!(behind, 0, "the cube in the closed box in the cup is not seen");
+    assert!((volume(&hidden) - 27.0).abs() < 1e-9, "{}", volume(&hidden));
+}
+
+#[test]
+fn a_speck_in_a_room_does_not_open_it() {
+    let speck = solid(&join(&cup(), &in_the_cup(0.1)), doubting(Inside::Positive));
+    assert!((volume(&speck) - 64.0).abs() < 1e-9 && speck.opened.faces.is_empty());
+}
+
+#[test]
+fn a_cup_with_a_block_in_it_comes_back_with_the_block_to_be_seen() {
+    let mut soup = join(&cup(), &in_the_cup(1.5));
+    let open: Vec<bool> = (0..soup.faces.len()).map(|f| is_lid(&soup, f)).collect();
+    let mut lid = open.into_iter();
+    soup.faces.retain(|_| lid.next() == Some(false));
+    let it = run(&as_f32(soup), &Options { max_tier: 2, ..Options::default() }, None);
+    assert_eq!(it.report.outcome, Outcome::Repaired, "{:?}", it.report.red_flags);
+    let after = &it.report.after.unwrap().measures;
+    assert!(after.printable() && after.parts == 2, "{after:?}");
+    // The block, and five walls 0.3 % of the diagonal thick.
+    let walls = 5.0 * 16.0 * 0.003 * 6.9282;
+    assert!((after.volume.value - 3.375 - walls).abs() < 0.1, "{}", after.volume.value);
+    assert!(it.report.warnings.iter().any(|w| w.contains("left open")), "{:?}", it.report.warnings);
+}
