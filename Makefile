@@ -2,7 +2,7 @@
 
 CARGO_DENY_VERSION := 0.20.2
 
-.PHONY: serve test lint fmt clippy deny openapi check-openapi build bench audit blender tools
+.PHONY: serve test lint fmt clippy deny openapi check-openapi build bench audit blender tools postgres
 
 ## Install what is missing, build, and serve on 127.0.0.1:8080 with SQLite and a local folder.
 serve: tools blender
@@ -10,7 +10,7 @@ serve: tools blender
 	./target/release/meshmend serve
 
 ## Install what the tests need and run them all.
-test: tools blender
+test: tools blender postgres
 	@if cargo nextest --version >/dev/null 2>&1; then \
 		cargo nextest run --locked --features failpoints; \
 	else \
@@ -56,3 +56,7 @@ blender:
 ## What the build needs beside Rust: a C compiler, for SQLite.
 tools:
 	@sh scripts/install-tools.sh
+
+## What tests of the PostgreSQL store make their clusters from.
+postgres:
+	@sh scripts/install-postgres.sh

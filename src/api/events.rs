@@ -25,6 +25,7 @@ use crate::jobs::Job;
         (status = 404, description = "No such job", body = Problem, content_type = "application/problem+json"),
         (status = 410, description = "The job was deleted", body = Problem, content_type = "application/problem+json"),
         (status = 500, description = "A fault of the service", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "The database does not answer now", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub(super) async fn job_events(

@@ -72,6 +72,7 @@ async fn check<E: std::fmt::Display>(result: impl Future<Output = Result<(), E>>
     responses(
         (status = 200, description = "Metrics in Prometheus' text format", body = String),
         (status = 500, description = "A fault of the service", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "The database does not answer now", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub(super) async fn get_metrics(State(state): State<ApiState>) -> Result<Response, Problem> {

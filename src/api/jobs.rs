@@ -44,6 +44,7 @@ pub(super) struct WaitQuery {
         (status = 404, description = "No such job", body = Problem, content_type = "application/problem+json"),
         (status = 410, description = "The job was deleted", body = Problem, content_type = "application/problem+json"),
         (status = 500, description = "A fault of the service", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "The database does not answer now", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub(super) async fn get_job(
@@ -130,6 +131,7 @@ pub(super) struct JobPage {
         (status = 200, description = "A page of jobs", body = JobPage),
         (status = 400, description = "A query that can't be understood", body = Problem, content_type = "application/problem+json"),
         (status = 500, description = "A fault of the service", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "The database does not answer now", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub(super) async fn list_jobs(
@@ -165,6 +167,7 @@ pub(super) async fn list_jobs(
         (status = 409, description = "The job has ended", body = Problem, content_type = "application/problem+json"),
         (status = 410, description = "The job was deleted", body = Problem, content_type = "application/problem+json"),
         (status = 500, description = "A fault of the service", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "The database does not answer now", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub(super) async fn cancel_job(State(state): State<ApiState>, PathJob(job): PathJob) -> Result<Response, Problem> {
@@ -193,6 +196,7 @@ pub(super) async fn cancel_job(State(state): State<ApiState>, PathJob(job): Path
         (status = 404, description = "No such job", body = Problem, content_type = "application/problem+json"),
         (status = 410, description = "The job was deleted before", body = Problem, content_type = "application/problem+json"),
         (status = 500, description = "A fault of the service", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "The database does not answer now", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub(super) async fn delete_job(

@@ -44,6 +44,8 @@ pub enum ProblemCode {
     ArtifactNotFound,
     /// The range lies outside the file.
     RangeNotSatisfiable,
+    /// The database does not answer now.
+    Unavailable,
     /// A fault of the service.
     Internal,
 }
@@ -63,7 +65,7 @@ pub struct ProblemDoc {
 
 impl ProblemCode {
     /// Every code.
-    pub const ALL: [Self; 17] = [
+    pub const ALL: [Self; 18] = [
         Self::RouteNotFound,
         Self::MethodNotAllowed,
         Self::InvalidRequest,
@@ -80,6 +82,7 @@ impl ProblemCode {
         Self::JobFinished,
         Self::ArtifactNotFound,
         Self::RangeNotSatisfiable,
+        Self::Unavailable,
         Self::Internal,
     ];
 
@@ -142,6 +145,11 @@ impl ProblemCode {
                 StatusCode::RANGE_NOT_SATISFIABLE,
                 "Range not satisfiable",
                 "The Content-Range header tells the file's size.",
+            ),
+            Self::Unavailable => (
+                StatusCode::SERVICE_UNAVAILABLE,
+                "Not available now",
+                "Ask again after the seconds that the Retry-After header names.",
             ),
             Self::Internal => (
                 StatusCode::INTERNAL_SERVER_ERROR,
@@ -242,6 +250,9 @@ pub struct Problem {
     pub(super) headers: Vec<(HeaderName, String)>,
 }
 
+/// Seconds to wait while the database does not answer.
+const RETRY_AFTER_S: u32 = 5;
+
 /// The media type of a [`Problem`].
 pub(super) const PROBLEM_JSON: HeaderValue = HeaderValue::from_static("application/problem+json");
 
@@ -308,7 +319,13 @@ impl Problem {
 
 impl From<StoreError> for Problem {
     fn from(error: StoreError) -> Self {
-        Self::internal(&error)
+        if !error.may_pass() {
+            return Self::internal(&error);
+        }
+        tracing::error!(%error, "the database does not answer");
+        let problem =
+            Self::new(ProblemCode::Unavailable, "The service's database does not answer now. Ask again soon.");
+        Self { headers: vec![(header::RETRY_AFTER, RETRY_AFTER_S.to_string())], ..problem }
     }
 }
 

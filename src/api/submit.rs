@@ -73,6 +73,7 @@ pub(super) struct RawModel(Vec<u8>);
         (status = 415, description = "Not a model that can be read; of several files, `errors` names each", body = Problem, content_type = "application/problem+json"),
         (status = 422, description = "An option that is unknown, out of its range, or of another mode", body = Problem, content_type = "application/problem+json"),
         (status = 500, description = "A fault of the service", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "The database does not answer now", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub(super) async fn submit_job(State(state): State<ApiState>, request: Request) -> Result<Response, Problem> {
@@ -99,8 +100,9 @@ pub(super) async fn submit_job(State(state): State<ApiState>, request: Request) 
     // From here on a client that hangs up changes nothing: the job is accepted, or its files go.
     let accepting = tokio::spawn(async move {
         let accepted = accept(store.as_ref(), id, upload).await;
-        unclaimed.settle(accepted.is_ok()).await;
-        accepted
+        // Where it is not known whether the job was noted, its files stay until the sweep, which knows.
+        unclaimed.settle(!matches!(accepted, Err(Refused { is_certain: true, .. }))).await;
+        accepted.map_err(|refused| refused.problem)
     });
     let job = accepting.await.map_err(|error| Problem::internal(&error))??;
     let bytes: u64 = job.inputs.iter().map(|input| input.bytes).sum();
@@ -113,10 +115,25 @@ pub(super) async fn submit_job(State(state): State<ApiState>, request: Request) 
 }
 
 /// Makes a job of an upload that is whole and of models.
-async fn accept(store: &dyn JobStore, id: JobId, upload: Result<Upload, Problem>) -> Result<Job, Problem> {
-    let Upload { files, options } = upload?;
-    let inputs = inputs(id, files)?;
-    Ok(store.submit(NewJob { id, inputs, options }).await?)
+async fn accept(store: &dyn JobStore, id: JobId, upload: Result<Upload, Problem>) -> Result<Job, Refused> {
+    let refused = |problem| Refused { problem, is_certain: true };
+    let Upload { files, options } = upload.map_err(refused)?;
+    let inputs = inputs(id, files).map_err(refused)?;
+    match store.submit(NewJob { id, inputs, options }).await {
+        // The connection may have broken after the job was noted.
+        Err(error) if error.may_pass() => match store.get(id).await {
+            Ok(Some(job)) => Ok(job),
+            noted => Err(Refused { problem: error.into(), is_certain: noted.is_ok() }),
+        },
+        submitted => submitted.map_err(|error| refused(error.into())),
+    }
+}
+
+/// Why a job was not accepted.
+struct Refused {
+    problem: Problem,
+    /// Whether it is known that the store has nothing of it.
+    is_certain: bool,
 }
 
 /// What came with a request, its files stored already.

@@ -9,7 +9,7 @@ use clap::{Args, ValueEnum};
 use meshmend::api::{ApiConfig, ApiState, Capabilities, router};
 use meshmend::blender::{BlenderRemesher, Warmth, warm_up};
 use meshmend::blobs::Blobs;
-use meshmend::jobs::{JobStore, RetryPolicy, SqliteStore, SystemClock};
+use meshmend::jobs::{JobStore, PostgresStore, RetryPolicy, SqliteStore, SystemClock};
 use meshmend::repair::{Remesher, RemesherInfo};
 use meshmend::worker::{Pool, Shutdown, WorkerConfig};
 use metrics_exporter_prometheus::{Matcher, PrometheusBuilder, PrometheusHandle};
@@ -35,6 +35,9 @@ pub struct ServeArgs {
     /// Most files that one job may analyse.
     #[arg(long, env = "MESHMEND_MAX_FILES", default_value_t = 32, value_parser = clap::value_parser!(u16).range(1..=1000))]
     max_files: u16,
+    /// Take jobs and answer for them, and leave the work to other processes (`meshmend work`).
+    #[arg(long, env = "MESHMEND_NO_WORKERS", conflicts_with = "workers")]
+    no_workers: bool,
     #[command(flatten)]
     work: WorkArgs,
 }
@@ -78,6 +81,13 @@ pub struct DataArgs {
     /// Folder of the database, the files and the scratch space; made if it is missing.
     #[arg(long, env = "MESHMEND_DATA_DIR", default_value = "meshmend-data")]
     data_dir: PathBuf,
+    /// Address of a PostgreSQL database that keeps the jobs, as postgres://user:password@host/name; without it, a SQLite file in the
+    /// data folder. Any number of processes may share one.
+    #[arg(long, env = "MESHMEND_DATABASE_URL", hide_env_values = true)]
+    database_url: Option<String>,
+    /// Most connections to PostgreSQL that this process holds.
+    #[arg(long, env = "MESHMEND_DATABASE_CONNECTIONS", default_value_t = 10, value_parser = clap::value_parser!(u32).range(2..=1000))]
+    database_connections: u32,
     /// What to log, as `level` or `target=level,...`.
     #[arg(long, env = "MESHMEND_LOG", default_value = "info")]
     log: String,
@@ -131,7 +141,7 @@ pub fn work(args: WorkArgs) -> ExitCode {
         let room = Room::open(&args.data).await?;
         let metrics = install_metrics()?;
         let blender = find_blender(&args.blender).await.ok();
-        let pool = room.pool(&args, blender.clone())?;
+        let pool = room.pool(&args, args.workers, blender.clone())?;
         let shutdown = Shutdown::default();
         warm_blender_up(&args, blender, &shutdown);
         let stopping =
@@ -188,19 +198,30 @@ impl Room {
     async fn open(args: &DataArgs) -> Result<Self, ServiceError> {
         std::fs::create_dir_all(&args.data_dir).map_err(io_error(args.data_dir.display().to_string()))?;
         let data_dir = args.data_dir.canonicalize().map_err(io_error(args.data_dir.display().to_string()))?;
-        let database = data_dir.join("meshmend.db");
-        let store = Arc::new(SqliteStore::open(&database, Arc::new(SystemClock), RetryPolicy::default()).await?);
+        let retry = RetryPolicy::default();
+        let store: Arc<dyn JobStore> = match &args.database_url {
+            Some(url) => Arc::new(PostgresStore::open(url, args.database_connections, None, retry).await?),
+            None => {
+                let database = data_dir.join("meshmend.db");
+                Arc::new(SqliteStore::open(&database, Arc::new(SystemClock), retry).await?)
+            }
+        };
         let blobs = Blobs::local(&data_dir.join("files"))?;
         Ok(Self { data_dir, store, blobs })
     }
 
-    fn pool(&self, args: &WorkArgs, remesher: Option<RemesherInfo>) -> Result<Pool, ServiceError> {
+    fn pool(
+        &self,
+        args: &WorkArgs,
+        slots: Option<usize>,
+        remesher: Option<RemesherInfo>,
+    ) -> Result<Pool, ServiceError> {
         let program = std::env::current_exe().map_err(io_error("this program's own path"))?;
         let processors = std::thread::available_parallelism().map_or(1, usize::from);
         let config = WorkerConfig {
             program,
             scratch: self.data_dir.join("scratch"),
-            slots: args.workers.unwrap_or(processors),
+            slots: slots.unwrap_or(processors),
             lease: seconds(args.lease_s),
             poll: POLL,
             job_memory: args.job_memory_mib << 20,
@@ -219,7 +240,8 @@ async fn serve_until_stopped(args: &ServeArgs) -> Result<(), ServiceError> {
     let metrics = install_metrics()?;
     let blender = find_blender(&args.work.blender).await;
     let for_warmth = blender.clone().ok();
-    let pool = room.pool(&args.work, for_warmth.clone())?;
+    let slots = if args.no_workers { Some(0) } else { args.work.workers };
+    let pool = room.pool(&args.work, slots, for_warmth.clone())?;
     let (limits, max_files) = (args.work.limits.limits(), usize::from(args.max_files));
     let stopping = CancellationToken::new();
     let state = ApiState {

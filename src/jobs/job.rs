@@ -199,6 +199,22 @@ pub struct JobProblem {
     pub file: Option<u32>,
 }
 
+impl JobProblem {
+    /// That so many workers went away while they had a job.
+    #[must_use]
+    pub fn worker_lost(workers: u32) -> Self {
+        Self {
+            code: ProblemKind::WorkerLost,
+            detail: format!(
+                "{workers} workers went away while they had this job, so it was set aside. If the service was not being \
+                 killed by hand, this model may be what takes workers down: please report it."
+            ),
+            place: None,
+            file: None,
+        }
+    }
+}
+
 /// One job as the store keeps it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Job {

@@ -7,8 +7,10 @@ mod bell;
 mod clock;
 mod job;
 mod options;
+mod postgres;
 mod report;
 mod retry;
+mod row;
 mod sqlite;
 mod store;
 
@@ -16,6 +18,7 @@ pub use bell::Bell;
 pub use clock::{Clock, SystemClock};
 pub use job::{Artifact, Artifacts, Input, Job, JobId, JobIdError, JobProblem, JobProgress, ProblemKind, Status};
 pub use options::{JobOptions, JobOptionsError, Mode};
+pub use postgres::PostgresStore;
 pub use report::{JobOutcome, JobReport, StoredReport};
 pub use retry::RetryPolicy;
 pub use sqlite::SqliteStore;

@@ -1,5 +1,7 @@
 use std::time::Duration;
 
+use super::FailureKind;
+
 /// How often a job is tried again and how long after.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct RetryPolicy {
@@ -25,6 +27,16 @@ impl Default for RetryPolicy {
 }
 
 impl RetryPolicy {
+    /// Whether a job that failed so, at that attempt and after so many crashes, is not tried again.
+    #[must_use]
+    pub fn ends(&self, kind: FailureKind, attempt: u32, crashes: u32) -> bool {
+        match kind {
+            FailureKind::Final => true,
+            FailureKind::Passing => attempt >= self.max_attempts,
+            FailureKind::Crash => crashes >= self.max_crashes,
+        }
+    }
+
     /// The wait after try number `tries` (1 for the first) failed: exponential with full jitter over its upper half, so
     /// that jobs which failed together don't come back together. `random` is any 64 random bits.
     #[must_use]

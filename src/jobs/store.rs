@@ -28,6 +28,24 @@ pub enum StoreError {
     LeaseLost,
 }
 
+impl StoreError {
+    /// Whether the same may succeed in a while: the database is away or not ready, or the connection broke. What was asked may
+    /// have been done all the same.
+    #[must_use]
+    pub fn may_pass(&self) -> bool {
+        use sqlx::Error as E;
+        let Self::Database(error) = self else { return false };
+        match error {
+            E::Io(_) | E::Tls(_) | E::Protocol(_) | E::PoolTimedOut | E::WorkerCrashed => true,
+            // Connection exceptions, the server's resources, its operator, and timeouts (PostgreSQL, appendix A).
+            E::Database(error) => error.code().is_some_and(|code| {
+                code.len() == 5 && ["08", "53", "57", "55P03"].iter().any(|class| code.starts_with(class))
+            }),
+            _ => false,
+        }
+    }
+}
+
 /// A job to accept. Its files are in the blob store already.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NewJob {
@@ -99,6 +117,13 @@ pub enum Cancelled {
     TooLate(Box<Job>),
 }
 
+impl Cancelled {
+    /// What a job says that was neither queued nor running.
+    pub(super) fn of_ended(job: Job) -> Self {
+        if job.status == Status::Canceled { Self::Yes(Box::new(job)) } else { Self::TooLate(Box::new(job)) }
+    }
+}
+
 /// What to list: newest first.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct ListQuery {
@@ -119,6 +144,16 @@ pub struct Page {
     pub next: Option<JobId>,
 }
 
+impl Page {
+    /// A page of at most `limit` jobs, of which there is one more where there is a next page.
+    pub(super) fn of(mut jobs: Vec<Job>, limit: u32) -> Self {
+        let more = jobs.len() > limit as usize;
+        jobs.truncate(limit as usize);
+        let next = jobs.last().filter(|_| more).map(|job| job.id);
+        Self { jobs, next }
+    }
+}
+
 /// How many jobs there are of one status.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct StatusCount {
@@ -126,6 +161,17 @@ pub struct StatusCount {
     pub status: Status,
     /// How many.
     pub count: u64,
+}
+
+impl StatusCount {
+    /// The counts of all statuses from those that were found.
+    pub(super) fn of_all(found: &[(String, i64)]) -> Vec<Self> {
+        let count = |status: Status| {
+            let found = found.iter().find(|(name, _)| name == status.as_str());
+            Self { status, count: found.map_or(0, |(_, n)| n.unsigned_abs()) }
+        };
+        Status::ALL.into_iter().map(count).collect()
+    }
 }
 
 /// Where jobs are kept and queued.
@@ -159,7 +205,8 @@ pub trait JobStore: Send + Sync {
     /// [`StoreError::LeaseLost`] when the job is no longer this worker's; the worker must stop.
     async fn heartbeat(&self, held: &Lease, lease: Duration, progress: Option<JobProgress>) -> Result<(), StoreError>;
 
-    /// Ends a job with a result and publishes its artifacts.
+    /// Ends a job with a result and publishes its artifacts. Asked again by who did not hear whether it had arrived, it answers
+    /// as it did the first time; so does [`fail`](Self::fail).
     ///
     /// # Errors
     /// [`StoreError::LeaseLost`] when the job is no longer this worker's; nothing was changed.

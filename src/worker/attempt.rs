@@ -27,6 +27,8 @@ use crate::repair::Step;
 
 /// Progress is written to the store no more often than this.
 const PROGRESS_EVERY: Duration = Duration::from_millis(250);
+/// How long to try to write how an attempt ended.
+const PATIENCE: Duration = Duration::from_secs(600);
 /// Longest line of progress that is read.
 const LINE_BYTES: usize = 4 << 10;
 /// Bytes from the end of the child's standard error that are kept.
@@ -265,7 +267,7 @@ impl<'a> Attempt<'a> {
         let completion = self.publish(folder).await?;
         pause_at("worker-complete");
         record_steps(completion.report.steps());
-        let job = self.pool.store.complete(&self.lease, completion).await?;
+        let job = self.patiently(|| self.pool.store.complete(&self.lease, completion.clone())).await?;
         if self.lease.attempt > 1
             && let Err(error) = self.pool.blobs.delete_attempts(self.lease.id, Some(&self.lease.token)).await
         {
@@ -282,7 +284,8 @@ impl<'a> Attempt<'a> {
 
     async fn fail(&self, folder: &Path, kind: FailureKind, problem: JobProblem) -> Result<Job, AttemptError> {
         let artifacts = self.store_files(folder, offered(&self.job.inputs, None)).await?;
-        Ok(self.pool.store.fail(&self.lease, Failure { kind, problem, artifacts }).await?)
+        let failure = Failure { kind, problem, artifacts };
+        Ok(self.patiently(|| self.pool.store.fail(&self.lease, failure.clone())).await?)
     }
 
     /// Notes a failure of something around the job.
@@ -291,7 +294,26 @@ impl<'a> Attempt<'a> {
         let detail = "The service could not run this job. Please try again later; its log has the reason.";
         let problem = problem(ProblemKind::Internal, detail.to_owned());
         let failure = Failure { kind: FailureKind::Passing, problem, artifacts: Artifacts::new() };
-        self.pool.store.fail(&self.lease, failure).await
+        self.patiently(|| self.pool.store.fail(&self.lease, failure.clone())).await
+    }
+
+    /// Writes to the store, and again while its database is away: the work is done, and nothing else could be begun.
+    async fn patiently<T, F>(&self, write: impl Fn() -> F) -> Result<T, StoreError>
+    where
+        F: Future<Output = Result<T, StoreError>>,
+    {
+        let until = Instant::now() + PATIENCE;
+        let mut pause = Duration::from_millis(100);
+        loop {
+            match write().await {
+                Err(error) if error.may_pass() && Instant::now() < until => {
+                    tracing::warn!(%error, "the database is away; trying again");
+                    tokio::time::sleep(pause).await;
+                    pause = (pause * 2).min(Duration::from_secs(5));
+                }
+                result => return result,
+            }
+        }
     }
 
     /// Stores those files that are there under this attempt's own keys, where nobody sees them yet.

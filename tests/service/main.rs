@@ -8,9 +8,12 @@ mod server;
 mod analyze;
 mod blender;
 mod cancel;
+mod database;
 mod faults;
 mod jobs;
 mod limits;
+#[path = "../support/postgres.rs"]
+mod postgres;
 mod problems;
 mod readme;
 mod store;

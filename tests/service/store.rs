@@ -1,17 +1,20 @@
-//! What every job store promises, tried on each. (SQLite now; the next one joins `stores`.)
+//! What every job store promises, tried on each.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicI64, Ordering};
 use std::time::Duration;
 
-use meshmend::context::Stage;
-use meshmend::format::Format;
+use meshmend::context::{Context, NoProgress, Stage};
+use meshmend::format::{Format, Limits};
 use meshmend::jobs::{
-    Artifacts, Cancelled, Claim, Clock, Failure, FailureKind, Input, Job, JobId, JobOptions, JobProblem, JobProgress,
-    JobStore, ListQuery, NewJob, ProblemKind, RetryPolicy, SqliteStore, Status, StoreError,
+    Artifacts, Cancelled, Claim, Clock, Completion, Failure, FailureKind, Input, Job, JobId, JobOptions, JobProblem,
+    JobProgress, JobReport, JobStore, ListQuery, NewJob, PostgresStore, ProblemKind, RetryPolicy, SqliteStore, Status,
+    StoreError,
 };
 use sqlx::sqlite::SqliteConnectOptions;
-use tempfile::TempDir;
+
+use crate::files;
+use crate::postgres::Postgres;
 
 const LEASE: Duration = Duration::from_secs(10);
 
@@ -24,19 +27,30 @@ impl Clock for Manual {
 }
 
 struct Bench {
-    store: SqliteStore,
+    store: Box<dyn JobStore>,
     clock: Arc<Manual>,
     policy: RetryPolicy,
-    _folder: TempDir,
+    /// Where the store lives, which goes after it.
+    _home: Box<dyn std::any::Any + Send + Sync>,
 }
 
 impl Bench {
-    async fn new() -> Self {
+    async fn sqlite() -> Self {
         let folder = tempfile::tempdir().expect("a folder");
-        let clock = Arc::new(Manual(AtomicI64::new(1_800_000_000_000)));
-        let policy = RetryPolicy::default();
+        let (clock, policy) = Self::time();
         let store = SqliteStore::open(&folder.path().join("jobs.db"), clock.clone(), policy).await.expect("a store");
-        Self { store, clock, policy, _folder: folder }
+        Self { store: Box::new(store), clock, policy, _home: Box::new(folder) }
+    }
+
+    async fn postgres() -> Self {
+        let cluster = Postgres::start();
+        let (clock, policy) = Self::time();
+        let store = PostgresStore::open(&cluster.url(), 10, Some(clock.clone()), policy).await.expect("a store");
+        Self { store: Box::new(store), clock, policy, _home: Box::new(cluster) }
+    }
+
+    fn time() -> (Arc<Manual>, RetryPolicy) {
+        (Arc::new(Manual(AtomicI64::new(1_800_000_000_000))), RetryPolicy::default())
     }
 
     fn pass(&self, time: Duration) {
@@ -70,9 +84,41 @@ impl Bench {
     }
 }
 
-#[tokio::test]
-async fn jobs_are_claimed_in_the_order_they_came_and_each_only_once() {
-    let bench = Bench::new().await;
+/// Runs each promise on each store.
+macro_rules! promises {
+    ($($name:ident),* $(,)?) => {
+        mod sqlite {
+            $(#[tokio::test(flavor = "multi_thread")]
+            async fn $name() {
+                super::$name(super::Bench::sqlite().await).await;
+            })*
+        }
+        mod postgres {
+            $(#[tokio::test(flavor = "multi_thread")]
+            async fn $name() {
+                super::$name(super::Bench::postgres().await).await;
+            })*
+        }
+    };
+}
+
+promises! {
+    jobs_are_claimed_in_the_order_they_came_and_each_only_once,
+    many_workers_at_once_never_get_the_same_job,
+    a_heartbeat_extends_the_lease_and_a_lease_that_ran_out_makes_the_job_claimable_again,
+    every_write_of_a_stale_worker_loses,
+    a_passing_failure_waits_longer_each_time_and_is_final_at_the_last_attempt,
+    a_job_that_kills_its_workers_is_set_aside,
+    a_job_handed_back_is_charged_nothing,
+    a_cancelled_job_is_taken_from_its_worker,
+    a_final_failure_is_not_tried_again_and_can_not_be_cancelled,
+    a_purged_job_keeps_its_name_and_loses_its_content,
+    the_queue_position_counts_those_ahead,
+    each_change_grows_the_version_and_a_quiet_heartbeat_does_not,
+    an_end_whose_answer_was_lost_is_answered_again,
+}
+
+async fn jobs_are_claimed_in_the_order_they_came_and_each_only_once(bench: Bench) {
     let mut ids = Vec::new();
     for _ in 0..4 {
         ids.push(bench.submit().await.id);
@@ -84,9 +130,8 @@ async fn jobs_are_claimed_in_the_order_they_came_and_each_only_once() {
     assert_eq!(bench.claim().await, None);
 }
 
-#[tokio::test(flavor = "multi_thread")]
-async fn many_workers_at_once_never_get_the_same_job() {
-    let bench = Arc::new(Bench::new().await);
+async fn many_workers_at_once_never_get_the_same_job(bench: Bench) {
+    let bench = Arc::new(bench);
     for _ in 0..100 {
         bench.submit().await;
     }
@@ -111,9 +156,7 @@ async fn many_workers_at_once_never_get_the_same_job() {
     assert_eq!(all.len(), 100);
 }
 
-#[tokio::test]
-async fn a_heartbeat_extends_the_lease_and_a_lease_that_ran_out_makes_the_job_claimable_again() {
-    let bench = Bench::new().await;
+async fn a_heartbeat_extends_the_lease_and_a_lease_that_ran_out_makes_the_job_claimable_again(bench: Bench) {
     let job = bench.submit().await;
     let first = bench.claim().await.expect("a job");
     bench.pass(LEASE / 2);
@@ -130,9 +173,7 @@ async fn a_heartbeat_extends_the_lease_and_a_lease_that_ran_out_makes_the_job_cl
     assert_ne!(second.lease.token, first.lease.token);
 }
 
-#[tokio::test]
-async fn every_write_of_a_stale_worker_loses() {
-    let bench = Bench::new().await;
+async fn every_write_of_a_stale_worker_loses(bench: Bench) {
     let job = bench.submit().await;
     let stale = bench.claim().await.expect("a job").lease;
     bench.pass(LEASE + Duration::from_secs(1));
@@ -149,9 +190,7 @@ async fn every_write_of_a_stale_worker_loses() {
     assert_eq!(bench.get(job.id).await, before);
 }
 
-#[tokio::test]
-async fn a_passing_failure_waits_longer_each_time_and_is_final_at_the_last_attempt() {
-    let bench = Bench::new().await;
+async fn a_passing_failure_waits_longer_each_time_and_is_final_at_the_last_attempt(bench: Bench) {
     let job = bench.submit().await;
     let mut waited = Duration::ZERO;
     for attempt in 1..=bench.policy.max_attempts {
@@ -176,9 +215,7 @@ async fn a_passing_failure_waits_longer_each_time_and_is_final_at_the_last_attem
     assert_eq!(bench.get(job.id).await.crashes, 0, "crashes are counted apart");
 }
 
-#[tokio::test]
-async fn a_job_that_kills_its_workers_is_set_aside() {
-    let bench = Bench::new().await;
+async fn a_job_that_kills_its_workers_is_set_aside(bench: Bench) {
     let job = bench.submit().await;
     for crash in 1..=bench.policy.max_crashes {
         bench.claim().await.expect("claimable");
@@ -192,9 +229,7 @@ async fn a_job_that_kills_its_workers_is_set_aside() {
     assert_eq!(bench.claim().await, None);
 }
 
-#[tokio::test]
-async fn a_job_handed_back_is_charged_nothing() {
-    let bench = Bench::new().await;
+async fn a_job_handed_back_is_charged_nothing(bench: Bench) {
     let job = bench.submit().await;
     let claim = bench.claim().await.expect("a job");
     bench.store.hand_back(&claim.lease).await.expect("held");
@@ -208,9 +243,7 @@ async fn a_job_handed_back_is_charged_nothing() {
     );
 }
 
-#[tokio::test]
-async fn a_cancelled_job_is_taken_from_its_worker() {
-    let bench = Bench::new().await;
+async fn a_cancelled_job_is_taken_from_its_worker(bench: Bench) {
     let job = bench.submit().await;
     let claim = bench.claim().await.expect("a job");
     assert!(matches!(bench.store.cancel(job.id).await.expect("an answer"), Some(Cancelled::Yes(_))));
@@ -219,9 +252,7 @@ async fn a_cancelled_job_is_taken_from_its_worker() {
     assert_eq!(bench.store.cancel(JobId::new()).await.expect("an answer"), None);
 }
 
-#[tokio::test]
-async fn a_final_failure_is_not_tried_again_and_can_not_be_cancelled() {
-    let bench = Bench::new().await;
+async fn a_final_failure_is_not_tried_again_and_can_not_be_cancelled(bench: Bench) {
     let job = bench.submit().await;
     let claim = bench.claim().await.expect("a job");
     let after = bench.store.fail(&claim.lease, Bench::failure(FailureKind::Final)).await.expect("noted");
@@ -229,9 +260,7 @@ async fn a_final_failure_is_not_tried_again_and_can_not_be_cancelled() {
     assert!(matches!(bench.store.cancel(job.id).await.expect("an answer"), Some(Cancelled::TooLate(_))));
 }
 
-#[tokio::test]
-async fn a_purged_job_keeps_its_name_and_loses_its_content() {
-    let bench = Bench::new().await;
+async fn a_purged_job_keeps_its_name_and_loses_its_content(bench: Bench) {
     let job = bench.submit().await;
     bench.claim().await.expect("a job");
     assert!(bench.store.purge(job.id).await.expect("an answer"));
@@ -247,9 +276,7 @@ async fn a_purged_job_keeps_its_name_and_loses_its_content() {
     assert!(!bench.store.purge(JobId::new()).await.expect("an answer"));
 }
 
-#[tokio::test]
-async fn the_queue_position_counts_those_ahead() {
-    let bench = Bench::new().await;
+async fn the_queue_position_counts_those_ahead(bench: Bench) {
     let mut jobs = Vec::new();
     for _ in 0..3 {
         jobs.push(bench.submit().await);
@@ -264,9 +291,7 @@ async fn the_queue_position_counts_those_ahead() {
     assert_eq!(bench.store.queue_position(&running).await.expect("an answer"), None);
 }
 
-#[tokio::test]
-async fn each_change_grows_the_version_and_a_quiet_heartbeat_does_not() {
-    let bench = Bench::new().await;
+async fn each_change_grows_the_version_and_a_quiet_heartbeat_does_not(bench: Bench) {
     let job = bench.submit().await;
     let claim = bench.claim().await.expect("a job");
     assert!(claim.job.version > job.version);
@@ -277,6 +302,29 @@ async fn each_change_grows_the_version_and_a_quiet_heartbeat_does_not() {
     bench.store.heartbeat(&claim.lease, LEASE, None).await.expect("held");
     bench.store.heartbeat(&claim.lease, LEASE, Some(progress)).await.expect("held");
     assert_eq!(bench.get(job.id).await.version, news);
+}
+
+async fn an_end_whose_answer_was_lost_is_answered_again(bench: Bench) {
+    let job = bench.submit().await;
+    let first = bench.claim().await.expect("a job").lease;
+    let failed = bench.store.fail(&first, Bench::failure(FailureKind::Passing)).await.expect("noted");
+    let again = bench.store.fail(&first, Bench::failure(FailureKind::Passing)).await.expect("noted before");
+    assert_eq!((failed.status, again), (Status::Queued, failed.clone()));
+    bench.pass(Duration::from_secs(600));
+    let second = bench.claim().await.expect("the job again").lease;
+    let cancel = std::sync::atomic::AtomicBool::new(false);
+    let clock = || Duration::ZERO;
+    let context = Context::new(&NoProgress, &cancel, &clock, Duration::MAX);
+    let (options, limits) = (meshmend::repair::Options::default(), Limits::default());
+    let report =
+        meshmend::repair::repair(&files::whole_box(), &options, &limits, None, &context).expect("a result").report;
+    let report = JobReport::Repair(Box::new(report));
+    let completion = Completion { report, artifacts: Artifacts::new() };
+    let done = bench.store.complete(&second, completion.clone()).await.expect("ended");
+    assert_eq!(bench.store.complete(&second, completion.clone()).await.expect("ended before"), done);
+    assert_eq!(bench.get(job.id).await.version, done.version, "nothing was written twice");
+    let late = bench.store.complete(&first, completion).await;
+    assert!(matches!(late, Err(StoreError::LeaseLost)), "{late:?}");
 }
 
 #[tokio::test]

@@ -1,5 +1,3 @@
-mod row;
-
 use std::fs::File;
 use std::path::Path;
 use std::sync::Arc;
@@ -11,12 +9,12 @@ use sqlx::SqliteConnection;
 use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode, SqlitePool, SqlitePoolOptions, SqliteSynchronous};
 use uuid::Uuid;
 
-use self::row::{corrupt, count, millis, read_job, to_json, to_millis};
+use super::row::{corrupt, count, job_columns, millis, read_job, to_json, to_millis};
 use super::store::{
     Cancelled, Claim, Completion, Failure, FailureKind, JobStore, Lease, ListQuery, NewJob, Page, StatusCount,
     StoreError,
 };
-use super::{Bell, Clock, Job, JobId, JobProblem, JobProgress, ProblemKind, RetryPolicy, Status};
+use super::{Bell, Clock, Job, JobId, JobProblem, JobProgress, RetryPolicy, Status};
 
 /// Jobs in one SQLite file: the default, which needs nothing installed.
 ///
@@ -32,14 +30,6 @@ pub struct SqliteStore {
     clock: Arc<dyn Clock>,
     retry: RetryPolicy,
     bell: Bell,
-}
-
-/// The columns of a job in the order that does not matter, for `SELECT` and `RETURNING`.
-macro_rules! job_columns {
-    () => {
-        "id, status, outcome, attempt, crashes, created_at, run_at, started_at, finished_at, progress, inputs, \
-         options, report, artifacts, problem, version, purged_at"
-    };
 }
 
 impl SqliteStore {
@@ -69,6 +59,16 @@ impl SqliteStore {
     /// A write transaction that holds SQLite's write lock from its start, so that it never fails half way for a lock.
     async fn begin(&self) -> Result<sqlx::Transaction<'_, sqlx::Sqlite>, StoreError> {
         Ok(self.writer.begin_with("BEGIN IMMEDIATE").await?)
+    }
+
+    /// The job where this hold's own last write had arrived, though its worker did not hear of that.
+    async fn ended_by(&self, held: &Lease) -> Result<Job, StoreError> {
+        let row = sqlx::query(concat!("SELECT ", job_columns!(), " FROM jobs WHERE id = ? AND ended_token = ?"))
+            .bind(held.id.to_string())
+            .bind(&held.token)
+            .fetch_optional(&self.reader)
+            .await?;
+        read_job(&row.ok_or(StoreError::LeaseLost)?)
     }
 
     fn due_after(&self, tries: u32) -> i64 {
@@ -119,11 +119,8 @@ impl JobStore for SqliteStore {
         .bind(i64::from(query.limit) + 1)
         .fetch_all(&self.reader)
         .await?;
-        let mut jobs = rows.iter().map(read_job).collect::<Result<Vec<_>, _>>()?;
-        let more = jobs.len() > query.limit as usize;
-        jobs.truncate(query.limit as usize);
-        let next = jobs.last().filter(|_| more).map(|job| job.id);
-        Ok(Page { jobs, next })
+        let jobs = rows.iter().map(read_job).collect::<Result<Vec<_>, _>>()?;
+        Ok(Page::of(jobs, query.limit))
     }
 
     async fn queue_position(&self, job: &Job) -> Result<Option<u64>, StoreError> {
@@ -146,11 +143,7 @@ impl JobStore for SqliteStore {
             sqlx::query_as("SELECT status, count(*) FROM jobs WHERE purged_at IS NULL GROUP BY status")
                 .fetch_all(&self.reader)
                 .await?;
-        let count = |status: Status| {
-            let found = rows.iter().find(|(name, _)| name == status.as_str());
-            StatusCount { status, count: found.map_or(0, |(_, n)| n.unsigned_abs()) }
-        };
-        Ok(Status::ALL.into_iter().map(count).collect())
+        Ok(StatusCount::of_all(&rows))
     }
 
     async fn claim(&self, worker: &str, lease: Duration) -> Result<Option<Claim>, StoreError> {
@@ -206,7 +199,7 @@ impl JobStore for SqliteStore {
         let row = sqlx::query(concat!(
             "UPDATE jobs SET status = 'succeeded', outcome = ?1, report = ?2, artifacts = ?3, problem = NULL, \
              progress = NULL, finished_at = ?4, worker = NULL, lease_token = NULL, lease_expires_at = NULL, \
-             version = version + 1 \
+             ended_token = ?7, version = version + 1 \
              WHERE id = ?5 AND attempt = ?6 AND lease_token = ?7 AND status = 'running' RETURNING ",
             job_columns!()
         ))
@@ -220,7 +213,8 @@ impl JobStore for SqliteStore {
         .fetch_all(&self.writer)
         .await?
         .pop();
-        let job = read_job(&row.ok_or(StoreError::LeaseLost)?)?;
+        let Some(row) = row else { return self.ended_by(held).await };
+        let job = read_job(&row)?;
         self.bell.ring(job.id);
         Ok(job)
     }
@@ -236,15 +230,15 @@ impl JobStore for SqliteStore {
         .bind(&held.token)
         .fetch_optional(&mut *transaction)
         .await?;
-        let (attempt, crashes) = counted.ok_or(StoreError::LeaseLost)?;
-        let (attempt, crashes) = (count(attempt), count(crashes) + u32::from(failure.kind == FailureKind::Crash));
-        let ended = match failure.kind {
-            FailureKind::Final => true,
-            FailureKind::Passing => attempt >= self.retry.max_attempts,
-            FailureKind::Crash => crashes >= self.retry.max_crashes,
+        let Some((attempt, crashes)) = counted else {
+            drop(transaction);
+            return self.ended_by(held).await;
         };
+        let (attempt, crashes) = (count(attempt), count(crashes) + u32::from(failure.kind == FailureKind::Crash));
+        let ended = self.retry.ends(failure.kind, attempt, crashes);
         let end = End {
             id: held.id,
+            token: Some(&held.token),
             crashes,
             retry_at: (!ended).then(|| self.due_after(attempt)),
             problem: &failure.problem,
@@ -297,17 +291,9 @@ impl JobStore for SqliteStore {
         for (id, crashes, artifacts) in lost {
             let id = id.parse().map_err(|_| corrupt(&id, "id", "no job id"))?;
             let crashes = count(crashes) + 1;
-            let problem = JobProblem {
-                code: ProblemKind::WorkerLost,
-                detail: format!(
-                    "{crashes} workers went away while they had this job, so it was set aside. If the service was not \
-                     being killed by hand, this model may be what takes workers down: please report it."
-                ),
-                place: None,
-                file: None,
-            };
+            let problem = JobProblem::worker_lost(crashes);
             let retry_at = (crashes < self.retry.max_crashes).then_some(now);
-            let end = End { id, crashes, retry_at, problem: &problem, artifacts: &artifacts, now };
+            let end = End { id, token: None, crashes, retry_at, problem: &problem, artifacts: &artifacts, now };
             rescued.push(end_attempt(&mut transaction, &end).await?);
         }
         transaction.commit().await?;
@@ -340,13 +326,7 @@ impl JobStore for SqliteStore {
             .bind(id.to_string())
             .fetch_optional(&mut *transaction)
             .await?;
-        Ok(row.as_ref().map(read_job).transpose()?.map(|job| {
-            if job.status == Status::Canceled {
-                Cancelled::Yes(Box::new(job))
-            } else {
-                Cancelled::TooLate(Box::new(job))
-            }
-        }))
+        Ok(row.as_ref().map(read_job).transpose()?.map(Cancelled::of_ended))
     }
 
     async fn purge(&self, id: JobId) -> Result<bool, StoreError> {
@@ -382,6 +362,8 @@ impl JobStore for SqliteStore {
 /// How an attempt ends without a result.
 struct End<'a> {
     id: JobId,
+    /// Of the worker that ends it; none where the worker is lost.
+    token: Option<&'a str>,
     crashes: u32,
     /// When to try again; none to fail for good.
     retry_at: Option<i64>,
@@ -396,7 +378,8 @@ async fn end_attempt(connection: &mut SqliteConnection, end: &End<'_>) -> Result
         "UPDATE jobs SET status = CASE WHEN ?1 IS NULL THEN 'failed' ELSE 'queued' END, run_at = coalesce(?1, run_at), \
          problem = CASE WHEN ?1 IS NULL THEN ?2 END, artifacts = CASE WHEN ?1 IS NULL THEN ?3 ELSE artifacts END, \
          finished_at = CASE WHEN ?1 IS NULL THEN ?4 END, crashes = ?5, progress = NULL, worker = NULL, \
-         lease_token = NULL, lease_expires_at = NULL, version = version + 1 WHERE id = ?6 RETURNING ",
+         lease_token = NULL, lease_expires_at = NULL, ended_token = coalesce(?7, ended_token), version = version + 1 \
+         WHERE id = ?6 RETURNING ",
         job_columns!()
     ))
     .bind(end.retry_at)
@@ -405,6 +388,7 @@ async fn end_attempt(connection: &mut SqliteConnection, end: &End<'_>) -> Result
     .bind(end.now)
     .bind(end.crashes)
     .bind(end.id.to_string())
+    .bind(end.token)
     .fetch_one(connection)
     .await?;
     read_job(&row)

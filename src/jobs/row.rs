@@ -2,11 +2,10 @@ use std::time::Duration;
 
 use serde::Serialize;
 use serde::de::DeserializeOwned;
-use sqlx::Row;
-use sqlx::sqlite::SqliteRow;
+use sqlx::{ColumnIndex, Decode, Row, Type};
 use time::OffsetDateTime;
 
-use crate::jobs::{Input, Job, StoreError};
+use super::{Input, Job, StoreError};
 
 pub(super) fn millis(duration: Duration) -> i64 {
     i64::try_from(duration.as_millis()).unwrap_or(i64::MAX / 4)
@@ -29,7 +28,22 @@ pub(super) fn corrupt(id: &str, column: &'static str, reason: impl ToString) -> 
     StoreError::Corrupt { id: id.to_owned(), column, reason: reason.to_string() }
 }
 
-pub(super) fn read_job(row: &SqliteRow) -> Result<Job, StoreError> {
+/// The columns of a job in the order that does not matter, for `SELECT` and `RETURNING`.
+macro_rules! job_columns {
+    () => {
+        "id, status, outcome, attempt, crashes, created_at, run_at, started_at, finished_at, progress, inputs, \
+         options, report, artifacts, problem, version, purged_at"
+    };
+}
+pub(super) use job_columns;
+
+/// Reads a job from a row of [`job_columns`].
+pub(super) fn read_job<R: Row>(row: &R) -> Result<Job, StoreError>
+where
+    for<'a> &'a str: ColumnIndex<R>,
+    for<'a> String: Decode<'a, R::Database> + Type<R::Database>,
+    for<'a> i64: Decode<'a, R::Database> + Type<R::Database>,
+{
     let id: String = row.try_get("id")?;
     let time = |column: &'static str| -> Result<Option<OffsetDateTime>, StoreError> {
         let Some(stored) = row.try_get::<Option<i64>, _>(column)? else { return Ok(None) };
@@ -48,7 +62,7 @@ pub(super) fn read_job(row: &SqliteRow) -> Result<Job, StoreError> {
         run_at: moment("run_at")?,
         started_at: time("started_at")?,
         finished_at: time("finished_at")?,
-        inputs: json::<Vec<Input>>(row, &id, "inputs")?
+        inputs: json::<Vec<Input>, R>(row, &id, "inputs")?
             .filter(|inputs| !inputs.is_empty())
             .ok_or_else(|| corrupt(&id, "inputs", "no file"))?,
         options: json(row, &id, "options")?.ok_or_else(|| corrupt(&id, "options", "null"))?,
@@ -61,7 +75,11 @@ pub(super) fn read_job(row: &SqliteRow) -> Result<Job, StoreError> {
     })
 }
 
-fn json<T: DeserializeOwned>(row: &SqliteRow, id: &str, column: &'static str) -> Result<Option<T>, StoreError> {
+fn json<T: DeserializeOwned, R: Row>(row: &R, id: &str, column: &'static str) -> Result<Option<T>, StoreError>
+where
+    for<'a> &'a str: ColumnIndex<R>,
+    for<'a> String: Decode<'a, R::Database> + Type<R::Database>,
+{
     let text: Option<String> = row.try_get(column)?;
     text.map(|text| serde_json::from_str(&text).map_err(|e| corrupt(id, column, e))).transpose()
 }

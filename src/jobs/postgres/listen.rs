@@ -1,0 +1,39 @@
+use std::sync::Arc;
+use std::time::Duration;
+
+use sqlx::postgres::{PgListener, PgPool};
+
+use crate::jobs::{Bell, Status};
+
+/// What the triggers of `migrations/postgres` notify.
+const CHANNEL: &str = "meshmend_jobs";
+/// How long to wait after the connection was lost.
+const PAUSE: Duration = Duration::from_secs(1);
+
+/// Rings the bell for whatever changes in the database, whoever changed it, as long as it runs.
+pub(super) async fn ring(pool: PgPool, bell: Arc<Bell>) {
+    loop {
+        if let Err(error) = listen(&pool, &bell).await {
+            tracing::warn!(%error, "the database can't be listened to; looking now and then meanwhile");
+        }
+        tokio::time::sleep(PAUSE).await;
+    }
+}
+
+async fn listen(pool: &PgPool, bell: &Bell) -> Result<(), sqlx::Error> {
+    let mut listener = PgListener::connect_with(pool).await?;
+    listener.listen(CHANNEL).await?;
+    // There may have been news before.
+    bell.ring_for_work();
+    // None where the connection was lost.
+    while let Some(told) = listener.try_recv().await? {
+        let Some((id, status)) = told.payload().split_once(' ') else { continue };
+        if let Ok(id) = id.parse() {
+            bell.ring(id);
+        }
+        if status == Status::Queued.as_str() {
+            bell.ring_for_work();
+        }
+    }
+    Ok(())
+}

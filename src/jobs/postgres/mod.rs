@@ -1,0 +1,369 @@
+mod listen;
+
+use std::str::FromStr;
+use std::sync::Arc;
+use std::time::Duration;
+
+use async_trait::async_trait;
+use sqlx::PgConnection;
+use sqlx::postgres::{PgConnectOptions, PgPool, PgPoolOptions};
+use tokio::task::JoinHandle;
+use uuid::Uuid;
+
+use super::row::{corrupt, count, job_columns, millis, read_job, to_json, to_millis};
+use super::store::{
+    Cancelled, Claim, Completion, Failure, FailureKind, JobStore, Lease, ListQuery, NewJob, Page, StatusCount,
+    StoreError,
+};
+use super::{Bell, Clock, Input, Job, JobId, JobProblem, JobProgress, RetryPolicy, Status};
+
+/// How long a statement, a lock, and a transaction in which nothing happens may take, for the server to end them.
+const LIMITS: [(&str, &str); 3] =
+    [("statement_timeout", "15s"), ("lock_timeout", "10s"), ("idle_in_transaction_session_timeout", "30s")];
+/// How long to wait for a connection.
+const ACQUIRE: Duration = Duration::from_secs(3);
+
+/// Jobs in a PostgreSQL database that any number of processes on any number of machines share.
+///
+/// Times are the database's, so that leases do not depend on the clocks of the machines. Claims skip rows that others hold
+/// (`FOR UPDATE SKIP LOCKED`). Triggers tell every process of changes (`LISTEN`, `NOTIFY`), and whoever misses that looks by itself
+/// now and then. Connections that broke are replaced; what was under way on them is an error to the caller.
+pub struct PostgresStore {
+    pool: PgPool,
+    /// A clock in the database's place, for tests.
+    clock: Option<Arc<dyn Clock>>,
+    retry: RetryPolicy,
+    bell: Arc<Bell>,
+    listener: JoinHandle<()>,
+}
+
+impl Drop for PostgresStore {
+    fn drop(&mut self) {
+        self.listener.abort();
+    }
+}
+
+impl PostgresStore {
+    /// Connects, at most `connections` times at once, and brings the tables up to date. `clock` takes the place of the
+    /// database's, for tests.
+    ///
+    /// # Errors
+    /// When the address can't be read or reached, or the tables were made by a newer version.
+    pub async fn open(
+        url: &str,
+        connections: u32,
+        clock: Option<Arc<dyn Clock>>,
+        retry: RetryPolicy,
+    ) -> Result<Self, StoreError> {
+        let options = PgConnectOptions::from_str(url)?.application_name("meshmend").options(LIMITS);
+        let pool = PgPoolOptions::new().acquire_timeout(ACQUIRE).max_connections(connections.max(2));
+        let pool = pool.connect_with(options).await?;
+        sqlx::migrate!("migrations/postgres").run(&pool).await?;
+        let bell = Arc::new(Bell::default());
+        let listener = tokio::spawn(listen::ring(pool.clone(), Arc::clone(&bell)));
+        Ok(Self { pool, clock, retry, bell, listener })
+    }
+
+    /// The time where it is not the database's.
+    fn now(&self) -> Option<i64> {
+        self.clock.as_ref().map(|clock| clock.now_ms())
+    }
+
+    /// The job where this hold's own last write had arrived, though its worker did not hear of that.
+    async fn ended_by(&self, held: &Lease) -> Result<Job, StoreError> {
+        let row = sqlx::query(concat!("SELECT ", job_columns!(), " FROM jobs WHERE id = $1 AND ended_token = $2"))
+            .bind(held.id.to_string())
+            .bind(&held.token)
+            .fetch_optional(&self.pool)
+            .await?;
+        read_job(&row.ok_or(StoreError::LeaseLost)?)
+    }
+}
+
+#[async_trait]
+impl JobStore for PostgresStore {
+    async fn submit(&self, job: NewJob) -> Result<Job, StoreError> {
+        let row = sqlx::query(concat!(
+            "INSERT INTO jobs (id, status, created_at, run_at, inputs, options) \
+             VALUES ($1, 'queued', meshmend_now($2), meshmend_now($2), $3, $4) RETURNING ",
+            job_columns!()
+        ))
+        .bind(job.id.to_string())
+        .bind(self.now())
+        .bind(to_json(&job.inputs))
+        .bind(to_json(&job.options))
+        .fetch_one(&self.pool)
+        .await?;
+        read_job(&row)
+    }
+
+    async fn get(&self, id: JobId) -> Result<Option<Job>, StoreError> {
+        let row = sqlx::query(concat!("SELECT ", job_columns!(), " FROM jobs WHERE id = $1"))
+            .bind(id.to_string())
+            .fetch_optional(&self.pool)
+            .await?;
+        row.as_ref().map(read_job).transpose()
+    }
+
+    async fn list(&self, query: ListQuery) -> Result<Page, StoreError> {
+        let rows = sqlx::query(
+            "SELECT id, status, outcome, attempt, crashes, created_at, run_at, started_at, finished_at, progress, \
+                    inputs, options, NULL::text AS report, artifacts, problem, version, purged_at \
+             FROM jobs WHERE purged_at IS NULL AND ($1::text IS NULL OR status = $1) AND ($2::text IS NULL OR id < $2) \
+             ORDER BY id DESC LIMIT $3",
+        )
+        .bind(query.status.map(Status::as_str))
+        .bind(query.before.map(|id| id.to_string()))
+        .bind(i64::from(query.limit) + 1)
+        .fetch_all(&self.pool)
+        .await?;
+        let jobs = rows.iter().map(read_job).collect::<Result<Vec<_>, _>>()?;
+        Ok(Page::of(jobs, query.limit))
+    }
+
+    async fn queue_position(&self, job: &Job) -> Result<Option<u64>, StoreError> {
+        if job.status != Status::Queued {
+            return Ok(None);
+        }
+        let ahead: i64 = sqlx::query_scalar(
+            "SELECT count(*) FROM jobs WHERE status = 'queued' AND (run_at < $1 OR (run_at = $1 AND id < $2))",
+        )
+        .bind(to_millis(job.run_at))
+        .bind(job.id.to_string())
+        .fetch_one(&self.pool)
+        .await?;
+        Ok(Some(ahead.unsigned_abs()))
+    }
+
+    async fn counts(&self) -> Result<Vec<StatusCount>, StoreError> {
+        let rows: Vec<(String, i64)> =
+            sqlx::query_as("SELECT status, count(*) FROM jobs WHERE purged_at IS NULL GROUP BY status")
+                .fetch_all(&self.pool)
+                .await?;
+        Ok(StatusCount::of_all(&rows))
+    }
+
+    async fn claim(&self, worker: &str, lease: Duration) -> Result<Option<Claim>, StoreError> {
+        let token = Uuid::new_v4().simple().to_string();
+        let row = sqlx::query(concat!(
+            "UPDATE jobs SET status = 'running', attempt = attempt + 1, worker = $1, lease_token = $2, \
+             lease_expires_at = meshmend_now($3) + $4, started_at = coalesce(started_at, meshmend_now($3)), \
+             progress = NULL, version = version + 1 \
+             WHERE id = (SELECT id FROM jobs WHERE status = 'queued' AND run_at <= meshmend_now($3) \
+                         ORDER BY run_at, id LIMIT 1 FOR UPDATE SKIP LOCKED) \
+             RETURNING ",
+            job_columns!()
+        ))
+        .bind(worker)
+        .bind(&token)
+        .bind(self.now())
+        .bind(millis(lease))
+        .fetch_optional(&self.pool)
+        .await?;
+        let Some(row) = row else { return Ok(None) };
+        let job = read_job(&row)?;
+        // Another one may be due for another idle worker.
+        self.bell.ring_for_work();
+        Ok(Some(Claim { lease: Lease { id: job.id, attempt: job.attempt, token }, job }))
+    }
+
+    async fn heartbeat(&self, held: &Lease, lease: Duration, progress: Option<JobProgress>) -> Result<(), StoreError> {
+        // The version grows only with news, so that a quiet heartbeat does not wake those who wait for a change.
+        let done = sqlx::query(
+            "UPDATE jobs SET lease_expires_at = meshmend_now($1) + $2, progress = coalesce($3, progress), \
+             version = version + CASE WHEN $3 IS NOT NULL AND $3 IS DISTINCT FROM progress THEN 1 ELSE 0 END \
+             WHERE id = $4 AND attempt = $5 AND lease_token = $6 AND status = 'running'",
+        )
+        .bind(self.now())
+        .bind(millis(lease))
+        .bind(progress.as_ref().map(to_json))
+        .bind(held.id.to_string())
+        .bind(i64::from(held.attempt))
+        .bind(&held.token)
+        .execute(&self.pool)
+        .await?;
+        if done.rows_affected() == 1 { Ok(()) } else { Err(StoreError::LeaseLost) }
+    }
+
+    async fn complete(&self, held: &Lease, completion: Completion) -> Result<Job, StoreError> {
+        let row = sqlx::query(concat!(
+            "UPDATE jobs SET status = 'succeeded', outcome = $1, report = $2, artifacts = $3, problem = NULL, \
+             progress = NULL, finished_at = meshmend_now($4), worker = NULL, lease_token = NULL, \
+             lease_expires_at = NULL, ended_token = $7, version = version + 1 \
+             WHERE id = $5 AND attempt = $6 AND lease_token = $7 AND status = 'running' RETURNING ",
+            job_columns!()
+        ))
+        .bind(to_json(&completion.report.outcome()))
+        .bind(to_json(&completion.report))
+        .bind(to_json(&completion.artifacts))
+        .bind(self.now())
+        .bind(held.id.to_string())
+        .bind(i64::from(held.attempt))
+        .bind(&held.token)
+        .fetch_optional(&self.pool)
+        .await?;
+        match row {
+            Some(row) => read_job(&row),
+            None => self.ended_by(held).await,
+        }
+    }
+
+    async fn fail(&self, held: &Lease, failure: Failure) -> Result<Job, StoreError> {
+        let mut transaction = self.pool.begin().await?;
+        let counted: Option<(i64, i64)> = sqlx::query_as(
+            "SELECT attempt, crashes FROM jobs \
+             WHERE id = $1 AND attempt = $2 AND lease_token = $3 AND status = 'running' FOR UPDATE",
+        )
+        .bind(held.id.to_string())
+        .bind(i64::from(held.attempt))
+        .bind(&held.token)
+        .fetch_optional(&mut *transaction)
+        .await?;
+        let Some((attempt, crashes)) = counted else {
+            drop(transaction);
+            return self.ended_by(held).await;
+        };
+        let (attempt, crashes) = (count(attempt), count(crashes) + u32::from(failure.kind == FailureKind::Crash));
+        let ended = self.retry.ends(failure.kind, attempt, crashes);
+        let end = End {
+            id: held.id,
+            token: Some(&held.token),
+            crashes,
+            retry_in: (!ended).then(|| self.retry.delay(attempt, Uuid::new_v4().as_u64_pair().0)),
+            problem: &failure.problem,
+            artifacts: &to_json(&failure.artifacts),
+            now: self.now(),
+        };
+        let job = end_attempt(&mut transaction, &end).await?;
+        transaction.commit().await?;
+        Ok(job)
+    }
+
+    async fn hand_back(&self, held: &Lease) -> Result<(), StoreError> {
+        let done = sqlx::query(
+            "UPDATE jobs SET status = 'queued', attempt = attempt - 1, progress = NULL, worker = NULL, \
+             lease_token = NULL, lease_expires_at = NULL, version = version + 1 \
+             WHERE id = $1 AND attempt = $2 AND lease_token = $3 AND status = 'running'",
+        )
+        .bind(held.id.to_string())
+        .bind(i64::from(held.attempt))
+        .bind(&held.token)
+        .execute(&self.pool)
+        .await?;
+        if done.rows_affected() == 1 { Ok(()) } else { Err(StoreError::LeaseLost) }
+    }
+
+    async fn rescue(&self) -> Result<Vec<Job>, StoreError> {
+        let mut transaction = self.pool.begin().await?;
+        let lost: Vec<(String, i64, String)> = sqlx::query_as(
+            "SELECT id, crashes, artifacts FROM jobs \
+             WHERE status = 'running' AND lease_expires_at <= meshmend_now($1) ORDER BY id FOR UPDATE SKIP LOCKED",
+        )
+        .bind(self.now())
+        .fetch_all(&mut *transaction)
+        .await?;
+        let mut rescued = Vec::with_capacity(lost.len());
+        for (id, crashes, artifacts) in lost {
+            let id = id.parse().map_err(|_| corrupt(&id, "id", "no job id"))?;
+            let crashes = count(crashes) + 1;
+            let problem = JobProblem::worker_lost(crashes);
+            let retry_in = (crashes < self.retry.max_crashes).then_some(Duration::ZERO);
+            let (now, artifacts) = (self.now(), artifacts.as_str());
+            let end = End { id, token: None, crashes, retry_in, problem: &problem, artifacts, now };
+            rescued.push(end_attempt(&mut transaction, &end).await?);
+        }
+        transaction.commit().await?;
+        Ok(rescued)
+    }
+
+    async fn cancel(&self, id: JobId) -> Result<Option<Cancelled>, StoreError> {
+        let row = sqlx::query(concat!(
+            "UPDATE jobs SET status = 'canceled', finished_at = meshmend_now($1), progress = NULL, worker = NULL, \
+             lease_token = NULL, lease_expires_at = NULL, version = version + 1 \
+             WHERE id = $2 AND status IN ('queued', 'running') RETURNING ",
+            job_columns!()
+        ))
+        .bind(self.now())
+        .bind(id.to_string())
+        .fetch_optional(&self.pool)
+        .await?;
+        if let Some(row) = row {
+            return Ok(Some(Cancelled::Yes(Box::new(read_job(&row)?))));
+        }
+        Ok(self.get(id).await?.map(Cancelled::of_ended))
+    }
+
+    async fn purge(&self, id: JobId) -> Result<bool, StoreError> {
+        let mut transaction = self.pool.begin().await?;
+        let inputs: Option<String> = sqlx::query_scalar("SELECT inputs FROM jobs WHERE id = $1 FOR UPDATE")
+            .bind(id.to_string())
+            .fetch_optional(&mut *transaction)
+            .await?;
+        let Some(inputs) = inputs else { return Ok(false) };
+        let mut inputs: Vec<Input> =
+            serde_json::from_str(&inputs).map_err(|error| corrupt(&id.to_string(), "inputs", error))?;
+        for input in &mut inputs {
+            input.name.clear();
+            input.sha256.clear();
+        }
+        sqlx::query(
+            "UPDATE jobs SET purged_at = coalesce(purged_at, meshmend_now($1)), \
+             status = CASE WHEN status IN ('queued', 'running') THEN 'canceled' ELSE status END, \
+             finished_at = coalesce(finished_at, meshmend_now($1)), worker = NULL, lease_token = NULL, \
+             lease_expires_at = NULL, progress = NULL, report = NULL, problem = NULL, artifacts = '{}', inputs = $2, \
+             version = version + 1 WHERE id = $3",
+        )
+        .bind(self.now())
+        .bind(to_json(&inputs))
+        .bind(id.to_string())
+        .execute(&mut *transaction)
+        .await?;
+        transaction.commit().await?;
+        Ok(true)
+    }
+
+    async fn ping(&self) -> Result<(), StoreError> {
+        sqlx::query("SELECT 1").execute(&self.pool).await?;
+        Ok(())
+    }
+
+    fn bell(&self) -> &Bell {
+        &self.bell
+    }
+}
+
+/// How an attempt ends without a result.
+struct End<'a> {
+    id: JobId,
+    /// Of the worker that ends it; none where the worker is lost.
+    token: Option<&'a str>,
+    crashes: u32,
+    /// When to try again; none to fail for good.
+    retry_in: Option<Duration>,
+    problem: &'a JobProblem,
+    artifacts: &'a str,
+    now: Option<i64>,
+}
+
+/// Writes the end of an attempt. The caller holds the row, and has checked that the attempt may be ended.
+async fn end_attempt(connection: &mut PgConnection, end: &End<'_>) -> Result<Job, StoreError> {
+    let row = sqlx::query(concat!(
+        "UPDATE jobs SET status = CASE WHEN $1::bigint IS NULL THEN 'failed' ELSE 'queued' END, \
+         run_at = coalesce(meshmend_now($4) + $1, run_at), problem = CASE WHEN $1 IS NULL THEN $2 END, \
+         artifacts = CASE WHEN $1 IS NULL THEN $3 ELSE artifacts END, \
+         finished_at = CASE WHEN $1 IS NULL THEN meshmend_now($4) END, crashes = $5, progress = NULL, worker = NULL, \
+         lease_token = NULL, lease_expires_at = NULL, ended_token = coalesce($7, ended_token), version = version + 1 \
+         WHERE id = $6 RETURNING ",
+        job_columns!()
+    ))
+    .bind(end.retry_in.map(millis))
+    .bind(to_json(end.problem))
+    .bind(end.artifacts)
+    .bind(end.now)
+    .bind(i64::from(end.crashes))
+    .bind(end.id.to_string())
+    .bind(end.token)
+    .fetch_one(connection)
+    .await?;
+    read_job(&row)
+}

@@ -1,0 +1,95 @@
+//! Many processes on one PostgreSQL database, and what happens when it goes away.
+
+use std::path::Path;
+use std::time::Duration;
+
+use meshmend::format::Format;
+use meshmend::jobs::{Input, JobId, JobOptions, JobStore, NewJob, PostgresStore, RetryPolicy};
+use serde_json::{Value, json};
+
+use crate::files;
+use crate::postgres::Postgres;
+use crate::server::{Api, Start, stored_files, until};
+
+/// The upload, the model, the report, the log, three pictures and four coloured meshes.
+const FILES: usize = 11;
+
+fn serve<'a>(data: &'a Path, cluster: &Postgres) -> Start<'a> {
+    Start::serve(data).env("MESHMEND_DATABASE_URL", &cluster.url()).env("MESHMEND_NO_WORKERS", "true")
+}
+
+fn work<'a>(data: &'a Path, cluster: &Postgres) -> Start<'a> {
+    Start::work(data).env("MESHMEND_DATABASE_URL", &cluster.url())
+}
+
+#[tokio::test]
+async fn what_changes_in_the_database_rings_in_every_process_that_shares_it() {
+    let cluster = Postgres::start();
+    let open = || PostgresStore::open("postgres", 4, None, RetryPolicy::default());
+    assert!(open().await.is_err(), "no address");
+    let url = cluster.url();
+    let open = || PostgresStore::open(&url, 4, None, RetryPolicy::default());
+    let (one, other) = (open().await.expect("a store"), open().await.expect("another"));
+    let mut changes = other.bell().listen();
+    let id = JobId::new();
+    let input = Input { key: "k".into(), name: "a.stl".into(), bytes: 684, sha256: "00".into(), format: Format::Stl };
+    // Its listener may not have begun yet: then the next job rings.
+    let mut all = vec![id];
+    let rung = async {
+        loop {
+            let id = *all.last().expect("one");
+            one.submit(NewJob { id, inputs: vec![input.clone()], options: JobOptions::default() })
+                .await
+                .expect("noted");
+            match tokio::time::timeout(Duration::from_secs(1), changes.recv()).await {
+                Ok(changed) => break changed.expect("a ring"),
+                Err(_) => all.push(JobId::new()),
+            }
+        }
+    };
+    let changed = tokio::time::timeout(Duration::from_secs(30), rung).await.expect("it rings");
+    assert!(all.contains(&changed));
+    tokio::time::timeout(Duration::from_secs(5), other.bell().work()).await.expect("it rings for work");
+}
+
+#[tokio::test]
+async fn one_process_serves_and_another_one_works() {
+    let (cluster, data) = (Postgres::start(), tempfile::tempdir().expect("a folder"));
+    let server = serve(data.path(), &cluster).start();
+    let api = Api::new(&server);
+    let id = api.submit(files::broken_box(), json!({"max_tier": 1})).await;
+    assert_eq!(api.job(&id).await["status"], "queued", "nobody works yet");
+    let _worker = work(data.path(), &cluster).start();
+    let job = api.finished(&id).await;
+    assert_eq!((&job["status"], &job["outcome"]), (&json!("succeeded"), &json!("repaired")), "{job}");
+    assert_eq!(api.artifact(&id, "model").await.len(), 84 + 50 * 12);
+}
+
+#[tokio::test]
+async fn a_database_that_is_killed_and_comes_back_loses_no_job_at_any_step_of_its_worker() {
+    for pause in ["worker-claimed", "child-tier1", "worker-publish", "worker-complete"] {
+        let (mut cluster, data) = (Postgres::start(), tempfile::tempdir().expect("a folder"));
+        let server = serve(data.path(), &cluster).start();
+        let api = Api::new(&server);
+        let worker = work(data.path(), &cluster).env("FAILPOINTS", &format!("{pause}=1*sleep(2000)")).start();
+        let waiting = api.submit(files::broken_box(), json!({"max_tier": 1})).await;
+        until("the worker has it", async || (api.job(&waiting).await["status"] == "running").then_some(())).await;
+        cluster.kill();
+        if pause == "child-tier1" {
+            let refused = api.try_submit("b.stl", files::broken_box(), json!({"max_tier": 1})).await;
+            assert_eq!(refused.status(), 503);
+            assert_eq!(refused.headers()["retry-after"], "5");
+            assert_eq!(refused.json::<Value>().await.expect("a problem")["code"], "unavailable");
+        }
+        cluster.restart();
+        let job = api.finished(&waiting).await;
+        assert_eq!((&job["status"], &job["outcome"]), (&json!("succeeded"), &json!("repaired")), "{pause} {job}");
+        let next = api.submit(files::broken_box(), json!({"max_tier": 1})).await;
+        assert_eq!(api.finished(&next).await["status"], "succeeded", "{pause}");
+        until("no file of a lost attempt is left", async || {
+            (stored_files(data.path(), &waiting).len() == FILES).then_some(())
+        })
+        .await;
+        assert!(!worker.log().contains("panicked"), "{}", worker.log());
+    }
+}
