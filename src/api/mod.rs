@@ -9,6 +9,7 @@ mod capabilities;
 mod events;
 mod extract;
 mod health;
+mod idempotency;
 mod job_view;
 mod jobs;
 mod layers;

@@ -44,6 +44,10 @@ pub enum ProblemCode {
     ArtifactNotFound,
     /// The range lies outside the file.
     RangeNotSatisfiable,
+    /// A request with the same Idempotency-Key is under way.
+    IdempotencyKeyInUse,
+    /// The Idempotency-Key came with another request before.
+    IdempotencyKeyReused,
     /// The database does not answer now.
     Unavailable,
     /// A fault of the service.
@@ -65,7 +69,7 @@ pub struct ProblemDoc {
 
 impl ProblemCode {
     /// Every code.
-    pub const ALL: [Self; 18] = [
+    pub const ALL: [Self; 20] = [
         Self::RouteNotFound,
         Self::MethodNotAllowed,
         Self::InvalidRequest,
@@ -82,6 +86,8 @@ impl ProblemCode {
         Self::JobFinished,
         Self::ArtifactNotFound,
         Self::RangeNotSatisfiable,
+        Self::IdempotencyKeyInUse,
+        Self::IdempotencyKeyReused,
         Self::Unavailable,
         Self::Internal,
     ];
@@ -145,6 +151,16 @@ impl ProblemCode {
                 StatusCode::RANGE_NOT_SATISFIABLE,
                 "Range not satisfiable",
                 "The Content-Range header tells the file's size.",
+            ),
+            Self::IdempotencyKeyInUse => (
+                StatusCode::CONFLICT,
+                "Request under way",
+                "Ask again after the seconds that the Retry-After header names.",
+            ),
+            Self::IdempotencyKeyReused => (
+                StatusCode::UNPROCESSABLE_ENTITY,
+                "Idempotency-Key used before",
+                "Send a new key with each new request, and the same one only with the same request.",
             ),
             Self::Unavailable => (
                 StatusCode::SERVICE_UNAVAILABLE,
@@ -319,6 +335,9 @@ impl Problem {
 
 impl From<StoreError> for Problem {
     fn from(error: StoreError) -> Self {
+        if matches!(error, StoreError::KeyLost) {
+            return super::idempotency::in_use();
+        }
         if !error.may_pass() {
             return Self::internal(&error);
         }

@@ -11,6 +11,7 @@ use serde_json::{Map, Value};
 use utoipa::ToSchema;
 
 use super::extract::text_header;
+use super::idempotency::{self, Asked, REPLAYED};
 use super::jobs::{answer, etag};
 use super::problem::{Problem, ProblemCode};
 use super::state::ApiState;
@@ -57,6 +58,7 @@ pub(super) struct RawModel(Vec<u8>);
     params(
         ("name" = Option<String>, Query, description = "For a raw body: the file's name"),
         ("mode" = Option<Mode>, Query, description = "For a raw body: what to do, `repair` where it is left out. An option of the other mode is refused"),
+        ("Idempotency-Key" = Option<String>, Header, description = "Any text of your own, such as a UUID. The same request sent again within a day is answered with the job that it made (header `Idempotency-Replayed: true`), and makes no other"),
         Options,
         InspectOptions,
     ),
@@ -69,9 +71,11 @@ pub(super) struct RawModel(Vec<u8>);
             headers(("Location" = String, description = "The job's address"), ("Retry-After" = u32, description = "Seconds to wait before asking"))),
         (status = 400, description = "No file, a second file for a repair, or a form that can't be understood", body = Problem, content_type = "application/problem+json"),
         (status = 408, description = "The upload stopped coming", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "A request with the same Idempotency-Key is under way", body = Problem, content_type = "application/problem+json"),
+        (status = 410, description = "The job that the same request made before was deleted", body = Problem, content_type = "application/problem+json"),
         (status = 413, description = "The upload is too large, or has too many files", body = Problem, content_type = "application/problem+json"),
         (status = 415, description = "Not a model that can be read; of several files, `errors` names each", body = Problem, content_type = "application/problem+json"),
-        (status = 422, description = "An option that is unknown, out of its range, or of another mode", body = Problem, content_type = "application/problem+json"),
+        (status = 422, description = "An option that is unknown, out of its range, or of another mode; or an Idempotency-Key of another request", body = Problem, content_type = "application/problem+json"),
         (status = 500, description = "A fault of the service", body = Problem, content_type = "application/problem+json"),
         (status = 503, description = "The database does not answer now", body = Problem, content_type = "application/problem+json"),
     )
@@ -86,6 +90,7 @@ pub(super) async fn submit_job(State(state): State<ApiState>, request: Request) 
     let media_type = text_header(request.headers(), &header::CONTENT_TYPE).unwrap_or_default().trim().to_owned();
     let essence = media_type.split(';').next().unwrap_or_default().trim().to_ascii_lowercase();
     let id = JobId::new();
+    let asked = idempotency::ask(&state.store, request.headers(), id).await?;
     let unclaimed = Unclaimed::new(&state.blobs, id);
     let upload = match essence.as_str() {
         "multipart/form-data" => from_form(&state, id, request).await,
@@ -99,12 +104,23 @@ pub(super) async fn submit_job(State(state): State<ApiState>, request: Request) 
     let store = Arc::clone(&state.store);
     // From here on a client that hangs up changes nothing: the job is accepted, or its files go.
     let accepting = tokio::spawn(async move {
-        let accepted = accept(store.as_ref(), id, upload).await;
-        // Where it is not known whether the job was noted, its files stay until the sweep, which knows.
-        unclaimed.settle(!matches!(accepted, Err(Refused { is_certain: true, .. }))).await;
+        let accepted = accept(store.as_ref(), id, upload, asked).await;
+        let has_files = match &accepted {
+            Ok(job) => job.id == id,
+            // Where it is not known whether the job was noted, its files stay until the sweep, which knows.
+            Err(refused) => !refused.is_certain,
+        };
+        unclaimed.settle(has_files).await;
         accepted.map_err(|refused| refused.problem)
     });
     let job = accepting.await.map_err(|error| Problem::internal(&error))??;
+    if job.id != id {
+        let position = state.store.queue_position(&job).await?;
+        let location = format!("/v1/jobs/{}", job.id);
+        let headers =
+            [(header::LOCATION, location), (header::ETAG, etag(&job, position)), (REPLAYED, "true".to_owned())];
+        return Ok(answer(StatusCode::ACCEPTED, job, position, headers));
+    }
     let bytes: u64 = job.inputs.iter().map(|input| input.bytes).sum();
     metrics::counter!("meshmend_jobs_submitted_total").increment(1);
     metrics::histogram!("meshmend_upload_bytes").record(u32::try_from(bytes).unwrap_or(u32::MAX));
@@ -115,17 +131,39 @@ pub(super) async fn submit_job(State(state): State<ApiState>, request: Request) 
 }
 
 /// Makes a job of an upload that is whole and of models.
-async fn accept(store: &dyn JobStore, id: JobId, upload: Result<Upload, Problem>) -> Result<Job, Refused> {
+async fn accept(
+    store: &dyn JobStore,
+    id: JobId,
+    upload: Result<Upload, Problem>,
+    asked: Asked,
+) -> Result<Job, Refused> {
     let refused = |problem| Refused { problem, is_certain: true };
     let Upload { files, options } = upload.map_err(refused)?;
     let inputs = inputs(id, files).map_err(refused)?;
-    match store.submit(NewJob { id, inputs, options }).await {
+    let now = idempotency::fingerprint(&inputs, &options);
+    let key = match asked {
+        Asked::NoKey => None,
+        Asked::Held(held) => held.settle(now),
+        Asked::Before { fingerprint, job } if fingerprint == now => {
+            return made_before(store, job).await.map_err(refused);
+        }
+        Asked::Before { .. } => return Err(refused(idempotency::reused())),
+    };
+    match store.submit(NewJob { id, inputs, options, key }).await {
         // The connection may have broken after the job was noted.
         Err(error) if error.may_pass() => match store.get(id).await {
             Ok(Some(job)) => Ok(job),
             noted => Err(Refused { problem: error.into(), is_certain: noted.is_ok() }),
         },
         submitted => submitted.map_err(|error| refused(error.into())),
+    }
+}
+
+/// The job that the same request made before.
+async fn made_before(store: &dyn JobStore, id: JobId) -> Result<Job, Problem> {
+    match store.get(id).await? {
+        Some(job) if !job.purged => Ok(job),
+        _ => Err(Problem::new(ProblemCode::JobDeleted, format!("The job {id}, which this request made, was deleted."))),
     }
 }
 

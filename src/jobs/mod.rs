@@ -6,6 +6,7 @@
 mod bell;
 mod clock;
 mod job;
+mod keys;
 mod options;
 mod postgres;
 mod report;
@@ -17,6 +18,7 @@ mod store;
 pub use bell::Bell;
 pub use clock::{Clock, SystemClock};
 pub use job::{Artifact, Artifacts, Input, Job, JobId, JobIdError, JobProblem, JobProgress, ProblemKind, Status};
+pub use keys::{KEY_HOLD, KEY_LIFE, KeyState, RequestKey};
 pub use options::{JobOptions, JobOptionsError, Mode};
 pub use postgres::PostgresStore;
 pub use report::{JobOutcome, JobReport, StoredReport};

@@ -2,7 +2,9 @@ use std::time::Duration;
 
 use async_trait::async_trait;
 
-use super::{Artifacts, Bell, Input, Job, JobId, JobOptions, JobProblem, JobProgress, JobReport, Status};
+use super::{
+    Artifacts, Bell, Input, Job, JobId, JobOptions, JobProblem, JobProgress, JobReport, KeyState, RequestKey, Status,
+};
 
 /// What went wrong in the store.
 #[derive(Debug, thiserror::Error)]
@@ -23,6 +25,9 @@ pub enum StoreError {
         /// What is wrong.
         reason: String,
     },
+    /// The request took so long that its idempotency key went to another one.
+    #[error("the idempotency key is another request's now")]
+    KeyLost,
     /// The lease is no longer this worker's: it ran out, or the job was cancelled or deleted.
     #[error("the lease on this job was lost")]
     LeaseLost,
@@ -55,6 +60,8 @@ pub struct NewJob {
     pub inputs: Vec<Input>,
     /// What to do.
     pub options: JobOptions,
+    /// The request's key, which must be held for it.
+    pub key: Option<RequestKey>,
 }
 
 /// A worker's hold on a job. Every write under it is fenced by all three values.
@@ -181,7 +188,19 @@ impl StatusCount {
 /// claimable again.
 #[async_trait]
 pub trait JobStore: Send + Sync {
-    /// Accepts a job. When this returns, the job is on disk.
+    /// Holds the key of a request for the job that it is to make, or tells whose it is. Asked again by the same it holds longer.
+    async fn hold_key(&self, key: &str, job: JobId) -> Result<KeyState, StoreError>;
+
+    /// Gives back the key of a request that was refused.
+    async fn release_key(&self, key: &str, job: JobId) -> Result<(), StoreError>;
+
+    /// Forgets keys whose time is over. Answers how many.
+    async fn forget_keys(&self) -> Result<u64, StoreError>;
+
+    /// Accepts a job, and notes its request's key with it. When this returns, the job is on disk.
+    ///
+    /// # Errors
+    /// [`StoreError::KeyLost`] when the key is no longer held for it; nothing was changed.
     async fn submit(&self, job: NewJob) -> Result<Job, StoreError>;
 
     /// One job; none if there never was one of that name.

@@ -10,6 +10,7 @@ mod blender;
 mod cancel;
 mod database;
 mod faults;
+mod idempotency;
 mod jobs;
 mod limits;
 #[path = "../support/postgres.rs"]

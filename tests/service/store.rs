@@ -8,8 +8,8 @@ use meshmend::context::{Context, NoProgress, Stage};
 use meshmend::format::{Format, Limits};
 use meshmend::jobs::{
     Artifacts, Cancelled, Claim, Clock, Completion, Failure, FailureKind, Input, Job, JobId, JobOptions, JobProblem,
-    JobProgress, JobReport, JobStore, ListQuery, NewJob, PostgresStore, ProblemKind, RetryPolicy, SqliteStore, Status,
-    StoreError,
+    JobProgress, JobReport, JobStore, KEY_HOLD, KEY_LIFE, KeyState, ListQuery, NewJob, PostgresStore, ProblemKind,
+    RequestKey, RetryPolicy, SqliteStore, Status, StoreError,
 };
 use sqlx::sqlite::SqliteConnectOptions;
 
@@ -67,7 +67,7 @@ impl Bench {
             format: Format::Stl,
         };
         let inputs = vec![input(0), input(1)];
-        self.store.submit(NewJob { id, inputs, options: JobOptions::default() }).await.expect("accepted")
+        self.store.submit(NewJob { id, inputs, options: JobOptions::default(), key: None }).await.expect("accepted")
     }
 
     async fn claim(&self) -> Option<Claim> {
@@ -116,6 +116,7 @@ promises! {
     the_queue_position_counts_those_ahead,
     each_change_grows_the_version_and_a_quiet_heartbeat_does_not,
     an_end_whose_answer_was_lost_is_answered_again,
+    a_key_is_held_by_one_request_until_it_is_accepted_given_back_or_late,
 }
 
 async fn jobs_are_claimed_in_the_order_they_came_and_each_only_once(bench: Bench) {
@@ -325,6 +326,37 @@ async fn an_end_whose_answer_was_lost_is_answered_again(bench: Bench) {
     assert_eq!(bench.get(job.id).await.version, done.version, "nothing was written twice");
     let late = bench.store.complete(&first, completion).await;
     assert!(matches!(late, Err(StoreError::LeaseLost)), "{late:?}");
+}
+
+async fn a_key_is_held_by_one_request_until_it_is_accepted_given_back_or_late(bench: Bench) {
+    let [first, second] = [JobId::new(), JobId::new()];
+    let hold = async |job| bench.store.hold_key("k", job).await.expect("an answer");
+    let submit = async |id, fingerprint: &str| {
+        let key = Some(RequestKey { key: "k".into(), fingerprint: fingerprint.into() });
+        let inputs = bench.submit().await.inputs;
+        bench.store.submit(NewJob { id, inputs, options: JobOptions::default(), key }).await
+    };
+    assert_eq!((hold(first).await, hold(second).await), (KeyState::Held, KeyState::InUse));
+    bench.pass(KEY_HOLD / 2);
+    assert_eq!(hold(first).await, KeyState::Held, "held for longer");
+    bench.pass(KEY_HOLD / 2 + Duration::from_secs(1));
+    assert_eq!(hold(second).await, KeyState::InUse);
+    bench.store.release_key("k", second).await.expect("an answer");
+    assert_eq!(hold(second).await, KeyState::InUse, "only its holder gives it back");
+    bench.pass(KEY_HOLD);
+    assert_eq!(hold(second).await, KeyState::Held, "the first is late");
+    assert!(matches!(submit(first, "a").await, Err(StoreError::KeyLost)));
+    assert_eq!(bench.store.get(first).await.expect("an answer"), None);
+    submit(second, "b").await.expect("accepted");
+    assert_eq!(hold(first).await, KeyState::Used { fingerprint: "b".into(), job: second });
+    bench.store.release_key("k", second).await.expect("an answer");
+    assert!(matches!(hold(second).await, KeyState::Used { .. }), "what was accepted is not given back");
+    assert_eq!(bench.store.forget_keys().await.expect("an answer"), 0);
+    bench.pass(KEY_LIFE);
+    assert_eq!(bench.store.forget_keys().await.expect("an answer"), 1);
+    assert_eq!(hold(first).await, KeyState::Held);
+    bench.store.release_key("k", first).await.expect("an answer");
+    assert_eq!(hold(second).await, KeyState::Held);
 }
 
 #[tokio::test]

@@ -1,3 +1,4 @@
+mod keys;
 mod listen;
 
 use std::str::FromStr;
@@ -15,7 +16,7 @@ use super::store::{
     Cancelled, Claim, Completion, Failure, FailureKind, JobStore, Lease, ListQuery, NewJob, Page, StatusCount,
     StoreError,
 };
-use super::{Bell, Clock, Input, Job, JobId, JobProblem, JobProgress, RetryPolicy, Status};
+use super::{Bell, Clock, Input, Job, JobId, JobProblem, JobProgress, KeyState, RetryPolicy, Status};
 
 /// How long a statement, a lock, and a transaction in which nothing happens may take, for the server to end them.
 const LIMITS: [(&str, &str); 3] =
@@ -82,7 +83,23 @@ impl PostgresStore {
 
 #[async_trait]
 impl JobStore for PostgresStore {
+    async fn hold_key(&self, key: &str, job: JobId) -> Result<KeyState, StoreError> {
+        keys::hold(&mut *self.pool.acquire().await?, key, job, self.now()).await
+    }
+
+    async fn release_key(&self, key: &str, job: JobId) -> Result<(), StoreError> {
+        keys::release(&mut *self.pool.acquire().await?, key, job).await
+    }
+
+    async fn forget_keys(&self) -> Result<u64, StoreError> {
+        keys::forget(&mut *self.pool.acquire().await?, self.now()).await
+    }
+
     async fn submit(&self, job: NewJob) -> Result<Job, StoreError> {
+        let mut transaction = self.pool.begin().await?;
+        if let Some(key) = &job.key {
+            keys::settle(&mut transaction, key, job.id, self.now()).await?;
+        }
         let row = sqlx::query(concat!(
             "INSERT INTO jobs (id, status, created_at, run_at, inputs, options) \
              VALUES ($1, 'queued', meshmend_now($2), meshmend_now($2), $3, $4) RETURNING ",
@@ -92,8 +109,9 @@ impl JobStore for PostgresStore {
         .bind(self.now())
         .bind(to_json(&job.inputs))
         .bind(to_json(&job.options))
-        .fetch_one(&self.pool)
+        .fetch_one(&mut *transaction)
         .await?;
+        transaction.commit().await?;
         read_job(&row)
     }
 

@@ -1,3 +1,5 @@
+mod keys;
+
 use std::fs::File;
 use std::path::Path;
 use std::sync::Arc;
@@ -14,7 +16,7 @@ use super::store::{
     Cancelled, Claim, Completion, Failure, FailureKind, JobStore, Lease, ListQuery, NewJob, Page, StatusCount,
     StoreError,
 };
-use super::{Bell, Clock, Job, JobId, JobProblem, JobProgress, RetryPolicy, Status};
+use super::{Bell, Clock, Job, JobId, JobProblem, JobProgress, KeyState, RetryPolicy, Status};
 
 /// Jobs in one SQLite file: the default, which needs nothing installed.
 ///
@@ -79,8 +81,24 @@ impl SqliteStore {
 
 #[async_trait]
 impl JobStore for SqliteStore {
+    async fn hold_key(&self, key: &str, job: JobId) -> Result<KeyState, StoreError> {
+        keys::hold(&mut *self.writer.acquire().await?, key, job, self.clock.now_ms()).await
+    }
+
+    async fn release_key(&self, key: &str, job: JobId) -> Result<(), StoreError> {
+        keys::release(&mut *self.writer.acquire().await?, key, job).await
+    }
+
+    async fn forget_keys(&self) -> Result<u64, StoreError> {
+        keys::forget(&mut *self.writer.acquire().await?, self.clock.now_ms()).await
+    }
+
     async fn submit(&self, job: NewJob) -> Result<Job, StoreError> {
         let now = self.clock.now_ms();
+        let mut transaction = self.begin().await?;
+        if let Some(key) = &job.key {
+            keys::settle(&mut transaction, key, job.id, now).await?;
+        }
         let row = sqlx::query(concat!(
             "INSERT INTO jobs (id, status, created_at, run_at, inputs, options) \
              VALUES (?, 'queued', ?, ?, ?, ?) RETURNING ",
@@ -91,10 +109,9 @@ impl JobStore for SqliteStore {
         .bind(now)
         .bind(to_json(&job.inputs))
         .bind(to_json(&job.options))
-        .fetch_all(&self.writer)
-        .await?
-        .pop()
-        .ok_or(sqlx::Error::RowNotFound)?;
+        .fetch_one(&mut *transaction)
+        .await?;
+        transaction.commit().await?;
         self.bell.ring_for_work();
         read_job(&row)
     }

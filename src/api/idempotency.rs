@@ -1,0 +1,115 @@
+//! `Idempotency-Key` after the IETF's draft of that name: a request that is sent again makes no second job.
+
+use std::sync::Arc;
+
+use axum::http::{HeaderMap, HeaderName, header};
+use sha2::{Digest, Sha256};
+use tokio::task::JoinHandle;
+
+use super::extract::text_header;
+use super::problem::{Problem, ProblemCode};
+use crate::jobs::{Input, JobId, JobOptions, JobStore, KEY_HOLD, KeyState, RequestKey};
+
+/// The request's header.
+const IDEMPOTENCY_KEY: HeaderName = HeaderName::from_static("idempotency-key");
+/// The header of an answer that was given before.
+pub(super) const REPLAYED: HeaderName = HeaderName::from_static("idempotency-replayed");
+/// Longest key, in bytes.
+const KEY_BYTES: usize = 255;
+/// Seconds to wait for a request that is under way.
+const RETRY_AFTER_S: u32 = 2;
+
+/// What a request's key says.
+pub(super) enum Asked {
+    /// The request has none.
+    NoKey,
+    /// It is new.
+    Held(HeldKey),
+    /// It came with this request before.
+    Before {
+        /// Of that request.
+        fingerprint: String,
+        /// Which it made.
+        job: JobId,
+    },
+}
+
+/// A key that is held while its request is under way, and given back if that comes to nothing.
+pub(super) struct HeldKey {
+    store: Arc<dyn JobStore>,
+    key: Option<String>,
+    job: JobId,
+    renewal: JoinHandle<()>,
+}
+
+/// Looks the request's key up, and holds it.
+pub(super) async fn ask(store: &Arc<dyn JobStore>, headers: &HeaderMap, job: JobId) -> Result<Asked, Problem> {
+    let Some(given) = headers.get(IDEMPOTENCY_KEY) else { return Ok(Asked::NoKey) };
+    // A string in quotes, says the draft; many clients send none.
+    let key = text_header(headers, &IDEMPOTENCY_KEY).unwrap_or_default().trim();
+    let key = key.strip_prefix('"').and_then(|key| key.strip_suffix('"')).unwrap_or(key);
+    let is_fine = given.len() <= KEY_BYTES && !key.is_empty() && key.bytes().all(|byte| byte.is_ascii_graphic());
+    if !is_fine || headers.get_all(IDEMPOTENCY_KEY).iter().count() > 1 {
+        let detail = format!(
+            "The header Idempotency-Key must be given once, with 1 to {KEY_BYTES} visible ASCII characters, such as a UUID."
+        );
+        return Err(Problem::new(ProblemCode::InvalidRequest, detail));
+    }
+    match store.hold_key(key, job).await? {
+        KeyState::Held => Ok(Asked::Held(HeldKey::new(Arc::clone(store), key.to_owned(), job))),
+        KeyState::InUse => Err(in_use()),
+        KeyState::Used { fingerprint, job } => Ok(Asked::Before { fingerprint, job }),
+    }
+}
+
+impl HeldKey {
+    fn new(store: Arc<dyn JobStore>, key: String, job: JobId) -> Self {
+        let (renewed, name) = (Arc::clone(&store), key.clone());
+        let renewal = tokio::spawn(async move {
+            loop {
+                tokio::time::sleep(KEY_HOLD / 3).await;
+                if let Err(error) = renewed.hold_key(&name, job).await {
+                    tracing::warn!(%error, "an idempotency key could not be held");
+                }
+            }
+        });
+        Self { store, key: Some(key), job, renewal }
+    }
+
+    /// The key, for the transaction that accepts the request. It is not given back any more.
+    pub fn settle(mut self, fingerprint: String) -> Option<RequestKey> {
+        self.key.take().map(|key| RequestKey { key, fingerprint })
+    }
+}
+
+impl Drop for HeldKey {
+    fn drop(&mut self) {
+        self.renewal.abort();
+        let Some(key) = self.key.take() else { return };
+        let (store, job) = (Arc::clone(&self.store), self.job);
+        tokio::spawn(async move {
+            if let Err(error) = store.release_key(&key, job).await {
+                tracing::warn!(%error, "an idempotency key was not given back and will be free in a while");
+            }
+        });
+    }
+}
+
+/// What tells one request from another: its files and its options.
+pub(super) fn fingerprint(inputs: &[Input], options: &JobOptions) -> String {
+    let files: Vec<_> = inputs.iter().map(|input| (&input.name, input.bytes, &input.sha256)).collect();
+    let bytes = serde_json::to_vec(&(files, options)).unwrap_or_default();
+    hex::encode(Sha256::digest(&bytes))
+}
+
+/// That the key came with another request before.
+pub(super) fn reused() -> Problem {
+    let detail = "The Idempotency-Key came with other files or options before. Send a new key with a new request.";
+    Problem::new(ProblemCode::IdempotencyKeyReused, detail)
+}
+
+/// That a request with the key is under way.
+pub(super) fn in_use() -> Problem {
+    let detail = "A request with this Idempotency-Key is under way. Ask again when it may have ended.";
+    Problem::new(ProblemCode::IdempotencyKeyInUse, detail).with_header(header::RETRY_AFTER, RETRY_AFTER_S.to_string())
+}

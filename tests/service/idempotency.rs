@@ -1,0 +1,115 @@
+//! `Idempotency-Key`: a request that is sent again makes no second job.
+
+use std::path::Path;
+
+use futures::StreamExt;
+use reqwest::Response;
+use serde_json::{Value, json};
+
+use crate::files;
+use crate::server::{Api, Start, stored_uploads, until};
+
+async fn post(api: &Api, key: &str, model: Vec<u8>, options: &str) -> Response {
+    let address = format!("/v1/jobs?name=a.stl{options}");
+    let request = api.post(&address).header("content-type", "application/octet-stream").header("idempotency-key", key);
+    request.body(model).send().await.expect("an answer")
+}
+
+async fn id_of(answer: Response) -> String {
+    let status = answer.status();
+    let job: Value = answer.json().await.expect("a job");
+    assert_eq!(status, 202, "{job}");
+    job["id"].as_str().expect("an id").to_owned()
+}
+
+async fn code_of(answer: Response) -> (u16, String) {
+    let status = answer.status().as_u16();
+    let problem: Value = answer.json().await.expect("a problem");
+    (status, problem["code"].as_str().unwrap_or_default().to_owned())
+}
+
+async fn only_one_upload_is_left(data: &Path) {
+    until("only the first request's file is left", async || (stored_uploads(data) == 1).then_some(())).await;
+}
+
+#[tokio::test]
+async fn the_same_request_with_the_same_key_makes_one_job_whatever_became_of_it_meanwhile() {
+    let data = tempfile::tempdir().expect("a folder");
+    let program = Start::serve(data.path()).start();
+    let api = Api::new(&program);
+    let first = post(&api, "k-1", files::broken_box(), "&max_tier=1").await;
+    assert!(!first.headers().contains_key("idempotency-replayed"));
+    let id = id_of(first).await;
+    api.finished(&id).await;
+    // The draft writes keys in quotes.
+    let again = post(&api, "\"k-1\"", files::broken_box(), "&max_tier=1").await;
+    assert_eq!(again.headers()["idempotency-replayed"], "true");
+    assert_eq!(again.headers()["location"], format!("/v1/jobs/{id}").as_str());
+    assert_eq!(id_of(again).await, id);
+    only_one_upload_is_left(data.path()).await;
+    let list: Value = api.get("/v1/jobs").send().await.expect("an answer").json().await.expect("JSON");
+    assert_eq!(list["jobs"].as_array().map(Vec::len), Some(1));
+    // A key of one's own is another request, and so is none.
+    assert_ne!(id_of(post(&api, "k-2", files::broken_box(), "&max_tier=1").await).await, id);
+    api.delete(&format!("/v1/jobs/{id}")).send().await.expect("an answer");
+    let gone = post(&api, "k-1", files::broken_box(), "&max_tier=1").await;
+    assert_eq!(code_of(gone).await, (410, "job_deleted".to_owned()));
+}
+
+#[tokio::test]
+async fn another_request_with_the_same_key_is_refused() {
+    let data = tempfile::tempdir().expect("a folder");
+    let program = Start::serve(data.path()).arg("--workers", "0").start();
+    let api = Api::new(&program);
+    let id = id_of(post(&api, "k", files::broken_box(), "").await).await;
+    let reused = (422, "idempotency_key_reused".to_owned());
+    assert_eq!(code_of(post(&api, "k", files::whole_box(), "").await).await, reused, "another file");
+    assert_eq!(code_of(post(&api, "k", files::broken_box(), "&max_tier=1").await).await, reused, "other options");
+    assert_eq!(id_of(post(&api, "k", files::broken_box(), "").await).await, id);
+    only_one_upload_is_left(data.path()).await;
+}
+
+#[tokio::test]
+async fn a_key_is_taken_while_its_request_is_under_way_and_free_again_when_that_is_refused_or_breaks_off() {
+    let data = tempfile::tempdir().expect("a folder");
+    let program = Start::serve(data.path()).arg("--workers", "0").start();
+    let api = Api::new(&program);
+    let start = futures::stream::iter([Ok::<_, std::io::Error>(files::broken_box()[..100].to_vec())]);
+    let slow = start.chain(futures::stream::pending());
+    let request =
+        api.post("/v1/jobs").header("content-type", "application/octet-stream").header("idempotency-key", "k");
+    let request = request.body(reqwest::Body::wrap_stream(slow));
+    let under_way = tokio::spawn(request.send());
+    // What is no model is refused too where the key is free, and frees it.
+    let refused = until("the key is taken", async || {
+        let answer = post(&api, "k", b"no model".to_vec(), "").await;
+        (answer.status() == 409).then_some(answer)
+    })
+    .await;
+    assert_eq!(refused.headers()["retry-after"], "2");
+    assert_eq!(code_of(refused).await, (409, "idempotency_key_in_use".to_owned()));
+    under_way.abort();
+    let no_model = post(&api, "other", b"no model".to_vec(), "").await;
+    assert_eq!(no_model.status(), 415);
+    until("both keys are free", async || {
+        let answers =
+            [post(&api, "k", files::broken_box(), "").await, post(&api, "other", files::broken_box(), "").await];
+        answers.iter().all(|answer| answer.status() == 202).then_some(())
+    })
+    .await;
+}
+
+#[tokio::test]
+async fn a_key_that_is_empty_too_long_or_given_twice_is_refused() {
+    let data = tempfile::tempdir().expect("a folder");
+    let program = Start::serve(data.path()).arg("--workers", "0").start();
+    let api = Api::new(&program);
+    for key in ["", "\"\"", "a b", &"x".repeat(256)] {
+        let answer = post(&api, key, files::broken_box(), "").await;
+        assert_eq!(code_of(answer).await, (400, "invalid_request".to_owned()), "{key}");
+    }
+    let twice = api.post("/v1/jobs").header("idempotency-key", "a").header("idempotency-key", "b");
+    let answer = twice.body(files::broken_box()).send().await.expect("an answer");
+    assert_eq!(code_of(answer).await.0, 400);
+    assert_eq!(json!(stored_uploads(data.path())), json!(0));
+}
