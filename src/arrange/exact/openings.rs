@@ -51,7 +51,7 @@ pub(super) fn seen_into(
     if !patch.contains(&true) {
         return Ok(None);
     }
-    let look = Look::new(complex, cells, inside, patch, context)?;
+    let Some(look) = Look::new(complex, cells, inside, patch, context)? else { return Ok(None) };
     let doubtful = look.behind_patches(|_| true);
     if !doubtful.contains(&true) {
         return Ok(None);
@@ -91,7 +91,7 @@ impl<'a> Look<'a> {
         inside: &'a [bool],
         patch: Vec<bool>,
         context: &Context<'_>,
-    ) -> Result<Self, ArrangeError> {
+    ) -> Result<Option<Self>, ArrangeError> {
         #[expect(clippy::cast_possible_truncation, reason = "points are counted in u32")]
         let points: Vec<DVec3> =
             (0..complex.points.len() as u32).map(|p| SolidFaces::to_unit(complex.points.place(p))).collect();
@@ -101,13 +101,14 @@ impl<'a> Look<'a> {
         area.iter_mut().for_each(|area| *area /= all.max(f64::MIN_POSITIVE));
         let tree = Tree::new(&points, &corners);
         let mut look = Self { cells, inside, room_of: Vec::new(), tree, points, corners, patch, area };
-        look.room_of = look.rooms(context)?;
-        Ok(look)
+        let Some(rooms) = look.rooms(context)? else { return Ok(None) };
+        look.room_of = rooms;
+        Ok(Some(look))
     }
 
     /// The room of each cell: that around a piece is that of whatever is next to the piece's last wall in one direction. As all
-    /// pieces look in the same direction, none looks back.
-    fn rooms(&self, context: &Context<'_>) -> Result<Vec<u32>, ArrangeError> {
+    /// pieces look in the same direction, none looks back. None where it would take too long to know.
+    fn rooms(&self, context: &Context<'_>) -> Result<Option<Vec<u32>>, ArrangeError> {
         let direction = ray_direction(0);
         let piece_of = &self.cells.piece_of;
         // The wall of each piece that reaches farthest, and the corner with which it does.
@@ -122,6 +123,7 @@ impl<'a> Look<'a> {
             }
         }
         let mut rooms = UnionFind::new(self.cells.number.len());
+        let mut steps = STEPS;
         for (piece, (_, wall, corner)) in last {
             context.check()?;
             let [a, b, c] = self.triangle(wall);
@@ -130,6 +132,7 @@ impl<'a> Look<'a> {
             let mut others: Vec<(f64, usize)> = Vec::new();
             self.tree.along(from, from + direction * FAR, |other| {
                 let other = other as usize;
+                steps = steps.saturating_sub(1);
                 if other != wall
                     && let Some(far) = hit(from, direction * FAR, self.triangle(other))
                 {
@@ -139,8 +142,11 @@ impl<'a> Look<'a> {
                         own = (far, other);
                     }
                 }
-                true
+                steps > 0
             });
+            if steps == 0 {
+                return Ok(None);
+            }
             let next =
                 others.into_iter().filter(|it| it.0 > own.0).min_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
             if let Some((_, next)) = next {
@@ -151,7 +157,7 @@ impl<'a> Look<'a> {
                 }
             }
         }
-        Ok(rooms.into_roots())
+        Ok(Some(rooms.into_roots()))
     }
 
     /// The cell to which a line in a direction comes through a wall, or from which.
