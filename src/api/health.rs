@@ -11,6 +11,7 @@ use utoipa::ToSchema;
 use super::extract::ApiPath;
 use super::problem::{Problem, ProblemCode, ProblemDoc, catalogue};
 use super::state::ApiState;
+use super::submit::has_room;
 
 /// Longest time one check may take.
 const CHECK_TIME: Duration = Duration::from_secs(5);
@@ -32,7 +33,7 @@ pub(super) struct Readiness {
 
 /// Whether the service can take jobs.
 ///
-/// Asks the database, writes and reads a file, and tells whether Blender is there.
+/// Asks the database, writes and reads a file, looks how much room the disk has, and tells whether Blender is there.
 #[utoipa::path(
     get, path = "/readyz", tag = "service",
     responses(
@@ -43,10 +44,11 @@ pub(super) struct Readiness {
 pub(super) async fn readyz(State(state): State<ApiState>) -> Response {
     let store = check(state.store.ping()).await;
     let blobs = check(state.blobs.probe()).await;
+    let disk = has_room(&state, 0).map_err(|problem| problem.detail);
     let stopping = state.stopping.is_cancelled();
-    let ready = store.is_ok() && blobs.is_ok() && !stopping;
+    let ready = store.is_ok() && blobs.is_ok() && disk.is_ok() && !stopping;
     let word = |result: Result<(), String>| result.err().unwrap_or_else(|| "ok".to_owned());
-    let mut checks = BTreeMap::from([("store", word(store)), ("blobs", word(blobs))]);
+    let mut checks = BTreeMap::from([("store", word(store)), ("blobs", word(blobs)), ("disk", word(disk))]);
     if stopping {
         checks.insert("service", "stopping".to_owned());
     }

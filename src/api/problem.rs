@@ -48,6 +48,10 @@ pub enum ProblemCode {
     IdempotencyKeyInUse,
     /// The Idempotency-Key came with another request before.
     IdempotencyKeyReused,
+    /// As many jobs wait as may.
+    QueueFull,
+    /// The disk has no room for more files.
+    StorageFull,
     /// The database does not answer now.
     Unavailable,
     /// A fault of the service.
@@ -69,7 +73,7 @@ pub struct ProblemDoc {
 
 impl ProblemCode {
     /// Every code.
-    pub const ALL: [Self; 20] = [
+    pub const ALL: [Self; 22] = [
         Self::RouteNotFound,
         Self::MethodNotAllowed,
         Self::InvalidRequest,
@@ -88,6 +92,8 @@ impl ProblemCode {
         Self::RangeNotSatisfiable,
         Self::IdempotencyKeyInUse,
         Self::IdempotencyKeyReused,
+        Self::QueueFull,
+        Self::StorageFull,
         Self::Unavailable,
         Self::Internal,
     ];
@@ -161,6 +167,16 @@ impl ProblemCode {
                 StatusCode::UNPROCESSABLE_ENTITY,
                 "Idempotency-Key used before",
                 "Send a new key with each new request, and the same one only with the same request.",
+            ),
+            Self::QueueFull => (
+                StatusCode::TOO_MANY_REQUESTS,
+                "Queue full",
+                "Send the model again after the seconds that the Retry-After header names.",
+            ),
+            Self::StorageFull => (
+                StatusCode::SERVICE_UNAVAILABLE,
+                "Storage full",
+                "Send the model again later; the operator has to make room, or to lower --min-free-mib.",
             ),
             Self::Unavailable => (
                 StatusCode::SERVICE_UNAVAILABLE,

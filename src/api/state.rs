@@ -16,6 +16,10 @@ pub struct ApiConfig {
     pub limits: Limits,
     /// Most files of one job.
     pub max_files: usize,
+    /// Most jobs that may wait.
+    pub max_queued: u64,
+    /// Bytes that must stay free on the disk of the files.
+    pub min_free: u64,
     /// Longest silence in the middle of an upload.
     pub upload_idle: Duration,
     /// How long to wait before looking for a change that no bell told of.

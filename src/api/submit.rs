@@ -27,6 +27,8 @@ const OPTIONS_BYTES: usize = 64 << 10;
 /// Most bytes of a form between its parts: headers, boundaries, what comes before the first part, and what of a part
 /// comes in the same chunk.
 const FORM_BYTES: u64 = 1 << 20;
+/// Seconds after which a client may try again where there was no room.
+const BUSY_S: u32 = 30;
 /// Longest file name that is kept, in characters.
 const NAME_CHARS: usize = 200;
 
@@ -76,8 +78,10 @@ pub(super) struct RawModel(Vec<u8>);
         (status = 413, description = "The upload is too large, or has too many files", body = Problem, content_type = "application/problem+json"),
         (status = 415, description = "Not a model that can be read; of several files, `errors` names each", body = Problem, content_type = "application/problem+json"),
         (status = 422, description = "An option that is unknown, out of its range, or of another mode; or an Idempotency-Key of another request", body = Problem, content_type = "application/problem+json"),
+        (status = 429, description = "As many jobs wait as may", body = Problem, content_type = "application/problem+json",
+            headers(("Retry-After" = u32, description = "Seconds to wait before sending it again"))),
         (status = 500, description = "A fault of the service", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "The database does not answer now", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "The database does not answer now, or the disk is full", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub(super) async fn submit_job(State(state): State<ApiState>, request: Request) -> Result<Response, Problem> {
@@ -87,10 +91,17 @@ pub(super) async fn submit_job(State(state): State<ApiState>, request: Request) 
     if declared.is_some_and(|length| length > limit.saturating_add(FORM_BYTES)) {
         return Err(too_large(limit));
     }
+    has_room(&state, declared.unwrap_or(0))?;
     let media_type = text_header(request.headers(), &header::CONTENT_TYPE).unwrap_or_default().trim().to_owned();
     let essence = media_type.split(';').next().unwrap_or_default().trim().to_ascii_lowercase();
     let id = JobId::new();
     let asked = idempotency::ask(&state.store, request.headers(), id).await?;
+    // A request that made its job already takes no place in the queue.
+    if !matches!(asked, Asked::Before { .. }) && state.store.queued().await? >= state.config.max_queued {
+        let detail =
+            format!("{} jobs wait, which is as many as may. Send the model again later.", state.config.max_queued);
+        return Err(busy(ProblemCode::QueueFull, detail));
+    }
     let unclaimed = Unclaimed::new(&state.blobs, id);
     let upload = match essence.as_str() {
         "multipart/form-data" => from_form(&state, id, request).await,
@@ -128,6 +139,22 @@ pub(super) async fn submit_job(State(state): State<ApiState>, request: Request) 
     let position = state.store.queue_position(&job).await?;
     let headers = [(header::LOCATION, format!("/v1/jobs/{id}")), (header::ETAG, etag(&job, position))];
     Ok(answer(StatusCode::ACCEPTED, job, position, headers))
+}
+
+/// Whether the disk has room for so many bytes more.
+pub(super) fn has_room(state: &ApiState, bytes: u64) -> Result<(), Problem> {
+    let free = state.blobs.free_bytes().map_err(|error| Problem::internal(&error))?;
+    if free.is_some_and(|free| free < state.config.min_free.saturating_add(bytes)) {
+        let detail = "The service has no room for more files now. Send the model again later.";
+        return Err(busy(ProblemCode::StorageFull, detail));
+    }
+    Ok(())
+}
+
+/// That a job may be taken later. The upload is not read.
+fn busy(code: ProblemCode, detail: impl Into<String>) -> Problem {
+    let later = Problem::new(code, detail).with_header(header::RETRY_AFTER, BUSY_S.to_string());
+    later.with_header(header::CONNECTION, "close")
 }
 
 /// Makes a job of an upload that is whole and of models.

@@ -87,6 +87,16 @@ impl Blobs {
         Ok(Self { store: Arc::new(store), folder: Some(folder.to_owned()) })
     }
 
+    /// Bytes that may still be written to the disk that the files are on; none where that is not known.
+    ///
+    /// # Errors
+    /// When the file system does not tell.
+    pub fn free_bytes(&self) -> Result<Option<u64>, BlobError> {
+        let Some(folder) = &self.folder else { return Ok(None) };
+        let disk = rustix::fs::statvfs(folder).map_err(std::io::Error::from)?;
+        Ok(Some(disk.f_bavail.saturating_mul(disk.f_frsize)))
+    }
+
     /// The key of a job's uploaded file, counted from 0.
     #[must_use]
     pub fn input_key(id: JobId, number: usize) -> String {

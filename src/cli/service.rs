@@ -35,6 +35,12 @@ pub struct ServeArgs {
     /// Most files that one job may analyse.
     #[arg(long, env = "MESHMEND_MAX_FILES", default_value_t = 32, value_parser = clap::value_parser!(u16).range(1..=1000))]
     max_files: u16,
+    /// Most jobs that may wait; further ones are refused with 429.
+    #[arg(long, env = "MESHMEND_MAX_QUEUED", default_value_t = 10_000)]
+    max_queued: u64,
+    /// Room that must stay free on the disk of the files, in MiB; jobs that would take it are refused with 503.
+    #[arg(long, env = "MESHMEND_MIN_FREE_MIB", default_value_t = 512)]
+    min_free_mib: u64,
     /// Take jobs and answer for them, and leave the work to other processes (`meshmend work`).
     #[arg(long, env = "MESHMEND_NO_WORKERS", conflicts_with = "workers")]
     no_workers: bool,
@@ -247,7 +253,14 @@ async fn serve_until_stopped(args: &ServeArgs) -> Result<(), ServiceError> {
     let state = ApiState {
         store: Arc::clone(&room.store),
         blobs: room.blobs.clone(),
-        config: ApiConfig { limits, max_files, upload_idle: Duration::from_secs(args.upload_idle_s), poll: POLL },
+        config: ApiConfig {
+            limits,
+            max_files,
+            max_queued: args.max_queued,
+            min_free: args.min_free_mib << 20,
+            upload_idle: Duration::from_secs(args.upload_idle_s),
+            poll: POLL,
+        },
         capabilities: Arc::new(Capabilities::new(limits, max_files, blender)),
         metrics,
         stopping: stopping.clone(),

@@ -209,6 +209,9 @@ pub trait JobStore: Send + Sync {
     /// One page of jobs that are not purged.
     async fn list(&self, query: ListQuery) -> Result<Page, StoreError>;
 
+    /// How many jobs wait.
+    async fn queued(&self) -> Result<u64, StoreError>;
+
     /// Jobs that will be claimed before this one; none if it does not wait.
     async fn queue_position(&self, job: &Job) -> Result<Option<u64>, StoreError>;
 

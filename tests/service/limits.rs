@@ -2,11 +2,11 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 use bytes::Bytes;
-use serde_json::json;
+use serde_json::{Value, json};
 
 use crate::cancel::hanging_blender;
 use crate::files;
-use crate::server::{Api, Program, Start, is_alive, until};
+use crate::server::{Api, Program, Start, is_alive, stored_uploads, until};
 
 fn scratch_is_empty(data: &Path) -> bool {
     let worker = std::fs::read_dir(data.join("scratch")).expect("a folder").flatten().next().expect("one worker");
@@ -124,4 +124,31 @@ async fn many_large_uploads_at_once_leave_the_servers_memory_small() {
     let peak = status.lines().find_map(|line| line.strip_prefix("VmHWM:")).expect("a line");
     let peak: u64 = peak.trim().trim_end_matches(" kB").parse().expect("a number");
     assert!(peak < 200 << 10, "{} MiB for {UPLOADS} uploads of 50 MB", peak >> 10);
+}
+
+#[tokio::test]
+async fn a_full_queue_and_a_full_disk_refuse_jobs_before_their_files_are_read_and_say_when_to_come_again() {
+    let data = tempfile::tempdir().expect("a folder");
+    let program = Start::serve(data.path()).arg("--workers", "0").arg("--max-queued", "1").start();
+    let api = Api::new(&program);
+    let id = api.submit(files::broken_box(), json!({})).await;
+    let full = api.try_submit("b.stl", files::broken_box(), json!({})).await;
+    assert_eq!((full.status().as_u16(), &full.headers()["retry-after"]), (429, &"30".parse().expect("a value")));
+    assert_eq!(full.json::<Value>().await.expect("a problem")["code"], "queue_full");
+    assert_eq!(stored_uploads(data.path()), 1);
+    api.post(&format!("/v1/jobs/{id}/cancel")).send().await.expect("an answer");
+    api.submit(files::broken_box(), json!({})).await;
+    drop(program);
+
+    let endless = (u64::MAX >> 21).to_string();
+    let program = Start::serve(data.path()).arg("--workers", "0").arg("--min-free-mib", endless).start();
+    let api = Api::new(&program);
+    let full = api.try_submit("b.stl", files::broken_box(), json!({})).await;
+    assert_eq!((full.status().as_u16(), &full.headers()["retry-after"]), (503, &"30".parse().expect("a value")));
+    assert_eq!(full.json::<Value>().await.expect("a problem")["code"], "storage_full");
+    let ready = api.get("/readyz").send().await.expect("an answer");
+    assert_eq!(ready.status(), 503);
+    let checks = ready.json::<Value>().await.expect("checks");
+    assert!(checks["checks"]["disk"].as_str().expect("words").contains("no room"), "{checks}");
+    assert_eq!(api.job(&id).await["status"], "canceled", "what is there can be asked for");
 }

@@ -139,6 +139,12 @@ impl JobStore for PostgresStore {
         Ok(Page::of(jobs, query.limit))
     }
 
+    async fn queued(&self) -> Result<u64, StoreError> {
+        let count: i64 =
+            sqlx::query_scalar("SELECT count(*) FROM jobs WHERE status = 'queued'").fetch_one(&self.pool).await?;
+        Ok(count.unsigned_abs())
+    }
+
     async fn queue_position(&self, job: &Job) -> Result<Option<u64>, StoreError> {
         if job.status != Status::Queued {
             return Ok(None);
