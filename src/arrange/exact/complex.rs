@@ -14,10 +14,14 @@ use crate::mesh::Surface;
 /// Steps that the search for faces that meet may take, and as many more for each face.
 const STEPS: u64 = 512_000_000;
 const STEPS_A_FACE: u64 = 2_000;
-/// Pairs of faces that may meet, and points that an arrangement may have: each takes some hundred bytes, so that both come to two
+/// Pairs of faces that may meet, and points that an arrangement may make: each takes some hundred bytes, so that both come to two
 /// gigabytes at most.
 const MOST_PAIRS: usize = 4_000_000;
 const MOST_POINTS: usize = 3_000_000;
+/// Points that an arrangement of few faces may make, and so many more for each face: a few hundred that all meet each other have
+/// millions of points in common, and are no surface with faults in it.
+const ENOUGH_POINTS: usize = 250_000;
+const POINTS_A_FACE: usize = 8;
 /// Entries of all lists of faces that cover a piece of one plane.
 const MOST_COVERS: usize = 50_000_000;
 /// How far out the corners of the triangle are in which overlapping faces are laid, in steps of the grid.
@@ -111,7 +115,10 @@ impl Complex {
         let groups = groups(&mut contacts);
         let planes: Vec<u32> = groups.iter().map(|group| contacts.plane(group[0])).collect();
         let cuts = std::mem::take(&mut contacts.cuts);
-        let work = Work { context, most: surface.positions.len() + MOST_POINTS };
+        let work = Work {
+            context,
+            most: surface.positions.len() + (ENOUGH_POINTS + POINTS_A_FACE * solid.len()).min(MOST_POINTS),
+        };
         let mut is_cut = vec![false; solid.len()];
         for (at, (group, plane)) in groups.iter().zip(planes).enumerate() {
             if at % 256 == 0 {

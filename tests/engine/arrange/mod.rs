@@ -13,6 +13,7 @@ use meshmend::repair::operators::resolve::Resolve;
 use meshmend::repair::operators::separate::Separate;
 use proptest::prelude::*;
 
+use crate::damage::Random;
 use crate::mend::as_stl;
 use crate::meshes::{as_f32, cube, inside_out, join, push, sphere, torus};
 use crate::operators::with_context;
@@ -233,6 +234,19 @@ fn more_faces_that_meet_than_memory_has_room_for_are_refused() {
         let angle = f64::from(i) * 0.002;
         let far = DVec3::new(angle.cos(), angle.sin(), 0.0) * 10.0;
         push(&mut soup, [far - DVec3::Z, far + DVec3::Z, -far + DVec3::Z * 0.1 * angle]);
+    }
+    assert!(matches!(solid(&soup, Inside::Positive), Err(ArrangeError::Failed(_))));
+}
+
+#[test]
+fn a_few_faces_that_all_meet_each_other_are_refused_before_they_are_cut_into_millions() {
+    let mut random = Random::new(3);
+    let mut soup = Soup::default();
+    for _ in 0..200 {
+        let normal = random.vector().normalize();
+        let side = normal.any_orthonormal_vector();
+        let corner = |turn: f64| 10.0 * (DQuat::from_axis_angle(normal, turn) * side) + 0.1 * normal * normal.x;
+        push(&mut soup, [0.0, 2.1, 4.2].map(corner));
     }
     assert!(matches!(solid(&soup, Inside::Positive), Err(ArrangeError::Failed(_))));
 }
