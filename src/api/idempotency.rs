@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use axum::http::{HeaderMap, HeaderName, header};
+use axum::http::{HeaderMap, HeaderName};
 use sha2::{Digest, Sha256};
 use tokio::task::JoinHandle;
 
@@ -111,5 +111,5 @@ pub(super) fn reused() -> Problem {
 /// That a request with the key is under way.
 pub(super) fn in_use() -> Problem {
     let detail = "A request with this Idempotency-Key is under way. Ask again when it may have ended.";
-    Problem::new(ProblemCode::IdempotencyKeyInUse, detail).with_header(header::RETRY_AFTER, RETRY_AFTER_S.to_string())
+    Problem::new(ProblemCode::IdempotencyKeyInUse, detail).retry_after(RETRY_AFTER_S)
 }

@@ -313,6 +313,12 @@ impl Problem {
         self
     }
 
+    /// The same, and when to ask again.
+    #[must_use]
+    pub(super) fn retry_after(self, seconds: u32) -> Self {
+        self.with_header(header::RETRY_AFTER, seconds.to_string())
+    }
+
     /// A fault of the service: the cause goes to the log, not to the client.
     #[must_use]
     pub fn internal(error: &dyn std::error::Error) -> Self {
@@ -358,9 +364,8 @@ impl From<StoreError> for Problem {
             return Self::internal(&error);
         }
         tracing::error!(%error, "the database does not answer");
-        let problem =
-            Self::new(ProblemCode::Unavailable, "The service's database does not answer now. Ask again soon.");
-        Self { headers: vec![(header::RETRY_AFTER, RETRY_AFTER_S.to_string())], ..problem }
+        Self::new(ProblemCode::Unavailable, "The service's database does not answer now. Ask again soon.")
+            .retry_after(RETRY_AFTER_S)
     }
 }
 

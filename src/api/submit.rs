@@ -153,8 +153,7 @@ pub(super) fn has_room(state: &ApiState, bytes: u64) -> Result<(), Problem> {
 
 /// That a job may be taken later. The upload is not read.
 fn busy(code: ProblemCode, detail: impl Into<String>) -> Problem {
-    let later = Problem::new(code, detail).with_header(header::RETRY_AFTER, BUSY_S.to_string());
-    later.with_header(header::CONNECTION, "close")
+    Problem::new(code, detail).retry_after(BUSY_S).with_header(header::CONNECTION, "close")
 }
 
 /// Makes a job of an upload that is whole and of models.

@@ -1,6 +1,7 @@
 use std::time::Duration;
 
-use super::JobId;
+use super::row::corrupt;
+use super::{JobId, StoreError};
 
 /// How long a request that is under way holds its key; it asks again in time.
 pub const KEY_HOLD: Duration = Duration::from_secs(30);
@@ -30,4 +31,13 @@ pub enum KeyState {
         /// That job.
         job: JobId,
     },
+}
+
+impl KeyState {
+    /// What the row of a key says, its fingerprint and its job, to who could not get hold of it.
+    pub(super) fn of_another(row: Option<(Option<String>, String)>) -> Result<Self, StoreError> {
+        let Some((Some(fingerprint), id)) = row else { return Ok(Self::InUse) };
+        let job = id.parse().map_err(|_| corrupt(&id, "job_id", "no job id"))?;
+        Ok(Self::Used { fingerprint, job })
+    }
 }

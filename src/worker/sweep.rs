@@ -17,7 +17,8 @@ pub(super) enum SweepError {
     Store(#[from] StoreError),
 }
 
-/// Forgets idempotency keys whose time is over, and removes files that no job owns: of uploads that a killed server left, and of deletions that were stopped half way.
+/// Forgets idempotency keys whose time is over, and removes files that no job owns: of uploads that a killed server left, and of
+/// deletions that were stopped half way.
 pub(super) async fn sweep(store: &dyn JobStore, blobs: &Blobs) -> Result<(), SweepError> {
     store.forget_keys().await?;
     for id in blobs.owners(AGE).await? {

@@ -7,12 +7,10 @@ use meshmend::format::Format;
 use meshmend::jobs::{Input, JobId, JobOptions, JobStore, NewJob, PostgresStore, RetryPolicy};
 use serde_json::{Value, json};
 
+use crate::faults::FILES;
 use crate::files;
 use crate::postgres::Postgres;
 use crate::server::{Api, Start, stored_files, until};
-
-/// The upload, the model, the report, the log, three pictures and four coloured meshes.
-const FILES: usize = 11;
 
 fn serve<'a>(data: &'a Path, cluster: &Postgres) -> Start<'a> {
     Start::serve(data).env("MESHMEND_DATABASE_URL", &cluster.url()).env("MESHMEND_NO_WORKERS", "true")

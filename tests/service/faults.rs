@@ -19,7 +19,7 @@ const CHILD_STAGES: [(&str, &str); 5] = [
 const WORKER_STAGES: [&str; 4] = ["worker-claimed", "worker-spawn", "worker-publish", "worker-complete"];
 
 /// The upload, the model, the report, the log, three pictures and four coloured meshes.
-const FILES: usize = 11;
+pub const FILES: usize = 11;
 
 fn paused(stage: &str) -> String {
     format!("{stage}=sleep(600000)")

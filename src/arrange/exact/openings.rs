@@ -73,6 +73,8 @@ struct Look<'a> {
     inside: &'a [bool],
     /// The room of each cell, by one of its cells.
     room_of: Vec<u32>,
+    /// The pairs of rooms, either way and sorted, with a patch between them.
+    doors: Vec<(usize, usize)>,
     tree: Tree,
     /// The points.
     points: Vec<DVec3>,
@@ -100,10 +102,42 @@ impl<'a> Look<'a> {
         let all: f64 = area.iter().zip(&patch).filter(|(_, patch)| !**patch).map(|(area, _)| area).sum();
         area.iter_mut().for_each(|area| *area /= all.max(f64::MIN_POSITIVE));
         let tree = Tree::new(&points, &corners);
-        let mut look = Self { cells, inside, room_of: Vec::new(), tree, points, corners, patch, area };
+        let mut look =
+            Self { cells, inside, room_of: Vec::new(), doors: Vec::new(), tree, points, corners, patch, area };
         let Some(rooms) = look.rooms(context)? else { return Ok(None) };
         look.room_of = rooms;
+        look.doors = look.doors();
         Ok(Some(look))
+    }
+
+    fn doors(&self) -> Vec<(usize, usize)> {
+        let mut doors: Vec<(usize, usize)> = Vec::new();
+        for wall in (0..self.patch.len()).filter(|&wall| self.patch[wall]) {
+            let [a, b] = self.beside(wall);
+            doors.extend([(a, b), (b, a)]);
+        }
+        doors.sort_unstable();
+        doors.dedup();
+        doors
+    }
+
+    /// Calls `visit` with every wall but the one that a line starts on, and how far along the line that is, until it answers
+    /// `false`. Whether there were steps enough.
+    fn along(
+        &self,
+        from: (DVec3, usize),
+        line: DVec3,
+        steps: &mut u64,
+        mut visit: impl FnMut(f64, usize) -> bool,
+    ) -> bool {
+        let (from, start) = from;
+        self.tree.along(from, from + line, |wall| {
+            let wall = wall as usize;
+            *steps = steps.saturating_sub(1);
+            let met = if wall == start { None } else { hit(from, line, self.triangle(wall)) };
+            met.is_none_or(|far| visit(far, wall)) && *steps > 0
+        });
+        *steps > 0
     }
 
     /// The room of each cell: that around a piece is that of whatever is next to the piece's last wall in one direction. As all
@@ -130,21 +164,15 @@ impl<'a> Look<'a> {
             let from = corner.lerp((a + b + c) / 3.0, OFF_CORNER);
             let mut own = (0.0, wall);
             let mut others: Vec<(f64, usize)> = Vec::new();
-            self.tree.along(from, from + direction * FAR, |other| {
-                let other = other as usize;
-                steps = steps.saturating_sub(1);
-                if other != wall
-                    && let Some(far) = hit(from, direction * FAR, self.triangle(other))
-                {
-                    if piece_of[other] != piece {
-                        others.push((far, other));
-                    } else if far > own.0 {
-                        own = (far, other);
-                    }
+            let in_time = self.along((from, wall), direction * FAR, &mut steps, |far, other| {
+                if piece_of[other] != piece {
+                    others.push((far, other));
+                } else if far > own.0 {
+                    own = (far, other);
                 }
-                steps > 0
+                true
             });
-            if steps == 0 {
+            if !in_time {
                 return Ok(None);
             }
             let next =
@@ -177,18 +205,12 @@ impl<'a> Look<'a> {
 
     /// The cells that are inside, and to which one comes from outside through patches and other such cells that may be passed.
     fn behind_patches(&self, may_pass: impl Fn(usize) -> bool) -> Vec<bool> {
-        let mut doors: Vec<(usize, usize)> = Vec::new();
-        for wall in (0..self.patch.len()).filter(|&wall| self.patch[wall]) {
-            let [a, b] = self.beside(wall);
-            doors.extend([(a, b), (b, a)]);
-        }
-        doors.sort_unstable();
-        doors.dedup();
         let mut reached = vec![false; self.inside.len()];
-        let mut next: VecDeque<usize> = doors.iter().map(|&(from, _)| from).filter(|&it| !self.inside[it]).collect();
+        let mut next: VecDeque<usize> =
+            self.doors.iter().map(|&(from, _)| from).filter(|&it| !self.inside[it]).collect();
         while let Some(cell) = next.pop_front() {
-            let first = doors.partition_point(|&(from, _)| from < cell);
-            for &(_, to) in doors[first..].iter().take_while(|&&(from, _)| from == cell) {
+            let first = self.doors.partition_point(|&(from, _)| from < cell);
+            for &(_, to) in self.doors[first..].iter().take_while(|&&(from, _)| from == cell) {
                 if self.inside[to] && !reached[to] && may_pass(to) {
                     reached[to] = true;
                     next.push_back(to);
@@ -236,21 +258,14 @@ impl<'a> Look<'a> {
     fn sight(&self, wall: usize, direction: DVec3, steps: &mut u64) -> Option<Vec<usize>> {
         let corners = self.triangle(wall);
         let from = (corners[0] + corners[1] + corners[2]) / 3.0;
-        let along = direction * FAR;
         let mut patches: Vec<(f64, usize)> = Vec::new();
         let mut free = true;
-        self.tree.along(from, from + along, |other| {
-            let other = other as usize;
-            *steps = steps.saturating_sub(1);
-            if other != wall
-                && let Some(far) = hit(from, along, self.triangle(other))
-            {
-                patches.push((far, other));
-                free = self.patch[other];
-            }
-            free && *steps > 0
+        let in_time = self.along((from, wall), direction * FAR, steps, |far, other| {
+            patches.push((far, other));
+            free = self.patch[other];
+            free
         });
-        if !free || *steps == 0 {
+        if !free || !in_time {
             return None;
         }
         patches.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));

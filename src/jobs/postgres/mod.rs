@@ -6,8 +6,9 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use async_trait::async_trait;
-use sqlx::PgConnection;
 use sqlx::postgres::{PgConnectOptions, PgPool, PgPoolOptions};
+use sqlx::query::Query;
+use sqlx::{Database, PgConnection, Postgres};
 use tokio::task::JoinHandle;
 use uuid::Uuid;
 
@@ -68,6 +69,17 @@ impl PostgresStore {
     /// The time where it is not the database's.
     fn now(&self) -> Option<i64> {
         self.clock.as_ref().map(|clock| clock.now_ms())
+    }
+
+    /// Runs a statement that names the hold by its last three parameters, and sees whether that still stood.
+    async fn fenced(
+        &self,
+        statement: Query<'_, Postgres, <Postgres as Database>::Arguments>,
+        held: &Lease,
+    ) -> Result<(), StoreError> {
+        let statement = statement.bind(held.id.to_string()).bind(i64::from(held.attempt)).bind(held.token.clone());
+        let done = statement.execute(&self.pool).await?;
+        if done.rows_affected() == 1 { Ok(()) } else { Err(StoreError::LeaseLost) }
     }
 
     /// The job where this hold's own last write had arrived, though its worker did not hear of that.
@@ -193,20 +205,15 @@ impl JobStore for PostgresStore {
 
     async fn heartbeat(&self, held: &Lease, lease: Duration, progress: Option<JobProgress>) -> Result<(), StoreError> {
         // The version grows only with news, so that a quiet heartbeat does not wake those who wait for a change.
-        let done = sqlx::query(
+        let statement = sqlx::query(
             "UPDATE jobs SET lease_expires_at = meshmend_now($1) + $2, progress = coalesce($3, progress), \
              version = version + CASE WHEN $3 IS NOT NULL AND $3 IS DISTINCT FROM progress THEN 1 ELSE 0 END \
              WHERE id = $4 AND attempt = $5 AND lease_token = $6 AND status = 'running'",
         )
         .bind(self.now())
         .bind(millis(lease))
-        .bind(progress.as_ref().map(to_json))
-        .bind(held.id.to_string())
-        .bind(i64::from(held.attempt))
-        .bind(&held.token)
-        .execute(&self.pool)
-        .await?;
-        if done.rows_affected() == 1 { Ok(()) } else { Err(StoreError::LeaseLost) }
+        .bind(progress.as_ref().map(to_json));
+        self.fenced(statement, held).await
     }
 
     async fn complete(&self, held: &Lease, completion: Completion) -> Result<Job, StoreError> {
@@ -264,17 +271,12 @@ impl JobStore for PostgresStore {
     }
 
     async fn hand_back(&self, held: &Lease) -> Result<(), StoreError> {
-        let done = sqlx::query(
+        let statement = sqlx::query(
             "UPDATE jobs SET status = 'queued', attempt = attempt - 1, progress = NULL, worker = NULL, \
              lease_token = NULL, lease_expires_at = NULL, version = version + 1 \
              WHERE id = $1 AND attempt = $2 AND lease_token = $3 AND status = 'running'",
-        )
-        .bind(held.id.to_string())
-        .bind(i64::from(held.attempt))
-        .bind(&held.token)
-        .execute(&self.pool)
-        .await?;
-        if done.rows_affected() == 1 { Ok(()) } else { Err(StoreError::LeaseLost) }
+        );
+        self.fenced(statement, held).await
     }
 
     async fn rescue(&self) -> Result<Vec<Job>, StoreError> {

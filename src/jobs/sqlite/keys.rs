@@ -1,6 +1,6 @@
 use sqlx::SqliteConnection;
 
-use crate::jobs::row::{corrupt, millis};
+use crate::jobs::row::millis;
 use crate::jobs::{JobId, KEY_HOLD, KEY_LIFE, KeyState, RequestKey, StoreError};
 
 pub(super) async fn hold(
@@ -24,17 +24,11 @@ pub(super) async fn hold(
     if held.rows_affected() == 1 {
         return Ok(KeyState::Held);
     }
-    let known: Option<(Option<String>, String)> =
-        sqlx::query_as("SELECT fingerprint, job_id FROM idempotency_keys WHERE key = ?")
-            .bind(key)
-            .fetch_optional(connection)
-            .await?;
-    Ok(match known {
-        Some((Some(fingerprint), id)) => {
-            KeyState::Used { fingerprint, job: id.parse().map_err(|_| corrupt(&id, "job_id", "no job id"))? }
-        }
-        _ => KeyState::InUse,
-    })
+    let known = sqlx::query_as("SELECT fingerprint, job_id FROM idempotency_keys WHERE key = ?")
+        .bind(key)
+        .fetch_optional(connection)
+        .await?;
+    KeyState::of_another(known)
 }
 
 pub(super) async fn release(connection: &mut SqliteConnection, key: &str, job: JobId) -> Result<(), StoreError> {

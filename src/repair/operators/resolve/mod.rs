@@ -103,8 +103,8 @@ impl Resolve {
     /// Precondition: closed and consistently wound. Result: no two faces intersect. New vertices are rounded to f32 one by one so
     /// that no faces come to meet (`rounding.rs`); where that can't be done and faces intersect again, their vertices are
     /// moved to ever coarser grids and the arrangement is made again (after the snap rounding of Valque and Lazard).
-    /// Leaves: the surface as it was where it is not closed, nothing intersects and no room is open, or the arrangement fails; pairs that stay
-    /// after the coarsest grid.
+    /// Leaves: the surface as it was where it is not closed, nothing intersects and no room is open, or the arrangement fails;
+    /// pairs that stay after the coarsest grid.
     ///
     /// # Errors
     /// [`Cancelled`] when the work should stop; the surface is then unchanged.
