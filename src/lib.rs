@@ -17,6 +17,7 @@
 //!
 //! The engine (`math`, `mesh`, `format`, `inspect`, `analyze`, `arrange`, `simplify`, `remesh`, `repair`, `blender`) knows nothing of tokio, axum or sqlx.
 
+pub mod access;
 pub mod analyze;
 pub mod api;
 pub mod arrange;

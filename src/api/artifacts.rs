@@ -6,12 +6,13 @@ use axum::http::{HeaderMap, HeaderValue, Method, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use http_range_header::StartPosition;
 
+use super::caller::MayRead;
 use super::extract::{ApiPath, find_job, job_id, text_header};
 use super::jobs::names;
 use super::problem::{Problem, ProblemCode};
 use super::state::ApiState;
 use crate::blobs::BlobError;
-use crate::jobs::Artifact;
+use crate::jobs::{Artifact, Status};
 
 /// Download a file of a job.
 ///
@@ -31,7 +32,7 @@ use crate::jobs::Artifact;
         (status = 304, description = "The client has it already"),
         (status = 400, description = "A path that can't be understood", body = Problem, content_type = "application/problem+json"),
         (status = 404, description = "No such job, or no such file of it yet", body = Problem, content_type = "application/problem+json"),
-        (status = 410, description = "The job was deleted", body = Problem, content_type = "application/problem+json"),
+        (status = 410, description = "The job was deleted, or its results have expired", body = Problem, content_type = "application/problem+json"),
         (status = 416, description = "The range lies outside the file", body = Problem, content_type = "application/problem+json"),
         (status = 500, description = "A fault of the service", body = Problem, content_type = "application/problem+json"),
         (status = 503, description = "The database does not answer now", body = Problem, content_type = "application/problem+json"),
@@ -39,11 +40,18 @@ use crate::jobs::Artifact;
 )]
 pub(super) async fn get_artifact(
     State(state): State<ApiState>,
+    MayRead(caller): MayRead,
     ApiPath((id, name)): ApiPath<(String, String)>,
     method: Method,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
-    let job = find_job(&state, job_id(&id)?).await?;
+    let job = find_job(&state, &caller, job_id(&id)?).await?;
+    if job.status == Status::Expired {
+        return Err(Problem::new(
+            ProblemCode::JobExpired,
+            format!("The files of the job '{}' were kept as long as they are.", job.id),
+        ));
+    }
     let Some(artifact) = job.artifacts.get(&name) else {
         let shown: String = name.chars().take(64).collect();
         let detail = if job.status.is_final() {

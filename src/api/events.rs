@@ -5,7 +5,8 @@ use axum::extract::State;
 use axum::response::sse::{Event, KeepAlive, Sse};
 use futures::Stream;
 
-use super::extract::PathJob;
+use super::caller::MayRead;
+use super::extract::{PathJobId, find_job};
 use super::job_view::{JobView, ProgressView};
 use super::problem::Problem;
 use super::state::ApiState;
@@ -30,9 +31,11 @@ use crate::jobs::Job;
 )]
 pub(super) async fn job_events(
     State(state): State<ApiState>,
-    PathJob(job): PathJob,
-) -> Sse<impl Stream<Item = Result<Event, Infallible>>> {
-    let watch = Watch::new(&state, job.id);
+    MayRead(caller): MayRead,
+    PathJobId(id): PathJobId,
+) -> Result<Sse<impl Stream<Item = Result<Event, Infallible>>>, Problem> {
+    find_job(&state, &caller, id).await?;
+    let watch = Watch::new(&state, id);
     let stream = futures::stream::unfold((watch, 0, false), move |(mut watch, seen, done)| {
         let state = state.clone();
         async move {
@@ -50,14 +53,14 @@ pub(super) async fn job_events(
             Some((Ok(event(&state, job).await), (watch, seen, done)))
         }
     });
-    Sse::new(stream).keep_alive(KeepAlive::new().interval(Duration::from_secs(15)))
+    Ok(Sse::new(stream).keep_alive(KeepAlive::new().interval(Duration::from_secs(15))))
 }
 
 async fn event(state: &ApiState, job: Job) -> Event {
     let position = state.store.queue_position(&job).await.unwrap_or(None);
     let id = job.version.to_string();
     let (status, done) = (job.status, job.status.is_final());
-    let view = JobView::new(job, position);
+    let view = JobView::new(job, position, state.config.retention);
     let event = if done {
         Event::default().event("done").json_data(view)
     } else {

@@ -1,6 +1,8 @@
-use axum::extract::{FromRequestParts, Path, Query};
+use axum::extract::{FromRequest, FromRequestParts, Path, Query, Request};
 use axum::http::request::Parts;
+use serde::de::DeserializeOwned;
 
+use super::caller::Caller;
 use super::problem::{Problem, ProblemCode};
 use super::state::ApiState;
 use crate::jobs::{Job, JobId};
@@ -15,6 +17,24 @@ pub(super) struct ApiQuery<T>(pub T);
 #[from_request(via(Path), rejection(Problem))]
 pub(super) struct ApiPath<T>(pub T);
 
+/// Largest body that is read as JSON, in bytes.
+const JSON_BYTES: usize = 64 << 10;
+
+/// A body of JSON, of bounded size, with a problem for a rejection.
+pub(super) struct ApiJson<T>(pub T);
+
+impl<T: DeserializeOwned> FromRequest<ApiState> for ApiJson<T> {
+    type Rejection = Problem;
+
+    async fn from_request(request: Request, _: &ApiState) -> Result<Self, Problem> {
+        let invalid = |detail: String| Problem::new(ProblemCode::InvalidRequest, detail);
+        let bytes = axum::body::to_bytes(request.into_body(), JSON_BYTES).await.map_err(|_| {
+            invalid(format!("The body did not come whole, or is larger than {} KiB.", JSON_BYTES >> 10))
+        })?;
+        serde_json::from_slice(&bytes).map(Self).map_err(|e| invalid(format!("The body can't be read: {e}.")))
+    }
+}
+
 /// The id of a job in a path. A text that is no id names no job.
 pub(super) fn job_id(text: &str) -> Result<JobId, Problem> {
     text.parse().map_err(|error| {
@@ -23,9 +43,9 @@ pub(super) fn job_id(text: &str) -> Result<JobId, Problem> {
     })
 }
 
-/// The job of that id, if it is there and not deleted.
-pub(super) async fn find_job(state: &ApiState, id: JobId) -> Result<Job, Problem> {
-    match state.store.get(id).await? {
+/// The job of that id, if it is there for the caller and not deleted.
+pub(super) async fn find_job(state: &ApiState, caller: &Caller, id: JobId) -> Result<Job, Problem> {
+    match state.store.get(id).await?.filter(|job| caller.sees(job)) {
         None => Err(Problem::new(ProblemCode::JobNotFound, format!("There is no job '{id}'."))),
         Some(job) if job.purged => Err(Problem::new(ProblemCode::JobDeleted, format!("The job '{id}' was deleted."))),
         Some(job) => Ok(job),
@@ -37,14 +57,14 @@ pub(super) fn text_header<'a>(parts: &'a axum::http::HeaderMap, name: &axum::htt
     parts.get(name).and_then(|value| value.to_str().ok())
 }
 
-/// The job that the path names, for handlers that need nothing else of it.
-pub(super) struct PathJob(pub Job);
+/// Axum's path extractor for the id of a job.
+pub(super) struct PathJobId(pub JobId);
 
-impl FromRequestParts<ApiState> for PathJob {
+impl FromRequestParts<ApiState> for PathJobId {
     type Rejection = Problem;
 
     async fn from_request_parts(parts: &mut Parts, state: &ApiState) -> Result<Self, Problem> {
         let ApiPath(id) = ApiPath::<String>::from_request_parts(parts, state).await?;
-        find_job(state, job_id(&id)?).await.map(Self)
+        job_id(&id).map(Self)
     }
 }

@@ -8,6 +8,7 @@ use axum::response::{IntoResponse, Response};
 use serde::Serialize;
 use utoipa::ToSchema;
 
+use super::caller::MayReadMetrics;
 use super::extract::ApiPath;
 use super::problem::{Problem, ProblemCode, ProblemDoc, catalogue};
 use super::state::ApiState;
@@ -69,6 +70,8 @@ async fn check<E: std::fmt::Display>(result: impl Future<Output = Result<(), E>>
 }
 
 /// Metrics for Prometheus.
+///
+/// Where the service asks for keys, one with the scope `metrics`.
 #[utoipa::path(
     get, path = "/metrics", tag = "service",
     responses(
@@ -77,7 +80,10 @@ async fn check<E: std::fmt::Display>(result: impl Future<Output = Result<(), E>>
         (status = 503, description = "The database does not answer now", body = Problem, content_type = "application/problem+json"),
     )
 )]
-pub(super) async fn get_metrics(State(state): State<ApiState>) -> Result<Response, Problem> {
+pub(super) async fn get_metrics(
+    State(state): State<ApiState>,
+    MayReadMetrics(_caller): MayReadMetrics,
+) -> Result<Response, Problem> {
     for count in state.store.counts().await? {
         metrics::gauge!("meshmend_jobs", "status" => count.status.as_str())
             .set(u32::try_from(count.count).unwrap_or(u32::MAX));

@@ -7,8 +7,10 @@ use sha2::{Digest, Sha256};
 use tokio::task::JoinHandle;
 
 use super::extract::text_header;
+use super::incoming::Upload;
 use super::problem::{Problem, ProblemCode};
-use crate::jobs::{Input, JobId, JobOptions, JobStore, KEY_HOLD, KeyState, RequestKey};
+use crate::access::TenantName;
+use crate::jobs::{Input, JobId, KEY_HOLD, KeyState, RequestKey, Store};
 
 /// The request's header.
 const IDEMPOTENCY_KEY: HeaderName = HeaderName::from_static("idempotency-key");
@@ -36,14 +38,20 @@ pub(super) enum Asked {
 
 /// A key that is held while its request is under way, and given back if that comes to nothing.
 pub(super) struct HeldKey {
-    store: Arc<dyn JobStore>,
+    store: Arc<dyn Store>,
+    tenant: TenantName,
     key: Option<String>,
     job: JobId,
     renewal: JoinHandle<()>,
 }
 
 /// Looks the request's key up, and holds it.
-pub(super) async fn ask(store: &Arc<dyn JobStore>, headers: &HeaderMap, job: JobId) -> Result<Asked, Problem> {
+pub(super) async fn ask(
+    store: &Arc<dyn Store>,
+    tenant: &TenantName,
+    headers: &HeaderMap,
+    job: JobId,
+) -> Result<Asked, Problem> {
     let Some(given) = headers.get(IDEMPOTENCY_KEY) else { return Ok(Asked::NoKey) };
     // A string in quotes, says the draft; many clients send none.
     let key = text_header(headers, &IDEMPOTENCY_KEY).unwrap_or_default().trim();
@@ -55,25 +63,25 @@ pub(super) async fn ask(store: &Arc<dyn JobStore>, headers: &HeaderMap, job: Job
         );
         return Err(Problem::new(ProblemCode::InvalidRequest, detail));
     }
-    match store.hold_key(key, job).await? {
-        KeyState::Held => Ok(Asked::Held(HeldKey::new(Arc::clone(store), key.to_owned(), job))),
+    match store.hold_key(tenant.as_str(), key, job).await? {
+        KeyState::Held => Ok(Asked::Held(HeldKey::new(Arc::clone(store), tenant.clone(), key.to_owned(), job))),
         KeyState::InUse => Err(in_use()),
         KeyState::Used { fingerprint, job } => Ok(Asked::Before { fingerprint, job }),
     }
 }
 
 impl HeldKey {
-    fn new(store: Arc<dyn JobStore>, key: String, job: JobId) -> Self {
-        let (renewed, name) = (Arc::clone(&store), key.clone());
+    fn new(store: Arc<dyn Store>, tenant: TenantName, key: String, job: JobId) -> Self {
+        let (renewed, whose, name) = (Arc::clone(&store), tenant.clone(), key.clone());
         let renewal = tokio::spawn(async move {
             loop {
                 tokio::time::sleep(KEY_HOLD / 3).await;
-                if let Err(error) = renewed.hold_key(&name, job).await {
+                if let Err(error) = renewed.hold_key(whose.as_str(), &name, job).await {
                     tracing::warn!(%error, "an idempotency key could not be held");
                 }
             }
         });
-        Self { store, key: Some(key), job, renewal }
+        Self { store, tenant, key: Some(key), job, renewal }
     }
 
     /// The key, for the transaction that accepts the request. It is not given back any more.
@@ -86,19 +94,19 @@ impl Drop for HeldKey {
     fn drop(&mut self) {
         self.renewal.abort();
         let Some(key) = self.key.take() else { return };
-        let (store, job) = (Arc::clone(&self.store), self.job);
+        let (store, tenant, job) = (Arc::clone(&self.store), self.tenant.clone(), self.job);
         tokio::spawn(async move {
-            if let Err(error) = store.release_key(&key, job).await {
+            if let Err(error) = store.release_key(tenant.as_str(), &key, job).await {
                 tracing::warn!(%error, "an idempotency key was not given back and will be free in a while");
             }
         });
     }
 }
 
-/// What tells one request from another: its files and its options.
-pub(super) fn fingerprint(inputs: &[Input], options: &JobOptions) -> String {
+/// What tells one request from another: its files, its options, and what else it says.
+pub(super) fn fingerprint(inputs: &[Input], upload: &Upload) -> String {
     let files: Vec<_> = inputs.iter().map(|input| (&input.name, input.bytes, &input.sha256)).collect();
-    let bytes = serde_json::to_vec(&(files, options)).unwrap_or_default();
+    let bytes = serde_json::to_vec(&(files, &upload.options, &upload.notes)).unwrap_or_default();
     hex::encode(Sha256::digest(&bytes))
 }
 

@@ -1,4 +1,5 @@
 use std::collections::BTreeMap;
+use std::time::Duration;
 
 use serde::Serialize;
 use time::OffsetDateTime;
@@ -7,7 +8,7 @@ use utoipa::ToSchema;
 use super::problem::describe_job_problem;
 use crate::context::Stage;
 use crate::format::{Format, Place};
-use crate::jobs::{Input, Job, JobOptions, JobOutcome, JobReport, ProblemKind, Status, StoredReport};
+use crate::jobs::{Input, Job, JobId, JobOptions, JobOutcome, JobReport, Metadata, ProblemKind, Status, StoredReport};
 
 /// A job as clients see it.
 #[derive(Debug, Serialize, ToSchema)]
@@ -33,6 +34,9 @@ pub(super) struct JobView {
     /// When it ended.
     #[serde(with = "time::serde::rfc3339::option")]
     pub finished_at: Option<OffsetDateTime>,
+    /// When its files and its report will be deleted, or were.
+    #[serde(with = "time::serde::rfc3339::option")]
+    pub expires_at: Option<OffsetDateTime>,
     /// The uploaded file; of several the first.
     pub input: InputView,
     /// All uploaded files in the order they were sent, where there are several.
@@ -40,6 +44,11 @@ pub(super) struct JobView {
     pub inputs: Vec<InputView>,
     /// What was asked for, defaults filled in.
     pub options: JobOptions,
+    /// Your own notes, as you sent them.
+    pub metadata: Metadata,
+    /// The earlier job whose result this one was given, since it had the same bytes, options and engine.
+    #[schema(value_type = Option<String>)]
+    pub reused_from: Option<JobId>,
     /// The account of what was done; left out of lists.
     #[schema(value_type = Option<JobReport>)]
     pub report: Option<StoredReport>,
@@ -73,7 +82,7 @@ pub(super) struct ProgressView {
     pub tier: Option<u8>,
     /// Share of the work that is done, 0 to 100.
     pub percent: u8,
-    /// Jobs that will be taken before this one, while it waits.
+    /// Jobs of yours that will be taken before this one, while it waits.
     pub queue_position: Option<u64>,
 }
 
@@ -115,7 +124,8 @@ pub(super) struct JobProblemView {
 }
 
 impl JobView {
-    pub fn new(job: Job, queue_position: Option<u64>) -> Self {
+    /// `retention` is how long results are kept.
+    pub fn new(job: Job, queue_position: Option<u64>, retention: Duration) -> Self {
         let progress = (!job.status.is_final()).then(|| ProgressView {
             stage: job.progress.map(|p| p.stage),
             tier: job.progress.and_then(|p| p.tier),
@@ -146,9 +156,12 @@ impl JobView {
             created_at: job.created_at,
             started_at: job.started_at,
             finished_at: job.finished_at,
+            expires_at: job.finished_at.and_then(|end| end.checked_add(retention.try_into().ok()?)),
             input: inputs[0].clone(),
             inputs: if inputs.len() > 1 { inputs } else { Vec::new() },
             options: job.options,
+            metadata: job.metadata,
+            reused_from: job.reused_from,
             report: job.report,
             artifacts: job.artifacts.into_iter().map(link).collect(),
             problem,

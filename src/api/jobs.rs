@@ -7,7 +7,8 @@ use axum::response::{IntoResponse, Response};
 use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 
-use super::extract::{ApiPath, ApiQuery, PathJob, find_job, job_id, text_header};
+use super::caller::{MayRead, MayWrite};
+use super::extract::{ApiQuery, PathJobId, find_job, text_header};
 use super::job_view::JobView;
 use super::problem::{Problem, ProblemCode};
 use super::state::ApiState;
@@ -49,13 +50,13 @@ pub(super) struct WaitQuery {
 )]
 pub(super) async fn get_job(
     State(state): State<ApiState>,
-    ApiPath(id): ApiPath<String>,
+    MayRead(caller): MayRead,
+    PathJobId(id): PathJobId,
     ApiQuery(query): ApiQuery<WaitQuery>,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
-    let id = job_id(&id)?;
     let mut watch = Watch::new(&state, id);
-    let mut job = find_job(&state, id).await?;
+    let mut job = find_job(&state, &caller, id).await?;
     if let Some(seconds) = query.wait.or_else(|| preferred_wait(&headers)) {
         let longest = Duration::from_secs(seconds.min(LONGEST_WAIT));
         job = watch.status_change(job, longest).await?;
@@ -69,18 +70,20 @@ pub(super) async fn get_job(
         let headers = [(header::ETAG, etag), (header::CACHE_CONTROL, "no-cache".to_owned())];
         return Ok((StatusCode::NOT_MODIFIED, headers).into_response());
     }
-    Ok(answer(StatusCode::OK, job, position, [(header::ETAG, etag)]))
+    Ok(answer(&state, StatusCode::OK, job, position, [(header::ETAG, etag)]))
 }
 
 /// The answer with a job in it, and when to ask again.
 pub(super) fn answer<const N: usize>(
+    state: &ApiState,
     status: StatusCode,
     job: Job,
     position: Option<u64>,
     headers: [(HeaderName, String); N],
 ) -> Response {
     let more = (!job.status.is_final()).then_some([(header::RETRY_AFTER, "1")]);
-    (status, headers, [(header::CACHE_CONTROL, "no-cache")], more, Json(JobView::new(job, position))).into_response()
+    let view = JobView::new(job, position, state.config.retention);
+    (status, headers, [(header::CACHE_CONTROL, "no-cache")], more, Json(view)).into_response()
 }
 
 pub(super) fn etag(job: &Job, position: Option<u64>) -> String {
@@ -136,6 +139,7 @@ pub(super) struct JobPage {
 )]
 pub(super) async fn list_jobs(
     State(state): State<ApiState>,
+    MayRead(caller): MayRead,
     ApiQuery(query): ApiQuery<JobsQuery>,
 ) -> Result<Json<JobPage>, Problem> {
     let limit = query.limit.unwrap_or(PAGE);
@@ -149,8 +153,9 @@ pub(super) async fn list_jobs(
             "cursor is not one that this service gave; take 'next' of the page before.",
         )
     })?;
-    let page = state.store.list(ListQuery { status: query.status, before, limit }).await?;
-    let jobs = page.jobs.into_iter().map(|job| JobView::new(job, None)).collect();
+    let (tenant, made_by) = (caller.tenant.to_string(), caller.only_made_by());
+    let page = state.store.list(ListQuery { tenant, made_by, status: query.status, before, limit }).await?;
+    let jobs = page.jobs.into_iter().map(|job| JobView::new(job, None, state.config.retention)).collect();
     Ok(Json(JobPage { jobs, next: page.next.map(|id| id.to_string()) }))
 }
 
@@ -170,11 +175,16 @@ pub(super) async fn list_jobs(
         (status = 503, description = "The database does not answer now", body = Problem, content_type = "application/problem+json"),
     )
 )]
-pub(super) async fn cancel_job(State(state): State<ApiState>, PathJob(job): PathJob) -> Result<Response, Problem> {
+pub(super) async fn cancel_job(
+    State(state): State<ApiState>,
+    MayWrite(caller): MayWrite,
+    PathJobId(id): PathJobId,
+) -> Result<Response, Problem> {
+    let job = find_job(&state, &caller, id).await?;
     match state.store.cancel(job.id).await? {
         Some(Cancelled::Yes(job)) => {
             let etag = etag(&job, None);
-            Ok(answer(StatusCode::OK, *job, None, [(header::ETAG, etag)]))
+            Ok(answer(&state, StatusCode::OK, *job, None, [(header::ETAG, etag)]))
         }
         Some(Cancelled::TooLate(job)) => {
             let detail = format!("The job '{}' has {}; it can't be cancelled any more.", job.id, job.status.as_str());
@@ -201,10 +211,10 @@ pub(super) async fn cancel_job(State(state): State<ApiState>, PathJob(job): Path
 )]
 pub(super) async fn delete_job(
     State(state): State<ApiState>,
-    ApiPath(id): ApiPath<String>,
+    MayWrite(caller): MayWrite,
+    PathJobId(id): PathJobId,
 ) -> Result<StatusCode, Problem> {
-    let id = job_id(&id)?;
-    let found = find_job(&state, id).await.map(drop);
+    let found = find_job(&state, &caller, id).await.map(drop);
     if found.as_ref().is_err_and(|problem| problem.code != ProblemCode::JobDeleted) {
         return found.map(|()| StatusCode::NO_CONTENT);
     }

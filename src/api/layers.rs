@@ -46,7 +46,7 @@ async fn observe(request: Request, next: Next) -> Response {
     let method = known.into_iter().find(|known| request.method() == *known).unwrap_or("other");
     let path = request.uri().path().to_owned();
     let route = request.extensions().get::<MatchedPath>().map_or("none", MatchedPath::as_str).to_owned();
-    let span = tracing::info_span!("request", request_id = id, method, path);
+    let span = tracing::info_span!("request", request_id = id, method, path, tenant = tracing::field::Empty);
     let started = Instant::now();
     let mut response = next.run(request).instrument(span.clone()).await;
     if let Some(mut problem) = response.extensions_mut().remove::<Problem>() {

@@ -1,28 +1,36 @@
 //! The HTTP surface: one file a resource, errors as problem+json everywhere, and an OpenAPI document made from the code.
 //!
 //! ```text
-//! request -> layers (request id, trace, panic, problem) -> router -> resource -> blobs + jobs
+//! request -> layers (request id, trace, panic, problem) -> router -> admit (who asks, how often) -> resource -> blobs + jobs
 //! ```
 
+mod admit;
 mod artifacts;
+mod caller;
 mod capabilities;
 mod events;
 mod extract;
 mod health;
 mod idempotency;
+mod incoming;
 mod job_view;
 mod jobs;
 mod layers;
 mod openapi;
 mod problem;
+mod rates;
+mod reuse;
 mod router;
 mod state;
 mod submit;
+mod tokens;
 mod upload;
 mod wait;
 
+pub use admit::Auth;
 pub use capabilities::{Capabilities, TierStatus};
 pub use openapi::document;
 pub use problem::{Problem, ProblemCode};
+pub use rates::Rates;
 pub use router::router;
 pub use state::{ApiConfig, ApiState};

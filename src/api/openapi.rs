@@ -1,9 +1,11 @@
 use utoipa::OpenApi;
+use utoipa::openapi::security::{HttpAuthScheme, HttpBuilder, SecurityRequirement, SecurityScheme};
+use utoipa::openapi::{ContentBuilder, Ref, ResponseBuilder};
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
 use super::state::ApiState;
-use super::{artifacts, capabilities, events, health, jobs, submit};
+use super::{artifacts, capabilities, events, health, jobs, submit, tokens};
 
 #[derive(OpenApi)]
 #[openapi(
@@ -15,24 +17,33 @@ use super::{artifacts, capabilities, events, health, jobs, submit};
     ),
     tags(
         (name = "jobs", description = "Send a model, follow its job, download the result"),
+        (name = "access", description = "Tokens for the pages of a storefront"),
         (name = "service", description = "What the service can do and how it is"),
     ),
     components(schemas(super::Problem, crate::jobs::JobReport)),
 )]
 struct Document;
 
-/// Every documented address with its handler.
-pub(super) fn routes() -> OpenApiRouter<ApiState> {
-    OpenApiRouter::with_openapi(Document::openapi())
+/// The addresses that ask who is there.
+pub(super) fn guarded() -> OpenApiRouter<ApiState> {
+    let mut routes = OpenApiRouter::with_openapi(Document::openapi())
         .routes(routes!(submit::submit_job, jobs::list_jobs))
         .routes(routes!(jobs::get_job, jobs::delete_job))
         .routes(routes!(jobs::cancel_job))
         .routes(routes!(events::job_events))
         .routes(routes!(artifacts::get_artifact))
+        .routes(routes!(tokens::make_token))
         .routes(routes!(capabilities::get_capabilities))
+        .routes(routes!(health::get_metrics));
+    document_admission(routes.get_openapi_mut());
+    routes
+}
+
+/// The addresses that anybody may ask.
+pub(super) fn open() -> OpenApiRouter<ApiState> {
+    OpenApiRouter::new()
         .routes(routes!(health::livez))
         .routes(routes!(health::readyz))
-        .routes(routes!(health::get_metrics))
         .routes(routes!(health::list_problems))
         .routes(routes!(health::get_problem))
 }
@@ -40,5 +51,35 @@ pub(super) fn routes() -> OpenApiRouter<ApiState> {
 /// The OpenAPI document (3.1), as kept in `openapi/openapi.json`.
 #[must_use]
 pub fn document() -> utoipa::openapi::OpenApi {
-    routes().into_openapi()
+    guarded().merge(open()).into_openapi()
+}
+
+/// Adds what `admit` may answer, and what it asks for.
+fn document_admission(document: &mut utoipa::openapi::OpenApi) {
+    let scheme = SecurityScheme::Http(
+        HttpBuilder::new()
+            .scheme(HttpAuthScheme::Bearer)
+            .description(Some(
+                "An API key, or a browser token. A service that listens on this machine only asks for none.",
+            ))
+            .build(),
+    );
+    document.components.get_or_insert_default().add_security_scheme("key", scheme);
+    let answers = [
+        ("401", "No key, or one that is worth nothing"),
+        ("403", "The key lacks a scope, or the page is of another origin"),
+        ("429", "Too many requests came"),
+        ("503", "The database does not answer now"),
+    ];
+    let operations = document.paths.paths.values_mut().flat_map(|path| {
+        [&mut path.get, &mut path.post, &mut path.put, &mut path.delete].into_iter().filter_map(Option::as_mut)
+    });
+    for operation in operations {
+        operation.security = Some(vec![SecurityRequirement::default(), SecurityRequirement::new("key", [""; 0])]);
+        for (status, description) in answers {
+            let content = ContentBuilder::new().schema(Some(Ref::from_schema_name("Problem"))).build();
+            let answer = ResponseBuilder::new().description(description).content("application/problem+json", content);
+            operation.responses.responses.entry(status.to_owned()).or_insert_with(|| answer.build().into());
+        }
+    }
 }

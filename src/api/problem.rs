@@ -12,6 +12,14 @@ use crate::jobs::{ProblemKind, StoreError};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum ProblemCode {
+    /// No key, or one that is worth nothing.
+    Unauthorized,
+    /// The key does not allow this.
+    Forbidden,
+    /// A page of an origin that may not ask.
+    OriginNotAllowed,
+    /// The tenant asked too often.
+    RateLimited,
     /// No such address.
     RouteNotFound,
     /// The address exists, but not for this method.
@@ -38,6 +46,8 @@ pub enum ProblemCode {
     JobNotFound,
     /// The job was deleted on request.
     JobDeleted,
+    /// The job's results were kept as long as they are, and are gone.
+    JobExpired,
     /// The job has ended, so it can't be cancelled.
     JobFinished,
     /// The job has no such file, or not yet.
@@ -73,7 +83,11 @@ pub struct ProblemDoc {
 
 impl ProblemCode {
     /// Every code.
-    pub const ALL: [Self; 22] = [
+    pub const ALL: [Self; 27] = [
+        Self::Unauthorized,
+        Self::Forbidden,
+        Self::OriginNotAllowed,
+        Self::RateLimited,
         Self::RouteNotFound,
         Self::MethodNotAllowed,
         Self::InvalidRequest,
@@ -87,6 +101,7 @@ impl ProblemCode {
         Self::UploadInterrupted,
         Self::JobNotFound,
         Self::JobDeleted,
+        Self::JobExpired,
         Self::JobFinished,
         Self::ArtifactNotFound,
         Self::RangeNotSatisfiable,
@@ -102,6 +117,26 @@ impl ProblemCode {
     #[must_use]
     pub fn describe(self) -> (StatusCode, &'static str, &'static str) {
         match self {
+            Self::Unauthorized => (
+                StatusCode::UNAUTHORIZED,
+                "No valid key",
+                "Send 'Authorization: Bearer KEY'; the operator makes keys with 'meshmend keys create'.",
+            ),
+            Self::Forbidden => (
+                StatusCode::FORBIDDEN,
+                "Not allowed",
+                "Use a key with the scope that the detail names; the operator makes them with 'meshmend keys create'.",
+            ),
+            Self::OriginNotAllowed => (
+                StatusCode::FORBIDDEN,
+                "Origin not allowed",
+                "Ask with a token that was made for this page's origin, by POST /v1/browser-tokens.",
+            ),
+            Self::RateLimited => (
+                StatusCode::TOO_MANY_REQUESTS,
+                "Too many requests",
+                "Ask again after the seconds that the Retry-After header names, and wait for jobs with ?wait= or events.",
+            ),
             Self::RouteNotFound => {
                 (StatusCode::NOT_FOUND, "No such address", "See /docs for the addresses that exist.")
             }
@@ -147,6 +182,11 @@ impl ProblemCode {
                 (StatusCode::NOT_FOUND, "No such job", "Check the id; it is in the answer to POST /v1/jobs.")
             }
             Self::JobDeleted => (StatusCode::GONE, "Job deleted", "Its files are gone; send the model again."),
+            Self::JobExpired => (
+                StatusCode::GONE,
+                "Results expired",
+                "Download results before the job's expires_at; send the model again.",
+            ),
             Self::JobFinished => (StatusCode::CONFLICT, "Job has ended", "Nothing is left to cancel."),
             Self::ArtifactNotFound => (
                 StatusCode::NOT_FOUND,

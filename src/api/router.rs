@@ -1,10 +1,12 @@
 use axum::Router;
 use axum::extract::DefaultBodyLimit;
 use axum::http::Uri;
+use axum::middleware::{from_fn, from_fn_with_state};
 use axum::response::Redirect;
 use axum::routing::get;
 use utoipa_swagger_ui::SwaggerUi;
 
+use super::admit::{admit, preflight};
 use super::layers;
 use super::openapi;
 use super::problem::{Problem, ProblemCode};
@@ -12,7 +14,8 @@ use super::state::ApiState;
 
 /// The whole HTTP surface.
 pub fn router(state: ApiState) -> Router {
-    let (routes, document) = openapi::routes().split_for_parts();
+    let admitted = openapi::guarded().route_layer(from_fn_with_state(state.clone(), admit));
+    let (routes, document) = admitted.merge(openapi::open()).split_for_parts();
     let router = routes
         .route("/", get(|| async { Redirect::temporary("/docs/") }))
         .with_state(state)
@@ -20,8 +23,9 @@ pub fn router(state: ApiState) -> Router {
         .merge(SwaggerUi::new("/docs").url("/openapi.json", document))
         .fallback(no_route)
         .method_not_allowed_fallback(wrong_method)
-        // Uploads are counted as they stream in; no other handler reads a body.
-        .layer(DefaultBodyLimit::disable());
+        // Uploads are counted as they stream in, and other bodies by `ApiJson`.
+        .layer(DefaultBodyLimit::disable())
+        .layer(from_fn(preflight));
     layers::add(router)
 }
 

@@ -5,9 +5,12 @@ use metrics_exporter_prometheus::PrometheusHandle;
 use tokio_util::sync::CancellationToken;
 
 use super::Capabilities;
+use super::admit::Auth;
+use super::rates::Rates;
+use crate::access::TenantLimits;
 use crate::blobs::Blobs;
 use crate::format::Limits;
-use crate::jobs::JobStore;
+use crate::jobs::Store;
 
 /// What the API may spend on a request.
 #[derive(Debug, Clone, Copy)]
@@ -18,6 +21,10 @@ pub struct ApiConfig {
     pub max_files: usize,
     /// Most jobs that may wait.
     pub max_queued: u64,
+    /// What a tenant may use where nothing else is set for it.
+    pub tenant_limits: TenantLimits,
+    /// How long results are kept.
+    pub retention: Duration,
     /// Bytes that must stay free on the disk of the files.
     pub min_free: u64,
     /// Longest silence in the middle of an upload.
@@ -30,9 +37,13 @@ pub struct ApiConfig {
 #[derive(Clone)]
 pub struct ApiState {
     /// The jobs.
-    pub store: Arc<dyn JobStore>,
+    pub store: Arc<dyn Store>,
     /// The files.
     pub blobs: Blobs,
+    /// Whether it asks for keys.
+    pub auth: Auth,
+    /// How often each tenant asked lately.
+    pub rates: Arc<Rates>,
     /// Limits and times.
     pub config: ApiConfig,
     /// What this service can do.

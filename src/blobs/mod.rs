@@ -203,6 +203,14 @@ impl Blobs {
         Ok(())
     }
 
+    /// Copies a file within the store.
+    ///
+    /// # Errors
+    /// [`BlobError::NotFound`] when there is none of that key.
+    pub async fn copy(&self, from: &str, to: &str) -> Result<(), BlobError> {
+        self.store.copy(&Key::from(from), &Key::from(to)).await.map_err(not_found)
+    }
+
     /// Deletes a job's uploaded files and all that its attempts made, half-written files among them.
     ///
     /// # Errors

@@ -2,6 +2,7 @@ mod compare;
 mod engine;
 mod exit;
 mod inspect;
+mod keys;
 mod listen;
 mod openapi;
 mod repair;
@@ -34,6 +35,10 @@ enum Command {
     Compare(compare::CompareArgs),
     /// Make or update the database's tables and stop.
     Migrate(service::MigrateArgs),
+    /// Make, list and revoke API keys.
+    Keys(keys::KeysArgs),
+    /// Set what single tenants may use.
+    Tenants(keys::TenantsArgs),
     /// Print the OpenAPI document, or check a file against it.
     Openapi(openapi::OpenapiArgs),
     /// Run one job in this process, as workers start it.
@@ -53,6 +58,8 @@ pub fn run() -> ExitCode {
         Command::Inspect(args) => inspect::run(&args),
         Command::Compare(args) => compare::run(&args),
         Command::Migrate(args) => service::migrate(&args),
+        Command::Keys(args) => keys::keys(args),
+        Command::Tenants(args) => keys::tenants(args),
         Command::Openapi(args) => openapi::run(&args),
         Command::JobChild { folder } => meshmend::worker::run_child(&folder),
     }

@@ -1,4 +1,4 @@
-use std::io::{self, IsTerminal};
+use std::io::{self, IsTerminal, Write};
 use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -6,12 +6,13 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use clap::{Args, ValueEnum};
-use meshmend::api::{ApiConfig, ApiState, Capabilities, router};
+use meshmend::access::TenantLimits;
+use meshmend::api::{ApiConfig, ApiState, Auth, Capabilities, Rates, router};
 use meshmend::blender::{BlenderRemesher, Warmth, warm_up};
 use meshmend::blobs::Blobs;
-use meshmend::jobs::{JobStore, PostgresStore, RetryPolicy, SqliteStore, SystemClock};
+use meshmend::jobs::{PostgresStore, RetryPolicy, SqliteStore, Store, SystemClock};
 use meshmend::repair::{Remesher, RemesherInfo};
-use meshmend::worker::{Pool, Shutdown, WorkerConfig};
+use meshmend::worker::{Pool, Retention, Shutdown, WorkerConfig};
 use metrics_exporter_prometheus::{Matcher, PrometheusBuilder, PrometheusHandle};
 use tokio::signal::unix::{SignalKind, signal};
 use tokio_util::sync::CancellationToken;
@@ -29,6 +30,17 @@ pub struct ServeArgs {
     /// Address to listen on.
     #[arg(long, env = "MESHMEND_LISTEN", default_value = "127.0.0.1:8080")]
     listen: SocketAddr,
+    /// Whether requests need a key (`meshmend keys create`): `open` for none, `keys` for one, `auto` for one unless the service
+    /// listens on this machine only.
+    #[arg(long, env = "MESHMEND_AUTH", value_enum, default_value_t)]
+    auth: AuthMode,
+    /// Most jobs of one tenant that may wait, unless `meshmend tenants set` says otherwise; without it, as many as may wait in all.
+    #[arg(long, env = "MESHMEND_TENANT_MAX_QUEUED")]
+    tenant_max_queued: Option<u32>,
+    /// Most requests of one tenant in a minute, on this process, unless `meshmend tenants set` says otherwise; further ones are refused
+    /// with 429. Without it there is no limit.
+    #[arg(long, env = "MESHMEND_TENANT_REQUESTS_PER_MINUTE")]
+    tenant_requests_per_minute: Option<u32>,
     /// Seconds of silence in the middle of an upload after which it is given up.
     #[arg(long, env = "MESHMEND_UPLOAD_IDLE_S", default_value_t = 30)]
     upload_idle_s: u64,
@@ -56,6 +68,10 @@ pub struct WorkArgs {
     /// Jobs that run at the same time; without it, one a processor.
     #[arg(long, env = "MESHMEND_WORKERS")]
     workers: Option<usize>,
+    /// Most jobs of one tenant that run at the same time, on all workers together, unless `meshmend tenants set` says otherwise;
+    /// without it, as many as there are workers.
+    #[arg(long, env = "MESHMEND_TENANT_MAX_RUNNING")]
+    tenant_max_running: Option<u32>,
     /// Memory (address space) that one job may use, in MiB.
     #[arg(long, env = "MESHMEND_JOB_MEMORY_MIB", default_value_t = 8192)]
     job_memory_mib: u64,
@@ -94,6 +110,12 @@ pub struct DataArgs {
     /// Most connections to PostgreSQL that this process holds.
     #[arg(long, env = "MESHMEND_DATABASE_CONNECTIONS", default_value_t = 10, value_parser = clap::value_parser!(u32).range(2..=1000))]
     database_connections: u32,
+    /// Hours after its end that a job's files and report are kept.
+    #[arg(long, env = "MESHMEND_RETAIN_RESULTS_H", default_value_t = 168)]
+    retain_results_h: u32,
+    /// Days after its end that it is known that there was a job.
+    #[arg(long, env = "MESHMEND_RETAIN_JOBS_D", default_value_t = 90)]
+    retain_jobs_d: u32,
     /// What to log, as `level` or `target=level,...`.
     #[arg(long, env = "MESHMEND_LOG", default_value = "info")]
     log: String,
@@ -109,6 +131,27 @@ pub struct MigrateArgs {
     data: DataArgs,
 }
 
+impl DataArgs {
+    fn retention(&self) -> Retention {
+        Retention {
+            results: Duration::from_secs(u64::from(self.retain_results_h) * 3600),
+            jobs: Duration::from_secs(u64::from(self.retain_jobs_d) * 24 * 3600),
+        }
+    }
+}
+
+/// Whether requests need a key.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
+enum AuthMode {
+    /// Unless the service listens on this machine only.
+    #[default]
+    Auto,
+    /// None does.
+    Open,
+    /// Each does.
+    Keys,
+}
+
 /// How log lines look.
 #[derive(Debug, Clone, Copy, Default, ValueEnum)]
 enum LogFormat {
@@ -121,13 +164,15 @@ enum LogFormat {
 
 /// Why a service could not start or go on.
 #[derive(Debug, thiserror::Error)]
-enum ServiceError {
+pub(super) enum ServiceError {
     #[error("{0}: {1}")]
     Io(String, io::Error),
     #[error(transparent)]
     Store(#[from] meshmend::jobs::StoreError),
     #[error(transparent)]
     Blobs(#[from] meshmend::blobs::BlobError),
+    #[error("{0}")]
+    Refused(String),
     #[error("metrics: {0}")]
     Metrics(#[from] metrics_exporter_prometheus::BuildError),
 }
@@ -168,6 +213,19 @@ pub fn migrate(args: &MigrateArgs) -> ExitCode {
     })
 }
 
+/// Does something with what the service keeps, beside it or without it.
+pub(super) fn run<F: Future<Output = Result<(), ServiceError>>>(
+    data: &DataArgs,
+    work: impl FnOnce(Room) -> F,
+) -> ExitCode {
+    start(data, async { work(Room::open(data).await?).await })
+}
+
+/// Prints a line for people or scripts.
+pub(super) fn to_stdout(line: &str) -> Result<(), ServiceError> {
+    writeln!(io::stdout(), "{line}").map_err(io_error("standard output"))
+}
+
 fn start(data: &DataArgs, service: impl Future<Output = Result<(), ServiceError>>) -> ExitCode {
     if let Err(message) = start_logging(data) {
         return exit::fail(exit::BAD_INPUT, message);
@@ -178,6 +236,7 @@ fn start(data: &DataArgs, service: impl Future<Output = Result<(), ServiceError>
     };
     match runtime.block_on(service) {
         Ok(()) => ExitCode::SUCCESS,
+        Err(error @ ServiceError::Refused(_)) => exit::fail(exit::BAD_INPUT, error),
         Err(error) => exit::fail(exit::INTERNAL, error),
     }
 }
@@ -194,9 +253,9 @@ fn start_logging(data: &DataArgs) -> Result<(), String> {
 }
 
 /// The data folder, opened.
-struct Room {
+pub(super) struct Room {
     data_dir: PathBuf,
-    store: Arc<dyn JobStore>,
+    pub store: Arc<dyn Store>,
     blobs: Blobs,
 }
 
@@ -205,7 +264,7 @@ impl Room {
         std::fs::create_dir_all(&args.data_dir).map_err(io_error(args.data_dir.display().to_string()))?;
         let data_dir = args.data_dir.canonicalize().map_err(io_error(args.data_dir.display().to_string()))?;
         let retry = RetryPolicy::default();
-        let store: Arc<dyn JobStore> = match &args.database_url {
+        let store: Arc<dyn Store> = match &args.database_url {
             Some(url) => Arc::new(PostgresStore::open(url, args.database_connections, None, retry).await?),
             None => {
                 let database = data_dir.join("meshmend.db");
@@ -228,6 +287,8 @@ impl Room {
             program,
             scratch: self.data_dir.join("scratch"),
             slots: slots.unwrap_or(processors),
+            max_running: args.tenant_max_running.unwrap_or(u32::MAX),
+            retention: args.data.retention(),
             lease: seconds(args.lease_s),
             poll: POLL,
             job_memory: args.job_memory_mib << 20,
@@ -238,6 +299,17 @@ impl Room {
             blender: args.blender.config(),
         };
         Pool::new(Arc::clone(&self.store), self.blobs.clone(), config).map_err(io_error("the scratch folder"))
+    }
+}
+
+impl ServeArgs {
+    fn auth(&self) -> Auth {
+        match self.auth {
+            AuthMode::Open => Auth::Open,
+            AuthMode::Keys => Auth::Keys,
+            AuthMode::Auto if self.listen.ip().is_loopback() => Auth::Open,
+            AuthMode::Auto => Auth::Keys,
+        }
     }
 }
 
@@ -253,10 +325,18 @@ async fn serve_until_stopped(args: &ServeArgs) -> Result<(), ServiceError> {
     let state = ApiState {
         store: Arc::clone(&room.store),
         blobs: room.blobs.clone(),
+        auth: args.auth(),
+        rates: Arc::new(Rates::default()),
         config: ApiConfig {
             limits,
             max_files,
             max_queued: args.max_queued,
+            tenant_limits: TenantLimits {
+                max_queued: args.tenant_max_queued,
+                max_running: args.work.tenant_max_running,
+                requests_per_minute: args.tenant_requests_per_minute,
+            },
+            retention: args.work.data.retention().results,
             min_free: args.min_free_mib << 20,
             upload_idle: Duration::from_secs(args.upload_idle_s),
             poll: POLL,

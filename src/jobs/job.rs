@@ -64,7 +64,7 @@ impl<'de> Deserialize<'de> for JobId {
 /// Where a job stands.
 ///
 /// ```text
-/// queued -> running -> succeeded | failed | canceled
+/// queued -> running -> succeeded | failed | canceled -> expired
 ///    ^         |
 ///    +---------+  handed back, retried, or rescued after its lease ran out
 /// queued -> canceled
@@ -82,11 +82,14 @@ pub enum Status {
     Failed,
     /// Stopped on request.
     Canceled,
+    /// Ended so long ago that its files and its report were deleted.
+    Expired,
 }
 
 impl Status {
     /// Every status.
-    pub const ALL: [Self; 5] = [Self::Queued, Self::Running, Self::Succeeded, Self::Failed, Self::Canceled];
+    pub const ALL: [Self; 6] =
+        [Self::Queued, Self::Running, Self::Succeeded, Self::Failed, Self::Canceled, Self::Expired];
 
     /// The name used in JSON and in the store.
     #[must_use]
@@ -97,13 +100,14 @@ impl Status {
             Self::Succeeded => "succeeded",
             Self::Failed => "failed",
             Self::Canceled => "canceled",
+            Self::Expired => "expired",
         }
     }
 
     /// Whether nothing more will happen.
     #[must_use]
     pub fn is_final(self) -> bool {
-        matches!(self, Self::Succeeded | Self::Failed | Self::Canceled)
+        matches!(self, Self::Succeeded | Self::Failed | Self::Canceled | Self::Expired)
     }
 }
 
@@ -128,6 +132,15 @@ pub struct Input {
     pub sha256: String,
     /// The format found in its bytes.
     pub format: Format,
+}
+
+impl Input {
+    /// Its name without the ending, as the names of results begin.
+    #[must_use]
+    pub fn stem(&self) -> &str {
+        let stem = self.name.rsplit_once('.').map_or(self.name.as_str(), |(stem, _)| stem);
+        if stem.is_empty() { "model" } else { stem }
+    }
 }
 
 /// How far a job is.
@@ -159,6 +172,9 @@ pub struct Artifact {
 
 /// Result files by artifact name (`model`, `report.json`, `log.txt`, pictures).
 pub type Artifacts = BTreeMap<String, Artifact>;
+
+/// A client's own notes on a job, handed back as they came: names and texts.
+pub type Metadata = BTreeMap<String, String>;
 
 /// Why a job failed, for programs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
@@ -220,6 +236,10 @@ impl JobProblem {
 pub struct Job {
     /// Its name.
     pub id: JobId,
+    /// Whose it is.
+    pub tenant: String,
+    /// The key it was submitted with; none where the service asks for none.
+    pub made_by: Option<String>,
     /// Where it stands.
     pub status: Status,
     /// What became of the model, once it succeeded.
@@ -242,6 +262,12 @@ pub struct Job {
     pub inputs: Vec<Input>,
     /// What to do.
     pub options: JobOptions,
+    /// The client's own notes.
+    pub metadata: Metadata,
+    /// Where to tell of its end.
+    pub callback_url: Option<String>,
+    /// The job whose result it was given, where nothing had to be done again.
+    pub reused_from: Option<JobId>,
     /// The account of what was done.
     pub report: Option<StoredReport>,
     /// The result files.

@@ -3,6 +3,7 @@
 //! The store is a trait ([`JobStore`]) whose every statement that ends or extends a running job is fenced by
 //! (job, attempt, token), so that the write of a worker that lost its lease changes nothing.
 
+mod access;
 mod bell;
 mod clock;
 mod job;
@@ -15,9 +16,12 @@ mod row;
 mod sqlite;
 mod store;
 
+pub use access::AccessStore;
 pub use bell::Bell;
 pub use clock::{Clock, SystemClock};
-pub use job::{Artifact, Artifacts, Input, Job, JobId, JobIdError, JobProblem, JobProgress, ProblemKind, Status};
+pub use job::{
+    Artifact, Artifacts, Input, Job, JobId, JobIdError, JobProblem, JobProgress, Metadata, ProblemKind, Status,
+};
 pub use keys::{KEY_HOLD, KEY_LIFE, KeyState, RequestKey};
 pub use options::{JobOptions, JobOptionsError, Mode};
 pub use postgres::PostgresStore;
@@ -25,6 +29,11 @@ pub use report::{JobOutcome, JobReport, StoredReport};
 pub use retry::RetryPolicy;
 pub use sqlite::SqliteStore;
 pub use store::{
-    Cancelled, Claim, Completion, Failure, FailureKind, JobStore, Lease, ListQuery, NewJob, Page, StatusCount,
-    StoreError,
+    Cancelled, Claim, Completion, Failure, FailureKind, JobStore, Lease, ListQuery, NewJob, Page, Reused, StatusCount,
+    StoreError, Waiting,
 };
+
+/// All that a service keeps in its database.
+pub trait Store: JobStore + AccessStore {}
+
+impl<T: JobStore + AccessStore> Store for T {}

@@ -28,11 +28,19 @@ pub(super) fn corrupt(id: &str, column: &'static str, reason: impl ToString) -> 
     StoreError::Corrupt { id: id.to_owned(), column, reason: reason.to_string() }
 }
 
-/// The columns of a job in the order that does not matter, for `SELECT` and `RETURNING`.
+/// The columns of a job in the order that does not matter, for `SELECT` and `RETURNING`; with something else in place of its
+/// report where that is not wanted.
 macro_rules! job_columns {
     () => {
-        "id, status, outcome, attempt, crashes, created_at, run_at, started_at, finished_at, progress, inputs, \
-         options, report, artifacts, problem, version, purged_at"
+        job_columns!("report")
+    };
+    ($report:literal) => {
+        concat!(
+            "id, tenant, made_by, status, outcome, attempt, crashes, created_at, run_at, started_at, finished_at, progress, inputs, \
+             options, metadata, callback_url, reused_from, ",
+            $report,
+            ", artifacts, problem, version, purged_at"
+        )
     };
 }
 pub(super) use job_columns;
@@ -66,6 +74,14 @@ where
             .filter(|inputs| !inputs.is_empty())
             .ok_or_else(|| corrupt(&id, "inputs", "no file"))?,
         options: json(row, &id, "options")?.ok_or_else(|| corrupt(&id, "options", "null"))?,
+        tenant: row.try_get("tenant")?,
+        made_by: row.try_get("made_by")?,
+        metadata: json(row, &id, "metadata")?.unwrap_or_default(),
+        callback_url: row.try_get("callback_url")?,
+        reused_from: row
+            .try_get::<Option<String>, _>("reused_from")?
+            .map(|from| from.parse().map_err(|_| corrupt(&id, "reused_from", "no job id")))
+            .transpose()?,
         report: json(row, &id, "report")?,
         artifacts: json(row, &id, "artifacts")?.unwrap_or_default(),
         problem: json(row, &id, "problem")?,

@@ -3,7 +3,8 @@ use std::time::Duration;
 use async_trait::async_trait;
 
 use super::{
-    Artifacts, Bell, Input, Job, JobId, JobOptions, JobProblem, JobProgress, JobReport, KeyState, RequestKey, Status,
+    Artifacts, Bell, Input, Job, JobId, JobOptions, JobOutcome, JobProblem, JobProgress, JobReport, KeyState, Metadata,
+    RequestKey, Status, StoredReport,
 };
 
 /// What went wrong in the store.
@@ -58,10 +59,54 @@ pub struct NewJob {
     pub id: JobId,
     /// The files, at least one.
     pub inputs: Vec<Input>,
+    /// Whose it is.
+    pub tenant: String,
+    /// The key it was submitted with.
+    pub made_by: Option<String>,
     /// What to do.
     pub options: JobOptions,
+    /// The client's own notes.
+    pub metadata: Metadata,
+    /// Where to tell of its end.
+    pub callback_url: Option<String>,
+    /// A hash of what its result depends on: bytes, options, engine.
+    pub fingerprint: String,
+    /// The result of an earlier job with the same fingerprint: then it has ended as soon as it is accepted.
+    pub result: Option<Reused>,
     /// The request's key, which must be held for it.
     pub key: Option<RequestKey>,
+}
+
+impl NewJob {
+    /// A job of a tenant that says nothing but what is to be done.
+    #[must_use]
+    pub fn new(id: JobId, tenant: &str, inputs: Vec<Input>, options: JobOptions) -> Self {
+        Self {
+            id,
+            inputs,
+            tenant: tenant.to_owned(),
+            made_by: None,
+            options,
+            metadata: Metadata::new(),
+            callback_url: None,
+            fingerprint: String::new(),
+            result: None,
+            key: None,
+        }
+    }
+}
+
+/// The result of an earlier job.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Reused {
+    /// That job.
+    pub from: JobId,
+    /// What became of the model.
+    pub outcome: JobOutcome,
+    /// The account.
+    pub report: StoredReport,
+    /// The files, copied for the new job.
+    pub artifacts: Artifacts,
 }
 
 /// A worker's hold on a job. Every write under it is fenced by all three values.
@@ -132,8 +177,12 @@ impl Cancelled {
 }
 
 /// What to list: newest first.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct ListQuery {
+    /// Of this tenant.
+    pub tenant: String,
+    /// Only jobs submitted with this key.
+    pub made_by: Option<String>,
     /// Only jobs of this status.
     pub status: Option<Status>,
     /// Only jobs older than this one.
@@ -159,6 +208,15 @@ impl Page {
         let next = jobs.last().filter(|_| more).map(|job| job.id);
         Self { jobs, next }
     }
+}
+
+/// How many jobs wait.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Waiting {
+    /// Of all tenants.
+    pub all: u64,
+    /// Of the one that was asked for.
+    pub of_tenant: u64,
 }
 
 /// How many jobs there are of one status.
@@ -189,10 +247,10 @@ impl StatusCount {
 #[async_trait]
 pub trait JobStore: Send + Sync {
     /// Holds the key of a request for the job that it is to make, or tells whose it is. Asked again by the same it holds longer.
-    async fn hold_key(&self, key: &str, job: JobId) -> Result<KeyState, StoreError>;
+    async fn hold_key(&self, tenant: &str, key: &str, job: JobId) -> Result<KeyState, StoreError>;
 
     /// Gives back the key of a request that was refused.
-    async fn release_key(&self, key: &str, job: JobId) -> Result<(), StoreError>;
+    async fn release_key(&self, tenant: &str, key: &str, job: JobId) -> Result<(), StoreError>;
 
     /// Forgets keys whose time is over. Answers how many.
     async fn forget_keys(&self) -> Result<u64, StoreError>;
@@ -209,17 +267,22 @@ pub trait JobStore: Send + Sync {
     /// One page of jobs that are not purged.
     async fn list(&self, query: ListQuery) -> Result<Page, StoreError>;
 
-    /// How many jobs wait.
-    async fn queued(&self) -> Result<u64, StoreError>;
+    /// The newest job of the tenant that succeeded with this fingerprint.
+    async fn find_result(&self, tenant: &str, fingerprint: &str) -> Result<Option<Job>, StoreError>;
 
-    /// Jobs that will be claimed before this one; none if it does not wait.
+    /// How many jobs wait, in all and of the tenant.
+    async fn waiting(&self, tenant: &str) -> Result<Waiting, StoreError>;
+
+    /// Jobs of its tenant that will be claimed before this one; none if it does not wait.
     async fn queue_position(&self, job: &Job) -> Result<Option<u64>, StoreError>;
 
     /// How many jobs there are of each status.
     async fn counts(&self) -> Result<Vec<StatusCount>, StoreError>;
 
-    /// Takes the job that has been due longest, if one is, and holds it for `lease`.
-    async fn claim(&self, worker: &str, lease: Duration) -> Result<Option<Claim>, StoreError>;
+    /// Takes a job that is due, if one is, and holds it for `lease`. Tenants take turns: the one with the fewest running jobs, then the
+    /// one that was served longest ago; of its jobs the one that has been due longest. A tenant of which `max_running` jobs run,
+    /// or as many as its own limit says, is passed over.
+    async fn claim(&self, worker: &str, lease: Duration, max_running: u32) -> Result<Option<Claim>, StoreError>;
 
     /// Extends a lease to `lease` from now and notes the progress.
     ///
@@ -251,6 +314,12 @@ pub trait JobStore: Send + Sync {
 
     /// Stops a job. A running one is taken from its worker, which learns it at its next heartbeat or by the bell.
     async fn cancel(&self, id: JobId) -> Result<Option<Cancelled>, StoreError>;
+
+    /// Empties the rows of jobs that ended `age` ago, at most `most` of them, which are expired then. The caller deletes their files.
+    async fn expire(&self, age: Duration, most: u32) -> Result<Vec<JobId>, StoreError>;
+
+    /// Forgets jobs that ended `age` ago and are expired or were purged. Answers how many.
+    async fn forget_jobs(&self, age: Duration) -> Result<u64, StoreError>;
 
     /// Empties a job's row, cancelling it first if need be. The caller then deletes its files. False if there is none.
     async fn purge(&self, id: JobId) -> Result<bool, StoreError>;

@@ -42,7 +42,7 @@ pub(super) fn names(files: usize) -> Vec<String> {
 
 /// What a job on these files offers, as far as the child left it: after a failure the log only.
 pub(super) fn offered(inputs: &[Input], report: Option<&JobReport>) -> Vec<Offered> {
-    let first = stem(inputs.first().map_or("", |input| &input.name));
+    let first = inputs.first().map_or("model", Input::stem);
     let once = OF_THE_JOB
         .into_iter()
         .filter(|(name, _)| report.is_some() || *name == Task::LOG)
@@ -53,7 +53,7 @@ pub(super) fn offered(inputs: &[Input], report: Option<&JobReport>) -> Vec<Offer
         media_type: media_type(format),
     });
     let drawn = inputs.iter().enumerate().filter(|_| report.is_some()).flat_map(|(number, input)| {
-        let stem = stem(&input.name);
+        let stem = input.stem();
         OF_EACH_FILE.map(|(name, media_type)| Offered {
             name: of_file(number, name),
             filename: format!("{stem}-{name}"),
@@ -61,12 +61,6 @@ pub(super) fn offered(inputs: &[Input], report: Option<&JobReport>) -> Vec<Offer
         })
     });
     once.chain(model).chain(drawn).collect()
-}
-
-/// A file name without its ending.
-fn stem(name: &str) -> &str {
-    let stem = name.rsplit_once('.').map_or(name, |(stem, _)| stem);
-    if stem.is_empty() { "model" } else { stem }
 }
 
 fn media_type(format: Format) -> &'static str {

@@ -21,3 +21,4 @@ pub use child::run_child;
 pub use failpoint::pause_at;
 pub use limits::ProcessLimits;
 pub use pool::{Pool, Shutdown, WorkerConfig};
+pub use sweep::Retention;

@@ -8,11 +8,11 @@ use tracing::Instrument;
 
 use super::attempt::Attempt;
 use super::scratch::Scratch;
-use super::sweep::{EVERY, sweep};
+use super::sweep::{EVERY, Retention, sweep};
 use crate::blender::BlenderConfig;
 use crate::blobs::Blobs;
 use crate::format::Limits;
-use crate::jobs::JobStore;
+use crate::jobs::Store;
 use crate::repair::RemesherInfo;
 
 /// How workers run jobs.
@@ -24,6 +24,10 @@ pub struct WorkerConfig {
     pub scratch: PathBuf,
     /// Jobs that run at the same time.
     pub slots: usize,
+    /// Jobs of one tenant that may run at the same time, where nothing else is set for it.
+    pub max_running: u32,
+    /// How long results are kept after the end of their job, and then what is known of the job.
+    pub retention: Retention,
     /// How long a claim holds without a heartbeat.
     pub lease: Duration,
     /// How long to wait before looking for work that no bell told of.
@@ -54,7 +58,7 @@ pub struct Shutdown {
 /// A number of workers in one process that share a store.
 pub struct Pool {
     pub(super) name: String,
-    pub(super) store: Arc<dyn JobStore>,
+    pub(super) store: Arc<dyn Store>,
     pub(super) blobs: Blobs,
     pub(super) config: WorkerConfig,
     pub(super) scratch: Scratch,
@@ -65,7 +69,7 @@ impl Pool {
     ///
     /// # Errors
     /// When the scratch folder can't be made.
-    pub fn new(store: Arc<dyn JobStore>, blobs: Blobs, config: WorkerConfig) -> std::io::Result<Self> {
+    pub fn new(store: Arc<dyn Store>, blobs: Blobs, config: WorkerConfig) -> std::io::Result<Self> {
         let name = format!("worker-{}-{}", std::process::id(), &uuid::Uuid::new_v4().simple().to_string()[..8]);
         // Orphans of a job's process group are to be reaped here, not by an init that a container may not have.
         rustix::process::set_child_subreaper(Some(rustix::process::getpid()))?;
@@ -95,9 +99,9 @@ impl Pool {
 /// Claims and runs one job after the other.
 async fn slot(pool: Arc<Pool>, shutdown: Shutdown) {
     while !shutdown.drain.is_cancelled() {
-        match pool.store.claim(&pool.name, pool.config.lease).await {
+        match pool.store.claim(&pool.name, pool.config.lease, pool.config.max_running).await {
             Ok(Some(claim)) => {
-                let span = tracing::info_span!("job", id = %claim.lease.id, attempt = claim.lease.attempt);
+                let span = tracing::info_span!("job", id = %claim.lease.id, attempt = claim.lease.attempt, tenant = claim.job.tenant);
                 Attempt::new(&pool, claim).run(&shutdown).instrument(span).await;
                 continue;
             }
@@ -140,10 +144,13 @@ async fn rescue(pool: Arc<Pool>, stop: CancellationToken) {
     }
 }
 
-/// Removes files that no job owns, at the start and then by the hour.
+/// Expires results and removes what nobody owns, at the start and then now and then.
 async fn sweep_now_and_then(pool: Arc<Pool>, stop: CancellationToken) {
-    while !stop.is_cancelled() {
-        if let Err(error) = sweep(pool.store.as_ref(), &pool.blobs).await {
+    for round in 0.. {
+        if stop.is_cancelled() {
+            break;
+        }
+        if let Err(error) = sweep(pool.store.as_ref(), &pool.blobs, pool.config.retention, round).await {
             tracing::warn!(%error, "could not sweep");
         }
         tokio::select! {

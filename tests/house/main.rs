@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 /// Each room, and the rooms it may import from. `ARCHITECTURE.md` has the reasons.
-const ROOMS: [(&str, &[&str]); 16] = [
+const ROOMS: [(&str, &[&str]); 17] = [
     ("math", &[]),
     ("context", &[]),
     ("mesh", &["math"]),
@@ -18,10 +18,11 @@ const ROOMS: [(&str, &[&str]); 16] = [
     ("remesh", &["math", "mesh", "context"]),
     ("repair", &["math", "mesh", "context", "format", "inspect", "render", "arrange", "simplify", "remesh"]),
     ("blender", &["math", "mesh", "context", "repair"]),
-    ("jobs", &["context", "format", "inspect", "analyze", "repair"]),
+    ("access", &[]),
+    ("jobs", &["access", "context", "format", "inspect", "analyze", "repair"]),
     ("blobs", &["jobs"]),
     ("worker", &["format", "context", "inspect", "render", "analyze", "repair", "blender", "jobs", "blobs"]),
-    ("api", &["format", "context", "inspect", "analyze", "repair", "jobs", "blobs"]),
+    ("api", &["access", "format", "context", "inspect", "analyze", "repair", "jobs", "blobs"]),
 ];
 
 /// Rooms of the engine, and the crates that it knows nothing of.

@@ -53,7 +53,7 @@ async fn a_waiting_job_is_cancelled_before_it_starts_and_a_finished_one_no_more(
     api.finished(&done).await;
     let running = api.submit(files::boxes_on_an_edge(), json!({"preset": "blender-remesh"})).await;
     api.reaches(&running, "repair", Some(3)).await;
-    let waiting = api.submit(files::whole_box(), json!({})).await;
+    let waiting = api.submit(files::broken_box(), json!({})).await;
     assert_eq!(api.job(&waiting).await["progress"]["queue_position"], 0);
     let answer = api.post(&format!("/v1/jobs/{waiting}/cancel")).send().await.expect("an answer");
     assert_eq!(answer.json::<Value>().await.expect("a job")["started_at"], Value::Null);

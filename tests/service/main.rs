@@ -5,6 +5,7 @@ mod files;
 #[path = "../support/server.rs"]
 mod server;
 
+mod access;
 mod analyze;
 mod blender;
 mod cancel;
@@ -17,5 +18,7 @@ mod limits;
 mod postgres;
 mod problems;
 mod readme;
+mod retention;
 mod store;
+mod stores;
 mod surface;

@@ -1,106 +1,17 @@
 //! What every job store promises, tried on each.
 
 use std::sync::Arc;
-use std::sync::atomic::{AtomicI64, Ordering};
+use std::sync::atomic::AtomicI64;
 use std::time::Duration;
 
-use meshmend::context::{Context, NoProgress, Stage};
-use meshmend::format::{Format, Limits};
+use meshmend::context::Stage;
 use meshmend::jobs::{
-    Artifacts, Cancelled, Claim, Clock, Completion, Failure, FailureKind, Input, Job, JobId, JobOptions, JobProblem,
-    JobProgress, JobReport, JobStore, KEY_HOLD, KEY_LIFE, KeyState, ListQuery, NewJob, PostgresStore, ProblemKind,
-    RequestKey, RetryPolicy, SqliteStore, Status, StoreError,
+    Artifacts, Cancelled, Clock, Completion, FailureKind, JobId, JobOptions, JobProgress, JobStore, KEY_HOLD, KEY_LIFE,
+    KeyState, ListQuery, NewJob, ProblemKind, RequestKey, RetryPolicy, SqliteStore, Status, StoreError,
 };
 use sqlx::sqlite::SqliteConnectOptions;
 
-use crate::files;
-use crate::postgres::Postgres;
-
-const LEASE: Duration = Duration::from_secs(10);
-
-struct Manual(AtomicI64);
-
-impl Clock for Manual {
-    fn now_ms(&self) -> i64 {
-        self.0.load(Ordering::SeqCst)
-    }
-}
-
-struct Bench {
-    store: Box<dyn JobStore>,
-    clock: Arc<Manual>,
-    policy: RetryPolicy,
-    /// Where the store lives, which goes after it.
-    _home: Box<dyn std::any::Any + Send + Sync>,
-}
-
-impl Bench {
-    async fn sqlite() -> Self {
-        let folder = tempfile::tempdir().expect("a folder");
-        let (clock, policy) = Self::time();
-        let store = SqliteStore::open(&folder.path().join("jobs.db"), clock.clone(), policy).await.expect("a store");
-        Self { store: Box::new(store), clock, policy, _home: Box::new(folder) }
-    }
-
-    async fn postgres() -> Self {
-        let cluster = Postgres::start();
-        let (clock, policy) = Self::time();
-        let store = PostgresStore::open(&cluster.url(), 10, Some(clock.clone()), policy).await.expect("a store");
-        Self { store: Box::new(store), clock, policy, _home: Box::new(cluster) }
-    }
-
-    fn time() -> (Arc<Manual>, RetryPolicy) {
-        (Arc::new(Manual(AtomicI64::new(1_800_000_000_000))), RetryPolicy::default())
-    }
-
-    fn pass(&self, time: Duration) {
-        self.clock.0.fetch_add(i64::try_from(time.as_millis()).expect("short"), Ordering::SeqCst);
-    }
-
-    async fn submit(&self) -> Job {
-        let id = JobId::new();
-        let input = |number: usize| Input {
-            key: format!("uploads/{id}/{number}"),
-            name: "a.stl".into(),
-            bytes: 684,
-            sha256: "00".into(),
-            format: Format::Stl,
-        };
-        let inputs = vec![input(0), input(1)];
-        self.store.submit(NewJob { id, inputs, options: JobOptions::default(), key: None }).await.expect("accepted")
-    }
-
-    async fn claim(&self) -> Option<Claim> {
-        self.store.claim("worker", LEASE).await.expect("an answer")
-    }
-
-    async fn get(&self, id: JobId) -> Job {
-        self.store.get(id).await.expect("an answer").expect("a job")
-    }
-
-    fn failure(kind: FailureKind) -> Failure {
-        let problem = JobProblem { code: ProblemKind::Internal, detail: "why".into(), place: None, file: None };
-        Failure { kind, problem, artifacts: Artifacts::new() }
-    }
-}
-
-/// Runs each promise on each store.
-macro_rules! promises {
-    ($($name:ident),* $(,)?) => {
-        mod sqlite {
-            $(#[tokio::test(flavor = "multi_thread")]
-            async fn $name() {
-                super::$name(super::Bench::sqlite().await).await;
-            })*
-        }
-        mod postgres {
-            $(#[tokio::test(flavor = "multi_thread")]
-            async fn $name() {
-                super::$name(super::Bench::postgres().await).await;
-            })*
-        }
-    };
-}
+use crate::stores::{Bench, LEASE, Manual, promises};
 
 promises! {
     jobs_are_claimed_in_the_order_they_came_and_each_only_once,
@@ -272,7 +183,13 @@ async fn a_purged_job_keeps_its_name_and_loses_its_content(bench: Bench) {
         assert_eq!((input.name.as_str(), input.sha256.as_str(), input.key), ("", "", before.key.clone()));
     }
     assert!(
-        bench.store.list(ListQuery { limit: 10, ..ListQuery::default() }).await.expect("an answer").jobs.is_empty()
+        bench
+            .store
+            .list(ListQuery { tenant: "shop".into(), limit: 10, ..ListQuery::default() })
+            .await
+            .expect("an answer")
+            .jobs
+            .is_empty()
     );
     assert!(!bench.store.purge(JobId::new()).await.expect("an answer"));
 }
@@ -313,14 +230,7 @@ async fn an_end_whose_answer_was_lost_is_answered_again(bench: Bench) {
     assert_eq!((failed.status, again), (Status::Queued, failed.clone()));
     bench.pass(Duration::from_secs(600));
     let second = bench.claim().await.expect("the job again").lease;
-    let cancel = std::sync::atomic::AtomicBool::new(false);
-    let clock = || Duration::ZERO;
-    let context = Context::new(&NoProgress, &cancel, &clock, Duration::MAX);
-    let (options, limits) = (meshmend::repair::Options::default(), Limits::default());
-    let report =
-        meshmend::repair::repair(&files::whole_box(), &options, &limits, None, &context).expect("a result").report;
-    let report = JobReport::Repair(Box::new(report));
-    let completion = Completion { report, artifacts: Artifacts::new() };
+    let completion = Completion { report: Bench::report(), artifacts: Artifacts::new() };
     let done = bench.store.complete(&second, completion.clone()).await.expect("ended");
     assert_eq!(bench.store.complete(&second, completion.clone()).await.expect("ended before"), done);
     assert_eq!(bench.get(job.id).await.version, done.version, "nothing was written twice");
@@ -330,18 +240,18 @@ async fn an_end_whose_answer_was_lost_is_answered_again(bench: Bench) {
 
 async fn a_key_is_held_by_one_request_until_it_is_accepted_given_back_or_late(bench: Bench) {
     let [first, second] = [JobId::new(), JobId::new()];
-    let hold = async |job| bench.store.hold_key("k", job).await.expect("an answer");
+    let hold = async |job| bench.store.hold_key("shop", "k", job).await.expect("an answer");
     let submit = async |id, fingerprint: &str| {
         let key = Some(RequestKey { key: "k".into(), fingerprint: fingerprint.into() });
         let inputs = bench.submit().await.inputs;
-        bench.store.submit(NewJob { id, inputs, options: JobOptions::default(), key }).await
+        bench.store.submit(NewJob { key, ..NewJob::new(id, "shop", inputs, JobOptions::default()) }).await
     };
     assert_eq!((hold(first).await, hold(second).await), (KeyState::Held, KeyState::InUse));
     bench.pass(KEY_HOLD / 2);
     assert_eq!(hold(first).await, KeyState::Held, "held for longer");
     bench.pass(KEY_HOLD / 2 + Duration::from_secs(1));
     assert_eq!(hold(second).await, KeyState::InUse);
-    bench.store.release_key("k", second).await.expect("an answer");
+    bench.store.release_key("shop", "k", second).await.expect("an answer");
     assert_eq!(hold(second).await, KeyState::InUse, "only its holder gives it back");
     bench.pass(KEY_HOLD);
     assert_eq!(hold(second).await, KeyState::Held, "the first is late");
@@ -349,13 +259,13 @@ async fn a_key_is_held_by_one_request_until_it_is_accepted_given_back_or_late(be
     assert_eq!(bench.store.get(first).await.expect("an answer"), None);
     submit(second, "b").await.expect("accepted");
     assert_eq!(hold(first).await, KeyState::Used { fingerprint: "b".into(), job: second });
-    bench.store.release_key("k", second).await.expect("an answer");
+    bench.store.release_key("shop", "k", second).await.expect("an answer");
     assert!(matches!(hold(second).await, KeyState::Used { .. }), "what was accepted is not given back");
     assert_eq!(bench.store.forget_keys().await.expect("an answer"), 0);
     bench.pass(KEY_LIFE);
     assert_eq!(bench.store.forget_keys().await.expect("an answer"), 1);
     assert_eq!(hold(first).await, KeyState::Held);
-    bench.store.release_key("k", first).await.expect("an answer");
+    bench.store.release_key("shop", "k", first).await.expect("an answer");
     assert_eq!(hold(second).await, KeyState::Held);
 }
 
@@ -391,7 +301,7 @@ async fn jobs_of_the_first_version_are_read_claimed_and_purged() {
 
     let clock = Arc::new(Manual(AtomicI64::new(1_800_000_000_000)));
     let store = SqliteStore::open(&path, clock, RetryPolicy::default()).await.expect("brought up to date");
-    let claim = store.claim("worker", LEASE).await.expect("an answer").expect("the old job");
+    let claim = store.claim("worker", LEASE, u32::MAX).await.expect("an answer").expect("the old job");
     let input = &claim.job.inputs[0];
     assert_eq!((claim.job.id, claim.job.inputs.len()), (queued, 1));
     assert_eq!((input.key.clone(), input.name.as_str(), input.bytes), (format!("uploads/{queued}"), "a.stl", 84));

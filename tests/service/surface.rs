@@ -23,9 +23,11 @@ async fn health_capabilities_metrics_and_documentation_answer() {
     let id = api.submit(files::broken_box(), json!({"max_tier": 1})).await;
     api.finished(&id).await;
     let metrics = api.get("/metrics").send().await.expect("an answer").text().await.expect("text");
-    for line in
-        ["meshmend_jobs{status=\"succeeded\"} 1", "meshmend_jobs_submitted_total 1", "meshmend_step_seconds_bucket"]
-    {
+    for line in [
+        "meshmend_jobs{status=\"succeeded\"} 1",
+        "meshmend_jobs_submitted_total{reused=\"false\"} 1",
+        "meshmend_step_seconds_bucket",
+    ] {
         assert!(metrics.contains(line), "{line} is not in\n{metrics}");
     }
 

@@ -29,9 +29,12 @@ pub struct Start<'a> {
 impl<'a> Start<'a> {
     /// `meshmend serve` on any free port.
     pub fn serve(data: &'a Path) -> Self {
-        let mut start = Self::verb("serve", data);
-        start.command.args(["--listen", "127.0.0.1:0"]);
-        start
+        Self::serve_on("127.0.0.1:0", data)
+    }
+
+    /// `meshmend serve` on this address.
+    pub fn serve_on(address: &str, data: &'a Path) -> Self {
+        Self::verb("serve", data).arg("--listen", address)
     }
 
     /// `meshmend work`.

@@ -5,13 +5,14 @@ use crate::jobs::{JobId, KEY_HOLD, KEY_LIFE, KeyState, RequestKey, StoreError};
 
 pub(super) async fn hold(
     connection: &mut PgConnection,
+    tenant: &str,
     key: &str,
     job: JobId,
     now: Option<i64>,
 ) -> Result<KeyState, StoreError> {
     let held = sqlx::query(
-        "INSERT INTO idempotency_keys (key, job_id, expires_at) VALUES ($1, $2, meshmend_now($3) + $4) \
-         ON CONFLICT (key) DO UPDATE SET job_id = excluded.job_id, fingerprint = NULL, expires_at = excluded.expires_at \
+        "INSERT INTO idempotency_keys (tenant, key, job_id, expires_at) VALUES ($5, $1, $2, meshmend_now($3) + $4) \
+         ON CONFLICT (tenant, key) DO UPDATE SET job_id = excluded.job_id, fingerprint = NULL, expires_at = excluded.expires_at \
          WHERE idempotency_keys.expires_at <= meshmend_now($3) \
             OR (idempotency_keys.job_id = excluded.job_id AND idempotency_keys.fingerprint IS NULL)",
     )
@@ -19,20 +20,28 @@ pub(super) async fn hold(
     .bind(job.to_string())
     .bind(now)
     .bind(millis(KEY_HOLD))
+    .bind(tenant)
     .execute(&mut *connection)
     .await?;
     if held.rows_affected() == 1 {
         return Ok(KeyState::Held);
     }
-    let known = sqlx::query_as("SELECT fingerprint, job_id FROM idempotency_keys WHERE key = $1")
+    let known = sqlx::query_as("SELECT fingerprint, job_id FROM idempotency_keys WHERE tenant = $1 AND key = $2")
+        .bind(tenant)
         .bind(key)
         .fetch_optional(connection)
         .await?;
     KeyState::of_another(known)
 }
 
-pub(super) async fn release(connection: &mut PgConnection, key: &str, job: JobId) -> Result<(), StoreError> {
-    sqlx::query("DELETE FROM idempotency_keys WHERE key = $1 AND job_id = $2 AND fingerprint IS NULL")
+pub(super) async fn release(
+    connection: &mut PgConnection,
+    tenant: &str,
+    key: &str,
+    job: JobId,
+) -> Result<(), StoreError> {
+    sqlx::query("DELETE FROM idempotency_keys WHERE tenant = $1 AND key = $2 AND job_id = $3 AND fingerprint IS NULL")
+        .bind(tenant)
         .bind(key)
         .bind(job.to_string())
         .execute(connection)
@@ -43,18 +52,23 @@ pub(super) async fn release(connection: &mut PgConnection, key: &str, job: JobId
 /// Notes that a request was accepted, in the transaction that accepts it.
 pub(super) async fn settle(
     connection: &mut PgConnection,
+    tenant: &str,
     request: &RequestKey,
     job: JobId,
     now: Option<i64>,
 ) -> Result<(), StoreError> {
-    let settled = sqlx::query("UPDATE idempotency_keys SET fingerprint = $1, expires_at = meshmend_now($5) + $2 WHERE key = $3 AND job_id = $4")
-        .bind(&request.fingerprint)
-        .bind(millis(KEY_LIFE))
-        .bind(&request.key)
-        .bind(job.to_string())
-        .bind(now)
-        .execute(connection)
-        .await?;
+    let settled = sqlx::query(
+        "UPDATE idempotency_keys SET fingerprint = $1, expires_at = meshmend_now($2) + $3 \
+         WHERE tenant = $4 AND key = $5 AND job_id = $6",
+    )
+    .bind(&request.fingerprint)
+    .bind(now)
+    .bind(millis(KEY_LIFE))
+    .bind(tenant)
+    .bind(&request.key)
+    .bind(job.to_string())
+    .execute(connection)
+    .await?;
     if settled.rows_affected() == 1 { Ok(()) } else { Err(StoreError::KeyLost) }
 }
 

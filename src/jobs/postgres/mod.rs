@@ -1,5 +1,8 @@
+mod access;
 mod keys;
 mod listen;
+mod queue;
+mod retention;
 
 use std::str::FromStr;
 use std::sync::Arc;
@@ -12,12 +15,12 @@ use sqlx::{Database, PgConnection, Postgres};
 use tokio::task::JoinHandle;
 use uuid::Uuid;
 
-use super::row::{corrupt, count, job_columns, millis, read_job, to_json, to_millis};
+use super::row::{corrupt, count, job_columns, millis, read_job, to_json};
 use super::store::{
     Cancelled, Claim, Completion, Failure, FailureKind, JobStore, Lease, ListQuery, NewJob, Page, StatusCount,
-    StoreError,
+    StoreError, Waiting,
 };
-use super::{Bell, Clock, Input, Job, JobId, JobProblem, JobProgress, KeyState, RetryPolicy, Status};
+use super::{Bell, Clock, Job, JobId, JobProblem, JobProgress, KeyState, RetryPolicy, Status};
 
 /// How long a statement, a lock, and a transaction in which nothing happens may take, for the server to end them.
 const LIMITS: [(&str, &str); 3] =
@@ -95,12 +98,12 @@ impl PostgresStore {
 
 #[async_trait]
 impl JobStore for PostgresStore {
-    async fn hold_key(&self, key: &str, job: JobId) -> Result<KeyState, StoreError> {
-        keys::hold(&mut *self.pool.acquire().await?, key, job, self.now()).await
+    async fn hold_key(&self, tenant: &str, key: &str, job: JobId) -> Result<KeyState, StoreError> {
+        keys::hold(&mut *self.pool.acquire().await?, tenant, key, job, self.now()).await
     }
 
-    async fn release_key(&self, key: &str, job: JobId) -> Result<(), StoreError> {
-        keys::release(&mut *self.pool.acquire().await?, key, job).await
+    async fn release_key(&self, tenant: &str, key: &str, job: JobId) -> Result<(), StoreError> {
+        keys::release(&mut *self.pool.acquire().await?, tenant, key, job).await
     }
 
     async fn forget_keys(&self) -> Result<u64, StoreError> {
@@ -110,21 +113,11 @@ impl JobStore for PostgresStore {
     async fn submit(&self, job: NewJob) -> Result<Job, StoreError> {
         let mut transaction = self.pool.begin().await?;
         if let Some(key) = &job.key {
-            keys::settle(&mut transaction, key, job.id, self.now()).await?;
+            keys::settle(&mut transaction, &job.tenant, key, job.id, self.now()).await?;
         }
-        let row = sqlx::query(concat!(
-            "INSERT INTO jobs (id, status, created_at, run_at, inputs, options) \
-             VALUES ($1, 'queued', meshmend_now($2), meshmend_now($2), $3, $4) RETURNING ",
-            job_columns!()
-        ))
-        .bind(job.id.to_string())
-        .bind(self.now())
-        .bind(to_json(&job.inputs))
-        .bind(to_json(&job.options))
-        .fetch_one(&mut *transaction)
-        .await?;
+        let job = queue::insert(&mut transaction, &job, self.now()).await?;
         transaction.commit().await?;
-        read_job(&row)
+        Ok(job)
     }
 
     async fn get(&self, id: JobId) -> Result<Option<Job>, StoreError> {
@@ -136,12 +129,14 @@ impl JobStore for PostgresStore {
     }
 
     async fn list(&self, query: ListQuery) -> Result<Page, StoreError> {
-        let rows = sqlx::query(
-            "SELECT id, status, outcome, attempt, crashes, created_at, run_at, started_at, finished_at, progress, \
-                    inputs, options, NULL::text AS report, artifacts, problem, version, purged_at \
-             FROM jobs WHERE purged_at IS NULL AND ($1::text IS NULL OR status = $1) AND ($2::text IS NULL OR id < $2) \
-             ORDER BY id DESC LIMIT $3",
-        )
+        let rows = sqlx::query(concat!(
+            "SELECT ",
+            job_columns!("NULL::text AS report"),
+            " FROM jobs WHERE tenant = $1 AND purged_at IS NULL AND ($2::text IS NULL OR made_by = $2) \
+              AND ($3::text IS NULL OR status = $3) AND ($4::text IS NULL OR id < $4) ORDER BY id DESC LIMIT $5"
+        ))
+        .bind(&query.tenant)
+        .bind(&query.made_by)
         .bind(query.status.map(Status::as_str))
         .bind(query.before.map(|id| id.to_string()))
         .bind(i64::from(query.limit) + 1)
@@ -151,24 +146,19 @@ impl JobStore for PostgresStore {
         Ok(Page::of(jobs, query.limit))
     }
 
-    async fn queued(&self) -> Result<u64, StoreError> {
-        let count: i64 =
-            sqlx::query_scalar("SELECT count(*) FROM jobs WHERE status = 'queued'").fetch_one(&self.pool).await?;
-        Ok(count.unsigned_abs())
+    async fn find_result(&self, tenant: &str, fingerprint: &str) -> Result<Option<Job>, StoreError> {
+        queue::find_result(&self.pool, tenant, fingerprint).await
+    }
+
+    async fn waiting(&self, tenant: &str) -> Result<Waiting, StoreError> {
+        queue::waiting(&self.pool, tenant).await
     }
 
     async fn queue_position(&self, job: &Job) -> Result<Option<u64>, StoreError> {
         if job.status != Status::Queued {
             return Ok(None);
         }
-        let ahead: i64 = sqlx::query_scalar(
-            "SELECT count(*) FROM jobs WHERE status = 'queued' AND (run_at < $1 OR (run_at = $1 AND id < $2))",
-        )
-        .bind(to_millis(job.run_at))
-        .bind(job.id.to_string())
-        .fetch_one(&self.pool)
-        .await?;
-        Ok(Some(ahead.unsigned_abs()))
+        queue::position(&self.pool, job).await.map(Some)
     }
 
     async fn counts(&self) -> Result<Vec<StatusCount>, StoreError> {
@@ -179,25 +169,10 @@ impl JobStore for PostgresStore {
         Ok(StatusCount::of_all(&rows))
     }
 
-    async fn claim(&self, worker: &str, lease: Duration) -> Result<Option<Claim>, StoreError> {
-        let token = Uuid::new_v4().simple().to_string();
-        let row = sqlx::query(concat!(
-            "UPDATE jobs SET status = 'running', attempt = attempt + 1, worker = $1, lease_token = $2, \
-             lease_expires_at = meshmend_now($3) + $4, started_at = coalesce(started_at, meshmend_now($3)), \
-             progress = NULL, version = version + 1 \
-             WHERE id = (SELECT id FROM jobs WHERE status = 'queued' AND run_at <= meshmend_now($3) \
-                         ORDER BY run_at, id LIMIT 1 FOR UPDATE SKIP LOCKED) \
-             RETURNING ",
-            job_columns!()
-        ))
-        .bind(worker)
-        .bind(&token)
-        .bind(self.now())
-        .bind(millis(lease))
-        .fetch_optional(&self.pool)
-        .await?;
-        let Some(row) = row else { return Ok(None) };
-        let job = read_job(&row)?;
+    async fn claim(&self, worker: &str, lease: Duration, max_running: u32) -> Result<Option<Claim>, StoreError> {
+        let (now, token) = (self.now(), Uuid::new_v4().simple().to_string());
+        let claiming = queue::Claiming { worker, token: &token, now, lease: millis(lease), max_running };
+        let Some(job) = queue::claim(&self.pool, &claiming).await? else { return Ok(None) };
         // Another one may be due for another idle worker.
         self.bell.ring_for_work();
         Ok(Some(Claim { lease: Lease { id: job.id, attempt: job.attempt, token }, job }))
@@ -319,33 +294,16 @@ impl JobStore for PostgresStore {
         Ok(self.get(id).await?.map(Cancelled::of_ended))
     }
 
+    async fn expire(&self, age: Duration, most: u32) -> Result<Vec<JobId>, StoreError> {
+        retention::expire(&self.pool, millis(age), most, self.now()).await
+    }
+
+    async fn forget_jobs(&self, age: Duration) -> Result<u64, StoreError> {
+        retention::forget(&mut *self.pool.acquire().await?, millis(age), self.now()).await
+    }
+
     async fn purge(&self, id: JobId) -> Result<bool, StoreError> {
-        let mut transaction = self.pool.begin().await?;
-        let inputs: Option<String> = sqlx::query_scalar("SELECT inputs FROM jobs WHERE id = $1 FOR UPDATE")
-            .bind(id.to_string())
-            .fetch_optional(&mut *transaction)
-            .await?;
-        let Some(inputs) = inputs else { return Ok(false) };
-        let mut inputs: Vec<Input> =
-            serde_json::from_str(&inputs).map_err(|error| corrupt(&id.to_string(), "inputs", error))?;
-        for input in &mut inputs {
-            input.name.clear();
-            input.sha256.clear();
-        }
-        sqlx::query(
-            "UPDATE jobs SET purged_at = coalesce(purged_at, meshmend_now($1)), \
-             status = CASE WHEN status IN ('queued', 'running') THEN 'canceled' ELSE status END, \
-             finished_at = coalesce(finished_at, meshmend_now($1)), worker = NULL, lease_token = NULL, \
-             lease_expires_at = NULL, progress = NULL, report = NULL, problem = NULL, artifacts = '{}', inputs = $2, \
-             version = version + 1 WHERE id = $3",
-        )
-        .bind(self.now())
-        .bind(to_json(&inputs))
-        .bind(id.to_string())
-        .execute(&mut *transaction)
-        .await?;
-        transaction.commit().await?;
-        Ok(true)
+        retention::purge(&self.pool, id, self.now()).await
     }
 
     async fn ping(&self) -> Result<(), StoreError> {

@@ -1,4 +1,7 @@
+mod access;
 mod keys;
+mod queue;
+mod retention;
 
 use std::fs::File;
 use std::path::Path;
@@ -11,10 +14,10 @@ use sqlx::SqliteConnection;
 use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode, SqlitePool, SqlitePoolOptions, SqliteSynchronous};
 use uuid::Uuid;
 
-use super::row::{corrupt, count, job_columns, millis, read_job, to_json, to_millis};
+use super::row::{corrupt, count, job_columns, millis, read_job, to_json};
 use super::store::{
     Cancelled, Claim, Completion, Failure, FailureKind, JobStore, Lease, ListQuery, NewJob, Page, StatusCount,
-    StoreError,
+    StoreError, Waiting,
 };
 use super::{Bell, Clock, Job, JobId, JobProblem, JobProgress, KeyState, RetryPolicy, Status};
 
@@ -81,12 +84,12 @@ impl SqliteStore {
 
 #[async_trait]
 impl JobStore for SqliteStore {
-    async fn hold_key(&self, key: &str, job: JobId) -> Result<KeyState, StoreError> {
-        keys::hold(&mut *self.writer.acquire().await?, key, job, self.clock.now_ms()).await
+    async fn hold_key(&self, tenant: &str, key: &str, job: JobId) -> Result<KeyState, StoreError> {
+        keys::hold(&mut *self.writer.acquire().await?, tenant, key, job, self.clock.now_ms()).await
     }
 
-    async fn release_key(&self, key: &str, job: JobId) -> Result<(), StoreError> {
-        keys::release(&mut *self.writer.acquire().await?, key, job).await
+    async fn release_key(&self, tenant: &str, key: &str, job: JobId) -> Result<(), StoreError> {
+        keys::release(&mut *self.writer.acquire().await?, tenant, key, job).await
     }
 
     async fn forget_keys(&self) -> Result<u64, StoreError> {
@@ -97,23 +100,12 @@ impl JobStore for SqliteStore {
         let now = self.clock.now_ms();
         let mut transaction = self.begin().await?;
         if let Some(key) = &job.key {
-            keys::settle(&mut transaction, key, job.id, now).await?;
+            keys::settle(&mut transaction, &job.tenant, key, job.id, now).await?;
         }
-        let row = sqlx::query(concat!(
-            "INSERT INTO jobs (id, status, created_at, run_at, inputs, options) \
-             VALUES (?, 'queued', ?, ?, ?, ?) RETURNING ",
-            job_columns!()
-        ))
-        .bind(job.id.to_string())
-        .bind(now)
-        .bind(now)
-        .bind(to_json(&job.inputs))
-        .bind(to_json(&job.options))
-        .fetch_one(&mut *transaction)
-        .await?;
+        let job = queue::insert(&mut transaction, &job, now).await?;
         transaction.commit().await?;
         self.bell.ring_for_work();
-        read_job(&row)
+        Ok(job)
     }
 
     async fn get(&self, id: JobId) -> Result<Option<Job>, StoreError> {
@@ -125,12 +117,14 @@ impl JobStore for SqliteStore {
     }
 
     async fn list(&self, query: ListQuery) -> Result<Page, StoreError> {
-        let rows = sqlx::query(
-            "SELECT id, status, outcome, attempt, crashes, created_at, run_at, started_at, finished_at, progress, \
-                    inputs, options, NULL AS report, artifacts, problem, version, purged_at \
-             FROM jobs WHERE purged_at IS NULL AND (?1 IS NULL OR status = ?1) AND (?2 IS NULL OR id < ?2) \
-             ORDER BY id DESC LIMIT ?3",
-        )
+        let rows = sqlx::query(concat!(
+            "SELECT ",
+            job_columns!("NULL AS report"),
+            " FROM jobs WHERE tenant = ?1 AND purged_at IS NULL AND (?2 IS NULL OR made_by = ?2) \
+              AND (?3 IS NULL OR status = ?3) AND (?4 IS NULL OR id < ?4) ORDER BY id DESC LIMIT ?5"
+        ))
+        .bind(&query.tenant)
+        .bind(&query.made_by)
         .bind(query.status.map(Status::as_str))
         .bind(query.before.map(|id| id.to_string()))
         .bind(i64::from(query.limit) + 1)
@@ -140,25 +134,19 @@ impl JobStore for SqliteStore {
         Ok(Page::of(jobs, query.limit))
     }
 
-    async fn queued(&self) -> Result<u64, StoreError> {
-        let count: i64 =
-            sqlx::query_scalar("SELECT count(*) FROM jobs WHERE status = 'queued'").fetch_one(&self.reader).await?;
-        Ok(count.unsigned_abs())
+    async fn find_result(&self, tenant: &str, fingerprint: &str) -> Result<Option<Job>, StoreError> {
+        queue::find_result(&self.reader, tenant, fingerprint).await
+    }
+
+    async fn waiting(&self, tenant: &str) -> Result<Waiting, StoreError> {
+        queue::waiting(&self.reader, tenant).await
     }
 
     async fn queue_position(&self, job: &Job) -> Result<Option<u64>, StoreError> {
         if job.status != Status::Queued {
             return Ok(None);
         }
-        let due = to_millis(job.run_at);
-        let ahead: i64 = sqlx::query_scalar(
-            "SELECT count(*) FROM jobs WHERE status = 'queued' AND (run_at < ?1 OR (run_at = ?1 AND id < ?2))",
-        )
-        .bind(due)
-        .bind(job.id.to_string())
-        .fetch_one(&self.reader)
-        .await?;
-        Ok(Some(ahead.unsigned_abs()))
+        queue::position(&self.reader, job).await.map(Some)
     }
 
     async fn counts(&self) -> Result<Vec<StatusCount>, StoreError> {
@@ -169,25 +157,10 @@ impl JobStore for SqliteStore {
         Ok(StatusCount::of_all(&rows))
     }
 
-    async fn claim(&self, worker: &str, lease: Duration) -> Result<Option<Claim>, StoreError> {
-        let now = self.clock.now_ms();
-        let token = Uuid::new_v4().simple().to_string();
-        let row = sqlx::query(concat!(
-            "UPDATE jobs SET status = 'running', attempt = attempt + 1, worker = ?1, lease_token = ?2, \
-             lease_expires_at = ?3, started_at = coalesce(started_at, ?4), progress = NULL, version = version + 1 \
-             WHERE id = (SELECT id FROM jobs WHERE status = 'queued' AND run_at <= ?4 ORDER BY run_at, id LIMIT 1) \
-             RETURNING ",
-            job_columns!()
-        ))
-        .bind(worker)
-        .bind(&token)
-        .bind(now + millis(lease))
-        .bind(now)
-        .fetch_all(&self.writer)
-        .await?
-        .pop();
-        let Some(row) = row else { return Ok(None) };
-        let job = read_job(&row)?;
+    async fn claim(&self, worker: &str, lease: Duration, max_running: u32) -> Result<Option<Claim>, StoreError> {
+        let (now, token) = (self.clock.now_ms(), Uuid::new_v4().simple().to_string());
+        let claiming = queue::Claiming { worker, token: &token, now, until: now + millis(lease), max_running };
+        let Some(job) = queue::claim(&self.writer, &claiming).await? else { return Ok(None) };
         self.bell.ring(job.id);
         // Another one may be due for another idle worker.
         self.bell.ring_for_work();
@@ -352,24 +325,20 @@ impl JobStore for SqliteStore {
         Ok(row.as_ref().map(read_job).transpose()?.map(Cancelled::of_ended))
     }
 
+    async fn expire(&self, age: Duration, most: u32) -> Result<Vec<JobId>, StoreError> {
+        let expired = retention::expire(&self.writer, self.clock.now_ms() - millis(age), most).await?;
+        expired.iter().for_each(|id| self.bell.ring(*id));
+        Ok(expired)
+    }
+
+    async fn forget_jobs(&self, age: Duration) -> Result<u64, StoreError> {
+        retention::forget(&mut *self.writer.acquire().await?, self.clock.now_ms() - millis(age)).await
+    }
+
     async fn purge(&self, id: JobId) -> Result<bool, StoreError> {
-        let now = self.clock.now_ms();
-        let row = sqlx::query(
-            "UPDATE jobs SET purged_at = coalesce(purged_at, ?1), \
-             status = CASE WHEN status IN ('queued', 'running') THEN 'canceled' ELSE status END, \
-             finished_at = coalesce(finished_at, ?1), worker = NULL, lease_token = NULL, lease_expires_at = NULL, \
-             progress = NULL, report = NULL, problem = NULL, artifacts = '{}', \
-             inputs = (SELECT json_group_array(json_set(value, '$.name', '', '$.sha256', '')) FROM json_each(inputs)), \
-             version = version + 1 \
-             WHERE id = ?2 RETURNING id",
-        )
-        .bind(now)
-        .bind(id.to_string())
-        .fetch_all(&self.writer)
-        .await?
-        .pop();
+        let found = retention::purge(&self.writer, id, self.clock.now_ms()).await?;
         self.bell.ring(id);
-        Ok(row.is_some())
+        Ok(found)
     }
 
     async fn ping(&self) -> Result<(), StoreError> {

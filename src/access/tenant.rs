@@ -1,0 +1,83 @@
+use std::fmt;
+use std::str::FromStr;
+
+/// The tenant of a service that asks for no keys.
+pub const DEFAULT_TENANT: &str = "default";
+
+/// A tenant's name: 1 to 63 lower-case letters, digits and hyphens.
+#[derive(Debug, Clone, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct TenantName(String);
+
+/// A text that is no tenant's name.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[error("a tenant's name is 1 to 63 lower-case letters, digits and hyphens, and does not begin with a hyphen")]
+pub struct TenantNameError;
+
+impl TenantName {
+    /// The name.
+    #[must_use]
+    pub fn as_str(&self) -> &str {
+        &self.0
+    }
+}
+
+impl Default for TenantName {
+    fn default() -> Self {
+        Self(DEFAULT_TENANT.to_owned())
+    }
+}
+
+impl fmt::Display for TenantName {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
+impl FromStr for TenantName {
+    type Err = TenantNameError;
+
+    fn from_str(text: &str) -> Result<Self, TenantNameError> {
+        let is_fine = (1..=63).contains(&text.len())
+            && !text.starts_with('-')
+            && text.bytes().all(|byte| byte.is_ascii_lowercase() || byte.is_ascii_digit() || byte == b'-');
+        if is_fine { Ok(Self(text.to_owned())) } else { Err(TenantNameError) }
+    }
+}
+
+/// What one tenant may use; where nothing is set, the service's own limits hold.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct TenantLimits {
+    /// Most of its jobs that may wait.
+    pub max_queued: Option<u32>,
+    /// Most of its jobs that may run at the same time.
+    pub max_running: Option<u32>,
+    /// Most of its requests in a minute, on each process that serves.
+    pub requests_per_minute: Option<u32>,
+}
+
+impl TenantLimits {
+    /// These limits, and the others where these say nothing.
+    #[must_use]
+    pub fn or(self, others: Self) -> Self {
+        Self {
+            max_queued: self.max_queued.or(others.max_queued),
+            max_running: self.max_running.or(others.max_running),
+            requests_per_minute: self.requests_per_minute.or(others.requests_per_minute),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_tenants_name_is_short_and_plain() {
+        for name in ["shop", "shop-2", "2shops", &"x".repeat(63)] {
+            assert_eq!(name.parse::<TenantName>().map(|name| name.to_string()), Ok(name.to_owned()));
+        }
+        for name in ["", "-shop", "Shop", "a b", "a/b", "ä", &"x".repeat(64)] {
+            assert_eq!(name.parse::<TenantName>(), Err(TenantNameError), "{name}");
+        }
+    }
+}

@@ -1,0 +1,187 @@
+//! Who is let in, on whose behalf, how often, and from which pages.
+
+use std::num::NonZeroU32;
+use std::time::Duration;
+
+use axum::extract::{Request, State};
+use axum::http::{HeaderMap, HeaderValue, Method, StatusCode, header};
+use axum::middleware::Next;
+use axum::response::{IntoResponse, Response};
+use time::OffsetDateTime;
+
+use super::caller::Caller;
+use super::extract::text_header;
+use super::problem::{Problem, ProblemCode};
+use super::state::ApiState;
+use crate::access::{AccessKey, KeyKind, TenantName, Token};
+use crate::jobs::{Clock, SystemClock};
+
+/// Longest secret that is looked at, in bytes.
+const SECRET_BYTES: usize = 256;
+/// How old the note of a key's last use may become.
+const TOUCH_AFTER: Duration = Duration::from_secs(300);
+/// What a page may send, and may read of an answer.
+const PAGE_SENDS: &str = "authorization, content-type, content-disposition, idempotency-key, if-none-match, if-range, prefer, range, cache-control";
+const PAGE_READS: &str = "content-disposition, content-range, etag, idempotency-replayed, location, ratelimit, ratelimit-policy, \
+                          retry-after, x-request-id";
+
+/// Whether the service asks for keys.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Auth {
+    /// Whoever asks without a key is the tenant `default` and may do everything.
+    Open,
+    /// Nothing without a key.
+    Keys,
+}
+
+/// Lets a request in with its [`Caller`], or answers it.
+pub(super) async fn admit(State(state): State<ApiState>, request: Request, next: Next) -> Response {
+    let shown = bearer(request.headers());
+    // The page has shown its secret, so whatever the answer is may be read by it.
+    let page = shown.filter(|secret| KeyKind::of_secret(secret) == Some(KeyKind::Browser));
+    let page = page.and_then(|_| request.headers().get(header::ORIGIN).cloned());
+    let has_body = ![Method::GET, Method::HEAD, Method::DELETE].contains(request.method());
+    let mut response = match let_in(&state, request.headers(), shown).await {
+        Err(problem) => problem.into_response(),
+        Ok(caller) => {
+            tracing::Span::current().record("tenant", caller.tenant.as_str());
+            match caller.limits.requests_per_minute.and_then(NonZeroU32::new) {
+                None => run(caller, request, next).await,
+                Some(per_minute) => match state.rates.take(&caller.tenant, per_minute) {
+                    Ok(left) => {
+                        let mut response = run(caller, request, next).await;
+                        left.tell(&mut response);
+                        response
+                    }
+                    Err(left) => {
+                        metrics::counter!("meshmend_rate_limited_total").increment(1);
+                        let mut response = left.refused().into_response();
+                        left.tell(&mut response);
+                        response
+                    }
+                },
+            }
+        }
+    };
+    let refused = [StatusCode::UNAUTHORIZED, StatusCode::FORBIDDEN, StatusCode::TOO_MANY_REQUESTS];
+    if has_body && refused.contains(&response.status()) {
+        // The rest of the body is not read, so the connection can't be used again.
+        response.headers_mut().insert(header::CONNECTION, HeaderValue::from_static("close"));
+    }
+    if let Some(origin) = page {
+        let headers = response.headers_mut();
+        headers.insert(header::ACCESS_CONTROL_ALLOW_ORIGIN, origin);
+        headers.insert(header::ACCESS_CONTROL_EXPOSE_HEADERS, HeaderValue::from_static(PAGE_READS));
+        headers.append(header::VARY, HeaderValue::from_static("origin"));
+    }
+    response
+}
+
+async fn run(caller: Caller, mut request: Request, next: Next) -> Response {
+    request.extensions_mut().insert(caller);
+    next.run(request).await
+}
+
+/// Answers a page's browser that asks whether the page may ask. It may: without a secret of its own it gets nothing.
+pub(super) async fn preflight(request: Request, next: Next) -> Response {
+    let asked = request.headers().contains_key(header::ACCESS_CONTROL_REQUEST_METHOD);
+    if request.method() != Method::OPTIONS || !asked || !request.uri().path().starts_with("/v1/") {
+        return next.run(request).await;
+    }
+    let headers = [
+        (header::ACCESS_CONTROL_ALLOW_ORIGIN, "*"),
+        (header::ACCESS_CONTROL_ALLOW_METHODS, "GET, HEAD, POST, PUT, DELETE"),
+        (header::ACCESS_CONTROL_ALLOW_HEADERS, PAGE_SENDS),
+        (header::ACCESS_CONTROL_MAX_AGE, "600"),
+    ];
+    (StatusCode::NO_CONTENT, headers).into_response()
+}
+
+/// The secret of `Authorization: Bearer`.
+fn bearer(headers: &HeaderMap) -> Option<&str> {
+    let (scheme, secret) = text_header(headers, &header::AUTHORIZATION)?.split_once(' ')?;
+    scheme.eq_ignore_ascii_case("bearer").then(|| secret.trim())
+}
+
+async fn let_in(state: &ApiState, headers: &HeaderMap, shown: Option<&str>) -> Result<Caller, Problem> {
+    let origin = headers.get(header::ORIGIN);
+    let key = match shown {
+        Some(secret) => Some(find_key(state, secret).await?),
+        None if headers.contains_key(header::AUTHORIZATION) => {
+            return Err(unauthorized("The header Authorization must be 'Bearer' and a key."));
+        }
+        None if state.auth == Auth::Keys => {
+            return Err(unauthorized("This service asks for a key. Send it as 'Authorization: Bearer KEY'."));
+        }
+        None => None,
+    };
+    match &key {
+        Some(key) if key.kind == KeyKind::Browser => {
+            let own = key.origin.as_deref();
+            if own.is_some() && origin.and_then(|origin| origin.to_str().ok()) != own {
+                return Err(wrong_origin("The token is for pages of another origin."));
+            }
+        }
+        Some(_) => {}
+        // Any page could send its visitor's browser here.
+        None if origin.is_some_and(|origin| !is_same(origin, headers.get(header::HOST))) => {
+            return Err(wrong_origin("Pages of other origins need a token. Ask for one by POST /v1/browser-tokens."));
+        }
+        None => {}
+    }
+    let tenant = key.as_ref().map_or_else(TenantName::default, |key| key.tenant.clone());
+    let limits = state.store.limits(tenant.as_str()).await?.or(state.config.tenant_limits);
+    Ok(Caller { tenant, key, limits })
+}
+
+/// The key of a secret, if it is worth something.
+async fn find_key(state: &ApiState, secret: &str) -> Result<AccessKey, Problem> {
+    let known = if secret.len() <= SECRET_BYTES { state.store.find_key(&Token::of(secret)).await? } else { None };
+    let Some(key) = known else {
+        metrics::counter!("meshmend_keys_refused_total").increment(1);
+        return Err(unauthorized("The key is unknown, revoked or expired."));
+    };
+    let now = OffsetDateTime::from_unix_timestamp_nanos(i128::from(SystemClock.now_ms()) * 1_000_000);
+    let is_stale = |last: OffsetDateTime| now.is_ok_and(|now| now - last > TOUCH_AFTER);
+    if key.last_used_at.is_none_or(is_stale) {
+        let (store, id) = (state.store.clone(), key.id.clone());
+        tokio::spawn(async move {
+            if let Err(error) = store.touch_key(&id).await {
+                tracing::warn!(%error, "the use of a key was not noted");
+            }
+        });
+    }
+    Ok(key)
+}
+
+fn unauthorized(detail: &str) -> Problem {
+    Problem::new(ProblemCode::Unauthorized, detail).with_header(header::WWW_AUTHENTICATE, "Bearer")
+}
+
+fn wrong_origin(detail: &str) -> Problem {
+    Problem::new(ProblemCode::OriginNotAllowed, detail)
+}
+
+/// Whether an origin is that of the host that was asked.
+fn is_same(origin: &HeaderValue, host: Option<&HeaderValue>) -> bool {
+    let origin = origin.to_str().ok().and_then(|origin| origin.split_once("://"));
+    origin.is_some_and(|(_, name)| host.is_some_and(|host| host.as_bytes().eq_ignore_ascii_case(name.as_bytes())))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_the_hosts_own_pages_are_of_its_origin() {
+        let same = |origin: &str, host: &str| {
+            is_same(&origin.parse().expect("a header"), Some(&host.parse().expect("a header")))
+        };
+        assert!(same("http://127.0.0.1:8080", "127.0.0.1:8080"));
+        assert!(same("https://Mend.example", "mend.example"));
+        for origin in ["null", "http://evil.example", "http://127.0.0.1:8081", "http://127.0.0.1:8080.evil.example"] {
+            assert!(!same(origin, "127.0.0.1:8080"), "{origin}");
+        }
+        assert!(!is_same(&HeaderValue::from_static("http://a"), None));
+    }
+}

@@ -1,0 +1,330 @@
+//! How a job's files, options and notes come in: as a form, or as one file with the rest in the query.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use axum::body::{Body, Bytes};
+use axum::extract::multipart::Field;
+use axum::extract::{FromRequest, Multipart, Request};
+use axum::http::{HeaderMap, header};
+use futures::StreamExt;
+use serde::Serialize;
+use serde_json::{Map, Value};
+use utoipa::ToSchema;
+
+use super::extract::text_header;
+use super::problem::{Problem, ProblemCode};
+use super::state::ApiState;
+use super::upload::{Room, SourceError, one_at_a_time, source_problem, with_patience};
+use crate::blobs::{Blobs, Stored};
+use crate::format::{ReadErrorKind, sniff};
+use crate::jobs::{Input, JobId, JobOptions, Metadata, Mode};
+
+/// Largest `options` part of a form.
+const OPTIONS_BYTES: usize = 64 << 10;
+/// Most bytes of a form between its parts: headers, boundaries, what comes before the first part, and what of a part
+/// comes in the same chunk.
+pub(super) const FORM_BYTES: u64 = 1 << 20;
+/// Largest notes of a client, in bytes, and most of them.
+const METADATA_BYTES: usize = 8 << 10;
+const METADATA_ENTRIES: usize = 50;
+/// Longest address to call back, in bytes.
+const CALLBACK_BYTES: usize = 2048;
+/// Longest file name that is kept, in characters.
+const NAME_CHARS: usize = 200;
+
+/// The form that a job is submitted with.
+#[derive(ToSchema)]
+#[expect(dead_code, reason = "it describes the form in the OpenAPI document; the parts are read as they come")]
+pub(super) struct SubmitForm {
+    /// The model: STL, OBJ, PLY, OFF or Vertex/Face text. A repair takes one; an analysis as many parts `file` as `limits.max_files` of
+    /// the capabilities says.
+    #[schema(min_items = 1)]
+    file: Vec<RawModel>,
+    /// What to do, as JSON. Where `mode` is left out it is `repair`.
+    options: Option<JobOptions>,
+    /// Your own notes on the job as JSON, an object of texts: at most 50 and 8 KiB. They come back with the job.
+    metadata: Option<Metadata>,
+    /// An http or https address to tell of the job's end, beside the webhook endpoints.
+    callback_url: Option<String>,
+}
+
+/// A model's bytes.
+#[derive(ToSchema)]
+#[schema(value_type = String, format = Binary)]
+#[expect(dead_code, reason = "it describes the body in the OpenAPI document")]
+pub(super) struct RawModel(Vec<u8>);
+
+/// What came with a request, its files stored already.
+pub(super) struct Upload {
+    files: Vec<File>,
+    /// What to do.
+    pub options: JobOptions,
+    /// What else the client said.
+    pub notes: Notes,
+}
+
+/// What a client says of a job beside its options.
+#[derive(Default, Serialize)]
+pub(super) struct Notes {
+    /// Its own notes.
+    pub metadata: Metadata,
+    /// Where to tell of the job's end.
+    pub callback_url: Option<String>,
+}
+
+impl Notes {
+    /// The names of the parts, or fields of a query, that they come as.
+    const NAMES: [&str; 2] = ["metadata", "callback_url"];
+
+    /// Notes one of them.
+    fn take(&mut self, name: &str, text: &str) -> Result<(), Problem> {
+        let invalid = |detail: String| Problem::new(ProblemCode::InvalidOptions, detail);
+        if name == "callback_url" {
+            let is_address = text.starts_with("https://") || text.starts_with("http://");
+            if !is_address || text.len() > CALLBACK_BYTES || text.chars().any(|c| c.is_control() || c == ' ') {
+                return Err(invalid("callback_url must be an http or https address of at most 2048 bytes.".to_owned()));
+            }
+            self.callback_url = Some(text.to_owned());
+            return Ok(());
+        }
+        let detail = format!(
+            "metadata must be a JSON object of at most {METADATA_ENTRIES} texts and {} KiB",
+            METADATA_BYTES >> 10
+        );
+        if text.len() > METADATA_BYTES {
+            return Err(invalid(format!("{detail}.")));
+        }
+        self.metadata = serde_json::from_str(text).map_err(|error| invalid(format!("{detail}: {error}.")))?;
+        if self.metadata.len() > METADATA_ENTRIES {
+            return Err(invalid(format!("{detail}.")));
+        }
+        Ok(())
+    }
+}
+
+/// A file of an upload.
+struct File {
+    name: String,
+    stored: Stored,
+}
+
+impl Upload {
+    /// Sees whether every file is a model by its first bytes. Of several, each that is none is named.
+    pub fn inputs(&mut self, id: JobId) -> Result<Vec<Input>, Problem> {
+        inputs(id, std::mem::take(&mut self.files))
+    }
+}
+
+fn inputs(id: JobId, files: Vec<File>) -> Result<Vec<Input>, Problem> {
+    let of = files.len();
+    let mut inputs = Vec::with_capacity(of);
+    let mut problems: Vec<Problem> = Vec::new();
+    for (number, File { name, stored }) in files.into_iter().enumerate() {
+        match sniff(&stored.head, Some(stored.bytes)) {
+            Ok(format) => {
+                let Stored { bytes, sha256, .. } = stored;
+                inputs.push(Input { key: Blobs::input_key(id, number), name, bytes, sha256, format });
+            }
+            Err(error) => {
+                let (code, detail) = match error.kind {
+                    _ if stored.bytes == 0 => {
+                        (ProblemCode::MissingFile, "The file is empty. Send a model with at least one face.".to_owned())
+                    }
+                    ReadErrorKind::Empty => (ProblemCode::MissingFile, error.to_string()),
+                    _ => (ProblemCode::UnsupportedModel, error.to_string()),
+                };
+                let which = if of > 1 { format!("file {} of {of}, '{name}': ", number + 1) } else { String::new() };
+                problems.push(Problem::new(code, format!("{which}{detail}")));
+            }
+        }
+    }
+    let errors = if of > 1 { problems.iter().map(|problem| problem.detail.clone()).collect() } else { Vec::new() };
+    match problems.into_iter().next() {
+        Some(first) => Err(Problem { errors, ..first }),
+        None => Ok(inputs),
+    }
+}
+
+/// Reads a request's files, at most `most` bytes of them, into the store under the job's keys.
+pub(super) async fn read(state: &ApiState, id: JobId, most: u64, request: Request) -> Result<Upload, Problem> {
+    let media_type = text_header(request.headers(), &header::CONTENT_TYPE).unwrap_or_default().trim().to_owned();
+    let essence = media_type.split(';').next().unwrap_or_default().trim().to_ascii_lowercase();
+    match essence.as_str() {
+        "multipart/form-data" => from_form(state, id, most, request).await,
+        "application/json" => {
+            let detail = "JSON is not a model. Send multipart/form-data with the parts 'file' and 'options', or the \
+                          model's bytes as application/octet-stream.";
+            Err(Problem::new(ProblemCode::UnsupportedMediaType, detail))
+        }
+        _ => from_body(state, id, most, request).await,
+    }
+}
+
+async fn from_body(state: &ApiState, id: JobId, most: u64, request: Request) -> Result<Upload, Problem> {
+    let query = request.uri().query().unwrap_or_default();
+    let pairs: Vec<(String, String)> = serde_urlencoded::from_str(query)
+        .map_err(|e| Problem::new(ProblemCode::InvalidRequest, format!("The query can't be read: {e}.")))?;
+    let (names, pairs): (Vec<_>, Vec<_>) = pairs.into_iter().partition(|(key, _)| key == "name");
+    let (said, options): (Vec<_>, Vec<_>) =
+        pairs.into_iter().partition(|(key, _)| Notes::NAMES.contains(&key.as_str()));
+    let mut notes = Notes::default();
+    for (key, text) in &said {
+        notes.take(key, text)?;
+    }
+    // Options are checked before the body is read, so that a mistake does not cost an upload.
+    let options = job_options(query_fields(options)?)?;
+    let name = names.into_iter().next().map(|(_, name)| name);
+    let name = clean_name(name.as_deref().or(disposition_name(request.headers())));
+    let source = with_patience(request.into_body().into_data_stream(), state.config.upload_idle);
+    let mut room = Room::new(most);
+    let stored = room.store(&state.blobs, &Blobs::input_key(id, 0), source).await?;
+    Ok(Upload { files: vec![File { name, stored }], options, notes })
+}
+
+/// The fields of a query: numbers and other JSON as what they are, anything else as text.
+fn query_fields(pairs: Vec<(String, String)>) -> Result<Map<String, Value>, Problem> {
+    let mut fields = Map::new();
+    for (key, text) in pairs {
+        let value = serde_json::from_str(&text).unwrap_or(Value::String(text));
+        if fields.insert(key.clone(), value).is_some() {
+            return Err(Problem::new(ProblemCode::InvalidOptions, format!("The option '{key}' is given twice.")));
+        }
+    }
+    Ok(fields)
+}
+
+fn job_options(fields: Map<String, Value>) -> Result<JobOptions, Problem> {
+    JobOptions::from_fields(fields).map_err(|error| Problem::new(ProblemCode::InvalidOptions, format!("{error}.")))
+}
+
+async fn from_form(state: &ApiState, id: JobId, most: u64, request: Request) -> Result<Upload, Problem> {
+    // A reader of forms keeps all bytes before the next part in memory, so those are counted here.
+    let allowance = Arc::new(AtomicU64::new(FORM_BYTES));
+    let (parts, body) = request.into_parts();
+    let left = Arc::clone(&allowance);
+    let body = with_patience(body.into_data_stream(), state.config.upload_idle).map(move |chunk| {
+        let chunk = chunk?;
+        let bytes = chunk.len() as u64;
+        left.fetch_update(Ordering::Relaxed, Ordering::Relaxed, |left| left.checked_sub(bytes))
+            .map_err(|_| SourceError::Form)?;
+        Ok::<Bytes, SourceError>(chunk)
+    });
+    let request = Request::from_parts(parts, Body::from_stream(one_at_a_time(body)));
+    let mut form = Multipart::from_request(request, &())
+        .await
+        .map_err(|e| Problem::new(ProblemCode::InvalidRequest, e.body_text()))?;
+    let mut room = Room::new(most);
+    let mut files: Vec<File> = Vec::new();
+    let mut options: Option<JobOptions> = None;
+    let mut notes = Notes::default();
+    loop {
+        allowance.store(FORM_BYTES, Ordering::Relaxed);
+        let Some(field) = form.next_field().await.map_err(|e| source_problem(&e))? else { break };
+        match field.name() {
+            Some("file") => {
+                // Where the options came first, a file too many is refused before its bytes are read.
+                may_have(files.len() + 1, options.as_ref(), state.config.max_files)?;
+                let name = clean_name(field.file_name());
+                allowance.store(u64::MAX, Ordering::Relaxed);
+                let stored = room.store(&state.blobs, &Blobs::input_key(id, files.len()), field).await?;
+                files.push(File { name, stored });
+            }
+            Some("options") if options.is_none() => {
+                let text = read_text(field, "options").await?;
+                let fields = serde_json::from_slice(&text).map_err(|e| {
+                    Problem::new(ProblemCode::InvalidOptions, format!("The part 'options' can't be read: {e}."))
+                })?;
+                options = Some(job_options(fields)?);
+            }
+            Some(name) if Notes::NAMES.contains(&name) => {
+                let name = name.to_owned();
+                let text = read_text(field, &name).await?;
+                notes.take(&name, &String::from_utf8_lossy(&text))?;
+            }
+            Some("options") => {
+                let detail = "The form has two parts 'options'. Send one for all files.";
+                return Err(Problem::new(ProblemCode::InvalidRequest, detail));
+            }
+            name => {
+                let shown: String = name.unwrap_or_default().chars().take(64).collect();
+                let detail = format!(
+                    "The form has a part '{shown}'. The parts are 'file', 'options', 'metadata' and 'callback_url'."
+                );
+                return Err(Problem::new(ProblemCode::InvalidRequest, detail));
+            }
+        }
+    }
+    if files.is_empty() {
+        let detail = "The form has no part 'file'. Send the model as that part.";
+        return Err(Problem::new(ProblemCode::MissingFile, detail));
+    }
+    let options = options.unwrap_or_default();
+    may_have(files.len(), Some(&options), state.config.max_files)?;
+    Ok(Upload { files, options, notes })
+}
+
+/// Whether a job may have so many files; as long as its options have not come, as many as any job.
+fn may_have(files: usize, options: Option<&JobOptions>, most: usize) -> Result<(), Problem> {
+    if files > 1 && options.is_some_and(|options| options.mode() == Mode::Repair) {
+        let detail = "The form has two parts 'file', and a repair takes one model. Send one model a job, or ask for \
+                      the mode 'analyze'.";
+        return Err(Problem::new(ProblemCode::InvalidRequest, detail));
+    }
+    if files > most {
+        let detail =
+            format!("The form has more than the {most} files that one job may have. Send the rest as another.");
+        return Err(Problem::new(ProblemCode::TooManyFiles, detail).with_header(header::CONNECTION, "close"));
+    }
+    Ok(())
+}
+
+/// The bytes of a small part.
+async fn read_text(mut field: Field<'_>, name: &str) -> Result<Vec<u8>, Problem> {
+    let mut text = Vec::new();
+    while let Some(chunk) = field.chunk().await.map_err(|e| source_problem(&e))? {
+        text.extend_from_slice(&chunk);
+        if text.len() > OPTIONS_BYTES {
+            let detail = format!("The part '{name}' is larger than {} KiB.", OPTIONS_BYTES >> 10);
+            return Err(Problem::new(ProblemCode::InvalidOptions, detail));
+        }
+    }
+    Ok(text)
+}
+
+/// The file name of a raw body's Content-Disposition.
+fn disposition_name(headers: &HeaderMap) -> Option<&str> {
+    let value = text_header(headers, &header::CONTENT_DISPOSITION)?;
+    value.split(';').find_map(|part| Some(part.trim().strip_prefix("filename=")?.trim_matches('"')))
+}
+
+/// A file name without folders and control characters; it is shown and handed back, never opened.
+fn clean_name(name: Option<&str>) -> String {
+    let name = name.unwrap_or_default();
+    let name = name.rsplit(['/', '\\']).next().unwrap_or_default();
+    let name: String = name.chars().filter(|c| !c.is_control()).take(NAME_CHARS).collect();
+    let name = name.trim();
+    if name.is_empty() || name.chars().all(|c| c == '.') { "model".to_owned() } else { name.to_owned() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_file_name_keeps_nothing_that_could_lead_elsewhere() {
+        for (given, kept) in [
+            (Some("bracket.stl"), "bracket.stl"),
+            (Some("../../etc/passwd"), "passwd"),
+            (Some("C:\\models\\a b.obj"), "a b.obj"),
+            (Some("nul\0l\r\nX: y.stl"), "nullX: y.stl"),
+            (Some(".."), "model"),
+            (Some(""), "model"),
+            (None, "model"),
+            (Some("größe 日本.ply"), "größe 日本.ply"),
+        ] {
+            assert_eq!(clean_name(given), kept);
+        }
+        assert_eq!(clean_name(Some(&"x".repeat(1000))).len(), NAME_CHARS);
+    }
+}

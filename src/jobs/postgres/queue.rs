@@ -1,0 +1,130 @@
+//! What waits, and whose turn it is.
+
+use sqlx::{PgConnection, PgPool};
+
+use crate::jobs::row::{job_columns, read_job, to_json, to_millis};
+use crate::jobs::{Job, NewJob, StoreError, Waiting};
+
+/// Adds a job; one that was given a result has ended already.
+pub(super) async fn insert(connection: &mut PgConnection, job: &NewJob, now: Option<i64>) -> Result<Job, StoreError> {
+    let result = job.result.as_ref();
+    let row = sqlx::query(concat!(
+        "INSERT INTO jobs (id, tenant, made_by, status, outcome, created_at, run_at, started_at, finished_at, inputs, options, \
+                           metadata, callback_url, fingerprint, reused_from, report, artifacts) \
+         VALUES ($1, $2, $3, CASE WHEN $6 THEN 'succeeded' ELSE 'queued' END, $4, meshmend_now($5), meshmend_now($5), \
+                 CASE WHEN $6 THEN meshmend_now($5) END, CASE WHEN $6 THEN meshmend_now($5) END, $7, $8, \
+                 $9, $10, $11, $12, $13, coalesce($14, '{}')) RETURNING ",
+        job_columns!()
+    ))
+    .bind(job.id.to_string())
+    .bind(&job.tenant)
+    .bind(&job.made_by)
+    .bind(result.map(|result| to_json(&result.outcome)))
+    .bind(now)
+    .bind(result.is_some())
+    .bind(to_json(&job.inputs))
+    .bind(to_json(&job.options))
+    .bind(to_json(&job.metadata))
+    .bind(&job.callback_url)
+    .bind(&job.fingerprint)
+    .bind(result.map(|result| result.from.to_string()))
+    .bind(result.map(|result| to_json(&result.report)))
+    .bind(result.map(|result| to_json(&result.artifacts)))
+    .fetch_one(connection)
+    .await?;
+    read_job(&row)
+}
+
+pub(super) async fn find_result(pool: &PgPool, tenant: &str, fingerprint: &str) -> Result<Option<Job>, StoreError> {
+    let row = sqlx::query(concat!(
+        "SELECT ",
+        job_columns!(),
+        " FROM jobs WHERE tenant = $1 AND fingerprint = $2 AND status = 'succeeded' AND purged_at IS NULL \
+          ORDER BY id DESC LIMIT 1"
+    ))
+    .bind(tenant)
+    .bind(fingerprint)
+    .fetch_optional(pool)
+    .await?;
+    row.as_ref().map(read_job).transpose()
+}
+
+pub(super) async fn waiting(pool: &PgPool, tenant: &str) -> Result<Waiting, StoreError> {
+    let (all, own): (i64, i64) = sqlx::query_as(
+        "SELECT (SELECT count(*) FROM jobs WHERE status = 'queued'), \
+                (SELECT count(*) FROM jobs WHERE status = 'queued' AND tenant = $1)",
+    )
+    .bind(tenant)
+    .fetch_one(pool)
+    .await?;
+    Ok(Waiting { all: all.unsigned_abs(), of_tenant: own.unsigned_abs() })
+}
+
+pub(super) async fn position(pool: &PgPool, job: &Job) -> Result<u64, StoreError> {
+    let ahead: i64 = sqlx::query_scalar(
+        "SELECT count(*) FROM jobs \
+         WHERE status = 'queued' AND tenant = $1 AND (run_at < $2 OR (run_at = $2 AND id < $3))",
+    )
+    .bind(&job.tenant)
+    .bind(to_millis(job.run_at))
+    .bind(job.id.to_string())
+    .fetch_one(pool)
+    .await?;
+    Ok(ahead.unsigned_abs())
+}
+
+/// A claim to write.
+pub(super) struct Claiming<'a> {
+    pub worker: &'a str,
+    pub token: &'a str,
+    pub now: Option<i64>,
+    pub lease: i64,
+    pub max_running: u32,
+}
+
+/// Takes the job whose turn it is. Two claims at once may see the same turn; each takes a job that the other has not.
+pub(super) async fn claim(pool: &PgPool, claiming: &Claiming<'_>) -> Result<Option<Job>, StoreError> {
+    // The tenants that wait are found by leaps through the index, not by a look at every job.
+    let turns: Vec<String> = sqlx::query_scalar(
+        "WITH RECURSIVE waiting (tenant) AS ( \
+             SELECT min(tenant) FROM jobs WHERE status = 'queued' \
+             UNION ALL \
+             SELECT (SELECT min(tenant) FROM jobs WHERE status = 'queued' AND tenant > waiting.tenant) \
+             FROM waiting WHERE tenant IS NOT NULL), \
+         turns AS ( \
+             SELECT tenant, \
+                    (SELECT count(*) FROM jobs WHERE status = 'running' AND jobs.tenant = waiting.tenant) AS running, \
+                    (SELECT max(started_at) FROM jobs WHERE jobs.tenant = waiting.tenant) AS served, \
+                    coalesce((SELECT max_running FROM tenants WHERE name = waiting.tenant), $2) AS most, \
+                    (SELECT id FROM jobs WHERE status = 'queued' AND jobs.tenant = waiting.tenant AND run_at <= meshmend_now($1) \
+                     ORDER BY run_at, id LIMIT 1) AS next \
+             FROM waiting WHERE tenant IS NOT NULL) \
+         SELECT tenant FROM turns WHERE next IS NOT NULL AND running < most ORDER BY running, served NULLS FIRST, next",
+    )
+    .bind(claiming.now)
+    .bind(i64::from(claiming.max_running))
+    .fetch_all(pool)
+    .await?;
+    for tenant in turns {
+        let row = sqlx::query(concat!(
+            "UPDATE jobs SET status = 'running', attempt = attempt + 1, worker = $1, lease_token = $2, \
+                 lease_expires_at = meshmend_now($3) + $4, started_at = coalesce(started_at, meshmend_now($3)), \
+                 progress = NULL, version = version + 1 \
+             WHERE id = (SELECT id FROM jobs WHERE status = 'queued' AND tenant = $5 AND run_at <= meshmend_now($3) \
+                         ORDER BY run_at, id LIMIT 1 FOR UPDATE SKIP LOCKED) \
+             RETURNING ",
+            job_columns!()
+        ))
+        .bind(claiming.worker)
+        .bind(claiming.token)
+        .bind(claiming.now)
+        .bind(claiming.lease)
+        .bind(tenant)
+        .fetch_optional(pool)
+        .await?;
+        if row.is_some() {
+            return row.as_ref().map(read_job).transpose();
+        }
+    }
+    Ok(None)
+}

@@ -1,0 +1,396 @@
+//! Who may ask for what, and what nobody else sees.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::process::Command;
+use std::time::Duration;
+
+use meshmend::access::{KeyKind, NewKey, Scope, Secret, TenantLimits, Token};
+use meshmend::jobs::{ListQuery, Store};
+use reqwest::{Method, RequestBuilder};
+use serde_json::{Value, json};
+
+use crate::files;
+use crate::server::{Api, Program, Start};
+use crate::stores::{Bench, promises};
+
+promises! {
+    a_key_is_found_by_its_secret_until_it_expires_or_is_revoked,
+    a_token_is_worth_nothing_without_the_key_it_was_made_with,
+    tenants_take_turns_however_many_jobs_one_of_them_has,
+    no_more_of_a_tenants_jobs_run_than_may,
+    lists_counts_and_positions_are_a_tenants_own,
+}
+
+fn new_key(life_s: Option<u64>, parent: Option<String>) -> NewKey {
+    NewKey {
+        tenant: "shop".parse().expect("a name"),
+        kind: if parent.is_some() { KeyKind::Browser } else { KeyKind::Api },
+        label: "till".into(),
+        scopes: "jobs:read,tokens".parse().expect("scopes"),
+        origin: parent.as_ref().map(|_| "https://shop.example".to_owned()),
+        max_bytes: Some(1000),
+        life_s,
+        parent,
+    }
+}
+
+async fn made(store: &dyn Store, key: NewKey) -> (String, Token) {
+    let token = Secret::new(key.kind).token();
+    (store.create_key(key, &token).await.expect("a key").id, token)
+}
+
+async fn is_worth(store: &dyn Store, token: &Token) -> bool {
+    store.find_key(token).await.expect("an answer").is_some()
+}
+
+async fn a_key_is_found_by_its_secret_until_it_expires_or_is_revoked(bench: Bench) {
+    let store = bench.store.as_ref();
+    let (id, token) = made(store, new_key(None, None)).await;
+    let (_, short) = made(store, new_key(Some(60), None)).await;
+    let key = store.find_key(&token).await.expect("an answer").expect("a key");
+    assert_eq!(
+        (key.id.as_str(), key.tenant.as_str(), key.label.as_str(), key.max_bytes),
+        (id.as_str(), "shop", "till", Some(1000))
+    );
+    assert!(key.scopes.has(Scope::Tokens) && !key.scopes.has(Scope::JobsWrite));
+    assert!(!is_worth(store, &Token::of("mm_key_guess")).await);
+    assert!(is_worth(store, &short).await);
+    bench.pass(Duration::from_secs(60));
+    assert!(!is_worth(store, &short).await);
+    assert!(key.last_used_at.is_none());
+    store.touch_key(&id).await.expect("noted");
+    assert!(store.find_key(&token).await.expect("an answer").expect("a key").last_used_at.is_some());
+    assert!(store.revoke_key(&id).await.expect("an answer"));
+    assert!(!store.revoke_key(&id).await.expect("an answer"));
+    assert!(!is_worth(store, &token).await);
+    assert_eq!(store.keys(Some(&"shop".parse().expect("a name"))).await.expect("an answer").len(), 2);
+    assert_eq!(store.keys(Some(&"other".parse().expect("a name"))).await.expect("an answer"), []);
+}
+
+async fn a_token_is_worth_nothing_without_the_key_it_was_made_with(bench: Bench) {
+    let store = bench.store.as_ref();
+    let (id, _) = made(store, new_key(None, None)).await;
+    let (_, token) = made(store, new_key(Some(60), Some(id.clone()))).await;
+    assert!(is_worth(store, &token).await);
+    assert_eq!(store.keys(None).await.expect("an answer").len(), 1, "tokens are no API keys");
+    assert!(store.revoke_key(&id).await.expect("an answer"));
+    assert!(!is_worth(store, &token).await);
+    assert_eq!(store.forget_tokens().await.expect("an answer"), 0);
+    bench.pass(Duration::from_secs(61));
+    assert_eq!(store.forget_tokens().await.expect("an answer"), 1);
+}
+
+async fn tenants_take_turns_however_many_jobs_one_of_them_has(bench: Bench) {
+    for _ in 0..1000 {
+        bench.submit_of("busy").await;
+    }
+    for tenant in ["calm", "calm", "quiet"] {
+        bench.pass(Duration::from_millis(5));
+        bench.submit_of(tenant).await;
+    }
+    let mut served = Vec::new();
+    // One worker: nothing else runs when it asks.
+    for _ in 0..8 {
+        bench.pass(Duration::from_millis(5));
+        let claim = bench.claim().await.expect("a job");
+        served.push(claim.job.tenant.clone());
+        bench.store.fail(&claim.lease, Bench::failure(meshmend::jobs::FailureKind::Final)).await.expect("noted");
+    }
+    assert_eq!(served, ["busy", "calm", "quiet", "busy", "calm", "busy", "busy", "busy"]);
+    // Many workers: whoever has the fewest jobs running is next.
+    for tenant in ["calm", "calm"] {
+        bench.submit_of(tenant).await;
+    }
+    let mut running = Vec::new();
+    for _ in 0..6 {
+        running.push(bench.claim().await.expect("a job").job.tenant);
+    }
+    assert_eq!(running.iter().filter(|tenant| *tenant == "calm").count(), 2);
+    assert_eq!(running[..4].iter().filter(|tenant| *tenant == "busy").count(), 2);
+}
+
+async fn no_more_of_a_tenants_jobs_run_than_may(bench: Bench) {
+    for tenant in ["a", "a", "a", "b", "b", "b"] {
+        bench.submit_of(tenant).await;
+    }
+    let limits = TenantLimits { max_running: Some(2), ..TenantLimits::default() };
+    bench.store.set_limits(&"b".parse().expect("a name"), limits).await.expect("set");
+    assert_eq!(bench.store.limits("b").await.expect("an answer"), limits);
+    assert_eq!(bench.store.limits("a").await.expect("an answer"), TenantLimits::default());
+    let mut running: BTreeMap<String, u32> = BTreeMap::new();
+    while let Some(claim) = bench.store.claim("worker", crate::stores::LEASE, 1).await.expect("an answer") {
+        *running.entry(claim.job.tenant).or_default() += 1;
+    }
+    assert_eq!(running, BTreeMap::from([("a".to_owned(), 1), ("b".to_owned(), 2)]));
+}
+
+async fn lists_counts_and_positions_are_a_tenants_own(bench: Bench) {
+    for _ in 0..3 {
+        bench.submit_of("a").await;
+    }
+    let own = bench.submit_of("b").await;
+    assert_eq!(bench.store.queue_position(&own).await.expect("an answer"), Some(0));
+    let waiting = bench.store.waiting("b").await.expect("an answer");
+    assert_eq!((waiting.all, waiting.of_tenant), (4, 1));
+    let query = ListQuery { tenant: "b".into(), limit: 10, ..ListQuery::default() };
+    let listed = bench.store.list(query.clone()).await.expect("an answer").jobs;
+    assert_eq!(listed.iter().map(|job| job.id).collect::<Vec<_>>(), [own.id]);
+    let of_a_key = ListQuery { made_by: Some("key_1".into()), ..query };
+    assert_eq!(bench.store.list(of_a_key).await.expect("an answer").jobs, []);
+}
+
+/// Runs a verb on a data folder and gives what it printed.
+fn meshmend(data: &Path, args: &[&str]) -> String {
+    let run = Command::new(env!("CARGO_BIN_EXE_meshmend")).args(args).arg("--data-dir").arg(data).output();
+    let run = run.expect("the program runs");
+    assert!(run.status.success(), "{args:?}: {}", String::from_utf8_lossy(&run.stderr));
+    String::from_utf8(run.stdout).expect("text").trim().to_owned()
+}
+
+fn key(data: &Path, tenant: &str, scopes: &str) -> String {
+    meshmend(data, &["keys", "create", "--tenant", tenant, "--scopes", scopes])
+}
+
+/// A service that asks for keys.
+fn guarded(data: &Path) -> Program {
+    Start::serve(data).arg("--auth", "keys").start()
+}
+
+const ALL: &str = "jobs:read,jobs:write,webhooks,tokens,metrics";
+
+async fn ask(request: RequestBuilder) -> (u16, Value) {
+    let answer = request.send().await.expect("an answer");
+    let status = answer.status().as_u16();
+    (status, answer.json().await.unwrap_or(Value::Null))
+}
+
+/// Every documented operation that is not open to all.
+fn guarded_operations() -> Vec<(Method, String)> {
+    let document: Value = serde_json::from_str(include_str!("../../openapi/openapi.json")).expect("JSON");
+    let mut operations = Vec::new();
+    for (path, methods) in document["paths"].as_object().expect("paths") {
+        for (method, operation) in methods.as_object().expect("methods") {
+            if !operation["security"].is_null() {
+                let path = path.replace("{id}", "job_019a3c5e7b1f7c3e8d2a4b6c8d0e2f4a").replace("{name}", "model");
+                operations.push((method.to_uppercase().parse().expect("a method"), path));
+            }
+        }
+    }
+    assert!(operations.iter().filter(|(_, path)| path.starts_with("/v1/")).count() >= 9);
+    operations
+}
+
+#[tokio::test]
+async fn nothing_of_the_service_answers_without_a_key_or_with_a_wrong_or_revoked_one() {
+    let data = tempfile::tempdir().expect("a folder");
+    let good = key(data.path(), "shop", ALL);
+    let gone = key(data.path(), "shop", ALL);
+    let listed = meshmend(data.path(), &["keys", "list", "--tenant", "shop"]);
+    assert!(!listed.contains(&good) && !listed.contains(&good[7..]), "{listed}");
+    let last: Value = serde_json::from_str(listed.lines().last().expect("a line")).expect("JSON");
+    meshmend(data.path(), &["keys", "revoke", last["id"].as_str().expect("an id")]);
+    let program = guarded(data.path());
+    let api = Api::new(&program);
+    for (method, path) in guarded_operations() {
+        let request = || api.http.request(method.clone(), format!("{}{path}", api.url));
+        let wrong = format!("mm_key_{}", "0".repeat(64));
+        for refused in [
+            request(),
+            request().bearer_auth(&gone),
+            request().bearer_auth(wrong),
+            request().basic_auth("a", Some(&good)),
+        ] {
+            let (status, problem) = ask(refused).await;
+            assert_eq!((status, &problem["code"]), (401, &json!("unauthorized")), "{method} {path}: {problem}");
+        }
+        let (status, _) = ask(request().bearer_auth(&good)).await;
+        assert!(![401, 403].contains(&status), "{method} {path}: {status}");
+    }
+    for open in ["/livez", "/readyz", "/openapi.json", "/problems"] {
+        assert_eq!(api.get(open).send().await.expect("an answer").status(), 200, "{open}");
+    }
+    assert!(!program.log().contains(&good[7..]), "no secret is logged");
+}
+
+#[tokio::test]
+async fn each_operation_needs_its_scope() {
+    let data = tempfile::tempdir().expect("a folder");
+    let keys: BTreeMap<&str, String> =
+        ["jobs:read", "jobs:write", "tokens", "metrics"].map(|scope| (scope, key(data.path(), "shop", scope))).into();
+    let program = guarded(data.path());
+    let api = Api::new(&program);
+    for (method, path) in guarded_operations() {
+        let needed = match (method.as_str(), path.as_str()) {
+            (_, "/metrics") => "metrics",
+            (_, "/v1/capabilities") => continue,
+            (_, "/v1/browser-tokens") => "tokens",
+            ("GET", _) => "jobs:read",
+            _ => "jobs:write",
+        };
+        for (scope, key) in &keys {
+            let request = api.http.request(method.clone(), format!("{}{path}", api.url));
+            let (status, problem) = ask(request.bearer_auth(key)).await;
+            assert_eq!(status != 403, *scope == needed, "{method} {path} with {scope}: {status} {problem}");
+            assert!(status != 403 || problem["code"] == "forbidden");
+        }
+    }
+}
+
+#[tokio::test]
+async fn a_tenant_sees_nothing_of_anothers_jobs() {
+    let data = tempfile::tempdir().expect("a folder");
+    let (own, other) = (key(data.path(), "shop", ALL), key(data.path(), "rival", ALL));
+    let program = guarded(data.path());
+    let api = Api::new(&program);
+    let submit = async |key: &str| {
+        let request = api.post("/v1/jobs?max_tier=1").bearer_auth(key).header("idempotency-key", "same");
+        let (status, job) = ask(request.body(files::broken_box())).await;
+        assert_eq!(status, 202);
+        (job["id"].as_str().expect("an id").to_owned(), job)
+    };
+    let (id, _) = submit(&own).await;
+    loop {
+        let (_, job) = ask(api.get(&format!("/v1/jobs/{id}?wait=20")).bearer_auth(&own)).await;
+        if job["status"] == "succeeded" {
+            break;
+        }
+    }
+    let none = "job_019a3c5e7b1f7c3e8d2a4b6c8d0e2f4a";
+    for (method, path) in [
+        (Method::GET, "/v1/jobs/ID"),
+        (Method::GET, "/v1/jobs/ID/events"),
+        (Method::GET, "/v1/jobs/ID/artifacts/model"),
+        (Method::POST, "/v1/jobs/ID/cancel"),
+        (Method::DELETE, "/v1/jobs/ID"),
+    ] {
+        let ask_for = async |id: &str| {
+            let path = path.replace("ID", id);
+            let (status, mut problem) =
+                ask(api.http.request(method.clone(), format!("{}{path}", api.url)).bearer_auth(&other)).await;
+            problem["request_id"] = Value::Null;
+            (status, problem.to_string().replace(id, "ID"))
+        };
+        let theirs = ask_for(&id).await;
+        assert_eq!(theirs.0, 404, "{method} {path}");
+        assert_eq!(theirs, ask_for(none).await, "it answers as for a job that never was");
+    }
+    let (_, page) = ask(api.get("/v1/jobs").bearer_auth(&other)).await;
+    assert_eq!(page["jobs"], json!([]));
+    // Neither a key of the same text nor a result of the same bytes leads from one to the other.
+    let (theirs, job) = submit(&other).await;
+    assert_ne!(theirs, id);
+    assert_eq!(job["reused_from"], Value::Null);
+    let (again, _) = submit(&own).await;
+    assert_eq!(again, id);
+}
+
+#[tokio::test]
+async fn a_page_with_a_token_uploads_from_its_origin_and_sees_only_its_own_jobs() {
+    let data = tempfile::tempdir().expect("a folder");
+    let owner = key(data.path(), "shop", ALL);
+    let program = guarded(data.path());
+    let api = Api::new(&program);
+    let make = async |body: Value| ask(api.post("/v1/browser-tokens").bearer_auth(&owner).json(&body)).await;
+    let asked = json!({"origin": "https://Shop.example/", "max_bytes": 2000, "expires_in_s": 60});
+    let (status, token) = make(asked).await;
+    assert_eq!(status, 201, "{token}");
+    assert_eq!((&token["origin"], &token["max_bytes"]), (&json!("https://shop.example"), &json!(2000)));
+    let secret = token["token"].as_str().expect("a token").to_owned();
+    for wrong in [
+        json!({"origin": "shop.example"}),
+        json!({"origin": "https://shop.example", "scopes": ["metrics"]}),
+        json!({"origin": "https://shop.example", "expires_in_s": 1}),
+        json!({"origin": "https://shop.example", "max_bytes": 0}),
+    ] {
+        assert_eq!(make(wrong.clone()).await.0, 422, "{wrong}");
+    }
+    assert_eq!(make(json!({"origin": "https://shop.example", "colour": 1})).await.0, 400);
+
+    let preflight = api.http.request(Method::OPTIONS, format!("{}/v1/jobs", api.url));
+    let preflight = preflight.header("origin", "https://shop.example").header("access-control-request-method", "POST");
+    let answer = preflight.send().await.expect("an answer");
+    assert_eq!(
+        (answer.status(), answer.headers()["access-control-allow-origin"].as_bytes()),
+        (reqwest::StatusCode::NO_CONTENT, &b"*"[..])
+    );
+    assert!(answer.headers()["access-control-allow-headers"].to_str().expect("text").contains("authorization"));
+
+    let post = |origin: &str, bytes: Vec<u8>| {
+        api.post("/v1/jobs?max_tier=1").bearer_auth(&secret).header("origin", origin).body(bytes)
+    };
+    let answer = post("https://shop.example", files::broken_box()).send().await.expect("an answer");
+    assert_eq!(answer.status(), 202);
+    assert_eq!(answer.headers()["access-control-allow-origin"], "https://shop.example");
+    let job: Value = answer.json().await.expect("a job");
+    let (status, problem) = ask(post("https://evil.example", files::broken_box())).await;
+    assert_eq!((status, &problem["code"]), (403, &json!("origin_not_allowed")));
+    assert_eq!(ask(post("https://shop.example", vec![b' '; 2_000_000])).await.0, 413);
+    let (status, _) = ask(api
+        .post("/v1/browser-tokens")
+        .bearer_auth(&secret)
+        .header("origin", "https://shop.example")
+        .json(&json!({})))
+    .await;
+    assert_eq!(status, 403, "a token makes no tokens");
+
+    let look = |id: &Value, secret: &str| {
+        api.get(&format!("/v1/jobs/{}", id.as_str().expect("an id")))
+            .bearer_auth(secret)
+            .header("origin", "https://shop.example")
+    };
+    assert_eq!(ask(look(&job["id"], &secret)).await.0, 200);
+    assert_eq!(ask(look(&job["id"], &owner)).await.0, 200, "the tenant's server sees it too");
+    let (_, own) = ask(api.post("/v1/jobs?max_tier=1").bearer_auth(&owner).body(files::whole_box())).await;
+    assert_eq!(ask(look(&own["id"], &secret)).await.0, 404);
+    let (_, page) = ask(api.get("/v1/jobs").bearer_auth(&secret).header("origin", "https://shop.example")).await;
+    assert_eq!(page["jobs"].as_array().map(Vec::len), Some(1));
+}
+
+#[tokio::test]
+async fn limits_of_requests_and_of_waiting_jobs_hold_for_each_tenant_apart() {
+    let data = tempfile::tempdir().expect("a folder");
+    let (busy, calm) = (key(data.path(), "busy", ALL), key(data.path(), "calm", ALL));
+    meshmend(data.path(), &["tenants", "set", "busy", "--requests-per-minute", "5"]);
+    meshmend(data.path(), &["tenants", "set", "calm", "--max-queued", "1"]);
+    assert_eq!(meshmend(data.path(), &["tenants", "list"]).lines().count(), 2);
+    let program = Start::serve(data.path()).arg("--auth", "keys").env("MESHMEND_NO_WORKERS", "true").start();
+    let api = Api::new(&program);
+    for left in [4, 3, 2, 1, 0] {
+        let answer = api.get("/v1/jobs").bearer_auth(&busy).send().await.expect("an answer");
+        assert_eq!(answer.status(), 200);
+        assert_eq!(answer.headers()["ratelimit-policy"], "\"tenant\";q=5;w=60");
+        let state = answer.headers()["ratelimit"].to_str().expect("text").to_owned();
+        assert!(state.starts_with(&format!("\"tenant\";r={left};t=")), "{state}");
+    }
+    let answer = api.get("/v1/jobs").bearer_auth(&busy).send().await.expect("an answer");
+    assert_eq!(answer.status(), 429);
+    let wait: u64 = answer.headers()["retry-after"].to_str().expect("text").parse().expect("seconds");
+    assert!((1..=13).contains(&wait), "{wait}");
+    assert_eq!(answer.json::<Value>().await.expect("a problem")["code"], "rate_limited");
+
+    let submit = || api.post("/v1/jobs").bearer_auth(&calm).body(files::broken_box());
+    let answer = submit().send().await.expect("an answer");
+    assert_eq!(answer.status(), 202);
+    assert!(!answer.headers().contains_key("ratelimit"), "nothing is limited where nothing is set");
+    let (status, problem) = ask(submit()).await;
+    assert_eq!((status, &problem["code"]), (429, &json!("queue_full")));
+}
+
+#[tokio::test]
+async fn an_open_service_answers_its_own_pages_and_no_others() {
+    let data = tempfile::tempdir().expect("a folder");
+    let program = Start::serve(data.path()).start();
+    let api = Api::new(&program);
+    let own = api.get("/v1/jobs").header("origin", &api.url).send().await.expect("an answer");
+    assert_eq!(own.status(), 200);
+    for origin in ["https://evil.example", "null"] {
+        let (status, problem) = ask(api.post("/v1/jobs").header("origin", origin).body(files::broken_box())).await;
+        assert_eq!((status, &problem["code"]), (403, &json!("origin_not_allowed")), "{origin}");
+    }
+    let wide = tempfile::tempdir().expect("a folder");
+    let program = Start::serve_on("0.0.0.0:0", wide.path()).start();
+    let url = program.url.replace("0.0.0.0", "127.0.0.1");
+    let answer = reqwest::get(format!("{url}/v1/jobs")).await.expect("an answer");
+    assert_eq!(answer.status(), 401, "whoever can be reached from elsewhere asks for keys");
+}

@@ -1,0 +1,190 @@
+//! How long results are kept, and how what was made before is used again.
+
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+use meshmend::jobs::{
+    Artifact, Artifacts, Completion, FailureKind, JobId, ListQuery, NewJob, Reused, Status, StoredReport,
+};
+use serde_json::{Value, json};
+
+use crate::files;
+use crate::server::{Api, Start, stored_files, until};
+use crate::stores::{Bench, promises};
+
+promises! {
+    what_ended_long_ago_expires_and_is_forgotten_later,
+    a_result_is_found_by_its_fingerprint_as_long_as_it_is_kept,
+    a_job_that_is_given_a_result_has_ended_when_it_is_accepted,
+}
+
+const DAY: Duration = Duration::from_secs(24 * 3600);
+
+fn artifacts(id: JobId) -> Artifacts {
+    let artifact = Artifact {
+        key: format!("jobs/{id}/t/report.json"),
+        filename: "a-report.json".into(),
+        media_type: "application/json".into(),
+        bytes: 2,
+        sha256: "00".into(),
+    };
+    BTreeMap::from([("report.json".to_owned(), artifact)])
+}
+
+async fn succeed(bench: &Bench) -> JobId {
+    let claim = bench.claim().await.expect("a job");
+    let id = claim.job.id;
+    let completion = Completion { report: Bench::report(), artifacts: artifacts(id) };
+    bench.store.complete(&claim.lease, completion).await.expect("completed");
+    id
+}
+
+async fn what_ended_long_ago_expires_and_is_forgotten_later(bench: Bench) {
+    bench.submit().await;
+    let old = succeed(&bench).await;
+    bench.submit().await;
+    let claim = bench.claim().await.expect("a job");
+    bench.store.fail(&claim.lease, Bench::failure(FailureKind::Final)).await.expect("noted");
+    bench.pass(DAY);
+    bench.submit().await;
+    let young = succeed(&bench).await;
+    let waiting = bench.submit().await.id;
+    assert_eq!(bench.store.expire(2 * DAY, 10).await.expect("an answer"), []);
+    assert_eq!(bench.store.expire(DAY, 1).await.expect("an answer"), [old], "the oldest first, no more than asked");
+    assert_eq!(bench.store.expire(DAY, 10).await.expect("an answer"), [claim.job.id]);
+    let expired = bench.get(old).await;
+    assert_eq!(expired.status, Status::Expired);
+    assert_eq!((expired.report, expired.artifacts.len(), expired.inputs[0].name.as_str()), (None, 0, ""));
+    assert!(expired.outcome.is_some(), "how it ended is known for longer");
+    assert_eq!(bench.get(young).await.status, Status::Succeeded);
+    bench.pass(DAY);
+    assert_eq!(bench.store.forget_jobs(3 * DAY).await.expect("an answer"), 0);
+    assert_eq!(bench.store.forget_jobs(2 * DAY).await.expect("an answer"), 2);
+    assert_eq!(bench.store.get(old).await.expect("an answer"), None);
+    assert_eq!(bench.get(young).await.status, Status::Succeeded, "what has not expired is not forgotten");
+    assert_eq!(bench.get(waiting).await.status, Status::Queued);
+}
+
+async fn a_result_is_found_by_its_fingerprint_as_long_as_it_is_kept(bench: Bench) {
+    let job = NewJob { fingerprint: "f".into(), ..Bench::job("shop") };
+    bench.store.submit(job).await.expect("accepted");
+    let find = async |tenant, fingerprint| {
+        bench.store.find_result(tenant, fingerprint).await.expect("an answer").map(|job| job.id)
+    };
+    assert_eq!(find("shop", "f").await, None, "it has not ended");
+    let id = succeed(&bench).await;
+    assert_eq!(find("shop", "f").await, Some(id));
+    assert_eq!(find("other", "f").await, None);
+    assert_eq!(find("shop", "g").await, None);
+    bench.pass(DAY);
+    bench.store.expire(DAY, 10).await.expect("an answer");
+    assert_eq!(find("shop", "f").await, None, "it has expired");
+}
+
+async fn a_job_that_is_given_a_result_has_ended_when_it_is_accepted(bench: Bench) {
+    bench.submit().await;
+    let first = bench.get(succeed(&bench).await).await;
+    let (id, report) = (JobId::new(), first.report.clone().expect("a report"));
+    let (outcome, artifacts) = (first.outcome.expect("an outcome"), artifacts(id));
+    let result = Reused { from: first.id, outcome, report, artifacts: artifacts.clone() };
+    let mut job = Bench::job("shop");
+    job.metadata.insert("order".into(), "17".into());
+    let job = NewJob { id, result: Some(result), ..job };
+    let accepted = bench.store.submit(job).await.expect("accepted");
+    assert_eq!(accepted.status, Status::Succeeded);
+    assert_eq!((accepted.reused_from, accepted.outcome), (Some(first.id), first.outcome));
+    assert_eq!(accepted.report.as_ref().map(text), first.report.as_ref().map(text));
+    assert_eq!(accepted.artifacts, artifacts);
+    assert_eq!(accepted.metadata.get("order").map(String::as_str), Some("17"));
+    assert_eq!(bench.claim().await, None);
+    let all = ListQuery { tenant: "shop".into(), limit: 10, ..ListQuery::default() };
+    assert_eq!(bench.store.list(all).await.expect("an answer").jobs.len(), 2);
+}
+
+fn text(report: &StoredReport) -> String {
+    serde_json::to_string(report).expect("JSON")
+}
+
+#[tokio::test]
+async fn the_same_bytes_and_options_are_repaired_once() {
+    let data = tempfile::tempdir().expect("a folder");
+    let program = Start::serve(data.path()).start();
+    let api = Api::new(&program);
+    let options = json!({"max_tier": 2});
+    let first = api.submit(files::broken_box(), options.clone()).await;
+    let first = api.finished(&first).await;
+    assert_eq!((&first["outcome"], &first["reused_from"]), (&json!("repaired"), &Value::Null));
+
+    let again = api.try_submit("other name.stl", files::broken_box(), options.clone()).await;
+    assert_eq!(again.status(), 202);
+    let again: Value = again.json().await.expect("a job");
+    assert_eq!((&again["status"], &again["outcome"]), (&json!("succeeded"), &json!("repaired")));
+    assert_eq!(again["reused_from"], first["id"]);
+    assert_eq!(again["report"], first["report"]);
+    assert_eq!(again["artifacts"]["model"]["filename"], "other name-repaired.stl");
+    let (one, other) = (first["id"].as_str().expect("an id"), again["id"].as_str().expect("an id"));
+    let model = api.artifact(one, "model").await;
+    assert_eq!(api.artifact(other, "model").await, model);
+    let deleted = api.delete(&format!("/v1/jobs/{one}")).send().await.expect("an answer");
+    assert_eq!(deleted.status(), 204);
+    assert_eq!(api.artifact(other, "model").await, model, "each job has its own files");
+
+    for (file, options) in [(files::broken_box(), json!({"max_tier": 1})), (files::whole_box(), options.clone())] {
+        let id = api.submit(file, options).await;
+        assert_eq!(api.finished(&id).await["reused_from"], Value::Null);
+    }
+    let asked = api.post("/v1/jobs?max_tier=2").header("cache-control", "no-cache").body(files::broken_box());
+    let anew: Value = asked.send().await.expect("an answer").json().await.expect("a job");
+    assert_eq!((&anew["status"], &anew["reused_from"]), (&json!("queued"), &Value::Null));
+}
+
+#[tokio::test]
+async fn a_jobs_notes_come_back_with_it_and_wrong_ones_are_refused() {
+    let data = tempfile::tempdir().expect("a folder");
+    let program = Start::serve(data.path()).env("MESHMEND_NO_WORKERS", "true").start();
+    let api = Api::new(&program);
+    let form = |notes: &str| {
+        let part = reqwest::multipart::Part::bytes(files::broken_box()).file_name("a.stl");
+        reqwest::multipart::Form::new().part("file", part).text("metadata", notes.to_owned())
+    };
+    let answer = api.post("/v1/jobs").multipart(form(r#"{"order": "17"}"#)).send().await.expect("an answer");
+    let job: Value = answer.json().await.expect("a job");
+    assert_eq!(job["metadata"], json!({"order": "17"}));
+    let id = job["id"].as_str().expect("an id");
+    assert_eq!(api.job(id).await["metadata"], json!({"order": "17"}));
+    let raw = api.post("/v1/jobs?metadata=%7B%22a%22%3A%22b%22%7D").body(files::broken_box());
+    let raw: Value = raw.send().await.expect("an answer").json().await.expect("a job");
+    assert_eq!(raw["metadata"], json!({"a": "b"}));
+    let many: BTreeMap<String, String> = (0..51).map(|n| (n.to_string(), String::new())).collect();
+    let long = format!(r#"{{"a": "{}"}}"#, "x".repeat(9000));
+    for wrong in ["[]", "{\"a\": 1}", "{", &serde_json::to_string(&many).expect("JSON"), &long] {
+        let answer = api.post("/v1/jobs").multipart(form(wrong)).send().await.expect("an answer");
+        assert_eq!(answer.status(), 422, "{wrong}");
+        let problem: Value = answer.json().await.expect("a problem");
+        assert!(problem["detail"].as_str().is_some_and(|detail| detail.contains("metadata")), "{problem}");
+    }
+}
+
+#[tokio::test]
+async fn an_expired_job_says_so_and_its_files_are_gone() {
+    let data = tempfile::tempdir().expect("a folder");
+    let program = Start::serve(data.path()).arg("--retain-results-h", "0").start();
+    let api = Api::new(&program);
+    let id = api.submit(files::broken_box(), json!({"max_tier": 1, "pictures": false})).await;
+    let ended = api.finished(&id).await;
+    assert_eq!(ended["expires_at"], ended["finished_at"]);
+    program.kill();
+    // The sweep is the first that a worker does.
+    let program = Start::serve(data.path()).arg("--retain-results-h", "0").start();
+    let api = Api::new(&program);
+    let job = until("the job has expired", async || {
+        let job = api.job(&id).await;
+        (job["status"] == "expired" && stored_files(data.path(), &id).is_empty()).then_some(job)
+    })
+    .await;
+    assert_eq!((&job["report"], &job["artifacts"]), (&Value::Null, &json!({})));
+    let answer = api.get(&format!("/v1/jobs/{id}/artifacts/model")).send().await.expect("an answer");
+    assert_eq!(answer.status(), 410);
+    let problem: Value = answer.json().await.expect("a problem");
+    assert_eq!(problem["code"], "job_expired");
+}

@@ -1,0 +1,122 @@
+//! A store of each kind, with a clock that tests turn.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicI64, Ordering};
+use std::time::Duration;
+
+use meshmend::context::{Context, NoProgress};
+use meshmend::format::{Format, Limits};
+use meshmend::jobs::{
+    Artifacts, Claim, Clock, Failure, FailureKind, Input, Job, JobId, JobOptions, JobProblem, JobReport, NewJob,
+    PostgresStore, ProblemKind, RetryPolicy, SqliteStore, Store,
+};
+
+use meshmend::repair::{Options, repair};
+
+use crate::files;
+use crate::postgres::Postgres;
+
+pub const LEASE: Duration = Duration::from_secs(10);
+
+/// A clock that stands still until it is told to go on.
+pub struct Manual(pub AtomicI64);
+
+impl Clock for Manual {
+    fn now_ms(&self) -> i64 {
+        self.0.load(Ordering::SeqCst)
+    }
+}
+
+/// A store to try promises on.
+pub struct Bench {
+    pub store: Box<dyn Store>,
+    pub clock: Arc<Manual>,
+    pub policy: RetryPolicy,
+    /// Where the store lives, which goes after it.
+    _home: Box<dyn std::any::Any + Send + Sync>,
+}
+
+impl Bench {
+    pub async fn sqlite() -> Self {
+        let folder = tempfile::tempdir().expect("a folder");
+        let (clock, policy) = Self::time();
+        let store = SqliteStore::open(&folder.path().join("jobs.db"), clock.clone(), policy).await.expect("a store");
+        Self { store: Box::new(store), clock, policy, _home: Box::new(folder) }
+    }
+
+    pub async fn postgres() -> Self {
+        let cluster = Postgres::start();
+        let (clock, policy) = Self::time();
+        let store = PostgresStore::open(&cluster.url(), 10, Some(clock.clone()), policy).await.expect("a store");
+        Self { store: Box::new(store), clock, policy, _home: Box::new(cluster) }
+    }
+
+    fn time() -> (Arc<Manual>, RetryPolicy) {
+        (Arc::new(Manual(AtomicI64::new(1_800_000_000_000))), RetryPolicy::default())
+    }
+
+    pub fn pass(&self, time: Duration) {
+        self.clock.0.fetch_add(i64::try_from(time.as_millis()).expect("short"), Ordering::SeqCst);
+    }
+
+    pub async fn submit(&self) -> Job {
+        self.submit_of("shop").await
+    }
+
+    pub async fn submit_of(&self, tenant: &str) -> Job {
+        self.store.submit(Self::job(tenant)).await.expect("accepted")
+    }
+
+    pub fn job(tenant: &str) -> NewJob {
+        let id = JobId::new();
+        let input = |number: usize| Input {
+            key: format!("uploads/{id}/{number}"),
+            name: "a.stl".into(),
+            bytes: 684,
+            sha256: "00".into(),
+            format: Format::Stl,
+        };
+        NewJob::new(id, tenant, vec![input(0), input(1)], JobOptions::default())
+    }
+
+    pub async fn claim(&self) -> Option<Claim> {
+        self.store.claim("worker", LEASE, u32::MAX).await.expect("an answer")
+    }
+
+    pub async fn get(&self, id: JobId) -> Job {
+        self.store.get(id).await.expect("an answer").expect("a job")
+    }
+
+    /// The report of a repair that had nothing to do.
+    pub fn report() -> JobReport {
+        let (cancel, clock) = (AtomicBool::new(false), || Duration::ZERO);
+        let context = Context::new(&NoProgress, &cancel, &clock, Duration::MAX);
+        let (options, limits) = (Options::default(), Limits::default());
+        let result = repair(&files::whole_box(), &options, &limits, None, &context).expect("a result");
+        JobReport::Repair(Box::new(result.report))
+    }
+
+    pub fn failure(kind: FailureKind) -> Failure {
+        let problem = JobProblem { code: ProblemKind::Internal, detail: "why".into(), place: None, file: None };
+        Failure { kind, problem, artifacts: Artifacts::new() }
+    }
+}
+
+/// Runs each promise on each store.
+macro_rules! promises {
+    ($($name:ident),* $(,)?) => {
+        mod sqlite {
+            $(#[tokio::test(flavor = "multi_thread")]
+            async fn $name() {
+                super::$name($crate::stores::Bench::sqlite().await).await;
+            })*
+        }
+        mod postgres {
+            $(#[tokio::test(flavor = "multi_thread")]
+            async fn $name() {
+                super::$name($crate::stores::Bench::postgres().await).await;
+            })*
+        }
+    };
+}
+pub(crate) use promises;
