@@ -395,10 +395,20 @@ impl Problem {
     }
 }
 
+/// That a disk of the service is full.
+fn storage_full(error: &dyn std::error::Error) -> Problem {
+    tracing::error!(%error, "a disk is full, or can't be written to");
+    Problem::new(ProblemCode::StorageFull, "The service has no room for this now. Send it again later.")
+        .retry_after(RETRY_AFTER_S)
+}
+
 impl From<StoreError> for Problem {
     fn from(error: StoreError) -> Self {
         if matches!(error, StoreError::KeyLost) {
             return super::idempotency::in_use();
+        }
+        if error.is_full() {
+            return storage_full(&error);
         }
         if !error.may_pass() {
             return Self::internal(&error);
@@ -411,7 +421,7 @@ impl From<StoreError> for Problem {
 
 impl From<BlobError> for Problem {
     fn from(error: BlobError) -> Self {
-        Self::internal(&error)
+        if error.is_full() { storage_full(&error) } else { Self::internal(&error) }
     }
 }
 

@@ -43,6 +43,24 @@ pub enum BlobError {
     NotFound,
 }
 
+impl BlobError {
+    /// Whether it is for want of room on the disk, or because nothing may be written to it any more.
+    #[must_use]
+    pub fn is_full(&self) -> bool {
+        is_full(self)
+    }
+}
+
+/// Whether a disk that is full or may not be written to is behind an error, however deep libraries wrapped it.
+#[must_use]
+pub fn is_full(error: &(dyn std::error::Error + 'static)) -> bool {
+    use std::io::ErrorKind as E;
+    let causes = std::iter::successors(Some(error), |error| error.source());
+    causes.filter_map(|error| error.downcast_ref::<std::io::Error>()).any(|error| {
+        matches!(error.kind(), E::StorageFull | E::QuotaExceeded | E::ReadOnlyFilesystem | E::PermissionDenied)
+    })
+}
+
 /// Why an upload was not stored. Nothing of it is left.
 #[derive(Debug, thiserror::Error)]
 pub enum UploadError<E> {

@@ -50,9 +50,6 @@ pub struct ServeArgs {
     /// Most jobs that may wait; further ones are refused with 429.
     #[arg(long, env = "MESHMEND_MAX_QUEUED", default_value_t = 10_000)]
     max_queued: u64,
-    /// Room that must stay free on the disk of the files, in MiB; jobs that would take it are refused with 503.
-    #[arg(long, env = "MESHMEND_MIN_FREE_MIB", default_value_t = 512)]
-    min_free_mib: u64,
     /// Take jobs and answer for them, and leave the work to other processes (`meshmend work`).
     #[arg(long, env = "MESHMEND_NO_WORKERS", conflicts_with = "workers")]
     no_workers: bool,
@@ -110,6 +107,10 @@ pub struct DataArgs {
     /// Most connections to PostgreSQL that this process holds.
     #[arg(long, env = "MESHMEND_DATABASE_CONNECTIONS", default_value_t = 10, value_parser = clap::value_parser!(u32).range(2..=1000))]
     database_connections: u32,
+    /// Room that must stay free on the disks of the files and of the scratch folder, in MiB: jobs that would take it are refused with
+    /// 503, and none is begun.
+    #[arg(long, env = "MESHMEND_MIN_FREE_MIB", default_value_t = 512)]
+    min_free_mib: u64,
     /// Hours after its end that a job's files and report are kept.
     #[arg(long, env = "MESHMEND_RETAIN_RESULTS_H", default_value_t = 168)]
     retain_results_h: u32,
@@ -289,6 +290,7 @@ impl Room {
             slots: slots.unwrap_or(processors),
             max_running: args.tenant_max_running.unwrap_or(u32::MAX),
             retention: args.data.retention(),
+            min_free: args.data.min_free_mib << 20,
             lease: seconds(args.lease_s),
             poll: POLL,
             job_memory: args.job_memory_mib << 20,
@@ -337,7 +339,7 @@ async fn serve_until_stopped(args: &ServeArgs) -> Result<(), ServiceError> {
                 requests_per_minute: args.tenant_requests_per_minute,
             },
             retention: args.work.data.retention().results,
-            min_free: args.min_free_mib << 20,
+            min_free: args.work.data.min_free_mib << 20,
             upload_idle: Duration::from_secs(args.upload_idle_s),
             poll: POLL,
         },

@@ -1,6 +1,8 @@
 use std::time::Duration;
 
 use async_trait::async_trait;
+use sqlx::error::DatabaseError;
+use sqlx::sqlite::SqliteError;
 
 use super::{
     Artifacts, Bell, Input, Job, JobId, JobOptions, JobOutcome, JobProblem, JobProgress, JobReport, KeyState, Metadata,
@@ -41,6 +43,9 @@ impl StoreError {
     pub fn may_pass(&self) -> bool {
         use sqlx::Error as E;
         let Self::Database(error) = self else { return false };
+        if let Some(code) = sqlite_code(error) {
+            return SQLITE_PASSES.contains(&code);
+        }
         match error {
             E::Io(_) | E::Tls(_) | E::Protocol(_) | E::PoolTimedOut | E::WorkerCrashed => true,
             // Connection exceptions, the server's resources, its operator, and timeouts (PostgreSQL, appendix A).
@@ -50,6 +55,26 @@ impl StoreError {
             _ => false,
         }
     }
+
+    /// Whether it is for want of room on the database's disk.
+    #[must_use]
+    pub fn is_full(&self) -> bool {
+        let Self::Database(error) = self else { return false };
+        match sqlite_code(error) {
+            Some(code) => code == SQLITE_FULL,
+            None => error.as_database_error().is_some_and(|error| error.code().as_deref() == Some("53100")),
+        }
+    }
+}
+
+const SQLITE_FULL: u32 = 13;
+/// SQLite's results that another time may be others: busy, locked, read-only, a failed read or write, full.
+const SQLITE_PASSES: [u32; 5] = [5, 6, 8, 10, SQLITE_FULL];
+
+/// The primary result code of an error of SQLite's (its documentation, "Result and Error Codes").
+fn sqlite_code(error: &sqlx::Error) -> Option<u32> {
+    let error = error.as_database_error()?.try_downcast_ref::<SqliteError>()?;
+    error.code()?.parse::<u32>().ok().map(|extended| extended & 0xff)
 }
 
 /// A job to accept. Its files are in the blob store already.

@@ -8,6 +8,9 @@ use crate::jobs::{FailureKind, JobProblem, ProblemKind};
 const OUT_OF_MEMORY: [&str; 4] =
     ["memory allocation of", "out of memory", "Cannot allocate memory", "Resource temporarily unavailable"];
 
+/// What is said where a disk is full.
+const OUT_OF_ROOM: [&str; 2] = ["No space left on device", "Disk quota exceeded"];
+
 /// Why a job's process ended without a result and without saying so in its own words: by its exit status and what it
 /// wrote to standard error. A limit would be met again, so that is final; anything else may be tried again.
 pub(super) fn explain(status: ExitStatus, stderr: &str, memory_bytes: u64) -> (FailureKind, JobProblem) {
@@ -28,6 +31,10 @@ pub(super) fn explain(status: ExitStatus, stderr: &str, memory_bytes: u64) -> (F
         let detail = "The job wrote a larger file than a job may write. Ask for a coarser result, such as a \
                       smaller voxel_resolution.";
         (FailureKind::Final, ProblemKind::FileLimit, detail.to_owned())
+    } else if OUT_OF_ROOM.iter().any(|words| stderr.contains(words)) {
+        let detail =
+            "The disk that jobs are done on is full. The operator has to make room; send the model again then.";
+        (FailureKind::Passing, ProblemKind::Internal, detail.to_owned())
     } else {
         let detail = format!(
             "The job's process ended by itself ({status}). This is a fault of the service, not of the model: \

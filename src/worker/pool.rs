@@ -1,4 +1,4 @@
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -28,6 +28,8 @@ pub struct WorkerConfig {
     pub max_running: u32,
     /// How long results are kept after the end of their job, and then what is known of the job.
     pub retention: Retention,
+    /// Bytes that must be free on the disks of the files and of the scratch folder for a job to be begun.
+    pub min_free: u64,
     /// How long a claim holds without a heartbeat.
     pub lease: Duration,
     /// How long to wait before looking for work that no bell told of.
@@ -77,6 +79,14 @@ impl Pool {
         Ok(Self { name, store, blobs, config, scratch })
     }
 
+    /// Bytes free on the disk that has the fewest, as an error where that is too few to begin a job.
+    fn room(&self) -> Result<u64, u64> {
+        let scratch = free_bytes(&self.config.scratch);
+        let files = self.blobs.free_bytes().ok().flatten();
+        let free = [scratch, files].into_iter().flatten().min().unwrap_or(u64::MAX);
+        if free < self.config.min_free { Err(free) } else { Ok(free) }
+    }
+
     /// Runs until told to stop. Running jobs are finished, or handed back when `shutdown.now` is reached first.
     pub async fn run(self, shutdown: Shutdown) {
         let pool = Arc::new(self);
@@ -98,7 +108,26 @@ impl Pool {
 
 /// Claims and runs one job after the other.
 async fn slot(pool: Arc<Pool>, shutdown: Shutdown) {
+    let mut had_room = true;
     while !shutdown.drain.is_cancelled() {
+        // What waits stays in the queue, where it is safe, rather than fail for want of room.
+        let room = pool.room();
+        if room.is_err() && had_room {
+            let free = room.unwrap_or_else(|free| free);
+            tracing::error!(
+                free,
+                least = pool.config.min_free,
+                "too little room on the disk: no job is begun until there is more"
+            );
+        }
+        had_room = room.is_ok();
+        if !had_room {
+            tokio::select! {
+                () = tokio::time::sleep(pool.config.poll) => {}
+                () = shutdown.drain.cancelled() => {}
+            }
+            continue;
+        }
         match pool.store.claim(&pool.name, pool.config.lease, pool.config.max_running).await {
             Ok(Some(claim)) => {
                 let span = tracing::info_span!("job", id = %claim.lease.id, attempt = claim.lease.attempt, tenant = claim.job.tenant);
@@ -114,6 +143,12 @@ async fn slot(pool: Arc<Pool>, shutdown: Shutdown) {
             () = shutdown.drain.cancelled() => {}
         }
     }
+}
+
+/// Bytes that may still be written to a folder's disk, if the operating system tells.
+fn free_bytes(folder: &Path) -> Option<u64> {
+    let disk = rustix::fs::statvfs(folder).ok()?;
+    Some(disk.f_bavail.saturating_mul(disk.f_frsize))
 }
 
 /// Makes jobs of lost workers claimable again.

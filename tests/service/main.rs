@@ -10,6 +10,7 @@ mod analyze;
 mod blender;
 mod cancel;
 mod database;
+mod disk;
 mod faults;
 mod idempotency;
 mod jobs;

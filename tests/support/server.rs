@@ -80,6 +80,36 @@ impl<'a> Start<'a> {
         self
     }
 
+    /// Starts it with a disk of so many MiB mounted at its data folder, which nobody else sees; none where the machine does not let
+    /// this user mount anything.
+    pub fn on_small_disk(mut self, mebibytes: u32) -> Option<Program> {
+        let mut unshare = Command::new("unshare");
+        unshare.arg("--mount");
+        if !rustix::process::geteuid().is_root() {
+            unshare.arg("--map-root-user");
+        }
+        let mut tried = Command::new(unshare.get_program());
+        tried.args(unshare.get_args()).args(["mount", "-t", "tmpfs", "none", "/mnt"]);
+        if !tried.output().is_ok_and(|tried| tried.status.success()) {
+            let _ = writeln!(std::io::stderr(), "SKIPPED: this machine does not let tests mount a small disk");
+            return None;
+        }
+        let script = format!("mount -t tmpfs -o size={mebibytes}m none \"$0\" && exec \"$@\"");
+        unshare
+            .args(["sh", "-c", &script])
+            .arg(self.data)
+            .arg(self.command.get_program())
+            .args(self.command.get_args());
+        for (name, value) in self.command.get_envs() {
+            match value {
+                Some(value) => unshare.env(name, value),
+                None => unshare.env_remove(name),
+            };
+        }
+        self.command = unshare;
+        Some(self.start())
+    }
+
     /// Starts it and waits until it is ready.
     pub fn start(mut self) -> Program {
         let mut child = self.command.stderr(Stdio::piped()).spawn().expect("the program starts");

@@ -10,8 +10,8 @@ use std::time::Duration;
 
 use async_trait::async_trait;
 use rustix::fs::{FlockOperation, flock};
-use sqlx::SqliteConnection;
 use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode, SqlitePool, SqlitePoolOptions, SqliteSynchronous};
+use sqlx::{Connection, SqliteConnection};
 use uuid::Uuid;
 
 use super::row::{corrupt, count, job_columns, millis, read_job, to_json};
@@ -54,7 +54,12 @@ impl SqliteStore {
         let lock = File::create(path.with_extension("lock")).map_err(sqlx::Error::Io)?;
         let lock = tokio::task::spawn_blocking(move || flock(&lock, FlockOperation::LockExclusive).map(|()| lock));
         let lock = lock.await.map_err(|e| sqlx::Error::Io(e.into()))?.map_err(|e| sqlx::Error::Io(e.into()))?;
-        let writer = SqlitePoolOptions::new().max_connections(1).connect_with(options.clone()).await?;
+        // Where the disk is full SQLite ends a transaction by itself, which sqlx does not see: it would refuse the next one for ever.
+        let writer = SqlitePoolOptions::new()
+            .max_connections(1)
+            .before_acquire(|connection, _| Box::pin(async move { Ok(!connection.is_in_transaction()) }))
+            .connect_with(options.clone())
+            .await?;
         sqlx::migrate!("migrations/sqlite").run(&writer).await?;
         drop(lock);
         let reader = SqlitePoolOptions::new().max_connections(4).connect_with(options.read_only(true)).await?;
