@@ -80,7 +80,7 @@ async fn a_database_that_is_killed_and_comes_back_loses_no_job_at_any_step_of_it
         cluster.restart();
         let job = api.finished(&waiting).await;
         assert_eq!((&job["status"], &job["outcome"]), (&json!("succeeded"), &json!("repaired")), "{pause} {job}");
-        let next = api.submit(files::broken_box(), json!({"max_tier": 1})).await;
+        let next = api.submit(files::broken_box(), json!({"max_tier": 2})).await;
         assert_eq!(api.finished(&next).await["status"], "succeeded", "{pause}");
         until("no file of a lost attempt is left", async || {
             (stored_files(data.path(), &waiting).len() == FILES).then_some(())

@@ -9,6 +9,7 @@ mod access;
 mod analyze;
 mod blender;
 mod cancel;
+mod chaos;
 mod database;
 mod disk;
 mod faults;
