@@ -11,6 +11,7 @@ use tower_http::request_id::{MakeRequestUuid, PropagateRequestIdLayer, RequestId
 use tracing::Instrument;
 
 use super::problem::{PROBLEM_JSON, Problem, ProblemCode};
+use crate::telemetry;
 
 const REQUEST_ID: HeaderName = HeaderName::from_static("x-request-id");
 /// Longest request id taken from a client.
@@ -73,7 +74,7 @@ async fn observe(request: Request, next: Next) -> Response {
     let elapsed = started.elapsed();
     span.in_scope(|| tracing::debug!(status, milliseconds = elapsed.as_secs_f64() * 1000.0, "answered"));
     let labels = [("method", method.to_owned()), ("route", route), ("status", status.to_string())];
-    metrics::histogram!("meshmend_http_request_seconds", &labels).record(elapsed);
+    metrics::histogram!(telemetry::HTTP_REQUEST, &labels).record(elapsed);
     response
 }
 

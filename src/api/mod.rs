@@ -22,6 +22,7 @@ mod upload;
 mod wait;
 
 pub use capabilities::{Capabilities, TierStatus};
+pub use health::{Health, probes};
 pub use openapi::document;
 pub use problem::{Problem, ProblemCode};
 pub use router::router;

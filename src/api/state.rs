@@ -1,10 +1,9 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use metrics_exporter_prometheus::PrometheusHandle;
 use tokio_util::sync::CancellationToken;
 
-use super::Capabilities;
+use super::{Capabilities, Health};
 use crate::blobs::Blobs;
 use crate::format::Limits;
 use crate::jobs::JobStore;
@@ -37,8 +36,8 @@ pub struct ApiState {
     pub config: ApiConfig,
     /// What this service can do.
     pub capabilities: Arc<Capabilities>,
-    /// Where the metrics are rendered.
-    pub metrics: PrometheusHandle,
+    /// What the probes and metrics say.
+    pub health: Health,
     /// Cancelled when the service stops: requests that wait end.
     pub stopping: CancellationToken,
 }

@@ -21,6 +21,7 @@ use crate::format::{ReadErrorKind, sniff};
 use crate::inspect::InspectOptions;
 use crate::jobs::{Input, Job, JobId, JobOptions, JobStore, Mode, NewJob};
 use crate::repair::Options;
+use crate::telemetry;
 
 /// Largest `options` part of a form.
 const OPTIONS_BYTES: usize = 64 << 10;
@@ -133,8 +134,8 @@ pub(super) async fn submit_job(State(state): State<ApiState>, request: Request) 
         return Ok(answer(StatusCode::ACCEPTED, job, position, headers));
     }
     let bytes: u64 = job.inputs.iter().map(|input| input.bytes).sum();
-    metrics::counter!("meshmend_jobs_submitted_total").increment(1);
-    metrics::histogram!("meshmend_upload_bytes").record(u32::try_from(bytes).unwrap_or(u32::MAX));
+    metrics::counter!(telemetry::JOBS_SUBMITTED).increment(1);
+    metrics::histogram!(telemetry::UPLOAD_BYTES).record(u32::try_from(bytes).unwrap_or(u32::MAX));
     tracing::info!(id = %job.id, mode = job.options.mode().as_str(), files = job.inputs.len(), bytes, "accepted");
     let position = state.store.queue_position(&job).await?;
     let headers = [(header::LOCATION, format!("/v1/jobs/{id}")), (header::ETAG, etag(&job, position))];
@@ -142,7 +143,7 @@ pub(super) async fn submit_job(State(state): State<ApiState>, request: Request) 
 }
 
 /// Whether the disk has room for so many bytes more.
-pub(super) fn has_room(state: &ApiState, bytes: u64) -> Result<(), Problem> {
+fn has_room(state: &ApiState, bytes: u64) -> Result<(), Problem> {
     let free = state.blobs.free_bytes().map_err(|error| Problem::internal(&error))?;
     if free.is_some_and(|free| free < state.config.min_free.saturating_add(bytes)) {
         let detail = "The service has no room for more files now. Send the model again later.";

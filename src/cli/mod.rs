@@ -6,6 +6,7 @@ mod listen;
 mod openapi;
 mod repair;
 mod service;
+mod telemetry;
 
 use std::path::PathBuf;
 use std::process::ExitCode;

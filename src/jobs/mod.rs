@@ -25,6 +25,6 @@ pub use report::{JobOutcome, JobReport, StoredReport};
 pub use retry::RetryPolicy;
 pub use sqlite::SqliteStore;
 pub use store::{
-    Cancelled, Claim, Completion, Failure, FailureKind, JobStore, Lease, ListQuery, NewJob, Page, StatusCount,
-    StoreError,
+    Cancelled, Claim, Completion, Connections, Failure, FailureKind, JobStore, Lease, ListQuery, NewJob, Page,
+    StatusCount, StoreError,
 };

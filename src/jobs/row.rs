@@ -15,6 +15,11 @@ pub(super) fn to_millis(time: OffsetDateTime) -> i64 {
     i64::try_from(time.unix_timestamp_nanos() / 1_000_000).unwrap_or(i64::MAX)
 }
 
+/// Time that has passed, none where it is to come.
+pub(super) fn elapsed(millis: i64) -> Duration {
+    Duration::from_millis(u64::try_from(millis).unwrap_or(0))
+}
+
 pub(super) fn count(stored: i64) -> u32 {
     u32::try_from(stored).unwrap_or(0)
 }

@@ -5,13 +5,14 @@ use async_trait::async_trait;
 use super::{
     Artifacts, Bell, Input, Job, JobId, JobOptions, JobProblem, JobProgress, JobReport, KeyState, RequestKey, Status,
 };
+use crate::telemetry;
 
 /// What went wrong in the store.
 #[derive(Debug, thiserror::Error)]
 pub enum StoreError {
     /// The database said no.
     #[error("database: {0}")]
-    Database(#[from] sqlx::Error),
+    Database(#[source] sqlx::Error),
     /// The migrations could not be run.
     #[error("migration: {0}")]
     Migration(#[from] sqlx::migrate::MigrateError),
@@ -48,6 +49,16 @@ impl StoreError {
             }),
             _ => false,
         }
+    }
+}
+
+/// Counted here, where every error of a database passes.
+impl From<sqlx::Error> for StoreError {
+    fn from(error: sqlx::Error) -> Self {
+        let error = Self::Database(error);
+        let kind = if error.may_pass() { "away" } else { "other" };
+        metrics::counter!(telemetry::STORE_ERRORS, "kind" => kind).increment(1);
+        error
     }
 }
 
@@ -170,6 +181,25 @@ pub struct StatusCount {
     pub count: u64,
 }
 
+/// Connections to a database.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Connections {
+    /// At work.
+    pub busy: u32,
+    /// Open, with nothing to do.
+    pub idle: u32,
+    /// Most that there may be.
+    pub most: u32,
+}
+
+impl Connections {
+    /// Those of a pool.
+    pub(super) fn of<D: sqlx::Database>(pool: &sqlx::Pool<D>) -> Self {
+        let idle = u32::try_from(pool.num_idle()).unwrap_or(u32::MAX);
+        Self { busy: pool.size().saturating_sub(idle), idle, most: pool.options().get_max_connections() }
+    }
+}
+
 impl StatusCount {
     /// The counts of all statuses from those that were found.
     pub(super) fn of_all(found: &[(String, i64)]) -> Vec<Self> {
@@ -215,6 +245,9 @@ pub trait JobStore: Send + Sync {
     /// Jobs that will be claimed before this one; none if it does not wait.
     async fn queue_position(&self, job: &Job) -> Result<Option<u64>, StoreError>;
 
+    /// How long the job has been due that will be claimed next; zero where none waits but for a retry's time.
+    async fn longest_wait(&self) -> Result<Duration, StoreError>;
+
     /// How many jobs there are of each status.
     async fn counts(&self) -> Result<Vec<StatusCount>, StoreError>;
 
@@ -257,6 +290,9 @@ pub trait JobStore: Send + Sync {
 
     /// Asks the database for a sign of life.
     async fn ping(&self) -> Result<(), StoreError>;
+
+    /// The connections to the database that this process holds now.
+    fn connections(&self) -> Connections;
 
     /// Rings when jobs change through this store object.
     fn bell(&self) -> &Bell;

@@ -24,6 +24,7 @@ use crate::jobs::{
     ProblemKind, Status, StoreError,
 };
 use crate::repair::Step;
+use crate::telemetry::{self, label};
 
 /// Progress is written to the store no more often than this.
 const PROGRESS_EVERY: Duration = Duration::from_millis(250);
@@ -85,18 +86,18 @@ impl<'a> Attempt<'a> {
             Ok(ended) => Ok(ended),
         };
         let milliseconds = u64::try_from(started.elapsed().as_millis()).unwrap_or(u64::MAX);
-        metrics::histogram!("meshmend_attempt_seconds").record(started.elapsed());
+        metrics::histogram!(telemetry::ATTEMPT).record(started.elapsed());
         match ended {
             Ok(Some(job)) => {
                 tracing::info!(status = job.status.as_str(), outcome = ?job.outcome, milliseconds, "attempt ended");
-                let outcome = job.outcome.map_or(String::new(), |o| format!("{o:?}"));
-                metrics::counter!("meshmend_attempts_total", "status" => job.status.as_str(), "outcome" => outcome)
+                let outcome = job.outcome.map_or(String::new(), |outcome| label(&outcome));
+                metrics::counter!(telemetry::ATTEMPTS, "status" => job.status.as_str(), "outcome" => outcome)
                     .increment(1);
             }
             Ok(None) => tracing::info!(milliseconds, "handed back"),
             Err(StoreError::LeaseLost) => {
                 tracing::warn!(milliseconds, "the job is no longer ours; its result is dropped");
-                metrics::counter!("meshmend_attempts_dropped_total").increment(1);
+                metrics::counter!(telemetry::ATTEMPTS_DROPPED).increment(1);
                 self.drop_files().await;
             }
             // The lease will run out, and the job be rescued.
@@ -128,8 +129,12 @@ impl<'a> Attempt<'a> {
         };
         append_stderr(folder, &ended, status).await?;
         match ended {
-            Ended::LeaseLost => Err(StoreError::LeaseLost.into()),
+            Ended::LeaseLost => {
+                metrics::counter!(telemetry::KILLS, "reason" => "lease_lost").increment(1);
+                Err(StoreError::LeaseLost.into())
+            }
             Ended::Shutdown => {
+                metrics::counter!(telemetry::KILLS, "reason" => "shutdown").increment(1);
                 self.pool.store.hand_back(&self.lease).await?;
                 Ok(None)
             }
@@ -138,7 +143,7 @@ impl<'a> Attempt<'a> {
                 self.succeed(folder).await.map(Some)
             }
             Ended::Deadline => {
-                metrics::counter!("meshmend_kills_total", "reason" => "deadline").increment(1);
+                metrics::counter!(telemetry::KILLS, "reason" => "deadline").increment(1);
                 let detail = format!(
                     "The job was stopped: it ran longer than the {} s that deadline_s allows. Send it again with a \
                      larger deadline_s, a smaller max_tier or level, or fewer faces.",
@@ -152,9 +157,9 @@ impl<'a> Attempt<'a> {
                 self.fail(folder, FailureKind::Final, problem).await.map(Some)
             }
             Ended::Exited(status) => {
-                metrics::counter!("meshmend_child_crashes_total").increment(1);
                 let stderr = tail(&folder.join(Task::STDERR)).await?;
                 let (kind, problem) = crash::explain(status, &stderr, self.pool.config.job_memory);
+                metrics::counter!(telemetry::CHILD_CRASHES, "reason" => label(&problem.code)).increment(1);
                 tracing::warn!(%status, code = ?problem.code, "the repair process ended by itself");
                 self.fail(folder, kind, problem).await.map(Some)
             }
@@ -405,7 +410,12 @@ async fn read_json<T: DeserializeOwned>(folder: &Path, name: &'static str) -> Re
 
 fn record_steps(steps: &[Step]) {
     for step in steps {
-        metrics::histogram!("meshmend_step_seconds", "tier" => step.tier.to_string(), "action" => format!("{:?}", step.action))
+        let (tier, action) = (step.tier.to_string(), label(&step.action));
+        metrics::histogram!(telemetry::STEP, "tier" => tier.clone(), "action" => action.clone())
             .record(step.milliseconds / 1000.0);
+        metrics::counter!(telemetry::STEPS, "tier" => tier, "action" => action, "status" => label(&step.status))
+            .increment(1);
+        metrics::counter!(telemetry::BLENDER_RUNS).increment(step.runs.into());
+        metrics::counter!(telemetry::BLENDER_RESTARTS).increment(step.runs.saturating_sub(1).into());
     }
 }

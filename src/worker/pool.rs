@@ -14,6 +14,7 @@ use crate::blobs::Blobs;
 use crate::format::Limits;
 use crate::jobs::JobStore;
 use crate::repair::RemesherInfo;
+use crate::telemetry;
 
 /// How workers run jobs.
 #[derive(Debug, Clone)]
@@ -80,6 +81,8 @@ impl Pool {
         let mut tasks = JoinSet::new();
         tasks.spawn(rescue(Arc::clone(&pool), shutdown.drain.clone()));
         tasks.spawn(sweep_now_and_then(Arc::clone(&pool), shutdown.drain.clone()));
+        metrics::gauge!(telemetry::WORKER_SLOTS, "state" => "idle").set(pool.config.slots as f64);
+        metrics::gauge!(telemetry::WORKER_SLOTS, "state" => "busy").set(0);
         for _ in 0..pool.config.slots {
             tasks.spawn(slot(Arc::clone(&pool), shutdown.clone()));
         }
@@ -98,7 +101,13 @@ async fn slot(pool: Arc<Pool>, shutdown: Shutdown) {
         match pool.store.claim(&pool.name, pool.config.lease).await {
             Ok(Some(claim)) => {
                 let span = tracing::info_span!("job", id = %claim.lease.id, attempt = claim.lease.attempt);
+                let busy = Busy::begin();
+                if let (1, Some(started)) = (claim.job.attempt, claim.job.started_at) {
+                    let waited = (started - claim.job.created_at).as_seconds_f64();
+                    metrics::histogram!(telemetry::JOB_WAIT).record(waited.max(0.0));
+                }
                 Attempt::new(&pool, claim).run(&shutdown).instrument(span).await;
+                drop(busy);
                 continue;
             }
             Ok(None) => {}
@@ -109,6 +118,27 @@ async fn slot(pool: Arc<Pool>, shutdown: Shutdown) {
             () = tokio::time::sleep(pool.config.poll) => {}
             () = shutdown.drain.cancelled() => {}
         }
+    }
+}
+
+/// A slot at work, in the metrics.
+struct Busy;
+
+impl Busy {
+    fn begin() -> Self {
+        Self::shift(1.0);
+        Self
+    }
+
+    fn shift(slots: f64) {
+        metrics::gauge!(telemetry::WORKER_SLOTS, "state" => "busy").increment(slots);
+        metrics::gauge!(telemetry::WORKER_SLOTS, "state" => "idle").decrement(slots);
+    }
+}
+
+impl Drop for Busy {
+    fn drop(&mut self) {
+        Self::shift(-1.0);
     }
 }
 
@@ -126,7 +156,7 @@ async fn rescue(pool: Arc<Pool>, stop: CancellationToken) {
             Ok(jobs) => {
                 for job in jobs {
                     tracing::warn!(id = %job.id, status = job.status.as_str(), crashes = job.crashes, "a worker was lost");
-                    metrics::counter!("meshmend_leases_lost_total").increment(1);
+                    metrics::counter!(telemetry::LEASES_LOST).increment(1);
                 }
             }
             Err(error) => tracing::error!(%error, "could not look for lost jobs"),

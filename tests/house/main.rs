@@ -5,9 +5,10 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 /// Each room, and the rooms it may import from. `ARCHITECTURE.md` has the reasons.
-const ROOMS: [(&str, &[&str]); 16] = [
+const ROOMS: [(&str, &[&str]); 17] = [
     ("math", &[]),
     ("context", &[]),
+    ("telemetry", &[]),
     ("mesh", &["math"]),
     ("format", &["math", "mesh"]),
     ("inspect", &["math", "mesh", "context"]),
@@ -18,10 +19,13 @@ const ROOMS: [(&str, &[&str]); 16] = [
     ("remesh", &["math", "mesh", "context"]),
     ("repair", &["math", "mesh", "context", "format", "inspect", "render", "arrange", "simplify", "remesh"]),
     ("blender", &["math", "mesh", "context", "repair"]),
-    ("jobs", &["context", "format", "inspect", "analyze", "repair"]),
-    ("blobs", &["jobs"]),
-    ("worker", &["format", "context", "inspect", "render", "analyze", "repair", "blender", "jobs", "blobs"]),
-    ("api", &["format", "context", "inspect", "analyze", "repair", "jobs", "blobs"]),
+    ("jobs", &["context", "format", "inspect", "analyze", "repair", "telemetry"]),
+    ("blobs", &["jobs", "telemetry"]),
+    (
+        "worker",
+        &["format", "context", "inspect", "render", "analyze", "repair", "blender", "jobs", "blobs", "telemetry"],
+    ),
+    ("api", &["format", "context", "inspect", "analyze", "repair", "jobs", "blobs", "telemetry"]),
 ];
 
 /// Rooms of the engine, and the crates that it knows nothing of.

@@ -13,6 +13,7 @@ mod faults;
 mod idempotency;
 mod jobs;
 mod limits;
+mod operations;
 #[path = "../support/postgres.rs"]
 mod postgres;
 mod problems;

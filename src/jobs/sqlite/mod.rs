@@ -11,10 +11,10 @@ use sqlx::SqliteConnection;
 use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode, SqlitePool, SqlitePoolOptions, SqliteSynchronous};
 use uuid::Uuid;
 
-use super::row::{corrupt, count, job_columns, millis, read_job, to_json, to_millis};
+use super::row::{corrupt, count, elapsed, job_columns, millis, read_job, to_json, to_millis};
 use super::store::{
-    Cancelled, Claim, Completion, Failure, FailureKind, JobStore, Lease, ListQuery, NewJob, Page, StatusCount,
-    StoreError,
+    Cancelled, Claim, Completion, Connections, Failure, FailureKind, JobStore, Lease, ListQuery, NewJob, Page,
+    StatusCount, StoreError,
 };
 use super::{Bell, Clock, Job, JobId, JobProblem, JobProgress, KeyState, RetryPolicy, Status};
 
@@ -159,6 +159,14 @@ impl JobStore for SqliteStore {
         .fetch_one(&self.reader)
         .await?;
         Ok(Some(ahead.unsigned_abs()))
+    }
+
+    async fn longest_wait(&self) -> Result<Duration, StoreError> {
+        let due: Option<i64> =
+            sqlx::query_scalar("SELECT run_at FROM jobs WHERE status = 'queued' ORDER BY run_at, id LIMIT 1")
+                .fetch_optional(&self.reader)
+                .await?;
+        Ok(due.map_or(Duration::ZERO, |due| elapsed(self.clock.now_ms() - due)))
     }
 
     async fn counts(&self) -> Result<Vec<StatusCount>, StoreError> {
@@ -375,6 +383,12 @@ impl JobStore for SqliteStore {
     async fn ping(&self) -> Result<(), StoreError> {
         sqlx::query("SELECT 1").execute(&self.reader).await?;
         Ok(())
+    }
+
+    fn connections(&self) -> Connections {
+        let [writer, reader] = [&self.writer, &self.reader].map(Connections::of);
+        let most = writer.most + reader.most;
+        Connections { busy: writer.busy + reader.busy, idle: writer.idle + reader.idle, most }
     }
 
     fn bell(&self) -> &Bell {

@@ -1,0 +1,93 @@
+//! What operators see: probes, metrics, settings, logs and traces.
+
+use meshmend::telemetry::{Kind, METRICS};
+use serde_json::{Value, json};
+
+use crate::files;
+use crate::server::{Api, Program, Start, until};
+
+fn with_probes(start: Start<'_>) -> Start<'_> {
+    start.arg("--metrics-listen", "127.0.0.1:0")
+}
+
+async fn probe(program: &Program, path: &str) -> (u16, String) {
+    let answer = reqwest::get(format!("{}{path}", program.probes)).await.expect("an answer");
+    (answer.status().as_u16(), answer.text().await.expect("text"))
+}
+
+/// Waits until one series has a value that will do.
+async fn measured(program: &Program, series: &str, will_do: impl Fn(f64) -> bool) {
+    until(series, async || {
+        let metrics = probe(program, "/metrics").await.1;
+        let value = metrics.lines().find_map(|line| line.strip_prefix(series)?.strip_prefix(' '))?;
+        will_do(value.parse().expect("a number")).then_some(())
+    })
+    .await;
+}
+
+#[tokio::test]
+async fn processes_that_serve_and_that_work_tell_operators_how_they_are_on_a_listener_of_its_own() {
+    let data = tempfile::tempdir().expect("a folder");
+    let server = with_probes(Start::serve(data.path())).env("MESHMEND_NO_WORKERS", "true").start();
+    let api = Api::new(&server);
+    let job = api.submit(files::broken_box(), json!({"max_tier": 1})).await;
+    measured(&server, "meshmend_jobs{status=\"queued\"}", |jobs| jobs == 1.0).await;
+    measured(&server, "meshmend_queue_wait_seconds", |seconds| seconds > 0.0).await;
+
+    let mut worker = with_probes(Start::work(data.path())).arg("--workers", "3").start();
+    assert_eq!(api.finished(&job).await["status"], "succeeded");
+    for program in [&server, &worker] {
+        assert_eq!(probe(program, "/livez").await.0, 200);
+        let (status, ready) = probe(program, "/readyz").await;
+        assert_eq!(status, 200, "{ready}");
+        let ready: Value = serde_json::from_str(&ready).expect("JSON");
+        for check in ["store", "blobs", "disk", "scratch"] {
+            assert_eq!(ready["checks"][check], "ok", "{ready}");
+        }
+        assert!(ready["checks"]["blender"].as_str().is_some_and(|it| it.starts_with("missing")), "{ready}");
+        assert_eq!(probe(program, "/v1/jobs").await.0, 404, "nothing else is there");
+        measured(program, "meshmend_jobs{status=\"succeeded\"}", |jobs| jobs == 1.0).await;
+        measured(program, "meshmend_queue_wait_seconds", |seconds| seconds == 0.0).await;
+        measured(program, "meshmend_leases_lost_total", |jobs| jobs == 0.0).await;
+    }
+    measured(&worker, "meshmend_attempts_total{status=\"succeeded\",outcome=\"repaired\"}", |n| n == 1.0).await;
+    measured(&worker, "meshmend_job_wait_seconds_count", |n| n == 1.0).await;
+    measured(&worker, "meshmend_worker_slots{state=\"idle\"}", |n| n == 3.0).await;
+    measured(&worker, "meshmend_worker_slots{state=\"busy\"}", |n| n == 0.0).await;
+
+    std::fs::remove_dir_all(data.path().join("scratch")).expect("removed");
+    let (status, ready) = probe(&worker, "/readyz").await;
+    assert_eq!(status, 503, "{ready}");
+    assert!(!ready.contains("\"scratch\":\"ok\""), "{ready}");
+    worker.terminate();
+    assert_eq!(worker.wait(), Some(0));
+}
+
+#[tokio::test]
+async fn every_metric_is_one_of_the_table_and_says_what_it_is() {
+    let data = tempfile::tempdir().expect("a folder");
+    let program = with_probes(Start::serve(data.path())).start();
+    let api = Api::new(&program);
+    let job = api.submit(files::broken_box(), json!({"max_tier": 1})).await;
+    api.finished(&job).await;
+    measured(&program, "meshmend_attempt_seconds_count", |n| n == 1.0).await;
+    let (_, metrics) = probe(&program, "/metrics").await;
+    let mut seen = 0;
+    for line in metrics.lines().filter(|line| !line.starts_with('#') && !line.is_empty()) {
+        let series = line.split(['{', ' ']).next().expect("a name");
+        let metric = METRICS.iter().find(|metric| match series.strip_prefix(metric.name) {
+            Some(rest) if metric.kind == Kind::Histogram => ["_bucket", "_sum", "_count"].contains(&rest),
+            Some(rest) => rest.is_empty(),
+            None => false,
+        });
+        let metric = metric.unwrap_or_else(|| panic!("{series} is not in the table"));
+        assert!(metrics.contains(&format!("# HELP {} {}\n", metric.name, metric.help)), "{series} has no help");
+        assert!(metrics.contains(&format!("# TYPE {} {}\n", metric.name, metric.kind.as_str())), "{series}");
+        let labels = line.split_once('{').and_then(|(_, rest)| rest.rsplit_once('}')).map_or("", |(labels, _)| labels);
+        let labels = labels.split("\",").filter_map(|label| label.split_once('=')).map(|(name, _)| name);
+        let labels: Vec<_> = labels.filter(|label| *label != "le").collect();
+        assert_eq!(labels, metric.labels, "{line}");
+        seen += 1;
+    }
+    assert!(seen > 50, "{seen} series");
+}
