@@ -1,4 +1,5 @@
 mod compare;
+mod config;
 mod engine;
 mod exit;
 mod inspect;
@@ -11,7 +12,7 @@ mod telemetry;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, Parser, Subcommand};
 
 /// Repairs broken 3D models, proves that the result is printable, and gives an honest account of what changed.
 #[derive(Debug, Parser)]
@@ -35,6 +36,8 @@ enum Command {
     Compare(compare::CompareArgs),
     /// Make or update the database's tables and stop.
     Migrate(service::MigrateArgs),
+    /// Print what is set for a command and where it is from, with secrets hidden.
+    Config(config::ConfigArgs),
     /// Print the OpenAPI document, or check a file against it.
     Openapi(openapi::OpenapiArgs),
     /// Run one job in this process, as workers start it.
@@ -54,6 +57,7 @@ pub fn run() -> ExitCode {
         Command::Inspect(args) => inspect::run(&args),
         Command::Compare(args) => compare::run(&args),
         Command::Migrate(args) => service::migrate(&args),
+        Command::Config(args) => config::run(&args, Cli::command()),
         Command::Openapi(args) => openapi::run(&args),
         Command::JobChild { folder } => meshmend::worker::run_child(&folder),
     }
@@ -61,9 +65,7 @@ pub fn run() -> ExitCode {
 
 #[cfg(test)]
 mod tests {
-    use clap::CommandFactory;
-
-    use super::Cli;
+    use super::*;
 
     #[test]
     fn every_flag_has_its_environment_variable() {

@@ -1,5 +1,7 @@
 //! What operators see: probes, metrics, settings, logs and traces.
 
+use std::process::{Command, Output};
+
 use meshmend::telemetry::{Kind, METRICS};
 use serde_json::{Value, json};
 
@@ -23,6 +25,52 @@ async fn measured(program: &Program, series: &str, will_do: impl Fn(f64) -> bool
         will_do(value.parse().expect("a number")).then_some(())
     })
     .await;
+}
+
+/// `meshmend config`, with nothing in its environment but what is given.
+fn config(args: &[&str], variables: &[(&str, &str)]) -> Output {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_meshmend"));
+    command.arg("config").args(args).env_clear().envs(variables.iter().copied()).output().expect("it runs")
+}
+
+#[test]
+fn what_is_in_force_is_told_with_where_it_is_from_and_no_secret_in_it() {
+    let secret = "hunter2";
+    let url = format!("postgres://operator:{secret}@db.example:5433/jobs?password={secret}");
+    let collector = format!("http://{secret}@127.0.0.1:4318?key={secret}");
+    let variables = [
+        ("MESHMEND_DATABASE_URL", url.as_str()),
+        ("MESHMEND_WORKERS", "3"),
+        ("MESHMEND_WORKRES", secret),
+        ("MESHMEND_BLENDER", collector.as_str()),
+    ];
+    let printed = config(&["--format", "json", "serve", "--listen", "127.0.0.1:1"], &variables);
+    assert!(printed.status.success(), "{}", String::from_utf8_lossy(&printed.stderr));
+    let text = String::from_utf8(printed.stdout).expect("text");
+    assert!(!text.contains(secret), "{text}");
+    let printed: Value = serde_json::from_str(&text).expect("JSON");
+    assert_eq!(printed["command"], "serve");
+    assert_eq!(printed["unknown_variables"], json!(["MESHMEND_WORKRES"]));
+    let settings = printed["settings"].as_array().expect("settings");
+    let setting = |flag: &str| settings.iter().find(|it| it["flag"] == flag).expect("a setting").clone();
+    let of = |flag: &str| [setting(flag)["value"].clone(), setting(flag)["source"].clone()];
+    assert_eq!(of("--listen"), [json!("127.0.0.1:1"), json!("flag")]);
+    assert_eq!(of("--workers"), [json!("3"), json!("environment")]);
+    assert_eq!(of("--lease-s"), [json!("15"), json!("default")]);
+    assert_eq!(of("--no-workers"), [json!("false"), json!("default")]);
+    assert_eq!(of("--metrics-listen"), [Value::Null, json!("default")]);
+    assert_eq!(of("--database-url"), [json!("postgres://***@db.example:5433/***"), json!("environment")]);
+    assert_eq!(setting("--database-url")["secret"], true);
+
+    let table = config(&["work"], &variables);
+    let table = String::from_utf8(table.stdout).expect("text");
+    assert!(!table.contains(secret) && !table.contains("--listen "), "{table}");
+    let line = table.lines().find(|line| line.starts_with("--workers ")).expect("a line");
+    assert_eq!(line.split_whitespace().collect::<Vec<_>>(), ["--workers", "3", "environment", "MESHMEND_WORKERS"]);
+    assert!(table.contains("MESHMEND_WORKRES is set, and nothing here reads it"), "{table}");
+
+    let refused = config(&["serve", "--workers", "many"], &[]);
+    assert_eq!(refused.status.code(), Some(2), "a command line that would be refused is refused");
 }
 
 #[tokio::test]
