@@ -8,6 +8,7 @@ use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::Response;
 use futures::StreamExt;
 use serde_json::{Map, Value};
+use tracing::{Instrument, Span};
 use utoipa::ToSchema;
 
 use super::extract::text_header;
@@ -113,10 +114,10 @@ pub(super) async fn submit_job(State(state): State<ApiState>, request: Request) 
         }
         _ => from_body(&state, id, request).await,
     };
-    let store = Arc::clone(&state.store);
+    let (store, traceparent) = (Arc::clone(&state.store), telemetry::traceparent(&Span::current()));
     // From here on a client that hangs up changes nothing: the job is accepted, or its files go.
-    let accepting = tokio::spawn(async move {
-        let accepted = accept(store.as_ref(), id, upload, asked).await;
+    let accepting = async move {
+        let accepted = accept(store.as_ref(), id, upload, asked, traceparent).await;
         let has_files = match &accepted {
             Ok(job) => job.id == id,
             // Where it is not known whether the job was noted, its files stay until the sweep, which knows.
@@ -124,8 +125,8 @@ pub(super) async fn submit_job(State(state): State<ApiState>, request: Request) 
         };
         unclaimed.settle(has_files).await;
         accepted.map_err(|refused| refused.problem)
-    });
-    let job = accepting.await.map_err(|error| Problem::internal(&error))??;
+    };
+    let job = tokio::spawn(accepting.in_current_span()).await.map_err(|error| Problem::internal(&error))??;
     if job.id != id {
         let position = state.store.queue_position(&job).await?;
         let location = format!("/v1/jobs/{}", job.id);
@@ -136,7 +137,7 @@ pub(super) async fn submit_job(State(state): State<ApiState>, request: Request) 
     let bytes: u64 = job.inputs.iter().map(|input| input.bytes).sum();
     metrics::counter!(telemetry::JOBS_SUBMITTED).increment(1);
     metrics::histogram!(telemetry::UPLOAD_BYTES).record(u32::try_from(bytes).unwrap_or(u32::MAX));
-    tracing::info!(id = %job.id, mode = job.options.mode().as_str(), files = job.inputs.len(), bytes, "accepted");
+    tracing::info!(job_id = %job.id, mode = job.options.mode().as_str(), files = job.inputs.len(), bytes, "accepted");
     let position = state.store.queue_position(&job).await?;
     let headers = [(header::LOCATION, format!("/v1/jobs/{id}")), (header::ETAG, etag(&job, position))];
     Ok(answer(StatusCode::ACCEPTED, job, position, headers))
@@ -163,6 +164,7 @@ async fn accept(
     id: JobId,
     upload: Result<Upload, Problem>,
     asked: Asked,
+    traceparent: Option<String>,
 ) -> Result<Job, Refused> {
     let refused = |problem| Refused { problem, is_certain: true };
     let Upload { files, options } = upload.map_err(refused)?;
@@ -176,7 +178,7 @@ async fn accept(
         }
         Asked::Before { .. } => return Err(refused(idempotency::reused())),
     };
-    match store.submit(NewJob { id, inputs, options, key }).await {
+    match store.submit(NewJob { id, inputs, options, key, traceparent }).await {
         // The connection may have broken after the job was noted.
         Err(error) if error.may_pass() => match store.get(id).await {
             Ok(Some(job)) => Ok(job),

@@ -19,7 +19,7 @@ use tokio_util::sync::CancellationToken;
 use super::engine::{BlenderArgs, LimitArgs};
 use super::exit;
 use super::listen::listen;
-use super::telemetry::{LogArgs, install_metrics};
+use super::telemetry::{TelemetryArgs, install_metrics};
 
 /// How long to wait before looking for what no bell told of.
 const POLL: Duration = Duration::from_millis(500);
@@ -100,7 +100,7 @@ pub struct DataArgs {
     #[arg(long, env = "MESHMEND_DATABASE_CONNECTIONS", default_value_t = 10, value_parser = clap::value_parser!(u32).range(2..=1000))]
     database_connections: u32,
     #[command(flatten)]
-    log: LogArgs,
+    telemetry: TelemetryArgs,
 }
 
 /// Arguments of `meshmend migrate`.
@@ -159,9 +159,11 @@ pub fn migrate(args: &MigrateArgs) -> ExitCode {
 }
 
 fn start(data: &DataArgs, service: impl Future<Output = Result<(), ServiceError>>) -> ExitCode {
-    if let Err(message) = data.log.start() {
-        return exit::fail(exit::BAD_INPUT, message);
-    }
+    // Begins before the runtime and ends after it, since it waits for what it sends.
+    let _telemetry = match data.telemetry.start() {
+        Ok(telemetry) => telemetry,
+        Err(message) => return exit::fail(exit::BAD_INPUT, message),
+    };
     let runtime = match tokio::runtime::Builder::new_multi_thread().enable_all().build() {
         Ok(runtime) => runtime,
         Err(error) => return exit::fail(exit::INTERNAL, error),

@@ -37,7 +37,7 @@ pub(super) fn corrupt(id: &str, column: &'static str, reason: impl ToString) -> 
 macro_rules! job_columns {
     () => {
         "id, status, outcome, attempt, crashes, created_at, run_at, started_at, finished_at, progress, inputs, \
-         options, report, artifacts, problem, version, purged_at"
+         options, report, artifacts, problem, traceparent, version, purged_at"
     };
 }
 pub(super) use job_columns;
@@ -74,6 +74,7 @@ where
         report: json(row, &id, "report")?,
         artifacts: json(row, &id, "artifacts")?.unwrap_or_default(),
         problem: json(row, &id, "problem")?,
+        traceparent: row.try_get("traceparent")?,
         version: row.try_get("version")?,
         purged: row.try_get::<Option<i64>, _>("purged_at")?.is_some(),
         id: id.parse().map_err(|_| corrupt(&id, "id", "no job id"))?,

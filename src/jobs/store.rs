@@ -73,6 +73,8 @@ pub struct NewJob {
     pub options: JobOptions,
     /// The request's key, which must be held for it.
     pub key: Option<RequestKey>,
+    /// Where the request stands in a trace, for the worker to go on from.
+    pub traceparent: Option<String>,
 }
 
 /// A worker's hold on a job. Every write under it is fenced by all three values.

@@ -4,7 +4,8 @@ use std::time::{Duration, Instant};
 
 use tokio::task::JoinSet;
 use tokio_util::sync::CancellationToken;
-use tracing::Instrument;
+use tracing::field::Empty;
+use tracing::{Instrument, Span};
 
 use super::attempt::Attempt;
 use super::scratch::Scratch;
@@ -12,7 +13,7 @@ use super::sweep::{EVERY, sweep};
 use crate::blender::BlenderConfig;
 use crate::blobs::Blobs;
 use crate::format::Limits;
-use crate::jobs::JobStore;
+use crate::jobs::{Claim, JobStore};
 use crate::repair::RemesherInfo;
 use crate::telemetry;
 
@@ -100,7 +101,7 @@ async fn slot(pool: Arc<Pool>, shutdown: Shutdown) {
     while !shutdown.drain.is_cancelled() {
         match pool.store.claim(&pool.name, pool.config.lease).await {
             Ok(Some(claim)) => {
-                let span = tracing::info_span!("job", id = %claim.lease.id, attempt = claim.lease.attempt);
+                let span = attempt_span(&claim);
                 let busy = Busy::begin();
                 if let (1, Some(started)) = (claim.job.attempt, claim.job.started_at) {
                     let waited = (started - claim.job.created_at).as_seconds_f64();
@@ -119,6 +120,21 @@ async fn slot(pool: Arc<Pool>, shutdown: Shutdown) {
             () = shutdown.drain.cancelled() => {}
         }
     }
+}
+
+/// What every log line of an attempt has, and where it stands in the trace of the request that made its job. Of the highest
+/// level, so that lines have it whatever level is logged.
+fn attempt_span(claim: &Claim) -> Span {
+    let Claim { lease, job } = claim;
+    let span = tracing::error_span!(
+        "job",
+        otel.kind = "consumer",
+        job_id = %lease.id,
+        attempt = lease.attempt,
+        trace_id = Empty
+    );
+    telemetry::continue_from(&span, job.traceparent.as_deref());
+    span
 }
 
 /// A slot at work, in the metrics.
@@ -155,7 +171,7 @@ async fn rescue(pool: Arc<Pool>, stop: CancellationToken) {
         match pool.store.rescue().await {
             Ok(jobs) => {
                 for job in jobs {
-                    tracing::warn!(id = %job.id, status = job.status.as_str(), crashes = job.crashes, "a worker was lost");
+                    tracing::warn!(job_id = %job.id, status = job.status.as_str(), crashes = job.crashes, "a worker was lost");
                     metrics::counter!(telemetry::LEASES_LOST).increment(1);
                 }
             }

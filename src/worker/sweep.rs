@@ -24,7 +24,7 @@ pub(super) async fn sweep(store: &dyn JobStore, blobs: &Blobs) -> Result<(), Swe
     for id in blobs.owners(AGE).await? {
         if store.get(id).await?.is_none_or(|job| job.purged) {
             blobs.delete_job(id).await?;
-            tracing::info!(%id, "removed files that no job owns");
+            tracing::info!(job_id = %id, "removed files that no job owns");
         }
     }
     Ok(())

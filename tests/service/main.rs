@@ -20,3 +20,4 @@ mod problems;
 mod readme;
 mod store;
 mod surface;
+mod traces;

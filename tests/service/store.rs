@@ -67,7 +67,10 @@ impl Bench {
             format: Format::Stl,
         };
         let inputs = vec![input(0), input(1)];
-        self.store.submit(NewJob { id, inputs, options: JobOptions::default(), key: None }).await.expect("accepted")
+        self.store
+            .submit(NewJob { id, inputs, options: JobOptions::default(), key: None, traceparent: None })
+            .await
+            .expect("accepted")
     }
 
     async fn claim(&self) -> Option<Claim> {
@@ -353,7 +356,7 @@ async fn a_key_is_held_by_one_request_until_it_is_accepted_given_back_or_late(be
     let submit = async |id, fingerprint: &str| {
         let key = Some(RequestKey { key: "k".into(), fingerprint: fingerprint.into() });
         let inputs = bench.submit().await.inputs;
-        bench.store.submit(NewJob { id, inputs, options: JobOptions::default(), key }).await
+        bench.store.submit(NewJob { id, inputs, options: JobOptions::default(), key, traceparent: None }).await
     };
     assert_eq!((hold(first).await, hold(second).await), (KeyState::Held, KeyState::InUse));
     bench.pass(KEY_HOLD / 2);

@@ -113,14 +113,15 @@ impl JobStore for PostgresStore {
             keys::settle(&mut transaction, key, job.id, self.now()).await?;
         }
         let row = sqlx::query(concat!(
-            "INSERT INTO jobs (id, status, created_at, run_at, inputs, options) \
-             VALUES ($1, 'queued', meshmend_now($2), meshmend_now($2), $3, $4) RETURNING ",
+            "INSERT INTO jobs (id, status, created_at, run_at, inputs, options, traceparent) \
+             VALUES ($1, 'queued', meshmend_now($2), meshmend_now($2), $3, $4, $5) RETURNING ",
             job_columns!()
         ))
         .bind(job.id.to_string())
         .bind(self.now())
         .bind(to_json(&job.inputs))
         .bind(to_json(&job.options))
+        .bind(&job.traceparent)
         .fetch_one(&mut *transaction)
         .await?;
         transaction.commit().await?;
@@ -138,7 +139,7 @@ impl JobStore for PostgresStore {
     async fn list(&self, query: ListQuery) -> Result<Page, StoreError> {
         let rows = sqlx::query(
             "SELECT id, status, outcome, attempt, crashes, created_at, run_at, started_at, finished_at, progress, \
-                    inputs, options, NULL::text AS report, artifacts, problem, version, purged_at \
+                    inputs, options, NULL::text AS report, artifacts, problem, traceparent, version, purged_at \
              FROM jobs WHERE purged_at IS NULL AND ($1::text IS NULL OR status = $1) AND ($2::text IS NULL OR id < $2) \
              ORDER BY id DESC LIMIT $3",
         )

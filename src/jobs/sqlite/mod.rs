@@ -100,8 +100,8 @@ impl JobStore for SqliteStore {
             keys::settle(&mut transaction, key, job.id, now).await?;
         }
         let row = sqlx::query(concat!(
-            "INSERT INTO jobs (id, status, created_at, run_at, inputs, options) \
-             VALUES (?, 'queued', ?, ?, ?, ?) RETURNING ",
+            "INSERT INTO jobs (id, status, created_at, run_at, inputs, options, traceparent) \
+             VALUES (?, 'queued', ?, ?, ?, ?, ?) RETURNING ",
             job_columns!()
         ))
         .bind(job.id.to_string())
@@ -109,6 +109,7 @@ impl JobStore for SqliteStore {
         .bind(now)
         .bind(to_json(&job.inputs))
         .bind(to_json(&job.options))
+        .bind(&job.traceparent)
         .fetch_one(&mut *transaction)
         .await?;
         transaction.commit().await?;
@@ -127,7 +128,7 @@ impl JobStore for SqliteStore {
     async fn list(&self, query: ListQuery) -> Result<Page, StoreError> {
         let rows = sqlx::query(
             "SELECT id, status, outcome, attempt, crashes, created_at, run_at, started_at, finished_at, progress, \
-                    inputs, options, NULL AS report, artifacts, problem, version, purged_at \
+                    inputs, options, NULL AS report, artifacts, problem, traceparent, version, purged_at \
              FROM jobs WHERE purged_at IS NULL AND (?1 IS NULL OR status = ?1) AND (?2 IS NULL OR id < ?2) \
              ORDER BY id DESC LIMIT ?3",
         )
