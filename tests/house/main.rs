@@ -105,6 +105,19 @@ fn the_engine_knows_nothing_of_the_service() {
 }
 
 #[test]
+fn the_names_of_metrics_stand_in_one_place() {
+    let mut used = 0;
+    for file in rust_files(&source()) {
+        let code = code(&file);
+        for kind in ["counter", "gauge", "histogram"] {
+            assert!(!code.contains(&format!("{kind}!(\"")), "{} names a metric itself", file.display());
+            used += code.matches(&format!("metrics::{kind}!(telemetry::")).count();
+        }
+    }
+    assert!(used > 15, "only {used} metrics were found: the test sees nothing");
+}
+
+#[test]
 fn no_file_outgrows_its_idea() {
     for file in rust_files(&source()) {
         let lines = std::fs::read_to_string(&file).unwrap().lines().count();

@@ -6,6 +6,7 @@ use meshmend::telemetry::{Kind, METRICS};
 use serde_json::{Value, json};
 
 use crate::files;
+use crate::postgres::Postgres;
 use crate::server::{Api, Program, Start, until};
 
 fn with_probes(start: Start<'_>) -> Start<'_> {
@@ -138,4 +139,62 @@ async fn every_metric_is_one_of_the_table_and_says_what_it_is() {
         seen += 1;
     }
     assert!(seen > 50, "{seen} series");
+}
+
+#[tokio::test]
+async fn what_is_killed_and_what_crashes_is_counted_with_its_reason() {
+    let data = tempfile::tempdir().expect("a folder");
+    let hangs = with_probes(Start::serve(data.path())).arg("--deadline-grace-s", "0.5");
+    let hangs = hangs.env("FAILPOINTS", "child-inspect=sleep(600000)").start();
+    let api = Api::new(&hangs);
+    let late = api.submit(files::broken_box(), json!({"deadline_s": 1})).await;
+    assert_eq!(api.finished(&late).await["problem"]["code"], "deadline_exceeded");
+    measured(&hangs, "meshmend_kills_total{reason=\"deadline\"}", |n| n == 1.0).await;
+    measured(&hangs, "meshmend_attempts_total{status=\"failed\",outcome=\"\"}", |n| n == 1.0).await;
+    drop(hangs);
+
+    let short = with_probes(Start::serve(data.path())).arg("--job-memory-mib", "160").start();
+    let api = Api::new(&short);
+    let large = api.submit(files::large_open_sphere(1_500_000), json!({"max_tier": 1})).await;
+    assert_eq!(api.finished(&large).await["problem"]["code"], "out_of_memory");
+    measured(&short, "meshmend_child_crashes_total{reason=\"out_of_memory\"}", |n| n == 1.0).await;
+}
+
+#[tokio::test]
+async fn blenders_that_crash_are_counted_and_so_are_those_that_follow_them() {
+    let data = tempfile::tempdir().expect("a folder");
+    let blender = crate::cancel::blender(data.path(), "kill -SEGV $$");
+    let program = with_probes(Start::serve(data.path())).blender(&blender).start();
+    let api = Api::new(&program);
+    let options = json!({"preset": "blender-remesh", "deadline_s": 60});
+    let id = api.submit(files::boxes_on_an_edge(), options).await;
+    assert_eq!(api.finished(&id).await["status"], "succeeded");
+    let report: Value = serde_json::from_slice(&api.artifact(&id, "report.json").await).expect("JSON");
+    let steps = report["steps"].as_array().expect("steps");
+    let step = steps.iter().find(|step| step["action"] == "voxel_remesh").expect("a remesh");
+    assert_eq!((&step["status"], &step["runs"]), (&json!("failed"), &json!(2)), "{step}");
+    measured(&program, "meshmend_blender_runs_total", |n| n >= 2.0).await;
+    measured(&program, "meshmend_blender_restarts_total", |n| n == 1.0).await;
+    let failed = "meshmend_steps_total{tier=\"3\",action=\"voxel_remesh\",status=\"failed\"}";
+    measured(&program, failed, |n| n == 1.0).await;
+}
+
+#[tokio::test]
+async fn while_the_database_is_away_the_probes_say_so_and_what_is_not_known_is_no_number() {
+    let (mut cluster, data) = (Postgres::start(), tempfile::tempdir().expect("a folder"));
+    let program = with_probes(Start::serve(data.path())).env("MESHMEND_DATABASE_URL", &cluster.url()).start();
+    assert_eq!(probe(&program, "/readyz").await.0, 200);
+    measured(&program, "meshmend_jobs{status=\"queued\"}", |n| n == 0.0).await;
+    cluster.kill();
+    let (status, ready) = probe(&program, "/readyz").await;
+    assert_eq!(status, 503, "{ready}");
+    assert!(!ready.contains("\"store\":\"ok\"") && ready.contains("\"blobs\":\"ok\""), "{ready}");
+    assert_eq!(probe(&program, "/livez").await.0, 200);
+    for series in ["meshmend_jobs{status=\"queued\"}", "meshmend_queue_wait_seconds"] {
+        measured(&program, series, f64::is_nan).await;
+    }
+    measured(&program, "meshmend_store_errors_total{kind=\"away\"}", |n| n > 0.0).await;
+    cluster.restart();
+    until("it is ready again", async || (probe(&program, "/readyz").await.0 == 200).then_some(())).await;
+    measured(&program, "meshmend_jobs{status=\"queued\"}", |n| n == 0.0).await;
 }
