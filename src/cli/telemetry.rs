@@ -133,3 +133,20 @@ pub fn install_metrics() -> Result<PrometheusHandle, BuildError> {
     });
     Ok(handle)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_collector_is_an_address_without_tls_and_a_ratio_a_share() {
+        assert!(collector("http://127.0.0.1:4318").is_ok());
+        for text in ["", "127.0.0.1:4318", "https://collector:4318", "grpc://collector:4317", "http:"] {
+            assert!(collector(text).is_err(), "{text}");
+        }
+        assert_eq!([ratio("0"), ratio("0.25"), ratio("1")], [Ok(0.0), Ok(0.25), Ok(1.0)]);
+        for text in ["", "-0.1", "1.1", "NaN", "all"] {
+            assert!(ratio(text).is_err(), "{text}");
+        }
+    }
+}

@@ -129,3 +129,41 @@ async fn without_a_collector_the_log_lines_of_a_request_and_its_job_share_a_trac
     assert_eq!(ended.len(), 32);
     assert_eq!(trace_of("accepted"), Some(ended));
 }
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_collector_that_never_answers_holds_up_no_job_and_no_end() {
+    let data = tempfile::tempdir().expect("a folder");
+    let silent = tokio::net::TcpListener::bind("127.0.0.1:0").await.expect("a port");
+    let address = format!("http://{}", silent.local_addr().expect("an address"));
+    let mut program = traced(Start::serve(data.path()), &address).start();
+    let api = Api::new(&program);
+    let id = api.submit(files::broken_box(), json!({"max_tier": 1})).await;
+    assert_eq!(api.finished(&id).await["outcome"], "repaired");
+    program.terminate();
+    assert_eq!(program.wait(), Some(0));
+    assert!(silent.accept().await.is_ok(), "it was asked");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_request_that_is_not_to_be_sampled_sends_nothing() {
+    let data = tempfile::tempdir().expect("a folder");
+    let collector = Collector::default();
+    let address = collector.start().await;
+    let start = traced(Start::serve(data.path()), &address).env("MESHMEND_TRACE_RATIO", "0");
+    let mut program = start.start();
+    let api = Api::new(&program);
+    let asked = "00-0af7651916cd43dd8448eb211c80319c-b7ad6b7169203331-01";
+    for (path, traceparent) in [
+        ("/livez", None),
+        ("/problems", Some(asked)),
+        ("/livez", Some("00-4bf92f3577b34da6a3ce929d0e0e4736-00f067aa0ba902b7-00")),
+    ] {
+        let request = traceparent.into_iter().fold(api.get(path), |request, it| request.header("traceparent", it));
+        assert_eq!(request.send().await.expect("an answer").status(), 200);
+    }
+    program.terminate();
+    assert_eq!(program.wait(), Some(0));
+    let spans = collector.0.lock().expect("not poisoned");
+    let names: Vec<_> = spans.iter().map(|span| span.name.as_str()).collect();
+    assert_eq!(names, ["GET /problems"]);
+}
