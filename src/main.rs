@@ -1,4 +1,4 @@
-//! The command line: `meshmend serve`, `work`, `repair`, `inspect`, `migrate`, `openapi`.
+//! The command line: `meshmend serve`, `work`, `repair`, `inspect`, `migrate`, `config`, `openapi`.
 
 mod cli;
 

@@ -15,6 +15,7 @@ use super::problem::{Problem, ProblemCode};
 use super::state::ApiState;
 use crate::access::{AccessKey, KeyKind, TenantName, Token};
 use crate::jobs::{Clock, SystemClock};
+use crate::telemetry;
 
 /// Longest secret that is looked at, in bytes.
 const SECRET_BYTES: usize = 256;
@@ -54,7 +55,7 @@ pub(super) async fn admit(State(state): State<ApiState>, request: Request, next:
                         response
                     }
                     Err(left) => {
-                        metrics::counter!("meshmend_rate_limited_total").increment(1);
+                        metrics::counter!(telemetry::RATE_LIMITED).increment(1);
                         let mut response = left.refused().into_response();
                         left.tell(&mut response);
                         response
@@ -138,7 +139,7 @@ async fn let_in(state: &ApiState, headers: &HeaderMap, shown: Option<&str>) -> R
 async fn find_key(state: &ApiState, secret: &str) -> Result<AccessKey, Problem> {
     let known = if secret.len() <= SECRET_BYTES { state.store.find_key(&Token::of(secret)).await? } else { None };
     let Some(key) = known else {
-        metrics::counter!("meshmend_keys_refused_total").increment(1);
+        metrics::counter!(telemetry::KEYS_REFUSED).increment(1);
         return Err(unauthorized("The key is unknown, revoked or expired."));
     };
     let now = OffsetDateTime::from_unix_timestamp_nanos(i128::from(SystemClock.now_ms()) * 1_000_000);

@@ -1,21 +1,57 @@
 use std::collections::BTreeMap;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::time::Duration;
 
-use axum::Json;
 use axum::extract::State;
 use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
+use axum::routing::get;
+use axum::{Json, Router};
+use metrics_exporter_prometheus::PrometheusHandle;
 use serde::Serialize;
+use tokio_util::sync::CancellationToken;
 use utoipa::ToSchema;
 
 use super::caller::MayReadMetrics;
 use super::extract::ApiPath;
 use super::problem::{Problem, ProblemCode, ProblemDoc, catalogue};
 use super::state::ApiState;
-use super::submit::has_room;
+use crate::blobs::Blobs;
+use crate::jobs::{JobStore, Status};
+use crate::telemetry;
 
 /// Longest time one check may take.
 const CHECK_TIME: Duration = Duration::from_secs(5);
+
+/// How a process is: what its probes and metrics say.
+#[derive(Clone)]
+pub struct Health {
+    /// The jobs.
+    pub store: Arc<dyn JobStore>,
+    /// The files.
+    pub blobs: Blobs,
+    /// Where jobs get their scratch folders.
+    pub scratch: PathBuf,
+    /// Bytes that must stay free on the disks of the files and the scratch folders.
+    pub min_free: u64,
+    /// What was found at the start that does not make the process unready, such as whether there is a Blender.
+    pub found: BTreeMap<&'static str, String>,
+    /// Cancelled when the process stops.
+    pub stopping: CancellationToken,
+    /// Where the metrics are rendered.
+    pub metrics: PrometheusHandle,
+}
+
+/// Probes and metrics alone, for a listener that only operators reach.
+pub fn probes(health: Health) -> Router {
+    let router = Router::new()
+        .route("/livez", get(livez))
+        .route("/readyz", get(|State(health): State<Health>| async move { health.readiness().await }))
+        .route("/metrics", get(|State(health): State<Health>| async move { health.metrics().await }));
+    router.with_state(health)
+}
 
 /// Whether the process runs.
 #[utoipa::path(get, path = "/livez", tag = "service", responses((status = 200, description = "It runs", body = String)))]
@@ -23,7 +59,7 @@ pub(super) async fn livez() -> &'static str {
     "ok\n"
 }
 
-/// Whether the service can take jobs.
+/// Whether the service can do its work.
 #[derive(Debug, Serialize, ToSchema)]
 pub(super) struct Readiness {
     /// Whether all that is needed works.
@@ -32,9 +68,89 @@ pub(super) struct Readiness {
     checks: BTreeMap<&'static str, String>,
 }
 
+impl IntoResponse for Readiness {
+    fn into_response(self) -> Response {
+        let status = if self.ready { StatusCode::OK } else { StatusCode::SERVICE_UNAVAILABLE };
+        (status, [(header::CACHE_CONTROL, "no-store")], Json(self)).into_response()
+    }
+}
+
+impl Health {
+    /// Tries all that the process needs.
+    async fn readiness(&self) -> Readiness {
+        let store = check(self.store.ping()).await;
+        let blobs = check(self.blobs.probe()).await;
+        let disk = self.blobs.free_bytes().map_err(|error| error.to_string()).and_then(|free| self.is_room(free));
+        let scratch = self.scratch_works().await.and_then(|free| self.is_room(Some(free)));
+        let needed = [("store", store), ("blobs", blobs), ("disk", disk), ("scratch", scratch)];
+        let stopping = self.stopping.is_cancelled();
+        let ready = !stopping && needed.iter().all(|(_, result)| result.is_ok());
+        let mut checks = self.found.clone();
+        checks.extend(needed.map(|(name, result)| (name, result.err().unwrap_or_else(|| "ok".to_owned()))));
+        if stopping {
+            checks.insert("service", "stopping".to_owned());
+        }
+        Readiness { ready, checks }
+    }
+
+    fn is_room(&self, free: Option<u64>) -> Result<(), String> {
+        match free {
+            Some(free) if free < self.min_free => {
+                Err(format!("no room: {} MiB are free, and {} must be", free >> 20, self.min_free >> 20))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// Writes a file where jobs work, and tells how much room there is.
+    async fn scratch_works(&self) -> Result<u64, String> {
+        let scratch = self.scratch.clone();
+        let tried = tokio::task::spawn_blocking(move || {
+            tempfile::tempfile_in(&scratch)?.write_all(b"probe")?;
+            free_bytes(&scratch)
+        });
+        tried.await.map_err(std::io::Error::from).flatten().map_err(|error| error.to_string())
+    }
+
+    /// All metrics, with what has to be asked for. What can't be learnt now is no number.
+    async fn metrics(&self) -> Response {
+        for status in Status::ALL {
+            metrics::gauge!(telemetry::JOBS, "status" => status.as_str()).set(f64::NAN);
+        }
+        for count in check(self.store.counts()).await.unwrap_or_default() {
+            metrics::gauge!(telemetry::JOBS, "status" => count.status.as_str()).set(count.count as f64);
+        }
+        let wait = check(self.store.longest_wait()).await;
+        metrics::gauge!(telemetry::QUEUE_WAIT).set(wait.map_or(f64::NAN, |wait| wait.as_secs_f64()));
+        let connections = self.store.connections();
+        metrics::gauge!(telemetry::DATABASE_CONNECTIONS, "state" => "busy").set(connections.busy);
+        metrics::gauge!(telemetry::DATABASE_CONNECTIONS, "state" => "idle").set(connections.idle);
+        metrics::gauge!(telemetry::DATABASE_CONNECTIONS_MOST).set(connections.most);
+        let free = [("files", self.blobs.free_bytes().ok().flatten()), ("scratch", free_bytes(&self.scratch).ok())];
+        for (folder, free) in free {
+            if let Some(free) = free {
+                metrics::gauge!(telemetry::DISK_FREE, "folder" => folder).set(free as f64);
+            }
+        }
+        ([(header::CONTENT_TYPE, "text/plain; version=0.0.4; charset=utf-8")], self.metrics.render()).into_response()
+    }
+}
+
+fn free_bytes(folder: &Path) -> std::io::Result<u64> {
+    let disk = rustix::fs::statvfs(folder)?;
+    Ok(disk.f_bavail.saturating_mul(disk.f_frsize))
+}
+
+async fn check<T, E: std::fmt::Display>(result: impl Future<Output = Result<T, E>>) -> Result<T, String> {
+    match tokio::time::timeout(CHECK_TIME, result).await {
+        Ok(result) => result.map_err(|error| error.to_string()),
+        Err(_) => Err(format!("no answer within {} s", CHECK_TIME.as_secs())),
+    }
+}
+
 /// Whether the service can take jobs.
 ///
-/// Asks the database, writes and reads a file, looks how much room the disk has, and tells whether Blender is there.
+/// Asks the database, writes and reads a file, looks how much room the disks have, and tells whether Blender is there.
 #[utoipa::path(
     get, path = "/readyz", tag = "service",
     responses(
@@ -43,30 +159,7 @@ pub(super) struct Readiness {
     )
 )]
 pub(super) async fn readyz(State(state): State<ApiState>) -> Response {
-    let store = check(state.store.ping()).await;
-    let blobs = check(state.blobs.probe()).await;
-    let disk = has_room(&state, 0).map_err(|problem| problem.detail);
-    let stopping = state.stopping.is_cancelled();
-    let ready = store.is_ok() && blobs.is_ok() && disk.is_ok() && !stopping;
-    let word = |result: Result<(), String>| result.err().unwrap_or_else(|| "ok".to_owned());
-    let mut checks = BTreeMap::from([("store", word(store)), ("blobs", word(blobs)), ("disk", word(disk))]);
-    if stopping {
-        checks.insert("service", "stopping".to_owned());
-    }
-    if let Some(tier) = state.capabilities.tiers.iter().find(|tier| tier.tier == 3) {
-        let blender = if tier.available { None } else { Some(tier.detail.clone().unwrap_or_default()) };
-        checks.insert("blender", blender.map_or_else(|| "ok".to_owned(), |why| format!("missing: {why}")));
-    }
-    let status = if ready { StatusCode::OK } else { StatusCode::SERVICE_UNAVAILABLE };
-    (status, [(header::CACHE_CONTROL, "no-store")], Json(Readiness { ready, checks })).into_response()
-}
-
-async fn check<E: std::fmt::Display>(result: impl Future<Output = Result<(), E>>) -> Result<(), String> {
-    match tokio::time::timeout(CHECK_TIME, result).await {
-        Ok(Ok(())) => Ok(()),
-        Ok(Err(error)) => Err(error.to_string()),
-        Err(_) => Err(format!("no answer within {} s", CHECK_TIME.as_secs())),
-    }
+    state.health.readiness().await.into_response()
 }
 
 /// Metrics for Prometheus.
@@ -74,21 +167,10 @@ async fn check<E: std::fmt::Display>(result: impl Future<Output = Result<(), E>>
 /// Where the service asks for keys, one with the scope `metrics`.
 #[utoipa::path(
     get, path = "/metrics", tag = "service",
-    responses(
-        (status = 200, description = "Metrics in Prometheus' text format", body = String),
-        (status = 500, description = "A fault of the service", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "The database does not answer now", body = Problem, content_type = "application/problem+json"),
-    )
+    responses((status = 200, description = "Metrics in Prometheus' text format", body = String))
 )]
-pub(super) async fn get_metrics(
-    State(state): State<ApiState>,
-    MayReadMetrics(_caller): MayReadMetrics,
-) -> Result<Response, Problem> {
-    for count in state.store.counts().await? {
-        metrics::gauge!("meshmend_jobs", "status" => count.status.as_str())
-            .set(u32::try_from(count.count).unwrap_or(u32::MAX));
-    }
-    Ok(([(header::CONTENT_TYPE, "text/plain; version=0.0.4; charset=utf-8")], state.metrics.render()).into_response())
+pub(super) async fn get_metrics(State(state): State<ApiState>, MayReadMetrics(_caller): MayReadMetrics) -> Response {
+    state.health.metrics().await
 }
 
 /// Every problem code, and what to do about it.

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use axum::http::{HeaderMap, HeaderName};
 use sha2::{Digest, Sha256};
 use tokio::task::JoinHandle;
+use tracing::Instrument;
 
 use super::extract::text_header;
 use super::incoming::Upload;
@@ -73,15 +74,15 @@ pub(super) async fn ask(
 impl HeldKey {
     fn new(store: Arc<dyn Store>, tenant: TenantName, key: String, job: JobId) -> Self {
         let (renewed, whose, name) = (Arc::clone(&store), tenant.clone(), key.clone());
-        let renewal = tokio::spawn(async move {
+        let renewal = async move {
             loop {
                 tokio::time::sleep(KEY_HOLD / 3).await;
                 if let Err(error) = renewed.hold_key(whose.as_str(), &name, job).await {
                     tracing::warn!(%error, "an idempotency key could not be held");
                 }
             }
-        });
-        Self { store, tenant, key: Some(key), job, renewal }
+        };
+        Self { store, tenant, key: Some(key), job, renewal: tokio::spawn(renewal.in_current_span()) }
     }
 
     /// The key, for the transaction that accepts the request. It is not given back any more.
@@ -95,11 +96,12 @@ impl Drop for HeldKey {
         self.renewal.abort();
         let Some(key) = self.key.take() else { return };
         let (store, tenant, job) = (Arc::clone(&self.store), self.tenant.clone(), self.job);
-        tokio::spawn(async move {
+        let release = async move {
             if let Err(error) = store.release_key(tenant.as_str(), &key, job).await {
                 tracing::warn!(%error, "an idempotency key was not given back and will be free in a while");
             }
-        });
+        };
+        tokio::spawn(release.in_current_span());
     }
 }
 

@@ -5,6 +5,7 @@ use axum::extract::State;
 use axum::http::{HeaderMap, HeaderName, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use serde::{Deserialize, Serialize};
+use tracing::Instrument;
 use utoipa::{IntoParams, ToSchema};
 
 use super::caller::{MayRead, MayWrite};
@@ -219,13 +220,13 @@ pub(super) async fn delete_job(
         return found.map(|()| StatusCode::NO_CONTENT);
     }
     // A client that hangs up must not stop this half way, and asking again finishes what was stopped otherwise.
-    let deleting = tokio::spawn(async move {
+    let deleting = async move {
         state.store.purge(id).await?;
         state.blobs.delete_job(id).await?;
-        tracing::info!(%id, "deleted");
+        tracing::info!(job_id = %id, "deleted");
         Ok::<(), Problem>(())
-    });
-    deleting.await.map_err(|error| Problem::internal(&error))??;
+    };
+    tokio::spawn(deleting.in_current_span()).await.map_err(|error| Problem::internal(&error))??;
     found.map(|()| StatusCode::NO_CONTENT)
 }
 

@@ -9,8 +9,10 @@ use axum::response::{IntoResponse, Response};
 use tower_http::catch_panic::CatchPanicLayer;
 use tower_http::request_id::{MakeRequestUuid, PropagateRequestIdLayer, RequestId, SetRequestIdLayer};
 use tracing::Instrument;
+use tracing::field::Empty;
 
 use super::problem::{PROBLEM_JSON, Problem, ProblemCode};
+use crate::telemetry;
 
 const REQUEST_ID: HeaderName = HeaderName::from_static("x-request-id");
 /// Longest request id taken from a client.
@@ -46,7 +48,19 @@ async fn observe(request: Request, next: Next) -> Response {
     let method = known.into_iter().find(|known| request.method() == *known).unwrap_or("other");
     let path = request.uri().path().to_owned();
     let route = request.extensions().get::<MatchedPath>().map_or("none", MatchedPath::as_str).to_owned();
-    let span = tracing::info_span!("request", request_id = id, method, path, tenant = tracing::field::Empty);
+    let traceparent = request.headers().get(telemetry::TRACEPARENT).and_then(|value| value.to_str().ok());
+    // Of the highest level, so that lines have it whatever level is logged.
+    let span = tracing::error_span!(
+        "request",
+        otel.kind = "server",
+        otel.name = format!("{method} {route}"),
+        request_id = id,
+        method,
+        path,
+        tenant = Empty,
+        trace_id = Empty
+    );
+    telemetry::continue_from(&span, traceparent);
     let started = Instant::now();
     let mut response = next.run(request).instrument(span.clone()).await;
     if let Some(mut problem) = response.extensions_mut().remove::<Problem>() {
@@ -71,9 +85,10 @@ async fn observe(request: Request, next: Next) -> Response {
     response.headers_mut().insert(header::X_CONTENT_TYPE_OPTIONS, HeaderValue::from_static("nosniff"));
     let status = response.status().as_u16();
     let elapsed = started.elapsed();
+    telemetry::answered(&span, &route, status);
     span.in_scope(|| tracing::debug!(status, milliseconds = elapsed.as_secs_f64() * 1000.0, "answered"));
     let labels = [("method", method.to_owned()), ("route", route), ("status", status.to_string())];
-    metrics::histogram!("meshmend_http_request_seconds", &labels).record(elapsed);
+    metrics::histogram!(telemetry::HTTP_REQUEST, &labels).record(elapsed);
     response
 }
 

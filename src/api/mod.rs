@@ -29,6 +29,7 @@ mod wait;
 
 pub use admit::Auth;
 pub use capabilities::{Capabilities, TierStatus};
+pub use health::{Health, probes};
 pub use openapi::document;
 pub use problem::{Problem, ProblemCode};
 pub use rates::Rates;

@@ -1,12 +1,11 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use metrics_exporter_prometheus::PrometheusHandle;
 use tokio_util::sync::CancellationToken;
 
-use super::Capabilities;
 use super::admit::Auth;
 use super::rates::Rates;
+use super::{Capabilities, Health};
 use crate::access::TenantLimits;
 use crate::blobs::Blobs;
 use crate::format::Limits;
@@ -48,8 +47,8 @@ pub struct ApiState {
     pub config: ApiConfig,
     /// What this service can do.
     pub capabilities: Arc<Capabilities>,
-    /// Where the metrics are rendered.
-    pub metrics: PrometheusHandle,
+    /// What the probes and metrics say.
+    pub health: Health,
     /// Cancelled when the service stops: requests that wait end.
     pub stopping: CancellationToken,
 }

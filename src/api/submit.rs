@@ -1,6 +1,7 @@
 use axum::extract::{Request, State};
 use axum::http::{StatusCode, header};
 use axum::response::Response;
+use tracing::{Instrument, Span};
 
 use super::caller::{Caller, MayWrite};
 use super::extract::text_header;
@@ -15,6 +16,7 @@ use crate::access::Scope;
 use crate::inspect::InspectOptions;
 use crate::jobs::{Job, JobId, JobStore, Mode, NewJob};
 use crate::repair::Options;
+use crate::telemetry;
 
 /// Seconds after which a client may try again where there was no room.
 const BUSY_S: u32 = 30;
@@ -78,9 +80,10 @@ pub(super) async fn submit_job(
     let unclaimed = Unclaimed::new(&state.blobs, id);
     let again = reuse::is_refused(request.headers());
     let upload = incoming::read(&state, id, limit, request).await;
-    let accepting = Accepting { state: state.clone(), caller: caller.clone(), id, asked, again };
+    let traceparent = telemetry::traceparent(&Span::current());
+    let accepting = Accepting { state: state.clone(), caller: caller.clone(), id, asked, again, traceparent };
     // From here on a client that hangs up changes nothing: the job is accepted, or its files go.
-    let accepting = tokio::spawn(async move {
+    let accepting = async move {
         let accepted = accepting.accept(upload).await;
         let has_files = match &accepted {
             Ok(job) => job.id == id,
@@ -89,8 +92,8 @@ pub(super) async fn submit_job(
         };
         unclaimed.settle(has_files).await;
         accepted.map_err(|refused| refused.problem)
-    });
-    let job = accepting.await.map_err(|error| Problem::internal(&error))??;
+    };
+    let job = tokio::spawn(accepting.in_current_span()).await.map_err(|error| Problem::internal(&error))??;
     let position = state.store.queue_position(&job).await?;
     let location = format!("/v1/jobs/{}", job.id);
     let (location, tag) = ((header::LOCATION, location), (header::ETAG, etag(&job, position)));
@@ -102,15 +105,15 @@ pub(super) async fn submit_job(
         return Ok(answer(&state, StatusCode::ACCEPTED, job, position, headers));
     }
     let bytes: u64 = job.inputs.iter().map(|input| input.bytes).sum();
-    let reused = job.reused_from.is_some();
-    metrics::counter!("meshmend_jobs_submitted_total", "reused" => if reused { "true" } else { "false" }).increment(1);
-    metrics::histogram!("meshmend_upload_bytes").record(u32::try_from(bytes).unwrap_or(u32::MAX));
-    tracing::info!(id = %job.id, mode = job.options.mode().as_str(), files = job.inputs.len(), bytes, reused, "accepted");
+    let (reused, mode) = (job.reused_from.is_some(), job.options.mode().as_str());
+    metrics::counter!(telemetry::JOBS_SUBMITTED, "reused" => if reused { "true" } else { "false" }).increment(1);
+    metrics::histogram!(telemetry::UPLOAD_BYTES).record(u32::try_from(bytes).unwrap_or(u32::MAX));
+    tracing::info!(job_id = %job.id, mode, files = job.inputs.len(), bytes, reused, "accepted");
     Ok(answer(&state, StatusCode::ACCEPTED, job, position, [location, tag]))
 }
 
 /// Whether the disk has room for so many bytes more.
-pub(super) fn has_room(state: &ApiState, bytes: u64) -> Result<(), Problem> {
+fn has_room(state: &ApiState, bytes: u64) -> Result<(), Problem> {
     let free = state.blobs.free_bytes().map_err(|error| Problem::internal(&error))?;
     if free.is_some_and(|free| free < state.config.min_free.saturating_add(bytes)) {
         let detail = "The service has no room for more files now. Send the model again later.";
@@ -149,13 +152,15 @@ struct Accepting {
     asked: Asked,
     /// Whether the work is to be done even where there is a result.
     again: bool,
+    /// Where the request stands in a trace.
+    traceparent: Option<String>,
 }
 
 impl Accepting {
     /// Makes a job of an upload that is whole and of models.
     async fn accept(self, upload: Result<Upload, Problem>) -> Result<Job, Refused> {
         let refused = |problem| Refused { problem, is_certain: true };
-        let Self { state, caller, id, asked, again } = self;
+        let Self { state, caller, id, asked, again, traceparent } = self;
         let store = state.store.as_ref();
         let mut upload = upload.map_err(refused)?;
         let inputs = upload.inputs(id).map_err(refused)?;
@@ -177,7 +182,19 @@ impl Accepting {
         let made_by = caller.key.map(|key| key.id);
         let Upload { options, notes, .. } = upload;
         let (metadata, callback_url) = (notes.metadata, notes.callback_url);
-        let new = NewJob { id, tenant, made_by, inputs, options, metadata, callback_url, fingerprint, result, key };
+        let new = NewJob {
+            id,
+            tenant,
+            made_by,
+            inputs,
+            options,
+            metadata,
+            callback_url,
+            fingerprint,
+            result,
+            key,
+            traceparent,
+        };
         match store.submit(new).await {
             // The connection may have broken after the job was noted.
             Err(error) if error.may_pass() => match store.get(id).await {

@@ -8,6 +8,7 @@ use axum::body::Bytes;
 use axum::extract::multipart::MultipartError;
 use axum::http::header;
 use futures::{Stream, StreamExt};
+use tracing::Instrument;
 
 use super::problem::{Problem, ProblemCode};
 use crate::blobs::{Blobs, Stored, UploadError};
@@ -36,7 +37,7 @@ impl Unclaimed {
 impl Drop for Unclaimed {
     fn drop(&mut self) {
         if let Some(blobs) = self.blobs.take() {
-            tokio::spawn(remove(blobs, self.id));
+            tokio::spawn(remove(blobs, self.id).in_current_span());
         }
     }
 }

@@ -29,6 +29,10 @@ impl Remesher for OnDemandBlender {
         self.found()?.info()
     }
 
+    fn runs(&self) -> u32 {
+        self.found.get().and_then(|found| found.as_ref().ok()).map_or(0, Remesher::runs)
+    }
+
     fn remesh(&self, request: &RemeshRequest<'_>, context: &Context<'_>) -> Result<Remeshed, RemeshError> {
         match self.found() {
             Ok(blender) => blender.remesh(request, context),

@@ -2,6 +2,7 @@ use std::collections::HashMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitStatus};
+use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::Duration;
 
 use glam::DVec3;
@@ -34,10 +35,11 @@ const STAGE: f64 = 2.0;
 const SCRIPT_ERROR: &str = "3";
 
 /// [`Remesher`] by a Blender that runs as a process of its own.
-#[derive(Debug, Clone)]
+#[derive(Debug)]
 pub struct BlenderRemesher {
     info: RemesherInfo,
     config: BlenderConfig,
+    runs: AtomicU32,
 }
 
 impl BlenderRemesher {
@@ -47,13 +49,13 @@ impl BlenderRemesher {
     /// # Errors
     /// [`BlenderMissing`], with each program that was tried.
     pub fn find(config: BlenderConfig) -> Result<Self, BlenderMissing> {
-        Ok(Self { info: find(&config)?, config })
+        Ok(Self::new(find(&config)?, config))
     }
 
     /// A remesher by a program that was found before; it is not asked again.
     #[must_use]
     pub fn new(info: RemesherInfo, config: BlenderConfig) -> Self {
-        Self { info, config }
+        Self { info, config, runs: AtomicU32::new(0) }
     }
 
     fn command(&self, script: &Path) -> Command {
@@ -137,6 +139,7 @@ impl Work<'_> {
         };
         // Held until the program has ended.
         let slot = self.slot()?;
+        by.runs.fetch_add(1, Ordering::Relaxed);
         let ended = run(&mut command, scratch.path(), by.config.own_process_group, &mut line, &mut watch);
         drop(slot);
         let ended = ended
@@ -265,6 +268,10 @@ impl Work<'_> {
 impl Remesher for BlenderRemesher {
     fn info(&self) -> Result<&RemesherInfo, &str> {
         Ok(&self.info)
+    }
+
+    fn runs(&self) -> u32 {
+        self.runs.load(Ordering::Relaxed)
     }
 
     fn remesh(&self, request: &RemeshRequest<'_>, context: &Context<'_>) -> Result<Remeshed, RemeshError> {

@@ -23,6 +23,7 @@ use tokio::io::{AsyncReadExt, AsyncSeekExt, AsyncWriteExt};
 use tokio_util::io::ReaderStream;
 
 use crate::jobs::JobId;
+use crate::telemetry;
 
 /// Bytes held back before they are handed to the store. Small, since many uploads may run at once.
 const CHUNK: usize = 256 << 10;
@@ -34,7 +35,7 @@ const HEAD: usize = 4 << 10;
 pub enum BlobError {
     /// The store said no.
     #[error("file store: {0}")]
-    Store(#[from] object_store::Error),
+    Store(#[source] object_store::Error),
     /// The local file system said no.
     #[error("file store: {0}")]
     Io(#[from] std::io::Error),
@@ -59,6 +60,14 @@ pub fn is_full(error: &(dyn std::error::Error + 'static)) -> bool {
     causes.filter_map(|error| error.downcast_ref::<std::io::Error>()).any(|error| {
         matches!(error.kind(), E::StorageFull | E::QuotaExceeded | E::ReadOnlyFilesystem | E::PermissionDenied)
     })
+}
+
+/// Counted here, where every error of the store passes.
+impl From<object_store::Error> for BlobError {
+    fn from(error: object_store::Error) -> Self {
+        metrics::counter!(telemetry::BLOB_ERRORS).increment(1);
+        Self::Store(error)
+    }
 }
 
 /// Why an upload was not stored. Nothing of it is left.
@@ -306,6 +315,6 @@ impl Blobs {
 fn not_found(error: object_store::Error) -> BlobError {
     match error {
         object_store::Error::NotFound { .. } => BlobError::NotFound,
-        other => BlobError::Store(other),
+        other => other.into(),
     }
 }

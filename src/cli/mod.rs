@@ -1,4 +1,5 @@
 mod compare;
+mod config;
 mod engine;
 mod exit;
 mod inspect;
@@ -7,11 +8,12 @@ mod listen;
 mod openapi;
 mod repair;
 mod service;
+mod telemetry;
 
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, Parser, Subcommand};
 
 /// Repairs broken 3D models, proves that the result is printable, and gives an honest account of what changed.
 #[derive(Debug, Parser)]
@@ -39,6 +41,8 @@ enum Command {
     Keys(keys::KeysArgs),
     /// Set what single tenants may use.
     Tenants(keys::TenantsArgs),
+    /// Print what is set for a command and where it is from, with secrets hidden.
+    Config(config::ConfigArgs),
     /// Print the OpenAPI document, or check a file against it.
     Openapi(openapi::OpenapiArgs),
     /// Run one job in this process, as workers start it.
@@ -60,6 +64,7 @@ pub fn run() -> ExitCode {
         Command::Migrate(args) => service::migrate(&args),
         Command::Keys(args) => keys::keys(args),
         Command::Tenants(args) => keys::tenants(args),
+        Command::Config(args) => config::run(&args, Cli::command()),
         Command::Openapi(args) => openapi::run(&args),
         Command::JobChild { folder } => meshmend::worker::run_child(&folder),
     }
@@ -67,9 +72,7 @@ pub fn run() -> ExitCode {
 
 #[cfg(test)]
 mod tests {
-    use clap::CommandFactory;
-
-    use super::Cli;
+    use super::*;
 
     #[test]
     fn every_flag_has_its_environment_variable() {

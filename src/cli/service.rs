@@ -1,4 +1,5 @@
-use std::io::{self, IsTerminal, Write};
+use std::collections::BTreeMap;
+use std::io::{self, Write};
 use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -7,19 +8,19 @@ use std::time::Duration;
 
 use clap::{Args, ValueEnum};
 use meshmend::access::TenantLimits;
-use meshmend::api::{ApiConfig, ApiState, Auth, Capabilities, Rates, router};
+use meshmend::api::{ApiConfig, ApiState, Auth, Capabilities, Health, Rates, probes, router};
 use meshmend::blender::{BlenderRemesher, Warmth, warm_up};
 use meshmend::blobs::Blobs;
 use meshmend::jobs::{PostgresStore, RetryPolicy, SqliteStore, Store, SystemClock};
 use meshmend::repair::{Remesher, RemesherInfo};
 use meshmend::worker::{Pool, Retention, Shutdown, WorkerConfig};
-use metrics_exporter_prometheus::{Matcher, PrometheusBuilder, PrometheusHandle};
 use tokio::signal::unix::{SignalKind, signal};
 use tokio_util::sync::CancellationToken;
 
 use super::engine::{BlenderArgs, LimitArgs};
 use super::exit;
 use super::listen::listen;
+use super::telemetry::{TelemetryArgs, install_metrics};
 
 /// How long to wait before looking for what no bell told of.
 const POLL: Duration = Duration::from_millis(500);
@@ -84,6 +85,19 @@ pub struct WorkArgs {
     /// Seconds that running jobs get to finish when the service is told to stop.
     #[arg(long, env = "MESHMEND_SHUTDOWN_GRACE_S", default_value_t = 20.0)]
     shutdown_grace_s: f64,
+    /// Room that must stay free on the disks of the files and the scratch folders, in MiB; jobs that would take it are refused with
+    /// 503, none is begun, and a process that has less says that it is not ready.
+    #[arg(long, env = "MESHMEND_MIN_FREE_MIB", default_value_t = 512)]
+    min_free_mib: u64,
+    /// Hours after its end that a job's files and report are kept.
+    #[arg(long, env = "MESHMEND_RETAIN_RESULTS_H", default_value_t = 168)]
+    retain_results_h: u32,
+    /// Days after its end that it is known that there was a job.
+    #[arg(long, env = "MESHMEND_RETAIN_JOBS_D", default_value_t = 90)]
+    retain_jobs_d: u32,
+    /// Address of a listener for operators, with /livez, /readyz and /metrics and nothing else; no key is asked for there.
+    #[arg(long, env = "MESHMEND_METRICS_LISTEN")]
+    metrics_listen: Option<SocketAddr>,
     /// Run Blender once on a small model when the worker starts, so that the first job does not wait for what it loads, and so
     /// that the log says whether it works.
     #[arg(long, env = "MESHMEND_BLENDER_WARM_UP", default_value_t = true, action = clap::ArgAction::Set)]
@@ -94,7 +108,7 @@ pub struct WorkArgs {
     blender: BlenderArgs,
 }
 
-/// Where the service keeps its data, and how it logs.
+/// Where the service keeps its data, and how it tells of itself.
 #[derive(Debug, Args)]
 pub struct DataArgs {
     /// Folder of the database, the files and the scratch space; made if it is missing.
@@ -107,22 +121,8 @@ pub struct DataArgs {
     /// Most connections to PostgreSQL that this process holds.
     #[arg(long, env = "MESHMEND_DATABASE_CONNECTIONS", default_value_t = 10, value_parser = clap::value_parser!(u32).range(2..=1000))]
     database_connections: u32,
-    /// Room that must stay free on the disks of the files and of the scratch folder, in MiB: jobs that would take it are refused with
-    /// 503, and none is begun.
-    #[arg(long, env = "MESHMEND_MIN_FREE_MIB", default_value_t = 512)]
-    min_free_mib: u64,
-    /// Hours after its end that a job's files and report are kept.
-    #[arg(long, env = "MESHMEND_RETAIN_RESULTS_H", default_value_t = 168)]
-    retain_results_h: u32,
-    /// Days after its end that it is known that there was a job.
-    #[arg(long, env = "MESHMEND_RETAIN_JOBS_D", default_value_t = 90)]
-    retain_jobs_d: u32,
-    /// What to log, as `level` or `target=level,...`.
-    #[arg(long, env = "MESHMEND_LOG", default_value = "info")]
-    log: String,
-    /// How log lines look.
-    #[arg(long, env = "MESHMEND_LOG_FORMAT", value_enum, default_value_t)]
-    log_format: LogFormat,
+    #[command(flatten)]
+    telemetry: TelemetryArgs,
 }
 
 /// Arguments of `meshmend migrate`.
@@ -132,7 +132,7 @@ pub struct MigrateArgs {
     data: DataArgs,
 }
 
-impl DataArgs {
+impl WorkArgs {
     fn retention(&self) -> Retention {
         Retention {
             results: Duration::from_secs(u64::from(self.retain_results_h) * 3600),
@@ -151,16 +151,6 @@ enum AuthMode {
     Open,
     /// Each does.
     Keys,
-}
-
-/// How log lines look.
-#[derive(Debug, Clone, Copy, Default, ValueEnum)]
-enum LogFormat {
-    /// For people.
-    #[default]
-    Text,
-    /// One JSON object a line.
-    Json,
 }
 
 /// Why a service could not start or go on.
@@ -191,16 +181,15 @@ pub fn serve(args: ServeArgs) -> ExitCode {
 pub fn work(args: WorkArgs) -> ExitCode {
     start(&args.data, async {
         let room = Room::open(&args.data).await?;
-        let metrics = install_metrics()?;
-        let blender = find_blender(&args.blender).await.ok();
-        let pool = room.pool(&args, args.workers, blender.clone())?;
+        let blender = find_blender(&args.blender).await;
+        let pool = room.pool(&args, args.workers, blender.clone().ok())?;
         let shutdown = Shutdown::default();
-        warm_blender_up(&args, blender, &shutdown);
+        watch(&args, room.health(&args, &blender, shutdown.drain.clone())?).await?;
+        warm_blender_up(&args, blender.ok(), &shutdown);
         let stopping =
             tokio::spawn(stop_on_signal(shutdown.clone(), CancellationToken::new(), seconds(args.shutdown_grace_s)));
         pool.run(shutdown).await;
         stopping.abort();
-        drop(metrics);
         Ok(())
     })
 }
@@ -228,9 +217,11 @@ pub(super) fn to_stdout(line: &str) -> Result<(), ServiceError> {
 }
 
 fn start(data: &DataArgs, service: impl Future<Output = Result<(), ServiceError>>) -> ExitCode {
-    if let Err(message) = start_logging(data) {
-        return exit::fail(exit::BAD_INPUT, message);
-    }
+    // Begins before the runtime and ends after it, since it waits for what it sends.
+    let _telemetry = match data.telemetry.start() {
+        Ok(telemetry) => telemetry,
+        Err(message) => return exit::fail(exit::BAD_INPUT, message),
+    };
     let runtime = match tokio::runtime::Builder::new_multi_thread().enable_all().build() {
         Ok(runtime) => runtime,
         Err(error) => return exit::fail(exit::INTERNAL, error),
@@ -240,17 +231,6 @@ fn start(data: &DataArgs, service: impl Future<Output = Result<(), ServiceError>
         Err(error @ ServiceError::Refused(_)) => exit::fail(exit::BAD_INPUT, error),
         Err(error) => exit::fail(exit::INTERNAL, error),
     }
-}
-
-fn start_logging(data: &DataArgs) -> Result<(), String> {
-    let filter = tracing_subscriber::EnvFilter::try_new(format!("sqlx=warn,{}", data.log))
-        .map_err(|e| format!("--log '{}': {e}", data.log))?;
-    let builder = tracing_subscriber::fmt().with_env_filter(filter).with_writer(io::stderr);
-    match data.log_format {
-        LogFormat::Text => builder.with_ansi(io::stderr().is_terminal()).init(),
-        LogFormat::Json => builder.json().init(),
-    }
-    Ok(())
 }
 
 /// The data folder, opened.
@@ -276,6 +256,28 @@ impl Room {
         Ok(Self { data_dir, store, blobs })
     }
 
+    fn scratch(&self) -> PathBuf {
+        self.data_dir.join("scratch")
+    }
+
+    fn health(
+        &self,
+        args: &WorkArgs,
+        blender: &Result<RemesherInfo, String>,
+        stopping: CancellationToken,
+    ) -> Result<Health, ServiceError> {
+        let blender = blender.as_ref().map_or_else(|why| format!("missing: {why}"), |_| "ok".to_owned());
+        Ok(Health {
+            store: self.store.clone(),
+            blobs: self.blobs.clone(),
+            scratch: self.scratch(),
+            min_free: args.min_free_mib << 20,
+            found: BTreeMap::from([("blender", blender)]),
+            stopping,
+            metrics: install_metrics()?,
+        })
+    }
+
     fn pool(
         &self,
         args: &WorkArgs,
@@ -286,11 +288,11 @@ impl Room {
         let processors = std::thread::available_parallelism().map_or(1, usize::from);
         let config = WorkerConfig {
             program,
-            scratch: self.data_dir.join("scratch"),
+            scratch: self.scratch(),
             slots: slots.unwrap_or(processors),
             max_running: args.tenant_max_running.unwrap_or(u32::MAX),
-            retention: args.data.retention(),
-            min_free: args.data.min_free_mib << 20,
+            retention: args.retention(),
+            min_free: args.min_free_mib << 20,
             lease: seconds(args.lease_s),
             poll: POLL,
             job_memory: args.job_memory_mib << 20,
@@ -317,13 +319,14 @@ impl ServeArgs {
 
 async fn serve_until_stopped(args: &ServeArgs) -> Result<(), ServiceError> {
     let room = Room::open(&args.work.data).await?;
-    let metrics = install_metrics()?;
     let blender = find_blender(&args.work.blender).await;
     let for_warmth = blender.clone().ok();
     let slots = if args.no_workers { Some(0) } else { args.work.workers };
     let pool = room.pool(&args.work, slots, for_warmth.clone())?;
     let (limits, max_files) = (args.work.limits.limits(), usize::from(args.max_files));
     let stopping = CancellationToken::new();
+    let health = room.health(&args.work, &blender, stopping.clone())?;
+    watch(&args.work, health.clone()).await?;
     let state = ApiState {
         store: Arc::clone(&room.store),
         blobs: room.blobs.clone(),
@@ -338,13 +341,13 @@ async fn serve_until_stopped(args: &ServeArgs) -> Result<(), ServiceError> {
                 max_running: args.work.tenant_max_running,
                 requests_per_minute: args.tenant_requests_per_minute,
             },
-            retention: args.work.data.retention().results,
-            min_free: args.work.data.min_free_mib << 20,
+            retention: args.work.retention().results,
+            min_free: args.work.min_free_mib << 20,
             upload_idle: Duration::from_secs(args.upload_idle_s),
             poll: POLL,
         },
         capabilities: Arc::new(Capabilities::new(limits, max_files, blender)),
-        metrics,
+        health,
         stopping: stopping.clone(),
     };
     let listener =
@@ -372,6 +375,16 @@ async fn serve_until_stopped(args: &ServeArgs) -> Result<(), ServiceError> {
         }
     }
     tracing::info!("stopped");
+    Ok(())
+}
+
+/// Opens the listener for operators, if there is to be one. It answers until the process ends, while it drains too.
+async fn watch(args: &WorkArgs, health: Health) -> Result<(), ServiceError> {
+    let Some(address) = args.metrics_listen else { return Ok(()) };
+    let listener = tokio::net::TcpListener::bind(address).await.map_err(io_error(format!("listen on {address}")))?;
+    let address = listener.local_addr().map_err(io_error("the address to listen on"))?;
+    tracing::info!("probes and metrics on http://{address}");
+    tokio::spawn(listen(listener, probes(health), CancellationToken::new()));
     Ok(())
 }
 
@@ -428,21 +441,4 @@ async fn stop_on_signal(shutdown: Shutdown, stopping: CancellationToken, grace: 
     shutdown.drain.cancel();
     tokio::select! { () = next() => {}, () = tokio::time::sleep(grace) => {} }
     shutdown.now.cancel();
-}
-
-fn install_metrics() -> Result<PrometheusHandle, ServiceError> {
-    const SECONDS: [f64; 12] = [0.001, 0.005, 0.01, 0.025, 0.1, 0.25, 1.0, 2.5, 10.0, 30.0, 120.0, 600.0];
-    const BYTES: [f64; 6] = [1e4, 1e5, 1e6, 1e7, 1e8, 1e9];
-    let handle = PrometheusBuilder::new()
-        .set_buckets_for_metric(Matcher::Suffix("_seconds".to_owned()), &SECONDS)?
-        .set_buckets_for_metric(Matcher::Suffix("_bytes".to_owned()), &BYTES)?
-        .install_recorder()?;
-    let upkeep = handle.clone();
-    tokio::spawn(async move {
-        loop {
-            tokio::time::sleep(Duration::from_secs(5)).await;
-            upkeep.run_upkeep();
-        }
-    });
-    Ok(handle)
 }

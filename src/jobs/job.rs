@@ -274,6 +274,8 @@ pub struct Job {
     pub artifacts: Artifacts,
     /// Why it failed.
     pub problem: Option<JobProblem>,
+    /// Where the request that made it stands in a trace.
+    pub traceparent: Option<String>,
     /// Grows with every change of the row.
     pub version: i64,
     /// Whether its files and content were deleted on request.

@@ -29,8 +29,8 @@ pub use report::{JobOutcome, JobReport, StoredReport};
 pub use retry::RetryPolicy;
 pub use sqlite::SqliteStore;
 pub use store::{
-    Cancelled, Claim, Completion, Failure, FailureKind, JobStore, Lease, ListQuery, NewJob, Page, Reused, StatusCount,
-    StoreError, Waiting,
+    Cancelled, Claim, Completion, Connections, Failure, FailureKind, JobStore, Lease, ListQuery, NewJob, Page, Reused,
+    StatusCount, StoreError, Waiting,
 };
 
 /// All that a service keeps in its database.

@@ -15,6 +15,11 @@ pub(super) fn to_millis(time: OffsetDateTime) -> i64 {
     i64::try_from(time.unix_timestamp_nanos() / 1_000_000).unwrap_or(i64::MAX)
 }
 
+/// Time that has passed, none where it is to come.
+pub(super) fn elapsed(millis: i64) -> Duration {
+    Duration::from_millis(u64::try_from(millis).unwrap_or(0))
+}
+
 pub(super) fn count(stored: i64) -> u32 {
     u32::try_from(stored).unwrap_or(0)
 }
@@ -39,7 +44,7 @@ macro_rules! job_columns {
             "id, tenant, made_by, status, outcome, attempt, crashes, created_at, run_at, started_at, finished_at, progress, inputs, \
              options, metadata, callback_url, reused_from, ",
             $report,
-            ", artifacts, problem, version, purged_at"
+            ", artifacts, problem, traceparent, version, purged_at"
         )
     };
 }
@@ -85,6 +90,7 @@ where
         report: json(row, &id, "report")?,
         artifacts: json(row, &id, "artifacts")?.unwrap_or_default(),
         problem: json(row, &id, "problem")?,
+        traceparent: row.try_get("traceparent")?,
         version: row.try_get("version")?,
         purged: row.try_get::<Option<i64>, _>("purged_at")?.is_some(),
         id: id.parse().map_err(|_| corrupt(&id, "id", "no job id"))?,

@@ -8,13 +8,14 @@ use super::{
     Artifacts, Bell, Input, Job, JobId, JobOptions, JobOutcome, JobProblem, JobProgress, JobReport, KeyState, Metadata,
     RequestKey, Status, StoredReport,
 };
+use crate::telemetry;
 
 /// What went wrong in the store.
 #[derive(Debug, thiserror::Error)]
 pub enum StoreError {
     /// The database said no.
     #[error("database: {0}")]
-    Database(#[from] sqlx::Error),
+    Database(#[source] sqlx::Error),
     /// The migrations could not be run.
     #[error("migration: {0}")]
     Migration(#[from] sqlx::migrate::MigrateError),
@@ -77,6 +78,16 @@ fn sqlite_code(error: &sqlx::Error) -> Option<u32> {
     error.code()?.parse::<u32>().ok().map(|extended| extended & 0xff)
 }
 
+/// Counted here, where every error of a database passes.
+impl From<sqlx::Error> for StoreError {
+    fn from(error: sqlx::Error) -> Self {
+        let error = Self::Database(error);
+        let kind = if error.may_pass() { "away" } else { "other" };
+        metrics::counter!(telemetry::STORE_ERRORS, "kind" => kind).increment(1);
+        error
+    }
+}
+
 /// A job to accept. Its files are in the blob store already.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NewJob {
@@ -100,6 +111,8 @@ pub struct NewJob {
     pub result: Option<Reused>,
     /// The request's key, which must be held for it.
     pub key: Option<RequestKey>,
+    /// Where the request stands in a trace, for the worker to go on from.
+    pub traceparent: Option<String>,
 }
 
 impl NewJob {
@@ -117,6 +130,7 @@ impl NewJob {
             fingerprint: String::new(),
             result: None,
             key: None,
+            traceparent: None,
         }
     }
 }
@@ -253,6 +267,25 @@ pub struct StatusCount {
     pub count: u64,
 }
 
+/// Connections to a database.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Connections {
+    /// At work.
+    pub busy: u32,
+    /// Open, with nothing to do.
+    pub idle: u32,
+    /// Most that there may be.
+    pub most: u32,
+}
+
+impl Connections {
+    /// Those of a pool.
+    pub(super) fn of<D: sqlx::Database>(pool: &sqlx::Pool<D>) -> Self {
+        let idle = u32::try_from(pool.num_idle()).unwrap_or(u32::MAX);
+        Self { busy: pool.size().saturating_sub(idle), idle, most: pool.options().get_max_connections() }
+    }
+}
+
 impl StatusCount {
     /// The counts of all statuses from those that were found.
     pub(super) fn of_all(found: &[(String, i64)]) -> Vec<Self> {
@@ -300,6 +333,9 @@ pub trait JobStore: Send + Sync {
 
     /// Jobs of its tenant that will be claimed before this one; none if it does not wait.
     async fn queue_position(&self, job: &Job) -> Result<Option<u64>, StoreError>;
+
+    /// How long the job has been due that will be claimed next; zero where none waits but for a retry's time.
+    async fn longest_wait(&self) -> Result<Duration, StoreError>;
 
     /// How many jobs there are of each status.
     async fn counts(&self) -> Result<Vec<StatusCount>, StoreError>;
@@ -351,6 +387,9 @@ pub trait JobStore: Send + Sync {
 
     /// Asks the database for a sign of life.
     async fn ping(&self) -> Result<(), StoreError>;
+
+    /// The connections to the database that this process holds now.
+    fn connections(&self) -> Connections;
 
     /// Rings when jobs change through this store object.
     fn bell(&self) -> &Bell;

@@ -112,6 +112,11 @@ pub trait Remesher {
     /// Why tier 3 is missing, in words.
     fn info(&self) -> Result<&RemesherInfo, &str>;
 
+    /// How often it has started its program, for the report.
+    fn runs(&self) -> u32 {
+        0
+    }
+
     /// Runs one action in a process of its own. What the program prints goes to the context's log.
     ///
     /// # Errors

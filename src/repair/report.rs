@@ -233,6 +233,9 @@ pub struct Step {
     /// For tier 3: the program that ran.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub program: Option<RemesherInfo>,
+    /// For tier 3: how often the program was started, more than once where it crashed.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub runs: u32,
     /// For tier 3: the voxel edge in the model's unit.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub voxel_size: Option<f64>,
@@ -245,6 +248,10 @@ pub struct Change {
     pub what: String,
     /// How many.
     pub count: u64,
+}
+
+fn is_zero(count: &u32) -> bool {
+    *count == 0
 }
 
 impl Step {
@@ -261,6 +268,7 @@ impl Step {
             moved: 0.0,
             note: None,
             program: None,
+            runs: 0,
             voxel_size: None,
         }
     }

@@ -247,10 +247,12 @@ impl Runner<'_> {
             time_limit: self.context.remaining().max(Duration::from_millis(1)),
             percent,
         };
+        let runs = remesher.runs();
         let made = remesher.remesh(&request, self.context).and_then(|remeshed| {
             let (made, _) = Surface::from_soup(&remeshed.soup);
             if made.faces.is_empty() { Err(RemeshError::Empty) } else { Ok((made, remeshed)) }
         });
+        step.runs = remesher.runs() - runs;
         Ok(match made {
             Ok((mut made, Remeshed { voxel_size, note, .. })) => {
                 made.source.fill(crate::mesh::NO_SOURCE);

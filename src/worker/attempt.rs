@@ -5,17 +5,19 @@ use std::path::Path;
 use std::process::ExitStatus;
 use std::time::Duration;
 
-use futures::StreamExt;
+use futures::{FutureExt, StreamExt};
 use serde::de::DeserializeOwned;
 use tokio::io::{AsyncReadExt, AsyncSeekExt, AsyncWriteExt};
 use tokio::sync::broadcast::error::RecvError;
 use tokio::time::Instant;
-use tokio_util::codec::{FramedRead, LinesCodec};
+use tokio_util::codec::{FramedRead, LinesCodec, LinesCodecError};
 use tokio_util::sync::CancellationToken;
+use tracing::{Instrument, Span};
 
 use super::files::{Offered, names, offered};
 use super::pool::{Pool, Shutdown};
 use super::process::JobProcess;
+use super::stages::Stages;
 use super::task::{ProgressLine, Task};
 use super::{ProcessLimits, crash, pause_at};
 use crate::blobs::{BlobError, Blobs};
@@ -24,6 +26,7 @@ use crate::jobs::{
     ProblemKind, Status, StoreError,
 };
 use crate::repair::Step;
+use crate::telemetry::{self, label};
 
 /// Progress is written to the store no more often than this.
 const PROGRESS_EVERY: Duration = Duration::from_millis(250);
@@ -85,18 +88,21 @@ impl<'a> Attempt<'a> {
             Ok(ended) => Ok(ended),
         };
         let milliseconds = u64::try_from(started.elapsed().as_millis()).unwrap_or(u64::MAX);
-        metrics::histogram!("meshmend_attempt_seconds").record(started.elapsed());
+        metrics::histogram!(telemetry::ATTEMPT).record(started.elapsed());
         match ended {
             Ok(Some(job)) => {
-                tracing::info!(status = job.status.as_str(), outcome = ?job.outcome, milliseconds, "attempt ended");
-                let outcome = job.outcome.map_or(String::new(), |o| format!("{o:?}"));
-                metrics::counter!("meshmend_attempts_total", "status" => job.status.as_str(), "outcome" => outcome)
+                let outcome = job.outcome.map_or(String::new(), |outcome| label(&outcome));
+                tracing::info!(status = job.status.as_str(), outcome, milliseconds, "attempt ended");
+                if let Some(problem) = &job.problem {
+                    telemetry::failed(&Span::current(), label(&problem.code));
+                }
+                metrics::counter!(telemetry::ATTEMPTS, "status" => job.status.as_str(), "outcome" => outcome)
                     .increment(1);
             }
             Ok(None) => tracing::info!(milliseconds, "handed back"),
             Err(StoreError::LeaseLost) => {
                 tracing::warn!(milliseconds, "the job is no longer ours; its result is dropped");
-                metrics::counter!("meshmend_attempts_dropped_total").increment(1);
+                metrics::counter!(telemetry::ATTEMPTS_DROPPED).increment(1);
                 self.drop_files().await;
             }
             // The lease will run out, and the job be rescued.
@@ -109,7 +115,9 @@ impl<'a> Attempt<'a> {
         let scratch = self.pool.scratch.attempt()?;
         let folder = scratch.path();
         for (number, input) in self.job.inputs.iter().enumerate() {
-            unless(lost, self.pool.blobs.fetch(&input.key, &folder.join(Task::input(number)))).await?;
+            let path = folder.join(Task::input(number));
+            let fetch = self.pool.blobs.fetch(&input.key, &path);
+            unless(lost, fetch.instrument(tracing::info_span!("fetch", bytes = input.bytes))).await?;
         }
         let task = self.task();
         tokio::fs::write(
@@ -120,7 +128,7 @@ impl<'a> Attempt<'a> {
         pause_at("worker-spawn");
         let mut process = JobProcess::start(&self.pool.config.program, folder, self.lease.attempt == 1)?;
         tracing::info!(process = process.id(), "started");
-        let ended = self.watch(&mut process, &shutdown.now, lost).await;
+        let ended = self.watch(&mut process, &shutdown.now, lost).instrument(tracing::info_span!("run")).await;
         let status = process.end().await?;
         let ended = match ended? {
             Ended::Exited(status) if told_to_end(status, shutdown).await => Ended::Shutdown,
@@ -128,8 +136,12 @@ impl<'a> Attempt<'a> {
         };
         append_stderr(folder, &ended, status).await?;
         match ended {
-            Ended::LeaseLost => Err(StoreError::LeaseLost.into()),
+            Ended::LeaseLost => {
+                metrics::counter!(telemetry::KILLS, "reason" => "lease_lost").increment(1);
+                Err(StoreError::LeaseLost.into())
+            }
             Ended::Shutdown => {
+                metrics::counter!(telemetry::KILLS, "reason" => "shutdown").increment(1);
                 self.pool.store.hand_back(&self.lease).await?;
                 Ok(None)
             }
@@ -138,7 +150,7 @@ impl<'a> Attempt<'a> {
                 self.succeed(folder).await.map(Some)
             }
             Ended::Deadline => {
-                metrics::counter!("meshmend_kills_total", "reason" => "deadline").increment(1);
+                metrics::counter!(telemetry::KILLS, "reason" => "deadline").increment(1);
                 let detail = format!(
                     "The job was stopped: it ran longer than the {} s that deadline_s allows. Send it again with a \
                      larger deadline_s, a smaller max_tier or level, or fewer faces.",
@@ -152,9 +164,9 @@ impl<'a> Attempt<'a> {
                 self.fail(folder, FailureKind::Final, problem).await.map(Some)
             }
             Ended::Exited(status) => {
-                metrics::counter!("meshmend_child_crashes_total").increment(1);
                 let stderr = tail(&folder.join(Task::STDERR)).await?;
                 let (kind, problem) = crash::explain(status, &stderr, self.pool.config.job_memory);
+                metrics::counter!(telemetry::CHILD_CRASHES, "reason" => label(&problem.code)).increment(1);
                 tracing::warn!(%status, code = ?problem.code, "the repair process ended by itself");
                 self.fail(folder, kind, problem).await.map(Some)
             }
@@ -231,16 +243,25 @@ impl<'a> Attempt<'a> {
         tokio::pin!(deadline);
         let mut progress: Option<JobProgress> = None;
         let mut written: Option<JobProgress> = None;
+        let mut stages = Stages::default();
+        let mut read = |line: Result<String, LinesCodecError>| {
+            let line = line.ok().and_then(|line| serde_json::from_str::<ProgressLine>(&line).ok());
+            line.inspect(|&line| stages.at(line))
+        };
         let mut news = tokio::time::interval_at(Instant::now() + PROGRESS_EVERY, PROGRESS_EVERY);
         loop {
             tokio::select! {
-                status = process.wait() => return Ok(Ended::Exited(status?)),
+                status = process.wait() => {
+                    while let Some(Some(line)) = lines.next().now_or_never() {
+                        read(line);
+                    }
+                    return Ok(Ended::Exited(status?));
+                }
                 () = &mut deadline => return Ok(Ended::Deadline),
                 () = stop.cancelled() => return Ok(Ended::Shutdown),
                 () = lost.cancelled() => return Ok(Ended::LeaseLost),
                 Some(line) = lines.next() => {
-                    let line = line.ok().and_then(|line| serde_json::from_str::<ProgressLine>(&line).ok());
-                    progress = line.or(progress);
+                    progress = read(line).or(progress);
                 }
                 _ = news.tick(), if progress != written => {
                     match self.pool.store.heartbeat(&self.lease, self.pool.config.lease, progress).await {
@@ -264,10 +285,11 @@ impl<'a> Attempt<'a> {
     async fn succeed(&self, folder: &Path) -> Result<Job, AttemptError> {
         pause_at("worker-publish");
         // Not given up half way when the job is lost: what is in flight would land after the clearing away.
-        let completion = self.publish(folder).await?;
+        let completion = self.publish(folder).instrument(tracing::info_span!("publish")).await?;
         pause_at("worker-complete");
         record_steps(completion.report.steps());
-        let job = self.patiently(|| self.pool.store.complete(&self.lease, completion.clone())).await?;
+        let complete = self.patiently(|| self.pool.store.complete(&self.lease, completion.clone()));
+        let job = complete.instrument(tracing::info_span!("complete")).await?;
         if self.lease.attempt > 1
             && let Err(error) = self.pool.blobs.delete_attempts(self.lease.id, Some(&self.lease.token)).await
         {
@@ -405,7 +427,12 @@ async fn read_json<T: DeserializeOwned>(folder: &Path, name: &'static str) -> Re
 
 fn record_steps(steps: &[Step]) {
     for step in steps {
-        metrics::histogram!("meshmend_step_seconds", "tier" => step.tier.to_string(), "action" => format!("{:?}", step.action))
+        let (tier, action) = (step.tier.to_string(), label(&step.action));
+        metrics::histogram!(telemetry::STEP, "tier" => tier.clone(), "action" => action.clone())
             .record(step.milliseconds / 1000.0);
+        metrics::counter!(telemetry::STEPS, "tier" => tier, "action" => action, "status" => label(&step.status))
+            .increment(1);
+        metrics::counter!(telemetry::BLENDER_RUNS).increment(step.runs.into());
+        metrics::counter!(telemetry::BLENDER_RESTARTS).increment(step.runs.saturating_sub(1).into());
     }
 }

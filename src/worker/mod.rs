@@ -13,6 +13,7 @@ mod limits;
 mod pool;
 mod process;
 mod scratch;
+mod stages;
 mod sweep;
 mod task;
 mod work;

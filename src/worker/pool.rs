@@ -4,7 +4,8 @@ use std::time::{Duration, Instant};
 
 use tokio::task::JoinSet;
 use tokio_util::sync::CancellationToken;
-use tracing::Instrument;
+use tracing::field::Empty;
+use tracing::{Instrument, Span};
 
 use super::attempt::Attempt;
 use super::scratch::Scratch;
@@ -12,8 +13,9 @@ use super::sweep::{EVERY, Retention, sweep};
 use crate::blender::BlenderConfig;
 use crate::blobs::Blobs;
 use crate::format::Limits;
-use crate::jobs::Store;
+use crate::jobs::{Claim, Store};
 use crate::repair::RemesherInfo;
+use crate::telemetry;
 
 /// How workers run jobs.
 #[derive(Debug, Clone)]
@@ -94,6 +96,8 @@ impl Pool {
         let mut tasks = JoinSet::new();
         tasks.spawn(rescue(Arc::clone(&pool), shutdown.drain.clone()));
         tasks.spawn(sweep_now_and_then(Arc::clone(&pool), shutdown.drain.clone()));
+        metrics::gauge!(telemetry::WORKER_SLOTS, "state" => "idle").set(pool.config.slots as f64);
+        metrics::gauge!(telemetry::WORKER_SLOTS, "state" => "busy").set(0);
         for _ in 0..pool.config.slots {
             tasks.spawn(slot(Arc::clone(&pool), shutdown.clone()));
         }
@@ -130,8 +134,14 @@ async fn slot(pool: Arc<Pool>, shutdown: Shutdown) {
         }
         match pool.store.claim(&pool.name, pool.config.lease, pool.config.max_running).await {
             Ok(Some(claim)) => {
-                let span = tracing::info_span!("job", id = %claim.lease.id, attempt = claim.lease.attempt, tenant = claim.job.tenant);
+                let span = attempt_span(&claim);
+                let busy = Busy::begin();
+                if let (1, Some(started)) = (claim.job.attempt, claim.job.started_at) {
+                    let waited = (started - claim.job.created_at).as_seconds_f64();
+                    metrics::histogram!(telemetry::JOB_WAIT).record(waited.max(0.0));
+                }
                 Attempt::new(&pool, claim).run(&shutdown).instrument(span).await;
+                drop(busy);
                 continue;
             }
             Ok(None) => {}
@@ -151,6 +161,43 @@ fn free_bytes(folder: &Path) -> Option<u64> {
     Some(disk.f_bavail.saturating_mul(disk.f_frsize))
 }
 
+/// What every log line of an attempt has, and where it stands in the trace of the request that made its job. Of the highest
+/// level, so that lines have it whatever level is logged.
+fn attempt_span(claim: &Claim) -> Span {
+    let Claim { lease, job } = claim;
+    let span = tracing::error_span!(
+        "job",
+        otel.kind = "consumer",
+        job_id = %lease.id,
+        attempt = lease.attempt,
+        tenant = job.tenant,
+        trace_id = Empty
+    );
+    telemetry::continue_from(&span, job.traceparent.as_deref());
+    span
+}
+
+/// A slot at work, in the metrics.
+struct Busy;
+
+impl Busy {
+    fn begin() -> Self {
+        Self::shift(1.0);
+        Self
+    }
+
+    fn shift(slots: f64) {
+        metrics::gauge!(telemetry::WORKER_SLOTS, "state" => "busy").increment(slots);
+        metrics::gauge!(telemetry::WORKER_SLOTS, "state" => "idle").decrement(slots);
+    }
+}
+
+impl Drop for Busy {
+    fn drop(&mut self) {
+        Self::shift(-1.0);
+    }
+}
+
 /// Makes jobs of lost workers claimable again.
 async fn rescue(pool: Arc<Pool>, stop: CancellationToken) {
     let pause = pool.config.lease / 3;
@@ -164,8 +211,8 @@ async fn rescue(pool: Arc<Pool>, stop: CancellationToken) {
         match pool.store.rescue().await {
             Ok(jobs) => {
                 for job in jobs {
-                    tracing::warn!(id = %job.id, status = job.status.as_str(), crashes = job.crashes, "a worker was lost");
-                    metrics::counter!("meshmend_leases_lost_total").increment(1);
+                    tracing::warn!(job_id = %job.id, status = job.status.as_str(), crashes = job.crashes, "a worker was lost");
+                    metrics::counter!(telemetry::LEASES_LOST).increment(1);
                 }
             }
             Err(error) => tracing::error!(%error, "could not look for lost jobs"),

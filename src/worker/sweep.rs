@@ -2,6 +2,7 @@ use std::time::{Duration, Instant};
 
 use crate::blobs::{BlobError, Blobs};
 use crate::jobs::{Status, Store, StoreError};
+use crate::telemetry;
 
 /// How often to look for what has expired.
 pub(super) const EVERY: Duration = Duration::from_secs(60);
@@ -42,7 +43,7 @@ pub(super) async fn sweep(
     if round.is_multiple_of(ORPHANS_EVERY) {
         remove_orphans(store, blobs).await?;
     }
-    metrics::histogram!("meshmend_sweep_seconds").record(started.elapsed());
+    metrics::histogram!(telemetry::SWEEP).record(started.elapsed());
     Ok(())
 }
 
@@ -70,7 +71,7 @@ async fn remove_orphans(store: &dyn Store, blobs: &Blobs) -> Result<(), SweepErr
         if store.get(id).await?.is_none_or(|job| job.purged || job.status == Status::Expired) {
             blobs.delete_job(id).await?;
             count("orphaned", 1);
-            tracing::info!(%id, "removed files that no job owns");
+            tracing::info!(job_id = %id, "removed files that no job owns");
         }
     }
     Ok(())
@@ -78,5 +79,5 @@ async fn remove_orphans(store: &dyn Store, blobs: &Blobs) -> Result<(), SweepErr
 
 /// Counts what was swept away.
 fn count(what: &'static str, many: u64) {
-    metrics::counter!("meshmend_swept_total", "what" => what).increment(many);
+    metrics::counter!(telemetry::SWEPT, "what" => what).increment(many);
 }

@@ -5,9 +5,10 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 /// Each room, and the rooms it may import from. `ARCHITECTURE.md` has the reasons.
-const ROOMS: [(&str, &[&str]); 17] = [
+const ROOMS: [(&str, &[&str]); 18] = [
     ("math", &[]),
     ("context", &[]),
+    ("telemetry", &[]),
     ("mesh", &["math"]),
     ("format", &["math", "mesh"]),
     ("inspect", &["math", "mesh", "context"]),
@@ -19,10 +20,13 @@ const ROOMS: [(&str, &[&str]); 17] = [
     ("repair", &["math", "mesh", "context", "format", "inspect", "render", "arrange", "simplify", "remesh"]),
     ("blender", &["math", "mesh", "context", "repair"]),
     ("access", &[]),
-    ("jobs", &["access", "context", "format", "inspect", "analyze", "repair"]),
-    ("blobs", &["jobs"]),
-    ("worker", &["format", "context", "inspect", "render", "analyze", "repair", "blender", "jobs", "blobs"]),
-    ("api", &["access", "format", "context", "inspect", "analyze", "repair", "jobs", "blobs"]),
+    ("jobs", &["access", "context", "format", "inspect", "analyze", "repair", "telemetry"]),
+    ("blobs", &["jobs", "telemetry"]),
+    (
+        "worker",
+        &["format", "context", "inspect", "render", "analyze", "repair", "blender", "jobs", "blobs", "telemetry"],
+    ),
+    ("api", &["access", "format", "context", "inspect", "analyze", "repair", "jobs", "blobs", "telemetry"]),
 ];
 
 /// Rooms of the engine, and the crates that it knows nothing of.
@@ -99,6 +103,19 @@ fn the_engine_knows_nothing_of_the_service() {
             }
         }
     }
+}
+
+#[test]
+fn the_names_of_metrics_stand_in_one_place() {
+    let mut used = 0;
+    for file in rust_files(&source()) {
+        let code = code(&file);
+        for kind in ["counter", "gauge", "histogram"] {
+            assert!(!code.contains(&format!("{kind}!(\"")), "{} names a metric itself", file.display());
+            used += code.matches(&format!("metrics::{kind}!(telemetry::")).count();
+        }
+    }
+    assert!(used > 15, "only {used} metrics were found: the test sees nothing");
 }
 
 #[test]

@@ -8,8 +8,13 @@ use crate::server::{Api, Start, children, is_alive, stored_files, until};
 
 /// A program that answers like Blender when asked for its version, and otherwise hangs.
 pub fn hanging_blender(folder: &Path) -> PathBuf {
+    blender(folder, "sleep 600")
+}
+
+/// A program that is a Blender until it is given work: then it runs a line of shell.
+pub fn blender(folder: &Path, work: &str) -> PathBuf {
     let path = folder.join("blender");
-    let script = "#!/bin/sh\ncase \"$*\" in *--version*) echo 'Blender 3.4.1'; exit 0;; esac\nsleep 600\n";
+    let script = format!("#!/bin/sh\ncase \"$*\" in *--version*) echo 'Blender 3.4.1'; exit 0;; esac\n{work}\n");
     std::fs::write(&path, script).expect("a file");
     std::fs::set_permissions(&path, std::fs::Permissions::from_mode(0o755)).expect("permissions");
     path

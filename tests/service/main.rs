@@ -16,6 +16,7 @@ mod faults;
 mod idempotency;
 mod jobs;
 mod limits;
+mod operations;
 #[path = "../support/postgres.rs"]
 mod postgres;
 mod problems;
@@ -24,3 +25,4 @@ mod retention;
 mod store;
 mod stores;
 mod surface;
+mod traces;

@@ -6,8 +6,9 @@ use std::time::Duration;
 
 use meshmend::context::Stage;
 use meshmend::jobs::{
-    Artifacts, Cancelled, Clock, Completion, FailureKind, JobId, JobOptions, JobProgress, JobStore, KEY_HOLD, KEY_LIFE,
-    KeyState, ListQuery, NewJob, ProblemKind, RequestKey, RetryPolicy, SqliteStore, Status, StoreError,
+    Artifacts, Cancelled, Clock, Completion, Connections, FailureKind, JobId, JobOptions, JobProgress, JobStore,
+    KEY_HOLD, KEY_LIFE, KeyState, ListQuery, NewJob, ProblemKind, RequestKey, RetryPolicy, SqliteStore, Status,
+    StoreError,
 };
 use sqlx::sqlite::SqliteConnectOptions;
 
@@ -25,6 +26,7 @@ promises! {
     a_final_failure_is_not_tried_again_and_can_not_be_cancelled,
     a_purged_job_keeps_its_name_and_loses_its_content,
     the_queue_position_counts_those_ahead,
+    the_longest_wait_is_that_of_the_job_due_next_and_a_retry_that_is_not_due_waits_for_nothing,
     each_change_grows_the_version_and_a_quiet_heartbeat_does_not,
     an_end_whose_answer_was_lost_is_answered_again,
     a_key_is_held_by_one_request_until_it_is_accepted_given_back_or_late,
@@ -207,6 +209,24 @@ async fn the_queue_position_counts_those_ahead(bench: Bench) {
     assert_eq!(bench.store.queue_position(&jobs[2]).await.expect("an answer"), Some(1));
     let running = bench.get(jobs[0].id).await;
     assert_eq!(bench.store.queue_position(&running).await.expect("an answer"), None);
+}
+
+async fn the_longest_wait_is_that_of_the_job_due_next_and_a_retry_that_is_not_due_waits_for_nothing(bench: Bench) {
+    let wait = async || bench.store.longest_wait().await.expect("an answer");
+    assert_eq!(wait().await, Duration::ZERO);
+    bench.submit().await;
+    bench.pass(Duration::from_secs(3));
+    bench.submit().await;
+    bench.pass(Duration::from_secs(2));
+    assert_eq!(wait().await, Duration::from_secs(5));
+    let first = bench.claim().await.expect("a job");
+    assert_eq!(wait().await, Duration::from_secs(2));
+    bench.claim().await.expect("a job");
+    assert_eq!(wait().await, Duration::ZERO);
+    bench.store.fail(&first.lease, Bench::failure(FailureKind::Passing)).await.expect("noted");
+    assert_eq!(wait().await, Duration::ZERO);
+    let Connections { busy, idle, most } = bench.store.connections();
+    assert!(busy + idle >= 1 && busy + idle <= most, "{busy} {idle} {most}");
 }
 
 async fn each_change_grows_the_version_and_a_quiet_heartbeat_does_not(bench: Bench) {

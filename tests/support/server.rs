@@ -17,6 +17,8 @@ pub struct Program {
     child: Child,
     /// The service's address, for `serve`.
     pub url: String,
+    /// The address of its listener for operators, if it has one.
+    pub probes: String,
     log: Arc<Mutex<String>>,
 }
 
@@ -118,11 +120,15 @@ impl<'a> Start<'a> {
         let (sender, ready) = std::sync::mpsc::channel();
         let kept = Arc::clone(&log);
         std::thread::spawn(move || {
+            let address = |rest: &str| rest.split(['"', ',', ' ']).next().unwrap_or_default().to_owned();
+            let mut probes = String::new();
             for line in stderr.lines().map_while(Result::ok) {
-                if let Some((_, rest)) = line.split_once("listening on ") {
-                    let _ = sender.send(rest.split(',').next().unwrap_or_default().to_owned());
+                if let Some((_, rest)) = line.split_once("probes and metrics on ") {
+                    probes = address(rest);
+                } else if let Some((_, rest)) = line.split_once("listening on ") {
+                    let _ = sender.send((address(rest), probes.clone()));
                 } else if line.contains("workers are ready") {
-                    let _ = sender.send(String::new());
+                    let _ = sender.send((String::new(), probes.clone()));
                 }
                 let mut log = kept.lock().expect("not poisoned");
                 log.push_str(&line);
@@ -130,14 +136,14 @@ impl<'a> Start<'a> {
             }
         });
         let wants_url = self.command.get_args().any(|arg| arg == "serve");
-        let url = loop {
+        let (url, probes) = loop {
             match ready.recv_timeout(PATIENCE) {
-                Ok(url) if wants_url && url.is_empty() => {}
-                Ok(url) => break url,
+                Ok((url, _)) if wants_url && url.is_empty() => {}
+                Ok(found) => break found,
                 Err(_) => panic!("not ready in {}: {}", self.data.display(), log.lock().expect("not poisoned")),
             }
         };
-        Program { child, url, log }
+        Program { child, url, probes, log }
     }
 }
 

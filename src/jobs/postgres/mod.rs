@@ -15,10 +15,10 @@ use sqlx::{Database, PgConnection, Postgres};
 use tokio::task::JoinHandle;
 use uuid::Uuid;
 
-use super::row::{corrupt, count, job_columns, millis, read_job, to_json};
+use super::row::{corrupt, count, elapsed, job_columns, millis, read_job, to_json};
 use super::store::{
-    Cancelled, Claim, Completion, Failure, FailureKind, JobStore, Lease, ListQuery, NewJob, Page, StatusCount,
-    StoreError, Waiting,
+    Cancelled, Claim, Completion, Connections, Failure, FailureKind, JobStore, Lease, ListQuery, NewJob, Page,
+    StatusCount, StoreError, Waiting,
 };
 use super::{Bell, Clock, Job, JobId, JobProblem, JobProgress, KeyState, RetryPolicy, Status};
 
@@ -159,6 +159,16 @@ impl JobStore for PostgresStore {
             return Ok(None);
         }
         queue::position(&self.pool, job).await.map(Some)
+    }
+
+    async fn longest_wait(&self) -> Result<Duration, StoreError> {
+        let waits: Option<i64> = sqlx::query_scalar(
+            "SELECT meshmend_now($1) - run_at FROM jobs WHERE status = 'queued' ORDER BY run_at, id LIMIT 1",
+        )
+        .bind(self.now())
+        .fetch_optional(&self.pool)
+        .await?;
+        Ok(waits.map_or(Duration::ZERO, elapsed))
     }
 
     async fn counts(&self) -> Result<Vec<StatusCount>, StoreError> {
@@ -309,6 +319,10 @@ impl JobStore for PostgresStore {
     async fn ping(&self) -> Result<(), StoreError> {
         sqlx::query("SELECT 1").execute(&self.pool).await?;
         Ok(())
+    }
+
+    fn connections(&self) -> Connections {
+        Connections::of(&self.pool)
     }
 
     fn bell(&self) -> &Bell {

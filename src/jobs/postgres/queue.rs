@@ -10,10 +10,10 @@ pub(super) async fn insert(connection: &mut PgConnection, job: &NewJob, now: Opt
     let result = job.result.as_ref();
     let row = sqlx::query(concat!(
         "INSERT INTO jobs (id, tenant, made_by, status, outcome, created_at, run_at, started_at, finished_at, inputs, options, \
-                           metadata, callback_url, fingerprint, reused_from, report, artifacts) \
+                           metadata, callback_url, fingerprint, reused_from, report, artifacts, traceparent) \
          VALUES ($1, $2, $3, CASE WHEN $6 THEN 'succeeded' ELSE 'queued' END, $4, meshmend_now($5), meshmend_now($5), \
                  CASE WHEN $6 THEN meshmend_now($5) END, CASE WHEN $6 THEN meshmend_now($5) END, $7, $8, \
-                 $9, $10, $11, $12, $13, coalesce($14, '{}')) RETURNING ",
+                 $9, $10, $11, $12, $13, coalesce($14, '{}'), $15) RETURNING ",
         job_columns!()
     ))
     .bind(job.id.to_string())
@@ -30,6 +30,7 @@ pub(super) async fn insert(connection: &mut PgConnection, job: &NewJob, now: Opt
     .bind(result.map(|result| result.from.to_string()))
     .bind(result.map(|result| to_json(&result.report)))
     .bind(result.map(|result| to_json(&result.artifacts)))
+    .bind(&job.traceparent)
     .fetch_one(connection)
     .await?;
     read_job(&row)

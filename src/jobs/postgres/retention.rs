@@ -52,7 +52,7 @@ pub(super) async fn expire(pool: &PgPool, age: i64, most: u32, now: Option<i64>)
     let mut transaction = pool.begin().await?;
     let old: Vec<(String, String)> = sqlx::query_as(
         "SELECT id, inputs FROM jobs WHERE finished_at <= meshmend_now($1) - $2 AND status <> 'expired' AND purged_at IS NULL \
-         ORDER BY finished_at LIMIT $3 FOR UPDATE SKIP LOCKED",
+         ORDER BY finished_at, id LIMIT $3 FOR UPDATE SKIP LOCKED",
     )
     .bind(now)
     .bind(age)

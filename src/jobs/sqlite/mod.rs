@@ -14,10 +14,10 @@ use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode, SqlitePool, SqlitePo
 use sqlx::{Connection, SqliteConnection};
 use uuid::Uuid;
 
-use super::row::{corrupt, count, job_columns, millis, read_job, to_json};
+use super::row::{corrupt, count, elapsed, job_columns, millis, read_job, to_json};
 use super::store::{
-    Cancelled, Claim, Completion, Failure, FailureKind, JobStore, Lease, ListQuery, NewJob, Page, StatusCount,
-    StoreError, Waiting,
+    Cancelled, Claim, Completion, Connections, Failure, FailureKind, JobStore, Lease, ListQuery, NewJob, Page,
+    StatusCount, StoreError, Waiting,
 };
 use super::{Bell, Clock, Job, JobId, JobProblem, JobProgress, KeyState, RetryPolicy, Status};
 
@@ -152,6 +152,16 @@ impl JobStore for SqliteStore {
             return Ok(None);
         }
         queue::position(&self.reader, job).await.map(Some)
+    }
+
+    async fn longest_wait(&self) -> Result<Duration, StoreError> {
+        // Left to itself, SQLite would sort all that wait.
+        let due: Option<i64> = sqlx::query_scalar(
+            "SELECT run_at FROM jobs INDEXED BY jobs_due WHERE status = 'queued' ORDER BY run_at, id LIMIT 1",
+        )
+        .fetch_optional(&self.reader)
+        .await?;
+        Ok(due.map_or(Duration::ZERO, |due| elapsed(self.clock.now_ms() - due)))
     }
 
     async fn counts(&self) -> Result<Vec<StatusCount>, StoreError> {
@@ -349,6 +359,12 @@ impl JobStore for SqliteStore {
     async fn ping(&self) -> Result<(), StoreError> {
         sqlx::query("SELECT 1").execute(&self.reader).await?;
         Ok(())
+    }
+
+    fn connections(&self) -> Connections {
+        let [writer, reader] = [&self.writer, &self.reader].map(Connections::of);
+        let most = writer.most + reader.most;
+        Connections { busy: writer.busy + reader.busy, idle: writer.idle + reader.idle, most }
     }
 
     fn bell(&self) -> &Bell {

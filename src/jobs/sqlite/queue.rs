@@ -11,9 +11,9 @@ pub(super) async fn insert(connection: &mut SqliteConnection, job: &NewJob, now:
     let ended = result.map(|_| now);
     let row = sqlx::query(concat!(
         "INSERT INTO jobs (id, tenant, made_by, status, outcome, created_at, run_at, started_at, finished_at, inputs, options, \
-                           metadata, callback_url, fingerprint, reused_from, report, artifacts) \
+                           metadata, callback_url, fingerprint, reused_from, report, artifacts, traceparent) \
          VALUES (?1, ?2, ?3, CASE WHEN ?6 IS NULL THEN 'queued' ELSE 'succeeded' END, ?4, ?5, ?5, ?6, ?6, ?7, ?8, \
-                 ?9, ?10, ?11, ?12, ?13, coalesce(?14, '{}')) RETURNING ",
+                 ?9, ?10, ?11, ?12, ?13, coalesce(?14, '{}'), ?15) RETURNING ",
         job_columns!()
     ))
     .bind(job.id.to_string())
@@ -30,6 +30,7 @@ pub(super) async fn insert(connection: &mut SqliteConnection, job: &NewJob, now:
     .bind(result.map(|result| result.from.to_string()))
     .bind(result.map(|result| to_json(&result.report)))
     .bind(result.map(|result| to_json(&result.artifacts)))
+    .bind(&job.traceparent)
     .fetch_one(connection)
     .await?;
     read_job(&row)
@@ -66,7 +67,7 @@ pub(super) async fn waiting(reader: &SqlitePool, tenant: &str) -> Result<Waiting
 
 pub(super) async fn position(reader: &SqlitePool, job: &Job) -> Result<u64, StoreError> {
     let ahead: i64 = sqlx::query_scalar(
-        "SELECT count(*) FROM jobs \
+        "SELECT count(*) FROM jobs INDEXED BY jobs_due \
          WHERE status = 'queued' AND tenant = ?1 AND (run_at < ?2 OR (run_at = ?2 AND id < ?3))",
     )
     .bind(&job.tenant)
@@ -86,22 +87,23 @@ pub(super) struct Claiming<'a> {
     pub max_running: u32,
 }
 
-/// Takes the job whose turn it is. The tenants that wait are found by leaps through the index, not by a look at every job.
+/// Takes the job whose turn it is. The tenants that wait are found by leaps through the index, not by a look at every job; left to
+/// itself, SQLite would take an index by status and sort all that wait.
 pub(super) async fn claim(writer: &SqlitePool, claiming: &Claiming<'_>) -> Result<Option<Job>, StoreError> {
     let row = sqlx::query(concat!(
         "UPDATE jobs SET status = 'running', attempt = attempt + 1, worker = ?1, lease_token = ?2, lease_expires_at = ?3, \
              started_at = coalesce(started_at, ?4), progress = NULL, version = version + 1 \
          WHERE id = ( \
              WITH RECURSIVE waiting (tenant) AS ( \
-                 SELECT min(tenant) FROM jobs WHERE status = 'queued' \
+                 SELECT min(tenant) FROM jobs INDEXED BY jobs_due WHERE status = 'queued' \
                  UNION ALL \
-                 SELECT (SELECT min(tenant) FROM jobs WHERE status = 'queued' AND tenant > waiting.tenant) \
+                 SELECT (SELECT min(tenant) FROM jobs INDEXED BY jobs_due WHERE status = 'queued' AND tenant > waiting.tenant) \
                  FROM waiting WHERE tenant IS NOT NULL), \
              turns AS ( \
                  SELECT (SELECT count(*) FROM jobs WHERE status = 'running' AND jobs.tenant = waiting.tenant) AS running, \
                         (SELECT max(started_at) FROM jobs WHERE jobs.tenant = waiting.tenant) AS served, \
                         coalesce((SELECT max_running FROM tenants WHERE name = waiting.tenant), ?5) AS most, \
-                        (SELECT id FROM jobs WHERE status = 'queued' AND jobs.tenant = waiting.tenant AND run_at <= ?4 \
+                        (SELECT id FROM jobs INDEXED BY jobs_due WHERE status = 'queued' AND jobs.tenant = waiting.tenant AND run_at <= ?4 \
                          ORDER BY run_at, id LIMIT 1) AS next \
                  FROM waiting WHERE tenant IS NOT NULL) \
              SELECT next FROM turns WHERE next IS NOT NULL AND running < most \

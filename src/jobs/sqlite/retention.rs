@@ -37,7 +37,7 @@ pub(super) async fn expire(writer: &SqlitePool, before: i64, most: u32) -> Resul
         "UPDATE jobs SET status = 'expired', ",
         emptied!(),
         " WHERE id IN (SELECT id FROM jobs WHERE finished_at <= ?1 AND status <> 'expired' AND purged_at IS NULL \
-                       ORDER BY finished_at LIMIT ?2) RETURNING id"
+                       ORDER BY finished_at, id LIMIT ?2) RETURNING id"
     ))
     .bind(before)
     .bind(most)

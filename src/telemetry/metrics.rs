@@ -1,0 +1,102 @@
+use serde::Serialize;
+use serde_json::Value;
+
+/// What a metric counts or measures.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Kind {
+    /// Only grows, from 0 at the start of the process.
+    Counter,
+    /// A value as it is now.
+    Gauge,
+    /// Values by buckets.
+    Histogram,
+}
+
+/// One metric of `/metrics`.
+#[derive(Debug, Clone, Copy)]
+pub struct Metric {
+    /// Its name.
+    pub name: &'static str,
+    /// What it is.
+    pub kind: Kind,
+    /// The labels of its series.
+    pub labels: &'static [&'static str],
+    /// What it tells.
+    pub help: &'static str,
+}
+
+macro_rules! metrics {
+    ($($constant:ident: $kind:ident $name:literal [$($label:literal),*] $help:literal;)*) => {
+        $(#[doc = $help] pub const $constant: &str = $name;)*
+
+        /// Every metric there is.
+        pub const METRICS: &[Metric] =
+            &[$(Metric { name: $name, kind: Kind::$kind, labels: &[$($label),*], help: $help }),*];
+    };
+}
+
+metrics! {
+    BUILD_INFO: Gauge "meshmend_build_info" ["version"] "1, with the version of the program.";
+    JOBS: Gauge "meshmend_jobs" ["status"] "Jobs that are not deleted, by status. Of the whole store, the same from every process.";
+    QUEUE_WAIT: Gauge "meshmend_queue_wait_seconds" [] "How long the job has been due that waits longest, 0 where none waits. Of the whole store.";
+    JOBS_SUBMITTED: Counter "meshmend_jobs_submitted_total" ["reused"] "Jobs that were accepted, `true` where an earlier result was taken.";
+    UPLOAD_BYTES: Histogram "meshmend_upload_bytes" [] "Bytes of an accepted job's files together.";
+    HTTP_REQUEST: Histogram "meshmend_http_request_seconds" ["method", "route", "status"] "Time from a request's headers to its answer's, by the route's template.";
+    RATE_LIMITED: Counter "meshmend_rate_limited_total" [] "Requests that were refused since their tenant asked too often.";
+    KEYS_REFUSED: Counter "meshmend_keys_refused_total" [] "Requests with a key that is unknown, revoked or expired.";
+    JOB_WAIT: Histogram "meshmend_job_wait_seconds" [] "Time from a job's acceptance to its first claim.";
+    WORKER_SLOTS: Gauge "meshmend_worker_slots" ["state"] "Jobs that this process can run at once, `busy` and `idle`.";
+    ATTEMPT: Histogram "meshmend_attempt_seconds" [] "Time from a claim to the attempt's end.";
+    ATTEMPTS: Counter "meshmend_attempts_total" ["status", "outcome"] "Attempts that ended, by the job's status then (`queued` where it is tried again) and what became of the model.";
+    ATTEMPTS_DROPPED: Counter "meshmend_attempts_dropped_total" [] "Attempts whose job was cancelled, deleted or given to another worker meanwhile.";
+    LEASES_LOST: Counter "meshmend_leases_lost_total" [] "Jobs whose worker was lost, and which this process made claimable again or set aside.";
+    STEP: Histogram "meshmend_step_seconds" ["tier", "action"] "Time of a repair's step, by tier (0 validates) and action.";
+    STEPS: Counter "meshmend_steps_total" ["tier", "action", "status"] "Steps of repairs by how they ended: `done`, `failed`, `undone`, `skipped`.";
+    CHILD_CRASHES: Counter "meshmend_child_crashes_total" ["reason"] "Repair processes that ended without a result: `out_of_memory`, `cpu_limit`, `file_limit`, `crashed`.";
+    KILLS: Counter "meshmend_kills_total" ["reason"] "Repair processes that were killed: `deadline`, `lease_lost`, `shutdown`.";
+    BLENDER_RUNS: Counter "meshmend_blender_runs_total" [] "Blender processes that repairs started.";
+    BLENDER_RESTARTS: Counter "meshmend_blender_restarts_total" [] "Of these, those that were started again after a crash.";
+    SWEEP: Histogram "meshmend_sweep_seconds" [] "Time of a look for what has expired.";
+    SWEPT: Counter "meshmend_swept_total" ["what"] "Jobs that were `expired` or `forgotten`, and files of no job that were removed: `orphaned`.";
+    STORE_ERRORS: Counter "meshmend_store_errors_total" ["kind"] "Errors of the database: `away` where the same may succeed in a while, `other`.";
+    BLOB_ERRORS: Counter "meshmend_blob_errors_total" [] "Errors of the file store, missing files apart.";
+    DATABASE_CONNECTIONS: Gauge "meshmend_database_connections" ["state"] "Connections of this process to the database, `busy` and `idle`.";
+    DATABASE_CONNECTIONS_MOST: Gauge "meshmend_database_connections_most" [] "Most connections to the database that this process may hold.";
+    DISK_FREE: Gauge "meshmend_disk_free_bytes" ["folder"] "Free bytes of the disks of this process's folders: `files` where they are on a disk, `scratch`.";
+}
+
+impl Kind {
+    /// Its name in Prometheus' text format.
+    #[must_use]
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Counter => "counter",
+            Self::Gauge => "gauge",
+            Self::Histogram => "histogram",
+        }
+    }
+}
+
+/// Tells the recorder of this process what each metric is. Counters that have one series begin at 0, so that their first
+/// increase is seen as one.
+pub fn describe() {
+    for metric in METRICS {
+        match metric.kind {
+            Kind::Counter => metrics::describe_counter!(metric.name, metric.help),
+            Kind::Gauge => metrics::describe_gauge!(metric.name, metric.help),
+            Kind::Histogram => metrics::describe_histogram!(metric.name, metric.help),
+        }
+        if metric.kind == Kind::Counter && metric.labels.is_empty() {
+            metrics::counter!(metric.name).increment(0);
+        }
+    }
+    metrics::gauge!(BUILD_INFO, "version" => env!("CARGO_PKG_VERSION")).set(1);
+}
+
+/// The name that a value without fields has in JSON, as a label.
+pub fn label(value: &impl Serialize) -> String {
+    match serde_json::to_value(value) {
+        Ok(Value::String(name)) => name,
+        _ => String::new(),
+    }
+}

@@ -1,0 +1,149 @@
+//! docker/Dockerfile and .dockerignore.
+
+use std::collections::BTreeMap;
+use std::process::Command;
+
+use serde_json::Value;
+
+use crate::program::settings;
+use crate::server::{PATIENCE, Start};
+use crate::source::{files, root, text};
+
+/// The instructions of the Dockerfile, each with the rest of its line.
+pub struct Image(Vec<(String, String)>);
+
+impl Image {
+    pub fn read() -> Self {
+        let text = text("docker/Dockerfile");
+        let lines: Vec<_> = text.lines().filter(|line| !line.starts_with('#')).collect();
+        let joined = lines.join("\n").replace("\\\n", " ");
+        let instructions = joined.lines().filter_map(|line| line.trim().split_once(' '));
+        Self(instructions.map(|(name, rest)| (name.to_owned(), rest.trim().to_owned())).collect())
+    }
+
+    /// What follows each instruction of that name.
+    fn all(&self, name: &str) -> Vec<&str> {
+        self.0.iter().filter(|(it, _)| it == name).map(|(_, rest)| rest.as_str()).collect()
+    }
+
+    fn list(&self, name: &str) -> Vec<String> {
+        serde_json::from_str(self.all(name).last().expect("an instruction")).expect("a list")
+    }
+
+    pub fn variables(&self) -> BTreeMap<String, String> {
+        let pairs = self.all("ENV").into_iter().flat_map(str::split_whitespace);
+        pairs.filter_map(|pair| pair.split_once('=')).map(|(name, value)| (name.to_owned(), value.to_owned())).collect()
+    }
+
+    /// Its user and group.
+    pub fn user(&self) -> Vec<u64> {
+        self.all("USER")[0].split(':').map(|id| id.parse().expect("a number")).collect()
+    }
+
+    /// What of the repository is copied into it.
+    fn sources(&self) -> Vec<&str> {
+        let copies = self.all("COPY").into_iter().filter(|rest| !rest.starts_with("--from"));
+        copies.flat_map(|rest| rest.rsplit_once(' ').expect("from and to").0.split_whitespace()).collect()
+    }
+}
+
+#[test]
+fn everything_that_the_build_copies_is_there_and_nothing_else_is_sent() {
+    let ignored = text(".dockerignore");
+    let mut sent: Vec<_> = ignored.lines().filter_map(|line| line.strip_prefix('!')).collect();
+    assert!(ignored.lines().any(|line| line == "*"));
+    let image = Image::read();
+    let mut sources = image.sources();
+    sources.sort_unstable();
+    sent.sort_unstable();
+    assert_eq!(sources, sent);
+    for source in sources {
+        assert!(root().join(source).exists(), "{source}");
+    }
+    // What the program has built in is among them.
+    let mut seen = 0;
+    for file in files("src") {
+        let code = std::fs::read_to_string(&file).expect("text");
+        let here = file.parent().expect("a folder");
+        for (from, before) in [(here, "include_str!("), (here, "include_bytes!("), (root(), "migrate!(")] {
+            for (at, _) in code.match_indices(before) {
+                let path = code[at + before.len()..].split('"').nth(1).expect("a path");
+                let path = from.join(path).canonicalize().expect("a file");
+                assert!(image.sources().iter().any(|it| path.starts_with(root().join(it))), "{}", path.display());
+                seen += 1;
+            }
+        }
+    }
+    assert!(seen >= 3, "{seen}");
+}
+
+#[test]
+fn the_layer_of_dependencies_is_a_package_that_cargo_takes() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let image = Image::read();
+    let first = image.all("COPY")[0].split_whitespace().filter(|it| it.starts_with("Cargo"));
+    for file in first {
+        std::fs::copy(root().join(file), folder.path().join(file)).expect("copied");
+    }
+    let layer = image.all("RUN").into_iter().find(|run| run.contains("benches")).expect("the layer");
+    let layer = layer
+        .replace("cargo build --release --locked", "cargo metadata --format-version 1 --no-deps --locked --offline");
+    let ran = Command::new("bash").args(["-euo", "pipefail", "-c", &layer]).current_dir(folder.path()).output();
+    let ran = ran.expect("bash");
+    assert!(ran.status.success(), "{layer}: {}", String::from_utf8_lossy(&ran.stderr));
+    let found: Value = serde_json::from_slice(&ran.stdout).expect("JSON");
+    let targets = found["packages"][0]["targets"].as_array().expect("targets");
+    let kinds = |kind: &str| targets.iter().filter(|target| target["kind"][0] == kind).count();
+    assert_eq!((kinds("lib"), kinds("bin")), (1, 1));
+    assert_eq!(kinds("bench"), text("Cargo.toml").matches("[[bench]]").count());
+}
+
+#[test]
+fn the_image_starts_the_program_that_it_has_as_a_user_that_is_not_root() {
+    let image = Image::read();
+    let installed = image.all("RUN").into_iter().find(|run| run.contains("apt-get install")).expect("packages");
+    let (_, program) = image
+        .all("COPY")
+        .into_iter()
+        .find(|it| it.starts_with("--from=build"))
+        .expect("the program")
+        .rsplit_once(' ')
+        .expect("from and to");
+    let mut line = image.list("ENTRYPOINT");
+    assert!(installed.contains(&format!(" {} ", line[0])), "{} is installed", line[0]);
+    assert_eq!(program, format!("/usr/local/bin/{}", line[2]));
+    line.extend(image.list("CMD"));
+    let settings = settings(&line[3..], &image.variables());
+    assert_eq!(settings["MESHMEND_LISTEN"], "0.0.0.0:8080");
+    let volumes = image.all("VOLUME");
+    assert_eq!(volumes, [settings["MESHMEND_DATA_DIR"].as_str()]);
+    let user = image.user();
+    assert!(user.iter().all(|&id| id >= 1000), "{user:?}");
+    assert!(installed.contains(&format!("install -d -o {} -g {}", user[0], user[1])), "it owns its folder");
+    for port in image.all("EXPOSE")[0].split(' ') {
+        assert!(settings.values().any(|value| value.ends_with(&format!(":{port}"))), "nothing listens on {port}");
+    }
+    let grace: f64 = settings["MESHMEND_SHUTDOWN_GRACE_S"].parse().expect("seconds");
+    assert!(grace < 10.0, "docker stop kills after 10 s");
+}
+
+#[test]
+fn the_images_health_check_passes_where_the_service_is_ready_and_fails_where_it_is_not() {
+    let image = Image::read();
+    let check = image.all("HEALTHCHECK")[0];
+    let line: Vec<String> = serde_json::from_str(&check[check.find('[').expect("a list")..]).expect("a list");
+    let listener = &image.variables()["MESHMEND_METRICS_LISTEN"];
+    let port = listener.rsplit(':').next().expect("a port");
+    let data = tempfile::tempdir().expect("a folder");
+    let program = Start::work(data.path()).arg("--metrics-listen", "127.0.0.1:0").start();
+    let healthy = || {
+        let here = line[1..].iter().map(|it| it.replace(&format!("http://127.0.0.1:{port}"), &program.probes));
+        let mut check = Command::new(&line[0]);
+        check.args(here).args(["--max-time", &PATIENCE.as_secs().to_string()]);
+        check.output().expect("it runs").status.success()
+    };
+    assert!(line.last().expect("an address").contains(&format!(":{port}/")), "{line:?}");
+    assert!(healthy());
+    std::fs::remove_dir_all(data.path().join("scratch")).expect("removed");
+    assert!(!healthy());
+}

@@ -1,0 +1,21 @@
+//! What is shipped beside the program (docker/, deploy/) against the program itself: every variable, command line, metric and path.
+
+#[path = "../support/files.rs"]
+#[allow(dead_code, reason = "the tests of the service need all of it")]
+mod files;
+#[path = "../support/postgres.rs"]
+#[allow(dead_code, reason = "the tests of the service need all of it")]
+mod postgres;
+#[path = "../support/server.rs"]
+#[allow(dead_code, reason = "the tests of the service need all of it")]
+mod server;
+
+mod compose;
+mod containers;
+mod image;
+mod kubernetes;
+mod metrics;
+mod program;
+mod settings;
+mod source;
+mod unit;

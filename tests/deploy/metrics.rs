@@ -1,0 +1,123 @@
+//! The dashboard, the alerts and the table of metrics.
+
+use std::collections::BTreeSet;
+
+use meshmend::telemetry::{Kind, METRICS, Metric};
+use serde_json::Value;
+
+use crate::source::{names, text, yaml};
+
+/// Labels that Prometheus itself gives.
+const OF_PROMETHEUS: [&str; 3] = ["instance", "job", "le"];
+
+fn expressions(value: &Value) -> Vec<String> {
+    match value {
+        Value::Object(map) => {
+            let own = map.get("expr").and_then(Value::as_str).map(str::to_owned);
+            own.into_iter().chain(map.values().flat_map(expressions)).collect()
+        }
+        Value::Array(list) => list.iter().flat_map(expressions).collect(),
+        _ => Vec::new(),
+    }
+}
+
+/// Which metric a series is of.
+fn metric(series: &str) -> Option<&'static Metric> {
+    METRICS.iter().find(|metric| match series.strip_prefix(metric.name) {
+        Some(rest) if metric.kind == Kind::Histogram => ["_bucket", "_sum", "_count"].contains(&rest),
+        Some(rest) => rest.is_empty(),
+        None => false,
+    })
+}
+
+fn is_of_a_name(c: char) -> bool {
+    c.is_ascii_alphanumeric() || c == '_'
+}
+
+/// The metrics of an expression, each of which must be there with the labels that are asked for.
+fn metrics(expression: &str) -> BTreeSet<&'static str> {
+    let mut found = BTreeSet::new();
+    let mut labels: BTreeSet<&str> = OF_PROMETHEUS.into();
+    let mut rest = expression;
+    for series in names(expression, "meshmend_", is_of_a_name) {
+        let metric = metric(series).unwrap_or_else(|| panic!("there is no {series}: {expression}"));
+        found.insert(metric.name);
+        labels.extend(metric.labels);
+        rest = &rest[rest.find(series).expect("it is there") + series.len()..];
+        if let Some(matchers) = rest.strip_prefix('{') {
+            let matchers = &matchers[..matchers.find('}').expect("an end")];
+            for matcher in matchers.split("\",") {
+                let label = matcher.split(['=', '!']).next().expect("a label").trim();
+                assert!(metric.labels.contains(&label) || OF_PROMETHEUS.contains(&label), "{label}: {expression}");
+            }
+        }
+    }
+    for clause in ["by (", "ignoring("] {
+        for (at, _) in expression.match_indices(clause) {
+            let list = &expression[at + clause.len()..];
+            for label in list[..list.find(')').expect("an end")].split(',') {
+                assert!(labels.contains(label.trim()), "{label}: {expression}");
+            }
+        }
+    }
+    found
+}
+
+fn dashboard() -> Value {
+    serde_json::from_str(&text("deploy/grafana/meshmend.json")).expect("JSON")
+}
+
+#[test]
+fn every_metric_is_drawn_and_whatever_is_drawn_is_a_metric() {
+    let expressions = expressions(&dashboard());
+    let drawn: BTreeSet<_> = expressions.iter().flat_map(|it| metrics(it)).collect();
+    let all: BTreeSet<_> = METRICS.iter().map(|metric| metric.name).collect();
+    assert_eq!(drawn, all);
+}
+
+#[test]
+fn the_panels_of_the_dashboard_do_not_lie_on_one_another() {
+    let dashboard = dashboard();
+    let panels = dashboard["panels"].as_array().expect("panels");
+    let mut taken = BTreeSet::new();
+    let ids: BTreeSet<_> = panels.iter().map(|panel| panel["id"].as_u64().expect("an id")).collect();
+    assert_eq!(ids.len(), panels.len());
+    for panel in panels {
+        let at = |name: &str| panel["gridPos"][name].as_u64().expect("a number");
+        assert!(at("x") + at("w") <= 24, "{}", panel["title"]);
+        for cell in (at("x")..at("x") + at("w")).flat_map(|x| (at("y")..at("y") + at("h")).map(move |y| (x, y))) {
+            assert!(taken.insert(cell), "{} lies on another", panel["title"]);
+        }
+    }
+}
+
+#[test]
+fn alerts_are_of_metrics_that_there_are_and_say_what_they_are_about() {
+    let [alerts] = yaml("deploy/prometheus/alerts.yml").try_into().expect("one document");
+    let rules = alerts["groups"][0]["rules"].as_array().expect("rules").clone();
+    assert!(rules.len() > 8);
+    for rule in &rules {
+        let expression = rule["expr"].as_str().expect("an expression");
+        assert!(!metrics(expression).is_empty() || expression.starts_with("up{"), "{rule}");
+        assert!(rule["annotations"]["summary"].is_string(), "{rule}");
+        assert!(["page", "ticket"].contains(&rule["labels"]["severity"].as_str().expect("a severity")), "{rule}");
+    }
+    let [tests] = yaml("deploy/prometheus/alerts_test.yml").try_into().expect("one document");
+    for series in
+        tests["tests"].as_array().expect("tests").iter().flat_map(|it| it["input_series"].as_array()).flatten()
+    {
+        metrics(series["series"].as_str().expect("a series"));
+    }
+}
+
+#[test]
+fn the_table_of_metrics_is_the_programs() {
+    let document = text("deploy/README.md");
+    let written: Vec<_> = document.lines().filter(|line| line.starts_with("| `meshmend_")).collect();
+    let row = |metric: &Metric| {
+        let labels = metric.labels.iter().map(|label| format!("`{label}`")).collect::<Vec<_>>().join(", ");
+        format!("| `{}` | {} | {labels} | {} |", metric.name, metric.kind.as_str(), metric.help)
+    };
+    let expected: Vec<_> = METRICS.iter().map(row).collect();
+    assert_eq!(written, expected, "the table should be:\n{}", expected.join("\n"));
+}

@@ -1,0 +1,39 @@
+//! Variables and commands, wherever they are named.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use crate::program::{NOT_YET, config, known};
+use crate::source::{names, shipped};
+
+#[test]
+fn every_variable_that_is_named_is_one_that_the_program_reads() {
+    let known = known();
+    let mut seen = BTreeSet::new();
+    for (path, text) in shipped() {
+        for name in names(&text, "MESHMEND_", |c| c.is_ascii_uppercase() || c.is_ascii_digit() || c == '_') {
+            // `MESHMEND_` itself is the prefix of all.
+            if name != "MESHMEND_" {
+                assert!(known.contains(name) || NOT_YET.contains(&name), "{path}: nothing reads {name}");
+                seen.insert(name.to_owned());
+            }
+        }
+    }
+    assert!(seen.len() > 15, "{seen:?}");
+}
+
+#[test]
+fn every_command_that_is_told_is_one_that_the_program_takes() {
+    let mut seen = 0;
+    for (path, text) in shipped() {
+        let told = ["run --rm api ", "`meshmend ", "(meshmend "];
+        for (at, before) in told.iter().flat_map(|before| text.match_indices(before)) {
+            let line = &text[at + before.len()..];
+            let line = &line[..line.find(['`', ')', '\n']).unwrap_or(line.len())];
+            // Help says nothing of whether what stands before it is good.
+            let line: Vec<_> = line.split_whitespace().filter(|it| *it != "--help").map(str::to_owned).collect();
+            config(&line, &BTreeMap::new()).unwrap_or_else(|error| panic!("{path}: {error}"));
+            seen += 1;
+        }
+    }
+    assert!(seen >= 4, "{seen}");
+}

@@ -1,0 +1,200 @@
+//! What operators see: probes, metrics, settings, logs and traces.
+
+use std::process::{Command, Output};
+
+use meshmend::telemetry::{Kind, METRICS};
+use serde_json::{Value, json};
+
+use crate::files;
+use crate::postgres::Postgres;
+use crate::server::{Api, Program, Start, until};
+
+fn with_probes(start: Start<'_>) -> Start<'_> {
+    start.arg("--metrics-listen", "127.0.0.1:0")
+}
+
+async fn probe(program: &Program, path: &str) -> (u16, String) {
+    let answer = reqwest::get(format!("{}{path}", program.probes)).await.expect("an answer");
+    (answer.status().as_u16(), answer.text().await.expect("text"))
+}
+
+/// Waits until one series has a value that will do.
+async fn measured(program: &Program, series: &str, will_do: impl Fn(f64) -> bool) {
+    until(series, async || {
+        let metrics = probe(program, "/metrics").await.1;
+        let value = metrics.lines().find_map(|line| line.strip_prefix(series)?.strip_prefix(' '))?;
+        will_do(value.parse().expect("a number")).then_some(())
+    })
+    .await;
+}
+
+/// `meshmend config`, with nothing in its environment but what is given.
+fn config(args: &[&str], variables: &[(&str, &str)]) -> Output {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_meshmend"));
+    command.arg("config").args(args).env_clear().envs(variables.iter().copied()).output().expect("it runs")
+}
+
+#[test]
+fn what_is_in_force_is_told_with_where_it_is_from_and_no_secret_in_it() {
+    let secret = "hunter2";
+    let url = format!("postgres://operator:{secret}@db.example:5433/jobs?password={secret}");
+    let collector = format!("http://{secret}@127.0.0.1:4318?key={secret}");
+    let variables = [
+        ("MESHMEND_DATABASE_URL", url.as_str()),
+        ("MESHMEND_WORKERS", "3"),
+        ("MESHMEND_WORKRES", secret),
+        ("MESHMEND_BLENDER", collector.as_str()),
+    ];
+    let printed = config(&["--format", "json", "serve", "--listen", "127.0.0.1:1"], &variables);
+    assert!(printed.status.success(), "{}", String::from_utf8_lossy(&printed.stderr));
+    let text = String::from_utf8(printed.stdout).expect("text");
+    assert!(!text.contains(secret), "{text}");
+    let printed: Value = serde_json::from_str(&text).expect("JSON");
+    assert_eq!(printed["command"], "serve");
+    assert_eq!(printed["unknown_variables"], json!(["MESHMEND_WORKRES"]));
+    let settings = printed["settings"].as_array().expect("settings");
+    let setting = |flag: &str| settings.iter().find(|it| it["flag"] == flag).expect("a setting").clone();
+    let of = |flag: &str| [setting(flag)["value"].clone(), setting(flag)["source"].clone()];
+    assert_eq!(of("--listen"), [json!("127.0.0.1:1"), json!("flag")]);
+    assert_eq!(of("--workers"), [json!("3"), json!("environment")]);
+    assert_eq!(of("--lease-s"), [json!("15"), json!("default")]);
+    assert_eq!(of("--no-workers"), [json!("false"), json!("default")]);
+    assert_eq!(of("--metrics-listen"), [Value::Null, json!("default")]);
+    assert_eq!(of("--database-url"), [json!("postgres://***@db.example:5433/***"), json!("environment")]);
+    assert_eq!(setting("--database-url")["secret"], true);
+
+    let table = config(&["work"], &variables);
+    let table = String::from_utf8(table.stdout).expect("text");
+    assert!(!table.contains(secret) && !table.contains("--listen "), "{table}");
+    let line = table.lines().find(|line| line.starts_with("--workers ")).expect("a line");
+    assert_eq!(line.split_whitespace().collect::<Vec<_>>(), ["--workers", "3", "environment", "MESHMEND_WORKERS"]);
+    assert!(table.contains("MESHMEND_WORKRES is set, and nothing here reads it"), "{table}");
+
+    let refused = config(&["serve", "--workers", "many"], &[]);
+    assert_eq!(refused.status.code(), Some(2), "a command line that would be refused is refused");
+}
+
+#[tokio::test]
+async fn processes_that_serve_and_that_work_tell_operators_how_they_are_on_a_listener_of_its_own() {
+    let data = tempfile::tempdir().expect("a folder");
+    let server = with_probes(Start::serve(data.path())).env("MESHMEND_NO_WORKERS", "true").start();
+    let api = Api::new(&server);
+    let job = api.submit(files::broken_box(), json!({"max_tier": 1})).await;
+    measured(&server, "meshmend_jobs{status=\"queued\"}", |jobs| jobs == 1.0).await;
+    measured(&server, "meshmend_queue_wait_seconds", |seconds| seconds > 0.0).await;
+
+    let mut worker = with_probes(Start::work(data.path())).arg("--workers", "3").start();
+    assert_eq!(api.finished(&job).await["status"], "succeeded");
+    for program in [&server, &worker] {
+        assert_eq!(probe(program, "/livez").await.0, 200);
+        let (status, ready) = probe(program, "/readyz").await;
+        assert_eq!(status, 200, "{ready}");
+        let ready: Value = serde_json::from_str(&ready).expect("JSON");
+        for check in ["store", "blobs", "disk", "scratch"] {
+            assert_eq!(ready["checks"][check], "ok", "{ready}");
+        }
+        assert!(ready["checks"]["blender"].as_str().is_some_and(|it| it.starts_with("missing")), "{ready}");
+        assert_eq!(probe(program, "/v1/jobs").await.0, 404, "nothing else is there");
+        measured(program, "meshmend_jobs{status=\"succeeded\"}", |jobs| jobs == 1.0).await;
+        measured(program, "meshmend_queue_wait_seconds", |seconds| seconds == 0.0).await;
+        measured(program, "meshmend_leases_lost_total", |jobs| jobs == 0.0).await;
+    }
+    measured(&worker, "meshmend_attempts_total{status=\"succeeded\",outcome=\"repaired\"}", |n| n == 1.0).await;
+    measured(&worker, "meshmend_job_wait_seconds_count", |n| n == 1.0).await;
+    measured(&worker, "meshmend_worker_slots{state=\"idle\"}", |n| n == 3.0).await;
+    measured(&worker, "meshmend_worker_slots{state=\"busy\"}", |n| n == 0.0).await;
+
+    std::fs::remove_dir_all(data.path().join("scratch")).expect("removed");
+    let (status, ready) = probe(&worker, "/readyz").await;
+    assert_eq!(status, 503, "{ready}");
+    assert!(!ready.contains("\"scratch\":\"ok\""), "{ready}");
+    worker.terminate();
+    assert_eq!(worker.wait(), Some(0));
+}
+
+#[tokio::test]
+async fn every_metric_is_one_of_the_table_and_says_what_it_is() {
+    let data = tempfile::tempdir().expect("a folder");
+    let program = with_probes(Start::serve(data.path())).start();
+    let api = Api::new(&program);
+    let job = api.submit(files::broken_box(), json!({"max_tier": 1})).await;
+    api.finished(&job).await;
+    measured(&program, "meshmend_attempt_seconds_count", |n| n == 1.0).await;
+    let (_, metrics) = probe(&program, "/metrics").await;
+    let mut seen = 0;
+    for line in metrics.lines().filter(|line| !line.starts_with('#') && !line.is_empty()) {
+        let series = line.split(['{', ' ']).next().expect("a name");
+        let metric = METRICS.iter().find(|metric| match series.strip_prefix(metric.name) {
+            Some(rest) if metric.kind == Kind::Histogram => ["_bucket", "_sum", "_count"].contains(&rest),
+            Some(rest) => rest.is_empty(),
+            None => false,
+        });
+        let metric = metric.unwrap_or_else(|| panic!("{series} is not in the table"));
+        assert!(metrics.contains(&format!("# HELP {} {}\n", metric.name, metric.help)), "{series} has no help");
+        assert!(metrics.contains(&format!("# TYPE {} {}\n", metric.name, metric.kind.as_str())), "{series}");
+        let labels = line.split_once('{').and_then(|(_, rest)| rest.rsplit_once('}')).map_or("", |(labels, _)| labels);
+        let labels = labels.split("\",").filter_map(|label| label.split_once('=')).map(|(name, _)| name);
+        let labels: Vec<_> = labels.filter(|label| *label != "le").collect();
+        assert_eq!(labels, metric.labels, "{line}");
+        seen += 1;
+    }
+    assert!(seen > 50, "{seen} series");
+}
+
+#[tokio::test]
+async fn what_is_killed_and_what_crashes_is_counted_with_its_reason() {
+    let data = tempfile::tempdir().expect("a folder");
+    let hangs = with_probes(Start::serve(data.path())).arg("--deadline-grace-s", "0.5");
+    let hangs = hangs.env("FAILPOINTS", "child-inspect=sleep(600000)").start();
+    let api = Api::new(&hangs);
+    let late = api.submit(files::broken_box(), json!({"deadline_s": 1})).await;
+    assert_eq!(api.finished(&late).await["problem"]["code"], "deadline_exceeded");
+    measured(&hangs, "meshmend_kills_total{reason=\"deadline\"}", |n| n == 1.0).await;
+    measured(&hangs, "meshmend_attempts_total{status=\"failed\",outcome=\"\"}", |n| n == 1.0).await;
+    drop(hangs);
+
+    let short = with_probes(Start::serve(data.path())).arg("--job-memory-mib", "160").start();
+    let api = Api::new(&short);
+    let large = api.submit(files::large_open_sphere(1_500_000), json!({"max_tier": 1})).await;
+    assert_eq!(api.finished(&large).await["problem"]["code"], "out_of_memory");
+    measured(&short, "meshmend_child_crashes_total{reason=\"out_of_memory\"}", |n| n == 1.0).await;
+}
+
+#[tokio::test]
+async fn blenders_that_crash_are_counted_and_so_are_those_that_follow_them() {
+    let data = tempfile::tempdir().expect("a folder");
+    let blender = crate::cancel::blender(data.path(), "kill -SEGV $$");
+    let program = with_probes(Start::serve(data.path())).blender(&blender).start();
+    let api = Api::new(&program);
+    let options = json!({"preset": "blender-remesh", "deadline_s": 60});
+    let id = api.submit(files::boxes_on_an_edge(), options).await;
+    assert_eq!(api.finished(&id).await["status"], "succeeded");
+    let report: Value = serde_json::from_slice(&api.artifact(&id, "report.json").await).expect("JSON");
+    let steps = report["steps"].as_array().expect("steps");
+    let step = steps.iter().find(|step| step["action"] == "voxel_remesh").expect("a remesh");
+    assert_eq!((&step["status"], &step["runs"]), (&json!("failed"), &json!(2)), "{step}");
+    measured(&program, "meshmend_blender_runs_total", |n| n >= 2.0).await;
+    measured(&program, "meshmend_blender_restarts_total", |n| n == 1.0).await;
+    let failed = "meshmend_steps_total{tier=\"3\",action=\"voxel_remesh\",status=\"failed\"}";
+    measured(&program, failed, |n| n == 1.0).await;
+}
+
+#[tokio::test]
+async fn while_the_database_is_away_the_probes_say_so_and_what_is_not_known_is_no_number() {
+    let (mut cluster, data) = (Postgres::start(), tempfile::tempdir().expect("a folder"));
+    let program = with_probes(Start::serve(data.path())).env("MESHMEND_DATABASE_URL", &cluster.url()).start();
+    assert_eq!(probe(&program, "/readyz").await.0, 200);
+    measured(&program, "meshmend_jobs{status=\"queued\"}", |n| n == 0.0).await;
+    cluster.kill();
+    let (status, ready) = probe(&program, "/readyz").await;
+    assert_eq!(status, 503, "{ready}");
+    assert!(!ready.contains("\"store\":\"ok\"") && ready.contains("\"blobs\":\"ok\""), "{ready}");
+    assert_eq!(probe(&program, "/livez").await.0, 200);
+    for series in ["meshmend_jobs{status=\"queued\"}", "meshmend_queue_wait_seconds"] {
+        measured(&program, series, f64::is_nan).await;
+    }
+    measured(&program, "meshmend_store_errors_total{kind=\"away\"}", |n| n > 0.0).await;
+    cluster.restart();
+    until("it is ready again", async || (probe(&program, "/readyz").await.0 == 200).then_some(())).await;
+    measured(&program, "meshmend_jobs{status=\"queued\"}", |n| n == 0.0).await;
+}
