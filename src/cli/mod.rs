@@ -42,6 +42,12 @@ enum Command {
         /// The scratch folder with the task in it.
         folder: PathBuf,
     },
+    /// Try from within what a job's sandbox holds back, as workers do when they start.
+    #[command(hide = true)]
+    SandboxTrial {
+        /// The scratch folder with what to try in it.
+        folder: PathBuf,
+    },
 }
 
 /// Runs the command line.
@@ -55,6 +61,7 @@ pub fn run() -> ExitCode {
         Command::Migrate(args) => service::migrate(&args),
         Command::Openapi(args) => openapi::run(&args),
         Command::JobChild { folder } => meshmend::worker::run_child(&folder),
+        Command::SandboxTrial { folder } => meshmend::worker::run_trial(&folder),
     }
 }
 

@@ -11,6 +11,7 @@ use meshmend::blender::{BlenderRemesher, Warmth, warm_up};
 use meshmend::blobs::Blobs;
 use meshmend::jobs::{JobStore, PostgresStore, RetryPolicy, SqliteStore, SystemClock};
 use meshmend::repair::{Remesher, RemesherInfo};
+use meshmend::sandbox::SandboxMode;
 use meshmend::worker::{Pool, Shutdown, WorkerConfig};
 use metrics_exporter_prometheus::{Matcher, PrometheusBuilder, PrometheusHandle};
 use tokio::signal::unix::{SignalKind, signal};
@@ -62,6 +63,20 @@ pub struct WorkArgs {
     /// Largest file that a job may write, in MiB.
     #[arg(long, env = "MESHMEND_JOB_FILE_MIB", default_value_t = 2048)]
     job_file_mib: u64,
+    /// Disk that one job may take beside the files that it was sent with, in MiB.
+    #[arg(long, env = "MESHMEND_JOB_SCRATCH_MIB", default_value_t = 8192)]
+    job_scratch_mib: u64,
+    /// Most processes and threads that one job may have.
+    #[arg(long, env = "MESHMEND_JOB_PROCESSES", default_value_t = 1024, value_parser = clap::value_parser!(u64).range(16..))]
+    job_processes: u64,
+    /// Whether jobs run without network and without other files than their own: as far as the kernel allows it, always or not at all,
+    /// or never.
+    #[arg(long, env = "MESHMEND_SANDBOX", value_enum, default_value_t)]
+    sandbox: SandboxChoice,
+    /// Files and folders that jobs may read beside those of the system and the folder of Blender, with commas between: what a Blender
+    /// needs that is installed in more than one place.
+    #[arg(long, env = "MESHMEND_SANDBOX_READ", value_delimiter = ',', value_name = "PATHS")]
+    sandbox_read: Vec<PathBuf>,
     /// Seconds that a worker holds a job without a sign of life.
     #[arg(long, env = "MESHMEND_LEASE_S", default_value_t = 15.0)]
     lease_s: f64,
@@ -119,6 +134,28 @@ enum LogFormat {
     Json,
 }
 
+/// What to do where the kernel can't wall jobs off.
+#[derive(Debug, Clone, Copy, Default, ValueEnum)]
+enum SandboxChoice {
+    /// Use what there is; the log and the capabilities say what it is.
+    #[default]
+    Auto,
+    /// Start only where the network and the files are walled off.
+    Require,
+    /// No sandbox; for debugging.
+    Off,
+}
+
+impl From<SandboxChoice> for SandboxMode {
+    fn from(choice: SandboxChoice) -> Self {
+        match choice {
+            SandboxChoice::Auto => Self::Auto,
+            SandboxChoice::Require => Self::Require,
+            SandboxChoice::Off => Self::Off,
+        }
+    }
+}
+
 /// Why a service could not start or go on.
 #[derive(Debug, thiserror::Error)]
 enum ServiceError {
@@ -128,6 +165,8 @@ enum ServiceError {
     Store(#[from] meshmend::jobs::StoreError),
     #[error(transparent)]
     Blobs(#[from] meshmend::blobs::BlobError),
+    #[error(transparent)]
+    Pool(#[from] meshmend::worker::PoolError),
     #[error("metrics: {0}")]
     Metrics(#[from] metrics_exporter_prometheus::BuildError),
 }
@@ -147,7 +186,7 @@ pub fn work(args: WorkArgs) -> ExitCode {
         let room = Room::open(&args.data).await?;
         let metrics = install_metrics()?;
         let blender = find_blender(&args.blender).await.ok();
-        let pool = room.pool(&args, args.workers, blender.clone())?;
+        let pool = room.pool(&args, args.workers, blender.clone()).await?;
         let shutdown = Shutdown::default();
         warm_blender_up(&args, blender, &shutdown);
         let stopping =
@@ -216,7 +255,7 @@ impl Room {
         Ok(Self { data_dir, store, blobs })
     }
 
-    fn pool(
+    async fn pool(
         &self,
         args: &WorkArgs,
         slots: Option<usize>,
@@ -226,18 +265,23 @@ impl Room {
         let processors = std::thread::available_parallelism().map_or(1, usize::from);
         let config = WorkerConfig {
             program,
+            private: self.data_dir.clone(),
             scratch: self.data_dir.join("scratch"),
             slots: slots.unwrap_or(processors),
             lease: seconds(args.lease_s),
             poll: POLL,
             job_memory: args.job_memory_mib << 20,
             job_file: args.job_file_mib << 20,
+            job_scratch: args.job_scratch_mib << 20,
+            job_processes: args.job_processes,
+            sandbox: args.sandbox.into(),
+            readable: args.sandbox_read.clone(),
             deadline_grace: seconds(args.deadline_grace_s),
             limits: args.limits.limits(),
             remesher,
             blender: args.blender.config(),
         };
-        Pool::new(Arc::clone(&self.store), self.blobs.clone(), config).map_err(io_error("the scratch folder"))
+        Ok(Pool::new(Arc::clone(&self.store), self.blobs.clone(), config).await?)
     }
 }
 
@@ -247,7 +291,7 @@ async fn serve_until_stopped(args: &ServeArgs) -> Result<(), ServiceError> {
     let blender = find_blender(&args.work.blender).await;
     let for_warmth = blender.clone().ok();
     let slots = if args.no_workers { Some(0) } else { args.work.workers };
-    let pool = room.pool(&args.work, slots, for_warmth.clone())?;
+    let pool = room.pool(&args.work, slots, for_warmth.clone()).await?;
     let (limits, max_files) = (args.work.limits.limits(), usize::from(args.max_files));
     let stopping = CancellationToken::new();
     let state = ApiState {
@@ -261,7 +305,7 @@ async fn serve_until_stopped(args: &ServeArgs) -> Result<(), ServiceError> {
             upload_idle: Duration::from_secs(args.upload_idle_s),
             poll: POLL,
         },
-        capabilities: Arc::new(Capabilities::new(limits, max_files, blender)),
+        capabilities: Arc::new(Capabilities::new(limits, max_files, blender, pool.sandbox().cloned())),
         metrics,
         stopping: stopping.clone(),
     };

@@ -17,7 +17,7 @@ use crate::jobs::JobProgress;
 /// Most bytes of a job's log.
 const LOG_BYTES: u64 = 1 << 20;
 
-/// The inside of a job's child process: reads the task in `folder`, does it, and leaves its files there. The memory that
+/// The inside of a job's child process: reads the task in `folder`, enters its sandbox, does the work, and leaves its files there. The memory that
 /// a hostile file makes it use, and a crash that it causes, stay in this process.
 #[must_use]
 pub fn run_child(folder: &Path) -> ExitCode {
@@ -33,6 +33,7 @@ pub fn run_child(folder: &Path) -> ExitCode {
 fn try_run(folder: &Path) -> io::Result<ExitCode> {
     let task: Task = serde_json::from_slice(&fs::read(folder.join(Task::TASK))?)?;
     task.process.apply()?;
+    shut_in(folder, &task)?;
     end_with_the_worker()?;
     let progress = Reporter::new(folder)?;
     let cancel = AtomicBool::new(false);
@@ -48,6 +49,15 @@ fn try_run(folder: &Path) -> io::Result<ExitCode> {
             Ok(ExitCode::from(Task::EXIT_PROBLEM))
         }
     }
+}
+
+/// Enters the sandbox: first of all, while there is one thread and no byte of a stranger has been read.
+fn shut_in(folder: &Path, task: &Task) -> io::Result<()> {
+    let mut sandbox = task.sandbox.clone();
+    if task.remesher.is_some() {
+        sandbox.readable.push(task.blender.prepare_slots()?);
+    }
+    sandbox.enter(folder)
 }
 
 /// Watches the lifeline: when the worker is gone, however it went, nobody wants this job's result any more, and another

@@ -1,7 +1,7 @@
 //! Workers: claim a job, run it in a child process under limits, keep the lease alive, publish the result.
 //!
 //! ```text
-//! pool (slots) -> attempt (one claim) -> process (the child and its group) -> child (work: the engine, in there)
+//! pool (slots) -> attempt (one claim) -> process (the child and its group) -> child (sandbox, then work: the engine, in there)
 //! ```
 
 mod attempt;
@@ -11,13 +11,16 @@ mod failpoint;
 mod files;
 mod limits;
 mod pool;
+mod probe;
 mod process;
 mod scratch;
 mod sweep;
 mod task;
+mod usage;
 mod work;
 
 pub use child::run_child;
 pub use failpoint::pause_at;
 pub use limits::ProcessLimits;
-pub use pool::{Pool, Shutdown, WorkerConfig};
+pub use pool::{Pool, PoolError, Shutdown, WorkerConfig};
+pub use probe::run_trial;

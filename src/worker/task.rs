@@ -7,6 +7,7 @@ use crate::blender::BlenderConfig;
 use crate::format::Limits;
 use crate::jobs::{Input, JobOptions, JobProgress};
 use crate::repair::RemesherInfo;
+use crate::sandbox::Sandbox;
 
 /// What a worker tells its child process: a JSON file in the scratch folder, where the [`input`](Self::input) files lie.
 ///
@@ -20,6 +21,7 @@ pub(super) struct Task {
     pub options: JobOptions,
     pub limits: Limits,
     pub process: ProcessLimits,
+    pub sandbox: Sandbox,
     pub remesher: Option<RemesherInfo>,
     pub blender: BlenderConfig,
 }

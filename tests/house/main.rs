@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 /// Each room, and the rooms it may import from. `ARCHITECTURE.md` has the reasons.
-const ROOMS: [(&str, &[&str]); 16] = [
+const ROOMS: [(&str, &[&str]); 17] = [
     ("math", &[]),
     ("context", &[]),
     ("mesh", &["math"]),
@@ -17,11 +17,12 @@ const ROOMS: [(&str, &[&str]); 16] = [
     ("simplify", &["math", "mesh", "context"]),
     ("remesh", &["math", "mesh", "context"]),
     ("repair", &["math", "mesh", "context", "format", "inspect", "render", "arrange", "simplify", "remesh"]),
-    ("blender", &["math", "mesh", "context", "repair"]),
+    ("sandbox", &[]),
+    ("blender", &["math", "mesh", "context", "repair", "sandbox"]),
     ("jobs", &["context", "format", "inspect", "analyze", "repair"]),
     ("blobs", &["jobs"]),
-    ("worker", &["format", "context", "inspect", "render", "analyze", "repair", "blender", "jobs", "blobs"]),
-    ("api", &["format", "context", "inspect", "analyze", "repair", "jobs", "blobs"]),
+    ("worker", &["format", "context", "inspect", "render", "analyze", "repair", "sandbox", "blender", "jobs", "blobs"]),
+    ("api", &["format", "context", "inspect", "analyze", "repair", "sandbox", "jobs", "blobs"]),
 ];
 
 /// Rooms of the engine, and the crates that it knows nothing of.

@@ -17,5 +17,6 @@ mod limits;
 mod postgres;
 mod problems;
 mod readme;
+mod sandbox;
 mod store;
 mod surface;
