@@ -42,10 +42,16 @@ enum Command {
         /// The scratch folder with the task in it.
         folder: PathBuf,
     },
+    /// Run Blender once on a small model, as workers do when they start.
+    #[command(hide = true)]
+    WarmUpChild {
+        /// The scratch folder with the question in it.
+        folder: PathBuf,
+    },
     /// Try from within what a job's sandbox holds back, as workers do when they start.
     #[command(hide = true)]
     SandboxTrial {
-        /// The scratch folder with what to try in it.
+        /// The scratch folder with the question in it.
         folder: PathBuf,
     },
 }
@@ -61,6 +67,7 @@ pub fn run() -> ExitCode {
         Command::Migrate(args) => service::migrate(&args),
         Command::Openapi(args) => openapi::run(&args),
         Command::JobChild { folder } => meshmend::worker::run_child(&folder),
+        Command::WarmUpChild { folder } => meshmend::worker::run_warm_up(&folder),
         Command::SandboxTrial { folder } => meshmend::worker::run_trial(&folder),
     }
 }

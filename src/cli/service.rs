@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use clap::{Args, ValueEnum};
 use meshmend::api::{ApiConfig, ApiState, Capabilities, router};
-use meshmend::blender::{BlenderRemesher, Warmth, warm_up};
+use meshmend::blender::BlenderRemesher;
 use meshmend::blobs::Blobs;
 use meshmend::jobs::{JobStore, PostgresStore, RetryPolicy, SqliteStore, SystemClock};
 use meshmend::repair::{Remesher, RemesherInfo};
@@ -186,9 +186,8 @@ pub fn work(args: WorkArgs) -> ExitCode {
         let room = Room::open(&args.data).await?;
         let metrics = install_metrics()?;
         let blender = find_blender(&args.blender).await.ok();
-        let pool = room.pool(&args, args.workers, blender.clone()).await?;
+        let pool = room.pool(&args, args.workers, blender).await?;
         let shutdown = Shutdown::default();
-        warm_blender_up(&args, blender, &shutdown);
         let stopping =
             tokio::spawn(stop_on_signal(shutdown.clone(), CancellationToken::new(), seconds(args.shutdown_grace_s)));
         pool.run(shutdown).await;
@@ -280,6 +279,7 @@ impl Room {
             limits: args.limits.limits(),
             remesher,
             blender: args.blender.config(),
+            blender_warm_up: args.blender_warm_up,
         };
         Ok(Pool::new(Arc::clone(&self.store), self.blobs.clone(), config).await?)
     }
@@ -289,9 +289,8 @@ async fn serve_until_stopped(args: &ServeArgs) -> Result<(), ServiceError> {
     let room = Room::open(&args.work.data).await?;
     let metrics = install_metrics()?;
     let blender = find_blender(&args.work.blender).await;
-    let for_warmth = blender.clone().ok();
     let slots = if args.no_workers { Some(0) } else { args.work.workers };
-    let pool = room.pool(&args.work, slots, for_warmth.clone()).await?;
+    let pool = room.pool(&args.work, slots, blender.clone().ok()).await?;
     let (limits, max_files) = (args.work.limits.limits(), usize::from(args.max_files));
     let stopping = CancellationToken::new();
     let state = ApiState {
@@ -316,7 +315,6 @@ async fn serve_until_stopped(args: &ServeArgs) -> Result<(), ServiceError> {
     let shutdown = Shutdown::default();
     let grace = seconds(args.work.shutdown_grace_s);
     tokio::spawn(stop_on_signal(shutdown.clone(), stopping.clone(), grace));
-    warm_blender_up(&args.work, for_warmth, &shutdown);
     let workers = tokio::spawn(pool.run(shutdown.clone()));
     let served = tokio::spawn(listen(listener, router(state), stopping));
     if let Err(error) = workers.await {
@@ -357,17 +355,6 @@ async fn find_blender(args: &BlenderArgs) -> Result<RemesherInfo, String> {
             Err(reason)
         }
     }
-}
-
-/// Runs Blender once beside everything else; what comes of it is a line in the log. It ends when the service drains.
-fn warm_blender_up(args: &WorkArgs, info: Option<RemesherInfo>, shutdown: &Shutdown) {
-    let Some(info) = info.filter(|_| args.blender_warm_up) else { return };
-    let (config, drain) = (args.blender.config(), shutdown.drain.clone());
-    std::thread::spawn(move || match warm_up(info, config, &|| drain.is_cancelled()) {
-        Warmth::Warm(time) => tracing::info!(seconds = time.as_secs_f64(), "tier 3 is warm"),
-        Warmth::Failed(reason) => tracing::warn!(reason, "tier 3 was found but failed on a small model"),
-        Warmth::Stopped => {}
-    });
 }
 
 /// The first signal drains: no new connection, no new job, `grace` for what runs. The second, or the end of the grace,

@@ -92,6 +92,9 @@ const DENIED: &[c_long] = &[
 /// The same on every architecture; not all of the crate's lists have it.
 const FCHMODAT2: c_long = 452;
 
+/// The same wherever seccomp is used here; its type differs between C libraries.
+const TIOCSTI: u64 = 0x5412;
+
 /// Older calls, which newer architectures don't have.
 #[cfg(target_arch = "x86_64")]
 const DENIED_OLD: &[c_long] = &[
@@ -147,7 +150,7 @@ fn denied() -> Result<BTreeMap<i64, Vec<SeccompRule>>, seccompiler::BackendError
     // The limits of another process: of the worker, say.
     denied.insert(libc::SYS_prlimit64, vec![with(0, word.clone(), SeccompCmpOp::Ne, 0)?]);
     // Typing into a terminal that somebody looks at.
-    denied.insert(libc::SYS_ioctl, vec![with(1, word, SeccompCmpOp::Eq, libc::TIOCSTI)?]);
+    denied.insert(libc::SYS_ioctl, vec![with(1, word, SeccompCmpOp::Eq, TIOCSTI)?]);
     Ok(denied)
 }
 

@@ -38,15 +38,17 @@ pub fn end_strays(scratch: &OsStr) -> HashSet<Pid> {
 }
 
 /// Kills every descendant of a running child of ours, in other sessions and without the mark too, and leaves the child itself
-/// stopped.
-pub fn end_descendants(child: Pid) {
+/// stopped. Gives those that there were.
+pub fn end_descendants(child: Pid) -> HashSet<Pid> {
     // So that it starts no more meanwhile. Its id is its own until it is reaped.
     let _ = kill_process(child, Signal::STOP);
+    let mut ended = HashSet::new();
     for _ in 0..ROUNDS {
         let family = descendants(child);
         if family.is_empty() {
-            return;
+            break;
         }
+        ended.extend(family.iter().map(|(id, _)| *id));
         for (id, started) in family {
             // The id may be given to another process between the look and the signal; a handle may not.
             match pidfd_open(id, PidfdFlags::empty()) {
@@ -61,6 +63,7 @@ pub fn end_descendants(child: Pid) {
         }
         sleep(PAUSE);
     }
+    ended
 }
 
 /// How many processes and threads a process group has.

@@ -180,8 +180,7 @@ impl<'a> Attempt<'a> {
             inputs: self.job.inputs.clone(),
             options: self.job.options.clone(),
             limits: config.limits,
-            process: self.pool.limits(self.deadline()),
-            sandbox: self.pool.sandbox.clone(),
+            confinement: self.pool.confinement(self.deadline()),
             remesher: config.remesher.clone(),
             blender: config.blender.clone(),
         }

@@ -7,6 +7,7 @@
 mod attempt;
 mod child;
 mod crash;
+mod errand;
 mod failpoint;
 mod files;
 mod limits;
@@ -17,6 +18,7 @@ mod scratch;
 mod sweep;
 mod task;
 mod usage;
+mod warm_up;
 mod work;
 
 pub use child::run_child;
@@ -24,3 +26,4 @@ pub use failpoint::pause_at;
 pub use limits::ProcessLimits;
 pub use pool::{Pool, PoolError, Shutdown, WorkerConfig};
 pub use probe::run_trial;
+pub use warm_up::run_warm_up;

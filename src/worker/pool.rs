@@ -11,7 +11,9 @@ use super::attempt::Attempt;
 use super::probe::probe;
 use super::scratch::Scratch;
 use super::sweep::{EVERY, sweep};
+use super::task::Confinement;
 use super::usage::Allowance;
+use super::warm_up::warm_blender_up;
 use crate::blender::{BlenderConfig, installation};
 use crate::blobs::Blobs;
 use crate::format::Limits;
@@ -57,6 +59,8 @@ pub struct WorkerConfig {
     pub remesher: Option<RemesherInfo>,
     /// What tier 3 may use.
     pub blender: BlenderConfig,
+    /// Run Blender once on a small model at the start.
+    pub blender_warm_up: bool,
 }
 
 /// Why there is no pool.
@@ -86,7 +90,7 @@ pub struct Pool {
     pub(super) blobs: Blobs,
     pub(super) config: WorkerConfig,
     pub(super) scratch: Scratch,
-    pub(super) sandbox: Sandbox,
+    sandbox: Sandbox,
     status: Option<SandboxStatus>,
 }
 
@@ -119,8 +123,8 @@ impl Pool {
     async fn try_sandbox(&self) -> std::io::Result<SandboxStatus> {
         let config = &self.config;
         let outside = self.scratch.attempt()?;
-        let limits = self.limits(Duration::from_secs(60));
-        let mut walls = probe(&config.program, outside.path(), self.sandbox.clone(), limits).await?;
+        let confinement = self.confinement(Duration::from_secs(60));
+        let mut walls = probe(&config.program, outside.path(), confinement).await?;
         if !walls.processes.in_force {
             let why = walls.processes.detail.take().unwrap_or_default();
             let detail = Some(format!("counted now and then; the kernel does not do it: {why}"));
@@ -144,15 +148,16 @@ impl Pool {
         })
     }
 
-    /// What each process of a job may use, with processor time for so long on every core.
-    pub(super) fn limits(&self, longest: Duration) -> ProcessLimits {
+    /// What holds a job's processes, with processor time for so long on every core.
+    pub(super) fn confinement(&self, longest: Duration) -> Confinement {
         let cores = u32::try_from(std::thread::available_parallelism().map_or(1, usize::from)).unwrap_or(1);
-        ProcessLimits {
+        let limits = ProcessLimits {
             memory_bytes: self.config.job_memory,
             file_bytes: self.config.job_file,
             // A backstop behind the deadline, for a process that escapes its group.
             cpu: longest * cores + Duration::from_secs(5),
-        }
+        };
+        Confinement { limits, sandbox: self.sandbox.clone() }
     }
 
     /// What all processes of a job may use together, beside the `given` bytes that are in their folder from the start.
@@ -176,6 +181,11 @@ impl Pool {
         let mut tasks = JoinSet::new();
         tasks.spawn(rescue(Arc::clone(&pool), shutdown.drain.clone()));
         tasks.spawn(sweep_now_and_then(Arc::clone(&pool), shutdown.drain.clone()));
+        if let Some(remesher) =
+            pool.config.remesher.clone().filter(|_| pool.config.blender_warm_up && pool.config.slots > 0)
+        {
+            tasks.spawn(warm_blender_up(Arc::clone(&pool), remesher, shutdown.drain.clone()));
+        }
         for _ in 0..pool.config.slots {
             tasks.spawn(slot(Arc::clone(&pool), shutdown.clone()));
         }

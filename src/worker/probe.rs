@@ -1,30 +1,24 @@
 use std::fs;
-use std::io::{self, Write};
+use std::io;
 use std::net::{Ipv4Addr, Ipv6Addr, TcpListener};
 use std::path::Path;
 use std::process::ExitCode;
 use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
-use tokio::io::AsyncReadExt;
+use tokio_util::sync::CancellationToken;
 
-use super::ProcessLimits;
-use super::process::JobProcess;
-use super::task::Task;
-use crate::sandbox::{Sandbox, SandboxMode, Trial, Walls};
+use super::errand::{answer, ask};
+use super::task::Confinement;
+use crate::sandbox::{SandboxMode, Trial, Walls};
 
 /// Most time for it.
 const PATIENCE: Duration = Duration::from_secs(30);
-/// The file in the folder of the process that tries, which tells it what.
-const TASK: &str = "trial.json";
-/// Most of its answer that is read.
-const ANSWER_BYTES: u64 = 64 << 10;
 
 /// What the process is to do.
 #[derive(Debug, Serialize, Deserialize)]
-struct TrialTask {
-    sandbox: Sandbox,
-    process: ProcessLimits,
+struct Question {
+    confinement: Confinement,
     trial: Trial,
 }
 
@@ -32,12 +26,7 @@ struct TrialTask {
 ///
 /// # Errors
 /// Where it can't be tried, and where walls are missing that are required.
-pub(super) async fn probe(
-    program: &Path,
-    outside: &Path,
-    sandbox: Sandbox,
-    process: ProcessLimits,
-) -> io::Result<Walls> {
+pub(super) async fn probe(program: &Path, outside: &Path, confinement: Confinement) -> io::Result<Walls> {
     // Answers nobody; a connection that gets as far as its queue is one too many.
     let listener =
         TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).or_else(|_| TcpListener::bind((Ipv6Addr::LOCALHOST, 0)))?;
@@ -45,45 +34,22 @@ pub(super) async fn probe(
     fs::write(outside.join(Trial::SECRET), "not for jobs")?;
     let folder = outside.join("inside");
     fs::create_dir(&folder)?;
-    let required = sandbox.mode == SandboxMode::Require;
-    fs::write(folder.join(TASK), serde_json::to_vec(&TrialTask { sandbox, process, trial })?)?;
-    let mut process = JobProcess::start(program, "sandbox-trial", &folder, false)?;
-    let mut answer = Vec::new();
-    if let Some(stdout) = process.stdout() {
-        let mut stdout = stdout.take(ANSWER_BYTES);
-        // Out of time or cut short, it is no JSON.
-        let _ = tokio::time::timeout(PATIENCE, stdout.read_to_end(&mut answer)).await;
-    }
-    process.end(true).await?;
-    let walls: Walls = serde_json::from_slice(&answer).map_err(|_| {
-        let said = fs::read_to_string(folder.join(Task::STDERR)).unwrap_or_default();
-        io::Error::other(
-            if said.is_empty() { "the process that tries it gave no answer" } else { said.trim() }.to_owned(),
-        )
-    })?;
+    let required = confinement.sandbox.mode == SandboxMode::Require;
+    let question = Question { confinement, trial };
+    let never = CancellationToken::new();
+    let walls: Walls = ask(program, "sandbox-trial", &folder, &question, PATIENCE, &never).await?;
     let open = [&walls.network, &walls.files].into_iter().find(|wall| required && !wall.in_force);
-    match open {
-        Some(wall) => Err(io::Error::other(wall.detail.clone().unwrap_or_default())),
-        None => Ok(walls),
+    if let Some(wall) = open {
+        return Err(io::Error::other(wall.detail.clone().unwrap_or_default()));
     }
+    Ok(walls)
 }
 
-/// The inside of the process that tries.
+/// The inside of the process that tries what a sandbox holds back; `folder` is its own.
 #[must_use]
 pub fn run_trial(folder: &Path) -> ExitCode {
-    match try_run(folder) {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(error) => {
-            let _ = writeln!(io::stderr(), "{error}");
-            ExitCode::FAILURE
-        }
-    }
-}
-
-fn try_run(folder: &Path) -> io::Result<()> {
-    let TrialTask { sandbox, process, trial } = serde_json::from_slice(&fs::read(folder.join(TASK))?)?;
-    process.apply()?;
-    let walls = trial.run(&sandbox, folder)?;
-    serde_json::to_writer(io::stdout(), &walls)?;
-    io::stdout().flush()
+    answer(folder, |Question { confinement, trial }| {
+        confinement.limits.apply()?;
+        trial.run(&confinement.sandbox, folder)
+    })
 }

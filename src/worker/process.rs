@@ -1,3 +1,4 @@
+use std::collections::HashSet;
 use std::fs::File;
 use std::io;
 use std::path::{Path, PathBuf};
@@ -65,24 +66,26 @@ impl JobProcess {
     /// Kills whatever of the group is left and reaps it. Where nothing kept its processes in the group (`loose`), those that left it are
     /// looked for too.
     pub async fn end(mut self, loose: bool) -> io::Result<ExitStatus> {
+        let mut strays = HashSet::new();
         // Before the child is gone, since its children get another parent then.
         if loose && self.child.id().is_some() {
             let child = self.group;
-            tokio::task::spawn_blocking(move || end_descendants(child)).await?;
+            strays = tokio::task::spawn_blocking(move || end_descendants(child)).await?;
         }
         match kill_process_group(self.group, Signal::KILL) {
             Ok(()) | Err(Errno::SRCH) => {}
             Err(e) => return Err(e.into()),
         }
         let status = self.child.wait().await?;
+        if loose {
+            let folder = self.folder;
+            strays.extend(tokio::task::spawn_blocking(move || end_strays(folder.as_os_str())).await?);
+        }
         // Grandchildren come to us because the pool made this process their reaper.
         let group = self.group;
         reap(group, || waitpgid(group, WaitOptions::NOHANG).map(|it| it.is_some())).await;
-        if loose {
-            let folder = self.folder;
-            for stray in tokio::task::spawn_blocking(move || end_strays(folder.as_os_str())).await? {
-                reap(stray, || waitpid(Some(stray), WaitOptions::NOHANG).map(|it| it.is_some())).await;
-            }
+        for stray in strays {
+            reap(stray, || waitpid(Some(stray), WaitOptions::NOHANG).map(|it| it.is_some())).await;
         }
         Ok(status)
     }

@@ -20,10 +20,16 @@ pub(super) struct Task {
     pub inputs: Vec<Input>,
     pub options: JobOptions,
     pub limits: Limits,
-    pub process: ProcessLimits,
-    pub sandbox: Sandbox,
+    pub confinement: Confinement,
     pub remesher: Option<RemesherInfo>,
     pub blender: BlenderConfig,
+}
+
+/// What holds a process that a worker starts.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(super) struct Confinement {
+    pub limits: ProcessLimits,
+    pub sandbox: Sandbox,
 }
 
 /// A line of the child's standard output.
