@@ -108,7 +108,7 @@ mod tests {
         fs::write(closed.join("kept"), "").expect("a file");
         std::os::unix::fs::symlink(outside.path().join("secret"), &link).expect("a link");
         std::os::unix::fs::symlink(outside.path(), closed.join("folder")).expect("a link");
-        fs::set_permissions(&closed, fs::Permissions::from_mode(0)).expect("it is ours");
+        fs::set_permissions(&closed, fs::Permissions::from_mode(0o000)).expect("it is ours");
         tame(folder.path());
         let left: Vec<_> =
             fs::read_dir(&closed).expect("it is open").flatten().map(|entry| entry.file_name()).collect();
