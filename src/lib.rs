@@ -32,6 +32,7 @@ pub mod mesh;
 pub mod remesh;
 pub mod render;
 pub mod repair;
+pub mod sandbox;
 pub mod simplify;
 pub mod telemetry;
 pub mod worker;

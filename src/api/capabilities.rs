@@ -9,6 +9,7 @@ use crate::format::{Format, Limits};
 use crate::inspect::Level;
 use crate::jobs::Mode;
 use crate::repair::{Options, Preset, RemesherInfo};
+use crate::sandbox::SandboxStatus;
 
 /// What this service can do right now.
 #[derive(Debug, Clone, Serialize, ToSchema)]
@@ -29,6 +30,9 @@ pub struct Capabilities {
     pub tiers: Vec<TierStatus>,
     /// Limits on an upload.
     pub limits: UploadLimits,
+    /// What holds each job's processes; absent where jobs run in other processes than this one (`meshmend work`).
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sandbox: Option<SandboxStatus>,
     /// Every option of a repair with its default.
     pub default_options: Options,
     /// Every option of an analysis with its default.
@@ -68,7 +72,12 @@ pub struct UploadLimits {
 impl Capabilities {
     /// `remesher` is tier 3, or why there is none.
     #[must_use]
-    pub fn new(limits: Limits, max_files: usize, remesher: Result<RemesherInfo, String>) -> Self {
+    pub fn new(
+        limits: Limits,
+        max_files: usize,
+        remesher: Result<RemesherInfo, String>,
+        sandbox: Option<SandboxStatus>,
+    ) -> Self {
         let formats = Format::ALL.to_vec();
         let (program, missing) = match remesher {
             Ok(info) => (Some(info), None),
@@ -100,6 +109,7 @@ impl Capabilities {
                 max_faces: limits.max_faces,
                 max_vertices: limits.max_vertices,
             },
+            sandbox,
             default_options: Options::default(),
             default_analyze_options: AnalyzeOptions::default(),
         }
@@ -108,7 +118,8 @@ impl Capabilities {
 
 /// What this service can do.
 ///
-/// Formats, modes, presets, levels, limits, every option with its default, and the tiers that work right now with Blender's version.
+/// Formats, modes, presets, levels, limits, every option with its default, the tiers that work right now with Blender's version, and
+/// the sandbox that jobs run in.
 #[utoipa::path(
     get, path = "/v1/capabilities", tag = "service",
     responses((status = 200, description = "What can be asked for", body = Capabilities))

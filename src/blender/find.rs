@@ -8,7 +8,7 @@ use std::time::Duration;
 use serde::{Deserialize, Serialize};
 
 use super::process::{isolate, run};
-use super::slots::{Slot, count, half_of_memory, take, usual_folder};
+use super::slots::{Slot, count, half_of_memory, prepare, take, usual_folder};
 use crate::repair::{RemesherInfo, monotonic_clock};
 
 /// Where Blender is and what it may use.
@@ -55,13 +55,28 @@ impl BlenderConfig {
         count(self.memory, self.memory_together.unwrap_or_else(half_of_memory))
     }
 
+    /// Makes the locks by which programs wait for one another, and gives their folder: for a process that is about to lose
+    /// the right to make them. Whoever may read them may lock them.
+    ///
+    /// # Errors
+    /// The operating system's.
+    pub fn prepare_slots(&self) -> std::io::Result<PathBuf> {
+        let folder = self.slots_folder();
+        prepare(&folder, self.at_once())?;
+        Ok(folder)
+    }
+
+    fn slots_folder(&self) -> PathBuf {
+        self.slots.clone().unwrap_or_else(usual_folder)
+    }
+
     /// Waits for the right to run one.
     pub(super) fn slot<S>(
         &self,
         waiting: &mut dyn FnMut(),
         watch: &mut dyn FnMut() -> Result<(), S>,
     ) -> std::io::Result<Result<Slot, S>> {
-        take(&self.slots.clone().unwrap_or_else(usual_folder), self.at_once(), waiting, watch)
+        take(&self.slots_folder(), self.at_once(), waiting, watch)
     }
 
     /// A new private folder; it is removed when the value is dropped.

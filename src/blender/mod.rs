@@ -20,14 +20,15 @@ mod estimate;
 mod exchange;
 mod find;
 mod frame;
+mod installation;
 mod on_demand;
 mod process;
 mod remesher;
 mod slots;
-mod strays;
 mod warm_up;
 
 pub use find::{BlenderConfig, BlenderMissing, Rejected};
+pub use installation::installation;
 pub use on_demand::OnDemandBlender;
 pub use remesher::BlenderRemesher;
 pub use warm_up::{Warmth, warm_up};

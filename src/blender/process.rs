@@ -10,7 +10,7 @@ use std::time::Duration;
 
 use rustix::process::{Pid, Signal, kill_process_group};
 
-use super::strays::{MARK, end_descendants, end_strays};
+use crate::sandbox::processes::{MARK, end_descendants, end_strays};
 
 /// Time between looks at a running process.
 const PAUSE: Duration = Duration::from_millis(20);

@@ -64,7 +64,7 @@ pub(super) fn take<S>(
     let mut told = false;
     loop {
         for number in 0..count {
-            if let Some(slot) = try_take(&folder.join(format!("slot-{number}")))? {
+            if let Some(slot) = try_take(open(folder, number)?)? {
                 return Ok(Ok(slot));
             }
         }
@@ -77,6 +77,15 @@ pub(super) fn take<S>(
         }
         sleep(PAUSE);
     }
+}
+
+/// Makes `count` slots in `folder`, so that taking one of them later needs no more than to read there.
+///
+/// # Errors
+/// The operating system's, where the folder or a file in it can't be used.
+pub(super) fn prepare(folder: &Path, count: u32) -> io::Result<()> {
+    make_private(folder)?;
+    (0..count).try_for_each(|number| open(folder, number).map(drop))
 }
 
 /// Others of this machine must neither read nor hold the files, or lead us elsewhere by links.
@@ -95,11 +104,21 @@ fn make_private(folder: &Path) -> io::Result<()> {
     Ok(())
 }
 
-fn try_take(path: &Path) -> io::Result<Option<Slot>> {
+/// Opens a slot's file, which is made where it is missing.
+fn open(folder: &Path, number: u32) -> io::Result<File> {
     #[expect(clippy::cast_possible_wrap, reason = "a flag")]
     let no_links = rustix::fs::OFlags::NOFOLLOW.bits() as i32;
-    let file =
-        OpenOptions::new().write(true).create(true).truncate(false).mode(0o600).custom_flags(no_links).open(path)?;
+    let path = folder.join(format!("slot-{number}"));
+    let mut options = OpenOptions::new();
+    match options.read(true).custom_flags(no_links).open(&path) {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => {
+            options.write(true).create(true).truncate(false).mode(0o600).open(&path)
+        }
+        opened => opened,
+    }
+}
+
+fn try_take(file: File) -> io::Result<Option<Slot>> {
     match flock(&file, FlockOperation::NonBlockingLockExclusive) {
         Ok(()) => Ok(Some(Slot { _file: file })),
         Err(Errno::WOULDBLOCK | Errno::INTR) => Ok(None),

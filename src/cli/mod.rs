@@ -51,6 +51,18 @@ enum Command {
         /// The scratch folder with the task in it.
         folder: PathBuf,
     },
+    /// Run Blender once on a small model, as workers do when they start.
+    #[command(hide = true)]
+    WarmUpChild {
+        /// The scratch folder with the question in it.
+        folder: PathBuf,
+    },
+    /// Try from within what a job's sandbox holds back, as workers do when they start.
+    #[command(hide = true)]
+    SandboxTrial {
+        /// The scratch folder with the question in it.
+        folder: PathBuf,
+    },
 }
 
 /// Runs the command line.
@@ -67,6 +79,8 @@ pub fn run() -> ExitCode {
         Command::Config(args) => config::run(&args, Cli::command()),
         Command::Openapi(args) => openapi::run(&args),
         Command::JobChild { folder } => meshmend::worker::run_child(&folder),
+        Command::WarmUpChild { folder } => meshmend::worker::run_warm_up(&folder),
+        Command::SandboxTrial { folder } => meshmend::worker::run_trial(&folder),
     }
 }
 

@@ -9,10 +9,11 @@ use std::time::Duration;
 use clap::{Args, ValueEnum};
 use meshmend::access::TenantLimits;
 use meshmend::api::{ApiConfig, ApiState, Auth, Capabilities, Health, Rates, probes, router};
-use meshmend::blender::{BlenderRemesher, Warmth, warm_up};
+use meshmend::blender::BlenderRemesher;
 use meshmend::blobs::Blobs;
 use meshmend::jobs::{PostgresStore, RetryPolicy, SqliteStore, Store, SystemClock};
 use meshmend::repair::{Remesher, RemesherInfo};
+use meshmend::sandbox::SandboxMode;
 use meshmend::worker::{Pool, Retention, Shutdown, WorkerConfig};
 use tokio::signal::unix::{SignalKind, signal};
 use tokio_util::sync::CancellationToken;
@@ -76,6 +77,20 @@ pub struct WorkArgs {
     /// Largest file that a job may write, in MiB.
     #[arg(long, env = "MESHMEND_JOB_FILE_MIB", default_value_t = 2048)]
     job_file_mib: u64,
+    /// Disk that one job may take beside the files that it was sent with, in MiB.
+    #[arg(long, env = "MESHMEND_JOB_SCRATCH_MIB", default_value_t = 8192)]
+    job_scratch_mib: u64,
+    /// Most processes and threads that one job may have.
+    #[arg(long, env = "MESHMEND_JOB_PROCESSES", default_value_t = 1024, value_parser = clap::value_parser!(u64).range(16..))]
+    job_processes: u64,
+    /// Whether jobs run without network and without other files than their own: as far as the kernel allows it, always or not at all,
+    /// or never.
+    #[arg(long, env = "MESHMEND_SANDBOX", value_enum, default_value_t)]
+    sandbox: SandboxChoice,
+    /// Files and folders that jobs may read beside those of the system and the folder of Blender, with commas between: what a Blender
+    /// needs that is installed in more than one place.
+    #[arg(long, env = "MESHMEND_SANDBOX_READ", value_delimiter = ',', value_name = "PATHS")]
+    sandbox_read: Vec<PathBuf>,
     /// Seconds that a worker holds a job without a sign of life.
     #[arg(long, env = "MESHMEND_LEASE_S", default_value_t = 15.0)]
     lease_s: f64,
@@ -153,6 +168,28 @@ enum AuthMode {
     Keys,
 }
 
+/// What to do where the kernel can't wall jobs off.
+#[derive(Debug, Clone, Copy, Default, ValueEnum)]
+enum SandboxChoice {
+    /// Use what there is; the log and the capabilities say what it is.
+    #[default]
+    Auto,
+    /// Start only where the network and the files are walled off.
+    Require,
+    /// No sandbox; for debugging.
+    Off,
+}
+
+impl From<SandboxChoice> for SandboxMode {
+    fn from(choice: SandboxChoice) -> Self {
+        match choice {
+            SandboxChoice::Auto => Self::Auto,
+            SandboxChoice::Require => Self::Require,
+            SandboxChoice::Off => Self::Off,
+        }
+    }
+}
+
 /// Why a service could not start or go on.
 #[derive(Debug, thiserror::Error)]
 pub(super) enum ServiceError {
@@ -162,6 +199,8 @@ pub(super) enum ServiceError {
     Store(#[from] meshmend::jobs::StoreError),
     #[error(transparent)]
     Blobs(#[from] meshmend::blobs::BlobError),
+    #[error(transparent)]
+    Pool(#[from] meshmend::worker::PoolError),
     #[error("{0}")]
     Refused(String),
     #[error("metrics: {0}")]
@@ -182,10 +221,9 @@ pub fn work(args: WorkArgs) -> ExitCode {
     start(&args.data, async {
         let room = Room::open(&args.data).await?;
         let blender = find_blender(&args.blender).await;
-        let pool = room.pool(&args, args.workers, blender.clone().ok())?;
+        let pool = room.pool(&args, args.workers, blender.clone().ok()).await?;
         let shutdown = Shutdown::default();
         watch(&args, room.health(&args, &blender, shutdown.drain.clone())?).await?;
-        warm_blender_up(&args, blender.ok(), &shutdown);
         let stopping =
             tokio::spawn(stop_on_signal(shutdown.clone(), CancellationToken::new(), seconds(args.shutdown_grace_s)));
         pool.run(shutdown).await;
@@ -278,7 +316,7 @@ impl Room {
         })
     }
 
-    fn pool(
+    async fn pool(
         &self,
         args: &WorkArgs,
         slots: Option<usize>,
@@ -288,6 +326,7 @@ impl Room {
         let processors = std::thread::available_parallelism().map_or(1, usize::from);
         let config = WorkerConfig {
             program,
+            private: self.data_dir.clone(),
             scratch: self.scratch(),
             slots: slots.unwrap_or(processors),
             max_running: args.tenant_max_running.unwrap_or(u32::MAX),
@@ -297,12 +336,17 @@ impl Room {
             poll: POLL,
             job_memory: args.job_memory_mib << 20,
             job_file: args.job_file_mib << 20,
+            job_scratch: args.job_scratch_mib << 20,
+            job_processes: args.job_processes,
+            sandbox: args.sandbox.into(),
+            readable: args.sandbox_read.clone(),
             deadline_grace: seconds(args.deadline_grace_s),
             limits: args.limits.limits(),
             remesher,
             blender: args.blender.config(),
+            blender_warm_up: args.blender_warm_up,
         };
-        Pool::new(Arc::clone(&self.store), self.blobs.clone(), config).map_err(io_error("the scratch folder"))
+        Ok(Pool::new(Arc::clone(&self.store), self.blobs.clone(), config).await?)
     }
 }
 
@@ -320,9 +364,8 @@ impl ServeArgs {
 async fn serve_until_stopped(args: &ServeArgs) -> Result<(), ServiceError> {
     let room = Room::open(&args.work.data).await?;
     let blender = find_blender(&args.work.blender).await;
-    let for_warmth = blender.clone().ok();
     let slots = if args.no_workers { Some(0) } else { args.work.workers };
-    let pool = room.pool(&args.work, slots, for_warmth.clone())?;
+    let pool = room.pool(&args.work, slots, blender.clone().ok()).await?;
     let (limits, max_files) = (args.work.limits.limits(), usize::from(args.max_files));
     let stopping = CancellationToken::new();
     let health = room.health(&args.work, &blender, stopping.clone())?;
@@ -346,7 +389,7 @@ async fn serve_until_stopped(args: &ServeArgs) -> Result<(), ServiceError> {
             upload_idle: Duration::from_secs(args.upload_idle_s),
             poll: POLL,
         },
-        capabilities: Arc::new(Capabilities::new(limits, max_files, blender)),
+        capabilities: Arc::new(Capabilities::new(limits, max_files, blender, pool.sandbox().cloned())),
         health,
         stopping: stopping.clone(),
     };
@@ -357,7 +400,6 @@ async fn serve_until_stopped(args: &ServeArgs) -> Result<(), ServiceError> {
     let shutdown = Shutdown::default();
     let grace = seconds(args.work.shutdown_grace_s);
     tokio::spawn(stop_on_signal(shutdown.clone(), stopping.clone(), grace));
-    warm_blender_up(&args.work, for_warmth, &shutdown);
     let workers = tokio::spawn(pool.run(shutdown.clone()));
     let served = tokio::spawn(listen(listener, router(state), stopping));
     if let Err(error) = workers.await {
@@ -408,17 +450,6 @@ async fn find_blender(args: &BlenderArgs) -> Result<RemesherInfo, String> {
             Err(reason)
         }
     }
-}
-
-/// Runs Blender once beside everything else; what comes of it is a line in the log. It ends when the service drains.
-fn warm_blender_up(args: &WorkArgs, info: Option<RemesherInfo>, shutdown: &Shutdown) {
-    let Some(info) = info.filter(|_| args.blender_warm_up) else { return };
-    let (config, drain) = (args.blender.config(), shutdown.drain.clone());
-    std::thread::spawn(move || match warm_up(info, config, &|| drain.is_cancelled()) {
-        Warmth::Warm(time) => tracing::info!(seconds = time.as_secs_f64(), "tier 3 is warm"),
-        Warmth::Failed(reason) => tracing::warn!(reason, "tier 3 was found but failed on a small model"),
-        Warmth::Stopped => {}
-    });
 }
 
 /// The first signal drains: no new connection, no new job, `grace` for what runs. The second, or the end of the grace,

@@ -17,9 +17,11 @@ use tracing::{Instrument, Span};
 use super::files::{Offered, names, offered};
 use super::pool::{Pool, Shutdown};
 use super::process::JobProcess;
+use super::scratch::tame;
 use super::stages::Stages;
 use super::task::{ProgressLine, Task};
-use super::{ProcessLimits, crash, pause_at};
+use super::usage::Excess;
+use super::{crash, pause_at};
 use crate::blobs::{BlobError, Blobs};
 use crate::jobs::{
     Artifact, Artifacts, Claim, Completion, Failure, FailureKind, Job, JobProblem, JobProgress, JobReport, Lease,
@@ -30,6 +32,8 @@ use crate::telemetry::{self, label};
 
 /// Progress is written to the store no more often than this.
 const PROGRESS_EVERY: Duration = Duration::from_millis(250);
+/// How often to look at what a job has taken.
+const USAGE_EVERY: Duration = Duration::from_millis(500);
 /// How long to try to write how an attempt ended.
 const PATIENCE: Duration = Duration::from_secs(600);
 /// Longest line of progress that is read.
@@ -50,6 +54,8 @@ enum Ended {
     Exited(ExitStatus),
     /// Killed at the deadline.
     Deadline,
+    /// Killed because it took too much.
+    Excess(Excess),
     /// Killed because the job is no longer ours: cancelled, deleted, or given to another worker.
     LeaseLost,
     /// Killed because this process stops.
@@ -126,10 +132,12 @@ impl<'a> Attempt<'a> {
         )
         .await?;
         pause_at("worker-spawn");
-        let mut process = JobProcess::start(&self.pool.config.program, folder, self.lease.attempt == 1)?;
-        tracing::info!(process = process.id(), "started");
-        let ended = self.watch(&mut process, &shutdown.now, lost).instrument(tracing::info_span!("run")).await;
-        let status = process.end().await?;
+        let mut process = JobProcess::start(&self.pool.config.program, "job-child", folder, self.lease.attempt == 1)?;
+        tracing::info!(process = process.group().as_raw_nonzero(), "started");
+        let ended = self.watch(&mut process, folder, &shutdown.now, lost).instrument(tracing::info_span!("run")).await;
+        let status = process.end(self.pool.loose()).await?;
+        let left = folder.to_owned();
+        tokio::task::spawn_blocking(move || tame(&left)).await.map_err(io::Error::from)?;
         let ended = match ended? {
             Ended::Exited(status) if told_to_end(status, shutdown).await => Ended::Shutdown,
             ended => ended,
@@ -158,6 +166,11 @@ impl<'a> Attempt<'a> {
                 );
                 self.fail(folder, FailureKind::Final, problem(ProblemKind::DeadlineExceeded, detail)).await.map(Some)
             }
+            Ended::Excess(excess) => {
+                metrics::counter!("meshmend_kills_total", "reason" => excess.name()).increment(1);
+                let problem = crash::too_much(excess, self.pool.config.job_scratch, self.pool.config.job_processes);
+                self.fail(folder, FailureKind::Final, problem).await.map(Some)
+            }
             Ended::Exited(status) if status.success() => self.succeed(folder).await.map(Some),
             Ended::Exited(status) if status.code() == Some(i32::from(Task::EXIT_PROBLEM)) => {
                 let problem = read_json(folder, Task::PROBLEM).await?;
@@ -175,18 +188,11 @@ impl<'a> Attempt<'a> {
 
     fn task(&self) -> Task {
         let config = &self.pool.config;
-        let longest = self.deadline();
-        let cores = u32::try_from(std::thread::available_parallelism().map_or(1, usize::from)).unwrap_or(1);
         Task {
             inputs: self.job.inputs.clone(),
             options: self.job.options.clone(),
             limits: config.limits,
-            process: ProcessLimits {
-                memory_bytes: config.job_memory,
-                file_bytes: config.job_file,
-                // A backstop behind the deadline, for a process that escapes its group.
-                cpu: longest * cores + Duration::from_secs(5),
-            },
+            confinement: self.pool.confinement(self.deadline()),
             remesher: config.remesher.clone(),
             blender: config.blender.clone(),
         }
@@ -234,6 +240,7 @@ impl<'a> Attempt<'a> {
     async fn watch(
         &self,
         process: &mut JobProcess,
+        folder: &Path,
         stop: &CancellationToken,
         lost: &CancellationToken,
     ) -> Result<Ended, AttemptError> {
@@ -241,6 +248,8 @@ impl<'a> Attempt<'a> {
         let mut lines = FramedRead::new(stdout, LinesCodec::new_with_max_length(LINE_BYTES)).fuse();
         let deadline = tokio::time::sleep(self.deadline());
         tokio::pin!(deadline);
+        let allowance = self.pool.allowance(self.job.inputs.iter().map(|input| input.bytes).sum());
+        let mut usage = tokio::time::interval_at(Instant::now() + USAGE_EVERY, USAGE_EVERY);
         let mut progress: Option<JobProgress> = None;
         let mut written: Option<JobProgress> = None;
         let mut stages = Stages::default();
@@ -262,6 +271,13 @@ impl<'a> Attempt<'a> {
                 () = lost.cancelled() => return Ok(Ended::LeaseLost),
                 Some(line) = lines.next() => {
                     progress = read(line).or(progress);
+                }
+                _ = usage.tick() => {
+                    let (folder, group) = (folder.to_owned(), process.group());
+                    let look = tokio::task::spawn_blocking(move || allowance.exceeded(&folder, group));
+                    if let Some(excess) = look.await.map_err(io::Error::from)? {
+                        return Ok(Ended::Excess(excess));
+                    }
                 }
                 _ = news.tick(), if progress != written => {
                     match self.pool.store.heartbeat(&self.lease, self.pool.config.lease, progress).await {
@@ -397,6 +413,7 @@ async fn append_stderr(folder: &Path, ended: &Ended, status: ExitStatus) -> Resu
         Ended::Exited(status) if status.success() && stderr.is_empty() => return Ok(()),
         Ended::Exited(_) => format!("the repair process ended: {status}"),
         Ended::Deadline => "the repair process was killed at its deadline".to_owned(),
+        Ended::Excess(excess) => format!("the repair process was killed: too much {}", excess.name()),
         Ended::LeaseLost | Ended::Shutdown => "the repair process was killed".to_owned(),
     };
     let mut log = tokio::fs::OpenOptions::new().append(true).create(true).open(folder.join(Task::LOG)).await?;

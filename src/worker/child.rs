@@ -9,15 +9,16 @@ use std::time::Duration;
 use rustix::process::{Signal, getpgrp, kill_process_group};
 
 use super::pause_at;
-use super::task::Task;
+use super::task::{Confinement, Task};
 use super::work::{Failed, work};
+use crate::blender::BlenderConfig;
 use crate::context::{Context, Progress, Stage, monotonic_clock};
 use crate::jobs::JobProgress;
 
 /// Most bytes of a job's log.
 const LOG_BYTES: u64 = 1 << 20;
 
-/// The inside of a job's child process: reads the task in `folder`, does it, and leaves its files there. The memory that
+/// The inside of a job's child process: reads the task in `folder`, enters its sandbox, does the work, and leaves its files there. The memory that
 /// a hostile file makes it use, and a crash that it causes, stay in this process.
 #[must_use]
 pub fn run_child(folder: &Path) -> ExitCode {
@@ -32,7 +33,7 @@ pub fn run_child(folder: &Path) -> ExitCode {
 
 fn try_run(folder: &Path) -> io::Result<ExitCode> {
     let task: Task = serde_json::from_slice(&fs::read(folder.join(Task::TASK))?)?;
-    task.process.apply()?;
+    shut_in(folder, &task.confinement, task.remesher.as_ref().map(|_| &task.blender))?;
     end_with_the_worker()?;
     let progress = Reporter::new(folder)?;
     let cancel = AtomicBool::new(false);
@@ -50,9 +51,20 @@ fn try_run(folder: &Path) -> io::Result<ExitCode> {
     }
 }
 
+/// Puts the limits on this process and enters the sandbox: first of all, while there is one thread and no byte of a stranger has
+/// been read. Where there is a Blender to run, its locks can be reached from within.
+pub(super) fn shut_in(folder: &Path, confinement: &Confinement, blender: Option<&BlenderConfig>) -> io::Result<()> {
+    confinement.limits.apply()?;
+    let mut sandbox = confinement.sandbox.clone();
+    if let Some(blender) = blender {
+        sandbox.readable.push(blender.prepare_slots()?);
+    }
+    sandbox.enter(folder)
+}
+
 /// Watches the lifeline: when the worker is gone, however it went, nobody wants this job's result any more, and another
 /// worker may run the job again, so the whole process group ends.
-fn end_with_the_worker() -> io::Result<()> {
+pub(super) fn end_with_the_worker() -> io::Result<()> {
     std::thread::Builder::new().name("lifeline".to_owned()).stack_size(64 << 10).spawn(|| {
         let mut byte = [0];
         while matches!(io::stdin().read(&mut byte), Ok(n) if n > 0) {}

@@ -1,6 +1,7 @@
 use std::os::unix::process::ExitStatusExt;
 use std::process::ExitStatus;
 
+use super::usage::Excess;
 use crate::jobs::{FailureKind, JobProblem, ProblemKind};
 
 /// What is said where memory ends: by the allocator, by a read into memory, by the operating system of a mapping and of a
@@ -43,4 +44,26 @@ pub(super) fn explain(status: ExitStatus, stderr: &str, memory_bytes: u64) -> (F
         (FailureKind::Crash, ProblemKind::Crashed, detail)
     };
     (kind, JobProblem { code, detail, place: None, file: None })
+}
+
+/// Why a job was killed that took too much of what is counted for all its processes together.
+pub(super) fn too_much(excess: Excess, scratch_bytes: u64, processes: u64) -> JobProblem {
+    let (code, detail) = match excess {
+        Excess::Scratch => (
+            ProblemKind::FileLimit,
+            format!(
+                "The job's files took more than the {} MiB of disk that a job may have. Ask for a coarser result, such as a \
+                 smaller voxel_resolution, or raise the service's --job-scratch-mib.",
+                scratch_bytes >> 20
+            ),
+        ),
+        Excess::Processes => (
+            ProblemKind::Crashed,
+            format!(
+                "The job started more than the {processes} processes that a job may have, and was stopped. This is a fault \
+                 of the service, not of the model: please report it with the job's log, or raise the service's --job-processes."
+            ),
+        ),
+    };
+    JobProblem { code, detail, place: None, file: None }
 }

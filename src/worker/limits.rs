@@ -4,6 +4,9 @@ use std::time::Duration;
 use rlimit::Resource;
 use serde::{Deserialize, Serialize};
 
+/// Most files that a process may have open.
+const OPEN_FILES: u64 = 1024;
+
 /// What one job's child process, and each process it starts, may use.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ProcessLimits {
@@ -24,6 +27,7 @@ impl ProcessLimits {
         Self::lower(Resource::AS, self.memory_bytes)?;
         Self::lower(Resource::FSIZE, self.file_bytes)?;
         Self::lower(Resource::CPU, self.cpu.as_secs().max(1))?;
+        Self::lower(Resource::NOFILE, OPEN_FILES)?;
         Self::lower(Resource::CORE, 0)
     }
 

@@ -1,25 +1,31 @@
 //! Workers: claim a job, run it in a child process under limits, keep the lease alive, publish the result.
 //!
 //! ```text
-//! pool (slots) -> attempt (one claim) -> process (the child and its group) -> child (work: the engine, in there)
+//! pool (slots) -> attempt (one claim) -> process (the child and its group) -> child (sandbox, then work: the engine, in there)
 //! ```
 
 mod attempt;
 mod child;
 mod crash;
+mod errand;
 mod failpoint;
 mod files;
 mod limits;
 mod pool;
+mod probe;
 mod process;
 mod scratch;
 mod stages;
 mod sweep;
 mod task;
+mod usage;
+mod warm_up;
 mod work;
 
 pub use child::run_child;
 pub use failpoint::pause_at;
 pub use limits::ProcessLimits;
-pub use pool::{Pool, Shutdown, WorkerConfig};
+pub use pool::{Pool, PoolError, Shutdown, WorkerConfig};
+pub use probe::run_trial;
 pub use sweep::Retention;
+pub use warm_up::run_warm_up;

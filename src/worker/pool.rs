@@ -7,21 +7,32 @@ use tokio_util::sync::CancellationToken;
 use tracing::field::Empty;
 use tracing::{Instrument, Span};
 
+use super::ProcessLimits;
 use super::attempt::Attempt;
+use super::probe::probe;
 use super::scratch::Scratch;
 use super::sweep::{EVERY, Retention, sweep};
-use crate::blender::BlenderConfig;
+use super::task::Confinement;
+use super::usage::Allowance;
+use super::warm_up::warm_blender_up;
+use crate::blender::{BlenderConfig, installation};
 use crate::blobs::Blobs;
 use crate::format::Limits;
 use crate::jobs::{Claim, Store};
 use crate::repair::RemesherInfo;
+use crate::sandbox::{Protection, Sandbox, SandboxMode, SandboxStatus};
 use crate::telemetry;
+
+/// What counts a job's processes where the kernel does not.
+const COUNTED_HERE: &str = "worker";
 
 /// How workers run jobs.
 #[derive(Debug, Clone)]
 pub struct WorkerConfig {
     /// The program to start for a job's child process: this one.
     pub program: PathBuf,
+    /// The folder that holds what no job may see: the database, the files, the scratch folders of others.
+    pub private: PathBuf,
     /// Where scratch folders go.
     pub scratch: PathBuf,
     /// Jobs that run at the same time.
@@ -40,6 +51,14 @@ pub struct WorkerConfig {
     pub job_memory: u64,
     /// Largest file that a job may write, in bytes.
     pub job_file: u64,
+    /// Most that a job may write into its scratch folder, in bytes.
+    pub job_scratch: u64,
+    /// Most processes and threads of a job.
+    pub job_processes: u64,
+    /// What to do where the kernel can't wall jobs off.
+    pub sandbox: SandboxMode,
+    /// Files and folders that a job may read beside those of the system and of Blender.
+    pub readable: Vec<PathBuf>,
     /// Time beyond a job's own deadline after which its processes are killed.
     pub deadline_grace: Duration,
     /// What a reader may spend.
@@ -48,6 +67,19 @@ pub struct WorkerConfig {
     pub remesher: Option<RemesherInfo>,
     /// What tier 3 may use.
     pub blender: BlenderConfig,
+    /// Run Blender once on a small model at the start.
+    pub blender_warm_up: bool,
+}
+
+/// Why there is no pool.
+#[derive(Debug, thiserror::Error)]
+pub enum PoolError {
+    /// The scratch folder can't be used.
+    #[error("the scratch folder: {0}")]
+    Scratch(#[from] std::io::Error),
+    /// The sandbox can't be had.
+    #[error("the sandbox for jobs: {0}")]
+    Sandbox(std::io::Error),
 }
 
 /// The two steps of stopping.
@@ -66,19 +98,88 @@ pub struct Pool {
     pub(super) blobs: Blobs,
     pub(super) config: WorkerConfig,
     pub(super) scratch: Scratch,
+    sandbox: Sandbox,
+    status: Option<SandboxStatus>,
 }
 
 impl Pool {
-    /// Makes the scratch folder, and removes those of workers that are gone.
+    /// Makes the scratch folder, removes those of workers that are gone, and tries the sandbox that jobs will run in.
     ///
     /// # Errors
-    /// When the scratch folder can't be made.
-    pub fn new(store: Arc<dyn Store>, blobs: Blobs, config: WorkerConfig) -> std::io::Result<Self> {
+    /// When the scratch folder can't be made, or when the sandbox is required and can't be had.
+    pub async fn new(store: Arc<dyn Store>, blobs: Blobs, config: WorkerConfig) -> Result<Self, PoolError> {
         let name = format!("worker-{}-{}", std::process::id(), &uuid::Uuid::new_v4().simple().to_string()[..8]);
         // Orphans of a job's process group are to be reaped here, not by an init that a container may not have.
-        rustix::process::set_child_subreaper(Some(rustix::process::getpid()))?;
+        rustix::process::set_child_subreaper(Some(rustix::process::getpid())).map_err(std::io::Error::from)?;
         let scratch = Scratch::open(&config.scratch, &name)?;
-        Ok(Self { name, store, blobs, config, scratch })
+        let blender = config.remesher.iter().flat_map(|info| installation(info.program.as_ref(), &config.private));
+        let readable = blender.chain(config.readable.iter().cloned()).collect();
+        let sandbox = Sandbox { mode: config.sandbox, readable, max_processes: config.job_processes };
+        let mut pool = Self { name, store, blobs, config, scratch, sandbox, status: None };
+        if pool.config.slots > 0 {
+            pool.status = Some(pool.try_sandbox().await.map_err(PoolError::Sandbox)?);
+        }
+        Ok(pool)
+    }
+
+    /// What holds this pool's jobs; none where it runs none.
+    #[must_use]
+    pub fn sandbox(&self) -> Option<&SandboxStatus> {
+        self.status.as_ref()
+    }
+
+    async fn try_sandbox(&self) -> std::io::Result<SandboxStatus> {
+        let config = &self.config;
+        let outside = self.scratch.attempt()?;
+        let confinement = self.confinement(Duration::from_secs(60));
+        let mut walls = probe(&config.program, outside.path(), confinement).await?;
+        if !walls.processes.in_force {
+            let why = walls.processes.detail.take().unwrap_or_default();
+            let detail = Some(format!("counted now and then; the kernel does not do it: {why}"));
+            walls.processes = Protection { in_force: true, by: vec![COUNTED_HERE.to_owned()], detail };
+        }
+        for (wall, Protection { in_force, by, detail }) in walls.named() {
+            let (by, detail) = (by.join(", "), detail.as_deref().unwrap_or_default());
+            if *in_force {
+                tracing::info!(wall, by, detail, "jobs are walled off");
+            } else {
+                tracing::warn!(wall, detail, "jobs are not walled off");
+            }
+        }
+        Ok(SandboxStatus {
+            mode: config.sandbox,
+            walls,
+            max_processes: config.job_processes,
+            memory_bytes: config.job_memory,
+            scratch_bytes: config.job_scratch,
+            file_bytes: config.job_file,
+        })
+    }
+
+    /// What holds a job's processes, with processor time for so long on every core.
+    pub(super) fn confinement(&self, longest: Duration) -> Confinement {
+        let cores = u32::try_from(std::thread::available_parallelism().map_or(1, usize::from)).unwrap_or(1);
+        let limits = ProcessLimits {
+            memory_bytes: self.config.job_memory,
+            file_bytes: self.config.job_file,
+            // A backstop behind the deadline, for a process that escapes its group.
+            cpu: longest * cores + Duration::from_secs(5),
+        };
+        Confinement { limits, sandbox: self.sandbox.clone() }
+    }
+
+    /// What all processes of a job may use together, beside the `given` bytes that are in their folder from the start.
+    pub(super) fn allowance(&self, given: u64) -> Allowance {
+        let counts = self.status.as_ref().is_some_and(|it| it.walls.processes.by == [COUNTED_HERE]);
+        Allowance {
+            scratch_bytes: self.config.job_scratch.saturating_add(given),
+            processes: counts.then_some(self.config.job_processes),
+        }
+    }
+
+    /// Whether a job's processes may leave its process group.
+    pub(super) fn loose(&self) -> bool {
+        self.status.as_ref().is_none_or(|it| !it.walls.system_calls.in_force)
     }
 
     /// Bytes free on the disk that has the fewest, as an error where that is too few to begin a job.
@@ -98,6 +199,11 @@ impl Pool {
         tasks.spawn(sweep_now_and_then(Arc::clone(&pool), shutdown.drain.clone()));
         metrics::gauge!(telemetry::WORKER_SLOTS, "state" => "idle").set(pool.config.slots as f64);
         metrics::gauge!(telemetry::WORKER_SLOTS, "state" => "busy").set(0);
+        if let Some(remesher) =
+            pool.config.remesher.clone().filter(|_| pool.config.blender_warm_up && pool.config.slots > 0)
+        {
+            tasks.spawn(warm_blender_up(Arc::clone(&pool), remesher, shutdown.drain.clone()));
+        }
         for _ in 0..pool.config.slots {
             tasks.spawn(slot(Arc::clone(&pool), shutdown.clone()));
         }

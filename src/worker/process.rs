@@ -1,29 +1,32 @@
+use std::collections::HashSet;
 use std::fs::File;
 use std::io;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::{ExitStatus, Stdio};
 use std::time::Duration;
 
 use rustix::io::Errno;
-use rustix::process::{Pid, Signal, WaitOptions, kill_process_group, waitpgid};
+use rustix::process::{Pid, Signal, WaitOptions, kill_process_group, waitpgid, waitpid};
 use tokio::process::{Child, ChildStdin, ChildStdout, Command};
 
 use super::task::Task;
+use crate::sandbox::processes::{MARK, end_descendants, end_strays};
 
 /// A job's child process and all it starts, as one process group.
 pub(super) struct JobProcess {
     child: Child,
     group: Pid,
+    folder: PathBuf,
     _lifeline: Option<ChildStdin>,
 }
 
 impl JobProcess {
-    /// Starts `program job-child` in `folder` with an environment that holds no more than it needs.
-    pub fn start(program: &Path, folder: &Path, first_attempt: bool) -> io::Result<Self> {
+    /// Starts `program verb folder` with an environment that holds no more than it needs.
+    pub fn start(program: &Path, verb: &str, folder: &Path, first_attempt: bool) -> io::Result<Self> {
         let stderr = File::create(Task::in_folder(folder, Task::STDERR))?;
         let mut command = Command::new(program);
         command
-            .arg("job-child")
+            .arg(verb)
             .arg(folder)
             .current_dir(folder)
             .env_clear()
@@ -31,6 +34,7 @@ impl JobProcess {
             .env("HOME", folder)
             .env("TMPDIR", folder)
             .env("LANG", "C.UTF-8")
+            .env(MARK, folder)
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
             .stderr(stderr)
@@ -43,11 +47,11 @@ impl JobProcess {
         let id = child.id().and_then(|id| i32::try_from(id).ok()).and_then(Pid::from_raw);
         let group = id.ok_or_else(|| io::Error::other("the child process ended before it had an id"))?;
         let lifeline = child.stdin.take();
-        Ok(Self { child, group, _lifeline: lifeline })
+        Ok(Self { child, group, folder: folder.to_owned(), _lifeline: lifeline })
     }
 
-    pub fn id(&self) -> i32 {
-        self.group.as_raw_nonzero().get()
+    pub fn group(&self) -> Pid {
+        self.group
     }
 
     pub fn stdout(&mut self) -> Option<ChildStdout> {
@@ -59,23 +63,43 @@ impl JobProcess {
         self.child.wait().await
     }
 
-    /// Kills whatever of the group is left and reaps it.
-    pub async fn end(mut self) -> io::Result<ExitStatus> {
+    /// Kills whatever of the group is left and reaps it. Where nothing kept its processes in the group (`loose`), those that left it are
+    /// looked for too.
+    pub async fn end(mut self, loose: bool) -> io::Result<ExitStatus> {
+        let mut strays = HashSet::new();
+        // Before the child is gone, since its children get another parent then.
+        if loose && self.child.id().is_some() {
+            let child = self.group;
+            strays = tokio::task::spawn_blocking(move || end_descendants(child)).await?;
+        }
         match kill_process_group(self.group, Signal::KILL) {
             Ok(()) | Err(Errno::SRCH) => {}
             Err(e) => return Err(e.into()),
         }
         let status = self.child.wait().await?;
-        // Grandchildren come to us because the pool made this process their reaper. A killed process ends within
-        // moments, unless it hangs in the kernel, which is no reason to hold up the worker.
-        for _ in 0..200 {
-            match waitpgid(self.group, WaitOptions::NOHANG) {
-                Ok(None) => tokio::time::sleep(Duration::from_millis(10)).await,
-                Ok(Some(_)) => {}
-                Err(_) => return Ok(status),
-            }
+        if loose {
+            let folder = self.folder;
+            strays.extend(tokio::task::spawn_blocking(move || end_strays(folder.as_os_str())).await?);
         }
-        tracing::error!(group = self.group.as_raw_nonzero(), "a killed process group is still there");
+        // Grandchildren come to us because the pool made this process their reaper.
+        let group = self.group;
+        reap(group, || waitpgid(group, WaitOptions::NOHANG).map(|it| it.is_some())).await;
+        for stray in strays {
+            reap(stray, || waitpid(Some(stray), WaitOptions::NOHANG).map(|it| it.is_some())).await;
+        }
         Ok(status)
     }
+}
+
+/// Waits for killed processes until there are none. A killed process ends within moments, unless it hangs in the kernel, which is
+/// no reason to hold up the worker.
+async fn reap(id: Pid, one: impl Fn() -> Result<bool, Errno>) {
+    for _ in 0..200 {
+        match one() {
+            Ok(false) => tokio::time::sleep(Duration::from_millis(10)).await,
+            Ok(true) => {}
+            Err(_) => return,
+        }
+    }
+    tracing::error!(id = id.as_raw_nonzero(), "a killed process is still there");
 }

@@ -7,6 +7,7 @@ use crate::blender::BlenderConfig;
 use crate::format::Limits;
 use crate::jobs::{Input, JobOptions, JobProgress};
 use crate::repair::RemesherInfo;
+use crate::sandbox::Sandbox;
 
 /// What a worker tells its child process: a JSON file in the scratch folder, where the [`input`](Self::input) files lie.
 ///
@@ -19,9 +20,16 @@ pub(super) struct Task {
     pub inputs: Vec<Input>,
     pub options: JobOptions,
     pub limits: Limits,
-    pub process: ProcessLimits,
+    pub confinement: Confinement,
     pub remesher: Option<RemesherInfo>,
     pub blender: BlenderConfig,
+}
+
+/// What holds a process that a worker starts.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(super) struct Confinement {
+    pub limits: ProcessLimits,
+    pub sandbox: Sandbox,
 }
 
 /// A line of the child's standard output.

@@ -211,5 +211,5 @@ fn a_remesh_in_stages_gives_the_last_one() {
 #[test]
 fn a_warm_up_finds_it_working() {
     let info = blender().info().expect("found").clone();
-    assert!(matches!(warm_up(info, config(), &|| false), Warmth::Warm(_)));
+    assert!(matches!(warm_up(info, config()), Warmth::Warm(_)));
 }

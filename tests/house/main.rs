@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 /// Each room, and the rooms it may import from. `ARCHITECTURE.md` has the reasons.
-const ROOMS: [(&str, &[&str]); 18] = [
+const ROOMS: [(&str, &[&str]); 19] = [
     ("math", &[]),
     ("context", &[]),
     ("telemetry", &[]),
@@ -18,15 +18,28 @@ const ROOMS: [(&str, &[&str]); 18] = [
     ("simplify", &["math", "mesh", "context"]),
     ("remesh", &["math", "mesh", "context"]),
     ("repair", &["math", "mesh", "context", "format", "inspect", "render", "arrange", "simplify", "remesh"]),
-    ("blender", &["math", "mesh", "context", "repair"]),
+    ("sandbox", &[]),
+    ("blender", &["math", "mesh", "context", "repair", "sandbox"]),
     ("access", &[]),
     ("jobs", &["access", "context", "format", "inspect", "analyze", "repair", "telemetry"]),
     ("blobs", &["jobs", "telemetry"]),
     (
         "worker",
-        &["format", "context", "inspect", "render", "analyze", "repair", "blender", "jobs", "blobs", "telemetry"],
+        &[
+            "format",
+            "context",
+            "inspect",
+            "render",
+            "analyze",
+            "repair",
+            "sandbox",
+            "blender",
+            "jobs",
+            "blobs",
+            "telemetry",
+        ],
     ),
-    ("api", &["access", "format", "context", "inspect", "analyze", "repair", "jobs", "blobs", "telemetry"]),
+    ("api", &["access", "format", "context", "inspect", "analyze", "repair", "sandbox", "jobs", "blobs", "telemetry"]),
 ];
 
 /// Rooms of the engine, and the crates that it knows nothing of.

@@ -22,6 +22,7 @@ mod postgres;
 mod problems;
 mod readme;
 mod retention;
+mod sandbox;
 mod store;
 mod stores;
 mod surface;

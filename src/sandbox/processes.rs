@@ -1,3 +1,6 @@
+//! Finds, counts and ends processes by what `/proc` tells of them.
+
+use std::collections::HashSet;
 use std::ffi::OsStr;
 use std::fs::File;
 use std::io::Read;
@@ -9,7 +12,7 @@ use rustix::process::{Pid, PidfdFlags, Signal, getpid, kill_process, pidfd_open,
 
 /// The variable in the environment of a run that names its scratch folder. Children inherit it, so it finds what a run
 /// leaves behind, even where a wrapper has put a process between or an orphan has got another parent.
-pub(super) const MARK: &str = "MESHMEND_SCRATCH";
+pub const MARK: &str = "MESHMEND_SCRATCH";
 
 /// Most of an environment that is read; ours is a few hundred bytes.
 const MOST_ENVIRONMENT: u64 = 1 << 20;
@@ -17,28 +20,35 @@ const MOST_ENVIRONMENT: u64 = 1 << 20;
 const ROUNDS: u32 = 500;
 const PAUSE: Duration = Duration::from_millis(4);
 
-/// Kills every process that carries the mark `scratch`, and returns when none is left. Without /proc there is nothing
-/// to search, and what a run left is then up to the script, which dies with its parent.
-pub(super) fn end_strays(scratch: &OsStr) {
+/// Kills every process that carries the mark `scratch` or that of a folder in it, and returns when none is left, with
+/// those that there were. Without /proc there is nothing to search, and what a run left is then up to the script, which dies with
+/// its parent.
+pub fn end_strays(scratch: &OsStr) -> HashSet<Pid> {
     let entry = [MARK.as_bytes(), b"=", scratch.as_bytes()].concat();
+    let mut strays = HashSet::new();
     for _ in 0..ROUNDS {
-        if !kill_marked(&entry) {
-            return;
+        let found = kill_marked(&entry);
+        if found.is_empty() {
+            break;
         }
+        strays.extend(found);
         sleep(PAUSE);
     }
+    strays
 }
 
 /// Kills every descendant of a running child of ours, in other sessions and without the mark too, and leaves the child itself
-/// stopped.
-pub(super) fn end_descendants(child: Pid) {
+/// stopped. Gives those that there were.
+pub fn end_descendants(child: Pid) -> HashSet<Pid> {
     // So that it starts no more meanwhile. Its id is its own until it is reaped.
     let _ = kill_process(child, Signal::STOP);
+    let mut ended = HashSet::new();
     for _ in 0..ROUNDS {
         let family = descendants(child);
         if family.is_empty() {
-            return;
+            break;
         }
+        ended.extend(family.iter().map(|(id, _)| *id));
         for (id, started) in family {
             // The id may be given to another process between the look and the signal; a handle may not.
             match pidfd_open(id, PidfdFlags::empty()) {
@@ -53,11 +63,21 @@ pub(super) fn end_descendants(child: Pid) {
         }
         sleep(PAUSE);
     }
+    ended
+}
+
+/// How many processes and threads a process group has.
+#[must_use]
+pub fn count_group(group: Pid) -> u64 {
+    let group = group.as_raw_nonzero().get();
+    processes().filter_map(Process::read).filter(|it| it.group == group && !it.ended).map(|it| it.threads).sum()
 }
 
 /// What `/proc` tells of a process.
 struct Process {
     parent: i32,
+    group: i32,
+    threads: u64,
     /// When it started, which tells it from a later one with the same id.
     started: u64,
     ended: bool,
@@ -72,7 +92,9 @@ impl Process {
         let mut fields = fields.split_ascii_whitespace();
         let ended = matches!(fields.next()?, "Z" | "X");
         let parent = fields.next()?.parse().ok()?;
-        Some(Self { parent, started: fields.nth(17)?.parse().ok()?, ended })
+        let group = fields.next()?.parse().ok()?;
+        let threads = fields.nth(14)?.parse().ok()?;
+        Some(Self { parent, group, threads, started: fields.nth(1)?.parse().ok()?, ended })
     }
 }
 
@@ -96,14 +118,14 @@ fn processes() -> impl Iterator<Item = Pid> {
     entries.filter_map(|entry| entry.file_name().to_str()?.parse().ok().and_then(Pid::from_raw))
 }
 
-/// Whether there was any.
-fn kill_marked(entry: &[u8]) -> bool {
-    let mut any = false;
+/// Gives those that there were.
+fn kill_marked(entry: &[u8]) -> Vec<Pid> {
+    let mut found = Vec::new();
     for id in processes().filter(|&id| id != getpid()) {
         if !is_marked(id, entry) {
             continue;
         }
-        any = true;
+        found.push(id);
         // The id may be given to another process between the look and the signal; a handle may not.
         match pidfd_open(id, PidfdFlags::empty()) {
             Ok(handle) => {
@@ -118,7 +140,7 @@ fn kill_marked(entry: &[u8]) -> bool {
             Err(_) => {}
         }
     }
-    any
+    found
 }
 
 /// A process of another user, or one that has ended, has no environment that could be read.
@@ -126,5 +148,6 @@ fn is_marked(id: Pid, entry: &[u8]) -> bool {
     let mut environment = Vec::new();
     let path = format!("/proc/{}/environ", id.as_raw_nonzero());
     let read = File::open(path).and_then(|file| file.take(MOST_ENVIRONMENT).read_to_end(&mut environment));
-    read.is_ok() && environment.split(|&byte| byte == 0).any(|variable| variable == entry)
+    let names_it = |variable: &[u8]| variable.strip_prefix(entry).is_some_and(|rest| matches!(rest, [] | [b'/', ..]));
+    read.is_ok() && environment.split(|&byte| byte == 0).any(names_it)
 }

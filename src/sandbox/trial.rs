@@ -1,0 +1,106 @@
+use std::fs;
+use std::io;
+use std::net::{SocketAddr, TcpStream};
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use rlimit::Resource;
+use rustix::io::Errno;
+use rustix::process::{getppid, setpgid, test_kill_process};
+use serde::{Deserialize, Serialize};
+
+use super::{Layers, Protection, Sandbox, Walls};
+
+/// What to try from within a sandbox. Whoever sets it listens, and keeps a file where none may be read.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct Trial {
+    /// Where somebody listens.
+    pub listener: SocketAddr,
+    /// A folder outside, with a file [`SECRET`](Self::SECRET) in it.
+    pub outside: PathBuf,
+}
+
+impl Trial {
+    /// The file to be read.
+    pub const SECRET: &str = "secret";
+
+    /// Enters the sandbox with `folder` to write, tries what must fail in there, and says what did. The process is of no use
+    /// for anything else afterwards.
+    ///
+    /// # Errors
+    /// Where the sandbox can't be entered, or where `folder` can't be written from within.
+    pub fn run(&self, sandbox: &Sandbox, folder: &Path) -> io::Result<Walls> {
+        let Some(layers) = sandbox.enter_layers(folder)? else { return Ok(Walls::none()) };
+        let inside = folder.join("written");
+        fs::write(&inside, "inside")?;
+        fs::remove_file(&inside)?;
+        Ok(Walls {
+            network: self.network(&layers),
+            files: self.files(&layers),
+            system_calls: system_calls(&layers),
+            signals: signals(),
+            // The last, since it leaves no process to spare.
+            processes: processes(&layers),
+        })
+    }
+
+    fn network(&self, layers: &Layers) -> Protection {
+        let Layers { network_namespace, seccomp, .. } = layers;
+        if TcpStream::connect_timeout(&self.listener, Duration::from_secs(5)).is_ok() {
+            return Protection::missing(told([network_namespace, seccomp], "a connection could be made"));
+        }
+        let layers = [("network namespace", network_namespace), ("seccomp", seccomp)];
+        let by: Vec<String> = layers.iter().filter(|(_, it)| it.is_ok()).map(|(name, _)| (*name).to_owned()).collect();
+        let missing: Vec<String> = layers.iter().filter_map(|(_, it)| it.as_ref().err().cloned()).collect();
+        if by.is_empty() { Protection::missing(missing.join("; ")) } else { Protection::held(by, missing) }
+    }
+
+    fn files(&self, layers: &Layers) -> Protection {
+        let by = match &layers.landlock {
+            Ok(by) => by.clone(),
+            Err(why) => return Protection::missing(why),
+        };
+        let outside = self.outside.display();
+        if fs::read(self.outside.join(Self::SECRET)).is_ok() {
+            Protection::missing(format!("{outside} can be read; it lies in a folder that programs need"))
+        } else if fs::write(self.outside.join("written"), "").is_ok() {
+            Protection::missing(format!("{outside} can be written"))
+        } else {
+            Protection::held(vec![by], layers.seccomp.as_ref().err().cloned().into_iter().collect())
+        }
+    }
+}
+
+/// Why layers are missing, or that they don't do their work.
+fn told<T, const N: usize>(layers: [&Result<T, String>; N], otherwise: &str) -> String {
+    let missing: Vec<&str> = layers.iter().filter_map(|it| it.as_ref().err().map(String::as_str)).collect();
+    if missing.is_empty() { otherwise.to_owned() } else { missing.join("; ") }
+}
+
+fn system_calls(layers: &Layers) -> Protection {
+    // Nothing else refuses a process to stay the leader of the group that it leads.
+    match setpgid(None, None) {
+        Err(Errno::PERM) if layers.seccomp.is_ok() => Protection::held(vec!["seccomp".to_owned()], Vec::new()),
+        _ => Protection::missing(told([&layers.seccomp], "a system call that should be refused was not")),
+    }
+}
+
+fn signals() -> Protection {
+    match getppid().map(test_kill_process) {
+        Some(Err(Errno::PERM)) => Protection::held(vec!["landlock".to_owned()], Vec::new()),
+        _ => {
+            Protection::missing("processes of the same user can be signalled; Landlock of Linux 6.12 keeps them apart")
+        }
+    }
+}
+
+fn processes(layers: &Layers) -> Protection {
+    if let Err(why) = &layers.process_count {
+        return Protection::missing(why);
+    }
+    let one_more = Resource::NPROC.set(1, 1).map(|()| std::thread::Builder::new().spawn(|| ()));
+    match one_more {
+        Ok(Err(_)) => Protection::held(vec!["user namespace".to_owned()], Vec::new()),
+        _ => Protection::missing("the kernel does not keep to the limit"),
+    }
+}
