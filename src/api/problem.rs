@@ -52,7 +52,7 @@ pub enum ProblemCode {
     QueueFull,
     /// The disk has no room for more files.
     StorageFull,
-    /// The database does not answer now.
+    /// The database or the file store does not answer now.
     Unavailable,
     /// A fault of the service.
     Internal,
@@ -282,7 +282,7 @@ pub struct Problem {
     pub(super) headers: Vec<(HeaderName, String)>,
 }
 
-/// Seconds to wait while the database does not answer.
+/// Seconds to wait while the database or the file store does not answer.
 const RETRY_AFTER_S: u32 = 5;
 
 /// The media type of a [`Problem`].
@@ -371,7 +371,12 @@ impl From<StoreError> for Problem {
 
 impl From<BlobError> for Problem {
     fn from(error: BlobError) -> Self {
-        Self::internal(&error)
+        if !error.may_pass() {
+            return Self::internal(&error);
+        }
+        tracing::error!(%error, "the file store does not answer");
+        Self::new(ProblemCode::Unavailable, "The service's file store does not answer now. Ask again soon.")
+            .retry_after(RETRY_AFTER_S)
     }
 }
 

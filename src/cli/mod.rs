@@ -1,3 +1,4 @@
+mod blobs;
 mod compare;
 mod engine;
 mod exit;

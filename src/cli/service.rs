@@ -16,6 +16,7 @@ use metrics_exporter_prometheus::{Matcher, PrometheusBuilder, PrometheusHandle};
 use tokio::signal::unix::{SignalKind, signal};
 use tokio_util::sync::CancellationToken;
 
+use super::blobs::BlobArgs;
 use super::engine::{BlenderArgs, LimitArgs};
 use super::exit;
 use super::listen::listen;
@@ -94,6 +95,8 @@ pub struct DataArgs {
     /// Most connections to PostgreSQL that this process holds.
     #[arg(long, env = "MESHMEND_DATABASE_CONNECTIONS", default_value_t = 10, value_parser = clap::value_parser!(u32).range(2..=1000))]
     database_connections: u32,
+    #[command(flatten)]
+    blobs: BlobArgs,
     /// What to log, as `level` or `target=level,...`.
     #[arg(long, env = "MESHMEND_LOG", default_value = "info")]
     log: String,
@@ -183,7 +186,7 @@ fn start(data: &DataArgs, service: impl Future<Output = Result<(), ServiceError>
 }
 
 fn start_logging(data: &DataArgs) -> Result<(), String> {
-    let filter = tracing_subscriber::EnvFilter::try_new(format!("sqlx=warn,{}", data.log))
+    let filter = tracing_subscriber::EnvFilter::try_new(format!("sqlx=warn,object_store=warn,{}", data.log))
         .map_err(|e| format!("--log '{}': {e}", data.log))?;
     let builder = tracing_subscriber::fmt().with_env_filter(filter).with_writer(io::stderr);
     match data.log_format {
@@ -212,7 +215,7 @@ impl Room {
                 Arc::new(SqliteStore::open(&database, Arc::new(SystemClock), retry).await?)
             }
         };
-        let blobs = Blobs::local(&data_dir.join("files"))?;
+        let blobs = args.blobs.open(&data_dir)?;
         Ok(Self { data_dir, store, blobs })
     }
 

@@ -10,6 +10,7 @@ mod crash;
 mod failpoint;
 mod files;
 mod limits;
+mod patience;
 mod pool;
 mod process;
 mod scratch;

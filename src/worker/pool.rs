@@ -98,7 +98,7 @@ async fn slot(pool: Arc<Pool>, shutdown: Shutdown) {
         match pool.store.claim(&pool.name, pool.config.lease).await {
             Ok(Some(claim)) => {
                 let span = tracing::info_span!("job", id = %claim.lease.id, attempt = claim.lease.attempt);
-                Attempt::new(&pool, claim).run(&shutdown).instrument(span).await;
+                Attempt::new(&pool, claim, &shutdown).run(&shutdown).instrument(span).await;
                 continue;
             }
             Ok(None) => {}

@@ -1,5 +1,7 @@
 use std::time::Duration;
 
+use futures::TryStreamExt;
+
 use crate::blobs::{BlobError, Blobs};
 use crate::jobs::{JobStore, StoreError};
 
@@ -21,9 +23,9 @@ pub(super) enum SweepError {
 /// deletions that were stopped half way.
 pub(super) async fn sweep(store: &dyn JobStore, blobs: &Blobs) -> Result<(), SweepError> {
     store.forget_keys().await?;
-    for id in blobs.owners(AGE).await? {
-        if store.get(id).await?.is_none_or(|job| job.purged) {
-            blobs.delete_job(id).await?;
+    let mut owners = blobs.owners(AGE).await?;
+    while let Some(id) = owners.try_next().await? {
+        if store.get(id).await?.is_none_or(|job| job.purged) && blobs.delete_quiet_job(id, AGE).await? {
             tracing::info!(%id, "removed files that no job owns");
         }
     }

@@ -7,6 +7,8 @@ mod server;
 
 mod analyze;
 mod blender;
+mod blobs;
+mod buckets;
 mod cancel;
 mod database;
 mod faults;
@@ -17,5 +19,7 @@ mod limits;
 mod postgres;
 mod problems;
 mod readme;
+#[path = "../support/s3.rs"]
+mod s3;
 mod store;
 mod surface;
