@@ -8,6 +8,8 @@ mod artifacts;
 mod capabilities;
 mod events;
 mod extract;
+mod file_name;
+mod from_upload;
 mod health;
 mod idempotency;
 mod job_view;
@@ -19,6 +21,7 @@ mod router;
 mod state;
 mod submit;
 mod upload;
+mod uploads;
 mod wait;
 
 pub use capabilities::{Capabilities, TierStatus};

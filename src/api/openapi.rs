@@ -3,7 +3,7 @@ use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
 use super::state::ApiState;
-use super::{artifacts, capabilities, events, health, jobs, submit};
+use super::{artifacts, capabilities, events, health, jobs, submit, uploads};
 
 #[derive(OpenApi)]
 #[openapi(
@@ -15,6 +15,7 @@ use super::{artifacts, capabilities, events, health, jobs, submit};
     ),
     tags(
         (name = "jobs", description = "Send a model, follow its job, download the result"),
+        (name = "uploads", description = "Send a large file, or one from a browser, before its job"),
         (name = "service", description = "What the service can do and how it is"),
     ),
     components(schemas(super::Problem, crate::jobs::JobReport)),
@@ -29,6 +30,8 @@ pub(super) fn routes() -> OpenApiRouter<ApiState> {
         .routes(routes!(jobs::cancel_job))
         .routes(routes!(events::job_events))
         .routes(routes!(artifacts::get_artifact))
+        .routes(routes!(uploads::announce_upload))
+        .routes(routes!(uploads::put_upload))
         .routes(routes!(capabilities::get_capabilities))
         .routes(routes!(health::livez))
         .routes(routes!(health::readyz))

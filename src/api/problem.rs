@@ -34,6 +34,12 @@ pub enum ProblemCode {
     UploadTimeout,
     /// The upload broke off.
     UploadInterrupted,
+    /// No upload of that name, or its time is over.
+    UploadNotFound,
+    /// The upload's file was not sent yet.
+    UploadMissing,
+    /// The upload has its file already, or a job was made of it.
+    UploadUsed,
     /// No job of that name.
     JobNotFound,
     /// The job was deleted on request.
@@ -73,7 +79,7 @@ pub struct ProblemDoc {
 
 impl ProblemCode {
     /// Every code.
-    pub const ALL: [Self; 22] = [
+    pub const ALL: [Self; 25] = [
         Self::RouteNotFound,
         Self::MethodNotAllowed,
         Self::InvalidRequest,
@@ -85,6 +91,9 @@ impl ProblemCode {
         Self::UnsupportedModel,
         Self::UploadTimeout,
         Self::UploadInterrupted,
+        Self::UploadNotFound,
+        Self::UploadMissing,
+        Self::UploadUsed,
         Self::JobNotFound,
         Self::JobDeleted,
         Self::JobFinished,
@@ -134,7 +143,7 @@ impl ProblemCode {
             Self::UnsupportedMediaType => (
                 StatusCode::UNSUPPORTED_MEDIA_TYPE,
                 "Unsupported media type",
-                "Send multipart/form-data, or the model's bytes with a media type such as application/octet-stream.",
+                "Send what the detail names; for a job, a form, the model's bytes, or JSON that names an upload.",
             ),
             Self::UnsupportedModel => (
                 StatusCode::UNSUPPORTED_MEDIA_TYPE,
@@ -143,6 +152,19 @@ impl ProblemCode {
             ),
             Self::UploadTimeout => (StatusCode::REQUEST_TIMEOUT, "Upload stopped coming", "Send it again."),
             Self::UploadInterrupted => (StatusCode::BAD_REQUEST, "Upload broke off", "Send it again."),
+            Self::UploadNotFound => {
+                (StatusCode::NOT_FOUND, "No such upload", "Announce it anew: POST /v1/uploads, then send the file.")
+            }
+            Self::UploadMissing => (
+                StatusCode::CONFLICT,
+                "Upload not sent yet",
+                "Send the file as the upload's 'put' says, then ask again.",
+            ),
+            Self::UploadUsed => (
+                StatusCode::CONFLICT,
+                "Upload used before",
+                "Announce another one: POST /v1/uploads, then send the file.",
+            ),
             Self::JobNotFound => {
                 (StatusCode::NOT_FOUND, "No such job", "Check the id; it is in the answer to POST /v1/jobs.")
             }
@@ -360,6 +382,9 @@ impl From<StoreError> for Problem {
         if matches!(error, StoreError::KeyLost) {
             return super::idempotency::in_use();
         }
+        if matches!(error, StoreError::UploadTaken) {
+            return Self::new(ProblemCode::UploadUsed, "Another job was made of this upload meanwhile.");
+        }
         if !error.may_pass() {
             return Self::internal(&error);
         }
@@ -371,8 +396,14 @@ impl From<StoreError> for Problem {
 
 impl From<BlobError> for Problem {
     fn from(error: BlobError) -> Self {
+        Self::from(&error)
+    }
+}
+
+impl From<&BlobError> for Problem {
+    fn from(error: &BlobError) -> Self {
         if !error.may_pass() {
-            return Self::internal(&error);
+            return Self::internal(error);
         }
         tracing::error!(%error, "the file store does not answer");
         Self::new(ProblemCode::Unavailable, "The service's file store does not answer now. Ask again soon.")

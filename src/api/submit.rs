@@ -4,13 +4,15 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use axum::body::{Body, Bytes};
 use axum::extract::multipart::Field;
 use axum::extract::{FromRequest, Multipart, Request, State};
-use axum::http::{HeaderMap, StatusCode, header};
+use axum::http::{StatusCode, header};
 use axum::response::Response;
 use futures::StreamExt;
 use serde_json::{Map, Value};
 use utoipa::ToSchema;
 
 use super::extract::text_header;
+use super::file_name::{clean_name, disposition_name};
+use super::from_upload::{SubmitUpload, from_upload};
 use super::idempotency::{self, Asked, REPLAYED};
 use super::jobs::{answer, etag};
 use super::problem::{Problem, ProblemCode};
@@ -19,7 +21,7 @@ use super::upload::{Room, SourceError, Unclaimed, one_at_a_time, source_problem,
 use crate::blobs::{Blobs, Stored};
 use crate::format::{ReadErrorKind, sniff};
 use crate::inspect::InspectOptions;
-use crate::jobs::{Input, Job, JobId, JobOptions, JobStore, Mode, NewJob};
+use crate::jobs::{Input, Job, JobId, JobOptions, JobStore, Mode, NewJob, UploadId};
 use crate::repair::Options;
 
 /// Largest `options` part of a form.
@@ -29,8 +31,6 @@ const OPTIONS_BYTES: usize = 64 << 10;
 const FORM_BYTES: u64 = 1 << 20;
 /// Seconds after which a client may try again where there was no room.
 const BUSY_S: u32 = 30;
-/// Longest file name that is kept, in characters.
-const NAME_CHARS: usize = 200;
 
 /// The form that a job is submitted with.
 #[derive(ToSchema)]
@@ -53,8 +53,8 @@ pub(super) struct RawModel(Vec<u8>);
 /// Submit a model for repair, or files for analysis.
 ///
 /// Send a form with the part `file` (for an analysis several, if wanted) and, if wanted, `options`; or one model's bytes
-/// as the whole body, with the options in the query and the file's name as `name`. The answer comes as soon as the files
-/// are stored: poll the job, or listen to its events.
+/// as the whole body, with the options in the query and the file's name as `name`; or, for a file that was sent to an address of
+/// `POST /v1/uploads` before, JSON that names it. The answer comes as soon as the files are stored: poll the job, or listen to its events.
 #[utoipa::path(
     post, path = "/v1/jobs", tag = "jobs",
     params(
@@ -67,13 +67,15 @@ pub(super) struct RawModel(Vec<u8>);
     request_body(content(
         (SubmitForm = "multipart/form-data"),
         (RawModel = "application/octet-stream"),
+        (SubmitUpload = "application/json"),
     )),
     responses(
         (status = 202, description = "The job was accepted", body = super::job_view::JobView,
             headers(("Location" = String, description = "The job's address"), ("Retry-After" = u32, description = "Seconds to wait before asking"))),
-        (status = 400, description = "No file, a second file for a repair, or a form that can't be understood", body = Problem, content_type = "application/problem+json"),
+        (status = 400, description = "No file, a second file for a repair, or a form or JSON that can't be understood", body = Problem, content_type = "application/problem+json"),
         (status = 408, description = "The upload stopped coming", body = Problem, content_type = "application/problem+json"),
-        (status = 409, description = "A request with the same Idempotency-Key is under way", body = Problem, content_type = "application/problem+json"),
+        (status = 404, description = "No such upload, or its time is over", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "A request with the same Idempotency-Key is under way; or the upload was not sent yet, or is another job's", body = Problem, content_type = "application/problem+json"),
         (status = 410, description = "The job that the same request made before was deleted", body = Problem, content_type = "application/problem+json"),
         (status = 413, description = "The upload is too large, or has too many files", body = Problem, content_type = "application/problem+json"),
         (status = 415, description = "Not a model that can be read; of several files, `errors` names each", body = Problem, content_type = "application/problem+json"),
@@ -81,7 +83,7 @@ pub(super) struct RawModel(Vec<u8>);
         (status = 429, description = "As many jobs wait as may", body = Problem, content_type = "application/problem+json",
             headers(("Retry-After" = u32, description = "Seconds to wait before sending it again"))),
         (status = 500, description = "A fault of the service", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "The database does not answer now, or the disk is full", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "The database or the file store does not answer now, or the disk is full", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub(super) async fn submit_job(State(state): State<ApiState>, request: Request) -> Result<Response, Problem> {
@@ -105,14 +107,11 @@ pub(super) async fn submit_job(State(state): State<ApiState>, request: Request) 
     let unclaimed = Unclaimed::new(&state.blobs, id);
     let upload = match essence.as_str() {
         "multipart/form-data" => from_form(&state, id, request).await,
-        "application/json" => {
-            let detail = "JSON is not a model. Send multipart/form-data with the parts 'file' and 'options', or the \
-                          model's bytes as application/octet-stream.";
-            Err(Problem::new(ProblemCode::UnsupportedMediaType, detail))
-        }
+        "application/json" => from_upload(&state, id, request, &asked).await,
         _ => from_body(&state, id, request).await,
     };
-    let store = Arc::clone(&state.store);
+    let (store, blobs) = (Arc::clone(&state.store), state.blobs.clone());
+    let taken = upload.as_ref().ok().and_then(|upload| upload.taken);
     // From here on a client that hangs up changes nothing: the job is accepted, or its files go.
     let accepting = tokio::spawn(async move {
         let accepted = accept(store.as_ref(), id, upload, asked).await;
@@ -122,6 +121,11 @@ pub(super) async fn submit_job(State(state): State<ApiState>, request: Request) 
             Err(refused) => !refused.is_certain,
         };
         unclaimed.settle(has_files).await;
+        if let (Ok(_), Some(taken)) = (&accepted, taken)
+            && let Err(error) = blobs.delete(&Blobs::incoming_key(taken)).await
+        {
+            tracing::warn!(%error, "an upload that became a job's was left");
+        }
         accepted.map_err(|refused| refused.problem)
     });
     let job = accepting.await.map_err(|error| Problem::internal(&error))??;
@@ -152,7 +156,7 @@ pub(super) fn has_room(state: &ApiState, bytes: u64) -> Result<(), Problem> {
 }
 
 /// That a job may be taken later. The upload is not read.
-fn busy(code: ProblemCode, detail: impl Into<String>) -> Problem {
+pub(super) fn busy(code: ProblemCode, detail: impl Into<String>) -> Problem {
     Problem::new(code, detail).retry_after(BUSY_S).with_header(header::CONNECTION, "close")
 }
 
@@ -164,8 +168,7 @@ async fn accept(
     asked: Asked,
 ) -> Result<Job, Refused> {
     let refused = |problem| Refused { problem, is_certain: true };
-    let Upload { files, options } = upload.map_err(refused)?;
-    let inputs = inputs(id, files).map_err(refused)?;
+    let Upload { inputs, options, taken } = upload.map_err(refused)?;
     let now = idempotency::fingerprint(&inputs, &options);
     let key = match asked {
         Asked::NoKey => None,
@@ -175,7 +178,7 @@ async fn accept(
         }
         Asked::Before { .. } => return Err(refused(idempotency::reused())),
     };
-    match store.submit(NewJob { id, inputs, options, key }).await {
+    match store.submit(NewJob { id, inputs, options, key, upload: taken }).await {
         // The connection may have broken after the job was noted.
         Err(error) if error.may_pass() => match store.get(id).await {
             Ok(Some(job)) => Ok(job),
@@ -189,8 +192,13 @@ async fn accept(
 async fn made_before(store: &dyn JobStore, id: JobId) -> Result<Job, Problem> {
     match store.get(id).await? {
         Some(job) if !job.purged => Ok(job),
-        _ => Err(Problem::new(ProblemCode::JobDeleted, format!("The job {id}, which this request made, was deleted."))),
+        _ => Err(deleted(id)),
     }
+}
+
+/// That a request made a job before, which is gone.
+pub(super) fn deleted(id: JobId) -> Problem {
+    Problem::new(ProblemCode::JobDeleted, format!("The job {id}, which this request made, was deleted."))
 }
 
 /// Why a job was not accepted.
@@ -201,19 +209,21 @@ struct Refused {
 }
 
 /// What came with a request, its files stored already.
-struct Upload {
-    files: Vec<File>,
-    options: JobOptions,
+pub(super) struct Upload {
+    pub inputs: Vec<Input>,
+    pub options: JobOptions,
+    /// The upload that was copied, where the file was sent before the request.
+    pub taken: Option<UploadId>,
 }
 
 /// A file of an upload.
-struct File {
-    name: String,
-    stored: Stored,
+pub(super) struct File {
+    pub name: String,
+    pub stored: Stored,
 }
 
 /// Sees whether every file is a model by its first bytes. Of several, each that is none is named.
-fn inputs(id: JobId, files: Vec<File>) -> Result<Vec<Input>, Problem> {
+pub(super) fn inputs(id: JobId, files: Vec<File>) -> Result<Vec<Input>, Problem> {
     let of = files.len();
     let mut inputs = Vec::with_capacity(of);
     let mut problems: Vec<Problem> = Vec::new();
@@ -255,7 +265,7 @@ async fn from_body(state: &ApiState, id: JobId, request: Request) -> Result<Uplo
     let source = with_patience(request.into_body().into_data_stream(), state.config.upload_idle);
     let mut room = Room::new(state.config.limits.max_bytes);
     let stored = room.store(&state.blobs, &Blobs::input_key(id, 0), source).await?;
-    Ok(Upload { files: vec![File { name, stored }], options })
+    Ok(Upload { inputs: inputs(id, vec![File { name, stored }])?, options, taken: None })
 }
 
 /// The fields of a query: numbers and other JSON as what they are, anything else as text.
@@ -270,7 +280,7 @@ fn query_fields(pairs: Vec<(String, String)>) -> Result<Map<String, Value>, Prob
     Ok(fields)
 }
 
-fn job_options(fields: Map<String, Value>) -> Result<JobOptions, Problem> {
+pub(super) fn job_options(fields: Map<String, Value>) -> Result<JobOptions, Problem> {
     JobOptions::from_fields(fields).map_err(|error| Problem::new(ProblemCode::InvalidOptions, format!("{error}.")))
 }
 
@@ -323,7 +333,7 @@ async fn from_form(state: &ApiState, id: JobId, request: Request) -> Result<Uplo
     }
     let options = options.unwrap_or_default();
     may_have(files.len(), Some(&options), state.config.max_files)?;
-    Ok(Upload { files, options })
+    Ok(Upload { inputs: inputs(id, files)?, options, taken: None })
 }
 
 /// Whether a job may have so many files; as long as its options have not come, as many as any job.
@@ -353,41 +363,4 @@ async fn read_options(mut field: Field<'_>) -> Result<JobOptions, Problem> {
     let fields = serde_json::from_slice(&text)
         .map_err(|e| Problem::new(ProblemCode::InvalidOptions, format!("The part 'options' can't be read: {e}.")))?;
     job_options(fields)
-}
-
-/// The file name of a raw body's Content-Disposition.
-fn disposition_name(headers: &HeaderMap) -> Option<&str> {
-    let value = text_header(headers, &header::CONTENT_DISPOSITION)?;
-    value.split(';').find_map(|part| Some(part.trim().strip_prefix("filename=")?.trim_matches('"')))
-}
-
-/// A file name without folders and control characters; it is shown and handed back, never opened.
-fn clean_name(name: Option<&str>) -> String {
-    let name = name.unwrap_or_default();
-    let name = name.rsplit(['/', '\\']).next().unwrap_or_default();
-    let name: String = name.chars().filter(|c| !c.is_control()).take(NAME_CHARS).collect();
-    let name = name.trim();
-    if name.is_empty() || name.chars().all(|c| c == '.') { "model".to_owned() } else { name.to_owned() }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_file_name_keeps_nothing_that_could_lead_elsewhere() {
-        for (given, kept) in [
-            (Some("bracket.stl"), "bracket.stl"),
-            (Some("../../etc/passwd"), "passwd"),
-            (Some("C:\\models\\a b.obj"), "a b.obj"),
-            (Some("nul\0l\r\nX: y.stl"), "nullX: y.stl"),
-            (Some(".."), "model"),
-            (Some(""), "model"),
-            (None, "model"),
-            (Some("größe 日本.ply"), "größe 日本.ply"),
-        ] {
-            assert_eq!(clean_name(given), kept);
-        }
-        assert_eq!(clean_name(Some(&"x".repeat(1000))).len(), NAME_CHARS);
-    }
 }

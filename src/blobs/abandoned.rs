@@ -85,6 +85,15 @@ impl Blobs {
         Ok(true)
     }
 
+    /// Deletes files that were sent before their job, and touched by nobody for `age`.
+    ///
+    /// # Errors
+    /// When the store can't list or delete.
+    pub async fn delete_quiet_incoming(&self, age: Duration) -> Result<(), BlobError> {
+        self.delete_listed("incoming".to_owned(), move |file| is_quiet(file, age)).await?;
+        self.in_folder(move |folder| local::remove_quiet_incoming(folder, age)).await
+    }
+
     /// Deletes the files under a prefix that `goes` picks.
     async fn delete_listed(
         &self,

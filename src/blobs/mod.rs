@@ -2,7 +2,7 @@
 //!
 //! Keys: `uploads/<job id>` for the uploaded file, `more/<job id>/<number>` for each further one of a job that has several
 //! (a folder for the one that most have would cost another sync to disk), and `jobs/<job id>/<claim>/<name>` for what an attempt made, so that the files
-//! of a lost attempt are never mistaken for the result.
+//! of a lost attempt are never mistaken for the result. `incoming/<upload id>` is a file that was sent before its job.
 
 mod abandoned;
 mod bucket;
@@ -26,7 +26,7 @@ use sha2::{Digest, Sha256};
 use tokio::io::{AsyncReadExt, AsyncSeekExt, AsyncWriteExt};
 use tokio_util::io::ReaderStream;
 
-use crate::jobs::JobId;
+use crate::jobs::{JobId, UploadId};
 use bucket::Bucket;
 pub use bucket::S3Config;
 use error::not_found;
@@ -91,10 +91,24 @@ impl Blobs {
         if number == 0 { format!("uploads/{id}") } else { format!("more/{id}/{number}") }
     }
 
+    /// The key of a file that was sent before its job.
+    #[must_use]
+    pub fn incoming_key(id: UploadId) -> String {
+        format!("incoming/{id}")
+    }
+
     /// The key of a file that one claim of a job made.
     #[must_use]
     pub fn artifact_key(id: JobId, token: &str, name: &str) -> String {
         format!("jobs/{id}/{token}/{name}")
+    }
+
+    /// A file's size.
+    ///
+    /// # Errors
+    /// [`BlobError::NotFound`] when there is none of that key.
+    pub async fn bytes(&self, key: &str) -> Result<u64, BlobError> {
+        Ok(self.store.head(&Key::from(key)).await.map_err(not_found)?.size)
     }
 
     /// A file's bytes, or a range of them.

@@ -36,12 +36,19 @@ pub struct ServeArgs {
     /// Most files that one job may analyse.
     #[arg(long, env = "MESHMEND_MAX_FILES", default_value_t = 32, value_parser = clap::value_parser!(u16).range(1..=1000))]
     max_files: u16,
-    /// Most jobs that may wait; further ones are refused with 429.
+    /// Most jobs that may wait, and most uploads that wait for a job; further ones are refused with 429.
     #[arg(long, env = "MESHMEND_MAX_QUEUED", default_value_t = 10_000)]
     max_queued: u64,
     /// Room that must stay free on the disk of the files, in MiB; jobs that would take it are refused with 503.
     #[arg(long, env = "MESHMEND_MIN_FREE_MIB", default_value_t = 512)]
     min_free_mib: u64,
+    /// Let clients send files that they announce straight to the S3 store; without, or with a folder, they pass through this service.
+    #[arg(long, env = "MESHMEND_PRESIGNED_UPLOADS", default_value_t = true, action = clap::ArgAction::Set)]
+    presigned_uploads: bool,
+    /// Send clients on to the S3 store for their downloads, by addresses that are good for minutes; without, or with a folder, they
+    /// pass through this service, which sees that they are sound.
+    #[arg(long, env = "MESHMEND_PRESIGNED_DOWNLOADS", default_value_t = false, action = clap::ArgAction::Set)]
+    presigned_downloads: bool,
     /// Take jobs and answer for them, and leave the work to other processes (`meshmend work`).
     #[arg(long, env = "MESHMEND_NO_WORKERS", conflicts_with = "workers")]
     no_workers: bool,
@@ -262,6 +269,8 @@ async fn serve_until_stopped(args: &ServeArgs) -> Result<(), ServiceError> {
             max_queued: args.max_queued,
             min_free: args.min_free_mib << 20,
             upload_idle: Duration::from_secs(args.upload_idle_s),
+            presigned_uploads: args.presigned_uploads,
+            presigned_downloads: args.presigned_downloads,
             poll: POLL,
         },
         capabilities: Arc::new(Capabilities::new(limits, max_files, blender)),

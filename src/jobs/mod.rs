@@ -14,6 +14,7 @@ mod retry;
 mod row;
 mod sqlite;
 mod store;
+mod uploads;
 
 pub use bell::Bell;
 pub use clock::{Clock, SystemClock};
@@ -28,3 +29,4 @@ pub use store::{
     Cancelled, Claim, Completion, Failure, FailureKind, JobStore, Lease, ListQuery, NewJob, Page, StatusCount,
     StoreError,
 };
+pub use uploads::{NewUpload, PendingUpload, UPLOAD_LIFE, UPLOAD_OPEN, UploadId, UploadIdError, UploadStore};

@@ -7,7 +7,7 @@ use std::time::{Duration, SystemTime};
 use bytes::Bytes;
 use futures::{Stream, StreamExt, TryStreamExt};
 use meshmend::blobs::{BlobError, Blobs, S3Config, Stored, UploadError};
-use meshmend::jobs::JobId;
+use meshmend::jobs::{JobId, UploadId};
 use sha2::{Digest, Sha256};
 use tempfile::TempDir;
 
@@ -126,6 +126,7 @@ promises! {
     what_a_job_had_goes_with_it_and_nothing_else_does,
     only_the_attempt_that_won_keeps_its_files,
     files_that_nobody_touched_are_found_and_deleted_unless_one_of_their_job_is_young,
+    a_file_that_waited_too_long_for_its_job_goes,
     a_store_that_works_says_so,
 }
 
@@ -279,6 +280,25 @@ async fn files_that_nobody_touched_are_found_and_deleted_unless_one_of_their_job
         assert_eq!(bench.has(&keys[0]).await, id != old);
     }
     assert!(bench.owners().await.iter().all(|id| id == growing));
+}
+
+async fn a_file_that_waited_too_long_for_its_job_goes(bench: Bench) {
+    bench.blobs.delete_quiet_incoming(HOUR).await.expect("nothing to delete");
+    let [old, young] = [UploadId::new(), UploadId::new()].map(Blobs::incoming_key);
+    for key in [&old, &young] {
+        bench.put(key, b"12345").await;
+        assert_eq!(bench.blobs.bytes(key).await.expect("there"), 5);
+    }
+    // As a server leaves it that is killed.
+    let half = bench.folder.path().join(format!("{old}#1"));
+    if bench.server.is_none() {
+        std::fs::write(&half, b"1").expect("a file");
+        bench.age(&format!("{old}#1"));
+    }
+    bench.age(&old);
+    bench.blobs.delete_quiet_incoming(HOUR).await.expect("deleted");
+    assert!(matches!(bench.blobs.bytes(&old).await, Err(BlobError::NotFound)));
+    assert!(bench.has(&young).await && !half.exists());
 }
 
 async fn a_store_that_works_says_so(bench: Bench) {

@@ -36,9 +36,15 @@ async fn what_changes_in_the_database_rings_in_every_process_that_shares_it() {
     let rung = async {
         loop {
             let id = *all.last().expect("one");
-            one.submit(NewJob { id, inputs: vec![input.clone()], options: JobOptions::default(), key: None })
-                .await
-                .expect("noted");
+            one.submit(NewJob {
+                id,
+                inputs: vec![input.clone()],
+                options: JobOptions::default(),
+                key: None,
+                upload: None,
+            })
+            .await
+            .expect("noted");
             match tokio::time::timeout(Duration::from_secs(1), changes.recv()).await {
                 Ok(changed) => break changed.expect("a ring"),
                 Err(_) => all.push(JobId::new()),

@@ -23,3 +23,4 @@ mod readme;
 mod s3;
 mod store;
 mod surface;
+mod uploads;

@@ -1,5 +1,6 @@
 mod keys;
 mod listen;
+mod uploads;
 
 use std::str::FromStr;
 use std::sync::Arc;
@@ -111,6 +112,9 @@ impl JobStore for PostgresStore {
         let mut transaction = self.pool.begin().await?;
         if let Some(key) = &job.key {
             keys::settle(&mut transaction, key, job.id, self.now()).await?;
+        }
+        if let Some(upload) = job.upload {
+            uploads::take(&mut transaction, upload, job.id, self.now()).await?;
         }
         let row = sqlx::query(concat!(
             "INSERT INTO jobs (id, status, created_at, run_at, inputs, options) \

@@ -1,4 +1,5 @@
 mod keys;
+mod uploads;
 
 use std::fs::File;
 use std::path::Path;
@@ -98,6 +99,9 @@ impl JobStore for SqliteStore {
         let mut transaction = self.begin().await?;
         if let Some(key) = &job.key {
             keys::settle(&mut transaction, key, job.id, now).await?;
+        }
+        if let Some(upload) = job.upload {
+            uploads::take(&mut transaction, upload, job.id, now).await?;
         }
         let row = sqlx::query(concat!(
             "INSERT INTO jobs (id, status, created_at, run_at, inputs, options) \
