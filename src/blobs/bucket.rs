@@ -17,8 +17,8 @@ use tokio::fs::File;
 use tokio::io::{AsyncReadExt, AsyncSeekExt};
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 
-use super::BlobError;
 use super::put::{Account, Stored};
+use super::{BlobError, CHUNK};
 
 /// Bytes of each part of a file but the last. S3 wants at least 5 MiB, and at most 10,000 parts.
 const PART: u64 = 8 << 20;
@@ -112,6 +112,8 @@ impl Bucket {
     async fn send_whole(&self, key: &Key, mut file: File) -> Result<Stored, BlobError> {
         let bytes = file.metadata().await?.len();
         file.rewind().await?;
+        // Its buffer is beside the part, and not counted.
+        file.set_max_buf_size(CHUNK);
         let mut account = Account::default();
         if bytes <= PART {
             let (part, _memory) = self.read_part(&mut file, bytes, &mut account).await?;
