@@ -1,4 +1,5 @@
 use std::ops::Range;
+use std::time::Duration;
 
 use axum::body::Body;
 use axum::extract::State;
@@ -13,6 +14,9 @@ use super::problem::{Problem, ProblemCode};
 use super::state::ApiState;
 use crate::blobs::BlobError;
 use crate::jobs::{Artifact, Status};
+
+/// How long the address is good to which a download is sent on.
+const REDIRECT_LIFE: Duration = Duration::from_secs(300);
 
 /// Download a file of a job.
 ///
@@ -30,12 +34,14 @@ use crate::jobs::{Artifact, Status};
         (status = 200, description = "The file", body = Vec<u8>, content_type = "application/octet-stream"),
         (status = 206, description = "The range of the file", body = Vec<u8>, content_type = "application/octet-stream"),
         (status = 304, description = "The client has it already"),
+        (status = 307, description = "The file is at another address for the next minutes, where the operator wants that",
+            headers(("Location" = String, description = "That address"))),
         (status = 400, description = "A path that can't be understood", body = Problem, content_type = "application/problem+json"),
         (status = 404, description = "No such job, or no such file of it yet", body = Problem, content_type = "application/problem+json"),
         (status = 410, description = "The job was deleted, or its results have expired", body = Problem, content_type = "application/problem+json"),
         (status = 416, description = "The range lies outside the file", body = Problem, content_type = "application/problem+json"),
         (status = 500, description = "A fault of the service", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "The database does not answer now", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "The database or the file store does not answer now", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub(super) async fn get_artifact(
@@ -81,7 +87,21 @@ pub(super) async fn get_artifact(
                 .with_header(header::CONTENT_RANGE, format!("bytes */{}", artifact.bytes)));
         }
     };
-    let body = state.blobs.get(&artifact.key, range.clone()).await.map_err(|error| match error {
+    // A bucket knows only what it is asked with, so that all but plain downloads are answered here.
+    if method == Method::GET && state.config.presigned_downloads {
+        let (disposition, media_type) = (disposition(&artifact.filename), &artifact.media_type);
+        let address = state.blobs.presigned_get(&artifact.key, REDIRECT_LIFE, &disposition, media_type).await?;
+        if let Some(address) = address {
+            let headers = [(header::LOCATION, address), (header::CACHE_CONTROL, "no-store".to_owned())];
+            return Ok((StatusCode::TEMPORARY_REDIRECT, headers).into_response());
+        }
+    }
+    let body = match &range {
+        Some(range) => state.blobs.get(&artifact.key, Some(range.clone())).await,
+        // The last bytes come only if all are what was stored, so that a damaged file is a download that breaks off.
+        None => state.blobs.get_whole(&artifact.key, &artifact.sha256).await,
+    };
+    let body = body.map_err(|error| match error {
         BlobError::NotFound => Problem::new(ProblemCode::ArtifactNotFound, "The file was deleted meanwhile."),
         other => other.into(),
     })?;

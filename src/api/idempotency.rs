@@ -11,7 +11,7 @@ use super::extract::text_header;
 use super::incoming::Upload;
 use super::problem::{Problem, ProblemCode};
 use crate::access::TenantName;
-use crate::jobs::{Input, JobId, KEY_HOLD, KeyState, RequestKey, Store};
+use crate::jobs::{JobId, KEY_HOLD, KeyState, RequestKey, Store};
 
 /// The request's header.
 const IDEMPOTENCY_KEY: HeaderName = HeaderName::from_static("idempotency-key");
@@ -106,8 +106,8 @@ impl Drop for HeldKey {
 }
 
 /// What tells one request from another: its files, its options, and what else it says.
-pub(super) fn fingerprint(inputs: &[Input], upload: &Upload) -> String {
-    let files: Vec<_> = inputs.iter().map(|input| (&input.name, input.bytes, &input.sha256)).collect();
+pub(super) fn fingerprint(upload: &Upload) -> String {
+    let files: Vec<_> = upload.inputs.iter().map(|input| (&input.name, input.bytes, &input.sha256)).collect();
     let bytes = serde_json::to_vec(&(files, &upload.options, &upload.notes)).unwrap_or_default();
     hex::encode(Sha256::digest(&bytes))
 }

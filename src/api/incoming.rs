@@ -6,19 +6,23 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use axum::body::{Body, Bytes};
 use axum::extract::multipart::Field;
 use axum::extract::{FromRequest, Multipart, Request};
-use axum::http::{HeaderMap, header};
+use axum::http::header;
 use futures::StreamExt;
 use serde::Serialize;
 use serde_json::{Map, Value};
 use utoipa::ToSchema;
 
+use super::caller::Caller;
 use super::extract::text_header;
+use super::file_name::{clean_name, disposition_name};
+use super::from_upload::from_upload;
+use super::idempotency::Asked;
 use super::problem::{Problem, ProblemCode};
 use super::state::ApiState;
 use super::upload::{Room, SourceError, one_at_a_time, source_problem, with_patience};
 use crate::blobs::{Blobs, Stored};
 use crate::format::{ReadErrorKind, sniff};
-use crate::jobs::{Input, JobId, JobOptions, Metadata, Mode};
+use crate::jobs::{Input, JobId, JobOptions, Metadata, Mode, UploadId};
 
 /// Largest `options` part of a form.
 const OPTIONS_BYTES: usize = 64 << 10;
@@ -30,8 +34,6 @@ const METADATA_BYTES: usize = 8 << 10;
 const METADATA_ENTRIES: usize = 50;
 /// Longest address to call back, in bytes.
 const CALLBACK_BYTES: usize = 2048;
-/// Longest file name that is kept, in characters.
-const NAME_CHARS: usize = 200;
 
 /// The form that a job is submitted with.
 #[derive(ToSchema)]
@@ -57,11 +59,14 @@ pub(super) struct RawModel(Vec<u8>);
 
 /// What came with a request, its files stored already.
 pub(super) struct Upload {
-    files: Vec<File>,
+    /// Its files, models all of them.
+    pub inputs: Vec<Input>,
     /// What to do.
     pub options: JobOptions,
     /// What else the client said.
     pub notes: Notes,
+    /// The upload that was copied, where the file was sent before the request.
+    pub taken: Option<UploadId>,
 }
 
 /// What a client says of a job beside its options.
@@ -78,7 +83,7 @@ impl Notes {
     const NAMES: [&str; 2] = ["metadata", "callback_url"];
 
     /// Notes one of them.
-    fn take(&mut self, name: &str, text: &str) -> Result<(), Problem> {
+    pub fn take(&mut self, name: &str, text: &str) -> Result<(), Problem> {
         let invalid = |detail: String| Problem::new(ProblemCode::InvalidOptions, detail);
         if name == "callback_url" {
             let is_address = text.starts_with("https://") || text.starts_with("http://");
@@ -104,19 +109,13 @@ impl Notes {
 }
 
 /// A file of an upload.
-struct File {
-    name: String,
-    stored: Stored,
+pub(super) struct File {
+    pub name: String,
+    pub stored: Stored,
 }
 
-impl Upload {
-    /// Sees whether every file is a model by its first bytes. Of several, each that is none is named.
-    pub fn inputs(&mut self, id: JobId) -> Result<Vec<Input>, Problem> {
-        inputs(id, std::mem::take(&mut self.files))
-    }
-}
-
-fn inputs(id: JobId, files: Vec<File>) -> Result<Vec<Input>, Problem> {
+/// Sees whether every file is a model by its first bytes. Of several, each that is none is named.
+pub(super) fn inputs(id: JobId, files: Vec<File>) -> Result<Vec<Input>, Problem> {
     let of = files.len();
     let mut inputs = Vec::with_capacity(of);
     let mut problems: Vec<Problem> = Vec::new();
@@ -146,17 +145,20 @@ fn inputs(id: JobId, files: Vec<File>) -> Result<Vec<Input>, Problem> {
     }
 }
 
-/// Reads a request's files, at most `most` bytes of them, into the store under the job's keys.
-pub(super) async fn read(state: &ApiState, id: JobId, most: u64, request: Request) -> Result<Upload, Problem> {
+/// Reads a request's files, as many bytes as the caller may send, into the store under the job's keys.
+pub(super) async fn read(
+    state: &ApiState,
+    caller: &Caller,
+    id: JobId,
+    request: Request,
+    asked: &Asked,
+) -> Result<Upload, Problem> {
+    let most = caller.max_bytes(state.config.limits.max_bytes);
     let media_type = text_header(request.headers(), &header::CONTENT_TYPE).unwrap_or_default().trim().to_owned();
     let essence = media_type.split(';').next().unwrap_or_default().trim().to_ascii_lowercase();
     match essence.as_str() {
         "multipart/form-data" => from_form(state, id, most, request).await,
-        "application/json" => {
-            let detail = "JSON is not a model. Send multipart/form-data with the parts 'file' and 'options', or the \
-                          model's bytes as application/octet-stream.";
-            Err(Problem::new(ProblemCode::UnsupportedMediaType, detail))
-        }
+        "application/json" => from_upload(state, caller, id, request, asked).await,
         _ => from_body(state, id, most, request).await,
     }
 }
@@ -179,7 +181,8 @@ async fn from_body(state: &ApiState, id: JobId, most: u64, request: Request) -> 
     let source = with_patience(request.into_body().into_data_stream(), state.config.upload_idle);
     let mut room = Room::new(most);
     let stored = room.store(&state.blobs, &Blobs::input_key(id, 0), source).await?;
-    Ok(Upload { files: vec![File { name, stored }], options, notes })
+    let inputs = inputs(id, vec![File { name, stored }])?;
+    Ok(Upload { inputs, options, notes, taken: None })
 }
 
 /// The fields of a query: numbers and other JSON as what they are, anything else as text.
@@ -194,7 +197,7 @@ fn query_fields(pairs: Vec<(String, String)>) -> Result<Map<String, Value>, Prob
     Ok(fields)
 }
 
-fn job_options(fields: Map<String, Value>) -> Result<JobOptions, Problem> {
+pub(super) fn job_options(fields: Map<String, Value>) -> Result<JobOptions, Problem> {
     JobOptions::from_fields(fields).map_err(|error| Problem::new(ProblemCode::InvalidOptions, format!("{error}.")))
 }
 
@@ -261,7 +264,7 @@ async fn from_form(state: &ApiState, id: JobId, most: u64, request: Request) -> 
     }
     let options = options.unwrap_or_default();
     may_have(files.len(), Some(&options), state.config.max_files)?;
-    Ok(Upload { files, options, notes })
+    Ok(Upload { inputs: inputs(id, files)?, options, notes, taken: None })
 }
 
 /// Whether a job may have so many files; as long as its options have not come, as many as any job.
@@ -290,41 +293,4 @@ async fn read_text(mut field: Field<'_>, name: &str) -> Result<Vec<u8>, Problem>
         }
     }
     Ok(text)
-}
-
-/// The file name of a raw body's Content-Disposition.
-fn disposition_name(headers: &HeaderMap) -> Option<&str> {
-    let value = text_header(headers, &header::CONTENT_DISPOSITION)?;
-    value.split(';').find_map(|part| Some(part.trim().strip_prefix("filename=")?.trim_matches('"')))
-}
-
-/// A file name without folders and control characters; it is shown and handed back, never opened.
-fn clean_name(name: Option<&str>) -> String {
-    let name = name.unwrap_or_default();
-    let name = name.rsplit(['/', '\\']).next().unwrap_or_default();
-    let name: String = name.chars().filter(|c| !c.is_control()).take(NAME_CHARS).collect();
-    let name = name.trim();
-    if name.is_empty() || name.chars().all(|c| c == '.') { "model".to_owned() } else { name.to_owned() }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_file_name_keeps_nothing_that_could_lead_elsewhere() {
-        for (given, kept) in [
-            (Some("bracket.stl"), "bracket.stl"),
-            (Some("../../etc/passwd"), "passwd"),
-            (Some("C:\\models\\a b.obj"), "a b.obj"),
-            (Some("nul\0l\r\nX: y.stl"), "nullX: y.stl"),
-            (Some(".."), "model"),
-            (Some(""), "model"),
-            (None, "model"),
-            (Some("größe 日本.ply"), "größe 日本.ply"),
-        ] {
-            assert_eq!(clean_name(given), kept);
-        }
-        assert_eq!(clean_name(Some(&"x".repeat(1000))).len(), NAME_CHARS);
-    }
 }

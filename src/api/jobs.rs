@@ -207,7 +207,7 @@ pub(super) async fn cancel_job(
         (status = 404, description = "No such job", body = Problem, content_type = "application/problem+json"),
         (status = 410, description = "The job was deleted before", body = Problem, content_type = "application/problem+json"),
         (status = 500, description = "A fault of the service", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "The database does not answer now", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "The database or the file store does not answer now", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub(super) async fn delete_job(

@@ -5,7 +5,7 @@ use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
 use super::state::ApiState;
-use super::{artifacts, capabilities, events, health, jobs, submit, tokens};
+use super::{artifacts, capabilities, events, health, jobs, submit, tokens, uploads};
 
 #[derive(OpenApi)]
 #[openapi(
@@ -17,6 +17,7 @@ use super::{artifacts, capabilities, events, health, jobs, submit, tokens};
     ),
     tags(
         (name = "jobs", description = "Send a model, follow its job, download the result"),
+        (name = "uploads", description = "Send a large file, or one from a browser, before its job"),
         (name = "access", description = "Tokens for the pages of a storefront"),
         (name = "service", description = "What the service can do and how it is"),
     ),
@@ -32,6 +33,7 @@ pub(super) fn guarded() -> OpenApiRouter<ApiState> {
         .routes(routes!(jobs::cancel_job))
         .routes(routes!(events::job_events))
         .routes(routes!(artifacts::get_artifact))
+        .routes(routes!(uploads::announce_upload))
         .routes(routes!(tokens::make_token))
         .routes(routes!(capabilities::get_capabilities))
         .routes(routes!(health::get_metrics));
@@ -42,6 +44,7 @@ pub(super) fn guarded() -> OpenApiRouter<ApiState> {
 /// The addresses that anybody may ask.
 pub(super) fn open() -> OpenApiRouter<ApiState> {
     OpenApiRouter::new()
+        .routes(routes!(uploads::put_upload))
         .routes(routes!(health::livez))
         .routes(routes!(health::readyz))
         .routes(routes!(health::list_problems))

@@ -28,6 +28,10 @@ pub struct ApiConfig {
     pub min_free: u64,
     /// Longest silence in the middle of an upload.
     pub upload_idle: Duration,
+    /// Whether uploads that are announced go straight to the store, where that is a bucket.
+    pub presigned_uploads: bool,
+    /// Whether downloads are sent on to the store, where that is a bucket.
+    pub presigned_downloads: bool,
     /// How long to wait before looking for a change that no bell told of.
     pub poll: Duration,
 }

@@ -5,6 +5,7 @@ use tracing::{Instrument, Span};
 
 use super::caller::{Caller, MayWrite};
 use super::extract::text_header;
+use super::from_upload::SubmitUpload;
 use super::idempotency::{self, Asked, REPLAYED};
 use super::incoming::{self, FORM_BYTES, RawModel, SubmitForm, Upload};
 use super::jobs::{answer, etag};
@@ -13,6 +14,7 @@ use super::reuse;
 use super::state::ApiState;
 use super::upload::{Unclaimed, too_large};
 use crate::access::Scope;
+use crate::blobs::Blobs;
 use crate::inspect::InspectOptions;
 use crate::jobs::{Job, JobId, JobStore, Mode, NewJob};
 use crate::repair::Options;
@@ -24,9 +26,10 @@ const BUSY_S: u32 = 30;
 /// Submit a model for repair, or files for analysis.
 ///
 /// Send a form with the part `file` (for an analysis several, if wanted) and, if wanted, `options`; or one model's bytes
-/// as the whole body, with the options in the query and the file's name as `name`. The answer comes as soon as the files
-/// are stored: poll the job, or listen to its events. Where an earlier job of yours repaired the same bytes with the same options and
-/// engine, its result is taken, and the job has ended at once (`reused_from`).
+/// as the whole body, with the options in the query and the file's name as `name`; or, for a file that was sent to an address of
+/// `POST /v1/uploads` before, JSON that names it. The answer comes as soon as the files are stored: poll the job, or listen to its events.
+/// Where an earlier job of yours repaired the same bytes with the same options and engine, its result is taken, and the job has ended
+/// at once (`reused_from`).
 #[utoipa::path(
     post, path = "/v1/jobs", tag = "jobs",
     params(
@@ -42,13 +45,15 @@ const BUSY_S: u32 = 30;
     request_body(content(
         (SubmitForm = "multipart/form-data"),
         (RawModel = "application/octet-stream"),
+        (SubmitUpload = "application/json"),
     )),
     responses(
         (status = 202, description = "The job was accepted", body = super::job_view::JobView,
             headers(("Location" = String, description = "The job's address"), ("Retry-After" = u32, description = "Seconds to wait before asking"))),
-        (status = 400, description = "No file, a second file for a repair, or a form that can't be understood", body = Problem, content_type = "application/problem+json"),
+        (status = 400, description = "No file, a second file for a repair, or a form or JSON that can't be understood", body = Problem, content_type = "application/problem+json"),
         (status = 408, description = "The upload stopped coming", body = Problem, content_type = "application/problem+json"),
-        (status = 409, description = "A request with the same Idempotency-Key is under way", body = Problem, content_type = "application/problem+json"),
+        (status = 404, description = "No such upload, or its time is over", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "A request with the same Idempotency-Key is under way; or the upload was not sent yet, or is another job's", body = Problem, content_type = "application/problem+json"),
         (status = 410, description = "The job that the same request made before was deleted", body = Problem, content_type = "application/problem+json"),
         (status = 413, description = "The upload is too large, or has too many files", body = Problem, content_type = "application/problem+json"),
         (status = 415, description = "Not a model that can be read; of several files, `errors` names each", body = Problem, content_type = "application/problem+json"),
@@ -56,7 +61,7 @@ const BUSY_S: u32 = 30;
         (status = 429, description = "As many jobs wait as may, or too many requests came", body = Problem, content_type = "application/problem+json",
             headers(("Retry-After" = u32, description = "Seconds to wait before sending it again"))),
         (status = 500, description = "A fault of the service", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "The database does not answer now, or the disk is full", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "The database or the file store does not answer now, or the disk is full", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub(super) async fn submit_job(
@@ -79,8 +84,10 @@ pub(super) async fn submit_job(
     }
     let unclaimed = Unclaimed::new(&state.blobs, id);
     let again = reuse::is_refused(request.headers());
-    let upload = incoming::read(&state, id, limit, request).await;
+    let upload = incoming::read(&state, &caller, id, request, &asked).await;
     let traceparent = telemetry::traceparent(&Span::current());
+    let taken = upload.as_ref().ok().and_then(|upload| upload.taken);
+    let blobs = state.blobs.clone();
     let accepting = Accepting { state: state.clone(), caller: caller.clone(), id, asked, again, traceparent };
     // From here on a client that hangs up changes nothing: the job is accepted, or its files go.
     let accepting = async move {
@@ -91,6 +98,11 @@ pub(super) async fn submit_job(
             Err(refused) => !refused.is_certain,
         };
         unclaimed.settle(has_files).await;
+        if let (Ok(_), Some(taken)) = (&accepted, taken)
+            && let Err(error) = blobs.delete(&Blobs::incoming_key(taken)).await
+        {
+            tracing::warn!(%error, "an upload that became a job's was left");
+        }
         accepted.map_err(|refused| refused.problem)
     };
     let job = tokio::spawn(accepting.in_current_span()).await.map_err(|error| Problem::internal(&error))??;
@@ -113,7 +125,7 @@ pub(super) async fn submit_job(
 }
 
 /// Whether the disk has room for so many bytes more.
-fn has_room(state: &ApiState, bytes: u64) -> Result<(), Problem> {
+pub(super) fn has_room(state: &ApiState, bytes: u64) -> Result<(), Problem> {
     let free = state.blobs.free_bytes().map_err(|error| Problem::internal(&error))?;
     if free.is_some_and(|free| free < state.config.min_free.saturating_add(bytes)) {
         let detail = "The service has no room for more files now. Send the model again later.";
@@ -140,7 +152,7 @@ async fn has_place(state: &ApiState, caller: &Caller) -> Result<(), Problem> {
 }
 
 /// That a job may be taken later. The upload is not read.
-fn busy(code: ProblemCode, detail: impl Into<String>) -> Problem {
+pub(super) fn busy(code: ProblemCode, detail: impl Into<String>) -> Problem {
     Problem::new(code, detail).retry_after(BUSY_S).with_header(header::CONNECTION, "close")
 }
 
@@ -162,9 +174,8 @@ impl Accepting {
         let refused = |problem| Refused { problem, is_certain: true };
         let Self { state, caller, id, asked, again, traceparent } = self;
         let store = state.store.as_ref();
-        let mut upload = upload.map_err(refused)?;
-        let inputs = upload.inputs(id).map_err(refused)?;
-        let now = idempotency::fingerprint(&inputs, &upload);
+        let upload = upload.map_err(refused)?;
+        let now = idempotency::fingerprint(&upload);
         let key = match asked {
             Asked::NoKey => None,
             Asked::Held(held) => held.settle(now),
@@ -174,13 +185,13 @@ impl Accepting {
             Asked::Before { .. } => return Err(refused(idempotency::reused())),
         };
         let tenant = caller.tenant.to_string();
-        let fingerprint = reuse::fingerprint(&inputs, &upload.options);
+        let fingerprint = reuse::fingerprint(&upload.inputs, &upload.options);
         let result = match again {
             true => None,
-            false => reuse::find(store, &state.blobs, id, &tenant, &fingerprint, &inputs).await,
+            false => reuse::find(store, &state.blobs, id, &tenant, &fingerprint, &upload.inputs).await,
         };
         let made_by = caller.key.map(|key| key.id);
-        let Upload { options, notes, .. } = upload;
+        let Upload { inputs, options, notes, taken } = upload;
         let (metadata, callback_url) = (notes.metadata, notes.callback_url);
         let new = NewJob {
             id,
@@ -193,6 +204,7 @@ impl Accepting {
             fingerprint,
             result,
             key,
+            upload: taken,
             traceparent,
         };
         match store.submit(new).await {
@@ -210,8 +222,13 @@ impl Accepting {
 async fn made_before(store: &dyn JobStore, id: JobId) -> Result<Job, Problem> {
     match store.get(id).await? {
         Some(job) if !job.purged => Ok(job),
-        _ => Err(Problem::new(ProblemCode::JobDeleted, format!("The job {id}, which this request made, was deleted."))),
+        _ => Err(deleted(id)),
     }
+}
+
+/// That a request made a job before, which is gone.
+pub(super) fn deleted(id: JobId) -> Problem {
+    Problem::new(ProblemCode::JobDeleted, format!("The job {id}, which this request made, was deleted."))
 }
 
 /// Why a job was not accepted.

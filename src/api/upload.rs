@@ -11,7 +11,7 @@ use futures::{Stream, StreamExt};
 use tracing::Instrument;
 
 use super::problem::{Problem, ProblemCode};
-use crate::blobs::{Blobs, Stored, UploadError};
+use crate::blobs::{BlobError, Blobs, Stored, UploadError};
 use crate::jobs::JobId;
 
 /// The files of a job that does not exist yet; removed unless it comes to be.
@@ -142,6 +142,9 @@ pub(super) fn source_problem(error: &(dyn Error + 'static)) -> Problem {
                     .with_header(header::CONNECTION, "close");
             }
             _ => {}
+        }
+        if let Some(error) = e.downcast_ref::<BlobError>() {
+            return error.into();
         }
         if let Some(multipart) = e.downcast_ref::<MultipartError>() {
             form = Some(multipart.body_text());

@@ -52,6 +52,16 @@ pub(super) fn remove_attempts(folder: &Path, id: JobId, keep: Option<&str>) -> i
     if keep.is_none() { gone_is_fine(fs::remove_dir_all(job)) } else { Ok(()) }
 }
 
+/// Removes half-written files that were to be there before their job, and of which nothing has changed for `age`.
+pub(super) fn remove_quiet_incoming(folder: &Path, age: Duration) -> io::Result<()> {
+    for entry in entries(&folder.join("incoming"))? {
+        if last_change(&entry).is_ok_and(|change| change.elapsed().is_ok_and(|quiet| quiet >= age)) {
+            gone_is_fine(fs::remove_file(entry.path()))?;
+        }
+    }
+    Ok(())
+}
+
 /// When an entry, or anything directly in it, last changed; a folder's own time tells nothing of a file that grows.
 fn last_change(entry: &DirEntry) -> io::Result<SystemTime> {
     let data = entry.metadata()?;

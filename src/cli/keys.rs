@@ -6,7 +6,8 @@ use meshmend::access::{AccessKey, KeyKind, NewKey, Scopes, Secret, TenantLimits,
 use serde_json::json;
 use time::format_description::well_known::Rfc3339;
 
-use super::service::{DataArgs, Room, ServiceError, run, to_stdout};
+use super::service::{Room, ServiceError, run, to_stdout};
+use super::settings::DataArgs;
 
 /// Arguments of `meshmend keys`.
 #[derive(Debug, Args)]

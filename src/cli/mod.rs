@@ -1,3 +1,4 @@
+mod blobs;
 mod compare;
 mod config;
 mod engine;
@@ -8,6 +9,7 @@ mod listen;
 mod openapi;
 mod repair;
 mod service;
+mod settings;
 mod telemetry;
 
 use std::path::PathBuf;
@@ -26,9 +28,9 @@ struct Cli {
 #[derive(Debug, Subcommand)]
 enum Command {
     /// Serve the API and run workers in one process.
-    Serve(service::ServeArgs),
+    Serve(settings::ServeArgs),
     /// Run workers only, beside a `serve` that shares the data folder.
-    Work(service::WorkArgs),
+    Work(settings::WorkArgs),
     /// Repair one file. Needs no server.
     Repair(repair::RepairArgs),
     /// Tell what is wrong with files, and describe them. Needs no server.
@@ -36,7 +38,7 @@ enum Command {
     /// Tell what changed from one file to another. Needs no server.
     Compare(compare::CompareArgs),
     /// Make or update the database's tables and stop.
-    Migrate(service::MigrateArgs),
+    Migrate(settings::MigrateArgs),
     /// Make, list and revoke API keys.
     Keys(keys::KeysArgs),
     /// Set what single tenants may use.

@@ -1,194 +1,28 @@
 use std::collections::BTreeMap;
 use std::io::{self, Write};
-use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::time::Duration;
 
-use clap::{Args, ValueEnum};
 use meshmend::access::TenantLimits;
-use meshmend::api::{ApiConfig, ApiState, Auth, Capabilities, Health, Rates, probes, router};
+use meshmend::api::{ApiConfig, ApiState, Capabilities, Health, Rates, probes, router};
 use meshmend::blender::BlenderRemesher;
 use meshmend::blobs::Blobs;
 use meshmend::jobs::{PostgresStore, RetryPolicy, SqliteStore, Store, SystemClock};
 use meshmend::repair::{Remesher, RemesherInfo};
-use meshmend::sandbox::SandboxMode;
-use meshmend::worker::{Pool, Retention, Shutdown, WorkerConfig};
+use meshmend::worker::{Pool, Shutdown, WorkerConfig};
 use tokio::signal::unix::{SignalKind, signal};
 use tokio_util::sync::CancellationToken;
 
-use super::engine::{BlenderArgs, LimitArgs};
+use super::engine::BlenderArgs;
 use super::exit;
 use super::listen::listen;
-use super::telemetry::{TelemetryArgs, install_metrics};
+use super::settings::{DataArgs, MigrateArgs, ServeArgs, WorkArgs};
+use super::telemetry::install_metrics;
 
 /// How long to wait before looking for what no bell told of.
 const POLL: Duration = Duration::from_millis(500);
-
-/// Arguments of `meshmend serve`.
-#[derive(Debug, Args)]
-pub struct ServeArgs {
-    /// Address to listen on.
-    #[arg(long, env = "MESHMEND_LISTEN", default_value = "127.0.0.1:8080")]
-    listen: SocketAddr,
-    /// Whether requests need a key (`meshmend keys create`): `open` for none, `keys` for one, `auto` for one unless the service
-    /// listens on this machine only.
-    #[arg(long, env = "MESHMEND_AUTH", value_enum, default_value_t)]
-    auth: AuthMode,
-    /// Most jobs of one tenant that may wait, unless `meshmend tenants set` says otherwise; without it, as many as may wait in all.
-    #[arg(long, env = "MESHMEND_TENANT_MAX_QUEUED")]
-    tenant_max_queued: Option<u32>,
-    /// Most requests of one tenant in a minute, on this process, unless `meshmend tenants set` says otherwise; further ones are refused
-    /// with 429. Without it there is no limit.
-    #[arg(long, env = "MESHMEND_TENANT_REQUESTS_PER_MINUTE")]
-    tenant_requests_per_minute: Option<u32>,
-    /// Seconds of silence in the middle of an upload after which it is given up.
-    #[arg(long, env = "MESHMEND_UPLOAD_IDLE_S", default_value_t = 30)]
-    upload_idle_s: u64,
-    /// Most files that one job may analyse.
-    #[arg(long, env = "MESHMEND_MAX_FILES", default_value_t = 32, value_parser = clap::value_parser!(u16).range(1..=1000))]
-    max_files: u16,
-    /// Most jobs that may wait; further ones are refused with 429.
-    #[arg(long, env = "MESHMEND_MAX_QUEUED", default_value_t = 10_000)]
-    max_queued: u64,
-    /// Take jobs and answer for them, and leave the work to other processes (`meshmend work`).
-    #[arg(long, env = "MESHMEND_NO_WORKERS", conflicts_with = "workers")]
-    no_workers: bool,
-    #[command(flatten)]
-    work: WorkArgs,
-}
-
-/// Arguments of `meshmend work`.
-#[derive(Debug, Args)]
-pub struct WorkArgs {
-    #[command(flatten)]
-    data: DataArgs,
-    /// Jobs that run at the same time; without it, one a processor.
-    #[arg(long, env = "MESHMEND_WORKERS")]
-    workers: Option<usize>,
-    /// Most jobs of one tenant that run at the same time, on all workers together, unless `meshmend tenants set` says otherwise;
-    /// without it, as many as there are workers.
-    #[arg(long, env = "MESHMEND_TENANT_MAX_RUNNING")]
-    tenant_max_running: Option<u32>,
-    /// Memory (address space) that one job may use, in MiB.
-    #[arg(long, env = "MESHMEND_JOB_MEMORY_MIB", default_value_t = 8192)]
-    job_memory_mib: u64,
-    /// Largest file that a job may write, in MiB.
-    #[arg(long, env = "MESHMEND_JOB_FILE_MIB", default_value_t = 2048)]
-    job_file_mib: u64,
-    /// Disk that one job may take beside the files that it was sent with, in MiB.
-    #[arg(long, env = "MESHMEND_JOB_SCRATCH_MIB", default_value_t = 8192)]
-    job_scratch_mib: u64,
-    /// Most processes and threads that one job may have.
-    #[arg(long, env = "MESHMEND_JOB_PROCESSES", default_value_t = 1024, value_parser = clap::value_parser!(u64).range(16..))]
-    job_processes: u64,
-    /// Whether jobs run without network and without other files than their own: as far as the kernel allows it, always or not at all,
-    /// or never.
-    #[arg(long, env = "MESHMEND_SANDBOX", value_enum, default_value_t)]
-    sandbox: SandboxChoice,
-    /// Files and folders that jobs may read beside those of the system and the folder of Blender, with commas between: what a Blender
-    /// needs that is installed in more than one place.
-    #[arg(long, env = "MESHMEND_SANDBOX_READ", value_delimiter = ',', value_name = "PATHS")]
-    sandbox_read: Vec<PathBuf>,
-    /// Seconds that a worker holds a job without a sign of life.
-    #[arg(long, env = "MESHMEND_LEASE_S", default_value_t = 15.0)]
-    lease_s: f64,
-    /// Seconds beyond a job's deadline_s after which its processes are killed.
-    #[arg(long, env = "MESHMEND_DEADLINE_GRACE_S", default_value_t = 5.0)]
-    deadline_grace_s: f64,
-    /// Seconds that running jobs get to finish when the service is told to stop.
-    #[arg(long, env = "MESHMEND_SHUTDOWN_GRACE_S", default_value_t = 20.0)]
-    shutdown_grace_s: f64,
-    /// Room that must stay free on the disks of the files and the scratch folders, in MiB; jobs that would take it are refused with
-    /// 503, none is begun, and a process that has less says that it is not ready.
-    #[arg(long, env = "MESHMEND_MIN_FREE_MIB", default_value_t = 512)]
-    min_free_mib: u64,
-    /// Hours after its end that a job's files and report are kept.
-    #[arg(long, env = "MESHMEND_RETAIN_RESULTS_H", default_value_t = 168)]
-    retain_results_h: u32,
-    /// Days after its end that it is known that there was a job.
-    #[arg(long, env = "MESHMEND_RETAIN_JOBS_D", default_value_t = 90)]
-    retain_jobs_d: u32,
-    /// Address of a listener for operators, with /livez, /readyz and /metrics and nothing else; no key is asked for there.
-    #[arg(long, env = "MESHMEND_METRICS_LISTEN")]
-    metrics_listen: Option<SocketAddr>,
-    /// Run Blender once on a small model when the worker starts, so that the first job does not wait for what it loads, and so
-    /// that the log says whether it works.
-    #[arg(long, env = "MESHMEND_BLENDER_WARM_UP", default_value_t = true, action = clap::ArgAction::Set)]
-    blender_warm_up: bool,
-    #[command(flatten)]
-    limits: LimitArgs,
-    #[command(flatten)]
-    blender: BlenderArgs,
-}
-
-/// Where the service keeps its data, and how it tells of itself.
-#[derive(Debug, Args)]
-pub struct DataArgs {
-    /// Folder of the database, the files and the scratch space; made if it is missing.
-    #[arg(long, env = "MESHMEND_DATA_DIR", default_value = "meshmend-data")]
-    data_dir: PathBuf,
-    /// Address of a PostgreSQL database that keeps the jobs, as postgres://user:password@host/name; without it, a SQLite file in the
-    /// data folder. Any number of processes may share one.
-    #[arg(long, env = "MESHMEND_DATABASE_URL", hide_env_values = true)]
-    database_url: Option<String>,
-    /// Most connections to PostgreSQL that this process holds.
-    #[arg(long, env = "MESHMEND_DATABASE_CONNECTIONS", default_value_t = 10, value_parser = clap::value_parser!(u32).range(2..=1000))]
-    database_connections: u32,
-    #[command(flatten)]
-    telemetry: TelemetryArgs,
-}
-
-/// Arguments of `meshmend migrate`.
-#[derive(Debug, Args)]
-pub struct MigrateArgs {
-    #[command(flatten)]
-    data: DataArgs,
-}
-
-impl WorkArgs {
-    fn retention(&self) -> Retention {
-        Retention {
-            results: Duration::from_secs(u64::from(self.retain_results_h) * 3600),
-            jobs: Duration::from_secs(u64::from(self.retain_jobs_d) * 24 * 3600),
-        }
-    }
-}
-
-/// Whether requests need a key.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
-enum AuthMode {
-    /// Unless the service listens on this machine only.
-    #[default]
-    Auto,
-    /// None does.
-    Open,
-    /// Each does.
-    Keys,
-}
-
-/// What to do where the kernel can't wall jobs off.
-#[derive(Debug, Clone, Copy, Default, ValueEnum)]
-enum SandboxChoice {
-    /// Use what there is; the log and the capabilities say what it is.
-    #[default]
-    Auto,
-    /// Start only where the network and the files are walled off.
-    Require,
-    /// No sandbox; for debugging.
-    Off,
-}
-
-impl From<SandboxChoice> for SandboxMode {
-    fn from(choice: SandboxChoice) -> Self {
-        match choice {
-            SandboxChoice::Auto => Self::Auto,
-            SandboxChoice::Require => Self::Require,
-            SandboxChoice::Off => Self::Off,
-        }
-    }
-}
 
 /// Why a service could not start or go on.
 #[derive(Debug, thiserror::Error)]
@@ -290,7 +124,7 @@ impl Room {
                 Arc::new(SqliteStore::open(&database, Arc::new(SystemClock), retry).await?)
             }
         };
-        let blobs = Blobs::local(&data_dir.join("files"))?;
+        let blobs = args.blobs.open(&data_dir)?;
         Ok(Self { data_dir, store, blobs })
     }
 
@@ -350,17 +184,6 @@ impl Room {
     }
 }
 
-impl ServeArgs {
-    fn auth(&self) -> Auth {
-        match self.auth {
-            AuthMode::Open => Auth::Open,
-            AuthMode::Keys => Auth::Keys,
-            AuthMode::Auto if self.listen.ip().is_loopback() => Auth::Open,
-            AuthMode::Auto => Auth::Keys,
-        }
-    }
-}
-
 async fn serve_until_stopped(args: &ServeArgs) -> Result<(), ServiceError> {
     let room = Room::open(&args.work.data).await?;
     let blender = find_blender(&args.work.blender).await;
@@ -387,6 +210,8 @@ async fn serve_until_stopped(args: &ServeArgs) -> Result<(), ServiceError> {
             retention: args.work.retention().results,
             min_free: args.work.min_free_mib << 20,
             upload_idle: Duration::from_secs(args.upload_idle_s),
+            presigned_uploads: args.presigned_uploads,
+            presigned_downloads: args.presigned_downloads,
             poll: POLL,
         },
         capabilities: Arc::new(Capabilities::new(limits, max_files, blender, pool.sandbox().cloned())),

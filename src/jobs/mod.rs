@@ -15,6 +15,7 @@ mod retry;
 mod row;
 mod sqlite;
 mod store;
+mod uploads;
 
 pub use access::AccessStore;
 pub use bell::Bell;
@@ -32,6 +33,7 @@ pub use store::{
     Cancelled, Claim, Completion, Connections, Failure, FailureKind, JobStore, Lease, ListQuery, NewJob, Page, Reused,
     StatusCount, StoreError, Waiting,
 };
+pub use uploads::{NewUpload, PendingUpload, UPLOAD_LIFE, UPLOAD_OPEN, UploadId, UploadIdError, UploadStore};
 
 /// All that a service keeps in its database.
 pub trait Store: JobStore + AccessStore {}

@@ -20,6 +20,10 @@ pub(super) fn elapsed(millis: i64) -> Duration {
     Duration::from_millis(u64::try_from(millis).unwrap_or(0))
 }
 
+pub(super) fn from_millis(stored: i64) -> Result<OffsetDateTime, time::error::ComponentRange> {
+    OffsetDateTime::from_unix_timestamp_nanos(i128::from(stored) * 1_000_000)
+}
+
 pub(super) fn count(stored: i64) -> u32 {
     u32::try_from(stored).unwrap_or(0)
 }
@@ -59,9 +63,8 @@ where
 {
     let id: String = row.try_get("id")?;
     let time = |column: &'static str| -> Result<Option<OffsetDateTime>, StoreError> {
-        let Some(stored) = row.try_get::<Option<i64>, _>(column)? else { return Ok(None) };
-        let time = OffsetDateTime::from_unix_timestamp_nanos(i128::from(stored) * 1_000_000);
-        time.map(Some).map_err(|e| corrupt(&id, column, e))
+        let stored: Option<i64> = row.try_get(column)?;
+        stored.map(|stored| from_millis(stored).map_err(|e| corrupt(&id, column, e))).transpose()
     };
     let moment = |column| time(column)?.ok_or_else(|| corrupt(&id, column, "no time"));
     let status: String = row.try_get("status")?;

@@ -6,7 +6,7 @@ use sqlx::sqlite::SqliteError;
 
 use super::{
     Artifacts, Bell, Input, Job, JobId, JobOptions, JobOutcome, JobProblem, JobProgress, JobReport, KeyState, Metadata,
-    RequestKey, Status, StoredReport,
+    RequestKey, Status, StoredReport, UploadId, UploadStore,
 };
 use crate::telemetry;
 
@@ -32,6 +32,9 @@ pub enum StoreError {
     /// The request took so long that its idempotency key went to another one.
     #[error("the idempotency key is another request's now")]
     KeyLost,
+    /// Another job was made of the upload, or its time is over.
+    #[error("the upload is another job's now, or gone")]
+    UploadTaken,
     /// The lease is no longer this worker's: it ran out, or the job was cancelled or deleted.
     #[error("the lease on this job was lost")]
     LeaseLost,
@@ -111,6 +114,8 @@ pub struct NewJob {
     pub result: Option<Reused>,
     /// The request's key, which must be held for it.
     pub key: Option<RequestKey>,
+    /// The upload that it is made of, of which no other may be.
+    pub upload: Option<UploadId>,
     /// Where the request stands in a trace, for the worker to go on from.
     pub traceparent: Option<String>,
 }
@@ -130,6 +135,7 @@ impl NewJob {
             fingerprint: String::new(),
             result: None,
             key: None,
+            upload: None,
             traceparent: None,
         }
     }
@@ -303,7 +309,7 @@ impl StatusCount {
 /// the lease extends it by [`heartbeat`](Self::heartbeat), and when it runs out [`rescue`](Self::rescue) makes the job
 /// claimable again.
 #[async_trait]
-pub trait JobStore: Send + Sync {
+pub trait JobStore: UploadStore {
     /// Holds the key of a request for the job that it is to make, or tells whose it is. Asked again by the same it holds longer.
     async fn hold_key(&self, tenant: &str, key: &str, job: JobId) -> Result<KeyState, StoreError>;
 
@@ -313,10 +319,11 @@ pub trait JobStore: Send + Sync {
     /// Forgets keys whose time is over. Answers how many.
     async fn forget_keys(&self) -> Result<u64, StoreError>;
 
-    /// Accepts a job, and notes its request's key with it. When this returns, the job is on disk.
+    /// Accepts a job, and notes its request's key and the upload that it is made of with it. When this returns, the job is on disk.
     ///
     /// # Errors
-    /// [`StoreError::KeyLost`] when the key is no longer held for it; nothing was changed.
+    /// [`StoreError::KeyLost`] when the key is no longer held for it, [`StoreError::UploadTaken`] when the upload is not to be had;
+    /// nothing was changed.
     async fn submit(&self, job: NewJob) -> Result<Job, StoreError>;
 
     /// One job; none if there never was one of that name.

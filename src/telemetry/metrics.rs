@@ -53,7 +53,7 @@ metrics! {
     STEP: Histogram "meshmend_step_seconds" ["tier", "action"] "Time of a repair's step, by tier (0 validates) and action.";
     STEPS: Counter "meshmend_steps_total" ["tier", "action", "status"] "Steps of repairs by how they ended: `done`, `failed`, `undone`, `skipped`.";
     CHILD_CRASHES: Counter "meshmend_child_crashes_total" ["reason"] "Repair processes that ended without a result: `out_of_memory`, `cpu_limit`, `file_limit`, `crashed`.";
-    KILLS: Counter "meshmend_kills_total" ["reason"] "Repair processes that were killed: `deadline`, `lease_lost`, `shutdown`.";
+    KILLS: Counter "meshmend_kills_total" ["reason"] "Repair processes that were killed: `deadline`, `lease_lost`, `shutdown`, or for what they had too much of: `scratch`, `processes`.";
     BLENDER_RUNS: Counter "meshmend_blender_runs_total" [] "Blender processes that repairs started.";
     BLENDER_RESTARTS: Counter "meshmend_blender_restarts_total" [] "Of these, those that were started again after a crash.";
     SWEEP: Histogram "meshmend_sweep_seconds" [] "Time of a look for what has expired.";

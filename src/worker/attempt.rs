@@ -15,10 +15,11 @@ use tokio_util::sync::CancellationToken;
 use tracing::{Instrument, Span};
 
 use super::files::{Offered, names, offered};
+use super::patience::patiently;
 use super::pool::{Pool, Shutdown};
 use super::process::JobProcess;
 use super::scratch::tame;
-use super::stages::Stages;
+use super::stages::{Stages, record_steps};
 use super::task::{ProgressLine, Task};
 use super::usage::Excess;
 use super::{crash, pause_at};
@@ -27,15 +28,12 @@ use crate::jobs::{
     Artifact, Artifacts, Claim, Completion, Failure, FailureKind, Job, JobProblem, JobProgress, JobReport, Lease,
     ProblemKind, Status, StoreError,
 };
-use crate::repair::Step;
 use crate::telemetry::{self, label};
 
 /// Progress is written to the store no more often than this.
 const PROGRESS_EVERY: Duration = Duration::from_millis(250);
 /// How often to look at what a job has taken.
 const USAGE_EVERY: Duration = Duration::from_millis(500);
-/// How long to try to write how an attempt ended.
-const PATIENCE: Duration = Duration::from_secs(600);
 /// Longest line of progress that is read.
 const LINE_BYTES: usize = 4 << 10;
 /// Bytes from the end of the child's standard error that are kept.
@@ -46,6 +44,8 @@ pub(super) struct Attempt<'a> {
     pool: &'a Pool,
     lease: Lease,
     job: Job,
+    /// Cancelled when the job is lost, and when this process stops.
+    over: CancellationToken,
 }
 
 /// How the child's run ended.
@@ -76,8 +76,8 @@ enum AttemptError {
 }
 
 impl<'a> Attempt<'a> {
-    pub fn new(pool: &'a Pool, claim: Claim) -> Self {
-        Self { pool, lease: claim.lease, job: claim.job }
+    pub fn new(pool: &'a Pool, claim: Claim, shutdown: &Shutdown) -> Self {
+        Self { pool, lease: claim.lease, job: claim.job, over: shutdown.now.child_token() }
     }
 
     /// Runs to the end; whatever happens is noted in the store, unless the lease is lost.
@@ -90,6 +90,11 @@ impl<'a> Attempt<'a> {
         };
         let ended = match ended {
             Err(AttemptError::Store(StoreError::LeaseLost)) => Err(StoreError::LeaseLost),
+            // What was given up because this process stops is charged to nobody.
+            Err(error) if shutdown.now.is_cancelled() => {
+                tracing::warn!(%error, "given up half way");
+                self.pool.store.hand_back(&self.lease).await.map(|()| None)
+            }
             Err(error) => self.fail_passing(&error).await.map(Some),
             Ok(ended) => Ok(ended),
         };
@@ -120,10 +125,13 @@ impl<'a> Attempt<'a> {
         pause_at("worker-claimed");
         let scratch = self.pool.scratch.attempt()?;
         let folder = scratch.path();
-        for (number, input) in self.job.inputs.iter().enumerate() {
-            let path = folder.join(Task::input(number));
-            let fetch = self.pool.blobs.fetch(&input.key, &path);
-            unless(lost, fetch.instrument(tracing::info_span!("fetch", bytes = input.bytes))).await?;
+        tokio::select! {
+            fetched = self.fetch_inputs(folder) => fetched?,
+            () = lost.cancelled() => return Err(StoreError::LeaseLost.into()),
+            () = shutdown.now.cancelled() => {
+                self.pool.store.hand_back(&self.lease).await?;
+                return Ok(None);
+            }
         }
         let task = self.task();
         tokio::fs::write(
@@ -164,10 +172,11 @@ impl<'a> Attempt<'a> {
                      larger deadline_s, a smaller max_tier or level, or fewer faces.",
                     self.job.options.deadline_s()
                 );
-                self.fail(folder, FailureKind::Final, problem(ProblemKind::DeadlineExceeded, detail)).await.map(Some)
+                let problem = problem(ProblemKind::DeadlineExceeded, detail);
+                self.fail(folder, FailureKind::Final, problem).await.map(Some)
             }
             Ended::Excess(excess) => {
-                metrics::counter!("meshmend_kills_total", "reason" => excess.name()).increment(1);
+                metrics::counter!(telemetry::KILLS, "reason" => excess.name()).increment(1);
                 let problem = crash::too_much(excess, self.pool.config.job_scratch, self.pool.config.job_processes);
                 self.fail(folder, FailureKind::Final, problem).await.map(Some)
             }
@@ -184,6 +193,16 @@ impl<'a> Attempt<'a> {
                 self.fail(folder, kind, problem).await.map(Some)
             }
         }
+    }
+
+    /// Copies the job's files into the scratch folder.
+    async fn fetch_inputs(&self, folder: &Path) -> Result<(), BlobError> {
+        for (number, input) in self.job.inputs.iter().enumerate() {
+            let path = folder.join(Task::input(number));
+            let fetch = patiently(None, || self.pool.blobs.fetch(&input.key, &input.sha256, &path));
+            fetch.instrument(tracing::info_span!("fetch", bytes = input.bytes)).await?;
+        }
+        Ok(())
     }
 
     fn task(&self) -> Task {
@@ -231,6 +250,7 @@ impl<'a> Attempt<'a> {
             };
             if !ours {
                 lost.cancel();
+                self.over.cancel();
                 return std::future::pending().await;
             }
         }
@@ -304,7 +324,7 @@ impl<'a> Attempt<'a> {
         let completion = self.publish(folder).instrument(tracing::info_span!("publish")).await?;
         pause_at("worker-complete");
         record_steps(completion.report.steps());
-        let complete = self.patiently(|| self.pool.store.complete(&self.lease, completion.clone()));
+        let complete = patiently(None, || self.pool.store.complete(&self.lease, completion.clone()));
         let job = complete.instrument(tracing::info_span!("complete")).await?;
         if self.lease.attempt > 1
             && let Err(error) = self.pool.blobs.delete_attempts(self.lease.id, Some(&self.lease.token)).await
@@ -323,35 +343,21 @@ impl<'a> Attempt<'a> {
     async fn fail(&self, folder: &Path, kind: FailureKind, problem: JobProblem) -> Result<Job, AttemptError> {
         let artifacts = self.store_files(folder, offered(&self.job.inputs, None)).await?;
         let failure = Failure { kind, problem, artifacts };
-        Ok(self.patiently(|| self.pool.store.fail(&self.lease, failure.clone())).await?)
+        Ok(patiently(None, || self.pool.store.fail(&self.lease, failure.clone())).await?)
     }
 
     /// Notes a failure of something around the job.
     async fn fail_passing(&self, error: &AttemptError) -> Result<Job, StoreError> {
         tracing::error!(%error, "attempt failed");
-        let detail = "The service could not run this job. Please try again later; its log has the reason.";
+        let detail = match error {
+            AttemptError::Blob(BlobError::Damaged { .. }) => {
+                "A file of this job is not what was uploaded any more: it was damaged where the service keeps it. Please send it again."
+            }
+            _ => "The service could not run this job. Please try again later; its log has the reason.",
+        };
         let problem = problem(ProblemKind::Internal, detail.to_owned());
         let failure = Failure { kind: FailureKind::Passing, problem, artifacts: Artifacts::new() };
-        self.patiently(|| self.pool.store.fail(&self.lease, failure.clone())).await
-    }
-
-    /// Writes to the store, and again while its database is away: the work is done, and nothing else could be begun.
-    async fn patiently<T, F>(&self, write: impl Fn() -> F) -> Result<T, StoreError>
-    where
-        F: Future<Output = Result<T, StoreError>>,
-    {
-        let until = Instant::now() + PATIENCE;
-        let mut pause = Duration::from_millis(100);
-        loop {
-            match write().await {
-                Err(error) if error.may_pass() && Instant::now() < until => {
-                    tracing::warn!(%error, "the database is away; trying again");
-                    tokio::time::sleep(pause).await;
-                    pause = (pause * 2).min(Duration::from_secs(5));
-                }
-                result => return result,
-            }
-        }
+        patiently(None, || self.pool.store.fail(&self.lease, failure.clone())).await
     }
 
     /// Stores those files that are there under this attempt's own keys, where nobody sees them yet.
@@ -362,7 +368,7 @@ impl<'a> Attempt<'a> {
                 return Ok(None);
             }
             let key = Blobs::artifact_key(self.lease.id, &self.lease.token, &name);
-            let stored = self.pool.blobs.put_file(&key, &path).await?;
+            let stored = patiently(Some(&self.over), || self.pool.blobs.put_file(&key, &path)).await?;
             let media_type = media_type.to_owned();
             let artifact = Artifact { key, filename, media_type, bytes: stored.bytes, sha256: stored.sha256 };
             Ok::<_, AttemptError>(Some((name, artifact)))
@@ -389,17 +395,6 @@ async fn told_to_end(status: ExitStatus, shutdown: &Shutdown) -> bool {
     const SIGTERM: i32 = 15;
     status.signal() == Some(SIGTERM)
         && tokio::time::timeout(Duration::from_millis(500), shutdown.drain.cancelled()).await.is_ok()
-}
-
-/// Does it, unless the job is lost meanwhile.
-async fn unless<T, E: Into<AttemptError>>(
-    lost: &CancellationToken,
-    work: impl Future<Output = Result<T, E>>,
-) -> Result<T, AttemptError> {
-    tokio::select! {
-        done = work => done.map_err(Into::into),
-        () = lost.cancelled() => Err(StoreError::LeaseLost.into()),
-    }
 }
 
 fn problem(code: ProblemKind, detail: String) -> JobProblem {
@@ -440,16 +435,4 @@ async fn read_json<T: DeserializeOwned>(folder: &Path, name: &'static str) -> Re
     let mut bytes = Vec::new();
     file.take(Task::REPORT_BYTES as u64).read_to_end(&mut bytes).await?;
     serde_json::from_slice(&bytes).map_err(|e| AttemptError::Json(name, e))
-}
-
-fn record_steps(steps: &[Step]) {
-    for step in steps {
-        let (tier, action) = (step.tier.to_string(), label(&step.action));
-        metrics::histogram!(telemetry::STEP, "tier" => tier.clone(), "action" => action.clone())
-            .record(step.milliseconds / 1000.0);
-        metrics::counter!(telemetry::STEPS, "tier" => tier, "action" => action, "status" => label(&step.status))
-            .increment(1);
-        metrics::counter!(telemetry::BLENDER_RUNS).increment(step.runs.into());
-        metrics::counter!(telemetry::BLENDER_RESTARTS).increment(step.runs.saturating_sub(1).into());
-    }
 }

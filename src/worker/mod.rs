@@ -11,6 +11,7 @@ mod errand;
 mod failpoint;
 mod files;
 mod limits;
+mod patience;
 mod pool;
 mod probe;
 mod process;

@@ -246,7 +246,7 @@ async fn slot(pool: Arc<Pool>, shutdown: Shutdown) {
                     let waited = (started - claim.job.created_at).as_seconds_f64();
                     metrics::histogram!(telemetry::JOB_WAIT).record(waited.max(0.0));
                 }
-                Attempt::new(&pool, claim).run(&shutdown).instrument(span).await;
+                Attempt::new(&pool, claim, &shutdown).run(&shutdown).instrument(span).await;
                 drop(busy);
                 continue;
             }

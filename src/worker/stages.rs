@@ -2,7 +2,8 @@ use tracing::Span;
 
 use crate::context::Stage;
 use crate::jobs::JobProgress;
-use crate::telemetry::label;
+use crate::repair::Step;
+use crate::telemetry::{self, label};
 
 /// The stages of a child's work as spans of a trace, by its lines of progress: each lasts until the next.
 #[derive(Default)]
@@ -20,5 +21,18 @@ impl Stages {
             self.span = Some(tracing::info_span!("stage", otel.name = name, stage = ?stage, tier));
             self.now = Some((stage, tier));
         }
+    }
+}
+
+/// Counts and times what a repair did, by its report.
+pub(super) fn record_steps(steps: &[Step]) {
+    for step in steps {
+        let (tier, action) = (step.tier.to_string(), label(&step.action));
+        metrics::histogram!(telemetry::STEP, "tier" => tier.clone(), "action" => action.clone())
+            .record(step.milliseconds / 1000.0);
+        metrics::counter!(telemetry::STEPS, "tier" => tier, "action" => action, "status" => label(&step.status))
+            .increment(1);
+        metrics::counter!(telemetry::BLENDER_RUNS).increment(step.runs.into());
+        metrics::counter!(telemetry::BLENDER_RESTARTS).increment(step.runs.saturating_sub(1).into());
     }
 }

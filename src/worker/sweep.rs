@@ -1,7 +1,9 @@
 use std::time::{Duration, Instant};
 
+use futures::TryStreamExt;
+
 use crate::blobs::{BlobError, Blobs};
-use crate::jobs::{Status, Store, StoreError};
+use crate::jobs::{Status, Store, StoreError, UPLOAD_LIFE};
 use crate::telemetry;
 
 /// How often to look for what has expired.
@@ -47,10 +49,11 @@ pub(super) async fn sweep(
     Ok(())
 }
 
-/// Expires jobs whose time is over, and forgets keys, tokens and jobs.
+/// Expires jobs whose time is over, and forgets keys, tokens, uploads and jobs.
 async fn expire(store: &dyn Store, blobs: &Blobs, retention: Retention) -> Result<(), SweepError> {
     store.forget_keys().await?;
     store.forget_tokens().await?;
+    store.forget_uploads().await?;
     loop {
         let expired = store.expire(retention.results, BATCH).await?;
         for id in &expired {
@@ -65,11 +68,14 @@ async fn expire(store: &dyn Store, blobs: &Blobs, retention: Retention) -> Resul
     Ok(())
 }
 
-/// Removes files that no job owns: of uploads that a killed server left, and of deletions that were stopped half way.
+/// Removes files that no job owns: of uploads that a killed server left, or of which no job was made, and of deletions that were stopped
+/// half way.
 async fn remove_orphans(store: &dyn Store, blobs: &Blobs) -> Result<(), SweepError> {
-    for id in blobs.owners(AGE).await? {
-        if store.get(id).await?.is_none_or(|job| job.purged || job.status == Status::Expired) {
-            blobs.delete_job(id).await?;
+    blobs.delete_quiet_incoming(UPLOAD_LIFE).await?;
+    let mut owners = blobs.owners(AGE).await?;
+    while let Some(id) = owners.try_next().await? {
+        let is_owned = store.get(id).await?.is_some_and(|job| !job.purged && job.status != Status::Expired);
+        if !is_owned && blobs.delete_quiet_job(id, AGE).await? {
             count("orphaned", 1);
             tracing::info!(job_id = %id, "removed files that no job owns");
         }

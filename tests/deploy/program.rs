@@ -5,16 +5,6 @@ use std::process::Command;
 
 use serde_json::Value;
 
-/// Variables that manifests use and that the program does not have yet.
-pub const NOT_YET: [&str; 6] = [
-    "MESHMEND_BLOB_URL",
-    "MESHMEND_S3_ENDPOINT",
-    "MESHMEND_S3_REGION",
-    "MESHMEND_S3_ACCESS_KEY_ID",
-    "MESHMEND_S3_SECRET_ACCESS_KEY",
-    "MESHMEND_S3_ALLOW_HTTP",
-];
-
 /// The settings of a command line with these variables, as `meshmend config` has them; or why it would be refused.
 pub fn config(line: &[String], variables: &BTreeMap<String, String>) -> Result<Value, String> {
     let mut command = Command::new(env!("CARGO_BIN_EXE_meshmend"));
@@ -29,8 +19,7 @@ pub fn config(line: &[String], variables: &BTreeMap<String, String>) -> Result<V
 /// The settings of a command line that must be good, by variable.
 pub fn settings(line: &[String], variables: &BTreeMap<String, String>) -> BTreeMap<String, String> {
     let config = config(line, variables).unwrap_or_else(|error| panic!("{error}"));
-    let unknown = config["unknown_variables"].as_array().expect("a list").iter().filter_map(Value::as_str);
-    let unknown: Vec<_> = unknown.filter(|name| !NOT_YET.contains(name)).collect();
+    let unknown = config["unknown_variables"].as_array().expect("a list");
     assert!(unknown.is_empty(), "{line:?}: nothing reads {unknown:?}");
     let settings = config["settings"].as_array().expect("a list").iter();
     settings.filter_map(|it| Some((it["variable"].as_str()?.to_owned(), it["value"].as_str()?.to_owned()))).collect()
@@ -44,11 +33,4 @@ pub fn known() -> BTreeSet<String> {
         settings.into_iter().filter_map(|it| Some(it["variable"].as_str()?.to_owned())).collect::<Vec<_>>()
     };
     ["serve", "work", "migrate", "config"].into_iter().flat_map(of).collect()
-}
-
-#[test]
-fn what_is_not_there_yet_is_not_there() {
-    for name in NOT_YET {
-        assert!(!known().contains(name), "{name} is there: take it off the list");
-    }
 }

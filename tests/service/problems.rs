@@ -61,7 +61,9 @@ async fn every_kind_of_wrong_request_gets_a_problem_that_says_what_to_do() {
     let broken = "--b\r\nContent-Disposition: form-data; name=\"file\"\r\n\r\nsolid";
     problem(submit().header("content-type", "multipart/form-data; boundary=b").body(broken), 400, "invalid_request")
         .await;
-    problem(submit().json(&json!({"a": 1})), 415, "unsupported_media_type").await;
+    problem(submit().json(&json!({"a": 1})), 400, "invalid_request").await;
+    problem(api.post("/v1/uploads").header("content-type", "text/plain").body("a.stl"), 415, "unsupported_media_type")
+        .await;
     problem(submit().body("hello, I am no model"), 415, "unsupported_model").await;
     problem(submit().body(b"PK\x03\x04 something zipped".to_vec()), 415, "unsupported_model").await;
     for options in ["{\"max_tier\": 9}", "{\"max_teir\": 1}", "{\"preset\": \"magic\"}", "[", "{\"deadline_s\": null}"]

@@ -7,8 +7,8 @@ use std::time::Duration;
 use meshmend::context::Stage;
 use meshmend::jobs::{
     Artifacts, Cancelled, Clock, Completion, Connections, FailureKind, JobId, JobOptions, JobProgress, JobStore,
-    KEY_HOLD, KEY_LIFE, KeyState, ListQuery, NewJob, ProblemKind, RequestKey, RetryPolicy, SqliteStore, Status,
-    StoreError,
+    KEY_HOLD, KEY_LIFE, KeyState, ListQuery, NewJob, NewUpload, ProblemKind, RequestKey, RetryPolicy, SqliteStore,
+    Status, StoreError, UPLOAD_LIFE, UPLOAD_OPEN, UploadId,
 };
 use sqlx::sqlite::SqliteConnectOptions;
 
@@ -30,6 +30,8 @@ promises! {
     each_change_grows_the_version_and_a_quiet_heartbeat_does_not,
     an_end_whose_answer_was_lost_is_answered_again,
     a_key_is_held_by_one_request_until_it_is_accepted_given_back_or_late,
+    an_upload_is_open_for_a_while_waits_for_longer_and_becomes_one_job_at_most,
+    no_more_uploads_wait_than_may,
 }
 
 async fn jobs_are_claimed_in_the_order_they_came_and_each_only_once(bench: Bench) {
@@ -287,6 +289,60 @@ async fn a_key_is_held_by_one_request_until_it_is_accepted_given_back_or_late(be
     assert_eq!(hold(first).await, KeyState::Held);
     bench.store.release_key("shop", "k", first).await.expect("an answer");
     assert_eq!(hold(second).await, KeyState::Held);
+}
+
+fn new_upload() -> NewUpload {
+    let (tenant, name, token) = ("default".to_owned(), Some("a.stl".to_owned()), Some("00".to_owned()));
+    NewUpload { id: UploadId::new(), tenant, name, token_sha256: token }
+}
+
+async fn an_upload_is_open_for_a_while_waits_for_longer_and_becomes_one_job_at_most(bench: Bench) {
+    let uploads = [new_upload(), new_upload()];
+    for upload in &uploads {
+        let noted = bench.store.add_upload(upload.clone(), 10).await.expect("an answer").expect("noted");
+        assert_eq!((&noted.upload, noted.is_open, noted.job), (upload, true, None));
+        assert_eq!(noted.created_at.unix_timestamp_nanos() / 1_000_000, i128::from(bench.clock.now_ms()));
+    }
+    let find = async |upload: &NewUpload| bench.store.upload(upload.id).await.expect("an answer");
+    let submit = async |id, upload: UploadId| {
+        let inputs = bench.submit().await.inputs;
+        let job = NewJob { upload: Some(upload), ..NewJob::new(id, "default", inputs, JobOptions::default()) };
+        bench.store.submit(job).await
+    };
+    let [used, unused] = &uploads;
+    bench.pass(UPLOAD_OPEN - Duration::from_millis(1));
+    assert!(find(used).await.expect("there").is_open);
+    bench.pass(Duration::from_millis(1));
+    assert!(!find(used).await.expect("there").is_open);
+    let [first, second] = [JobId::new(), JobId::new()];
+    submit(first, used.id).await.expect("accepted");
+    for upload in [used.id, UploadId::new()] {
+        assert!(matches!(submit(second, upload).await, Err(StoreError::UploadTaken)));
+        assert_eq!(bench.store.get(second).await.expect("an answer"), None);
+    }
+    assert_eq!(find(used).await.expect("there").job, Some(first));
+    assert_eq!(bench.store.forget_uploads().await.expect("an answer"), 0);
+    bench.pass(UPLOAD_LIFE - UPLOAD_OPEN);
+    assert_eq!(find(unused).await, None);
+    assert!(matches!(submit(second, unused.id).await, Err(StoreError::UploadTaken)));
+    assert_eq!(find(used).await.expect("its request may come again").job, Some(first));
+    assert_eq!(bench.store.forget_uploads().await.expect("an answer"), 1);
+    bench.pass(KEY_LIFE);
+    assert_eq!(bench.store.forget_uploads().await.expect("an answer"), 1);
+    assert_eq!(find(used).await, None);
+}
+
+async fn no_more_uploads_wait_than_may(bench: Bench) {
+    let add = async || bench.store.add_upload(new_upload(), 2).await.expect("an answer");
+    let first = add().await.expect("noted").upload.id;
+    bench.pass(Duration::from_secs(60));
+    assert!(add().await.is_some() && add().await.is_none());
+    let inputs = bench.submit().await.inputs;
+    let job = NewJob { upload: Some(first), ..NewJob::new(JobId::new(), "default", inputs, JobOptions::default()) };
+    bench.store.submit(job).await.expect("accepted");
+    assert!(add().await.is_some() && add().await.is_none(), "one became a job");
+    bench.pass(UPLOAD_LIFE);
+    assert!(add().await.is_some(), "the time of all others is over");
 }
 
 #[tokio::test]

@@ -237,6 +237,8 @@ pub struct Api {
 
 impl Api {
     pub fn new(program: &Program) -> Self {
+        // Its TLS wants to be told whose cryptography to use, whether or not it comes to that.
+        let _ = rustls::crypto::ring::default_provider().install_default();
         Self { url: program.url.clone(), http: Client::new() }
     }
 

@@ -3,6 +3,7 @@ mod keys;
 mod listen;
 mod queue;
 mod retention;
+mod uploads;
 
 use std::str::FromStr;
 use std::sync::Arc;
@@ -114,6 +115,9 @@ impl JobStore for PostgresStore {
         let mut transaction = self.pool.begin().await?;
         if let Some(key) = &job.key {
             keys::settle(&mut transaction, &job.tenant, key, job.id, self.now()).await?;
+        }
+        if let Some(upload) = job.upload {
+            uploads::take(&mut transaction, upload, job.id, self.now()).await?;
         }
         let job = queue::insert(&mut transaction, &job, self.now()).await?;
         transaction.commit().await?;

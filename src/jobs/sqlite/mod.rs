@@ -2,6 +2,7 @@ mod access;
 mod keys;
 mod queue;
 mod retention;
+mod uploads;
 
 use std::fs::File;
 use std::path::Path;
@@ -106,6 +107,9 @@ impl JobStore for SqliteStore {
         let mut transaction = self.begin().await?;
         if let Some(key) = &job.key {
             keys::settle(&mut transaction, &job.tenant, key, job.id, now).await?;
+        }
+        if let Some(upload) = job.upload {
+            uploads::take(&mut transaction, upload, job.id, now).await?;
         }
         let job = queue::insert(&mut transaction, &job, now).await?;
         transaction.commit().await?;

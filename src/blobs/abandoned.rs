@@ -1,0 +1,130 @@
+//! Files that go: of jobs that were deleted, of attempts that were lost, and those that no job ever came to own.
+
+use std::path::Path;
+use std::time::Duration;
+
+use futures::stream::BoxStream;
+use futures::{StreamExt, TryStreamExt};
+use object_store::path::Path as Key;
+use object_store::{ObjectMeta, ObjectStoreExt};
+
+use super::{BlobError, Blobs, Place, local};
+use crate::jobs::JobId;
+
+/// The folders whose entries are named by jobs.
+const KINDS: [&str; 3] = ["uploads", "more", "jobs"];
+
+impl Blobs {
+    /// Deletes a job's uploaded files and all that its attempts made, half-written files among them.
+    ///
+    /// # Errors
+    /// When the store can't list or delete; files already gone are no error.
+    pub async fn delete_job(&self, id: JobId) -> Result<(), BlobError> {
+        self.delete(&Self::input_key(id, 0)).await?;
+        self.delete_listed(format!("more/{id}"), |_| true).await?;
+        self.in_folder(move |folder| local::remove_uploads(folder, id)).await?;
+        self.delete_attempts(id, None).await
+    }
+
+    /// Deletes what a job's attempts made, but for the files of the claim with the token `keep`.
+    ///
+    /// # Errors
+    /// When the store can't list or delete; files already gone are no error.
+    pub async fn delete_attempts(&self, id: JobId, keep: Option<&str>) -> Result<(), BlobError> {
+        let keep = keep.map(str::to_owned);
+        let kept = keep.clone();
+        let goes =
+            move |file: &ObjectMeta| kept.is_none() || file.location.as_ref().split('/').nth(2) != kept.as_deref();
+        self.delete_listed(format!("jobs/{id}"), goes).await?;
+        self.in_folder(move |folder| local::remove_attempts(folder, id, keep.as_deref())).await
+    }
+
+    /// Jobs that have a file here which nobody has touched for `age`, some of them more than once. A bucket is read page by page.
+    ///
+    /// # Errors
+    /// When the store can't list.
+    pub async fn owners(&self, age: Duration) -> Result<BoxStream<'static, Result<JobId, BlobError>>, BlobError> {
+        if let Place::Folder(folder) = &self.place {
+            let folder = folder.clone();
+            let found = tokio::task::spawn_blocking(move || local::owners(&folder, age)).await;
+            return Ok(futures::stream::iter(found.map_err(std::io::Error::from)??).map(Ok).boxed());
+        }
+        let store = self.store.clone();
+        let files = futures::stream::iter(KINDS).flat_map(move |kind| store.list(Some(&Key::from(kind))));
+        let mut before = None;
+        let ids = files.try_filter_map(move |file| {
+            let id = file.location.as_ref().split('/').nth(1).and_then(|id| id.parse().ok());
+            // The files of a job come one after the other.
+            let is_new = id.is_some() && id != before && is_quiet(&file, age);
+            before = if is_new { id } else { before };
+            futures::future::ok(id.filter(|_| is_new))
+        });
+        Ok(ids.map_err(BlobError::from).boxed())
+    }
+
+    /// Deletes all files of a job unless one of them was touched within `age`. Answers whether it did.
+    ///
+    /// # Errors
+    /// When the store can't list or delete.
+    pub async fn delete_quiet_job(&self, id: JobId, age: Duration) -> Result<bool, BlobError> {
+        let upload = match self.store.head(&Key::from(Self::input_key(id, 0))).await {
+            Err(object_store::Error::NotFound { .. }) => None,
+            found => Some(found?),
+        };
+        let store = &self.store;
+        let others = futures::stream::iter(["more", "jobs"])
+            .flat_map(move |kind| store.list(Some(&Key::from(format!("{kind}/{id}")))));
+        let mut files = futures::stream::iter(upload.map(Ok)).chain(others);
+        while let Some(file) = files.try_next().await? {
+            if !is_quiet(&file, age) {
+                return Ok(false);
+            }
+        }
+        drop(files);
+        self.delete_job(id).await?;
+        Ok(true)
+    }
+
+    /// Deletes files that were sent before their job, and touched by nobody for `age`.
+    ///
+    /// # Errors
+    /// When the store can't list or delete.
+    pub async fn delete_quiet_incoming(&self, age: Duration) -> Result<(), BlobError> {
+        self.delete_listed("incoming".to_owned(), move |file| is_quiet(file, age)).await?;
+        self.in_folder(move |folder| local::remove_quiet_incoming(folder, age)).await
+    }
+
+    /// Deletes the files under a prefix that `goes` picks.
+    async fn delete_listed(
+        &self,
+        prefix: String,
+        goes: impl Fn(&ObjectMeta) -> bool + Send + 'static,
+    ) -> Result<(), BlobError> {
+        let files = self.store.list(Some(&Key::from(prefix)));
+        let keys = files.try_filter_map(move |file| futures::future::ok(goes(&file).then_some(file.location)));
+        let mut deleted = self.store.delete_stream(keys.boxed());
+        while let Some(deleted) = deleted.next().await {
+            match deleted {
+                Ok(_) | Err(object_store::Error::NotFound { .. }) => {}
+                Err(error) => return Err(error.into()),
+            }
+        }
+        Ok(())
+    }
+
+    /// Does what only a folder needs, since half-written files are not in its list.
+    async fn in_folder(
+        &self,
+        work: impl FnOnce(&Path) -> std::io::Result<()> + Send + 'static,
+    ) -> Result<(), BlobError> {
+        let Place::Folder(folder) = &self.place else { return Ok(()) };
+        let folder = folder.clone();
+        let done = tokio::task::spawn_blocking(move || work(&folder)).await;
+        Ok(done.map_err(std::io::Error::from)??)
+    }
+}
+
+/// Whether nobody has touched a file for `age`.
+fn is_quiet(file: &ObjectMeta, age: Duration) -> bool {
+    std::time::SystemTime::from(file.last_modified).elapsed().is_ok_and(|quiet| quiet >= age)
+}

@@ -1,0 +1,198 @@
+//! What `serve`, `work` and `migrate` can be told.
+
+use std::net::SocketAddr;
+use std::path::PathBuf;
+use std::time::Duration;
+
+use clap::{Args, ValueEnum};
+use meshmend::api::Auth;
+use meshmend::sandbox::SandboxMode;
+use meshmend::worker::Retention;
+
+use super::blobs::BlobArgs;
+use super::engine::{BlenderArgs, LimitArgs};
+use super::telemetry::TelemetryArgs;
+
+/// Arguments of `meshmend serve`.
+#[derive(Debug, Args)]
+pub struct ServeArgs {
+    /// Address to listen on.
+    #[arg(long, env = "MESHMEND_LISTEN", default_value = "127.0.0.1:8080")]
+    pub(super) listen: SocketAddr,
+    /// Whether requests need a key (`meshmend keys create`): `open` for none, `keys` for one, `auto` for one unless the service
+    /// listens on this machine only.
+    #[arg(long, env = "MESHMEND_AUTH", value_enum, default_value_t)]
+    pub(super) auth: AuthMode,
+    /// Most jobs of one tenant that may wait, unless `meshmend tenants set` says otherwise; without it, as many as may wait in all.
+    #[arg(long, env = "MESHMEND_TENANT_MAX_QUEUED")]
+    pub(super) tenant_max_queued: Option<u32>,
+    /// Most requests of one tenant in a minute, on this process, unless `meshmend tenants set` says otherwise; further ones are refused
+    /// with 429. Without it there is no limit.
+    #[arg(long, env = "MESHMEND_TENANT_REQUESTS_PER_MINUTE")]
+    pub(super) tenant_requests_per_minute: Option<u32>,
+    /// Seconds of silence in the middle of an upload after which it is given up.
+    #[arg(long, env = "MESHMEND_UPLOAD_IDLE_S", default_value_t = 30)]
+    pub(super) upload_idle_s: u64,
+    /// Most files that one job may analyse.
+    #[arg(long, env = "MESHMEND_MAX_FILES", default_value_t = 32, value_parser = clap::value_parser!(u16).range(1..=1000))]
+    pub(super) max_files: u16,
+    /// Most jobs that may wait, and most uploads that wait for a job; further ones are refused with 429.
+    #[arg(long, env = "MESHMEND_MAX_QUEUED", default_value_t = 10_000)]
+    pub(super) max_queued: u64,
+    /// Let clients send files that they announce straight to the S3 store; without, or with a folder, they pass through this service.
+    #[arg(long, env = "MESHMEND_PRESIGNED_UPLOADS", default_value_t = true, action = clap::ArgAction::Set)]
+    pub(super) presigned_uploads: bool,
+    /// Send clients on to the S3 store for their downloads, by addresses that are good for minutes; without, or with a folder, they
+    /// pass through this service, which sees that they are sound.
+    #[arg(long, env = "MESHMEND_PRESIGNED_DOWNLOADS", default_value_t = false, action = clap::ArgAction::Set)]
+    pub(super) presigned_downloads: bool,
+    /// Take jobs and answer for them, and leave the work to other processes (`meshmend work`).
+    #[arg(long, env = "MESHMEND_NO_WORKERS", conflicts_with = "workers")]
+    pub(super) no_workers: bool,
+    #[command(flatten)]
+    pub(super) work: WorkArgs,
+}
+
+/// Arguments of `meshmend work`.
+#[derive(Debug, Args)]
+pub struct WorkArgs {
+    #[command(flatten)]
+    pub(super) data: DataArgs,
+    /// Jobs that run at the same time; without it, one a processor.
+    #[arg(long, env = "MESHMEND_WORKERS")]
+    pub(super) workers: Option<usize>,
+    /// Most jobs of one tenant that run at the same time, on all workers together, unless `meshmend tenants set` says otherwise;
+    /// without it, as many as there are workers.
+    #[arg(long, env = "MESHMEND_TENANT_MAX_RUNNING")]
+    pub(super) tenant_max_running: Option<u32>,
+    /// Memory (address space) that one job may use, in MiB.
+    #[arg(long, env = "MESHMEND_JOB_MEMORY_MIB", default_value_t = 8192)]
+    pub(super) job_memory_mib: u64,
+    /// Largest file that a job may write, in MiB.
+    #[arg(long, env = "MESHMEND_JOB_FILE_MIB", default_value_t = 2048)]
+    pub(super) job_file_mib: u64,
+    /// Disk that one job may take beside the files that it was sent with, in MiB.
+    #[arg(long, env = "MESHMEND_JOB_SCRATCH_MIB", default_value_t = 8192)]
+    pub(super) job_scratch_mib: u64,
+    /// Most processes and threads that one job may have.
+    #[arg(long, env = "MESHMEND_JOB_PROCESSES", default_value_t = 1024, value_parser = clap::value_parser!(u64).range(16..))]
+    pub(super) job_processes: u64,
+    /// Whether jobs run without network and without other files than their own: as far as the kernel allows it, always or not at all,
+    /// or never.
+    #[arg(long, env = "MESHMEND_SANDBOX", value_enum, default_value_t)]
+    pub(super) sandbox: SandboxChoice,
+    /// Files and folders that jobs may read beside those of the system and the folder of Blender, with commas between: what a Blender
+    /// needs that is installed in more than one place.
+    #[arg(long, env = "MESHMEND_SANDBOX_READ", value_delimiter = ',', value_name = "PATHS")]
+    pub(super) sandbox_read: Vec<PathBuf>,
+    /// Seconds that a worker holds a job without a sign of life.
+    #[arg(long, env = "MESHMEND_LEASE_S", default_value_t = 15.0)]
+    pub(super) lease_s: f64,
+    /// Seconds beyond a job's deadline_s after which its processes are killed.
+    #[arg(long, env = "MESHMEND_DEADLINE_GRACE_S", default_value_t = 5.0)]
+    pub(super) deadline_grace_s: f64,
+    /// Seconds that running jobs get to finish when the service is told to stop.
+    #[arg(long, env = "MESHMEND_SHUTDOWN_GRACE_S", default_value_t = 20.0)]
+    pub(super) shutdown_grace_s: f64,
+    /// Room that must stay free on the disks of the files and the scratch folders, in MiB; jobs that would take it are refused with
+    /// 503, none is begun, and a process that has less says that it is not ready.
+    #[arg(long, env = "MESHMEND_MIN_FREE_MIB", default_value_t = 512)]
+    pub(super) min_free_mib: u64,
+    /// Hours after its end that a job's files and report are kept.
+    #[arg(long, env = "MESHMEND_RETAIN_RESULTS_H", default_value_t = 168)]
+    pub(super) retain_results_h: u32,
+    /// Days after its end that it is known that there was a job.
+    #[arg(long, env = "MESHMEND_RETAIN_JOBS_D", default_value_t = 90)]
+    pub(super) retain_jobs_d: u32,
+    /// Address of a listener for operators, with /livez, /readyz and /metrics and nothing else; no key is asked for there.
+    #[arg(long, env = "MESHMEND_METRICS_LISTEN")]
+    pub(super) metrics_listen: Option<SocketAddr>,
+    /// Run Blender once on a small model when the worker starts, so that the first job does not wait for what it loads, and so
+    /// that the log says whether it works.
+    #[arg(long, env = "MESHMEND_BLENDER_WARM_UP", default_value_t = true, action = clap::ArgAction::Set)]
+    pub(super) blender_warm_up: bool,
+    #[command(flatten)]
+    pub(super) limits: LimitArgs,
+    #[command(flatten)]
+    pub(super) blender: BlenderArgs,
+}
+
+/// Where the service keeps its data, and how it tells of itself.
+#[derive(Debug, Args)]
+pub struct DataArgs {
+    /// Folder of the database, the files and the scratch space; made if it is missing.
+    #[arg(long, env = "MESHMEND_DATA_DIR", default_value = "meshmend-data")]
+    pub(super) data_dir: PathBuf,
+    /// Address of a PostgreSQL database that keeps the jobs, as postgres://user:password@host/name; without it, a SQLite file in the
+    /// data folder. Any number of processes may share one.
+    #[arg(long, env = "MESHMEND_DATABASE_URL", hide_env_values = true)]
+    pub(super) database_url: Option<String>,
+    /// Most connections to PostgreSQL that this process holds.
+    #[arg(long, env = "MESHMEND_DATABASE_CONNECTIONS", default_value_t = 10, value_parser = clap::value_parser!(u32).range(2..=1000))]
+    pub(super) database_connections: u32,
+    #[command(flatten)]
+    pub(super) blobs: BlobArgs,
+    #[command(flatten)]
+    pub(super) telemetry: TelemetryArgs,
+}
+
+/// Arguments of `meshmend migrate`.
+#[derive(Debug, Args)]
+pub struct MigrateArgs {
+    #[command(flatten)]
+    pub(super) data: DataArgs,
+}
+
+impl WorkArgs {
+    pub(super) fn retention(&self) -> Retention {
+        Retention {
+            results: Duration::from_secs(u64::from(self.retain_results_h) * 3600),
+            jobs: Duration::from_secs(u64::from(self.retain_jobs_d) * 24 * 3600),
+        }
+    }
+}
+
+/// Whether requests need a key.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
+pub enum AuthMode {
+    /// Unless the service listens on this machine only.
+    #[default]
+    Auto,
+    /// None does.
+    Open,
+    /// Each does.
+    Keys,
+}
+
+/// What to do where the kernel can't wall jobs off.
+#[derive(Debug, Clone, Copy, Default, ValueEnum)]
+pub enum SandboxChoice {
+    /// Use what there is; the log and the capabilities say what it is.
+    #[default]
+    Auto,
+    /// Start only where the network and the files are walled off.
+    Require,
+    /// No sandbox; for debugging.
+    Off,
+}
+
+impl From<SandboxChoice> for SandboxMode {
+    fn from(choice: SandboxChoice) -> Self {
+        match choice {
+            SandboxChoice::Auto => Self::Auto,
+            SandboxChoice::Require => Self::Require,
+            SandboxChoice::Off => Self::Off,
+        }
+    }
+}
+
+impl ServeArgs {
+    pub(super) fn auth(&self) -> Auth {
+        match self.auth {
+            AuthMode::Open => Auth::Open,
+            AuthMode::Keys => Auth::Keys,
+            AuthMode::Auto if self.listen.ip().is_loopback() => Auth::Open,
+            AuthMode::Auto => Auth::Keys,
+        }
+    }
+}

@@ -1,0 +1,131 @@
+//! The service with its files in an S3-compatible store, which goes away and comes back at every step of a job.
+
+use std::path::Path;
+
+use serde_json::{Value, json};
+
+use crate::faults::FILES;
+use crate::files;
+use crate::postgres::Postgres;
+use crate::s3::S3;
+use crate::server::{Api, Program, Start, until};
+
+fn options() -> Value {
+    json!({"max_tier": 1})
+}
+
+fn serve(data: &Path, bucket: &S3) -> Program {
+    bucket.keeps_files_of(Start::serve(data)).start()
+}
+
+async fn succeeded(api: &Api, id: &str) -> Value {
+    let job = api.finished(id).await;
+    assert_eq!((&job["status"], &job["outcome"]), (&json!("succeeded"), &json!("repaired")), "{job}");
+    assert_eq!(job["attempt"], 1, "{job}");
+    assert_eq!(api.artifact(id, "model").await.len(), 84 + 50 * 12);
+    job
+}
+
+/// That nothing can be had, and that this is said as it should be.
+async fn says_that_it_is_away(answer: reqwest::Response) {
+    assert_eq!(answer.status(), 503);
+    assert_eq!(answer.headers()["retry-after"], "5");
+    assert_eq!(answer.json::<Value>().await.expect("a problem")["code"], "unavailable");
+}
+
+#[tokio::test]
+async fn processes_that_share_a_database_and_a_bucket_need_no_folder_in_common() {
+    let (cluster, bucket) = (Postgres::start(), S3::start());
+    let [of_server, of_worker] = [(); 2].map(|()| tempfile::tempdir().expect("a folder"));
+    let shared = |start| bucket.keeps_files_of(start).env("MESHMEND_DATABASE_URL", &cluster.url());
+    let server = shared(Start::serve(of_server.path()).env("MESHMEND_NO_WORKERS", "true")).start();
+    let _worker = shared(Start::work(of_worker.path())).start();
+    let api = Api::new(&server);
+    let id = api.submit(files::broken_box(), options()).await;
+    let job = succeeded(&api, &id).await;
+    assert_eq!(bucket.files().len(), FILES, "{:?}", bucket.files());
+    for (name, artifact) in job["artifacts"].as_object().expect("files") {
+        assert_eq!(api.artifact(&id, name).await.len() as u64, artifact["bytes"], "{name}");
+    }
+    let range = api.get(&format!("/v1/jobs/{id}/artifacts/model")).header("range", "bytes=0-83").send().await;
+    let range = range.expect("an answer");
+    assert_eq!((range.status().as_u16(), range.bytes().await.expect("bytes").len()), (206, 84));
+    let deleted = api.delete(&format!("/v1/jobs/{id}")).send().await.expect("an answer");
+    assert_eq!(deleted.status(), 204);
+    assert_eq!(bucket.files(), Vec::<String>::new());
+    for data in [of_server, of_worker] {
+        assert!(!data.path().join("files").exists());
+    }
+}
+
+#[tokio::test]
+async fn while_the_bucket_is_away_clients_are_told_when_to_ask_again_and_afterwards_all_is_there() {
+    let (mut bucket, data) = (S3::start(), tempfile::tempdir().expect("a folder"));
+    let program = serve(data.path(), &bucket);
+    let api = Api::new(&program);
+    let [kept, deleted] =
+        [api.submit(files::broken_box(), options()).await, api.submit(files::broken_box(), options()).await];
+    succeeded(&api, &kept).await;
+    succeeded(&api, &deleted).await;
+    let ready = async || api.get("/readyz").send().await.expect("an answer").status().as_u16();
+    assert_eq!(ready().await, 200);
+
+    bucket.kill();
+    says_that_it_is_away(api.try_submit("a.stl", files::broken_box(), options()).await).await;
+    let model = format!("/v1/jobs/{kept}/artifacts/model");
+    says_that_it_is_away(api.get(&model).send().await.expect("an answer")).await;
+    says_that_it_is_away(api.delete(&format!("/v1/jobs/{deleted}")).send().await.expect("an answer")).await;
+    assert_eq!(ready().await, 503);
+    assert_eq!(api.job(&kept).await["status"], "succeeded", "what needs no files goes on");
+
+    bucket.restart();
+    assert_eq!(api.artifact(&kept, "model").await.len(), 84 + 50 * 12);
+    assert_eq!(api.delete(&format!("/v1/jobs/{deleted}")).send().await.expect("an answer").status(), 410);
+    assert_eq!(bucket.files().len(), FILES, "what was refused and what was deleted is gone: {:?}", bucket.files());
+    assert_eq!(ready().await, 200);
+    let id = api.submit(files::broken_box(), options()).await;
+    succeeded(&api, &id).await;
+    assert_eq!(bucket.loose_parts(), 0);
+}
+
+#[tokio::test]
+async fn a_bucket_that_is_killed_and_comes_back_costs_no_job_an_attempt_at_any_step_of_its_worker() {
+    for pause in ["worker-claimed", "child-tier1", "worker-publish"] {
+        let (mut bucket, data) = (S3::start(), tempfile::tempdir().expect("a folder"));
+        let start = Start::serve(data.path()).env("FAILPOINTS", &format!("{pause}=1*sleep(1000)"));
+        let program = bucket.keeps_files_of(start).start();
+        let api = Api::new(&program);
+        let id = api.submit(files::broken_box(), options()).await;
+        until("a worker has it", async || (api.job(&id).await["status"] == "running").then_some(())).await;
+        if pause != "worker-claimed" {
+            until("its files are fetched", async || program.job_children().first().copied()).await;
+        }
+        bucket.kill();
+        until("the worker tries again", async || program.log().contains("trying again").then_some(())).await;
+        bucket.restart();
+        succeeded(&api, &id).await;
+        assert_eq!(bucket.files().len(), FILES, "{pause}: {:?}", bucket.files());
+        assert!(!program.log().contains("panicked"), "{}", program.log());
+    }
+}
+
+#[tokio::test]
+async fn a_job_whose_upload_was_damaged_in_the_bucket_is_not_worked_on() {
+    let (bucket, data) = (S3::start(), tempfile::tempdir().expect("a folder"));
+    let start = Start::serve(data.path()).arg("--workers", "0");
+    let server = bucket.keeps_files_of(start).start();
+    let api = Api::new(&server);
+    let id = api.submit(files::broken_box(), options()).await;
+    let mut bytes = files::broken_box();
+    bytes[100] ^= 1;
+    std::fs::write(bucket.objects().join("uploads").join(&id), bytes).expect("damage");
+    let worker = bucket.keeps_files_of(Start::work(data.path())).start();
+    until("the worker has seen it", async || worker.log().contains("was damaged").then_some(())).await;
+    let job = until("the attempt has ended", async || {
+        let job = api.job(&id).await;
+        (job["status"] != "running").then_some(job)
+    })
+    .await;
+    assert!(["queued", "failed"].contains(&job["status"].as_str().expect("a status")), "{job}");
+    assert!(job["artifacts"].as_object().is_none_or(serde_json::Map::is_empty), "{job}");
+}

@@ -1,0 +1,256 @@
+//! Files that are sent before their job, and downloads that do not pass through the service: with a folder and with a bucket.
+
+use reqwest::{Client, Response, redirect};
+use serde_json::{Value, json};
+use tempfile::TempDir;
+
+use crate::files;
+use crate::s3::S3;
+use crate::server::{Api, Program, Start, until};
+
+/// A service that keeps its files in a folder or in a bucket.
+struct Desk {
+    api: Api,
+    _program: Program,
+    bucket: Option<S3>,
+    data: TempDir,
+}
+
+impl Desk {
+    fn in_folder(args: &[(&str, &str)]) -> Self {
+        Self::start(None, args)
+    }
+
+    fn in_bucket(args: &[(&str, &str)]) -> Self {
+        Self::start(Some(S3::start()), args)
+    }
+
+    fn start(bucket: Option<S3>, args: &[(&str, &str)]) -> Self {
+        let data = tempfile::tempdir().expect("a folder");
+        let start = args.iter().fold(Start::serve(data.path()), |start, (name, value)| start.arg(name, value));
+        let program = match &bucket {
+            Some(bucket) => bucket.keeps_files_of(start).start(),
+            None => start.start(),
+        };
+        Self { api: Api::new(&program), _program: program, bucket, data }
+    }
+
+    async fn announce(&self, what: Value) -> Value {
+        let answer = self.api.post("/v1/uploads").json(&what).send().await.expect("an answer");
+        assert_eq!(answer.status(), 201);
+        assert_eq!(answer.headers()["cache-control"], "no-store");
+        answer.json().await.expect("an upload")
+    }
+
+    async fn send(&self, upload: &Value, bytes: Vec<u8>) -> Response {
+        assert_eq!((&upload["put"]["method"], &upload["put"]["headers"]), (&json!("PUT"), &json!({})));
+        let url = upload["put"]["url"].as_str().expect("an address");
+        let is_ours = url.starts_with('/');
+        assert_eq!(is_ours, self.bucket.is_none(), "{url}");
+        let url = if is_ours { format!("{}{url}", self.api.url) } else { url.to_owned() };
+        self.api.http.put(url).body(bytes).send().await.expect("an answer")
+    }
+
+    /// Announces a file and sends it.
+    async fn upload(&self, name: &str, bytes: Vec<u8>) -> String {
+        let upload = self.announce(json!({"name": name, "bytes": bytes.len()})).await;
+        let sent = self.send(&upload, bytes).await;
+        assert!(sent.status().is_success(), "{}", sent.status());
+        upload["id"].as_str().expect("an id").to_owned()
+    }
+
+    async fn submit(&self, job: Value, key: &str) -> Response {
+        self.api.post("/v1/jobs").header("idempotency-key", key).json(&job).send().await.expect("an answer")
+    }
+
+    /// Files that wait for a job.
+    fn waiting(&self) -> usize {
+        let files = self.bucket.as_ref().map_or_else(|| self.data.path().join("files"), S3::objects);
+        std::fs::read_dir(files.join("incoming")).into_iter().flatten().count()
+    }
+}
+
+async fn refusal(answer: Response) -> (u16, String) {
+    let status = answer.status().as_u16();
+    let problem: Value = answer.json().await.expect("a problem");
+    (status, problem["code"].as_str().expect("a code").to_owned())
+}
+
+fn of(upload: &str) -> Value {
+    json!({"source": {"upload_id": upload}, "options": {"max_tier": 1}})
+}
+
+/// Runs each test with each store.
+macro_rules! with_each_store {
+    ($($name:ident: $args:expr;)*) => {
+        mod folder {
+            $(#[tokio::test]
+            async fn $name() {
+                super::$name(super::Desk::in_folder($args)).await;
+            })*
+        }
+        mod bucket {
+            $(#[tokio::test]
+            async fn $name() {
+                super::$name(super::Desk::in_bucket($args)).await;
+            })*
+        }
+    };
+}
+
+with_each_store! {
+    a_job_is_made_of_a_file_that_was_sent_before: &[];
+    a_job_of_an_upload_that_is_asked_for_again_with_its_key_is_the_same_job: &[];
+    an_upload_is_refused_for_what_it_is_and_only_then: &[("--max-file-mib", "1"), ("--workers", "0")];
+    no_more_uploads_wait_than_jobs_may: &[("--max-queued", "2"), ("--workers", "0")];
+}
+
+async fn a_job_is_made_of_a_file_that_was_sent_before(desk: Desk) {
+    let upload = desk.upload("../box.stl", files::broken_box()).await;
+    assert_eq!(desk.waiting(), 1);
+    let answer = desk.submit(of(&upload), "a").await;
+    assert_eq!(answer.status(), 202);
+    let job: Value = answer.json().await.expect("a job");
+    assert_eq!((&job["input"]["name"], &job["input"]["bytes"]), (&json!("box.stl"), &json!(files::broken_box().len())));
+    until("the upload is the job's", async || (desk.waiting() == 0).then_some(())).await;
+    let job = desk.api.finished(job["id"].as_str().expect("an id")).await;
+    assert_eq!(job["outcome"], "repaired", "{job}");
+    assert_eq!(desk.api.artifact(job["id"].as_str().expect("an id"), "model").await.len(), 84 + 50 * 12);
+    assert_eq!(refusal(desk.submit(of(&upload), "b").await).await, (409, "upload_used".to_owned()));
+
+    // The name may come with the job, and an analysis takes an upload too.
+    let upload = desk.upload("box.stl", files::whole_box()).await;
+    let job = json!({"source": {"upload_id": upload}, "options": {"mode": "analyze"}, "name": "other.stl"});
+    let job: Value = desk.submit(job, "c").await.json().await.expect("a job");
+    let job = desk.api.finished(job["id"].as_str().expect("an id")).await;
+    assert_eq!((&job["status"], &job["input"]["name"]), (&json!("succeeded"), &json!("other.stl")), "{job}");
+}
+
+async fn a_job_of_an_upload_that_is_asked_for_again_with_its_key_is_the_same_job(desk: Desk) {
+    let upload = desk.upload("box.stl", files::broken_box()).await;
+    let first: Value = desk.submit(of(&upload), "k").await.json().await.expect("a job");
+    until("the upload is the job's", async || (desk.waiting() == 0).then_some(())).await;
+    let again = desk.submit(of(&upload), "k").await;
+    assert_eq!(
+        (again.status().as_u16(), &again.headers()["idempotency-replayed"]),
+        (202, &"true".parse().expect("text"))
+    );
+    assert_eq!(again.json::<Value>().await.expect("a job")["id"], first["id"]);
+    let other = json!({"source": {"upload_id": upload}, "options": {"max_tier": 2}});
+    assert_eq!(refusal(desk.submit(other, "k").await).await, (422, "idempotency_key_reused".to_owned()));
+    let id = first["id"].as_str().expect("an id");
+    desk.api.delete(&format!("/v1/jobs/{id}")).send().await.expect("an answer");
+    assert_eq!(refusal(desk.submit(of(&upload), "k").await).await, (410, "job_deleted".to_owned()));
+}
+
+async fn an_upload_is_refused_for_what_it_is_and_only_then(desk: Desk) {
+    let (large, too_large) = (vec![0; (1 << 20) + 1], (413, "payload_too_large".to_owned()));
+    let announced = desk.api.post("/v1/uploads").json(&json!({"bytes": large.len()})).send().await.expect("an answer");
+    assert_eq!(refusal(announced).await, too_large);
+    let odd = desk.api.post("/v1/uploads").json(&json!({"colour": "red"})).send().await.expect("an answer");
+    assert_eq!(refusal(odd).await, (400, "invalid_request".to_owned()));
+    let long =
+        desk.api.post("/v1/uploads").json(&json!({"name": "x".repeat(100_000)})).send().await.expect("an answer");
+    assert_eq!(refusal(long).await, too_large);
+
+    let upload = desk.announce(json!({})).await;
+    let id = upload["id"].as_str().expect("an id");
+    assert_eq!(refusal(desk.submit(of(id), "a").await).await, (409, "upload_missing".to_owned()));
+    let sent = desk.send(&upload, large).await;
+    if desk.bucket.is_some() {
+        assert_eq!(sent.status(), 200, "a bucket can't tell");
+        assert_eq!(refusal(desk.submit(of(id), "a").await).await, too_large);
+    } else {
+        assert_eq!(refusal(sent).await, too_large);
+        assert_eq!(refusal(desk.submit(of(id), "a").await).await, (409, "upload_missing".to_owned()));
+    }
+
+    let upload = desk.upload("a.stl", b"no model at all".to_vec()).await;
+    assert_eq!(refusal(desk.submit(of(&upload), "b").await).await, (415, "unsupported_model".to_owned()));
+    let upload = desk.upload("a.stl", files::broken_box()).await;
+    let submit = async |job: Value| refusal(desk.submit(job, "c").await).await;
+    let wrong = json!({"source": {"upload_id": upload}, "options": {"max_tier": 9}});
+    assert_eq!(submit(wrong).await, (422, "invalid_options".to_owned()));
+    let wrong = json!({"source": {"upload_id": upload}, "colour": "red"});
+    assert_eq!(submit(wrong).await, (400, "invalid_request".to_owned()));
+    assert_eq!(submit(json!([])).await, (400, "invalid_request".to_owned()));
+    for unknown in ["upl_0190163d8f7d7000800000000000000f", "upl_1", "", "../../etc/passwd"] {
+        assert_eq!(submit(of(unknown)).await, (404, "upload_not_found".to_owned()), "{unknown}");
+    }
+    assert_eq!(desk.submit(of(&upload), "c").await.status(), 202, "it was not touched by what was refused");
+}
+
+async fn no_more_uploads_wait_than_jobs_may(desk: Desk) {
+    let uploads = [desk.upload("a.stl", files::broken_box()).await, desk.upload("b.stl", files::broken_box()).await];
+    let third = desk.api.post("/v1/uploads").send().await.expect("an answer");
+    assert!(third.headers().contains_key("retry-after"));
+    assert_eq!(refusal(third).await, (429, "queue_full".to_owned()));
+    assert_eq!(desk.submit(of(&uploads[0]), "a").await.status(), 202);
+    desk.announce(json!({})).await;
+}
+
+#[tokio::test]
+async fn the_address_of_an_upload_to_the_service_takes_one_file_from_who_knows_it() {
+    let desk = Desk::in_folder(&[("--workers", "0"), ("--upload-idle-s", "1")]);
+    let upload = desk.announce(json!({"name": "a.stl"})).await;
+    let mut guessed = upload.clone();
+    guessed["put"]["url"] =
+        json!(format!("/v1/uploads/{}/content?token=guessed", upload["id"].as_str().expect("an id")));
+    assert_eq!(refusal(desk.send(&guessed, files::whole_box()).await).await, (404, "upload_not_found".to_owned()));
+    let url = format!("{}{}", desk.api.url, upload["put"]["url"].as_str().expect("an address"));
+    let silent = reqwest::Body::wrap_stream(futures::stream::pending::<Result<Vec<u8>, std::io::Error>>());
+    let stopped = desk.api.http.put(url).body(silent).send().await.expect("an answer");
+    assert_eq!(refusal(stopped).await, (408, "upload_timeout".to_owned()));
+    assert_eq!(desk.waiting(), 0);
+    assert_eq!(desk.send(&upload, files::broken_box()).await.status(), 204, "what broke off may be sent again");
+    assert_eq!(refusal(desk.send(&upload, files::whole_box()).await).await, (409, "upload_used".to_owned()));
+    let id = upload["id"].as_str().expect("an id");
+    let job: Value = desk.submit(of(id), "a").await.json().await.expect("a job");
+    assert_eq!(job["input"]["bytes"], files::broken_box().len(), "{job}");
+    assert_eq!(refusal(desk.send(&upload, files::whole_box()).await).await, (409, "upload_used".to_owned()));
+}
+
+#[tokio::test]
+async fn uploads_pass_through_the_service_where_clients_do_not_reach_the_bucket() {
+    let desk = Desk::in_bucket(&[("--presigned-uploads", "false")]);
+    let upload = desk.announce(json!({"name": "a.stl"})).await;
+    let url = upload["put"]["url"].as_str().expect("an address");
+    assert!(url.starts_with("/v1/uploads/"), "{url}");
+    let sent = desk.api.http.put(format!("{}{url}", desk.api.url)).body(files::broken_box()).send().await;
+    assert_eq!(sent.expect("an answer").status(), 204);
+    let job: Value = desk.submit(of(upload["id"].as_str().expect("an id")), "a").await.json().await.expect("a job");
+    assert_eq!(desk.api.finished(job["id"].as_str().expect("an id")).await["status"], "succeeded");
+}
+
+#[tokio::test]
+async fn downloads_are_sent_on_to_the_bucket_where_that_is_wanted() {
+    for wanted in ["true", "false"] {
+        let desk = Desk::in_bucket(&[("--presigned-downloads", wanted)]);
+        let id = desk.api.submit(files::broken_box(), json!({"max_tier": 1})).await;
+        let job = desk.api.finished(&id).await;
+        let path = format!("{}/v1/jobs/{id}/artifacts/model", desk.api.url);
+        let http = Client::builder().redirect(redirect::Policy::none()).build().expect("a client");
+        let first = http.get(&path).send().await.expect("an answer");
+        if wanted == "false" {
+            assert_eq!(first.status(), 200);
+            continue;
+        }
+        assert_eq!(first.status(), 307);
+        assert_eq!(first.headers()["cache-control"], "no-store");
+        let address = first.headers()["location"].to_str().expect("text").to_owned();
+        assert!(!address.starts_with(&desk.api.url), "{address}");
+        let there = http.get(&address).send().await.expect("an answer");
+        assert_eq!(there.status(), 200);
+        assert_eq!(there.headers()["content-type"], "model/stl");
+        let disposition = there.headers()["content-disposition"].to_str().expect("text").to_owned();
+        assert!(disposition.contains("filename=\"model-repaired.stl\""), "{disposition}");
+        assert_eq!(there.bytes().await.expect("bytes").len() as u64, job["artifacts"]["model"]["bytes"]);
+        // What can be answered without the bytes is.
+        let head = http.head(&path).send().await.expect("an answer");
+        assert_eq!(head.status(), 200);
+        let etag = head.headers()["etag"].clone();
+        let known = http.get(&path).header("if-none-match", etag).send().await.expect("an answer");
+        assert_eq!(known.status(), 304);
+        assert_eq!(desk.api.artifact(&id, "model").await.len(), 84 + 50 * 12, "clients follow by themselves");
+    }
+}

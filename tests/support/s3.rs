@@ -1,0 +1,141 @@
+//! An S3-compatible server of a test's own: s3s over a temporary folder, which can be killed and started again.
+
+use std::net::SocketAddr;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use hyper::server::conn::http1;
+use hyper_util::rt::TokioIo;
+use meshmend::blobs::S3Config;
+use s3s::auth::SimpleAuth;
+use s3s::service::{S3Service, S3ServiceBuilder};
+use s3s_fs::FileSystem;
+use tempfile::TempDir;
+use tokio::net::TcpListener;
+use tokio::runtime::Runtime;
+
+use crate::server::Start;
+
+const BUCKET: &str = "meshmend-files";
+const PREFIX: &str = "of/tests";
+const KEY: (&str, &str) = ("test-key", "test-secret");
+
+/// A running server, or one that was killed.
+pub struct S3 {
+    folder: TempDir,
+    address: SocketAddr,
+    runtime: Option<Runtime>,
+}
+
+impl S3 {
+    /// Starts one with an empty bucket.
+    pub fn start() -> Self {
+        let folder = tempfile::tempdir().expect("a folder");
+        std::fs::create_dir(folder.path().join(BUCKET)).expect("a bucket");
+        let mut server = Self { folder, address: ([127, 0, 0, 1], 0).into(), runtime: None };
+        server.restart();
+        server
+    }
+
+    /// Ends it with all of its connections, in the midst of whatever they do.
+    pub fn kill(&mut self) {
+        let runtime = self.runtime.take().expect("a running server");
+        // A runtime must not end within another one.
+        let ended = std::thread::spawn(move || runtime.shutdown_timeout(Duration::from_secs(20)));
+        ended.join().expect("an end");
+    }
+
+    /// Starts it again, with the files and at the address that it had.
+    pub fn restart(&mut self) {
+        let mut service = S3ServiceBuilder::new(FileSystem::new(self.folder.path()).expect("a folder"));
+        service.set_auth(SimpleAuth::from_single(KEY.0, KEY.1));
+        let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(1).enable_all().build();
+        let runtime = runtime.expect("a runtime");
+        let asked = self.address;
+        let deadline = Instant::now() + Duration::from_secs(20);
+        let listener = loop {
+            // In a thread of its own, since tests are within a runtime.
+            let handle = runtime.handle().clone();
+            let bound = std::thread::spawn(move || handle.block_on(TcpListener::bind(asked)));
+            match bound.join().expect("an answer") {
+                Ok(listener) => break listener,
+                Err(error) => assert!(Instant::now() < deadline, "{asked}: {error}"),
+            }
+            std::thread::sleep(Duration::from_millis(20));
+        };
+        self.address = listener.local_addr().expect("an address");
+        runtime.spawn(serve(listener, service.build()));
+        self.runtime = Some(runtime);
+    }
+
+    /// How to reach it.
+    pub fn config(&self, spool: PathBuf) -> S3Config {
+        S3Config {
+            url: format!("s3://{BUCKET}/{PREFIX}"),
+            endpoint: Some(self.endpoint()),
+            credentials: Some((KEY.0.to_owned(), KEY.1.to_owned())),
+            allow_http: true,
+            spool,
+            ..S3Config::default()
+        }
+    }
+
+    /// Tells a program to keep its files here.
+    pub fn keeps_files_of<'a>(&self, program: Start<'a>) -> Start<'a> {
+        program
+            .env("MESHMEND_BLOB_URL", &format!("s3://{BUCKET}/{PREFIX}"))
+            .env("MESHMEND_S3_ENDPOINT", &self.endpoint())
+            .env("MESHMEND_S3_ACCESS_KEY_ID", KEY.0)
+            .env("MESHMEND_S3_SECRET_ACCESS_KEY", KEY.1)
+            .env("MESHMEND_S3_ALLOW_HTTP", "true")
+    }
+
+    fn endpoint(&self) -> String {
+        format!("http://{}", self.address)
+    }
+
+    /// Where the objects lie, one file each.
+    pub fn objects(&self) -> PathBuf {
+        self.folder.path().join(BUCKET).join(PREFIX)
+    }
+
+    /// The keys of all objects.
+    pub fn files(&self) -> Vec<String> {
+        fn walk(folder: &Path, root: &Path, found: &mut Vec<String>) {
+            for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
+                let path = entry.path();
+                if path.is_dir() {
+                    walk(&path, root, found);
+                } else {
+                    found.push(path.strip_prefix(root).expect("inside").to_string_lossy().into_owned());
+                }
+            }
+        }
+        let (mut found, root) = (Vec::new(), self.objects());
+        walk(&root, &root, &mut found);
+        found
+    }
+
+    /// Parts of uploads that were neither completed nor aborted.
+    pub fn loose_parts(&self) -> usize {
+        let entries = std::fs::read_dir(self.folder.path()).expect("a folder").flatten();
+        entries.filter(|entry| entry.file_name().to_string_lossy().starts_with(".upload")).count()
+    }
+}
+
+impl Drop for S3 {
+    fn drop(&mut self) {
+        if let Some(runtime) = self.runtime.take() {
+            runtime.shutdown_background();
+        }
+    }
+}
+
+async fn serve(listener: TcpListener, service: S3Service) {
+    while let Ok((stream, _)) = listener.accept().await {
+        let connection = http1::Builder::new().serve_connection(TokioIo::new(stream), service.clone());
+        tokio::spawn(async move {
+            let _ = connection.await;
+        });
+    }
+}
