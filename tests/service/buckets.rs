@@ -63,8 +63,10 @@ async fn while_the_bucket_is_away_clients_are_told_when_to_ask_again_and_afterwa
     let (mut bucket, data) = (S3::start(), tempfile::tempdir().expect("a folder"));
     let program = serve(data.path(), &bucket);
     let api = Api::new(&program);
-    let [kept, deleted] =
-        [api.submit(files::broken_box(), options()).await, api.submit(files::broken_box(), options()).await];
+    let [kept, deleted] = [
+        api.submit(files::broken_box(), options()).await,
+        api.submit(files::broken_box(), json!({"max_tier": 2})).await,
+    ];
     succeeded(&api, &kept).await;
     succeeded(&api, &deleted).await;
     let ready = async || api.get("/readyz").send().await.expect("an answer").status().as_u16();
@@ -83,7 +85,7 @@ async fn while_the_bucket_is_away_clients_are_told_when_to_ask_again_and_afterwa
     assert_eq!(api.delete(&format!("/v1/jobs/{deleted}")).send().await.expect("an answer").status(), 410);
     assert_eq!(bucket.files().len(), FILES, "what was refused and what was deleted is gone: {:?}", bucket.files());
     assert_eq!(ready().await, 200);
-    let id = api.submit(files::broken_box(), options()).await;
+    let id = api.submit(files::broken_box(), json!({"max_tier": 1, "deadline_s": 60})).await;
     succeeded(&api, &id).await;
     assert_eq!(bucket.loose_parts(), 0);
 }

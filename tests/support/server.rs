@@ -228,6 +228,11 @@ pub async fn until<T>(what: &str, mut ready: impl AsyncFnMut() -> Option<T>) -> 
     }
 }
 
+/// Lets clients speak TLS by ring, which each process has to say once.
+pub fn use_ring() {
+    let _ = rustls::crypto::ring::default_provider().install_default();
+}
+
 /// A client of one service.
 #[derive(Clone)]
 pub struct Api {
@@ -238,7 +243,7 @@ pub struct Api {
 impl Api {
     pub fn new(program: &Program) -> Self {
         // Its TLS wants to be told whose cryptography to use, whether or not it comes to that.
-        let _ = rustls::crypto::ring::default_provider().install_default();
+        use_ring();
         Self { url: program.url.clone(), http: Client::new() }
     }
 
