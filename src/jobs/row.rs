@@ -19,6 +19,12 @@ pub(super) fn count(stored: i64) -> u32 {
     u32::try_from(stored).unwrap_or(0)
 }
 
+/// The moment that so many milliseconds since the Unix epoch are, of a row's column.
+pub(super) fn time(id: &str, column: &'static str, stored: i64) -> Result<OffsetDateTime, StoreError> {
+    let time = OffsetDateTime::from_unix_timestamp_nanos(i128::from(stored) * 1_000_000);
+    time.map_err(|e| corrupt(id, column, e))
+}
+
 /// JSON of a type of this crate, none of which can fail to be written.
 pub(super) fn to_json<T: Serialize>(value: &T) -> String {
     serde_json::to_string(value).unwrap_or_default()
@@ -54,9 +60,8 @@ where
 {
     let id: String = row.try_get("id")?;
     let time = |column: &'static str| -> Result<Option<OffsetDateTime>, StoreError> {
-        let Some(stored) = row.try_get::<Option<i64>, _>(column)? else { return Ok(None) };
-        let time = OffsetDateTime::from_unix_timestamp_nanos(i128::from(stored) * 1_000_000);
-        time.map(Some).map_err(|e| corrupt(&id, column, e))
+        let stored: Option<i64> = row.try_get(column)?;
+        stored.map(|stored| self::time(&id, column, stored)).transpose()
     };
     let moment = |column| time(column)?.ok_or_else(|| corrupt(&id, column, "no time"));
     let status: String = row.try_get("status")?;

@@ -9,6 +9,8 @@ pub(super) const EVERY: Duration = Duration::from_secs(60);
 const ORPHANS_EVERY: u64 = 60;
 /// Files younger than this may be an upload under way.
 const AGE: Duration = Duration::from_secs(3600);
+/// How long it is kept what webhooks told, and how that went.
+const MESSAGES: Duration = Duration::from_secs(30 * 24 * 3600);
 /// Jobs that expire in one statement.
 const BATCH: u32 = 100;
 
@@ -50,6 +52,7 @@ pub(super) async fn sweep(
 async fn expire(store: &dyn Store, blobs: &Blobs, retention: Retention) -> Result<(), SweepError> {
     store.forget_keys().await?;
     store.forget_tokens().await?;
+    count("messages", store.forget_messages(MESSAGES).await?);
     loop {
         let expired = store.expire(retention.results, BATCH).await?;
         for id in &expired {
