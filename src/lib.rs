@@ -33,6 +33,7 @@ pub mod remesh;
 pub mod render;
 pub mod repair;
 pub mod simplify;
+pub mod webhooks;
 pub mod worker;
 
 /// Name and version of the engine, as in every report.

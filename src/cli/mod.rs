@@ -1,3 +1,4 @@
+mod auth;
 mod compare;
 mod engine;
 mod exit;
@@ -7,6 +8,7 @@ mod listen;
 mod openapi;
 mod repair;
 mod service;
+mod webhooks;
 
 use std::path::PathBuf;
 use std::process::ExitCode;

@@ -7,19 +7,22 @@ use std::time::Duration;
 
 use clap::{Args, ValueEnum};
 use meshmend::access::TenantLimits;
-use meshmend::api::{ApiConfig, ApiState, Auth, Capabilities, Rates, router};
+use meshmend::api::{ApiConfig, ApiState, Capabilities, Rates, router};
 use meshmend::blender::{BlenderRemesher, Warmth, warm_up};
 use meshmend::blobs::Blobs;
 use meshmend::jobs::{PostgresStore, RetryPolicy, SqliteStore, Store, SystemClock};
 use meshmend::repair::{Remesher, RemesherInfo};
+use meshmend::webhooks::Courier;
 use meshmend::worker::{Pool, Retention, Shutdown, WorkerConfig};
 use metrics_exporter_prometheus::{Matcher, PrometheusBuilder, PrometheusHandle};
 use tokio::signal::unix::{SignalKind, signal};
 use tokio_util::sync::CancellationToken;
 
+use super::auth::AuthMode;
 use super::engine::{BlenderArgs, LimitArgs};
 use super::exit;
 use super::listen::listen;
+use super::webhooks::WebhookArgs;
 
 /// How long to wait before looking for what no bell told of.
 const POLL: Duration = Duration::from_millis(500);
@@ -56,6 +59,8 @@ pub struct ServeArgs {
     /// Take jobs and answer for them, and leave the work to other processes (`meshmend work`).
     #[arg(long, env = "MESHMEND_NO_WORKERS", conflicts_with = "workers")]
     no_workers: bool,
+    #[command(flatten)]
+    webhooks: WebhookArgs,
     #[command(flatten)]
     work: WorkArgs,
 }
@@ -140,18 +145,6 @@ impl DataArgs {
     }
 }
 
-/// Whether requests need a key.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
-enum AuthMode {
-    /// Unless the service listens on this machine only.
-    #[default]
-    Auto,
-    /// None does.
-    Open,
-    /// Each does.
-    Keys,
-}
-
 /// How log lines look.
 #[derive(Debug, Clone, Copy, Default, ValueEnum)]
 enum LogFormat {
@@ -173,6 +166,8 @@ pub(super) enum ServiceError {
     Blobs(#[from] meshmend::blobs::BlobError),
     #[error("{0}")]
     Refused(String),
+    #[error(transparent)]
+    Webhooks(#[from] meshmend::webhooks::PosterError),
     #[error("metrics: {0}")]
     Metrics(#[from] metrics_exporter_prometheus::BuildError),
 }
@@ -302,17 +297,6 @@ impl Room {
     }
 }
 
-impl ServeArgs {
-    fn auth(&self) -> Auth {
-        match self.auth {
-            AuthMode::Open => Auth::Open,
-            AuthMode::Keys => Auth::Keys,
-            AuthMode::Auto if self.listen.ip().is_loopback() => Auth::Open,
-            AuthMode::Auto => Auth::Keys,
-        }
-    }
-}
-
 async fn serve_until_stopped(args: &ServeArgs) -> Result<(), ServiceError> {
     let room = Room::open(&args.work.data).await?;
     let metrics = install_metrics()?;
@@ -320,12 +304,13 @@ async fn serve_until_stopped(args: &ServeArgs) -> Result<(), ServiceError> {
     let for_warmth = blender.clone().ok();
     let slots = if args.no_workers { Some(0) } else { args.work.workers };
     let pool = room.pool(&args.work, slots, for_warmth.clone())?;
+    let delivery = args.webhooks.delivery(POLL)?;
     let (limits, max_files) = (args.work.limits.limits(), usize::from(args.max_files));
     let stopping = CancellationToken::new();
     let state = ApiState {
         store: Arc::clone(&room.store),
         blobs: room.blobs.clone(),
-        auth: args.auth(),
+        auth: args.auth.on(args.listen),
         rates: Arc::new(Rates::default()),
         config: ApiConfig {
             limits,
@@ -338,6 +323,7 @@ async fn serve_until_stopped(args: &ServeArgs) -> Result<(), ServiceError> {
             },
             retention: args.work.data.retention().results,
             min_free: args.min_free_mib << 20,
+            webhook_reach: args.webhooks.reach(),
             upload_idle: Duration::from_secs(args.upload_idle_s),
             poll: POLL,
         },
@@ -353,10 +339,17 @@ async fn serve_until_stopped(args: &ServeArgs) -> Result<(), ServiceError> {
     let grace = seconds(args.work.shutdown_grace_s);
     tokio::spawn(stop_on_signal(shutdown.clone(), stopping.clone(), grace));
     warm_blender_up(&args.work, for_warmth, &shutdown);
+    let courier = delivery.map(|(poster, config)| {
+        let courier = Courier::new(Arc::clone(&room.store), poster, config);
+        tokio::spawn(courier.run(shutdown.drain.clone(), shutdown.now.clone()))
+    });
     let workers = tokio::spawn(pool.run(shutdown.clone()));
     let served = tokio::spawn(listen(listener, router(state), stopping));
     if let Err(error) = workers.await {
         tracing::error!(%error, "the workers ended");
+    }
+    if let Some(Err(error)) = futures::future::OptionFuture::from(courier).await {
+        tracing::error!(%error, "the delivery of webhooks ended");
     }
     // Connections that are still open, such as a slow download, get the rest of the grace and no more.
     tokio::select! {
@@ -373,7 +366,7 @@ async fn serve_until_stopped(args: &ServeArgs) -> Result<(), ServiceError> {
     Ok(())
 }
 
-fn seconds(seconds: f64) -> Duration {
+pub(super) fn seconds(seconds: f64) -> Duration {
     Duration::try_from_secs_f64(seconds).unwrap_or_default().max(Duration::from_millis(10))
 }
 

@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 /// Each room, and the rooms it may import from. `ARCHITECTURE.md` has the reasons.
-const ROOMS: [(&str, &[&str]); 17] = [
+const ROOMS: [(&str, &[&str]); 18] = [
     ("math", &[]),
     ("context", &[]),
     ("mesh", &["math"]),
@@ -21,8 +21,9 @@ const ROOMS: [(&str, &[&str]); 17] = [
     ("access", &[]),
     ("jobs", &["access", "context", "format", "inspect", "analyze", "repair"]),
     ("blobs", &["jobs"]),
+    ("webhooks", &["access", "jobs"]),
     ("worker", &["format", "context", "inspect", "render", "analyze", "repair", "blender", "jobs", "blobs"]),
-    ("api", &["access", "format", "context", "inspect", "analyze", "repair", "jobs", "blobs"]),
+    ("api", &["access", "format", "context", "inspect", "analyze", "repair", "jobs", "blobs", "webhooks"]),
 ];
 
 /// Rooms of the engine, and the crates that it knows nothing of.
