@@ -9,8 +9,9 @@ use serde::Serialize;
 use utoipa::ToSchema;
 
 use super::caller::MayReadMetrics;
+use super::catalogue::{ProblemDoc, catalogue};
 use super::extract::ApiPath;
-use super::problem::{Problem, ProblemCode, ProblemDoc, catalogue};
+use super::problem::{Problem, ProblemCode};
 use super::state::ApiState;
 use super::submit::has_room;
 
@@ -88,6 +89,9 @@ pub(super) async fn get_metrics(
         metrics::gauge!("meshmend_jobs", "status" => count.status.as_str())
             .set(u32::try_from(count.count).unwrap_or(u32::MAX));
     }
+    let backlog = state.store.backlog().await?;
+    metrics::gauge!("meshmend_webhook_backlog").set(u32::try_from(backlog.pending).unwrap_or(u32::MAX));
+    metrics::gauge!("meshmend_webhook_overdue_seconds").set(backlog.overdue.as_secs_f64());
     Ok(([(header::CONTENT_TYPE, "text/plain; version=0.0.4; charset=utf-8")], state.metrics.render()).into_response())
 }
 

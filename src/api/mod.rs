@@ -8,6 +8,7 @@ mod admit;
 mod artifacts;
 mod caller;
 mod capabilities;
+mod catalogue;
 mod events;
 mod extract;
 mod health;
@@ -26,6 +27,7 @@ mod submit;
 mod tokens;
 mod upload;
 mod wait;
+mod webhooks;
 
 pub use admit::Auth;
 pub use capabilities::{Capabilities, TierStatus};

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use crate::blobs::BlobError;
-use crate::jobs::{ProblemKind, StoreError};
+use crate::jobs::StoreError;
 
 /// Every problem that a request can meet, for programs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
@@ -58,6 +58,12 @@ pub enum ProblemCode {
     IdempotencyKeyInUse,
     /// The Idempotency-Key came with another request before.
     IdempotencyKeyReused,
+    /// No webhook endpoint or delivery of that name.
+    WebhookNotFound,
+    /// The webhook endpoint is disabled.
+    WebhookDisabled,
+    /// The tenant has as many webhook endpoints as it may.
+    TooManyWebhooks,
     /// As many jobs wait as may.
     QueueFull,
     /// The disk has no room for more files.
@@ -68,22 +74,9 @@ pub enum ProblemCode {
     Internal,
 }
 
-/// A code with its meaning, for the documentation.
-#[derive(Debug, Clone, Serialize, ToSchema)]
-pub struct ProblemDoc {
-    /// The code.
-    pub code: String,
-    /// The title.
-    pub title: &'static str,
-    /// The HTTP status of a response with it; none for a problem of a job.
-    pub status: Option<u16>,
-    /// What to do.
-    pub advice: &'static str,
-}
-
 impl ProblemCode {
     /// Every code.
-    pub const ALL: [Self; 27] = [
+    pub const ALL: [Self; 30] = [
         Self::Unauthorized,
         Self::Forbidden,
         Self::OriginNotAllowed,
@@ -107,6 +100,9 @@ impl ProblemCode {
         Self::RangeNotSatisfiable,
         Self::IdempotencyKeyInUse,
         Self::IdempotencyKeyReused,
+        Self::WebhookNotFound,
+        Self::WebhookDisabled,
+        Self::TooManyWebhooks,
         Self::QueueFull,
         Self::StorageFull,
         Self::Unavailable,
@@ -208,6 +204,17 @@ impl ProblemCode {
                 "Idempotency-Key used before",
                 "Send a new key with each new request, and the same one only with the same request.",
             ),
+            Self::WebhookNotFound => {
+                (StatusCode::NOT_FOUND, "No such webhook", "GET /v1/webhook-endpoints lists yours.")
+            }
+            Self::WebhookDisabled => (
+                StatusCode::CONFLICT,
+                "Webhook endpoint disabled",
+                "Enable it: PATCH /v1/webhook-endpoints/{id} with {\"enabled\": true}.",
+            ),
+            Self::TooManyWebhooks => {
+                (StatusCode::CONFLICT, "Too many webhook endpoints", "Delete one that is not needed any more.")
+            }
             Self::QueueFull => (
                 StatusCode::TOO_MANY_REQUESTS,
                 "Queue full",
@@ -238,60 +245,11 @@ impl ProblemCode {
     }
 }
 
-fn code_name<T: Serialize>(code: &T) -> String {
+pub(super) fn code_name<T: Serialize>(code: &T) -> String {
     match serde_json::to_value(code) {
         Ok(serde_json::Value::String(name)) => name,
         _ => String::new(),
     }
-}
-
-/// The title of a job's problem, and what to do.
-#[must_use]
-pub fn describe_job_problem(kind: ProblemKind) -> (&'static str, &'static str) {
-    match kind {
-        ProblemKind::BadInput => ("The file can't be read", "Export the model again; the detail names what and where."),
-        ProblemKind::BadOutput => ("The result can't be written", "Ask for another output format."),
-        ProblemKind::DeadlineExceeded => {
-            ("Out of time", "Raise deadline_s, lower max_tier or level, or send fewer faces.")
-        }
-        ProblemKind::OutOfMemory => ("Out of memory", "Send fewer faces, or raise the service's --job-memory."),
-        ProblemKind::CpuLimit => ("Out of processor time", "Send fewer faces, or lower max_tier or level."),
-        ProblemKind::FileLimit => ("Result too large", "Ask for less: a smaller voxel_resolution, or fewer places."),
-        ProblemKind::Crashed => ("The job crashed", "A fault of the service: report it with the job's log."),
-        ProblemKind::WorkerLost => ("Set aside", "Workers were lost with this job: report it with the model."),
-        ProblemKind::Internal => ("Internal error", "Try again later; if it stays, report it with the job's id."),
-    }
-}
-
-/// Every problem of requests and of jobs.
-#[must_use]
-pub fn catalogue() -> Vec<ProblemDoc> {
-    const KINDS: [ProblemKind; 9] = [
-        ProblemKind::BadInput,
-        ProblemKind::BadOutput,
-        ProblemKind::DeadlineExceeded,
-        ProblemKind::OutOfMemory,
-        ProblemKind::CpuLimit,
-        ProblemKind::FileLimit,
-        ProblemKind::Crashed,
-        ProblemKind::WorkerLost,
-        ProblemKind::Internal,
-    ];
-    let mut docs: Vec<ProblemDoc> = ProblemCode::ALL
-        .into_iter()
-        .map(|code| {
-            let (status, title, advice) = code.describe();
-            ProblemDoc { code: code.name(), title, status: Some(status.as_u16()), advice }
-        })
-        .collect();
-    for kind in KINDS {
-        let code = code_name(&kind);
-        if docs.iter().all(|doc| doc.code != code) {
-            let (title, advice) = describe_job_problem(kind);
-            docs.push(ProblemDoc { code, title, status: None, advice });
-        }
-    }
-    docs
 }
 
 /// An error answer after RFC 9457, `application/problem+json`.
