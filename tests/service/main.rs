@@ -14,11 +14,14 @@ mod faults;
 mod idempotency;
 mod jobs;
 mod limits;
+mod outbox;
 #[path = "../support/postgres.rs"]
 mod postgres;
 mod problems;
 mod readme;
+mod receiver;
 mod retention;
 mod store;
 mod stores;
 mod surface;
+mod webhooks;

@@ -192,6 +192,11 @@ pub async fn until<T>(what: &str, mut ready: impl AsyncFnMut() -> Option<T>) -> 
     }
 }
 
+/// Installs the cryptography that clients need even where they use none.
+pub fn crypto() {
+    let _ = rustls::crypto::ring::default_provider().install_default();
+}
+
 /// A client of one service.
 #[derive(Clone)]
 pub struct Api {
@@ -201,6 +206,7 @@ pub struct Api {
 
 impl Api {
     pub fn new(program: &Program) -> Self {
+        crypto();
         Self { url: program.url.clone(), http: Client::new() }
     }
 
