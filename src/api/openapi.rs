@@ -22,7 +22,7 @@ use super::{artifacts, capabilities, events, health, jobs, submit, tokens};
         (name = "access", description = "Tokens for the pages of a storefront"),
         (name = "service", description = "What the service can do and how it is"),
     ),
-    components(schemas(super::Problem, crate::jobs::JobReport)),
+    components(schemas(super::Problem, crate::jobs::JobReport, crate::jobs::JobMessage)),
 )]
 struct Document;
 

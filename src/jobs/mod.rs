@@ -37,7 +37,7 @@ pub use store::{
 
 pub use webhooks::{
     Attempt, Backlog, Delivery, DeliveryQuery, DeliveryStatus, DueDelivery, Endpoint, EndpointChange, FAILING,
-    JobEvent, NewEndpoint, Redelivered, Secrets, SigningSecret, Verdict, WebhookStore,
+    JobEvent, JobMessage, NewEndpoint, Redelivered, Secrets, SigningSecret, Verdict, WebhookStore,
 };
 
 /// All that a service keeps in its database.

@@ -181,7 +181,7 @@ fn guarded_operations() -> Vec<(Method, String)> {
             }
         }
     }
-    assert!(operations.iter().filter(|(_, path)| path.starts_with("/v1/")).count() >= 22);
+    assert!(operations.iter().filter(|(_, path)| path.starts_with("/v1/")).count() >= 21);
     operations
 }
 

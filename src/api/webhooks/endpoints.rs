@@ -154,7 +154,9 @@ pub(super) async fn find(state: &ApiState, caller: &Caller, id: &str) -> Result<
 
 /// Make a webhook endpoint.
 ///
-/// It is told of jobs that end, by POST, in the form of the Standard Webhooks specification. The `secret` is shown here and never again.
+/// It is told of jobs that end by POST: a `WebhookMessage`, signed in the form of the Standard Webhooks specification, at least once.
+/// What it does not answer in time with a status of 200 to 299 is sent again over some days; if it answers 410 it is told no more. The
+/// `secret` is shown here and never again.
 #[utoipa::path(
     post, path = "/v1/webhook-endpoints", tag = "webhooks",
     request_body = NewView,

@@ -4,6 +4,7 @@ mod message;
 mod row;
 mod store;
 
+pub use message::JobMessage;
 pub(super) use message::{Message, Receiver};
 pub(super) use row::{delivery_columns, endpoint_columns, names, read_delivery, read_due, read_endpoint, read_secrets};
 pub use store::{Redelivered, WebhookStore};
