@@ -35,6 +35,7 @@ pub mod repair;
 pub mod sandbox;
 pub mod simplify;
 pub mod telemetry;
+pub mod webhooks;
 pub mod worker;
 
 /// Name and version of the engine, as in every report.

@@ -72,6 +72,8 @@ callers! {
     MayRead: Scope::JobsRead;
     /// Who may submit, cancel and delete jobs.
     MayWrite: Scope::JobsWrite;
+    /// Who may manage webhook endpoints.
+    MayManageWebhooks: Scope::Webhooks;
     /// Who may make tokens for browsers.
     MayMakeTokens: Scope::Tokens;
     /// Who may read the service's metrics.

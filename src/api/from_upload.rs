@@ -56,9 +56,9 @@ pub(super) async fn from_upload(
     let SubmitUpload { source, options, name, metadata, callback_url } = parse(&text)?;
     let options = job_options(options)?;
     let mut notes = Notes::default();
-    notes.take("metadata", &serde_json::to_string(&metadata).unwrap_or_default())?;
+    notes.take("metadata", &serde_json::to_string(&metadata).unwrap_or_default(), state.config.webhook_reach)?;
     if let Some(address) = &callback_url {
-        notes.take("callback_url", address)?;
+        notes.take("callback_url", address, state.config.webhook_reach)?;
     }
     let found = find_upload(state, &source.upload_id).await?;
     if found.upload.tenant != caller.tenant.as_str() {

@@ -15,11 +15,12 @@ use tokio_util::sync::CancellationToken;
 use utoipa::ToSchema;
 
 use super::caller::MayReadMetrics;
+use super::catalogue::{ProblemDoc, catalogue};
 use super::extract::ApiPath;
-use super::problem::{Problem, ProblemCode, ProblemDoc, catalogue};
+use super::problem::{Problem, ProblemCode};
 use super::state::ApiState;
 use crate::blobs::Blobs;
-use crate::jobs::{JobStore, Status};
+use crate::jobs::{Status, Store};
 use crate::telemetry;
 
 /// Longest time one check may take.
@@ -29,7 +30,7 @@ const CHECK_TIME: Duration = Duration::from_secs(5);
 #[derive(Clone)]
 pub struct Health {
     /// The jobs.
-    pub store: Arc<dyn JobStore>,
+    pub store: Arc<dyn Store>,
     /// The files.
     pub blobs: Blobs,
     /// Where jobs get their scratch folders.
@@ -122,6 +123,11 @@ impl Health {
         }
         let wait = check(self.store.longest_wait()).await;
         metrics::gauge!(telemetry::QUEUE_WAIT).set(wait.map_or(f64::NAN, |wait| wait.as_secs_f64()));
+        let backlog = check(self.store.backlog()).await;
+        let (pending, overdue) =
+            backlog.map_or((f64::NAN, f64::NAN), |it| (it.pending as f64, it.overdue.as_secs_f64()));
+        metrics::gauge!(telemetry::WEBHOOK_BACKLOG).set(pending);
+        metrics::gauge!(telemetry::WEBHOOK_OVERDUE).set(overdue);
         let connections = self.store.connections();
         metrics::gauge!(telemetry::DATABASE_CONNECTIONS, "state" => "busy").set(connections.busy);
         metrics::gauge!(telemetry::DATABASE_CONNECTIONS, "state" => "idle").set(connections.idle);

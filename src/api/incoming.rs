@@ -23,6 +23,7 @@ use super::upload::{Room, SourceError, one_at_a_time, source_problem, with_patie
 use crate::blobs::{Blobs, Stored};
 use crate::format::{ReadErrorKind, sniff};
 use crate::jobs::{Input, JobId, JobOptions, Metadata, Mode, UploadId};
+use crate::webhooks::Reach;
 
 /// Largest `options` part of a form.
 const OPTIONS_BYTES: usize = 64 << 10;
@@ -32,8 +33,6 @@ pub(super) const FORM_BYTES: u64 = 1 << 20;
 /// Largest notes of a client, in bytes, and most of them.
 const METADATA_BYTES: usize = 8 << 10;
 const METADATA_ENTRIES: usize = 50;
-/// Longest address to call back, in bytes.
-const CALLBACK_BYTES: usize = 2048;
 
 /// The form that a job is submitted with.
 #[derive(ToSchema)]
@@ -47,7 +46,8 @@ pub(super) struct SubmitForm {
     options: Option<JobOptions>,
     /// Your own notes on the job as JSON, an object of texts: at most 50 and 8 KiB. They come back with the job.
     metadata: Option<Metadata>,
-    /// An http or https address to tell of the job's end, beside the webhook endpoints.
+    /// An https address to tell of the job's end, beside the webhook endpoints. What comes there is signed with the secret of
+    /// `GET /v1/webhook-secret`.
     callback_url: Option<String>,
 }
 
@@ -83,14 +83,11 @@ impl Notes {
     const NAMES: [&str; 2] = ["metadata", "callback_url"];
 
     /// Notes one of them.
-    pub fn take(&mut self, name: &str, text: &str) -> Result<(), Problem> {
+    pub fn take(&mut self, name: &str, text: &str, reach: Reach) -> Result<(), Problem> {
         let invalid = |detail: String| Problem::new(ProblemCode::InvalidOptions, detail);
         if name == "callback_url" {
-            let is_address = text.starts_with("https://") || text.starts_with("http://");
-            if !is_address || text.len() > CALLBACK_BYTES || text.chars().any(|c| c.is_control() || c == ' ') {
-                return Err(invalid("callback_url must be an http or https address of at most 2048 bytes.".to_owned()));
-            }
-            self.callback_url = Some(text.to_owned());
+            let url = reach.read(text).map_err(|error| invalid(format!("callback_url can't be used: {error}.")))?;
+            self.callback_url = Some(url.into());
             return Ok(());
         }
         let detail = format!(
@@ -172,7 +169,7 @@ async fn from_body(state: &ApiState, id: JobId, most: u64, request: Request) -> 
         pairs.into_iter().partition(|(key, _)| Notes::NAMES.contains(&key.as_str()));
     let mut notes = Notes::default();
     for (key, text) in &said {
-        notes.take(key, text)?;
+        notes.take(key, text, state.config.webhook_reach)?;
     }
     // Options are checked before the body is read, so that a mistake does not cost an upload.
     let options = job_options(query_fields(options)?)?;
@@ -243,7 +240,7 @@ async fn from_form(state: &ApiState, id: JobId, most: u64, request: Request) -> 
             Some(name) if Notes::NAMES.contains(&name) => {
                 let name = name.to_owned();
                 let text = read_text(field, &name).await?;
-                notes.take(&name, &String::from_utf8_lossy(&text))?;
+                notes.take(&name, &String::from_utf8_lossy(&text), state.config.webhook_reach)?;
             }
             Some("options") => {
                 let detail = "The form has two parts 'options'. Send one for all files.";

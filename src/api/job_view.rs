@@ -5,7 +5,7 @@ use serde::Serialize;
 use time::OffsetDateTime;
 use utoipa::ToSchema;
 
-use super::problem::describe_job_problem;
+use super::catalogue::describe_job_problem;
 use crate::context::Stage;
 use crate::format::{Format, Place};
 use crate::jobs::{Input, Job, JobId, JobOptions, JobOutcome, JobReport, Metadata, ProblemKind, Status, StoredReport};

@@ -197,7 +197,8 @@ pub(super) async fn cancel_job(
 
 /// Delete a job and its files.
 ///
-/// A job that has not ended is cancelled first. The upload, the results and the report are deleted.
+/// A job that has not ended is cancelled first. The upload, the results and the report are deleted, and so is what webhooks have told
+/// of it or still had to tell.
 #[utoipa::path(
     delete, path = "/v1/jobs/{id}", tag = "jobs",
     params(("id" = String, Path, description = "The job's id")),

@@ -8,6 +8,7 @@ mod admit;
 mod artifacts;
 mod caller;
 mod capabilities;
+mod catalogue;
 mod events;
 mod extract;
 mod file_name;
@@ -30,6 +31,7 @@ mod tokens;
 mod upload;
 mod uploads;
 mod wait;
+mod webhooks;
 
 pub use admit::Auth;
 pub use capabilities::{Capabilities, TierStatus};

@@ -5,6 +5,7 @@ use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
 use super::state::ApiState;
+use super::webhooks::{deliveries, endpoints, secrets};
 use super::{artifacts, capabilities, events, health, jobs, submit, tokens, uploads};
 
 #[derive(OpenApi)]
@@ -18,10 +19,11 @@ use super::{artifacts, capabilities, events, health, jobs, submit, tokens, uploa
     tags(
         (name = "jobs", description = "Send a model, follow its job, download the result"),
         (name = "uploads", description = "Send a large file, or one from a browser, before its job"),
+        (name = "webhooks", description = "Be told of jobs that end, in the form of the Standard Webhooks specification"),
         (name = "access", description = "Tokens for the pages of a storefront"),
         (name = "service", description = "What the service can do and how it is"),
     ),
-    components(schemas(super::Problem, crate::jobs::JobReport)),
+    components(schemas(super::Problem, crate::jobs::JobReport, crate::jobs::JobMessage)),
 )]
 struct Document;
 
@@ -34,6 +36,15 @@ pub(super) fn guarded() -> OpenApiRouter<ApiState> {
         .routes(routes!(events::job_events))
         .routes(routes!(artifacts::get_artifact))
         .routes(routes!(uploads::announce_upload))
+        .routes(routes!(endpoints::create_endpoint, endpoints::list_endpoints))
+        .routes(routes!(endpoints::get_endpoint, endpoints::change_endpoint, endpoints::delete_endpoint))
+        .routes(routes!(endpoints::rotate_endpoint))
+        .routes(routes!(deliveries::test_endpoint))
+        .routes(routes!(deliveries::list_of_endpoint))
+        .routes(routes!(deliveries::list_deliveries))
+        .routes(routes!(deliveries::redeliver))
+        .routes(routes!(secrets::get_secret))
+        .routes(routes!(secrets::rotate_secret))
         .routes(routes!(tokens::make_token))
         .routes(routes!(capabilities::get_capabilities))
         .routes(routes!(health::get_metrics));
@@ -75,7 +86,9 @@ fn document_admission(document: &mut utoipa::openapi::OpenApi) {
         ("503", "The database does not answer now"),
     ];
     let operations = document.paths.paths.values_mut().flat_map(|path| {
-        [&mut path.get, &mut path.post, &mut path.put, &mut path.delete].into_iter().filter_map(Option::as_mut)
+        [&mut path.get, &mut path.post, &mut path.put, &mut path.patch, &mut path.delete]
+            .into_iter()
+            .filter_map(Option::as_mut)
     });
     for operation in operations {
         operation.security = Some(vec![SecurityRequirement::default(), SecurityRequirement::new("key", [""; 0])]);

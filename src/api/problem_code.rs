@@ -60,6 +60,12 @@ pub enum ProblemCode {
     IdempotencyKeyInUse,
     /// The Idempotency-Key came with another request before.
     IdempotencyKeyReused,
+    /// No webhook endpoint or delivery of that name.
+    WebhookNotFound,
+    /// The webhook endpoint is disabled.
+    WebhookDisabled,
+    /// The tenant has as many webhook endpoints as it may.
+    TooManyWebhooks,
     /// As many jobs wait as may.
     QueueFull,
     /// The disk has no room for more files.
@@ -72,7 +78,7 @@ pub enum ProblemCode {
 
 impl ProblemCode {
     /// Every code.
-    pub const ALL: [Self; 30] = [
+    pub const ALL: [Self; 33] = [
         Self::Unauthorized,
         Self::Forbidden,
         Self::OriginNotAllowed,
@@ -99,6 +105,9 @@ impl ProblemCode {
         Self::RangeNotSatisfiable,
         Self::IdempotencyKeyInUse,
         Self::IdempotencyKeyReused,
+        Self::WebhookNotFound,
+        Self::WebhookDisabled,
+        Self::TooManyWebhooks,
         Self::QueueFull,
         Self::StorageFull,
         Self::Unavailable,
@@ -213,6 +222,17 @@ impl ProblemCode {
                 "Idempotency-Key used before",
                 "Send a new key with each new request, and the same one only with the same request.",
             ),
+            Self::WebhookNotFound => {
+                (StatusCode::NOT_FOUND, "No such webhook", "GET /v1/webhook-endpoints lists yours.")
+            }
+            Self::WebhookDisabled => (
+                StatusCode::CONFLICT,
+                "Webhook endpoint disabled",
+                "Enable it: PATCH /v1/webhook-endpoints/{id} with {\"enabled\": true}.",
+            ),
+            Self::TooManyWebhooks => {
+                (StatusCode::CONFLICT, "Too many webhook endpoints", "Delete one that is not needed any more.")
+            }
             Self::QueueFull => (
                 StatusCode::TOO_MANY_REQUESTS,
                 "Queue full",

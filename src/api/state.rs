@@ -10,6 +10,7 @@ use crate::access::TenantLimits;
 use crate::blobs::Blobs;
 use crate::format::Limits;
 use crate::jobs::Store;
+use crate::webhooks::Reach;
 
 /// What the API may spend on a request.
 #[derive(Debug, Clone, Copy)]
@@ -26,6 +27,8 @@ pub struct ApiConfig {
     pub retention: Duration,
     /// Bytes that must stay free on the disk of the files.
     pub min_free: u64,
+    /// Whom webhooks may reach.
+    pub webhook_reach: Reach,
     /// Longest silence in the middle of an upload.
     pub upload_idle: Duration,
     /// Whether uploads that are announced go straight to the store, where that is a bucket.

@@ -37,7 +37,7 @@ const BUSY_S: u32 = 30;
         ("mode" = Option<Mode>, Query, description = "For a raw body: what to do, `repair` where it is left out. An option of the other mode is refused"),
         ("Idempotency-Key" = Option<String>, Header, description = "Any text of your own, such as a UUID. The same request sent again within a day is answered with the job that it made (header `Idempotency-Replayed: true`), and makes no other"),
         ("metadata" = Option<String>, Query, description = "For a raw body: your own notes on the job, a JSON object of texts"),
-        ("callback_url" = Option<String>, Query, description = "For a raw body: an address to tell of the job's end"),
+        ("callback_url" = Option<String>, Query, description = "For a raw body: an https address to tell of the job's end"),
         ("Cache-Control" = Option<String>, Header, description = "`no-cache` to have the work done even where an earlier job of yours has the result"),
         Options,
         InspectOptions,

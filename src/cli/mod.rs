@@ -1,3 +1,4 @@
+mod auth;
 mod blobs;
 mod compare;
 mod config;
@@ -11,6 +12,7 @@ mod repair;
 mod service;
 mod settings;
 mod telemetry;
+mod webhooks;
 
 use std::path::PathBuf;
 use std::process::ExitCode;

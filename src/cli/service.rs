@@ -11,6 +11,7 @@ use meshmend::blender::BlenderRemesher;
 use meshmend::blobs::Blobs;
 use meshmend::jobs::{PostgresStore, RetryPolicy, SqliteStore, Store, SystemClock};
 use meshmend::repair::{Remesher, RemesherInfo};
+use meshmend::webhooks::Courier;
 use meshmend::worker::{Pool, Shutdown, WorkerConfig};
 use tokio::signal::unix::{SignalKind, signal};
 use tokio_util::sync::CancellationToken;
@@ -37,6 +38,8 @@ pub(super) enum ServiceError {
     Pool(#[from] meshmend::worker::PoolError),
     #[error("{0}")]
     Refused(String),
+    #[error(transparent)]
+    Webhooks(#[from] meshmend::webhooks::PosterError),
     #[error("metrics: {0}")]
     Metrics(#[from] metrics_exporter_prometheus::BuildError),
 }
@@ -189,6 +192,7 @@ async fn serve_until_stopped(args: &ServeArgs) -> Result<(), ServiceError> {
     let blender = find_blender(&args.work.blender).await;
     let slots = if args.no_workers { Some(0) } else { args.work.workers };
     let pool = room.pool(&args.work, slots, blender.clone().ok()).await?;
+    let delivery = args.webhooks.delivery(POLL)?;
     let (limits, max_files) = (args.work.limits.limits(), usize::from(args.max_files));
     let stopping = CancellationToken::new();
     let health = room.health(&args.work, &blender, stopping.clone())?;
@@ -196,7 +200,7 @@ async fn serve_until_stopped(args: &ServeArgs) -> Result<(), ServiceError> {
     let state = ApiState {
         store: Arc::clone(&room.store),
         blobs: room.blobs.clone(),
-        auth: args.auth(),
+        auth: args.auth.on(args.listen),
         rates: Arc::new(Rates::default()),
         config: ApiConfig {
             limits,
@@ -209,6 +213,7 @@ async fn serve_until_stopped(args: &ServeArgs) -> Result<(), ServiceError> {
             },
             retention: args.work.retention().results,
             min_free: args.work.min_free_mib << 20,
+            webhook_reach: args.webhooks.reach(),
             upload_idle: Duration::from_secs(args.upload_idle_s),
             presigned_uploads: args.presigned_uploads,
             presigned_downloads: args.presigned_downloads,
@@ -225,10 +230,17 @@ async fn serve_until_stopped(args: &ServeArgs) -> Result<(), ServiceError> {
     let shutdown = Shutdown::default();
     let grace = seconds(args.work.shutdown_grace_s);
     tokio::spawn(stop_on_signal(shutdown.clone(), stopping.clone(), grace));
+    let courier = delivery.map(|(poster, config)| {
+        let courier = Courier::new(Arc::clone(&room.store), poster, config);
+        tokio::spawn(courier.run(shutdown.drain.clone(), shutdown.now.clone()))
+    });
     let workers = tokio::spawn(pool.run(shutdown.clone()));
     let served = tokio::spawn(listen(listener, router(state), stopping));
     if let Err(error) = workers.await {
         tracing::error!(%error, "the workers ended");
+    }
+    if let Some(Err(error)) = futures::future::OptionFuture::from(courier).await {
+        tracing::error!(%error, "the delivery of webhooks ended");
     }
     // Connections that are still open, such as a slow download, get the rest of the grace and no more.
     tokio::select! {
@@ -255,7 +267,7 @@ async fn watch(args: &WorkArgs, health: Health) -> Result<(), ServiceError> {
     Ok(())
 }
 
-fn seconds(seconds: f64) -> Duration {
+pub(super) fn seconds(seconds: f64) -> Duration {
     Duration::try_from_secs_f64(seconds).unwrap_or_default().max(Duration::from_millis(10))
 }
 

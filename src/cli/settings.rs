@@ -5,13 +5,14 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::{Args, ValueEnum};
-use meshmend::api::Auth;
 use meshmend::sandbox::SandboxMode;
 use meshmend::worker::Retention;
 
+use super::auth::AuthMode;
 use super::blobs::BlobArgs;
 use super::engine::{BlenderArgs, LimitArgs};
 use super::telemetry::TelemetryArgs;
+use super::webhooks::WebhookArgs;
 
 /// Arguments of `meshmend serve`.
 #[derive(Debug, Args)]
@@ -49,6 +50,8 @@ pub struct ServeArgs {
     /// Take jobs and answer for them, and leave the work to other processes (`meshmend work`).
     #[arg(long, env = "MESHMEND_NO_WORKERS", conflicts_with = "workers")]
     pub(super) no_workers: bool,
+    #[command(flatten)]
+    pub(super) webhooks: WebhookArgs,
     #[command(flatten)]
     pub(super) work: WorkArgs,
 }
@@ -152,18 +155,6 @@ impl WorkArgs {
     }
 }
 
-/// Whether requests need a key.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
-pub enum AuthMode {
-    /// Unless the service listens on this machine only.
-    #[default]
-    Auto,
-    /// None does.
-    Open,
-    /// Each does.
-    Keys,
-}
-
 /// What to do where the kernel can't wall jobs off.
 #[derive(Debug, Clone, Copy, Default, ValueEnum)]
 pub enum SandboxChoice {
@@ -182,17 +173,6 @@ impl From<SandboxChoice> for SandboxMode {
             SandboxChoice::Auto => Self::Auto,
             SandboxChoice::Require => Self::Require,
             SandboxChoice::Off => Self::Off,
-        }
-    }
-}
-
-impl ServeArgs {
-    pub(super) fn auth(&self) -> Auth {
-        match self.auth {
-            AuthMode::Open => Auth::Open,
-            AuthMode::Keys => Auth::Keys,
-            AuthMode::Auto if self.listen.ip().is_loopback() => Auth::Open,
-            AuthMode::Auto => Auth::Keys,
         }
     }
 }

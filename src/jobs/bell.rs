@@ -8,11 +8,12 @@ use super::JobId;
 pub struct Bell {
     changed: broadcast::Sender<JobId>,
     work: Notify,
+    deliveries: Notify,
 }
 
 impl Default for Bell {
     fn default() -> Self {
-        Self { changed: broadcast::channel(1024).0, work: Notify::new() }
+        Self { changed: broadcast::channel(1024).0, work: Notify::new(), deliveries: Notify::new() }
     }
 }
 
@@ -28,6 +29,11 @@ impl Bell {
         self.work.notify_one();
     }
 
+    /// Tells who delivers webhooks that there is something to deliver.
+    pub fn ring_for_deliveries(&self) {
+        self.deliveries.notify_one();
+    }
+
     /// A stream of the ids of jobs that change from now on. A listener that falls behind is told so and must look.
     #[must_use]
     pub fn listen(&self) -> broadcast::Receiver<JobId> {
@@ -37,5 +43,10 @@ impl Bell {
     /// Waits until there may be work.
     pub async fn work(&self) {
         self.work.notified().await;
+    }
+
+    /// Waits until there may be something to deliver.
+    pub async fn deliveries(&self) {
+        self.deliveries.notified().await;
     }
 }

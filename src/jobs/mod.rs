@@ -1,7 +1,8 @@
 //! Jobs: what they are, how they move from state to state, and the store that keeps them.
 //!
 //! The store is a trait ([`JobStore`]) whose every statement that ends or extends a running job is fenced by
-//! (job, attempt, token), so that the write of a worker that lost its lease changes nothing.
+//! (job, attempt, token), so that the write of a worker that lost its lease changes nothing. What webhooks tell of a job's end is
+//! written with that end ([`WebhookStore`]).
 
 mod access;
 mod bell;
@@ -16,6 +17,7 @@ mod row;
 mod sqlite;
 mod store;
 mod uploads;
+mod webhooks;
 
 pub use access::AccessStore;
 pub use bell::Bell;
@@ -35,7 +37,12 @@ pub use store::{
 };
 pub use uploads::{NewUpload, PendingUpload, UPLOAD_LIFE, UPLOAD_OPEN, UploadId, UploadIdError, UploadStore};
 
-/// All that a service keeps in its database.
-pub trait Store: JobStore + AccessStore {}
+pub use webhooks::{
+    Attempt, Backlog, Delivery, DeliveryQuery, DeliveryStatus, DueDelivery, Endpoint, EndpointChange, FAILING,
+    JobEvent, JobMessage, NewEndpoint, Redelivered, Secrets, SigningSecret, Verdict, WebhookStore,
+};
 
-impl<T: JobStore + AccessStore> Store for T {}
+/// All that a service keeps in its database.
+pub trait Store: JobStore + AccessStore + WebhookStore {}
+
+impl<T: JobStore + AccessStore + WebhookStore> Store for T {}

@@ -28,6 +28,11 @@ pub(super) fn count(stored: i64) -> u32 {
     u32::try_from(stored).unwrap_or(0)
 }
 
+/// The moment that so many milliseconds since the Unix epoch are, of a row's column.
+pub(super) fn time(id: &str, column: &'static str, stored: i64) -> Result<OffsetDateTime, StoreError> {
+    from_millis(stored).map_err(|e| corrupt(id, column, e))
+}
+
 /// JSON of a type of this crate, none of which can fail to be written.
 pub(super) fn to_json<T: Serialize>(value: &T) -> String {
     serde_json::to_string(value).unwrap_or_default()
@@ -64,7 +69,7 @@ where
     let id: String = row.try_get("id")?;
     let time = |column: &'static str| -> Result<Option<OffsetDateTime>, StoreError> {
         let stored: Option<i64> = row.try_get(column)?;
-        stored.map(|stored| from_millis(stored).map_err(|e| corrupt(&id, column, e))).transpose()
+        stored.map(|stored| self::time(&id, column, stored)).transpose()
     };
     let moment = |column| time(column)?.ok_or_else(|| corrupt(&id, column, "no time"));
     let status: String = row.try_get("status")?;

@@ -56,8 +56,12 @@ metrics! {
     KILLS: Counter "meshmend_kills_total" ["reason"] "Repair processes that were killed: `deadline`, `lease_lost`, `shutdown`, or for what they had too much of: `scratch`, `processes`.";
     BLENDER_RUNS: Counter "meshmend_blender_runs_total" [] "Blender processes that repairs started.";
     BLENDER_RESTARTS: Counter "meshmend_blender_restarts_total" [] "Of these, those that were started again after a crash.";
+    WEBHOOK_DELIVERIES: Counter "meshmend_webhook_deliveries_total" ["result"] "Tries to deliver a webhook by how they ended: `delivered`, `retried`, `failed`, `gone`.";
+    WEBHOOK: Histogram "meshmend_webhook_seconds" [] "Time of a try to deliver a webhook.";
+    WEBHOOK_BACKLOG: Gauge "meshmend_webhook_backlog" [] "Webhooks that have not been delivered yet. Of the whole store.";
+    WEBHOOK_OVERDUE: Gauge "meshmend_webhook_overdue_seconds" [] "How long the webhook has been due that waits longest. Of the whole store.";
     SWEEP: Histogram "meshmend_sweep_seconds" [] "Time of a look for what has expired.";
-    SWEPT: Counter "meshmend_swept_total" ["what"] "Jobs that were `expired` or `forgotten`, and files of no job that were removed: `orphaned`.";
+    SWEPT: Counter "meshmend_swept_total" ["what"] "Jobs that were `expired` or `forgotten`, webhook `messages` that were, and files of no job that were removed: `orphaned`.";
     STORE_ERRORS: Counter "meshmend_store_errors_total" ["kind"] "Errors of the database: `away` where the same may succeed in a while, `other`.";
     BLOB_ERRORS: Counter "meshmend_blob_errors_total" [] "Errors of the file store, missing files apart.";
     DATABASE_CONNECTIONS: Gauge "meshmend_database_connections" ["state"] "Connections of this process to the database, `busy` and `idle`.";

@@ -12,6 +12,8 @@ pub(super) const EVERY: Duration = Duration::from_secs(60);
 const ORPHANS_EVERY: u64 = 60;
 /// Files younger than this may be an upload under way.
 const AGE: Duration = Duration::from_secs(3600);
+/// How long it is kept what webhooks told, and how that went.
+const MESSAGES: Duration = Duration::from_secs(30 * 24 * 3600);
 /// Jobs that expire in one statement.
 const BATCH: u32 = 100;
 
@@ -54,6 +56,7 @@ async fn expire(store: &dyn Store, blobs: &Blobs, retention: Retention) -> Resul
     store.forget_keys().await?;
     store.forget_tokens().await?;
     store.forget_uploads().await?;
+    count("messages", store.forget_messages(MESSAGES).await?);
     loop {
         let expired = store.expire(retention.results, BATCH).await?;
         for id in &expired {

@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 /// Each room, and the rooms it may import from. `ARCHITECTURE.md` has the reasons.
-const ROOMS: [(&str, &[&str]); 19] = [
+const ROOMS: [(&str, &[&str]); 20] = [
     ("math", &[]),
     ("context", &[]),
     ("telemetry", &[]),
@@ -23,6 +23,7 @@ const ROOMS: [(&str, &[&str]); 19] = [
     ("access", &[]),
     ("jobs", &["access", "context", "format", "inspect", "analyze", "repair", "telemetry"]),
     ("blobs", &["jobs", "telemetry"]),
+    ("webhooks", &["access", "jobs", "telemetry"]),
     (
         "worker",
         &[
@@ -39,7 +40,22 @@ const ROOMS: [(&str, &[&str]); 19] = [
             "telemetry",
         ],
     ),
-    ("api", &["access", "format", "context", "inspect", "analyze", "repair", "sandbox", "jobs", "blobs", "telemetry"]),
+    (
+        "api",
+        &[
+            "access",
+            "format",
+            "context",
+            "inspect",
+            "analyze",
+            "repair",
+            "sandbox",
+            "jobs",
+            "blobs",
+            "telemetry",
+            "webhooks",
+        ],
+    ),
 ];
 
 /// Rooms of the engine, and the crates that it knows nothing of.

@@ -10,6 +10,7 @@ use serde_json::{Value, json};
 use crate::faults::FILES;
 use crate::files;
 use crate::postgres::Postgres;
+use crate::receiver::{Receiver, Reply};
 use crate::server::{Api, Start, stored_files, until};
 
 fn serve<'a>(data: &'a Path, cluster: &Postgres) -> Start<'a> {
@@ -46,6 +47,34 @@ async fn what_changes_in_the_database_rings_in_every_process_that_shares_it() {
     let changed = tokio::time::timeout(Duration::from_secs(30), rung).await.expect("it rings");
     assert!(all.contains(&changed));
     tokio::time::timeout(Duration::from_secs(5), other.bell().work()).await.expect("it rings for work");
+}
+
+#[tokio::test]
+async fn receivers_are_told_by_whichever_process_serves_and_by_one_of_them() {
+    let (cluster, data) = (Postgres::start(), tempfile::tempdir().expect("a folder"));
+    let start = || serve(data.path(), &cluster).env("MESHMEND_WEBHOOK_ALLOW_PRIVATE", "true").start();
+    let (one, _other) = (start(), start());
+    let _worker = work(data.path(), &cluster).start();
+    let api = Api::new(&one);
+    let receiver = Receiver::start(&[Reply::Status(204)]).await;
+    let made = api.post("/v1/webhook-endpoints").json(&json!({"url": receiver.url})).send().await.expect("an answer");
+    let endpoint: Value = made.json().await.expect("an endpoint");
+    let mut jobs = Vec::new();
+    for tier in [1, 2, 1, 2, 1, 2] {
+        jobs.push(json!(api.submit(files::broken_box(), json!({"max_tier": tier, "pictures": false})).await));
+    }
+    receiver.got(jobs.len()).await;
+    until("all is delivered", async || {
+        let metrics = api.get("/metrics").send().await.expect("an answer").text().await.expect("text");
+        metrics.contains("meshmend_webhook_backlog 0").then_some(())
+    })
+    .await;
+    let seen = receiver.seen();
+    assert!(seen.iter().all(|message| message.verifies(&endpoint["secret"])));
+    let mut told: Vec<Value> = seen.iter().map(|message| message.json()["data"]["id"].clone()).collect();
+    told.sort_by_key(Value::to_string);
+    jobs.sort_by_key(Value::to_string);
+    assert_eq!(told, jobs, "each once");
 }
 
 #[tokio::test]

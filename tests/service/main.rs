@@ -19,10 +19,12 @@ mod idempotency;
 mod jobs;
 mod limits;
 mod operations;
+mod outbox;
 #[path = "../support/postgres.rs"]
 mod postgres;
 mod problems;
 mod readme;
+mod receiver;
 mod retention;
 #[path = "../support/s3.rs"]
 mod s3;
@@ -32,3 +34,4 @@ mod stores;
 mod surface;
 mod traces;
 mod uploads;
+mod webhooks;

@@ -12,10 +12,13 @@ use meshmend::jobs::{
 };
 
 use meshmend::repair::{Options, repair};
+use sqlx::sqlite::SqliteConnectOptions;
+use sqlx::{ConnectOptions, Connection, PgConnection};
 
 use crate::files;
 use crate::postgres::Postgres;
 
+const FILE: &str = "jobs.db";
 pub const LEASE: Duration = Duration::from_secs(10);
 
 /// A clock that stands still until it is told to go on.
@@ -33,26 +36,47 @@ pub struct Bench {
     pub clock: Arc<Manual>,
     pub policy: RetryPolicy,
     /// Where the store lives, which goes after it.
-    _home: Box<dyn std::any::Any + Send + Sync>,
+    home: Home,
+}
+
+/// Where a store lives.
+enum Home {
+    Sqlite(tempfile::TempDir),
+    Postgres(Box<Postgres>),
 }
 
 impl Bench {
     pub async fn sqlite() -> Self {
         let folder = tempfile::tempdir().expect("a folder");
         let (clock, policy) = Self::time();
-        let store = SqliteStore::open(&folder.path().join("jobs.db"), clock.clone(), policy).await.expect("a store");
-        Self { store: Box::new(store), clock, policy, _home: Box::new(folder) }
+        let store = SqliteStore::open(&folder.path().join(FILE), clock.clone(), policy).await.expect("a store");
+        Self { store: Box::new(store), clock, policy, home: Home::Sqlite(folder) }
     }
 
     pub async fn postgres() -> Self {
         let cluster = Postgres::start();
         let (clock, policy) = Self::time();
         let store = PostgresStore::open(&cluster.url(), 10, Some(clock.clone()), policy).await.expect("a store");
-        Self { store: Box::new(store), clock, policy, _home: Box::new(cluster) }
+        Self { store: Box::new(store), clock, policy, home: Home::Postgres(Box::new(cluster)) }
     }
 
     fn time() -> (Arc<Manual>, RetryPolicy) {
         (Arc::new(Manual(AtomicI64::new(1_800_000_000_000))), RetryPolicy::default())
+    }
+
+    /// Does something to the database behind the store's back.
+    pub async fn execute(&self, sqlite: &'static str, postgres: &'static str) {
+        match &self.home {
+            Home::Sqlite(folder) => {
+                let options = SqliteConnectOptions::new().filename(folder.path().join(FILE));
+                let mut connection = options.connect().await.expect("the file");
+                sqlx::raw_sql(sqlite).execute(&mut connection).await.expect("done");
+            }
+            Home::Postgres(cluster) => {
+                let mut connection = PgConnection::connect(&cluster.url()).await.expect("the server");
+                sqlx::raw_sql(postgres).execute(&mut connection).await.expect("done");
+            }
+        }
     }
 
     pub fn pass(&self, time: Duration) {

@@ -242,7 +242,6 @@ pub struct Api {
 
 impl Api {
     pub fn new(program: &Program) -> Self {
-        // Its TLS wants to be told whose cryptography to use, whether or not it comes to that.
         use_ring();
         Self { url: program.url.clone(), http: Client::new() }
     }

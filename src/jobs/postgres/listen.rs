@@ -7,6 +7,8 @@ use crate::jobs::{Bell, Status};
 
 /// What the triggers of `migrations/postgres` notify.
 const CHANNEL: &str = "meshmend_jobs";
+/// The news that there is something to deliver.
+const DELIVERIES: &str = "webhooks";
 /// How long to wait after the connection was lost.
 const PAUSE: Duration = Duration::from_secs(1);
 
@@ -25,8 +27,12 @@ async fn listen(pool: &PgPool, bell: &Bell) -> Result<(), sqlx::Error> {
     listener.listen(CHANNEL).await?;
     // There may have been news before.
     bell.ring_for_work();
+    bell.ring_for_deliveries();
     // None where the connection was lost.
     while let Some(told) = listener.try_recv().await? {
+        if told.payload() == DELIVERIES {
+            bell.ring_for_deliveries();
+        }
         let Some((id, status)) = told.payload().split_once(' ') else { continue };
         if let Ok(id) = id.parse() {
             bell.ring(id);

@@ -1,9 +1,11 @@
 mod access;
 mod keys;
 mod listen;
+mod outbox;
 mod queue;
 mod retention;
 mod uploads;
+mod webhooks;
 
 use std::str::FromStr;
 use std::sync::Arc;
@@ -120,6 +122,7 @@ impl JobStore for PostgresStore {
             uploads::take(&mut transaction, upload, job.id, self.now()).await?;
         }
         let job = queue::insert(&mut transaction, &job, self.now()).await?;
+        outbox::note(&mut transaction, &job, self.now()).await?;
         transaction.commit().await?;
         Ok(job)
     }
@@ -206,26 +209,20 @@ impl JobStore for PostgresStore {
     }
 
     async fn complete(&self, held: &Lease, completion: Completion) -> Result<Job, StoreError> {
-        let row = sqlx::query(concat!(
-            "UPDATE jobs SET status = 'succeeded', outcome = $1, report = $2, artifacts = $3, problem = NULL, \
-             progress = NULL, finished_at = meshmend_now($4), worker = NULL, lease_token = NULL, \
-             lease_expires_at = NULL, ended_token = $7, version = version + 1 \
-             WHERE id = $5 AND attempt = $6 AND lease_token = $7 AND status = 'running' RETURNING ",
-            job_columns!()
-        ))
-        .bind(to_json(&completion.report.outcome()))
-        .bind(to_json(&completion.report))
-        .bind(to_json(&completion.artifacts))
-        .bind(self.now())
-        .bind(held.id.to_string())
-        .bind(i64::from(held.attempt))
-        .bind(&held.token)
-        .fetch_optional(&self.pool)
-        .await?;
-        match row {
-            Some(row) => read_job(&row),
-            None => self.ended_by(held).await,
+        // Mostly nobody is to be told, and one statement does.
+        if let Some(job) =
+            queue::complete(&mut *self.pool.acquire().await?, held, &completion, true, self.now()).await?
+        {
+            return Ok(job);
         }
+        let mut transaction = self.pool.begin().await?;
+        let Some(job) = queue::complete(&mut transaction, held, &completion, false, self.now()).await? else {
+            drop(transaction);
+            return self.ended_by(held).await;
+        };
+        outbox::note(&mut transaction, &job, self.now()).await?;
+        transaction.commit().await?;
+        Ok(job)
     }
 
     async fn fail(&self, held: &Lease, failure: Failure) -> Result<Job, StoreError> {
@@ -255,6 +252,7 @@ impl JobStore for PostgresStore {
             now: self.now(),
         };
         let job = end_attempt(&mut transaction, &end).await?;
+        outbox::note(&mut transaction, &job, end.now).await?;
         transaction.commit().await?;
         Ok(job)
     }
@@ -285,13 +283,16 @@ impl JobStore for PostgresStore {
             let retry_in = (crashes < self.retry.max_crashes).then_some(Duration::ZERO);
             let (now, artifacts) = (self.now(), artifacts.as_str());
             let end = End { id, token: None, crashes, retry_in, problem: &problem, artifacts, now };
-            rescued.push(end_attempt(&mut transaction, &end).await?);
+            let job = end_attempt(&mut transaction, &end).await?;
+            outbox::note(&mut transaction, &job, now).await?;
+            rescued.push(job);
         }
         transaction.commit().await?;
         Ok(rescued)
     }
 
     async fn cancel(&self, id: JobId) -> Result<Option<Cancelled>, StoreError> {
+        let mut transaction = self.pool.begin().await?;
         let row = sqlx::query(concat!(
             "UPDATE jobs SET status = 'canceled', finished_at = meshmend_now($1), progress = NULL, worker = NULL, \
              lease_token = NULL, lease_expires_at = NULL, version = version + 1 \
@@ -300,11 +301,15 @@ impl JobStore for PostgresStore {
         ))
         .bind(self.now())
         .bind(id.to_string())
-        .fetch_optional(&self.pool)
+        .fetch_optional(&mut *transaction)
         .await?;
         if let Some(row) = row {
-            return Ok(Some(Cancelled::Yes(Box::new(read_job(&row)?))));
+            let job = read_job(&row)?;
+            outbox::note(&mut transaction, &job, self.now()).await?;
+            transaction.commit().await?;
+            return Ok(Some(Cancelled::Yes(Box::new(job))));
         }
+        drop(transaction);
         Ok(self.get(id).await?.map(Cancelled::of_ended))
     }
 

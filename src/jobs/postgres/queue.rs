@@ -3,7 +3,7 @@
 use sqlx::{PgConnection, PgPool};
 
 use crate::jobs::row::{job_columns, read_job, to_json, to_millis};
-use crate::jobs::{Job, NewJob, StoreError, Waiting};
+use crate::jobs::{Completion, Job, Lease, NewJob, StoreError, Waiting};
 
 /// Adds a job; one that was given a result has ended already.
 pub(super) async fn insert(connection: &mut PgConnection, job: &NewJob, now: Option<i64>) -> Result<Job, StoreError> {
@@ -128,4 +128,36 @@ pub(super) async fn claim(pool: &PgPool, claiming: &Claiming<'_>) -> Result<Opti
         }
     }
     Ok(None)
+}
+
+/// Ends a job with its result, if the hold on it still stands. Where `untold` is set only if nobody is to be told of it, so that no
+/// transaction is needed.
+pub(super) async fn complete(
+    connection: &mut PgConnection,
+    held: &Lease,
+    completion: &Completion,
+    untold: bool,
+    now: Option<i64>,
+) -> Result<Option<Job>, StoreError> {
+    let row = sqlx::query(concat!(
+        "UPDATE jobs SET status = 'succeeded', outcome = $1, report = $2, artifacts = $3, problem = NULL, \
+             progress = NULL, finished_at = meshmend_now($4), worker = NULL, lease_token = NULL, \
+             lease_expires_at = NULL, ended_token = $7, version = version + 1 \
+         WHERE id = $5 AND attempt = $6 AND lease_token = $7 AND status = 'running' \
+           AND NOT ($8 AND (callback_url IS NOT NULL OR EXISTS ( \
+                   SELECT 1 FROM webhook_endpoints e WHERE e.tenant = jobs.tenant AND e.disabled_at IS NULL))) \
+         RETURNING ",
+        job_columns!()
+    ))
+    .bind(to_json(&completion.report.outcome()))
+    .bind(to_json(&completion.report))
+    .bind(to_json(&completion.artifacts))
+    .bind(now)
+    .bind(held.id.to_string())
+    .bind(i64::from(held.attempt))
+    .bind(&held.token)
+    .bind(untold)
+    .fetch_optional(connection)
+    .await?;
+    row.as_ref().map(read_job).transpose()
 }

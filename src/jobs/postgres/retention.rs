@@ -2,6 +2,7 @@
 
 use sqlx::{PgConnection, PgPool};
 
+use super::outbox;
 use crate::jobs::row::{corrupt, to_json};
 use crate::jobs::{Input, JobId, StoreError};
 
@@ -43,6 +44,7 @@ pub(super) async fn purge(pool: &PgPool, id: JobId, now: Option<i64>) -> Result<
     .bind(&id)
     .execute(&mut *transaction)
     .await?;
+    outbox::forget(&mut transaction, &id).await?;
     transaction.commit().await?;
     Ok(true)
 }

@@ -1,8 +1,10 @@
 mod access;
 mod keys;
+mod outbox;
 mod queue;
 mod retention;
 mod uploads;
+mod webhooks;
 
 use std::fs::File;
 use std::path::Path;
@@ -82,6 +84,13 @@ impl SqliteStore {
         read_job(&row.ok_or(StoreError::LeaseLost)?)
     }
 
+    /// Tells who delivers webhooks, if there is anybody to be told of something.
+    fn ring_if(&self, told: bool) {
+        if told {
+            self.bell.ring_for_deliveries();
+        }
+    }
+
     fn due_after(&self, tries: u32) -> i64 {
         let random = Uuid::new_v4().as_u64_pair().0;
         self.clock.now_ms() + millis(self.retry.delay(tries, random))
@@ -112,8 +121,10 @@ impl JobStore for SqliteStore {
             uploads::take(&mut transaction, upload, job.id, now).await?;
         }
         let job = queue::insert(&mut transaction, &job, now).await?;
+        let told = outbox::note(&mut transaction, &job, now).await?;
         transaction.commit().await?;
         self.bell.ring_for_work();
+        self.ring_if(told);
         Ok(job)
     }
 
@@ -211,6 +222,7 @@ impl JobStore for SqliteStore {
 
     async fn complete(&self, held: &Lease, completion: Completion) -> Result<Job, StoreError> {
         let now = self.clock.now_ms();
+        let mut transaction = self.begin().await?;
         let row = sqlx::query(concat!(
             "UPDATE jobs SET status = 'succeeded', outcome = ?1, report = ?2, artifacts = ?3, problem = NULL, \
              progress = NULL, finished_at = ?4, worker = NULL, lease_token = NULL, lease_expires_at = NULL, \
@@ -225,12 +237,17 @@ impl JobStore for SqliteStore {
         .bind(held.id.to_string())
         .bind(held.attempt)
         .bind(&held.token)
-        .fetch_all(&self.writer)
-        .await?
-        .pop();
-        let Some(row) = row else { return self.ended_by(held).await };
+        .fetch_optional(&mut *transaction)
+        .await?;
+        let Some(row) = row else {
+            drop(transaction);
+            return self.ended_by(held).await;
+        };
         let job = read_job(&row)?;
+        let told = outbox::note(&mut transaction, &job, now).await?;
+        transaction.commit().await?;
         self.bell.ring(job.id);
+        self.ring_if(told);
         Ok(job)
     }
 
@@ -261,8 +278,10 @@ impl JobStore for SqliteStore {
             now: self.clock.now_ms(),
         };
         let job = end_attempt(&mut transaction, &end).await?;
+        let told = outbox::note(&mut transaction, &job, end.now).await?;
         transaction.commit().await?;
         self.bell.ring(job.id);
+        self.ring_if(told);
         Ok(job)
     }
 
@@ -302,16 +321,19 @@ impl JobStore for SqliteStore {
         .bind(now)
         .fetch_all(&mut *transaction)
         .await?;
-        let mut rescued = Vec::with_capacity(lost.len());
+        let (mut rescued, mut told) = (Vec::with_capacity(lost.len()), false);
         for (id, crashes, artifacts) in lost {
             let id = id.parse().map_err(|_| corrupt(&id, "id", "no job id"))?;
             let crashes = count(crashes) + 1;
             let problem = JobProblem::worker_lost(crashes);
             let retry_at = (crashes < self.retry.max_crashes).then_some(now);
             let end = End { id, token: None, crashes, retry_at, problem: &problem, artifacts: &artifacts, now };
-            rescued.push(end_attempt(&mut transaction, &end).await?);
+            let job = end_attempt(&mut transaction, &end).await?;
+            told |= outbox::note(&mut transaction, &job, now).await?;
+            rescued.push(job);
         }
         transaction.commit().await?;
+        self.ring_if(told);
         for job in &rescued {
             self.bell.ring(job.id);
             self.bell.ring_for_work();
@@ -320,6 +342,7 @@ impl JobStore for SqliteStore {
     }
 
     async fn cancel(&self, id: JobId) -> Result<Option<Cancelled>, StoreError> {
+        let now = self.clock.now_ms();
         let mut transaction = self.begin().await?;
         let row = sqlx::query(concat!(
             "UPDATE jobs SET status = 'canceled', finished_at = ?1, progress = NULL, worker = NULL, \
@@ -327,14 +350,16 @@ impl JobStore for SqliteStore {
              WHERE id = ?2 AND status IN ('queued', 'running') RETURNING ",
             job_columns!()
         ))
-        .bind(self.clock.now_ms())
+        .bind(now)
         .bind(id.to_string())
         .fetch_optional(&mut *transaction)
         .await?;
         if let Some(row) = row {
             let job = read_job(&row)?;
+            let told = outbox::note(&mut transaction, &job, now).await?;
             transaction.commit().await?;
             self.bell.ring(id);
+            self.ring_if(told);
             return Ok(Some(Cancelled::Yes(Box::new(job))));
         }
         let row = sqlx::query(concat!("SELECT ", job_columns!(), " FROM jobs WHERE id = ?"))
@@ -355,7 +380,10 @@ impl JobStore for SqliteStore {
     }
 
     async fn purge(&self, id: JobId) -> Result<bool, StoreError> {
-        let found = retention::purge(&self.writer, id, self.clock.now_ms()).await?;
+        let mut transaction = self.begin().await?;
+        let found = retention::purge(&mut transaction, id, self.clock.now_ms()).await?;
+        outbox::forget(&mut transaction, id).await?;
+        transaction.commit().await?;
         self.bell.ring(id);
         Ok(found)
     }

@@ -15,7 +15,7 @@ macro_rules! emptied {
     };
 }
 
-pub(super) async fn purge(writer: &SqlitePool, id: JobId, now: i64) -> Result<bool, StoreError> {
+pub(super) async fn purge(connection: &mut SqliteConnection, id: JobId, now: i64) -> Result<bool, StoreError> {
     let row = sqlx::query(concat!(
         "UPDATE jobs SET purged_at = coalesce(purged_at, ?1), \
          status = CASE WHEN status IN ('queued', 'running') THEN 'canceled' ELSE status END, \
@@ -25,9 +25,8 @@ pub(super) async fn purge(writer: &SqlitePool, id: JobId, now: i64) -> Result<bo
     ))
     .bind(now)
     .bind(id.to_string())
-    .fetch_all(writer)
-    .await?
-    .pop();
+    .fetch_optional(connection)
+    .await?;
     Ok(row.is_some())
 }
 

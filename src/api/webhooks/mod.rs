@@ -1,0 +1,22 @@
+//! Webhook endpoints, their secrets, and how deliveries fared.
+
+pub(super) mod deliveries;
+pub(super) mod endpoints;
+pub(super) mod secrets;
+
+use std::time::Duration;
+
+use super::problem::{Problem, ProblemCode};
+
+/// How long an old secret signs beside a new one.
+const OVERLAP: Duration = Duration::from_secs(24 * 3600);
+
+fn invalid(detail: impl Into<String>) -> Problem {
+    Problem::new(ProblemCode::InvalidOptions, detail)
+}
+
+/// A text that could be the name of an endpoint or a delivery; another one names nothing.
+fn is_name(text: &str, prefix: &str) -> bool {
+    let digits = text.strip_prefix(prefix).and_then(|rest| rest.strip_prefix('_'));
+    digits.is_some_and(|digits| digits.len() == 32 && digits.bytes().all(|byte| byte.is_ascii_hexdigit()))
+}

@@ -1,0 +1,385 @@
+//! What every store promises of webhooks, tried on each.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use meshmend::jobs::{
+    Artifacts, Attempt, Completion, DeliveryQuery, DeliveryStatus, DueDelivery, Endpoint, EndpointChange, FAILING,
+    FailureKind, Job, JobEvent, JobId, NewEndpoint, NewJob, Redelivered, Reused, SigningSecret, Status, Verdict,
+};
+use serde_json::{Value, json};
+use time::OffsetDateTime;
+
+use crate::stores::{Bench, LEASE, promises};
+
+promises! {
+    every_end_of_a_job_is_noted_for_those_who_are_told_of_it,
+    a_jobs_end_and_what_is_told_of_it_are_written_together_or_not_at_all,
+    a_delivery_is_claimed_by_one_and_by_another_when_its_lease_ends,
+    tenants_take_turns_and_one_whose_receivers_hang_holds_nobody_up,
+    many_couriers_at_once_never_get_the_same_delivery,
+    an_endpoint_is_disabled_when_it_is_gone_or_fails_for_days,
+    what_was_given_up_or_delivered_is_sent_again_when_asked_for,
+    a_secret_that_was_replaced_is_known_beside_the_new_one,
+    endpoints_are_their_tenants_own_and_no_more_than_may_be,
+    what_was_told_is_forgotten_with_its_job_or_after_a_while,
+}
+
+const MOST: u32 = 100;
+
+fn secret(text: &str) -> SigningSecret {
+    SigningSecret::new(format!("whsec_{text}"))
+}
+
+fn new_endpoint(tenant: &str, events: &[JobEvent]) -> NewEndpoint {
+    NewEndpoint {
+        tenant: tenant.into(),
+        url: "https://shop.example/hooks".into(),
+        description: "orders".into(),
+        events: events.to_vec(),
+        secret: secret("Zmlyc3Q="),
+    }
+}
+
+async fn endpoint(bench: &Bench, tenant: &str) -> Endpoint {
+    let made = bench.store.create_endpoint(new_endpoint(tenant, &JobEvent::ALL), MOST).await;
+    made.expect("an answer").expect("an endpoint")
+}
+
+async fn claim(bench: &Bench) -> Option<DueDelivery> {
+    bench.store.claim_delivery(LEASE, MOST).await.expect("an answer")
+}
+
+fn attempt(status: u16) -> Attempt {
+    Attempt { at: OffsetDateTime::UNIX_EPOCH, status: Some(status), error: None, milliseconds: 5 }
+}
+
+async fn settle(bench: &Bench, due: &DueDelivery, verdict: Verdict) -> bool {
+    bench.store.settle_delivery(due, attempt(500), verdict).await.expect("an answer")
+}
+
+/// Makes a job of the tenant's end, and with it a delivery to each of its endpoints.
+async fn cancelled(bench: &Bench, tenant: &str) -> Job {
+    let job = bench.submit_of(tenant).await;
+    bench.store.cancel(job.id).await.expect("an answer");
+    job
+}
+
+async fn all_of(bench: &Bench, tenant: &str) -> Vec<meshmend::jobs::Delivery> {
+    let query = DeliveryQuery { tenant: tenant.into(), limit: 100, ..DeliveryQuery::default() };
+    bench.store.deliveries(query).await.expect("an answer")
+}
+
+fn completion() -> Completion {
+    Completion { report: Bench::report(), artifacts: Artifacts::new() }
+}
+
+async fn every_end_of_a_job_is_noted_for_those_who_are_told_of_it(bench: Bench) {
+    let store = &bench.store;
+    let all = endpoint(&bench, "shop").await;
+    let only_failures = new_endpoint("shop", &[JobEvent::Failed]);
+    let only_failures = store.create_endpoint(only_failures, MOST).await.expect("an answer").expect("an endpoint");
+    let disabled = endpoint(&bench, "shop").await;
+    let off = EndpointChange { enabled: Some(false), ..EndpointChange::default() };
+    store.change_endpoint("shop", &disabled.id, off).await.expect("an answer").expect("there");
+    endpoint(&bench, "rival").await;
+
+    let told = async |job: JobId| {
+        let query = DeliveryQuery { tenant: "shop".into(), job: Some(job), limit: 10, ..DeliveryQuery::default() };
+        let mut told = store.deliveries(query).await.expect("an answer");
+        told.sort_by(|a, b| a.id.cmp(&b.id));
+        told.into_iter().map(|d| (d.kind, d.endpoint.or(d.url).expect("a receiver"))).collect::<Vec<_>>()
+    };
+    let to = |kind: &str, whom: &[&str]| whom.iter().map(|id| (kind.to_owned(), (*id).to_owned())).collect::<Vec<_>>();
+
+    let callback = Some("https://shop.example/one".to_owned());
+    let with_callback = NewJob { callback_url: callback, ..Bench::job("shop") };
+    let first = store.submit(with_callback).await.expect("accepted");
+    assert_eq!(told(first.id).await, [], "it has not ended");
+    let held = bench.claim().await.expect("a job").lease;
+    store.fail(&held, Bench::failure(FailureKind::Passing)).await.expect("noted");
+    assert_eq!(told(first.id).await, [], "it is tried again");
+    bench.pass(Duration::from_secs(600));
+    let held = bench.claim().await.expect("the job again").lease;
+    let done = store.complete(&held, completion()).await.expect("completed");
+    assert_eq!(told(first.id).await, to("job.succeeded", &[&all.id, "https://shop.example/one"]));
+    store.complete(&held, completion()).await.expect("completed before");
+    assert_eq!(told(first.id).await.len(), 2, "nobody is told twice");
+
+    let failed = bench.submit().await;
+    let held = bench.claim().await.expect("a job").lease;
+    store.fail(&held, Bench::failure(FailureKind::Final)).await.expect("noted");
+    assert_eq!(told(failed.id).await, to("job.failed", &[&all.id, &only_failures.id]));
+
+    let lost = bench.submit().await;
+    for _ in 0..bench.policy.max_crashes {
+        assert_eq!(told(lost.id).await, []);
+        bench.claim().await.expect("a job");
+        bench.pass(LEASE + Duration::from_secs(1));
+        store.rescue().await.expect("an answer");
+    }
+    assert_eq!(told(lost.id).await, to("job.failed", &[&all.id, &only_failures.id]));
+
+    let stopped = cancelled(&bench, "shop").await;
+    store.cancel(stopped.id).await.expect("an answer");
+    assert_eq!(told(stopped.id).await, to("job.canceled", &[&all.id]));
+
+    let (outcome, report) = (done.outcome.expect("an outcome"), done.report.clone().expect("a report"));
+    let result = Some(Reused { from: done.id, outcome, report, artifacts: Artifacts::new() });
+    let reused = store.submit(NewJob { result, ..Bench::job("shop") }).await.expect("accepted");
+    assert_eq!(told(reused.id).await, to("job.succeeded", &[&all.id]));
+
+    let due = claim(&bench).await.expect("due");
+    let payload: Value = serde_json::from_str(&due.payload).expect("JSON");
+    assert_eq!((&payload["type"], &payload["data"]["id"]), (&json!("job.succeeded"), &json!(first.id)));
+    assert_eq!((&payload["data"]["status"], &payload["data"]["input"]["name"]), (&json!("succeeded"), &json!("a.stl")));
+    assert!(all_of(&bench, "rival").await.is_empty());
+}
+
+async fn a_jobs_end_and_what_is_told_of_it_are_written_together_or_not_at_all(bench: Bench) {
+    endpoint(&bench, "shop").await;
+    let (running, waiting) = (bench.submit().await, bench.submit().await);
+    let claim = bench.claim().await.expect("a job");
+    assert_eq!(claim.job.id, running.id);
+    bench
+        .execute(
+            "CREATE TRIGGER broken BEFORE INSERT ON webhook_deliveries BEGIN SELECT RAISE(ABORT, 'broken'); END",
+            "CREATE FUNCTION broken() RETURNS trigger LANGUAGE plpgsql AS $$ BEGIN RAISE EXCEPTION 'broken'; END $$; \
+             CREATE TRIGGER broken BEFORE INSERT ON webhook_deliveries FOR EACH ROW EXECUTE FUNCTION broken()",
+        )
+        .await;
+    let before = bench.get(running.id).await;
+    assert!(bench.store.complete(&claim.lease, completion()).await.is_err());
+    assert!(bench.store.fail(&claim.lease, Bench::failure(FailureKind::Final)).await.is_err());
+    assert!(bench.store.cancel(waiting.id).await.is_err());
+    assert_eq!(bench.get(running.id).await, before, "neither has its end been written");
+    assert_eq!(bench.get(waiting.id).await.status, Status::Queued);
+    bench.execute("DROP TRIGGER broken", "DROP TRIGGER broken ON webhook_deliveries").await;
+    bench.store.complete(&claim.lease, completion()).await.expect("completed");
+    assert_eq!(all_of(&bench, "shop").await.len(), 1);
+}
+
+async fn a_delivery_is_claimed_by_one_and_by_another_when_its_lease_ends(bench: Bench) {
+    let store = &bench.store;
+    let endpoint = endpoint(&bench, "shop").await;
+    let job = cancelled(&bench, "shop").await;
+    let first = claim(&bench).await.expect("due");
+    assert_eq!(
+        (first.url.as_str(), first.tries, first.endpoint.as_ref()),
+        (endpoint.url.as_str(), 1, Some(&endpoint.id))
+    );
+    assert_eq!(claim(&bench).await, None);
+    bench.pass(LEASE);
+    let second = claim(&bench).await.expect("due again");
+    assert_eq!((&second.id, &second.message, &second.payload), (&first.id, &first.message, &first.payload));
+    assert_eq!(second.tries, 2);
+    settle(&bench, &first, Verdict::Gone).await;
+    assert_eq!(all_of(&bench, "shop").await[0].status, DeliveryStatus::Pending, "the first has lost it");
+    let known = store.endpoint("shop", &endpoint.id).await.expect("an answer").expect("there");
+    assert_eq!((known.disabled, known.failing_since), (None, None));
+
+    settle(&bench, &second, Verdict::Again(Duration::from_secs(60))).await;
+    assert_eq!(claim(&bench).await, None, "it waits");
+    bench.pass(Duration::from_secs(59));
+    assert_eq!(claim(&bench).await, None, "it waits");
+    bench.pass(Duration::from_secs(1));
+    let third = claim(&bench).await.expect("due");
+    assert_eq!((third.tries, third.attempts.len()), (3, 1));
+    store.settle_delivery(&third, attempt(204), Verdict::Delivered).await.expect("an answer");
+    bench.pass(10 * LEASE);
+    assert_eq!(claim(&bench).await, None, "it has arrived");
+    let delivery = &all_of(&bench, "shop").await[0];
+    assert_eq!((delivery.status, delivery.job), (DeliveryStatus::Delivered, Some(job.id)));
+    let statuses: Vec<_> = delivery.attempts.iter().map(|attempt| attempt.status).collect();
+    assert_eq!(statuses, [Some(500), Some(204)]);
+}
+
+async fn tenants_take_turns_and_one_whose_receivers_hang_holds_nobody_up(bench: Bench) {
+    for tenant in ["busy", "calm"] {
+        endpoint(&bench, tenant).await;
+    }
+    for tenant in ["busy", "busy", "busy", "busy", "calm", "calm"] {
+        cancelled(&bench, tenant).await;
+        bench.pass(Duration::from_millis(5));
+    }
+    let mut order = Vec::new();
+    while let Some(due) = bench.store.claim_delivery(LEASE, 3).await.expect("an answer") {
+        order.push(due.tenant);
+    }
+    assert_eq!(order, ["busy", "calm", "busy", "calm", "busy"], "the fourth of the busy one has to wait");
+}
+
+async fn many_couriers_at_once_never_get_the_same_delivery(bench: Bench) {
+    endpoint(&bench, "shop").await;
+    for _ in 0..40 {
+        cancelled(&bench, "shop").await;
+    }
+    let bench = Arc::new(bench);
+    let couriers: Vec<_> = (0..6)
+        .map(|_| {
+            let bench = Arc::clone(&bench);
+            tokio::spawn(async move {
+                let mut mine = Vec::new();
+                while let Some(due) = claim(&bench).await {
+                    settle(&bench, &due, Verdict::Delivered).await;
+                    mine.push(due.id);
+                }
+                mine
+            })
+        })
+        .collect();
+    let mut all = Vec::new();
+    for courier in couriers {
+        all.extend(courier.await.expect("no panic"));
+    }
+    assert_eq!(all.len(), 40);
+    all.sort();
+    all.dedup();
+    assert_eq!(all.len(), 40);
+}
+
+async fn an_endpoint_is_disabled_when_it_is_gone_or_fails_for_days(bench: Bench) {
+    let store = &bench.store;
+    let gone = endpoint(&bench, "shop").await;
+    for _ in 0..2 {
+        cancelled(&bench, "shop").await;
+    }
+    let due = claim(&bench).await.expect("due");
+    assert!(settle(&bench, &due, Verdict::Gone).await);
+    let known = store.endpoint("shop", &gone.id).await.expect("an answer").expect("there");
+    assert!(known.disabled.is_some_and(|(_, why)| why.contains("410")));
+    assert_eq!(claim(&bench).await, None, "nothing more goes there");
+    assert!(all_of(&bench, "shop").await.iter().all(|delivery| delivery.status == DeliveryStatus::Failed));
+    cancelled(&bench, "shop").await;
+    assert_eq!(all_of(&bench, "shop").await.len(), 2, "it is told of nothing");
+    let on = EndpointChange { enabled: Some(true), ..EndpointChange::default() };
+    let known = store.change_endpoint("shop", &gone.id, on).await.expect("an answer").expect("there");
+    assert_eq!((known.disabled, known.failing_since), (None, None));
+
+    let wait = FAILING / 4;
+    cancelled(&bench, "shop").await;
+    let mut disabled = Vec::new();
+    for _ in 0..5 {
+        let due = claim(&bench).await.expect("due");
+        disabled.push(settle(&bench, &due, Verdict::Again(wait)).await);
+        bench.pass(wait);
+    }
+    assert_eq!(disabled, [false, false, false, false, true], "five days after the first failure");
+    let on = EndpointChange { enabled: Some(true), ..EndpointChange::default() };
+    store.change_endpoint("shop", &gone.id, on).await.expect("an answer").expect("there");
+    cancelled(&bench, "shop").await;
+    for verdict in [Verdict::Again(FAILING), Verdict::Delivered] {
+        let due = claim(&bench).await.expect("due");
+        assert!(!settle(&bench, &due, verdict).await);
+        bench.pass(FAILING - Duration::from_secs(1));
+        cancelled(&bench, "shop").await;
+    }
+    let due = claim(&bench).await.expect("due");
+    assert!(!settle(&bench, &due, Verdict::Failed).await, "the last success ended the row of failures");
+}
+
+async fn what_was_given_up_or_delivered_is_sent_again_when_asked_for(bench: Bench) {
+    let store = &bench.store;
+    let endpoint = endpoint(&bench, "shop").await;
+    cancelled(&bench, "shop").await;
+    let again = async |tenant: &str, id: &str| store.redeliver(tenant, id).await.expect("an answer");
+    for verdict in [Verdict::Failed, Verdict::Delivered, Verdict::Again(Duration::from_secs(3600))] {
+        let due = claim(&bench).await.expect("due");
+        assert_eq!(due.tries, 1);
+        settle(&bench, &due, verdict).await;
+        assert_eq!(claim(&bench).await, None);
+        assert_eq!(again("rival", &due.id).await, Redelivered::Unknown);
+        assert_eq!(again("shop", &due.id).await, Redelivered::Yes);
+    }
+    let late = claim(&bench).await.expect("due");
+    assert_eq!(late.tries, 2, "it was still waiting, so its tries go on");
+    assert_eq!(again("shop", &late.id).await, Redelivered::Yes);
+    let due = claim(&bench).await.expect("due though it is under way");
+    settle(&bench, &late, Verdict::Delivered).await;
+    assert_eq!(all_of(&bench, "shop").await[0].status, DeliveryStatus::Pending);
+    settle(&bench, &due, Verdict::Failed).await;
+    let off = EndpointChange { enabled: Some(false), ..EndpointChange::default() };
+    store.change_endpoint("shop", &endpoint.id, off).await.expect("an answer").expect("there");
+    assert_eq!(again("shop", &due.id).await, Redelivered::Disabled);
+    assert_eq!(store.send_ping("shop", &endpoint.id).await.expect("an answer"), None);
+}
+
+async fn a_secret_that_was_replaced_is_known_beside_the_new_one(bench: Bench) {
+    let store = &bench.store;
+    let endpoint = endpoint(&bench, "shop").await;
+    let day = Duration::from_secs(24 * 3600);
+    let rotated = store.rotate_endpoint("shop", &endpoint.id, &secret("c2Vjb25k"), day).await;
+    let secrets = rotated.expect("an answer").expect("there").secrets;
+    let (old, until) = secrets.previous.clone().expect("the old one");
+    assert_eq!((&secrets.current, old), (&secret("c2Vjb25k"), secret("Zmlyc3Q=")));
+    assert_eq!(until.unix_timestamp(), 1_800_000_000 + 24 * 3600);
+    cancelled(&bench, "shop").await;
+    assert_eq!(claim(&bench).await.expect("due").secrets, Some(secrets));
+    assert_eq!(store.rotate_endpoint("rival", &endpoint.id, &secret("eA=="), day).await.expect("an answer"), None);
+
+    let callback_url = Some("https://other.example/".to_owned());
+    let job = store.submit(NewJob { callback_url, ..Bench::job("other") }).await.expect("accepted");
+    store.cancel(job.id).await.expect("an answer");
+    let due = claim(&bench).await.expect("due");
+    assert_eq!((due.secrets.as_ref(), due.endpoint.as_ref()), (None, None), "there is none yet");
+    let first = store.callback_secrets("other", &secret("YQ==")).await.expect("secrets");
+    let same = store.callback_secrets("other", &secret("Yg==")).await.expect("secrets");
+    assert_eq!((&first.current, &same), (&secret("YQ=="), &first));
+    let new = store.rotate_callback_secret("other", &secret("Yw=="), day).await.expect("secrets");
+    assert_eq!((&new.current, new.previous.as_ref().map(|(old, _)| old)), (&secret("Yw=="), Some(&secret("YQ=="))));
+    assert_eq!(store.rotate_callback_secret("new", &secret("ZA=="), day).await.expect("secrets").previous, None);
+    settle(&bench, &due, Verdict::Again(Duration::ZERO)).await;
+    assert_eq!(claim(&bench).await.expect("due").secrets, Some(new));
+}
+
+async fn endpoints_are_their_tenants_own_and_no_more_than_may_be(bench: Bench) {
+    let store = &bench.store;
+    let own = endpoint(&bench, "shop").await;
+    let more = store.create_endpoint(new_endpoint("shop", &JobEvent::ALL), 1).await.expect("an answer");
+    assert_eq!(more, None);
+    let theirs = store.create_endpoint(new_endpoint("rival", &JobEvent::ALL), 1).await.expect("an answer");
+    let theirs = theirs.expect("each has its own");
+    assert_eq!(store.endpoints("shop").await.expect("an answer"), std::slice::from_ref(&own));
+    let change = EndpointChange {
+        url: Some("https://shop.example/new".into()),
+        events: Some(vec![JobEvent::Failed]),
+        ..EndpointChange::default()
+    };
+    assert_eq!(store.change_endpoint("shop", &theirs.id, change.clone()).await.expect("an answer"), None);
+    assert_eq!(store.endpoint("shop", &theirs.id).await.expect("an answer"), None);
+    assert_eq!(store.send_ping("shop", &theirs.id).await.expect("an answer"), None);
+    assert!(!store.delete_endpoint("shop", &theirs.id).await.expect("an answer"));
+    let changed = store.change_endpoint("shop", &own.id, change).await.expect("an answer").expect("there");
+    assert_eq!(
+        (changed.url.as_str(), changed.events.as_slice()),
+        ("https://shop.example/new", &[JobEvent::Failed][..])
+    );
+    assert_eq!(changed.description, own.description);
+
+    assert!(store.send_ping("shop", &own.id).await.expect("an answer").is_some());
+    let due = claim(&bench).await.expect("whatever it is told of");
+    assert_eq!((due.url.as_str(), due.tenant.as_str()), ("https://shop.example/new", "shop"));
+    assert!(due.payload.contains("\"ping\""), "{}", due.payload);
+    assert!(store.delete_endpoint("shop", &own.id).await.expect("an answer"));
+    assert!(all_of(&bench, "shop").await.is_empty());
+    assert!(!settle(&bench, &due, Verdict::Gone).await, "it is gone with its endpoint");
+}
+
+async fn what_was_told_is_forgotten_with_its_job_or_after_a_while(bench: Bench) {
+    let store = &bench.store;
+    endpoint(&bench, "shop").await;
+    let (kept, deleted) = (cancelled(&bench, "shop").await, cancelled(&bench, "shop").await);
+    let due = claim(&bench).await.expect("due");
+    bench.pass(Duration::from_secs(5));
+    let backlog = store.backlog().await.expect("an answer");
+    assert_eq!((backlog.pending, backlog.overdue), (2, Duration::from_secs(5)));
+    assert!(store.purge(deleted.id).await.expect("an answer"));
+    let left: Vec<_> = all_of(&bench, "shop").await.into_iter().map(|delivery| delivery.job).collect();
+    assert_eq!(left, [Some(kept.id)]);
+    settle(&bench, &due, Verdict::Delivered).await;
+    assert_eq!(store.backlog().await.expect("an answer").pending, 0);
+    bench.pass(Duration::from_secs(60));
+    assert_eq!(store.forget_messages(Duration::from_secs(3600)).await.expect("an answer"), 0);
+    assert_eq!(store.forget_messages(Duration::from_secs(60)).await.expect("an answer"), 1);
+    assert!(all_of(&bench, "shop").await.is_empty());
+}
