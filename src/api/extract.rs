@@ -1,10 +1,14 @@
 use axum::extract::{FromRequest, FromRequestParts, Path, Query, Request};
+use axum::http::header;
 use axum::http::request::Parts;
+use futures::StreamExt;
+use serde::Deserialize;
 use serde::de::DeserializeOwned;
 
 use super::caller::Caller;
 use super::problem::{Problem, ProblemCode};
 use super::state::ApiState;
+use super::upload::{source_problem, with_patience};
 use crate::jobs::{Job, JobId};
 
 /// Axum's query extractor with a problem for a rejection.
@@ -26,13 +30,30 @@ pub(super) struct ApiJson<T>(pub T);
 impl<T: DeserializeOwned> FromRequest<ApiState> for ApiJson<T> {
     type Rejection = Problem;
 
-    async fn from_request(request: Request, _: &ApiState) -> Result<Self, Problem> {
-        let invalid = |detail: String| Problem::new(ProblemCode::InvalidRequest, detail);
-        let bytes = axum::body::to_bytes(request.into_body(), JSON_BYTES).await.map_err(|_| {
-            invalid(format!("The body did not come whole, or is larger than {} KiB.", JSON_BYTES >> 10))
-        })?;
-        serde_json::from_slice(&bytes).map(Self).map_err(|e| invalid(format!("The body can't be read: {e}.")))
+    async fn from_request(request: Request, state: &ApiState) -> Result<Self, Problem> {
+        parse(&read_small(state, request).await?).map(Self)
     }
+}
+
+/// A body of bounded size that does not stop coming.
+pub(super) async fn read_small(state: &ApiState, request: Request) -> Result<Vec<u8>, Problem> {
+    let source = with_patience(request.into_body().into_data_stream(), state.config.upload_idle);
+    let mut source = std::pin::pin!(source);
+    let mut text = Vec::new();
+    while let Some(chunk) = source.next().await {
+        text.extend_from_slice(&chunk.map_err(|error| source_problem(&error))?);
+        if text.len() > JSON_BYTES {
+            let detail = format!("The body is larger than the {} KiB that this address takes.", JSON_BYTES >> 10);
+            return Err(Problem::new(ProblemCode::PayloadTooLarge, detail).with_header(header::CONNECTION, "close"));
+        }
+    }
+    Ok(text)
+}
+
+/// What a body of JSON says.
+pub(super) fn parse<'a, T: Deserialize<'a>>(text: &'a [u8]) -> Result<T, Problem> {
+    let refused = |error| Problem::new(ProblemCode::InvalidRequest, format!("The body can't be read: {error}."));
+    serde_json::from_slice(text).map_err(refused)
 }
 
 /// The id of a job in a path. A text that is no id names no job.

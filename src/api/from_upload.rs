@@ -6,13 +6,14 @@ use serde_json::{Map, Value};
 use utoipa::ToSchema;
 
 use super::caller::Caller;
+use super::extract::{parse, read_small};
 use super::file_name::clean_name;
 use super::idempotency::Asked;
 use super::incoming::{File, Notes, Upload, inputs, job_options};
 use super::problem::{Problem, ProblemCode};
 use super::state::ApiState;
 use super::upload::{Room, too_large};
-use super::uploads::{find_upload, no_upload, parse, read_json, sent_bytes};
+use super::uploads::{find_upload, no_upload, sent_bytes};
 use crate::blobs::{BlobError, Blobs};
 use crate::jobs::{Input, JobId, JobOptions, Metadata};
 
@@ -52,7 +53,7 @@ pub(super) async fn from_upload(
     request: Request,
     asked: &Asked,
 ) -> Result<Upload, Problem> {
-    let text = read_json(state, request).await?;
+    let text = read_small(state, request).await?;
     let SubmitUpload { source, options, name, metadata, callback_url } = parse(&text)?;
     let options = job_options(options)?;
     let mut notes = Notes::default();

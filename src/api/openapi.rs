@@ -92,7 +92,9 @@ fn document_admission(document: &mut utoipa::openapi::OpenApi) {
     });
     for operation in operations {
         operation.security = Some(vec![SecurityRequirement::default(), SecurityRequirement::new("key", [""; 0])]);
-        for (status, description) in answers {
+        let of_bodies = [("408", "The body stopped coming"), ("413", "The body is too large")];
+        let of_bodies = of_bodies.into_iter().filter(|_| operation.request_body.is_some());
+        for (status, description) in answers.into_iter().chain(of_bodies) {
             let content = ContentBuilder::new().schema(Some(Ref::from_schema_name("Problem"))).build();
             let answer = ResponseBuilder::new().description(description).content("application/problem+json", content);
             operation.responses.responses.entry(status.to_owned()).or_insert_with(|| answer.build().into());

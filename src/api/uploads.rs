@@ -6,7 +6,6 @@ use axum::Json;
 use axum::extract::{Request, State};
 use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
-use futures::StreamExt;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 use time::OffsetDateTime;
@@ -14,18 +13,15 @@ use utoipa::{IntoParams, ToSchema};
 use uuid::Uuid;
 
 use super::caller::MayWrite;
-use super::extract::{ApiPath, ApiQuery, text_header};
+use super::extract::{ApiPath, ApiQuery, parse, read_small, text_header};
 use super::file_name::clean_name;
 use super::incoming::RawModel;
 use super::problem::{Problem, ProblemCode};
 use super::state::ApiState;
 use super::submit::{busy, has_room};
-use super::upload::{Room, source_problem, too_large, with_patience};
+use super::upload::{Room, too_large, with_patience};
 use crate::blobs::{BlobError, Blobs};
 use crate::jobs::{NewUpload, PendingUpload, UPLOAD_LIFE, UPLOAD_OPEN, UploadId};
-
-/// Largest JSON body of these requests and of a job made of an upload.
-const JSON_BYTES: usize = 64 << 10;
 
 /// What is known of a file before it is sent.
 #[derive(Debug, Default, Deserialize, ToSchema)]
@@ -96,7 +92,7 @@ pub(super) async fn announce_upload(
 ) -> Result<Response, Problem> {
     let media_type = text_header(request.headers(), &header::CONTENT_TYPE).unwrap_or_default();
     let is_json = media_type.split(';').next().is_some_and(|it| it.trim().eq_ignore_ascii_case("application/json"));
-    let asked: UploadRequest = match read_json(&state, request).await?.as_slice() {
+    let asked: UploadRequest = match read_small(&state, request).await?.as_slice() {
         [] => UploadRequest::default(),
         text if is_json => parse(text)?,
         _ => {
@@ -216,24 +212,4 @@ pub(super) async fn sent_bytes(state: &ApiState, key: &str) -> Result<Option<u64
 
 fn token_sha256(token: &str) -> String {
     hex::encode(Sha256::digest(token))
-}
-
-/// A small body.
-pub(super) async fn read_json(state: &ApiState, request: Request) -> Result<Vec<u8>, Problem> {
-    let source = with_patience(request.into_body().into_data_stream(), state.config.upload_idle);
-    let mut source = std::pin::pin!(source);
-    let mut text = Vec::new();
-    while let Some(chunk) = source.next().await {
-        text.extend_from_slice(&chunk.map_err(|error| source_problem(&error))?);
-        if text.len() > JSON_BYTES {
-            let detail = format!("The body is larger than the {} KiB that this address takes.", JSON_BYTES >> 10);
-            return Err(Problem::new(ProblemCode::PayloadTooLarge, detail).with_header(header::CONNECTION, "close"));
-        }
-    }
-    Ok(text)
-}
-
-pub(super) fn parse<'a, T: Deserialize<'a>>(text: &'a [u8]) -> Result<T, Problem> {
-    let refused = |error| Problem::new(ProblemCode::InvalidRequest, format!("The body can't be read: {error}."));
-    serde_json::from_slice(text).map_err(refused)
 }

@@ -18,6 +18,7 @@ mod faults;
 mod idempotency;
 mod jobs;
 mod limits;
+mod load;
 mod operations;
 mod outbox;
 #[path = "../support/postgres.rs"]

@@ -1,0 +1,119 @@
+//! Many clients at once, who send more than workers can do: answers stay right and quick, and memory stays what it is.
+//!
+//! `MESHMEND_LOAD_S=600 cargo test --release --features failpoints --test service -- --ignored --nocapture load` is the long run.
+
+use std::io::Write;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
+
+use reqwest::Client;
+use serde_json::Value;
+
+use crate::files;
+use crate::server::{Program, Start};
+
+/// What the clients saw.
+#[derive(Default)]
+struct Seen {
+    stop: AtomicBool,
+    accepted: AtomicUsize,
+    refused: AtomicUsize,
+    /// Times of status reads, in microseconds.
+    reads: Mutex<Vec<u64>>,
+    wrong: Mutex<Vec<String>>,
+}
+
+/// Submits a job, looks at it now and then, and submits the next.
+async fn client(url: String, seen: Arc<Seen>) {
+    let http = Client::new();
+    while !seen.stop.load(Ordering::Relaxed) {
+        let submit = http.post(format!("{url}/v1/jobs?max_tier=1&pictures=false")).header("cache-control", "no-cache");
+        let id = match submit.body(files::broken_box()).send().await {
+            Ok(answer) if answer.status() == 202 => {
+                seen.accepted.fetch_add(1, Ordering::Relaxed);
+                let job: Value = answer.json().await.expect("a job");
+                job["id"].as_str().expect("an id").to_owned()
+            }
+            Ok(answer) if answer.status() == 429 && answer.headers().contains_key("retry-after") => {
+                seen.refused.fetch_add(1, Ordering::Relaxed);
+                tokio::time::sleep(Duration::from_millis(200)).await;
+                continue;
+            }
+            other => {
+                seen.wrong.lock().expect("a list").push(format!("submit: {other:?}"));
+                continue;
+            }
+        };
+        for _ in 0..5 {
+            tokio::time::sleep(Duration::from_millis(100)).await;
+            let asked = Instant::now();
+            match http.get(format!("{url}/v1/jobs/{id}")).send().await {
+                Ok(answer) if answer.status() == 200 => {
+                    let job = answer.json::<Value>().await;
+                    let took = u64::try_from(asked.elapsed().as_micros()).expect("short");
+                    seen.reads.lock().expect("a list").push(took);
+                    assert!(job.is_ok_and(|job| job["id"] == id.as_str()));
+                }
+                other => seen.wrong.lock().expect("a list").push(format!("read: {other:?}")),
+            }
+        }
+    }
+}
+
+/// Resident memory of a process in MiB.
+fn memory(program: &Program) -> u64 {
+    let status = std::fs::read_to_string(format!("/proc/{}/status", program.pid())).expect("a process");
+    let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:")).expect("its memory");
+    line.trim().trim_end_matches(" kB").parse::<u64>().expect("a number") >> 10
+}
+
+/// Answers the 99th percentile of status reads.
+async fn bear(clients: usize, time: Duration) -> Duration {
+    let data = tempfile::tempdir().expect("a folder");
+    let most = (clients / 2).to_string();
+    let program = Start::serve(data.path()).arg("--workers", "1").arg("--max-queued", most).start();
+    crate::server::use_ring();
+    let seen = Arc::new(Seen::default());
+    let clients: Vec<_> = (0..clients).map(|_| tokio::spawn(client(program.url.clone(), Arc::clone(&seen)))).collect();
+    tokio::time::sleep(time / 3).await;
+    let early = memory(&program);
+    tokio::time::sleep(time - time / 3).await;
+    let late = memory(&program);
+    seen.stop.store(true, Ordering::Relaxed);
+    for client in clients {
+        client.await.expect("a client's end");
+    }
+    let wrong = seen.wrong.lock().expect("a list").clone();
+    assert!(wrong.is_empty(), "{} wrong answers, such as {}", wrong.len(), wrong[0]);
+    let (accepted, refused) = (seen.accepted.load(Ordering::Relaxed), seen.refused.load(Ordering::Relaxed));
+    assert!(accepted > 0 && refused > 0, "{accepted} accepted, {refused} refused: the queue was never full");
+    assert!(late <= early + early / 4 + 16, "memory grew from {early} to {late} MiB");
+    let mut reads = std::mem::take(&mut *seen.reads.lock().expect("a list"));
+    reads.sort_unstable();
+    let at = |share: f64| Duration::from_micros(reads[((reads.len() - 1) as f64 * share) as usize]);
+    let line = format!(
+        "{accepted} accepted, {refused} refused, {} reads: median {:?}, p99 {:?}, most {:?}; memory {early} -> {late} MiB",
+        reads.len(),
+        at(0.5),
+        at(0.99),
+        at(1.0)
+    );
+    let _ = writeln!(std::io::stderr(), "{line}");
+    at(0.99)
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_full_queue_refuses_what_is_too_much_and_answers_the_rest() {
+    let slowest = bear(40, Duration::from_secs(6)).await;
+    // Clients, workers and other tests share the processors here.
+    assert!(slowest < Duration::from_secs(2), "{slowest:?}");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+#[ignore = "takes minutes"]
+async fn two_hundred_clients_are_answered_quickly_for_minutes() {
+    let seconds = std::env::var("MESHMEND_LOAD_S").ok().and_then(|n| n.parse().ok()).unwrap_or(600);
+    let slowest = bear(200, Duration::from_secs(seconds)).await;
+    assert!(slowest < Duration::from_millis(50), "{slowest:?}");
+}
