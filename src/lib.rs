@@ -35,6 +35,7 @@ pub mod repair;
 pub mod sandbox;
 pub mod simplify;
 pub mod telemetry;
+pub mod tls;
 pub mod webhooks;
 pub mod worker;
 

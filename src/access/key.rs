@@ -53,14 +53,20 @@ impl FromStr for KeyKind {
     }
 }
 
-/// A secret as its holder shows it: a prefix that tells the kind, and 244 random bits in hexadecimal.
+/// What nobody can guess: 244 bits of the operating system's random numbers, as 64 hexadecimal digits.
+#[must_use]
+pub fn random_hex() -> String {
+    format!("{}{}", Uuid::new_v4().simple(), Uuid::new_v4().simple())
+}
+
+/// A secret as its holder shows it: a prefix that tells the kind, and [`random_hex`].
 pub struct Secret(String);
 
 impl Secret {
-    /// A new one, from the operating system's random numbers.
+    /// A new one.
     #[must_use]
     pub fn new(kind: KeyKind) -> Self {
-        Self(format!("{}{}{}", kind.prefix(), Uuid::new_v4().simple(), Uuid::new_v4().simple()))
+        Self(format!("{}{}", kind.prefix(), random_hex()))
     }
 
     /// The text to hand to its holder, once.
@@ -97,6 +103,12 @@ impl Token {
     #[must_use]
     pub fn as_str(&self) -> &str {
         &self.0
+    }
+}
+
+impl From<Token> for String {
+    fn from(token: Token) -> Self {
+        token.0
     }
 }
 

@@ -7,6 +7,6 @@ mod key;
 mod scope;
 mod tenant;
 
-pub use key::{AccessKey, KeyKind, NewKey, Secret, Token};
+pub use key::{AccessKey, KeyKind, NewKey, Secret, Token, random_hex};
 pub use scope::{Scope, ScopeError, Scopes};
 pub use tenant::{DEFAULT_TENANT, TenantLimits, TenantName, TenantNameError};

@@ -13,8 +13,8 @@ use super::caller::Caller;
 use super::extract::text_header;
 use super::problem::{Problem, ProblemCode};
 use super::state::ApiState;
-use crate::access::{AccessKey, KeyKind, TenantName, Token};
-use crate::jobs::{Clock, SystemClock};
+use crate::access::{AccessKey, DEFAULT_TENANT, KeyKind, TenantLimits, TenantName, Token};
+use crate::jobs::SystemClock;
 use crate::telemetry;
 
 /// Longest secret that is looked at, in bytes.
@@ -106,7 +106,7 @@ fn bearer(headers: &HeaderMap) -> Option<&str> {
 
 async fn let_in(state: &ApiState, headers: &HeaderMap, shown: Option<&str>) -> Result<Caller, Problem> {
     let origin = headers.get(header::ORIGIN);
-    let key = match shown {
+    let known = match shown {
         Some(secret) => Some(find_key(state, secret).await?),
         None if headers.contains_key(header::AUTHORIZATION) => {
             return Err(unauthorized("The header Authorization must be 'Bearer' and a key."));
@@ -116,8 +116,8 @@ async fn let_in(state: &ApiState, headers: &HeaderMap, shown: Option<&str>) -> R
         }
         None => None,
     };
-    match &key {
-        Some(key) if key.kind == KeyKind::Browser => {
+    match &known {
+        Some((key, _)) if key.kind == KeyKind::Browser => {
             let own = key.origin.as_deref();
             if own.is_some() && origin.and_then(|origin| origin.to_str().ok()) != own {
                 return Err(wrong_origin("The token is for pages of another origin."));
@@ -130,20 +130,21 @@ async fn let_in(state: &ApiState, headers: &HeaderMap, shown: Option<&str>) -> R
         }
         None => {}
     }
-    let tenant = key.as_ref().map_or_else(TenantName::default, |key| key.tenant.clone());
-    let limits = state.store.limits(tenant.as_str()).await?.or(state.config.tenant_limits);
-    Ok(Caller { tenant, key, limits })
+    let (tenant, key, limits) = match known {
+        Some((key, limits)) => (key.tenant.clone(), Some(key), limits),
+        None => (TenantName::default(), None, state.store.limits(DEFAULT_TENANT).await?),
+    };
+    Ok(Caller { tenant, key, limits: limits.or(state.config.tenant_limits) })
 }
 
-/// The key of a secret, if it is worth something.
-async fn find_key(state: &ApiState, secret: &str) -> Result<AccessKey, Problem> {
+/// The key of a secret, if it is worth something, and its tenant's limits.
+async fn find_key(state: &ApiState, secret: &str) -> Result<(AccessKey, TenantLimits), Problem> {
     let known = if secret.len() <= SECRET_BYTES { state.store.find_key(&Token::of(secret)).await? } else { None };
-    let Some(key) = known else {
+    let Some((key, limits)) = known else {
         metrics::counter!(telemetry::KEYS_REFUSED).increment(1);
         return Err(unauthorized("The key is unknown, revoked or expired."));
     };
-    let now = OffsetDateTime::from_unix_timestamp_nanos(i128::from(SystemClock.now_ms()) * 1_000_000);
-    let is_stale = |last: OffsetDateTime| now.is_ok_and(|now| now - last > TOUCH_AFTER);
+    let is_stale = |last: OffsetDateTime| SystemClock.now() - last > TOUCH_AFTER;
     if key.last_used_at.is_none_or(is_stale) {
         let (store, id) = (state.store.clone(), key.id.clone());
         tokio::spawn(async move {
@@ -152,7 +153,7 @@ async fn find_key(state: &ApiState, secret: &str) -> Result<AccessKey, Problem> 
             }
         });
     }
-    Ok(key)
+    Ok((key, limits))
 }
 
 fn unauthorized(detail: &str) -> Problem {

@@ -10,7 +10,7 @@ use http_range_header::StartPosition;
 use super::caller::MayRead;
 use super::extract::{ApiPath, find_job, job_id, text_header};
 use super::jobs::names;
-use super::problem::{Problem, ProblemCode};
+use super::problem::{Problem, ProblemCode, shown};
 use super::state::ApiState;
 use crate::blobs::BlobError;
 use crate::jobs::{Artifact, Status};
@@ -59,7 +59,7 @@ pub(super) async fn get_artifact(
         ));
     }
     let Some(artifact) = job.artifacts.get(&name) else {
-        let shown: String = name.chars().take(64).collect();
+        let shown = shown(&name);
         let detail = if job.status.is_final() {
             let known: Vec<&str> = job.artifacts.keys().map(String::as_str).collect();
             format!(

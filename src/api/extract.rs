@@ -6,7 +6,7 @@ use serde::Deserialize;
 use serde::de::DeserializeOwned;
 
 use super::caller::Caller;
-use super::problem::{Problem, ProblemCode};
+use super::problem::{Problem, ProblemCode, shown};
 use super::state::ApiState;
 use super::upload::{source_problem, with_patience};
 use crate::jobs::{Job, JobId};
@@ -52,16 +52,13 @@ pub(super) async fn read_small(state: &ApiState, request: Request) -> Result<Vec
 
 /// What a body of JSON says.
 pub(super) fn parse<'a, T: Deserialize<'a>>(text: &'a [u8]) -> Result<T, Problem> {
-    let refused = |error| Problem::new(ProblemCode::InvalidRequest, format!("The body can't be read: {error}."));
-    serde_json::from_slice(text).map_err(refused)
+    serde_json::from_slice(text).map_err(|error| Problem::invalid_request(format!("The body can't be read: {error}.")))
 }
 
 /// The id of a job in a path. A text that is no id names no job.
 pub(super) fn job_id(text: &str) -> Result<JobId, Problem> {
-    text.parse().map_err(|error| {
-        let shown: String = text.chars().take(64).collect();
-        Problem::new(ProblemCode::JobNotFound, format!("There is no job '{shown}': {error}."))
-    })
+    text.parse()
+        .map_err(|error| Problem::new(ProblemCode::JobNotFound, format!("There is no job '{}': {error}.", shown(text))))
 }
 
 /// The job of that id, if it is there for the caller and not deleted.
@@ -71,6 +68,19 @@ pub(super) async fn find_job(state: &ApiState, caller: &Caller, id: JobId) -> Re
         Some(job) if job.purged => Err(Problem::new(ProblemCode::JobDeleted, format!("The job '{id}' was deleted."))),
         Some(job) => Ok(job),
     }
+}
+
+/// How many items a page is to have: as many as were asked for, 50 where nothing was said, at most 200.
+pub(super) fn page_limit(asked: Option<u32>) -> Result<u32, Problem> {
+    match asked.unwrap_or(50) {
+        limit @ 1..=200 => Ok(limit),
+        limit => Err(Problem::invalid_request(format!("limit is {limit}; it must be between 1 and 200."))),
+    }
+}
+
+/// That a page can't begin at a cursor.
+pub(super) fn unknown_cursor() -> Problem {
+    Problem::invalid_request("cursor is not one that this service gave; take 'next' of the page before.")
 }
 
 /// A header as text, if it is there and is text.

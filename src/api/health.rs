@@ -1,6 +1,6 @@
 use std::collections::BTreeMap;
 use std::io::Write;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -19,7 +19,7 @@ use super::catalogue::{ProblemDoc, catalogue};
 use super::extract::ApiPath;
 use super::problem::{Problem, ProblemCode};
 use super::state::ApiState;
-use crate::blobs::Blobs;
+use crate::blobs::{Blobs, free_bytes};
 use crate::jobs::{Status, Store};
 use crate::telemetry;
 
@@ -140,11 +140,6 @@ impl Health {
         }
         ([(header::CONTENT_TYPE, "text/plain; version=0.0.4; charset=utf-8")], self.metrics.render()).into_response()
     }
-}
-
-fn free_bytes(folder: &Path) -> std::io::Result<u64> {
-    let disk = rustix::fs::statvfs(folder)?;
-    Ok(disk.f_bavail.saturating_mul(disk.f_frsize))
 }
 
 async fn check<T, E: std::fmt::Display>(result: impl Future<Output = Result<T, E>>) -> Result<T, String> {

@@ -62,7 +62,7 @@ pub(super) async fn ask(
         let detail = format!(
             "The header Idempotency-Key must be given once, with 1 to {KEY_BYTES} visible ASCII characters, such as a UUID."
         );
-        return Err(Problem::new(ProblemCode::InvalidRequest, detail));
+        return Err(Problem::invalid_request(detail));
     }
     match store.hold_key(tenant.as_str(), key, job).await? {
         KeyState::Held => Ok(Asked::Held(HeldKey::new(Arc::clone(store), tenant.clone(), key.to_owned(), job))),

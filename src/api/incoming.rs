@@ -17,7 +17,7 @@ use super::extract::text_header;
 use super::file_name::{clean_name, disposition_name};
 use super::from_upload::from_upload;
 use super::idempotency::Asked;
-use super::problem::{Problem, ProblemCode};
+use super::problem::{Problem, ProblemCode, shown};
 use super::state::ApiState;
 use super::upload::{Room, SourceError, one_at_a_time, source_problem, with_patience};
 use crate::blobs::{Blobs, Stored};
@@ -84,9 +84,10 @@ impl Notes {
 
     /// Notes one of them.
     pub fn take(&mut self, name: &str, text: &str, reach: Reach) -> Result<(), Problem> {
-        let invalid = |detail: String| Problem::new(ProblemCode::InvalidOptions, detail);
         if name == "callback_url" {
-            let url = reach.read(text).map_err(|error| invalid(format!("callback_url can't be used: {error}.")))?;
+            let url = reach
+                .read(text)
+                .map_err(|error| Problem::invalid_value(format!("callback_url can't be used: {error}.")))?;
             self.callback_url = Some(url.into());
             return Ok(());
         }
@@ -95,11 +96,12 @@ impl Notes {
             METADATA_BYTES >> 10
         );
         if text.len() > METADATA_BYTES {
-            return Err(invalid(format!("{detail}.")));
+            return Err(Problem::invalid_value(format!("{detail}.")));
         }
-        self.metadata = serde_json::from_str(text).map_err(|error| invalid(format!("{detail}: {error}.")))?;
+        self.metadata =
+            serde_json::from_str(text).map_err(|error| Problem::invalid_value(format!("{detail}: {error}.")))?;
         if self.metadata.len() > METADATA_ENTRIES {
-            return Err(invalid(format!("{detail}.")));
+            return Err(Problem::invalid_value(format!("{detail}.")));
         }
         Ok(())
     }
@@ -163,7 +165,7 @@ pub(super) async fn read(
 async fn from_body(state: &ApiState, id: JobId, most: u64, request: Request) -> Result<Upload, Problem> {
     let query = request.uri().query().unwrap_or_default();
     let pairs: Vec<(String, String)> = serde_urlencoded::from_str(query)
-        .map_err(|e| Problem::new(ProblemCode::InvalidRequest, format!("The query can't be read: {e}.")))?;
+        .map_err(|e| Problem::invalid_request(format!("The query can't be read: {e}.")))?;
     let (names, pairs): (Vec<_>, Vec<_>) = pairs.into_iter().partition(|(key, _)| key == "name");
     let (said, options): (Vec<_>, Vec<_>) =
         pairs.into_iter().partition(|(key, _)| Notes::NAMES.contains(&key.as_str()));
@@ -188,14 +190,14 @@ fn query_fields(pairs: Vec<(String, String)>) -> Result<Map<String, Value>, Prob
     for (key, text) in pairs {
         let value = serde_json::from_str(&text).unwrap_or(Value::String(text));
         if fields.insert(key.clone(), value).is_some() {
-            return Err(Problem::new(ProblemCode::InvalidOptions, format!("The option '{key}' is given twice.")));
+            return Err(Problem::invalid_value(format!("The option '{key}' is given twice.")));
         }
     }
     Ok(fields)
 }
 
 pub(super) fn job_options(fields: Map<String, Value>) -> Result<JobOptions, Problem> {
-    JobOptions::from_fields(fields).map_err(|error| Problem::new(ProblemCode::InvalidOptions, format!("{error}.")))
+    JobOptions::from_fields(fields).map_err(|error| Problem::invalid_value(format!("{error}.")))
 }
 
 async fn from_form(state: &ApiState, id: JobId, most: u64, request: Request) -> Result<Upload, Problem> {
@@ -211,9 +213,7 @@ async fn from_form(state: &ApiState, id: JobId, most: u64, request: Request) -> 
         Ok::<Bytes, SourceError>(chunk)
     });
     let request = Request::from_parts(parts, Body::from_stream(one_at_a_time(body)));
-    let mut form = Multipart::from_request(request, &())
-        .await
-        .map_err(|e| Problem::new(ProblemCode::InvalidRequest, e.body_text()))?;
+    let mut form = Multipart::from_request(request, &()).await.map_err(|e| Problem::invalid_request(e.body_text()))?;
     let mut room = Room::new(most);
     let mut files: Vec<File> = Vec::new();
     let mut options: Option<JobOptions> = None;
@@ -232,9 +232,8 @@ async fn from_form(state: &ApiState, id: JobId, most: u64, request: Request) -> 
             }
             Some("options") if options.is_none() => {
                 let text = read_text(field, "options").await?;
-                let fields = serde_json::from_slice(&text).map_err(|e| {
-                    Problem::new(ProblemCode::InvalidOptions, format!("The part 'options' can't be read: {e}."))
-                })?;
+                let fields = serde_json::from_slice(&text)
+                    .map_err(|e| Problem::invalid_value(format!("The part 'options' can't be read: {e}.")))?;
                 options = Some(job_options(fields)?);
             }
             Some(name) if Notes::NAMES.contains(&name) => {
@@ -244,14 +243,13 @@ async fn from_form(state: &ApiState, id: JobId, most: u64, request: Request) -> 
             }
             Some("options") => {
                 let detail = "The form has two parts 'options'. Send one for all files.";
-                return Err(Problem::new(ProblemCode::InvalidRequest, detail));
+                return Err(Problem::invalid_request(detail));
             }
             name => {
-                let shown: String = name.unwrap_or_default().chars().take(64).collect();
-                let detail = format!(
-                    "The form has a part '{shown}'. The parts are 'file', 'options', 'metadata' and 'callback_url'."
-                );
-                return Err(Problem::new(ProblemCode::InvalidRequest, detail));
+                let name = shown(name.unwrap_or_default());
+                return Err(Problem::invalid_request(format!(
+                    "The form has a part '{name}'. The parts are 'file', 'options', 'metadata' and 'callback_url'."
+                )));
             }
         }
     }
@@ -269,7 +267,7 @@ fn may_have(files: usize, options: Option<&JobOptions>, most: usize) -> Result<(
     if files > 1 && options.is_some_and(|options| options.mode() == Mode::Repair) {
         let detail = "The form has two parts 'file', and a repair takes one model. Send one model a job, or ask for \
                       the mode 'analyze'.";
-        return Err(Problem::new(ProblemCode::InvalidRequest, detail));
+        return Err(Problem::invalid_request(detail));
     }
     if files > most {
         let detail =
@@ -286,7 +284,7 @@ async fn read_text(mut field: Field<'_>, name: &str) -> Result<Vec<u8>, Problem>
         text.extend_from_slice(&chunk);
         if text.len() > OPTIONS_BYTES {
             let detail = format!("The part '{name}' is larger than {} KiB.", OPTIONS_BYTES >> 10);
-            return Err(Problem::new(ProblemCode::InvalidOptions, detail));
+            return Err(Problem::invalid_value(detail));
         }
     }
     Ok(text)

@@ -9,7 +9,7 @@ use tracing::Instrument;
 use utoipa::{IntoParams, ToSchema};
 
 use super::caller::{MayRead, MayWrite};
-use super::extract::{ApiQuery, PathJobId, find_job, text_header};
+use super::extract::{ApiQuery, PathJobId, find_job, page_limit, text_header, unknown_cursor};
 use super::job_view::JobView;
 use super::problem::{Problem, ProblemCode};
 use super::state::ApiState;
@@ -18,10 +18,6 @@ use crate::jobs::{Cancelled, Job, ListQuery, Status};
 
 /// Longest time a request is held, in seconds.
 const LONGEST_WAIT: u64 = 60;
-/// Jobs on a page of a list, unless asked otherwise.
-const PAGE: u32 = 50;
-/// Most jobs on a page.
-const LARGEST_PAGE: u32 = 200;
 
 #[derive(Debug, Deserialize, IntoParams)]
 #[into_params(parameter_in = Query)]
@@ -143,20 +139,11 @@ pub(super) async fn list_jobs(
     MayRead(caller): MayRead,
     ApiQuery(query): ApiQuery<JobsQuery>,
 ) -> Result<Json<JobPage>, Problem> {
-    let limit = query.limit.unwrap_or(PAGE);
-    if !(1..=LARGEST_PAGE).contains(&limit) {
-        let detail = format!("limit is {limit}; it must be between 1 and {LARGEST_PAGE}.");
-        return Err(Problem::new(ProblemCode::InvalidRequest, detail));
-    }
-    let before = query.cursor.map(|cursor| cursor.parse()).transpose().map_err(|_| {
-        Problem::new(
-            ProblemCode::InvalidRequest,
-            "cursor is not one that this service gave; take 'next' of the page before.",
-        )
-    })?;
+    let limit = page_limit(query.limit)?;
+    let before = query.cursor.map(|cursor| cursor.parse()).transpose().map_err(|_| unknown_cursor())?;
     let (tenant, made_by) = (caller.tenant.to_string(), caller.only_made_by());
     let page = state.store.list(ListQuery { tenant, made_by, status: query.status, before, limit }).await?;
-    let jobs = page.jobs.into_iter().map(|job| JobView::new(job, None, state.config.retention)).collect();
+    let jobs = page.items.into_iter().map(|job| JobView::new(job, None, state.config.retention)).collect();
     Ok(Json(JobPage { jobs, next: page.next.map(|id| id.to_string()) }))
 }
 

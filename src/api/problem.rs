@@ -44,6 +44,11 @@ pub struct Problem {
     pub(super) headers: Vec<(HeaderName, String)>,
 }
 
+/// What a client said as an answer repeats it: its beginning.
+pub(super) fn shown(text: &str) -> &str {
+    text.char_indices().nth(64).map_or(text, |(end, _)| &text[..end])
+}
+
 /// Seconds to wait while the database or the file store does not answer.
 const RETRY_AFTER_S: u32 = 5;
 
@@ -66,6 +71,16 @@ impl Problem {
             errors: Vec::new(),
             headers: Vec::new(),
         }
+    }
+
+    /// A request that can't be understood.
+    pub(super) fn invalid_request(detail: impl Into<String>) -> Self {
+        Self::new(ProblemCode::InvalidRequest, detail)
+    }
+
+    /// A request that is understood, with a value that is out of its range.
+    pub(super) fn invalid_value(detail: impl Into<String>) -> Self {
+        Self::new(ProblemCode::InvalidOptions, detail)
     }
 
     /// Adds a header to the answer.
@@ -166,12 +181,12 @@ impl From<&BlobError> for Problem {
 
 impl From<PathRejection> for Problem {
     fn from(rejection: PathRejection) -> Self {
-        Self::new(ProblemCode::InvalidRequest, rejection.body_text())
+        Self::invalid_request(rejection.body_text())
     }
 }
 
 impl From<QueryRejection> for Problem {
     fn from(rejection: QueryRejection) -> Self {
-        Self::new(ProblemCode::InvalidRequest, rejection.body_text())
+        Self::invalid_request(rejection.body_text())
     }
 }

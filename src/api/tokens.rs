@@ -8,7 +8,7 @@ use utoipa::ToSchema;
 
 use super::caller::MayMakeTokens;
 use super::extract::ApiJson;
-use super::problem::{Problem, ProblemCode};
+use super::problem::Problem;
 use super::state::ApiState;
 use crate::access::{KeyKind, NewKey, Scope, Scopes, Secret};
 
@@ -72,23 +72,24 @@ pub(super) async fn make_token(
     MayMakeTokens(caller): MayMakeTokens,
     ApiJson(asked): ApiJson<NewToken>,
 ) -> Result<Response, Problem> {
-    let invalid = |detail: String| Problem::new(ProblemCode::InvalidOptions, detail);
     let origin = clean_origin(&asked.origin).ok_or_else(|| {
-        invalid("origin must be a scheme, a host and perhaps a port, such as https://shop.example.".to_owned())
+        Problem::invalid_value("origin must be a scheme, a host and perhaps a port, such as https://shop.example.")
     })?;
     let scopes = match asked.scopes {
         None => [Scope::JobsRead, Scope::JobsWrite].into_iter().collect::<Scopes>(),
         Some(scopes) => scopes.into_iter().collect(),
     };
     if let Some(scope) = scopes.iter().find(|scope| !scope.is_for_browsers() || !caller.may(*scope)) {
-        return Err(invalid(format!("A token of this key can't have the scope '{scope}'.")));
+        return Err(Problem::invalid_value(format!("A token of this key can't have the scope '{scope}'.")));
     }
     let life_s = asked.expires_in_s.unwrap_or(LIFE_S);
     if !(SHORTEST_S..=LONGEST_S).contains(&life_s) {
-        return Err(invalid(format!("expires_in_s is {life_s}; it must be between {SHORTEST_S} and {LONGEST_S}.")));
+        return Err(Problem::invalid_value(format!(
+            "expires_in_s is {life_s}; it must be between {SHORTEST_S} and {LONGEST_S}."
+        )));
     }
     if asked.max_bytes == Some(0) {
-        return Err(invalid("max_bytes is 0; it must be at least 1.".to_owned()));
+        return Err(Problem::invalid_value("max_bytes is 0; it must be at least 1."));
     }
     let max_bytes = asked.max_bytes.unwrap_or(u64::MAX).min(caller.max_bytes(state.config.limits.max_bytes));
     let secret = Secret::new(KeyKind::Browser);

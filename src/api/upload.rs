@@ -138,7 +138,7 @@ pub(super) fn source_problem(error: &(dyn Error + 'static)) -> Problem {
                 return Problem::new(ProblemCode::UploadTimeout, detail).with_header(header::CONNECTION, "close");
             }
             Some(SourceError::Form) => {
-                return Problem::new(ProblemCode::InvalidRequest, "The form's headers are too long.")
+                return Problem::invalid_request("The form's headers are too long.")
                     .with_header(header::CONNECTION, "close");
             }
             _ => {}
@@ -152,7 +152,7 @@ pub(super) fn source_problem(error: &(dyn Error + 'static)) -> Problem {
         cause = e.source();
     }
     match form {
-        Some(text) => Problem::new(ProblemCode::InvalidRequest, format!("The form can't be read: {text}.")),
+        Some(text) => Problem::invalid_request(format!("The form can't be read: {text}.")),
         None => Problem::new(ProblemCode::UploadInterrupted, format!("The upload broke off: {error}.")),
     }
 }

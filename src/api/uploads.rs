@@ -7,19 +7,18 @@ use axum::extract::{Request, State};
 use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use serde::{Deserialize, Serialize};
-use sha2::{Digest, Sha256};
 use time::OffsetDateTime;
 use utoipa::{IntoParams, ToSchema};
-use uuid::Uuid;
 
 use super::caller::MayWrite;
 use super::extract::{ApiPath, ApiQuery, parse, read_small, text_header};
 use super::file_name::clean_name;
 use super::incoming::RawModel;
-use super::problem::{Problem, ProblemCode};
+use super::problem::{Problem, ProblemCode, shown};
 use super::state::ApiState;
 use super::submit::{busy, has_room};
 use super::upload::{Room, too_large, with_patience};
+use crate::access::{Token, random_hex};
 use crate::blobs::{BlobError, Blobs};
 use crate::jobs::{NewUpload, PendingUpload, UPLOAD_LIFE, UPLOAD_OPEN, UploadId};
 
@@ -110,12 +109,12 @@ pub(super) async fn announce_upload(
         true => state.blobs.presigned_put(&Blobs::incoming_key(id), UPLOAD_OPEN).await?,
         false => None,
     };
-    let token = format!("{}{}", Uuid::new_v4().simple(), Uuid::new_v4().simple());
+    let token = random_hex();
     let upload = NewUpload {
         id,
         tenant: caller.tenant.to_string(),
         name: asked.name.map(|name| clean_name(Some(&name))),
-        token_sha256: signed.is_none().then(|| token_sha256(&token)),
+        token_sha256: signed.is_none().then(|| Token::of(&token).into()),
     };
     let Some(noted) = state.store.add_upload(upload, state.config.max_queued).await? else {
         let detail = format!(
@@ -168,7 +167,7 @@ pub(super) async fn put_upload(
     request: Request,
 ) -> Result<Response, Problem> {
     let PendingUpload { upload, is_open, job, .. } = find_upload(&state, &id).await?;
-    if upload.token_sha256 != Some(token_sha256(&query.token)) {
+    if upload.token_sha256.as_deref() != Some(Token::of(&query.token).as_str()) {
         return Err(no_upload(&id));
     }
     let key = Blobs::incoming_key(upload.id);
@@ -197,8 +196,7 @@ pub(super) async fn find_upload(state: &ApiState, id: &str) -> Result<PendingUpl
 }
 
 pub(super) fn no_upload(id: &str) -> Problem {
-    let shown: String = id.chars().take(64).collect();
-    Problem::new(ProblemCode::UploadNotFound, format!("There is no upload '{shown}', or its time is over."))
+    Problem::new(ProblemCode::UploadNotFound, format!("There is no upload '{}', or its time is over.", shown(id)))
 }
 
 /// How many bytes were sent to the address of an upload; none if none were.
@@ -208,8 +206,4 @@ pub(super) async fn sent_bytes(state: &ApiState, key: &str) -> Result<Option<u64
         Err(BlobError::NotFound) => Ok(None),
         Err(error) => Err(error.into()),
     }
-}
-
-fn token_sha256(token: &str) -> String {
-    hex::encode(Sha256::digest(token))
 }

@@ -19,6 +19,7 @@ use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 
 use super::put::{Account, Stored};
 use super::{BlobError, CHUNK};
+use crate::tls::use_ring;
 
 /// Bytes of each part of a file but the last. S3 wants at least 5 MiB, and at most 10,000 parts.
 const PART: u64 = 8 << 20;
@@ -62,8 +63,7 @@ pub(super) struct Bucket {
 
 impl Bucket {
     pub fn open(config: &S3Config) -> Result<Self, BlobError> {
-        // object_store's client takes the process's default. An error says that there is one already.
-        let _ = rustls::crypto::ring::default_provider().install_default();
+        use_ring();
         std::fs::create_dir_all(&config.spool)?;
         let address = || BlobError::Address(format!("'{}' is not like s3://bucket or s3://bucket/prefix", config.url));
         let path = config.url.strip_prefix("s3://").ok_or_else(address)?;

@@ -81,8 +81,7 @@ impl Blobs {
             Place::Folder(folder) => folder,
             Place::Bucket(bucket) => &bucket.spool,
         };
-        let disk = rustix::fs::statvfs(folder).map_err(std::io::Error::from)?;
-        Ok(Some(disk.f_bavail.saturating_mul(disk.f_frsize)))
+        Ok(Some(free_bytes(folder)?))
     }
 
     /// The key of a job's uploaded file, counted from 0.
@@ -217,4 +216,13 @@ impl Blobs {
         self.store.delete(&key).await?;
         Ok(())
     }
+}
+
+/// Bytes that may still be written to the disk that a folder is on.
+///
+/// # Errors
+/// When the file system does not tell.
+pub fn free_bytes(folder: &Path) -> std::io::Result<u64> {
+    let disk = rustix::fs::statvfs(folder)?;
+    Ok(disk.f_bavail.saturating_mul(disk.f_frsize))
 }

@@ -1,9 +1,7 @@
 use async_trait::async_trait;
-use sqlx::{ColumnIndex, Decode, Row, Type};
-use time::OffsetDateTime;
 
 use super::StoreError;
-use super::row::corrupt;
+use super::row::{Columns, Reader};
 use crate::access::{AccessKey, NewKey, TenantLimits, TenantName, Token};
 
 /// Where keys and tenants' limits are kept.
@@ -12,8 +10,9 @@ pub trait AccessStore: Send + Sync {
     /// Makes a key that is found by `token` from now on.
     async fn create_key(&self, key: NewKey, token: &Token) -> Result<AccessKey, StoreError>;
 
-    /// The key of that token, if it is worth something: known, neither revoked nor expired, and nor is the one it was made with.
-    async fn find_key(&self, token: &Token) -> Result<Option<AccessKey>, StoreError>;
+    /// The key of that token, if it is worth something: known, neither revoked nor expired, and nor is the one it was made with. With
+    /// it what is set for its tenant.
+    async fn find_key(&self, token: &Token) -> Result<Option<(AccessKey, TenantLimits)>, StoreError>;
 
     /// Notes that a key was used.
     async fn touch_key(&self, id: &str) -> Result<(), StoreError>;
@@ -46,44 +45,44 @@ macro_rules! key_columns {
 pub(super) use key_columns;
 
 /// Reads a key from a row of [`key_columns`].
-pub(super) fn read_key<R: Row>(row: &R) -> Result<AccessKey, StoreError>
-where
-    for<'a> &'a str: ColumnIndex<R>,
-    for<'a> String: Decode<'a, R::Database> + Type<R::Database>,
-    for<'a> i64: Decode<'a, R::Database> + Type<R::Database>,
-{
-    let id: String = row.try_get("id")?;
-    let text = |column: &'static str| -> Result<String, StoreError> { Ok(row.try_get(column)?) };
-    let time = |column: &'static str| -> Result<Option<OffsetDateTime>, StoreError> {
-        let Some(stored) = row.try_get::<Option<i64>, _>(column)? else { return Ok(None) };
-        let time = OffsetDateTime::from_unix_timestamp_nanos(i128::from(stored) * 1_000_000);
-        time.map(Some).map_err(|e| corrupt(&id, column, e))
-    };
+pub(super) fn read_key(row: &impl Columns) -> Result<AccessKey, StoreError> {
+    let from = Reader::new(row)?;
     Ok(AccessKey {
-        tenant: text("tenant")?.parse().map_err(|e| corrupt(&id, "tenant", e))?,
-        kind: text("kind")?.parse().map_err(|()| corrupt(&id, "kind", "unknown"))?,
-        label: text("label")?,
-        scopes: text("scopes")?.parse().map_err(|e| corrupt(&id, "scopes", e))?,
-        origin: row.try_get("origin")?,
-        max_bytes: row.try_get::<Option<i64>, _>("max_bytes")?.map(i64::unsigned_abs),
-        created_at: time("created_at")?.ok_or_else(|| corrupt(&id, "created_at", "no time"))?,
-        expires_at: time("expires_at")?,
-        revoked_at: time("revoked_at")?,
-        last_used_at: time("last_used_at")?,
-        id,
+        tenant: from.parsed("tenant")?,
+        kind: from.parsed("kind")?,
+        label: from.text("label")?,
+        scopes: from.parsed("scopes")?,
+        origin: from.some_text("origin")?,
+        max_bytes: from.some_number("max_bytes")?.map(i64::unsigned_abs),
+        created_at: from.time("created_at")?,
+        expires_at: from.some_time("expires_at")?,
+        revoked_at: from.some_time("revoked_at")?,
+        last_used_at: from.some_time("last_used_at")?,
+        id: from.id,
     })
 }
 
-/// A row of the table of tenants: name, jobs that may wait, jobs that may run, requests in a minute.
-pub(super) type TenantRow = (String, Option<i64>, Option<i64>, Option<i64>);
-
-/// The limits in a row.
-pub(super) fn read_limits((name, queued, running, requests): TenantRow) -> (String, TenantLimits) {
-    let number = |stored: Option<i64>| stored.map(|n| u32::try_from(n).unwrap_or(u32::MAX));
-    let limits = TenantLimits {
-        max_queued: number(queued),
-        max_running: number(running),
-        requests_per_minute: number(requests),
+/// The columns of a tenant's limits, for `SELECT`.
+macro_rules! limit_columns {
+    () => {
+        "max_queued, max_running, requests_per_minute"
     };
-    (name, limits)
+}
+pub(super) use limit_columns;
+
+/// Reads a tenant's limits from a row of [`limit_columns`].
+pub(super) fn read_limits(row: &impl Columns) -> Result<TenantLimits, StoreError> {
+    let number = |column| -> Result<Option<u32>, StoreError> {
+        Ok(row.number(column)?.map(|stored| u32::try_from(stored).unwrap_or(u32::MAX)))
+    };
+    Ok(TenantLimits {
+        max_queued: number("max_queued")?,
+        max_running: number("max_running")?,
+        requests_per_minute: number("requests_per_minute")?,
+    })
+}
+
+/// Reads a tenant's name, as `id`, and its limits.
+pub(super) fn read_tenant(row: &impl Columns) -> Result<(String, TenantLimits), StoreError> {
+    Ok((Reader::new(row)?.id, read_limits(row)?))
 }

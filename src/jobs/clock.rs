@@ -10,10 +10,18 @@ pub trait Clock: Send + Sync {
 #[derive(Debug, Clone, Copy, Default)]
 pub struct SystemClock;
 
+impl SystemClock {
+    /// The time.
+    #[must_use]
+    #[expect(clippy::disallowed_methods, reason = "the one place that asks the operating system")]
+    pub fn now(self) -> OffsetDateTime {
+        OffsetDateTime::now_utc()
+    }
+}
+
 impl Clock for SystemClock {
     fn now_ms(&self) -> i64 {
-        #[expect(clippy::disallowed_methods, reason = "the one place that asks the operating system")]
-        let now = OffsetDateTime::now_utc();
+        let now = self.now();
         now.unix_timestamp() * 1000 + i64::from(now.millisecond())
     }
 }

@@ -1,3 +1,4 @@
+use std::str::FromStr;
 use std::time::Duration;
 
 use serde::Serialize;
@@ -20,17 +21,13 @@ pub(super) fn elapsed(millis: i64) -> Duration {
     Duration::from_millis(u64::try_from(millis).unwrap_or(0))
 }
 
-pub(super) fn from_millis(stored: i64) -> Result<OffsetDateTime, time::error::ComponentRange> {
-    OffsetDateTime::from_unix_timestamp_nanos(i128::from(stored) * 1_000_000)
-}
-
 pub(super) fn count(stored: i64) -> u32 {
     u32::try_from(stored).unwrap_or(0)
 }
 
 /// The moment that so many milliseconds since the Unix epoch are, of a row's column.
 pub(super) fn time(id: &str, column: &'static str, stored: i64) -> Result<OffsetDateTime, StoreError> {
-    from_millis(stored).map_err(|e| corrupt(id, column, e))
+    OffsetDateTime::from_unix_timestamp_nanos(i128::from(stored) * 1_000_000).map_err(|e| corrupt(id, column, e))
 }
 
 /// JSON of a type of this crate, none of which can fail to be written.
@@ -40,6 +37,91 @@ pub(super) fn to_json<T: Serialize>(value: &T) -> String {
 
 pub(super) fn corrupt(id: &str, column: &'static str, reason: impl ToString) -> StoreError {
     StoreError::Corrupt { id: id.to_owned(), column, reason: reason.to_string() }
+}
+
+/// What a row of either database has in its columns, none where that is null.
+pub(super) trait Columns {
+    fn text(&self, column: &str) -> Result<Option<String>, sqlx::Error>;
+    fn number(&self, column: &str) -> Result<Option<i64>, sqlx::Error>;
+}
+
+impl<R: Row> Columns for R
+where
+    for<'a> &'a str: ColumnIndex<R>,
+    for<'a> String: Decode<'a, R::Database> + Type<R::Database>,
+    for<'a> i64: Decode<'a, R::Database> + Type<R::Database>,
+{
+    fn text(&self, column: &str) -> Result<Option<String>, sqlx::Error> {
+        self.try_get(column)
+    }
+
+    fn number(&self, column: &str) -> Result<Option<i64>, sqlx::Error> {
+        self.try_get(column)
+    }
+}
+
+/// Reads columns of one row, and says which one can't be read.
+pub(super) struct Reader<'a, R> {
+    row: &'a R,
+    /// What the row is called in its column `id`.
+    pub id: String,
+}
+
+impl<'a, R: Columns> Reader<'a, R> {
+    pub fn new(row: &'a R) -> Result<Self, StoreError> {
+        let id = row.text("id")?.ok_or_else(|| corrupt("", "id", "null"))?;
+        Ok(Self { row, id })
+    }
+
+    pub fn some_text(&self, column: &'static str) -> Result<Option<String>, StoreError> {
+        Ok(self.row.text(column)?)
+    }
+
+    pub fn text(&self, column: &'static str) -> Result<String, StoreError> {
+        self.there(column, self.row.text(column)?)
+    }
+
+    pub fn some_number(&self, column: &'static str) -> Result<Option<i64>, StoreError> {
+        Ok(self.row.number(column)?)
+    }
+
+    pub fn number(&self, column: &'static str) -> Result<i64, StoreError> {
+        self.there(column, self.row.number(column)?)
+    }
+
+    pub fn count(&self, column: &'static str) -> Result<u32, StoreError> {
+        self.number(column).map(count)
+    }
+
+    pub fn some_time(&self, column: &'static str) -> Result<Option<OffsetDateTime>, StoreError> {
+        self.row.number(column)?.map(|stored| time(&self.id, column, stored)).transpose()
+    }
+
+    pub fn time(&self, column: &'static str) -> Result<OffsetDateTime, StoreError> {
+        self.there(column, self.some_time(column)?)
+    }
+
+    pub fn some_parsed<T: FromStr>(&self, column: &'static str) -> Result<Option<T>, StoreError> {
+        let read = |text: String| text.parse().map_err(|_| corrupt(&self.id, column, format!("'{text}' is none")));
+        self.row.text(column)?.map(read).transpose()
+    }
+
+    pub fn parsed<T: FromStr>(&self, column: &'static str) -> Result<T, StoreError> {
+        self.there(column, self.some_parsed(column)?)
+    }
+
+    pub fn some_json<T: DeserializeOwned>(&self, column: &'static str) -> Result<Option<T>, StoreError> {
+        let read = |text: String| serde_json::from_str(&text).map_err(|e| corrupt(&self.id, column, e));
+        self.row.text(column)?.map(read).transpose()
+    }
+
+    pub fn json<T: DeserializeOwned>(&self, column: &'static str) -> Result<T, StoreError> {
+        self.there(column, self.some_json(column)?)
+    }
+
+    fn there<T>(&self, column: &'static str, value: Option<T>) -> Result<T, StoreError> {
+        value.ok_or_else(|| corrupt(&self.id, column, "null"))
+    }
 }
 
 /// The columns of a job in the order that does not matter, for `SELECT` and `RETURNING`; with something else in place of its
@@ -60,56 +142,35 @@ macro_rules! job_columns {
 pub(super) use job_columns;
 
 /// Reads a job from a row of [`job_columns`].
-pub(super) fn read_job<R: Row>(row: &R) -> Result<Job, StoreError>
-where
-    for<'a> &'a str: ColumnIndex<R>,
-    for<'a> String: Decode<'a, R::Database> + Type<R::Database>,
-    for<'a> i64: Decode<'a, R::Database> + Type<R::Database>,
-{
-    let id: String = row.try_get("id")?;
-    let time = |column: &'static str| -> Result<Option<OffsetDateTime>, StoreError> {
-        let stored: Option<i64> = row.try_get(column)?;
-        stored.map(|stored| self::time(&id, column, stored)).transpose()
-    };
-    let moment = |column| time(column)?.ok_or_else(|| corrupt(&id, column, "no time"));
-    let status: String = row.try_get("status")?;
+pub(super) fn read_job(row: &impl Columns) -> Result<Job, StoreError> {
+    let from = Reader::new(row)?;
+    let inputs: Vec<Input> = from.json("inputs")?;
+    if inputs.is_empty() {
+        return Err(corrupt(&from.id, "inputs", "no file"));
+    }
     Ok(Job {
-        status: status.parse().map_err(|()| corrupt(&id, "status", &status))?,
-        outcome: json(row, &id, "outcome")?,
-        progress: json(row, &id, "progress")?,
-        attempt: count(row.try_get("attempt")?),
-        crashes: count(row.try_get("crashes")?),
-        created_at: moment("created_at")?,
-        run_at: moment("run_at")?,
-        started_at: time("started_at")?,
-        finished_at: time("finished_at")?,
-        inputs: json::<Vec<Input>, R>(row, &id, "inputs")?
-            .filter(|inputs| !inputs.is_empty())
-            .ok_or_else(|| corrupt(&id, "inputs", "no file"))?,
-        options: json(row, &id, "options")?.ok_or_else(|| corrupt(&id, "options", "null"))?,
-        tenant: row.try_get("tenant")?,
-        made_by: row.try_get("made_by")?,
-        metadata: json(row, &id, "metadata")?.unwrap_or_default(),
-        callback_url: row.try_get("callback_url")?,
-        reused_from: row
-            .try_get::<Option<String>, _>("reused_from")?
-            .map(|from| from.parse().map_err(|_| corrupt(&id, "reused_from", "no job id")))
-            .transpose()?,
-        report: json(row, &id, "report")?,
-        artifacts: json(row, &id, "artifacts")?.unwrap_or_default(),
-        problem: json(row, &id, "problem")?,
-        traceparent: row.try_get("traceparent")?,
-        version: row.try_get("version")?,
-        purged: row.try_get::<Option<i64>, _>("purged_at")?.is_some(),
-        id: id.parse().map_err(|_| corrupt(&id, "id", "no job id"))?,
+        id: from.parsed("id")?,
+        tenant: from.text("tenant")?,
+        made_by: from.some_text("made_by")?,
+        status: from.parsed("status")?,
+        outcome: from.some_json("outcome")?,
+        progress: from.some_json("progress")?,
+        attempt: from.count("attempt")?,
+        crashes: from.count("crashes")?,
+        created_at: from.time("created_at")?,
+        run_at: from.time("run_at")?,
+        started_at: from.some_time("started_at")?,
+        finished_at: from.some_time("finished_at")?,
+        inputs,
+        options: from.json("options")?,
+        metadata: from.some_json("metadata")?.unwrap_or_default(),
+        callback_url: from.some_text("callback_url")?,
+        reused_from: from.some_parsed("reused_from")?,
+        report: from.some_json("report")?,
+        artifacts: from.some_json("artifacts")?.unwrap_or_default(),
+        problem: from.some_json("problem")?,
+        traceparent: from.some_text("traceparent")?,
+        version: from.number("version")?,
+        purged: from.some_number("purged_at")?.is_some(),
     })
-}
-
-fn json<T: DeserializeOwned, R: Row>(row: &R, id: &str, column: &'static str) -> Result<Option<T>, StoreError>
-where
-    for<'a> &'a str: ColumnIndex<R>,
-    for<'a> String: Decode<'a, R::Database> + Type<R::Database>,
-{
-    let text: Option<String> = row.try_get(column)?;
-    text.map(|text| serde_json::from_str(&text).map_err(|e| corrupt(id, column, e))).transpose()
 }

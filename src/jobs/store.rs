@@ -238,20 +238,20 @@ pub struct ListQuery {
 
 /// One page of a list.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Page {
-    /// The jobs, newest first, without their reports.
-    pub jobs: Vec<Job>,
+pub struct Page<T, Id> {
+    /// What is on it, newest first; jobs without their reports.
+    pub items: Vec<T>,
     /// Where the next page begins, if there is one.
-    pub next: Option<JobId>,
+    pub next: Option<Id>,
 }
 
-impl Page {
-    /// A page of at most `limit` jobs, of which there is one more where there is a next page.
-    pub(super) fn of(mut jobs: Vec<Job>, limit: u32) -> Self {
-        let more = jobs.len() > limit as usize;
-        jobs.truncate(limit as usize);
-        let next = jobs.last().filter(|_| more).map(|job| job.id);
-        Self { jobs, next }
+impl<T, Id> Page<T, Id> {
+    /// A page of at most `limit` items, of which there is one more where there is a next page.
+    pub(super) fn of(mut items: Vec<T>, limit: u32, id: impl FnOnce(&T) -> Id) -> Self {
+        let more = items.len() > limit as usize;
+        items.truncate(limit as usize);
+        let next = items.last().filter(|_| more).map(id);
+        Self { items, next }
     }
 }
 
@@ -330,7 +330,7 @@ pub trait JobStore: UploadStore {
     async fn get(&self, id: JobId) -> Result<Option<Job>, StoreError>;
 
     /// One page of jobs that are not purged.
-    async fn list(&self, query: ListQuery) -> Result<Page, StoreError>;
+    async fn list(&self, query: ListQuery) -> Result<Page<Job, JobId>, StoreError>;
 
     /// The newest job of the tenant that succeeded with this fingerprint.
     async fn find_result(&self, tenant: &str, fingerprint: &str) -> Result<Option<Job>, StoreError>;

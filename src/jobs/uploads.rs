@@ -6,7 +6,7 @@ use async_trait::async_trait;
 use time::OffsetDateTime;
 use uuid::Uuid;
 
-use super::row::{corrupt, from_millis};
+use super::row::{corrupt, time};
 use super::{JobId, StoreError};
 
 /// How long an upload may be sent to its address.
@@ -83,7 +83,7 @@ pub(super) type Row = (String, String, Option<String>, Option<String>, i64, i64,
 
 impl PendingUpload {
     pub(super) fn of_row((id, tenant, name, token_sha256, created_at, age, job): Row) -> Result<Self, StoreError> {
-        let created_at = from_millis(created_at).map_err(|e| corrupt(&id, "created_at", e))?;
+        let created_at = time(&id, "created_at", created_at)?;
         let job = job.map(|job| job.parse().map_err(|_| corrupt(&id, "job_id", "no job id"))).transpose()?;
         let is_open = u128::try_from(age).is_ok_and(|age| age < UPLOAD_OPEN.as_millis()) && job.is_none();
         let id = id.parse().map_err(|_| corrupt(&id, "id", "no upload id"))?;

@@ -11,6 +11,7 @@ use reqwest::redirect::Policy;
 use reqwest::{Client, header};
 
 use super::{Reach, TargetError};
+use crate::tls::use_ring;
 
 /// Longest time for a connection to be made; never more than the time for everything.
 const CONNECT: Duration = Duration::from_secs(5);
@@ -69,8 +70,7 @@ impl Poster {
     where
         F: Future<Output = io::Result<Vec<SocketAddr>>> + Send + 'static,
     {
-        // Whoever was first has installed the same.
-        let _ = rustls::crypto::ring::default_provider().install_default();
+        use_ring();
         let lookup = move |name| -> Found { Box::pin(lookup(name)) };
         let client = Client::builder()
             .user_agent(concat!("meshmend/", env!("CARGO_PKG_VERSION"), " webhooks"))

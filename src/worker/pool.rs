@@ -1,4 +1,4 @@
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -16,7 +16,7 @@ use super::task::Confinement;
 use super::usage::Allowance;
 use super::warm_up::warm_blender_up;
 use crate::blender::{BlenderConfig, installation};
-use crate::blobs::Blobs;
+use crate::blobs::{Blobs, free_bytes};
 use crate::format::Limits;
 use crate::jobs::{Claim, Store};
 use crate::repair::RemesherInfo;
@@ -184,7 +184,7 @@ impl Pool {
 
     /// Bytes free on the disk that has the fewest, as an error where that is too few to begin a job.
     fn room(&self) -> Result<u64, u64> {
-        let scratch = free_bytes(&self.config.scratch);
+        let scratch = free_bytes(&self.config.scratch).ok();
         let files = self.blobs.free_bytes().ok().flatten();
         let free = [scratch, files].into_iter().flatten().min().unwrap_or(u64::MAX);
         if free < self.config.min_free { Err(free) } else { Ok(free) }
@@ -259,12 +259,6 @@ async fn slot(pool: Arc<Pool>, shutdown: Shutdown) {
             () = shutdown.drain.cancelled() => {}
         }
     }
-}
-
-/// Bytes that may still be written to a folder's disk, if the operating system tells.
-fn free_bytes(folder: &Path) -> Option<u64> {
-    let disk = rustix::fs::statvfs(folder).ok()?;
-    Some(disk.f_bavail.saturating_mul(disk.f_frsize))
 }
 
 /// What every log line of an attempt has, and where it stands in the trace of the request that made its job. Of the highest

@@ -5,10 +5,11 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 /// Each room, and the rooms it may import from. `ARCHITECTURE.md` has the reasons.
-const ROOMS: [(&str, &[&str]); 20] = [
+const ROOMS: [(&str, &[&str]); 21] = [
     ("math", &[]),
     ("context", &[]),
     ("telemetry", &[]),
+    ("tls", &[]),
     ("mesh", &["math"]),
     ("format", &["math", "mesh"]),
     ("inspect", &["math", "mesh", "context"]),
@@ -22,8 +23,8 @@ const ROOMS: [(&str, &[&str]); 20] = [
     ("blender", &["math", "mesh", "context", "repair", "sandbox"]),
     ("access", &[]),
     ("jobs", &["access", "context", "format", "inspect", "analyze", "repair", "telemetry"]),
-    ("blobs", &["jobs", "telemetry"]),
-    ("webhooks", &["access", "jobs", "telemetry"]),
+    ("blobs", &["jobs", "telemetry", "tls"]),
+    ("webhooks", &["access", "jobs", "telemetry", "tls"]),
     (
         "worker",
         &[

@@ -48,7 +48,8 @@ async fn a_key_is_found_by_its_secret_until_it_expires_or_is_revoked(bench: Benc
     let store = bench.store.as_ref();
     let (id, token) = made(store, new_key(None, None)).await;
     let (_, short) = made(store, new_key(Some(60), None)).await;
-    let key = store.find_key(&token).await.expect("an answer").expect("a key");
+    let (key, limits) = store.find_key(&token).await.expect("an answer").expect("a key");
+    assert_eq!(limits, TenantLimits::default());
     assert_eq!(
         (key.id.as_str(), key.tenant.as_str(), key.label.as_str(), key.max_bytes),
         (id.as_str(), "shop", "till", Some(1000))
@@ -60,7 +61,11 @@ async fn a_key_is_found_by_its_secret_until_it_expires_or_is_revoked(bench: Benc
     assert!(!is_worth(store, &short).await);
     assert!(key.last_used_at.is_none());
     store.touch_key(&id).await.expect("noted");
-    assert!(store.find_key(&token).await.expect("an answer").expect("a key").last_used_at.is_some());
+    let own = TenantLimits { requests_per_minute: Some(60), ..TenantLimits::default() };
+    store.set_limits(&key.tenant, own).await.expect("set");
+    let (key, limits) = store.find_key(&token).await.expect("an answer").expect("a key");
+    assert!(key.last_used_at.is_some());
+    assert_eq!(limits, own, "its tenant's limits come with a key");
     assert!(store.revoke_key(&id).await.expect("an answer"));
     assert!(!store.revoke_key(&id).await.expect("an answer"));
     assert!(!is_worth(store, &token).await);
@@ -134,10 +139,10 @@ async fn lists_counts_and_positions_are_a_tenants_own(bench: Bench) {
     let waiting = bench.store.waiting("b").await.expect("an answer");
     assert_eq!((waiting.all, waiting.of_tenant), (4, 1));
     let query = ListQuery { tenant: "b".into(), limit: 10, ..ListQuery::default() };
-    let listed = bench.store.list(query.clone()).await.expect("an answer").jobs;
+    let listed = bench.store.list(query.clone()).await.expect("an answer").items;
     assert_eq!(listed.iter().map(|job| job.id).collect::<Vec<_>>(), [own.id]);
     let of_a_key = ListQuery { made_by: Some("key_1".into()), ..query };
-    assert_eq!(bench.store.list(of_a_key).await.expect("an answer").jobs, []);
+    assert_eq!(bench.store.list(of_a_key).await.expect("an answer").items, []);
 }
 
 /// Runs a verb on a data folder and gives what it printed.

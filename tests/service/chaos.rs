@@ -156,7 +156,7 @@ struct Load {
 
 /// Submits one job after the other, each with a key under which it is sent until the answer comes.
 async fn client(load: Arc<Load>, number: usize) {
-    crate::server::use_ring();
+    meshmend::tls::use_ring();
     let http = Client::builder().timeout(Duration::from_secs(20)).build().expect("a client");
     let url = format!("http://{}/v1/jobs?max_tier=1&pictures=false", load.address);
     for turn in 0.. {
@@ -229,7 +229,7 @@ async fn survive(kills: usize, seed: u64) {
     assert!(accepted.len() > kills / 4, "only {} jobs were accepted", accepted.len());
 
     // Everything ends.
-    crate::server::use_ring();
+    meshmend::tls::use_ring();
     let (http, base) = (Client::new(), format!("http://{}", service.address));
     let until = Instant::now() + PATIENCE;
     loop {

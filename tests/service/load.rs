@@ -73,7 +73,7 @@ async fn bear(clients: usize, time: Duration) -> Duration {
     let data = tempfile::tempdir().expect("a folder");
     let most = (clients / 2).to_string();
     let program = Start::serve(data.path()).arg("--workers", "1").arg("--max-queued", most).start();
-    crate::server::use_ring();
+    meshmend::tls::use_ring();
     let seen = Arc::new(Seen::default());
     let clients: Vec<_> = (0..clients).map(|_| tokio::spawn(client(program.url.clone(), Arc::clone(&seen)))).collect();
     tokio::time::sleep(time / 3).await;

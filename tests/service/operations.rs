@@ -14,7 +14,7 @@ fn with_probes(start: Start<'_>) -> Start<'_> {
 }
 
 async fn probe(program: &Program, path: &str) -> (u16, String) {
-    crate::server::use_ring();
+    meshmend::tls::use_ring();
     let answer = reqwest::get(format!("{}{path}", program.probes)).await.expect("an answer");
     (answer.status().as_u16(), answer.text().await.expect("text"))
 }

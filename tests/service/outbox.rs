@@ -67,7 +67,7 @@ async fn cancelled(bench: &Bench, tenant: &str) -> Job {
 
 async fn all_of(bench: &Bench, tenant: &str) -> Vec<meshmend::jobs::Delivery> {
     let query = DeliveryQuery { tenant: tenant.into(), limit: 100, ..DeliveryQuery::default() };
-    bench.store.deliveries(query).await.expect("an answer")
+    bench.store.deliveries(query).await.expect("an answer").items
 }
 
 fn completion() -> Completion {
@@ -86,7 +86,7 @@ async fn every_end_of_a_job_is_noted_for_those_who_are_told_of_it(bench: Bench) 
 
     let told = async |job: JobId| {
         let query = DeliveryQuery { tenant: "shop".into(), job: Some(job), limit: 10, ..DeliveryQuery::default() };
-        let mut told = store.deliveries(query).await.expect("an answer");
+        let mut told = store.deliveries(query).await.expect("an answer").items;
         told.sort_by(|a, b| a.id.cmp(&b.id));
         told.into_iter().map(|d| (d.kind, d.endpoint.or(d.url).expect("a receiver"))).collect::<Vec<_>>()
     };

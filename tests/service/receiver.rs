@@ -19,7 +19,7 @@ use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::net::TcpListener;
 use tokio_rustls::TlsAcceptor;
 
-use crate::server::{until, use_ring};
+use crate::server::until;
 
 /// How it answers.
 #[derive(Debug, Clone)]
@@ -72,7 +72,7 @@ impl Receiver {
 
     /// One that is asked by https and shows a certificate that is signed by an authority of its own; that authority's is put in `file`.
     pub async fn start_tls(replies: &[Reply], file: &Path) -> Self {
-        use_ring();
+        meshmend::tls::use_ring();
         let mut params = CertificateParams::new(Vec::new()).expect("parameters");
         params.is_ca = IsCa::Ca(BasicConstraints::Unconstrained);
         let authority =

@@ -98,7 +98,7 @@ async fn a_job_that_is_given_a_result_has_ended_when_it_is_accepted(bench: Bench
     assert_eq!(accepted.metadata.get("order").map(String::as_str), Some("17"));
     assert_eq!(bench.claim().await, None);
     let all = ListQuery { tenant: "shop".into(), limit: 10, ..ListQuery::default() };
-    assert_eq!(bench.store.list(all).await.expect("an answer").jobs.len(), 2);
+    assert_eq!(bench.store.list(all).await.expect("an answer").items.len(), 2);
 }
 
 fn text(report: &StoredReport) -> String {

@@ -192,7 +192,7 @@ async fn a_purged_job_keeps_its_name_and_loses_its_content(bench: Bench) {
             .list(ListQuery { tenant: "shop".into(), limit: 10, ..ListQuery::default() })
             .await
             .expect("an answer")
-            .jobs
+            .items
             .is_empty()
     );
     assert!(!bench.store.purge(JobId::new()).await.expect("an answer"));

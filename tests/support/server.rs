@@ -228,11 +228,6 @@ pub async fn until<T>(what: &str, mut ready: impl AsyncFnMut() -> Option<T>) -> 
     }
 }
 
-/// Lets clients speak TLS by ring, which each process has to say once.
-pub fn use_ring() {
-    let _ = rustls::crypto::ring::default_provider().install_default();
-}
-
 /// A client of one service.
 #[derive(Clone)]
 pub struct Api {
@@ -242,7 +237,7 @@ pub struct Api {
 
 impl Api {
     pub fn new(program: &Program) -> Self {
-        use_ring();
+        meshmend::tls::use_ring();
         Self { url: program.url.clone(), http: Client::new() }
     }
 

@@ -9,15 +9,10 @@ use utoipa::{IntoParams, ToSchema};
 use super::endpoints::find;
 use super::is_name;
 use crate::api::caller::{Caller, MayManageWebhooks};
-use crate::api::extract::{ApiPath, ApiQuery, job_id};
-use crate::api::problem::{Problem, ProblemCode};
+use crate::api::extract::{ApiPath, ApiQuery, job_id, page_limit, unknown_cursor};
+use crate::api::problem::{Problem, ProblemCode, shown};
 use crate::api::state::ApiState;
-use crate::jobs::{Attempt, Delivery, DeliveryQuery, DeliveryStatus, JobId, Redelivered};
-
-/// Deliveries on a page of a list, unless asked otherwise.
-const PAGE: u32 = 50;
-/// Most deliveries on a page.
-const LARGEST_PAGE: u32 = 200;
+use crate::jobs::{Attempt, Delivery, DeliveryQuery, DeliveryStatus, JobId, Page, Redelivered};
 
 /// A message on its way to one receiver.
 #[derive(Debug, Serialize, ToSchema)]
@@ -107,22 +102,13 @@ async fn page(
     query: PageQuery,
     which: DeliveryQuery,
 ) -> Result<Json<DeliveriesView>, Problem> {
-    let invalid = |detail: String| Problem::new(ProblemCode::InvalidRequest, detail);
-    let limit = query.limit.unwrap_or(PAGE);
-    if !(1..=LARGEST_PAGE).contains(&limit) {
-        return Err(invalid(format!("limit is {limit}; it must be between 1 and {LARGEST_PAGE}.")));
-    }
     if query.cursor.as_ref().is_some_and(|cursor| !is_name(cursor, "whd")) {
-        let detail = "cursor is not one that this service gave; take 'next' of the page before.";
-        return Err(invalid(detail.to_owned()));
+        return Err(unknown_cursor());
     }
     let tenant = caller.tenant.to_string();
-    let which = DeliveryQuery { tenant, before: query.cursor, limit: limit + 1, ..which };
-    let mut found = state.store.deliveries(which).await?;
-    let more = found.len() > limit as usize;
-    found.truncate(limit as usize);
-    let next = found.last().filter(|_| more).map(|delivery| delivery.id.clone());
-    Ok(Json(DeliveriesView { deliveries: found.into_iter().map(DeliveryView::from).collect(), next }))
+    let which = DeliveryQuery { tenant, before: query.cursor, limit: page_limit(query.limit)?, ..which };
+    let Page { items, next } = state.store.deliveries(which).await?;
+    Ok(Json(DeliveriesView { deliveries: items.into_iter().map(DeliveryView::from).collect(), next }))
 }
 
 /// Deliveries to an endpoint, newest first.
@@ -230,7 +216,7 @@ pub(in crate::api) async fn test_endpoint(
 async fn accepted(state: &ApiState, caller: &Caller, id: String) -> Result<Response, Problem> {
     let query =
         DeliveryQuery { tenant: caller.tenant.to_string(), id: Some(id.clone()), limit: 1, ..Default::default() };
-    let found = state.store.deliveries(query).await?.pop().ok_or_else(|| not_found(&id))?;
+    let found = state.store.deliveries(query).await?.items.pop().ok_or_else(|| not_found(&id))?;
     Ok((StatusCode::ACCEPTED, Json(DeliveryView::from(found))).into_response())
 }
 
@@ -239,6 +225,5 @@ fn disabled() -> Problem {
 }
 
 fn not_found(id: &str) -> Problem {
-    let shown: String = id.chars().take(64).collect();
-    Problem::new(ProblemCode::WebhookNotFound, format!("There is no webhook delivery '{shown}'."))
+    Problem::new(ProblemCode::WebhookNotFound, format!("There is no webhook delivery '{}'.", shown(id)))
 }

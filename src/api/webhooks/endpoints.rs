@@ -6,10 +6,10 @@ use serde::{Deserialize, Serialize};
 use time::OffsetDateTime;
 use utoipa::ToSchema;
 
-use super::{OVERLAP, invalid, is_name};
+use super::{OVERLAP, is_name};
 use crate::api::caller::{Caller, MayManageWebhooks};
 use crate::api::extract::{ApiJson, ApiPath};
-use crate::api::problem::{Problem, ProblemCode};
+use crate::api::problem::{Problem, ProblemCode, shown};
 use crate::api::state::ApiState;
 use crate::jobs::{Endpoint, EndpointChange, JobEvent, NewEndpoint};
 use crate::webhooks::{Reach, new_secret};
@@ -122,33 +122,35 @@ fn with_secret(status: StatusCode, endpoint: Endpoint) -> Response {
 }
 
 fn clean_url(reach: Reach, text: &str) -> Result<String, Problem> {
-    reach.read(text).map(String::from).map_err(|error| invalid(format!("url can't be used: {error}.")))
+    reach.read(text).map(String::from).map_err(|error| Problem::invalid_value(format!("url can't be used: {error}.")))
 }
 
 /// The events without those that are named twice.
 fn clean_events(mut events: Vec<JobEvent>) -> Result<Vec<JobEvent>, Problem> {
     events.sort_unstable();
     events.dedup();
-    if events.is_empty() { Err(invalid("events must name at least one event.")) } else { Ok(events) }
+    if events.is_empty() { Err(Problem::invalid_value("events must name at least one event.")) } else { Ok(events) }
 }
 
 fn clean_description(text: String) -> Result<String, Problem> {
     if text.chars().count() > DESCRIPTION_CHARS || text.chars().any(char::is_control) {
-        return Err(invalid("description must be at most 200 characters on one line."));
+        return Err(Problem::invalid_value("description must be at most 200 characters on one line."));
     }
     Ok(text)
 }
 
 fn not_found(id: &str) -> Problem {
-    let shown: String = id.chars().take(64).collect();
-    Problem::new(ProblemCode::WebhookNotFound, format!("There is no webhook endpoint '{shown}'."))
+    Problem::new(ProblemCode::WebhookNotFound, format!("There is no webhook endpoint '{}'.", shown(id)))
+}
+
+/// Whether there may be an endpoint of that name.
+fn check_name(id: &str) -> Result<(), Problem> {
+    if is_name(id, "we") { Ok(()) } else { Err(not_found(id)) }
 }
 
 /// One of the caller's endpoints.
 pub(super) async fn find(state: &ApiState, caller: &Caller, id: &str) -> Result<Endpoint, Problem> {
-    if !is_name(id, "we") {
-        return Err(not_found(id));
-    }
+    check_name(id)?;
     state.store.endpoint(caller.tenant.as_str(), id).await?.ok_or_else(|| not_found(id))
 }
 
@@ -245,7 +247,7 @@ pub(in crate::api) async fn change_endpoint(
     ApiPath(id): ApiPath<String>,
     ApiJson(asked): ApiJson<ChangeView>,
 ) -> Result<Json<EndpointView>, Problem> {
-    find(&state, &caller, &id).await?;
+    check_name(&id)?;
     let change = EndpointChange {
         url: asked.url.map(|url| clean_url(state.config.webhook_reach, &url)).transpose()?,
         description: asked.description.map(clean_description).transpose()?,
@@ -272,7 +274,7 @@ pub(in crate::api) async fn delete_endpoint(
     MayManageWebhooks(caller): MayManageWebhooks,
     ApiPath(id): ApiPath<String>,
 ) -> Result<StatusCode, Problem> {
-    find(&state, &caller, &id).await?;
+    check_name(&id)?;
     let found = state.store.delete_endpoint(caller.tenant.as_str(), &id).await?;
     if found { Ok(StatusCode::NO_CONTENT) } else { Err(not_found(&id)) }
 }
@@ -295,7 +297,7 @@ pub(in crate::api) async fn rotate_endpoint(
     MayManageWebhooks(caller): MayManageWebhooks,
     ApiPath(id): ApiPath<String>,
 ) -> Result<Response, Problem> {
-    find(&state, &caller, &id).await?;
+    check_name(&id)?;
     let rotated = state.store.rotate_endpoint(caller.tenant.as_str(), &id, &new_secret(), OVERLAP).await?;
     rotated.map(|endpoint| with_secret(StatusCode::OK, endpoint)).ok_or_else(|| not_found(&id))
 }

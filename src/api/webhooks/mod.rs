@@ -6,14 +6,8 @@ pub(super) mod secrets;
 
 use std::time::Duration;
 
-use super::problem::{Problem, ProblemCode};
-
 /// How long an old secret signs beside a new one.
 const OVERLAP: Duration = Duration::from_secs(24 * 3600);
-
-fn invalid(detail: impl Into<String>) -> Problem {
-    Problem::new(ProblemCode::InvalidOptions, detail)
-}
 
 /// A text that could be the name of an endpoint or a delivery; another one names nothing.
 fn is_name(text: &str, prefix: &str) -> bool {

@@ -4,7 +4,7 @@ use uuid::Uuid;
 use super::PostgresStore;
 use crate::access::{AccessKey, NewKey, TenantLimits, TenantName, Token};
 use crate::jobs::StoreError;
-use crate::jobs::access::{AccessStore, TenantRow, key_columns, read_key, read_limits};
+use crate::jobs::access::{AccessStore, key_columns, limit_columns, read_key, read_limits, read_tenant};
 
 #[async_trait]
 impl AccessStore for PostgresStore {
@@ -31,11 +31,13 @@ impl AccessStore for PostgresStore {
         read_key(&row)
     }
 
-    async fn find_key(&self, token: &Token) -> Result<Option<AccessKey>, StoreError> {
+    async fn find_key(&self, token: &Token) -> Result<Option<(AccessKey, TenantLimits)>, StoreError> {
         let row = sqlx::query(concat!(
             "SELECT ",
             key_columns!(),
-            " FROM access_keys k WHERE secret_hash = $1 AND revoked_at IS NULL AND (expires_at IS NULL OR expires_at > meshmend_now($2)) \
+            ", ",
+            limit_columns!(),
+            " FROM access_keys k LEFT JOIN tenants t ON t.name = k.tenant WHERE secret_hash = $1 AND revoked_at IS NULL AND (expires_at IS NULL OR expires_at > meshmend_now($2)) \
               AND NOT EXISTS (SELECT 1 FROM access_keys p WHERE p.id = k.parent \
                               AND (p.revoked_at IS NOT NULL OR p.expires_at <= meshmend_now($2)))"
         ))
@@ -43,7 +45,7 @@ impl AccessStore for PostgresStore {
         .bind(self.now())
         .fetch_optional(&self.pool)
         .await?;
-        row.as_ref().map(read_key).transpose()
+        row.map(|row| Ok((read_key(&row)?, read_limits(&row)?))).transpose()
     }
 
     async fn touch_key(&self, id: &str) -> Result<(), StoreError> {
@@ -86,12 +88,11 @@ impl AccessStore for PostgresStore {
     }
 
     async fn limits(&self, tenant: &str) -> Result<TenantLimits, StoreError> {
-        let row: Option<TenantRow> =
-            sqlx::query_as("SELECT name, max_queued, max_running, requests_per_minute FROM tenants WHERE name = $1")
-                .bind(tenant)
-                .fetch_optional(&self.pool)
-                .await?;
-        Ok(row.map(|row| read_limits(row).1).unwrap_or_default())
+        let row = sqlx::query(concat!("SELECT ", limit_columns!(), " FROM tenants WHERE name = $1"))
+            .bind(tenant)
+            .fetch_optional(&self.pool)
+            .await?;
+        Ok(row.as_ref().map(read_limits).transpose()?.unwrap_or_default())
     }
 
     async fn set_limits(&self, tenant: &TenantName, limits: TenantLimits) -> Result<(), StoreError> {
@@ -110,10 +111,9 @@ impl AccessStore for PostgresStore {
     }
 
     async fn tenants(&self) -> Result<Vec<(String, TenantLimits)>, StoreError> {
-        let rows: Vec<TenantRow> =
-            sqlx::query_as("SELECT name, max_queued, max_running, requests_per_minute FROM tenants ORDER BY name")
-                .fetch_all(&self.pool)
-                .await?;
-        Ok(rows.into_iter().map(read_limits).collect())
+        let rows = sqlx::query(concat!("SELECT name AS id, ", limit_columns!(), " FROM tenants ORDER BY name"))
+            .fetch_all(&self.pool)
+            .await?;
+        rows.iter().map(read_tenant).collect()
     }
 }

@@ -135,7 +135,7 @@ impl JobStore for PostgresStore {
         row.as_ref().map(read_job).transpose()
     }
 
-    async fn list(&self, query: ListQuery) -> Result<Page, StoreError> {
+    async fn list(&self, query: ListQuery) -> Result<Page<Job, JobId>, StoreError> {
         let rows = sqlx::query(concat!(
             "SELECT ",
             job_columns!("NULL::text AS report"),
@@ -150,7 +150,7 @@ impl JobStore for PostgresStore {
         .fetch_all(&self.pool)
         .await?;
         let jobs = rows.iter().map(read_job).collect::<Result<Vec<_>, _>>()?;
-        Ok(Page::of(jobs, query.limit))
+        Ok(Page::of(jobs, query.limit, |job| job.id))
     }
 
     async fn find_result(&self, tenant: &str, fingerprint: &str) -> Result<Option<Job>, StoreError> {

@@ -136,7 +136,7 @@ impl JobStore for SqliteStore {
         row.as_ref().map(read_job).transpose()
     }
 
-    async fn list(&self, query: ListQuery) -> Result<Page, StoreError> {
+    async fn list(&self, query: ListQuery) -> Result<Page<Job, JobId>, StoreError> {
         let rows = sqlx::query(concat!(
             "SELECT ",
             job_columns!("NULL AS report"),
@@ -151,7 +151,7 @@ impl JobStore for SqliteStore {
         .fetch_all(&self.reader)
         .await?;
         let jobs = rows.iter().map(read_job).collect::<Result<Vec<_>, _>>()?;
-        Ok(Page::of(jobs, query.limit))
+        Ok(Page::of(jobs, query.limit, |job| job.id))
     }
 
     async fn find_result(&self, tenant: &str, fingerprint: &str) -> Result<Option<Job>, StoreError> {

@@ -5,13 +5,13 @@ use sqlx::SqliteConnection;
 use uuid::Uuid;
 
 use super::{SqliteStore, outbox};
-use crate::jobs::StoreError;
 use crate::jobs::row::{millis, time, to_json};
 use crate::jobs::webhooks::{
     Attempt, Backlog, Delivery, DeliveryQuery, DueDelivery, Endpoint, EndpointChange, FAILING, Message, NewEndpoint,
     Receiver, Redelivered, Secrets, SigningSecret, Verdict, WebhookStore, delivery_columns, endpoint_columns, names,
     new_id, read_delivery, read_due, read_endpoint, read_secrets,
 };
+use crate::jobs::{Page, StoreError};
 
 #[async_trait]
 impl WebhookStore for SqliteStore {
@@ -176,7 +176,7 @@ impl WebhookStore for SqliteStore {
         Ok(Some(id))
     }
 
-    async fn deliveries(&self, query: DeliveryQuery) -> Result<Vec<Delivery>, StoreError> {
+    async fn deliveries(&self, query: DeliveryQuery) -> Result<Page<Delivery, String>, StoreError> {
         let rows = sqlx::query(concat!(
             "SELECT ",
             delivery_columns!(),
@@ -189,10 +189,11 @@ impl WebhookStore for SqliteStore {
         .bind(&query.endpoint)
         .bind(query.job.map(|id| id.to_string()))
         .bind(&query.before)
-        .bind(query.limit)
+        .bind(i64::from(query.limit) + 1)
         .fetch_all(&self.reader)
         .await?;
-        rows.iter().map(read_delivery).collect()
+        let deliveries = rows.iter().map(read_delivery).collect::<Result<Vec<_>, _>>()?;
+        Ok(Page::of(deliveries, query.limit, |delivery| delivery.id.clone()))
     }
 
     async fn redeliver(&self, tenant: &str, id: &str) -> Result<Redelivered, StoreError> {

@@ -1,10 +1,6 @@
-use serde::de::DeserializeOwned;
-use sqlx::{ColumnIndex, Decode, Row, Type};
-use time::OffsetDateTime;
-
 use super::{Delivery, DueDelivery, Endpoint, JobEvent, Secrets, SigningSecret};
 use crate::jobs::StoreError;
-use crate::jobs::row::{corrupt, count, time};
+use crate::jobs::row::{Columns, Reader, corrupt};
 
 /// The columns of an endpoint, for `SELECT` and `RETURNING`.
 macro_rules! endpoint_columns {
@@ -23,74 +19,26 @@ macro_rules! delivery_columns {
 }
 pub(in crate::jobs) use delivery_columns;
 
-/// Reads columns of one row, and says which one can't be read.
-struct Reader<'a, R> {
-    row: &'a R,
-    id: String,
-}
-
-impl<'a, R: Row> Reader<'a, R>
-where
-    for<'b> &'b str: ColumnIndex<R>,
-    for<'b> String: Decode<'b, R::Database> + Type<R::Database>,
-    for<'b> i64: Decode<'b, R::Database> + Type<R::Database>,
-{
-    fn new(row: &'a R) -> Result<Self, StoreError> {
-        Ok(Self { row, id: row.try_get("id")? })
-    }
-
-    fn text(&self, column: &'static str) -> Result<String, StoreError> {
-        Ok(self.row.try_get(column)?)
-    }
-
-    fn some_text(&self, column: &'static str) -> Result<Option<String>, StoreError> {
-        Ok(self.row.try_get(column)?)
-    }
-
-    fn some_time(&self, column: &'static str) -> Result<Option<OffsetDateTime>, StoreError> {
-        let stored: Option<i64> = self.row.try_get(column)?;
-        stored.map(|stored| time(&self.id, column, stored)).transpose()
-    }
-
-    fn time(&self, column: &'static str) -> Result<OffsetDateTime, StoreError> {
-        self.some_time(column)?.ok_or_else(|| corrupt(&self.id, column, "no time"))
-    }
-
-    fn json<T: DeserializeOwned>(&self, column: &'static str) -> Result<T, StoreError> {
-        serde_json::from_str(&self.text(column)?).map_err(|e| corrupt(&self.id, column, e))
-    }
-
-    fn secrets(&self) -> Result<Option<Secrets>, StoreError> {
-        let Some(current) = self.some_text("secret")? else { return Ok(None) };
-        let previous = self.some_text("old_secret")?.map(SigningSecret::new).zip(self.some_time("old_secret_until")?);
-        Ok(Some(Secrets { current: SigningSecret::new(current), previous }))
-    }
+fn secrets(from: &Reader<'_, impl Columns>) -> Result<Option<Secrets>, StoreError> {
+    let Some(current) = from.some_text("secret")? else { return Ok(None) };
+    let previous = from.some_text("old_secret")?.map(SigningSecret::new).zip(from.some_time("old_secret_until")?);
+    Ok(Some(Secrets { current: SigningSecret::new(current), previous }))
 }
 
 /// Reads the secrets of a tenant's callbacks, its name as `id`.
-pub(in crate::jobs) fn read_secrets<R: Row>(row: &R) -> Result<Secrets, StoreError>
-where
-    for<'a> &'a str: ColumnIndex<R>,
-    for<'a> String: Decode<'a, R::Database> + Type<R::Database>,
-    for<'a> i64: Decode<'a, R::Database> + Type<R::Database>,
-{
+pub(in crate::jobs) fn read_secrets(row: &impl Columns) -> Result<Secrets, StoreError> {
     let from = Reader::new(row)?;
-    from.secrets()?.ok_or_else(|| corrupt(&from.id, "secret", "none"))
+    secrets(&from)?.ok_or_else(|| corrupt(&from.id, "secret", "none"))
 }
 
 /// Reads an endpoint from a row of [`endpoint_columns`].
-pub(in crate::jobs) fn read_endpoint<R: Row>(row: &R) -> Result<Endpoint, StoreError>
-where
-    for<'a> &'a str: ColumnIndex<R>,
-    for<'a> String: Decode<'a, R::Database> + Type<R::Database>,
-    for<'a> i64: Decode<'a, R::Database> + Type<R::Database>,
-{
+pub(in crate::jobs) fn read_endpoint(row: &impl Columns) -> Result<Endpoint, StoreError> {
     let from = Reader::new(row)?;
     Ok(Endpoint {
         url: from.text("url")?,
         description: from.text("description")?,
         events: read_events(&from.text("events")?).collect(),
-        secrets: from.secrets()?.ok_or_else(|| corrupt(&from.id, "secret", "none"))?,
+        secrets: secrets(&from)?.ok_or_else(|| corrupt(&from.id, "secret", "none"))?,
         created_at: from.time("created_at")?,
         failing_since: from.some_time("failing_since")?,
         disabled: from.some_time("disabled_at")?.zip(from.some_text("disabled_reason")?),
@@ -99,21 +47,15 @@ where
 }
 
 /// Reads a delivery from a row of [`delivery_columns`].
-pub(in crate::jobs) fn read_delivery<R: Row>(row: &R) -> Result<Delivery, StoreError>
-where
-    for<'a> &'a str: ColumnIndex<R>,
-    for<'a> String: Decode<'a, R::Database> + Type<R::Database>,
-    for<'a> i64: Decode<'a, R::Database> + Type<R::Database>,
-{
+pub(in crate::jobs) fn read_delivery(row: &impl Columns) -> Result<Delivery, StoreError> {
     let from = Reader::new(row)?;
-    let job = from.some_text("job_id")?.map(|id| id.parse().map_err(|e| corrupt(&from.id, "job_id", e)));
     Ok(Delivery {
         message: from.text("message_id")?,
         kind: from.text("kind")?,
-        job: job.transpose()?,
+        job: from.some_parsed("job_id")?,
         endpoint: from.some_text("endpoint_id")?,
         url: from.some_text("url")?,
-        status: from.text("status")?.parse().map_err(|()| corrupt(&from.id, "status", "unknown"))?,
+        status: from.parsed("status")?,
         attempts: from.json("attempts")?,
         created_at: from.time("created_at")?,
         next_at: from.time("next_at")?,
@@ -122,12 +64,7 @@ where
 }
 
 /// Reads a delivery that was claimed with this token.
-pub(in crate::jobs) fn read_due<R: Row>(row: &R, token: String) -> Result<DueDelivery, StoreError>
-where
-    for<'a> &'a str: ColumnIndex<R>,
-    for<'a> String: Decode<'a, R::Database> + Type<R::Database>,
-    for<'a> i64: Decode<'a, R::Database> + Type<R::Database>,
-{
+pub(in crate::jobs) fn read_due(row: &impl Columns, token: String) -> Result<DueDelivery, StoreError> {
     let from = Reader::new(row)?;
     Ok(DueDelivery {
         token,
@@ -136,8 +73,8 @@ where
         url: from.text("url")?,
         message: from.text("message_id")?,
         payload: from.text("payload")?,
-        secrets: from.secrets()?,
-        tries: count(row.try_get("tries")?),
+        secrets: secrets(&from)?,
+        tries: from.count("tries")?,
         attempts: from.json("attempts")?,
         id: from.id,
     })

@@ -6,7 +6,7 @@ use super::{
     Attempt, Backlog, Delivery, DeliveryQuery, DueDelivery, Endpoint, EndpointChange, NewEndpoint, Secrets,
     SigningSecret, Verdict,
 };
-use crate::jobs::StoreError;
+use crate::jobs::{Page, StoreError};
 
 /// What became of the wish to send something again.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -69,7 +69,7 @@ pub trait WebhookStore: Send + Sync {
     async fn send_ping(&self, tenant: &str, endpoint: &str) -> Result<Option<String>, StoreError>;
 
     /// The tenant's deliveries, newest first.
-    async fn deliveries(&self, query: DeliveryQuery) -> Result<Vec<Delivery>, StoreError>;
+    async fn deliveries(&self, query: DeliveryQuery) -> Result<Page<Delivery, String>, StoreError>;
 
     /// Makes a delivery due now, whatever became of it; one that was given up gets all of its tries anew.
     async fn redeliver(&self, tenant: &str, id: &str) -> Result<Redelivered, StoreError>;
