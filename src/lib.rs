@@ -33,6 +33,7 @@ pub mod remesh;
 pub mod render;
 pub mod repair;
 pub mod sandbox;
+pub mod scene;
 pub mod simplify;
 pub mod telemetry;
 pub mod tls;

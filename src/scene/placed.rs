@@ -1,0 +1,147 @@
+use glam::DAffine3;
+
+use super::{Object, PAINTLESS, PaintedMesh, Scene, SceneError, Shape};
+
+impl Scene {
+    /// How deep objects may be made of objects that are made of objects.
+    pub const DEPTH: usize = 32;
+
+    /// A scene of one mesh.
+    #[must_use]
+    pub fn of_mesh(mesh: PaintedMesh) -> Self {
+        Self { objects: vec![Object::of_mesh(None, mesh)], items: vec![super::Item::of(0)], ..Self::default() }
+    }
+
+    /// What all items have of something in their places, where a mesh has `of` of it, and an object of others `own` of its own.
+    fn count(&self, of: impl Fn(&PaintedMesh) -> usize, own: u64) -> u64 {
+        let mut of_object: Vec<u64> = Vec::with_capacity(self.objects.len());
+        let known = |counts: &[u64], object: u32| counts.get(object as usize).copied().unwrap_or(0);
+        for object in &self.objects {
+            let count = match &object.shape {
+                Shape::Mesh(mesh) => of(mesh) as u64,
+                Shape::Components(parts) => {
+                    parts.iter().fold(own, |sum: u64, part| sum.saturating_add(known(&of_object, part.object)))
+                }
+            };
+            of_object.push(count);
+        }
+        self.items.iter().fold(0, |sum, item| sum.saturating_add(known(&of_object, item.object)))
+    }
+
+    /// The faces of all items in their places.
+    #[must_use]
+    pub fn placed_faces(&self) -> u64 {
+        self.count(|mesh| mesh.soup.faces.len(), 0)
+    }
+
+    /// All items in their places as one mesh, the faces of an item after those of the item before. An item whose transform mirrors has its
+    /// faces turned, so that they look outward as before.
+    ///
+    /// # Errors
+    /// [`SceneError`] where there would be more than `most` faces, or more vertices than can be numbered; before anything is copied.
+    pub fn placed(&self, most: u64) -> Result<PaintedMesh, SceneError> {
+        // Objects without a face count too, so that the time is bounded by what was counted.
+        if self.count(|mesh| mesh.soup.faces.len().max(1), 1) > most {
+            return Err(SceneError::TooManyFaces(most));
+        }
+        if self.count(|mesh| mesh.soup.positions.len(), 0) > u64::from(u32::MAX) {
+            return Err(SceneError::TooManyVertices);
+        }
+        let mut whole = PaintedMesh::default();
+        for item in &self.items {
+            self.place(item.object, item.transform, Self::DEPTH, &mut whole)?;
+        }
+        if whole.paint.iter().all(|&paint| paint == PAINTLESS) {
+            whole.paint.clear();
+        }
+        Ok(whole)
+    }
+
+    fn place(&self, object: u32, transform: DAffine3, depth: usize, whole: &mut PaintedMesh) -> Result<(), SceneError> {
+        let Some(object) = self.objects.get(object as usize) else { return Ok(()) };
+        match &object.shape {
+            Shape::Components(parts) => {
+                let depth = depth.checked_sub(1).ok_or(SceneError::TooDeep)?;
+                for part in parts {
+                    self.place(part.object, transform * part.transform, depth, whole)?;
+                }
+            }
+            Shape::Mesh(mesh) => {
+                #[expect(clippy::cast_possible_truncation, reason = "the vertices were counted")]
+                let first = whole.soup.positions.len() as u32;
+                let unmoved = transform == DAffine3::IDENTITY;
+                let moved = |&p: &glam::DVec3| if unmoved { p } else { transform.transform_point3(p) };
+                whole.soup.positions.extend(mesh.soup.positions.iter().map(moved));
+                let turned = transform.matrix3.determinant() < 0.0;
+                let turn = |[a, b, c]: [u32; 3]| if turned { [a, c, b] } else { [a, b, c] };
+                whole.soup.faces.extend(mesh.soup.faces.iter().map(|face| turn(face.map(|v| v + first))));
+                match mesh.paint.is_empty() {
+                    true => whole.paint.resize(whole.soup.faces.len(), PAINTLESS),
+                    false => {
+                        let paint = |paint: &super::Paint| super::Paint { at: turn(paint.at), ..*paint };
+                        whole.paint.extend(mesh.paint.iter().map(paint));
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::DVec3;
+
+    use super::*;
+    use crate::mesh::Soup;
+    use crate::scene::{Component, Item, Paint};
+
+    fn triangle(paint: Vec<Paint>) -> PaintedMesh {
+        let soup = Soup { positions: vec![DVec3::ZERO, DVec3::X, DVec3::Y], faces: vec![[0, 1, 2]] };
+        PaintedMesh { soup, paint }
+    }
+
+    fn object(shape: Shape) -> Object {
+        Object { shape, ..Object::of_mesh(None, PaintedMesh::default()) }
+    }
+
+    #[test]
+    fn an_object_stands_in_each_of_its_places() {
+        let up = DAffine3::from_translation(DVec3::Z);
+        let pair = [DAffine3::IDENTITY, up].map(|transform| Component { object: 0, transform });
+        let scene = Scene {
+            objects: vec![object(Shape::Mesh(triangle(Vec::new()))), object(Shape::Components(pair.to_vec()))],
+            items: vec![Item { transform: up, ..Item::of(1) }, Item::of(0)],
+            ..Scene::default()
+        };
+        assert_eq!(scene.placed_faces(), 3);
+        let placed = scene.placed(4).expect("few faces");
+        let heights: Vec<f64> = placed.soup.faces.iter().map(|f| placed.soup.positions[f[0] as usize].z).collect();
+        assert_eq!(heights, [1.0, 2.0, 0.0]);
+        assert_eq!(scene.placed(2), Err(SceneError::TooManyFaces(2)));
+    }
+
+    #[test]
+    fn objects_of_objects_without_end_are_refused_at_once() {
+        let doubled = |object| Shape::Components(vec![Component { object, transform: DAffine3::IDENTITY }; 2]);
+        let mut scene = Scene::of_mesh(PaintedMesh::default());
+        scene.objects.extend((0..63).map(|below| object(doubled(below))));
+        scene.items = vec![Item::of(63)];
+        assert_eq!(scene.placed(1_000_000), Err(SceneError::TooManyFaces(1_000_000)));
+        let single = |object| Shape::Components(vec![Component { object, transform: DAffine3::IDENTITY }]);
+        scene.objects.splice(1.., (0..63).map(|below| object(single(below))));
+        assert_eq!(scene.placed(1_000_000), Err(SceneError::TooDeep));
+    }
+
+    #[test]
+    fn a_mirrored_item_looks_outward_still_and_its_paint_turns_with_it() {
+        let paint = Paint { palette: 0, at: [7, 8, 9] };
+        let mirror = DAffine3::from_scale(DVec3::new(-1.0, 1.0, 1.0));
+        let mut scene = Scene::of_mesh(triangle(vec![paint]));
+        scene.items[0].transform = mirror;
+        let placed = scene.placed(1).expect("one face");
+        let [a, b, c] = placed.soup.corners(0);
+        assert!((b - a).cross(c - a).z > 0.0);
+        assert_eq!(placed.paint, [Paint { palette: 0, at: [7, 9, 8] }]);
+    }
+}
