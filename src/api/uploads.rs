@@ -13,7 +13,7 @@ use utoipa::{IntoParams, ToSchema};
 use uuid::Uuid;
 
 use super::caller::MayWrite;
-use super::extract::{ApiPath, ApiQuery, parse, read_small, text_header};
+use super::extract::{ApiPath, ApiQuery, parse, read_small, text_header, whole};
 use super::file_name::clean_name;
 use super::incoming::RawModel;
 use super::problem::{Problem, ProblemCode};
@@ -31,6 +31,7 @@ pub(super) struct UploadRequest {
     #[schema(example = "bracket.stl")]
     name: Option<String>,
     /// Its size. One that is too large is refused before it is sent.
+    #[serde(deserialize_with = "whole")]
     bytes: Option<u64>,
 }
 
@@ -72,7 +73,7 @@ pub(super) struct PutView {
 /// `POST /v1/jobs` with JSON. Send the file as the whole body of the request that `put` describes.
 #[utoipa::path(
     post, path = "/v1/uploads", tag = "uploads",
-    request_body(content = UploadRequest, content_type = "application/json"),
+    request_body(content = Option<UploadRequest>, content_type = "application/json"),
     responses(
         (status = 201, description = "Where to send it", body = UploadView),
         (status = 400, description = "A body that can't be understood", body = Problem, content_type = "application/problem+json"),

@@ -25,14 +25,14 @@ const DESCRIPTION_CHARS: usize = 200;
 #[schema(as = NewWebhookEndpoint)]
 pub(in crate::api) struct NewView {
     /// An https address, to which messages are posted.
-    #[schema(example = "https://shop.example/hooks/meshmend")]
+    #[schema(format = "uri", max_length = 2048, example = "https://shop.example/hooks/meshmend")]
     url: String,
     /// What to tell it of; everything where it is left out.
     #[schema(min_items = 1)]
     events: Option<Vec<JobEvent>>,
-    /// What it is for, in your own words: at most 200 characters.
+    /// What it is for, in your own words: at most 200 characters on one line.
     #[serde(default)]
-    #[schema(max_length = 200)]
+    #[schema(max_length = 200, pattern = r"^[^\u0000-\u001f\u007f-\u009f]*$")]
     description: String,
 }
 
@@ -42,12 +42,13 @@ pub(in crate::api) struct NewView {
 #[schema(as = WebhookEndpointChange)]
 pub(in crate::api) struct ChangeView {
     /// An https address, to which messages are posted.
+    #[schema(format = "uri", max_length = 2048)]
     url: Option<String>,
     /// What to tell it of.
     #[schema(min_items = 1)]
     events: Option<Vec<JobEvent>>,
     /// What it is for.
-    #[schema(max_length = 200)]
+    #[schema(max_length = 200, pattern = r"^[^\u0000-\u001f\u007f-\u009f]*$")]
     description: Option<String>,
     /// Whether to tell it of anything. Disabling it gives up what waits for it.
     enabled: Option<bool>,
