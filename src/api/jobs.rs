@@ -30,7 +30,7 @@ pub(super) struct WaitQuery {
     /// Hold the answer until the job's status changes or so many seconds have passed; more than 60 is taken as 60. The
     /// header `Prefer: wait=20` asks for the same.
     #[param(minimum = 0, example = 20)]
-    wait: Option<u64>,
+    wait: Option<i64>,
 }
 
 /// One job.
@@ -56,9 +56,12 @@ pub(super) async fn get_job(
     ApiQuery(query): ApiQuery<WaitQuery>,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
+    let asked = query.wait.map(u64::try_from).transpose().map_err(|_| {
+        Problem::new(ProblemCode::InvalidRequest, "wait is below zero; it must be a number of seconds, zero or more.")
+    })?;
     let mut watch = Watch::new(&state, id);
     let mut job = find_job(&state, &caller, id).await?;
-    if let Some(seconds) = query.wait.or_else(|| preferred_wait(&headers)) {
+    if let Some(seconds) = asked.or_else(|| preferred_wait(&headers)) {
         let longest = Duration::from_secs(seconds.min(LONGEST_WAIT));
         job = watch.status_change(job, longest).await?;
         if job.purged {

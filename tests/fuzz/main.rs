@@ -110,8 +110,11 @@ fn for_long() {
     eprintln!("read {read}, answered {forms} forms and {requests} requests, arranged {arranged}, repaired {repaired}");
 }
 
-/// The targets of libFuzzer, by name, and what to begin each with.
-const TARGETS: [(&str, fn(&[u8]), fn(u64) -> Vec<u8>); 9] = [
+/// What is tried, and what it is tried with first, by a seed.
+type Target = (&'static str, fn(&[u8]), fn(u64) -> Vec<u8>);
+
+/// The targets of libFuzzer.
+const TARGETS: [Target; 9] = [
     ("arrange", entries::arrange, any_bytes),
     ("repair", entries::repair, mutate::file),
     ("read_stl", |bytes| _ = entries::read_as(Format::Stl, bytes), mutate::stl),

@@ -34,7 +34,7 @@ fn dialect(format: Format, others: &[&str], seed: u64) -> Vec<u8> {
     let which = random.below(2 * (others.len() + 1));
     let mut bytes = match others.get(which) {
         Some(text) => text.as_bytes().to_vec(),
-        None if format == Format::Stl && which % 2 == 0 => ascii_stl(&model(random)),
+        None if format == Format::Stl && which.is_multiple_of(2) => ascii_stl(&model(random)),
         None => write(&model(random), format).unwrap_or_default(),
     };
     if random.below(2) == 0 {

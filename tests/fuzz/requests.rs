@@ -91,6 +91,7 @@ pub fn request(seed: u64) -> Vec<u8> {
                 format!("PUT /v1/uploads/{id}/content?token=x"),
                 "OPTIONS /v1/jobs\norigin: https://shop.example\naccess-control-request-method: POST".to_owned(),
                 "GET /docs/".to_owned(),
+                "HEAD /v1/nothing".to_owned(),
             ];
             (lines[random.below(lines.len())].clone(), Vec::new())
         }

@@ -80,6 +80,11 @@ async fn a_whole_number_may_be_written_with_a_point() {
             "the format int64 ends at {most}"
         );
     }
+    let id = api.submit(files::broken_box(), json!({"max_tier": 1})).await;
+    for (wait, expected) in [("0", 200), ("-1", 400), (&most.to_string(), 200), (&(most + 1).to_string(), 400)] {
+        let answer = api.get(&format!("/v1/jobs/{id}?wait={wait}")).send().await.expect("an answer");
+        assert_eq!(answer.status().as_u16(), expected, "{wait}");
+    }
     for (seconds, expected) in [(json!(60.0), 201), (json!(null), 201), (json!(60.5), 400), (json!(1e99), 400)] {
         let token = json!({"origin": "https://shop.example", "expires_in_s": seconds, "max_bytes": 9.0});
         assert_eq!(status(&api, "/v1/browser-tokens", token).await, expected, "{seconds}");
