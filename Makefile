@@ -2,7 +2,7 @@
 
 CARGO_DENY_VERSION := 0.20.2
 
-.PHONY: serve test lint fmt clippy deny openapi check-openapi build bench audit blender tools postgres check-deploy
+.PHONY: serve test lint fmt clippy deny openapi check-openapi build bench audit blender tools postgres check-api check-deploy
 
 ## Install what is missing, build, and serve on 127.0.0.1:8080 with SQLite and a local folder.
 serve: tools blender
@@ -41,6 +41,10 @@ openapi:
 
 check-openapi:
 	cargo run --locked --quiet --features failpoints -- openapi --check openapi/openapi.json
+
+## The served program against its OpenAPI document with schemathesis, which is installed for it; two minutes.
+check-api: tools
+	@sh scripts/check-api.sh
 
 ## docker/ and deploy/ with hadolint, promtool, systemd-analyze and Kubernetes' schemas, which are installed for it.
 check-deploy:

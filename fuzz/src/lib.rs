@@ -1,7 +1,12 @@
-//! What is fuzzed: bytes in, a panic where a promise is broken. The same is run with damaged models by `tests/fuzz/`.
+//! What is fuzzed: bytes in, a panic where a promise is broken. The same is run with damaged input by `tests/fuzz/`.
 
 mod arrangement;
+mod choices;
 mod pipeline;
+mod readers;
+mod requests;
 
 pub use arrangement::arrange;
 pub use pipeline::repair;
+pub use readers::read_as;
+pub use requests::{form, request};

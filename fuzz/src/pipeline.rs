@@ -13,6 +13,8 @@ use meshmend::repair::{
     OpenSheets, Operator, Options, Outcome, OutputFormat, Preset, RepairError, Repaired, Report, repair as run,
 };
 
+use super::choices::Choices;
+
 const LIMITS: Limits = Limits { max_bytes: 1 << 20, max_faces: 4000, max_vertices: 12_000 };
 /// The time of a run; what it takes longer is to judge what there is.
 const LONGEST: Duration = Duration::from_secs(5);
@@ -111,26 +113,5 @@ fn options(from: &mut Choices) -> Options {
         fair_patches: from.below(4) == 0,
         voxel_resolution: 64,
         ..defaults
-    }
-}
-
-/// Numbers that follow from the bytes: an FNV-1a hash, drawn from by SplitMix64.
-struct Choices(u64);
-
-impl Choices {
-    fn from(bytes: &[u8]) -> Self {
-        Self(bytes.iter().fold(0xcbf2_9ce4_8422_2325, |hash, &b| (hash ^ u64::from(b)).wrapping_mul(0x100_0000_01b3)))
-    }
-
-    fn below(&mut self, n: u64) -> usize {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((z ^ (z >> 31)) % n) as usize
-    }
-
-    fn one<'a, T>(&mut self, of: &'a [T]) -> &'a T {
-        &of[self.below(of.len() as u64)]
     }
 }

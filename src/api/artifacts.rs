@@ -9,11 +9,12 @@ use http_range_header::StartPosition;
 
 use super::caller::MayRead;
 use super::extract::{ApiPath, find_job, job_id, text_header};
+use super::incoming::RawModel;
 use super::jobs::names;
 use super::problem::{Problem, ProblemCode, shown};
 use super::state::ApiState;
 use crate::blobs::BlobError;
-use crate::jobs::{Artifact, Status};
+use crate::jobs::{Artifact, JobReport, Status};
 
 /// How long the address is good to which a download is sent on.
 const REDIRECT_LIFE: Duration = Duration::from_secs(300);
@@ -31,8 +32,24 @@ const REDIRECT_LIFE: Duration = Duration::from_secs(300);
         ("name" = String, Path, description = "One of the job's artifacts, such as model or before.png"),
     ),
     responses(
-        (status = 200, description = "The file", body = Vec<u8>, content_type = "application/octet-stream"),
-        (status = 206, description = "The range of the file", body = Vec<u8>, content_type = "application/octet-stream"),
+        (status = 200, description = "The file", content(
+            (RawModel = "application/octet-stream"),
+            (RawModel = "model/stl"),
+            (RawModel = "model/obj"),
+            (Vec<u8> = "model/gltf-binary"),
+            (Vec<u8> = "image/png"),
+            (JobReport = "application/json"),
+            (String = "text/plain"),
+        )),
+        (status = 206, description = "The range of the file", content(
+            (Vec<u8> = "application/octet-stream"),
+            (Vec<u8> = "model/stl"),
+            (Vec<u8> = "model/obj"),
+            (Vec<u8> = "model/gltf-binary"),
+            (Vec<u8> = "image/png"),
+            (String = "application/json"),
+            (String = "text/plain"),
+        )),
         (status = 304, description = "The client has it already"),
         (status = 307, description = "The file is at another address for the next minutes, where the operator wants that",
             headers(("Location" = String, description = "That address"))),
@@ -40,7 +57,6 @@ const REDIRECT_LIFE: Duration = Duration::from_secs(300);
         (status = 404, description = "No such job, or no such file of it yet", body = Problem, content_type = "application/problem+json"),
         (status = 410, description = "The job was deleted, or its results have expired", body = Problem, content_type = "application/problem+json"),
         (status = 416, description = "The range lies outside the file", body = Problem, content_type = "application/problem+json"),
-        (status = 500, description = "A fault of the service", body = Problem, content_type = "application/problem+json"),
         (status = 503, description = "The database or the file store does not answer now", body = Problem, content_type = "application/problem+json"),
     )
 )]

@@ -4,6 +4,7 @@ use std::time::Duration;
 use axum::extract::State;
 use axum::response::sse::{Event, KeepAlive, Sse};
 use futures::Stream;
+use utoipa::ToSchema;
 
 use super::caller::MayRead;
 use super::extract::{PathJobId, find_job};
@@ -13,6 +14,18 @@ use super::state::ApiState;
 use super::wait::Watch;
 use crate::jobs::Job;
 
+/// One event of a job's stream.
+#[derive(ToSchema)]
+#[expect(dead_code, reason = "it describes the events in the OpenAPI document")]
+pub(super) struct StreamEvent {
+    /// `progress`, or at the end `done`.
+    event: String,
+    /// JSON: of `progress` the status, stage, tier, percent and queue position, of `done` the whole job.
+    data: String,
+    /// The job's version.
+    id: String,
+}
+
 /// Listen to a job.
 ///
 /// Server-sent events: `progress` with stage, tier, percent and queue position each time the job changes, and at the end
@@ -21,12 +34,10 @@ use crate::jobs::Job;
     get, path = "/v1/jobs/{id}/events", tag = "jobs",
     params(("id" = String, Path, description = "The job's id")),
     responses(
-        (status = 200, description = "The events", body = String, content_type = "text/event-stream"),
+        (status = 200, description = "The events", body = StreamEvent, content_type = "text/event-stream"),
         (status = 400, description = "A path that can't be understood", body = Problem, content_type = "application/problem+json"),
         (status = 404, description = "No such job", body = Problem, content_type = "application/problem+json"),
         (status = 410, description = "The job was deleted", body = Problem, content_type = "application/problem+json"),
-        (status = 500, description = "A fault of the service", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "The database does not answer now", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub(super) async fn job_events(

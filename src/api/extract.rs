@@ -2,14 +2,15 @@ use axum::extract::{FromRequest, FromRequestParts, Path, Query, Request};
 use axum::http::header;
 use axum::http::request::Parts;
 use futures::StreamExt;
-use serde::Deserialize;
-use serde::de::DeserializeOwned;
+use serde::de::{DeserializeOwned, Error};
+use serde::{Deserialize, Deserializer};
+use serde_json::{Map, Number, Value};
 
 use super::caller::Caller;
 use super::problem::{Problem, ProblemCode, shown};
 use super::state::ApiState;
 use super::upload::{source_problem, with_patience};
-use crate::jobs::{Job, JobId};
+use crate::jobs::{Job, JobId, whole_number};
 
 /// Axum's query extractor with a problem for a rejection.
 #[derive(FromRequestParts)]
@@ -50,9 +51,25 @@ pub(super) async fn read_small(state: &ApiState, request: Request) -> Result<Vec
     Ok(text)
 }
 
-/// What a body of JSON says.
+/// What a body of JSON says, which must be an object: to serde an array of its values would be the same.
 pub(super) fn parse<'a, T: Deserialize<'a>>(text: &'a [u8]) -> Result<T, Problem> {
+    if !text.trim_ascii_start().starts_with(b"{") {
+        return Err(Problem::invalid_request("The body must be a JSON object."));
+    }
     serde_json::from_slice(text).map_err(|error| Problem::invalid_request(format!("The body can't be read: {error}.")))
+}
+
+/// A field that is an object, and not an array of its values either.
+pub(super) fn object<'de, D: Deserializer<'de>, T: DeserializeOwned>(from: D) -> Result<T, D::Error> {
+    let fields = Map::<String, Value>::deserialize(from)?;
+    T::deserialize(Value::Object(fields)).map_err(D::Error::custom)
+}
+
+/// A field that is a whole number of the format `int64`, and not below zero, or nothing.
+pub(super) fn whole<'de, D: Deserializer<'de>>(from: D) -> Result<Option<u64>, D::Error> {
+    let Some(number) = Option::<Number>::deserialize(from)? else { return Ok(None) };
+    let found = whole_number(&number).filter(|&it| i64::try_from(it).is_ok());
+    found.map(Some).ok_or_else(|| D::Error::custom(format!("{number} is not a whole number from 0 to {}", i64::MAX)))
 }
 
 /// The id of a job in a path. A text that is no id names no job.

@@ -6,7 +6,7 @@ use serde_json::{Map, Value};
 use utoipa::ToSchema;
 
 use super::caller::Caller;
-use super::extract::{parse, read_small};
+use super::extract::{object, parse, read_small};
 use super::file_name::clean_name;
 use super::idempotency::Asked;
 use super::incoming::{File, Notes, Upload, inputs, job_options};
@@ -22,17 +22,18 @@ use crate::jobs::{Input, JobId, JobOptions, Metadata};
 #[serde(deny_unknown_fields)]
 pub(super) struct SubmitUpload {
     /// Where the file is.
+    #[serde(deserialize_with = "object")]
     source: Source,
     /// What to do. Where `mode` is left out it is `repair`.
-    #[serde(default)]
     #[schema(value_type = Option<JobOptions>)]
-    options: Map<String, Value>,
+    options: Option<Map<String, Value>>,
     /// The file's name; without it that of the upload.
     name: Option<String>,
     /// Your own notes on the job, at most 50 texts and 8 KiB.
     #[serde(default)]
     metadata: Metadata,
     /// An address to tell of the job's end.
+    #[schema(format = "uri", max_length = 2048)]
     callback_url: Option<String>,
 }
 
@@ -55,7 +56,7 @@ pub(super) async fn from_upload(
 ) -> Result<Upload, Problem> {
     let text = read_small(state, request).await?;
     let SubmitUpload { source, options, name, metadata, callback_url } = parse(&text)?;
-    let options = job_options(options)?;
+    let options = job_options(options.unwrap_or_default())?;
     let mut notes = Notes::default();
     notes.take("metadata", &serde_json::to_string(&metadata).unwrap_or_default(), state.config.webhook_reach)?;
     if let Some(address) = &callback_url {

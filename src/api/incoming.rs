@@ -48,6 +48,7 @@ pub(super) struct SubmitForm {
     metadata: Option<Metadata>,
     /// An https address to tell of the job's end, beside the webhook endpoints. What comes there is signed with the secret of
     /// `GET /v1/webhook-secret`.
+    #[schema(format = "uri", max_length = 2048)]
     callback_url: Option<String>,
 }
 

@@ -26,7 +26,7 @@ pub(super) struct WaitQuery {
     /// Hold the answer until the job's status changes or so many seconds have passed; more than 60 is taken as 60. The
     /// header `Prefer: wait=20` asks for the same.
     #[param(minimum = 0, example = 20)]
-    wait: Option<u64>,
+    wait: Option<i64>,
 }
 
 /// One job.
@@ -41,8 +41,6 @@ pub(super) struct WaitQuery {
         (status = 400, description = "A query that can't be understood", body = Problem, content_type = "application/problem+json"),
         (status = 404, description = "No such job", body = Problem, content_type = "application/problem+json"),
         (status = 410, description = "The job was deleted", body = Problem, content_type = "application/problem+json"),
-        (status = 500, description = "A fault of the service", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "The database does not answer now", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub(super) async fn get_job(
@@ -52,9 +50,13 @@ pub(super) async fn get_job(
     ApiQuery(query): ApiQuery<WaitQuery>,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
+    let asked =
+        query.wait.map(u64::try_from).transpose().map_err(|_| {
+            Problem::invalid_request("wait is below zero; it must be a number of seconds, zero or more.")
+        })?;
     let mut watch = Watch::new(&state, id);
     let mut job = find_job(&state, &caller, id).await?;
-    if let Some(seconds) = query.wait.or_else(|| preferred_wait(&headers)) {
+    if let Some(seconds) = asked.or_else(|| preferred_wait(&headers)) {
         let longest = Duration::from_secs(seconds.min(LONGEST_WAIT));
         job = watch.status_change(job, longest).await?;
         if job.purged {
@@ -130,8 +132,6 @@ pub(super) struct JobPage {
     responses(
         (status = 200, description = "A page of jobs", body = JobPage),
         (status = 400, description = "A query that can't be understood", body = Problem, content_type = "application/problem+json"),
-        (status = 500, description = "A fault of the service", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "The database does not answer now", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub(super) async fn list_jobs(
@@ -159,8 +159,6 @@ pub(super) async fn list_jobs(
         (status = 404, description = "No such job", body = Problem, content_type = "application/problem+json"),
         (status = 409, description = "The job has ended", body = Problem, content_type = "application/problem+json"),
         (status = 410, description = "The job was deleted", body = Problem, content_type = "application/problem+json"),
-        (status = 500, description = "A fault of the service", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "The database does not answer now", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub(super) async fn cancel_job(
@@ -194,7 +192,6 @@ pub(super) async fn cancel_job(
         (status = 400, description = "A path that can't be understood", body = Problem, content_type = "application/problem+json"),
         (status = 404, description = "No such job", body = Problem, content_type = "application/problem+json"),
         (status = 410, description = "The job was deleted before", body = Problem, content_type = "application/problem+json"),
-        (status = 500, description = "A fault of the service", body = Problem, content_type = "application/problem+json"),
         (status = 503, description = "The database or the file store does not answer now", body = Problem, content_type = "application/problem+json"),
     )
 )]

@@ -1,6 +1,10 @@
+use std::collections::BTreeMap;
+
 use utoipa::OpenApi;
+use utoipa::openapi::path::ParameterIn;
+use utoipa::openapi::schema::AdditionalProperties;
 use utoipa::openapi::security::{HttpAuthScheme, HttpBuilder, SecurityRequirement, SecurityScheme};
-use utoipa::openapi::{ContentBuilder, Ref, ResponseBuilder};
+use utoipa::openapi::{ContentBuilder, OpenApi as OpenApiDocument, Ref, RefOr, ResponseBuilder, Schema};
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
@@ -49,6 +53,7 @@ pub(super) fn guarded() -> OpenApiRouter<ApiState> {
         .routes(routes!(capabilities::get_capabilities))
         .routes(routes!(health::get_metrics));
     document_admission(routes.get_openapi_mut());
+    document_submission(routes.get_openapi_mut());
     routes
 }
 
@@ -64,12 +69,12 @@ pub(super) fn open() -> OpenApiRouter<ApiState> {
 
 /// The OpenAPI document (3.1), as kept in `openapi/openapi.json`.
 #[must_use]
-pub fn document() -> utoipa::openapi::OpenApi {
+pub fn document() -> OpenApiDocument {
     guarded().merge(open()).into_openapi()
 }
 
-/// Adds what `admit` may answer, and what it asks for.
-fn document_admission(document: &mut utoipa::openapi::OpenApi) {
+/// Adds what `admit` and any handler may answer, and what is asked for.
+fn document_admission(document: &mut OpenApiDocument) {
     let scheme = SecurityScheme::Http(
         HttpBuilder::new()
             .scheme(HttpAuthScheme::Bearer)
@@ -83,6 +88,7 @@ fn document_admission(document: &mut utoipa::openapi::OpenApi) {
         ("401", "No key, or one that is worth nothing"),
         ("403", "The key lacks a scope, or the page is of another origin"),
         ("429", "Too many requests came"),
+        ("500", "A fault of the service"),
         ("503", "The database does not answer now"),
     ];
     let operations = document.paths.paths.values_mut().flat_map(|path| {
@@ -98,6 +104,38 @@ fn document_admission(document: &mut utoipa::openapi::OpenApi) {
             let content = ContentBuilder::new().schema(Some(Ref::from_schema_name("Problem"))).build();
             let answer = ResponseBuilder::new().description(description).content("application/problem+json", content);
             operation.responses.responses.entry(status.to_owned()).or_insert_with(|| answer.build().into());
+        }
+    }
+}
+
+/// Query fields of `POST /v1/jobs` whose values are written as JSON.
+const JSON_FIELDS: [&str; 4] = ["metadata", "tolerances", "up", "build_volume"];
+
+/// Says of `POST /v1/jobs` that its form has no other parts, and of each field of its query what is said of it in a body, such as its
+/// range, so that it is said in one place.
+fn document_submission(document: &mut OpenApiDocument) {
+    let Some(schemas) = document.components.as_mut().map(|components| &mut components.schemas) else { return };
+    if let Some(RefOr::T(Schema::Object(form))) = schemas.get_mut("SubmitForm") {
+        form.additional_properties = Some(Box::new(AdditionalProperties::FreeForm(false)));
+    }
+    let bodies = ["Options", "InspectOptions", "SubmitUpload"].into_iter().filter_map(|name| match schemas.get(name) {
+        Some(RefOr::T(Schema::Object(body))) => Some(&body.properties),
+        _ => None,
+    });
+    let known: BTreeMap<String, RefOr<Schema>> =
+        bodies.flatten().map(|(name, it)| (name.clone(), it.clone())).collect();
+    let submit = document.paths.paths.get_mut("/v1/jobs").and_then(|path| path.post.as_mut());
+    for field in submit.and_then(|submit| submit.parameters.as_mut()).into_iter().flatten() {
+        let RefOr::T(field) = field else { continue };
+        let Some(schema) = known.get(&field.name).filter(|_| field.parameter_in == ParameterIn::Query) else {
+            continue;
+        };
+        if JSON_FIELDS.contains(&field.name.as_str()) {
+            let content = ContentBuilder::new().schema(Some(schema.clone())).build();
+            field.content = BTreeMap::from([("application/json".to_owned(), content.into())]);
+            field.schema = None;
+        } else {
+            field.schema = Some(schema.clone());
         }
     }
 }

@@ -35,7 +35,7 @@ const BUSY_S: u32 = 30;
     params(
         ("name" = Option<String>, Query, description = "For a raw body: the file's name"),
         ("mode" = Option<Mode>, Query, description = "For a raw body: what to do, `repair` where it is left out. An option of the other mode is refused"),
-        ("Idempotency-Key" = Option<String>, Header, description = "Any text of your own, such as a UUID. The same request sent again within a day is answered with the job that it made (header `Idempotency-Replayed: true`), and makes no other"),
+        ("Idempotency-Key" = Option<String>, Header, min_length = 1, max_length = 255, pattern = "^[!-~]+$", description = "Any text of your own, such as a UUID. The same request sent again within a day is answered with the job that it made (header `Idempotency-Replayed: true`), and makes no other"),
         ("metadata" = Option<String>, Query, description = "For a raw body: your own notes on the job, a JSON object of texts"),
         ("callback_url" = Option<String>, Query, description = "For a raw body: an https address to tell of the job's end"),
         ("Cache-Control" = Option<String>, Header, description = "`no-cache` to have the work done even where an earlier job of yours has the result"),
@@ -43,7 +43,11 @@ const BUSY_S: u32 = 30;
         InspectOptions,
     ),
     request_body(content(
-        (SubmitForm = "multipart/form-data"),
+        (SubmitForm = "multipart/form-data", encoding(
+            ("file" = (content_type = "application/octet-stream")),
+            ("options" = (content_type = "application/json")),
+            ("metadata" = (content_type = "application/json")),
+        )),
         (RawModel = "application/octet-stream"),
         (SubmitUpload = "application/json"),
     )),
@@ -60,7 +64,6 @@ const BUSY_S: u32 = 30;
         (status = 422, description = "An option that is unknown, out of its range, or of another mode; or an Idempotency-Key of another request", body = Problem, content_type = "application/problem+json"),
         (status = 429, description = "As many jobs wait as may, or too many requests came", body = Problem, content_type = "application/problem+json",
             headers(("Retry-After" = u32, description = "Seconds to wait before sending it again"))),
-        (status = 500, description = "A fault of the service", body = Problem, content_type = "application/problem+json"),
         (status = 503, description = "The database or the file store does not answer now, or the disk is full", body = Problem, content_type = "application/problem+json"),
     )
 )]

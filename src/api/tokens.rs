@@ -7,7 +7,7 @@ use time::OffsetDateTime;
 use utoipa::ToSchema;
 
 use super::caller::MayMakeTokens;
-use super::extract::ApiJson;
+use super::extract::{ApiJson, whole};
 use super::problem::Problem;
 use super::state::ApiState;
 use crate::access::{KeyKind, NewKey, Scope, Scopes, Secret};
@@ -23,15 +23,38 @@ const SHORTEST_S: u64 = 30;
 #[schema(as = NewBrowserToken)]
 pub(super) struct NewToken {
     /// The origin of the page, such as `https://shop.example`: the token is worth nothing elsewhere.
+    #[schema(
+        max_length = 255,
+        pattern = "^https?://[A-Za-z0-9._-]+(:[0-9]{1,5})?/?$",
+        example = "https://shop.example"
+    )]
     origin: String,
-    /// What it allows: `jobs:read`, `jobs:write`; both where it is left out. Either way it reaches only jobs submitted with it.
+    /// What it allows; both where it is left out. Either way it reaches only jobs submitted with it.
+    #[schema(value_type = Option<Vec<BrowserScope>>)]
     scopes: Option<Vec<Scope>>,
     /// Largest upload in bytes; that of the service where it is left out.
+    #[serde(default, deserialize_with = "whole")]
     #[schema(minimum = 1)]
     max_bytes: Option<u64>,
     /// Seconds until it expires.
+    #[serde(default, deserialize_with = "whole")]
     #[schema(minimum = 30, maximum = 86400, default = 3600)]
     expires_in_s: Option<u64>,
+}
+
+/// What a token for a page may allow.
+#[derive(ToSchema)]
+#[expect(
+    dead_code,
+    reason = "it describes the scopes in the OpenAPI document; which may be asked for depends on the key"
+)]
+enum BrowserScope {
+    /// Look at jobs, download their files.
+    #[schema(rename = "jobs:read")]
+    JobsRead,
+    /// Submit, cancel and delete jobs.
+    #[schema(rename = "jobs:write")]
+    JobsWrite,
 }
 
 /// A token for a page.
@@ -63,8 +86,6 @@ pub(super) struct BrowserToken {
         (status = 201, description = "The token", body = BrowserToken),
         (status = 400, description = "A body that can't be understood", body = Problem, content_type = "application/problem+json"),
         (status = 422, description = "A value that is out of its range", body = Problem, content_type = "application/problem+json"),
-        (status = 500, description = "A fault of the service", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "The database does not answer now", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub(super) async fn make_token(

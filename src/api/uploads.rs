@@ -11,7 +11,7 @@ use time::OffsetDateTime;
 use utoipa::{IntoParams, ToSchema};
 
 use super::caller::MayWrite;
-use super::extract::{ApiPath, ApiQuery, parse, read_small, text_header};
+use super::extract::{ApiPath, ApiQuery, parse, read_small, text_header, whole};
 use super::file_name::clean_name;
 use super::incoming::RawModel;
 use super::problem::{Problem, ProblemCode, shown};
@@ -30,6 +30,7 @@ pub(super) struct UploadRequest {
     #[schema(example = "bracket.stl")]
     name: Option<String>,
     /// Its size. One that is too large is refused before it is sent.
+    #[serde(deserialize_with = "whole")]
     bytes: Option<u64>,
 }
 
@@ -71,7 +72,7 @@ pub(super) struct PutView {
 /// `POST /v1/jobs` with JSON. Send the file as the whole body of the request that `put` describes.
 #[utoipa::path(
     post, path = "/v1/uploads", tag = "uploads",
-    request_body(content = UploadRequest, content_type = "application/json"),
+    request_body(content = Option<UploadRequest>, content_type = "application/json"),
     responses(
         (status = 201, description = "Where to send it", body = UploadView),
         (status = 400, description = "A body that can't be understood", body = Problem, content_type = "application/problem+json"),
@@ -80,7 +81,6 @@ pub(super) struct PutView {
         (status = 415, description = "A body that is not JSON", body = Problem, content_type = "application/problem+json"),
         (status = 429, description = "As many uploads wait for a job as may", body = Problem, content_type = "application/problem+json",
             headers(("Retry-After" = u32, description = "Seconds to wait before sending it again"))),
-        (status = 500, description = "A fault of the service", body = Problem, content_type = "application/problem+json"),
         (status = 503, description = "The database or the file store does not answer now, or the disk is full", body = Problem, content_type = "application/problem+json"),
     )
 )]

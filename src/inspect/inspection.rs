@@ -50,17 +50,19 @@ pub struct InspectOptions {
     pub level: Level,
     /// Places of each kind of defect that the report lists.
     #[schema(minimum = 0, maximum = 1000)]
-    #[param(minimum = 0, maximum = 1000)]
     pub places: usize,
     /// How closely things must agree to count as the same.
     pub tolerances: Tolerances,
     /// The model's unit, where it is known; without it millimetres are assumed.
     pub unit: Option<Unit>,
     /// The direction in which the model is built, of any length but zero.
+    #[schema(min_items = 3, max_items = 3)]
     pub up: [f64; 3],
     /// An angle from the vertical, in degrees from 0 to 90, for which the area of overhangs is told beside 30, 45 and 60.
+    #[schema(minimum = 0.0, maximum = 90.0)]
     pub overhang_degrees: f64,
     /// Sides of the printer's build volume, in millimetres.
+    #[schema(min_items = 3, max_items = 3)]
     pub build_volume: Option<[f64; 3]>,
 }
 

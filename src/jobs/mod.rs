@@ -26,7 +26,7 @@ pub use job::{
     Artifact, Artifacts, Input, Job, JobId, JobIdError, JobProblem, JobProgress, Metadata, ProblemKind, Status,
 };
 pub use keys::{KEY_HOLD, KEY_LIFE, KeyState, RequestKey};
-pub use options::{JobOptions, JobOptionsError, Mode};
+pub use options::{JobOptions, JobOptionsError, Mode, whole_number};
 pub use postgres::PostgresStore;
 pub use report::{JobOutcome, JobReport, StoredReport};
 pub use retry::RetryPolicy;

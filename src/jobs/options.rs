@@ -1,6 +1,6 @@
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
-use serde_json::{Map, Value};
+use serde_json::{Map, Number, Value};
 use utoipa::{IntoParams, ToSchema};
 
 use crate::analyze::AnalyzeOptions;
@@ -119,6 +119,7 @@ impl JobOptions {
             Some(mode) => serde_json::from_value(mode.clone()).map_err(|_| JobOptionsError::Mode(mode))?,
         };
         let own = mode.option_names();
+        fields.values_mut().for_each(with_whole_numbers);
         if let Some(option) = fields.keys().find(|option| !own.contains(option)).cloned() {
             return Err(match Mode::ALL.into_iter().find(|of| of.option_names().contains(&option)) {
                 Some(of) => JobOptionsError::OtherMode { option, of, mode },
@@ -134,6 +135,29 @@ impl JobOptions {
             Self::Analyze(options) => options.validate()?,
         }
         Ok(options)
+    }
+}
+
+/// The whole number that a number of JSON is, however it is written: `30.0` is one to JSON and its schemas, but not to serde.
+#[must_use]
+pub fn whole_number(number: &Number) -> Option<u64> {
+    /// From here on floating point has no fractions.
+    const MOST: f64 = (1_u64 << 53) as f64;
+    let written = || number.as_f64().filter(|it| it.fract() == 0.0 && (0.0..MOST).contains(it));
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "it is whole and within the range")]
+    number.as_u64().or_else(|| written().map(|it| it as u64))
+}
+
+fn with_whole_numbers(value: &mut Value) {
+    match value {
+        Value::Number(number) => {
+            if let Some(whole) = whole_number(number) {
+                *number = whole.into();
+            }
+        }
+        Value::Array(items) => items.iter_mut().for_each(with_whole_numbers),
+        Value::Object(fields) => fields.values_mut().for_each(with_whole_numbers),
+        _ => {}
     }
 }
 

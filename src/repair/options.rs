@@ -115,14 +115,17 @@ pub struct Options {
     /// Format of the result.
     pub output: OutputFormat,
     /// Operators that run although they are left out by default.
+    #[param(explode = false)]
     #[serde(deserialize_with = "operators")]
     pub with: Vec<Operator>,
     /// Operators that do not run.
+    #[param(explode = false)]
     #[serde(deserialize_with = "operators")]
     pub without: Vec<Operator>,
     /// The farthest that surface may be moved from where it was or made, hole patches apart, in the model's unit. What can't be
     /// fixed within it is left and reported.
     #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(minimum = 0.0)]
     pub max_deviation: Option<f64>,
     /// Most faces that the result should have: faces are removed by collapsing edges until there are no more, or `max_error`, or
     /// without it 0.5 % of the bounding box's diagonal, allows no further.
@@ -203,6 +206,7 @@ pub struct Options {
     pub fair_patches: bool,
     /// The edge of a remesh's voxels, natively or by Blender, in the model's unit. Without it the size follows from `voxel_resolution`.
     #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(exclusive_minimum = 0.0)]
     pub voxel_size: Option<f64>,
     /// Voxels along the bounding box's diagonal for a remesh.
     #[schema(minimum = 16, maximum = 2000)]

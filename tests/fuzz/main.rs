@@ -1,4 +1,5 @@
-//! Fuzzing without libFuzzer: models in every format, damaged as models and as bytes, through the whole pipeline.
+//! Fuzzing without libFuzzer: models in every format, damaged as models and as bytes, through each reader and the whole pipeline;
+//! and requests with them, damaged as forms, as JSON and as bytes, through the HTTP surface.
 //!
 //! A few run with the other tests. For longer, with the seconds and the seed that the environment asks for:
 //! `MESHMEND_FUZZ_SECONDS=600 MESHMEND_FUZZ_SEED=1 cargo test --test fuzz -- --ignored --nocapture for_long`
@@ -13,11 +14,13 @@ mod entries;
 #[allow(dead_code, reason = "shared with other tests")]
 mod meshes;
 mod mutate;
+mod requests;
 
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use damage::Random;
+use meshmend::format::Format;
 
 /// A small model may take so long, twice and checked, on a busy machine.
 const LONGEST: Duration = Duration::from_secs(60);
@@ -71,6 +74,27 @@ fn some_solids_with_whole_corners_are_arranged() {
     try_from_seed("arrange-short", 1, entries::arrange, any_bytes, |done| done >= 150);
 }
 
+fn read_as_any(bytes: &[u8]) {
+    for format in Format::ALL {
+        entries::read_as(format, bytes);
+    }
+}
+
+#[test]
+fn some_damaged_files_are_read() {
+    try_from_seed("read-short", 1, read_as_any, mutate::file, |done| done >= 300);
+}
+
+#[test]
+fn some_damaged_forms_are_answered() {
+    try_from_seed("form-short", 1, entries::form, requests::form, |done| done >= 150);
+}
+
+#[test]
+fn some_damaged_requests_are_answered() {
+    try_from_seed("request-short", 1, entries::request, requests::request, |done| done >= 150);
+}
+
 #[test]
 #[ignore = "runs as long as it is asked to"]
 #[allow(clippy::print_stderr, reason = "tells how far it came")]
@@ -78,26 +102,60 @@ fn for_long() {
     let (seconds, seed) = (number("MESHMEND_FUZZ_SECONDS", 60), number("MESHMEND_FUZZ_SEED", 1) << 32);
     let begin = Instant::now();
     let share = |share: f64| move |_| begin.elapsed().as_secs_f64() > share * seconds as f64;
-    let arranged = try_from_seed("arrange", seed, entries::arrange, any_bytes, share(0.1));
+    let read = try_from_seed("read", seed, read_as_any, mutate::file, share(0.1));
+    let forms = try_from_seed("form", seed, entries::form, requests::form, share(0.2));
+    let requests = try_from_seed("request", seed, entries::request, requests::request, share(0.3));
+    let arranged = try_from_seed("arrange", seed, entries::arrange, any_bytes, share(0.4));
     let repaired = try_from_seed("repair", seed, entries::repair, mutate::file, share(1.0));
-    eprintln!("arranged {arranged}, repaired {repaired}");
+    eprintln!("read {read}, answered {forms} forms and {requests} requests, arranged {arranged}, repaired {repaired}");
 }
 
-/// Runs one file again, as it was left by a failure or found by libFuzzer.
+/// What is tried, and what it is tried with first, by a seed.
+type Target = (&'static str, fn(&[u8]), fn(u64) -> Vec<u8>);
+
+/// The targets of libFuzzer.
+const TARGETS: [Target; 9] = [
+    ("arrange", entries::arrange, any_bytes),
+    ("repair", entries::repair, mutate::file),
+    ("read_stl", |bytes| _ = entries::read_as(Format::Stl, bytes), mutate::stl),
+    ("read_obj", |bytes| _ = entries::read_as(Format::Obj, bytes), mutate::obj),
+    ("read_ply", |bytes| _ = entries::read_as(Format::Ply, bytes), mutate::ply),
+    ("read_off", |bytes| _ = entries::read_as(Format::Off, bytes), mutate::off),
+    ("read_mesh", |bytes| _ = entries::read_as(Format::Mesh, bytes), mutate::mesh),
+    ("form", entries::form, requests::form),
+    ("request", entries::request, requests::request),
+];
+
+/// Runs one file again, as it was left by a failure or found by libFuzzer, with the target that the environment names.
 #[test]
 #[ignore = "needs a file"]
 fn one_file_again() {
     let bytes = std::fs::read(std::env::var("MESHMEND_FUZZ_FILE").unwrap()).unwrap();
-    entries::repair(&bytes);
+    let target = std::env::var("MESHMEND_FUZZ_TARGET").unwrap_or_else(|_| "repair".to_owned());
+    TARGETS.iter().find(|(name, ..)| *name == target).unwrap().1(&bytes);
 }
 
 /// Writes files for libFuzzer to begin with.
 #[test]
 #[ignore = "writes files"]
 fn seeds_for_libfuzzer() {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("fuzz/corpus/repair");
-    std::fs::create_dir_all(&folder).unwrap();
-    for seed in 0..200 {
-        std::fs::write(folder.join(format!("made-{seed}")), mutate::file(seed)).unwrap();
+    for (name, _, make) in TARGETS {
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("fuzz/corpus").join(name);
+        std::fs::create_dir_all(&folder).unwrap();
+        for seed in 0..200 {
+            std::fs::write(folder.join(format!("made-{seed}")), make(seed)).unwrap();
+        }
     }
+}
+
+/// So that none is forgotten here.
+#[test]
+fn every_target_of_libfuzzer_is_tried_here() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("fuzz/fuzz_targets");
+    let files = std::fs::read_dir(folder).unwrap().map(|file| file.unwrap().path());
+    let mut found: Vec<String> = files.map(|file| file.file_stem().unwrap().to_str().unwrap().to_owned()).collect();
+    let mut known: Vec<&str> = TARGETS.iter().map(|(name, ..)| *name).collect();
+    found.sort_unstable();
+    known.sort_unstable();
+    assert_eq!(found, known);
 }

@@ -23,11 +23,70 @@ pub fn file(seed: u64) -> Vec<u8> {
         _ => write(&soup, Format::Stl).unwrap_or_default(),
     };
     if random.below(3) == 0 {
-        for _ in 0..=random.below(6) {
-            damage_bytes(&mut bytes, random);
-        }
+        damage_some(&mut bytes, random);
     }
     bytes
+}
+
+/// A file of the format, in each of its dialects that is worth to begin with.
+fn dialect(format: Format, others: &[&str], seed: u64) -> Vec<u8> {
+    let random = &mut Random::new(seed);
+    let which = random.below(2 * (others.len() + 1));
+    let mut bytes = match others.get(which) {
+        Some(text) => text.as_bytes().to_vec(),
+        None if format == Format::Stl && which.is_multiple_of(2) => ascii_stl(&model(random)),
+        None => write(&model(random), format).unwrap_or_default(),
+    };
+    if random.below(2) == 0 {
+        damage_some(&mut bytes, random);
+    }
+    bytes
+}
+
+pub fn stl(seed: u64) -> Vec<u8> {
+    dialect(
+        Format::Stl,
+        &[
+            "solid\nfacet\nouter loop\nvertex 0 0 0 vertex 1 0 0\nvertex 0 1 0 endloop\nendfacet\nendsolid a\nsolid b\nendsolid b\n",
+        ],
+        seed,
+    )
+}
+
+pub fn obj(seed: u64) -> Vec<u8> {
+    let quads =
+        "o x\nv 0 0 0 1\nv 4 0 0\nv 1 1 0\nv 0 4 0\nvt 0 0\nvn 0 0 1\nf 1/1/1 2/1/1 3//1 4/1\nf -4 -3 \\\n-1\nl 1 2\n";
+    dialect(Format::Obj, &[quads], seed)
+}
+
+pub fn ply(seed: u64) -> Vec<u8> {
+    let strips = "ply\nformat ascii 1.0\ncomment x\nelement vertex 4\nproperty float x\nproperty float y\nproperty double z\nproperty uchar red\n\
+                  element face 2\nproperty list uchar int vertex_indices\nelement tristrips 1\nproperty list int int vertex_indices\nend_header\n\
+                  0 0 0 1\n1 0 0 1\n1 1 0 1\n0 1 0 1\n4 0 1 2 3\n3 0 1 2\n5 0 1 2 -1 3\n";
+    let big = "ply\nformat binary_big_endian 1.0\nelement vertex 3\nproperty char x\nproperty char y\nproperty char z\nelement face 1\n\
+               property list uchar uchar vertex_indices\nend_header\n\0\0\0\u{1}\0\0\0\u{1}\0\u{3}\0\u{1}\u{2}";
+    dialect(Format::Ply, &[strips, big], seed)
+}
+
+pub fn off(seed: u64) -> Vec<u8> {
+    let coloured = "COFF\n5 2 0\n0 0 0 1 1 1\n4 0 0 1 1 1\n1 1 0 1 1 1\n0 4 0 1 1 1\n9 9 9 0 0 0\n4 0 1 2 3\n5 0 1 4 2 3 255 0 0\n";
+    let dimensions = "4nOFF\n3\n3 1 3 # counts\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n";
+    dialect(Format::Off, &[coloured, dimensions], seed)
+}
+
+pub fn mesh(seed: u64) -> Vec<u8> {
+    dialect(
+        Format::Mesh,
+        &["Face 7 3 1 2\nVertex 3 0 0 0\nVertex 1 1 0 0 {rgb=(1 0 0)}\nVertex 2 0 1 0\nFace 9 1 2 8\n"],
+        seed,
+    )
+}
+
+/// Damages bytes in some places.
+pub fn damage_some(bytes: &mut Vec<u8>, random: &mut Random) {
+    for _ in 0..=random.below(6) {
+        damage_bytes(bytes, random);
+    }
 }
 
 /// One to four solids or sheets, where they are often coplanar or tangent, with damage.

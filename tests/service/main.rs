@@ -12,6 +12,7 @@ mod blobs;
 mod buckets;
 mod cancel;
 mod chaos;
+mod contract;
 mod database;
 mod disk;
 mod faults;

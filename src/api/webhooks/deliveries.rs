@@ -121,7 +121,6 @@ async fn page(
         (status = 200, description = "A page of deliveries", body = DeliveriesView),
         (status = 400, description = "A query that can't be understood", body = Problem, content_type = "application/problem+json"),
         (status = 404, description = "No such endpoint", body = Problem, content_type = "application/problem+json"),
-        (status = 500, description = "A fault of the service", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub(in crate::api) async fn list_of_endpoint(
@@ -144,7 +143,6 @@ pub(in crate::api) async fn list_of_endpoint(
         (status = 200, description = "A page of deliveries", body = DeliveriesView),
         (status = 400, description = "A query that can't be understood", body = Problem, content_type = "application/problem+json"),
         (status = 404, description = "No such job", body = Problem, content_type = "application/problem+json"),
-        (status = 500, description = "A fault of the service", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub(in crate::api) async fn list_deliveries(
@@ -168,7 +166,6 @@ pub(in crate::api) async fn list_deliveries(
         (status = 400, description = "A path that can't be understood", body = Problem, content_type = "application/problem+json"),
         (status = 404, description = "No such delivery", body = Problem, content_type = "application/problem+json"),
         (status = 409, description = "Its endpoint is disabled", body = Problem, content_type = "application/problem+json"),
-        (status = 500, description = "A fault of the service", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub(in crate::api) async fn redeliver(
@@ -197,7 +194,6 @@ pub(in crate::api) async fn redeliver(
         (status = 400, description = "A path that can't be understood", body = Problem, content_type = "application/problem+json"),
         (status = 404, description = "No such endpoint", body = Problem, content_type = "application/problem+json"),
         (status = 409, description = "The endpoint is disabled", body = Problem, content_type = "application/problem+json"),
-        (status = 500, description = "A fault of the service", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub(in crate::api) async fn test_endpoint(

@@ -25,14 +25,14 @@ const DESCRIPTION_CHARS: usize = 200;
 #[schema(as = NewWebhookEndpoint)]
 pub(in crate::api) struct NewView {
     /// An https address, to which messages are posted.
-    #[schema(example = "https://shop.example/hooks/meshmend")]
+    #[schema(format = "uri", max_length = 2048, example = "https://shop.example/hooks/meshmend")]
     url: String,
     /// What to tell it of; everything where it is left out.
     #[schema(min_items = 1)]
     events: Option<Vec<JobEvent>>,
-    /// What it is for, in your own words: at most 200 characters.
+    /// What it is for, in your own words: at most 200 characters on one line.
     #[serde(default)]
-    #[schema(max_length = 200)]
+    #[schema(max_length = 200, pattern = r"^[^\u0000-\u001f\u007f-\u009f]*$")]
     description: String,
 }
 
@@ -42,12 +42,13 @@ pub(in crate::api) struct NewView {
 #[schema(as = WebhookEndpointChange)]
 pub(in crate::api) struct ChangeView {
     /// An https address, to which messages are posted.
+    #[schema(format = "uri", max_length = 2048)]
     url: Option<String>,
     /// What to tell it of.
     #[schema(min_items = 1)]
     events: Option<Vec<JobEvent>>,
     /// What it is for.
-    #[schema(max_length = 200)]
+    #[schema(max_length = 200, pattern = r"^[^\u0000-\u001f\u007f-\u009f]*$")]
     description: Option<String>,
     /// Whether to tell it of anything. Disabling it gives up what waits for it.
     enabled: Option<bool>,
@@ -167,7 +168,6 @@ pub(super) async fn find(state: &ApiState, caller: &Caller, id: &str) -> Result<
         (status = 400, description = "A body that can't be understood", body = Problem, content_type = "application/problem+json"),
         (status = 409, description = "There are as many as may be", body = Problem, content_type = "application/problem+json"),
         (status = 422, description = "An address that can't be used, or a value out of its range", body = Problem, content_type = "application/problem+json"),
-        (status = 500, description = "A fault of the service", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub(in crate::api) async fn create_endpoint(
@@ -196,7 +196,6 @@ pub(in crate::api) async fn create_endpoint(
     get, path = "/v1/webhook-endpoints", tag = "webhooks",
     responses(
         (status = 200, description = "The endpoints", body = EndpointsView),
-        (status = 500, description = "A fault of the service", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub(in crate::api) async fn list_endpoints(
@@ -215,7 +214,6 @@ pub(in crate::api) async fn list_endpoints(
         (status = 200, description = "The endpoint", body = EndpointView),
         (status = 400, description = "A path that can't be understood", body = Problem, content_type = "application/problem+json"),
         (status = 404, description = "No such endpoint", body = Problem, content_type = "application/problem+json"),
-        (status = 500, description = "A fault of the service", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub(in crate::api) async fn get_endpoint(
@@ -238,7 +236,6 @@ pub(in crate::api) async fn get_endpoint(
         (status = 400, description = "A body or a path that can't be understood", body = Problem, content_type = "application/problem+json"),
         (status = 404, description = "No such endpoint", body = Problem, content_type = "application/problem+json"),
         (status = 422, description = "An address that can't be used, or a value out of its range", body = Problem, content_type = "application/problem+json"),
-        (status = 500, description = "A fault of the service", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub(in crate::api) async fn change_endpoint(
@@ -266,7 +263,6 @@ pub(in crate::api) async fn change_endpoint(
         (status = 204, description = "It is gone"),
         (status = 400, description = "A path that can't be understood", body = Problem, content_type = "application/problem+json"),
         (status = 404, description = "No such endpoint", body = Problem, content_type = "application/problem+json"),
-        (status = 500, description = "A fault of the service", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub(in crate::api) async fn delete_endpoint(
@@ -289,7 +285,6 @@ pub(in crate::api) async fn delete_endpoint(
         (status = 200, description = "The endpoint with its new secret", body = EndpointView),
         (status = 400, description = "A path that can't be understood", body = Problem, content_type = "application/problem+json"),
         (status = 404, description = "No such endpoint", body = Problem, content_type = "application/problem+json"),
-        (status = 500, description = "A fault of the service", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub(in crate::api) async fn rotate_endpoint(

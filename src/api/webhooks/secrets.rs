@@ -36,7 +36,6 @@ fn answer(secrets: Secrets) -> Response {
     get, path = "/v1/webhook-secret", tag = "webhooks",
     responses(
         (status = 200, description = "The secret", body = WebhookSecret),
-        (status = 500, description = "A fault of the service", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub(in crate::api) async fn get_secret(
@@ -53,7 +52,6 @@ pub(in crate::api) async fn get_secret(
     post, path = "/v1/webhook-secret/rotate", tag = "webhooks",
     responses(
         (status = 200, description = "The new secret", body = WebhookSecret),
-        (status = 500, description = "A fault of the service", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub(in crate::api) async fn rotate_secret(
