@@ -23,7 +23,7 @@ use super::stages::{Stages, record_steps};
 use super::task::{ProgressLine, Task};
 use super::usage::Excess;
 use super::{crash, pause_at};
-use crate::blobs::{BlobError, Blobs};
+use crate::blobs::{BlobError, Blobs, Stored};
 use crate::jobs::{
     Artifact, Artifacts, Claim, Completion, Failure, FailureKind, Job, JobProblem, JobProgress, JobReport, Lease,
     ProblemKind, Status, StoreError,
@@ -362,18 +362,14 @@ impl<'a> Attempt<'a> {
 
     /// Stores those files that are there under this attempt's own keys, where nobody sees them yet.
     async fn store_files(&self, folder: &Path, files: Vec<Offered>) -> Result<Artifacts, AttemptError> {
-        let stored = files.into_iter().map(|Offered { name, filename, media_type }| async move {
-            let path = folder.join(&name);
-            if !tokio::fs::try_exists(&path).await? {
-                return Ok(None);
-            }
-            let key = Blobs::artifact_key(self.lease.id, &self.lease.token, &name);
-            let stored = patiently(Some(&self.over), || self.pool.blobs.put_file(&key, &path)).await?;
-            let media_type = media_type.to_owned();
-            let artifact = Artifact { key, filename, media_type, bytes: stored.bytes, sha256: stored.sha256 };
-            Ok::<_, AttemptError>(Some((name, artifact)))
-        });
-        Ok(futures::future::try_join_all(stored).await?.into_iter().flatten().collect())
+        let key = |name: &str| Blobs::artifact_key(self.lease.id, &self.lease.token, name);
+        let places: Vec<_> = files.iter().map(|file| (key(&file.name), folder.join(&file.name))).collect();
+        let stored = patiently(Some(&self.over), || self.pool.blobs.put_files(&places)).await?;
+        let artifact = |(Offered { name, filename, media_type }, stored): (Offered, Option<Stored>)| {
+            let (key, media_type, Stored { bytes, sha256, .. }) = (key(&name), media_type.to_owned(), stored?);
+            Some((name, Artifact { key, filename, media_type, bytes, sha256 }))
+        };
+        Ok(files.into_iter().zip(stored).filter_map(artifact).collect())
     }
 
     /// Removes what this attempt stored, after it lost the job.
