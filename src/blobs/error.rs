@@ -56,6 +56,12 @@ impl BlobError {
     }
 }
 
+/// An error of the folder that is the store.
+pub(super) fn of_folder(error: std::io::Error) -> BlobError {
+    metrics::counter!(telemetry::BLOB_ERRORS).increment(1);
+    error.into()
+}
+
 pub(super) fn not_found(error: object_store::Error) -> BlobError {
     match error {
         object_store::Error::NotFound { .. } => BlobError::NotFound,

@@ -1,13 +1,82 @@
 //! What a local folder needs beside object_store: it writes a file as `<name>#<number>` first, and neither lists nor
-//! deletes those when a process was killed half way.
+//! deletes those when a process was killed half way; and it waits for the disk two times or more for each of several files.
 
-use std::collections::BTreeMap;
-use std::fs::{self, DirEntry};
-use std::io;
-use std::path::Path;
+use std::collections::{BTreeMap, BTreeSet};
+use std::fs::{self, DirEntry, File};
+use std::io::{self, Read, Write};
+use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
 
+use super::CHUNK;
+use super::put::{Account, Stored};
 use crate::jobs::JobId;
+
+/// Copies local files into the folder, each to its key; gives none for one that is not there. When this returns they are on disk.
+///
+/// They are written where they stay, so that part of one may be there when the process is killed: for keys that nobody has been
+/// told of. All are written before the first is waited for, since then the disk has most of the others too.
+pub(super) fn copy_in(folder: &Path, files: &[(String, PathBuf)]) -> io::Result<Vec<Option<Stored>>> {
+    let copied = try_copy_in(folder, files);
+    if copied.is_err() {
+        // What can't be removed goes with the attempt that made it.
+        files.iter().for_each(|(key, _)| drop(fs::remove_file(folder.join(key))));
+    }
+    copied
+}
+
+fn try_copy_in(folder: &Path, files: &[(String, PathBuf)]) -> io::Result<Vec<Option<Stored>>> {
+    let (mut stored, mut written, mut changed) = (Vec::new(), Vec::new(), BTreeSet::new());
+    for (key, path) in files {
+        let source = match File::open(path) {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => {
+                stored.push(None);
+                continue;
+            }
+            source => source?,
+        };
+        let target = folder.join(key);
+        if let Some(parent) = target.parent() {
+            make_folder(parent, &mut changed)?;
+            changed.insert(parent.to_owned());
+        }
+        let mut target = File::create(target)?;
+        stored.push(Some(copy(source, &mut target)?));
+        written.push(target);
+    }
+    written.iter().try_for_each(File::sync_all)?;
+    changed.iter().try_for_each(|folder| File::open(folder)?.sync_all())?;
+    Ok(stored)
+}
+
+/// Makes a folder, and those above it that are missing; adds those that have a new entry to `changed`.
+fn make_folder(path: &Path, changed: &mut BTreeSet<PathBuf>) -> io::Result<()> {
+    match (fs::create_dir(path), path.parent()) {
+        (Ok(()), parent) => changed.extend(parent.map(Path::to_owned)),
+        (Err(error), _) if error.kind() == io::ErrorKind::AlreadyExists => {}
+        (Err(error), Some(parent)) if error.kind() == io::ErrorKind::NotFound => {
+            make_folder(parent, changed)?;
+            make_folder(path, changed)?;
+        }
+        (Err(error), _) => return Err(error),
+    }
+    Ok(())
+}
+
+/// Copies a file's bytes, and says what they are.
+pub(super) fn copy(mut source: File, target: &mut File) -> io::Result<Stored> {
+    let mut account = Account::default();
+    let size = usize::try_from(source.metadata()?.len()).unwrap_or(CHUNK);
+    let mut chunk = vec![0; size.clamp(1, CHUNK)];
+    loop {
+        match source.read(&mut chunk)? {
+            0 => return Ok(account.stored()),
+            read => {
+                account.add(&chunk[..read]);
+                target.write_all(&chunk[..read])?;
+            }
+        }
+    }
+}
 
 /// Entries of a folder; none if it is not there.
 fn entries(folder: &Path) -> io::Result<Vec<DirEntry>> {

@@ -1,6 +1,7 @@
 //! Files on their way into the store: counted, hashed, and whole in the end or not there at all.
 
-use std::path::Path;
+use std::io::ErrorKind;
+use std::path::PathBuf;
 
 use bytes::Bytes;
 use futures::{Stream, StreamExt, TryStreamExt};
@@ -8,9 +9,9 @@ use object_store::path::Path as Key;
 use object_store::{ObjectStoreExt, WriteMultipart};
 use sha2::{Digest, Sha256};
 use tokio::io::AsyncWriteExt;
-use tokio_util::io::ReaderStream;
 
-use super::{BlobError, Blobs, CHUNK, Place, UploadError};
+use super::error::of_folder;
+use super::{BlobError, Blobs, CHUNK, Place, UploadError, local};
 
 /// Bytes kept from the start of a file, to tell its format.
 const HEAD: usize = 4 << 10;
@@ -100,21 +101,29 @@ impl Blobs {
         Ok(account.stored())
     }
 
-    /// Stores a local file.
+    /// Stores local files, each under its key; gives none for one that is not there. Until it has returned, part of one may be there:
+    /// nobody may have been told of the keys.
     ///
     /// # Errors
-    /// When it can't be read or stored.
-    pub async fn put_file(&self, key: &str, path: &Path) -> Result<Stored, BlobError> {
-        let file = tokio::fs::File::open(path).await?;
-        if let Place::Bucket(bucket) = &self.place {
-            return bucket.send(Key::from(key), file).await;
+    /// When one can't be read or stored; the others may be there.
+    pub async fn put_files(&self, files: &[(String, PathBuf)]) -> Result<Vec<Option<Stored>>, BlobError> {
+        match &self.place {
+            Place::Folder(folder) => {
+                let (folder, files) = (folder.clone(), files.to_vec());
+                let copied = tokio::task::spawn_blocking(move || local::copy_in(&folder, &files)).await;
+                copied.map_err(std::io::Error::from)?.map_err(of_folder)
+            }
+            Place::Bucket(bucket) => {
+                let sent = files.iter().map(|(key, path)| async move {
+                    match tokio::fs::File::open(path).await {
+                        Err(error) if error.kind() == ErrorKind::NotFound => Ok(None),
+                        Err(error) => Err(error.into()),
+                        Ok(file) => bucket.send(Key::from(key.as_str()), file).await.map(Some),
+                    }
+                });
+                futures::future::try_join_all(sent).await
+            }
         }
-        let source = ReaderStream::with_capacity(file, CHUNK).map_err(UploadError::Source);
-        self.put_in_folder(key, source).await.map_err(|e| match e {
-            UploadError::Source(e) => BlobError::Io(e),
-            UploadError::Store(e) => e,
-            UploadError::TooLarge(_) => BlobError::Io(std::io::ErrorKind::FileTooLarge.into()),
-        })
     }
 }
 

@@ -1,5 +1,6 @@
 use std::convert::Infallible;
-use std::io;
+use std::fs::File;
+use std::io::{self, Read};
 use std::os::unix::process::ExitStatusExt;
 use std::path::Path;
 use std::process::ExitStatus;
@@ -7,7 +8,7 @@ use std::time::Duration;
 
 use futures::{FutureExt, StreamExt};
 use serde::de::DeserializeOwned;
-use tokio::io::{AsyncReadExt, AsyncSeekExt, AsyncWriteExt};
+use tokio::io::AsyncWriteExt;
 use tokio::sync::broadcast::error::RecvError;
 use tokio::time::Instant;
 use tokio_util::codec::{FramedRead, LinesCodec, LinesCodecError};
@@ -23,7 +24,7 @@ use super::stages::{Stages, record_steps};
 use super::task::{ProgressLine, Task};
 use super::usage::Excess;
 use super::{crash, pause_at};
-use crate::blobs::{BlobError, Blobs};
+use crate::blobs::{BlobError, Blobs, Stored};
 use crate::jobs::{
     Artifact, Artifacts, Claim, Completion, Failure, FailureKind, Job, JobProblem, JobProgress, JobReport, Lease,
     ProblemKind, Status, StoreError,
@@ -36,8 +37,6 @@ const PROGRESS_EVERY: Duration = Duration::from_millis(250);
 const USAGE_EVERY: Duration = Duration::from_millis(500);
 /// Longest line of progress that is read.
 const LINE_BYTES: usize = 4 << 10;
-/// Bytes from the end of the child's standard error that are kept.
-const STDERR_BYTES: u64 = 16 << 10;
 
 /// One claim, from the first byte fetched to the result published.
 pub(super) struct Attempt<'a> {
@@ -133,24 +132,23 @@ impl<'a> Attempt<'a> {
                 return Ok(None);
             }
         }
-        let task = self.task();
-        tokio::fs::write(
-            folder.join(Task::TASK),
-            serde_json::to_vec(&task).map_err(|e| AttemptError::Json("task", e))?,
-        )
-        .await?;
         pause_at("worker-spawn");
-        let mut process = JobProcess::start(&self.pool.config.program, "job-child", folder, self.lease.attempt == 1)?;
+        let (program, first) = (&self.pool.config.program, self.lease.attempt == 1);
+        let mut process = JobProcess::start(program, "job-child", folder, first, &self.task())?;
         tracing::info!(process = process.group().as_raw_nonzero(), "started");
         let ended = self.watch(&mut process, folder, &shutdown.now, lost).instrument(tracing::info_span!("run")).await;
-        let status = process.end(self.pool.loose()).await?;
+        let (status, said) = process.end(self.pool.loose()).await?;
         let left = folder.to_owned();
-        tokio::task::spawn_blocking(move || tame(&left)).await.map_err(io::Error::from)?;
+        let left = tokio::task::spawn_blocking(move || {
+            tame(&left);
+            read(&left.join(Task::REPORT))
+        });
+        let report = left.await.map_err(io::Error::from)?;
         let ended = match ended? {
             Ended::Exited(status) if told_to_end(status, shutdown).await => Ended::Shutdown,
             ended => ended,
         };
-        append_stderr(folder, &ended, status).await?;
+        append_stderr(folder, &ended, status, &said).await?;
         match ended {
             Ended::LeaseLost => {
                 metrics::counter!(telemetry::KILLS, "reason" => "lease_lost").increment(1);
@@ -162,8 +160,8 @@ impl<'a> Attempt<'a> {
                 Ok(None)
             }
             // The result was there before the process went down, so that at most pictures are missing.
-            Ended::Exited(_) | Ended::Deadline if tokio::fs::try_exists(folder.join(Task::REPORT)).await? => {
-                self.succeed(folder).await.map(Some)
+            Ended::Exited(_) | Ended::Deadline if !matches!(report, Ok(None)) => {
+                self.succeed(folder, report?).await.map(Some)
             }
             Ended::Deadline => {
                 metrics::counter!(telemetry::KILLS, "reason" => "deadline").increment(1);
@@ -180,14 +178,13 @@ impl<'a> Attempt<'a> {
                 let problem = crash::too_much(excess, self.pool.config.job_scratch, self.pool.config.job_processes);
                 self.fail(folder, FailureKind::Final, problem).await.map(Some)
             }
-            Ended::Exited(status) if status.success() => self.succeed(folder).await.map(Some),
+            Ended::Exited(status) if status.success() => self.succeed(folder, None).await.map(Some),
             Ended::Exited(status) if status.code() == Some(i32::from(Task::EXIT_PROBLEM)) => {
-                let problem = read_json(folder, Task::PROBLEM).await?;
+                let problem = parse(read(&folder.join(Task::PROBLEM))?, Task::PROBLEM)?;
                 self.fail(folder, FailureKind::Final, problem).await.map(Some)
             }
             Ended::Exited(status) => {
-                let stderr = tail(&folder.join(Task::STDERR)).await?;
-                let (kind, problem) = crash::explain(status, &stderr, self.pool.config.job_memory);
+                let (kind, problem) = crash::explain(status, &said, self.pool.config.job_memory);
                 metrics::counter!(telemetry::CHILD_CRASHES, "reason" => label(&problem.code)).increment(1);
                 tracing::warn!(%status, code = ?problem.code, "the repair process ended by itself");
                 self.fail(folder, kind, problem).await.map(Some)
@@ -318,10 +315,10 @@ impl<'a> Attempt<'a> {
         }
     }
 
-    async fn succeed(&self, folder: &Path) -> Result<Job, AttemptError> {
+    async fn succeed(&self, folder: &Path, report: Option<Vec<u8>>) -> Result<Job, AttemptError> {
         pause_at("worker-publish");
         // Not given up half way when the job is lost: what is in flight would land after the clearing away.
-        let completion = self.publish(folder).instrument(tracing::info_span!("publish")).await?;
+        let completion = self.publish(folder, report).instrument(tracing::info_span!("publish")).await?;
         pause_at("worker-complete");
         record_steps(completion.report.steps());
         let complete = patiently(None, || self.pool.store.complete(&self.lease, completion.clone()));
@@ -334,8 +331,8 @@ impl<'a> Attempt<'a> {
         Ok(job)
     }
 
-    async fn publish(&self, folder: &Path) -> Result<Completion, AttemptError> {
-        let report: JobReport = read_json(folder, Task::REPORT).await?;
+    async fn publish(&self, folder: &Path, report: Option<Vec<u8>>) -> Result<Completion, AttemptError> {
+        let report: JobReport = parse(report, Task::REPORT)?;
         let artifacts = self.store_files(folder, offered(&self.job.inputs, Some(&report))).await?;
         Ok(Completion { report, artifacts })
     }
@@ -362,18 +359,14 @@ impl<'a> Attempt<'a> {
 
     /// Stores those files that are there under this attempt's own keys, where nobody sees them yet.
     async fn store_files(&self, folder: &Path, files: Vec<Offered>) -> Result<Artifacts, AttemptError> {
-        let stored = files.into_iter().map(|Offered { name, filename, media_type }| async move {
-            let path = folder.join(&name);
-            if !tokio::fs::try_exists(&path).await? {
-                return Ok(None);
-            }
-            let key = Blobs::artifact_key(self.lease.id, &self.lease.token, &name);
-            let stored = patiently(Some(&self.over), || self.pool.blobs.put_file(&key, &path)).await?;
-            let media_type = media_type.to_owned();
-            let artifact = Artifact { key, filename, media_type, bytes: stored.bytes, sha256: stored.sha256 };
-            Ok::<_, AttemptError>(Some((name, artifact)))
-        });
-        Ok(futures::future::try_join_all(stored).await?.into_iter().flatten().collect())
+        let key = |name: &str| Blobs::artifact_key(self.lease.id, &self.lease.token, name);
+        let places: Vec<_> = files.iter().map(|file| (key(&file.name), folder.join(&file.name))).collect();
+        let stored = patiently(Some(&self.over), || self.pool.blobs.put_files(&places)).await?;
+        let artifact = |(Offered { name, filename, media_type }, stored): (Offered, Option<Stored>)| {
+            let (key, media_type, Stored { bytes, sha256, .. }) = (key(&name), media_type.to_owned(), stored?);
+            Some((name, Artifact { key, filename, media_type, bytes, sha256 }))
+        };
+        Ok(files.into_iter().zip(stored).filter_map(artifact).collect())
     }
 
     /// Removes what this attempt stored, after it lost the job.
@@ -402,8 +395,7 @@ fn problem(code: ProblemKind, detail: String) -> JobProblem {
 }
 
 /// Puts what the child wrote to standard error, and how it ended, at the end of its log.
-async fn append_stderr(folder: &Path, ended: &Ended, status: ExitStatus) -> Result<(), AttemptError> {
-    let stderr = tail(&folder.join(Task::STDERR)).await?;
+async fn append_stderr(folder: &Path, ended: &Ended, status: ExitStatus, stderr: &str) -> Result<(), AttemptError> {
     let how = match ended {
         Ended::Exited(status) if status.success() && stderr.is_empty() => return Ok(()),
         Ended::Exited(_) => format!("the repair process ended: {status}"),
@@ -420,19 +412,17 @@ async fn append_stderr(folder: &Path, ended: &Ended, status: ExitStatus) -> Resu
     Ok(())
 }
 
-/// The end of a text file.
-async fn tail(path: &Path) -> Result<String, AttemptError> {
-    let mut file = tokio::fs::File::open(path).await?;
-    let length = file.metadata().await?.len();
-    file.seek(io::SeekFrom::Start(length.saturating_sub(STDERR_BYTES))).await?;
+/// A small file that the child may have left.
+fn read(path: &Path) -> io::Result<Option<Vec<u8>>> {
     let mut bytes = Vec::new();
-    file.take(STDERR_BYTES).read_to_end(&mut bytes).await?;
-    Ok(String::from_utf8_lossy(&bytes).into_owned())
+    match File::open(path) {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
+        file => file?.take(Task::REPORT_BYTES as u64).read_to_end(&mut bytes)?,
+    };
+    Ok(Some(bytes))
 }
 
-async fn read_json<T: DeserializeOwned>(folder: &Path, name: &'static str) -> Result<T, AttemptError> {
-    let file = tokio::fs::File::open(folder.join(name)).await?;
-    let mut bytes = Vec::new();
-    file.take(Task::REPORT_BYTES as u64).read_to_end(&mut bytes).await?;
+fn parse<T: DeserializeOwned>(bytes: Option<Vec<u8>>, name: &'static str) -> Result<T, AttemptError> {
+    let bytes = bytes.ok_or_else(|| io::Error::other(format!("the repair process left no {name}")))?;
     serde_json::from_slice(&bytes).map_err(|e| AttemptError::Json(name, e))
 }

@@ -7,6 +7,7 @@ use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
 use rustix::process::{Signal, getpgrp, kill_process_group};
+use serde::de::DeserializeOwned;
 
 use super::pause_at;
 use super::task::{Confinement, Task};
@@ -18,7 +19,7 @@ use crate::jobs::JobProgress;
 /// Most bytes of a job's log.
 const LOG_BYTES: u64 = 1 << 20;
 
-/// The inside of a job's child process: reads the task in `folder`, enters its sandbox, does the work, and leaves its files there. The memory that
+/// The inside of a job's child process: hears its task, enters its sandbox, does the work, and leaves its files in `folder`. The memory that
 /// a hostile file makes it use, and a crash that it causes, stay in this process.
 #[must_use]
 pub fn run_child(folder: &Path) -> ExitCode {
@@ -32,7 +33,7 @@ pub fn run_child(folder: &Path) -> ExitCode {
 }
 
 fn try_run(folder: &Path) -> io::Result<ExitCode> {
-    let task: Task = serde_json::from_slice(&fs::read(folder.join(Task::TASK))?)?;
+    let task: Task = told()?;
     shut_in(folder, &task.confinement, task.remesher.as_ref().map(|_| &task.blender))?;
     end_with_the_worker()?;
     let progress = Reporter::new(folder)?;
@@ -60,6 +61,13 @@ pub(super) fn shut_in(folder: &Path, confinement: &Confinement, blender: Option<
         sandbox.readable.push(blender.prepare_slots()?);
     }
     sandbox.enter(folder)
+}
+
+/// What the worker wants done: the first line on standard input.
+pub(super) fn told<T: DeserializeOwned>() -> io::Result<T> {
+    let mut line = String::new();
+    io::stdin().read_line(&mut line)?;
+    Ok(serde_json::from_str(&line)?)
 }
 
 /// Watches the lifeline: when the worker is gone, however it went, nobody wants this job's result any more, and another

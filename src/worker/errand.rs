@@ -1,4 +1,3 @@
-use std::fs;
 use std::io::{self, Write};
 use std::path::Path;
 use std::process::ExitCode;
@@ -9,11 +8,9 @@ use serde::de::DeserializeOwned;
 use tokio::io::AsyncReadExt;
 use tokio_util::sync::CancellationToken;
 
+use super::child::told;
 use super::process::JobProcess;
-use super::task::Task;
 
-/// The file in the folder of the process that is asked.
-const QUESTION: &str = "question.json";
 /// Most of an answer that is read.
 const ANSWER_BYTES: u64 = 64 << 10;
 
@@ -29,8 +26,7 @@ pub(super) async fn ask<A: DeserializeOwned>(
     patience: Duration,
     stop: &CancellationToken,
 ) -> io::Result<A> {
-    fs::write(folder.join(QUESTION), serde_json::to_vec(question)?)?;
-    let mut process = JobProcess::start(program, verb, folder, false)?;
+    let mut process = JobProcess::start(program, verb, folder, false, question)?;
     let mut answer = Vec::new();
     if let Some(stdout) = process.stdout() {
         let mut stdout = stdout.take(ANSWER_BYTES);
@@ -38,20 +34,14 @@ pub(super) async fn ask<A: DeserializeOwned>(
         // What is cut short is no JSON.
         tokio::select! { _ = reading => {}, () = stop.cancelled() => {} }
     }
-    process.end(true).await?;
-    serde_json::from_slice(&answer).map_err(|_| {
-        let said = fs::read_to_string(folder.join(Task::STDERR)).unwrap_or_default();
-        io::Error::other(if said.trim().is_empty() { "no answer" } else { said.trim() }.to_owned())
-    })
+    let (_, said) = process.end(true).await?;
+    serde_json::from_slice(&answer)
+        .map_err(|_| io::Error::other(if said.trim().is_empty() { "no answer" } else { said.trim() }.to_owned()))
 }
 
 /// The inside of the process that is asked.
-pub(super) fn answer<Q: DeserializeOwned, A: Serialize>(
-    folder: &Path,
-    answer: impl FnOnce(Q) -> io::Result<A>,
-) -> ExitCode {
-    let question = fs::read(folder.join(QUESTION)).and_then(|bytes| Ok(serde_json::from_slice(&bytes)?));
-    let answered = question.and_then(answer).and_then(|answer| {
+pub(super) fn answer<Q: DeserializeOwned, A: Serialize>(answer: impl FnOnce(Q) -> io::Result<A>) -> ExitCode {
+    let answered = told().and_then(answer).and_then(|answer| {
         serde_json::to_writer(io::stdout(), &answer)?;
         io::stdout().flush()
     });

@@ -48,7 +48,7 @@ pub(super) async fn probe(program: &Path, outside: &Path, confinement: Confineme
 /// The inside of the process that tries what a sandbox holds back; `folder` is its own.
 #[must_use]
 pub fn run_trial(folder: &Path) -> ExitCode {
-    answer(folder, |Question { confinement, trial }| {
+    answer(|Question { confinement, trial }| {
         confinement.limits.apply()?;
         trial.run(&confinement.sandbox, folder)
     })

@@ -1,5 +1,4 @@
 use std::collections::HashSet;
-use std::fs::File;
 use std::io;
 use std::path::{Path, PathBuf};
 use std::process::{ExitStatus, Stdio};
@@ -7,23 +6,42 @@ use std::time::Duration;
 
 use rustix::io::Errno;
 use rustix::process::{Pid, Signal, WaitOptions, kill_process_group, waitpgid, waitpid};
-use tokio::process::{Child, ChildStdin, ChildStdout, Command};
+use serde::Serialize;
+use tokio::io::{AsyncReadExt, AsyncWriteExt};
+use tokio::process::{Child, ChildStderr, ChildStdin, ChildStdout, Command};
+use tokio::task::JoinHandle;
 
-use super::task::Task;
 use crate::sandbox::processes::{MARK, end_descendants, end_strays};
+
+/// Memory in large pages, and none set apart for each thread: most of what a short-lived process waits for is memory that it touches for
+/// the first time. C libraries other than glibc don't know it.
+const ALLOCATOR: &str = "glibc.malloc.hugetlb=1:glibc.malloc.arena_max=1";
+/// Bytes from the end of a process's standard error that are kept.
+const STDERR_BYTES: usize = 16 << 10;
+/// How long to wait for the end of its standard error once it has ended, in case another process holds it open.
+const LAST_WORDS: Duration = Duration::from_millis(500);
 
 /// A job's child process and all it starts, as one process group.
 pub(super) struct JobProcess {
     child: Child,
     group: Pid,
     folder: PathBuf,
-    _lifeline: Option<ChildStdin>,
+    stderr: JoinHandle<Vec<u8>>,
+    _lifeline: JoinHandle<ChildStdin>,
 }
 
 impl JobProcess {
-    /// Starts `program verb folder` with an environment that holds no more than it needs.
-    pub fn start(program: &Path, verb: &str, folder: &Path, first_attempt: bool) -> io::Result<Self> {
-        let stderr = File::create(Task::in_folder(folder, Task::STDERR))?;
+    /// Starts `program verb folder` with an environment that holds no more than it needs, and tells it what to do: a line of JSON on its
+    /// standard input, which then stays open as its lifeline.
+    pub fn start(
+        program: &Path,
+        verb: &str,
+        folder: &Path,
+        first_attempt: bool,
+        task: &impl Serialize,
+    ) -> io::Result<Self> {
+        let mut task = serde_json::to_vec(task)?;
+        task.push(b'\n');
         let mut command = Command::new(program);
         command
             .arg(verb)
@@ -34,10 +52,11 @@ impl JobProcess {
             .env("HOME", folder)
             .env("TMPDIR", folder)
             .env("LANG", "C.UTF-8")
+            .env("GLIBC_TUNABLES", ALLOCATOR)
             .env(MARK, folder)
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
-            .stderr(stderr)
+            .stderr(Stdio::piped())
             .process_group(0)
             .kill_on_drop(true);
         if cfg!(feature = "failpoints") && first_attempt {
@@ -46,8 +65,11 @@ impl JobProcess {
         let mut child = command.spawn()?;
         let id = child.id().and_then(|id| i32::try_from(id).ok()).and_then(Pid::from_raw);
         let group = id.ok_or_else(|| io::Error::other("the child process ended before it had an id"))?;
-        let lifeline = child.stdin.take();
-        Ok(Self { child, group, folder: folder.to_owned(), _lifeline: lifeline })
+        let (Some(stdin), Some(stderr)) = (child.stdin.take(), child.stderr.take()) else {
+            return Err(io::Error::other("the child process has no standard input or error"));
+        };
+        let (lifeline, stderr) = (tokio::spawn(tell(stdin, task)), tokio::spawn(tail(stderr)));
+        Ok(Self { child, group, folder: folder.to_owned(), stderr, _lifeline: lifeline })
     }
 
     pub fn group(&self) -> Pid {
@@ -64,8 +86,8 @@ impl JobProcess {
     }
 
     /// Kills whatever of the group is left and reaps it. Where nothing kept its processes in the group (`loose`), those that left it are
-    /// looked for too.
-    pub async fn end(mut self, loose: bool) -> io::Result<ExitStatus> {
+    /// looked for too. Gives how it ended, and the end of what it wrote to standard error.
+    pub async fn end(mut self, loose: bool) -> io::Result<(ExitStatus, String)> {
         let mut strays = HashSet::new();
         // Before the child is gone, since its children get another parent then.
         if loose && self.child.id().is_some() {
@@ -87,8 +109,29 @@ impl JobProcess {
         for stray in strays {
             reap(stray, || waitpid(Some(stray), WaitOptions::NOHANG).map(|it| it.is_some())).await;
         }
-        Ok(status)
+        let stderr = tokio::time::timeout(LAST_WORDS, &mut self.stderr).await;
+        self.stderr.abort();
+        let stderr = stderr.ok().and_then(Result::ok).unwrap_or_default();
+        Ok((status, String::from_utf8_lossy(&stderr).into_owned()))
     }
+}
+
+/// Writes a process's task, as fast as it reads, and gives what it is to keep as long as it is to live.
+async fn tell(mut stdin: ChildStdin, task: Vec<u8>) -> ChildStdin {
+    // A process that has ended before it read its task says why by its exit status.
+    let _ = stdin.write_all(&task).await;
+    stdin
+}
+
+/// The end of what a process writes until it ends.
+async fn tail(mut stderr: ChildStderr) -> Vec<u8> {
+    let mut kept = Vec::new();
+    while let Ok(1..) = stderr.read_buf(&mut kept).await {
+        if kept.len() > 2 * STDERR_BYTES {
+            kept.drain(..kept.len() - STDERR_BYTES);
+        }
+    }
+    kept.split_off(kept.len().saturating_sub(STDERR_BYTES))
 }
 
 /// Waits for killed processes until there are none. A killed process ends within moments, unless it hangs in the kernel, which is

@@ -1,5 +1,3 @@
-use std::path::{Path, PathBuf};
-
 use serde::{Deserialize, Serialize};
 
 use super::ProcessLimits;
@@ -9,12 +7,12 @@ use crate::jobs::{Input, JobOptions, JobProgress};
 use crate::repair::RemesherInfo;
 use crate::sandbox::Sandbox;
 
-/// What a worker tells its child process: a JSON file in the scratch folder, where the [`input`](Self::input) files lie.
+/// What a worker tells its child process: a line of JSON on its standard input. That is then a lifeline: when it closes, the worker is
+/// gone, and the child ends its process group.
 ///
-/// The child leaves its files in the same folder: `model`, then [`REPORT`](Self::REPORT), which says that the job has its
+/// The [`input`](Self::input) files lie in the scratch folder. The child leaves its files there too: `model`, then [`REPORT`](Self::REPORT), which says that the job has its
 /// result, then pictures; [`LOG`](Self::LOG), and
 /// [`PROBLEM`](Self::PROBLEM) where the input is to blame. On standard output it writes one [`JobProgress`] a line.
-/// Its standard input is a lifeline: when that closes, the worker is gone, and the child ends its process group.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(super) struct Task {
     pub inputs: Vec<Input>,
@@ -36,12 +34,10 @@ pub(super) struct Confinement {
 pub(super) type ProgressLine = JobProgress;
 
 impl Task {
-    pub const TASK: &str = "task.json";
     pub const MODEL: &str = "model";
     pub const REPORT: &str = "report.json";
     pub const LOG: &str = "log.txt";
     pub const PROBLEM: &str = "problem.json";
-    pub const STDERR: &str = "stderr.txt";
 
     /// The child's exit code for a problem with the input, described in [`PROBLEM`](Self::PROBLEM).
     pub const EXIT_PROBLEM: u8 = 2;
@@ -52,9 +48,5 @@ impl Task {
     /// The name of an uploaded file in the folder.
     pub fn input(number: usize) -> String {
         format!("input-{number}")
-    }
-
-    pub fn in_folder(folder: &Path, name: &str) -> PathBuf {
-        folder.join(name)
     }
 }

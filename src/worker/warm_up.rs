@@ -48,7 +48,7 @@ pub(super) async fn warm_blender_up(pool: Arc<Pool>, remesher: RemesherInfo, sto
 /// The inside of the process that runs Blender once; `folder` is its own.
 #[must_use]
 pub fn run_warm_up(folder: &Path) -> ExitCode {
-    answer(folder, |Question { confinement, remesher, blender }| {
+    answer(|Question { confinement, remesher, blender }| {
         shut_in(folder, &confinement, Some(&blender))?;
         end_with_the_worker()?;
         Ok(warm_up(remesher, BlenderConfig { scratch: Some(folder.to_owned()), ..blender }))

@@ -1,7 +1,7 @@
 //! What every file store promises, tried on each: a folder, and a bucket of an S3-compatible server.
 
 use std::convert::Infallible;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
 
 use bytes::Bytes;
@@ -152,12 +152,17 @@ async fn what_was_put_is_got_whole_and_in_part(bench: Bench) {
     assert!(!bench.has("uploads/x").await);
 }
 
+async fn put_file(blobs: &Blobs, key: &str, path: &Path) -> Result<Stored, BlobError> {
+    let stored = blobs.put_files(&[(key.to_owned(), path.to_owned())]).await?;
+    Ok(stored.into_iter().next().flatten().expect("the file is there"))
+}
+
 async fn a_local_file_is_stored_as_it_is(bench: Bench) {
     let path = bench.folder.path().join("local");
     for count in [0, 3000, LARGE] {
         let bytes = some_bytes(count);
         std::fs::write(&path, &bytes).expect("a file");
-        let stored = bench.blobs.put_file("jobs/x/y/model", &path).await.expect("stored");
+        let stored = put_file(&bench.blobs, "jobs/x/y/model", &path).await.expect("stored");
         assert_eq!((stored.bytes, &stored.sha256), (count as u64, &sha256(&bytes)));
         assert!(bench.get("jobs/x/y/model").await.expect("there") == bytes, "{count} bytes");
         let copy = bench.folder.path().join("copy");
@@ -317,7 +322,7 @@ async fn a_bucket_that_is_away_fails_soon_with_an_error_that_may_pass_and_works_
         let away = [
             bench.get("uploads/x").await.map(drop),
             bench.blobs.fetch("uploads/x", &kept.sha256, &path.with_extension("copy")).await,
-            bench.blobs.put_file("uploads/y", &path).await.map(drop),
+            put_file(&bench.blobs, "uploads/y", &path).await.map(drop),
             bench.blobs.delete("uploads/x").await,
             bench.blobs.delete_job(JobId::new()).await,
             bench.blobs.probe().await,
@@ -330,7 +335,7 @@ async fn a_bucket_that_is_away_fails_soon_with_an_error_that_may_pass_and_works_
     bench.server.as_mut().expect("a server").restart();
     assert_eq!(bench.get("uploads/x").await.expect("kept"), b"x");
     assert!(!bench.has("uploads/y").await);
-    bench.blobs.put_file("uploads/y", &path).await.expect("stored");
+    put_file(&bench.blobs, "uploads/y", &path).await.expect("stored");
     bench.leaves_nothing_half();
 }
 
@@ -340,7 +345,7 @@ async fn a_bucket_that_is_killed_in_the_midst_of_an_upload_has_the_file_whole_or
     let (path, bytes) = (bench.folder.path().join("large"), some_bytes(4 * LARGE));
     std::fs::write(&path, &bytes).expect("a file");
     let blobs = bench.blobs.clone();
-    let upload = tokio::spawn(async move { blobs.put_file("uploads/x", &path).await });
+    let upload = tokio::spawn(async move { put_file(&blobs, "uploads/x", &path).await });
     let server = bench.server.as_mut().expect("a server");
     while server.loose_parts() < 3 {
         tokio::task::yield_now().await;

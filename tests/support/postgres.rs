@@ -12,12 +12,19 @@ const NOBODY: &str = "65534";
 /// A running server, reached by a socket in its own folder.
 pub struct Postgres {
     folder: TempDir,
-    server: Child,
+    /// The process that the others of the server are children of.
+    pub server: Child,
+    synced: bool,
 }
 
 impl Postgres {
-    /// Makes a cluster and starts its server.
+    /// Makes a cluster and starts its server, which does not wait for the disk.
     pub fn start() -> Self {
+        Self::start_with(false)
+    }
+
+    /// The same, but `synced` its server keeps what it promised when the power fails, as those do that people rely on.
+    pub fn start_with(synced: bool) -> Self {
         let folder = tempfile::Builder::new().prefix("meshmend-pg-").tempdir().expect("a folder");
         if is_root() {
             let given = Command::new("chown").arg(NOBODY).arg(folder.path()).status().expect("chown");
@@ -31,8 +38,8 @@ impl Postgres {
             .output()
             .expect("initdb");
         assert!(made.status.success(), "initdb: {}", String::from_utf8_lossy(&made.stderr));
-        let server = launch(folder.path());
-        let cluster = Self { folder, server };
+        let server = launch(folder.path(), synced);
+        let cluster = Self { folder, server, synced };
         cluster.wait_until_ready();
         cluster
     }
@@ -57,7 +64,7 @@ impl Postgres {
     /// Starts the server again.
     pub fn restart(&mut self) {
         let _ = std::fs::remove_file(self.folder.path().join("data/postmaster.pid"));
-        self.server = launch(self.folder.path());
+        self.server = launch(self.folder.path(), self.synced);
         self.wait_until_ready();
     }
 
@@ -88,11 +95,12 @@ impl Drop for Postgres {
     }
 }
 
-fn launch(folder: &Path) -> Child {
+fn launch(folder: &Path, synced: bool) -> Child {
     as_server(&binary("postgres"))
         .arg("-D")
         .arg(folder.join("data"))
-        .args(["-c", "listen_addresses=", "-c", "fsync=off", "-c", "max_connections=60", "-c"])
+        .args(["-c", "listen_addresses=", "-c", "max_connections=60"])
+        .args(["-c", if synced { "fsync=on" } else { "fsync=off" }, "-c"])
         .arg(format!("unix_socket_directories={}", folder.display()))
         .current_dir(folder)
         .stdout(Stdio::null())

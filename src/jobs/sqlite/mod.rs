@@ -58,14 +58,17 @@ impl SqliteStore {
         let lock = tokio::task::spawn_blocking(move || flock(&lock, FlockOperation::LockExclusive).map(|()| lock));
         let lock = lock.await.map_err(|e| sqlx::Error::Io(e.into()))?.map_err(|e| sqlx::Error::Io(e.into()))?;
         // Where the disk is full SQLite ends a transaction by itself, which sqlx does not see: it would refuse the next one for ever.
+        // Nothing can come between this process and a file of its own, so that connections need not be tried before each use.
         let writer = SqlitePoolOptions::new()
             .max_connections(1)
+            .test_before_acquire(false)
             .before_acquire(|connection, _| Box::pin(async move { Ok(!connection.is_in_transaction()) }))
             .connect_with(options.clone())
             .await?;
         sqlx::migrate!("migrations/sqlite").run(&writer).await?;
         drop(lock);
-        let reader = SqlitePoolOptions::new().max_connections(4).connect_with(options.read_only(true)).await?;
+        let reader = SqlitePoolOptions::new().max_connections(4).test_before_acquire(false);
+        let reader = reader.connect_with(options.read_only(true)).await?;
         Ok(Self { writer, reader, clock, retry, bell: Bell::default() })
     }
 
