@@ -104,7 +104,10 @@ async fn a_disk_that_fills_up_in_the_midst_of_an_upload_refuses_it_whether_it_wa
         let retry = answer.headers().get("retry-after").cloned();
         let (status, problem): (_, Value) = (answer.status(), answer.json().await.expect("a problem"));
         assert_eq!((status.as_u16(), &problem["code"]), (503, &json!("storage_full")), "{problem}");
-        assert!(retry.is_some() && problem["detail"].as_str().is_some_and(|detail| detail.contains("no room")), "{problem}");
+        assert!(
+            retry.is_some() && problem["detail"].as_str().is_some_and(|detail| detail.contains("no room")),
+            "{problem}"
+        );
         fs::remove_file(filler).expect("removed");
         until("nothing of it is left", async || (!begun()).then_some(())).await;
         assert_eq!(submit(&api).await.0, 202);

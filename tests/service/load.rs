@@ -123,7 +123,8 @@ async fn two_hundred_clients_are_answered_quickly_for_minutes() {
 async fn work_off(jobs: usize, workers: usize) -> Duration {
     let (cluster, data) = (Postgres::start(), tempfile::tempdir().expect("a folder"));
     let url = cluster.url();
-    let server = Start::serve(data.path()).env("MESHMEND_DATABASE_URL", &url).env("MESHMEND_NO_WORKERS", "true").start();
+    let server =
+        Start::serve(data.path()).env("MESHMEND_DATABASE_URL", &url).env("MESHMEND_NO_WORKERS", "true").start();
     let api = Api::new(&server);
     for _ in 0..jobs {
         let request = api.post("/v1/jobs?max_tier=1&pictures=false").header("cache-control", "no-cache");
@@ -158,7 +159,10 @@ async fn several_workers_on_postgresql_do_several_times_the_work_of_one() {
         "{JOBS} jobs on {cores} cores: 1 worker {one:.2?}, {many} workers {several:.2?}, {ratio:.2} times as fast"
     );
     if many < 4 {
-        let _ = writeln!(std::io::stderr(), "TOO FEW CORES: four workers and a database need five at least; 3.2 times was NOT tried");
+        let _ = writeln!(
+            std::io::stderr(),
+            "TOO FEW CORES: four workers and a database need five at least; 3.2 times was NOT tried"
+        );
     }
     // Where there are no cores to spare, two share theirs with the database, and do at least not less.
     let least = if many == 4 { 3.2 } else { 1.0 };

@@ -204,7 +204,8 @@ impl Scene {
 
 async fn is_at(place: &str, ground: &Ground, api: &Api, worker: &Program, id: &str) -> bool {
     let job = api.job(id).await;
-    let files_of_attempt = || ground.bucket.files().iter().filter(|key| key.starts_with("jobs/") && key.contains(id)).count();
+    let files_of_attempt =
+        || ground.bucket.files().iter().filter(|key| key.starts_with("jobs/") && key.contains(id)).count();
     let has_report = || {
         let data = disk(worker, &ground.data(place));
         files_below(&data.join("scratch")).iter().any(|file| file.ends_with("report.json"))
@@ -223,7 +224,8 @@ async fn is_at(place: &str, ground: &Ground, api: &Api, worker: &Program, id: &s
 /// Sends half a model, and waits until the server has begun to keep it.
 async fn half_an_upload(api: &Api, server: &Program) -> Upload {
     let (rest, receiver) = mpsc::channel(1);
-    let body = futures::stream::unfold(receiver, |mut r: mpsc::Receiver<_>| async { r.recv().await.map(|chunk| (chunk, r)) });
+    let body =
+        futures::stream::unfold(receiver, |mut r: mpsc::Receiver<_>| async { r.recv().await.map(|chunk| (chunk, r)) });
     let answer = tokio::spawn(api.post("/v1/jobs").body(Body::wrap_stream(body)).send());
     let model = files::whole_box();
     rest.send(Ok(model[..model.len() / 2].to_vec())).await.expect("the upload listens");
@@ -275,7 +277,8 @@ async fn every_job_ends_once(fault: Fault) {
             scene.ground.bucket.restart();
         }
         Fault::Disk => {
-            let full = scene.workers.iter().zip(PLACES).map(|(worker, (place, ..))| disk(worker, &scene.ground.data(place)));
+            let full =
+                scene.workers.iter().zip(PLACES).map(|(worker, (place, ..))| disk(worker, &scene.ground.data(place)));
             let full = full.chain([disk(&scene.server, &scene.ground.data("server"))]);
             let fillers: Vec<_> = full.map(|disk| fill(&disk, 0)).collect();
             scene.open_gates();

@@ -67,9 +67,9 @@ impl Proxy {
         Self { folder, watch, listener }
     }
 
-    /// The address of the cluster's database by this way.
+    /// The address of the cluster's database by this way, on which nobody may ask for TLS.
     pub fn url(&self) -> String {
-        Postgres::url_at(self.folder.path())
+        format!("{}&sslmode=disable", Postgres::url_at(self.folder.path()))
     }
 
     /// Forgets which statements came.
@@ -109,7 +109,8 @@ async fn pass_on(mut client: UnixStream, server: PathBuf, watch: Arc<Mutex<Watch
     server.write_u32(length).await.ok()?;
     server.write_all(&startup).await.ok()?;
 
-    let typed = || LengthDelimitedCodec::builder().length_field_offset(1).length_adjustment(-4).num_skip(0).to_owned();
+    // The length is that of the message without its type, which is kept before it.
+    let typed = || LengthDelimitedCodec::builder().length_field_offset(1).length_adjustment(1).num_skip(0).to_owned();
     let (asks, mut to_client) = client.into_split();
     let (answers, mut to_server) = server.into_split();
     let (mut asks, mut answers) = (typed().new_read(asks), typed().new_read(answers));

@@ -120,8 +120,14 @@ impl Service {
                 .arg("--webhook-retry-s", [["0.1"; 10].join(","), ["1"; 30].join(",")].join(",")),
             // Each stage takes a moment, so that there is something to hit.
             None => {
-                let stages =
-                    ["child-read", "child-tier1", "child-verify", "worker-claimed", "worker-publish", "worker-complete"];
+                let stages = [
+                    "child-read",
+                    "child-tier1",
+                    "child-verify",
+                    "worker-claimed",
+                    "worker-publish",
+                    "worker-complete",
+                ];
                 let slow = stages.map(|stage| format!("{stage}=sleep(15)")).join(";");
                 Start::work(&seat.data).env("FAILPOINTS", &slow)
             }
@@ -131,8 +137,7 @@ impl Service {
             Some(bucket) => bucket.keeps_files_of(start).arg("--min-free-mib", FREE),
             None => start,
         };
-        seat.program =
-            if self.small_disks { start.on_small_disk(DISK) } else { Some(start.start()) };
+        seat.program = if self.small_disks { start.on_small_disk(DISK) } else { Some(start.start()) };
     }
 
     /// The addresses of its servers.
@@ -143,8 +148,7 @@ impl Service {
     /// Who can be hit.
     pub fn victims(&self) -> Vec<Victim> {
         use Victim as V;
-        let mut victims =
-            vec![V::Child, V::Worker, V::Server, V::Database, V::Paused, V::Connections, V::Receiver];
+        let mut victims = vec![V::Child, V::Worker, V::Server, V::Database, V::Paused, V::Connections, V::Receiver];
         victims.extend(self.bucket.is_some().then_some(V::Bucket));
         victims.extend(self.small_disks.then_some(V::Disk));
         victims
