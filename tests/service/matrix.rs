@@ -20,7 +20,9 @@ use crate::s3::S3;
 use crate::server::{Api, Program, Start, files_below, is_alive, mounts_small_disks, signal, until};
 
 /// Where a worker or its child waits until a gate opens, and a model and the preset with which a job comes there.
-const PLACES: [(&str, fn() -> Vec<u8>, &str); 6] = [
+type Place = (&'static str, fn() -> Vec<u8>, &'static str);
+
+const PLACES: [Place; 6] = [
     ("worker-claimed", files::broken_box, "auto"),
     ("child-tier1", files::broken_box, "fill-holes"),
     ("child-tier2", files::boxes_on_an_edge, "auto"),

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
-use std::time::{Duration, SystemTime};
+use std::time::Duration;
 
 use sqlx::PgPool;
 use tempfile::TempDir;
@@ -12,7 +12,7 @@ use crate::disk::{disk, fill};
 use crate::postgres::Postgres;
 use crate::receiver::{Receiver, Reply};
 use crate::s3::S3;
-use crate::server::{Program, Start, files_below, mounts_small_disks, signal};
+use crate::server::{Program, Start, files_below, make_old, mounts_small_disks, signal};
 
 /// Who is hit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -245,12 +245,9 @@ impl Service {
         self.bucket.as_ref().map_or_else(|| self.folder.path().join("shared/files"), S3::objects)
     }
 
-    /// Makes all files as old as those that a sweep takes for left, and starts a worker, which begins with one.
+    /// Makes all files old, and starts a worker, which begins with a sweep.
     pub fn sweep(&mut self) {
-        let old = SystemTime::now() - Duration::from_secs(2 * 3600);
-        for file in files_below(&self.root()) {
-            std::fs::File::open(file).and_then(|file| file.set_modified(old)).expect("a time");
-        }
+        make_old(&self.root());
         let mut seat = self.seat("sweeper", None);
         self.fill_seat(&mut seat);
         self.workers.push(seat);
