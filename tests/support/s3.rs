@@ -123,6 +123,8 @@ impl Drop for S3 {
 
 async fn serve(listener: TcpListener, service: S3Service) {
     while let Ok((stream, _)) = listener.accept().await {
+        // Or each answer's body waits for the client to acknowledge its head.
+        let _ = stream.set_nodelay(true);
         let connection = http1::Builder::new().serve_connection(TokioIo::new(stream), service.clone());
         tokio::spawn(async move {
             let _ = connection.await;

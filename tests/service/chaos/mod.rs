@@ -12,6 +12,7 @@ use std::io::Write;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
+use futures::StreamExt;
 use reqwest::Client;
 use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
@@ -85,8 +86,9 @@ async fn survive(files: Files, kills: usize, seed: u64) {
 
     audit.at_rest().await;
     let mut outcomes: BTreeMap<String, usize> = BTreeMap::new();
-    for id in &accepted {
-        *outcomes.entry(outcome(&http, &base, id).await).or_default() += 1;
+    let mut asked = futures::stream::iter(&accepted).map(|id| outcome(&http, &base, id)).buffer_unordered(16);
+    while let Some(outcome) = asked.next().await {
+        *outcomes.entry(outcome).or_default() += 1;
     }
     let ended = audit.ended_once(&accepted).await;
     let messages = audit.told_once(&service.receiver).await;
