@@ -43,7 +43,7 @@ async fn main() {
     let numbers: Vec<usize> = std::env::args().filter_map(|a| a.parse().ok()).collect();
     let number = |at: usize, otherwise| numbers.get(at).copied().unwrap_or(otherwise).max(1);
     let (jobs, clients, rounds) = (number(0, 1000), number(1, 8), number(2, 1));
-    server::use_ring();
+    meshmend::tls::use_ring();
     let data = tempfile::tempdir().expect("a folder");
     let cluster = Postgres::start_with(true);
     services(data.path(), &cluster, jobs, clients, rounds).await;

@@ -64,10 +64,16 @@ pub(super) async fn ask(
         );
         return Err(Problem::invalid_request(detail));
     }
-    match store.hold_key(tenant.as_str(), key, job).await? {
-        KeyState::Held => Ok(Asked::Held(HeldKey::new(Arc::clone(store), tenant.clone(), key.to_owned(), job))),
-        KeyState::InUse => Err(in_use()),
+    // Before it is, so that it is given back too where the answer is lost, or the client hangs up meanwhile.
+    let held = HeldKey::new(Arc::clone(store), tenant.clone(), key.to_owned(), job);
+    let state = store.hold_key(tenant.as_str(), key, job).await?;
+    if state == KeyState::Held {
+        return Ok(Asked::Held(held));
+    }
+    held.leave();
+    match state {
         KeyState::Used { fingerprint, job } => Ok(Asked::Before { fingerprint, job }),
+        KeyState::InUse | KeyState::Held => Err(in_use()),
     }
 }
 
@@ -85,12 +91,18 @@ impl HeldKey {
         Self { store, tenant, key: Some(key), job, renewal: tokio::spawn(renewal.in_current_span()) }
     }
 
-    /// The key, for the transaction that accepts the request. It is not given back any more.
-    pub fn settle(mut self, fingerprint: String) -> Option<RequestKey> {
-        self.key.take().map(|key| RequestKey { key, fingerprint })
+    /// The key, for the transaction that accepts the request.
+    pub fn with(&self, fingerprint: String) -> Option<RequestKey> {
+        self.key.clone().map(|key| RequestKey { key, fingerprint })
+    }
+
+    /// Lets the key be, for it is known with the job that the request made, or was never held.
+    pub fn leave(mut self) {
+        self.key = None;
     }
 }
 
+/// Gives it back, if it is held: never one that is known with a job, though nobody may have heard that it is.
 impl Drop for HeldKey {
     fn drop(&mut self) {
         self.renewal.abort();

@@ -179,9 +179,9 @@ impl Accepting {
         let store = state.store.as_ref();
         let upload = upload.map_err(refused)?;
         let now = idempotency::fingerprint(&upload);
-        let key = match asked {
+        let held = match asked {
             Asked::NoKey => None,
-            Asked::Held(held) => held.settle(now),
+            Asked::Held(held) => Some(held),
             Asked::Before { fingerprint, job } if fingerprint == now => {
                 return made_before(store, job).await.map_err(refused);
             }
@@ -193,6 +193,7 @@ impl Accepting {
             true => None,
             false => reuse::find(store, &state.blobs, id, &tenant, &fingerprint, &upload.inputs).await,
         };
+        let key = held.as_ref().and_then(|held| held.with(now));
         let made_by = caller.key.map(|key| key.id);
         let Upload { inputs, options, notes, taken } = upload;
         let (metadata, callback_url) = (notes.metadata, notes.callback_url);
@@ -210,14 +211,18 @@ impl Accepting {
             upload: taken,
             traceparent,
         };
-        match store.submit(new).await {
+        let submitted = match store.submit(new).await {
             // The connection may have broken after the job was noted.
             Err(error) if error.may_pass() => match store.get(id).await {
                 Ok(Some(job)) => Ok(job),
                 noted => Err(Refused { problem: error.into(), is_certain: noted.is_ok() }),
             },
             submitted => submitted.map_err(|error| refused(error.into())),
+        };
+        if let (Ok(_), Some(held)) = (&submitted, held) {
+            held.leave();
         }
+        submitted
     }
 }
 

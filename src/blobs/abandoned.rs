@@ -11,6 +11,15 @@ use object_store::{ObjectMeta, ObjectStoreExt};
 use super::{BlobError, Blobs, Place, local};
 use crate::jobs::JobId;
 
+/// Whose a file is.
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Owner {
+    /// The job.
+    pub job: JobId,
+    /// The claim that made it; none where it was uploaded.
+    pub claim: Option<String>,
+}
+
 /// The folders whose entries are named by jobs.
 const KINDS: [&str; 3] = ["uploads", "more", "jobs"];
 
@@ -39,11 +48,21 @@ impl Blobs {
         self.in_folder(move |folder| local::remove_attempts(folder, id, keep.as_deref())).await
     }
 
-    /// Jobs that have a file here which nobody has touched for `age`, some of them more than once. A bucket is read page by page.
+    /// Deletes what one claim of a job made.
+    ///
+    /// # Errors
+    /// When the store can't list or delete; files already gone are no error.
+    pub async fn delete_claim(&self, id: JobId, claim: &str) -> Result<(), BlobError> {
+        self.delete_listed(format!("jobs/{id}/{claim}"), |_| true).await?;
+        let claim = claim.to_owned();
+        self.in_folder(move |folder| local::remove_claim(folder, id, &claim)).await
+    }
+
+    /// Owners of files here which nobody has touched for `age`, some of them more than once. A bucket is read page by page.
     ///
     /// # Errors
     /// When the store can't list.
-    pub async fn owners(&self, age: Duration) -> Result<BoxStream<'static, Result<JobId, BlobError>>, BlobError> {
+    pub async fn owners(&self, age: Duration) -> Result<BoxStream<'static, Result<Owner, BlobError>>, BlobError> {
         if let Place::Folder(folder) = &self.place {
             let folder = folder.clone();
             let found = tokio::task::spawn_blocking(move || local::owners(&folder, age)).await;
@@ -52,14 +71,19 @@ impl Blobs {
         let store = self.store.clone();
         let files = futures::stream::iter(KINDS).flat_map(move |kind| store.list(Some(&Key::from(kind))));
         let mut before = None;
-        let ids = files.try_filter_map(move |file| {
-            let id = file.location.as_ref().split('/').nth(1).and_then(|id| id.parse().ok());
-            // The files of a job come one after the other.
-            let is_new = id.is_some() && id != before && is_quiet(&file, age);
-            before = if is_new { id } else { before };
-            futures::future::ok(id.filter(|_| is_new))
+        let owners = files.try_filter_map(move |file| {
+            let mut parts = file.location.as_ref().split('/');
+            let (kind, job, claim) = (parts.next(), parts.next().and_then(|id| id.parse().ok()), parts.next());
+            let claim = claim.filter(|_| kind == Some("jobs")).map(str::to_owned);
+            let owner = job.map(|job| Owner { job, claim });
+            // The files of an owner come one after the other.
+            let is_new = owner.is_some() && owner != before && is_quiet(&file, age);
+            if is_new {
+                before.clone_from(&owner);
+            }
+            futures::future::ok(owner.filter(|_| is_new))
         });
-        Ok(ids.map_err(BlobError::from).boxed())
+        Ok(owners.map_err(BlobError::from).boxed())
     }
 
     /// Deletes all files of a job unless one of them was touched within `age`. Answers whether it did.

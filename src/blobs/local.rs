@@ -8,6 +8,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
 
 use super::CHUNK;
+use super::abandoned::Owner;
 use super::put::{Account, Stored};
 use crate::jobs::JobId;
 
@@ -121,6 +122,11 @@ pub(super) fn remove_attempts(folder: &Path, id: JobId, keep: Option<&str>) -> i
     if keep.is_none() { gone_is_fine(fs::remove_dir_all(job)) } else { Ok(()) }
 }
 
+/// Removes the folder of one of a job's claims.
+pub(super) fn remove_claim(folder: &Path, id: JobId, claim: &str) -> io::Result<()> {
+    gone_is_fine(fs::remove_dir_all(folder.join("jobs").join(id.to_string()).join(claim)))
+}
+
 /// Removes half-written files that were to be there before their job, and of which nothing has changed for `age`.
 pub(super) fn remove_quiet_incoming(folder: &Path, age: Duration) -> io::Result<()> {
     for entry in entries(&folder.join("incoming"))? {
@@ -139,18 +145,28 @@ fn last_change(entry: &DirEntry) -> io::Result<SystemTime> {
     Ok(times.fold(data.modified()?, SystemTime::max))
 }
 
-/// Jobs with uploads or a folder of results of which nothing has changed for `age`.
-pub(super) fn owners(folder: &Path, age: Duration) -> io::Result<Vec<JobId>> {
+/// Owners of uploads and of folders of results, where nothing that the job has changed for `age`.
+pub(super) fn owners(folder: &Path, age: Duration) -> io::Result<Vec<Owner>> {
     let mut changes: BTreeMap<JobId, SystemTime> = BTreeMap::new();
+    let mut owners = Vec::new();
     for kind in ["uploads", "more", "jobs"] {
         for entry in entries(&folder.join(kind))? {
-            let (Some(id), Ok(change)) = (owner(&entry), last_change(&entry)) else { continue };
-            let latest = changes.entry(id).or_insert(change);
+            let (Some(job), Ok(change)) = (owner(&entry), last_change(&entry)) else { continue };
+            let latest = changes.entry(job).or_insert(change);
             *latest = change.max(*latest);
+            owners.push(Owner { job, claim: None });
+            if kind == "jobs" {
+                let claims =
+                    entries(&entry.path())?.into_iter().filter_map(|claim| claim.file_name().into_string().ok());
+                owners.extend(claims.map(|claim| Owner { job, claim: Some(claim) }));
+            }
         }
     }
     changes.retain(|_, change| change.elapsed().is_ok_and(|quiet| quiet >= age));
-    Ok(changes.into_keys().collect())
+    owners.retain(|owner| changes.contains_key(&owner.job));
+    owners.sort();
+    owners.dedup();
+    Ok(owners)
 }
 
 #[cfg(test)]
@@ -182,7 +198,8 @@ mod tests {
             write(&more.join("2#1"), id == abandoned);
             age(&more);
         }
-        assert_eq!(owners(root.path(), HOUR).expect("readable"), [abandoned]);
+        let found = owners(root.path(), HOUR).expect("readable");
+        assert_eq!(found, [Owner { job: abandoned, claim: None }]);
     }
 
     #[test]

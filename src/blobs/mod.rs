@@ -28,6 +28,7 @@ use tokio::io::{AsyncReadExt, AsyncSeekExt, AsyncWriteExt};
 use tokio_util::io::ReaderStream;
 
 use crate::jobs::{JobId, UploadId};
+pub use abandoned::Owner;
 use bucket::Bucket;
 pub use bucket::S3Config;
 pub use error::{BlobError, UploadError};

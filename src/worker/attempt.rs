@@ -15,6 +15,8 @@ use tokio_util::codec::{FramedRead, LinesCodec, LinesCodecError};
 use tokio_util::sync::CancellationToken;
 use tracing::{Instrument, Span};
 
+use super::crash;
+use super::failpoint::pause_alone_at;
 use super::files::{Offered, names, offered};
 use super::patience::patiently;
 use super::pool::{Pool, Shutdown};
@@ -23,7 +25,6 @@ use super::scratch::tame;
 use super::stages::{Stages, record_steps};
 use super::task::{ProgressLine, Task};
 use super::usage::Excess;
-use super::{crash, pause_at};
 use crate::blobs::{BlobError, Blobs, Stored};
 use crate::jobs::{
     Artifact, Artifacts, Claim, Completion, Failure, FailureKind, Job, JobProblem, JobProgress, JobReport, Lease,
@@ -121,7 +122,7 @@ impl<'a> Attempt<'a> {
     }
 
     async fn try_run(&self, shutdown: &Shutdown, lost: &CancellationToken) -> Result<Option<Job>, AttemptError> {
-        pause_at("worker-claimed");
+        pause_alone_at("worker-claimed").await;
         let scratch = self.pool.scratch.attempt()?;
         let folder = scratch.path();
         tokio::select! {
@@ -132,7 +133,7 @@ impl<'a> Attempt<'a> {
                 return Ok(None);
             }
         }
-        pause_at("worker-spawn");
+        pause_alone_at("worker-spawn").await;
         let (program, first) = (&self.pool.config.program, self.lease.attempt == 1);
         let mut process = JobProcess::start(program, "job-child", folder, first, &self.task())?;
         tracing::info!(process = process.group().as_raw_nonzero(), "started");
@@ -316,10 +317,10 @@ impl<'a> Attempt<'a> {
     }
 
     async fn succeed(&self, folder: &Path, report: Option<Vec<u8>>) -> Result<Job, AttemptError> {
-        pause_at("worker-publish");
+        pause_alone_at("worker-publish").await;
         // Not given up half way when the job is lost: what is in flight would land after the clearing away.
         let completion = self.publish(folder, report).instrument(tracing::info_span!("publish")).await?;
-        pause_at("worker-complete");
+        pause_alone_at("worker-complete").await;
         record_steps(completion.report.steps());
         let complete = patiently(None, || self.pool.store.complete(&self.lease, completion.clone()));
         let job = complete.instrument(tracing::info_span!("complete")).await?;

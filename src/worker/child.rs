@@ -109,6 +109,7 @@ impl Progress for Reporter {
             (Stage::Read, _) => pause_at("child-read"),
             (Stage::Inspect, _) => pause_at("child-inspect"),
             (Stage::Repair, Some(1)) => pause_at("child-tier1"),
+            (Stage::Repair, Some(2)) => pause_at("child-tier2"),
             (Stage::Repair, Some(3)) => pause_at("child-tier3"),
             (Stage::Verify, _) => pause_at("child-verify"),
             (Stage::Finish, _) => pause_at("child-finish"),

@@ -2,8 +2,8 @@ use std::time::{Duration, Instant};
 
 use futures::TryStreamExt;
 
-use crate::blobs::{BlobError, Blobs};
-use crate::jobs::{Status, Store, StoreError, UPLOAD_LIFE};
+use crate::blobs::{BlobError, Blobs, Owner};
+use crate::jobs::{Job, Status, Store, StoreError, UPLOAD_LIFE};
 use crate::telemetry;
 
 /// How often to look for what has expired.
@@ -71,19 +71,37 @@ async fn expire(store: &dyn Store, blobs: &Blobs, retention: Retention) -> Resul
     Ok(())
 }
 
-/// Removes files that no job owns: of uploads that a killed server left, or of which no job was made, and of deletions that were stopped
-/// half way.
+/// Removes files that no job owns: of uploads that a killed server left, or of which no job was made, of deletions that were stopped
+/// half way, and of attempts that were lost and whose worker, or its file store, went before they were cleared away.
 async fn remove_orphans(store: &dyn Store, blobs: &Blobs) -> Result<(), SweepError> {
     blobs.delete_quiet_incoming(UPLOAD_LIFE).await?;
-    let mut owners = blobs.owners(AGE).await?;
-    while let Some(id) = owners.try_next().await? {
-        let is_owned = store.get(id).await?.is_some_and(|job| !job.purged && job.status != Status::Expired);
-        if !is_owned && blobs.delete_quiet_job(id, AGE).await? {
+    let (mut owners, mut gone) = (blobs.owners(AGE).await?, None);
+    while let Some(Owner { job: id, claim }) = owners.try_next().await? {
+        let job = store.get(id).await?.filter(|job| !job.purged && job.status != Status::Expired);
+        let removed = match (job, claim) {
+            (None, _) if gone == Some(id) => false,
+            (None, _) => {
+                gone = Some(id);
+                blobs.delete_quiet_job(id, AGE).await?
+            }
+            (Some(job), Some(claim)) if is_lost(&job, &claim) => {
+                blobs.delete_claim(id, &claim).await?;
+                true
+            }
+            _ => false,
+        };
+        if removed {
             count("orphaned", 1);
             tracing::info!(job_id = %id, "removed files that no job owns");
         }
     }
     Ok(())
+}
+
+/// Whether a job ended otherwise than by this claim, so that nobody sees what that made. One that runs may be about to end by it.
+fn is_lost(job: &Job, claim: &str) -> bool {
+    let folder = Blobs::artifact_key(job.id, claim, "");
+    job.finished_at.is_some() && !job.artifacts.values().any(|artifact| artifact.key.starts_with(&folder))
 }
 
 /// Counts what was swept away.

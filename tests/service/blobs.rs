@@ -6,7 +6,7 @@ use std::time::{Duration, SystemTime};
 
 use bytes::Bytes;
 use futures::{Stream, StreamExt, TryStreamExt};
-use meshmend::blobs::{BlobError, Blobs, S3Config, Stored, UploadError};
+use meshmend::blobs::{BlobError, Blobs, Owner, S3Config, Stored, UploadError};
 use meshmend::jobs::{JobId, UploadId};
 use sha2::{Digest, Sha256};
 use tempfile::TempDir;
@@ -65,7 +65,7 @@ impl Bench {
         }
     }
 
-    async fn owners(&self) -> Vec<JobId> {
+    async fn owners(&self) -> Vec<Owner> {
         let mut owners: Vec<_> = self.blobs.owners(HOUR).await.expect("a list").try_collect().await.expect("ids");
         owners.sort();
         owners.dedup();
@@ -126,6 +126,7 @@ promises! {
     what_a_job_had_goes_with_it_and_nothing_else_does,
     only_the_attempt_that_won_keeps_its_files,
     files_that_nobody_touched_are_found_and_deleted_unless_one_of_their_job_is_young,
+    what_one_claim_made_goes_without_the_rest_of_its_job,
     a_file_that_waited_too_long_for_its_job_goes,
     a_store_that_works_says_so,
 }
@@ -276,7 +277,11 @@ async fn files_that_nobody_touched_are_found_and_deleted_unless_one_of_their_job
     bench.put("probe/left", b"x").await;
     bench.age("probe/left");
     let owners = bench.owners().await;
-    assert!(owners.contains(old) && !owners.contains(young), "{owners:?}");
+    for claim in [None, Some("one"), Some("two")] {
+        let claim = claim.map(str::to_owned);
+        assert!(owners.contains(&Owner { job: *old, claim }), "{owners:?}");
+    }
+    assert!(owners.iter().all(|owner| owner.job != *young), "{owners:?}");
     for (id, goes) in [(old, true), (growing, false), (young, false)] {
         assert_eq!(bench.blobs.delete_quiet_job(*id, HOUR).await.expect("an answer"), goes);
     }
@@ -284,7 +289,16 @@ async fn files_that_nobody_touched_are_found_and_deleted_unless_one_of_their_job
         assert_eq!(bench.has(&keys[3]).await, id != old);
         assert_eq!(bench.has(&keys[0]).await, id != old);
     }
-    assert!(bench.owners().await.iter().all(|id| id == growing));
+    assert!(bench.owners().await.iter().all(|owner| owner.job == *growing));
+}
+
+async fn what_one_claim_made_goes_without_the_rest_of_its_job(bench: Bench) {
+    let (id, keys) = a_job(&bench).await;
+    bench.blobs.delete_claim(id, "one").await.expect("deleted");
+    bench.blobs.delete_claim(id, "one").await.expect("deleted before");
+    for (key, stays) in keys.iter().zip([true, true, false, true]) {
+        assert_eq!(bench.has(key).await, stays, "{key}");
+    }
 }
 
 async fn a_file_that_waited_too_long_for_its_job_goes(bench: Bench) {

@@ -8,23 +8,31 @@ use std::process::Command;
 use serde_json::{Value, json};
 
 use crate::files;
-use crate::server::{Api, Program, Start, until};
+use crate::s3::S3;
+use crate::server::{Api, Program, Start, stored_uploads, until};
 
 /// The data folder as the program sees it, which has mounted a small disk there.
-fn disk(program: &Program, data: &Path) -> PathBuf {
+pub fn disk(program: &Program, data: &Path) -> PathBuf {
     Path::new("/proc").join(program.pid().to_string()).join("root").join(data.strip_prefix("/").expect("absolute"))
 }
 
 /// Writes until nothing more fits but for `left` bytes.
-fn fill(disk: &Path, left: u64) -> PathBuf {
+pub fn fill(disk: &Path, left: u64) -> PathBuf {
     let filler = disk.join("filler");
-    let free = || {
-        let disk = rustix::fs::statvfs(disk).expect("a disk");
-        disk.f_bavail * disk.f_frsize
-    };
-    fs::write(&filler, vec![0; usize::try_from(free().saturating_sub(left)).expect("small")]).expect("room");
-    assert!(free() <= left, "{} bytes are free", free());
+    let free = rustix::fs::statvfs(disk).map(|disk| disk.f_bavail * disk.f_frsize).expect("a disk");
+    match fs::write(&filler, vec![0; usize::try_from(free.saturating_sub(left)).expect("small")]) {
+        // The program may have written meanwhile.
+        Err(error) if error.kind() == std::io::ErrorKind::StorageFull => {}
+        written => written.expect("a file"),
+    }
     filler
+}
+
+/// Whether something that comes in is kept until it can go on to a bucket.
+pub fn spools(program: &Program) -> bool {
+    let open = fs::read_dir(format!("/proc/{}/fd", program.pid())).into_iter().flatten().flatten();
+    let mut open = open.filter_map(|file| fs::read_link(file.path()).ok());
+    open.any(|file| file.to_string_lossy().contains("/spool/"))
 }
 
 async fn submit(api: &Api) -> (u16, Value) {
@@ -69,6 +77,43 @@ async fn a_full_disk_refuses_uploads_keeps_what_was_accepted_and_all_goes_on_whe
     assert_eq!(api.finished(id(&other)).await["outcome"], "repaired");
     let left = fs::read_dir(disk.join("files/uploads")).expect("a folder").count();
     assert_eq!(left, 2, "nothing is left of what was refused");
+}
+
+#[tokio::test]
+async fn a_disk_that_fills_up_in_the_midst_of_an_upload_refuses_it_whether_it_was_for_a_folder_or_for_a_bucket() {
+    for bucket in [None, Some(S3::start())] {
+        let data = tempfile::tempdir().expect("a folder");
+        let start = Start::serve(data.path()).arg("--min-free-mib", "0").env("MESHMEND_NO_WORKERS", "true");
+        let start = if let Some(bucket) = &bucket { bucket.keeps_files_of(start) } else { start };
+        let Some(program) = start.on_small_disk(24) else { return };
+        let api = Api::new(&program);
+        let disk = disk(&program, data.path());
+        let begun = || match &bucket {
+            None => stored_uploads(&disk) == 1,
+            Some(_) => spools(&program),
+        };
+        let (sender, receiver) = tokio::sync::mpsc::channel::<Result<Vec<u8>, std::io::Error>>(1);
+        let body = futures::stream::unfold(receiver, |mut r| async move { r.recv().await.map(|chunk| (chunk, r)) });
+        let upload = tokio::spawn(api.post("/v1/jobs").body(reqwest::Body::wrap_stream(body)).send());
+        sender.send(Ok(files::whole_box())).await.expect("the upload listens");
+        until("the upload has begun", async || begun().then_some(())).await;
+        let filler = fill(&disk, 0);
+        sender.send(Ok(vec![0; 1 << 20])).await.expect("the upload listens");
+        drop(sender);
+        let answer = upload.await.expect("no panic").expect("an answer");
+        let retry = answer.headers().get("retry-after").cloned();
+        let (status, problem): (_, Value) = (answer.status(), answer.json().await.expect("a problem"));
+        assert_eq!((status.as_u16(), &problem["code"]), (503, &json!("storage_full")), "{problem}");
+        assert!(
+            retry.is_some() && problem["detail"].as_str().is_some_and(|detail| detail.contains("no room")),
+            "{problem}"
+        );
+        fs::remove_file(filler).expect("removed");
+        until("nothing of it is left", async || (!begun()).then_some(())).await;
+        assert_eq!(submit(&api).await.0, 202);
+        assert_eq!(bucket.map_or(1, |bucket| bucket.files().len()), 1);
+        assert!(!program.log().contains("panicked"), "{}", program.log());
+    }
 }
 
 #[tokio::test]

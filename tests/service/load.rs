@@ -11,7 +11,8 @@ use reqwest::Client;
 use serde_json::Value;
 
 use crate::files;
-use crate::server::{Program, Start};
+use crate::postgres::Postgres;
+use crate::server::{Api, Program, Start, until};
 
 /// What the clients saw.
 #[derive(Default)]
@@ -116,4 +117,54 @@ async fn two_hundred_clients_are_answered_quickly_for_minutes() {
     let seconds = std::env::var("MESHMEND_LOAD_S").ok().and_then(|n| n.parse().ok()).unwrap_or(600);
     let slowest = bear(200, Duration::from_secs(seconds)).await;
     assert!(slowest < Duration::from_millis(50), "{slowest:?}");
+}
+
+/// How long so many workers take for `jobs` jobs, from the first claim to the last end, by the database's clock.
+async fn work_off(jobs: usize, workers: usize) -> Duration {
+    let (cluster, data) = (Postgres::start(), tempfile::tempdir().expect("a folder"));
+    let url = cluster.url();
+    let server =
+        Start::serve(data.path()).env("MESHMEND_DATABASE_URL", &url).env("MESHMEND_NO_WORKERS", "true").start();
+    let api = Api::new(&server);
+    for _ in 0..jobs {
+        let request = api.post("/v1/jobs?max_tier=1&pictures=false").header("cache-control", "no-cache");
+        assert_eq!(request.body(files::broken_box()).send().await.expect("an answer").status(), 202);
+    }
+    let work = || Start::work(data.path()).env("MESHMEND_DATABASE_URL", &url).arg("--workers", "1").start();
+    let _workers: Vec<_> = (0..workers).map(|_| work()).collect();
+    let pool = sqlx::PgPool::connect(&url).await.expect("a connection");
+    until("all is done", async || {
+        let done: (i64, Option<i64>) = sqlx::query_as(
+            "SELECT count(*) FILTER (WHERE status = 'succeeded'), max(finished_at) - min(started_at) FROM jobs",
+        )
+        .fetch_one(&pool)
+        .await
+        .expect("an answer");
+        (done.0 == i64::try_from(jobs).expect("few")).then(|| Duration::from_millis(done.1.unwrap_or(0).unsigned_abs()))
+    })
+    .await
+}
+
+/// `cargo test --release --features failpoints --test service -- --ignored --nocapture several_workers`
+#[tokio::test(flavor = "multi_thread")]
+#[ignore = "takes the whole machine for a minute"]
+async fn several_workers_on_postgresql_do_several_times_the_work_of_one() {
+    const JOBS: usize = 400;
+    let cores = std::thread::available_parallelism().expect("a number").get();
+    let many = if cores > 4 { 4 } else { 2 };
+    let (one, several) = (work_off(JOBS, 1).await, work_off(JOBS, many).await);
+    let ratio = one.as_secs_f64() / several.as_secs_f64();
+    let _ = writeln!(
+        std::io::stderr(),
+        "{JOBS} jobs on {cores} cores: 1 worker {one:.2?}, {many} workers {several:.2?}, {ratio:.2} times as fast"
+    );
+    if many < 4 {
+        let _ = writeln!(
+            std::io::stderr(),
+            "TOO FEW CORES: four workers and a database need five at least; 3.2 times was NOT tried"
+        );
+    }
+    // Where there are no cores to spare, two share theirs with the database, and do at least not less.
+    let least = if many == 4 { 3.2 } else { 1.0 };
+    assert!(ratio >= least, "{ratio:.2} times as fast, and not {least}");
 }

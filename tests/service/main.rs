@@ -7,6 +7,7 @@ mod server;
 
 mod access;
 mod analyze;
+mod audit;
 mod blender;
 mod blobs;
 mod buckets;
@@ -20,17 +21,21 @@ mod idempotency;
 mod jobs;
 mod limits;
 mod load;
+mod matrix;
 mod operations;
 mod outbox;
 #[path = "../support/postgres.rs"]
 mod postgres;
 mod problems;
+#[path = "../support/proxy.rs"]
+mod proxy;
 mod readme;
 mod receiver;
 mod retention;
 #[path = "../support/s3.rs"]
 mod s3;
 mod sandbox;
+mod statements;
 mod store;
 mod stores;
 mod surface;

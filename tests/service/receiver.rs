@@ -1,6 +1,7 @@
 //! Somebody who is told of jobs: a server on a loopback port that answers as it is told to, and keeps what came.
 
 use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 
 use axum::body::to_bytes;
@@ -56,15 +57,19 @@ impl Seen {
 pub struct Receiver {
     pub url: String,
     seen: Arc<Mutex<Vec<Seen>>>,
+    away: Arc<AtomicBool>,
 }
 
 impl Receiver {
     /// One that gives these answers in turn, the last one for ever.
     pub async fn start(replies: &[Reply]) -> Self {
         let (listener, this, answers) = Self::listen("http", replies).await;
+        let away = Arc::clone(&this.away);
         tokio::spawn(async move {
             while let Ok((stream, _)) = listener.accept().await {
-                tokio::spawn(serve(stream, Arc::clone(&answers)));
+                if !away.load(Ordering::Relaxed) {
+                    tokio::spawn(serve(stream, Arc::clone(&answers)));
+                }
             }
         });
         this
@@ -101,7 +106,12 @@ impl Receiver {
         let url = format!("{scheme}://{}/hooks", listener.local_addr().expect("an address"));
         let seen = Arc::new(Mutex::new(Vec::new()));
         let answers = Arc::new(Answers { replies: replies.to_vec(), seen: Arc::clone(&seen) });
-        (listener, Self { url, seen }, answers)
+        (listener, Self { url, seen, away: Arc::default() }, answers)
+    }
+
+    /// Whether it breaks every connection off, before a word.
+    pub fn set_away(&self, away: bool) {
+        self.away.store(away, Ordering::Relaxed);
     }
 
     pub fn seen(&self) -> Vec<Seen> {

@@ -9,7 +9,7 @@ use meshmend::jobs::{
 use serde_json::{Value, json};
 
 use crate::files;
-use crate::server::{Api, Start, stored_files, until};
+use crate::server::{Api, Start, make_old, stored_files, until};
 use crate::stores::{Bench, promises};
 
 promises! {
@@ -187,4 +187,23 @@ async fn an_expired_job_says_so_and_its_files_are_gone() {
     assert_eq!(answer.status(), 410);
     let problem: Value = answer.json().await.expect("a problem");
     assert_eq!(problem["code"], "job_expired");
+}
+
+#[tokio::test]
+async fn what_was_left_of_a_lost_attempt_is_swept_away_and_the_result_stays() {
+    let data = tempfile::tempdir().expect("a folder");
+    let program = Start::serve(data.path()).start();
+    let api = Api::new(&program);
+    let id = api.submit(files::broken_box(), json!({"max_tier": 1, "pictures": false})).await;
+    api.finished(&id).await;
+    let of_result = stored_files(data.path(), &id);
+    program.kill();
+    // As a worker leaves it that is killed between the completion of another's attempt and its own clearing away.
+    let lost = data.path().join("files/jobs").join(&id).join("lost");
+    std::fs::create_dir(&lost).expect("a folder");
+    std::fs::write(lost.join("model"), "half of it").expect("a file");
+    make_old(&data.path().join("files"));
+    let _program = Start::serve(data.path()).start();
+    until("it is gone", async || (!lost.exists()).then_some(())).await;
+    assert_eq!(stored_files(data.path(), &id), of_result);
 }

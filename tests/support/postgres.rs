@@ -46,7 +46,17 @@ impl Postgres {
 
     /// The address of its database.
     pub fn url(&self) -> String {
-        format!("postgres://meshmend@localhost/postgres?host={}", self.folder.path().display())
+        Self::url_at(self.folder())
+    }
+
+    /// The same for a socket in another folder.
+    pub fn url_at(folder: &Path) -> String {
+        format!("postgres://meshmend@localhost/postgres?host={}", folder.display())
+    }
+
+    /// The folder of its socket.
+    pub fn folder(&self) -> &Path {
+        self.folder.path()
     }
 
     /// Kills the server outright, with all of its connections.

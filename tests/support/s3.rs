@@ -1,7 +1,7 @@
 //! An S3-compatible server of a test's own: s3s over a temporary folder, which can be killed and started again.
 
 use std::net::SocketAddr;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use hyper::server::conn::http1;
@@ -14,7 +14,7 @@ use tempfile::TempDir;
 use tokio::net::TcpListener;
 use tokio::runtime::Runtime;
 
-use crate::server::Start;
+use crate::server::{Start, files_below};
 
 const BUCKET: &str = "meshmend-files";
 const PREFIX: &str = "of/tests";
@@ -101,19 +101,9 @@ impl S3 {
 
     /// The keys of all objects.
     pub fn files(&self) -> Vec<String> {
-        fn walk(folder: &Path, root: &Path, found: &mut Vec<String>) {
-            for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
-                let path = entry.path();
-                if path.is_dir() {
-                    walk(&path, root, found);
-                } else {
-                    found.push(path.strip_prefix(root).expect("inside").to_string_lossy().into_owned());
-                }
-            }
-        }
-        let (mut found, root) = (Vec::new(), self.objects());
-        walk(&root, &root, &mut found);
-        found
+        let root = self.objects();
+        let key = |path: PathBuf| path.strip_prefix(&root).expect("inside").to_string_lossy().into_owned();
+        files_below(&root).into_iter().map(key).collect()
     }
 
     /// Parts of uploads that were neither completed nor aborted.
@@ -133,6 +123,8 @@ impl Drop for S3 {
 
 async fn serve(listener: TcpListener, service: S3Service) {
     while let Ok((stream, _)) = listener.accept().await {
+        // Or each answer's body waits for the client to acknowledge its head.
+        let _ = stream.set_nodelay(true);
         let connection = http1::Builder::new().serve_connection(TokioIo::new(stream), service.clone());
         tokio::spawn(async move {
             let _ = connection.await;

@@ -46,7 +46,7 @@ impl<'a> Start<'a> {
 
     fn verb(verb: &str, data: &'a Path) -> Self {
         let mut command = Command::new(env!("CARGO_BIN_EXE_meshmend"));
-        command.arg(verb).arg("--data-dir").arg(data).args(["--lease-s", "1.5"]).env_remove("FAILPOINTS");
+        command.arg(verb).arg("--data-dir").arg(data).env("MESHMEND_LEASE_S", "1.5").env_remove("FAILPOINTS");
         // Tests that want Blender say so; the others should not wait for it.
         command.args(["--blender", "/nonexistent/blender", "--blender-warm-up", "false"]);
         Self { command, data }
@@ -78,24 +78,22 @@ impl<'a> Start<'a> {
                 self.command.arg(arg);
             }
         }
-        self.command.env_remove("FAILPOINTS");
+        for (name, value) in old.get_envs() {
+            match value {
+                Some(value) => self.command.env(name, value),
+                None => self.command.env_remove(name),
+            };
+        }
         self
     }
 
     /// Starts it with a disk of so many MiB mounted at its data folder, which nobody else sees; none where the machine does not let
     /// this user mount anything.
     pub fn on_small_disk(mut self, mebibytes: u32) -> Option<Program> {
-        let mut unshare = Command::new("unshare");
-        unshare.arg("--mount");
-        if !rustix::process::geteuid().is_root() {
-            unshare.arg("--map-root-user");
-        }
-        let mut tried = Command::new(unshare.get_program());
-        tried.args(unshare.get_args()).args(["mount", "-t", "tmpfs", "none", "/mnt"]);
-        if !tried.output().is_ok_and(|tried| tried.status.success()) {
-            let _ = writeln!(std::io::stderr(), "SKIPPED: this machine does not let tests mount a small disk");
+        if !mounts_small_disks() {
             return None;
         }
+        let mut unshare = unshared();
         let script = format!("mount -t tmpfs -o size={mebibytes}m none \"$0\" && exec \"$@\"");
         unshare
             .args(["sh", "-c", &script])
@@ -145,6 +143,26 @@ impl<'a> Start<'a> {
         };
         Program { child, url, probes, log }
     }
+}
+
+/// A command that runs another with mounts of its own.
+fn unshared() -> Command {
+    let mut unshare = Command::new("unshare");
+    unshare.arg("--mount");
+    if !rustix::process::geteuid().is_root() {
+        unshare.arg("--map-root-user");
+    }
+    unshare
+}
+
+/// Whether this machine lets this user mount anything; says so where it does not.
+pub fn mounts_small_disks() -> bool {
+    let mounted = unshared().args(["mount", "-t", "tmpfs", "none", "/mnt"]).output();
+    let mounts = mounted.is_ok_and(|mounted| mounted.status.success());
+    if !mounts {
+        let _ = writeln!(std::io::stderr(), "SKIPPED: this machine does not let tests mount a small disk");
+    }
+    mounts
 }
 
 impl Program {
@@ -308,21 +326,25 @@ pub fn stored_uploads(data: &Path) -> usize {
 
 /// Files that are in the store for a job: its uploads, and what its attempts left.
 pub fn stored_files(data: &Path, id: &str) -> Vec<PathBuf> {
-    fn walk(folder: &Path, root: &Path, found: &mut Vec<PathBuf>) {
-        for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
-            let path = entry.path();
-            if path.is_dir() {
-                walk(&path, root, found);
-            } else {
-                found.push(path.strip_prefix(root).expect("inside").to_owned());
-            }
-        }
-    }
     let files = data.join("files");
-    let mut found = Vec::new();
-    walk(&files.join("jobs").join(id), &files, &mut found);
-    found.extend(files.join("uploads").join(id).exists().then(|| PathBuf::from("uploads").join(id)));
-    walk(&files.join("more").join(id), &files, &mut found);
+    let upload = Some(files.join("uploads").join(id)).filter(|upload| upload.exists());
+    let folders = ["jobs", "more"].into_iter().flat_map(|kind| files_below(&files.join(kind).join(id)));
+    let found = folders.chain(upload).map(|path| path.strip_prefix(&files).expect("inside").to_owned());
+    let mut found: Vec<_> = found.collect();
     found.sort();
     found
+}
+
+/// All files in a folder and those in it.
+pub fn files_below(folder: &Path) -> Vec<PathBuf> {
+    let paths = std::fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
+    paths.flat_map(|path| if path.is_dir() { files_below(&path) } else { vec![path] }).collect()
+}
+
+/// Makes a folder and all in it so old that a sweep takes for left what nobody owns.
+pub fn make_old(path: &Path) {
+    for entry in std::fs::read_dir(path).into_iter().flatten().flatten() {
+        make_old(&entry.path());
+    }
+    std::fs::File::open(path).and_then(|file| file.set_modified(std::time::SystemTime::UNIX_EPOCH)).expect("a time");
 }

@@ -1,0 +1,110 @@
+//! What must hold of a service on PostgreSQL once all is up again, whatever happened to it.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::time::{Duration, Instant};
+
+use serde_json::Value;
+use sqlx::PgPool;
+
+use crate::receiver::Receiver;
+
+/// How long it may take for one more to come to its end.
+const PATIENCE: Duration = Duration::from_secs(60);
+
+/// Looks into the database beside the program, and notes every end of a job there.
+pub struct Audit {
+    pub pool: PgPool,
+}
+
+impl Audit {
+    pub async fn begin(url: &str) -> Self {
+        let pool = PgPool::connect(url).await.expect("a connection");
+        for statement in [
+            "CREATE TABLE audit (id TEXT NOT NULL, status TEXT NOT NULL)",
+            "CREATE FUNCTION note_end() RETURNS trigger LANGUAGE plpgsql AS $$ BEGIN \
+                 INSERT INTO audit VALUES (NEW.id, NEW.status); RETURN NULL; END $$",
+            "CREATE TRIGGER ends AFTER UPDATE ON jobs FOR EACH ROW \
+                 WHEN (NEW.finished_at IS NOT NULL AND OLD.status IS DISTINCT FROM NEW.status) EXECUTE FUNCTION note_end()",
+        ] {
+            sqlx::query(statement).execute(&pool).await.expect("made");
+        }
+        Self { pool }
+    }
+
+    /// Waits until every job has ended and every message has been delivered.
+    pub async fn at_rest(&self) {
+        let (mut least, mut since) = (i64::MAX, Instant::now());
+        while least > 0 {
+            let open: Result<i64, _> = sqlx::query_scalar(
+                "SELECT (SELECT count(*) FROM jobs WHERE finished_at IS NULL) \
+                      + (SELECT count(*) FROM webhook_deliveries WHERE status = 'pending')",
+            )
+            .fetch_one(&self.pool)
+            .await;
+            match open {
+                Ok(open) if open < least => (least, since) = (open, Instant::now()),
+                open => assert!(since.elapsed() < PATIENCE, "{open:?} jobs and messages do not come to their end"),
+            }
+            tokio::time::sleep(Duration::from_millis(50)).await;
+        }
+    }
+
+    /// That each job that was accepted is there and ended once, and no other job ended more often. Gives the number of all jobs.
+    pub async fn ended_once(&self, accepted: &[String]) -> usize {
+        let ends: Vec<(String, i64)> = sqlx::query_as("SELECT id, count(*) FROM audit GROUP BY id")
+            .fetch_all(&self.pool)
+            .await
+            .expect("the audit");
+        let twice: Vec<_> = ends.iter().filter(|(_, count)| *count != 1).collect();
+        assert!(twice.is_empty(), "{twice:?}");
+        let ended: BTreeSet<&String> = ends.iter().map(|(id, _)| id).collect();
+        let unique: BTreeSet<&String> = accepted.iter().collect();
+        assert_eq!(unique.len(), accepted.len(), "each request made its own job");
+        assert!(unique.is_subset(&ended), "lost: {:?}", unique.difference(&ended));
+        ended.len()
+    }
+
+    /// That the receiver was told of every job's end, rightly, and by one message, however often that was sent. Gives how many were.
+    pub async fn told_once(&self, receiver: &Receiver) -> usize {
+        let noted: Vec<(String, String, Option<String>, Option<String>)> = sqlx::query_as(
+            "SELECT j.id, j.status, m.id, d.status FROM jobs j LEFT JOIN webhook_messages m ON m.job_id = j.id \
+             LEFT JOIN webhook_deliveries d ON d.message_id = m.id WHERE j.finished_at IS NOT NULL",
+        )
+        .fetch_all(&self.pool)
+        .await
+        .expect("messages");
+        let mut came: BTreeMap<String, BTreeSet<(String, String)>> = BTreeMap::new();
+        let seen = receiver.seen();
+        for message in &seen {
+            let told = message.json();
+            let job = told["data"]["id"].as_str().expect("an id").to_owned();
+            let kind = told["type"].as_str().expect("a type").to_owned();
+            came.entry(job).or_default().insert((message.id(), kind));
+        }
+        let mut told = BTreeSet::new();
+        for (job, status, message, delivery) in &noted {
+            assert!(told.insert(job), "{job} has more than one message");
+            assert_eq!(delivery.as_deref(), Some("delivered"), "{job}");
+            let right = (message.clone().expect("a message"), format!("job.{status}"));
+            assert_eq!(came.remove(job), Some(BTreeSet::from([right])), "{job}");
+        }
+        assert!(came.is_empty(), "told of what never ended: {came:?}");
+        seen.len()
+    }
+
+    /// The keys of all files that jobs own.
+    pub async fn owned(&self) -> BTreeSet<String> {
+        let rows: Vec<(String, String)> = sqlx::query_as("SELECT inputs, artifacts FROM jobs WHERE purged_at IS NULL")
+            .fetch_all(&self.pool)
+            .await
+            .expect("jobs");
+        let json = |text: &str| serde_json::from_str::<Value>(text).expect("JSON");
+        let key = |file: &Value| file["key"].as_str().expect("a key").to_owned();
+        let keys = rows.iter().flat_map(|(inputs, artifacts)| {
+            let inputs: Vec<_> = json(inputs).as_array().expect("a list").iter().map(key).collect();
+            let artifacts = json(artifacts).as_object().expect("files").values().map(key).collect();
+            [inputs, artifacts].concat()
+        });
+        keys.collect()
+    }
+}

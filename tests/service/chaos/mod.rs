@@ -1,0 +1,133 @@
+//! Kills at random, while clients go on submitting: no accepted job is lost, none ends twice, each one ends, and whoever is to be told
+//! of that is told.
+//!
+//! `MESHMEND_KILLS=500 cargo test --features failpoints --test service -- --ignored --nocapture chaos` is the long run; `MESHMEND_KILL_SEED`
+//! draws other kills.
+
+mod clients;
+mod service;
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::io::Write;
+use std::sync::atomic::Ordering;
+use std::time::{Duration, Instant};
+
+use futures::StreamExt;
+use reqwest::Client;
+use serde_json::{Value, json};
+use sha2::{Digest, Sha256};
+
+use crate::audit::Audit;
+use crate::server::until;
+use clients::Clients;
+use service::{Files, Service};
+
+/// Random numbers by a seed (SplitMix64).
+struct Dice(u64);
+
+impl Dice {
+    fn roll(&mut self, sides: usize) -> usize {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        ((z ^ (z >> 31)) % sides as u64) as usize
+    }
+}
+
+async fn get(http: &Client, url: String) -> reqwest::Response {
+    let answer = http.get(url).timeout(Duration::from_secs(10)).send().await.expect("an answer");
+    assert_eq!(answer.status(), 200);
+    answer
+}
+
+/// How a job ended, whose files are all as they should be.
+async fn outcome(http: &Client, base: &str, id: &str) -> String {
+    let job: Value = get(http, format!("{base}/v1/jobs/{id}")).await.json().await.expect("a job");
+    let code = job["problem"]["code"].as_str().unwrap_or_default();
+    if job["status"] == "succeeded" {
+        for (name, artifact) in job["artifacts"].as_object().expect("files") {
+            let file = get(http, format!("{base}/v1/jobs/{id}/artifacts/{name}")).await;
+            let hash = hex::encode(Sha256::digest(file.bytes().await.expect("bytes")));
+            assert_eq!(artifact["sha256"], json!(hash), "{id} {name}");
+        }
+        assert!(job["artifacts"]["model"].is_object(), "{job}");
+    } else {
+        // Killed with its worker or child three times over.
+        assert!(["crashed", "worker_lost"].contains(&code), "{job}");
+    }
+    format!("{} {code}", job["status"].as_str().expect("text"))
+}
+
+async fn survive(files: Files, kills: usize, seed: u64) {
+    let began = Instant::now();
+    let mut dice = Dice(seed);
+    let mut service = Service::start(files, &mut dice).await;
+    let audit = Audit::begin(&service.cluster.url()).await;
+    meshmend::tls::use_ring();
+    let (http, base) = (Client::new(), format!("http://{}", service.addresses()[0]));
+    let endpoint = http.post(format!("{base}/v1/webhook-endpoints")).json(&json!({"url": service.receiver.url}));
+    assert_eq!(endpoint.send().await.expect("an answer").status(), 201);
+    let mut clients = Clients::start(service.addresses());
+    // Each victim comes once before any comes again.
+    let (mut hits, mut deck) = (BTreeMap::new(), Vec::new());
+    for _ in 0..kills {
+        tokio::time::sleep(Duration::from_millis(50 + dice.roll(350) as u64)).await;
+        if deck.is_empty() {
+            deck = service.victims();
+        }
+        let victim = deck.swap_remove(dice.roll(deck.len()));
+        *hits.entry(victim).or_insert(0) += 1;
+        service.hit(victim, &mut dice).await;
+    }
+    tokio::time::sleep(Duration::from_secs(1)).await;
+    let accepted = clients.stop().await;
+    assert!(accepted.len() > kills / 4, "only {} jobs were accepted", accepted.len());
+
+    audit.at_rest().await;
+    let mut outcomes: BTreeMap<String, usize> = BTreeMap::new();
+    let mut asked = futures::stream::iter(&accepted).map(|id| outcome(&http, &base, id)).buffer_unordered(16);
+    while let Some(outcome) = asked.next().await {
+        *outcomes.entry(outcome).or_default() += 1;
+    }
+    let ended = audit.ended_once(&accepted).await;
+    let messages = audit.told_once(&service.receiver).await;
+    let owned = audit.owned().await;
+    let stored: BTreeSet<_> = service.files().into_iter().collect();
+    assert!(stored.is_superset(&owned), "lost: {:?}", owned.difference(&stored));
+    service.sweep();
+    until("nothing is left that no job owns", async || {
+        (service.files().into_iter().collect::<BTreeSet<_>>() == owned).then_some(())
+    })
+    .await;
+    service.stop();
+    let line = format!(
+        "{kills} kills (seed {seed}, {files:?}) {hits:?} in {:.0} s: {} accepted, {ended} jobs ended once each, {outcomes:?}, {} refused; \
+         {ended} ends told by {messages} messages; {} files, {} swept away",
+        began.elapsed().as_secs_f64(),
+        accepted.len(),
+        clients.load.refused.load(Ordering::Relaxed),
+        owned.len(),
+        stored.len() - owned.len()
+    );
+    let _ = writeln!(std::io::stderr(), "{line}");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn no_job_is_lost_or_done_twice_by_a_dozen_kills() {
+    survive(Files::Folder, 10, 7).await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn no_job_is_lost_or_done_twice_by_a_dozen_kills_with_its_files_in_a_bucket() {
+    survive(Files::Bucket, 14, 7).await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+#[ignore = "takes minutes"]
+async fn no_job_is_lost_or_done_twice_by_hundreds_of_kills() {
+    let number =
+        |name: &str, otherwise: u64| std::env::var(name).ok().and_then(|n| n.parse().ok()).unwrap_or(otherwise);
+    let kills = usize::try_from(number("MESHMEND_KILLS", 500)).expect("a number");
+    survive(Files::Bucket, kills, number("MESHMEND_KILL_SEED", 1)).await;
+}

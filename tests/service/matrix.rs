@@ -1,0 +1,363 @@
+//! Each fault while jobs are at every place of their way at once: half uploaded, just claimed, in each tier, about to be stored, about
+//! to be completed, and ended with a receiver that has not answered yet. `statements.rs` breaks connections.
+
+use std::collections::BTreeSet;
+use std::path::PathBuf;
+
+use reqwest::{Body, Response};
+use serde_json::{Value, json};
+use tempfile::TempDir;
+use tokio::sync::mpsc;
+use tokio::task::JoinHandle;
+
+use crate::audit::Audit;
+use crate::cancel::{blender, tree};
+use crate::disk::{disk, fill, spools};
+use crate::files;
+use crate::postgres::Postgres;
+use crate::receiver::{Receiver, Reply};
+use crate::s3::S3;
+use crate::server::{Api, Program, Start, files_below, is_alive, mounts_small_disks, signal, until};
+
+/// Where a worker or its child waits until a gate opens, and a model and the preset with which a job comes there.
+type Place = (&'static str, fn() -> Vec<u8>, &'static str);
+
+const PLACES: [Place; 6] = [
+    ("worker-claimed", files::broken_box, "auto"),
+    ("child-tier1", files::broken_box, "fill-holes"),
+    ("child-tier2", files::boxes_on_an_edge, "auto"),
+    ("child-tier3", files::boxes_on_an_edge, "fill-holes"),
+    ("worker-publish", files::broken_box, "auto"),
+    ("worker-complete", files::broken_box, "auto"),
+];
+/// The workers at two of these places.
+const CLAIMED: usize = 0;
+const COMPLETE: usize = 5;
+/// A job's files: the upload, the model, the report, the log.
+const FILES: usize = 4;
+/// Room on the disk of each process, in MiB.
+const DISK: u32 = 24;
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Fault {
+    /// kill -9 of every job's process.
+    Child,
+    /// Of every worker.
+    Worker,
+    Server,
+    Database,
+    Bucket,
+    /// No room on the disk of any process.
+    Disk,
+    /// Every process stands still until its leases have run out, and goes on.
+    Pause,
+}
+
+impl Fault {
+    /// How long a worker holds its job. What is away for a moment is to be met where the job is, and not by another attempt.
+    fn lease(self) -> &'static str {
+        match self {
+            Self::Database | Self::Bucket | Self::Disk => "20",
+            Self::Child | Self::Worker | Self::Server | Self::Pause => "2",
+        }
+    }
+}
+
+/// What the processes stand on: they have nothing in common but a database and a bucket.
+struct Ground {
+    folder: TempDir,
+    lease: &'static str,
+    small_disks: bool,
+    cluster: Postgres,
+    bucket: S3,
+    receiver: Receiver,
+}
+
+impl Ground {
+    /// A folder of a process's own, where none is mounted.
+    fn data(&self, name: &str) -> PathBuf {
+        let data = self.folder.path().join(name);
+        std::fs::create_dir_all(&data).expect("a folder");
+        data
+    }
+
+    fn serve(&self, name: &str, address: &str) -> Program {
+        let data = self.data(name);
+        let start = Start::serve_on(address, &data)
+            .env("MESHMEND_NO_WORKERS", "true")
+            .env("MESHMEND_WEBHOOK_ALLOW_PRIVATE", "true")
+            .arg("--webhook-timeout-s", "1")
+            .arg("--webhook-retry-s", ["0.2"; 40].join(","));
+        self.start(start)
+    }
+
+    /// A worker for one job at a time, which waits at a place if one is named.
+    fn work(&self, name: &str, place: Option<&str>) -> Program {
+        // In a child's own folder, since it sees no other.
+        let gate = |place: &str| if place.starts_with("child") { PathBuf::from("gate") } else { self.gate() };
+        let waits = place.map(|place| format!("{place}=return({})", gate(place).display())).unwrap_or_default();
+        let data = self.data(name);
+        let start = Start::work(&data).blender(&self.folder.path().join("blender"));
+        self.start(start.arg("--workers", "1").env("FAILPOINTS", &waits))
+    }
+
+    fn start(&self, start: Start<'_>) -> Program {
+        let start = self.bucket.keeps_files_of(start).env("MESHMEND_DATABASE_URL", &self.cluster.url());
+        let start = start.env("MESHMEND_LEASE_S", self.lease).arg("--min-free-mib", "0");
+        if self.small_disks { start.on_small_disk(DISK).expect("a small disk") } else { start.start() }
+    }
+
+    fn gate(&self) -> PathBuf {
+        self.folder.path().join("gate")
+    }
+}
+
+/// A model of which half has been sent.
+struct Upload {
+    rest: mpsc::Sender<Result<Vec<u8>, std::io::Error>>,
+    answer: JoinHandle<reqwest::Result<Response>>,
+}
+
+/// Jobs at all places.
+struct Scene {
+    ground: Ground,
+    audit: Audit,
+    api: Api,
+    server: Program,
+    /// One for each place.
+    workers: Vec<Program>,
+    accepted: Vec<String>,
+    upload: Upload,
+}
+
+impl Scene {
+    async fn set(fault: Fault) -> Self {
+        let folder = tempfile::tempdir().expect("a folder");
+        // There is one, and nothing that it is asked for succeeds.
+        blender(folder.path(), "exit 1");
+        let ground = Ground {
+            folder,
+            lease: fault.lease(),
+            small_disks: fault == Fault::Disk,
+            cluster: Postgres::start(),
+            bucket: S3::start(),
+            receiver: Receiver::start(&[Reply::Hang, Reply::Status(204)]).await,
+        };
+        let server = ground.serve("server", "127.0.0.1:0");
+        let (api, audit) = (Api::new(&server), Audit::begin(&ground.cluster.url()).await);
+        let endpoint = api.post("/v1/webhook-endpoints").json(&json!({"url": ground.receiver.url}));
+        assert_eq!(endpoint.send().await.expect("an answer").status(), 201);
+        let (mut workers, mut accepted) = (Vec::new(), Vec::new());
+        for (place, model, preset) in PLACES {
+            let worker = ground.work(place, Some(place));
+            let options = json!({"preset": preset, "max_tier": 3, "pictures": false});
+            let id = api.submit(model(), options).await;
+            until("the job is there", async || is_at(place, &ground, &api, &worker, &id).await.then_some(())).await;
+            workers.push(worker);
+            accepted.push(id);
+        }
+        // Nobody is free to claim it.
+        let canceled = api.submit(files::whole_box(), json!({})).await;
+        let answer = api.post(&format!("/v1/jobs/{canceled}/cancel")).send().await.expect("an answer");
+        assert_eq!(answer.status(), 200);
+        accepted.push(canceled);
+        ground.receiver.got(1).await;
+        let upload = half_an_upload(&api, &server).await;
+        Self { ground, audit, api, server, workers, accepted, upload }
+    }
+
+    fn open_gates(&self) {
+        for worker in &self.workers {
+            for child in worker.job_children() {
+                // It may be gone.
+                let _ = std::fs::write(format!("/proc/{child}/cwd/gate"), "");
+            }
+        }
+        std::fs::write(self.ground.gate(), "").expect("a file");
+    }
+
+    /// Every process of a job.
+    fn of_jobs(&self) -> Vec<u32> {
+        self.workers.iter().flat_map(|worker| tree(worker.pid())).collect()
+    }
+
+    /// Sends the rest of the upload, and all of it again until it is accepted.
+    async fn finish_upload(&mut self) {
+        let model = files::whole_box();
+        let _ = self.upload.rest.send(Ok(model[model.len() / 2..].to_vec())).await;
+        let (closed, _) = mpsc::channel(1);
+        self.upload.rest = closed;
+        let answer = (&mut self.upload.answer).await.expect("no panic");
+        let accepted = match answer {
+            Ok(answer) if answer.status() == 202 => answer,
+            _ => {
+                until("the model is accepted", async || {
+                    let sent = self.api.post("/v1/jobs").body(files::whole_box()).send().await.ok()?;
+                    assert!([202, 503].contains(&sent.status().as_u16()), "{sent:?}");
+                    (sent.status() == 202).then_some(sent)
+                })
+                .await
+            }
+        };
+        let job: Value = accepted.json().await.expect("a job");
+        self.accepted.push(job["id"].as_str().expect("an id").to_owned());
+    }
+}
+
+async fn is_at(place: &str, ground: &Ground, api: &Api, worker: &Program, id: &str) -> bool {
+    let job = api.job(id).await;
+    let files_of_attempt =
+        || ground.bucket.files().iter().filter(|key| key.starts_with("jobs/") && key.contains(id)).count();
+    let has_report = || {
+        let data = disk(worker, &ground.data(place));
+        files_below(&data.join("scratch")).iter().any(|file| file.ends_with("report.json"))
+    };
+    match place {
+        "worker-claimed" => job["status"] == "running",
+        "worker-publish" => worker.job_children().is_empty() && has_report(),
+        "worker-complete" => files_of_attempt() == FILES - 1,
+        tier => {
+            let tier = tier.trim_start_matches("child-tier").parse::<u64>().expect("a tier");
+            job["progress"]["stage"] == "repair" && job["progress"]["tier"] == tier
+        }
+    }
+}
+
+/// Sends half a model, and waits until the server has begun to keep it.
+async fn half_an_upload(api: &Api, server: &Program) -> Upload {
+    let (rest, receiver) = mpsc::channel(1);
+    let body =
+        futures::stream::unfold(receiver, |mut r: mpsc::Receiver<_>| async { r.recv().await.map(|chunk| (chunk, r)) });
+    let answer = tokio::spawn(api.post("/v1/jobs").body(Body::wrap_stream(body)).send());
+    let model = files::whole_box();
+    rest.send(Ok(model[..model.len() / 2].to_vec())).await.expect("the upload listens");
+    until("the upload has begun", async || spools(server).then_some(())).await;
+    Upload { rest, answer }
+}
+
+async fn tries_again(worker: &Program, words: &str) {
+    until(words, async || worker.log().contains(words).then_some(())).await;
+}
+
+async fn every_job_ends_once(fault: Fault) {
+    let mut scene = Scene::set(fault).await;
+    let processes = scene.of_jobs();
+    assert!(processes.len() >= 3, "one in each tier");
+    let mut others = Vec::new();
+    match fault {
+        Fault::Child => {
+            processes.iter().for_each(|pid| signal(*pid, "KILL"));
+            scene.open_gates();
+        }
+        Fault::Worker => {
+            scene.workers.drain(..).for_each(Program::kill);
+            others.push(scene.ground.work("other", None));
+        }
+        Fault::Server => {
+            let address = scene.api.url.trim_start_matches("http://").to_owned();
+            signal(scene.server.pid(), "KILL");
+            scene.server.wait();
+            scene.open_gates();
+            let of_workers = async || {
+                let open = "SELECT count(*) FROM jobs WHERE finished_at IS NULL";
+                let open: i64 = sqlx::query_scalar(open).fetch_one(&scene.audit.pool).await.expect("a count");
+                (open == 0).then_some(())
+            };
+            until("all is done without it", of_workers).await;
+            scene.server = scene.ground.serve("server", &address);
+        }
+        Fault::Database => {
+            scene.ground.cluster.kill();
+            scene.open_gates();
+            tries_again(&scene.workers[COMPLETE], "trying again").await;
+            scene.ground.cluster.restart();
+        }
+        Fault::Bucket => {
+            scene.ground.bucket.kill();
+            scene.open_gates();
+            tries_again(&scene.workers[CLAIMED], "trying again").await;
+            scene.ground.bucket.restart();
+        }
+        Fault::Disk => {
+            let full =
+                scene.workers.iter().zip(PLACES).map(|(worker, (place, ..))| disk(worker, &scene.ground.data(place)));
+            let full = full.chain([disk(&scene.server, &scene.ground.data("server"))]);
+            let fillers: Vec<_> = full.map(|disk| fill(&disk, 0)).collect();
+            scene.open_gates();
+            tries_again(&scene.workers[CLAIMED], "No space left on device").await;
+            for filler in fillers {
+                std::fs::remove_file(filler).expect("removed");
+            }
+        }
+        Fault::Pause => {
+            let still: Vec<_> = scene.workers.iter().chain([&scene.server]).map(Program::pid).collect();
+            still.iter().for_each(|pid| signal(*pid, "STOP"));
+            others.extend([scene.ground.work("other", None), scene.ground.serve("another", "127.0.0.1:0")]);
+            scene.audit.at_rest().await;
+            still.iter().for_each(|pid| signal(*pid, "CONT"));
+            scene.open_gates();
+            for worker in &scene.workers {
+                tries_again(worker, "no longer ours").await;
+            }
+        }
+    }
+    scene.finish_upload().await;
+    scene.audit.at_rest().await;
+
+    let Scene { ground, audit, server, workers, accepted, .. } = &scene;
+    assert_eq!(audit.ended_once(accepted).await, accepted.len(), "none but those");
+    audit.told_once(&ground.receiver).await;
+    let ends: Vec<(String, i64)> =
+        sqlx::query_as("SELECT status, attempt FROM jobs ORDER BY id").fetch_all(&audit.pool).await.expect("jobs");
+    assert_eq!(ends.iter().filter(|(status, _)| status == "canceled").count(), 1, "{ends:?}");
+    assert_eq!(ends.iter().filter(|(status, _)| status == "succeeded").count(), PLACES.len() + 1, "{ends:?}");
+    if matches!(fault, Fault::Server | Fault::Database | Fault::Bucket) {
+        assert!(ends.iter().all(|(_, attempt)| *attempt <= 1), "it costs no attempt: {ends:?}");
+    }
+    let owned = audit.owned().await;
+    until("the jobs' files are there and no others", async || {
+        (ground.bucket.files().into_iter().collect::<BTreeSet<_>>() == owned).then_some(())
+    })
+    .await;
+    until("no process is left", async || processes.iter().all(|pid| !is_alive(*pid)).then_some(())).await;
+    for program in workers.iter().chain(&others).chain([server]) {
+        assert!(!program.log().contains("panicked"), "{}", program.log());
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn jobs_whose_processes_are_killed_at_every_place_end_once() {
+    every_job_ends_once(Fault::Child).await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn jobs_whose_workers_are_killed_at_every_place_end_once() {
+    every_job_ends_once(Fault::Worker).await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn jobs_whose_server_is_killed_at_every_place_end_once_and_are_told_of_by_the_next() {
+    every_job_ends_once(Fault::Server).await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn jobs_whose_database_is_killed_at_every_place_end_once() {
+    every_job_ends_once(Fault::Database).await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn jobs_whose_bucket_is_away_at_every_place_end_once() {
+    every_job_ends_once(Fault::Bucket).await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn jobs_whose_disks_are_full_at_every_place_end_once() {
+    if mounts_small_disks() {
+        every_job_ends_once(Fault::Disk).await;
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn jobs_whose_processes_stand_still_at_every_place_beyond_their_leases_end_once() {
+    every_job_ends_once(Fault::Pause).await;
+}

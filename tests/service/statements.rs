@@ -1,0 +1,107 @@
+//! The connection to PostgreSQL breaks at each statement that a job needs, from its upload to the news of its end: before the server has
+//! it, and after the server has done it, so that nobody hears of that.
+
+use std::time::{Duration, Instant};
+
+use reqwest::Client;
+use serde_json::{Value, json};
+
+use crate::audit::Audit;
+use crate::files;
+use crate::postgres::Postgres;
+use crate::proxy::{Proxy, Side};
+use crate::receiver::{Receiver, Reply};
+use crate::server::{Start, until};
+
+/// Parts of statements that are to be among those at which it breaks.
+const AMONG: [&str; 10] = [
+    "INSERT INTO idempotency_keys",
+    "INSERT INTO jobs",
+    "COMMIT of INSERT INTO jobs",
+    "SET status = 'running'",
+    "SET lease_expires_at",
+    "SET status = 'succeeded'",
+    "COMMIT of INSERT INTO webhook_deliveries",
+    "UPDATE webhook_deliveries SET tries = tries + 1",
+    "COMMIT of UPDATE webhook_deliveries",
+    "lease_expires_at <= meshmend_now($1) ORDER BY id FOR UPDATE SKIP LOCKED",
+];
+
+/// How long a client may be refused that sends the same request again; less than the key of a dead server's request is held.
+const REFUSED: Duration = Duration::from_secs(20);
+
+/// Sends a model until it is accepted.
+async fn submit(http: &Client, url: &str, key: &str) -> String {
+    let sent = Instant::now();
+    let id = until("the model is accepted", async || {
+        let request = http.post(format!("{url}/v1/jobs?max_tier=1&pictures=false")).header("idempotency-key", key);
+        let answer =
+            request.header("cache-control", "no-cache").body(files::broken_box()).send().await.expect("an answer");
+        let status = answer.status().as_u16();
+        assert!([202, 409, 503].contains(&status), "{status} {:?}", answer.text().await);
+        if status != 202 {
+            return None;
+        }
+        let job: Value = answer.json().await.expect("a job");
+        Some(job["id"].as_str().expect("an id").to_owned())
+    })
+    .await;
+    assert!(sent.elapsed() < REFUSED, "its own key was in its way for {:?}", sent.elapsed());
+    id
+}
+
+async fn break_at_each_statement(side: Side) {
+    meshmend::tls::use_ring();
+    let (cluster, data) = (Postgres::start(), tempfile::tempdir().expect("a folder"));
+    let proxy = Proxy::start(&cluster);
+    let receiver = Receiver::start(&[Reply::Status(204)]).await;
+    let program = Start::serve(data.path())
+        .env("MESHMEND_DATABASE_URL", &proxy.url())
+        .env("MESHMEND_WEBHOOK_ALLOW_PRIVATE", "true")
+        .arg("--workers", "1")
+        .arg("--webhook-timeout-s", "0.3")
+        .arg("--webhook-retry-s", "0.1,0.1,0.1,0.1")
+        // Long enough for a heartbeat.
+        .env("FAILPOINTS", "child-tier1=1*sleep(300)")
+        .start();
+    let audit = Audit::begin(&cluster.url()).await;
+    let http = Client::new();
+    let endpoint = http.post(format!("{}/v1/webhook-endpoints", program.url)).json(&json!({"url": receiver.url}));
+    assert_eq!(endpoint.send().await.expect("an answer").status(), 201);
+
+    // The first job comes among what is done at the start, and not again for long.
+    let mut accepted = vec![submit(&http, &program.url, "first").await];
+    audit.at_rest().await;
+    proxy.forget();
+    accepted.push(submit(&http, &program.url, "second").await);
+    audit.at_rest().await;
+    let statements = until("all that is done for a job, or now and then, was done", async || {
+        let seen = proxy.seen();
+        AMONG.iter().all(|part| seen.iter().any(|statement| statement.contains(part))).then_some(seen)
+    })
+    .await;
+    for (number, statement) in statements.iter().enumerate() {
+        proxy.cut_at(statement, side);
+        accepted.push(submit(&http, &program.url, &number.to_string()).await);
+        until(&format!("it breaks at {statement}"), async || proxy.has_cut().then_some(())).await;
+        audit.at_rest().await;
+    }
+    let failed: Vec<String> = sqlx::query_scalar("SELECT id FROM jobs WHERE status <> 'succeeded'")
+        .fetch_all(&audit.pool)
+        .await
+        .expect("an answer");
+    assert_eq!(failed, [""; 0]);
+    assert_eq!(audit.ended_once(&accepted).await, accepted.len(), "no request made two jobs");
+    audit.told_once(&receiver).await;
+    assert!(!program.log().contains("panicked"), "{}", program.log());
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_connection_that_breaks_before_any_statement_costs_no_job() {
+    break_at_each_statement(Side::Before).await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_connection_that_breaks_after_any_statement_costs_no_job_and_repeats_none() {
+    break_at_each_statement(Side::After).await;
+}
