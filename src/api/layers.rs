@@ -11,6 +11,7 @@ use tower_http::request_id::{MakeRequestUuid, PropagateRequestIdLayer, RequestId
 use tracing::Instrument;
 use tracing::field::Empty;
 
+use super::linger::linger;
 use super::problem::{PROBLEM_JSON, Problem, ProblemCode};
 use crate::telemetry;
 
@@ -22,6 +23,7 @@ const ID_CHARS: usize = 64;
 pub(super) fn add(router: Router) -> Router {
     router
         .layer(CatchPanicLayer::custom(panicked))
+        .layer(from_fn(linger))
         .layer(from_fn(observe))
         .layer(PropagateRequestIdLayer::new(REQUEST_ID))
         .layer(SetRequestIdLayer::new(REQUEST_ID, MakeRequestUuid))

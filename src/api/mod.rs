@@ -19,6 +19,7 @@ mod incoming;
 mod job_view;
 mod jobs;
 mod layers;
+mod linger;
 mod openapi;
 mod problem;
 mod problem_code;

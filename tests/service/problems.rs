@@ -1,5 +1,7 @@
 use reqwest::{Method, RequestBuilder};
 use serde_json::{Value, json};
+use tokio::io::{AsyncReadExt, AsyncWriteExt};
+use tokio::net::TcpStream;
 
 use crate::files;
 use crate::server::{Api, Start, stored_uploads};
@@ -94,6 +96,28 @@ async fn a_file_over_the_limit_is_refused_by_its_declared_length_and_by_its_byte
     let chunks = futures::stream::iter((0..40).map(|_| Ok::<_, std::io::Error>(vec![0_u8; 64 << 10])));
     problem(api.post("/v1/jobs").body(reqwest::Body::wrap_stream(chunks)), 413, "payload_too_large").await;
     assert_eq!(stored_uploads(data.path()), 0, "nothing is stored");
+}
+
+#[tokio::test]
+async fn a_client_that_still_sends_sees_why_it_is_refused() {
+    let data = tempfile::tempdir().expect("a folder");
+    let program = Start::serve(data.path()).arg("--max-file-mib", "1").start();
+    let address = program.url.trim_start_matches("http://");
+    for _ in 0..20 {
+        let (mut answer, mut sending) = TcpStream::connect(address).await.expect("a connection").into_split();
+        let head = format!("POST /v1/jobs HTTP/1.1\r\nhost: {address}\r\ncontent-length: {}\r\n\r\n", 3 << 20);
+        let sent = tokio::spawn(async move {
+            sending.write_all(head.as_bytes()).await?;
+            for _ in 0..48 {
+                sending.write_all(&[0; 64 << 10]).await?;
+            }
+            Ok::<_, std::io::Error>(sending)
+        });
+        let mut text = String::new();
+        answer.read_to_string(&mut text).await.expect("an answer, and an end that is no break");
+        assert!(text.starts_with("HTTP/1.1 413") && text.contains("payload_too_large"), "{text}");
+        sent.await.expect("no panic").expect("all could be sent");
+    }
 }
 
 #[tokio::test]
