@@ -153,6 +153,7 @@ async fn state(data: &Path) -> ApiState {
         found: BTreeMap::new(),
         stopping: CancellationToken::new(),
         metrics: PrometheusBuilder::new().build_recorder().handle(),
+        classes: Default::default(),
     };
     // No request waits for a job, since none is ever worked on.
     let stopping = CancellationToken::new();

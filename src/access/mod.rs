@@ -9,4 +9,6 @@ mod tenant;
 
 pub use key::{AccessKey, KeyKind, NewKey, Secret, Token, random_hex};
 pub use scope::{Scope, ScopeError, Scopes};
-pub use tenant::{DEFAULT_TENANT, TenantLimits, TenantName, TenantNameError};
+pub use tenant::{
+    DEFAULT_TENANT, STANDARD_CLASS, Tenant, TenantClass, TenantClassError, TenantLimits, TenantName, TenantNameError,
+};

@@ -37,11 +37,54 @@ impl FromStr for TenantName {
     type Err = TenantNameError;
 
     fn from_str(text: &str) -> Result<Self, TenantNameError> {
-        let is_fine = (1..=63).contains(&text.len())
-            && !text.starts_with('-')
-            && text.bytes().all(|byte| byte.is_ascii_lowercase() || byte.is_ascii_digit() || byte == b'-');
-        if is_fine { Ok(Self(text.to_owned())) } else { Err(TenantNameError) }
+        if is_plain(text) { Ok(Self(text.to_owned())) } else { Err(TenantNameError) }
     }
+}
+
+fn is_plain(text: &str) -> bool {
+    (1..=63).contains(&text.len())
+        && !text.starts_with('-')
+        && text.bytes().all(|byte| byte.is_ascii_lowercase() || byte.is_ascii_digit() || byte == b'-')
+}
+
+/// The class of tenants for whom none is set.
+pub const STANDARD_CLASS: &str = "standard";
+
+/// What an operator calls a kind of tenants, such as those of a tariff, to tell their jobs apart in the metrics: 1 to 63 lower-case
+/// letters, digits and hyphens.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct TenantClass(String);
+
+/// A text that is no class.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[error("a class is 1 to 63 lower-case letters, digits and hyphens, and does not begin with a hyphen")]
+pub struct TenantClassError;
+
+impl TenantClass {
+    /// The name.
+    #[must_use]
+    pub fn as_str(&self) -> &str {
+        &self.0
+    }
+}
+
+impl FromStr for TenantClass {
+    type Err = TenantClassError;
+
+    fn from_str(text: &str) -> Result<Self, TenantClassError> {
+        if is_plain(text) { Ok(Self(text.to_owned())) } else { Err(TenantClassError) }
+    }
+}
+
+/// What is set for a tenant.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Tenant {
+    /// Its name.
+    pub name: String,
+    /// Its class; none for [`STANDARD_CLASS`].
+    pub class: Option<String>,
+    /// What it may use.
+    pub limits: TenantLimits,
 }
 
 /// What one tenant may use; where nothing is set, the service's own limits hold.

@@ -1,7 +1,7 @@
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::io::Write;
 use std::path::PathBuf;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use axum::extract::State;
@@ -43,6 +43,8 @@ pub struct Health {
     pub stopping: CancellationToken,
     /// Where the metrics are rendered.
     pub metrics: PrometheusHandle,
+    /// Classes of tenants that the metrics have told of.
+    pub classes: Arc<Mutex<BTreeSet<String>>>,
 }
 
 /// Probes and metrics alone, for a listener that only operators reach.
@@ -113,6 +115,18 @@ impl Health {
         tried.await.map_err(std::io::Error::from).flatten().map_err(|error| error.to_string())
     }
 
+    /// What waits and runs of each class of tenants. One that was told of stays in the metrics when nothing of it waits any more.
+    async fn measure_classes(&self) {
+        let loads = check(self.store.class_loads()).await;
+        let mut classes = self.classes.lock().unwrap_or_else(PoisonError::into_inner);
+        let none = if loads.is_ok() { 0.0 } else { f64::NAN };
+        classes.iter().for_each(|class| tell_class(class, none, none, none));
+        for load in loads.unwrap_or_default() {
+            tell_class(&load.class, load.queued as f64, load.running as f64, load.wait.as_secs_f64());
+            classes.insert(load.class);
+        }
+    }
+
     /// All metrics, with what has to be asked for. What can't be learnt now is no number.
     async fn metrics(&self) -> Response {
         for status in Status::ALL {
@@ -123,6 +137,7 @@ impl Health {
         }
         let wait = check(self.store.longest_wait()).await;
         metrics::gauge!(telemetry::QUEUE_WAIT).set(wait.map_or(f64::NAN, |wait| wait.as_secs_f64()));
+        self.measure_classes().await;
         let backlog = check(self.store.backlog()).await;
         let (pending, overdue) =
             backlog.map_or((f64::NAN, f64::NAN), |it| (it.pending as f64, it.overdue.as_secs_f64()));
@@ -140,6 +155,13 @@ impl Health {
         }
         ([(header::CONTENT_TYPE, "text/plain; version=0.0.4; charset=utf-8")], self.metrics.render()).into_response()
     }
+}
+
+/// One class of tenants, in the metrics.
+fn tell_class(class: &str, queued: f64, running: f64, wait: f64) {
+    metrics::gauge!(telemetry::CLASS_JOBS, "class" => class.to_owned(), "status" => "queued").set(queued);
+    metrics::gauge!(telemetry::CLASS_JOBS, "class" => class.to_owned(), "status" => "running").set(running);
+    metrics::gauge!(telemetry::CLASS_QUEUE_WAIT, "class" => class.to_owned()).set(wait);
 }
 
 async fn check<T, E: std::fmt::Display>(result: impl Future<Output = Result<T, E>>) -> Result<T, String> {

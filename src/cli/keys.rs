@@ -2,7 +2,9 @@ use std::io::Write;
 use std::process::ExitCode;
 
 use clap::{Args, Subcommand};
-use meshmend::access::{AccessKey, KeyKind, NewKey, Scopes, Secret, TenantLimits, TenantName};
+use meshmend::access::{
+    AccessKey, KeyKind, NewKey, STANDARD_CLASS, Scopes, Secret, Tenant, TenantClass, TenantLimits, TenantName,
+};
 use serde_json::json;
 use time::format_description::well_known::Rfc3339;
 
@@ -65,6 +67,9 @@ enum TenantsCommand {
     Set {
         /// The tenant.
         tenant: TenantName,
+        /// What kind of tenant it is, in your own words, to tell jobs apart in the metrics: lower-case letters, digits and hyphens.
+        #[arg(long, env = "MESHMEND_TENANT_SET_CLASS")]
+        class: Option<TenantClass>,
         /// Most of its jobs that may wait.
         #[arg(long, env = "MESHMEND_TENANT_SET_MAX_QUEUED")]
         max_queued: Option<u32>,
@@ -115,16 +120,16 @@ pub fn keys(args: KeysArgs) -> ExitCode {
 /// Runs `meshmend tenants`.
 pub fn tenants(args: TenantsArgs) -> ExitCode {
     match args.command {
-        TenantsCommand::Set { tenant, max_queued, max_running, requests_per_minute, data } => {
+        TenantsCommand::Set { tenant, class, max_queued, max_running, requests_per_minute, data } => {
             run(&data, async |room: Room| {
                 let limits = TenantLimits { max_queued, max_running, requests_per_minute };
-                room.store.set_limits(&tenant, limits).await?;
-                to_stdout(&describe_limits(tenant.as_str(), limits))
+                room.store.set_tenant(&tenant, class.as_ref(), limits).await?;
+                let class = class.map(|class| class.as_str().to_owned());
+                to_stdout(&describe_tenant(&Tenant { name: tenant.to_string(), class, limits }))
             })
         }
         TenantsCommand::List { data } => run(&data, async |room: Room| {
-            let tenants = room.store.tenants().await?;
-            tenants.iter().try_for_each(|(name, limits)| to_stdout(&describe_limits(name, *limits)))
+            room.store.tenants().await?.iter().try_for_each(|tenant| to_stdout(&describe_tenant(tenant)))
         }),
     }
 }
@@ -139,10 +144,11 @@ fn describe(key: &AccessKey) -> String {
     .to_string()
 }
 
-fn describe_limits(name: &str, limits: TenantLimits) -> String {
-    let TenantLimits { max_queued, max_running, requests_per_minute } = limits;
+fn describe_tenant(tenant: &Tenant) -> String {
+    let TenantLimits { max_queued, max_running, requests_per_minute } = tenant.limits;
+    let class = tenant.class.as_deref().unwrap_or(STANDARD_CLASS);
     json!({
-        "tenant": name, "max_queued": max_queued, "max_running": max_running,
+        "tenant": tenant.name, "class": class, "max_queued": max_queued, "max_running": max_running,
         "requests_per_minute": requests_per_minute,
     })
     .to_string()

@@ -150,6 +150,7 @@ impl Room {
             found: BTreeMap::from([("blender", blender)]),
             stopping,
             metrics: install_metrics()?,
+            classes: Arc::default(),
         })
     }
 

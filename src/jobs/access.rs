@@ -2,7 +2,7 @@ use async_trait::async_trait;
 
 use super::StoreError;
 use super::row::{Columns, Reader};
-use crate::access::{AccessKey, NewKey, TenantLimits, TenantName, Token};
+use crate::access::{AccessKey, NewKey, Tenant, TenantClass, TenantLimits, TenantName, Token};
 
 /// Where keys and tenants' limits are kept.
 #[async_trait]
@@ -29,11 +29,16 @@ pub trait AccessStore: Send + Sync {
     /// What is set for a tenant.
     async fn limits(&self, tenant: &str) -> Result<TenantLimits, StoreError>;
 
-    /// Sets a tenant's limits.
-    async fn set_limits(&self, tenant: &TenantName, limits: TenantLimits) -> Result<(), StoreError>;
+    /// Sets a tenant's class and limits.
+    async fn set_tenant(
+        &self,
+        tenant: &TenantName,
+        class: Option<&TenantClass>,
+        limits: TenantLimits,
+    ) -> Result<(), StoreError>;
 
     /// Tenants for whom something is set.
-    async fn tenants(&self) -> Result<Vec<(String, TenantLimits)>, StoreError>;
+    async fn tenants(&self) -> Result<Vec<Tenant>, StoreError>;
 }
 
 /// The columns of a key, for `SELECT` and `RETURNING`.
@@ -82,7 +87,8 @@ pub(super) fn read_limits(row: &impl Columns) -> Result<TenantLimits, StoreError
     })
 }
 
-/// Reads a tenant's name, as `id`, and its limits.
-pub(super) fn read_tenant(row: &impl Columns) -> Result<(String, TenantLimits), StoreError> {
-    Ok((Reader::new(row)?.id, read_limits(row)?))
+/// Reads a tenant's name, as `id`, its class and its limits.
+pub(super) fn read_tenant(row: &impl Columns) -> Result<Tenant, StoreError> {
+    let from = Reader::new(row)?;
+    Ok(Tenant { class: from.some_text("class")?, limits: read_limits(row)?, name: from.id })
 }

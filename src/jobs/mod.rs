@@ -32,8 +32,8 @@ pub use report::{JobOutcome, JobReport, StoredReport};
 pub use retry::RetryPolicy;
 pub use sqlite::SqliteStore;
 pub use store::{
-    Cancelled, Claim, Completion, Connections, Failure, FailureKind, JobStore, Lease, ListQuery, NewJob, Page, Reused,
-    StatusCount, StoreError, Waiting,
+    Cancelled, Claim, ClassLoad, Completion, Connections, Failure, FailureKind, JobStore, Lease, ListQuery, NewJob,
+    Page, Reused, StatusCount, StoreError, Waiting,
 };
 pub use uploads::{NewUpload, PendingUpload, UPLOAD_LIFE, UPLOAD_OPEN, UploadId, UploadIdError, UploadStore};
 

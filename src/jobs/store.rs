@@ -4,6 +4,7 @@ use async_trait::async_trait;
 use sqlx::error::DatabaseError;
 use sqlx::sqlite::SqliteError;
 
+use super::row::elapsed;
 use super::{
     Artifacts, Bell, Input, Job, JobId, JobOptions, JobOutcome, JobProblem, JobProgress, JobReport, KeyState, Metadata,
     RequestKey, Status, StoredReport, UploadId, UploadStore,
@@ -273,6 +274,27 @@ pub struct StatusCount {
     pub count: u64,
 }
 
+/// The jobs of a class of tenants that wait and run.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ClassLoad {
+    /// The class.
+    pub class: String,
+    /// How many wait.
+    pub queued: u64,
+    /// How many run.
+    pub running: u64,
+    /// How long the one has been due that waits longest; zero where none waits but for a retry's time.
+    pub wait: Duration,
+}
+
+impl ClassLoad {
+    /// What a row says: class, jobs that wait, jobs that run, milliseconds.
+    pub(super) fn of_row((class, queued, running, wait): (String, i64, i64, Option<i64>)) -> Self {
+        let wait = wait.map_or(Duration::ZERO, elapsed);
+        Self { class, queued: queued.unsigned_abs(), running: running.unsigned_abs(), wait }
+    }
+}
+
 /// Connections to a database.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Connections {
@@ -343,6 +365,9 @@ pub trait JobStore: UploadStore {
 
     /// How long the job has been due that will be claimed next; zero where none waits but for a retry's time.
     async fn longest_wait(&self) -> Result<Duration, StoreError>;
+
+    /// What waits and runs of each class of tenants that has something of it.
+    async fn class_loads(&self) -> Result<Vec<ClassLoad>, StoreError>;
 
     /// How many jobs there are of each status.
     async fn counts(&self) -> Result<Vec<StatusCount>, StoreError>;

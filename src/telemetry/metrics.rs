@@ -39,6 +39,8 @@ metrics! {
     BUILD_INFO: Gauge "meshmend_build_info" ["version"] "1, with the version of the program.";
     JOBS: Gauge "meshmend_jobs" ["status"] "Jobs that are not deleted, by status. Of the whole store, the same from every process.";
     QUEUE_WAIT: Gauge "meshmend_queue_wait_seconds" [] "How long the job has been due that waits longest, 0 where none waits. Of the whole store.";
+    CLASS_JOBS: Gauge "meshmend_class_jobs" ["class", "status"] "Jobs that wait (`queued`) and run (`running`), by class of tenants, as `meshmend tenants set shop --class gold` names them. Of the whole store.";
+    CLASS_QUEUE_WAIT: Gauge "meshmend_class_queue_wait_seconds" ["class"] "How long the job has been due that waits longest of a class of tenants, 0 where none waits. Of the whole store.";
     JOBS_SUBMITTED: Counter "meshmend_jobs_submitted_total" ["reused"] "Jobs that were accepted, `true` where an earlier result was taken.";
     UPLOAD_BYTES: Histogram "meshmend_upload_bytes" [] "Bytes of an accepted job's files together.";
     HTTP_REQUEST: Histogram "meshmend_http_request_seconds" ["method", "route", "status"] "Time from a request's headers to its answer's, by the route's template.";

@@ -6,7 +6,7 @@ use std::process::Command;
 use std::time::Duration;
 
 use meshmend::access::{KeyKind, NewKey, Scope, Secret, TenantLimits, Token};
-use meshmend::jobs::{ListQuery, Store};
+use meshmend::jobs::{ClassLoad, ListQuery, Store};
 use reqwest::{Method, RequestBuilder};
 use serde_json::{Value, json};
 
@@ -20,6 +20,7 @@ promises! {
     tenants_take_turns_however_many_jobs_one_of_them_has,
     no_more_of_a_tenants_jobs_run_than_may,
     lists_counts_and_positions_are_a_tenants_own,
+    what_waits_and_runs_is_counted_by_class_of_tenants,
 }
 
 fn new_key(life_s: Option<u64>, parent: Option<String>) -> NewKey {
@@ -62,7 +63,7 @@ async fn a_key_is_found_by_its_secret_until_it_expires_or_is_revoked(bench: Benc
     assert!(key.last_used_at.is_none());
     store.touch_key(&id).await.expect("noted");
     let own = TenantLimits { requests_per_minute: Some(60), ..TenantLimits::default() };
-    store.set_limits(&key.tenant, own).await.expect("set");
+    store.set_tenant(&key.tenant, None, own).await.expect("set");
     let (key, limits) = store.find_key(&token).await.expect("an answer").expect("a key");
     assert!(key.last_used_at.is_some());
     assert_eq!(limits, own, "its tenant's limits come with a key");
@@ -71,6 +72,32 @@ async fn a_key_is_found_by_its_secret_until_it_expires_or_is_revoked(bench: Benc
     assert!(!is_worth(store, &token).await);
     assert_eq!(store.keys(Some(&"shop".parse().expect("a name"))).await.expect("an answer").len(), 2);
     assert_eq!(store.keys(Some(&"other".parse().expect("a name"))).await.expect("an answer"), []);
+}
+
+async fn what_waits_and_runs_is_counted_by_class_of_tenants(bench: Bench) {
+    let gold = "gold".parse().ok();
+    for tenant in ["big", "large"] {
+        let name = tenant.parse().expect("a name");
+        bench.store.set_tenant(&name, gold.as_ref(), TenantLimits::default()).await.expect("set");
+    }
+    assert_eq!(bench.store.class_loads().await.expect("an answer"), []);
+    bench.submit_of("big").await;
+    bench.pass(Duration::from_secs(3));
+    bench.submit_of("large").await;
+    bench.submit_of("small").await;
+    bench.pass(Duration::from_secs(4));
+    let load = |class: &str, queued, running, seconds| ClassLoad {
+        class: class.into(),
+        queued,
+        running,
+        wait: Duration::from_secs(seconds),
+    };
+    assert_eq!(bench.store.class_loads().await.expect("an answer"), [load("gold", 2, 0, 7), load("standard", 1, 0, 4)]);
+    assert_eq!(bench.claim().await.expect("a job").job.tenant, "big");
+    assert_eq!(bench.store.class_loads().await.expect("an answer"), [load("gold", 1, 1, 4), load("standard", 1, 0, 4)]);
+    let tenants = bench.store.tenants().await.expect("an answer");
+    let classes = tenants.iter().map(|it| (it.name.as_str(), it.class.as_deref()));
+    assert_eq!(classes.collect::<Vec<_>>(), [("big", Some("gold")), ("large", Some("gold"))]);
 }
 
 async fn a_token_is_worth_nothing_without_the_key_it_was_made_with(bench: Bench) {
@@ -120,7 +147,7 @@ async fn no_more_of_a_tenants_jobs_run_than_may(bench: Bench) {
         bench.submit_of(tenant).await;
     }
     let limits = TenantLimits { max_running: Some(2), ..TenantLimits::default() };
-    bench.store.set_limits(&"b".parse().expect("a name"), limits).await.expect("set");
+    bench.store.set_tenant(&"b".parse().expect("a name"), None, limits).await.expect("set");
     assert_eq!(bench.store.limits("b").await.expect("an answer"), limits);
     assert_eq!(bench.store.limits("a").await.expect("an answer"), TenantLimits::default());
     let mut running: BTreeMap<String, u32> = BTreeMap::new();

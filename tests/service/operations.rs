@@ -76,6 +76,38 @@ fn what_is_in_force_is_told_with_where_it_is_from_and_no_secret_in_it() {
 }
 
 #[tokio::test]
+async fn operators_see_what_waits_of_each_class_of_tenants() {
+    let data = tempfile::tempdir().expect("a folder");
+    let meshmend = |args: &[&str]| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_meshmend"));
+        let answer = command.args(args).arg("--data-dir").arg(data.path()).output().expect("it runs");
+        assert!(answer.status.success(), "{args:?}");
+        String::from_utf8(answer.stdout).expect("text").trim().to_owned()
+    };
+    let told = meshmend(&["tenants", "set", "big-shop", "--class", "gold"]);
+    assert!(told.contains(r#""class":"gold""#), "{told}");
+    let keys = ["big-shop", "corner-shop"].map(|tenant| meshmend(&["keys", "create", "--tenant", tenant]));
+    let server = with_probes(Start::serve(data.path())).env("MESHMEND_NO_WORKERS", "true").start();
+    for key in &keys[..1] {
+        let request = Api::new(&server).post("/v1/jobs").bearer_auth(key).body(files::broken_box());
+        assert_eq!(request.send().await.expect("an answer").status(), 202);
+    }
+    measured(&server, r#"meshmend_class_jobs{class="gold",status="queued"}"#, |n| n == 1.0).await;
+    measured(&server, r#"meshmend_class_queue_wait_seconds{class="gold"}"#, |seconds| seconds > 0.0).await;
+    let request = Api::new(&server).post("/v1/jobs").bearer_auth(&keys[1]).body(files::broken_box());
+    assert_eq!(request.send().await.expect("an answer").status(), 202);
+    measured(&server, r#"meshmend_class_jobs{class="standard",status="queued"}"#, |n| n == 1.0).await;
+
+    let _worker = Start::work(data.path()).start();
+    for class in ["gold", "standard"] {
+        let of_class = |status: &str| format!("meshmend_class_jobs{{class=\"{class}\",status=\"{status}\"}}");
+        measured(&server, &of_class("queued"), |n| n == 0.0).await;
+        measured(&server, &of_class("running"), |n| n == 0.0).await;
+    }
+    measured(&server, r#"meshmend_class_queue_wait_seconds{class="gold"}"#, |seconds| seconds == 0.0).await;
+}
+
+#[tokio::test]
 async fn processes_that_serve_and_that_work_tell_operators_how_they_are_on_a_listener_of_its_own() {
     let data = tempfile::tempdir().expect("a folder");
     let server = with_probes(Start::serve(data.path())).env("MESHMEND_NO_WORKERS", "true").start();

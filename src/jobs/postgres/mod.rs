@@ -20,8 +20,8 @@ use uuid::Uuid;
 
 use super::row::{corrupt, count, elapsed, job_columns, millis, read_job, to_json};
 use super::store::{
-    Cancelled, Claim, Completion, Connections, Failure, FailureKind, JobStore, Lease, ListQuery, NewJob, Page,
-    StatusCount, StoreError, Waiting,
+    Cancelled, Claim, ClassLoad, Completion, Connections, Failure, FailureKind, JobStore, Lease, ListQuery, NewJob,
+    Page, StatusCount, StoreError, Waiting,
 };
 use super::{Bell, Clock, Job, JobId, JobProblem, JobProgress, KeyState, RetryPolicy, Status};
 
@@ -184,6 +184,10 @@ impl JobStore for PostgresStore {
                 .fetch_all(&self.pool)
                 .await?;
         Ok(StatusCount::of_all(&rows))
+    }
+
+    async fn class_loads(&self) -> Result<Vec<ClassLoad>, StoreError> {
+        queue::class_loads(&self.pool, self.now()).await
     }
 
     async fn claim(&self, worker: &str, lease: Duration, max_running: u32) -> Result<Option<Claim>, StoreError> {

@@ -2,7 +2,7 @@ use async_trait::async_trait;
 use uuid::Uuid;
 
 use super::SqliteStore;
-use crate::access::{AccessKey, NewKey, TenantLimits, TenantName, Token};
+use crate::access::{AccessKey, NewKey, Tenant, TenantClass, TenantLimits, TenantName, Token};
 use crate::jobs::StoreError;
 use crate::jobs::access::{AccessStore, key_columns, limit_columns, read_key, read_limits, read_tenant};
 
@@ -94,13 +94,19 @@ impl AccessStore for SqliteStore {
         Ok(row.as_ref().map(read_limits).transpose()?.unwrap_or_default())
     }
 
-    async fn set_limits(&self, tenant: &TenantName, limits: TenantLimits) -> Result<(), StoreError> {
+    async fn set_tenant(
+        &self,
+        tenant: &TenantName,
+        class: Option<&TenantClass>,
+        limits: TenantLimits,
+    ) -> Result<(), StoreError> {
         sqlx::query(
-            "INSERT INTO tenants (name, max_queued, max_running, requests_per_minute) VALUES (?1, ?2, ?3, ?4) \
-             ON CONFLICT (name) DO UPDATE SET max_queued = excluded.max_queued, max_running = excluded.max_running, \
-                                              requests_per_minute = excluded.requests_per_minute",
+            "INSERT INTO tenants (name, class, max_queued, max_running, requests_per_minute) VALUES (?1, ?2, ?3, ?4, ?5) \
+             ON CONFLICT (name) DO UPDATE SET class = excluded.class, max_queued = excluded.max_queued, \
+                 max_running = excluded.max_running, requests_per_minute = excluded.requests_per_minute",
         )
         .bind(tenant.as_str())
+        .bind(class.map(TenantClass::as_str))
         .bind(limits.max_queued.map(i64::from))
         .bind(limits.max_running.map(i64::from))
         .bind(limits.requests_per_minute.map(i64::from))
@@ -109,8 +115,8 @@ impl AccessStore for SqliteStore {
         Ok(())
     }
 
-    async fn tenants(&self) -> Result<Vec<(String, TenantLimits)>, StoreError> {
-        let rows = sqlx::query(concat!("SELECT name AS id, ", limit_columns!(), " FROM tenants ORDER BY name"))
+    async fn tenants(&self) -> Result<Vec<Tenant>, StoreError> {
+        let rows = sqlx::query(concat!("SELECT name AS id, class, ", limit_columns!(), " FROM tenants ORDER BY name"))
             .fetch_all(&self.reader)
             .await?;
         rows.iter().map(read_tenant).collect()

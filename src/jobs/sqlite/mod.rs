@@ -19,8 +19,8 @@ use uuid::Uuid;
 
 use super::row::{corrupt, count, elapsed, job_columns, millis, read_job, to_json};
 use super::store::{
-    Cancelled, Claim, Completion, Connections, Failure, FailureKind, JobStore, Lease, ListQuery, NewJob, Page,
-    StatusCount, StoreError, Waiting,
+    Cancelled, Claim, ClassLoad, Completion, Connections, Failure, FailureKind, JobStore, Lease, ListQuery, NewJob,
+    Page, StatusCount, StoreError, Waiting,
 };
 use super::{Bell, Clock, Job, JobId, JobProblem, JobProgress, KeyState, RetryPolicy, Status};
 
@@ -188,6 +188,10 @@ impl JobStore for SqliteStore {
                 .fetch_all(&self.reader)
                 .await?;
         Ok(StatusCount::of_all(&rows))
+    }
+
+    async fn class_loads(&self) -> Result<Vec<ClassLoad>, StoreError> {
+        queue::class_loads(&self.reader, self.clock.now_ms()).await
     }
 
     async fn claim(&self, worker: &str, lease: Duration, max_running: u32) -> Result<Option<Claim>, StoreError> {

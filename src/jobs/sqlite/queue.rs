@@ -3,6 +3,7 @@
 use sqlx::{SqliteConnection, SqlitePool};
 
 use crate::jobs::row::{job_columns, read_job, to_json, to_millis};
+use crate::jobs::store::ClassLoad;
 use crate::jobs::{Job, NewJob, StoreError, Waiting};
 
 /// Adds a job; one that was given a result has ended already.
@@ -76,6 +77,22 @@ pub(super) async fn position(reader: &SqlitePool, job: &Job) -> Result<u64, Stor
     .fetch_one(reader)
     .await?;
     Ok(ahead.unsigned_abs())
+}
+
+/// What waits and runs of each class of tenants.
+pub(super) async fn class_loads(pool: &SqlitePool, now: i64) -> Result<Vec<ClassLoad>, StoreError> {
+    // Tenant by tenant, as the indexes have them: only jobs that wait or run are looked at.
+    let rows = sqlx::query_as(
+        "WITH loads AS ( \
+             SELECT tenant, count(*) AS queued, 0 AS running, min(run_at) AS due FROM jobs WHERE status = 'queued' GROUP BY tenant \
+             UNION ALL SELECT tenant, 0, count(*), NULL FROM jobs WHERE status = 'running' GROUP BY tenant) \
+         SELECT coalesce(class, 'standard'), sum(queued), sum(running), ?1 - min(due) \
+         FROM loads LEFT JOIN tenants ON name = tenant GROUP BY 1 ORDER BY 1",
+    )
+    .bind(now)
+    .fetch_all(pool)
+    .await?;
+    Ok(rows.into_iter().map(ClassLoad::of_row).collect())
 }
 
 /// A claim to write.
