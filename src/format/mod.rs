@@ -63,6 +63,12 @@ impl Format {
             Self::Glb => "glb",
         }
     }
+
+    /// Whether coordinates are rounded to f32 where they are written.
+    #[must_use]
+    pub fn is_single(self) -> bool {
+        matches!(self, Self::Stl | Self::Glb)
+    }
 }
 
 /// A mesh read from bytes, with what a reader should tell.

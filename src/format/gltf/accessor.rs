@@ -159,7 +159,6 @@ impl<'f> Accessor<'f> {
 
     fn replaced(&self, file: &'f File<'_>, sparse: &Sparse, what: &str) -> Result<Replaced<'f>, ReadError> {
         let count = sparse.count.index();
-        file.spend(count)?;
         let component = Component::of(sparse.indices.component_type, what)?;
         let part = |view: Whole, offset: Whole, size: usize| {
             let bytes = file.view(view)?.bytes;
@@ -171,6 +170,7 @@ impl<'f> Accessor<'f> {
         let size = self.width * self.component.size();
         let bytes = part(sparse.values.buffer_view, sparse.values.byte_offset, size)?;
         let numbers = part(sparse.indices.buffer_view, sparse.indices.byte_offset, component.size())?;
+        file.spend(count)?;
         let which: Vec<u32> = numbers.chunks_exact(component.size()).map(|bytes| whole(component, bytes)).collect();
         if !which.is_sorted_by(|a, b| a < b) || which.last().is_some_and(|&last| last as usize >= self.count) {
             let detail = format!("{what} replaces elements that are not there, or not in ascending order");
