@@ -68,6 +68,16 @@ pub enum WriteError {
         /// What the format can say.
         most: u64,
     },
+    /// More places of objects than the format's readers take.
+    #[error(
+        "the objects stand in {parts} places, more than the {most} that the format takes; unite them or choose another output format"
+    )]
+    TooManyParts {
+        /// Places of objects.
+        parts: u64,
+        /// How many may be.
+        most: u64,
+    },
     /// A coordinate does not fit the format's number type.
     #[error(
         "coordinate {value} of vertex {vertex} does not fit in the format's 32-bit numbers; scale the model or choose another output format"

@@ -13,8 +13,7 @@ const UNPACK: &str = "unpack it, take the STL, OBJ, PLY or OFF file inside";
 const NOT_A_MODEL: &str = "look for the 3D model itself, as STL, OBJ, PLY or OFF";
 
 /// Signatures at the very start of a file.
-const SIGNATURES: [(&[u8], &str, &str); 40] = [
-    (b"glTF", "a binary glTF (GLB) file", EXPORT),
+const SIGNATURES: [(&[u8], &str, &str); 39] = [
     (b"ISO-10303-21", "a STEP file", EXPORT),
     (b"ISO-10303", "a STEP file", EXPORT),
     (b"Kaydara FBX Binary", "a binary FBX file", EXPORT),
@@ -90,9 +89,6 @@ pub(super) fn recognise(head: &[u8]) -> Option<Foreign> {
                 None if lower.starts_with(b"<?xml") => Some(Foreign { name: "an XML file", advice: EXPORT }),
                 None => None,
             }
-        }
-        b'{' if contains(text, b"\"asset\"") || contains(text, b"\"meshes\"") || contains(text, b"\"accessors\"") => {
-            Some(Foreign { name: "a glTF file", advice: EXPORT })
         }
         b'{' if contains(text, b"\":") || contains(text, b"\" :") => {
             Some(Foreign { name: "a JSON file", advice: NOT_A_MODEL })

@@ -7,11 +7,13 @@ mod errors;
 mod faces;
 mod facet_normals;
 mod foreign;
+mod gltf;
 mod limits;
 mod obj;
 mod off;
 mod ply;
 mod polygon;
+mod scenes;
 mod sniff;
 mod stl;
 mod text;
@@ -22,8 +24,10 @@ use utoipa::ToSchema;
 
 pub use errors::{Place, ReadError, ReadErrorKind, WriteError};
 pub use limits::{Limits, ReadOptions};
+pub use scenes::ReadScene;
 
 use crate::mesh::{CornerNormals, Numbering, Soup};
+use crate::scene::{PaintedMesh, Scene};
 
 /// A file format that is both read and written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
@@ -39,11 +43,13 @@ pub enum Format {
     Off,
     /// Lines `Vertex i x y z` and `Face j v1 v2 v3`, as meshalyzer has them; numbers count from 1.
     Mesh,
+    /// glTF 2.0: GLB, or JSON with embedded buffers; written as GLB. Coordinates are f32, in metres.
+    Glb,
 }
 
 impl Format {
     /// All formats.
-    pub const ALL: [Self; 5] = [Self::Stl, Self::Obj, Self::Ply, Self::Off, Self::Mesh];
+    pub const ALL: [Self; 6] = [Self::Stl, Self::Obj, Self::Ply, Self::Off, Self::Mesh, Self::Glb];
 
     /// The usual ending of a file's name, without the point.
     #[must_use]
@@ -54,7 +60,14 @@ impl Format {
             Self::Ply => "ply",
             Self::Off => "off",
             Self::Mesh => "mesh",
+            Self::Glb => "glb",
         }
+    }
+
+    /// Whether coordinates are rounded to f32 where they are written.
+    #[must_use]
+    pub fn is_single(self) -> bool {
+        matches!(self, Self::Stl | Self::Glb)
     }
 }
 
@@ -122,7 +135,18 @@ pub fn read_with(bytes: &[u8], options: &ReadOptions) -> Result<ReadMesh, ReadEr
         Format::Ply => ply::read(bytes, options),
         Format::Off => off::read(bytes, options),
         Format::Mesh => vertex_face::read(bytes, limits),
+        Format::Glb => gltf::read(bytes, options).and_then(|read| placed(read, limits)),
     }
+}
+
+/// All objects in their places as one mesh.
+fn placed(read: ReadScene, limits: &Limits) -> Result<ReadMesh, ReadError> {
+    let ReadScene { scene, format, dialect, warnings } = read;
+    let mesh = scene.placed(limits.max_faces).map_err(|error| {
+        ReadError::whole(ReadErrorKind::TooLarge, format!("{error}; simplify the model before you send it"))
+    })?;
+    let (soup, polygons) = (mesh.soup, Polygons::default());
+    Ok(ReadMesh { soup, format, dialect, numbering: None, normals: None, polygons, warnings })
 }
 
 /// Writes a mesh in a format. The same mesh gives the same bytes, and reading them gives the same mesh: exactly for OBJ, PLY,
@@ -140,5 +164,6 @@ pub fn write(soup: &Soup, format: Format) -> Result<Vec<u8>, WriteError> {
         Format::Ply => Ok(ply::write(soup)),
         Format::Off => Ok(off::write(soup)),
         Format::Mesh => Ok(vertex_face::write(soup)),
+        Format::Glb => gltf::write(&Scene::of_mesh(PaintedMesh { soup: soup.clone(), paint: Vec::new() })),
     }
 }

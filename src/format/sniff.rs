@@ -7,7 +7,7 @@
 use super::errors::{ReadError, ReadErrorKind, shown};
 use super::foreign;
 use super::text::{Text, UTF8_MARK, integer, number};
-use super::{Format, stl, vertex_face};
+use super::{Format, gltf, stl, vertex_face};
 
 /// How much of a file is looked at. Longer heads are cut to this, so that a reader and a sniffer agree.
 pub(super) const HEAD: usize = 4096;
@@ -27,13 +27,16 @@ pub(super) fn sniff(head: &[u8], length: Option<u64>) -> Result<Format, ReadErro
             "this was a binary file and was then converted as if it were text, which can't be undone; send the original",
         ));
     }
+    let start = text_start(head);
+    if head.starts_with(gltf::MAGIC) || is_gltf(&head[start..]) {
+        return Ok(Format::Glb);
+    }
     if let Some(found) = foreign::recognise(head) {
         return Err(ReadError::whole(
             ReadErrorKind::UnsupportedFormat,
             format!("this is {}; {}, and send that", found.name, found.advice),
         ));
     }
-    let start = text_start(head);
     let first = Text::new(&head[start..]).with_comments().word().map_or(&[][..], |word| word.bytes);
     if is_ply(&head[start..]) {
         return Ok(Format::Ply);
@@ -77,6 +80,13 @@ fn looks_binary(head: &[u8]) -> bool {
 /// these marks in a head are as good as impossible.
 fn is_mangled(head: &[u8]) -> bool {
     head.contains(&0) && head.windows(3).filter(|w| w == b"\xEF\xBF\xBD").count() >= 3
+}
+
+/// An object of JSON with a member that glTF has. It may begin with a buffer that is longer than the head.
+fn is_gltf(text: &[u8]) -> bool {
+    const MEMBERS: [&[u8]; 5] = [b"\"asset\"", b"\"meshes\"", b"\"accessors\"", b"\"buffers\"", b"\"bufferViews\""];
+    let has = |member: &&[u8]| text.windows(member.len()).any(|window| window == *member);
+    text.starts_with(b"{") && MEMBERS.iter().any(has)
 }
 
 fn is_ply(head: &[u8]) -> bool {

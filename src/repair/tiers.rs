@@ -260,7 +260,7 @@ impl Runner<'_> {
                 step.note = note;
                 step.changed = Change::list([("faces_made", made.faces.len() as u64)]);
                 if let Some(voxel) = step.voxel_size {
-                    let to_f32 = self.format == Format::Stl;
+                    let to_f32 = self.format.is_single();
                     // What it makes has faces along the axes everywhere; the same lines, with as few faces as they need.
                     let (removed, _) = reduce_remeshed(&mut made, surface, voxel, to_f32, self.context)?;
                     step.changed.extend(removed);

@@ -60,9 +60,9 @@ impl Operator {
         context: &Context<'_>,
     ) -> Result<Applied, Cancelled> {
         let options = scope.options;
-        let to_f32 = scope.format == Format::Stl;
+        let to_f32 = scope.format.is_single();
         Ok(match self {
-            Self::RoundCoordinates if scope.format != Format::Stl => Applied::default(),
+            Self::RoundCoordinates if !scope.format.is_single() => Applied::default(),
             Self::RoundCoordinates => Change::list([("vertices_rounded_to_f32", quantise(surface))]).into(),
             Self::RemoveCollapsedFaces => remove_collapsed(surface).into(),
             Self::Weld => {
@@ -101,7 +101,7 @@ impl Operator {
             Self::RemoveMembranes => remove_membranes(surface, context)?,
             Self::Orient => Orient { nested: options.nested }.apply(surface, context)?,
             Self::CutOneSided => {
-                CutOneSided { most: scope.reach, to_f32: scope.format == Format::Stl }.apply(surface, context)?
+                CutOneSided { most: scope.reach, to_f32: scope.format.is_single() }.apply(surface, context)?
             }
             Self::CutApart => cut_apart(surface, scope.pairing, Pinches::KeepAtBoundaries, context)?.into(),
             Self::FreeFins => FreeFins { to_f32 }.apply(surface, context)?.into(),
@@ -123,7 +123,7 @@ impl Operator {
                     filling: options.hole_filling,
                     refine: options.refine_patches,
                     fair: options.fair_patches,
-                    to_f32: scope.format == Format::Stl,
+                    to_f32: scope.format.is_single(),
                 }
                 .apply(surface, context)?;
                 Applied { left: filled.in_words(), changes: filled.changes, ..Applied::default() }

@@ -115,7 +115,7 @@ proptest! {
 
     #[test]
     fn damaged_files_are_answered(
-        file in 0..10_usize,
+        file in 0..11_usize,
         changes in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>(), 0..4_u8), 1..8),
         end in any::<prop::sample::Index>(),
         cut in any::<bool>(),

@@ -34,11 +34,9 @@ fn an_empty_file_is_named() {
 
 #[test]
 fn known_formats_that_are_not_read_are_named() {
-    let cases: [(&[u8], &str); 27] = [
+    let cases: [(&[u8], &str); 25] = [
         (b"PK\x03\x04\x14\0\0\0\x08\0[Content_Types].xml", "3MF"),
         (b"PK\x03\x04\x14\0\0\0\x08\0model.stl", "ZIP archive"),
-        (b"glTF\x02\0\0\0", "GLB"),
-        (b"{\n \"asset\": {\"version\": \"2.0\"}}", "glTF"),
         (b"{\"error\": \"not found\"}", "JSON"),
         (b"<?xml version=\"1.0\"?>\n<amf unit=\"millimeter\">", "AMF"),
         (b"<?xml version=\"1.0\"?><COLLADA>", "COLLADA"),
@@ -71,6 +69,14 @@ fn known_formats_that_are_not_read_are_named() {
     let mut iges = vec![b' '; 72];
     iges.extend_from_slice(b"S      1\n");
     assert_refused(&iges, ReadErrorKind::UnsupportedFormat, None, "IGES");
+}
+
+#[test]
+fn gltf_is_found_as_binary_and_as_json() {
+    assert_eq!(sniff(b"glTF\x02\0\0\0", None), Ok(Format::Glb));
+    assert_eq!(sniff(b"\xEF\xBB\xBF{\n \"asset\": {\"version\": \"2.0\"}}", None), Ok(Format::Glb));
+    let buffer = format!("{{\"buffers\": [{{\"uri\": \"data:;base64,{}", "A".repeat(9000));
+    assert_eq!(sniff(buffer.as_bytes(), None), Ok(Format::Glb));
 }
 
 #[test]

@@ -1,0 +1,187 @@
+//! Palettes of a scene as materials of glTF.
+
+use rustc_hash::FxHashMap;
+use serde_json::{Value, json};
+
+use super::colour;
+use super::images::{CLAMP_TO_EDGE, LINEAR, LINEAR_MIPMAP_LINEAR, MIRRORED_REPEAT, NEAREST, REPEAT, media_type};
+use crate::scene::{Paint, Palette, Scene, Wrap};
+
+/// How a face looks; faces that look alike are one primitive. Two looks are the same where their contents are, whatever their palettes, so that
+/// what was written and read again is written alike.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub(super) enum Look {
+    /// Not painted.
+    Bare,
+    /// In the colour of a material.
+    Plain(usize),
+    /// In colours of vertices, over a white material.
+    Colored(usize),
+    /// With the picture of a material.
+    Pictured(usize),
+}
+
+impl Look {
+    pub fn material(self) -> Option<usize> {
+        match self {
+            Self::Bare => None,
+            Self::Plain(material) | Self::Colored(material) | Self::Pictured(material) => Some(material),
+        }
+    }
+}
+
+/// What tells materials apart.
+#[derive(PartialEq, Eq, Hash)]
+struct Key {
+    name: String,
+    color: [u8; 4],
+    texture: Option<usize>,
+    of_vertices: bool,
+}
+
+/// How a picture goes on beyond itself, and whether it is shown pixel by pixel.
+type Manner = (Wrap, Wrap, bool);
+
+/// The materials that were asked for, in that order.
+pub(super) struct Looks<'s> {
+    scene: &'s Scene,
+    pub materials: Vec<Value>,
+    known: FxHashMap<Key, usize>,
+    /// Looks of palettes' entries that were asked for; of one with a picture there is one look.
+    entries: FxHashMap<(u32, u32), Look>,
+    pub textures: Vec<Value>,
+    known_textures: FxHashMap<(usize, usize), usize>,
+    pub samplers: Vec<Value>,
+    manners: Vec<Manner>,
+    /// Picture files, each once.
+    pub images: Vec<&'s [u8]>,
+    known_images: FxHashMap<&'s [u8], usize>,
+}
+
+impl<'s> Looks<'s> {
+    pub fn new(scene: &'s Scene) -> Self {
+        Self {
+            scene,
+            materials: Vec::new(),
+            known: FxHashMap::default(),
+            entries: FxHashMap::default(),
+            textures: Vec::new(),
+            known_textures: FxHashMap::default(),
+            samplers: Vec::new(),
+            manners: Vec::new(),
+            images: Vec::new(),
+            known_images: FxHashMap::default(),
+        }
+    }
+
+    /// How a face looks that is painted so. Paint that the scene does not have is none.
+    pub fn of(&mut self, paint: Paint) -> Look {
+        let scene = self.scene;
+        let Some(palette) = scene.palettes.get(paint.palette as usize) else { return Look::Bare };
+        if paint.at.iter().any(|&at| at as usize >= palette.len()) {
+            return Look::Bare;
+        }
+        // Of colours a look follows from all three corners; of others from one entry, or from none.
+        let entry = match palette {
+            Palette::Colors(colors) => {
+                let blended = paint.at.iter().any(|&at| colors[at as usize][3] < 255);
+                return Look::Colored(self.material("", [255, 255, 255, if blended { 0 } else { 255 }], None, true));
+            }
+            Palette::Materials(_) => paint.at[0],
+            Palette::Textured { .. } => 0,
+        };
+        if let Some(known) = self.entries.get(&(paint.palette, entry)) {
+            return *known;
+        }
+        let look = match palette {
+            Palette::Materials(materials) => {
+                let material = &materials[entry as usize];
+                Look::Plain(self.material(&material.name, material.color, None, false))
+            }
+            Palette::Textured { texture, name, tint, .. } => {
+                let name = name.as_deref().unwrap_or_default();
+                match self.texture(*texture) {
+                    Some(texture) => Look::Pictured(self.material(name, *tint, Some(texture), false)),
+                    None => Look::Plain(self.material(name, *tint, None, false)),
+                }
+            }
+            Palette::Colors(_) => Look::Bare,
+        };
+        self.entries.insert((paint.palette, entry), look);
+        look
+    }
+
+    fn material(&mut self, name: &str, color: [u8; 4], texture: Option<usize>, of_vertices: bool) -> usize {
+        let next = self.materials.len();
+        let at = *self.known.entry(Key { name: name.to_owned(), color, texture, of_vertices }).or_insert(next);
+        if at == next {
+            let mut surface = json!({ "metallicFactor": 0.0, "roughnessFactor": 0.8 });
+            if color != [255; 4] && !of_vertices {
+                surface["baseColorFactor"] = json!(colour::factor(color));
+            }
+            if let Some(texture) = texture {
+                surface["baseColorTexture"] = json!({ "index": texture });
+            }
+            let mut material = json!({ "pbrMetallicRoughness": surface });
+            if !name.is_empty() {
+                material["name"] = name.into();
+            }
+            if color[3] < 255 {
+                material["alphaMode"] = "BLEND".into();
+            }
+            self.materials.push(material);
+        }
+        at
+    }
+
+    /// The number of a texture, if it is a picture that glTF takes.
+    fn texture(&mut self, number: u32) -> Option<usize> {
+        let texture = self.scene.textures.get(number as usize)?;
+        media_type(&texture.bytes)?;
+        let next = self.images.len();
+        let image = *self.known_images.entry(&texture.bytes).or_insert(next);
+        if image == next {
+            self.images.push(&texture.bytes);
+        }
+        let sampler = self.sampler((texture.wrap_u, texture.wrap_v, texture.nearest));
+        let next = self.textures.len();
+        let at = *self.known_textures.entry((image, sampler)).or_insert(next);
+        if at == next {
+            self.textures.push(json!({ "sampler": sampler, "source": image }));
+        }
+        Some(at)
+    }
+
+    fn sampler(&mut self, (u, v, nearest): Manner) -> usize {
+        // A picture with nothing beyond it is not to be had in glTF; its last pixels are nearest to that.
+        let [u, v] = [u, v].map(|wrap| if wrap == Wrap::None { Wrap::Clamp } else { wrap });
+        if let Some(known) = self.manners.iter().position(|known| *known == (u, v, nearest)) {
+            return known;
+        }
+        let code = |wrap| match wrap {
+            Wrap::Repeat => REPEAT,
+            Wrap::Mirror => MIRRORED_REPEAT,
+            Wrap::Clamp | Wrap::None => CLAMP_TO_EDGE,
+        };
+        let (larger, smaller) = if nearest { (NEAREST, NEAREST) } else { (LINEAR, LINEAR_MIPMAP_LINEAR) };
+        self.samplers.push(json!({ "magFilter": larger, "minFilter": smaller, "wrapS": code(u), "wrapT": code(v) }));
+        self.manners.push((u, v, nearest));
+        self.manners.len() - 1
+    }
+
+    /// What a vertex has of a face's paint, as bits that tell vertices apart: its colour, or its place in the picture.
+    pub fn of_corner(&self, look: Look, paint: Paint, corner: usize) -> u64 {
+        let at = paint.at[corner] as usize;
+        match (look, self.scene.palettes.get(paint.palette as usize)) {
+            (Look::Colored(_), Some(Palette::Colors(colors))) => u64::from(u32::from_le_bytes(colors[at])),
+            (Look::Pictured(_), Some(Palette::Textured { places, .. })) => {
+                let [u, v] = places[at];
+                #[expect(clippy::cast_possible_truncation, reason = "glTF has f32 only")]
+                let bits = |x: f64| u64::from((x.clamp(f64::from(f32::MIN), f64::from(f32::MAX)) as f32).to_bits());
+                // From the upper left corner, as glTF counts.
+                bits(u) << 32 | bits(1.0 - v)
+            }
+            _ => 0,
+        }
+    }
+}

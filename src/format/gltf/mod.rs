@@ -1,0 +1,269 @@
+//! glTF 2.0 (Khronos, ISO/IEC 12113:2022): GLB and JSON with embedded buffers are read, GLB is written.
+//!
+//! A mesh of the file is an object of the scene, in its own coordinates; a node with a mesh is an item, so that what stands in several
+//! places stays one object. Groups of nodes are not kept: each item has the transform that its ancestors give it.
+//!
+//! glTF is in metres, with y up. Positions are kept as they are; the transform of an item has the way from y up to z up,
+//! (x, y, z) -> (x, -z, y), and the writer takes exactly that back, so that nodes keep their matrices. What is in another unit gets its scale in
+//! the matrix; what is in none is written as if in metres.
+//!
+//! A mesh whose skin moves it, or that morphs, is read in its rest pose, in the coordinates of the scene where it has a skin.
+
+mod accessor;
+mod colour;
+mod container;
+mod document;
+mod draco;
+mod extras;
+mod file;
+mod images;
+mod json;
+mod looks;
+mod mesh;
+mod nodes;
+mod paint;
+mod pose;
+mod primitive;
+mod source;
+mod write;
+
+#[cfg(test)]
+mod tests;
+
+use std::collections::BTreeMap;
+
+use glam::DAffine3;
+
+pub(super) use container::MAGIC;
+pub(super) use write::write;
+
+use super::errors::{ReadError, ReadErrorKind};
+use super::scenes::ReadScene;
+use super::text::UTF8_MARK;
+use super::{Format, ReadOptions};
+use crate::scene::{Item, Object, Scene, Unit};
+use document::{Asset, Document, Mesh};
+use extras::Extras;
+use file::{File, entry, malformed};
+use json::Whole;
+use mesh::Meshes;
+use pose::Pose;
+
+/// Extensions without which a model looks or moves otherwise, but is the same.
+const HARMLESS: [&str; 14] = [
+    "KHR_animation_pointer",
+    "KHR_lights_punctual",
+    "KHR_mesh_quantization",
+    "KHR_draco_mesh_compression",
+    "KHR_texture_transform",
+    "KHR_texture_basisu",
+    "KHR_xmp",
+    "KHR_xmp_json_ld",
+    "EXT_lights_image_based",
+    "EXT_texture_avif",
+    "EXT_texture_webp",
+    "EXT_mesh_manifold",
+    "MSFT_texture_dds",
+    "EXT_structural_metadata",
+];
+
+/// Reads GLB, or JSON with embedded buffers.
+pub(super) fn read(bytes: &[u8], options: &ReadOptions) -> Result<ReadScene, ReadError> {
+    let mut warnings = Vec::new();
+    let (document, binary, dialect) = if bytes.starts_with(MAGIC) {
+        let container = container::open(bytes, &mut warnings)?;
+        let (offset, text) = container.json;
+        let marked = marked(text);
+        (json::parse(&text[marked..], Some(offset + marked))?, container.binary, "GLB")
+    } else {
+        (json::parse(&bytes[marked(bytes)..], None)?, None, "glTF")
+    };
+    check_version(&document)?;
+    check_extensions(&document, &mut warnings)?;
+    let file = File::new(document, binary, options.limits, bytes.len(), &mut warnings)?;
+    let scene = Reading::new(&file)?.scene(&mut warnings)?;
+    Ok(ReadScene { scene, format: Format::Glb, dialect: dialect.to_owned(), warnings })
+}
+
+/// The length of a byte order mark, which some put before JSON.
+fn marked(text: &[u8]) -> usize {
+    if text.starts_with(UTF8_MARK) { UTF8_MARK.len() } else { 0 }
+}
+
+fn check_version(document: &Document<'_>) -> Result<(), ReadError> {
+    let Asset { version, min_version, .. } = &document.asset;
+    let newer = min_version.as_deref().filter(|least| *least != "2.0");
+    if version.starts_with("2.") && newer.is_none() {
+        return Ok(());
+    }
+    let shown = super::errors::shown(newer.unwrap_or(version).as_bytes());
+    let detail = format!(
+        "this is glTF of version {shown}, and only 2.0 is read; convert it to a GLB file of version 2.0, and send that"
+    );
+    Err(ReadError::whole(ReadErrorKind::UnsupportedFormat, detail))
+}
+
+/// Refuses what is required and not known, and tells of what is not known and not required.
+fn check_extensions(document: &Document<'_>, warnings: &mut Vec<String>) -> Result<(), ReadError> {
+    let strange = |name: &&String| !HARMLESS.contains(&name.as_str()) && !name.starts_with("KHR_materials_");
+    let shown = |name: &String| super::errors::shown(name.as_bytes());
+    let compressed = |name: &&String| name.ends_with("_meshopt_compression");
+    if let Some(name) = document.extensions_required.iter().find(strange) {
+        let advice =
+            if compressed(&name) { "export the model without compression" } else { "export the model without it" };
+        let detail = format!("the file requires the glTF extension {}, which is not read; {advice}", shown(name));
+        return Err(ReadError::whole(ReadErrorKind::UnsupportedFormat, detail));
+    }
+    let used: Vec<String> = document.extensions_used.iter().filter(strange).take(5).map(shown).collect();
+    if !used.is_empty() {
+        warnings
+            .push(format!("what the file says by glTF extensions that are not read was left out: {}", used.join(", ")));
+    }
+    Ok(())
+}
+
+/// A mesh as one of the nodes shows it: two that show it in different poses show different objects.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+struct Shown {
+    mesh: Whole,
+    skin: Option<Whole>,
+    /// The node, if it has weights of its own for morph targets.
+    weights_of: Option<usize>,
+}
+
+/// A file whose nodes were walked.
+struct Reading<'f, 'a> {
+    file: &'f File<'a>,
+    nodes: nodes::Nodes,
+    /// The nodes of the scene that show a mesh, in order.
+    shown: Vec<(usize, Shown)>,
+    /// Whether any of them could move.
+    moves: bool,
+}
+
+impl<'f, 'a> Reading<'f, 'a> {
+    fn new(file: &'f File<'a>) -> Result<Self, ReadError> {
+        let document = &file.document;
+        let nodes = nodes::walk(document)?;
+        // A skin moves what hangs on joints, and without such nothing.
+        let hang = |mesh: &Mesh<'_>| mesh.primitives.iter().any(|it| it.attributes.joints_0.is_some());
+        let morph = |mesh: &Mesh<'_>| mesh.primitives.iter().any(|it| !it.targets.is_empty());
+        let ways: Vec<(bool, bool)> = document.meshes.iter().map(|mesh| (hang(mesh), morph(mesh))).collect();
+        let (mut shown, mut moves) = (Vec::new(), false);
+        for &number in &nodes.order {
+            let node = &document.nodes[number];
+            let Some(mesh) = node.mesh else { continue };
+            let &(hangs, morphs) = entry(&ways, mesh, "mesh")?;
+            let usual = &document.meshes[mesh.index()].weights;
+            let own_weights = morphs && node.weights.as_deref().is_some_and(|weights| *weights != **usual);
+            let skin = node.skin.filter(|_| hangs);
+            moves |= morphs || skin.is_some();
+            shown.push((number, Shown { mesh, skin, weights_of: own_weights.then_some(number) }));
+        }
+        Ok(Self { file, nodes, shown, moves })
+    }
+
+    fn scene(&self, warnings: &mut Vec<String>) -> Result<Scene, ReadError> {
+        let document = &self.file.document;
+        let mut meshes = Meshes::new(self.file);
+        let mut numbers: BTreeMap<Shown, Option<u32>> = self.shown.iter().map(|&(_, shown)| (shown, None)).collect();
+        let mut objects = Vec::new();
+        for (shown, number) in &mut numbers {
+            let mesh = entry(&document.meshes, shown.mesh, "mesh")?;
+            let made = meshes.make(mesh, &self.pose(*shown)?)?;
+            if made.soup.faces.is_empty() {
+                continue;
+            }
+            *number = u32::try_from(objects.len()).ok();
+            let extras = Extras::read(mesh.extras);
+            let object = Object::of_mesh(mesh.name.as_deref().map(str::to_owned), made);
+            let (part_number, kind) = (extras.part_number.clone(), extras.kind());
+            objects.push(Object { part_number, kind, notes: extras.notes(), ..object });
+        }
+        let mut items = Vec::new();
+        let mut vanished = 0_u64;
+        for (node, shown) in &self.shown {
+            let Some(object) = numbers.get(shown).copied().flatten() else { continue };
+            // A skinned mesh stands where its joints are, wherever its node is.
+            let world = if shown.skin.is_some() { DAffine3::IDENTITY } else { self.nodes.worlds[*node] };
+            if world.matrix3 == glam::DMat3::ZERO {
+                vanished += 1;
+                continue;
+            }
+            items.push(self.item(*node, object, nodes::stood_up(world), objects[object as usize].name.as_deref()));
+        }
+        if items.is_empty() {
+            return Err(self.no_faces(&meshes));
+        }
+        if vanished > 0 {
+            warnings.push(format!("nodes that are scaled to nothing were left out: {vanished}"));
+        }
+        self.tell(&meshes, warnings);
+        let notes = extras::notes_of(&document.asset);
+        let (palettes, textures) = meshes.painter.finish();
+        Ok(Scene { unit: Some(Unit::Metre), objects, items, palettes, textures, notes })
+    }
+
+    fn pose(&self, shown: Shown) -> Result<Pose, ReadError> {
+        let document = &self.file.document;
+        let mesh = entry(&document.meshes, shown.mesh, "mesh")?;
+        let own = shown.weights_of.and_then(|node| document.nodes[node].weights.as_deref());
+        let weights = own.unwrap_or(&mesh.weights).to_vec();
+        let joints = match shown.skin {
+            Some(skin) => pose::joints(self.file, entry(&document.skins, skin, "skin")?, &self.nodes.worlds)?,
+            None => Vec::new(),
+        };
+        if shown.skin.is_some() && joints.is_empty() {
+            return Err(malformed("a skin has no joints"));
+        }
+        Ok(Pose { weights, joints })
+    }
+
+    fn item(&self, node: usize, object: u32, transform: DAffine3, name: Option<&str>) -> Item {
+        let node = &self.file.document.nodes[node];
+        let extras = Extras::read(node.extras);
+        // A node is often named as its mesh.
+        let own_name = node.name.as_deref().filter(|own| Some(*own) != name).map(str::to_owned);
+        let part_number = extras.part_number.clone();
+        Item { object, transform, name: own_name, part_number, notes: extras.notes() }
+    }
+
+    fn tell(&self, meshes: &Meshes<'_, '_>, warnings: &mut Vec<String>) {
+        let painter = &meshes.painter;
+        if meshes.left_out > 0 {
+            warnings.push(format!("points, lines and primitives without positions were left out: {}", meshes.left_out));
+        }
+        if self.moves {
+            warnings.push("the model can move; it was taken in its rest pose".to_owned());
+        }
+        if painter.images.left_out > 0 {
+            warnings.push(format!(
+                "pictures that are not PNG or JPEG within the file were left out: {}; export a GLB file with such to keep them",
+                painter.images.left_out
+            ));
+        }
+        if painter.both > 0 {
+            warnings.push(format!(
+                "of what has a picture and colours of vertices, the picture was kept: {} primitives",
+                painter.both
+            ));
+        }
+        if painter.other_pictures {
+            warnings.push(
+                "pictures for roughness, relief, shadow or glow were left out; the picture of the colour is kept"
+                    .to_owned(),
+            );
+        }
+    }
+
+    fn no_faces(&self, meshes: &Meshes<'_, '_>) -> ReadError {
+        let detail = if meshes.left_out > 0 {
+            "the glTF file holds points or lines and no triangles; make a surface first"
+        } else if self.file.document.meshes.is_empty() {
+            "the glTF file holds no mesh; export the model again"
+        } else {
+            "the glTF file's scene shows no triangles; put the model into its scene and export it again"
+        };
+        ReadError::whole(ReadErrorKind::NoFaces, detail)
+    }
+}

@@ -1,0 +1,239 @@
+//! What the faces of primitives are painted with, as palettes of a scene.
+
+use std::collections::hash_map::Entry;
+
+use rustc_hash::FxHashMap;
+
+use super::super::errors::ReadError;
+use super::accessor::Accessor;
+use super::colour;
+use super::document::{AlphaMode, Attributes, Material, Surface, TextureTransform};
+use super::file::{File, entry};
+use super::images::Images;
+use super::json::Whole;
+use super::mesh::Used;
+use super::source::Source;
+use crate::scene::{self, PAINTLESS, Paint, Palette};
+
+/// Makes palettes: one of all materials without a picture, one of all colours of vertices, and one for each material with a picture.
+pub(super) struct Painter<'f, 'a> {
+    file: &'f File<'a>,
+    pub images: Images<'f, 'a>,
+    palettes: Vec<Palette>,
+    materials: Option<u32>,
+    colors: Option<u32>,
+    /// Where the material of a number is in the palette of materials.
+    plain: FxHashMap<u32, u32>,
+    /// Where a colour is in the palette of colours.
+    colored: FxHashMap<[u8; 4], u32>,
+    /// The palette of a material with a picture; none where the picture can't be had.
+    textured: FxHashMap<u32, Option<u32>>,
+    /// Primitives with a picture whose colours of vertices were left out.
+    pub both: u64,
+    /// Whether there were pictures for anything but colour.
+    pub other_pictures: bool,
+}
+
+impl<'f, 'a> Painter<'f, 'a> {
+    pub fn new(file: &'f File<'a>) -> Self {
+        Self {
+            file,
+            images: Images::new(file),
+            palettes: Vec::new(),
+            materials: None,
+            colors: None,
+            plain: FxHashMap::default(),
+            colored: FxHashMap::default(),
+            textured: FxHashMap::default(),
+            both: 0,
+            other_pictures: false,
+        }
+    }
+
+    /// The palettes with their pictures.
+    pub fn finish(self) -> (Vec<Palette>, Vec<scene::Texture>) {
+        (self.palettes, self.images.textures)
+    }
+
+    /// Adds the paint of a primitive's faces, whose corners are numbers of its own `vertices`. A picture goes before colours of vertices, and
+    /// these before the material's colour.
+    pub fn paint(
+        &mut self,
+        source: &Source<'f, 'a>,
+        faces: &[[u32; 3]],
+        vertices: usize,
+        paint: &mut Vec<Paint>,
+    ) -> Result<(), ReadError> {
+        if faces.is_empty() {
+            return Ok(());
+        }
+        let number = source.primitive.material;
+        let standard = Material::default();
+        let material = match number {
+            Some(number) => entry(&self.file.document.materials, number, "material")?,
+            None => &standard,
+        };
+        self.other_pictures |= has_other_pictures(material);
+        let colors = source.of_vertices("COLOR_0", |it| it.color_0, vertices)?;
+        if let Some(number) = number
+            && let Some((palette, places)) = self.picture(source, number, material, vertices)?
+        {
+            self.both += u64::from(colors.is_some());
+            let used = Used::of(|| faces.iter().flatten().copied(), vertices);
+            let transform = texture(material).and_then(|it| it.extensions.transform.as_ref());
+            let base = self.add_places(palette, used.iter().map(|v| place(&places, v, transform)));
+            paint.extend(faces.iter().map(|face| Paint { palette, at: face.map(|v| base + used.rank(v)) }));
+        } else if let Some(colors) = colors {
+            let used = Used::of(|| faces.iter().flatten().copied(), vertices);
+            let palette = self.colors_palette();
+            let entries: Vec<u32> =
+                used.iter().map(|v| self.color_entry(palette, of_vertex(&colors, v, material))).collect();
+            paint.extend(faces.iter().map(|face| Paint { palette, at: face.map(|v| entries[used.rank(v) as usize]) }));
+        } else if let Some(number) = number {
+            let (palette, at) = self.material_entry(number, material);
+            paint.extend(faces.iter().map(|_| Paint { palette, at: [at; 3] }));
+        } else {
+            paint.extend(faces.iter().map(|_| PAINTLESS));
+        }
+        Ok(())
+    }
+
+    /// The palette of a material's picture, and the places of vertices in it; none where there is not both.
+    fn picture(
+        &mut self,
+        source: &Source<'f, 'a>,
+        number: Whole,
+        material: &Material<'_>,
+        vertices: usize,
+    ) -> Result<Option<(u32, Accessor<'f>)>, ReadError> {
+        let Some(texture) = texture(material) else { return Ok(None) };
+        let set = texture.extensions.transform.as_ref().and_then(|it| it.tex_coord).unwrap_or(texture.tex_coord);
+        let of_set = |it: &Attributes| match set.0 {
+            0 => it.texcoord_0,
+            1 => it.texcoord_1,
+            2 => it.texcoord_2,
+            3 => it.texcoord_3,
+            _ => None,
+        };
+        let Some(places) = source.of_vertices("TEXCOORD", of_set, vertices)? else { return Ok(None) };
+        let palette = match self.textured.entry(number.0) {
+            Entry::Occupied(known) => *known.get(),
+            Entry::Vacant(new) => {
+                let picture = self.images.texture(texture.index)?;
+                *new.insert(picture.map(|texture| {
+                    self.palettes.push(Palette::Textured {
+                        texture,
+                        name: material.name.as_deref().map(str::to_owned),
+                        tint: color(material),
+                        places: Vec::new(),
+                    });
+                    index(self.palettes.len() - 1)
+                }))
+            }
+        };
+        Ok(palette.map(|palette| (palette, places)))
+    }
+
+    /// Adds places to a palette, and tells where they begin.
+    fn add_places(&mut self, palette: u32, new: impl Iterator<Item = [f64; 2]>) -> u32 {
+        match self.palettes.get_mut(palette as usize) {
+            Some(Palette::Textured { places, .. }) => {
+                let base = index(places.len());
+                places.extend(new);
+                base
+            }
+            _ => 0,
+        }
+    }
+
+    fn colors_palette(&mut self) -> u32 {
+        *self.colors.get_or_insert_with(|| {
+            self.palettes.push(Palette::Colors(Vec::new()));
+            index(self.palettes.len() - 1)
+        })
+    }
+
+    fn color_entry(&mut self, palette: u32, color: [u8; 4]) -> u32 {
+        let next = index(self.colored.len());
+        *self.colored.entry(color).or_insert_with(|| {
+            if let Some(Palette::Colors(colors)) = self.palettes.get_mut(palette as usize) {
+                colors.push(color);
+            }
+            next
+        })
+    }
+
+    fn material_entry(&mut self, number: Whole, material: &Material<'_>) -> (u32, u32) {
+        let palette = *self.materials.get_or_insert_with(|| {
+            self.palettes.push(Palette::Materials(Vec::new()));
+            index(self.palettes.len() - 1)
+        });
+        let next = index(self.plain.len());
+        let at = *self.plain.entry(number.0).or_insert_with(|| {
+            if let Some(Palette::Materials(materials)) = self.palettes.get_mut(palette as usize) {
+                let name = material.name.as_deref().unwrap_or_default().to_owned();
+                materials.push(scene::Material { name, color: color(material) });
+            }
+            next
+        });
+        (palette, at)
+    }
+}
+
+/// What a material says of its colour, in the old way where it says nothing in the usual one.
+fn surface<'m>(material: &'m Material<'_>) -> &'m Surface {
+    material.extensions.specular_glossiness.as_ref().unwrap_or(&material.pbr_metallic_roughness)
+}
+
+fn texture<'m>(material: &'m Material<'_>) -> Option<&'m super::document::TextureUse> {
+    surface(material).base_color_texture.as_deref()
+}
+
+fn has_other_pictures(material: &Material<'_>) -> bool {
+    material.normal_texture.is_some()
+        || material.occlusion_texture.is_some()
+        || material.emissive_texture.is_some()
+        || surface(material).metallic_roughness_texture.is_some()
+}
+
+/// The colour of a material. One that is said to be opaque is, whatever its alpha.
+fn color(material: &Material<'_>) -> [u8; 4] {
+    seen(material, surface(material).base_color_factor.as_deref().copied().unwrap_or([1.0; 4]))
+}
+
+fn seen(material: &Material<'_>, [r, g, b, alpha]: [f64; 4]) -> [u8; 4] {
+    let alpha = if material.alpha_mode == AlphaMode::Opaque { 1.0 } else { alpha };
+    colour::of_linear([r, g, b, alpha])
+}
+
+fn of_vertex(colors: &Accessor<'_>, vertex: u32, material: &Material<'_>) -> [u8; 4] {
+    let mut color = colors.fractions::<4>(vertex as usize).map(f64::from);
+    if colors.width < 4 {
+        color[3] = 1.0;
+    }
+    if let Some(factor) = surface(material).base_color_factor.as_deref() {
+        color.iter_mut().zip(factor).for_each(|(part, factor)| *part *= factor);
+    }
+    seen(material, color)
+}
+
+/// The place of a vertex in a picture whose lower left corner is (0, 0); glTF counts from the upper left one. The transform is that of
+/// `KHR_texture_transform`.
+fn place(places: &Accessor<'_>, vertex: u32, transform: Option<&TextureTransform>) -> [f64; 2] {
+    let [u, v] = places.floats::<2>(vertex as usize).map(f64::from);
+    let [u, v] = match transform {
+        None => [u, v],
+        Some(transform) => {
+            let [wide, high] = transform.scale.unwrap_or([1.0; 2]);
+            let (sin, cos) = transform.rotation.sin_cos();
+            let (u, v) = (u * wide, v * high);
+            [cos * u + sin * v + transform.offset[0], cos * v - sin * u + transform.offset[1]]
+        }
+    };
+    [u, 1.0 - v].map(|x| if x.is_finite() { x } else { 0.0 })
+}
+
+/// As a number of an entry; the entries of palettes are as bounded as corners and lists are.
+fn index(number: usize) -> u32 {
+    u32::try_from(number).unwrap_or(u32::MAX)
+}

@@ -1,0 +1,170 @@
+use serde_json::json;
+
+use super::{F32, Model, U8, U16, floats, shorts};
+use crate::scene::{Material, Paint, Palette, Scene, Wrap};
+
+const PNG: &[u8] = b"\x89PNG\r\n\x1A\n and what follows";
+
+/// The corner colours of a face.
+fn colors(scene: &Scene, face: usize) -> [[u8; 4]; 3] {
+    let Paint { palette, at } = scene.objects[0].mesh().expect("a mesh").paint[face];
+    let Palette::Colors(colors) = &scene.palettes[palette as usize] else { panic!("{:?}", scene.palettes) };
+    at.map(|at| colors[at as usize])
+}
+
+fn with_attribute(name: &str, bytes: &[u8], component: u32, shape: &str) -> Model {
+    let mut model = Model::tetrahedron();
+    let accessor = model.accessor(bytes, component, shape, 4);
+    model.json["accessors"][accessor]["normalized"] = json!(component != F32);
+    model.json["meshes"][0]["primitives"][0]["attributes"][name] = accessor.into();
+    model
+}
+
+/// A tetrahedron with a picture, whose corners are at these places in it.
+fn with_picture(places: &[f32; 8], picture: &[u8]) -> Model {
+    let mut model = with_attribute("TEXCOORD_0", &floats(places), F32, "VEC2");
+    let view = model.view(picture);
+    model.json["images"] = json!([{ "bufferView": view, "mimeType": "image/png" }]);
+    model.json["samplers"] = json!([{ "magFilter": 9728, "wrapS": 33071, "wrapT": 33648 }]);
+    model.json["textures"] = json!([{ "sampler": 0, "source": 0 }]);
+    model.json["materials"] = json!([{
+        "name": "skin",
+        "pbrMetallicRoughness": { "baseColorTexture": { "index": 0 }, "baseColorFactor": [1, 0.2122, 0, 0.5] },
+    }]);
+    model.with("/meshes/0/primitives/0/material", json!(0))
+}
+
+#[test]
+fn faces_without_material_or_colours_are_not_painted() {
+    let scene = Model::tetrahedron().read().scene;
+    assert!(scene.palettes.is_empty() && scene.objects[0].mesh().expect("a mesh").paint.is_empty());
+}
+
+#[test]
+fn a_material_is_kept_by_name_and_colour() {
+    let material = |alpha: &str| json!([{ "name": "red", "alphaMode": alpha, "pbrMetallicRoughness": { "baseColorFactor": [1, 0, 0.2122, 0.5] } }]);
+    for (mode, alpha) in [("OPAQUE", 255), ("BLEND", 128)] {
+        let model =
+            Model::tetrahedron().with("/materials", material(mode)).with("/meshes/0/primitives/0/material", json!(0));
+        let scene = model.read().scene;
+        let expected = Material { name: "red".to_owned(), color: [255, 0, 127, alpha] };
+        assert_eq!(scene.palettes, [Palette::Materials(vec![expected])]);
+        assert_eq!(scene.objects[0].mesh().expect("a mesh").paint, [Paint { palette: 0, at: [0; 3] }; 4]);
+    }
+}
+
+#[test]
+fn materials_in_the_old_way_have_their_diffuse_colour() {
+    let old =
+        json!({ "KHR_materials_pbrSpecularGlossiness": { "diffuseFactor": [0, 1, 0, 1], "glossinessFactor": 0 } });
+    let model = Model::tetrahedron()
+        .with("/materials", json!([{ "extensions": old }]))
+        .with("/meshes/0/primitives/0/material", json!(0));
+    let expected = Material { name: String::new(), color: [0, 255, 0, 255] };
+    assert_eq!(model.read().scene.palettes, [Palette::Materials(vec![expected])]);
+}
+
+#[test]
+fn colours_of_vertices_are_turned_to_srgb_and_multiplied_with_the_material() {
+    let half = 0.2122_f32;
+    let four: Vec<f32> = [[1.0, 0.0, half], [half; 3], [0.0; 3], [1.0; 3]].concat();
+    let scene = with_attribute("COLOR_0", &floats(&four), F32, "VEC3").read().scene;
+    assert_eq!(colors(&scene, 0), [[255, 0, 127, 255], [0, 0, 0, 255], [127, 127, 127, 255]]);
+
+    let bytes: Vec<u8> = [[255, 0, 55, 128], [255; 4], [0; 4], [255; 4]].concat();
+    let tinted = with_attribute("COLOR_0", &bytes, U8, "VEC4")
+        .with(
+            "/materials",
+            json!([{ "alphaMode": "BLEND", "pbrMetallicRoughness": { "baseColorFactor": [1, 1, 0, 0.5] } }]),
+        )
+        .with("/meshes/0/primitives/0/material", json!(0));
+    assert_eq!(colors(&tinted.read().scene, 1), [[255, 0, 0, 64], [255, 255, 0, 128], [255, 255, 0, 128]]);
+
+    let wide: Vec<u16> = [[65535, 0, 13907, 0], [0; 4], [0; 4], [0; 4]].concat();
+    let scene = with_attribute("COLOR_0", &shorts(&wide), U16, "VEC4").read().scene;
+    assert_eq!(colors(&scene, 0)[0], [255, 0, 127, 255], "opaque without a material that blends");
+}
+
+#[test]
+fn a_picture_is_kept_with_its_places_counted_from_below() {
+    let read = with_picture(&[0.0, 0.0, 1.0, 0.25, 0.5, -1.0, 0.0, 1.0], PNG).read();
+    let scene = read.scene;
+    let [Palette::Textured { texture: 0, name, tint, places }] = &scene.palettes[..] else {
+        panic!("{:?}", scene.palettes)
+    };
+    assert_eq!((name.as_deref(), tint), (Some("skin"), &[255, 127, 0, 255]));
+    assert_eq!(places[..], [[0.0, 1.0], [1.0, 0.75], [0.5, 2.0], [0.0, 0.0]]);
+    let texture = &scene.textures[0];
+    assert_eq!((&texture.bytes[..], texture.media_type.as_str()), (PNG, "image/png"));
+    assert_eq!((texture.wrap_u, texture.wrap_v, texture.nearest), (Wrap::Clamp, Wrap::Mirror, true));
+    assert_eq!(scene.objects[0].mesh().expect("a mesh").paint[1], Paint { palette: 0, at: [0, 1, 3] });
+    assert_eq!(read.warnings, Vec::<String>::new());
+}
+
+#[test]
+fn places_are_transformed_as_the_material_says() {
+    let transform = json!({ "KHR_texture_transform": { "offset": [0.5, 0.25], "rotation": std::f64::consts::FRAC_PI_2, "scale": [2, 4] } });
+    let model = with_picture(&[0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 0.0, 0.0], PNG)
+        .with("/materials/0/pbrMetallicRoughness/baseColorTexture/extensions", transform);
+    let scene = model.read().scene;
+    let Palette::Textured { places, .. } = &scene.palettes[0] else { panic!("{:?}", scene.palettes) };
+    // u goes up the picture by 2 after a quarter turn, v to the right by 4.
+    for (found, expected) in places.iter().zip([[0.5, 0.75], [0.5, 2.75], [4.5, 0.75]]) {
+        assert!((found[0] - expected[0]).abs() < 1e-9 && (found[1] - expected[1]).abs() < 1e-9, "{places:?}");
+    }
+}
+
+#[test]
+fn another_set_of_places_is_taken_where_the_material_names_it() {
+    let mut model = with_picture(&[0.0; 8], PNG);
+    let second = model.accessor(&shorts(&[65535, 0, 0, 0, 0, 0, 0, 0]), U16, "VEC2", 4);
+    model.json["accessors"][second]["normalized"] = json!(true);
+    model.json["meshes"][0]["primitives"][0]["attributes"]["TEXCOORD_1"] = second.into();
+    model.json["materials"][0]["pbrMetallicRoughness"]["baseColorTexture"]["texCoord"] = json!(1);
+    let scene = model.read().scene;
+    let Palette::Textured { places, .. } = &scene.palettes[0] else { panic!("{:?}", scene.palettes) };
+    assert_eq!(places[0], [1.0, 1.0]);
+}
+
+#[test]
+fn of_picture_and_colours_the_picture_is_kept_with_a_warning() {
+    let mut model = with_picture(&[0.0; 8], PNG);
+    let colors = model.accessor(&[255; 16], U8, "VEC4", 4);
+    model.json["meshes"][0]["primitives"][0]["attributes"]["COLOR_0"] = colors.into();
+    let read = model.read();
+    assert!(matches!(read.scene.palettes[..], [Palette::Textured { .. }]));
+    assert!(read.warnings[0].contains("the picture was kept"), "{:?}", read.warnings);
+}
+
+#[test]
+fn a_picture_that_can_not_be_kept_leaves_the_material_with_a_warning() {
+    let elsewhere = with_picture(&[0.0; 8], PNG).with("/images", json!([{ "uri": "skin.png" }]));
+    let webp = with_picture(&[0.0; 8], b"RIFF....WEBP");
+    let by_extension = with_picture(&[0.0; 8], PNG).with("/textures", json!([{ "extensions": {} }]));
+    for model in [elsewhere, webp, by_extension] {
+        let read = model.read();
+        let expected = Material { name: "skin".to_owned(), color: [255, 127, 0, 255] };
+        assert_eq!(read.scene.palettes, [Palette::Materials(vec![expected])]);
+        assert!(read.warnings[0].contains("left out: 1"), "{:?}", read.warnings);
+    }
+}
+
+#[test]
+fn other_pictures_are_left_out_with_one_warning() {
+    let model = with_picture(&[0.0; 8], PNG)
+        .with("/materials/0/normalTexture", json!({ "index": 0 }))
+        .with("/materials/0/emissiveTexture", json!({ "index": 0 }));
+    let read = model.read();
+    assert_eq!((read.scene.textures.len(), read.warnings.len()), (1, 1));
+    assert!(read.warnings[0].contains("relief"), "{:?}", read.warnings);
+}
+
+#[test]
+fn a_picture_in_an_address_is_kept() {
+    let model = with_picture(&[0.0; 8], PNG).with("/images", json!([{ "uri": "data:image/jpeg;base64,/9j/4A==" }]));
+    let scene = model.read().scene;
+    assert_eq!(
+        (&scene.textures[0].bytes[..], scene.textures[0].media_type.as_str()),
+        (&b"\xFF\xD8\xFF\xE0"[..], "image/jpeg")
+    );
+}
