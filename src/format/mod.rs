@@ -12,9 +12,11 @@ mod obj;
 mod off;
 mod ply;
 mod polygon;
+mod scenes;
 mod sniff;
 mod stl;
 mod text;
+mod threemf;
 mod vertex_face;
 
 use serde::{Deserialize, Serialize};
@@ -22,8 +24,10 @@ use utoipa::ToSchema;
 
 pub use errors::{Place, ReadError, ReadErrorKind, WriteError};
 pub use limits::{Limits, ReadOptions};
+pub use scenes::ReadScene;
 
 use crate::mesh::{CornerNormals, Numbering, Soup};
+use crate::scene::{PaintedMesh, Scene};
 
 /// A file format that is both read and written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
@@ -39,6 +43,9 @@ pub enum Format {
     Off,
     /// Lines `Vertex i x y z` and `Face j v1 v2 v3`, as meshalyzer has them; numbers count from 1.
     Mesh,
+    /// 3D Manufacturing Format: objects, places, colours and a unit, in a ZIP archive.
+    #[serde(rename = "3mf")]
+    ThreeMf,
 }
 
 impl Format {
@@ -54,6 +61,7 @@ impl Format {
             Self::Ply => "ply",
             Self::Off => "off",
             Self::Mesh => "mesh",
+            Self::ThreeMf => "3mf",
         }
     }
 }
@@ -122,7 +130,33 @@ pub fn read_with(bytes: &[u8], options: &ReadOptions) -> Result<ReadMesh, ReadEr
         Format::Ply => ply::read(bytes, options),
         Format::Off => off::read(bytes, options),
         Format::Mesh => vertex_face::read(bytes, limits),
+        Format::ThreeMf => placed(threemf::read(bytes, options)?, limits),
     }
+}
+
+/// Reads a whole file with its objects, where they stand and what they are painted with.
+///
+/// # Errors
+/// As [`read`].
+pub fn read_scene(bytes: &[u8], options: &ReadOptions) -> Result<ReadScene, ReadError> {
+    options.limits.check_bytes(bytes.len() as u64)?;
+    match sniff(bytes, Some(bytes.len() as u64))? {
+        Format::ThreeMf => threemf::read(bytes, options),
+        _ => {
+            let ReadMesh { soup, format, dialect, warnings, .. } = read_with(bytes, options)?;
+            let scene = Scene::of_mesh(PaintedMesh { soup, paint: Vec::new() });
+            Ok(ReadScene { scene, format, dialect, warnings })
+        }
+    }
+}
+
+/// All of a scene in its places as one mesh.
+fn placed(ReadScene { scene, format, dialect, warnings }: ReadScene, limits: &Limits) -> Result<ReadMesh, ReadError> {
+    let whole = scene.placed(limits.max_faces).map_err(|error| {
+        ReadError::whole(ReadErrorKind::TooLarge, format!("{error}; simplify the model before you send it"))
+    })?;
+    let polygons = Polygons::default();
+    Ok(ReadMesh { soup: whole.soup, format, dialect, numbering: None, normals: None, polygons, warnings })
 }
 
 /// Writes a mesh in a format. The same mesh gives the same bytes, and reading them gives the same mesh: exactly for OBJ, PLY,
@@ -140,5 +174,20 @@ pub fn write(soup: &Soup, format: Format) -> Result<Vec<u8>, WriteError> {
         Format::Ply => Ok(ply::write(soup)),
         Format::Off => Ok(off::write(soup)),
         Format::Mesh => Ok(vertex_face::write(soup)),
+        Format::ThreeMf => write_scene(&Scene::of_mesh(PaintedMesh { soup: soup.clone(), paint: Vec::new() }), format),
+    }
+}
+
+/// Writes a scene in a format: with all that the format can say of it, in others than 3MF as one mesh.
+///
+/// # Errors
+/// [`WriteError`] as for [`write`], and where the scene's places together have more faces than can be counted.
+///
+/// # Panics
+/// As [`write`].
+pub fn write_scene(scene: &Scene, format: Format) -> Result<Vec<u8>, WriteError> {
+    match format {
+        Format::ThreeMf => threemf::write(scene),
+        _ => write(&scene.placed(u64::from(u32::MAX)).map_err(|_| WriteError::TooLarge)?.soup, format),
     }
 }

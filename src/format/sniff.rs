@@ -27,6 +27,10 @@ pub(super) fn sniff(head: &[u8], length: Option<u64>) -> Result<Format, ReadErro
             "this was a binary file and was then converted as if it were text, which can't be undone; send the original",
         ));
     }
+    // What the archive holds is told by its end, which only the reader looks at.
+    if head.starts_with(b"PK\x03\x04") {
+        return Ok(Format::ThreeMf);
+    }
     if let Some(found) = foreign::recognise(head) {
         return Err(ReadError::whole(
             ReadErrorKind::UnsupportedFormat,

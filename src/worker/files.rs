@@ -67,6 +67,7 @@ fn media_type(format: Format) -> &'static str {
     match format {
         Format::Stl => "model/stl",
         Format::Obj => "model/obj",
+        Format::ThreeMf => "model/3mf",
         Format::Ply | Format::Off | Format::Mesh => "application/octet-stream",
     }
 }
