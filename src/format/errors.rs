@@ -79,7 +79,9 @@ pub enum WriteError {
         value: f64,
     },
     /// A coordinate, or a number of an object's place, is infinite or none.
-    #[error("a coordinate is not a finite number, which the format can't say; repair the model or choose another output format")]
+    #[error(
+        "a coordinate is not a finite number, which the format can't say; repair the model or choose another output format"
+    )]
     NotFinite,
     /// The file would be larger than the format can hold.
     #[error("the file would be larger than the format can hold; simplify the model or choose another output format")]

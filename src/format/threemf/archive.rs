@@ -70,13 +70,19 @@ impl<'a> Archive<'a> {
     pub fn bytes(&mut self, part: &str, most: u64) -> Result<Option<Vec<u8>>, ReadError> {
         let Some((reader, size)) = self.unpack(part)? else { return Ok(None) };
         if size > most {
-            let detail = format!("the part {} has {size} bytes, and pictures may have {most} in all; make them smaller", shown_part(part));
+            let detail = format!(
+                "the part {} has {size} bytes, and pictures may have {most} in all; make them smaller",
+                shown_part(part)
+            );
             return Err(ReadError::whole(ReadErrorKind::TooLarge, detail));
         }
         let mut bytes = Vec::new();
         reader.take(size + 1).read_to_end(&mut bytes).map_err(|error| cant_be_unpacked(part, &error))?;
         if bytes.len() as u64 != size {
-            return Err(malformed(format!("the part {} is not as long as the archive says; send the file again", shown_part(part))));
+            return Err(malformed(format!(
+                "the part {} is not as long as the archive says; send the file again",
+                shown_part(part)
+            )));
         }
         Ok(Some(bytes))
     }
@@ -86,7 +92,8 @@ impl<'a> Archive<'a> {
         let Some(&index) = self.parts.get(&part_name::key(part)) else { return Ok(None) };
         let entry = self.zip.by_index_data(index).map_err(|error| cant_be_unpacked(part, &error))?;
         if entry.encrypted() {
-            let detail = format!("the archive's entry {} is encrypted; export the model without a password", shown_part(part));
+            let detail =
+                format!("the archive's entry {} is encrypted; export the model without a password", shown_part(part));
             return Err(ReadError::whole(ReadErrorKind::UnsupportedFormat, detail));
         }
         if !matches!(entry.compression(), CompressionMethod::Stored | CompressionMethod::Deflated) {
@@ -125,12 +132,16 @@ fn parts(zip: &ZipArchive<Cursor<&[u8]>>) -> Result<HashMap<String, usize>, Read
     let twice = || malformed("the archive has two entries of the same name; export the model again");
     for (index, (raw, name)) in zip.file_names_raw().zip(zip.file_names()).enumerate() {
         let raw = shown_up_to(100, raw);
-        let name = name.map_err(|_| malformed(format!("the archive's entry '{raw}' has no readable name; export the model again")))?;
+        let name = name.map_err(|_| {
+            malformed(format!("the archive's entry '{raw}' has no readable name; export the model again"))
+        })?;
         if name.ends_with(['/', '\\']) {
             continue;
         }
         let part = part_name::of_entry(&name);
-        let part = part.ok_or_else(|| malformed(format!("the archive's entry '{raw}' has a name that leads out of it; export the model again")))?;
+        let part = part.ok_or_else(|| {
+            malformed(format!("the archive's entry '{raw}' has a name that leads out of it; export the model again"))
+        })?;
         if parts.insert(part_name::key(&part), index).is_some() {
             return Err(twice());
         }
@@ -163,7 +174,8 @@ fn looks_like_3mf(head: &[u8]) -> bool {
 #[cold]
 fn no_directory(bytes: &[u8], error: &ZipError) -> ReadError {
     if looks_like_3mf(bytes) {
-        let detail = format!("the 3MF file has no readable directory ({error}); it was probably cut off, so send it again");
+        let detail =
+            format!("the 3MF file has no readable directory ({error}); it was probably cut off, so send it again");
         ReadError::whole(ReadErrorKind::Truncated, detail)
     } else {
         let detail = format!(

@@ -51,7 +51,10 @@ pub(super) fn scene(
     for item in items {
         let object = order.number(0, &item)?;
         if scene.objects[object as usize].kind == ObjectKind::Other {
-            return Err(refused(format!("an item of the build is the object {}, which is of the type 'other' and not to be built", item.id)));
+            return Err(refused(format!(
+                "an item of the build is the object {}, which is of the type 'other' and not to be built",
+                item.id
+            )));
         }
         let Placed { transform, part_number, mut notes, .. } = item;
         let name = take_title(&mut notes);
@@ -78,7 +81,8 @@ impl Pictures {
             return Ok(Arc::clone(bytes));
         }
         let bytes = archive.bytes(path, self.left)?;
-        let bytes: Arc<[u8]> = bytes.ok_or_else(|| refused(format!("the texture {} is not in the file", shown(path))))?.into();
+        let bytes: Arc<[u8]> =
+            bytes.ok_or_else(|| refused(format!("the texture {} is not in the file", shown(path))))?.into();
         self.left -= bytes.len() as u64;
         self.known.insert(key(path), Arc::clone(&bytes));
         Ok(bytes)
@@ -179,7 +183,8 @@ impl Order {
 }
 
 fn too_deep() -> ReadError {
-    let detail = format!("objects are made of objects more than {} deep; export the model with fewer levels", Scene::DEPTH);
+    let detail =
+        format!("objects are made of objects more than {} deep; export the model with fewer levels", Scene::DEPTH);
     ReadError::whole(ReadErrorKind::TooLarge, detail)
 }
 

@@ -6,8 +6,8 @@ use crate::format::errors::{ReadError, ReadErrorKind};
 
 /// Most objects, and most components and build items.
 const OBJECTS: u64 = 100_000;
-/// Most resources of colours, and most pictures.
-const RESOURCES: u64 = 100_000;
+/// Most groups of colours and pictures, and most notes: those that are looked up one by one.
+const RESOURCES: u64 = 10_000;
 /// Most names and notes, in bytes.
 const TEXT: u64 = 16 << 20;
 /// Most model parts.
@@ -21,6 +21,7 @@ pub(super) struct Budget {
     objects: u64,
     placed: u64,
     resources: u64,
+    notes: u64,
     entries: u64,
     text: u64,
     parts: u64,
@@ -28,8 +29,8 @@ pub(super) struct Budget {
 
 impl Budget {
     pub fn new(limits: Limits) -> Self {
-        let (vertices, faces, objects, placed) = (0, 0, 0, 0);
-        Self { limits, vertices, faces, objects, placed, resources: 0, entries: 0, text: 0, parts: 0 }
+        let (vertices, faces, objects, placed, resources, notes) = (0, 0, 0, 0, 0, 0);
+        Self { limits, vertices, faces, objects, placed, resources, notes, entries: 0, text: 0, parts: 0 }
     }
 
     #[inline]
@@ -53,8 +54,13 @@ impl Budget {
         count(&mut self.placed, 1, OBJECTS, "components and build items", xml)
     }
 
+    pub fn note(&mut self, xml: &Xml<'_>) -> Result<(), ReadError> {
+        count(&mut self.notes, 1, RESOURCES, "notes", xml)
+    }
+
+    /// A group of colours, or a picture.
     pub fn resource(&mut self, xml: &Xml<'_>) -> Result<(), ReadError> {
-        count(&mut self.resources, 1, RESOURCES, "resources", xml)
+        count(&mut self.resources, 1, RESOURCES, "resources of colours", xml)
     }
 
     /// Colours, places in textures, materials, and what mixes them: as many as there may be vertices.

@@ -4,7 +4,7 @@ use glam::DVec3;
 
 use super::model::{ModelReader, index_in, not_a};
 use super::namespaces::Space;
-use super::part::{Part, ShapeResource};
+use super::part::{PaintedBy, Part, ShapeResource};
 use super::values::number;
 use super::xml::{Attribute, Tag, Xml};
 use crate::format::errors::{ReadError, ReadErrorKind, shown};
@@ -148,14 +148,14 @@ fn not_a_number(xml: &Xml<'_>, value: &[u8]) -> ReadError {
 /// Gives triangles their paint, in which a palette is an index into the part's list of groups.
 struct Painter<'p> {
     default: Option<(u32, u32)>,
-    groups: &'p mut Vec<u32>,
+    groups: &'p mut PaintedBy,
     /// The group that was named last, and its index.
     last: Option<(u32, u32)>,
     paint: Vec<Paint>,
 }
 
 impl<'p> Painter<'p> {
-    fn new(default: Option<(u32, u32)>, groups: &'p mut Vec<u32>) -> Self {
+    fn new(default: Option<(u32, u32)>, groups: &'p mut PaintedBy) -> Self {
         Self { default, groups, last: None, paint: Vec::new() }
     }
 
@@ -163,12 +163,7 @@ impl<'p> Painter<'p> {
         match self.last {
             Some((last, palette)) if last == group => palette,
             _ => {
-                let known = self.groups.iter().position(|&known| known == group);
-                let palette = known.unwrap_or_else(|| {
-                    self.groups.push(group);
-                    self.groups.len() - 1
-                });
-                let palette = u32::try_from(palette).unwrap_or(u32::MAX);
+                let palette = self.groups.number(group);
                 self.last = Some((group, palette));
                 palette
             }
@@ -191,7 +186,9 @@ impl<'p> Painter<'p> {
             return Ok(());
         };
         let Some(group) = triangle.group.or(self.default.map(|(group, _)| group)) else {
-            return Err(xml.malformed("a triangle has a p1, and neither it nor its object has a pid; export the model again"));
+            return Err(
+                xml.malformed("a triangle has a p1, and neither it nor its object has a pid; export the model again")
+            );
         };
         if self.paint.is_empty() {
             let default = self.of_default();

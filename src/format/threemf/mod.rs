@@ -9,6 +9,7 @@ mod budget;
 mod mesh;
 mod model;
 mod namespaces;
+mod notes;
 mod palettes;
 mod part;
 mod part_name;
@@ -49,7 +50,10 @@ pub(super) fn read(bytes: &[u8], options: &ReadOptions) -> Result<ReadScene, Rea
     while let Some(name) = names.get(parts.len()) {
         relationships::check_model(name, &mut archive)?;
         let Some(mut xml) = archive.xml(name)? else {
-            let detail = format!("the model is in parts, and the part {} is not in the file; export the model again", shown(name));
+            let detail = format!(
+                "the model is in parts, and the part {} is not in the file; export the model again",
+                shown(name)
+            );
             return Err(ReadError::whole(ReadErrorKind::Malformed, detail));
         };
         let part = reader.read(&mut xml)?;

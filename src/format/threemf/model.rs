@@ -5,6 +5,7 @@ use std::collections::HashSet;
 use super::budget::Budget;
 use super::mesh;
 use super::namespaces::{Space, can_be_passed, subject};
+use super::notes;
 use super::part::{ObjectResource, Part, Placed, ShapeResource};
 use super::part_name::resolve;
 use super::properties;
@@ -14,19 +15,6 @@ use super::xml::{Attribute, Tag, Xml};
 use crate::format::errors::{ReadError, ReadErrorKind, shown};
 use crate::mesh::Soup;
 use crate::scene::{Note, ObjectKind, Unit};
-
-/// Names of notes that need no namespace (core specification, 3.4.1).
-const NOTES: [&str; 9] = [
-    "Title",
-    "Designer",
-    "Description",
-    "Copyright",
-    "LicenseTerms",
-    "Rating",
-    "CreationDate",
-    "ModificationDate",
-    "Application",
-];
 
 /// Reads model parts.
 pub(super) struct ModelReader {
@@ -42,7 +30,10 @@ impl ModelReader {
         xml.root(|xml, root| match root.name() {
             b"model" if root.space.is_core() => self.model(xml, root, &mut part),
             name => {
-                let detail = format!("its root is <{}>, where a <model> of 3MF was expected; export the model again", shown(name));
+                let detail = format!(
+                    "its root is <{}>, where a <model> of 3MF was expected; export the model again",
+                    shown(name)
+                );
                 Err(xml.malformed(detail))
             }
         })?;
@@ -79,14 +70,21 @@ impl ModelReader {
         })?;
         for (name, count) in [("resources", resources), ("build", builds)] {
             if count != 1 {
-                let detail = format!("the model has {count} elements <{name}>, where 3MF asks for one; export the model again");
+                let detail =
+                    format!("the model has {count} elements <{name}>, where 3MF asks for one; export the model again");
                 return Err(xml.malformed(detail));
             }
         }
         Ok(())
     }
 
-    fn resources(&mut self, xml: &mut Xml<'_>, tag: &Tag<'_>, ids: &mut HashSet<u32>, part: &mut Part) -> Result<(), ReadError> {
+    fn resources(
+        &mut self,
+        xml: &mut Xml<'_>,
+        tag: &Tag<'_>,
+        ids: &mut HashSet<u32>,
+        part: &mut Part,
+    ) -> Result<(), ReadError> {
         xml.attributes(tag, |attribute| self.passed(xml, &attribute, true))?;
         xml.children(tag, |xml, tag| {
             let known = tag.space.is_core() || tag.space == Space::Material;
@@ -94,13 +92,15 @@ impl ModelReader {
             if !known || draft {
                 return self.unknown(xml, tag);
             }
-            self.budget.resource(xml)?;
             let id = properties::id(xml, tag)?;
             if !ids.insert(id) {
                 return Err(xml.malformed(format_args!("two resources have the id {id}; export the model again")));
             }
+            if tag.space.is_core() && tag.name() == b"object" {
+                return self.object(xml, tag, id, part);
+            }
+            self.budget.resource(xml)?;
             match (tag.space, tag.name()) {
-                (Space::Core | Space::Draft, b"object") => self.object(xml, tag, id, part),
                 (Space::Core, b"basematerials") => properties::materials(self, xml, tag, id, part),
                 (Space::Material, b"colorgroup") => properties::colors(self, xml, tag, id, part),
                 (Space::Material, b"texture2d") => properties::texture(self, xml, tag, id, part),
@@ -136,7 +136,9 @@ impl ModelReader {
             (Some(pid), pindex) => Some((pid, pindex.unwrap_or(0))),
             (None, None) => None,
             (None, Some(_)) => {
-                return Err(xml.malformed(format_args!("the object {id} has a pindex and no pid; export the model again")));
+                return Err(
+                    xml.malformed(format_args!("the object {id} has a pindex and no pid; export the model again"))
+                );
             }
         };
         let mut notes = Vec::new();
@@ -150,7 +152,9 @@ impl ModelReader {
             };
             match shape.replace(found) {
                 None => Ok(()),
-                Some(_) => Err(xml.malformed(format_args!("the object {id} has more than one shape; export the model again"))),
+                Some(_) => {
+                    Err(xml.malformed(format_args!("the object {id} has more than one shape; export the model again")))
+                }
             }
         })?;
         // What an extension that was passed over describes.
@@ -208,7 +212,10 @@ impl ModelReader {
                     let reference = self.text(xml, attribute.value)?;
                     let found = resolve("", &reference).filter(|_| reference.starts_with('/'));
                     path = Some(found.ok_or_else(|| {
-                        xml.malformed(format_args!("'{}' is the name of no part; export the model again", shown(reference.as_bytes())))
+                        xml.malformed(format_args!(
+                            "'{}' is the name of no part; export the model again",
+                            shown(reference.as_bytes())
+                        ))
                     })?);
                 }
                 _ => self.passed(xml, &attribute, true)?,
@@ -216,7 +223,9 @@ impl ModelReader {
             Ok(())
         })?;
         let Some(id) = id else {
-            return Err(xml.malformed(format_args!("a <{}> names no object; export the model again", shown(tag.name()))));
+            return Err(
+                xml.malformed(format_args!("a <{}> names no object; export the model again", shown(tag.name())))
+            );
         };
         Ok(Placed { path, id, transform, part_number, notes: Vec::new() })
     }
@@ -229,7 +238,8 @@ impl ModelReader {
         })
     }
 
-    fn note(&mut self, xml: &mut Xml<'_>, tag: &Tag<'_>, notes: &mut Vec<Note>) -> Result<(), ReadError> {
+    fn note(&mut self, xml: &mut Xml<'_>, tag: &Tag<'_>, all: &mut Vec<Note>) -> Result<(), ReadError> {
+        self.budget.note(xml)?;
         let (mut name, mut kind, mut preserve) = (None, None, false);
         xml.attributes(tag, |attribute| {
             match (attribute.space, attribute.name) {
@@ -242,23 +252,27 @@ impl ModelReader {
             }
             Ok(())
         })?;
-        let Some(name) = name.filter(|name| !name.trim().is_empty()) else {
+        let Some(mut name) = name.filter(|name| !name.trim().is_empty()) else {
             return Err(xml.malformed("a note (<metadata>) has no name; export the model again"));
         };
-        let namespace = match name.split_once(':') {
+        let mut namespace = match name.split_once(':') {
             Some((prefix, _)) => Some(xml.address(prefix.as_bytes())?),
             None => None,
         };
-        if namespace.is_none() && !NOTES.contains(&name.as_str()) {
+        if namespace.as_deref() == Some(notes::OWN) {
+            namespace = None;
+            name = name.split_off(name.find(':').map_or(0, |colon| colon + 1));
+        } else if namespace.is_none() && !notes::is_known(&name) {
             self.warnings.note(&name);
         }
-        if notes.iter().any(|note| note.name == name) {
-            let detail = format!("two notes (<metadata>) are called '{}'; export the model again", shown(name.as_bytes()));
+        if all.iter().any(|note| note.name == name && note.namespace == namespace) {
+            let detail =
+                format!("two notes (<metadata>) are called '{}'; export the model again", shown(name.as_bytes()));
             return Err(xml.malformed(detail));
         }
         let value = xml.text(tag)?;
         self.budget.text(value.len(), xml)?;
-        notes.push(Note { name, namespace, value, kind, preserve });
+        all.push(Note { name, namespace, value, kind, preserve });
         Ok(())
     }
 
@@ -282,7 +296,10 @@ impl ModelReader {
                 Ok(())
             }
             _ => {
-                let detail = format!("the attribute '{}' is of a namespace that is forbidden here; export the model again", shown(attribute.name));
+                let detail = format!(
+                    "the attribute '{}' is of a namespace that is forbidden here; export the model again",
+                    shown(attribute.name)
+                );
                 Err(xml.malformed(detail))
             }
         }
@@ -293,7 +310,10 @@ impl ModelReader {
         match tag.space {
             Space::Other(_) => self.warnings.extension(subject(xml.uri(tag.space))),
             Space::SchemaInstance | Space::Xml => {
-                let detail = format!("the element <{}> is of a namespace that is forbidden in 3MF; export the model again", shown(tag.name()));
+                let detail = format!(
+                    "the element <{}> is of a namespace that is forbidden in 3MF; export the model again",
+                    shown(tag.name())
+                );
                 return Err(xml.malformed(detail));
             }
             _ => self.warnings.name(tag.name()),

@@ -46,10 +46,12 @@ pub(super) fn take(
     warnings: &mut Warnings,
 ) -> Result<(), ReadError> {
     let known = groups(part, first_texture, palettes, warnings)?;
-    let mut used = Vec::with_capacity(part.painted_by.len());
-    for id in &part.painted_by {
+    let mut used = Vec::with_capacity(part.painted_by.groups.len());
+    for id in &part.painted_by.groups {
         let group = known.get(id);
-        used.push(group.ok_or_else(|| refused(&part.name, format!("an object names the property group {id}, which is not there")))?);
+        used.push(group.ok_or_else(|| {
+            refused(&part.name, format!("an object names the property group {id}, which is not there"))
+        })?);
     }
     for object in &mut part.objects {
         let ShapeResource::Mesh { paint, .. } = &mut object.shape else { continue };
@@ -57,7 +59,8 @@ pub(super) fn take(
             let group = used[paint.palette as usize];
             for at in &mut paint.at {
                 *at = group.entries.get(*at).ok_or_else(|| {
-                    let detail = format!("the object {} names entry {at} of a property group that has fewer", object.id);
+                    let detail =
+                        format!("the object {} names entry {at} of a property group that has fewer", object.id);
                     ReadError { kind: ReadErrorKind::IndexOutOfRange, ..refused(&part.name, detail) }
                 })?;
             }
@@ -77,7 +80,8 @@ fn groups(
     warnings: &mut Warnings,
 ) -> Result<HashMap<u32, Known>, ReadError> {
     let refused = |detail| refused(&part.name, detail);
-    let mut mixed = part.groups.iter().map(|group| mix(&part.groups, group)).collect::<Result<Vec<_>, _>>().map_err(refused)?;
+    let mut mixed =
+        part.groups.iter().map(|group| mix(&part.groups, group)).collect::<Result<Vec<_>, _>>().map_err(refused)?;
     let mut known = HashMap::new();
     let mut layered = Vec::new();
     for (Group { id, kind }, mixed) in std::mem::take(&mut part.groups).into_iter().zip(&mut mixed) {
@@ -90,7 +94,9 @@ fn groups(
             }
             GroupKind::Places { texture, places } => {
                 let index = part.textures.iter().position(|it| it.id == texture);
-                let index = index.ok_or_else(|| refused(format!("the texture group {id} names the texture {texture}, which is not there")))?;
+                let index = index.ok_or_else(|| {
+                    refused(format!("the texture group {id} names the texture {texture}, which is not there"))
+                })?;
                 let texture = first_texture + u32::try_from(index).unwrap_or(u32::MAX);
                 (Kind::Texture, Palette::Textured { texture, name: None, tint: [255; 4], places })
             }
@@ -103,17 +109,28 @@ fn groups(
         known.insert(id, Known { kind, palette: u32::try_from(palettes.len()).unwrap_or(u32::MAX), entries });
         palettes.push(palette);
     }
+    let mut layers = Vec::with_capacity(layered.len());
     for (id, of, entries) in &layered {
         let top = top_layer(&known, of).map_err(|detail| refused(format!("the multiproperties {id}: {detail}")))?;
         let group = &known[&of[top]];
         let chosen = entries.iter().skip(top).step_by(of.len());
-        let chosen = chosen.map(|&entry| group.entries.get(entry).ok_or_else(|| {
-            refused(format!("the multiproperties {id} name entry {entry} of the group {}, which has fewer", of[top]))
-        }));
-        let layer = Known { kind: group.kind, palette: group.palette, entries: Entries::These(chosen.collect::<Result<_, _>>()?) };
+        let chosen = chosen.map(|&entry| {
+            group.entries.get(entry).ok_or_else(|| {
+                refused(format!(
+                    "the multiproperties {id} name entry {entry} of the group {}, which has fewer",
+                    of[top]
+                ))
+            })
+        });
+        let layer = Known {
+            kind: group.kind,
+            palette: group.palette,
+            entries: Entries::These(chosen.collect::<Result<_, _>>()?),
+        };
         warnings.tell("of properties on one another (multiproperties) only the uppermost colours or texture were kept");
-        known.insert(*id, layer);
+        layers.push((*id, layer));
     }
+    known.extend(layers);
     Ok(known)
 }
 
@@ -124,10 +141,12 @@ fn mix(groups: &[Group], group: &Group) -> Result<Vec<[u8; 4]>, String> {
         GroupKind::Materials(materials) if it.id == *of => Some(materials),
         _ => None,
     });
-    let base = base.ok_or_else(|| format!("the mixtures {} are of the group {of}, which is none of base materials", group.id))?;
+    let base = base
+        .ok_or_else(|| format!("the mixtures {} are of the group {of}, which is none of base materials", group.id))?;
     let colors = materials.iter().map(|&index| base.get(index as usize).map(|material: &Material| material.color));
     let colors: Option<Vec<_>> = colors.collect();
-    let colors = colors.ok_or_else(|| format!("the mixtures {} name a material that the group {of} does not have", group.id))?;
+    let colors =
+        colors.ok_or_else(|| format!("the mixtures {} name a material that the group {of} does not have", group.id))?;
     let mean = |shares: &[f64]| {
         let sum: f64 = shares.iter().sum();
         let of_channel = |channel: usize| {
@@ -135,7 +154,11 @@ fn mix(groups: &[Group], group: &Group) -> Result<Vec<[u8; 4]>, String> {
                 true => (colors.iter().zip(shares).map(|(color, share)| f64::from(color[channel]) * share).sum(), sum),
                 false => (colors.iter().map(|color| f64::from(color[channel])).sum::<f64>(), colors.len() as f64),
             };
-            #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a mean of bytes; sums beyond f64 saturate")]
+            #[expect(
+                clippy::cast_possible_truncation,
+                clippy::cast_sign_loss,
+                reason = "a mean of bytes; sums beyond f64 saturate"
+            )]
             {
                 (weighted / sum).round() as u8
             }
@@ -148,9 +171,12 @@ fn mix(groups: &[Group], group: &Group) -> Result<Vec<[u8; 4]>, String> {
 /// The last of the layers that has colours or a texture, else the first; the rules for what may be a layer are those of the materials
 /// extension, chapter 5.
 fn top_layer(known: &HashMap<u32, Known>, of: &[u32]) -> Result<usize, String> {
-    let kinds = of.iter().map(|id| known.get(id).map(|it| it.kind).ok_or_else(|| {
-        format!("{} is no group that can be a layer", shown(id.to_string().as_bytes()))
-    }));
+    let kinds = of.iter().map(|id| {
+        known
+            .get(id)
+            .map(|it| it.kind)
+            .ok_or_else(|| format!("{} is no group that can be a layer", shown(id.to_string().as_bytes())))
+    });
     let kinds: Vec<Kind> = kinds.collect::<Result<_, _>>()?;
     let is_material = |kind: &Kind| matches!(kind, Kind::Materials | Kind::Composites);
     if kinds.iter().skip(1).any(is_material) {

@@ -1,5 +1,7 @@
 //! What a model part says, with its own numbers for resources.
 
+use std::collections::HashMap;
+
 use glam::DAffine3;
 
 use crate::mesh::Soup;
@@ -15,8 +17,26 @@ pub(super) struct Part {
     pub groups: Vec<Group>,
     pub objects: Vec<ObjectResource>,
     pub items: Vec<Placed>,
-    /// The groups that objects name: [`Paint::palette`] is an index into it.
-    pub painted_by: Vec<u32>,
+    pub painted_by: PaintedBy,
+}
+
+/// The groups that objects name, numbered as they come: until palettes are made, these numbers are [`Paint::palette`].
+#[derive(Default)]
+pub(super) struct PaintedBy {
+    pub groups: Vec<u32>,
+    numbers: HashMap<u32, u32>,
+}
+
+impl PaintedBy {
+    /// The number of a group.
+    pub fn number(&mut self, group: u32) -> u32 {
+        let next = u32::try_from(self.groups.len()).unwrap_or(u32::MAX);
+        let number = *self.numbers.entry(group).or_insert(next);
+        if number == next {
+            self.groups.push(group);
+        }
+        number
+    }
 }
 
 pub(super) struct ObjectResource {
@@ -61,9 +81,19 @@ pub(super) struct Group {
 pub(super) enum GroupKind {
     Materials(Vec<Material>),
     Colors(Vec<[u8; 4]>),
-    Places { texture: u32, places: Vec<[f64; 2]> },
+    Places {
+        texture: u32,
+        places: Vec<[f64; 2]>,
+    },
     /// Mixtures of materials of one group; a row of `shares` a mixture, as long as `materials`.
-    Composites { of: u32, materials: Vec<u32>, shares: Vec<f64> },
+    Composites {
+        of: u32,
+        materials: Vec<u32>,
+        shares: Vec<f64>,
+    },
     /// Entries of several groups on one another; a row of `entries` each, as long as `of`.
-    Layers { of: Vec<u32>, entries: Vec<u32> },
+    Layers {
+        of: Vec<u32>,
+        entries: Vec<u32>,
+    },
 }

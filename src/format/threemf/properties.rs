@@ -219,7 +219,8 @@ pub(super) fn layers(
 ) -> Result<(), ReadError> {
     let [of, methods] = values(reader, xml, tag, [b"pids", b"blendmethods"])?;
     let of = indices(xml, &of.ok_or_else(|| missing(xml, tag, "pids"))?)?;
-    let methods: Vec<&[u8]> = methods.as_deref().map_or_else(Vec::new, |methods| words(methods).take(MIXED + 1).collect());
+    let methods: Vec<&[u8]> =
+        methods.as_deref().map_or_else(Vec::new, |methods| words(methods).take(MIXED + 1).collect());
     if let Some(method) = methods.iter().find(|&&method| method != b"mix" && method != b"multiply") {
         return Err(not_a(xml, "mix or multiply", method));
     }

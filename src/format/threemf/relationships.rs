@@ -16,6 +16,8 @@ const ENCRYPTED: &str = "http://schemas.openxmlformats.org/package/2006/relation
 
 /// Most relationships of a part.
 const MOST: usize = 10_000;
+/// The longest target or type of one, in bytes.
+const LONGEST: usize = 4096;
 
 struct Relationship {
     kind: String,
@@ -27,7 +29,9 @@ pub(super) fn root_model(archive: &mut Archive<'_>) -> Result<String, ReadError>
     let mut models = check("", archive)?.into_iter().filter(|it| it.kind == MODEL);
     match (models.next(), models.next()) {
         (Some(model), None) => Ok(model.target),
-        (Some(_), Some(_)) => Err(malformed("the package has more than one model part, which 3MF forbids; export the model again")),
+        (Some(_), Some(_)) => {
+            Err(malformed("the package has more than one model part, which 3MF forbids; export the model again"))
+        }
         (None, _) => Err(no_model(archive)),
     }
 }
@@ -37,7 +41,10 @@ pub(super) fn check_model(part: &str, archive: &mut Archive<'_>) -> Result<(), R
     let tickets = check(part, archive)?.iter().filter(|it| it.kind == PRINT_TICKET).count();
     match tickets {
         0 | 1 => Ok(()),
-        _ => Err(malformed(format!("the part {} has more than one print ticket, which 3MF forbids; export the model again", shown(part)))),
+        _ => Err(malformed(format!(
+            "the part {} has more than one print ticket, which 3MF forbids; export the model again",
+            shown(part)
+        ))),
     }
 }
 
@@ -54,7 +61,10 @@ fn check(part: &str, archive: &mut Archive<'_>) -> Result<Vec<Relationship>, Rea
         }
         let of_3mf = [MODEL, TEXTURE, PRINT_TICKET, THUMBNAIL].contains(&it.kind.as_str());
         if of_3mf && !archive.has(&it.target) {
-            let detail = format!("a relationship is to the part {}, which is not in the file; export the model again", shown(&it.target));
+            let detail = format!(
+                "a relationship is to the part {}, which is not in the file; export the model again",
+                shown(&it.target)
+            );
             return Err(malformed(detail));
         }
     }
@@ -81,9 +91,16 @@ fn read(source: &str, xml: &mut Xml<'_>) -> Result<Vec<Relationship>, ReadError>
             let (Some(kind), Some(target)) = (kind, target) else {
                 return Err(xml.malformed("a relationship has no type or no target; export the model again"));
             };
+            if kind.len().max(target.len()) > LONGEST {
+                let detail = format!("a relationship has a name of more than {LONGEST} bytes; export the model again");
+                return Err(xml.error(ReadErrorKind::TooLarge, detail));
+            }
             let inside = if external { None } else { resolve(source, &target) };
             let Some(inside) = inside else {
-                let detail = format!("a relationship is to '{}', outside of the file, which 3MF forbids; export the model again", shown(&target));
+                let detail = format!(
+                    "a relationship is to '{}', outside of the file, which 3MF forbids; export the model again",
+                    shown(&target)
+                );
                 return Err(xml.malformed(detail));
             };
             if relationships.len() >= MOST {
@@ -99,7 +116,9 @@ fn read(source: &str, xml: &mut Xml<'_>) -> Result<Vec<Relationship>, ReadError>
 
 fn no_model(archive: &Archive<'_>) -> ReadError {
     if archive.has("3D/3dmodel.model") || archive.has("[Content_Types].xml") {
-        malformed("no relationship of the package (_rels/.rels) says which part is the 3MF model; export the model again")
+        malformed(
+            "no relationship of the package (_rels/.rels) says which part is the 3MF model; export the model again",
+        )
     } else {
         let detail = format!(
             "this is a ZIP archive without a 3MF model ({}); unpack it, take the STL, OBJ, PLY or OFF file inside, and send that",

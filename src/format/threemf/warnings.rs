@@ -48,10 +48,14 @@ impl Warnings {
             warnings.push(format!("what extensions of 3MF say was left out: {}{more}", some.join(", ")));
         }
         if let (count, Some(first)) = self.names {
-            warnings.push(format!("attributes or elements that are no part of 3MF were left out: {count}, the first '{first}'"));
+            warnings.push(format!(
+                "attributes or elements that are no part of 3MF were left out: {count}, the first '{first}'"
+            ));
         }
         if let (count, Some(first)) = self.notes {
-            warnings.push(format!("notes with names that are no part of 3MF and have no namespace were kept: {count}, the first '{first}'"));
+            warnings.push(format!(
+                "notes with names that are no part of 3MF and have no namespace were kept: {count}, the first '{first}'"
+            ));
         }
         warnings
     }

@@ -38,7 +38,10 @@ pub(in crate::format) fn write(scene: &Scene) -> Result<Vec<u8>, WriteError> {
             zip.write_all(relationships(targets).as_bytes())?;
         }
         for (path, texture) in &pictures.files {
-            zip.start_file(path.as_str(), options.compression_method(CompressionMethod::Stored).compression_level(None))?;
+            zip.start_file(
+                path.as_str(),
+                options.compression_method(CompressionMethod::Stored).compression_level(None),
+            )?;
             zip.write_all(&texture.bytes)?;
         }
         zip::result::ZipResult::Ok(finite)
@@ -53,9 +56,11 @@ pub(in crate::format) fn write(scene: &Scene) -> Result<Vec<u8>, WriteError> {
 
 /// Whether the model's text may be too long for the sizes of a ZIP entry, which have 32 bits unless they are given 64.
 fn is_long(scene: &Scene) -> bool {
-    let lengths = scene.objects.iter().filter_map(|object| object.mesh()).map(|mesh| {
-        100 * (mesh.soup.positions.len() as u64 + mesh.soup.faces.len() as u64)
-    });
+    let lengths = scene
+        .objects
+        .iter()
+        .filter_map(|object| object.mesh())
+        .map(|mesh| 100 * (mesh.soup.positions.len() as u64 + mesh.soup.faces.len() as u64));
     lengths.sum::<u64>() > u64::from(u32::MAX) / 2
 }
 
@@ -78,7 +83,9 @@ impl<'s> Pictures<'s> {
                     continue;
                 }
             };
-            let same = |other: &&(String, &Texture)| other.1.bytes == texture.bytes && other.1.media_type == texture.media_type;
+            let same = |other: &&(String, &Texture)| {
+                other.1.bytes == texture.bytes && other.1.media_type == texture.media_type
+            };
             let path = match pictures.files.iter().find(same) {
                 Some((path, _)) => path.clone(),
                 None => {
@@ -96,7 +103,8 @@ impl<'s> Pictures<'s> {
 const DECLARATION: &str = "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n";
 
 fn content_types(pictures: &Pictures<'_>) -> String {
-    let mut text = format!("{DECLARATION}<Types xmlns=\"http://schemas.openxmlformats.org/package/2006/content-types\">\n");
+    let mut text =
+        format!("{DECLARATION}<Types xmlns=\"http://schemas.openxmlformats.org/package/2006/content-types\">\n");
     let of_pictures = [("png", "image/png"), ("jpg", "image/jpeg")]
         .into_iter()
         .filter(|(_, media_type)| pictures.files.iter().any(|(_, texture)| texture.media_type == *media_type));
@@ -111,7 +119,9 @@ fn content_types(pictures: &Pictures<'_>) -> String {
 }
 
 fn relationships<'t>(all: impl Iterator<Item = (&'t str, &'t str)>) -> String {
-    let mut text = format!("{DECLARATION}<Relationships xmlns=\"http://schemas.openxmlformats.org/package/2006/relationships\">\n");
+    let mut text = format!(
+        "{DECLARATION}<Relationships xmlns=\"http://schemas.openxmlformats.org/package/2006/relationships\">\n"
+    );
     for (number, (kind, target)) in all.enumerate() {
         text += &format!("<Relationship Id=\"rel{number}\" Type=\"{kind}\" Target=\"/{}\"/>\n", attribute(target));
     }

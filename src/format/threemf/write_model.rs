@@ -23,6 +23,8 @@ pub(super) struct ModelWriter<'s> {
     textures: Vec<Option<u32>>,
     palettes: Vec<Option<u32>>,
     first_object: u32,
+    /// Whether an object is an item of the build.
+    built: Vec<bool>,
     text: String,
     /// Whether all numbers so far were finite.
     finite: bool,
@@ -41,9 +43,17 @@ impl<'s> ModelWriter<'s> {
             Palette::Textured { texture, .. } => textures.get(*texture as usize).is_some_and(Option::is_some),
             _ => true,
         };
-        let palettes = scene.palettes.iter().map(|palette| number(!palette.is_empty() && is_written(palette))).collect();
+        let palettes =
+            scene.palettes.iter().map(|palette| number(!palette.is_empty() && is_written(palette))).collect();
         let prefixes = Prefixes::of(scene);
-        Self { scene, pictures, prefixes, textures, palettes, first_object: next + 1, text: String::new(), finite: true }
+        let mut built = vec![false; scene.objects.len()];
+        for item in &scene.items {
+            if let Some(built) = built.get_mut(item.object as usize) {
+                *built = true;
+            }
+        }
+        let (first_object, text) = (next + 1, String::new());
+        Self { scene, pictures, prefixes, textures, palettes, first_object, built, text, finite: true }
     }
 
     /// Writes it. Answers whether all its numbers are finite, as they have to be.
@@ -177,7 +187,7 @@ impl<'s> ModelWriter<'s> {
             ObjectKind::SolidSupport => "solidsupport",
             ObjectKind::Support => "support",
             ObjectKind::Surface => "surface",
-            ObjectKind::Other if self.scene.items.iter().any(|item| item.object as usize == number) => return None,
+            ObjectKind::Other if self.built[number] => return None,
             ObjectKind::Other => "other",
         })
     }
@@ -216,7 +226,8 @@ impl<'s> ModelWriter<'s> {
 
     /// What an object's faces have if they have nothing of their own: only where all are painted.
     fn default_paint(&self, mesh: &PaintedMesh) -> Option<(u32, u32)> {
-        let all = mesh.paint.len() == mesh.soup.faces.len() && mesh.paint.iter().all(|&paint| self.paint(paint).is_some());
+        let all =
+            mesh.paint.len() == mesh.soup.faces.len() && mesh.paint.iter().all(|&paint| self.paint(paint).is_some());
         let (palette, at) = self.paint(*mesh.paint.first()?)?;
         all.then_some((palette, at[0]))
     }
@@ -235,7 +246,9 @@ impl<'s> ModelWriter<'s> {
         for (face, [a, b, c]) in mesh.soup.faces.iter().enumerate() {
             let _ = write!(self.text, "<triangle v1=\"{a}\" v2=\"{b}\" v3=\"{c}\"");
             let paint = mesh.paint.get(face).and_then(|&paint| self.paint(paint));
-            if let Some((palette, [p1, p2, p3])) = paint.filter(|&(id, at)| default != Some((id, at[0])) || at != [at[0]; 3]) {
+            if let Some((palette, [p1, p2, p3])) =
+                paint.filter(|&(id, at)| default != Some((id, at[0])) || at != [at[0]; 3])
+            {
                 let _ = write!(self.text, " pid=\"{palette}\" p1=\"{p1}\"");
                 if [p2, p3] != [p1, p1] {
                     let _ = write!(self.text, " p2=\"{p2}\" p3=\"{p3}\"");

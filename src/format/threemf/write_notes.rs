@@ -2,14 +2,12 @@
 
 use std::fmt::Write as _;
 
+use super::notes::{OWN, namespace};
 use super::write_text::{attribute, content, name};
 use crate::scene::{Note, Scene};
 
 /// Prefixes that are taken by others.
 const TAKEN: [&str; 3] = ["m", "xml", "xmlns"];
-/// Namespaces that may not be bound to any prefix but their own.
-const UNBOUND: [&str; 2] = ["http://www.w3.org/XML/1998/namespace", "http://www.w3.org/2000/xmlns/"];
-
 /// The prefixes of all notes' namespaces, and the namespaces, in the order of their first use.
 pub(super) struct Prefixes<'s> {
     all: Vec<(String, &'s str)>,
@@ -21,8 +19,10 @@ impl<'s> Prefixes<'s> {
         let of_objects = scene.objects.iter().flat_map(|object| &object.notes);
         let of_items = scene.items.iter().flat_map(|item| &item.notes);
         for note in scene.notes.iter().chain(of_objects).chain(of_items) {
-            if let Some(namespace) = namespace(note) {
-                prefixes.add(note.name.split_once(':').map(|(prefix, _)| prefix), namespace);
+            match namespace(note) {
+                Some(OWN) => prefixes.add(Some("note"), OWN),
+                Some(namespace) => prefixes.add(note.name.split_once(':').map(|(prefix, _)| prefix), namespace),
+                None => {}
             }
         }
         prefixes
@@ -32,7 +32,8 @@ impl<'s> Prefixes<'s> {
         if self.all.iter().any(|(_, known)| *known == namespace) {
             return;
         }
-        let free = |prefix: &String| !TAKEN.contains(&prefix.as_str()) && self.all.iter().all(|(taken, _)| taken != prefix);
+        let free =
+            |prefix: &String| !TAKEN.contains(&prefix.as_str()) && self.all.iter().all(|(taken, _)| taken != prefix);
         let wanted = wanted.map(name).filter(free);
         let prefix = wanted.or_else(|| (1..).map(|number| format!("n{number}")).find(free));
         self.all.extend(prefix.map(|prefix| (prefix, namespace)));
@@ -47,9 +48,10 @@ impl<'s> Prefixes<'s> {
     pub fn write<'n>(&self, notes: impl Iterator<Item = &'n Note>, text: &mut String) {
         let mut written: Vec<String> = Vec::new();
         for note in notes {
-            let local = note.name.rsplit_once(':').map_or(note.name.as_str(), |(_, local)| local);
+            let local =
+                note.namespace.as_ref().and(note.name.split_once(':')).map_or(note.name.as_str(), |(_, local)| local);
             let name = match namespace(note) {
-                None => name(&note.name),
+                None => note.name.clone(),
                 Some(namespace) => match self.all.iter().find(|(_, uri)| *uri == namespace) {
                     Some((prefix, _)) => format!("{prefix}:{}", qualified(local)),
                     None => continue,
@@ -74,8 +76,4 @@ fn qualified(local: &str) -> String {
         true => clean[1..].to_owned(),
         false => clean,
     }
-}
-
-fn namespace(note: &Note) -> Option<&str> {
-    note.namespace.as_deref().filter(|uri| !uri.is_empty() && !UNBOUND.contains(uri))
 }

@@ -49,7 +49,8 @@ pub(super) fn content(text: &str) -> Cow<'_, str> {
 
 /// The text as a name without a prefix (`NCName`), a `_` for what no name may have.
 pub(super) fn name(text: &str) -> String {
-    let in_name = |c: char| c.is_ascii_alphanumeric() || matches!(c, '_' | '-' | '.') || (c > '\u{FF}' && c.is_alphabetic());
+    let in_name =
+        |c: char| c.is_ascii_alphanumeric() || matches!(c, '_' | '-' | '.') || (c > '\u{FF}' && c.is_alphabetic());
     let mut name: String = text.chars().map(|c| if in_name(c) { c } else { '_' }).collect();
     if !name.starts_with(|c: char| c == '_' || c.is_alphabetic()) {
         name.insert(0, '_');

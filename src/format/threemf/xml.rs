@@ -19,7 +19,7 @@ const DEPTH: usize = 64;
 /// Most attributes of one element.
 const ATTRIBUTES: usize = 64;
 /// Most namespaces that are in force at once.
-const BINDINGS: usize = 256;
+const BINDINGS: usize = 64;
 /// The longest text of an element, in bytes.
 const TEXT: usize = 1 << 20;
 
@@ -79,7 +79,8 @@ impl<'a> Xml<'a> {
             Err(error) => return Err(failed(&part, 0, &Error::from(error))),
         };
         if head.starts_with(b"\xFF\xFE") || head.starts_with(b"\xFE\xFF") || head.iter().take(4).any(|&b| b == 0) {
-            let detail = format!("{part} is text in UTF-16 or UTF-32, where 3MF asks for UTF-8; export the model again");
+            let detail =
+                format!("{part} is text in UTF-16 or UTF-32, where 3MF asks for UTF-8; export the model again");
             return Err(ReadError::whole(ReadErrorKind::Malformed, detail));
         }
         let mut reader = Reader::from_reader(stream);
@@ -127,17 +128,24 @@ impl<'a> Xml<'a> {
                 Event::Decl(declaration) => {
                     let encoding = declaration.encoding().and_then(Result::ok).unwrap_or_default();
                     if !encoding.is_empty() && !encoding.eq_ignore_ascii_case(b"utf-8") {
-                        let detail = format!("it is in {}, where 3MF asks for UTF-8; export the model again", shown(&encoding));
+                        let detail =
+                            format!("it is in {}, where 3MF asks for UTF-8; export the model again", shown(&encoding));
                         return Err(self.malformed(detail));
                     }
                 }
                 Event::Start(start) => self.opened(&start, false, &mut each)?,
                 Event::Empty(start) => self.opened(&start, true, &mut each)?,
-                Event::Eof if each.is_some() => return Err(self.malformed("there is no element in it; export the model again")),
+                Event::Eof if each.is_some() => {
+                    return Err(self.malformed("there is no element in it; export the model again"));
+                }
                 Event::Eof => return Ok(()),
                 Event::Comment(_) | Event::PI(_) => {}
                 Event::Text(text) if text.trim_ascii().is_empty() => {}
-                _ => return Err(self.malformed("there is text outside of its root element; export the model again")),
+                _ => {
+                    return Err(self.malformed(
+                        "there is text outside of its root element, or it is not in UTF-8; export the model again",
+                    ));
+                }
             }
         }
     }
@@ -192,7 +200,10 @@ impl<'a> Xml<'a> {
         if !empty {
             self.depth += 1;
             if self.depth > DEPTH {
-                return Err(self.error(ReadErrorKind::TooLarge, format_args!("elements are more than {DEPTH} deep; export the model again")));
+                return Err(self.error(
+                    ReadErrorKind::TooLarge,
+                    format_args!("elements are more than {DEPTH} deep; export the model again"),
+                ));
             }
         }
         each(self, &Tag { space, start, empty })?;
@@ -209,7 +220,10 @@ impl<'a> Xml<'a> {
         while self.depth > depth {
             match self.event(&mut buffer)? {
                 Event::Start(_) if self.depth - depth >= DEPTH => {
-                    return Err(self.error(ReadErrorKind::TooLarge, format_args!("elements are more than {DEPTH} deep; export the model again")));
+                    return Err(self.error(
+                        ReadErrorKind::TooLarge,
+                        format_args!("elements are more than {DEPTH} deep; export the model again"),
+                    ));
                 }
                 Event::Start(_) => self.depth += 1,
                 Event::End(_) => self.depth -= 1,
@@ -283,7 +297,10 @@ impl<'a> Xml<'a> {
     #[inline]
     fn binding(&self, prefix: &[u8]) -> Result<&Binding, ReadError> {
         self.bindings.iter().rev().find(|binding| &*binding.prefix == prefix).ok_or_else(|| {
-            self.malformed(format_args!("the prefix '{}' stands for no namespace; export the model again", shown(prefix)))
+            self.malformed(format_args!(
+                "the prefix '{}' stands for no namespace; export the model again",
+                shown(prefix)
+            ))
         })
     }
 
@@ -316,7 +333,8 @@ impl<'a> Xml<'a> {
 
     /// A value as text.
     pub fn string(&self, value: &[u8]) -> Result<String, ReadError> {
-        let text = std::str::from_utf8(value).map_err(|_| self.malformed("a value is not UTF-8; export the model again"))?;
+        let text =
+            std::str::from_utf8(value).map_err(|_| self.malformed("a value is not UTF-8; export the model again"))?;
         // White space in a value is a space, unless it is spelled as a reference.
         let spaces = text.replace(['\t', '\n', '\r'], " ");
         let text = unescape(&spaces).map_err(|error| self.malformed(error))?;
@@ -324,8 +342,14 @@ impl<'a> Xml<'a> {
     }
 
     fn without_control_characters(&self, text: String) -> Result<String, ReadError> {
-        match text.chars().find(|&c| (c < ' ' && !matches!(c, '\t' | '\n' | '\r')) || matches!(c, '\u{FFFE}' | '\u{FFFF}')) {
-            Some(c) => Err(self.malformed(format_args!("the character {:#x} is forbidden in XML; export the model again", u32::from(c)))),
+        match text
+            .chars()
+            .find(|&c| (c < ' ' && !matches!(c, '\t' | '\n' | '\r')) || matches!(c, '\u{FFFE}' | '\u{FFFF}'))
+        {
+            Some(c) => Err(self.malformed(format_args!(
+                "the character {:#x} is forbidden in XML; export the model again",
+                u32::from(c)
+            ))),
             None => Ok(text),
         }
     }
@@ -359,7 +383,8 @@ impl<'a> Xml<'a> {
                 _ => {}
             }
             if whole.len() > TEXT {
-                return Err(self.error(ReadErrorKind::TooLarge, "a text is longer than a megabyte; export the model without it"));
+                return Err(self
+                    .error(ReadErrorKind::TooLarge, "a text is longer than a megabyte; export the model without it"));
             }
         }
         self.depth -= 1;
@@ -384,7 +409,9 @@ fn failed(part: &str, byte: u64, error: &Error) -> ReadError {
             Some(stop) => (ReadErrorKind::TooLarge, format!("{stop}; export the model again")),
             None => (ReadErrorKind::Malformed, format!("it can't be unpacked ({io}); send the file again")),
         },
-        Error::Syntax(_) => (ReadErrorKind::Truncated, format!("{error}; it was probably cut off, so send or export it again")),
+        Error::Syntax(_) => {
+            (ReadErrorKind::Truncated, format!("{error}; it was probably cut off, so send or export it again"))
+        }
         _ => (ReadErrorKind::Malformed, format!("{error}; export the model again")),
     };
     at(part, byte, kind, detail)
