@@ -89,6 +89,16 @@ impl Pictures {
     }
 }
 
+/// How far an object has been looked at.
+#[derive(Clone, Copy)]
+enum Seen {
+    Not,
+    /// Those that it is made of are looked at.
+    Open,
+    /// It is made of so many levels.
+    Whole(usize),
+}
+
 /// Where objects are, and the order in which none comes before those that it is made of.
 struct Order {
     /// The parts by [`key`].
@@ -111,42 +121,41 @@ impl Order {
         for (part, it) in parts.iter().enumerate() {
             order.places.extend(it.objects.iter().enumerate().map(|(place, object)| ((part, object.id), place)));
         }
-        let mut heights = parts.iter().map(|part| vec![None; part.objects.len()]).collect();
+        let mut seen: Vec<_> = parts.iter().map(|part| vec![Seen::Not; part.objects.len()]).collect();
         for (part, it) in parts.iter().enumerate() {
             for place in 0..it.objects.len() {
-                order.visit((part, place), parts, &mut heights, Scene::DEPTH)?;
+                order.visit((part, place), parts, &mut seen, Scene::DEPTH)?;
             }
         }
         Ok(order)
     }
 
-    /// Puts an object after those that it is made of. Answers of how many levels it is made. Heights are those found, or `Err` while an
-    /// object's are looked for.
+    /// Puts an object after those that it is made of. Answers of how many levels it is made.
     fn visit(
         &mut self,
         (part, place): (usize, usize),
         parts: &[Part],
-        heights: &mut Vec<Vec<Option<Result<usize, ()>>>>,
+        seen: &mut [Vec<Seen>],
         depth: usize,
     ) -> Result<usize, ReadError> {
         let object = &parts[part].objects[place];
-        match heights[part][place] {
-            Some(Ok(height)) => return Ok(height),
-            Some(Err(())) => return Err(refused(format!("the object {} is made of itself", object.id))),
-            None => heights[part][place] = Some(Err(())),
+        match seen[part][place] {
+            Seen::Whole(height) => return Ok(height),
+            Seen::Open => return Err(refused(format!("the object {} is made of itself", object.id))),
+            Seen::Not => seen[part][place] = Seen::Open,
         }
         let mut height = 0;
         if let ShapeResource::Components(components) = &object.shape {
             let below = depth.checked_sub(1).ok_or_else(too_deep)?;
             for component in components {
-                let below = self.visit(self.place(part, component)?, parts, heights, below)?;
+                let below = self.visit(self.place(part, component)?, parts, seen, below)?;
                 height = height.max(below + 1);
             }
         }
         if height > Scene::DEPTH {
             return Err(too_deep());
         }
-        heights[part][place] = Some(Ok(height));
+        seen[part][place] = Seen::Whole(height);
         self.numbers.insert((part, place), u32::try_from(self.sorted.len()).unwrap_or(u32::MAX));
         self.sorted.push((part, place));
         Ok(height)

@@ -2,6 +2,7 @@
 
 use std::io::{Cursor, Write};
 
+use zip::result::ZipResult;
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, DateTime, System, ZipWriter};
 
@@ -17,41 +18,42 @@ const ROOT: &str = "3D/3dmodel.model";
 
 /// Writes 3MF. What it has no words for is left out: a palette's tint and name, textures that are neither PNG nor JPEG.
 pub(in crate::format) fn write(scene: &Scene) -> Result<Vec<u8>, WriteError> {
+    match package(scene) {
+        Ok((true, archive)) => Ok(archive),
+        Ok((false, _)) => Err(WriteError::NotFinite),
+        // To memory nothing else can fail.
+        Err(_) => Err(WriteError::TooLarge),
+    }
+}
+
+/// The archive, and whether all numbers in it are finite.
+fn package(scene: &Scene) -> ZipResult<(bool, Vec<u8>)> {
     let pictures = Pictures::of(&scene.textures);
-    let mut zip = ZipWriter::new(Cursor::new(Vec::new()));
-    let options = SimpleFileOptions::default()
+    let packed = SimpleFileOptions::default()
         .compression_method(CompressionMethod::Deflated)
         .compression_level(Some(LEVEL))
         .last_modified_time(DateTime::default())
         .system(System::Unix)
         .unix_permissions(0o644);
-    let written = (|| {
-        zip.start_file("[Content_Types].xml", options)?;
-        zip.write_all(content_types(&pictures).as_bytes())?;
-        zip.start_file("_rels/.rels", options)?;
-        zip.write_all(relationships([(MODEL, ROOT)].into_iter()).as_bytes())?;
-        zip.start_file(ROOT, options.large_file(is_long(scene)))?;
-        let finite = ModelWriter::new(scene, &pictures.of_textures).write(&mut zip)?;
-        if !pictures.files.is_empty() {
-            zip.start_file("3D/_rels/3dmodel.model.rels", options)?;
-            let targets = pictures.files.iter().map(|(path, _)| (TEXTURE, path.as_str()));
-            zip.write_all(relationships(targets).as_bytes())?;
-        }
-        for (path, texture) in &pictures.files {
-            zip.start_file(
-                path.as_str(),
-                options.compression_method(CompressionMethod::Stored).compression_level(None),
-            )?;
-            zip.write_all(&texture.bytes)?;
-        }
-        zip::result::ZipResult::Ok(finite)
-    })();
-    match written.and_then(|finite| Ok((finite, zip.finish()?))) {
-        Ok((true, archive)) => Ok(archive.into_inner()),
-        Ok((false, _)) => Err(WriteError::NotFinite),
-        // To memory nothing else can fail.
-        Err(_) => Err(WriteError::TooLarge),
+    // Pictures are packed already.
+    let stored = packed.compression_method(CompressionMethod::Stored).compression_level(None);
+    let mut zip = ZipWriter::new(Cursor::new(Vec::new()));
+    zip.start_file("[Content_Types].xml", packed)?;
+    zip.write_all(content_types(&pictures).as_bytes())?;
+    zip.start_file("_rels/.rels", packed)?;
+    zip.write_all(relationships([(MODEL, ROOT)].into_iter()).as_bytes())?;
+    zip.start_file(ROOT, packed.large_file(is_long(scene)))?;
+    let finite = ModelWriter::new(scene, &pictures.of_textures).write(&mut zip)?;
+    if !pictures.files.is_empty() {
+        zip.start_file("3D/_rels/3dmodel.model.rels", packed)?;
+        let targets = pictures.files.iter().map(|(path, _)| (TEXTURE, path.as_str()));
+        zip.write_all(relationships(targets).as_bytes())?;
     }
+    for (path, texture) in &pictures.files {
+        zip.start_file(path.as_str(), stored)?;
+        zip.write_all(&texture.bytes)?;
+    }
+    Ok((finite, zip.finish()?.into_inner()))
 }
 
 /// Whether the model's text may be too long for the sizes of a ZIP entry, which have 32 bits unless they are given 64.
