@@ -2,6 +2,8 @@
 
 mod arrangement;
 mod pipeline;
+mod threemf;
 
 pub use arrangement::arrange;
 pub use pipeline::repair;
+pub use threemf::threemf;

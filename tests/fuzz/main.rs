@@ -72,6 +72,11 @@ fn some_solids_with_whole_corners_are_arranged() {
 }
 
 #[test]
+fn some_damaged_3mf_files_are_read_and_written() {
+    try_from_seed("threemf-short", 1, entries::threemf, mutate::threemf, |done| done >= 300);
+}
+
+#[test]
 #[ignore = "runs as long as it is asked to"]
 #[allow(clippy::print_stderr, reason = "tells how far it came")]
 fn for_long() {
@@ -79,8 +84,9 @@ fn for_long() {
     let begin = Instant::now();
     let share = |share: f64| move |_| begin.elapsed().as_secs_f64() > share * seconds as f64;
     let arranged = try_from_seed("arrange", seed, entries::arrange, any_bytes, share(0.1));
+    let packed = try_from_seed("threemf", seed, entries::threemf, mutate::threemf, share(0.2));
     let repaired = try_from_seed("repair", seed, entries::repair, mutate::file, share(1.0));
-    eprintln!("arranged {arranged}, repaired {repaired}");
+    eprintln!("arranged {arranged}, read and wrote {packed}, repaired {repaired}");
 }
 
 /// Runs one file again, as it was left by a failure or found by libFuzzer.
