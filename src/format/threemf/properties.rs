@@ -224,7 +224,7 @@ pub(super) fn layers(
     if let Some(method) = methods.iter().find(|&&method| method != b"mix" && method != b"multiply") {
         return Err(not_a(xml, "mix or multiply", method));
     }
-    if of.is_empty() || methods.len() >= of.len().max(1) && !methods.is_empty() {
+    if methods.len() >= of.len() {
         let detail = format!("{} groups are blended by {} methods; export the model again", of.len(), methods.len());
         return Err(xml.malformed(detail));
     }
