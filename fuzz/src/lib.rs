@@ -5,8 +5,10 @@ mod choices;
 mod pipeline;
 mod readers;
 mod requests;
+mod threemf;
 
 pub use arrangement::arrange;
 pub use pipeline::repair;
 pub use readers::read_as;
 pub use requests::{form, request};
+pub use threemf::threemf;

@@ -88,14 +88,26 @@ pub enum WriteError {
         /// The coordinate.
         value: f64,
     },
+    /// A coordinate, or a number of an object's place, is infinite or none.
+    #[error(
+        "a coordinate is not a finite number, which the format can't say; repair the model or choose another output format"
+    )]
+    NotFinite,
+    /// The file would be larger than the format can hold.
+    #[error("the file would be larger than the format can hold; simplify the model or choose another output format")]
+    TooLarge,
 }
 
 /// A word of the file as it can be shown in a message: printable, and cut where it is long.
 pub(super) fn shown(word: &[u8]) -> String {
-    const MOST: usize = 32;
+    shown_up_to(32, word)
+}
+
+/// As [`shown`], cut where it is longer than `most` bytes.
+pub(super) fn shown_up_to(most: usize, word: &[u8]) -> String {
     let mut text: String =
-        String::from_utf8_lossy(&word[..word.len().min(MOST)]).chars().flat_map(char::escape_debug).collect();
-    if word.len() > MOST {
+        String::from_utf8_lossy(&word[..word.len().min(most)]).chars().flat_map(char::escape_debug).collect();
+    if word.len() > most {
         text.push_str("...");
     }
     text

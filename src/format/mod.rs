@@ -17,6 +17,7 @@ mod scenes;
 mod sniff;
 mod stl;
 mod text;
+mod threemf;
 mod vertex_face;
 
 use serde::{Deserialize, Serialize};
@@ -45,11 +46,14 @@ pub enum Format {
     Mesh,
     /// glTF 2.0: GLB, or JSON with embedded buffers; written as GLB. Coordinates are f32, in metres.
     Glb,
+    /// 3D Manufacturing Format: objects, places, colours and a unit, in a ZIP archive.
+    #[serde(rename = "3mf")]
+    ThreeMf,
 }
 
 impl Format {
     /// All formats.
-    pub const ALL: [Self; 6] = [Self::Stl, Self::Obj, Self::Ply, Self::Off, Self::Mesh, Self::Glb];
+    pub const ALL: [Self; 7] = [Self::Stl, Self::Obj, Self::Ply, Self::Off, Self::Mesh, Self::Glb, Self::ThreeMf];
 
     /// The usual ending of a file's name, without the point.
     #[must_use]
@@ -61,6 +65,7 @@ impl Format {
             Self::Off => "off",
             Self::Mesh => "mesh",
             Self::Glb => "glb",
+            Self::ThreeMf => "3mf",
         }
     }
 
@@ -135,18 +140,35 @@ pub fn read_with(bytes: &[u8], options: &ReadOptions) -> Result<ReadMesh, ReadEr
         Format::Ply => ply::read(bytes, options),
         Format::Off => off::read(bytes, options),
         Format::Mesh => vertex_face::read(bytes, limits),
-        Format::Glb => gltf::read(bytes, options).and_then(|read| placed(read, limits)),
+        Format::Glb => placed(gltf::read(bytes, options)?, limits),
+        Format::ThreeMf => placed(threemf::read(bytes, options)?, limits),
     }
 }
 
-/// All objects in their places as one mesh.
-fn placed(read: ReadScene, limits: &Limits) -> Result<ReadMesh, ReadError> {
-    let ReadScene { scene, format, dialect, warnings } = read;
-    let mesh = scene.placed(limits.max_faces).map_err(|error| {
+/// Reads a whole file with its objects, where they stand and what they are painted with.
+///
+/// # Errors
+/// As [`read`].
+pub fn read_scene(bytes: &[u8], options: &ReadOptions) -> Result<ReadScene, ReadError> {
+    options.limits.check_bytes(bytes.len() as u64)?;
+    match sniff(bytes, Some(bytes.len() as u64))? {
+        Format::ThreeMf => threemf::read(bytes, options),
+        Format::Glb => gltf::read(bytes, options),
+        _ => {
+            let ReadMesh { soup, format, dialect, warnings, .. } = read_with(bytes, options)?;
+            let scene = Scene::of_mesh(PaintedMesh { soup, paint: Vec::new() });
+            Ok(ReadScene { scene, format, dialect, warnings })
+        }
+    }
+}
+
+/// All of a scene in its places as one mesh.
+fn placed(ReadScene { scene, format, dialect, warnings }: ReadScene, limits: &Limits) -> Result<ReadMesh, ReadError> {
+    let whole = scene.placed(limits.max_faces).map_err(|error| {
         ReadError::whole(ReadErrorKind::TooLarge, format!("{error}; simplify the model before you send it"))
     })?;
-    let (soup, polygons) = (mesh.soup, Polygons::default());
-    Ok(ReadMesh { soup, format, dialect, numbering: None, normals: None, polygons, warnings })
+    let polygons = Polygons::default();
+    Ok(ReadMesh { soup: whole.soup, format, dialect, numbering: None, normals: None, polygons, warnings })
 }
 
 /// Writes a mesh in a format. The same mesh gives the same bytes, and reading them gives the same mesh: exactly for OBJ, PLY,
@@ -164,6 +186,23 @@ pub fn write(soup: &Soup, format: Format) -> Result<Vec<u8>, WriteError> {
         Format::Ply => Ok(ply::write(soup)),
         Format::Off => Ok(off::write(soup)),
         Format::Mesh => Ok(vertex_face::write(soup)),
-        Format::Glb => gltf::write(&Scene::of_mesh(PaintedMesh { soup: soup.clone(), paint: Vec::new() })),
+        Format::Glb | Format::ThreeMf => {
+            write_scene(&Scene::of_mesh(PaintedMesh { soup: soup.clone(), paint: Vec::new() }), format)
+        }
+    }
+}
+
+/// Writes a scene in a format: with all that the format can say of it, in others than 3MF and GLB as one mesh.
+///
+/// # Errors
+/// [`WriteError`] as for [`write`], and where the scene's places together have more faces than can be counted.
+///
+/// # Panics
+/// As [`write`].
+pub fn write_scene(scene: &Scene, format: Format) -> Result<Vec<u8>, WriteError> {
+    match format {
+        Format::ThreeMf => threemf::write(scene),
+        Format::Glb => gltf::write(scene),
+        _ => write(&scene.placed(u64::from(u32::MAX)).map_err(|_| WriteError::TooLarge)?.soup, format),
     }
 }

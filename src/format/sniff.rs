@@ -31,6 +31,10 @@ pub(super) fn sniff(head: &[u8], length: Option<u64>) -> Result<Format, ReadErro
     if head.starts_with(gltf::MAGIC) || is_gltf(&head[start..]) {
         return Ok(Format::Glb);
     }
+    // What the archive holds is told by its end, which only the reader looks at.
+    if head.starts_with(b"PK\x03\x04") {
+        return Ok(Format::ThreeMf);
+    }
     if let Some(found) = foreign::recognise(head) {
         return Err(ReadError::whole(
             ReadErrorKind::UnsupportedFormat,

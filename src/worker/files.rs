@@ -68,6 +68,7 @@ fn media_type(format: Format) -> &'static str {
         Format::Stl => "model/stl",
         Format::Obj => "model/obj",
         Format::Glb => "model/gltf-binary",
+        Format::ThreeMf => "model/3mf",
         Format::Ply | Format::Off | Format::Mesh => "application/octet-stream",
     }
 }

@@ -9,6 +9,7 @@ mod ply;
 mod round_trip;
 mod sniffing;
 mod stl;
+mod threemf;
 mod vertex_face;
 
 use glam::DVec3;

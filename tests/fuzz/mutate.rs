@@ -43,6 +43,19 @@ fn dialect(format: Format, others: &[&str], seed: u64) -> Vec<u8> {
     bytes
 }
 
+/// The text of a 3MF model that says a little of everything, or an archive of one, damaged as bytes.
+pub fn threemf(seed: u64) -> Vec<u8> {
+    let random = &mut Random::new(seed);
+    let mut bytes = match random.below(5) {
+        0 => write(&model(random), Format::ThreeMf).unwrap_or_default(),
+        _ => MODEL.as_bytes().to_vec(),
+    };
+    for _ in 0..random.below(5) {
+        damage_bytes(&mut bytes, random);
+    }
+    bytes
+}
+
 pub fn stl(seed: u64) -> Vec<u8> {
     dialect(
         Format::Stl,
@@ -88,6 +101,26 @@ pub fn damage_some(bytes: &mut Vec<u8>, random: &mut Random) {
         damage_bytes(bytes, random);
     }
 }
+
+const MODEL: &str = r##"<?xml version="1.0" encoding="UTF-8"?>
+<model unit="inch" xml:lang="en" xmlns="http://schemas.microsoft.com/3dmanufacturing/core/2015/02" xmlns:m="http://schemas.microsoft.com/3dmanufacturing/material/2015/02" xmlns:v="urn:v">
+<metadata name="Title">a &amp; b</metadata><metadata name="v:own" preserve="1" type="xs:string"><![CDATA[c]]>&#10;</metadata>
+<resources>
+<basematerials id="1"><base name="PLA" displaycolor="#FF0000"/><base name="ABS" displaycolor="#00FF0080"/></basematerials>
+<m:colorgroup id="2"><m:color color="#102030"/><m:color color="#405060"/></m:colorgroup>
+<m:texture2d id="3" path="/3D/3dmodel.model" contenttype="image/png" tilestyleu="clamp"/>
+<m:texture2dgroup id="4" texid="3"><m:tex2coord u="0" v="1"/><m:tex2coord u="0.5" v="-1e3"/></m:texture2dgroup>
+<m:compositematerials id="5" matid="1" matindices="0 1"><m:composite values="0.25 1"/></m:compositematerials>
+<m:multiproperties id="6" pids="1 2 4" blendmethods="mix"><m:multi pindices="0 1 1"/><m:multi pindices="1"/></m:multiproperties>
+<object id="7" name="one" partnumber="8" type="support" pid="1" pindex="1"><mesh><vertices>
+<vertex x="0" y="0" z="0"/><vertex x="1.5" y="0" z="0"/><vertex x="0" y="2e1" z="0"/><vertex x="0" y="0" z="-3"/></vertices><triangles>
+<triangle v1="0" v2="1" v3="2"/><triangle v1="0" v2="3" v3="1" pid="6" p1="0" p2="1" p3="0"/>
+<triangle v1="1" v2="3" v3="2" pid="5" p1="0"/><triangle v1="2" v2="3" v3="0" p1="0"/></triangles></mesh></object>
+<object id="8"><components><component objectid="7" transform="1 0 0 0 1 0 0 0 1 5 6 7"/><component objectid="7"/></components></object>
+</resources>
+<build><item objectid="8" transform="-2 0 0 0 2 0 0 0 2 0 0 1"><metadatagroup><metadata name="Title">it</metadata></metadatagroup></item></build>
+</model>
+"##;
 
 /// One to four solids or sheets, where they are often coplanar or tangent, with damage.
 fn model(random: &mut Random) -> Soup {

@@ -1,4 +1,6 @@
+use glam::DVec3;
 use meshmend::format::{Format, Limits, ReadErrorKind, read, sniff, write};
+use meshmend::mesh::Soup;
 
 use super::{assert_refused, tetrahedron};
 
@@ -13,8 +15,10 @@ fn each_format_is_found_from_its_head() {
 
 #[test]
 fn a_head_of_four_thousand_bytes_says_what_the_whole_file_says() {
-    let mut soup = tetrahedron();
-    soup.faces = soup.faces.repeat(200);
+    // Coordinates that no archive packs well.
+    let corner = |i: u32| DVec3::new(f64::from(i).sin(), f64::from(i).cos(), f64::from(i).sqrt().fract());
+    let soup =
+        Soup { positions: (1..=300).map(corner).collect(), faces: (0..298).map(|i| [i, i + 1, i + 2]).collect() };
     for format in Format::ALL {
         let mut bytes = write(&soup, format).unwrap();
         let length = Some(bytes.len() as u64);
@@ -34,8 +38,7 @@ fn an_empty_file_is_named() {
 
 #[test]
 fn known_formats_that_are_not_read_are_named() {
-    let cases: [(&[u8], &str); 25] = [
-        (b"PK\x03\x04\x14\0\0\0\x08\0[Content_Types].xml", "3MF"),
+    let cases: [(&[u8], &str); 24] = [
         (b"PK\x03\x04\x14\0\0\0\x08\0model.stl", "ZIP archive"),
         (b"{\"error\": \"not found\"}", "JSON"),
         (b"<?xml version=\"1.0\"?>\n<amf unit=\"millimeter\">", "AMF"),

@@ -81,13 +81,13 @@ fn lengths_that_lie_are_refused() {
 #[test]
 fn what_is_sound_but_odd_is_read_with_a_warning() {
     let (text, bytes) = parts();
-    let longer = [&bytes[..], &[0; 9]].concat();
+    let longer = [&bytes[..], &[0; 12]].concat();
     let unaligned = [&text[..], b" "].concat();
     let marked = [b"\xEF\xBB\xBF", &text[..], b" "].concat();
     let mut more = file(&[(b"JSON", &text), (b"BIN\0", &bytes)]);
     more.extend_from_slice(b"more");
     for (file, words) in [
-        (file(&[(b"JSON", &text), (b"BIN\0", &longer)]), "after the end of the binary data were left out: 9"),
+        (file(&[(b"JSON", &text), (b"BIN\0", &longer)]), "after the end of the binary data were left out: 12"),
         (file(&[(b"JSON", &unaligned), (b"BIN\0", &bytes)]), "multiples of four"),
         (more, "after the end of the GLB file were left out: 4"),
     ] {

@@ -98,7 +98,14 @@ fn scenes() -> impl Strategy<Value = Scene> {
     let unit = prop::option::of(prop::sample::select(Unit::ALL.to_vec()));
     let objects = prop::collection::vec(object, 1..5);
     (unit, objects, prop::collection::vec(item, 1..5), palettes(), textures(), notes()).prop_map(
-        |(unit, objects, items, palettes, textures, notes)| Scene { unit, objects, items, palettes, textures, notes },
+        |(unit, mut objects, items, palettes, textures, notes)| {
+            for (index, object) in (0..).zip(&mut objects) {
+                if let Shape::Components(parts) = &mut object.shape {
+                    parts.retain(|part| part.object < index);
+                }
+            }
+            Scene { unit, objects, items, palettes, textures, notes }
+        },
     )
 }
 

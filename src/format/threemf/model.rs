@@ -1,0 +1,379 @@
+//! The element `model`: its unit, notes, resources and build (core specification, 3.4).
+
+use std::collections::HashSet;
+
+use super::budget::Budget;
+use super::mesh;
+use super::namespaces::{Space, can_be_passed, subject};
+use super::notes;
+use super::part::{ObjectResource, Part, Placed, ShapeResource};
+use super::part_name::resolve;
+use super::properties;
+use super::values::{boolean, index, matrix, words};
+use super::warnings::Warnings;
+use super::xml::{Attribute, Tag, Xml};
+use crate::format::errors::{ReadError, ReadErrorKind, shown};
+use crate::mesh::Soup;
+use crate::scene::{Note, ObjectKind, Unit};
+
+/// Reads model parts.
+pub(super) struct ModelReader {
+    pub budget: Budget,
+    pub warnings: Warnings,
+}
+
+impl ModelReader {
+    /// Reads one part.
+    pub fn read(&mut self, xml: &mut Xml<'_>) -> Result<Part, ReadError> {
+        self.budget.part(xml)?;
+        let mut part = Part { name: xml.part().to_owned(), ..Part::default() };
+        xml.root(|xml, root| match root.name() {
+            b"model" if root.space.is_core() => self.model(xml, root, &mut part),
+            name => {
+                let detail = format!(
+                    "its root is <{}>, where a <model> of 3MF was expected; export the model again",
+                    shown(name)
+                );
+                Err(xml.malformed(detail))
+            }
+        })?;
+        Ok(part)
+    }
+
+    fn model(&mut self, xml: &mut Xml<'_>, root: &Tag<'_>, part: &mut Part) -> Result<(), ReadError> {
+        part.unit = Some(Unit::Millimetre);
+        xml.attributes(root, |attribute| {
+            match (attribute.space, attribute.name) {
+                (Space::None, b"unit") => part.unit = Some(unit(xml, attribute.value)?),
+                (Space::None, b"requiredextensions") => required(xml, attribute.value)?,
+                (Space::None, b"recommendedextensions") | (Space::Xml, b"lang") => {}
+                _ => self.passed(xml, &attribute, true)?,
+            }
+            Ok(())
+        })?;
+        if root.space == Space::Draft {
+            self.warnings.tell("the file is after a draft of 3MF; its shapes were read, and its colours left out");
+        }
+        let (mut resources, mut builds) = (0, 0);
+        let mut ids = HashSet::new();
+        xml.children(root, |xml, tag| match tag.name() {
+            b"metadata" if tag.space.is_core() => self.note(xml, tag, &mut part.notes),
+            b"resources" if tag.space.is_core() => {
+                resources += 1;
+                self.resources(xml, tag, &mut ids, part)
+            }
+            b"build" if tag.space.is_core() => {
+                builds += 1;
+                self.build(xml, tag, part)
+            }
+            _ => self.unknown(xml, tag),
+        })?;
+        for (name, count) in [("resources", resources), ("build", builds)] {
+            if count != 1 {
+                let detail =
+                    format!("the model has {count} elements <{name}>, where 3MF asks for one; export the model again");
+                return Err(xml.malformed(detail));
+            }
+        }
+        Ok(())
+    }
+
+    fn resources(
+        &mut self,
+        xml: &mut Xml<'_>,
+        tag: &Tag<'_>,
+        ids: &mut HashSet<u32>,
+        part: &mut Part,
+    ) -> Result<(), ReadError> {
+        xml.attributes(tag, |attribute| self.passed(xml, &attribute, true))?;
+        xml.children(tag, |xml, tag| {
+            let known = tag.space.is_core() || tag.space == Space::Material;
+            let draft = tag.space == Space::Draft && tag.name() != b"object";
+            if !known || draft {
+                return self.unknown(xml, tag);
+            }
+            let id = properties::id(xml, tag)?;
+            if !ids.insert(id) {
+                return Err(xml.malformed(format_args!("two resources have the id {id}; export the model again")));
+            }
+            if tag.space.is_core() && tag.name() == b"object" {
+                return self.object(xml, tag, id, part);
+            }
+            self.budget.resource(xml)?;
+            match (tag.space, tag.name()) {
+                (Space::Core, b"basematerials") => properties::materials(self, xml, tag, id, part),
+                (Space::Material, b"colorgroup") => properties::colors(self, xml, tag, id, part),
+                (Space::Material, b"texture2d") => properties::texture(self, xml, tag, id, part),
+                (Space::Material, b"texture2dgroup") => properties::places(self, xml, tag, id, part),
+                (Space::Material, b"compositematerials") => properties::composites(self, xml, tag, id, part),
+                (Space::Material, b"multiproperties") => properties::layers(self, xml, tag, id, part),
+                (Space::Material, _) => {
+                    self.warnings.tell("how materials shine (display properties) was left out");
+                    Ok(())
+                }
+                _ => self.unknown(xml, tag),
+            }
+        })
+    }
+
+    fn object(&mut self, xml: &mut Xml<'_>, tag: &Tag<'_>, id: u32, part: &mut Part) -> Result<(), ReadError> {
+        self.budget.object(xml)?;
+        let (mut name, mut part_number, mut kind) = (None, None, ObjectKind::Model);
+        let (mut pid, mut pindex) = (None, None);
+        xml.attributes(tag, |attribute| {
+            match (attribute.space, attribute.name) {
+                (Space::None, b"id" | b"thumbnail") => {}
+                (Space::None, b"name") => name = Some(self.text(xml, attribute.value)?),
+                (Space::None, b"partnumber") => part_number = Some(self.text(xml, attribute.value)?),
+                (Space::None, b"type") => kind = object_kind(xml, attribute.value)?,
+                (Space::None, b"pid") => pid = Some(index_in(xml, attribute.value)?),
+                (Space::None, b"pindex") => pindex = Some(index_in(xml, attribute.value)?),
+                _ => self.passed(xml, &attribute, true)?,
+            }
+            Ok(())
+        })?;
+        let default = match (pid, pindex) {
+            (Some(pid), pindex) => Some((pid, pindex.unwrap_or(0))),
+            (None, None) => None,
+            (None, Some(_)) => {
+                return Err(
+                    xml.malformed(format_args!("the object {id} has a pindex and no pid; export the model again"))
+                );
+            }
+        };
+        let mut notes = Vec::new();
+        let mut shape = None;
+        xml.children(tag, |xml, tag| {
+            let found = match tag.name() {
+                b"metadatagroup" if tag.space.is_core() => return self.notes(xml, tag, &mut notes),
+                b"mesh" if tag.space.is_core() => mesh::read(self, xml, tag, default, part)?,
+                b"components" if tag.space.is_core() => self.components(xml, tag)?,
+                _ => return self.unknown(xml, tag),
+            };
+            match shape.replace(found) {
+                None => Ok(()),
+                Some(_) => {
+                    Err(xml.malformed(format_args!("the object {id} has more than one shape; export the model again")))
+                }
+            }
+        })?;
+        // What an extension that was passed over describes.
+        let shape = shape.unwrap_or_else(|| ShapeResource::Mesh { soup: Soup::default(), paint: Vec::new() });
+        part.objects.push(ObjectResource { id, name, part_number, kind, notes, shape });
+        Ok(())
+    }
+
+    fn components(&mut self, xml: &mut Xml<'_>, tag: &Tag<'_>) -> Result<ShapeResource, ReadError> {
+        xml.attributes(tag, |attribute| self.passed(xml, &attribute, false))?;
+        let mut components = Vec::new();
+        xml.children(tag, |xml, tag| {
+            if tag.name() != b"component" || !tag.space.is_core() {
+                return self.unknown(xml, tag);
+            }
+            components.push(self.placed(xml, tag)?);
+            Ok(())
+        })?;
+        Ok(ShapeResource::Components(components))
+    }
+
+    fn build(&mut self, xml: &mut Xml<'_>, tag: &Tag<'_>, part: &mut Part) -> Result<(), ReadError> {
+        xml.attributes(tag, |attribute| self.passed(xml, &attribute, true))?;
+        xml.children(tag, |xml, tag| {
+            if tag.name() != b"item" || !tag.space.is_core() {
+                return self.unknown(xml, tag);
+            }
+            let mut item = self.placed(xml, tag)?;
+            xml.children(tag, |xml, tag| match tag.name() {
+                b"metadatagroup" if tag.space.is_core() => self.notes(xml, tag, &mut item.notes),
+                _ => self.unknown(xml, tag),
+            })?;
+            part.items.push(item);
+            Ok(())
+        })
+    }
+
+    /// A component or a build item.
+    fn placed(&mut self, xml: &mut Xml<'_>, tag: &Tag<'_>) -> Result<Placed, ReadError> {
+        self.budget.placed(xml)?;
+        let (mut path, mut id, mut part_number) = (None, None, None);
+        let mut transform = glam::DAffine3::IDENTITY;
+        xml.attributes(tag, |attribute| {
+            match (attribute.space, attribute.name) {
+                (Space::None, b"objectid") => id = Some(index_in(xml, attribute.value)?),
+                (Space::None, b"partnumber") => part_number = Some(self.text(xml, attribute.value)?),
+                (Space::None, b"transform") => {
+                    transform = matrix(attribute.value).ok_or_else(|| not_a_matrix(xml, attribute.value))?;
+                    if transform.matrix3.determinant() == 0.0 {
+                        let detail = "a transform has no volume: it makes its object flat; export the model again";
+                        return Err(xml.malformed(detail));
+                    }
+                }
+                (Space::Production, b"path") => {
+                    let reference = self.text(xml, attribute.value)?;
+                    let found = resolve("", &reference).filter(|_| reference.starts_with('/'));
+                    path = Some(found.ok_or_else(|| {
+                        xml.malformed(format_args!(
+                            "'{}' is the name of no part; export the model again",
+                            shown(reference.as_bytes())
+                        ))
+                    })?);
+                }
+                _ => self.passed(xml, &attribute, true)?,
+            }
+            Ok(())
+        })?;
+        let Some(id) = id else {
+            return Err(
+                xml.malformed(format_args!("a <{}> names no object; export the model again", shown(tag.name())))
+            );
+        };
+        Ok(Placed { path, id, transform, part_number, notes: Vec::new() })
+    }
+
+    fn notes(&mut self, xml: &mut Xml<'_>, tag: &Tag<'_>, notes: &mut Vec<Note>) -> Result<(), ReadError> {
+        xml.attributes(tag, |attribute| self.passed(xml, &attribute, false))?;
+        xml.children(tag, |xml, tag| match tag.name() {
+            b"metadata" if tag.space.is_core() => self.note(xml, tag, notes),
+            _ => self.unknown(xml, tag),
+        })
+    }
+
+    fn note(&mut self, xml: &mut Xml<'_>, tag: &Tag<'_>, all: &mut Vec<Note>) -> Result<(), ReadError> {
+        self.budget.note(xml)?;
+        let (mut name, mut kind, mut preserve) = (None, None, false);
+        xml.attributes(tag, |attribute| {
+            match (attribute.space, attribute.name) {
+                (Space::None, b"name") => name = Some(self.text(xml, attribute.value)?),
+                (Space::None, b"type") => kind = Some(self.text(xml, attribute.value)?),
+                (Space::None, b"preserve") => {
+                    preserve = boolean(attribute.value).ok_or_else(|| not_a(xml, "0 or 1", attribute.value))?;
+                }
+                _ => self.passed(xml, &attribute, false)?,
+            }
+            Ok(())
+        })?;
+        let Some(mut name) = name.filter(|name| !name.trim().is_empty()) else {
+            return Err(xml.malformed("a note (<metadata>) has no name; export the model again"));
+        };
+        let mut namespace = match name.split_once(':') {
+            Some((prefix, _)) => Some(xml.address(prefix.as_bytes())?),
+            None => None,
+        };
+        if namespace.as_deref() == Some(notes::OWN) {
+            namespace = None;
+            name = name.split_off(name.find(':').map_or(0, |colon| colon + 1));
+        } else if namespace.is_none() && !notes::is_known(&name) {
+            self.warnings.note(&name);
+        }
+        if all.iter().any(|note| note.name == name && note.namespace == namespace) {
+            let detail =
+                format!("two notes (<metadata>) are called '{}'; export the model again", shown(name.as_bytes()));
+            return Err(xml.malformed(detail));
+        }
+        let value = xml.text(tag)?;
+        self.budget.text(value.len(), xml)?;
+        all.push(Note { name, namespace, value, kind, preserve });
+        Ok(())
+    }
+
+    /// A value that is kept.
+    pub fn text(&mut self, xml: &Xml<'_>, value: &[u8]) -> Result<String, ReadError> {
+        self.budget.text(value.len(), xml)?;
+        xml.string(value)
+    }
+
+    /// Passes an attribute over that is not read here. The schema does not let other namespaces everywhere (core specification, 2.3.2).
+    pub fn passed(&mut self, xml: &Xml<'_>, attribute: &Attribute<'_>, others: bool) -> Result<(), ReadError> {
+        match attribute.space {
+            // Identifiers of the production extension among them.
+            Space::Production | Space::Material if others => Ok(()),
+            Space::Other(_) if others => {
+                self.warnings.extension(subject(xml.uri(attribute.space)));
+                Ok(())
+            }
+            Space::None | Space::Core | Space::Draft => {
+                self.warnings.name(attribute.name);
+                Ok(())
+            }
+            _ => {
+                let detail = format!(
+                    "the attribute '{}' is of a namespace that is forbidden here; export the model again",
+                    shown(attribute.name)
+                );
+                Err(xml.malformed(detail))
+            }
+        }
+    }
+
+    /// Passes an element over that is not read here.
+    pub fn unknown(&mut self, xml: &Xml<'_>, tag: &Tag<'_>) -> Result<(), ReadError> {
+        match tag.space {
+            Space::Other(_) => self.warnings.extension(subject(xml.uri(tag.space))),
+            Space::SchemaInstance | Space::Xml => {
+                let detail = format!(
+                    "the element <{}> is of a namespace that is forbidden in 3MF; export the model again",
+                    shown(tag.name())
+                );
+                return Err(xml.malformed(detail));
+            }
+            _ => self.warnings.name(tag.name()),
+        }
+        Ok(())
+    }
+}
+
+fn unit(xml: &Xml<'_>, value: &[u8]) -> Result<Unit, ReadError> {
+    Ok(match value {
+        b"micron" => Unit::Micrometre,
+        b"millimeter" => Unit::Millimetre,
+        b"centimeter" => Unit::Centimetre,
+        b"inch" => Unit::Inch,
+        b"foot" => Unit::Foot,
+        b"meter" => Unit::Metre,
+        _ => return Err(not_a(xml, "a unit (micron, millimeter, centimeter, inch, foot, meter)", value)),
+    })
+}
+
+fn object_kind(xml: &Xml<'_>, value: &[u8]) -> Result<ObjectKind, ReadError> {
+    Ok(match value {
+        b"model" => ObjectKind::Model,
+        b"solidsupport" => ObjectKind::SolidSupport,
+        b"support" => ObjectKind::Support,
+        b"surface" => ObjectKind::Surface,
+        b"other" => ObjectKind::Other,
+        _ => return Err(not_a(xml, "a type of objects (model, solidsupport, support, surface, other)", value)),
+    })
+}
+
+/// Refuses a model that means nothing without an extension that is not read.
+fn required(xml: &Xml<'_>, value: &[u8]) -> Result<(), ReadError> {
+    for prefix in words(value) {
+        let address = xml.address(prefix)?;
+        if !can_be_passed(&address) {
+            let detail = format!(
+                "the model requires an extension of 3MF that is not read here: {}; export it as triangles without",
+                subject(&address)
+            );
+            return Err(xml.error(ReadErrorKind::UnsupportedFormat, detail));
+        }
+    }
+    Ok(())
+}
+
+/// A value that is none of what was expected.
+#[cold]
+pub(super) fn not_a(xml: &Xml<'_>, expected: &str, value: &[u8]) -> ReadError {
+    xml.malformed(format_args!("found '{}' where {expected} was expected; export the model again", shown(value)))
+}
+
+fn not_a_matrix(xml: &Xml<'_>, value: &[u8]) -> ReadError {
+    match value.contains(&b',') {
+        true => xml.malformed("a transform has decimal commas; export the model with decimal points"),
+        false => not_a(xml, "a transform of twelve numbers", value),
+    }
+}
+
+/// The index in a value.
+pub(super) fn index_in(xml: &Xml<'_>, value: &[u8]) -> Result<u32, ReadError> {
+    index(value).ok_or_else(|| not_a(xml, "a whole number", value))
+}
