@@ -106,6 +106,12 @@ impl<'a> Context<'a> {
         Context { progress: self.progress, cancel: self.cancel, clock: self.clock, deadline }
     }
 
+    /// The same surroundings, but for where it tells how far it is.
+    #[must_use]
+    pub fn with_progress<'b>(&'b self, progress: &'b dyn Progress) -> Context<'b> {
+        Context { progress, cancel: self.cancel, clock: self.clock, deadline: self.deadline }
+    }
+
     /// Tells how far the repair is.
     pub fn report(&self, stage: Stage, tier: Option<u8>, percent: u8) {
         self.progress.report(stage, tier, percent);

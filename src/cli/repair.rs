@@ -12,9 +12,10 @@ use meshmend::render::Drawing;
 use meshmend::repair::operators::holes::HoleFilling;
 use meshmend::repair::operators::orient::Nested;
 use meshmend::repair::{
-    Context, InsideRule, OpenSheets, Operator, Options, Outcome, OutputFormat, Overlaps, Preset, RepairError, Report,
-    draw, monotonic_clock, repair,
+    Context, InsideRule, Merge, OpenSheets, Operator, Options, Outcome, OutputFormat, Overlaps, Preset, RepairError,
+    Report, draw, monotonic_clock, repair,
 };
+use meshmend::scene::Unit;
 
 use super::engine::{Bar, BlenderArgs, LimitArgs, read_file};
 use super::exit;
@@ -22,9 +23,9 @@ use super::exit;
 /// Arguments of `meshmend repair`.
 #[derive(Debug, Args)]
 pub struct RepairArgs {
-    /// The model: STL, OBJ, PLY, OFF or Vertex/Face text, told by its content.
+    /// The model: STL, OBJ, PLY, OFF, 3MF, GLB, glTF or Vertex/Face text, told by its content.
     input: PathBuf,
-    /// Where the result goes; its ending (.stl, .obj, .ply, .off, .mesh) is the format.
+    /// Where the result goes; its ending (.stl, .obj, .ply, .off, .mesh, .glb, .3mf) is the format.
     #[arg(short, long, env = "MESHMEND_OUTPUT")]
     output: PathBuf,
     /// Where the report goes, as JSON.
@@ -33,6 +34,15 @@ pub struct RepairArgs {
     /// The plan to run.
     #[arg(long, env = "MESHMEND_PRESET", value_enum, default_value_t)]
     preset: Preset,
+    /// What becomes of the file's objects, where its format and the result's have such.
+    #[arg(long, env = "MESHMEND_MERGE", value_enum, default_value_t)]
+    merge: Merge,
+    /// The unit of the file's lengths, whatever it says itself: um, mm, cm, in, ft or m.
+    #[arg(long, env = "MESHMEND_UNIT")]
+    unit: Option<Unit>,
+    /// The unit that lengths are brought into: um, mm, cm, in, ft or m. Lengths among these options are in it.
+    #[arg(long, env = "MESHMEND_SCALE_TO", value_name = "UNIT")]
+    scale_to: Option<Unit>,
     /// Operators that run although they are left out by default.
     #[arg(long, env = "MESHMEND_WITH", value_enum, value_delimiter = ',', value_name = "OPERATORS")]
     with: Vec<Operator>,
@@ -149,14 +159,21 @@ impl RepairArgs {
             "ply" => OutputFormat::Ply,
             "off" => OutputFormat::Off,
             "mesh" => OutputFormat::Mesh,
+            "glb" => OutputFormat::Glb,
+            "3mf" => OutputFormat::ThreeMf,
             _ => {
                 let name = self.output.display();
-                return Err(format!("{name}: the output's name must end in .stl, .obj, .ply, .off or .mesh"));
+                return Err(format!(
+                    "{name}: the output's name must end in .stl, .obj, .ply, .off, .mesh, .glb or .3mf"
+                ));
             }
         };
         let options = Options {
             preset: self.preset,
             output,
+            merge: self.merge,
+            unit: self.unit,
+            scale_to: self.scale_to,
             with: self.with.clone(),
             without: self.without.clone(),
             max_deviation: self.max_deviation,

@@ -36,6 +36,9 @@ impl Default for ReadOptions {
 }
 
 impl Limits {
+    /// None at all, for what we wrote ourselves.
+    pub const NONE: Self = Self { max_bytes: u64::MAX, max_faces: u64::MAX, max_vertices: u64::MAX };
+
     pub(super) fn check_bytes(&self, found: u64) -> Result<(), ReadError> {
         check("bytes", found, self.max_bytes)
     }

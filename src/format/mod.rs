@@ -25,7 +25,7 @@ use utoipa::ToSchema;
 
 pub use errors::{Place, ReadError, ReadErrorKind, WriteError};
 pub use limits::{Limits, ReadOptions};
-pub use scenes::ReadScene;
+pub use scenes::{ReadFile, ReadScene};
 
 use crate::mesh::{CornerNormals, Numbering, Soup};
 use crate::scene::{PaintedMesh, Scene};
@@ -74,6 +74,18 @@ impl Format {
     pub fn is_single(self) -> bool {
         matches!(self, Self::Stl | Self::Glb)
     }
+
+    /// Whether it says what faces are painted with.
+    #[must_use]
+    pub fn has_paint(self) -> bool {
+        matches!(self, Self::Glb | Self::ThreeMf)
+    }
+
+    /// Whether it keeps objects apart, each in its places.
+    #[must_use]
+    pub fn has_objects(self) -> bool {
+        matches!(self, Self::Glb | Self::ThreeMf)
+    }
 }
 
 /// A mesh read from bytes, with what a reader should tell.
@@ -93,6 +105,16 @@ pub struct ReadMesh {
     pub polygons: Polygons,
     /// Oddities that were read past, each a sentence for the person who sent the file.
     pub warnings: Vec<String>,
+}
+
+impl ReadMesh {
+    /// Other triangles of the same file.
+    #[must_use]
+    pub fn of_same_file(&self, soup: Soup) -> Self {
+        let polygons = Polygons::default();
+        let (format, dialect) = (self.format, self.dialect.clone());
+        Self { soup, format, dialect, numbering: None, normals: None, polygons, warnings: Vec::new() }
+    }
 }
 
 /// The polygons of more than three corners in a file.
@@ -132,17 +154,26 @@ pub fn read(bytes: &[u8], limits: &Limits) -> Result<ReadMesh, ReadError> {
 /// # Errors
 /// As [`read`].
 pub fn read_with(bytes: &[u8], options: &ReadOptions) -> Result<ReadMesh, ReadError> {
+    read_file(bytes, options).map(|file| file.mesh)
+}
+
+/// Reads a whole file with all that it holds.
+///
+/// # Errors
+/// As [`read`].
+pub fn read_file(bytes: &[u8], options: &ReadOptions) -> Result<ReadFile, ReadError> {
     let limits = &options.limits;
     limits.check_bytes(bytes.len() as u64)?;
-    match sniff(bytes, Some(bytes.len() as u64))? {
+    let mesh = match sniff(bytes, Some(bytes.len() as u64))? {
+        Format::Glb => return gltf::read(bytes, options)?.into_file(limits),
+        Format::ThreeMf => return threemf::read(bytes, options)?.into_file(limits),
         Format::Stl => stl::read(bytes, limits),
         Format::Obj => obj::read(bytes, options),
         Format::Ply => ply::read(bytes, options),
         Format::Off => off::read(bytes, options),
         Format::Mesh => vertex_face::read(bytes, limits),
-        Format::Glb => placed(gltf::read(bytes, options)?, limits),
-        Format::ThreeMf => placed(threemf::read(bytes, options)?, limits),
-    }
+    };
+    Ok(ReadFile { mesh: mesh?, paint: Vec::new(), scene: None })
 }
 
 /// Reads a whole file with its objects, where they stand and what they are painted with.
@@ -160,15 +191,6 @@ pub fn read_scene(bytes: &[u8], options: &ReadOptions) -> Result<ReadScene, Read
             Ok(ReadScene { scene, format, dialect, warnings })
         }
     }
-}
-
-/// All of a scene in its places as one mesh.
-fn placed(ReadScene { scene, format, dialect, warnings }: ReadScene, limits: &Limits) -> Result<ReadMesh, ReadError> {
-    let whole = scene.placed(limits.max_faces).map_err(|error| {
-        ReadError::whole(ReadErrorKind::TooLarge, format!("{error}; simplify the model before you send it"))
-    })?;
-    let polygons = Polygons::default();
-    Ok(ReadMesh { soup: whole.soup, format, dialect, numbering: None, normals: None, polygons, warnings })
 }
 
 /// Writes a mesh in a format. The same mesh gives the same bytes, and reading them gives the same mesh: exactly for OBJ, PLY,

@@ -1,15 +1,57 @@
-use super::Format;
-use crate::scene::Scene;
+use super::{Format, Limits, Polygons, ReadError, ReadErrorKind, ReadMesh};
+use crate::scene::{Paint, Scene};
 
-/// What a file of several objects holds, with what a reader should tell.
+/// A file read with what it holds beside triangles.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ReadScene {
-    /// The objects, where they stand, and what they are painted with.
+    /// What it holds.
     pub scene: Scene,
-    /// The format that was found.
+    /// Its format.
     pub format: Format,
-    /// The dialect in words: `3MF`, `GLB`, `glTF`.
+    /// The dialect, such as `GLB` or `3MF`, in words.
     pub dialect: String,
-    /// Oddities that were read past, each a sentence for the person who sent the file.
+    /// What was ignored or looks wrong, in words.
     pub warnings: Vec<String>,
+}
+
+/// A file read with all that it says.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ReadFile {
+    /// All its triangles in their places.
+    pub mesh: ReadMesh,
+    /// What they are painted with, one a face; empty where none is.
+    pub paint: Vec<Paint>,
+    /// What the triangles alone don't say: objects and their places, colours, a unit. None where they say everything.
+    pub scene: Option<Scene>,
+}
+
+impl ReadFile {
+    /// Whether there is more than one object or place of one.
+    #[must_use]
+    pub fn has_objects(&self) -> bool {
+        self.scene.as_ref().is_some_and(|scene| scene.items.len() > 1 || scene.objects.len() > 1)
+    }
+
+    /// The name of its object, if there is only one.
+    #[must_use]
+    pub fn only_name(&self) -> Option<String> {
+        let scene = self.scene.as_ref().filter(|_| !self.has_objects())?;
+        scene.objects.first()?.name.clone()
+    }
+}
+
+impl ReadScene {
+    /// The file with all objects in their places as one mesh.
+    ///
+    /// # Errors
+    /// [`ReadError`] where that would have more faces than the limits allow.
+    pub(super) fn into_file(self, limits: &Limits) -> Result<ReadFile, ReadError> {
+        let Self { scene, format, dialect, warnings } = self;
+        let whole = scene.placed(limits.max_faces).map_err(|error| {
+            ReadError::whole(ReadErrorKind::TooLarge, format!("{error}; simplify the model before you send it"))
+        })?;
+        let polygons = Polygons::default();
+        let mesh = ReadMesh { soup: whole.soup, format, dialect, numbering: None, normals: None, polygons, warnings };
+        Ok(ReadFile { mesh, paint: whole.paint, scene: Some(scene) })
+    }
 }

@@ -36,9 +36,8 @@ pub fn draw(
     let context = &context.limited_to(left);
     let read = format::read(input, limits)?.soup;
     let before = Marked { soup: &read, findings: &repaired.found_before };
-    let ours = Limits { max_bytes: u64::MAX, max_faces: u64::MAX, max_vertices: u64::MAX };
     let after = match &repaired.found_after {
-        Some(findings) => Some((format::read(&repaired.bytes, &ours)?.soup, findings)),
+        Some(findings) => Some((format::read(&repaired.bytes, &Limits::NONE)?.soup, findings)),
         None => None,
     };
     let unchanged = (repaired.bytes == input).then_some(before);

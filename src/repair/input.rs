@@ -1,14 +1,18 @@
 use super::RepairError;
 use super::verdict::{JudgeError, Judged, Patches, fates, judge};
-use super::{Cancelled, Category, Context, FileSummary, Options, Outcome, Plan, Preset, REPORT_VERSION, Report};
+use super::{
+    Cancelled, Category, Changes, Context, FileSummary, LengthUnit, Options, Outcome, Plan, Preset, REPORT_VERSION,
+    Report, summary,
+};
 use crate::format::{self, Format, Limits, ReadError, ReadMesh};
 use crate::inspect::{
-    Analysis, Findings, InspectOptions, Inspection, Level, Measures, Original, Subject, inspect_analysis,
+    Analysis, Fates, Findings, InspectOptions, Inspection, Level, Measures, Original, Subject, inspect_analysis,
 };
 
 /// What came in.
 pub(super) struct Input<'a> {
-    pub bytes: &'a [u8],
+    /// Its bytes, where they may come back as they are.
+    pub bytes: Option<&'a [u8]>,
     pub mesh: &'a ReadMesh,
     pub analysis: &'a Analysis<'a>,
     /// The same as what results are compared with.
@@ -16,8 +20,18 @@ pub(super) struct Input<'a> {
     pub before: &'a Inspection,
 }
 
+/// What is left of a result when its account was written.
+#[derive(Default)]
+pub(super) struct Told {
+    pub bytes: Vec<u8>,
+    pub dialect: String,
+    pub source: Vec<u32>,
+    pub found: Option<Findings>,
+    pub fates: Option<Fates>,
+}
+
 impl Input<'_> {
-    /// The input's own bytes, or its faces in order in another format; none where no face is left to write. It does not wait for
+    /// The input's own bytes, or its faces in order in the format that results are judged in; none where no face is left to write. It does not wait for
     /// the end of the time.
     pub fn handed_back(
         &self,
@@ -28,9 +42,10 @@ impl Input<'_> {
         let before = &self.before.measures;
         // A file of which some faces could not be read is never handed out as it is.
         let whole = self.mesh.numbering.is_none_or(|it| it.faces_without_vertex == 0);
-        if format == self.mesh.format && whole {
+        if let Some(bytes) = self.bytes.filter(|_| whole) {
             return Ok(Some(Judged {
-                bytes: self.bytes.to_vec(),
+                bytes: bytes.to_vec(),
+                source: Vec::new(),
                 dialect: self.mesh.dialect.clone(),
                 measures: before.clone(),
                 changes: self.original.changes(self.analysis, before, Some(&[]), &context.without_deadline())?,
@@ -59,7 +74,7 @@ impl Input<'_> {
         judged: &mut Judged,
         context: &Context<'_>,
     ) -> Result<(Inspection, Option<Findings>), RepairError> {
-        if judged.bytes == self.bytes {
+        if self.bytes == Some(judged.bytes.as_slice()) {
             judged.fates = fates(self.original, self.analysis, context)?;
             return Ok((self.before.clone(), None));
         }
@@ -73,8 +88,29 @@ impl Input<'_> {
         Ok((inspection, Some(findings)))
     }
 
+    /// Puts down how it ended. Answers what was found on the result, where it is not the input.
+    pub fn tell(
+        &self,
+        report: &mut Report,
+        outcome: Outcome,
+        judged: Option<Judged>,
+        context: &Context<'_>,
+    ) -> Result<Told, RepairError> {
+        report.outcome = outcome;
+        report.summary = summary::in_words(outcome, report, judged.as_ref().map(|j| &j.measures), context);
+        let Some(mut judged) = judged else { return Ok(Told::default()) };
+        let (after, found) = self.after(&mut judged, context)?;
+        report.after = Some(after);
+        let surface = judged.fates.as_ref().map(|fates| fates.shares);
+        report.changes = Some(Changes { surface, ..judged.changes });
+        report.ledger = judged.ledger;
+        report.red_flags = judged.red_flags;
+        report.verified_from_output_bytes = true;
+        Ok(Told { bytes: judged.bytes, dialect: judged.dialect, source: judged.source, found, fates: judged.fates })
+    }
+
     /// The account as far as it is known before anything was run.
-    pub fn report(&self, options: &Options) -> Report {
+    pub fn report(&self, options: &Options, unit: LengthUnit, bytes: u64) -> Report {
         let mut warnings = self.mesh.warnings.clone();
         warnings.extend(self.before.measures.left_out());
         let intersections = &self.before.measures.self_intersections;
@@ -86,13 +122,11 @@ impl Input<'_> {
             engine: crate::ENGINE.to_owned(),
             outcome: Outcome::Unrepairable,
             summary: String::new(),
-            input: FileSummary {
-                format: self.mesh.format,
-                dialect: self.mesh.dialect.clone(),
-                bytes: self.bytes.len() as u64,
-            },
+            input: FileSummary { format: self.mesh.format, dialect: self.mesh.dialect.clone(), bytes },
             output: None,
             options: options.clone(),
+            unit,
+            objects: Vec::new(),
             before: self.before.clone(),
             after: None,
             verified_from_output_bytes: false,
@@ -115,7 +149,7 @@ impl Input<'_> {
 
 /// Reads what we have written, however large it is.
 pub(super) fn read_own(bytes: &[u8]) -> Result<ReadMesh, ReadError> {
-    format::read(bytes, &Limits { max_bytes: u64::MAX, max_faces: u64::MAX, max_vertices: u64::MAX })
+    format::read(bytes, &Limits::NONE)
 }
 
 /// All that a file says.

@@ -3,12 +3,16 @@
 //! [`repair`] is the way in. A plan ([`make_plan`]) is a list of rungs, a rung a list of actions, an action a list of
 //! [`operators`]; those work on a [`crate::mesh::Surface`] and answer what they changed as [`Change`]s.
 
+mod apart;
 mod category;
 mod checkpoints;
 mod climb;
 mod drawings;
+mod dress;
 mod input;
 mod ledger;
+mod lengths;
+mod objects;
 pub mod operators;
 mod options;
 mod pipeline;
@@ -16,6 +20,7 @@ mod plan;
 mod presets;
 mod red_flags;
 mod remesher;
+mod repaint;
 mod report;
 pub mod sheets;
 mod summary;
@@ -27,8 +32,9 @@ pub use crate::inspect::OptionsError;
 pub use category::categorise;
 pub use drawings::{DrawError, draw};
 pub use ledger::ledger;
+pub use objects::ObjectReport;
 pub use operators::Operator;
-pub use options::{InsideRule, OpenSheets, Options, OutputFormat, Overlaps, Preset};
+pub use options::{InsideRule, Merge, OpenSheets, Options, OutputFormat, Overlaps, Preset};
 pub use pipeline::{RepairError, Repaired, repair};
 pub use plan::make_plan;
 pub use red_flags::{Standing, red_flags};

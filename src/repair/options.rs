@@ -4,8 +4,9 @@ use utoipa::{IntoParams, ToSchema};
 use super::Operator;
 use super::operators::holes::HoleFilling;
 use super::operators::orient::Nested;
-use crate::format::{Format, ReadOptions};
+use crate::format::{Format, ReadFile, ReadOptions};
 use crate::inspect::OptionsError;
+use crate::scene::Unit;
 
 /// A named plan, after the MeshPrep repair strategy guide ("Filter Scripts & When to Use Them").
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize, ToSchema, clap::ValueEnum)]
@@ -32,8 +33,10 @@ pub enum Preset {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize, ToSchema, clap::ValueEnum)]
 #[serde(rename_all = "lowercase")]
 pub enum OutputFormat {
-    /// Binary STL.
+    /// STL where that says all that the file holds, the input's own format where it does not: with objects, colours or a unit.
     #[default]
+    Auto,
+    /// Binary STL.
     Stl,
     /// Wavefront OBJ.
     Obj,
@@ -43,21 +46,30 @@ pub enum OutputFormat {
     Off,
     /// Lines `Vertex i x y z` and `Face j v1 v2 v3`.
     Mesh,
+    /// GLB (binary glTF 2.0), in metres.
+    Glb,
+    /// 3MF.
+    #[serde(rename = "3mf")]
+    #[value(name = "3mf")]
+    ThreeMf,
     /// The input's own format.
     Same,
 }
 
 impl OutputFormat {
-    /// The concrete format for an input of format `input`.
+    /// The concrete format for an input.
     #[must_use]
-    pub fn resolve(self, input: Format) -> Format {
+    pub fn resolve(self, input: &ReadFile) -> Format {
         match self {
+            Self::Auto if input.scene.is_none() => Format::Stl,
             Self::Stl => Format::Stl,
             Self::Obj => Format::Obj,
             Self::Ply => Format::Ply,
             Self::Off => Format::Off,
             Self::Mesh => Format::Mesh,
-            Self::Same => input,
+            Self::Glb => Format::Glb,
+            Self::ThreeMf => Format::ThreeMf,
+            Self::Auto | Self::Same => input.mesh.format,
         }
     }
 }
@@ -90,6 +102,17 @@ pub enum Overlaps {
     Keep,
 }
 
+/// What becomes of a file's objects, where its format and that of the result have such.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize, ToSchema, clap::ValueEnum)]
+#[serde(rename_all = "lowercase")]
+pub enum Merge {
+    /// Each is repaired apart, and stands in its places again.
+    #[default]
+    None,
+    /// They become one, repaired as a whole.
+    Objects,
+}
+
 /// What is solid, by how many times the surface winds around it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize, ToSchema, clap::ValueEnum)]
 #[serde(rename_all = "lowercase")]
@@ -114,6 +137,14 @@ pub struct Options {
     pub preset: Preset,
     /// Format of the result.
     pub output: OutputFormat,
+    /// What becomes of the objects of a file whose format has such.
+    pub merge: Merge,
+    /// The unit of the file's lengths, whatever it says itself. Without it, and where the file says none, millimetres are assumed.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub unit: Option<Unit>,
+    /// The unit that lengths are brought into; without it they stay as they are. Lengths among these options are in it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub scale_to: Option<Unit>,
     /// Operators that run although they are left out by default.
     #[param(explode = false)]
     #[serde(deserialize_with = "operators")]
@@ -223,7 +254,10 @@ impl Default for Options {
     fn default() -> Self {
         Self {
             preset: Preset::Auto,
-            output: OutputFormat::Stl,
+            output: OutputFormat::Auto,
+            merge: Merge::None,
+            unit: None,
+            scale_to: None,
             with: Vec::new(),
             without: Vec::new(),
             max_deviation: None,

@@ -1,14 +1,17 @@
 use std::time::Duration;
 
+use super::apart::{keeps_apart, repair_apart};
 use super::climb::Climb;
-use super::input::{Input, look, subject};
+use super::dress::{carrier, dress_one};
+use super::input::{Input, Told, look, subject};
+use super::lengths::settle;
 use super::plan::{make_plan, name};
 use super::sheets::open_sheet_share;
 use super::tiers::Runner;
 use super::verdict::{Judged, rank_of_input};
 use super::{
-    Cancelled, Candidate, Category, Changes, Context, FileSummary, Options, OptionsError, Outcome, Remesher, Report,
-    Stage, categorise, summary,
+    Cancelled, Candidate, Category, Context, FileSummary, Options, OptionsError, Outcome, Remesher, Report, Stage,
+    categorise, summary,
 };
 use crate::format::{self, Format, Limits, ReadError, ReadOptions, WriteError};
 use crate::inspect::{Analysis, CompareOptions, Fates, Findings, Original, measure_analysis};
@@ -45,6 +48,9 @@ pub enum RepairError {
     /// Neither a result nor the input can be said in the output format.
     #[error(transparent)]
     Write(#[from] WriteError),
+    /// What was written is not what was judged, which would be a mistake of ours.
+    #[error("the written file does not hold the model that was judged; ask for another output format, and report this")]
+    Unfaithful,
 }
 
 /// Repairs a file: reads it, measures it, makes a plan, and climbs the plan's rungs until a result is printable with
@@ -53,6 +59,9 @@ pub enum RepairError {
 /// Each result is judged on its own bytes, read back and welded by position. A file that is printable already comes
 /// back byte for byte, or converted face by face where another format is asked for. When time runs out the best so
 /// far is handed out, which may be the input. Where fewer faces are asked for than a printable file has, they are removed.
+///
+/// In a format that has objects each of them is repaired apart, unless `merge` says otherwise. Where colours and objects are written beside
+/// the triangles, results are judged without them, and the file that is handed out is read back and has just the faces that were judged.
 ///
 /// # Errors
 /// [`RepairError`]; never because a model can't be repaired or time ran out.
@@ -68,19 +77,60 @@ pub fn repair(
     let context = &context.limited_to(Duration::from_secs_f64(options.deadline_s));
     let patient = &context.without_deadline();
     context.report(Stage::Read, None, 0);
-    let mesh = format::read_with(bytes, &ReadOptions { limits: *limits, twist_angle_deg: options.twist_angle_deg })?;
-    let format = options.output.resolve(mesh.format);
+    let reading = ReadOptions { limits: *limits, twist_angle_deg: options.twist_angle_deg };
+    let mut file = format::read_file(bytes, &reading)?;
+    let (unit, scaled) = settle(&mut file, options);
+    let format = options.output.resolve(&file);
+    let apart = keeps_apart(&mut file, format, options);
+    let as_it_is = format == file.mesh.format && !scaled && (apart || !file.has_objects());
     context.report(Stage::Inspect, None, 3);
-    let analysis = Analysis::new(subject(&mesh), patient)?;
+    let analysis = Analysis::new(subject(&file.mesh), patient)?;
     let (before, found_before) = look(&analysis, || measure_analysis(&analysis, patient), context)?;
-    context.log(&format!("read {}: {}", mesh.dialect, before.measures.in_short()));
+    context.log(&format!("read {}: {}", file.mesh.dialect, before.measures.in_short()));
     let original = Original::new(&analysis, &before.measures, CompareOptions::BRIEF);
-    let input = &Input { bytes, mesh: &mesh, analysis: &analysis, original: &original, before: &before };
-    let end = Ending { input, found_before, format, start, context };
-    let mut report = input.report(options);
+    let returnable = as_it_is.then_some(bytes);
+    let input =
+        &Input { bytes: returnable, mesh: &file.mesh, analysis: &analysis, original: &original, before: &before };
+    let mut report = input.report(options, unit, bytes.len() as u64);
+    let result = match file.scene.as_ref().filter(|_| apart) {
+        Some(scene) => {
+            let made = repair_apart(&file, scene, format, as_it_is, options, remesher, context)?;
+            made.tell(input, bytes, &mut report, context)?
+        }
+        None => {
+            let Mended { outcome, judged } = mend(input, carrier(format), &mut report, options, remesher, context)?;
+            let told = input.tell(&mut report, outcome, judged, context)?;
+            dress_one(told, input, &file, format, report.unit.used, context)?
+        }
+    };
+    if report.after.is_some() {
+        report.output = Some(FileSummary { format, dialect: result.dialect, bytes: result.bytes.len() as u64 });
+    }
+    report.milliseconds = context.now().saturating_sub(start).as_secs_f64() * 1e3;
+    context.log(&report.summary);
+    context.report(Stage::Finish, None, 100);
+    let Told { bytes, found: found_after, fates, .. } = result;
+    Ok(Repaired { bytes, format, report, found_before, found_after, fates })
+}
 
+/// How the repair of one mesh ended.
+pub(super) struct Mended {
+    pub outcome: Outcome,
+    /// What is to be handed out; none where there is nothing.
+    pub judged: Option<Judged>,
+}
+
+/// Mends one mesh: makes a plan, and climbs its rungs. What was planned and done is put down in the report. Results are judged in `format`.
+pub(super) fn mend(
+    input: &Input<'_>,
+    format: Format,
+    report: &mut Report,
+    options: &Options,
+    remesher: Option<&dyn Remesher>,
+    context: &Context<'_>,
+) -> Result<Mended, RepairError> {
     // What is to be beaten: the input, or what the output's format makes of it.
-    let mut as_is = before.measures.clone();
+    let mut as_is = input.before.measures.clone();
     let fewer = options.asks_for_fewer_faces_than(as_is.faces);
     let mut printable = None;
     if as_is.printable() {
@@ -90,7 +140,7 @@ pub fn repair(
             Ok(Some(untouched)) if untouched.measures.printable() => {
                 report.plan.reason = "the input is printable already, so nothing was run".to_owned();
                 report.candidates.push(Candidate::new(None, &untouched, true));
-                return end.with(report, Outcome::AlreadyPrintable, Some(untouched));
+                return Ok(Mended { outcome: Outcome::AlreadyPrintable, judged: Some(untouched) });
             }
             Ok(Some(broken)) => as_is = broken.measures,
             Ok(None) | Err(RepairError::Write(_)) => {}
@@ -117,50 +167,14 @@ pub fn repair(
         report.candidates[index].chosen = true;
         report.warnings.extend(summary::liberties(&report.steps, report.candidates[index].rung));
         let outcome = if best.is_good() { Outcome::Repaired } else { Outcome::PartiallyRepaired };
-        return end.with(report, outcome, Some(best));
+        return Ok(Mended { outcome, judged: Some(best) });
     }
     if let Some(untouched) = printable {
         report.warnings.extend(summary::why_no_face_went(&report.steps));
         report.candidates.push(Candidate::new(None, &untouched, true));
-        return end.with(report, Outcome::AlreadyPrintable, Some(untouched));
+        return Ok(Mended { outcome: Outcome::AlreadyPrintable, judged: Some(untouched) });
     }
-    let handed = input.handed_back(format, options, context)?;
-    report.candidates.extend(handed.as_ref().map(|judged| Candidate::new(None, judged, true)));
-    end.with(report, Outcome::Unrepairable, handed)
-}
-
-/// What every end of a repair has in common.
-struct Ending<'a> {
-    input: &'a Input<'a>,
-    found_before: Findings,
-    format: Format,
-    start: Duration,
-    context: &'a Context<'a>,
-}
-
-impl Ending<'_> {
-    /// Fills in what is known at the end.
-    fn with(self, mut report: Report, outcome: Outcome, judged: Option<Judged>) -> Result<Repaired, RepairError> {
-        let Self { input, found_before, format, start, context } = self;
-        report.outcome = outcome;
-        report.summary = summary::in_words(outcome, &report, judged.as_ref().map(|j| &j.measures), context);
-        let (mut bytes, mut found_after, mut fates) = (Vec::new(), None, None);
-        if let Some(mut judged) = judged {
-            let (after, found) = input.after(&mut judged, context)?;
-            report.after = Some(after);
-            found_after = found;
-            report.output = Some(FileSummary { format, dialect: judged.dialect, bytes: judged.bytes.len() as u64 });
-            fates = judged.fates;
-            let surface = fates.as_ref().map(|fates| fates.shares);
-            report.changes = Some(Changes { surface, ..judged.changes });
-            report.ledger = judged.ledger;
-            report.red_flags = judged.red_flags;
-            report.verified_from_output_bytes = true;
-            bytes = judged.bytes;
-        }
-        report.milliseconds = context.now().saturating_sub(start).as_secs_f64() * 1e3;
-        context.log(&report.summary);
-        context.report(Stage::Finish, None, 100);
-        Ok(Repaired { bytes, format, report, found_before, found_after, fates })
-    }
+    let judged = input.handed_back(format, options, context)?;
+    report.candidates.extend(judged.as_ref().map(|judged| Candidate::new(None, judged, true)));
+    Ok(Mended { outcome: Outcome::Unrepairable, judged })
 }

@@ -1,15 +1,16 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::{Operator, Options, Preset, RemesherInfo};
+use super::{ObjectReport, Operator, Options, Preset, RemesherInfo};
 use crate::format::Format;
 use crate::inspect::Inspection;
 pub use crate::inspect::{Certificate, Changes, Ledger, LostPart, PartCertificate};
+use crate::scene::{Unit, Up};
 
 /// The version of [`Report`]'s structure. 2: `before` and `after` are inspections, which add `version`, `level` and
 /// `defects` to the measures of version 1. 3: a plan's actions list their operators, and a step is one operator. 4:
-/// adds `ledger`, `changes.surface` and the red flag `part_lost`.
-pub const REPORT_VERSION: u32 = 4;
+/// adds `ledger`, `changes.surface` and the red flag `part_lost`. 5: adds `unit` and `objects`.
+pub const REPORT_VERSION: u32 = 5;
 
 /// What became of a model, apart from whether the job ran.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
@@ -108,9 +109,12 @@ pub struct Report {
     pub output: Option<FileSummary>,
     /// The options that were in force.
     pub options: Options,
-    /// The input, looked at before anything was processed.
+    /// The unit of every length in this report and of the result.
+    pub unit: LengthUnit,
+    /// The input, looked at before anything was processed but the unit; all its objects in their places as one mesh.
     pub before: Inspection,
-    /// The result, looked at in the same way, on its own bytes.
+    /// The result, looked at in the same way, on its own bytes. Objects that are kept apart may meet one another, and then what is printable
+    /// apart is not as one mesh; the warnings say so.
     pub after: Option<Inspection>,
     /// Whether `after` was found on the written bytes, read back and welded by position.
     pub verified_from_output_bytes: bool,
@@ -127,10 +131,43 @@ pub struct Report {
     pub candidates: Vec<Candidate>,
     /// Signs that the repair destroyed something, on the chosen result.
     pub red_flags: Vec<RedFlag>,
+    /// Where the result has objects: each that was repaired, apart from the others and in its own coordinates, in the file's order.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub objects: Vec<ObjectReport>,
     /// What a person should know.
     pub warnings: Vec<String>,
     /// Time from first byte read to last byte written, in milliseconds.
     pub milliseconds: f64,
+}
+
+/// What lengths are in.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct LengthUnit {
+    /// The unit.
+    pub used: Unit,
+    /// How it is known what the input's lengths are in.
+    pub source: UnitSource,
+    /// What the input's lengths were in, where `scale_to` brought them into another unit.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub scaled_from: Option<Unit>,
+    /// Which axis the input says points up. Between formats that say so the model is turned, and in others its numbers stay.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub up: Option<Up>,
+    /// What to know of it, in words.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub note: Option<String>,
+}
+
+/// How the unit of a file is known.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum UnitSource {
+    /// The request says so.
+    Declared,
+    /// The file says so.
+    File,
+    /// Nobody says so: millimetres.
+    Assumed,
 }
 
 /// A file that went in or came out.

@@ -16,6 +16,8 @@ pub(super) struct Judged {
     pub measures: Measures,
     pub changes: Changes,
     pub red_flags: Vec<RedFlag>,
+    /// For each face of it the input's face that it was cut from; empty for the input itself.
+    pub source: Vec<u32>,
     /// What became of the input's parts; none of the input itself.
     pub ledger: Option<Ledger>,
     /// All that is told of it, where it is good: then nothing better will come, and what its bytes say is at hand.
@@ -72,7 +74,17 @@ pub(super) fn judge(
     let good = is_good(&measures, &red_flags);
     let looked = if good { Some(look(&analysis, || Ok(measures.clone()), context)?) } else { None };
     let fates = if good { fates(input, &analysis, context)? } else { None };
-    Ok(Judged { bytes, dialect: read.dialect, measures, changes, red_flags, ledger: Some(ledger), looked, fates })
+    Ok(Judged {
+        bytes,
+        dialect: read.dialect,
+        measures,
+        changes,
+        red_flags,
+        source: surface.source.clone(),
+        ledger: Some(ledger),
+        looked,
+        fates,
+    })
 }
 
 /// What became of every piece of surface; none where the time was over.

@@ -7,7 +7,9 @@ mod object;
 mod paint;
 mod placed;
 mod unit;
+mod up;
 
 pub use object::{Component, Item, Note, Object, ObjectKind, Scene, SceneError, Shape};
 pub use paint::{Material, PAINTLESS, Paint, PaintedMesh, Palette, Texture, Wrap};
 pub use unit::{Unit, UnitError};
+pub use up::Up;

@@ -1,12 +1,14 @@
 use glam::DAffine3;
 
-use super::{PaintedMesh, Palette, Texture, Unit};
+use super::{PaintedMesh, Palette, Texture, Unit, Up};
 
 /// All that a file holds.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Scene {
     /// The unit that the file says its lengths are in.
     pub unit: Option<Unit>,
+    /// Which axis the file says points up.
+    pub up: Option<Up>,
     /// The objects in the order of the file. One that is not used by an item is kept all the same.
     pub objects: Vec<Object>,
     /// What is to be built, in order.

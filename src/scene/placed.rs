@@ -12,6 +12,26 @@ impl Scene {
         Self { objects: vec![Object::of_mesh(None, mesh)], items: vec![super::Item::of(0)], ..Self::default() }
     }
 
+    /// All that it says but its objects and where they stand.
+    #[must_use]
+    pub fn without_objects(&self) -> Self {
+        let (palettes, textures, notes) = (self.palettes.clone(), self.textures.clone(), self.notes.clone());
+        Self { unit: self.unit, up: self.up, palettes, textures, notes, ..Self::default() }
+    }
+
+    /// The same with all lengths multiplied by `factor`.
+    #[must_use]
+    pub fn scaled(mut self, factor: f64) -> Self {
+        for object in &mut self.objects {
+            match &mut object.shape {
+                Shape::Mesh(mesh) => mesh.soup.positions.iter_mut().for_each(|p| *p *= factor),
+                Shape::Components(parts) => parts.iter_mut().for_each(|part| part.transform.translation *= factor),
+            }
+        }
+        self.items.iter_mut().for_each(|item| item.transform.translation *= factor);
+        self
+    }
+
     /// What all items have of something in their places, where a mesh has `of` of it, and an object of others `own` of its own.
     fn count(&self, of: impl Fn(&PaintedMesh) -> usize, own: u64) -> u64 {
         let mut of_object: Vec<u64> = Vec::with_capacity(self.objects.len());
@@ -119,6 +139,24 @@ mod tests {
         let heights: Vec<f64> = placed.soup.faces.iter().map(|f| placed.soup.positions[f[0] as usize].z).collect();
         assert_eq!(heights, [1.0, 2.0, 0.0]);
         assert_eq!(scene.placed(2), Err(SceneError::TooManyFaces(2)));
+    }
+
+    #[test]
+    fn a_scaled_scene_is_placed_as_its_placed_mesh_is_scaled() {
+        let turn = DAffine3::from_rotation_z(0.5) * DAffine3::from_translation(DVec3::new(1.0, 2.0, 3.0));
+        let scene = Scene {
+            objects: vec![
+                object(Shape::Mesh(triangle(Vec::new()))),
+                object(Shape::Components(vec![Component { object: 0, transform: turn }])),
+            ],
+            items: vec![Item { transform: turn, ..Item::of(1) }],
+            ..Scene::default()
+        };
+        let corners = |scene: &Scene| scene.placed(4).expect("one face").soup.corners(0);
+        let expected = corners(&scene).map(|p| p * 25.4);
+        for (a, b) in corners(&scene.scaled(25.4)).into_iter().zip(expected) {
+            assert!(a.abs_diff_eq(b, 1e-12), "{a} for {b}");
+        }
     }
 
     #[test]

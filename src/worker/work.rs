@@ -118,7 +118,7 @@ impl From<RepairError> for Failed {
         let (code, read) = match &error {
             RepairError::Read(read) => (ProblemKind::BadInput, Some(read)),
             RepairError::Options(_) => (ProblemKind::BadInput, None),
-            RepairError::Write(_) => (ProblemKind::BadOutput, None),
+            RepairError::Write(_) | RepairError::Unfaithful => (ProblemKind::BadOutput, None),
             RepairError::Cancelled(_) => (ProblemKind::DeadlineExceeded, None),
         };
         problem(code, error.to_string(), read).into()

@@ -21,6 +21,7 @@ mod lost;
 mod mend;
 #[path = "../support/meshes.rs"]
 mod meshes;
+mod objects;
 mod operators;
 mod orient;
 mod pipeline;

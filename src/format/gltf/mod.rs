@@ -3,9 +3,8 @@
 //! A mesh of the file is an object of the scene, in its own coordinates; a node with a mesh is an item, so that what stands in several
 //! places stays one object. Groups of nodes are not kept: each item has the transform that its ancestors give it.
 //!
-//! glTF is in metres, with y up. Positions are kept as they are; the transform of an item has the way from y up to z up,
-//! (x, y, z) -> (x, -z, y), and the writer takes exactly that back, so that nodes keep their matrices. What is in another unit gets its scale in
-//! the matrix; what is in none is written as if in metres.
+//! glTF is in metres, with y up. Positions are kept as they are. A scene in which z is up is laid down by the matrices of nodes, and one in
+//! another unit is scaled by them; what says neither is written as if it were in metres with y up.
 //!
 //! A mesh whose skin moves it, or that morphs, is read in its rest pose, in the coordinates of the scene where it has a skin.
 
@@ -41,7 +40,7 @@ use super::errors::{ReadError, ReadErrorKind};
 use super::scenes::ReadScene;
 use super::text::UTF8_MARK;
 use super::{Format, ReadOptions};
-use crate::scene::{Item, Object, Scene, Unit};
+use crate::scene::{Item, Object, Scene, Unit, Up};
 use document::{Asset, Document, Mesh};
 use extras::Extras;
 use file::{File, entry, malformed};
@@ -190,7 +189,7 @@ impl<'f, 'a> Reading<'f, 'a> {
                 vanished += 1;
                 continue;
             }
-            items.push(self.item(*node, object, nodes::stood_up(world), objects[object as usize].name.as_deref()));
+            items.push(self.item(*node, object, world, objects[object as usize].name.as_deref()));
         }
         if items.is_empty() {
             return Err(self.no_faces(&meshes));
@@ -201,7 +200,7 @@ impl<'f, 'a> Reading<'f, 'a> {
         self.tell(&meshes, warnings);
         let notes = extras::notes_of(&document.asset);
         let (palettes, textures) = meshes.painter.finish();
-        Ok(Scene { unit: Some(Unit::Metre), objects, items, palettes, textures, notes })
+        Ok(Scene { unit: Some(Unit::Metre), up: Some(Up::Y), objects, items, palettes, textures, notes })
     }
 
     fn pose(&self, shown: Shown) -> Result<Pose, ReadError> {

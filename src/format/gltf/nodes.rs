@@ -108,23 +108,3 @@ pub(super) fn affine(m: &[f64; 16]) -> DAffine3 {
     let column = |k: usize| DVec3::new(m[4 * k], m[4 * k + 1], m[4 * k + 2]);
     DAffine3 { matrix3: DMat3::from_cols(column(0), column(1), column(2)), translation: column(3) }
 }
-
-/// From the axes of glTF, where y is up, to those of a [`crate::scene::Scene`], where z is. Nothing is rounded.
-pub(super) fn stood_up(transform: DAffine3) -> DAffine3 {
-    turned(transform, |v| DVec3::new(v.x, -v.z, v.y))
-}
-
-/// The way back.
-pub(super) fn laid_down(transform: DAffine3) -> DAffine3 {
-    turned(transform, |v| DVec3::new(v.x, v.z, -v.y))
-}
-
-fn turned(transform: DAffine3, turn: impl Fn(DVec3) -> DVec3) -> DAffine3 {
-    // A zero is to have no sign.
-    let turn = |v| turn(v) + DVec3::ZERO;
-    let DAffine3 { matrix3: m, translation } = transform;
-    DAffine3 {
-        matrix3: DMat3::from_cols(turn(m.x_axis), turn(m.y_axis), turn(m.z_axis)),
-        translation: turn(translation),
-    }
-}

@@ -15,8 +15,7 @@ use super::extras::{COPYRIGHT, Extras};
 use super::images::media_type;
 use super::json::MOST_ENTRIES;
 use super::looks::{Look, Looks};
-use super::nodes::laid_down;
-use crate::scene::{Object, ObjectKind, PAINTLESS, Paint, PaintedMesh, Scene, Shape, Unit};
+use crate::scene::{Object, ObjectKind, PAINTLESS, Paint, PaintedMesh, Scene, Shape, Unit, Up};
 
 /// Values of enumerations (glTF 2.0, 5.1 and 5.11).
 const UNSIGNED_SHORT: u32 = 5123;
@@ -101,7 +100,7 @@ impl Place {
     fn node(&self, scene: &Scene, metres: f64, mesh: usize) -> Result<Value, WriteError> {
         let (item, object) = (&scene.items[self.item], &scene.objects[self.object]);
         let scaled = |v: DVec3| v * metres;
-        let DAffine3 { mut matrix3, mut translation } = laid_down(self.transform);
+        let DAffine3 { mut matrix3, mut translation } = scene.stood(Up::Y, self.transform);
         matrix3 = glam::DMat3::from_cols(scaled(matrix3.x_axis), scaled(matrix3.y_axis), scaled(matrix3.z_axis));
         translation = scaled(translation);
         if !matrix3.is_finite() || !translation.is_finite() {

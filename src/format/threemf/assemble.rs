@@ -10,7 +10,7 @@ use super::part_name::key;
 use super::shown_name;
 use super::warnings::Warnings;
 use crate::format::errors::{ReadError, ReadErrorKind};
-use crate::scene::{Component, Item, Note, Object, ObjectKind, PaintedMesh, Scene, Shape, Texture};
+use crate::scene::{Component, Item, Note, Object, ObjectKind, PaintedMesh, Scene, Shape, Texture, Up};
 
 /// Most bytes of all pictures together.
 const PICTURES: u64 = 128 << 20;
@@ -21,7 +21,7 @@ pub(super) fn scene(
     archive: &mut Archive<'_>,
     warnings: &mut Warnings,
 ) -> Result<Scene, ReadError> {
-    let mut scene = Scene::default();
+    let mut scene = Scene { up: Some(Up::Z), ..Scene::default() };
     let mut pictures = Pictures { known: HashMap::new(), left: PICTURES };
     for part in &mut parts {
         let first_texture = u32::try_from(scene.textures.len()).unwrap_or(u32::MAX);

@@ -8,7 +8,9 @@ use glam::DAffine3;
 use super::namespaces::{CORE, MATERIAL};
 use super::write_notes::Prefixes;
 use super::write_text::attribute;
-use crate::scene::{Item, Note, Object, ObjectKind, PAINTLESS, Paint, PaintedMesh, Palette, Scene, Shape, Unit, Wrap};
+use crate::scene::{
+    Item, Note, Object, ObjectKind, PAINTLESS, Paint, PaintedMesh, Palette, Scene, Shape, Unit, Up, Wrap,
+};
 
 /// How much text is collected before it is packed.
 const CHUNK: usize = 64 << 10;
@@ -281,7 +283,7 @@ impl<'s> ModelWriter<'s> {
         }
         let id = u64::from(self.first_object) + u64::from(item.object);
         let _ = write!(self.text, "<item objectid=\"{id}\"");
-        self.transform(item.transform);
+        self.transform(self.scene.stood(Up::Z, item.transform));
         self.words("partnumber", item.part_number.as_deref());
         self.text.push('>');
         // The specification gives items no name, but notes, of which one is a title.

@@ -9,7 +9,7 @@ use super::read;
 use crate::mesh::Soup;
 use crate::scene::{
     Component, Item, Material, Note, Object, ObjectKind, PAINTLESS, Paint, PaintedMesh, Palette, Scene, Shape, Texture,
-    Unit, Wrap,
+    Unit, Up, Wrap,
 };
 
 fn texts() -> impl Strategy<Value = Option<String>> {
@@ -104,7 +104,7 @@ fn scenes() -> impl Strategy<Value = Scene> {
                     parts.retain(|part| part.object < index);
                 }
             }
-            Scene { unit, objects, items, palettes, textures, notes }
+            Scene { unit, up: Some(Up::Y), objects, items, palettes, textures, notes }
         },
     )
 }

@@ -1,9 +1,9 @@
-use glam::{DAffine3, DVec3};
+use glam::DVec3;
 use serde_json::{Value, json};
 
 use super::super::super::ReadErrorKind;
 use super::Model;
-use crate::scene::Unit;
+use crate::scene::{Unit, Up};
 
 fn of_nodes(nodes: Value) -> Model {
     Model::tetrahedron().with("/nodes", nodes)
@@ -16,15 +16,15 @@ fn corners(model: &Model) -> Vec<DVec3> {
 }
 
 #[test]
-fn what_is_up_in_the_file_is_up_in_the_scene() {
+fn coordinates_are_kept_and_the_scene_says_that_y_is_up() {
     let scene = Model::tetrahedron().read().scene;
-    assert_eq!(scene.unit, Some(Unit::Metre));
+    assert_eq!((scene.unit, scene.up), (Some(Unit::Metre), Some(Up::Y)));
     let mesh = scene.objects[0].mesh().expect("a mesh");
     assert_eq!(mesh.soup.positions, [DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::Z], "the object's own coordinates");
     assert_eq!(mesh.soup.faces, [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]]);
     assert_eq!((scene.objects[0].name.as_deref(), &scene.items[0].name), (Some("body"), &None));
     let placed = scene.placed(4).expect("few faces").soup;
-    assert_eq!(placed.positions, [DVec3::ZERO, DVec3::X, DVec3::Z, -DVec3::Y]);
+    assert_eq!(placed.positions, [DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::Z]);
 }
 
 #[test]
@@ -35,12 +35,12 @@ fn transforms_of_ancestors_are_multiplied_in_order() {
         { "children": [2], "rotation": [0, 0, half, half] },
         { "mesh": 0, "name": "leaf", "scale": [2, 1, 1] },
     ]));
-    // (1, 2, 3), doubled in x, turned about z, shifted, and stood up.
+    // (1, 2, 3), doubled in x, turned about z, and shifted.
     let [corner] = corners(&model)[..] else { panic!("one item") };
-    assert!(corner.abs_diff_eq(DVec3::new(8.0, -3.0, 2.0), 1e-12), "{corner}");
+    assert!(corner.abs_diff_eq(DVec3::new(8.0, 2.0, 3.0), 1e-12), "{corner}");
     assert_eq!(model.read().scene.items[0].name.as_deref(), Some("leaf"));
     let matrix = json!([2, 0, 0, 0, 0, 3, 0, 0, 0, 0, 4, 0, 5, 6, 7, 1]);
-    assert_eq!(corners(&of_nodes(json!([{ "mesh": 0, "matrix": matrix }]))), [DVec3::new(7.0, -19.0, 12.0)]);
+    assert_eq!(corners(&of_nodes(json!([{ "mesh": 0, "matrix": matrix }]))), [DVec3::new(7.0, 12.0, 19.0)]);
 }
 
 #[test]
@@ -94,7 +94,7 @@ fn no_depth_of_nodes_is_too_much() {
     let mut nodes: Vec<Value> =
         (1..100_000).map(|child| json!({ "children": [child], "translation": [0, 0, -1] })).collect();
     nodes.push(json!({ "mesh": 0 }));
-    assert_eq!(corners(&of_nodes(nodes.into())), [DVec3::new(1.0, 99_996.0, 2.0)]);
+    assert_eq!(corners(&of_nodes(nodes.into())), [DVec3::new(1.0, 2.0, -99_996.0)]);
 }
 
 #[test]
@@ -121,12 +121,4 @@ fn a_scene_without_triangles_is_refused() {
     of_nodes(json!([])).assert_refused(ReadErrorKind::NoFaces, "scene shows no triangles");
     let dots = Model::tetrahedron().with("/meshes/0/primitives/0/mode", json!(0));
     dots.assert_refused(ReadErrorKind::NoFaces, "points or lines");
-}
-
-#[test]
-fn a_transform_laid_down_and_stood_up_is_as_it_was() {
-    use super::super::nodes::{laid_down, stood_up};
-    let transform = DAffine3::from_cols_array(&[0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.1, -1.2]);
-    assert_eq!(laid_down(stood_up(transform)), transform);
-    assert_eq!(stood_up(DAffine3::IDENTITY).transform_point3(DVec3::Y), DVec3::Z);
 }

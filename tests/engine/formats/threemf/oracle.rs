@@ -6,7 +6,8 @@ use glam::{DAffine3, DVec3};
 use meshmend::format::{Format, write_scene};
 use meshmend::mesh::Soup;
 use meshmend::scene::{
-    Component, Item, Material, Note, Object, PAINTLESS, Paint, PaintedMesh, Palette, Scene, Shape, Texture, Unit, Wrap,
+    Component, Item, Material, Note, Object, PAINTLESS, Paint, PaintedMesh, Palette, Scene, Shape, Texture, Unit, Up,
+    Wrap,
 };
 
 /// Reads a file in strict mode, in which every oddity is an error.
@@ -59,6 +60,7 @@ fn scene() -> Scene {
     let item = Item { transform: up, name: Some("upper".to_owned()), part_number: Some("7".to_owned()), ..Item::of(2) };
     Scene {
         unit: Some(Unit::Inch),
+        up: Some(Up::Z),
         objects: vec![object("partly <painted>", partly), object("painted", vec![painted(0, [0; 3]); 4]), pair],
         items: vec![Item::of(0), item, Item::of(1)],
         palettes: vec![

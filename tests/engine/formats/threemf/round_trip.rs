@@ -5,7 +5,7 @@ use meshmend::format::{Format, WriteError, read, write, write_scene};
 use meshmend::mesh::Soup;
 use meshmend::scene::{
     Component, Item, Material, Note, Object, ObjectKind, PAINTLESS, Paint, PaintedMesh, Palette, Scene, Shape, Texture,
-    Unit, Wrap,
+    Unit, Up, Wrap,
 };
 use proptest::prelude::*;
 
@@ -136,6 +136,7 @@ fn scenes(words: &'static str) -> impl Strategy<Value = Scene> {
             };
             Scene {
                 unit: Some(unit),
+                up: Some(Up::Z),
                 objects: objects.into_iter().enumerate().map(object).collect(),
                 items: [Item::of(0)].into_iter().chain(items.into_iter().map(item)).collect(),
                 palettes: palettes(),

@@ -1,0 +1,338 @@
+//! Files with objects, colours and units through the whole way.
+
+use std::sync::atomic::AtomicBool;
+use std::time::Duration;
+
+use glam::{DAffine3, DVec3};
+use meshmend::format::{self, Format, Limits, ReadFile, ReadOptions, read_file, write_scene};
+use meshmend::mesh::{Soup, Surface};
+use meshmend::repair::{Context, Merge, NoProgress, Options, Outcome, OutputFormat, Repaired, UnitSource, repair};
+use meshmend::scene::{
+    Component, Item, Material, Object, ObjectKind, Paint, PaintedMesh, Palette, Scene, Shape, Texture, Unit, Up, Wrap,
+};
+
+use crate::meshes::{cube, cylinder, torus};
+
+fn run(bytes: &[u8], options: &Options) -> Repaired {
+    let cancel = AtomicBool::new(false);
+    let clock = || Duration::ZERO;
+    let context = Context::new(&NoProgress, &cancel, &clock, Duration::from_secs(600));
+    repair(bytes, &Options { max_tier: 2, ..options.clone() }, &Limits::default(), None, &context).unwrap()
+}
+
+fn packed(scene: &Scene, format: Format) -> Vec<u8> {
+    write_scene(scene, format).unwrap()
+}
+
+fn read(bytes: &[u8]) -> ReadFile {
+    read_file(bytes, &ReadOptions::default()).unwrap()
+}
+
+fn scene_of(repaired: &Repaired) -> Scene {
+    read(&repaired.bytes).scene.unwrap()
+}
+
+/// Without its last face, and with as few vertices as can be.
+fn open(mut soup: Soup) -> Soup {
+    soup.faces.pop();
+    welded(&soup)
+}
+
+fn welded(soup: &Soup) -> Soup {
+    Surface::from_soup(soup).0.to_soup()
+}
+
+fn named(name: &str, soup: Soup) -> Object {
+    Object::of_mesh(Some(name.to_owned()), PaintedMesh { soup, paint: Vec::new() })
+}
+
+/// A whole box that stands in two places, one of them turned, and an open cylinder between them.
+fn kit() -> Scene {
+    let turned = DAffine3::from_rotation_z(0.5) * DAffine3::from_translation(DVec3::new(40.0, 0.0, 0.0));
+    Scene {
+        unit: Some(Unit::Millimetre),
+        up: Some(Up::Z),
+        objects: vec![
+            named("box", welded(&cube(DVec3::ZERO, 8.0, 2))),
+            named("lid", open(cylinder(DVec3::ZERO, 5.0, 3.0, 16))),
+            Object {
+                shape: Shape::Components(vec![Component {
+                    object: 1,
+                    transform: DAffine3::from_translation(DVec3::new(20.0, 0.0, 0.0)),
+                }]),
+                ..named("pair", Soup::default())
+            },
+        ],
+        items: vec![
+            Item::of(0),
+            Item {
+                name: Some("second".to_owned()),
+                transform: turned,
+                part_number: Some("7".to_owned()),
+                ..Item::of(0)
+            },
+            Item::of(2),
+        ],
+        ..Scene::default()
+    }
+}
+
+#[test]
+fn objects_stay_objects_and_each_is_repaired_apart() {
+    let before = kit();
+    let it = run(&packed(&before, Format::ThreeMf), &Options::default());
+    assert_eq!((it.format, it.report.outcome), (Format::ThreeMf, Outcome::Repaired), "{}", it.report.summary);
+    let after = scene_of(&it);
+    let names = |scene: &Scene| scene.objects.iter().map(|object| object.name.clone()).collect::<Vec<_>>();
+    assert_eq!(names(&after), names(&before));
+    assert_eq!(after.items, before.items);
+    assert_eq!(after.objects[2], before.objects[2]);
+    assert_eq!(after.objects[0].mesh().unwrap().soup.faces.len(), 48, "nothing was done to the box");
+    let sections: Vec<_> = it.report.objects.iter().map(|it| (it.name.as_deref(), it.places, it.outcome)).collect();
+    assert_eq!(sections, [(Some("box"), 2, Outcome::AlreadyPrintable), (Some("lid"), 1, Outcome::Repaired)]);
+    assert!(it.report.after.unwrap().measures.printable() && it.report.verified_from_output_bytes);
+}
+
+#[test]
+fn a_file_whose_objects_need_nothing_comes_back_byte_for_byte() {
+    let mut scene = kit();
+    scene.objects[1] = named("lid", welded(&cylinder(DVec3::ZERO, 5.0, 3.0, 16)));
+    for format in [Format::ThreeMf, Format::Glb] {
+        let bytes = packed(&scene, format);
+        let it = run(&bytes, &Options::default());
+        assert_eq!(it.report.outcome, Outcome::AlreadyPrintable);
+        assert!(it.bytes == bytes, "{format:?}");
+    }
+}
+
+#[test]
+fn vertices_that_are_one_by_position_only_become_one_in_3mf() {
+    let mut soup = welded(&cube(DVec3::ZERO, 8.0, 1));
+    soup = Soup {
+        positions: soup.faces.iter().flatten().map(|&v| soup.positions[v as usize]).collect(),
+        faces: (0..12).map(|face| [3 * face, 3 * face + 1, 3 * face + 2]).collect(),
+    };
+    let scene = Scene { objects: vec![named("box", soup)], items: vec![Item::of(0)], ..kit() };
+    let it = run(&packed(&scene, Format::ThreeMf), &Options::default());
+    assert_eq!(it.report.outcome, Outcome::AlreadyPrintable);
+    assert_eq!(scene_of(&it).objects[0].mesh().unwrap().soup.positions.len(), 8);
+}
+
+#[test]
+fn objects_are_united_where_that_is_asked_for_and_where_the_format_has_none() {
+    let mut scene = kit();
+    scene.items[1].transform = DAffine3::from_translation(DVec3::splat(4.0));
+    let bytes = packed(&scene, Format::ThreeMf);
+    let apart = run(&bytes, &Options::default());
+    let warning = apart.report.warnings.iter().find(|it| it.contains("the objects meet"));
+    assert!(warning.is_some(), "{:?}", apart.report.warnings);
+    let united = run(&bytes, &Options { merge: Merge::Objects, ..Options::default() });
+    assert_eq!(united.report.outcome, Outcome::Repaired);
+    assert_eq!((scene_of(&united).objects.len(), united.report.objects.len()), (1, 0));
+    assert_eq!(united.report.after.unwrap().measures.parts, 2);
+    let stl = run(&bytes, &Options { output: OutputFormat::Stl, ..Options::default() });
+    assert_eq!((stl.format, stl.report.outcome), (Format::Stl, Outcome::Repaired));
+    assert_eq!(stl.report.after.unwrap().measures.parts, 2);
+}
+
+#[test]
+fn what_holds_other_things_up_is_left_as_it_is() {
+    let mut scene = kit();
+    scene.objects[1].kind = ObjectKind::Support;
+    let bytes = packed(&scene, Format::ThreeMf);
+    let it = run(&bytes, &Options::default());
+    assert_eq!(it.report.outcome, Outcome::AlreadyPrintable);
+    assert!(it.bytes == bytes && it.report.warnings.iter().any(|warning| warning.contains("left as they are: 1")));
+}
+
+#[test]
+fn faces_that_may_be_left_are_shared_among_objects() {
+    let objects = vec![named("large", torus(30.0, 8.0, 64, 32)), named("small", torus(30.0, 8.0, 32, 16))];
+    let apart = DAffine3::from_translation(DVec3::new(100.0, 0.0, 0.0));
+    let items = vec![Item::of(0), Item { transform: apart, ..Item::of(1) }];
+    let bytes = packed(&Scene { objects, items, ..kit() }, Format::ThreeMf);
+    let it = run(&bytes, &Options { max_faces: Some(2560), ..Options::default() });
+    let faces: Vec<usize> =
+        scene_of(&it).objects.iter().map(|object| object.mesh().unwrap().soup.faces.len()).collect();
+    assert!(faces[0] <= 2048 && faces[1] <= 512, "{faces:?}");
+}
+
+/// An open cube of which each side has a material of its own and the first a picture.
+fn painted(open_side: bool) -> Scene {
+    let soup = cube(DVec3::ZERO, 10.0, 4);
+    let colors =
+        [[255, 0, 0, 255], [0, 255, 0, 255], [0, 0, 255, 255], [9, 9, 9, 255], [90, 0, 90, 255], [1, 2, 3, 255]];
+    let materials = (0..).zip(colors).map(|(side, color)| Material { name: format!("side {side}"), color }).collect();
+    let places = soup
+        .positions
+        .iter()
+        .map(|p| [p.x / 10.0, p.y / 10.0])
+        .map(|place| place.map(|x| f64::from(x as f32)))
+        .collect();
+    let texture = Texture {
+        bytes: b"\x89PNG\r\n\x1a\nand so on".as_slice().into(),
+        media_type: "image/png".to_owned(),
+        wrap_u: Wrap::Repeat,
+        wrap_v: Wrap::Repeat,
+        nearest: false,
+    };
+    let side = |face: usize| -> u32 {
+        let [a, b, c] = soup.corners(face);
+        let normal = (b - a).cross(c - a).normalize();
+        (0..)
+            .zip([DVec3::NEG_Z, DVec3::Z, DVec3::X, DVec3::NEG_X, DVec3::Y, DVec3::NEG_Y])
+            .find(|(_, axis)| normal.dot(*axis) > 0.5)
+            .unwrap()
+            .0
+    };
+    let mut mesh = PaintedMesh::default();
+    for face in 0..soup.faces.len() {
+        let paint = match side(face) {
+            0 => Paint { palette: 1, at: soup.faces[face] },
+            side => Paint { palette: 0, at: [side; 3] },
+        };
+        let is_gap = open_side
+            && side(face) == 1
+            && soup.corners(face).iter().all(|p| (2.5..=7.5).contains(&p.x) && (2.5..=7.5).contains(&p.y));
+        if !is_gap {
+            mesh.soup.faces.push(soup.faces[face]);
+            mesh.paint.push(paint);
+        }
+    }
+    mesh.soup.positions = soup.positions;
+    Scene {
+        unit: Some(Unit::Millimetre),
+        up: Some(Up::Z),
+        palettes: vec![
+            Palette::Materials(materials),
+            Palette::Textured { texture: 0, name: None, tint: [255; 4], places },
+        ],
+        textures: vec![texture],
+        ..Scene::of_mesh(mesh)
+    }
+}
+
+/// For each face, by its middle, the colour that it has, or where its corners lie in the picture.
+fn looks(file: &ReadFile) -> Vec<([i64; 3], String)> {
+    let scene = file.scene.as_ref().unwrap();
+    let mut looks: Vec<_> = (0..file.mesh.soup.faces.len())
+        .map(|face| {
+            let corners = file.mesh.soup.corners(face);
+            let middle = (corners[0] + corners[1] + corners[2]) * 1e4 / 3.0;
+            let paint = file.paint[face];
+            let look = match &scene.palettes[paint.palette as usize] {
+                Palette::Materials(materials) => format!("{:?}", materials[paint.at[0] as usize].color),
+                Palette::Colors(colors) => format!("{:?}", colors[paint.at[0] as usize]),
+                Palette::Textured { places, .. } => {
+                    let mut at: Vec<_> =
+                        paint.at.iter().map(|&at| places[at as usize].map(|x| (x * 1e4).round() as i64)).collect();
+                    at.sort_unstable();
+                    format!("{at:?}")
+                }
+            };
+            (middle.to_array().map(|x| x.round() as i64), look)
+        })
+        .collect();
+    looks.sort();
+    looks
+}
+
+#[test]
+fn colours_and_pictures_stay_on_what_stays_and_are_given_to_what_is_new() {
+    for (format, output) in [(Format::ThreeMf, OutputFormat::ThreeMf), (Format::Glb, OutputFormat::Glb)] {
+        for merge in [Merge::None, Merge::Objects] {
+            let input = packed(&painted(true), format);
+            let it = run(&input, &Options { output, merge, scale_to: Some(Unit::Millimetre), ..Options::default() });
+            assert_eq!(it.report.outcome, Outcome::Repaired, "{}", it.report.summary);
+            let (was, is) = (read(&input), read(&it.bytes));
+            let scale = |file: ReadFile| {
+                let mut file = file;
+                let factor = file.scene.as_ref().unwrap().unit.unwrap().to(Unit::Millimetre);
+                file.mesh.soup.positions.iter_mut().for_each(|p| *p *= factor);
+                looks(&file)
+            };
+            let (was, is) = (scale(was), scale(is));
+            assert!(was.iter().all(|look| is.contains(look)), "{format:?}: what stayed looks as it did");
+            let new: Vec<_> = is.iter().filter(|look| !was.contains(look)).collect();
+            assert!(!new.is_empty());
+            assert!(new.iter().all(|(_, look)| look == "[0, 255, 0, 255]"), "{format:?}: the gap was green: {new:?}");
+            let scene = scene_of(&it);
+            assert_eq!(scene.textures[0].bytes, painted(true).textures[0].bytes);
+        }
+    }
+}
+
+#[test]
+fn a_painted_file_in_another_format_keeps_its_colours() {
+    let input = packed(&painted(false), Format::Glb);
+    let it =
+        run(&input, &Options { output: OutputFormat::ThreeMf, scale_to: Some(Unit::Millimetre), ..Options::default() });
+    assert_eq!((it.format, it.report.outcome), (Format::ThreeMf, Outcome::AlreadyPrintable));
+    let after = read(&it.bytes);
+    assert_eq!(after.scene.as_ref().unwrap().unit, Some(Unit::Millimetre));
+    // Written as glTF it lay down, and in 3MF it stands again.
+    assert_eq!(looks(&after), looks(&read(&packed(&painted(false), Format::ThreeMf))));
+}
+
+fn longest_side(bytes: &[u8]) -> f64 {
+    let soup = format::read(bytes, &Limits::default()).unwrap().soup;
+    let of = |get: fn(&DVec3) -> f64| {
+        let all = soup.positions.iter().map(get);
+        all.clone().fold(f64::NEG_INFINITY, f64::max) - all.fold(f64::INFINITY, f64::min)
+    };
+    of(|p| p.x).max(of(|p| p.y)).max(of(|p| p.z))
+}
+
+#[test]
+fn a_unit_is_declared_or_read_or_assumed_and_lengths_are_scaled_to_another() {
+    let stl = format::write(&cube(DVec3::ZERO, 20.0, 1), Format::Stl).unwrap();
+    let assumed = run(&stl, &Options::default()).report;
+    assert_eq!((assumed.unit.used, assumed.unit.source), (Unit::Millimetre, UnitSource::Assumed));
+    assert!(assumed.unit.note.is_some() && assumed.warnings.is_empty(), "{:?}", assumed.warnings);
+    let declared =
+        run(&stl, &Options { unit: Some(Unit::Inch), scale_to: Some(Unit::Millimetre), ..Options::default() });
+    let unit = &declared.report.unit;
+    assert_eq!((unit.used, unit.source, unit.scaled_from), (Unit::Millimetre, UnitSource::Declared, Some(Unit::Inch)));
+    assert_eq!(longest_side(&declared.bytes), 508.0);
+    assert_eq!(declared.report.outcome, Outcome::AlreadyPrintable);
+    let glb = packed(
+        &Scene {
+            unit: Some(Unit::Metre),
+            up: Some(Up::Y),
+            ..Scene::of_mesh(PaintedMesh { soup: cube(DVec3::ZERO, 0.5, 1), paint: Vec::new() })
+        },
+        Format::Glb,
+    );
+    let kept = run(&glb, &Options { output: OutputFormat::Stl, ..Options::default() });
+    assert_eq!(
+        (kept.report.unit.used, kept.report.unit.source, kept.report.unit.up),
+        (Unit::Metre, UnitSource::File, Some(Up::Y))
+    );
+    assert_eq!(longest_side(&kept.bytes), 0.5);
+    let scaled =
+        run(&glb, &Options { output: OutputFormat::Stl, scale_to: Some(Unit::Centimetre), ..Options::default() });
+    assert_eq!(longest_side(&scaled.bytes), 50.0);
+}
+
+#[test]
+fn what_is_hardly_in_millimetres_is_told() {
+    let told = |side: f64| {
+        let stl = format::write(&cube(DVec3::ZERO, side, 1), Format::Stl).unwrap();
+        run(&stl, &Options::default()).report.warnings.join(" ")
+    };
+    assert!(told(2.0).contains("inches"), "{}", told(2.0));
+    assert!(told(30_000.0).contains("micrometres"));
+    let stl = format::write(&cube(DVec3::ZERO, 2.0, 1), Format::Stl).unwrap();
+    assert_eq!(
+        run(&stl, &Options { unit: Some(Unit::Inch), ..Options::default() }).report.warnings,
+        Vec::<String>::new()
+    );
+}
+
+#[test]
+fn stl_is_the_result_unless_the_file_holds_more() {
+    let soup = open(cube(DVec3::ZERO, 20.0, 2));
+    let of = |format| run(&format::write(&soup, format).unwrap(), &Options::default()).format;
+    assert_eq!([Format::Stl, Format::Obj, Format::Off].map(of), [Format::Stl; 3]);
+    assert_eq!([Format::ThreeMf, Format::Glb].map(of), [Format::ThreeMf, Format::Glb]);
+}
