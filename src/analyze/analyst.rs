@@ -2,7 +2,7 @@ use std::time::Duration;
 
 use super::{ANALYSIS_VERSION, AnalysisReport, AnalyzeOptions, FileAnalysis};
 use crate::context::{Cancelled, Context, Stage};
-use crate::format::{self, Limits, ReadError, ReadMesh};
+use crate::format::{self, Limits, ReadError, ReadMesh, ReadOptions};
 use crate::inspect::{Findings, OptionsError, SetReport, Subject, inspect};
 use crate::render::{Drawing, Marked, RenderError, draw_inspected};
 
@@ -93,10 +93,17 @@ impl<'a> Analyst<'a> {
     pub fn add(&mut self, name: &str, sha256: Option<&str>, bytes: &[u8]) -> Result<(), AnalyzeError> {
         let index = self.files.len();
         self.report(Stage::Read, 0);
-        let read = format::read(bytes, self.limits);
-        let mesh = read.map_err(|error| AnalyzeError::Read { index, name: name.to_owned(), of: self.of, error })?;
+        let read = format::read_file(bytes, &ReadOptions { limits: *self.limits, ..ReadOptions::default() });
+        let mut file = read.map_err(|error| AnalyzeError::Read { index, name: name.to_owned(), of: self.of, error })?;
+        let unit = file.settle_unit(self.options.inspect.unit, self.options.scale_to);
+        let mesh = file.mesh;
         self.report(Stage::Inspect, 20);
-        let subject = Subject { soup: &mesh.soup, normals: mesh.normals.as_ref(), numbering: mesh.numbering.as_ref() };
+        let subject = Subject {
+            soup: &mesh.soup,
+            normals: mesh.normals.as_ref(),
+            numbering: mesh.numbering.as_ref(),
+            unit: Some(&unit),
+        };
         let (inspection, findings) = inspect(subject, &self.options.inspect, &self.context)?;
         let measures = &inspection.measures;
         let warnings = mesh.warnings.iter().cloned().chain(measures.left_out()).collect();
@@ -107,6 +114,7 @@ impl<'a> Analyst<'a> {
             dialect: mesh.dialect.clone(),
             bytes: bytes.len() as u64,
             sha256: sha256.map(str::to_owned),
+            unit,
             printable: measures.verdict(),
             inspection,
             warnings,

@@ -2,6 +2,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use crate::inspect::{InspectOptions, OptionsError};
+use crate::scene::Unit;
 
 /// How files are to be analysed. Every field has a default.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -17,6 +18,9 @@ pub struct AnalyzeOptions {
     /// Whether to draw what was found: `defects.png`, `defects.glb` and `defects.ply` for the first file, `2-defects.png`
     /// and so on for the others.
     pub pictures: bool,
+    /// The unit that lengths are told in; without it each file's own.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub scale_to: Option<Unit>,
     /// What to look for, and how.
     #[serde(flatten)]
     pub inspect: InspectOptions,
@@ -29,6 +33,7 @@ impl Default for AnalyzeOptions {
             intersections: true,
             spacing: true,
             pictures: true,
+            scale_to: None,
             inspect: InspectOptions::default(),
         }
     }

@@ -4,9 +4,10 @@ use utoipa::ToSchema;
 use super::AnalyzeOptions;
 use crate::format::Format;
 use crate::inspect::{Inspection, SetReport};
+use crate::scene::LengthUnit;
 
-/// The version of [`AnalysisReport`]'s structure.
-pub const ANALYSIS_VERSION: u32 = 1;
+/// The version of [`AnalysisReport`]'s structure. 2: adds the unit of each file.
+pub const ANALYSIS_VERSION: u32 = 2;
 
 /// The account of one analysis.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -42,6 +43,8 @@ pub struct FileAnalysis {
     /// SHA-256 of its bytes, in hexadecimal, where it is known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sha256: Option<String>,
+    /// The unit of every length that is told of it.
+    pub unit: LengthUnit,
     /// Whether it can be printed as it is, as far as its level of inspection tells.
     pub printable: Option<bool>,
     /// Everything that was found, in the same structure as `before` and `after` of a repair report.

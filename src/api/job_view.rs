@@ -9,6 +9,7 @@ use super::catalogue::describe_job_problem;
 use crate::context::Stage;
 use crate::format::{Format, Place};
 use crate::jobs::{Input, Job, JobId, JobOptions, JobOutcome, JobReport, Metadata, ProblemKind, Status, StoredReport};
+use crate::scene::{LengthUnit, Unit, UnitSource};
 
 /// A job as clients see it.
 #[derive(Debug, Serialize, ToSchema)]
@@ -70,6 +71,19 @@ pub(super) struct InputView {
     pub sha256: String,
     /// The format found in its bytes.
     pub format: Format,
+    /// The unit of its lengths, once it was read; left out of lists.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub unit: Option<UnitView>,
+}
+
+/// What a file's lengths are in.
+#[derive(Debug, Clone, Copy, Serialize, ToSchema)]
+#[schema(as = InputUnit)]
+pub(super) struct UnitView {
+    /// The unit that the report and the result are in.
+    pub used: Unit,
+    /// How it is known what the file's lengths are in.
+    pub source: UnitSource,
 }
 
 /// How far a job is.
@@ -145,7 +159,11 @@ impl JobView {
             place: problem.place,
             file: problem.file,
         });
-        let view = |Input { name, bytes, sha256, format, .. }| InputView { name, bytes, sha256, format };
+        let mut units = job.report.as_ref().map(StoredReport::units).unwrap_or_default().into_iter();
+        let view = |Input { name, bytes, sha256, format, .. }| {
+            let unit = units.next().map(|LengthUnit { used, source, .. }| UnitView { used, source });
+            InputView { name, bytes, sha256, format, unit }
+        };
         let inputs: Vec<InputView> = job.inputs.into_iter().map(view).collect();
         Self {
             id: job.id.to_string(),

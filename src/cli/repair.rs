@@ -37,11 +37,11 @@ pub struct RepairArgs {
     /// What becomes of the file's objects, where its format and the result's have such.
     #[arg(long, env = "MESHMEND_MERGE", value_enum, default_value_t)]
     merge: Merge,
-    /// The unit of the file's lengths, whatever it says itself: um, mm, cm, in, ft or m.
-    #[arg(long, env = "MESHMEND_UNIT")]
+    /// The unit of the file's lengths, whatever it says itself. Without it, and where the file says none: mm.
+    #[arg(long, env = "MESHMEND_UNIT", value_enum)]
     unit: Option<Unit>,
-    /// The unit that lengths are brought into: um, mm, cm, in, ft or m. Lengths among these options are in it.
-    #[arg(long, env = "MESHMEND_SCALE_TO", value_name = "UNIT")]
+    /// The unit that lengths are brought into. Lengths among these options are in it.
+    #[arg(long, env = "MESHMEND_SCALE_TO", value_enum, value_name = "UNIT")]
     scale_to: Option<Unit>,
     /// Operators that run although they are left out by default.
     #[arg(long, env = "MESHMEND_WITH", value_enum, value_delimiter = ',', value_name = "OPERATORS")]

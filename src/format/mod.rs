@@ -8,6 +8,7 @@ mod faces;
 mod facet_normals;
 mod foreign;
 mod gltf;
+mod lengths;
 mod limits;
 mod obj;
 mod off;
@@ -173,7 +174,7 @@ pub fn read_file(bytes: &[u8], options: &ReadOptions) -> Result<ReadFile, ReadEr
         Format::Off => off::read(bytes, options),
         Format::Mesh => vertex_face::read(bytes, limits),
     };
-    Ok(ReadFile { mesh: mesh?, paint: Vec::new(), scene: None })
+    Ok(ReadFile { mesh: mesh?, paint: Vec::new(), scene: None, unit: None })
 }
 
 /// Reads a whole file with its objects, where they stand and what they are painted with.

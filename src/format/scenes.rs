@@ -1,5 +1,5 @@
 use super::{Format, Limits, Polygons, ReadError, ReadErrorKind, ReadMesh};
-use crate::scene::{Paint, Scene};
+use crate::scene::{LengthUnit, Paint, Scene};
 
 /// A file read with what it holds beside triangles.
 #[derive(Debug, Clone, PartialEq)]
@@ -23,6 +23,8 @@ pub struct ReadFile {
     pub paint: Vec<Paint>,
     /// What the triangles alone don't say: objects and their places, colours, a unit. None where they say everything.
     pub scene: Option<Scene>,
+    /// What its lengths are in, once that is settled (see [`ReadFile::settle_unit`]).
+    pub unit: Option<LengthUnit>,
 }
 
 impl ReadFile {
@@ -52,6 +54,6 @@ impl ReadScene {
         })?;
         let polygons = Polygons::default();
         let mesh = ReadMesh { soup: whole.soup, format, dialect, numbering: None, normals: None, polygons, warnings };
-        Ok(ReadFile { mesh, paint: whole.paint, scene: Some(scene) })
+        Ok(ReadFile { mesh, paint: whole.paint, scene: Some(scene), unit: None })
     }
 }

@@ -8,6 +8,7 @@ use super::{Intersections, Measures, Solid, intersections, measure, nesting_dept
 use crate::context::{Cancelled, Context};
 use crate::math::{Dipoles, Tree, collinear, to_unit_range, unit_scale};
 use crate::mesh::{CornerNormals, Edges, Fans, Ingest, Numbering, Parts, Soup, Surface};
+use crate::scene::LengthUnit;
 
 /// What is looked at: a mesh as its file has it, with what the file says beyond triangles.
 #[derive(Debug, Clone, Copy)]
@@ -18,11 +19,13 @@ pub struct Subject<'a> {
     pub normals: Option<&'a CornerNormals>,
     /// The file's own numbers, where the format has numbers.
     pub numbering: Option<&'a Numbering>,
+    /// What its lengths are in, where that is settled.
+    pub unit: Option<&'a LengthUnit>,
 }
 
 impl<'a> From<&'a Soup> for Subject<'a> {
     fn from(soup: &'a Soup) -> Self {
-        Self { soup, normals: None, numbering: None }
+        Self { soup, normals: None, numbering: None, unit: None }
     }
 }
 

@@ -3,9 +3,10 @@ use utoipa::{IntoParams, ToSchema};
 
 use super::{
     Analysis, Characteristics, CheckVerdict, DefectGroup, DefectKind, Findings, Measures, OptionsError, PrintMeasures,
-    Subject, Tolerances, Unit, characteristics, find_defects, measures, print_measures,
+    Subject, Tolerances, characteristics, find_defects, measures, print_measures,
 };
 use crate::context::{Cancelled, Context};
+use crate::scene::Unit;
 
 /// The version of [`Inspection`]'s structure.
 pub const INSPECTION_VERSION: u32 = 1;

@@ -180,6 +180,7 @@ impl Default for JobOptions {
 
 #[cfg(test)]
 mod tests {
+    use crate::scene::Unit;
     use serde_json::json;
 
     use super::*;
@@ -208,11 +209,16 @@ mod tests {
             thickness: some,
             max_faces: Some(4),
             max_error: some,
+            unit: Some(Unit::Inch),
+            scale_to: Some(Unit::Millimetre),
             ..Options::default()
         };
         for (mode, options) in [
             (Mode::Repair, serde_json::to_value(&all)),
-            (Mode::Analyze, serde_json::to_value(AnalyzeOptions::default())),
+            (
+                Mode::Analyze,
+                serde_json::to_value(AnalyzeOptions { scale_to: Some(Unit::Millimetre), ..AnalyzeOptions::default() }),
+            ),
         ] {
             let mut written: Vec<String> =
                 options.expect("JSON").as_object().expect("fields").keys().cloned().collect();

@@ -5,6 +5,7 @@ use utoipa::ToSchema;
 use crate::analyze::AnalysisReport;
 use crate::format::Format;
 use crate::repair::{Outcome, Report, Step};
+use crate::scene::LengthUnit;
 
 /// What became of a job's model, apart from whether the job ran.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
@@ -86,6 +87,28 @@ impl JobReport {
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(transparent)]
 pub struct StoredReport(Box<RawValue>);
+
+impl StoredReport {
+    /// The unit of each file's lengths, in their order; none in reports of before there were units.
+    #[must_use]
+    pub fn units(&self) -> Vec<LengthUnit> {
+        #[derive(Deserialize)]
+        struct File {
+            unit: LengthUnit,
+        }
+        #[derive(Deserialize)]
+        #[serde(untagged)]
+        enum Units {
+            OfFiles { files: Vec<File> },
+            OfOne { unit: LengthUnit },
+        }
+        match serde_json::from_str(self.0.get()) {
+            Ok(Units::OfFiles { files }) => files.into_iter().map(|file| file.unit).collect(),
+            Ok(Units::OfOne { unit }) => vec![unit],
+            Err(_) => Vec::new(),
+        }
+    }
+}
 
 impl PartialEq for StoredReport {
     fn eq(&self, other: &Self) -> bool {

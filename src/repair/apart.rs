@@ -6,13 +6,13 @@ use super::pipeline::{Mended, mend};
 use super::repaint::repaint;
 use super::verdict::fates;
 use super::{
-    Category, Changes, Context, LengthUnit, Merge, ObjectReport, Options, Outcome, Progress, RedFlag, Remesher,
-    RepairError, Report, Stage, UnitSource,
+    Category, Changes, Context, Merge, ObjectReport, Options, Outcome, Progress, RedFlag, Remesher, RepairError,
+    Report, Stage,
 };
 use crate::format::{Format, ReadFile};
 use crate::inspect::{Analysis, CompareOptions, Original, measure_analysis};
 use crate::mesh::{Soup, Surface};
-use crate::scene::{Object, ObjectKind, Scene, Shape, Unit};
+use crate::scene::{Object, ObjectKind, Scene, Shape};
 
 /// Most objects that are kept apart: each has a section of its own in the report.
 pub(super) const MOST_APART: usize = 200;
@@ -73,14 +73,14 @@ impl Apart {
                 let dialect = input.mesh.dialect.clone();
                 (Told { bytes: bytes.to_vec(), dialect, fates, ..Told::default() }, input.before.clone())
             }
-            Some(Dressed { bytes, read, .. }) => {
-                let analysis = Analysis::new(subject(&read.mesh), patient)?;
+            Some(Dressed { bytes, mesh, .. }) => {
+                let analysis = Analysis::new(subject(&mesh, input.analysis.subject.unit), patient)?;
                 let (after, found) = look(&analysis, || measure_analysis(&analysis, patient), context)?;
                 let changes = input.original.changes(&analysis, &after.measures, None, patient)?;
                 let fates = fates(input.original, &analysis, context)?;
                 let surface = fates.as_ref().map(|fates| fates.shares);
                 report.changes = Some(Changes { surface, ..changes });
-                (Told { bytes, dialect: read.mesh.dialect, found: Some(found), fates, ..Told::default() }, after)
+                (Told { bytes, dialect: mesh.dialect, found: Some(found), fates, ..Told::default() }, after)
             }
         };
         let good = matches!(report.outcome, Outcome::AlreadyPrintable | Outcome::Repaired);
@@ -184,12 +184,11 @@ fn repair_object(
 ) -> Result<RepairedObject, RepairError> {
     let patient = &context.without_deadline();
     let mesh = file.mesh.of_same_file(object.mesh().map(|mesh| mesh.soup.clone()).unwrap_or_default());
-    let analysis = Analysis::new(subject(&mesh), patient)?;
+    let analysis = Analysis::new(subject(&mesh, file.unit.as_ref()), patient)?;
     let (before, _) = look(&analysis, || measure_analysis(&analysis, patient), context)?;
     let original = Original::new(&analysis, &before.measures, CompareOptions::BRIEF);
     let input = Input { bytes: None, mesh: &mesh, analysis: &analysis, original: &original, before: &before };
-    let unit = LengthUnit { used: Unit::Millimetre, source: UnitSource::File, scaled_from: None, up: None, note: None };
-    let mut report = input.report(options, unit, 0);
+    let mut report = input.report(options, 0);
     let Mended { outcome, judged } = mend(&input, carrier(format), &mut report, options, remesher, context)?;
     let Told { bytes, source, .. } = input.tell(&mut report, outcome, judged, context)?;
     let soup = match bytes.as_slice() {
@@ -277,7 +276,7 @@ fn sum_up(report: &mut Report, sections: Vec<ObjectReport>) {
             report.summary.clone_from(&only.summary);
             (report.plan, report.steps, report.candidates) =
                 (only.plan.clone(), only.steps.clone(), only.candidates.clone());
-            (report.changes, report.ledger) = (only.changes.clone(), only.ledger.clone());
+            (report.changes, report.ledger) = (only.changes, only.ledger.clone());
         }
         several => {
             report.summary = in_words(several);

@@ -2,7 +2,7 @@ use std::time::Duration;
 
 use super::Repaired;
 use crate::context::{Cancelled, Context};
-use crate::format::{self, Limits, ReadError};
+use crate::format::{self, Limits, ReadError, ReadOptions};
 use crate::render::{Drawing, Marked, RenderError, draw_change, draw_repaired};
 
 /// Why a repair could not be drawn.
@@ -34,10 +34,16 @@ pub fn draw(
     let left = Duration::from_secs_f64(repaired.report.options.deadline_s)
         .saturating_sub(Duration::try_from_secs_f64(repaired.report.milliseconds / 1e3).unwrap_or_default());
     let context = &context.limited_to(left);
-    let read = format::read(input, limits)?.soup;
+    let (unit, up) = (&repaired.report.unit, repaired.report.unit.up);
+    let reading = |limits| ReadOptions { limits, twist_angle_deg: repaired.report.options.twist_angle_deg };
+    let mut file = format::read_file(input, &reading(*limits))?;
+    file.settle_unit(repaired.report.options.unit, repaired.report.options.scale_to);
+    let read = file.mesh.soup;
     let before = Marked { soup: &read, findings: &repaired.found_before };
     let after = match &repaired.found_after {
-        Some(findings) => Some((format::read(&repaired.bytes, &Limits::NONE)?.soup, findings)),
+        Some(findings) => {
+            Some((format::read_file(&repaired.bytes, &reading(Limits::NONE))?.mesh_in(unit.used, up), findings))
+        }
         None => None,
     };
     let unchanged = (repaired.bytes == input).then_some(before);

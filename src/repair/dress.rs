@@ -6,7 +6,7 @@ use super::input::{Input, Told, look, read_own, subject};
 use super::repaint::repaint;
 use super::verdict::fates;
 use super::{Context, RepairError};
-use crate::format::{self, Format, Limits, ReadFile, ReadOptions, WriteError};
+use crate::format::{self, Format, Limits, ReadFile, ReadMesh, ReadOptions, WriteError};
 use crate::inspect::{Analysis, measure_analysis};
 use crate::mesh::{Soup, Surface, position_key};
 use crate::scene::{Item, Object, PaintedMesh, Scene, Shape, Unit};
@@ -47,22 +47,22 @@ pub(super) fn dress_one(
     };
     scene.objects = vec![Object::of_mesh(file.only_name(), PaintedMesh { soup, paint })];
     scene.items = vec![Item::of(0)];
-    let Dressed { bytes, read, in_order } = dress(&scene, format)?;
+    let Dressed { bytes, mesh, in_order } = dress(&scene, format)?;
     if in_order {
-        return Ok(Told { bytes, dialect: read.mesh.dialect, ..told });
+        return Ok(Told { bytes, dialect: mesh.dialect, ..told });
     }
     // What was found is told of faces by their order.
-    let analysis = Analysis::new(subject(&read.mesh), patient)?;
+    let analysis = Analysis::new(subject(&mesh, input.analysis.subject.unit), patient)?;
     let (_, found) = look(&analysis, || measure_analysis(&analysis, patient), context)?;
     let fates = fates(input.original, &analysis, context)?;
-    Ok(Told { bytes, dialect: read.mesh.dialect, found: Some(found), fates, ..told })
+    Ok(Told { bytes, dialect: mesh.dialect, found: Some(found), fates, ..told })
 }
 
 /// A file that holds just what was judged.
 pub(super) struct Dressed {
     pub bytes: Vec<u8>,
-    /// What was read back from them.
-    pub read: ReadFile,
+    /// What was read back from them, in the places and the unit in which it was judged.
+    pub mesh: ReadMesh,
     /// Whether faces stand in the order in which they were judged.
     pub in_order: bool,
 }
@@ -72,20 +72,26 @@ pub(super) fn dress(scene: &Scene, format: Format) -> Result<Dressed, RepairErro
     let bytes = format::write_scene(scene, format)?;
     let options = ReadOptions { limits: Limits::NONE, ..ReadOptions::default() };
     let read = format::read_file(&bytes, &options)?;
-    let in_order = match &read.scene {
-        Some(again) if format.has_objects() => compare(&meshes(scene), &meshes(again)),
+    let Some(again) = read.scene.as_ref().filter(|_| format.has_objects()) else {
         // One mesh, whatever the scene is made of.
-        _ => {
-            let whole = scene.placed(u64::MAX).map_err(|_| WriteError::TooLarge)?;
-            compare(&[&whole.soup], &[&read.mesh.soup])
-        }
+        let whole = scene.placed(u64::MAX).map_err(|_| WriteError::TooLarge)?;
+        let in_order = compare(&[&whole.soup], &[&read.mesh.soup]).ok_or(RepairError::Unfaithful)?;
+        return Ok(Dressed { bytes, mesh: read.mesh, in_order });
     };
-    let in_order = in_order.ok_or(RepairError::Unfaithful)?;
-    Ok(Dressed { bytes, read, in_order })
+    let (ours, theirs) = (meshes(scene), meshes(again));
+    let (before, after): (Vec<_>, Vec<_>) = (soups(scene, &ours), soups(again, &theirs));
+    let in_order = compare(&before, &after).ok_or(RepairError::Unfaithful)?;
+    // In their places as they were judged: the file may have turned and scaled these.
+    let mut stand = scene.clone();
+    for (&own, soup) in ours.iter().zip(after) {
+        stand.objects[own].shape = Shape::Mesh(PaintedMesh { soup: soup.clone(), paint: Vec::new() });
+    }
+    let soup = stand.placed(u64::MAX).map_err(|_| WriteError::TooLarge)?.soup;
+    Ok(Dressed { bytes, mesh: read.mesh.of_same_file(soup), in_order })
 }
 
-/// The meshes with faces that stand somewhere, in their order.
-fn meshes(scene: &Scene) -> Vec<&Soup> {
+/// The objects that are meshes with faces and stand somewhere, in their order.
+fn meshes(scene: &Scene) -> Vec<usize> {
     let mut used = vec![false; scene.objects.len()];
     let mut stack: Vec<u32> = scene.items.iter().map(|item| item.object).collect();
     while let Some(object) = stack.pop() {
@@ -97,12 +103,12 @@ fn meshes(scene: &Scene) -> Vec<&Soup> {
             stack.extend(parts.iter().map(|part| part.object));
         }
     }
-    let in_use = scene.objects.iter().zip(used).filter(|(_, used)| *used);
-    in_use
-        .filter_map(|(object, _)| object.mesh())
-        .map(|mesh| &mesh.soup)
-        .filter(|soup| !soup.faces.is_empty())
-        .collect()
+    let has_faces = |object: &Object| object.mesh().is_some_and(|mesh| !mesh.soup.faces.is_empty());
+    (0..used.len()).filter(|&object| used[object] && has_faces(&scene.objects[object])).collect()
+}
+
+fn soups<'s>(scene: &'s Scene, meshes: &[usize]) -> Vec<&'s Soup> {
+    meshes.iter().filter_map(|&object| scene.objects[object].mesh()).map(|mesh| &mesh.soup).collect()
 }
 
 /// Whether meshes have the same faces, and if so whether in the same order; none if they don't.

@@ -1,13 +1,13 @@
 use super::RepairError;
 use super::verdict::{JudgeError, Judged, Patches, fates, judge};
 use super::{
-    Cancelled, Category, Changes, Context, FileSummary, LengthUnit, Options, Outcome, Plan, Preset, REPORT_VERSION,
-    Report, summary,
+    Cancelled, Category, Changes, Context, FileSummary, Options, Outcome, Plan, Preset, REPORT_VERSION, Report, summary,
 };
 use crate::format::{self, Format, Limits, ReadError, ReadMesh};
 use crate::inspect::{
     Analysis, Fates, Findings, InspectOptions, Inspection, Level, Measures, Original, Subject, inspect_analysis,
 };
+use crate::scene::LengthUnit;
 
 /// What came in.
 pub(super) struct Input<'a> {
@@ -82,7 +82,7 @@ impl Input<'_> {
             return Ok((inspection, Some(findings)));
         }
         let read = read_own(&judged.bytes)?;
-        let analysis = Analysis::new(subject(&read), &context.without_deadline())?;
+        let analysis = Analysis::new(subject(&read, self.analysis.subject.unit), &context.without_deadline())?;
         let (inspection, findings) = look(&analysis, || Ok(judged.measures.clone()), context)?;
         judged.fates = fates(self.original, &analysis, context)?;
         Ok((inspection, Some(findings)))
@@ -110,7 +110,7 @@ impl Input<'_> {
     }
 
     /// The account as far as it is known before anything was run.
-    pub fn report(&self, options: &Options, unit: LengthUnit, bytes: u64) -> Report {
+    pub fn report(&self, options: &Options, bytes: u64) -> Report {
         let mut warnings = self.mesh.warnings.clone();
         warnings.extend(self.before.measures.left_out());
         let intersections = &self.before.measures.self_intersections;
@@ -125,7 +125,7 @@ impl Input<'_> {
             input: FileSummary { format: self.mesh.format, dialect: self.mesh.dialect.clone(), bytes },
             output: None,
             options: options.clone(),
-            unit,
+            unit: self.analysis.subject.unit.cloned().unwrap_or_default(),
             objects: Vec::new(),
             before: self.before.clone(),
             after: None,
@@ -152,9 +152,9 @@ pub(super) fn read_own(bytes: &[u8]) -> Result<ReadMesh, ReadError> {
     format::read(bytes, &Limits::NONE)
 }
 
-/// All that a file says.
-pub(super) fn subject(mesh: &ReadMesh) -> Subject<'_> {
-    Subject { soup: &mesh.soup, normals: mesh.normals.as_ref(), numbering: mesh.numbering.as_ref() }
+/// All that a file says, with lengths in a unit.
+pub(super) fn subject<'a>(mesh: &'a ReadMesh, unit: Option<&'a LengthUnit>) -> Subject<'a> {
+    Subject { soup: &mesh.soup, normals: mesh.normals.as_ref(), numbering: mesh.numbering.as_ref(), unit }
 }
 
 /// Looks at everything. When the time is over only what results are judged by is told, from `measures`, since a repair

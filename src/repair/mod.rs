@@ -11,7 +11,6 @@ mod drawings;
 mod dress;
 mod input;
 mod ledger;
-mod lengths;
 mod objects;
 pub mod operators;
 mod options;

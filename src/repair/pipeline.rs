@@ -4,7 +4,6 @@ use super::apart::{keeps_apart, repair_apart};
 use super::climb::Climb;
 use super::dress::{carrier, dress_one};
 use super::input::{Input, Told, look, subject};
-use super::lengths::settle;
 use super::plan::{make_plan, name};
 use super::sheets::open_sheet_share;
 use super::tiers::Runner;
@@ -79,19 +78,19 @@ pub fn repair(
     context.report(Stage::Read, None, 0);
     let reading = ReadOptions { limits: *limits, twist_angle_deg: options.twist_angle_deg };
     let mut file = format::read_file(bytes, &reading)?;
-    let (unit, scaled) = settle(&mut file, options);
+    let unit = file.settle_unit(options.unit, options.scale_to);
     let format = options.output.resolve(&file);
     let apart = keeps_apart(&mut file, format, options);
-    let as_it_is = format == file.mesh.format && !scaled && (apart || !file.has_objects());
+    let as_it_is = format == file.mesh.format && unit.scaled_from.is_none() && (apart || !file.has_objects());
     context.report(Stage::Inspect, None, 3);
-    let analysis = Analysis::new(subject(&file.mesh), patient)?;
+    let analysis = Analysis::new(subject(&file.mesh, file.unit.as_ref()), patient)?;
     let (before, found_before) = look(&analysis, || measure_analysis(&analysis, patient), context)?;
     context.log(&format!("read {}: {}", file.mesh.dialect, before.measures.in_short()));
     let original = Original::new(&analysis, &before.measures, CompareOptions::BRIEF);
     let returnable = as_it_is.then_some(bytes);
     let input =
         &Input { bytes: returnable, mesh: &file.mesh, analysis: &analysis, original: &original, before: &before };
-    let mut report = input.report(options, unit, bytes.len() as u64);
+    let mut report = input.report(options, bytes.len() as u64);
     let result = match file.scene.as_ref().filter(|_| apart) {
         Some(scene) => {
             let made = repair_apart(&file, scene, format, as_it_is, options, remesher, context)?;

@@ -5,7 +5,7 @@ use super::{ObjectReport, Operator, Options, Preset, RemesherInfo};
 use crate::format::Format;
 use crate::inspect::Inspection;
 pub use crate::inspect::{Certificate, Changes, Ledger, LostPart, PartCertificate};
-use crate::scene::{Unit, Up};
+use crate::scene::LengthUnit;
 
 /// The version of [`Report`]'s structure. 2: `before` and `after` are inspections, which add `version`, `level` and
 /// `defects` to the measures of version 1. 3: a plan's actions list their operators, and a step is one operator. 4:
@@ -138,36 +138,6 @@ pub struct Report {
     pub warnings: Vec<String>,
     /// Time from first byte read to last byte written, in milliseconds.
     pub milliseconds: f64,
-}
-
-/// What lengths are in.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
-pub struct LengthUnit {
-    /// The unit.
-    pub used: Unit,
-    /// How it is known what the input's lengths are in.
-    pub source: UnitSource,
-    /// What the input's lengths were in, where `scale_to` brought them into another unit.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub scaled_from: Option<Unit>,
-    /// Which axis the input says points up. Between formats that say so the model is turned, and in others its numbers stay.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub up: Option<Up>,
-    /// What to know of it, in words.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub note: Option<String>,
-}
-
-/// How the unit of a file is known.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum UnitSource {
-    /// The request says so.
-    Declared,
-    /// The file says so.
-    File,
-    /// Nobody says so: millimetres.
-    Assumed,
 }
 
 /// A file that went in or came out.

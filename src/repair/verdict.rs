@@ -59,7 +59,7 @@ pub(super) fn judge(
     let patient = &context.without_deadline();
     let bytes = format::write(&surface.to_soup(), format)?;
     let read = read_own(&bytes)?;
-    let analysis = Analysis::new(subject(&read), patient)?;
+    let analysis = Analysis::new(subject(&read, input.analysis().subject.unit), patient)?;
     let measures = measure_analysis(&analysis, patient)?;
     // Faces are written and read in their order.
     let patches: Vec<bool> = match patches {

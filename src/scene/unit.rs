@@ -1,36 +1,37 @@
 use std::fmt;
-use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// What one step along an axis is, after the units of the 3MF core specification.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
+/// A unit of length: what one step along an axis is, after the units of the 3MF core specification.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize, ToSchema, clap::ValueEnum)]
 pub enum Unit {
-    /// A thousandth of a millimetre.
-    #[serde(rename = "um")]
+    /// 0.001 mm.
+    #[serde(rename = "um", alias = "micrometre")]
+    #[value(name = "um", alias = "micrometre")]
     Micrometre,
-    /// A millimetre.
-    #[serde(rename = "mm")]
+    /// What slicers take numbers for.
+    #[default]
+    #[serde(rename = "mm", alias = "millimetre")]
+    #[value(name = "mm", alias = "millimetre")]
     Millimetre,
-    /// A centimetre.
-    #[serde(rename = "cm")]
+    /// 10 mm.
+    #[serde(rename = "cm", alias = "centimetre")]
+    #[value(name = "cm", alias = "centimetre")]
     Centimetre,
-    /// An inch, 25.4 mm.
-    #[serde(rename = "in")]
+    /// 25.4 mm.
+    #[serde(rename = "in", alias = "inch")]
+    #[value(name = "in", alias = "inch")]
     Inch,
-    /// A foot, 304.8 mm.
-    #[serde(rename = "ft")]
+    /// 304.8 mm.
+    #[serde(rename = "ft", alias = "foot")]
+    #[value(name = "ft", alias = "foot")]
     Foot,
-    /// A metre.
-    #[serde(rename = "m")]
+    /// 1000 mm.
+    #[serde(rename = "m", alias = "metre")]
+    #[value(name = "m", alias = "metre")]
     Metre,
 }
-
-/// A text that is no unit.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
-#[error("a unit is one of um, mm, cm, in, ft, m")]
-pub struct UnitError;
 
 impl Unit {
     /// Every unit, from the smallest to the largest.
@@ -62,6 +63,12 @@ impl Unit {
         }
     }
 
+    /// How many millimetres it is.
+    #[must_use]
+    pub fn millimetres(self) -> f64 {
+        self.to(Self::Millimetre)
+    }
+
     /// What lengths in this unit are to be multiplied with for another one.
     #[must_use]
     pub fn to(self, other: Self) -> f64 {
@@ -72,14 +79,6 @@ impl Unit {
 impl fmt::Display for Unit {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(self.as_str())
-    }
-}
-
-impl FromStr for Unit {
-    type Err = UnitError;
-
-    fn from_str(text: &str) -> Result<Self, UnitError> {
-        Self::ALL.into_iter().find(|unit| unit.as_str() == text).ok_or(UnitError)
     }
 }
 
@@ -97,9 +96,8 @@ mod tests {
     #[test]
     fn a_unit_has_one_name_everywhere() {
         for unit in Unit::ALL {
-            assert_eq!(unit.as_str().parse(), Ok(unit));
             assert_eq!(serde_json::to_value(unit).expect("JSON"), unit.as_str());
+            assert_eq!(<Unit as clap::ValueEnum>::from_str(unit.as_str(), false), Ok(unit));
         }
-        assert_eq!("yard".parse::<Unit>(), Err(UnitError));
     }
 }

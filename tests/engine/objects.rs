@@ -6,9 +6,10 @@ use std::time::Duration;
 use glam::{DAffine3, DVec3};
 use meshmend::format::{self, Format, Limits, ReadFile, ReadOptions, read_file, write_scene};
 use meshmend::mesh::{Soup, Surface};
-use meshmend::repair::{Context, Merge, NoProgress, Options, Outcome, OutputFormat, Repaired, UnitSource, repair};
+use meshmend::repair::{Context, Merge, NoProgress, Options, Outcome, OutputFormat, Repaired, repair};
 use meshmend::scene::{
-    Component, Item, Material, Object, ObjectKind, Paint, PaintedMesh, Palette, Scene, Shape, Texture, Unit, Up, Wrap,
+    Component, Item, Material, Object, ObjectKind, Paint, PaintedMesh, Palette, Scene, Shape, Texture, Unit,
+    UnitSource, Up, Wrap,
 };
 
 use crate::meshes::{cube, cylinder, torus};
@@ -121,7 +122,7 @@ fn vertices_that_are_one_by_position_only_become_one_in_3mf() {
 #[test]
 fn objects_are_united_where_that_is_asked_for_and_where_the_format_has_none() {
     let mut scene = kit();
-    scene.items[1].transform = DAffine3::from_translation(DVec3::splat(4.0));
+    scene.items[1].transform = DAffine3::from_translation(DVec3::splat(3.0));
     let bytes = packed(&scene, Format::ThreeMf);
     let apart = run(&bytes, &Options::default());
     let warning = apart.report.warnings.iter().find(|it| it.contains("the objects meet"));

@@ -5,8 +5,9 @@ use std::time::Duration;
 
 use glam::DVec3;
 use meshmend::context::{Context, NoProgress};
-use meshmend::inspect::{InspectOptions, Level, NoWall, PrintMeasures, Unit, UnitSource, inspect};
+use meshmend::inspect::{InspectOptions, Level, NoWall, PrintMeasures, inspect};
 use meshmend::mesh::Soup;
+use meshmend::scene::{Unit, UnitSource};
 
 use crate::meshes::{cube, inside_out, join, push, sheet, sphere};
 

@@ -15,7 +15,7 @@ use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
 use clap::Args;
-use meshmend::format::{Limits, ReadMesh, read};
+use meshmend::format::{self, Limits, ReadFile, ReadMesh, ReadOptions};
 use meshmend::inspect::{
     Findings, Goodness, InspectOptions, Inspection, Level, SetReport, Subject, Thresholds, goodness, inspect,
 };
@@ -171,10 +171,12 @@ impl<'a> Run<'a> {
     fn all(mut self) -> Result<u8, Failure> {
         for input in std::mem::take(&mut self.files) {
             let name = input.path.display().to_string();
-            let read = read_file(&input.path, &self.limits)
-                .and_then(|bytes| read(&bytes, &self.limits).map_err(|error| format!("{name}: {error}")));
+            let read = read_file(&input.path, &self.limits).and_then(|bytes| {
+                let options = ReadOptions { limits: self.limits, ..ReadOptions::default() };
+                format::read_file(&bytes, &options).map_err(|error| format!("{name}: {error}"))
+            });
             match read {
-                Ok(mesh) => self.one(&input.path, name, mesh)?,
+                Ok(file) => self.one(&input.path, name, file)?,
                 Err(_) if !input.named => {}
                 Err(message) => {
                     self.code = exit::BAD_INPUT;
@@ -195,8 +197,15 @@ impl<'a> Run<'a> {
         Ok(self.code)
     }
 
-    fn one(&mut self, path: &Path, name: String, mesh: ReadMesh) -> Result<(), Failure> {
-        let subject = Subject { soup: &mesh.soup, normals: mesh.normals.as_ref(), numbering: mesh.numbering.as_ref() };
+    fn one(&mut self, path: &Path, name: String, mut file: ReadFile) -> Result<(), Failure> {
+        let unit = file.settle_unit(self.options.unit, None);
+        let mesh = file.mesh;
+        let subject = Subject {
+            soup: &mesh.soup,
+            normals: mesh.normals.as_ref(),
+            numbering: mesh.numbering.as_ref(),
+            unit: Some(&unit),
+        };
         let (inspection, findings) =
             in_context(|context| inspect(subject, &self.options, context)).map_err(|e| (exit::INTERNAL, e))?;
         let goodness = self.args.good.map(|thresholds| goodness(&inspection, thresholds));

@@ -1,5 +1,6 @@
 use clap::Args;
-use meshmend::inspect::{InspectOptions, Tolerances, Unit};
+use meshmend::inspect::{InspectOptions, Tolerances};
+use meshmend::scene::Unit;
 use serde_json::{Map, Value, json};
 
 /// What is known of the model and the printer, and how closely things must agree.

@@ -1,5 +1,6 @@
 use clap::ValueEnum;
-use meshmend::inspect::{Fit, Inspection, NoWall, Overhang, OverhangArea, PrintMeasures, Unit, UnitSource};
+use meshmend::inspect::{Fit, Inspection, NoWall, Overhang, OverhangArea, PrintMeasures};
+use meshmend::scene::{Unit, UnitSource};
 
 use super::bars::figure;
 use super::defects::point;

@@ -8,7 +8,7 @@ fn sayable(text: &str) -> impl Iterator<Item = char> {
 }
 
 fn escaped<'t>(text: &'t str, escape: impl Fn(char) -> Option<&'static str>) -> Cow<'t, str> {
-    let plain = |c: char| c >= ' ' && c < '\u{FFFE}' && escape(c).is_none();
+    let plain = |c: char| (' '..'\u{FFFE}').contains(&c) && escape(c).is_none();
     if text.chars().all(plain) {
         return Cow::Borrowed(text);
     }

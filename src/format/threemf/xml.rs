@@ -5,6 +5,7 @@
 
 use std::io::BufRead as _;
 
+use memchr::{memchr, memmem};
 use quick_xml::escape::unescape;
 use quick_xml::events::attributes::Attributes;
 use quick_xml::events::{BytesStart, BytesText, Event};
@@ -168,19 +169,21 @@ impl<'a> Xml<'a> {
         mut each: impl FnMut(&mut Self, &Tag<'_>) -> Result<(), ReadError>,
     ) -> Result<(), ReadError> {
         let mut buffer = Vec::new();
-        while !parent.empty {
+        if parent.empty {
+            return Ok(());
+        }
+        loop {
             match self.event(&mut buffer)? {
                 Event::Start(start) => self.element(&start, false, &mut each)?,
                 Event::Empty(start) => self.element(&start, true, &mut each)?,
                 Event::End(_) => {
                     self.depth -= 1;
-                    break;
+                    return Ok(());
                 }
                 Event::Eof => return Err(self.ended()),
                 _ => {}
             }
         }
-        Ok(())
     }
 
     #[inline]
@@ -191,7 +194,9 @@ impl<'a> Xml<'a> {
         each: impl FnOnce(&mut Self, &Tag<'_>) -> Result<(), ReadError>,
     ) -> Result<(), ReadError> {
         let bindings = self.bindings.len();
-        if start.attributes_raw().windows(5).any(|word| word == b"xmlns") {
+        let attributes = start.attributes_raw();
+        // Of the elements that there are millions of none has an m.
+        if memchr(b'm', attributes).is_some() && memmem::find(attributes, b"xmlns").is_some() {
             self.bind(start)?;
         }
         let name = start.name();

@@ -1,7 +1,6 @@
 //! What a printer and its operator want to know of a model.
 
 mod overhang;
-mod unit;
 mod walls;
 
 use glam::DVec3;
@@ -11,11 +10,11 @@ use utoipa::ToSchema;
 use super::{Analysis, InspectOptions, Measures, finite};
 use crate::context::{Cancelled, Context};
 use crate::math::Box3;
+use crate::scene::{Unit, UnitSource};
 use overhang::overhang;
 use walls::thinnest_wall;
 
 pub use overhang::{Overhang, OverhangArea};
-pub use unit::{Unit, UnitSource};
 pub use walls::{NoWall, ThinnestWall, thin_walls};
 
 /// Measures for printing. Lengths, areas and volumes are in the model's unit where nothing else is said.
@@ -72,9 +71,10 @@ pub fn print_measures(
     context: &Context<'_>,
 ) -> Result<Option<PrintMeasures>, Cancelled> {
     let Some(bounds) = measures.bounding_box else { return Ok(None) };
-    let (unit, unit_source) = match options.unit {
-        Some(unit) => (unit, UnitSource::Declared),
-        None => (Unit::default(), UnitSource::Assumed),
+    let (unit, unit_source) = match (analysis.subject.unit, options.unit) {
+        (Some(settled), _) => (settled.used, settled.source),
+        (None, Some(unit)) => (unit, UnitSource::Declared),
+        (None, None) => (Unit::default(), UnitSource::Assumed),
     };
     let size = [0, 1, 2].map(|k| finite(bounds.max[k] - bounds.min[k]));
     let size_mm = size.map(|side| finite(side * unit.millimetres()));
