@@ -8,7 +8,7 @@ pub struct ReadScene {
     pub scene: Scene,
     /// The format that was found.
     pub format: Format,
-    /// The dialect in words: `3MF`, `GLB`, `glTF`.
+    /// The dialect in words: `3MF`, `GLB`, `OBJ in a ZIP archive`.
     pub dialect: String,
     /// Oddities that were read past, each a sentence for the person who sent the file.
     pub warnings: Vec<String>,

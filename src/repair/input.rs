@@ -28,7 +28,9 @@ impl Input<'_> {
         let before = &self.before.measures;
         // A file of which some faces could not be read is never handed out as it is.
         let whole = self.mesh.numbering.is_none_or(|it| it.faces_without_vertex == 0);
-        if format == self.mesh.format && whole {
+        // Nor is an archive handed out for the model in it.
+        let is_alone = format::sniff(self.bytes, Some(self.bytes.len() as u64)).is_ok_and(|it| it == format);
+        if format == self.mesh.format && whole && is_alone {
             return Ok(Some(Judged {
                 bytes: self.bytes.to_vec(),
                 dialect: self.mesh.dialect.clone(),
