@@ -57,7 +57,7 @@ fn is_said(found: &Seen, expected: &Seen) -> bool {
     let named = |found: &str, expected: &str| {
         let expected = expected.replace(' ', "_");
         let rest = found.strip_prefix(&expected);
-        rest.is_some_and(|rest| rest.is_empty() || rest[1..].bytes().all(|digit| digit.is_ascii_digit()))
+        rest.is_some_and(|rest| rest.bytes().all(|c| c == b'_' || c.is_ascii_digit()))
     };
     match (found, expected) {
         (Seen::Material(name, color), Seen::Material(wanted, other)) => color == other && named(name, wanted),
