@@ -6,9 +6,11 @@ mod pipeline;
 mod readers;
 mod requests;
 mod threemf;
+mod zip;
 
 pub use arrangement::arrange;
 pub use pipeline::repair;
 pub use readers::read_as;
 pub use requests::{form, request};
 pub use threemf::threemf;
+pub use zip::zip;

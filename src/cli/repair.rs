@@ -23,9 +23,9 @@ use super::exit;
 /// Arguments of `meshmend repair`.
 #[derive(Debug, Args)]
 pub struct RepairArgs {
-    /// The model: STL, OBJ, PLY, OFF, 3MF, GLB, glTF or Vertex/Face text, told by its content.
+    /// The model: STL, OBJ, PLY, OFF, 3MF, GLB, glTF, Vertex/Face text, or a ZIP archive of one of them, told by its content.
     input: PathBuf,
-    /// Where the result goes; its ending (.stl, .obj, .ply, .off, .mesh, .glb, .3mf) is the format.
+    /// Where the result goes; its ending (.stl, .obj, .ply, .off, .mesh, .glb, .3mf, .zip) is the format.
     #[arg(short, long, env = "MESHMEND_OUTPUT")]
     output: PathBuf,
     /// Where the report goes, as JSON.
@@ -161,10 +161,11 @@ impl RepairArgs {
             "mesh" => OutputFormat::Mesh,
             "glb" => OutputFormat::Glb,
             "3mf" => OutputFormat::ThreeMf,
+            "zip" => OutputFormat::Zip,
             _ => {
                 let name = self.output.display();
                 return Err(format!(
-                    "{name}: the output's name must end in .stl, .obj, .ply, .off, .mesh, .glb or .3mf"
+                    "{name}: the output's name must end in .stl, .obj, .ply, .off, .mesh, .glb, .3mf or .zip"
                 ));
             }
         };

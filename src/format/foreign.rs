@@ -8,9 +8,9 @@ pub(super) struct Foreign {
     pub advice: &'static str,
 }
 
-const EXPORT: &str = "open it in the program that made it, export STL, OBJ, PLY or OFF";
-const UNPACK: &str = "unpack it, take the STL, OBJ, PLY or OFF file inside";
-const NOT_A_MODEL: &str = "look for the 3D model itself, as STL, OBJ, PLY or OFF";
+const EXPORT: &str = "open it in the program that made it, export 3MF, GLB, STL, OBJ, PLY or OFF";
+const UNPACK: &str = "unpack it, take the 3MF, GLB, STL, OBJ, PLY or OFF file inside";
+const NOT_A_MODEL: &str = "look for the 3D model itself, as 3MF, GLB, STL, OBJ, PLY or OFF";
 
 /// Signatures at the very start of a file.
 const SIGNATURES: [(&[u8], &str, &str); 40] = [

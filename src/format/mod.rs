@@ -3,6 +3,10 @@
 //! Every input is hostile: readers check counts against [`Limits`] and against the bytes that are there before they
 //! allocate, and answer a [`ReadError`] that names the byte or line and what was expected there.
 
+mod archive;
+mod beside;
+mod bundle;
+mod content;
 mod errors;
 mod faces;
 mod facet_normals;
@@ -10,8 +14,11 @@ mod foreign;
 mod gltf;
 mod lengths;
 mod limits;
+mod losses;
 mod obj;
 mod off;
+mod palettes;
+mod pictures;
 mod ply;
 mod polygon;
 mod scenes;
@@ -26,10 +33,12 @@ use utoipa::ToSchema;
 
 pub use errors::{Place, ReadError, ReadErrorKind, WriteError};
 pub use limits::{Limits, ReadOptions};
+pub use losses::{Loss, losses, losses_in_words};
 pub use scenes::{ReadFile, ReadScene};
 
 use crate::mesh::{CornerNormals, Numbering, Soup};
 use crate::scene::{PaintedMesh, Scene};
+use content::Content;
 
 /// A file format that is both read and written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
@@ -45,16 +54,20 @@ pub enum Format {
     Off,
     /// Lines `Vertex i x y z` and `Face j v1 v2 v3`, as meshalyzer has them; numbers count from 1.
     Mesh,
-    /// glTF 2.0: GLB, or JSON with embedded buffers; written as GLB. Coordinates are f32, in metres.
+    /// glTF 2.0: GLB, or JSON with buffers that are embedded or, in a ZIP archive, beside it; written as GLB. Coordinates are f32, in metres.
     Glb,
     /// 3D Manufacturing Format: objects, places, colours and a unit, in a ZIP archive.
     #[serde(rename = "3mf")]
     ThreeMf,
+    /// Wavefront OBJ with its materials and pictures in a ZIP archive. One model of any other format may be in the archive too, and is then read
+    /// as what it is.
+    Zip,
 }
 
 impl Format {
     /// All formats.
-    pub const ALL: [Self; 7] = [Self::Stl, Self::Obj, Self::Ply, Self::Off, Self::Mesh, Self::Glb, Self::ThreeMf];
+    pub const ALL: [Self; 8] =
+        [Self::Stl, Self::Obj, Self::Ply, Self::Off, Self::Mesh, Self::Glb, Self::ThreeMf, Self::Zip];
 
     /// The usual ending of a file's name, without the point.
     #[must_use]
@@ -67,6 +80,7 @@ impl Format {
             Self::Mesh => "mesh",
             Self::Glb => "glb",
             Self::ThreeMf => "3mf",
+            Self::Zip => "zip",
         }
     }
 
@@ -79,7 +93,7 @@ impl Format {
     /// Whether it says what faces are painted with.
     #[must_use]
     pub fn has_paint(self) -> bool {
-        matches!(self, Self::Glb | Self::ThreeMf)
+        matches!(self, Self::Ply | Self::Zip | Self::Glb | Self::ThreeMf)
     }
 
     /// Whether it keeps objects apart, each in its places.
@@ -132,7 +146,8 @@ pub struct Polygons {
 
 /// Names the format of a file from its first bytes and its length where it is known.
 ///
-/// 4096 bytes are enough, and no more are looked at, so that [`read`] finds the same format.
+/// 4096 bytes are enough, and no more are looked at, so that [`read`] finds the same format; but what an archive holds is only told by its
+/// end, so that [`Format::ThreeMf`] and [`Format::Zip`] may turn out to be each other, or what the archive holds.
 ///
 /// # Errors
 /// [`ReadErrorKind::Empty`], [`ReadErrorKind::UnknownFormat`] or [`ReadErrorKind::UnsupportedFormat`], with what was found.
@@ -155,7 +170,7 @@ pub fn read(bytes: &[u8], limits: &Limits) -> Result<ReadMesh, ReadError> {
 /// # Errors
 /// As [`read`].
 pub fn read_with(bytes: &[u8], options: &ReadOptions) -> Result<ReadMesh, ReadError> {
-    read_file(bytes, options).map(|file| file.mesh)
+    Content::read(bytes, options, false)?.into_file(&options.limits).map(|file| file.mesh)
 }
 
 /// Reads a whole file with all that it holds.
@@ -163,18 +178,7 @@ pub fn read_with(bytes: &[u8], options: &ReadOptions) -> Result<ReadMesh, ReadEr
 /// # Errors
 /// As [`read`].
 pub fn read_file(bytes: &[u8], options: &ReadOptions) -> Result<ReadFile, ReadError> {
-    let limits = &options.limits;
-    limits.check_bytes(bytes.len() as u64)?;
-    let mesh = match sniff(bytes, Some(bytes.len() as u64))? {
-        Format::Glb => return gltf::read(bytes, options)?.into_file(limits),
-        Format::ThreeMf => return threemf::read(bytes, options)?.into_file(limits),
-        Format::Stl => stl::read(bytes, limits),
-        Format::Obj => obj::read(bytes, options),
-        Format::Ply => ply::read(bytes, options),
-        Format::Off => off::read(bytes, options),
-        Format::Mesh => vertex_face::read(bytes, limits),
-    };
-    Ok(ReadFile { mesh: mesh?, paint: Vec::new(), scene: None, unit: None })
+    Content::read(bytes, options, true)?.into_file(&options.limits)
 }
 
 /// Reads a whole file with its objects, where they stand and what they are painted with.
@@ -182,20 +186,11 @@ pub fn read_file(bytes: &[u8], options: &ReadOptions) -> Result<ReadFile, ReadEr
 /// # Errors
 /// As [`read`].
 pub fn read_scene(bytes: &[u8], options: &ReadOptions) -> Result<ReadScene, ReadError> {
-    options.limits.check_bytes(bytes.len() as u64)?;
-    match sniff(bytes, Some(bytes.len() as u64))? {
-        Format::ThreeMf => threemf::read(bytes, options),
-        Format::Glb => gltf::read(bytes, options),
-        _ => {
-            let ReadMesh { soup, format, dialect, warnings, .. } = read_with(bytes, options)?;
-            let scene = Scene::of_mesh(PaintedMesh { soup, paint: Vec::new() });
-            Ok(ReadScene { scene, format, dialect, warnings })
-        }
-    }
+    Content::read(bytes, options, true).map(Content::into_scene)
 }
 
-/// Writes a mesh in a format. The same mesh gives the same bytes, and reading them gives the same mesh: exactly for OBJ, PLY,
-/// OFF and Vertex/Face, rounded to f32 and without indices for STL.
+/// Writes a mesh in a format. The same mesh gives the same bytes, and reading them gives the same mesh: exactly for OBJ, in an archive or not,
+/// PLY, OFF and Vertex/Face, rounded to f32 and without indices for STL.
 ///
 /// # Errors
 /// [`WriteError`] when the mesh can't be said in the format; only STL has such limits.
@@ -209,13 +204,15 @@ pub fn write(soup: &Soup, format: Format) -> Result<Vec<u8>, WriteError> {
         Format::Ply => Ok(ply::write(soup)),
         Format::Off => Ok(off::write(soup)),
         Format::Mesh => Ok(vertex_face::write(soup)),
+        Format::Zip => bundle::pack(&obj::Files { obj: obj::write(soup), mtl: None, pictures: Vec::new() }),
         Format::Glb | Format::ThreeMf => {
             write_scene(&Scene::of_mesh(PaintedMesh { soup: soup.clone(), paint: Vec::new() }), format)
         }
     }
 }
 
-/// Writes a scene in a format: with all that the format can say of it, in others than 3MF and GLB as one mesh.
+/// Writes a scene in a format: with all that the format can say of it, in others than 3MF and GLB as one mesh. What it can't say is left out,
+/// and [`losses`] tells what that is.
 ///
 /// # Errors
 /// [`WriteError`] as for [`write`], and where the scene's places together have more faces than can be counted.
@@ -226,6 +223,10 @@ pub fn write_scene(scene: &Scene, format: Format) -> Result<Vec<u8>, WriteError>
     match format {
         Format::ThreeMf => threemf::write(scene),
         Format::Glb => gltf::write(scene),
-        _ => write(&scene.placed(u64::from(u32::MAX)).map_err(|_| WriteError::TooLarge)?.soup, format),
+        Format::Zip => bundle::write(scene),
+        _ => {
+            let mesh = scene.placed(u64::from(u32::MAX)).map_err(|_| WriteError::TooLarge)?;
+            if format == Format::Ply { Ok(ply::write_painted(&mesh, scene)) } else { write(&mesh.soup, format) }
+        }
     }
 }

@@ -8,7 +8,7 @@ pub struct ReadScene {
     pub scene: Scene,
     /// Its format.
     pub format: Format,
-    /// The dialect, such as `GLB` or `3MF`, in words.
+    /// The dialect in words: `3MF`, `GLB`, `OBJ in a ZIP archive`.
     pub dialect: String,
     /// What was ignored or looks wrong, in words.
     pub warnings: Vec<String>,

@@ -7,7 +7,7 @@
 use super::errors::{ReadError, ReadErrorKind, shown};
 use super::foreign;
 use super::text::{Text, UTF8_MARK, integer, number};
-use super::{Format, gltf, stl, vertex_face};
+use super::{Format, archive, gltf, stl, threemf, vertex_face};
 
 /// How much of a file is looked at. Longer heads are cut to this, so that a reader and a sniffer agree.
 pub(super) const HEAD: usize = 4096;
@@ -32,8 +32,9 @@ pub(super) fn sniff(head: &[u8], length: Option<u64>) -> Result<Format, ReadErro
         return Ok(Format::Glb);
     }
     // What the archive holds is told by its end, which only the reader looks at.
-    if head.starts_with(b"PK\x03\x04") {
-        return Ok(Format::ThreeMf);
+    if head.starts_with(archive::LOCAL) {
+        let is_unknown = archive::names_in_head(head).next().is_none();
+        return Ok(if is_unknown || threemf::is_likely(head) { Format::ThreeMf } else { Format::Zip });
     }
     if let Some(found) = foreign::recognise(head) {
         return Err(ReadError::whole(
@@ -216,7 +217,7 @@ fn unknown(head: &[u8]) -> ReadError {
             ""
         };
         format!(
-            "the file begins with '{}', which is no format that is known here; send STL, OBJ, PLY or OFF{cut}",
+            "the file begins with '{}', which is no format that is known here; send STL, OBJ, PLY, OFF, 3MF or GLB{cut}",
             shown(&head[..head.len().min(16)])
         )
     };

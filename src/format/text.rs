@@ -130,6 +130,13 @@ impl<'a> Text<'a> {
         }
     }
 
+    /// What is left of this line as it stands, without blanks around it.
+    pub fn rest_of_line(&mut self) -> &'a [u8] {
+        let begin = self.at;
+        self.skip_line();
+        self.bytes[begin..self.at].trim_ascii()
+    }
+
     /// Goes to the end of this line with all lines that continue it.
     pub fn skip_statement(&mut self) {
         while self.word_on_line().is_some() {}

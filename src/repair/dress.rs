@@ -15,7 +15,7 @@ use crate::scene::{Item, Object, PaintedMesh, Scene, Shape, Unit};
 pub(super) fn carrier(format: Format) -> Format {
     match format {
         Format::Glb => Format::Stl,
-        Format::ThreeMf => Format::Ply,
+        Format::ThreeMf | Format::Zip => Format::Ply,
         plain => plain,
     }
 }

@@ -48,6 +48,8 @@ pub enum OutputFormat {
     Mesh,
     /// GLB (binary glTF 2.0), in metres.
     Glb,
+    /// OBJ with its materials and pictures in a ZIP archive.
+    Zip,
     /// 3MF.
     #[serde(rename = "3mf")]
     #[value(name = "3mf")]
@@ -62,12 +64,15 @@ impl OutputFormat {
     pub fn resolve(self, input: &ReadFile) -> Format {
         match self {
             Self::Auto if input.scene.is_none() => Format::Stl,
+            // Alone it has no materials.
+            Self::Auto if input.mesh.format == Format::Obj => Format::Zip,
             Self::Stl => Format::Stl,
             Self::Obj => Format::Obj,
             Self::Ply => Format::Ply,
             Self::Off => Format::Off,
             Self::Mesh => Format::Mesh,
             Self::Glb => Format::Glb,
+            Self::Zip => Format::Zip,
             Self::ThreeMf => Format::ThreeMf,
             Self::Auto | Self::Same => input.mesh.format,
         }

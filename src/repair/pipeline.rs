@@ -81,7 +81,10 @@ pub fn repair(
     let unit = file.settle_unit(options.unit, options.scale_to);
     let format = options.output.resolve(&file);
     let apart = keeps_apart(&mut file, format, options);
-    let as_it_is = format == file.mesh.format && unit.scaled_from.is_none() && (apart || !file.has_objects());
+    // An archive is not handed out for the model in it.
+    let is_alone = format::sniff(bytes, Some(bytes.len() as u64)).is_ok_and(|it| it == format);
+    let as_it_is =
+        format == file.mesh.format && is_alone && unit.scaled_from.is_none() && (apart || !file.has_objects());
     context.report(Stage::Inspect, None, 3);
     let analysis = Analysis::new(subject(&file.mesh, file.unit.as_ref()), patient)?;
     let (before, found_before) = look(&analysis, || measure_analysis(&analysis, patient), context)?;
@@ -91,6 +94,7 @@ pub fn repair(
     let input =
         &Input { bytes: returnable, mesh: &file.mesh, analysis: &analysis, original: &original, before: &before };
     let mut report = input.report(options, bytes.len() as u64);
+    report.warnings.extend(file.scene.as_ref().and_then(|scene| format::losses_in_words(scene, format)));
     let result = match file.scene.as_ref().filter(|_| apart) {
         Some(scene) => {
             let made = repair_apart(&file, scene, format, as_it_is, options, remesher, context)?;

@@ -55,6 +55,17 @@ impl Palette {
         }
     }
 
+    /// The colours of three entries; none of places in a texture, or where there is no such entry.
+    #[must_use]
+    pub fn colors(&self, at: [u32; 3]) -> Option<[[u8; 4]; 3]> {
+        let color = |at: u32| match self {
+            Self::Materials(materials) => materials.get(at as usize).map(|material| material.color),
+            Self::Colors(colors) => colors.get(at as usize).copied(),
+            Self::Textured { .. } => None,
+        };
+        Some([color(at[0])?, color(at[1])?, color(at[2])?])
+    }
+
     /// Whether it has none.
     #[must_use]
     pub fn is_empty(&self) -> bool {

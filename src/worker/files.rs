@@ -69,6 +69,7 @@ fn media_type(format: Format) -> &'static str {
         Format::Obj => "model/obj",
         Format::Glb => "model/gltf-binary",
         Format::ThreeMf => "model/3mf",
+        Format::Zip => "application/zip",
         Format::Ply | Format::Off | Format::Mesh => "application/octet-stream",
     }
 }

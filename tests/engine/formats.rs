@@ -4,13 +4,16 @@ mod any_bytes;
 mod limits;
 mod normals;
 mod obj;
+mod obj_colors;
 mod off;
 mod ply;
+mod ply_colors;
 mod round_trip;
 mod sniffing;
 mod stl;
 mod threemf;
 mod vertex_face;
+mod zip;
 
 use glam::DVec3;
 use meshmend::format::{Limits, Place, ReadError, ReadErrorKind, ReadMesh, read};

@@ -240,7 +240,9 @@ fn looks(file: &ReadFile) -> Vec<([i64; 3], String)> {
 
 #[test]
 fn colours_and_pictures_stay_on_what_stays_and_are_given_to_what_is_new() {
-    for (format, output) in [(Format::ThreeMf, OutputFormat::ThreeMf), (Format::Glb, OutputFormat::Glb)] {
+    let formats =
+        [(Format::ThreeMf, OutputFormat::ThreeMf), (Format::Glb, OutputFormat::Glb), (Format::Zip, OutputFormat::Auto)];
+    for (format, output) in formats {
         for merge in [Merge::None, Merge::Objects] {
             let input = packed(&painted(true), format);
             let it = run(&input, &Options { output, merge, scale_to: Some(Unit::Millimetre), ..Options::default() });
@@ -248,7 +250,7 @@ fn colours_and_pictures_stay_on_what_stays_and_are_given_to_what_is_new() {
             let (was, is) = (read(&input), read(&it.bytes));
             let scale = |file: ReadFile| {
                 let mut file = file;
-                let factor = file.scene.as_ref().unwrap().unit.unwrap().to(Unit::Millimetre);
+                let factor = file.scene.as_ref().unwrap().unit.map_or(1.0, |unit| unit.to(Unit::Millimetre));
                 file.mesh.soup.positions.iter_mut().for_each(|p| *p *= factor);
                 looks(&file)
             };
@@ -336,4 +338,45 @@ fn stl_is_the_result_unless_the_file_holds_more() {
     let of = |format| run(&format::write(&soup, format).unwrap(), &Options::default()).format;
     assert_eq!([Format::Stl, Format::Obj, Format::Off].map(of), [Format::Stl; 3]);
     assert_eq!([Format::ThreeMf, Format::Glb].map(of), [Format::ThreeMf, Format::Glb]);
+}
+
+/// A cube of which the lower half is red and the upper one blue, with a hole.
+fn two_colours() -> Scene {
+    let soup = open(cube(DVec3::ZERO, 20.0, 2));
+    let lower = |face: usize| soup.corners(face).iter().map(|p| p.z).sum::<f64>() < 30.0;
+    let paint = (0..soup.faces.len()).map(|face| Paint { palette: 0, at: [u32::from(!lower(face)); 3] }).collect();
+    let palettes = vec![Palette::Colors(vec![[255, 0, 0, 255], [0, 0, 255, 255]])];
+    Scene { palettes, ..Scene::of_mesh(PaintedMesh { soup, paint }) }
+}
+
+#[test]
+fn colours_of_ply_come_back_in_ply() {
+    let input = packed(&two_colours(), Format::Ply);
+    let it = run(&input, &Options::default());
+    assert_eq!((it.format, it.report.outcome), (Format::Ply, Outcome::Repaired));
+    let (was, is) = (looks(&read(&input)), looks(&read(&it.bytes)));
+    assert!(was.iter().all(|look| is.contains(look)));
+    assert_eq!(is.len(), 48);
+}
+
+#[test]
+fn what_a_format_can_not_hold_is_told() {
+    let told = |options: Options| run(&packed(&painted(true), Format::ThreeMf), &options).report.warnings.join(" ");
+    let stl = told(Options { output: OutputFormat::Stl, ..Options::default() });
+    assert!(stl.contains("STL can't hold colours and pictures"), "{stl}");
+    assert_eq!(told(Options::default()), "");
+}
+
+#[test]
+fn an_archive_is_not_handed_out_for_the_model_in_it() {
+    use std::io::Write;
+    let stl = format::write(&cube(DVec3::ZERO, 20.0, 1), Format::Stl).unwrap();
+    let mut archive = zip::ZipWriter::new(std::io::Cursor::new(Vec::new()));
+    archive.start_file("folder/cube.stl", zip::write::SimpleFileOptions::default()).unwrap();
+    archive.write_all(&stl).unwrap();
+    let archive = archive.finish().unwrap().into_inner();
+    let it = run(&archive, &Options { output: OutputFormat::Same, ..Options::default() });
+    assert_eq!((it.format, it.report.outcome), (Format::Stl, Outcome::AlreadyPrintable));
+    assert_eq!(read(&it.bytes).mesh.soup, read(&stl).mesh.soup);
+    assert!(it.report.input.dialect.contains("ZIP"), "{}", it.report.input.dialect);
 }

@@ -21,7 +21,7 @@ pub fn run(soup: &Soup, options: &Options, remesher: Option<&dyn Remesher>) -> R
     run_bytes(&bytes, options, remesher).unwrap()
 }
 
-fn run_bytes(bytes: &[u8], options: &Options, remesher: Option<&dyn Remesher>) -> Result<Repaired, RepairError> {
+pub fn run_bytes(bytes: &[u8], options: &Options, remesher: Option<&dyn Remesher>) -> Result<Repaired, RepairError> {
     let cancel = AtomicBool::new(false);
     let clock = || Duration::ZERO;
     let context = Context::new(&NoProgress, &cancel, &clock, Duration::from_secs(600));

@@ -56,6 +56,19 @@ pub fn threemf(seed: u64) -> Vec<u8> {
     bytes
 }
 
+/// The texts of an OBJ model and its materials that say a little of everything, or an archive of one, damaged as bytes.
+pub fn zip(seed: u64) -> Vec<u8> {
+    let random = &mut Random::new(seed);
+    let mut bytes = match random.below(5) {
+        0 => write(&model(random), Format::Zip).unwrap_or_default(),
+        _ => PAINTED.as_bytes().to_vec(),
+    };
+    for _ in 0..random.below(6) {
+        damage_bytes(&mut bytes, random);
+    }
+    bytes
+}
+
 pub fn stl(seed: u64) -> Vec<u8> {
     dialect(
         Format::Stl,
@@ -121,6 +134,48 @@ const MODEL: &str = r##"<?xml version="1.0" encoding="UTF-8"?>
 <build><item objectid="8" transform="-2 0 0 0 2 0 0 0 2 0 0 1"><metadatagroup><metadata name="Title">it</metadata></metadatagroup></item></build>
 </model>
 "##;
+
+const PAINTED: &str = "mtllib c.mtl
+v 0 0 0 1 0 0
+v 4 0 0 0 1 0
+v 4 4 0 0 0 1
+v 0 4 0 0.5 0.5 0.5
+v 2 1 0
+v 0 0 5 1
+vt 0 0
+vt 1 0 0
+vt 0.5 -1e3
+f 1 2 3 4
+usemtl red
+f 1/1 2/2 3/3
+f 1 2 5 3 4
+usemtl wood
+f 1/1 2/2 3/3 4/1
+f -6/-1 -5/-2/1 -4/-3
+f 7/1 1/2 2/9
+usemtl grey
+f 1 2 3
+usemtl (null)
+f 1 2 4
+usemtl color_808080
+f 4 3 2
+usemtl none
+f 1 4 6
+f 1 2
+v 9 9 9 0 1 1
+---
+newmtl red
+Kd 1 0 0
+d 0.5
+newmtl wood
+Kd 1 1 0.5
+Tr 0.1
+map_Kd -s 1 1 1 -clamp on ..\\p.png
+newmtl grey
+Kd 0.2
+newmtl color_808080
+Kd 0.502 0.502 0.502
+";
 
 /// One to four solids or sheets, where they are often coplanar or tangent, with damage.
 fn model(random: &mut Random) -> Soup {

@@ -1,5 +1,7 @@
 //! Colours between linear light, which glTF has, and sRGB, which scenes have (IEC 61966-2-1).
 
+use super::super::palettes::byte;
+
 /// A part of an sRGB colour in linear light, from 0 to 1.
 pub(super) fn linear(part: u8) -> f64 {
     let part = f64::from(part) / 255.0;
@@ -10,17 +12,6 @@ pub(super) fn linear(part: u8) -> f64 {
 pub(super) fn srgb(linear: f64) -> u8 {
     let linear = linear.clamp(0.0, 1.0);
     byte(if linear <= 0.003_130_8 { linear * 12.92 } else { 1.055 * linear.powf(1.0 / 2.4) - 0.055 })
-}
-
-/// The byte nearest to a value from 0 to 1.
-pub(super) fn byte(value: f64) -> u8 {
-    #[expect(
-        clippy::cast_possible_truncation,
-        clippy::cast_sign_loss,
-        reason = "clamped; what is not a number becomes 0"
-    )]
-    let byte = (value.clamp(0.0, 1.0) * 255.0).round() as u8;
-    byte
 }
 
 /// An sRGB colour with alpha as glTF's factors, to six places.

@@ -7,6 +7,8 @@ use base64::Engine;
 use base64::alphabet::STANDARD;
 use base64::engine::{DecodePaddingMode, GeneralPurpose, GeneralPurposeConfig};
 
+use super::super::archive::percent_decoded;
+use super::super::beside::Beside;
 use super::super::errors::{ReadError, ReadErrorKind, shown};
 use super::super::limits::Limits;
 use super::document::{Buffer, BufferView, Document};
@@ -17,11 +19,16 @@ const BASE64: GeneralPurpose = GeneralPurpose::new(
     GeneralPurposeConfig::new().with_decode_padding_mode(DecodePaddingMode::Indifferent),
 );
 
+/// The longest path of another file, in bytes.
+const LONGEST_PATH: usize = 4096;
+
 /// A document with its buffers.
 pub(super) struct File<'a> {
     pub document: Document<'a>,
     buffers: Vec<Source<'a>>,
     pub limits: Limits,
+    /// The files that came with it.
+    pub beside: &'a Beside<'a>,
     /// How many bytes the file has.
     pub length: usize,
     /// Work that the faces and vertices of the result do not count.
@@ -55,13 +62,14 @@ impl<'a> File<'a> {
         binary: Option<(usize, &'a [u8])>,
         limits: Limits,
         length: usize,
+        beside: &'a Beside<'a>,
         warnings: &mut Vec<String>,
     ) -> Result<Self, ReadError> {
         let mut buffers = Vec::with_capacity(document.buffers.len());
         for (number, buffer) in document.buffers.iter().enumerate() {
-            buffers.push(source(number, buffer, binary, warnings)?);
+            buffers.push(source(number, buffer, binary, beside, warnings)?);
         }
-        Ok(Self { document, buffers, limits, length, spent: Cell::new(0) })
+        Ok(Self { document, buffers, limits, beside, length, spent: Cell::new(0) })
     }
 
     /// Counts work on so many entries, of which a small file can ask for any amount by naming the same ones again and again.
@@ -98,7 +106,7 @@ impl<'a> File<'a> {
             Source::Elsewhere(name) => Err(ReadError::whole(
                 ReadErrorKind::UnsupportedFormat,
                 format!(
-                    "the model's data is in another file, '{name}'; export a GLB file, which has all in one, and send that"
+                    "the model's data is in another file, '{name}'; export a GLB file, which has all in one, or send both in a ZIP archive"
                 ),
             )),
             Source::Nowhere if view.extensions.meshopt.is_some() => Err(ReadError::whole(
@@ -117,6 +125,7 @@ fn source<'a>(
     number: usize,
     buffer: &Buffer<'a>,
     binary: Option<(usize, &'a [u8])>,
+    beside: &Beside<'_>,
     warnings: &mut Vec<String>,
 ) -> Result<Source<'a>, ReadError> {
     let told = buffer.byte_length.index();
@@ -130,16 +139,17 @@ fn source<'a>(
         }
     };
     match (&buffer.uri, binary) {
-        (Some(uri), _) => match data(uri) {
-            Some(bytes) => {
-                let bytes = bytes.map_err(|why| malformed(format!("the data of buffer {number} {why}")))?;
-                if bytes.len() < told {
-                    return Err(short(bytes.len(), None));
-                }
-                Ok(Source::Here(Cow::Owned(bytes), None))
+        (Some(uri), _) => {
+            let bytes = match data(uri) {
+                Some(bytes) => Some(bytes.map_err(|why| malformed(format!("the data of buffer {number} {why}")))?),
+                None => path(uri).and_then(|path| beside.file(&path, u64::MAX)),
+            };
+            match bytes {
+                Some(bytes) if bytes.len() < told => Err(short(bytes.len(), None)),
+                Some(bytes) => Ok(Source::Here(Cow::Owned(bytes), None)),
+                None => Ok(Source::Elsewhere(shown(uri.as_bytes()))),
             }
-            None => Ok(Source::Elsewhere(shown(uri.as_bytes()))),
-        },
+        }
         (None, Some((place, chunk))) if number == 0 => {
             if chunk.len() < told {
                 return Err(short(chunk.len(), Some(place)));
@@ -163,6 +173,12 @@ pub(super) fn data(uri: &str) -> Option<Result<Vec<u8>, &'static str>> {
         Some((kind, text)) if kind.ends_with(";base64") => BASE64.decode(text).map_err(|_| "is not base64"),
         _ => Err("is not a data address with base64"),
     })
+}
+
+/// The path of an address that is relative; none for other kinds of address.
+pub(super) fn path(uri: &str) -> Option<String> {
+    let is_path = !uri.is_empty() && !uri.contains("://") && uri.len() <= LONGEST_PATH;
+    if is_path { percent_decoded(uri) } else { None }
 }
 
 /// The entry of a list that the document names.

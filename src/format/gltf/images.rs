@@ -5,12 +5,10 @@ use std::sync::Arc;
 use rustc_hash::FxHashMap;
 
 use super::super::errors::{ReadError, ReadErrorKind};
-use super::file::{File, data, entry};
+use super::super::pictures::media_type;
+use super::file::{File, data, entry, path};
 use super::json::Whole;
 use crate::scene::{Texture, Wrap};
-
-/// What files begin with, and their media types.
-const KINDS: [(&[u8], &str); 2] = [(b"\x89PNG\r\n\x1A\n", "image/png"), (b"\xFF\xD8\xFF", "image/jpeg")];
 
 /// Values of a sampler (glTF 2.0, 5.26).
 pub(super) const NEAREST: u32 = 9728;
@@ -19,11 +17,6 @@ pub(super) const LINEAR_MIPMAP_LINEAR: u32 = 9987;
 pub(super) const REPEAT: u32 = 10497;
 pub(super) const CLAMP_TO_EDGE: u32 = 33071;
 pub(super) const MIRRORED_REPEAT: u32 = 33648;
-
-/// The media type of a picture by its first bytes; none for what glTF does not take.
-pub(super) fn media_type(bytes: &[u8]) -> Option<&'static str> {
-    KINDS.iter().find(|(magic, _)| bytes.starts_with(magic)).map(|(_, media_type)| *media_type)
-}
 
 /// A picture file and its media type.
 type Picture = (Arc<[u8]>, &'static str);
@@ -90,10 +83,17 @@ impl<'f, 'a> Images<'f, 'a> {
         let image = entry(&self.file.document.images, number, "image")?;
         let (copied, view);
         let bytes = match (&image.uri, image.buffer_view) {
-            (Some(uri), _) => {
-                copied = data(uri).and_then(Result::ok).unwrap_or_default();
-                &copied[..]
-            }
+            (Some(uri), _) => match data(uri) {
+                Some(data) => {
+                    copied = data.unwrap_or_default();
+                    &copied[..]
+                }
+                None => {
+                    let picture = path(uri).and_then(|path| self.file.beside.picture(&path));
+                    self.files.insert(number.0, picture.clone());
+                    return Ok(picture);
+                }
+            },
             (None, Some(number)) => {
                 view = self.file.view(number)?;
                 view.bytes

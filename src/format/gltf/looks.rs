@@ -3,8 +3,9 @@
 use rustc_hash::FxHashMap;
 use serde_json::{Value, json};
 
+use super::super::pictures::media_type;
 use super::colour;
-use super::images::{CLAMP_TO_EDGE, LINEAR, LINEAR_MIPMAP_LINEAR, MIRRORED_REPEAT, NEAREST, REPEAT, media_type};
+use super::images::{CLAMP_TO_EDGE, LINEAR, LINEAR_MIPMAP_LINEAR, MIRRORED_REPEAT, NEAREST, REPEAT};
 use crate::scene::{Paint, Palette, Scene, Wrap};
 
 /// How a face looks; faces that look alike are one primitive. Two looks are the same where their contents are, whatever their palettes, so that

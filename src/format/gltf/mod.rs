@@ -1,4 +1,4 @@
-//! glTF 2.0 (Khronos, ISO/IEC 12113:2022): GLB and JSON with embedded buffers are read, GLB is written.
+//! glTF 2.0 (Khronos, ISO/IEC 12113:2022): GLB and JSON with buffers that are embedded or beside it are read, GLB is written.
 //!
 //! A mesh of the file is an object of the scene, in its own coordinates; a node with a mesh is an item, so that what stands in several
 //! places stays one object. Groups of nodes are not kept: each item has the transform that its ancestors give it.
@@ -36,6 +36,7 @@ use glam::DAffine3;
 pub(super) use container::MAGIC;
 pub(super) use write::write;
 
+use super::beside::Beside;
 use super::errors::{ReadError, ReadErrorKind};
 use super::scenes::ReadScene;
 use super::text::UTF8_MARK;
@@ -66,8 +67,8 @@ const HARMLESS: [&str; 14] = [
     "EXT_structural_metadata",
 ];
 
-/// Reads GLB, or JSON with embedded buffers.
-pub(super) fn read(bytes: &[u8], options: &ReadOptions) -> Result<ReadScene, ReadError> {
+/// Reads GLB, or JSON with buffers that are embedded or beside it.
+pub(super) fn read(bytes: &[u8], options: &ReadOptions, beside: &Beside<'_>) -> Result<ReadScene, ReadError> {
     let mut warnings = Vec::new();
     let (document, binary, dialect) = if bytes.starts_with(MAGIC) {
         let container = container::open(bytes, &mut warnings)?;
@@ -79,7 +80,7 @@ pub(super) fn read(bytes: &[u8], options: &ReadOptions) -> Result<ReadScene, Rea
     };
     check_version(&document)?;
     check_extensions(&document, &mut warnings)?;
-    let file = File::new(document, binary, options.limits, bytes.len(), &mut warnings)?;
+    let file = File::new(document, binary, options.limits, bytes.len(), beside, &mut warnings)?;
     let scene = Reading::new(&file)?.scene(&mut warnings)?;
     Ok(ReadScene { scene, format: Format::Glb, dialect: dialect.to_owned(), warnings })
 }

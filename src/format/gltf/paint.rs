@@ -5,6 +5,7 @@ use std::collections::hash_map::Entry;
 use rustc_hash::FxHashMap;
 
 use super::super::errors::ReadError;
+use super::super::palettes::Palettes;
 use super::accessor::Accessor;
 use super::colour;
 use super::document::{AlphaMode, Attributes, Material, Surface, TextureTransform};
@@ -19,13 +20,9 @@ use crate::scene::{self, PAINTLESS, Paint, Palette};
 pub(super) struct Painter<'f, 'a> {
     file: &'f File<'a>,
     pub images: Images<'f, 'a>,
-    palettes: Vec<Palette>,
-    materials: Option<u32>,
-    colors: Option<u32>,
-    /// Where the material of a number is in the palette of materials.
-    plain: FxHashMap<u32, u32>,
-    /// Where a colour is in the palette of colours.
-    colored: FxHashMap<[u8; 4], u32>,
+    palettes: Palettes,
+    /// The palette of the material of a number, and where it is in that.
+    plain: FxHashMap<u32, (u32, u32)>,
     /// The palette of a material with a picture; none where the picture can't be had.
     textured: FxHashMap<u32, Option<u32>>,
     /// Primitives with a picture whose colours of vertices were left out.
@@ -39,11 +36,8 @@ impl<'f, 'a> Painter<'f, 'a> {
         Self {
             file,
             images: Images::new(file),
-            palettes: Vec::new(),
-            materials: None,
-            colors: None,
+            palettes: Palettes::default(),
             plain: FxHashMap::default(),
-            colored: FxHashMap::default(),
             textured: FxHashMap::default(),
             both: 0,
             other_pictures: false,
@@ -52,7 +46,7 @@ impl<'f, 'a> Painter<'f, 'a> {
 
     /// The palettes with their pictures.
     pub fn finish(self) -> (Vec<Palette>, Vec<scene::Texture>) {
-        (self.palettes, self.images.textures)
+        (self.palettes.finish(), self.images.textures)
     }
 
     /// Adds the paint of a primitive's faces, whose corners are numbers of its own `vertices`. A picture goes before colours of vertices, and
@@ -81,13 +75,13 @@ impl<'f, 'a> Painter<'f, 'a> {
             self.both += u64::from(colors.is_some());
             let used = Used::of(|| faces.iter().flatten().copied(), vertices);
             let transform = texture(material).and_then(|it| it.extensions.transform.as_ref());
-            let base = self.add_places(palette, used.iter().map(|v| place(&places, v, transform)));
+            let base = self.palettes.places(palette, used.iter().map(|v| place(&places, v, transform)));
             paint.extend(faces.iter().map(|face| Paint { palette, at: face.map(|v| base + used.rank(v)) }));
         } else if let Some(colors) = colors {
             let used = Used::of(|| faces.iter().flatten().copied(), vertices);
-            let palette = self.colors_palette();
+            let palette = self.palettes.colors();
             let entries: Vec<u32> =
-                used.iter().map(|v| self.color_entry(palette, of_vertex(&colors, v, material))).collect();
+                used.iter().map(|v| self.palettes.color(of_vertex(&colors, v, material)).1).collect();
             paint.extend(faces.iter().map(|face| Paint { palette, at: face.map(|v| entries[used.rank(v) as usize]) }));
         } else if let Some(number) = number {
             let (palette, at) = self.material_entry(number, material);
@@ -120,63 +114,18 @@ impl<'f, 'a> Painter<'f, 'a> {
             Entry::Occupied(known) => *known.get(),
             Entry::Vacant(new) => {
                 let picture = self.images.texture(texture.index)?;
-                *new.insert(picture.map(|texture| {
-                    self.palettes.push(Palette::Textured {
-                        texture,
-                        name: material.name.as_deref().map(str::to_owned),
-                        tint: color(material),
-                        places: Vec::new(),
-                    });
-                    index(self.palettes.len() - 1)
-                }))
+                let name = material.name.as_deref().map(str::to_owned);
+                *new.insert(picture.map(|texture| self.palettes.textured(texture, name, color(material))))
             }
         };
         Ok(palette.map(|palette| (palette, places)))
     }
 
-    /// Adds places to a palette, and tells where they begin.
-    fn add_places(&mut self, palette: u32, new: impl Iterator<Item = [f64; 2]>) -> u32 {
-        match self.palettes.get_mut(palette as usize) {
-            Some(Palette::Textured { places, .. }) => {
-                let base = index(places.len());
-                places.extend(new);
-                base
-            }
-            _ => 0,
-        }
-    }
-
-    fn colors_palette(&mut self) -> u32 {
-        *self.colors.get_or_insert_with(|| {
-            self.palettes.push(Palette::Colors(Vec::new()));
-            index(self.palettes.len() - 1)
-        })
-    }
-
-    fn color_entry(&mut self, palette: u32, color: [u8; 4]) -> u32 {
-        let next = index(self.colored.len());
-        *self.colored.entry(color).or_insert_with(|| {
-            if let Some(Palette::Colors(colors)) = self.palettes.get_mut(palette as usize) {
-                colors.push(color);
-            }
-            next
-        })
-    }
-
     fn material_entry(&mut self, number: Whole, material: &Material<'_>) -> (u32, u32) {
-        let palette = *self.materials.get_or_insert_with(|| {
-            self.palettes.push(Palette::Materials(Vec::new()));
-            index(self.palettes.len() - 1)
-        });
-        let next = index(self.plain.len());
-        let at = *self.plain.entry(number.0).or_insert_with(|| {
-            if let Some(Palette::Materials(materials)) = self.palettes.get_mut(palette as usize) {
-                let name = material.name.as_deref().unwrap_or_default().to_owned();
-                materials.push(scene::Material { name, color: color(material) });
-            }
-            next
-        });
-        (palette, at)
+        *self.plain.entry(number.0).or_insert_with(|| {
+            let name = material.name.as_deref().unwrap_or_default().to_owned();
+            self.palettes.material(scene::Material { name, color: color(material) })
+        })
     }
 }
 
@@ -231,9 +180,4 @@ fn place(places: &Accessor<'_>, vertex: u32, transform: Option<&TextureTransform
         }
     };
     [u, 1.0 - v].map(|x| if x.is_finite() { x } else { 0.0 })
-}
-
-/// As a number of an entry; the entries of palettes are as bounded as corners and lists are.
-fn index(number: usize) -> u32 {
-    u32::try_from(number).unwrap_or(u32::MAX)
 }

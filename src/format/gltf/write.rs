@@ -9,10 +9,10 @@ use rustc_hash::FxHashMap;
 use serde_json::{Value, json};
 
 use super::super::errors::WriteError;
+use super::super::pictures::media_type;
 use super::colour;
 use super::container::assemble;
 use super::extras::{COPYRIGHT, Extras};
-use super::images::media_type;
 use super::json::MOST_ENTRIES;
 use super::looks::{Look, Looks};
 use crate::scene::{Object, ObjectKind, PAINTLESS, Paint, PaintedMesh, Scene, Shape, Unit, Up};

@@ -1,17 +1,33 @@
 use glam::DVec3;
 
+use super::super::content::Paints;
 use super::super::errors::{ReadError, ReadErrorKind};
 use super::super::faces::Faces;
+use super::super::palettes::byte;
 use super::super::{Polygons, ReadOptions};
-use super::header::{Element, Header, Kind, Meaning, Role};
+use super::colors::Colors;
+use super::header::{Element, Header, Kind, Meaning, Role, Scalar};
 use super::values::{Values, list_length};
 use crate::mesh::{CornerNormals, Soup};
+
+/// A colour of which nothing is said but that it is one.
+const OPAQUE: [u8; 4] = [0, 0, 0, 255];
+
+/// A part of a colour from a number of this type: the largest that it has is all, but of those with a point 1 is.
+fn part(scalar: Scalar, value: f64) -> u8 {
+    byte(match scalar {
+        Scalar::F32 | Scalar::F64 => value,
+        Scalar::U16 => value / 65535.0,
+        _ => value / 255.0,
+    })
+}
 
 /// What the elements came to.
 pub(super) struct Read {
     pub soup: Soup,
     pub normals: Option<CornerNormals>,
     pub polygons: Polygons,
+    pub paints: Paints,
     pub warnings: Vec<String>,
 }
 
@@ -26,12 +42,15 @@ pub(super) struct Elements<V> {
     vertices: u64,
     corners: Vec<u32>,
     repeated: u64,
+    /// What is painted, where somebody wants to know.
+    colors: Option<Colors>,
 }
 
 impl<V: Values> Elements<V> {
-    pub fn new(values: V, options: &ReadOptions) -> Self {
+    pub fn new(values: V, options: &ReadOptions, painted: bool) -> Self {
         let (positions, normals, corners) = (Vec::new(), Vec::new(), Vec::new());
-        Self { values, options: *options, positions, normals, vertices: 0, corners, repeated: 0 }
+        let colors = painted.then(Colors::default);
+        Self { values, options: *options, positions, normals, vertices: 0, corners, repeated: 0, colors }
     }
 
     /// The mesh, its normals and what there is to tell. The header's counts must have been held to the file's size.
@@ -47,6 +66,7 @@ impl<V: Values> Elements<V> {
                 Role::Other => self.values.skip_element(element)?,
             }
         }
+        let painted = self.colors.is_some();
         let mut warnings = header.warnings.clone();
         let (faces, polygons) = faces.finish(&self.positions, &mut warnings);
         if self.repeated > 0 {
@@ -56,8 +76,15 @@ impl<V: Values> Elements<V> {
             ));
         }
         warnings.extend(self.values.left_over());
+        let paints = self.colors.map(|colors| colors.paint(&faces)).unwrap_or_default();
+        if header.has_picture && painted {
+            warnings.push(
+                "the places of faces in a picture were left out; to keep it, send 3MF, GLB, or OBJ with its pictures in a ZIP archive"
+                    .to_owned(),
+            );
+        }
         let normals = (!self.normals.is_empty()).then_some(CornerNormals::OfVertices(self.normals));
-        Ok(Read { soup: Soup { positions: self.positions, faces }, normals, polygons, warnings })
+        Ok(Read { soup: Soup { positions: self.positions, faces }, normals, polygons, paints, warnings })
     }
 
     fn read_vertices(&mut self, element: &Element) -> Result<(), ReadError> {
@@ -67,8 +94,10 @@ impl<V: Values> Elements<V> {
         if has_normals {
             self.normals.reserve_exact(count);
         }
+        let has_colors = element.has_colors() && self.colors.is_some();
         for row in 0..element.count {
             let (mut position, mut normal) = (DVec3::ZERO, DVec3::ZERO);
+            let mut color = OPAQUE;
             for property in &element.properties {
                 match (property.kind, property.meaning) {
                     (Kind::Scalar(scalar), Meaning::Coordinate(k)) => {
@@ -76,6 +105,9 @@ impl<V: Values> Elements<V> {
                     }
                     (Kind::Scalar(scalar), Meaning::Normal(k)) if has_normals => {
                         normal[k] = self.values.real_or_nothing(scalar, element, row)?;
+                    }
+                    (Kind::Scalar(scalar), Meaning::Color(k)) if has_colors => {
+                        color[k] = part(scalar, self.values.real_or_nothing(scalar, element, row)?);
                     }
                     (Kind::Scalar(scalar), _) => self.values.skip(scalar, 1, element, row)?,
                     (Kind::List { count, item }, _) => {
@@ -88,17 +120,27 @@ impl<V: Values> Elements<V> {
             if has_normals {
                 self.normals.push(normal.as_vec3().to_array());
             }
+            if let Some(colors) = self.colors.as_mut().filter(|_| has_colors) {
+                colors.of_vertices.push(color);
+            }
         }
         Ok(())
     }
 
     fn read_faces(&mut self, element: &Element, faces: &mut Faces) -> Result<(), ReadError> {
+        let has_colors = element.has_colors() && self.colors.is_some();
         for row in 0..element.count {
+            let (first, mut color) = (faces.len(), OPAQUE);
             // The first list of indices counts, should there be two.
             let mut taken = false;
             for property in &element.properties {
                 match property.kind {
-                    Kind::Scalar(scalar) => self.values.skip(scalar, 1, element, row)?,
+                    Kind::Scalar(scalar) => match property.meaning {
+                        Meaning::Color(k) if has_colors => {
+                            color[k] = part(scalar, self.values.real_or_nothing(scalar, element, row)?);
+                        }
+                        _ => self.values.skip(scalar, 1, element, row)?,
+                    },
                     Kind::List { count, item } => {
                         let length = list_length(&mut self.values, count, element, row)?;
                         if taken || property.meaning != Meaning::Indices {
@@ -123,6 +165,9 @@ impl<V: Values> Elements<V> {
                     }
                 }
             }
+            if let Some(colors) = self.colors.as_mut().filter(|_| has_colors) {
+                colors.of_triangles(first..faces.len(), color);
+            }
         }
         Ok(())
     }
@@ -131,7 +176,7 @@ impl<V: Values> Elements<V> {
         &mut self,
         element: &Element,
         row: u64,
-        item: super::header::Scalar,
+        item: Scalar,
         length: u64,
         faces: &mut Faces,
     ) -> Result<(), ReadError> {
@@ -150,7 +195,7 @@ impl<V: Values> Elements<V> {
         &mut self,
         element: &Element,
         row: u64,
-        item: super::header::Scalar,
+        item: Scalar,
         length: u64,
         faces: &mut Faces,
     ) -> Result<(), ReadError> {

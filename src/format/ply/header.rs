@@ -77,8 +77,12 @@ pub(super) enum Meaning {
     Coordinate(usize),
     /// x, y or z of the normal at a vertex, as 0, 1 or 2.
     Normal(usize),
+    /// Red, green, blue or opacity of a vertex or a face, as 0 to 3.
+    Color(usize),
     /// The vertices of a face or a strip.
     Indices,
+    /// The places of a face's corners in a picture.
+    Places,
     /// Nothing that is read.
     Other,
 }
@@ -135,6 +139,11 @@ impl Element {
         (0..3).all(|k| self.has(Meaning::Normal(k)))
     }
 
+    /// Whether it has a colour, opaque or not.
+    pub fn has_colors(&self) -> bool {
+        (0..3).all(|k| self.has(Meaning::Color(k)))
+    }
+
     fn has(&self, meaning: Meaning) -> bool {
         self.properties.iter().any(|p| p.meaning == meaning)
     }
@@ -145,6 +154,8 @@ impl Element {
 pub(super) struct Header {
     pub encoding: Encoding,
     pub elements: Vec<Element>,
+    /// Whether it names a picture.
+    pub has_picture: bool,
     /// Oddities that were read past.
     pub warnings: Vec<String>,
     /// Offset of the first byte after it.
@@ -160,10 +171,14 @@ impl Header {
         let mut encoding = None;
         let mut elements: Vec<Element> = Vec::new();
         let mut strange = None;
+        let mut has_picture = false;
         loop {
             let Some(word) = text.word() else { return Err(text.ended("the header's 'end_header'")) };
             match word.bytes {
-                b"comment" | b"obj_info" => text.skip_line(),
+                b"comment" | b"obj_info" => {
+                    has_picture |= text.word_on_line().is_some_and(|word| word.is("texturefile"));
+                    text.skip_line();
+                }
                 b"format" => encoding = Some(read_format(&mut text, word)?),
                 b"element" => elements.push(read_element(&mut text, word)?),
                 b"property" => {
@@ -197,7 +212,8 @@ impl Header {
             })
             .into_iter()
             .collect();
-        let header = Self { encoding, elements, warnings, body: body_start(bytes, text.at()) };
+        has_picture |= elements.iter().any(|element| element.has(Meaning::Places));
+        let header = Self { encoding, elements, has_picture, warnings, body: body_start(bytes, text.at()) };
         header.check_elements(&text)?;
         Ok(header)
     }
@@ -326,6 +342,11 @@ fn read_property(text: &mut Text<'_>, keyword: Word<'_>, role: Role) -> Result<P
         (Role::Vertices, Kind::Scalar(_), b"nx") => Meaning::Normal(0),
         (Role::Vertices, Kind::Scalar(_), b"ny") => Meaning::Normal(1),
         (Role::Vertices, Kind::Scalar(_), b"nz") => Meaning::Normal(2),
+        (Role::Vertices | Role::Faces, Kind::Scalar(_), b"red" | b"diffuse_red") => Meaning::Color(0),
+        (Role::Vertices | Role::Faces, Kind::Scalar(_), b"green" | b"diffuse_green") => Meaning::Color(1),
+        (Role::Vertices | Role::Faces, Kind::Scalar(_), b"blue" | b"diffuse_blue") => Meaning::Color(2),
+        (Role::Vertices | Role::Faces, Kind::Scalar(_), b"alpha") => Meaning::Color(3),
+        (Role::Faces, Kind::List { .. }, b"texcoord") => Meaning::Places,
         (Role::Faces | Role::Strips, Kind::List { item, .. }, b"vertex_indices" | b"vertex_index")
             if item.is_integer() =>
         {

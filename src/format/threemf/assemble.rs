@@ -3,17 +3,14 @@
 use std::collections::HashMap;
 use std::sync::Arc;
 
-use super::archive::Archive;
 use super::palettes;
 use super::part::{ObjectResource, Part, Placed, ShapeResource};
-use super::part_name::key;
 use super::shown_name;
 use super::warnings::Warnings;
+use crate::format::archive::{Archive, key};
 use crate::format::errors::{ReadError, ReadErrorKind};
+use crate::format::pictures::MOST_BYTES;
 use crate::scene::{Component, Item, Note, Object, ObjectKind, PaintedMesh, Scene, Shape, Texture, Up};
-
-/// Most bytes of all pictures together.
-const PICTURES: u64 = 128 << 20;
 
 /// Makes the scene of parts, the first of which is the model.
 pub(super) fn scene(
@@ -22,7 +19,7 @@ pub(super) fn scene(
     warnings: &mut Warnings,
 ) -> Result<Scene, ReadError> {
     let mut scene = Scene { up: Some(Up::Z), ..Scene::default() };
-    let mut pictures = Pictures { known: HashMap::new(), left: PICTURES };
+    let mut pictures = Pictures { known: HashMap::new(), left: MOST_BYTES };
     for part in &mut parts {
         let first_texture = u32::try_from(scene.textures.len()).unwrap_or(u32::MAX);
         for texture in &part.textures {

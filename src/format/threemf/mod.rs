@@ -1,9 +1,8 @@
 //! 3MF: models in parts of XML, in a ZIP archive (3MF core specification 1.3; materials extension 1.2, production extension 1.1).
 //!
-//! `archive` unpacks parts, `relationships` says which is the model, `xml` reads its elements and `model` what they mean; `palettes`
+//! `relationships` says which is the model, `xml` reads its elements and `model` what they mean; `palettes`
 //! and `assemble` make a scene of it. What the specification forbids is refused, but for names that are not its own and do no harm.
 
-mod archive;
 mod assemble;
 mod budget;
 mod mesh;
@@ -28,28 +27,39 @@ use std::collections::HashSet;
 
 pub(super) use write::write;
 
+use super::archive::{Archive, Packed, key, names_in_head};
 use super::errors::{ReadError, ReadErrorKind};
 use super::scenes::ReadScene;
 use super::{Format, ReadOptions};
 use crate::scene::Scene;
-use archive::Archive;
 use budget::Budget;
 use model::ModelReader;
 use part::{Part, ShapeResource};
-use part_name::key;
+use stream::Stream;
 use warnings::Warnings;
+use xml::Xml;
 
-/// Reads 3MF.
-pub(super) fn read(bytes: &[u8], options: &ReadOptions) -> Result<ReadScene, ReadError> {
-    let mut archive = Archive::open(bytes, &options.limits)?;
-    let root = relationships::root_model(&mut archive)?;
+/// Names of parts that only packages have, in lowercase.
+const PARTS: [&str; 4] = ["[content_types].xml", "_rels/", "3d/", "metadata/"];
+
+/// Whether the head of an archive names what 3MF files begin with.
+pub(super) fn is_likely(head: &[u8]) -> bool {
+    let begins =
+        |name: &[u8], part: &str| name.get(..part.len()).is_some_and(|it| it.eq_ignore_ascii_case(part.as_bytes()));
+    let head = &head[..head.len().min(super::sniff::HEAD)];
+    names_in_head(head).any(|name| PARTS.iter().any(|part| begins(name.strip_prefix(b"/").unwrap_or(name), part)))
+}
+
+/// Reads 3MF; none where the archive is not one.
+pub(super) fn read(archive: &mut Archive<'_>, options: &ReadOptions) -> Result<Option<ReadScene>, ReadError> {
+    let Some(root) = relationships::root_model(archive)? else { return Ok(None) };
     let mut reader = ModelReader { budget: Budget::new(options.limits), warnings: Warnings::default() };
     let mut known = HashSet::from([key(&root)]);
     let mut names = vec![root];
     let mut parts: Vec<Part> = Vec::new();
     while let Some(name) = names.get(parts.len()) {
-        relationships::check_model(name, &mut archive)?;
-        let Some(mut xml) = archive.xml(name)? else {
+        relationships::check_model(name, archive)?;
+        let Some(mut xml) = xml(name, archive)? else {
             let detail = format!(
                 "the model is in parts, and the part {} is not in the file; export the model again",
                 shown_name(name)
@@ -61,14 +71,20 @@ pub(super) fn read(bytes: &[u8], options: &ReadOptions) -> Result<ReadScene, Rea
         parts.push(part);
     }
     let ModelReader { mut warnings, .. } = reader;
-    let scene = assemble::scene(parts, &mut archive, &mut warnings)?;
+    let scene = assemble::scene(parts, archive, &mut warnings)?;
     check(&scene, options)?;
-    Ok(ReadScene { scene, format: Format::ThreeMf, dialect: "3MF".to_owned(), warnings: warnings.finish() })
+    Ok(Some(ReadScene { scene, format: Format::ThreeMf, dialect: "3MF".to_owned(), warnings: warnings.finish() }))
+}
+
+/// The XML of a part; none if there is no such part.
+fn xml<'z>(part: &str, archive: &'z mut Archive<'_>) -> Result<Option<Xml<'z>>, ReadError> {
+    let Some(Packed { reader, size }) = archive.unpack(part)? else { return Ok(None) };
+    Xml::new(part, Stream::new(reader, size)).map(Some)
 }
 
 /// The name of a part or an object, as it can be shown in a message.
 fn shown_name(name: &str) -> String {
-    super::errors::shown_up_to(100, name.as_bytes())
+    super::archive::shown(name)
 }
 
 /// The parts that a part takes objects from.

@@ -1,9 +1,9 @@
 //! Relationships between parts, and what 3MF asks of them (core specification, 2.1).
 
-use super::archive::Archive;
 use super::part_name::{relationships_of, resolve};
-use super::shown_name;
 use super::xml::Xml;
+use super::{shown_name, xml};
+use crate::format::archive::Archive;
 use crate::format::errors::{ReadError, ReadErrorKind};
 
 const NAMESPACE: &str = "http://schemas.openxmlformats.org/package/2006/relationships";
@@ -25,15 +25,18 @@ struct Relationship {
     target: String,
 }
 
-/// The part that is the model.
-pub(super) fn root_model(archive: &mut Archive<'_>) -> Result<String, ReadError> {
+/// The part that is the model; none where the archive is no package.
+pub(super) fn root_model(archive: &mut Archive<'_>) -> Result<Option<String>, ReadError> {
     let mut models = check("", archive)?.into_iter().filter(|it| it.kind == MODEL);
     match (models.next(), models.next()) {
-        (Some(model), None) => Ok(model.target),
+        (Some(model), None) => Ok(Some(model.target)),
         (Some(_), Some(_)) => {
             Err(malformed("the package has more than one model part, which 3MF forbids; export the model again"))
         }
-        (None, _) => Err(no_model(archive)),
+        (None, _) if archive.has("3D/3dmodel.model") || archive.has("[Content_Types].xml") => Err(malformed(
+            "no relationship of the package (_rels/.rels) says which part is the 3MF model; export the model again",
+        )),
+        (None, _) => Ok(None),
     }
 }
 
@@ -51,7 +54,7 @@ pub(super) fn check_model(part: &str, archive: &mut Archive<'_>) -> Result<(), R
 
 /// The relationships of a part, or, with an empty name, of the package: all to parts that are there.
 fn check(part: &str, archive: &mut Archive<'_>) -> Result<Vec<Relationship>, ReadError> {
-    let relationships = match archive.xml(&relationships_of(part))? {
+    let relationships = match xml(&relationships_of(part), archive)? {
         Some(mut xml) => read(part, &mut xml)?,
         None => Vec::new(),
     };
@@ -114,20 +117,6 @@ fn read(source: &str, xml: &mut Xml<'_>) -> Result<Vec<Relationship>, ReadError>
         })
     })?;
     Ok(relationships)
-}
-
-fn no_model(archive: &Archive<'_>) -> ReadError {
-    if archive.has("3D/3dmodel.model") || archive.has("[Content_Types].xml") {
-        malformed(
-            "no relationship of the package (_rels/.rels) says which part is the 3MF model; export the model again",
-        )
-    } else {
-        let detail = format!(
-            "this is a ZIP archive without a 3MF model ({}); unpack it, take the STL, OBJ, PLY or OFF file inside, and send that",
-            archive.some_names()
-        );
-        ReadError::whole(ReadErrorKind::UnsupportedFormat, detail)
-    }
 }
 
 fn malformed(detail: impl Into<String>) -> ReadError {

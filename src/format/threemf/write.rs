@@ -2,18 +2,16 @@
 
 use std::io::{Cursor, Write};
 
+use zip::ZipWriter;
 use zip::result::ZipResult;
-use zip::write::SimpleFileOptions;
-use zip::{CompressionMethod, DateTime, System, ZipWriter};
 
 use super::relationships::{MODEL, TEXTURE};
 use super::write_model::ModelWriter;
 use super::write_text::attribute;
 use crate::format::WriteError;
+use crate::format::archive::{compressed, stored};
 use crate::scene::{Scene, Texture};
 
-/// Deflate's usual level: 9 takes three times as long for 2 % less.
-const LEVEL: i64 = 6;
 const ROOT: &str = "3D/3dmodel.model";
 
 /// Writes 3MF. What it has no words for is left out: a palette's tint and name, textures that are neither PNG nor JPEG.
@@ -29,20 +27,13 @@ pub(in crate::format) fn write(scene: &Scene) -> Result<Vec<u8>, WriteError> {
 /// The archive, and whether all numbers in it are finite.
 fn package(scene: &Scene) -> ZipResult<(bool, Vec<u8>)> {
     let pictures = Pictures::of(&scene.textures);
-    let packed = SimpleFileOptions::default()
-        .compression_method(CompressionMethod::Deflated)
-        .compression_level(Some(LEVEL))
-        .last_modified_time(DateTime::default())
-        .system(System::Unix)
-        .unix_permissions(0o644);
-    // Pictures are packed already.
-    let stored = packed.compression_method(CompressionMethod::Stored).compression_level(None);
+    let packed = compressed(false);
     let mut zip = ZipWriter::new(Cursor::new(Vec::new()));
     zip.start_file("[Content_Types].xml", packed)?;
     zip.write_all(content_types(&pictures).as_bytes())?;
     zip.start_file("_rels/.rels", packed)?;
     zip.write_all(relationships([(MODEL, ROOT)].into_iter()).as_bytes())?;
-    zip.start_file(ROOT, packed.large_file(is_long(scene)))?;
+    zip.start_file(ROOT, compressed(is_long(scene)))?;
     let finite = ModelWriter::new(scene, &pictures.of_textures).write(&mut zip)?;
     if !pictures.files.is_empty() {
         zip.start_file("3D/_rels/3dmodel.model.rels", packed)?;
@@ -50,7 +41,7 @@ fn package(scene: &Scene) -> ZipResult<(bool, Vec<u8>)> {
         zip.write_all(relationships(targets).as_bytes())?;
     }
     for (path, texture) in &pictures.files {
-        zip.start_file(path.as_str(), stored)?;
+        zip.start_file(path.as_str(), stored())?;
         zip.write_all(&texture.bytes)?;
     }
     Ok((finite, zip.finish()?.into_inner()))

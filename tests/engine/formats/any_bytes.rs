@@ -16,7 +16,9 @@ fn assert_holds_up(bytes: &[u8]) {
     let sniffed = sniff(&bytes[..bytes.len().min(4096)], Some(bytes.len() as u64));
     match answer {
         Ok(mesh) => {
-            assert_eq!(sniffed, Ok(mesh.format));
+            // What an archive holds is told by its end.
+            let is_archive = matches!(sniffed, Ok(Format::ThreeMf | Format::Zip));
+            assert!(is_archive || sniffed == Ok(mesh.format), "{sniffed:?}");
             assert!(!mesh.soup.faces.is_empty());
             assert!(mesh.soup.faces.len() <= bytes.len());
             let count = mesh.soup.positions.len() as u32;
@@ -115,7 +117,7 @@ proptest! {
 
     #[test]
     fn damaged_files_are_answered(
-        file in 0..11_usize,
+        file in 0..13_usize,
         changes in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>(), 0..4_u8), 1..8),
         end in any::<prop::sample::Index>(),
         cut in any::<bool>(),

@@ -2,7 +2,7 @@ use meshmend::format::{Format, Limits, ReadErrorKind, read, write};
 
 use super::tetrahedron;
 
-const FORMATS: [Format; 7] = Format::ALL;
+const FORMATS: [Format; 8] = Format::ALL;
 
 #[track_caller]
 fn assert_too_large(bytes: &[u8], limits: &Limits, words: [&str; 2]) {

@@ -37,7 +37,7 @@ proptest! {
 
     #[test]
     fn an_indexed_format_gives_back_the_same_mesh(soup in soups(any_finite())) {
-        for format in [Format::Obj, Format::Ply, Format::Off, Format::Mesh] {
+        for format in [Format::Obj, Format::Ply, Format::Off, Format::Mesh, Format::Zip] {
             let bytes = write(&soup, format).unwrap();
             let mesh = read_all(&bytes);
             prop_assert_eq!(mesh.format, format);

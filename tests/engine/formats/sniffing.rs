@@ -39,7 +39,7 @@ fn an_empty_file_is_named() {
 #[test]
 fn known_formats_that_are_not_read_are_named() {
     let cases: [(&[u8], &str); 24] = [
-        (b"PK\x03\x04\x14\0\0\0\x08\0model.stl", "ZIP archive"),
+        (b"PK\x05\x06\0\0", "an empty ZIP archive"),
         (b"{\"error\": \"not found\"}", "JSON"),
         (b"<?xml version=\"1.0\"?>\n<amf unit=\"millimeter\">", "AMF"),
         (b"<?xml version=\"1.0\"?><COLLADA>", "COLLADA"),
@@ -67,7 +67,7 @@ fn known_formats_that_are_not_read_are_named() {
     for (bytes, name) in cases {
         assert_refused(bytes, ReadErrorKind::UnsupportedFormat, None, name);
         let error = super::refused(bytes);
-        assert!(error.detail.contains("STL, OBJ, PLY or OFF"), "{error}");
+        assert!(error.detail.contains("3MF, GLB, STL, OBJ, PLY or OFF"), "{error}");
     }
     let mut iges = vec![b' '; 72];
     iges.extend_from_slice(b"S      1\n");
@@ -80,6 +80,23 @@ fn gltf_is_found_as_binary_and_as_json() {
     assert_eq!(sniff(b"\xEF\xBB\xBF{\n \"asset\": {\"version\": \"2.0\"}}", None), Ok(Format::Glb));
     let buffer = format!("{{\"buffers\": [{{\"uri\": \"data:;base64,{}", "A".repeat(9000));
     assert_eq!(sniff(buffer.as_bytes(), None), Ok(Format::Glb));
+}
+
+#[test]
+fn an_archive_is_3mf_if_its_first_names_are_those_of_3mf() {
+    for (name, format) in [
+        ("[Content_Types].xml", Format::ThreeMf),
+        ("_rels/.rels", Format::ThreeMf),
+        ("3D/3dmodel.model", Format::ThreeMf),
+        ("Metadata/a.png", Format::ThreeMf),
+        ("my 3D/model.obj", Format::Zip),
+        ("a.3mf", Format::Zip),
+    ] {
+        let bytes = super::threemf::package(&[(name, b"x")]);
+        assert_eq!(sniff(&bytes, None), Ok(format), "{name}");
+    }
+    assert_eq!(sniff(&super::threemf::package(&[("a.obj", b"x"), ("3D/b", b"x")]), None), Ok(Format::ThreeMf));
+    assert_eq!(sniff(b"PK\x03\x04\x14\0", None), Ok(Format::ThreeMf), "nothing is known");
 }
 
 #[test]

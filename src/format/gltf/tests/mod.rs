@@ -11,6 +11,7 @@ mod vertices;
 
 use serde_json::{Value, json};
 
+use super::super::beside::Beside;
 use super::super::{Limits, ReadError, ReadErrorKind, ReadOptions, ReadScene};
 use super::container::assemble;
 
@@ -107,11 +108,11 @@ fn shorts(values: &[u16]) -> Vec<u8> {
 }
 
 fn read(bytes: &[u8]) -> Result<ReadScene, ReadError> {
-    super::read(bytes, &ReadOptions::default())
+    super::read(bytes, &ReadOptions::default(), &Beside::nothing())
 }
 
 fn read_within(bytes: &[u8], limits: Limits) -> Result<ReadScene, ReadError> {
-    super::read(bytes, &ReadOptions { limits, ..ReadOptions::default() })
+    super::read(bytes, &ReadOptions { limits, ..ReadOptions::default() }, &Beside::nothing())
 }
 
 #[track_caller]

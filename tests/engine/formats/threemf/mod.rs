@@ -1,6 +1,6 @@
 //! 3MF: what is read, what is refused, what comes back.
 
-mod archive;
+pub(in crate::formats) mod archive;
 mod colors;
 mod hostile;
 mod objects;
@@ -21,7 +21,7 @@ const MODEL: &str = "http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmode
 const MESH: &str = "<mesh><vertices><vertex x=\"0\" y=\"0\" z=\"0\"/><vertex x=\"1\" y=\"0\" z=\"0\"/><vertex x=\"0\" y=\"1\" z=\"0\"/></vertices><triangles><triangle v1=\"0\" v2=\"1\" v3=\"2\"/></triangles></mesh>";
 
 /// An archive of parts.
-fn package(parts: &[(&str, &[u8])]) -> Vec<u8> {
+pub(in crate::formats) fn package(parts: &[(&str, &[u8])]) -> Vec<u8> {
     let mut zip = zip::ZipWriter::new(Cursor::new(Vec::new()));
     for (name, content) in parts {
         zip.start_file(*name, zip::write::SimpleFileOptions::default()).unwrap();

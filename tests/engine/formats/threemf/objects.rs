@@ -123,8 +123,8 @@ fn a_draft_is_read_without_its_colours() {
 
 #[test]
 fn an_archive_is_3mf_until_its_end_tells_otherwise() {
-    let bytes = super::package(&[("model.stl", b"solid x\nendsolid x\n")]);
+    let bytes = super::package(&[("3D/model.txt", b"words")]);
     assert_eq!(sniff(&bytes, None), Ok(Format::ThreeMf));
-    assert_no(&bytes, ReadErrorKind::UnsupportedFormat, "ZIP archive without a 3MF model (model.stl)");
+    assert_no(&bytes, ReadErrorKind::UnsupportedFormat, "no model that is read here (3D/model.txt)");
     assert_no(&super::package(&[]), ReadErrorKind::UnsupportedFormat, "empty ZIP");
 }

@@ -1,23 +1,31 @@
-//! Wavefront OBJ: polygons as lines of text ("Advanced Visualizer Manual", appendix B1). Vertices, faces and
-//! normals are read.
+//! Wavefront OBJ: polygons as lines of text ("Advanced Visualizer Manual", appendix B1). Vertices, faces, normals, and where they are asked
+//! for colours are read.
+//!
+//! Objects (`o`) and groups (`g`) stay one mesh: they are names for faces that share vertices with one another, and no bodies of their own.
 
-use std::fmt::Write as _;
+mod materials;
+mod mtl;
+mod paint;
+mod write;
+mod write_looks;
 
 use glam::DVec3;
 
+use super::beside::Beside;
+use super::content::{Painted, Paints};
 use super::errors::{ReadError, ReadErrorKind, shown};
-use super::faces::Finished;
-use super::faces::{Faces, NO_NORMAL};
+use super::faces::{Faces, Finished, NONE};
 use super::text::{Text, Word, integer, number};
 use super::{Format, Limits, ReadMesh, ReadOptions};
 use crate::mesh::{CornerNormals, Soup};
+use paint::Said;
+pub(super) use write::{Files, write, write_painted};
 
 /// Statements whose line ends where it ends: the names in them may end in a backslash.
-const NAMES: [&str; 7] = ["o", "g", "usemtl", "mtllib", "usemap", "maplib", "shadow_obj"];
+const NAMES: [&str; 5] = ["o", "g", "usemap", "maplib", "shadow_obj"];
 
 /// Statements that say nothing about the surface, or that belong to free-form surfaces.
-const IGNORED: [&str; 28] = [
-    "vt",
+const IGNORED: [&str; 27] = [
     "s",
     "mg",
     "vp",
@@ -57,6 +65,10 @@ struct Reader<'a> {
     normals: Vec<[f32; 3]>,
     /// The normals at `corners`.
     corner_normals: Vec<u32>,
+    /// What is said of paint, where somebody wants to know.
+    said: Option<Said<'a>>,
+    /// The places in pictures at `corners`.
+    corner_places: Vec<u32>,
     /// The largest index that was named before its vertex, and where.
     ahead: Option<(u32, usize)>,
     face_statements: u64,
@@ -67,8 +79,8 @@ struct Reader<'a> {
     first_unknown: Option<Word<'a>>,
 }
 
-/// Reads OBJ.
-pub(super) fn read(bytes: &[u8], options: &ReadOptions) -> Result<ReadMesh, ReadError> {
+/// Reads OBJ, with its colours where files `beside` it are given.
+pub(super) fn read(bytes: &[u8], options: &ReadOptions, beside: Option<&Beside<'_>>) -> Result<Painted, ReadError> {
     let mut reader = Reader {
         text: Text::new(bytes).with_comments().with_continued_lines(),
         limits: options.limits,
@@ -77,6 +89,8 @@ pub(super) fn read(bytes: &[u8], options: &ReadOptions) -> Result<ReadMesh, Read
         corners: Vec::new(),
         normals: Vec::new(),
         corner_normals: Vec::new(),
+        said: beside.map(|beside| Said::new(options.limits, beside.is_something())),
+        corner_places: Vec::new(),
         ahead: None,
         face_statements: 0,
         lines: 0,
@@ -88,7 +102,7 @@ pub(super) fn read(bytes: &[u8], options: &ReadOptions) -> Result<ReadMesh, Read
     while let Some(word) = reader.text.word() {
         reader.statement(word)?;
     }
-    reader.finish()
+    reader.finish(beside)
 }
 
 impl<'a> Reader<'a> {
@@ -97,7 +111,20 @@ impl<'a> Reader<'a> {
             b"v" => return self.vertex(word),
             b"f" | b"fo" => return self.face(word),
             b"vn" => self.normal(),
-            b"vt" => {}
+            b"vt" => {
+                if let Some(said) = &mut self.said {
+                    said.place(&mut self.text);
+                }
+            }
+            b"usemtl" | b"mtllib" => {
+                let name = self.text.rest_of_line();
+                match &mut self.said {
+                    Some(said) if word.bytes == b"usemtl" => said.material(name, self.faces.len()),
+                    Some(said) => said.library(name),
+                    None => {}
+                }
+                return Ok(());
+            }
             b"l" => self.lines += 1,
             b"p" => self.points += 1,
             b"curv" | b"curv2" | b"surf" => self.free_form += 1,
@@ -131,6 +158,9 @@ impl<'a> Reader<'a> {
             *value = self.text.number(word, "a coordinate of a vertex")?;
         }
         self.positions.push(DVec3::from_array(position));
+        if let Some(said) = &mut self.said {
+            said.color(self.positions.len() - 1, &mut self.text);
+        }
         self.text.skip_statement();
         Ok(())
     }
@@ -158,13 +188,18 @@ impl<'a> Reader<'a> {
     fn face(&mut self, keyword: Word<'a>) -> Result<(), ReadError> {
         self.corners.clear();
         self.corner_normals.clear();
+        self.corner_places.clear();
         self.face_statements += 1;
         while let Some(word) = self.text.word_on_line() {
             let index = self.vertex_index(word)?;
             self.corners.push(index);
             if let Some(normal) = self.normal_index(word) {
-                self.corner_normals.resize(self.corners.len() - 1, NO_NORMAL);
+                self.corner_normals.resize(self.corners.len() - 1, NONE);
                 self.corner_normals.push(normal);
+            }
+            if let Some(place) = self.said.as_ref().and_then(|said| said.place_index(word)) {
+                self.corner_places.resize(self.corners.len() - 1, NONE);
+                self.corner_places.push(place);
             }
             // Before the list of one face grows over what all faces may be.
             self.limits.check_faces((self.corners.len() as u64).saturating_sub(2))?;
@@ -172,18 +207,17 @@ impl<'a> Reader<'a> {
                 self.ahead = Some((index, keyword.at));
             }
         }
-        if !self.corner_normals.is_empty() {
-            self.corner_normals.resize(self.corners.len(), NO_NORMAL);
+        for numbers in [&mut self.corner_normals, &mut self.corner_places] {
+            if !numbers.is_empty() {
+                numbers.resize(self.corners.len(), NONE);
+            }
         }
-        self.faces.polygon_with_normals(&self.positions, &self.corners, &self.corner_normals)
+        self.faces.polygon_with(&self.positions, &self.corners, [&self.corner_normals, &self.corner_places])
     }
 
-    /// The normal of a corner `v//vn` or `v/vt/vn`, counted from 0, if it has one. It may be read later, or never.
+    /// The normal of a corner `v//vn` or `v/vt/vn`, if it has one. It may be read later, or never.
     fn normal_index(&self, word: Word<'_>) -> Option<u32> {
-        let mut fields = word.bytes.split(|&b| b == b'/').skip(2);
-        let number = integer(fields.next()?)?;
-        let index = if number > 0 { number - 1 } else { (self.normals.len() as i64).saturating_add(number) };
-        u32::try_from(index).ok().filter(|_| number != 0)
+        field_index(word, 2, self.normals.len())
     }
 
     /// The vertex of a corner `v`, `v/vt`, `v//vn` or `v/vt/vn`, counted from 0.
@@ -219,7 +253,7 @@ impl<'a> Reader<'a> {
         self.text.error(ReadErrorKind::IndexOutOfRange, at, detail)
     }
 
-    fn finish(self) -> Result<ReadMesh, ReadError> {
+    fn finish(self, beside: Option<&Beside<'_>>) -> Result<Painted, ReadError> {
         let have = self.positions.len();
         if let Some((most, at)) = self.ahead
             && most as usize >= have
@@ -230,8 +264,8 @@ impl<'a> Reader<'a> {
             return Err(self.no_faces());
         }
         let mut warnings = Vec::new();
-        let Finished { faces, normals: corner_normals, polygons } =
-            self.faces.finish_with_normals(&self.positions, &mut warnings);
+        let Finished { faces, normals: corner_normals, places, polygons } =
+            self.faces.finish_with_all(&self.positions, &mut warnings);
         let has_normals = !self.normals.is_empty() && !corner_normals.is_empty();
         let normals = has_normals.then_some(CornerNormals::OfCorners { normals: self.normals, faces: corner_normals });
         if self.lines + self.points > 0 {
@@ -250,16 +284,14 @@ impl<'a> Reader<'a> {
                 shown(first.bytes)
             ));
         }
+        let paints = match (self.said, beside) {
+            (Some(said), Some(beside)) => said.paint(&faces, &places, beside, &mut warnings),
+            _ => Paints::default(),
+        };
         let soup = Soup { positions: self.positions, faces };
-        Ok(ReadMesh {
-            soup,
-            format: Format::Obj,
-            dialect: "OBJ".to_owned(),
-            numbering: None,
-            normals,
-            polygons,
-            warnings,
-        })
+        let dialect = "OBJ".to_owned();
+        let mesh = ReadMesh { soup, format: Format::Obj, dialect, numbering: None, normals, polygons, warnings };
+        Ok(Painted { mesh, paints })
     }
 
     fn no_faces(&self) -> ReadError {
@@ -285,16 +317,9 @@ impl<'a> Reader<'a> {
     }
 }
 
-/// Writes OBJ; every f64 as the shortest decimal that reads back the same.
-pub(super) fn write(soup: &Soup) -> Vec<u8> {
-    let mut text = String::with_capacity(48 * soup.positions.len() + 24 * soup.faces.len());
-    // Writing to a string can't fail.
-    for p in &soup.positions {
-        let _ = writeln!(text, "v {} {} {}", p.x, p.y, p.z);
-    }
-    for face in &soup.faces {
-        let [a, b, c] = face.map(|v| u64::from(v) + 1);
-        let _ = writeln!(text, "f {a} {b} {c}");
-    }
-    text.into_bytes()
+/// The index, counted from 0, in a field of a corner `v/vt/vn`, where `have` are there to count back from.
+fn field_index(word: Word<'_>, field: usize, have: usize) -> Option<u32> {
+    let number = integer(word.bytes.split(|&b| b == b'/').nth(field)?)?;
+    let index = if number > 0 { number - 1 } else { (have as i64).saturating_add(number) };
+    u32::try_from(index).ok().filter(|_| number != 0)
 }

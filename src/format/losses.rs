@@ -1,0 +1,197 @@
+//! What of a scene a format can't say.
+
+use super::Format;
+use crate::scene::{Note, PAINTLESS, Paint, Palette, Scene, Shape, Unit};
+
+/// Something that a format can't say.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Loss {
+    /// That there are several objects, or one in several places: all are one mesh then.
+    Objects,
+    /// What faces are painted with that is no picture.
+    Colors,
+    /// Pictures that faces are painted with.
+    Pictures,
+    /// The names of materials, where colours can be said.
+    Materials,
+    /// A colour that a picture is multiplied with.
+    Tints,
+    /// A unit other than the millimetre, which is what is taken for granted where none is said.
+    Unit,
+    /// Title, designer and the like.
+    Notes,
+}
+
+impl Loss {
+    /// The word for it in a sentence.
+    #[must_use]
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Objects => "separate objects",
+            Self::Colors => "colours",
+            Self::Pictures => "pictures",
+            Self::Materials => "names of materials",
+            Self::Tints => "tints of pictures",
+            Self::Unit => "a unit",
+            Self::Notes => "notes",
+        }
+    }
+
+    /// Whether a format can't say it.
+    fn is_of(self, format: Format) -> bool {
+        let has_paint = matches!(format, Format::Zip | Format::Glb | Format::ThreeMf);
+        let has_all = matches!(format, Format::Glb | Format::ThreeMf);
+        match self {
+            Self::Objects | Self::Unit | Self::Notes => !has_all,
+            Self::Colors => !has_paint && format != Format::Ply,
+            Self::Pictures => !has_paint,
+            // Without colours there is no more to say of materials.
+            Self::Materials => format == Format::Ply,
+            Self::Tints => format == Format::ThreeMf,
+        }
+    }
+}
+
+/// What of a scene is lost where it is written in a format, in the order in which [`Loss`] has it.
+#[must_use]
+pub fn losses(scene: &Scene, format: Format) -> Vec<Loss> {
+    let mut losses = of_paint(scene);
+    if is_several(scene) {
+        losses.push(Loss::Objects);
+    }
+    if scene.unit.is_some_and(|unit| unit != Unit::Millimetre) {
+        losses.push(Loss::Unit);
+    }
+    let noted = |notes: &[Note]| !notes.is_empty();
+    if noted(&scene.notes)
+        || scene.objects.iter().any(|object| noted(&object.notes))
+        || scene.items.iter().any(|item| noted(&item.notes))
+    {
+        losses.push(Loss::Notes);
+    }
+    losses.retain(|loss| loss.is_of(format));
+    losses.sort_unstable();
+    losses
+}
+
+/// What is lost as a warning for the person who asked for the format; none where nothing is.
+#[must_use]
+pub fn losses_in_words(scene: &Scene, format: Format) -> Option<String> {
+    let losses = losses(scene, format);
+    let words: Vec<&str> = losses.iter().map(|loss| loss.as_str()).collect();
+    let (last, before) = words.split_last()?;
+    let what = if before.is_empty() { (*last).to_owned() } else { format!("{} and {last}", before.join(", ")) };
+    let keeps = |other: &Format| !losses.iter().any(|loss| loss.is_of(*other));
+    let others: Vec<&str> = [Format::ThreeMf, Format::Glb].into_iter().filter(keeps).map(name).collect();
+    let (name, others) = (name(format), others.join(" or "));
+    let advice = if others.is_empty() { String::new() } else { format!("; ask for {others} to keep them") };
+    Some(format!("{name} can't hold {what}, so they were left out{advice}"))
+}
+
+fn name(format: Format) -> &'static str {
+    match format {
+        Format::Stl => "STL",
+        Format::Obj => "OBJ",
+        Format::Ply => "PLY",
+        Format::Off => "OFF",
+        Format::Mesh => "Vertex/Face text",
+        Format::Glb => "GLB",
+        Format::ThreeMf => "3MF",
+        Format::Zip => "OBJ in a ZIP archive",
+    }
+}
+
+/// Whether there is more than one object in one place.
+fn is_several(scene: &Scene) -> bool {
+    match &scene.items[..] {
+        [item] => match scene.objects.get(item.object as usize).map(|object| &object.shape) {
+            Some(Shape::Components(parts)) => parts.len() > 1,
+            _ => false,
+        },
+        items => items.len() > 1,
+    }
+}
+
+/// What the paint of faces says.
+fn of_paint(scene: &Scene) -> Vec<Loss> {
+    let mut used = vec![false; scene.palettes.len()];
+    let meshes = scene.objects.iter().filter_map(|object| object.mesh());
+    for Paint { palette, .. } in meshes.flat_map(|mesh| &mesh.paint).filter(|paint| **paint != PAINTLESS) {
+        if let Some(used) = used.get_mut(*palette as usize) {
+            *used = true;
+        }
+    }
+    let mut losses = Vec::new();
+    for (palette, _) in scene.palettes.iter().zip(used).filter(|(_, used)| *used) {
+        let own: &[Loss] = match palette {
+            Palette::Colors(_) => &[Loss::Colors],
+            Palette::Materials(materials) if materials.iter().all(|it| it.name.is_empty()) => &[Loss::Colors],
+            Palette::Materials(_) => &[Loss::Colors, Loss::Materials],
+            Palette::Textured { tint: [255, 255, 255, 255], .. } => &[Loss::Pictures],
+            Palette::Textured { .. } => &[Loss::Pictures, Loss::Tints],
+        };
+        losses.extend(own.iter().filter(|loss| !losses.contains(*loss)).collect::<Vec<_>>());
+    }
+    losses
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::DVec3;
+
+    use super::*;
+    use crate::mesh::Soup;
+    use crate::scene::{Item, Material, PaintedMesh};
+
+    fn painted(palettes: Vec<Palette>) -> Scene {
+        let paint: Vec<Paint> = (0..palettes.len() as u32).map(|palette| Paint { palette, at: [0; 3] }).collect();
+        let soup = Soup { positions: vec![DVec3::ZERO], faces: vec![[0; 3]; paint.len()] };
+        Scene { palettes, ..Scene::of_mesh(PaintedMesh { soup, paint }) }
+    }
+
+    fn textured(tint: [u8; 4]) -> Palette {
+        Palette::Textured { texture: 0, name: None, tint, places: vec![[0.0; 2]] }
+    }
+
+    #[test]
+    fn a_bare_mesh_loses_nothing_in_any_format() {
+        let mut scene = painted(Vec::new());
+        scene.palettes.push(Palette::Colors(vec![[0; 4]]));
+        scene.unit = Some(Unit::Millimetre);
+        for format in Format::ALL {
+            assert_eq!(losses_in_words(&scene, format), None);
+        }
+    }
+
+    #[test]
+    fn each_format_loses_what_it_has_no_words_for() {
+        let material = Material { name: "PLA".to_owned(), color: [1; 4] };
+        let mut scene = painted(vec![Palette::Materials(vec![material]), textured([255; 4])]);
+        scene.items.push(Item::of(0));
+        scene.unit = Some(Unit::Inch);
+        use Loss::{Colors, Materials, Objects, Pictures};
+        for format in [Format::Stl, Format::Obj, Format::Off, Format::Mesh] {
+            assert_eq!(losses(&scene, format), [Objects, Colors, Pictures, Loss::Unit]);
+        }
+        assert_eq!(losses(&scene, Format::Ply), [Objects, Pictures, Materials, Loss::Unit]);
+        assert_eq!(losses(&scene, Format::Zip), [Objects, Loss::Unit]);
+        for format in [Format::Glb, Format::ThreeMf] {
+            assert_eq!(losses(&scene, format), []);
+        }
+    }
+
+    #[test]
+    fn the_warning_names_formats_that_keep_it() {
+        let mut scene = painted(vec![Palette::Colors(vec![[0; 4]]), textured([1; 4])]);
+        assert_eq!(
+            losses_in_words(&scene, Format::ThreeMf).as_deref(),
+            Some("3MF can't hold tints of pictures, so they were left out; ask for GLB to keep them")
+        );
+        scene = painted(vec![Palette::Colors(vec![[0; 4]])]);
+        scene.items.push(Item::of(0));
+        assert_eq!(
+            losses_in_words(&scene, Format::Stl).as_deref(),
+            Some("STL can't hold separate objects and colours, so they were left out; ask for 3MF or GLB to keep them")
+        );
+    }
+}

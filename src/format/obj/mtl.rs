@@ -1,0 +1,191 @@
+//! MTL: the materials that OBJ files name ("Advanced Visualizer Manual", appendix B2). Of each its colour, its opacity and the picture of
+//! its colour are read. Nothing in it is an error, since the surface is whole without.
+
+use rustc_hash::FxHashMap;
+
+use super::super::palettes::byte;
+use super::super::text::{Text, Word, number};
+
+/// Most materials that are kept.
+pub(super) const MOST: usize = 1 << 20;
+/// Most bytes of one library.
+pub(super) const MOST_BYTES: u64 = 64 << 20;
+
+/// Materials by their names.
+pub(super) type Definitions = FxHashMap<Vec<u8>, Definition>;
+
+/// What is said of a material.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub(super) struct Definition {
+    diffuse: Option<[f32; 3]>,
+    /// `d`, 1 being opaque.
+    dissolve: Option<f32>,
+    /// `Tr`, which some say in its place, 0 being opaque.
+    transparency: Option<f32>,
+    pub picture: Option<Picture>,
+}
+
+/// A picture of colour.
+#[derive(Debug, Clone, PartialEq, Eq, Hash)]
+pub(super) struct Picture {
+    /// Its file, in the words of the library.
+    pub file: String,
+    /// Whether it goes on beyond itself with its last pixels only.
+    pub clamp: bool,
+}
+
+impl Definition {
+    /// Its colour. Where nothing is said a material is light grey, and a picture as it is; and so is a picture in black, by which some mean
+    /// that the material has no colour of its own.
+    pub fn color(&self) -> [u8; 4] {
+        let [r, g, b] = match (self.diffuse, &self.picture) {
+            (None, None) => [0.8; 3],
+            (None, Some(_)) => [1.0; 3],
+            (Some(diffuse), Some(_)) if diffuse == [0.0; 3] => [1.0; 3],
+            (Some(diffuse), _) => diffuse,
+        };
+        let opacity = self.dissolve.or(self.transparency.map(|it| 1.0 - it)).unwrap_or(1.0);
+        [r, g, b, opacity].map(|part| byte(f64::from(part)))
+    }
+}
+
+/// Options of a picture that take so many values, and those that take up to three numbers.
+const OPTIONS: [(&str, usize); 10] = [
+    ("-blendu", 1),
+    ("-blendv", 1),
+    ("-cc", 1),
+    ("-clamp", 1),
+    ("-boost", 1),
+    ("-texres", 1),
+    ("-bm", 1),
+    ("-imfchan", 1),
+    ("-type", 1),
+    ("-mm", 2),
+];
+const PLACING: [&str; 3] = ["-o", "-s", "-t"];
+
+/// Adds the materials of a library to those that are known; of several with one name the first counts.
+pub(super) fn read(bytes: &[u8], definitions: &mut Definitions) {
+    let mut text = Text::new(bytes).with_comments();
+    let mut current: Option<(&[u8], Definition)> = None;
+    while let Some(word) = text.word() {
+        if word.is("newmtl") {
+            keep(current.take(), definitions);
+            if definitions.len() < MOST {
+                current = Some((text.rest_of_line(), Definition::default()));
+            }
+        } else if let Some((_, definition)) = &mut current {
+            statement(word, &mut text, definition);
+        }
+        text.skip_line();
+    }
+    keep(current, definitions);
+}
+
+fn keep(current: Option<(&[u8], Definition)>, definitions: &mut Definitions) {
+    if let Some((name, definition)) = current {
+        definitions.entry(name.to_vec()).or_insert(definition);
+    }
+}
+
+fn statement(word: Word<'_>, text: &mut Text<'_>, definition: &mut Definition) {
+    if word.is("kd") {
+        // One number is all three; `spectral` and `xyz` are not read.
+        let parts: Vec<f32> = std::iter::from_fn(|| finite(text.word_on_line())).take(3).collect();
+        match parts[..] {
+            [r, g, b] => definition.diffuse = Some([r, g, b]),
+            [grey, ..] => definition.diffuse = Some([grey; 3]),
+            [] => {}
+        }
+    } else if word.is("d") {
+        let first = text.word_on_line();
+        let value = if first.is_some_and(|it| it.is("-halo")) { text.word_on_line() } else { first };
+        definition.dissolve = finite(value).or(definition.dissolve);
+    } else if word.is("tr") {
+        definition.transparency = finite(text.word_on_line()).or(definition.transparency);
+    } else if word.is("map_kd") {
+        definition.picture = picture(text).or(definition.picture.take());
+    }
+}
+
+fn finite(word: Option<Word<'_>>) -> Option<f32> {
+    #[expect(clippy::cast_possible_truncation, reason = "far more exact than a colour")]
+    number(word?.bytes).map(|it| it as f32).filter(|it| it.is_finite())
+}
+
+/// The file after options, whose name may have blanks.
+fn picture(text: &mut Text<'_>) -> Option<Picture> {
+    let mut clamp = false;
+    loop {
+        let before = text.clone();
+        let option = text.word_on_line()?;
+        if let Some((name, values)) = OPTIONS.iter().find(|(name, _)| option.is(name)) {
+            for _ in 0..*values {
+                let value = text.word_on_line()?;
+                clamp |= *name == "-clamp" && value.is("on");
+            }
+        } else if PLACING.iter().any(|name| option.is(name)) {
+            for _ in 0..3 {
+                let before = text.clone();
+                if finite(text.word_on_line()).is_none() {
+                    *text = before;
+                    break;
+                }
+            }
+        } else {
+            *text = before;
+            let file = text.rest_of_line();
+            return Some(Picture { file: String::from_utf8_lossy(file).trim_matches('"').to_owned(), clamp });
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn only(text: &str) -> Definition {
+        let mut definitions = Definitions::default();
+        read(format!("# made\nKd 1 1 1\nnewmtl  a b \n{text}\n").as_bytes(), &mut definitions);
+        assert_eq!(definitions.len(), 1);
+        definitions[&b"a b"[..]].clone()
+    }
+
+    fn file(text: &str) -> Option<Picture> {
+        only(&format!("map_Kd {text}")).picture
+    }
+
+    #[test]
+    fn colour_and_opacity_are_read() {
+        assert_eq!(only("Kd 1 0 0.2\nd 0.5\nTr 0.9").color(), [255, 0, 51, 128]);
+        assert_eq!(only("\tkd 0.4 # all\nTr 0.2").color(), [102, 102, 102, 204]);
+        assert_eq!(only("Kd 9 -1 nan\nd -halo 0").color(), [255, 255, 255, 0]);
+        assert_eq!(only("Kd spectral x.rfl\nKd\nd\nTr x\nillum 2").color(), [204, 204, 204, 255]);
+    }
+
+    #[test]
+    fn a_picture_without_a_colour_is_as_it_is() {
+        assert_eq!(only("map_Kd a.png").color(), [255; 4]);
+        assert_eq!(only("Kd 0 0 0\nmap_Kd a.png").color(), [255; 4]);
+        assert_eq!(only("Kd 1 0 0\nmap_Kd a.png").color(), [255, 0, 0, 255]);
+    }
+
+    #[test]
+    fn the_name_of_a_picture_stands_after_its_options() {
+        let picture = |file: &str, clamp| Some(Picture { file: file.to_owned(), clamp });
+        assert_eq!(file("a b.png "), picture("a b.png", false));
+        assert_eq!(file("-s 1 1 1 -o 0.5 -mm 0 1 -bm 1 -clamp on x/1.png"), picture("x/1.png", true));
+        assert_eq!(file("-clamp off \"C:\\my files\\1.png\""), picture("C:\\my files\\1.png", false));
+        for none in ["", "-clamp", "-s 1 1"] {
+            assert_eq!(file(none), None, "{none}");
+        }
+    }
+
+    #[test]
+    fn the_first_of_two_materials_of_one_name_counts() {
+        let mut definitions = Definitions::default();
+        read(b"newmtl a\nKd 1 0 0\nnewmtl a\nKd 0 1 0\n", &mut definitions);
+        read(b"newmtl a\nKd 0 0 1\nnewmtl b\n", &mut definitions);
+        assert_eq!((definitions.len(), definitions[&b"a"[..]].color()), (2, [255, 0, 0, 255]));
+    }
+}

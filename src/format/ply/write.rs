@@ -1,0 +1,120 @@
+use crate::mesh::Soup;
+use crate::scene::{PAINTLESS, PaintedMesh, Scene};
+
+/// A colour of what has none, where PLY asks for one.
+const WHITE: [u8; 4] = [255; 4];
+
+/// The colours that are written.
+enum Colors {
+    None,
+    OfVertices(Vec<[u8; 4]>),
+    OfFaces(Vec<[u8; 4]>),
+}
+
+/// Writes little-endian PLY: coordinates as `float` if each is exactly an f32, else as `double`.
+pub(in crate::format) fn write(soup: &Soup) -> Vec<u8> {
+    write_with(soup, &Colors::None)
+}
+
+/// As [`write`], with colours: those of faces where each is of one colour, else those of vertices. A vertex has one colour only: that of the
+/// first face whose colours run over it, or else of the first face that has one. What is not painted is white then, and pictures are left out.
+pub(in crate::format) fn write_painted(mesh: &PaintedMesh, scene: &Scene) -> Vec<u8> {
+    write_with(&mesh.soup, &colors(mesh, scene))
+}
+
+fn colors(mesh: &PaintedMesh, scene: &Scene) -> Colors {
+    let colors = |face: usize| {
+        let paint = mesh.paint.get(face).copied().unwrap_or(PAINTLESS);
+        scene.palettes.get(paint.palette as usize)?.colors(paint.at)
+    };
+    let faces = 0..mesh.soup.faces.len();
+    let runs = |colors: [[u8; 4]; 3]| colors[0] != colors[1] || colors[1] != colors[2];
+    let (mut any, mut run) = (false, false);
+    for colors in faces.clone().filter_map(colors) {
+        any = true;
+        run |= runs(colors);
+    }
+    if !any {
+        return Colors::None;
+    }
+    if !run {
+        return Colors::OfFaces(faces.map(|face| colors(face).map_or(WHITE, |[color, ..]| color)).collect());
+    }
+    let mut of_vertices: Vec<Option<[u8; 4]>> = vec![None; mesh.soup.positions.len()];
+    for running in [true, false] {
+        for (face, corners) in mesh.soup.faces.iter().enumerate() {
+            let Some(colors) = colors(face).filter(|&colors| runs(colors) == running) else { continue };
+            for (&v, color) in corners.iter().zip(colors) {
+                of_vertices[v as usize].get_or_insert(color);
+            }
+        }
+    }
+    let of_vertices: Vec<[u8; 4]> = of_vertices.into_iter().map(|color| color.unwrap_or(WHITE)).collect();
+    let seen = |face: usize| mesh.soup.faces[face].map(|v| of_vertices[v as usize]);
+    // Colours that ran over faces without area only, from one vertex to itself, run no longer.
+    match faces.clone().map(seen).any(runs) {
+        true => Colors::OfVertices(of_vertices),
+        false => Colors::OfFaces(faces.map(|face| seen(face)[0]).collect()),
+    }
+}
+
+fn write_with(soup: &Soup, colors: &Colors) -> Vec<u8> {
+    #[expect(clippy::cast_possible_truncation, reason = "the very question")]
+    let single = soup
+        .positions
+        .iter()
+        .all(|p| p.to_array().into_iter().all(|x| x.is_nan() || f64::from(x as f32).to_bits() == x.to_bits()));
+    let kind = if single { "float" } else { "double" };
+    // Signed indices are what readers know best.
+    let index = if soup.positions.len() > i32::MAX as usize { "uint" } else { "int" };
+    let (of_vertices, of_faces): (&[[u8; 4]], &[[u8; 4]]) = match colors {
+        Colors::None => (&[], &[]),
+        Colors::OfVertices(colors) => (colors, &[]),
+        Colors::OfFaces(colors) => (&[], colors),
+    };
+    // Opacity is said only where something is not opaque.
+    let parts = |colors: &[[u8; 4]]| match colors {
+        [] => 0,
+        _ if colors.iter().all(|color| color[3] == 255) => 3,
+        _ => 4,
+    };
+    let (in_vertex, in_face) = (parts(of_vertices), parts(of_faces));
+    let header = format!(
+        "ply\nformat binary_little_endian 1.0\ncomment meshmend\nelement vertex {}\nproperty {kind} x\nproperty {kind} y\nproperty {kind} z\n{}element face {}\nproperty list uchar {index} vertex_indices\n{}end_header\n",
+        soup.positions.len(),
+        properties(in_vertex),
+        soup.faces.len(),
+        properties(in_face)
+    );
+    let vertex = if single { 12 } else { 24 } + in_vertex;
+    let mut bytes =
+        Vec::with_capacity(header.len() + vertex * soup.positions.len() + (13 + in_face) * soup.faces.len());
+    bytes.extend_from_slice(header.as_bytes());
+    for (number, position) in soup.positions.iter().enumerate() {
+        for value in position.to_array() {
+            if single {
+                #[expect(clippy::cast_possible_truncation, reason = "exact, as checked")]
+                bytes.extend_from_slice(&(value as f32).to_le_bytes());
+            } else {
+                bytes.extend_from_slice(&value.to_le_bytes());
+            }
+        }
+        if let Some(color) = of_vertices.get(number) {
+            bytes.extend_from_slice(&color[..in_vertex]);
+        }
+    }
+    for (number, face) in soup.faces.iter().enumerate() {
+        bytes.push(3);
+        for v in face {
+            bytes.extend_from_slice(&v.to_le_bytes());
+        }
+        if let Some(color) = of_faces.get(number) {
+            bytes.extend_from_slice(&color[..in_face]);
+        }
+    }
+    bytes
+}
+
+fn properties(parts: usize) -> String {
+    ["red", "green", "blue", "alpha"][..parts].iter().map(|part| format!("property uchar {part}\n")).collect()
+}

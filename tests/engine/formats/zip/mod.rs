@@ -1,0 +1,76 @@
+//! ZIP archives: which file in them is the model, what it takes from the others, what comes back.
+
+mod hostile;
+mod model;
+mod round_trip;
+mod side_files;
+
+use meshmend::format::{ReadError, ReadErrorKind, ReadOptions, ReadScene, read_scene};
+use meshmend::scene::{PaintedMesh, Palette};
+
+use super::threemf::package;
+
+/// A model of one triangle.
+const TRIANGLE: &[u8] = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
+const PNG: &[u8] = b"\x89PNG\r\n\x1A\nrest";
+
+fn answer(files: &[(&str, &[u8])]) -> Result<ReadScene, ReadError> {
+    read_scene(&package(files), &ReadOptions::default())
+}
+
+#[track_caller]
+fn scene_of(files: &[(&str, &[u8])]) -> ReadScene {
+    answer(files).unwrap_or_else(|error| panic!("{error}"))
+}
+
+/// Reads without any warning.
+#[track_caller]
+fn clean(files: &[(&str, &[u8])]) -> ReadScene {
+    let it = scene_of(files);
+    assert_eq!(it.warnings, Vec::<String>::new());
+    it
+}
+
+/// Reads with one warning, which holds these words.
+#[track_caller]
+fn warned(files: &[(&str, &[u8])], words: &str) -> ReadScene {
+    let it = scene_of(files);
+    assert_eq!(it.warnings.len(), 1, "{:?}", it.warnings);
+    assert!(it.warnings[0].contains(words), "'{}' does not say '{words}'", it.warnings[0]);
+    it
+}
+
+#[track_caller]
+fn assert_no(bytes: &[u8], kind: ReadErrorKind, words: &[&str]) {
+    match read_scene(bytes, &ReadOptions::default()) {
+        Ok(it) => panic!("was read: {:?}", it.scene),
+        Err(error) => {
+            assert_eq!(error.kind, kind, "{error}");
+            assert!(words.iter().all(|it| error.detail.contains(it)), "'{error}' does not say {words:?}");
+            assert!(error.detail.len() < 600, "{error}");
+        }
+    }
+}
+
+fn mesh(it: &ReadScene) -> &PaintedMesh {
+    it.scene.objects[0].mesh().unwrap()
+}
+
+/// The colours at the corners of each face; none where it has none, or a picture.
+fn colors(it: &ReadScene) -> Vec<Option<[[u8; 4]; 3]>> {
+    let mesh = mesh(it);
+    let color = |face: usize| {
+        let paint = mesh.paint.get(face)?;
+        it.scene.palettes.get(paint.palette as usize)?.colors(paint.at)
+    };
+    (0..mesh.soup.faces.len()).map(color).collect()
+}
+
+/// The places in a picture at the corners of each face.
+fn places(it: &ReadScene) -> Vec<Option<[[f64; 2]; 3]>> {
+    let place = |paint: &meshmend::scene::Paint| match it.scene.palettes.get(paint.palette as usize)? {
+        Palette::Textured { places, .. } => Some(paint.at.map(|at| places[at as usize])),
+        _ => None,
+    };
+    mesh(it).paint.iter().map(place).collect()
+}
