@@ -38,7 +38,7 @@ impl Mode {
         match self {
             Self::Repair => of(Options::into_params(|| None)).collect(),
             Self::Analyze => {
-                let own = ["deadline_s", "intersections", "spacing", "pictures"].map(str::to_owned);
+                let own = ["deadline_s", "intersections", "spacing", "pictures", "scale_to"].map(str::to_owned);
                 of(InspectOptions::into_params(|| None)).chain(own).collect()
             }
         }
