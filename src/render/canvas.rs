@@ -35,21 +35,28 @@ impl Canvas {
         }
     }
 
+    /// The pixels of a row.
+    ///
+    /// # Panics
+    /// When there is no such row.
+    pub fn row(&mut self, y: usize) -> &mut [Colour] {
+        &mut self.pixels[y * self.size[0]..(y + 1) * self.size[0]]
+    }
+
     /// Fills a rectangle.
     pub fn fill(&mut self, [x, y]: [usize; 2], [width, height]: [usize; 2], colour: Colour) {
+        let (left, right) = (x.min(self.size[0]), (x + width).min(self.size[0]));
         for row in y..(y + height).min(self.size[1]) {
-            for column in x..(x + width).min(self.size[0]) {
-                self.put(column, row, colour);
-            }
+            self.row(row)[left..right].fill(colour);
         }
     }
 
     /// Copies an image to a place.
     pub fn paste(&mut self, other: &Self, [x, y]: [usize; 2]) {
-        for row in 0..other.size[1] {
-            for column in 0..other.size[0] {
-                self.put(x + column, y + row, other.pixels[row * other.size[0] + column]);
-            }
+        let left = x.min(self.size[0]);
+        let width = other.size[0].min(self.size[0] - left);
+        for (row, from) in (y..self.size[1]).zip(other.pixels.chunks_exact(other.size[0].max(1))) {
+            self.row(row)[left..][..width].copy_from_slice(&from[..width]);
         }
     }
 
@@ -83,8 +90,8 @@ impl Canvas {
         encoder.set_depth(png::BitDepth::Eight);
         encoder.set_compression(png::Compression::Fast);
         let mut writer = encoder.write_header()?;
-        let bytes: Vec<u8> = self.pixels.iter().flat_map(|c| c.0).collect();
-        writer.write_image_data(&bytes)?;
+        let bytes: Vec<[u8; 3]> = self.pixels.iter().map(|colour| colour.0).collect();
+        writer.write_image_data(bytes.as_flattened())?;
         writer.finish()?;
         Ok(file)
     }

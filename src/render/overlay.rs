@@ -28,12 +28,15 @@ const SMALL: f64 = 10.0;
 /// Draws the lines and dots of a scene over its surface, hidden where it hides them. Of several at a place the gravest
 /// is seen.
 pub fn draw_overlay(scene: &Scene, camera: &Camera, raster: &mut Raster) {
-    let mut taken = vec![false; raster.depth.len()];
-    let mut overlay = Overlay { raster, taken: &mut taken, left: MOST_SAMPLES };
     let project = |p: DVec3| camera.project(scene.frame.to_cube(p).as_vec3());
     let small = |extent: f64| extent * f64::from(camera.scale) < SMALL;
     let dots: Vec<_> = scene.dots.iter().filter(|d| small(d.extent)).map(|d| (project(d.at), colour(d.kind))).collect();
     let lines: Vec<_> = scene.segments.iter().map(|s| (s.ends.map(project), colour(s.kind))).collect();
+    if dots.is_empty() && lines.is_empty() {
+        return;
+    }
+    let taken = vec![false; raster.depth.len()];
+    let mut overlay = Overlay { raster, taken, left: MOST_SAMPLES };
     let Widths { line, dot, rim } = match dots.len() + lines.len() / 4 {
         0..=100 => FEW,
         101..=1000 => MANY,
@@ -55,7 +58,7 @@ pub fn draw_overlay(scene: &Scene, camera: &Camera, raster: &mut Raster) {
 
 struct Overlay<'a> {
     raster: &'a mut Raster,
-    taken: &'a mut [bool],
+    taken: Vec<bool>,
     left: usize,
 }
 
@@ -98,9 +101,7 @@ impl Overlay<'_> {
         self.left = self.left.saturating_sub(1);
         if self.left > 0 && !self.taken[sample] && z + SLACK >= self.raster.depth[sample] {
             self.taken[sample] = true;
-            self.raster.seen[sample] = Seen { colour, inside: false };
-            // Seen also where there is no surface behind it.
-            self.raster.depth[sample] = self.raster.depth[sample].max(f32::MIN);
+            self.raster.seen[sample] = Seen::new(colour, false);
         }
     }
 }

@@ -5,7 +5,7 @@ use super::camera::{Camera, SAMPLES, VIEWS, View};
 use super::canvas::{Canvas, text_width};
 use super::overlay::draw_overlay;
 use super::palette::INSIDE;
-use super::raster::Raster;
+use super::raster::{Raster, Seen};
 use super::scene::{Paint, Shows};
 use super::{Colour, RenderError, Scene};
 use crate::context::Context;
@@ -70,7 +70,7 @@ struct Drawn {
 
 fn draw_view(scene: &Scene, points: &[Vec3], view: &View, size: [usize; 2]) -> Drawn {
     let camera = Camera::new(view, &scene.surface, points, size, MARGIN);
-    let mut raster = Raster::new(scene, points, &camera);
+    let mut raster = Raster::new(scene, points, &camera, PANEL);
     draw_overlay(scene, &camera, &mut raster);
     let mut canvas = resolve(&raster);
     canvas.text([8, 4], view.name, FAINT);
@@ -84,21 +84,19 @@ fn draw_view(scene: &Scene, points: &[Vec3], view: &View, size: [usize; 2]) -> D
 fn resolve(raster: &Raster) -> Canvas {
     let size = raster.size.map(|s| s / SAMPLES);
     let mut canvas = Canvas::new(size, PANEL);
-    for y in 0..size[1] {
-        for x in 0..size[0] {
-            let mut sum = [0u16; 3];
-            for (i, j) in [(0, 0), (1, 0), (0, 1), (1, 1)] {
-                let sample = (y * SAMPLES + j) * raster.size[0] + x * SAMPLES + i;
-                let colour = if raster.depth[sample] > f32::NEG_INFINITY { raster.seen[sample].colour } else { PANEL };
-                for (s, c) in sum.iter_mut().zip(colour.0) {
-                    *s += u16::from(c);
-                }
-            }
-            #[expect(clippy::cast_possible_truncation, reason = "the mean of bytes")]
-            canvas.put(x, y, Colour(sum.map(|s| ((s + 2) / 4) as u8)));
+    for (y, rows) in raster.seen.chunks_exact(SAMPLES * raster.size[0]).enumerate() {
+        let (upper, lower) = rows.split_at(raster.size[0]);
+        let samples = upper.as_chunks::<SAMPLES>().0.iter().zip(lower.as_chunks::<SAMPLES>().0);
+        for (pixel, (&[a, b], &[c, d])) in canvas.row(y).iter_mut().zip(samples) {
+            *pixel = if a == b && a == c && a == d { a.colour() } else { mean([a, b, c, d].map(Seen::colour)) };
         }
     }
     canvas
+}
+
+#[expect(clippy::cast_possible_truncation, reason = "the mean of bytes")]
+fn mean(four: [Colour; 4]) -> Colour {
+    Colour([0, 1, 2].map(|k| ((four.iter().map(|colour| u16::from(colour.0[k])).sum::<u16>() + 2) / 4) as u8))
 }
 
 /// A bar of a round length, at most a quarter of the view, with the length beside it.

@@ -36,24 +36,41 @@ pub struct Raster {
     pub every: usize,
 }
 
-/// What is seen at a sample.
+/// What is seen at a sample: a colour, and whether it is the inner side of a sound face. One number, so that many are chosen
+/// from at once.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Seen {
+pub struct Seen(u32);
+
+impl Seen {
+    /// A colour, and whether it is that of an inner side.
+    #[must_use]
+    pub fn new(Colour([r, g, b]): Colour, inside: bool) -> Self {
+        Self(u32::from_be_bytes([u8::from(inside), r, g, b]))
+    }
+
     /// The colour.
-    pub colour: Colour,
+    #[must_use]
+    pub fn colour(self) -> Colour {
+        let [_, r, g, b] = self.0.to_be_bytes();
+        Colour([r, g, b])
+    }
+
     /// Whether it is the inner side of a sound face.
-    pub inside: bool,
+    #[must_use]
+    pub fn inside(self) -> bool {
+        self.0 >> 24 != 0
+    }
 }
 
 impl Raster {
-    /// Draws the faces of a scene. `points` are its vertices in the cube.
+    /// Draws the faces of a scene before a background. `points` are its vertices in the cube.
     #[must_use]
-    pub fn new(scene: &Scene, points: &[Vec3], camera: &Camera) -> Self {
+    pub fn new(scene: &Scene, points: &[Vec3], camera: &Camera, background: Colour) -> Self {
         let samples = camera.size[0] * camera.size[1];
         let mut raster = Self {
             size: camera.size,
             depth: vec![f32::NEG_INFINITY; samples],
-            seen: vec![Seen { colour: Colour([0; 3]), inside: false }; samples],
+            seen: vec![Seen::new(background, false); samples],
             every: every(scene, points, camera),
         };
         let corners = |f: usize| scene.surface.faces[f].map(|v| points[v as usize]);
@@ -74,7 +91,7 @@ impl Raster {
     /// Whether the inner side of the surface is seen.
     #[must_use]
     pub fn shows_inside(&self) -> bool {
-        self.seen.iter().filter(|seen| seen.inside).count() >= WORTH_A_WORD
+        self.seen.iter().filter(|seen| seen.inside()).count() >= WORTH_A_WORD
     }
 
     fn face(&mut self, camera: &Camera, corners: [Vec3; 3], paint: Paint, lift: f32) {
@@ -97,11 +114,11 @@ impl Raster {
             it.z += lift;
             it
         });
-        self.triangle(placed, Seen { colour, inside: !outer && paint == Paint::Sound });
+        self.triangle(placed, colour, !outer && paint == Paint::Sound);
     }
 
-    /// Fills a triangle, its borders included.
-    fn triangle(&mut self, corners: [Projected; 3], seen: Seen) {
+    /// Fills a triangle, its borders included, and darkens it along its edges.
+    fn triangle(&mut self, corners: [Projected; 3], colour: Colour, inside: bool) {
         let [a, mut b, mut c] = corners;
         let mut doubled = cross(a, b, c);
         if doubled == 0 {
@@ -116,21 +133,31 @@ impl Raster {
         let edges = [Edge::new(b, c), Edge::new(c, a), Edge::new(a, b)];
         let plane = Plane::new(corners, edges, doubled, [columns[0], rows[0]]);
         let wire = Wire::new(&edges, doubled);
-        let dark = Seen { colour: seen.colour.lit(1.0 - wire.dark), ..seen };
+        let (plain, dark) = (Seen::new(colour, inside), Seen::new(colour.lit(1.0 - wire.dark), inside));
         for row in rows[0]..=rows[1] {
             let begin = edges.map(|edge| edge.at(columns[0], row));
             let Some([first, last]) = span(&edges, begin, columns) else { continue };
-            for column in first..=last {
-                let z = plane.at(column, row);
-                #[expect(clippy::cast_sign_loss, reason = "clamped to the image")]
-                let sample = row as usize * self.size[0] + column as usize;
-                if z > self.depth[sample] {
-                    let steps = column - columns[0];
-                    let near = (0..3).any(|e| begin[e] + edges[e].right * steps < wire.near[e]);
-                    self.depth[sample] = z;
-                    self.seen[sample] = if near { dark } else { seen };
-                }
-            }
+            let [from, to] = wire.within(&edges, begin, columns).unwrap_or([last + 1, last]);
+            self.fill(row, [first, from - 1], &plane, dark);
+            self.fill(row, [from, to], &plane, plain);
+            self.fill(row, [to + 1, last], &plane, dark);
+        }
+    }
+
+    /// Fills the columns of a row from one to another where the plane is the nearest so far.
+    #[expect(clippy::cast_sign_loss, reason = "clamped to the image")]
+    fn fill(&mut self, row: i64, [first, last]: [i64; 2], plane: &Plane, colour: Seen) {
+        if first > last {
+            return;
+        }
+        let begin = row as usize * self.size[0];
+        let samples = begin + first as usize..begin + last as usize + 1;
+        let depths = plane.along(first, row);
+        // Without a branch, so that it is done for several samples at once.
+        for ((depth, seen), z) in self.depth[samples.clone()].iter_mut().zip(&mut self.seen[samples]).zip(depths) {
+            let nearer = z > *depth;
+            *depth = if nearer { z } else { *depth };
+            *seen = if nearer { colour } else { *seen };
         }
     }
 
@@ -256,10 +283,13 @@ impl Plane {
         }
     }
 
-    #[expect(clippy::cast_precision_loss, reason = "a place in an image")]
-    fn at(&self, column: i64, row: i64) -> f32 {
-        let [right, down] = [column - self.origin[0], row - self.origin[1]];
-        (self.base + self.right * right as f32 + self.down * down as f32).clamp(self.low, self.high)
+    /// The depths of a row's samples from a column on.
+    #[expect(clippy::cast_precision_loss, clippy::cast_possible_truncation, reason = "a place in an image")]
+    fn along(&self, column: i64, row: i64) -> impl Iterator<Item = f32> {
+        let (right, down) = ((column - self.origin[0]) as i32, row - self.origin[1]);
+        let &Self { base, low, high, right: slope, .. } = self;
+        let below = self.down * down as f32;
+        (right..).map(move |right| (base + slope * right as f32 + below).max(low).min(high))
     }
 }
 
@@ -279,5 +309,10 @@ impl Wire {
         let share = ((height - 6.0) / 24.0).clamp(0.0, 1.0);
         let near = lengths.map(|length| if share > 0.0 { (length * WIRE * STEPS as f32 / 2.0) as i64 } else { 0 });
         Self { near, dark: WIRE_DARK * share }
+    }
+
+    /// The columns of one row that are not darkened.
+    fn within(&self, edges: &[Edge; 3], begin: [i64; 3], columns: [i64; 2]) -> Option<[i64; 2]> {
+        span(edges, [0, 1, 2].map(|e| begin[e] - self.near[e]), columns)
     }
 }
