@@ -14,7 +14,6 @@ mod settings;
 mod telemetry;
 mod webhooks;
 
-use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::{CommandFactory, Parser, Subcommand};
@@ -49,24 +48,6 @@ enum Command {
     Config(config::ConfigArgs),
     /// Print the OpenAPI document, or check a file against it.
     Openapi(openapi::OpenapiArgs),
-    /// Run one job in this process, as workers start it.
-    #[command(hide = true)]
-    JobChild {
-        /// The scratch folder with the task in it.
-        folder: PathBuf,
-    },
-    /// Run Blender once on a small model, as workers do when they start.
-    #[command(hide = true)]
-    WarmUpChild {
-        /// The scratch folder with the question in it.
-        folder: PathBuf,
-    },
-    /// Try from within what a job's sandbox holds back, as workers do when they start.
-    #[command(hide = true)]
-    SandboxTrial {
-        /// The scratch folder with the question in it.
-        folder: PathBuf,
-    },
 }
 
 /// Runs the command line.
@@ -82,9 +63,6 @@ pub fn run() -> ExitCode {
         Command::Tenants(args) => keys::tenants(args),
         Command::Config(args) => config::run(&args, Cli::command()),
         Command::Openapi(args) => openapi::run(&args),
-        Command::JobChild { folder } => meshmend::worker::run_child(&folder),
-        Command::WarmUpChild { folder } => meshmend::worker::run_warm_up(&folder),
-        Command::SandboxTrial { folder } => meshmend::worker::run_trial(&folder),
     }
 }
 

@@ -168,7 +168,8 @@ impl<'a> Analysis<'a> {
 
     /// The corners of a face of `surface` in the coordinates of [`Analysis::unit`].
     pub(super) fn unit_corners(&self, face: u32) -> [DVec3; 3] {
-        self.surface.faces[face as usize].map(|v| self.unit()[v as usize])
+        let (unit, [a, b, c]) = (self.unit(), self.surface.faces[face as usize]);
+        [unit[a as usize], unit[b as usize], unit[c as usize]]
     }
 }
 

@@ -10,6 +10,23 @@ pub fn within(p: DVec3, triangle: [DVec3; 3], reach: f64) -> bool {
     p.distance_squared(nearest_on_triangle(p, triangle)) <= reach * reach
 }
 
+/// The point of a triangle that is nearest to `p`, where it is nearer than `reach`. The same as [`nearest_on_triangle`], but
+/// a triangle whose plane is farther away costs little.
+#[must_use]
+pub fn nearest_within(p: DVec3, triangle: [DVec3; 3], reach: f64) -> Option<DVec3> {
+    let [a, b, c] = triangle;
+    let (ab, ac) = (b - a, c - a);
+    let normal = ab.cross(ac);
+    let square = normal.length_squared();
+    let above = normal.dot(p - a);
+    // A needle's normal is noise.
+    if above * above >= reach * reach * square && square > SLENDER * ab.length_squared() * ac.length_squared() {
+        return None;
+    }
+    let found = nearest_on_triangle(p, triangle);
+    (p.distance_squared(found) < reach * reach).then_some(found)
+}
+
 /// The point of a triangle that is nearest to `p`: the foot of the perpendicular where that is in the triangle, otherwise
 /// the nearest point of its edges. A triangle without area is its edges.
 ///
@@ -52,6 +69,7 @@ pub fn nearest_on_segment(p: DVec3, [a, b]: [DVec3; 2]) -> DVec3 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::math::r3;
 
     #[test]
     fn the_distance_is_to_the_inside_an_edge_or_a_corner_whichever_is_nearest() {
@@ -72,6 +90,24 @@ mod tests {
                 assert!(!within(p, triangle, distance - 1e-12), "{p}");
             }
         }
+    }
+
+    #[test]
+    fn what_is_nearer_than_the_reach_is_found_and_nothing_else() {
+        let corner = |i: u32| DVec3::from(r3(f64::from(i)));
+        let (mut near, mut far) = (0, 0);
+        for i in 0..2000 {
+            let (p, reach) = (corner(i + 9000), 0.1 + f64::from(i % 7) * 0.1);
+            for height in [1.0, 1e-6, 0.0] {
+                let [a, b, c] = [0, 1, 2].map(|k| corner(3 * i + k));
+                let triangle = [a, b, b + (c - b) * height];
+                let nearest = nearest_on_triangle(p, triangle);
+                let expected = (p.distance(nearest) < reach).then_some(nearest);
+                assert_eq!(nearest_within(p, triangle, reach), expected, "{i} {height}");
+                *(if expected.is_some() { &mut near } else { &mut far }) += 1;
+            }
+        }
+        assert!(near > 500 && far > 500, "{near} {far}");
     }
 
     #[test]

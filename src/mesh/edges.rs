@@ -1,3 +1,6 @@
+/// Half-edges of a vertex that are sorted by inserting one after the other.
+const FEW: usize = 16;
+
 /// The edges of a list of faces, in order of their vertices.
 ///
 /// A half-edge is named by its corner `3 * face + i` and runs from corner `i` of the face to corner `i + 1`. Faces
@@ -41,7 +44,7 @@ impl Edges {
             let of_low = &mut sorted[begin..*end as usize];
             begin = *end as usize;
             *end = index(edges.ends.len());
-            of_low.sort_unstable();
+            sort_few(of_low);
             let mut last = None;
             for &entry in &*of_low {
                 let [high, half_edge] = [(entry >> 32) as u32, low_half(entry)];
@@ -100,6 +103,22 @@ impl Edges {
         let [begin, end] = [*self.from.get(low)? as usize, *self.from.get(low + 1)? as usize];
         let among = &self.ends[begin..end];
         among.binary_search_by_key(&high, |ends| ends[1]).ok().map(|at| begin + at)
+    }
+}
+
+/// Sorts what is mostly no more than a handful.
+fn sort_few(entries: &mut [u64]) {
+    if entries.len() > FEW {
+        entries.sort_unstable();
+        return;
+    }
+    for end in 1..entries.len() {
+        let (entry, mut at) = (entries[end], end);
+        while at > 0 && entries[at - 1] > entry {
+            entries[at] = entries[at - 1];
+            at -= 1;
+        }
+        entries[at] = entry;
     }
 }
 

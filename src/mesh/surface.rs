@@ -50,7 +50,8 @@ impl Surface {
     /// When `face` is not an index of `faces`.
     #[must_use]
     pub fn corners(&self, face: usize) -> [DVec3; 3] {
-        self.faces[face].map(|v| self.positions[v as usize])
+        let [a, b, c] = self.faces[face];
+        [self.positions[a as usize], self.positions[b as usize], self.positions[c as usize]]
     }
 
     /// Twice the area of a face times its unit normal.

@@ -11,45 +11,52 @@ const WEIGHT: FontWeight = FontWeight::Regular;
 pub struct Canvas {
     /// Width and height in pixels.
     pub size: [usize; 2],
-    pixels: Vec<Colour>,
+    pixels: Vec<[u8; 3]>,
 }
 
 impl Canvas {
     /// An image of one colour.
     #[must_use]
     pub fn new(size: [usize; 2], colour: Colour) -> Self {
-        Self { size, pixels: vec![colour; size[0] * size[1]] }
+        Self { size, pixels: vec![colour.0; size[0] * size[1]] }
     }
 
     /// The colour of a pixel.
     #[must_use]
     #[cfg(test)]
     pub fn get(&self, x: usize, y: usize) -> Colour {
-        self.pixels[y * self.size[0] + x]
+        Colour(self.pixels[y * self.size[0] + x])
     }
 
     /// Puts a pixel, where it is in the image.
     pub fn put(&mut self, x: usize, y: usize, colour: Colour) {
         if x < self.size[0] && y < self.size[1] {
-            self.pixels[y * self.size[0] + x] = colour;
+            self.pixels[y * self.size[0] + x] = colour.0;
         }
+    }
+
+    /// The pixels of a row.
+    ///
+    /// # Panics
+    /// When there is no such row.
+    pub fn row(&mut self, y: usize) -> &mut [[u8; 3]] {
+        &mut self.pixels[y * self.size[0]..(y + 1) * self.size[0]]
     }
 
     /// Fills a rectangle.
     pub fn fill(&mut self, [x, y]: [usize; 2], [width, height]: [usize; 2], colour: Colour) {
+        let (left, right) = (x.min(self.size[0]), (x + width).min(self.size[0]));
         for row in y..(y + height).min(self.size[1]) {
-            for column in x..(x + width).min(self.size[0]) {
-                self.put(column, row, colour);
-            }
+            self.row(row)[left..right].fill(colour.0);
         }
     }
 
     /// Copies an image to a place.
     pub fn paste(&mut self, other: &Self, [x, y]: [usize; 2]) {
-        for row in 0..other.size[1] {
-            for column in 0..other.size[0] {
-                self.put(x + column, y + row, other.pixels[row * other.size[0] + column]);
-            }
+        let left = x.min(self.size[0]);
+        let width = other.size[0].min(self.size[0] - left);
+        for (row, from) in (y..self.size[1]).zip(other.pixels.chunks_exact(other.size[0].max(1))) {
+            self.row(row)[left..][..width].copy_from_slice(&from[..width]);
         }
     }
 
@@ -63,7 +70,7 @@ impl Canvas {
                 for (column, &ink) in line.iter().enumerate() {
                     let [px, py] = [x + i * text_width(1) + column, y + row];
                     if ink > 0 && px < self.size[0] && py < self.size[1] {
-                        let below = self.pixels[py * self.size[0] + px];
+                        let below = Colour(self.pixels[py * self.size[0] + px]);
                         self.put(px, py, below.mixed(colour, f32::from(ink) / 255.0));
                     }
                 }
@@ -83,8 +90,7 @@ impl Canvas {
         encoder.set_depth(png::BitDepth::Eight);
         encoder.set_compression(png::Compression::Fast);
         let mut writer = encoder.write_header()?;
-        let bytes: Vec<u8> = self.pixels.iter().flat_map(|c| c.0).collect();
-        writer.write_image_data(&bytes)?;
+        writer.write_image_data(self.pixels.as_flattened())?;
         writer.finish()?;
         Ok(file)
     }

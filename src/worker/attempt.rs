@@ -18,6 +18,7 @@ use tracing::{Instrument, Span};
 use super::crash;
 use super::failpoint::pause_alone_at;
 use super::files::{Offered, names, offered};
+use super::inside;
 use super::patience::patiently;
 use super::pool::{Pool, Shutdown};
 use super::process::JobProcess;
@@ -135,7 +136,7 @@ impl<'a> Attempt<'a> {
         }
         pause_alone_at("worker-spawn").await;
         let (program, first) = (&self.pool.config.program, self.lease.attempt == 1);
-        let mut process = JobProcess::start(program, "job-child", folder, first, &self.task())?;
+        let mut process = JobProcess::start(program, inside::JOB, folder, first, &self.task())?;
         tracing::info!(process = process.group().as_raw_nonzero(), "started");
         let ended = self.watch(&mut process, folder, &shutdown.now, lost).instrument(tracing::info_span!("run")).await;
         let (status, said) = process.end(self.pool.loose()).await?;

@@ -18,11 +18,14 @@ use crate::jobs::JobProgress;
 
 /// Most bytes of a job's log.
 const LOG_BYTES: u64 = 1 << 20;
+/// Bytes of its files up to which a job is done by one thread: to wake others for so little costs more than they do.
+const FOR_ONE_THREAD: u64 = 256 << 10;
+/// Progress within a stage is told no more often than this, since whoever reads it wakes up for every line.
+const TELL_EVERY: Duration = Duration::from_millis(50);
 
 /// The inside of a job's child process: hears its task, enters its sandbox, does the work, and leaves its files in `folder`. The memory that
 /// a hostile file makes it use, and a crash that it causes, stay in this process.
-#[must_use]
-pub fn run_child(folder: &Path) -> ExitCode {
+pub(super) fn run_child(folder: &Path) -> ExitCode {
     match try_run(folder) {
         Ok(code) => code,
         Err(error) => {
@@ -36,9 +39,13 @@ fn try_run(folder: &Path) -> io::Result<ExitCode> {
     let task: Task = told()?;
     shut_in(folder, &task.confinement, task.remesher.as_ref().map(|_| &task.blender))?;
     end_with_the_worker()?;
-    let progress = Reporter::new(folder)?;
-    let cancel = AtomicBool::new(false);
+    if task.inputs.iter().map(|input| input.bytes).sum::<u64>() <= FOR_ONE_THREAD {
+        let this_one = rayon::ThreadPoolBuilder::new().num_threads(1).use_current_thread();
+        this_one.build_global().map_err(io::Error::other)?;
+    }
     let clock = monotonic_clock();
+    let progress = Reporter::new(folder, &clock)?;
+    let cancel = AtomicBool::new(false);
     let deadline = Duration::from_secs_f64(task.options.deadline_s().clamp(1.0, 3600.0));
     let context = Context::new(&progress, &cancel, &clock, deadline);
     match work(folder, &task, &context) {
@@ -82,7 +89,10 @@ pub(super) fn end_with_the_worker() -> io::Result<()> {
 }
 
 /// Progress as lines on standard output, and the log as a file of bounded size.
-struct Reporter {
+struct Reporter<'a> {
+    clock: &'a (dyn Fn() -> Duration + Sync),
+    /// What was told last, and when.
+    told: Mutex<Option<(Stage, Option<u8>, Duration)>>,
     log: Mutex<Log>,
 }
 
@@ -91,16 +101,29 @@ struct Log {
     left: u64,
 }
 
-impl Reporter {
-    fn new(folder: &Path) -> io::Result<Self> {
+impl<'a> Reporter<'a> {
+    fn new(folder: &Path, clock: &'a (dyn Fn() -> Duration + Sync)) -> io::Result<Self> {
         let file = File::options().create(true).append(true).open(folder.join(Task::LOG))?;
-        Ok(Self { log: Mutex::new(Log { file, left: LOG_BYTES }) })
+        Ok(Self { clock, told: Mutex::new(None), log: Mutex::new(Log { file, left: LOG_BYTES }) })
+    }
+
+    /// Whether it is time to tell of this, which then counts as told.
+    fn is_due(&self, stage: Stage, tier: Option<u8>) -> bool {
+        let now = (self.clock)();
+        let Ok(mut told) = self.told.lock() else { return false };
+        let lately = |&(s, t, at): &(_, _, Duration)| (s, t) == (stage, tier) && now < at + TELL_EVERY;
+        let due = !told.as_ref().is_some_and(lately);
+        if due {
+            *told = Some((stage, tier, now));
+        }
+        due
     }
 }
 
-impl Progress for Reporter {
+impl Progress for Reporter<'_> {
     fn report(&self, stage: Stage, tier: Option<u8>, percent: u8) {
-        if let Ok(line) = serde_json::to_string(&JobProgress { stage, tier, percent }) {
+        let line = serde_json::to_string(&JobProgress { stage, tier, percent });
+        if let Some(line) = line.ok().filter(|_| self.is_due(stage, tier)) {
             // A worker that stopped listening is about to end this process.
             let _ = writeln!(io::stdout(), "{line}");
             let _ = io::stdout().flush();
@@ -125,7 +148,8 @@ impl Progress for Reporter {
         }
         let left = log.left.saturating_sub(bytes);
         let line = if left == 0 { "the log is cut here" } else { line };
-        if writeln!(log.file, "{line}").is_ok() {
+        // In one call of the operating system.
+        if log.file.write_all(format!("{line}\n").as_bytes()).is_ok() {
             log.left = left;
         }
     }

@@ -9,6 +9,7 @@ use serde::{Deserialize, Serialize};
 use tokio_util::sync::CancellationToken;
 
 use super::errand::{answer, ask};
+use super::inside;
 use super::task::Confinement;
 use crate::sandbox::{SandboxMode, Trial, Walls};
 
@@ -37,7 +38,7 @@ pub(super) async fn probe(program: &Path, outside: &Path, confinement: Confineme
     let required = confinement.sandbox.mode == SandboxMode::Require;
     let question = Question { confinement, trial };
     let never = CancellationToken::new();
-    let walls: Walls = ask(program, "sandbox-trial", &folder, &question, PATIENCE, &never).await?;
+    let walls: Walls = ask(program, inside::TRIAL, &folder, &question, PATIENCE, &never).await?;
     let open = [&walls.network, &walls.files].into_iter().find(|wall| required && !wall.in_force);
     if let Some(wall) = open {
         return Err(io::Error::other(wall.detail.clone().unwrap_or_default()));
@@ -46,8 +47,7 @@ pub(super) async fn probe(program: &Path, outside: &Path, confinement: Confineme
 }
 
 /// The inside of the process that tries what a sandbox holds back; `folder` is its own.
-#[must_use]
-pub fn run_trial(folder: &Path) -> ExitCode {
+pub(super) fn run_trial(folder: &Path) -> ExitCode {
     answer(|Question { confinement, trial }| {
         confinement.limits.apply()?;
         trial.run(&confinement.sandbox, folder)

@@ -9,6 +9,7 @@ use tokio_util::sync::CancellationToken;
 
 use super::child::{end_with_the_worker, shut_in};
 use super::errand::{answer, ask};
+use super::inside;
 use super::pool::Pool;
 use super::task::Confinement;
 use crate::blender::{BlenderConfig, Warmth, warm_up};
@@ -31,7 +32,7 @@ pub(super) async fn warm_blender_up(pool: Arc<Pool>, remesher: RemesherInfo, sto
         let scratch = pool.scratch.attempt()?;
         let blender = pool.config.blender.clone();
         let question = Question { confinement: pool.confinement(PATIENCE), remesher, blender };
-        ask(&pool.config.program, "warm-up-child", scratch.path(), &question, PATIENCE, &stop).await
+        ask(&pool.config.program, inside::WARM_UP, scratch.path(), &question, PATIENCE, &stop).await
     }
     .await;
     match warmth {
@@ -46,8 +47,7 @@ pub(super) async fn warm_blender_up(pool: Arc<Pool>, remesher: RemesherInfo, sto
 }
 
 /// The inside of the process that runs Blender once; `folder` is its own.
-#[must_use]
-pub fn run_warm_up(folder: &Path) -> ExitCode {
+pub(super) fn run_warm_up(folder: &Path) -> ExitCode {
     answer(|Question { confinement, remesher, blender }| {
         shut_in(folder, &confinement, Some(&blender))?;
         end_with_the_worker()?;

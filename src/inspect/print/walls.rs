@@ -209,22 +209,20 @@ impl Prober<'_> {
     /// How far it is inward to where the air begins, and the face there.
     fn way_out(&self, sample: &Sample, inward: DVec3, steps: &mut u64) -> Option<(f64, u32)> {
         let ray = inward * self.reach;
-        let mut hits = Vec::new();
-        self.analysis.tree().along(sample.point, sample.point + ray, |face| {
-            *steps = steps.saturating_sub(1);
-            if face != sample.face
-                && let Some(share) = hit(sample.point, ray, self.analysis.unit_corners(face))
-            {
-                hits.push((share * self.reach, face));
+        let mut passed = None;
+        for _ in 0..MOST_PASSED {
+            let first = self.analysis.tree().first_along([sample.point, sample.point + ray], passed, steps, |face| {
+                let other = face != sample.face;
+                other.then(|| hit(sample.point, ray, self.analysis.unit_corners(face))).flatten()
+            });
+            let (share, face) = first.filter(|_| *steps > 0)?;
+            let length = share * self.reach;
+            if self.is_air(sample.point + inward * (length + self.beside), steps) {
+                return Some((length, face)).filter(|_| *steps > 0);
             }
-            *steps > 0
-        });
-        hits.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-        let found = hits.into_iter().take(MOST_PASSED).find(|&(length, _)| {
-            let beyond = sample.point + inward * (length + self.beside);
-            self.is_air(beyond, steps)
-        });
-        found.filter(|_| *steps > 0)
+            passed = first;
+        }
+        None
     }
 
     /// The wall by the largest ball of at most `radius` that touches `point` from inside, where it touches an opposite side.

@@ -1,7 +1,7 @@
 use glam::DVec3;
 
-use super::{Nearest, Tree, box_distance_squared};
-use crate::math::nearest_on_triangle;
+use super::{DEPTH, Nearest, Tree, box_distance_squared};
+use crate::math::nearest_within;
 
 /// Share of its radius by which a ball may reach through what it touches.
 const SLACK: f64 = 1e-6;
@@ -23,7 +23,9 @@ impl Tree {
     /// spent.
     ///
     /// A smaller ball through the same point lies in the larger one, so what is passed over once need not be looked at
-    /// again, and all of it is one walk. `triangle` and `steps` as in [`Tree::nearest`].
+    /// again, and all of it is one walk. What is near `point` comes first, since it leaves the smallest ball: in a round
+    /// body the largest one meets nearly every triangle, and the neighbours shrink it to where few are left. `triangle` and
+    /// `steps` as in [`Tree::nearest`].
     pub fn shrunk_ball(
         &self,
         point: DVec3,
@@ -40,9 +42,12 @@ impl Tree {
             (self.frame.to_tree(point + way * radius), reach * reach)
         };
         let (mut centre, mut square) = framed(radius);
-        let distance = |node: u32, centre: DVec3| box_distance_squared(bvh.nodes[node as usize].aabb(), centre);
-        let mut stack = vec![0u32];
-        while let Some(at) = stack.pop() {
+        let start = self.frame.to_tree(point);
+        let distance = |node: u32, from: DVec3| box_distance_squared(bvh.nodes[node as usize].aabb(), from);
+        // With the radius at which each was seen to reach into the ball.
+        let mut stack = Vec::with_capacity(DEPTH);
+        stack.push((0u32, f64::INFINITY));
+        while let Some((at, seen)) = stack.pop() {
             let node = &bvh.nodes[at as usize];
             let cost = 1 + u64::from(node.prim_count);
             if *steps < cost {
@@ -50,14 +55,22 @@ impl Tree {
                 return None;
             }
             *steps -= cost;
-            if distance(at, centre) >= square {
+            if seen > ball.radius && distance(at, centre) >= square {
                 continue;
             }
             if !node.is_leaf() {
                 let (left, right) = (node.first_index, node.first_index + 1);
-                let (l, r) = (distance(left, centre), distance(right, centre));
-                let ordered = if r < l { [(l, left), (r, right)] } else { [(r, right), (l, left)] };
-                stack.extend(ordered.into_iter().filter(|child| child.0 < square).map(|child| child.1));
+                match (distance(left, centre) < square, distance(right, centre) < square) {
+                    (true, true) => {
+                        let right_first = distance(right, start) < distance(left, start);
+                        let (first, then) = if right_first { (right, left) } else { (left, right) };
+                        stack.push((then, ball.radius));
+                        stack.push((first, ball.radius));
+                    }
+                    (true, false) => stack.push((left, ball.radius)),
+                    (false, true) => stack.push((right, ball.radius)),
+                    (false, false) => {}
+                }
                 continue;
             }
             for i in 0..node.prim_count {
@@ -66,12 +79,10 @@ impl Tree {
                 let mut clear = false;
                 for _ in 0..MOST_SHRUNK {
                     let middle = point + way * ball.radius;
-                    let found = nearest_on_triangle(middle, corners);
-                    let apart = middle.distance(found);
-                    if apart >= ball.radius * (1.0 - SLACK) {
+                    let Some(found) = nearest_within(middle, corners, ball.radius * (1.0 - SLACK)) else {
                         clear = true;
                         break;
-                    }
+                    };
                     let towards = found - point;
                     let smaller = towards.length_squared() / (2.0 * towards.dot(way));
                     if !(smaller > 0.0 && smaller < ball.radius) {
@@ -83,8 +94,8 @@ impl Tree {
                 if !clear {
                     return None;
                 }
-                (centre, square) = framed(ball.radius);
             }
+            (centre, square) = framed(ball.radius);
         }
         Some(ball)
     }
@@ -94,7 +105,7 @@ impl Tree {
 #[allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 mod tests {
     use super::*;
-    use crate::math::r3;
+    use crate::math::{nearest_on_triangle, r3};
 
     #[test]
     fn nothing_is_in_it_and_it_touches_what_stopped_it() {

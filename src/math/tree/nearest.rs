@@ -1,6 +1,6 @@
 use glam::DVec3;
 
-use super::{Tree, box_distance_squared};
+use super::{DEPTH, Tree, box_distance_squared};
 use crate::math::nearest_on_triangle;
 
 /// Half-sides of the model from which on all its points are equally far, but for rounding.
@@ -41,7 +41,8 @@ impl Tree {
         let limit = bound.max(0.0) * self.frame.scale();
         let mut best_square = if limit < FAR { limit * limit } else { f64::INFINITY };
         let square = |node: u32| box_distance_squared(bvh.nodes[node as usize].aabb(), place);
-        let mut stack = vec![(square(0), 0u32)];
+        let mut stack = Vec::with_capacity(DEPTH);
+        stack.push((square(0), 0u32));
         while let Some((at_least, at)) = stack.pop() {
             if at_least >= best_square {
                 continue;
@@ -68,7 +69,11 @@ impl Tree {
             let (left, right) = (node.first_index, node.first_index + 1);
             let (near, far) = ((square(left), left), (square(right), right));
             let (near, far) = if far.0 < near.0 { (far, near) } else { (near, far) };
-            stack.extend([far, near].into_iter().filter(|child| child.0 < best_square));
+            for child in [far, near] {
+                if child.0 < best_square {
+                    stack.push(child);
+                }
+            }
         }
         best.map(|(face, found)| Nearest { face, point: found, distance: best_square.sqrt() / self.frame.scale() })
     }

@@ -2,7 +2,7 @@ use std::f64::consts::PI;
 
 use glam::DVec3;
 
-use super::{Tree, box_distance_squared};
+use super::{DEPTH, Tree, box_distance_squared};
 
 /// How many radii of a cluster a point must be away for the cluster to count as one dipole. At 2 the sum over a closed
 /// surface errs by about 0.02, far from the 0.5 that tells inside from outside, for half the time that 3 takes.
@@ -119,7 +119,9 @@ impl Tree {
         let aside = aside * self.frame.scale();
         let apart = (aside.length() * SAME).powi(2);
         let mut sides = [HalfAngles::NONE; 2];
-        let (mut angle, mut both, mut stack) = (0.0, HalfAngles::NONE, vec![0u32]);
+        let (mut angle, mut both) = (0.0, HalfAngles::NONE);
+        let mut stack = Vec::with_capacity(DEPTH);
+        stack.push(0u32);
         while let Some(at) = stack.pop() {
             let (node, dipole) = (&bvh.nodes[at as usize], &dipoles.nodes[at as usize]);
             let cost = 1 + u64::from(node.prim_count);
@@ -145,7 +147,8 @@ impl Tree {
                     }
                 }
             } else {
-                stack.extend([node.first_index + 1, node.first_index]);
+                stack.push(node.first_index + 1);
+                stack.push(node.first_index);
             }
         }
         let both = angle + both.sum();

@@ -61,8 +61,8 @@ pub fn contact(positions: &[DVec3], a: [u32; 3], b: [u32; 3], slow: &mut u64) ->
             }
         }
     }
-    let p = a.map(|v| positions[v as usize]);
-    let q = b.map(|v| positions[v as usize]);
+    let corners = |[a, b, c]: [u32; 3]| [positions[a as usize], positions[b as usize], positions[c as usize]];
+    let (p, q) = (corners(a), corners(b));
     match count {
         0 => meet(&p, &q, None, slow),
         1 => meet(&p, &q, Some(shared[0]), slow),
@@ -142,7 +142,7 @@ fn meet(p: &[DVec3; 3], q: &[DVec3; 3], shared: Option<(usize, usize)>, slow: &m
 
 /// Whether a plane has nothing in common with a triangle but a vertex that is known to be in it.
 fn on_one_side(sides: [Sign; 3], vertex_in_plane: bool) -> bool {
-    let count = |sign| sides.iter().filter(|&&s| s == sign).count();
+    let count = |sign| sides.map(|side| u8::from(side == sign)).into_iter().sum::<u8>();
     let all = if vertex_in_plane { 2 } else { 3 };
     count(Sign::Positive) == all || count(Sign::Negative) == all
 }

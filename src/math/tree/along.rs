@@ -1,0 +1,162 @@
+use glam::DVec3;
+
+use super::{DEPTH, Tree};
+
+impl Tree {
+    /// Calls `visit` with every triangle whose box the segment from `from` to `to` meets, until it answers `false`.
+    pub fn along(&self, from: DVec3, to: DVec3, visit: impl FnMut(u32) -> bool) {
+        let segment = self.segment(from, to);
+        self.walk(|aabb| segment.enters(aabb.min.as_dvec3(), aabb.max.as_dvec3()).is_some(), visit);
+    }
+
+    /// The first triangle that the segment from `from` to `to` meets, and how far along it is; of several at one place the one of
+    /// the smallest number. With `after`, the first behind that one in this order.
+    ///
+    /// `hit` tells how far along the segment a triangle is, as a share of it, where the two meet. `steps` as in [`Tree::nearest`];
+    /// where it reaches 0 another may be nearer.
+    pub fn first_along(
+        &self,
+        [from, to]: [DVec3; 2],
+        after: Option<(f64, u32)>,
+        steps: &mut u64,
+        hit: impl Fn(u32) -> Option<f64>,
+    ) -> Option<(f64, u32)> {
+        let bvh = self.bvh.as_ref()?;
+        let segment = self.segment(from, to);
+        let enters = |node: u32| {
+            let aabb = bvh.nodes[node as usize].aabb();
+            segment.enters(aabb.min.as_dvec3(), aabb.max.as_dvec3()).map(|share| (share, node))
+        };
+        let mut first: Option<(f64, u32)> = None;
+        let mut stack = Vec::with_capacity(DEPTH);
+        stack.extend(enters(0));
+        while let Some((share, at)) = stack.pop() {
+            if first.is_some_and(|first| first.0 < share) {
+                continue;
+            }
+            let node = &bvh.nodes[at as usize];
+            let cost = 1 + u64::from(node.prim_count);
+            if *steps < cost {
+                *steps = 0;
+                break;
+            }
+            *steps -= cost;
+            if node.is_leaf() {
+                for i in 0..node.prim_count {
+                    let face = bvh.primitive_indices[(node.first_index + i) as usize];
+                    let found = hit(face).map(|share| (share, face));
+                    let found = found.filter(|&it| after.is_none_or(|after| after < it));
+                    first = [first, found].into_iter().flatten().reduce(|a, b| if b < a { b } else { a });
+                }
+                continue;
+            }
+            let [left, right] = [enters(node.first_index), enters(node.first_index + 1)];
+            let left_first = left.zip(right).is_none_or(|(left, right)| left.0 <= right.0);
+            let ordered = if left_first { [right, left] } else { [left, right] };
+            ordered.into_iter().flatten().for_each(|child| stack.push(child));
+        }
+        first
+    }
+
+    fn segment(&self, from: DVec3, to: DVec3) -> Segment {
+        let origin = self.frame.to_tree(from);
+        let step = self.frame.to_tree(to) - origin;
+        // Finite, so that a product with zero is zero; any other with it is outside of the segment.
+        let share = step.recip().clamp(DVec3::splat(f64::MIN), DVec3::splat(f64::MAX));
+        Segment { origin, share }
+    }
+}
+
+/// A segment in the frame of a tree.
+struct Segment {
+    origin: DVec3,
+    /// One over what it goes along each axis.
+    share: DVec3,
+}
+
+impl Segment {
+    /// How far along it enters a box, as a share of it, where it meets the box: the slab test (Kay and Kajiya 1986). The boxes are
+    /// padded by far more than this rounds.
+    #[inline]
+    fn enters(&self, min: DVec3, max: DVec3) -> Option<f64> {
+        let (a, b) = ((min - self.origin) * self.share, (max - self.origin) * self.share);
+        let (enter, leave) = (a.min(b).max_element().max(0.0), a.max(b).min_element().min(1.0));
+        (enter <= leave).then_some(enter)
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "a test fails by panicking")]
+mod tests {
+    use super::*;
+    use crate::math::{hit, r3};
+
+    fn triangles(n: u32) -> (Vec<DVec3>, Vec<[u32; 3]>) {
+        let corner = |i: u32| DVec3::from(r3(f64::from(i / 3))) + DVec3::from(r3(f64::from(i + 7000))) * 0.8;
+        ((0..3 * n).map(corner).collect(), (0..n).map(|t| [3 * t, 3 * t + 1, 3 * t + 2]).collect())
+    }
+
+    fn segments() -> impl Iterator<Item = [DVec3; 2]> {
+        let end = |i: u32| DVec3::from(r3(f64::from(i))) * 2.0 - 0.5;
+        // Some along an axis, where two of three shares are of nothing.
+        (0..300).map(move |i| {
+            let (from, to) = (end(i), end(i + 900));
+            [from, if i % 3 == 0 { DVec3::new(to.x, from.y, from.z) } else { to }]
+        })
+    }
+
+    #[test]
+    fn every_triangle_that_a_segment_meets_comes_in_order_and_no_other() {
+        let (positions, mut faces) = triangles(300);
+        // Twice each, so that two are always at one place.
+        faces.extend_from_within(..);
+        let tree = Tree::new(&positions, &faces);
+        let corners = |f: u32| faces[f as usize].map(|v| positions[v as usize]);
+        let mut met = 0;
+        for [from, to] in segments() {
+            let mut expected: Vec<(f64, u32)> =
+                (0..600).filter_map(|f| hit(from, to - from, corners(f)).map(|share| (share, f))).collect();
+            expected.sort_by(|a, b| a.partial_cmp(b).unwrap());
+            let (mut found, mut steps) = (Vec::new(), u64::MAX);
+            let mut next =
+                |after| tree.first_along([from, to], after, &mut steps, |f| hit(from, to - from, corners(f)));
+            while let Some(first) = next(found.last().copied()) {
+                found.push(first);
+            }
+            assert_eq!(found, expected);
+            let mut candidates = Vec::new();
+            tree.along(from, to, |f| {
+                candidates.push(f);
+                true
+            });
+            assert!(found.iter().all(|(_, f)| candidates.contains(f)));
+            met += found.len();
+        }
+        assert!(met > 500, "{met}");
+    }
+
+    #[test]
+    fn a_segment_meets_the_boxes_that_it_crosses_and_few_others() {
+        let positions: Vec<DVec3> =
+            (0..3000).map(|i| DVec3::new(f64::from(i / 3) + f64::from(i % 3 % 2), f64::from(i % 3 / 2), 0.0)).collect();
+        let faces: Vec<[u32; 3]> = (0..1000).map(|t| [3 * t, 3 * t + 1, 3 * t + 2]).collect();
+        let mut found = Vec::new();
+        Tree::new(&positions, &faces).along(DVec3::new(500.2, 0.1, -1.0), DVec3::new(500.2, 0.1, 1.0), |f| {
+            found.push(f);
+            true
+        });
+        assert!(found.contains(&500), "{found:?}");
+        assert!(found.len() < 4, "{found:?}");
+    }
+
+    #[test]
+    fn the_steps_are_an_end_to_the_search() {
+        let positions = [DVec3::ZERO, DVec3::X, DVec3::Y];
+        let tree = Tree::new(&positions, &vec![[0, 1, 2]; 5000]);
+        let mut steps = 3000;
+        let segment = [DVec3::new(0.2, 0.2, -1.0), DVec3::new(0.2, 0.2, 1.0)];
+        let found = tree.first_along(segment, None, &mut steps, |_| Some(0.5));
+        assert!(found.is_some() && steps == 0);
+        assert_eq!(Tree::new(&[], &[]).first_along(segment, None, &mut steps, |_| Some(0.5)), None);
+    }
+}
