@@ -1,0 +1,1 @@
+export function JobPage(_: { id: string; can: unknown }) { return <p>job</p>; }

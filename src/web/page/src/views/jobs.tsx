@@ -1,0 +1,1 @@
+export function JobsPage(_: { can: unknown }) { return <p>jobs</p>; }
