@@ -49,7 +49,8 @@ pub use measures::{BoundingBox, Measures, SelfIntersections, Volume};
 pub use nesting::{nesting, nesting_depths};
 pub use options_error::OptionsError;
 pub use print::{
-    Fit, NoWall, Overhang, OverhangArea, PrintMeasures, ThinnestWall, Unit, UnitSource, print_measures, thin_walls,
+    Fit, NoWall, Overhang, OverhangArea, PrintMeasures, ThinPlace, ThinnestWall, Unit, UnitSource, print_measures,
+    thin_walls,
 };
 pub use set::{MeshPair, MeshSpacing, Nearest, SetIntersections, SetReport, SetSpacing};
 pub use shells::{Shell, Shells, Turning, shells};

@@ -6,7 +6,7 @@ export function capabilities(server: Server): Promise<Capabilities> {
 }
 
 /** What a job is made of: a file that was uploaded, or a file of an earlier job. */
-export type Source = { upload_id: string } | { job_id: string; artifact?: "model" };
+export type Source = { upload_id: string } | { job_id: string; file?: "input" | "model" };
 
 export interface NewJob {
   source: Source;

@@ -30,7 +30,7 @@ export function tries(job: Job, can: Capabilities | null): Try[] {
 }
 
 /** A model that is nothing but surface without an inside: it has no closed part, and no repair made one. */
-function isOpenSheet(report: Report): boolean {
+export function isOpenSheet(report: Report): boolean {
   return report.outcome === "unrepairable" && !report.before.closed && (report.options?.["open_sheets"] ?? "auto") === "auto";
 }
 

@@ -14,6 +14,7 @@ function counts(inspection: Inspection | null | undefined): Map<string, number> 
 /** What a repair did, in words: what is gone, what became of parts, how far things moved. Most telling first. */
 export function inWords(report: Report, words: Words, figures: Figures, unit: Unit): string[] {
   if (report.outcome === "already_printable") return [words.untouched];
+  if (report.outcome === "unrepairable" && isSame(report)) return [words.handedBack];
   const lines: string[] = [];
   const after = counts(report.after);
   for (const [kind, count] of counts(report.before)) {
@@ -26,6 +27,12 @@ export function inWords(report: Report, words: Words, figures: Figures, unit: Un
   const left = ledger ? leftOut(ledger) : 0;
   if (left > 0) lines.push(words.dropped(figures.count(left), left));
   return [...lines, ...ofSurface(report, words, figures, unit)];
+}
+
+/** Whether the result is what came. */
+function isSame(report: Report): boolean {
+  const surface = report.changes?.surface;
+  return !surface || surface.added.faces + surface.moved.faces + surface.removed.faces === 0;
 }
 
 function leftOut(ledger: Ledger): number {

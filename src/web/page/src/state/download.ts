@@ -27,13 +27,12 @@ function click(href: string, name: string): void {
  */
 export async function convert(job: Job, format: string, signal: AbortSignal): Promise<Artifact> {
   const whole = job.outcome === "repaired" || job.outcome === "already_printable";
-  const stem = job.input.name.replace(/\.[^.]*$/, "");
   const made = await submit(
     server,
     {
-      source: whole ? { job_id: job.id, artifact: "model" } : { job_id: job.id },
+      source: whole ? { job_id: job.id, file: "model" } : { job_id: job.id },
       options: whole ? { output: format, pictures: false } : { ...own(job), output: format },
-      name: job.input.name || stem,
+      name: job.input.name,
     },
     crypto.randomUUID?.() ?? String(Math.random()),
     signal,

@@ -20,6 +20,12 @@ export function inWorld(frame: Frame, point: readonly number[]): Vector3 {
   return new Vector3(...point.map((x, k) => (x - frame.centre[k]!) / frame.radius));
 }
 
+/** The corners of the model's box. */
+export function corners(frame: Frame): Vector3[] {
+  const [min, max] = [inWorld(frame, frame.min), inWorld(frame, frame.max)];
+  return Array.from({ length: 8 }, (_, i) => new Vector3(i & 1 ? max.x : min.x, i & 2 ? max.y : min.y, i & 4 ? max.z : min.z));
+}
+
 /** The model's box, and the middles of its three edges for x, y and z, where its lengths are written. */
 export function sizeBox(frame: Frame): { object: Object3D; labels: Vector3[] } {
   const [min, max] = [inWorld(frame, frame.min), inWorld(frame, frame.max)];

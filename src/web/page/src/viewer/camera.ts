@@ -4,6 +4,8 @@ import type { Place } from "./places";
 
 const FOV = 32;
 const FLIGHT_MS = 650;
+/** Room around a model that is seen whole. */
+const MARGIN = 1.12;
 /** The nearest that a place is looked at from, as a share of the model's radius. */
 const NEAREST = 0.16;
 
@@ -23,11 +25,15 @@ export class Eye {
     this.controls.addEventListener("start", () => cancelAnimationFrame(this.#flight));
   }
 
-  /** Steps back until the whole model is in panes of that shape. */
-  home(aspect: number, calm: boolean): void {
+  /** Steps back until all of these points are in panes of that shape. */
+  home(points: readonly Vector3[], aspect: number, calm: boolean): void {
     const half = Math.tan((FOV * Math.PI) / 360);
-    const distance = 1.08 / Math.sin(Math.atan(half * Math.min(1, aspect)));
-    this.#fly(new Vector3(0.62, -1, 0.52).normalize().multiplyScalar(distance), new Vector3(), calm);
+    const back = new Vector3(0.62, -1, 0.52).normalize();
+    const right = new Vector3(0, 0, 1).cross(back).normalize();
+    const up = back.clone().cross(right);
+    const needed = (point: Vector3): number =>
+      point.dot(back) + MARGIN * Math.max(Math.abs(point.dot(right)) / (half * aspect), Math.abs(point.dot(up)) / half);
+    this.#fly(back.multiplyScalar(Math.max(0.1, ...points.map(needed))), new Vector3(), calm);
   }
 
   /** Looks at a place from outside, near enough to see it. */

@@ -53,14 +53,14 @@ void main() {
   vec3 normal = normalize(cross(dFdx(vView), dFdy(vView)));
   float key = max(dot(normal, vec3(0.32, 0.62, 0.72)), 0.0);
   float fill = max(dot(normal, vec3(-0.75, -0.1, 0.65)), 0.0);
-  float light = 0.36 + 0.52 * key + 0.2 * fill;
+  float light = 0.5 + 0.5 * key + 0.22 * fill;
   vec3 base = shown ? mix(colour, colour * 0.62, marked(gl_FragCoord.xy / ratio)) : plain;
   if (!gl_FrontFacing) {
     base = mix(inside, shown ? colour : inside, 0.25);
     light = 0.62 + 0.3 * light;
     if (cut.x != 0.0 || cut.y != 0.0 || cut.z != 0.0) base = mix(base, base * 1.25, step(0.5, fract((gl_FragCoord.x + gl_FragCoord.y) / ratio / 9.0)));
   }
-  gl_FragColor = vec4(base * light, 1.0);
+  gl_FragColor = vec4(min(base * light, vec3(1.0)), 1.0);
 }`;
 
 export function surfaceMaterial(colour: string, plain: string, look: Look | null, common: Shared): ShaderMaterial {
@@ -136,13 +136,13 @@ void main() {
   gl_FragColor = vec4(r > 0.68 ? vec3(0.1) : colour, 1.0);
 }`;
 
-export function dotMaterial(colour: string, look: Look, common: Shared): ShaderMaterial {
+export function dotMaterial(colour: string, look: Look, size: number, common: Shared): ShaderMaterial {
   return new ShaderMaterial({
     vertexShader: DOT_VERTEX,
     fragmentShader: DOT_FRAGMENT,
     uniforms: {
       colour: { value: srgb(colour) },
-      size: { value: 13 },
+      size: { value: size },
       mark: { value: MARKS.indexOf(look.mark) },
       cut: common.cut,
       ratio: common.ratio,
@@ -155,7 +155,10 @@ export function lineMaterial(colour: string, width: number, dashed: boolean, das
   const material = new LineMaterial({ color: 0xffffff, linewidth: width, dashed, dashSize: dash, gapSize: dash * 0.7 });
   material.color.copy(srgb(colour));
   material.polygonOffset = true;
-  material.polygonOffsetFactor = -1;
+  material.polygonOffsetFactor = -2;
+  material.polygonOffsetUnits = -2;
+  // The rim is drawn before its line and must not hide it.
+  material.depthWrite = false;
   return material;
 }
 

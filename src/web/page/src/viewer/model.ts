@@ -104,7 +104,7 @@ export class Model {
     if (group.dots) {
       const geometry = new BufferGeometry();
       geometry.setAttribute("position", new BufferAttribute(group.dots, 3));
-      const dots = new Points(geometry, dotMaterial(colour, look, this.#shared));
+      const dots = new Points(geometry, dotMaterial(colour, look, dotSize(group.dots.length / 3), this.#shared));
       dots.frustumCulled = false;
       dots.renderOrder = 3;
       marks.push(dots);
@@ -149,6 +149,11 @@ export class Model {
     });
     this.root.removeFromParent();
   }
+}
+
+/** Smaller the more there are, so that the surface is still seen. */
+export function dotSize(count: number): number {
+  return count <= 30 ? 13 : count <= 150 ? 9 : 5;
 }
 
 function mixed(a: string, b: string, share: number): string {

@@ -1,11 +1,11 @@
 import { LinearSRGBColorSpace, type Object3D, Plane, Scene, Vector3, Vector4, WebGLRenderer } from "three";
-import { disposeOf, inWorld, printerRoom, sizeBox, spots } from "./aids";
+import { corners, disposeOf, inWorld, printerRoom, sizeBox, spots } from "./aids";
 import { Eye } from "./camera";
 import type { ColouredMesh } from "./glb";
 import { type Mode, type Pane, type SideName, panes } from "./layout";
 import { isShownAtFirst, lookOf } from "./looks";
 import { dotMaterial, shared } from "./materials";
-import { type Frame, Model, frameOf } from "./model";
+import { type Frame, Model, dotSize, frameOf } from "./model";
 import { type Place, placesOf } from "./places";
 
 export type Axis = "x" | "y" | "z";
@@ -86,7 +86,8 @@ export class Viewer {
     const model = new Model(mesh, this.#frame, this.#common, false, kinds);
     side[level] = model;
     this.#adopt(side, model);
-    if (isFirst) this.home(true);
+    // A second side leaves less room for the first.
+    if (isFirst || this.#isHome) this.home(true);
   }
 
   /** Lays some kinds of a mesh over one side's whole or coarse one. */
@@ -150,7 +151,7 @@ export class Viewer {
     this.#isHome = true;
     this.#mark(null);
     const pane = this.#panes()[0];
-    this.#eye.home(pane ? pane.view[2] / Math.max(1, pane.view[3]) : 1, calm);
+    if (pane && this.#frame) this.#eye.home(corners(this.#frame), pane.view[2] / Math.max(1, pane.view[3]), calm);
   }
 
   turn(around: number, up: number, nearer = 1): void {
@@ -213,7 +214,7 @@ export class Viewer {
     disposeOf(this.#spots.get(kind) ?? null);
     this.#spots.delete(kind);
     if (frame && points.length > 0) {
-      const dots = spots(points.map((point) => inWorld(frame, point)), dotMaterial(colour, lookOf(kind), this.#common));
+      const dots = spots(points.map((point) => inWorld(frame, point)), dotMaterial(colour, lookOf(kind), dotSize(points.length), this.#common));
       this.#spots.set(kind, dots);
       (this.#sides.after.fine ?? this.#sides.after.coarse ? this.#sides.after : this.#sides.before).scene.add(dots);
     }

@@ -40,6 +40,7 @@ export function Layers({ job, shown }: { job: Job; shown: Shown | null }) {
   return (
     <section class="layers">
       <h2>{words.layers}</h2>
+      {shown && layers.length === 0 && <p class="clean">{words.layersNone}</p>}
       <ul>
         {layers.map((layer) => (
           <LayerRow key={layer.kind} layer={layer} shown={shown} />

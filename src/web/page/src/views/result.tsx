@@ -14,18 +14,24 @@ export function Result({ job, can }: { job: Job; can: Capabilities | null }) {
   const report = job.report?.mode === "repair" ? job.report : null;
   const [side, setSide] = useState<HTMLElement | null>(null);
   const isShown = "defects.glb" in job.artifacts;
+  const hasPictures = "before.png" in job.artifacts;
   return (
     <article class="result">
-      <div class="stage-and-side">
-        <div class="stage">
-          {isShown ? <ViewerPane job={job} side={side} /> : <Pictures job={job} />}
-        </div>
+      <div class={isShown || hasPictures ? "stage-and-side" : "stage-and-side alone"}>
+        {isShown ? (
+          <div class="stage">
+            <ViewerPane job={job} side={side} />
+          </div>
+        ) : (
+          hasPictures && <Pictures job={job} />
+        )}
         <div class="side">
           <Verdict job={job} />
           {job.problem && <ProblemNote problem={job.problem} />}
           {job.status === "expired" && <p>{words.expiredMore}</p>}
           <Download job={job} can={can} />
           <WhatToDo job={job} can={can} />
+          {job.status === "succeeded" && !isShown && !hasPictures && <p class="aside">{words.noPreview}</p>}
           <div ref={setSide} class="tools-of-viewer" />
         </div>
       </div>
@@ -38,7 +44,6 @@ export function Result({ job, can }: { job: Job; can: Capabilities | null }) {
 export function Pictures({ job }: { job: Job }) {
   const { words } = useWords();
   const drawn = ["before.png", "after.png", "defects.png"].filter((name) => name in job.artifacts);
-  if (drawn.length === 0) return <p class="nothing">{words.noPreview}</p>;
   return (
     <div class="pictures">
       {drawn.map((name) => (

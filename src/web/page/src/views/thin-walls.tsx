@@ -7,6 +7,8 @@ import type { Shown } from "./viewer-pane";
 
 /** What most printers need, in millimetres. */
 const USUAL_MM = 0.8;
+/** The service tells no more places than this. */
+const MOST = 100;
 const CHOICES_MM = [0.4, 0.8, 1.2, 2, 3];
 export const THIN_COLOUR = "#e45fb4";
 
@@ -38,7 +40,9 @@ export function ThinWalls({ job, shown }: { job: Job; shown: Shown | null }) {
     <li class={isOn ? "layer thin" : "layer thin off"}>
       <button type="button" class="toggle" aria-pressed={isOn} onClick={() => setOn(!isOn)}>
         <Swatch kind="thin_wall" colour={THIN_COLOUR} />
-        <span class="count">{figures.count(thin.length)}</span>
+        <span class="count">{figures.count(thin.length)}
+          {thin.length >= MOST && "+"}
+        </span>
         <span class="name">{name}</span>
         <Icon name={isOn ? "eye" : "hidden"} size={16} />
       </button>

@@ -1,4 +1,5 @@
 import type { Job } from "../api/shapes";
+import { isOpenSheet } from "../report/advice";
 import { inWords, stillWrong } from "../report/plain";
 import { settings } from "../state/settings";
 import { useWords } from "../words/words";
@@ -22,6 +23,7 @@ export function Verdict({ job }: { job: Job }) {
         </span>
         {title}
       </h1>
+      {report && isOpenSheet(report) && <p>{words.openSurface}</p>}
       {report && (
         <ul class="deeds">
           {inWords(report, words, figures, unit).map((line) => (

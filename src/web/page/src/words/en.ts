@@ -14,7 +14,6 @@ export const en = {
   theme: "Appearance",
   themes: { auto: "As the system", light: "Light", dark: "Dark" },
   title: "meshmend – repair 3D models for printing",
-  close: "Close",
   retry: "Try again",
   loading: "Loading…",
 
@@ -53,7 +52,6 @@ export const en = {
   remove: "Remove from the list",
   uploaded: (sent: string, all: string) => `${sent} of ${all} sent`,
   queuePlace: (n: number) => (n === 0 ? "next in the queue" : `${n} ${s(n, "job", "jobs")} before it`),
-  stagesTitle: "What happens now",
   stages: {
     upload: "Upload",
     queue: "Queue",
@@ -90,6 +88,8 @@ export const en = {
   expired: "The files of this job are no longer kept",
   expiredMore: "Results are kept for a while only. Send the model again to have it repaired anew.",
   untouched: "Nothing had to be changed; the geometry is as you sent it.",
+  handedBack: "It is handed back as it came.",
+  openSurface: "The model is an open surface: it encloses nothing, so that there is nothing solid to print.",
   proven: "Checked on the file that you download: closed, consistently outward, no two faces that intersect.",
   fixed: {
     hole: (n: string, k: number) => `${n} ${s(k, "hole", "holes")} closed`,
@@ -116,7 +116,6 @@ export const en = {
   moved: (length: string) => `nothing moved more than ${length}`,
   notMoved: "nothing was moved",
   added: (share: string) => `${share} of the surface is new`,
-  removed: (share: string) => `${share} of the surface was removed, most of it inside`,
   left: (what: string) => `Still there: ${what}.`,
   remade: (length: string) => `The surface was made anew, with details down to ${length}`,
   reused: "You sent this model before; this is the earlier result.",
@@ -144,8 +143,6 @@ export const en = {
   tryAgain: "Try once more",
   tryAgainMore: "Nothing is wrong with your file as far as we know.",
   seeLeft: "See what is left in the picture, and mend it where the model was made.",
-  sendReport: "Report it with the job's log if it stays:",
-  exportAnew: "Export the model again, best as binary STL.",
   advice: {
     bad_input: "The file can't be read. Export it again, best as binary STL.",
     bad_output: "The result can't be written in this format. Choose another one.",
@@ -193,7 +190,6 @@ export const en = {
   wipe: "Where before ends and after begins",
   wire: "Wireframe",
   section: "Section",
-  sectionOff: "Off",
   sectionAt: "Place of the cut",
   sizes: "Dimensions",
   home: "Show all",
@@ -314,7 +310,6 @@ export const en = {
   status: "Status",
   created: "Created",
   took: "Took",
-  outcome: "Outcome",
   backToJobs: "All jobs",
   showResult: "Show the result",
   purge: "Delete",
@@ -329,15 +324,11 @@ export const en = {
   maxTier: "Highest tier",
   deadline: "Seconds",
   openSheets: "Open surface",
-  asBefore: "as before",
   attempt: "Attempt",
   waited: "Waited",
   ran: "Ran",
-  drawn: "Rest (start, pictures, files)",
   log: "Log of the job and of Blender",
   noLog: "This job left no log.",
-  optionsTitle: "Options that differ from the defaults",
-  defaults: "All as they are by default.",
   filesTitle: "Files",
 
   // Health
