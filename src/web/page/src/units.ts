@@ -35,6 +35,11 @@ export class Figures {
     return `${this.number(millimetres / inMillimetres(unit), digits)} ${unit}`;
   }
 
+  /** The three sides of a box. */
+  box(millimetres: readonly number[], unit: Unit): string {
+    return `${millimetres.map((side) => this.number(side / inMillimetres(unit))).join(" × ")} ${unit}`;
+  }
+
   area(squareMillimetres: number, unit: Unit): string {
     return `${this.number(squareMillimetres / inMillimetres(unit) ** 2)} ${unit}²`;
   }

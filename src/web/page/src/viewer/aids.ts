@@ -2,9 +2,16 @@ import { BufferAttribute, BufferGeometry, DoubleSide, LineBasicMaterial, LineSeg
 import type { Frame } from "./model";
 import { srgb } from "./materials";
 
+/** A box in the world. */
+export interface Box {
+  min: Vector3;
+  max: Vector3;
+}
+
 /** The twelve edges of a box. */
-function boxLines(min: Vector3, max: Vector3): Float32Array {
-  const at = (i: number): number[] => [i & 1 ? max.x : min.x, i & 2 ? max.y : min.y, i & 4 ? max.z : min.z];
+function boxLines(box: Box): Float32Array {
+  const eight = corners(box);
+  const at = (i: number): number[] => eight[i]!.toArray();
   const edges = [0, 1, 2, 3, 4, 5, 6, 7, 0, 2, 1, 3, 4, 6, 5, 7, 0, 4, 1, 5, 2, 6, 3, 7];
   return Float32Array.from(edges.flatMap(at));
 }
@@ -20,27 +27,36 @@ export function inWorld(frame: Frame, point: readonly number[]): Vector3 {
   return new Vector3(...point.map((x, k) => (x - frame.centre[k]!) / frame.radius));
 }
 
-/** The corners of the model's box. */
-export function corners(frame: Frame): Vector3[] {
-  const [min, max] = [inWorld(frame, frame.min), inWorld(frame, frame.max)];
+/** The corners of a box. */
+export function corners({ min, max }: Box): Vector3[] {
   return Array.from({ length: 8 }, (_, i) => new Vector3(i & 1 ? max.x : min.x, i & 2 ? max.y : min.y, i & 4 ? max.z : min.z));
 }
 
 /** The model's box, and the middles of its three edges for x, y and z, where its lengths are written. */
 export function sizeBox(frame: Frame): { object: Object3D; labels: Vector3[] } {
-  const [min, max] = [inWorld(frame, frame.min), inWorld(frame, frame.max)];
+  const { min, max } = boxOf(frame);
   const middle = min.clone().add(max).multiplyScalar(0.5);
   const labels = [new Vector3(middle.x, min.y, min.z), new Vector3(max.x, middle.y, min.z), new Vector3(max.x, min.y, middle.z)];
-  return { object: lines(boxLines(min, max), "#8a94a6", 0.75), labels };
+  return { object: lines(boxLines({ min, max }), "#8a94a6", 0.75), labels };
+}
+
+/** The box of a model. */
+export function boxOf(frame: Frame): Box {
+  return { min: inWorld(frame, frame.min), max: inWorld(frame, frame.max) };
 }
 
 /** A printer's room around a model that stands in the middle of its floor. `size` is in the model's unit. */
-export function printerRoom(frame: Frame, size: readonly number[], fits: boolean): Object3D {
+export function roomOf(frame: Frame, size: readonly number[]): Box {
   const floor = [(frame.min[0] + frame.max[0]) / 2, (frame.min[1] + frame.max[1]) / 2, frame.min[2]];
   const min = inWorld(frame, [floor[0]! - size[0]! / 2, floor[1]! - size[1]! / 2, floor[2]!]);
   const max = inWorld(frame, [floor[0]! + size[0]! / 2, floor[1]! + size[1]! / 2, floor[2]! + size[2]!]);
+  return { min, max };
+}
+
+/** Draws that room, in another colour where the model does not fit. */
+export function printerRoom({ min, max }: Box, fits: boolean): Object3D {
   const room = new Object3D();
-  room.add(lines(boxLines(min, max), fits ? "#2f9e7f" : "#d1453b", 0.9));
+  room.add(lines(boxLines({ min, max }), fits ? "#2f9e7f" : "#d1453b", 0.9));
   const grid: number[] = [];
   for (let i = 1; i < 10; i += 1) {
     const [x, y] = [min.x + ((max.x - min.x) * i) / 10, min.y + ((max.y - min.y) * i) / 10];

@@ -5,13 +5,13 @@ import type { Place } from "./places";
 const FOV = 32;
 const FLIGHT_MS = 650;
 /** Room around a model that is seen whole. */
-const MARGIN = 1.12;
+const MARGIN = 1.03;
 /** The nearest that a place is looked at from, as a share of the model's radius. */
 const NEAREST = 0.16;
 
 /** One camera for both sides, so that they are always seen from the same place. The model's radius is 1. */
 export class Eye {
-  readonly camera = new PerspectiveCamera(FOV, 1, 0.005, 60);
+  readonly camera = new PerspectiveCamera(FOV);
   readonly controls: OrbitControls;
   #flight = 0;
 
@@ -25,6 +25,16 @@ export class Eye {
     this.controls.addEventListener("start", () => cancelAnimationFrame(this.#flight));
   }
 
+  /** Looks into a pane of that shape. What is near is cut off only close to the eye, so that depths are told apart far from it too. */
+  aim(aspect: number): PerspectiveCamera {
+    const distance = this.camera.position.distanceTo(this.controls.target);
+    this.camera.aspect = aspect;
+    this.camera.near = distance * 0.02;
+    this.camera.far = distance + 40;
+    this.camera.updateProjectionMatrix();
+    return this.camera;
+  }
+
   /** Steps back until all of these points are in panes of that shape. */
   home(points: readonly Vector3[], aspect: number, calm: boolean): void {
     const half = Math.tan((FOV * Math.PI) / 360);
@@ -33,7 +43,9 @@ export class Eye {
     const up = back.clone().cross(right);
     const needed = (point: Vector3): number =>
       point.dot(back) + MARGIN * Math.max(Math.abs(point.dot(right)) / (half * aspect), Math.abs(point.dot(up)) / half);
-    this.#fly(back.multiplyScalar(Math.max(0.1, ...points.map(needed))), new Vector3(), calm);
+    const middle = points.reduce((sum, point) => sum.add(point), new Vector3()).divideScalar(Math.max(1, points.length));
+    const distance = Math.max(0.1, ...points.map((point) => needed(point.clone().sub(middle))));
+    this.#fly(middle.clone().add(back.multiplyScalar(distance)), middle, calm);
   }
 
   /** Looks at a place from outside, near enough to see it. */

@@ -16,7 +16,11 @@ export function shared(): Shared {
 /** The inner side of surface: where it is seen there is a hole, a turned face, or the cut. */
 const INSIDE = "#65313f";
 
+/** How much nearer to the eye, as a share of the distance, what lies on surface is drawn so that it is seen. */
+const NEARER = { overlay: 0.0006, wire: 0.0008, dot: 0.004 };
+
 const VERTEX = /* glsl */ `
+uniform float nearer;
 varying vec3 vWorld;
 varying vec3 vView;
 void main() {
@@ -24,7 +28,7 @@ void main() {
   vec4 view = viewMatrix * world;
   vWorld = world.xyz;
   vView = view.xyz;
-  gl_Position = projectionMatrix * view;
+  gl_Position = projectionMatrix * vec4(view.xyz * (1.0 - nearer), 1.0);
 }`;
 
 // Colours are mixed as they are seen (sRGB) and written so. Normals are the faces' own, so that they need no memory.
@@ -63,8 +67,8 @@ void main() {
   gl_FragColor = vec4(min(base * light, vec3(1.0)), 1.0);
 }`;
 
-export function surfaceMaterial(colour: string, plain: string, look: Look | null, common: Shared): ShaderMaterial {
-  const material = new ShaderMaterial({
+export function surfaceMaterial(colour: string, plain: string, look: Look | null, isOverlay: boolean, common: Shared): ShaderMaterial {
+  return new ShaderMaterial({
     vertexShader: VERTEX,
     fragmentShader: FRAGMENT,
     side: DoubleSide,
@@ -74,15 +78,11 @@ export function surfaceMaterial(colour: string, plain: string, look: Look | null
       inside: { value: srgb(INSIDE) },
       pattern: { value: look ? PATTERNS.indexOf(look.pattern) : 0 },
       shown: { value: true },
+      nearer: { value: isOverlay ? NEARER.overlay : 0 },
       cut: common.cut,
       ratio: common.ratio,
     },
   });
-  // Wires and lines lie on the surface and are to be seen.
-  material.polygonOffset = true;
-  material.polygonOffsetFactor = 1;
-  material.polygonOffsetUnits = 1;
-  return material;
 }
 
 const WIRE_FRAGMENT = /* glsl */ `
@@ -101,20 +101,20 @@ export function wireMaterial(common: Shared): ShaderMaterial {
     wireframe: true,
     transparent: true,
     depthWrite: false,
-    uniforms: { cut: common.cut, wire: { value: new Vector4(0.05, 0.07, 0.1, 0.38) } },
+    uniforms: { cut: common.cut, nearer: { value: NEARER.wire }, wire: { value: new Vector4(0.05, 0.07, 0.1, 0.38) } },
   });
 }
 
 const DOT_VERTEX = /* glsl */ `
 uniform float size;
 uniform float ratio;
+uniform float nearer;
 varying vec3 vWorld;
 void main() {
   vec4 world = modelMatrix * vec4(position, 1.0);
   vWorld = world.xyz;
-  gl_Position = projectionMatrix * viewMatrix * world;
-  // A little nearer, since what it marks is around it.
-  gl_Position.z -= 0.0015 * gl_Position.w;
+  vec4 view = viewMatrix * world;
+  gl_Position = projectionMatrix * vec4(view.xyz * (1.0 - nearer), 1.0);
   gl_PointSize = size * ratio;
 }`;
 
@@ -143,6 +143,7 @@ export function dotMaterial(colour: string, look: Look, size: number, common: Sh
     uniforms: {
       colour: { value: srgb(colour) },
       size: { value: size },
+      nearer: { value: NEARER.dot },
       mark: { value: MARKS.indexOf(look.mark) },
       cut: common.cut,
       ratio: common.ratio,
@@ -155,8 +156,8 @@ export function lineMaterial(colour: string, width: number, dashed: boolean, das
   const material = new LineMaterial({ color: 0xffffff, linewidth: width, dashed, dashSize: dash, gapSize: dash * 0.7 });
   material.color.copy(srgb(colour));
   material.polygonOffset = true;
-  material.polygonOffsetFactor = -2;
-  material.polygonOffsetUnits = -2;
+  material.polygonOffsetFactor = -1;
+  material.polygonOffsetUnits = -400;
   // The rim is drawn before its line and must not hide it.
   material.depthWrite = false;
   return material;

@@ -81,8 +81,7 @@ export class Model {
       // The neighbours of lines and dots are tinted only.
       const tinted = group.lines || (group.dots && !["crossing", "needless"].includes(look.family));
       const shown = tinted ? mixed(colour, this.mesh.sound, 0.55) : colour;
-      const material = surfaceMaterial(plain ? this.mesh.sound : shown, this.mesh.sound, plain || tinted ? null : look, this.#shared);
-      if (this.isOverlay) material.polygonOffsetFactor = material.polygonOffsetUnits = -1;
+      const material = surfaceMaterial(plain ? this.mesh.sound : shown, this.mesh.sound, plain || tinted ? null : look, this.isOverlay, this.#shared);
       const surface = new Mesh(geometry, material);
       surface.frustumCulled = false;
       this.#surfaces.set(group.kind, surface);

@@ -1,5 +1,5 @@
 import { LinearSRGBColorSpace, type Object3D, Plane, Scene, Vector3, Vector4, WebGLRenderer } from "three";
-import { corners, disposeOf, inWorld, printerRoom, sizeBox, spots } from "./aids";
+import { type Box, boxOf, corners, disposeOf, inWorld, printerRoom, roomOf, sizeBox, spots } from "./aids";
 import { Eye } from "./camera";
 import type { ColouredMesh } from "./glb";
 import { type Mode, type Pane, type SideName, panes } from "./layout";
@@ -46,6 +46,7 @@ export class Viewer {
   #cut: Plane | null = null;
   #size: { object: Object3D; labels: Vector3[] } | null = null;
   #room: Object3D | null = null;
+  #roomBox: Box | null = null;
   readonly #spots = new Map<string, Object3D>();
   #pins: Pin[] = [];
   #ring: { element: HTMLElement[]; at: Vector3 } | null = null;
@@ -151,7 +152,8 @@ export class Viewer {
     this.#isHome = true;
     this.#mark(null);
     const pane = this.#panes()[0];
-    if (pane && this.#frame) this.#eye.home(corners(this.#frame), pane.view[2] / Math.max(1, pane.view[3]), calm);
+    const box = this.#roomBox ?? (this.#frame && boxOf(this.#frame));
+    if (pane && box) this.#eye.home(corners(box), pane.view[2] / Math.max(1, pane.view[3]), calm);
   }
 
   turn(around: number, up: number, nearer = 1): void {
@@ -224,8 +226,10 @@ export class Viewer {
   /** Draws a printer's room, its size in the model's unit; none where there is none. */
   setRoom(size: readonly number[] | null, fits: boolean): void {
     disposeOf(this.#room);
-    this.#room = size && this.#frame ? printerRoom(this.#frame, size, fits) : null;
+    this.#roomBox = size && this.#frame && roomOf(this.#frame, size);
+    this.#room = this.#roomBox && printerRoom(this.#roomBox, fits);
     if (this.#room) this.#aids.add(this.#room);
+    if (this.#isHome) this.home();
     this.invalidate();
   }
 
@@ -287,12 +291,11 @@ export class Viewer {
       if (fine) fine.root.visible = !useCoarse;
       if (coarse) coarse.root.visible = useCoarse;
       for (const { level, model } of overlays) model.root.visible = (level === "coarse") === useCoarse;
-      this.#eye.camera.aspect = view[2] / Math.max(1, view[3]);
-      this.#eye.camera.updateProjectionMatrix();
+      const camera = this.#eye.aim(view[2] / Math.max(1, view[3]));
       renderer.setViewport(...view);
       renderer.setScissor(...scissor);
-      renderer.render(scene, this.#eye.camera);
-      renderer.render(this.#aids, this.#eye.camera);
+      renderer.render(scene, camera);
+      renderer.render(this.#aids, camera);
     }
     this.#place();
     if (isMoving && this.#slow) setTimeout(() => this.invalidate(), 200);
@@ -304,9 +307,7 @@ export class Viewer {
     const [first, second] = this.#panes();
     if (!first) return;
     const put = (element: HTMLElement, at: Vector3, pane: Pane): void => {
-      this.#eye.camera.aspect = pane.view[2] / Math.max(1, pane.view[3]);
-      this.#eye.camera.updateProjectionMatrix();
-      const seen = at.clone().project(this.#eye.camera);
+      const seen = at.clone().project(this.#eye.aim(pane.view[2] / Math.max(1, pane.view[3])));
       const x = pane.view[0] + ((seen.x + 1) / 2) * pane.view[2];
       const y = this.canvas.clientHeight - pane.view[1] - ((seen.y + 1) / 2) * pane.view[3];
       const inside = seen.z < 1 && Math.abs(seen.x) < 1.02 && Math.abs(seen.y) < 1.02;

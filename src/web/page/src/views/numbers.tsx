@@ -63,7 +63,7 @@ function rows(before: Inspection, after: Inspection | null, words: Words, figure
     count("parts"),
     count("faces"),
     count("vertices"),
-    row("size", (it) => it.print?.size.map((side) => figures.length(side * own, unit)).join(" × ") ?? "–"),
+    row("size", (it) => it.print ? figures.box(it.print.size_mm, unit) : "–"),
     row("area", (it) => figures.area(it.area * own ** 2, unit)),
     row("volume", (it) => (it.volume.reliable ? figures.volume(it.volume.value * own ** 3, unit) : "–")),
     row("thinnest", (it) => (it.print?.thinnest_wall ? figures.length(it.print.thinnest_wall.thickness * own, unit) : "–")),

@@ -38,7 +38,7 @@ export function Printing({ job, shown }: { job: Job; shown: Shown | null }) {
       <h2>{words.printing}</h2>
       <dl>
         <dt>{words.size}</dt>
-        <dd>{size.map((side) => figures.length(side, unit)).join(" × ")}</dd>
+        <dd>{figures.box(size, unit)}</dd>
         {print.volume != null && (
           <>
             <dt>{words.volume}</dt>

@@ -73,12 +73,12 @@ export function ViewerBar({ shown, mode, setMode, hasAfter, box, unit: own }: Pr
           </select>
         </label>
         {axis && (
-          <input type="range" min={0} max={1} step={0.005} value={cut} aria-label={words.sectionAt} onInput={(event) => setCut(Number(event.currentTarget.value))} />
+          <input type="range" class="cut" min={0} max={1} step={0.005} value={cut} aria-label={words.sectionAt} onInput={(event) => setCut(Number(event.currentTarget.value))} />
         )}
         <button type="button" class="quiet" onClick={() => viewer?.home()} title={words.home} aria-label={words.home}>
           <Icon name="home" />
         </button>
-        <button type="button" class="quiet" onClick={full} title={words.fullscreen} aria-label={words.fullscreen}>
+        <button type="button" class="quiet full" onClick={full} title={words.fullscreen} aria-label={words.fullscreen}>
           <Icon name="full" />
         </button>
       </div>

@@ -115,7 +115,7 @@ export function ViewerPane({ job, side }: { job: Job; side: HTMLElement | null }
     );
   }
   return (
-    <section class={`viewer ${hasAfter ? mode : "before"}`} aria-label={words.viewer} ref={box}>
+    <section class="viewer" data-mode={hasAfter ? mode : "before"} aria-label={words.viewer} ref={box}>
       <ViewerBar shown={shown} mode={mode} setMode={change} hasAfter={hasAfter} box={box} unit={unitOfJob(job)} />
       <div class="canvas-box">
         <canvas ref={canvas} tabIndex={0} role="img" aria-label={words.canvas(job.input.name)} title={words.viewerHelp} onKeyDown={pressed} />

@@ -23,7 +23,7 @@ export function Wipe({ viewer }: { viewer: Viewer | null }) {
   };
   return (
     <div
-      class="wipe"
+      class="divider"
       role="slider"
       tabIndex={0}
       aria-label={words.wipe}

@@ -171,7 +171,7 @@ export const de: Words = {
   download: (format) => `${format} herunterladen`,
   otherFormat: "Anderes Format",
   converting: (format) => `${format} wird gemacht …`,
-  downloadReport: "Bericht (JSON)",
+  downloadReport: "Bericht",
   downloadLog: "Protokoll",
 
   viewer: "Vorher und nachher",

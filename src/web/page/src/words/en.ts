@@ -177,7 +177,7 @@ export const en = {
   download: (format: string) => `Download ${format}`,
   otherFormat: "Other format",
   converting: (format: string) => `Making ${format}…`,
-  downloadReport: "Report (JSON)",
+  downloadReport: "Report",
   downloadLog: "Log",
 
   // Viewer
