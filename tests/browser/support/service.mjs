@@ -9,14 +9,19 @@ const PROGRAM = process.env.MESHMEND_PROGRAM ?? new URL("../../../target/debug/m
 const START = 30_000;
 const END = 10_000;
 
-/** Starts a service; what it answers has its address and a function that ends it. */
+/** Starts a service; what it answers has its address and a function that ends it and removes its folder. */
 export async function serve(...args) {
-  const folder = mkdtempSync(join(tmpdir(), "meshmend-page-"));
+  return serveFrom(mkdtempSync(join(tmpdir(), "meshmend-page-")), ...args);
+}
+
+/** The same on a folder that is there already. */
+export async function serveFrom(folder, ...args) {
   const given = ["serve", "--listen", "127.0.0.1:0", "--data-dir", folder, "--blender", "/nonexistent", ...args];
   const child = spawn(PROGRAM, given, { stdio: ["ignore", "ignore", "pipe"], env: { PATH: process.env.PATH } });
   let log = "";
   const url = await new Promise((resolve, reject) => {
     const timer = setTimeout(() => reject(new Error(`it does not listen:\n${log}`)), START);
+    child.once("error", reject);
     child.once("exit", (code) => reject(new Error(`it ended with ${code}:\n${log}`)));
     child.stderr.on("data", (bytes) => {
       log += bytes;
@@ -35,7 +40,7 @@ export async function serve(...args) {
     clearTimeout(timer);
     rmSync(folder, { recursive: true, force: true });
   };
-  return { url, folder, stop, log: () => log };
+  return { url, stop };
 }
 
 /** Runs the program once, such as for making a key, and answers what it printed. */

@@ -1,4 +1,4 @@
-import { useEffect } from "preact/hooks";
+import { useLayoutEffect } from "preact/hooks";
 import { route } from "../state/route";
 import { known } from "../state/server";
 import { settings } from "../state/settings";
@@ -13,11 +13,11 @@ import { useStore } from "./use-store";
 export function App() {
   const { words } = useWords();
   const { language, theme } = useStore(settings);
-  useEffect(() => {
+  useLayoutEffect(() => {
     document.documentElement.lang = language;
     document.title = words.title;
   }, [language, words]);
-  useEffect(() => {
+  useLayoutEffect(() => {
     if (theme === "auto") document.documentElement.removeAttribute("data-theme");
     else document.documentElement.dataset["theme"] = theme;
   }, [theme]);

@@ -97,7 +97,7 @@ export function JobPage({ id, can }: { id: string; can: Capabilities | null }) {
       <Times job={job} />
       {report && <p>{report.summary}</p>}
       <Files job={job} save={(name) => void trying(() => save(job.artifacts[name]!))} bytes={(n) => figures.bytes(n)} />
-      {report && <StepsTable report={report} all />}
+      {report && <StepsTable report={report} heading="h2" all />}
       <JobLog job={job} />
       <RetryForm job={job} can={can} />
     </section>
@@ -134,7 +134,7 @@ function Files({ job, save, bytes }: { job: Job; save: (name: string) => void; b
   if (names.length === 0) return null;
   return (
     <div>
-      <h3>{words.filesTitle}</h3>
+      <h2>{words.filesTitle}</h2>
       <ul class="artifacts">
         {names.map((name) => (
           <li key={name}>

@@ -75,7 +75,7 @@ export function Printing({ job, shown }: { job: Job; shown: Shown | null }) {
               max={10000}
               aria-label={"XYZ"[k]}
               value={side}
-              onChange={(event) => {
+              onInput={(event) => {
                 const value = Number(event.currentTarget.value);
                 if (value > 0) choose({ room: mine.map((it, i) => (i === k ? value : it)) as [number, number, number] });
               }}

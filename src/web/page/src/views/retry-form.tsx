@@ -27,7 +27,7 @@ export function RetryForm({ job, can }: { job: Job; can: Capabilities | null }) 
   };
   return (
     <form class="retry" onSubmit={send}>
-      <h3>{words.retryWith}</h3>
+      <h2>{words.retryWith}</h2>
       <div class="fields">
         {choice("preset", words.preset, ["auto", ...can.presets])}
         {choice("output", words.output, [...can.output_formats, "same"])}

@@ -2,14 +2,14 @@ import type { Report } from "../api/shapes";
 import { useWords } from "../words/words";
 
 /** What ran, in order, with its time; steps that changed nothing are only counted unless they took long. */
-export function StepsTable({ report, all = false }: { report: Report; all?: boolean }) {
+export function StepsTable({ report, heading: Heading = "h3", all = false }: { report: Report; heading?: "h2" | "h3"; all?: boolean }) {
   const { words, figures } = useWords();
   const isTelling = (step: Report["steps"][number]): boolean => all || step.changed.length > 0 || Boolean(step.note) || step.milliseconds > 200;
   const telling = report.steps.filter(isTelling);
   const idle = report.steps.length - telling.length;
   return (
     <div class="scroll">
-      <h3>{words.steps}</h3>
+      <Heading>{words.steps}</Heading>
       <table class="steps">
         <thead>
           <tr>
