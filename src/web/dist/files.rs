@@ -5,6 +5,6 @@ pub(super) const ASSETS: [(&str, &[u8]); 5] = [
     ("chunk-ZON466D3.js", include_bytes!("chunk-ZON466D3.js")),
     ("icon-70B5C160.svg", include_bytes!("icon-70B5C160.svg")),
     ("mod-X64ZTTJU.js", include_bytes!("mod-X64ZTTJU.js")),
-    ("page-KBFULCFM.js", include_bytes!("page-KBFULCFM.js")),
+    ("page-YYSXCKKD.js", include_bytes!("page-YYSXCKKD.js")),
     ("style-CCBU4UV5.css", include_bytes!("style-CCBU4UV5.css")),
 ];

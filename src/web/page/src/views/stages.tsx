@@ -1,4 +1,4 @@
-import { type Piece } from "../state/work";
+import type { Piece } from "../state/work";
 import { useWords } from "../words/words";
 import { Icon } from "./icons";
 
@@ -19,7 +19,8 @@ export function Stages({ piece }: { piece: Piece }) {
     return tier ? (words.tiers[tier] ?? "") : "";
   };
   const share = now === "upload" ? piece.sent / Math.max(1, piece.bytes) : percent / 100;
-  const label = `${words.stages[now]} ${detail(now)}`;
+  // Read aloud at each stage and each step in the queue, and not at each percent.
+  const label = now === "queue" ? `${words.stages.queue} ${detail(now)}` : words.stages[now];
   return (
     <div class="stages">
       <div class="bar">
