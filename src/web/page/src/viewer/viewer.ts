@@ -28,6 +28,8 @@ interface Side {
 
 /** Longer frames than this, in milliseconds, are not smooth. */
 const SLOW = 70;
+/** So long after its last move the camera stands still, in milliseconds. */
+const REST = 160;
 
 /** Shows a model before and after on one canvas, with one camera. It knows meshes, kinds and places, and nothing of where they come from. */
 export class Viewer {
@@ -51,8 +53,10 @@ export class Viewer {
   #pins: Pin[] = [];
   #ring: { element: HTMLElement[]; at: Vector3 } | null = null;
   #asked = 0;
+  #askedAt = 0;
   #moving = 0;
   #last = 0;
+  #resting: ReturnType<typeof setTimeout> | undefined;
   #slow = false;
   #isHome = true;
   /** Told after each frame how long the one before took. */
@@ -265,7 +269,9 @@ export class Viewer {
 
   /** Has the next frame drawn. */
   invalidate(): void {
-    if (this.#asked === 0) this.#asked = requestAnimationFrame(() => this.#draw());
+    if (this.#asked !== 0) return;
+    this.#askedAt = performance.now();
+    this.#asked = requestAnimationFrame(() => this.#draw());
   }
 
   #panes(): Pane[] {
@@ -276,9 +282,11 @@ export class Viewer {
 
   #draw(): void {
     this.#asked = 0;
+    // The moment it was asked for, since a slow frame is drawn long after.
+    const isMoving = this.#askedAt - this.#moving < REST;
     const now = performance.now();
-    const isMoving = now - this.#moving < 160;
-    if (isMoving && now - this.#last < 1000) this.#slow ||= now - this.#last > SLOW;
+    // Of two frames of one movement the second waited for the first.
+    if (isMoving && this.#askedAt - this.#last < 50) this.#slow ||= now - this.#last > SLOW;
     this.#last = now;
     const renderer = this.#renderer;
     renderer.setScissorTest(false);
@@ -298,7 +306,8 @@ export class Viewer {
       renderer.render(this.#aids, camera);
     }
     this.#place();
-    if (isMoving && this.#slow) setTimeout(() => this.invalidate(), 200);
+    clearTimeout(this.#resting);
+    if (isMoving && this.#slow) this.#resting = setTimeout(() => this.invalidate(), 2 * REST);
     this.drawn?.();
   }
 
@@ -326,6 +335,7 @@ export class Viewer {
 
   dispose(): void {
     cancelAnimationFrame(this.#asked);
+    clearTimeout(this.#resting);
     this.#observer.disconnect();
     this.#eye.dispose();
     for (const model of this.#models()) model.dispose();

@@ -37,6 +37,7 @@ export function ViewerPane({ job, side }: { job: Job; side: HTMLElement | null }
   const fine = [job.artifacts["defects.glb"], job.artifacts["change.glb"]].filter((it) => it !== undefined);
   const weight = fine.reduce((sum, it) => sum + it.bytes, 0);
   const [wanted, want] = useState(weight <= LARGE);
+  const go = useRef<() => void>(() => undefined);
 
   useEffect(() => {
     const stop = new AbortController();
@@ -61,7 +62,7 @@ export function ViewerPane({ job, side }: { job: Job; side: HTMLElement | null }
         place(before, change, "coarse");
         setShown({ viewer, before, change, remaining: await remaining });
         setState("coarse");
-        if (!wanted) return;
+        if (!wanted) await new Promise<void>((resolve) => (go.current = resolve));
       }
       // The first to come is shown while the other is on its way.
       const [first, second] = [read(at("defects.glb")), read(at("change.glb"))];
@@ -82,7 +83,7 @@ export function ViewerPane({ job, side }: { job: Job; side: HTMLElement | null }
       setState("missing");
     });
     return () => stop.abort();
-  }, [job.id, wanted]);
+  }, [job.id]);
 
   const change = (next: Mode): void => {
     setMode(next);
@@ -118,7 +119,7 @@ export function ViewerPane({ job, side }: { job: Job; side: HTMLElement | null }
     <section class="viewer" data-mode={hasAfter ? mode : "before"} aria-label={words.viewer} ref={box}>
       <ViewerBar shown={shown} mode={mode} setMode={change} hasAfter={hasAfter} box={box} unit={unitOfJob(job)} />
       <div class="canvas-box">
-        <canvas ref={canvas} tabIndex={0} role="img" aria-label={words.canvas(job.input.name)} title={words.viewerHelp} onKeyDown={pressed} />
+        <canvas key={job.id} ref={canvas} tabIndex={0} role="img" aria-label={words.canvas(job.input.name)} title={words.viewerHelp} onKeyDown={pressed} />
         <div class="over" ref={over}>
           {hasAfter && mode !== "after" && <span class="tag before">{words.before}</span>}
           {hasAfter && mode !== "before" && <span class="tag after">{words.after}</span>}
@@ -133,7 +134,7 @@ export function ViewerPane({ job, side }: { job: Job; side: HTMLElement | null }
           <p class="coarse" role="status">
             {wanted ? words.loadingModel(figures.bytes(weight)) : words.coarse}
             {!wanted && (
-              <button type="button" class="link" onClick={() => want(true)}>
+              <button type="button" class="link" onClick={() => (want(true), go.current())}>
                 {words.loadFine(figures.bytes(weight))}
               </button>
             )}
