@@ -2,7 +2,8 @@
 
 CARGO_DENY_VERSION := 0.20.2
 
-.PHONY: serve test lint fmt clippy deny openapi check-openapi build bench audit blender tools postgres check-api check-deploy
+.PHONY: serve test lint fmt clippy deny openapi check-openapi build bench audit blender tools postgres check-api check-deploy page \
+	check-page test-browser screenshots
 
 ## Install what is missing, build, and serve on 127.0.0.1:8080 with SQLite and a local folder.
 serve: tools blender
@@ -16,8 +17,9 @@ test: tools blender postgres
 	else \
 		cargo test --locked --features failpoints; \
 	fi
+	@sh scripts/test-browser.sh
 
-lint: tools fmt clippy deny check-openapi
+lint: tools fmt clippy deny check-openapi check-page
 
 fmt:
 	cargo fmt --check
@@ -41,6 +43,21 @@ openapi:
 
 check-openapi:
 	cargo run --locked --quiet --features failpoints -- openapi --check openapi/openapi.json
+
+## Build the page anew: src/web/page into src/web/dist.
+page:
+	@sh scripts/check-page.sh build
+
+check-page:
+	@sh scripts/check-page.sh
+
+## The page in Chromium, which is installed for it if it is missing; a step of `make test`.
+test-browser: tools
+	@sh scripts/test-browser.sh
+
+## The README's pictures.
+screenshots: tools
+	@sh scripts/test-browser.sh screenshots
 
 ## The served program against its OpenAPI document with schemathesis, which is installed for it; two minutes.
 check-api: tools

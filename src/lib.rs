@@ -37,6 +37,7 @@ pub mod scene;
 pub mod simplify;
 pub mod telemetry;
 pub mod tls;
+pub mod web;
 pub mod webhooks;
 pub mod worker;
 

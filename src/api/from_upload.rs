@@ -1,4 +1,4 @@
-//! A job made of a file that was sent before.
+//! A job made of a file that is here already: sent to an address before, or of an earlier job.
 
 use axum::extract::Request;
 use serde::Deserialize;
@@ -8,6 +8,7 @@ use utoipa::ToSchema;
 use super::caller::Caller;
 use super::extract::{object, parse, read_small};
 use super::file_name::clean_name;
+use super::from_job::from_job;
 use super::idempotency::Asked;
 use super::incoming::{File, Notes, Upload, inputs, job_options};
 use super::problem::{Problem, ProblemCode};
@@ -17,7 +18,7 @@ use super::uploads::{find_upload, no_upload, sent_bytes};
 use crate::blobs::{BlobError, Blobs};
 use crate::jobs::{Input, JobId, JobOptions, Metadata};
 
-/// A job to make of an upload.
+/// A job to make of a file that is here already.
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub(super) struct SubmitUpload {
@@ -37,17 +38,33 @@ pub(super) struct SubmitUpload {
     callback_url: Option<String>,
 }
 
-/// Where a job's file is.
+/// Where a job's file is: an upload or an earlier job, one of them.
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Source {
     /// An upload that was announced with `POST /v1/uploads`, and sent.
     #[schema(example = "upl_019a3c5e7b1f7c3e8d2a4b6c8d0e2f4a")]
-    upload_id: String,
+    upload_id: Option<String>,
+    /// An earlier job of yours whose files are still kept.
+    #[schema(example = "job_019a3c5e7b1f7c3e8d2a4b6c8d0e2f4a")]
+    job_id: Option<String>,
+    /// Of an earlier job, which file.
+    file: Option<JobFile>,
 }
 
-/// Copies an upload to where its job keeps it, and sees on the way what it is.
-pub(super) async fn from_upload(
+/// A file of an earlier job.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize, ToSchema)]
+#[serde(rename_all = "lowercase")]
+pub(super) enum JobFile {
+    /// What it was sent; for an analysis all its files.
+    #[default]
+    Input,
+    /// Its result.
+    Model,
+}
+
+/// Copies the file to where its job keeps it, and sees on the way what it is.
+pub(super) async fn from_source(
     state: &ApiState,
     caller: &Caller,
     id: JobId,
@@ -62,9 +79,21 @@ pub(super) async fn from_upload(
     if let Some(address) = &callback_url {
         notes.take("callback_url", address, state.config.webhook_reach)?;
     }
-    let found = find_upload(state, &source.upload_id).await?;
+    let upload_id = match source {
+        Source { upload_id: Some(upload), job_id: None, file: None } => upload,
+        Source { upload_id: None, job_id: Some(job), file } => {
+            let mode = options.mode();
+            let inputs = from_job(state, caller, id, &job, file.unwrap_or_default(), name.as_deref(), mode).await?;
+            return Ok(Upload { inputs, options, notes, taken: None });
+        }
+        _ => {
+            let detail = "source must have either upload_id, or job_id and perhaps file.";
+            return Err(Problem::invalid_value(detail));
+        }
+    };
+    let found = find_upload(state, &upload_id).await?;
     if found.upload.tenant != caller.tenant.as_str() {
-        return Err(no_upload(&source.upload_id));
+        return Err(no_upload(&upload_id));
     }
     let name = clean_name(name.as_deref().or(found.upload.name.as_deref()));
     if let Some(job) = found.job {

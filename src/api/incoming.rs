@@ -15,7 +15,7 @@ use utoipa::ToSchema;
 use super::caller::Caller;
 use super::extract::text_header;
 use super::file_name::{clean_name, disposition_name};
-use super::from_upload::from_upload;
+use super::from_upload::from_source;
 use super::idempotency::Asked;
 use super::problem::{Problem, ProblemCode, shown};
 use super::state::ApiState;
@@ -158,7 +158,7 @@ pub(super) async fn read(
     let essence = media_type.split(';').next().unwrap_or_default().trim().to_ascii_lowercase();
     match essence.as_str() {
         "multipart/form-data" => from_form(state, id, most, request).await,
-        "application/json" => from_upload(state, caller, id, request, asked).await,
+        "application/json" => from_source(state, caller, id, request, asked).await,
         _ => from_body(state, id, most, request).await,
     }
 }

@@ -2,13 +2,12 @@ use axum::Router;
 use axum::extract::DefaultBodyLimit;
 use axum::http::Uri;
 use axum::middleware::{from_fn, from_fn_with_state};
-use axum::response::Redirect;
-use axum::routing::get;
 use utoipa_swagger_ui::SwaggerUi;
 
 use super::admit::{admit, preflight};
 use super::layers;
 use super::openapi;
+use super::page;
 use super::problem::{Problem, ProblemCode};
 use super::state::ApiState;
 
@@ -17,9 +16,9 @@ pub fn router(state: ApiState) -> Router {
     let admitted = openapi::guarded().route_layer(from_fn_with_state(state.clone(), admit));
     let (routes, document) = admitted.merge(openapi::open()).split_for_parts();
     let router = routes
-        .route("/", get(|| async { Redirect::temporary("/docs/") }))
+        .merge(page::routes())
         .with_state(state)
-        // The page, its scripts and styles are in the binary: it works offline.
+        // The documentation's scripts and styles are in the binary too: it works offline.
         .merge(SwaggerUi::new("/docs").url("/openapi.json", document))
         .fallback(no_route)
         .method_not_allowed_fallback(wrong_method)

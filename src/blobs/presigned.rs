@@ -7,6 +7,9 @@ use object_store::signer::{Method, SignedUrlOptions, Signer};
 
 use super::{BlobError, Blobs, Place};
 
+/// How long an address is good that nobody asks.
+const SHORTEST: Duration = Duration::from_secs(1);
+
 impl Blobs {
     /// An address that answers with a file and these two headers; none where the store is a folder.
     ///
@@ -30,6 +33,14 @@ impl Blobs {
     /// When there are no credentials to sign with.
     pub async fn presigned_put(&self, key: &str, life: Duration) -> Result<Option<String>, BlobError> {
         self.presigned(Method::PUT, key, life, &SignedUrlOptions::new()).await
+    }
+
+    /// The origin of those addresses, such as `https://bucket.s3.amazonaws.com`; none where the store is a folder, or nothing can be
+    /// signed now.
+    pub async fn public_origin(&self) -> Option<String> {
+        let any = self.presigned(Method::GET, "origin", SHORTEST, &SignedUrlOptions::new()).await;
+        let address = url::Url::parse(&any.ok().flatten()?).ok()?;
+        Some(address.origin().ascii_serialization())
     }
 
     async fn presigned(

@@ -48,7 +48,9 @@ pub use measure::{measure, measure_analysis, measures};
 pub use measures::{BoundingBox, Measures, SelfIntersections, Volume};
 pub use nesting::{nesting, nesting_depths};
 pub use options_error::OptionsError;
-pub use print::{Fit, NoWall, Overhang, OverhangArea, PrintMeasures, ThinnestWall, print_measures, thin_walls};
+pub use print::{
+    Fit, NoWall, Overhang, OverhangArea, PrintMeasures, ThinPlace, ThinnestWall, print_measures, thin_walls,
+};
 pub use set::{MeshPair, MeshSpacing, Nearest, SetIntersections, SetReport, SetSpacing};
 pub use shells::{Shell, Shells, Turning, shells};
 pub use solids::{Solid, doubled_areas, solids};

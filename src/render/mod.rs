@@ -5,6 +5,7 @@
 
 mod camera;
 mod canvas;
+mod coarse;
 mod drawings;
 mod glb;
 mod overlay;

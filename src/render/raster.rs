@@ -86,7 +86,10 @@ impl<'a> Faces<'a> {
         let every = every(scene, points, camera);
         let placed: Vec<Projected> = points.iter().map(|&p| camera.project(p)).collect();
         let shown = || {
-            (0u32..).zip(&scene.paint).filter(|&(f, paint)| !paint.is_plain() || f as usize % every == 0).map(|it| it.0)
+            (0u32..)
+                .zip(&scene.paint)
+                .filter(|&(f, paint)| !paint.is_plain() || (f as usize).is_multiple_of(every))
+                .map(|it| it.0)
         };
         let count = camera.size[1].div_ceil(STRIP);
         let strips = |f: u32| {

@@ -16,15 +16,18 @@ pub(super) struct Offered {
 const OF_THE_JOB: [(&str, &str); 2] = [(Task::LOG, "text/plain; charset=utf-8"), (Task::REPORT, "application/json")];
 
 /// What it may offer of each of its files.
-const OF_EACH_FILE: [(&str, &str); 8] = [
+const OF_EACH_FILE: [(&str, &str); 11] = [
     ("before.png", "image/png"),
     ("after.png", "image/png"),
     ("defects.png", "image/png"),
     ("defects.glb", "model/gltf-binary"),
     ("defects.ply", "application/octet-stream"),
+    ("defects-preview.glb", "model/gltf-binary"),
+    ("remaining.glb", "model/gltf-binary"),
     ("change.png", "image/png"),
     ("change.glb", "model/gltf-binary"),
     ("change.ply", "application/octet-stream"),
+    ("change-preview.glb", "model/gltf-binary"),
 ];
 
 /// What a drawing of the job's file `number`, counted from 0, is called: as it is for the first, `2-defects.png` and so

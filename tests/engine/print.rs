@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use glam::DVec3;
 use meshmend::context::{Context, NoProgress};
-use meshmend::inspect::{InspectOptions, Level, NoWall, PrintMeasures, inspect};
+use meshmend::inspect::{InspectOptions, Level, NoWall, PrintMeasures, ThinPlace, inspect};
 use meshmend::mesh::Soup;
 use meshmend::scene::{Unit, UnitSource};
 
@@ -43,6 +43,8 @@ fn a_plate_s_thinnest_wall_is_its_thickness_between_its_two_sides() {
     let plate = block(DVec3::ZERO, DVec3::new(10.0, 8.0, 0.25));
     let it = print(&plate);
     let wall = it.thinnest_wall.unwrap();
+    assert_eq!(wall.places[0], ThinPlace { at: wall.at, thickness: wall.thickness });
+    assert!(wall.places.len() <= 100 && wall.places.is_sorted_by(|a, b| a.thickness <= b.thickness));
     close(wall.thickness, 0.25, 1e-9);
     close(wall.median, 0.25, 1e-9);
     assert!(wall.samples > 200);

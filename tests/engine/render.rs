@@ -1,5 +1,6 @@
 //! Pictures and coloured meshes, read back as other programs read them.
 
+use std::f64::consts::{PI, TAU};
 use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
@@ -7,8 +8,10 @@ use glam::{DVec3, Vec3};
 use meshmend::context::{Context, NoProgress};
 use meshmend::format::{Limits, read};
 use meshmend::inspect::{Defect, DefectKind, Findings};
-use meshmend::mesh::Soup;
-use meshmend::render::{Drawing, Marked, Scene, draw_inspected, draw_repaired, write_glb, write_ply};
+use meshmend::mesh::{Soup, Surface};
+use meshmend::render::{
+    Drawing, Marked, Paint, RenderError, Scene, draw_inspected, draw_repaired, write_glb, write_ply,
+};
 use serde_json::Value;
 
 use crate::meshes::cube;
@@ -242,6 +245,57 @@ fn a_repair_is_drawn_before_and_after_and_without_a_result_only_before() {
     assert_ne!(both[0].bytes, both[3].bytes);
     let alone = with_context(|context| draw_repaired(before, None, context)).unwrap();
     assert_eq!(names(&alone), ["before.png", "defects.glb", "defects.ply"]);
+}
+
+#[test]
+fn a_result_that_something_is_wrong_with_is_drawn_with_that() {
+    let (soup, findings) = marked_cube(DVec3::ZERO, 1.0);
+    let marked = Marked { soup: &soup, findings: &findings };
+    let drawn = with_context(|context| draw_repaired(marked, Some(marked), context)).unwrap();
+    assert_eq!(drawn.last().unwrap().name, "remaining.glb");
+    assert_eq!(drawn.last().unwrap().bytes, drawn[1].bytes, "it is what the defects of the same mesh are");
+    let mut remarks = Findings::new(soup.faces.len(), 1);
+    remarks.push(DefectKind::Disjoint, defect(&[0], DVec3::ZERO, &[]));
+    let fine = Marked { soup: &soup, findings: &remarks };
+    let drawn = with_context(|context| draw_repaired(marked, Some(fine), context)).unwrap();
+    assert_eq!(drawn.last().unwrap().name, "after.png", "a second part is no fault");
+}
+
+#[test]
+fn a_coarse_scene_looks_like_the_whole_one_with_few_faces() {
+    // A sphere of 80,000 faces, of which one half is marked.
+    let (around, up) = (200u32, 200u32);
+    let at = |i: u32, j: u32| {
+        let (u, v) = (f64::from(i % around) / f64::from(around) * TAU, f64::from(j) / f64::from(up) * PI);
+        DVec3::new(v.sin() * u.cos(), v.sin() * u.sin(), v.cos()) * 50.0 + DVec3::splat(1000.0)
+    };
+    let positions = (0..=up).flat_map(|j| (0..around).map(move |i| at(i, j))).collect();
+    let corner = |i: u32, j: u32| j * around + i % around;
+    let quad = |i: u32, j: u32| {
+        [[corner(i, j), corner(i, j + 1), corner(i + 1, j + 1)], [corner(i, j), corner(i + 1, j + 1), corner(i + 1, j)]]
+    };
+    let faces: Vec<[u32; 3]> = (0..up).flat_map(|j| (0..around).flat_map(move |i| quad(i, j))).collect();
+    let half = u32::try_from(faces.len() / 2).unwrap();
+    let soup = Soup { positions, faces };
+    let mut findings = Findings::new(soup.faces.len(), 10);
+    (0..half).for_each(|face| findings.push(DefectKind::SelfIntersection, defect(&[face], DVec3::splat(1000.0), &[])));
+    let (whole, coarse) = with_context(|context| {
+        let whole = Scene::new(&soup, &findings, context)?;
+        let coarse = whole.coarse(5000, context)?;
+        Ok::<_, RenderError>((whole, coarse))
+    })
+    .unwrap();
+    assert!((1500..=5000).contains(&coarse.surface.faces.len()), "{}", coarse.surface.faces.len());
+    assert_eq!((coarse.legend, coarse.frame), (whole.legend.clone(), whole.frame));
+    for &position in &coarse.surface.positions {
+        assert!(((position - DVec3::splat(1000.0)).length() - 50.0).abs() < 1.5, "{position}");
+    }
+    let area = |surface: &Surface| (0..surface.faces.len()).map(|f| surface.area_vector(f).length()).sum::<f64>();
+    let share = area(&coarse.surface) / area(&whole.surface);
+    assert!((0.95..1.02).contains(&share), "{share}");
+    let marked = coarse.paint.iter().filter(|&&paint| paint == Paint::Defect(DefectKind::SelfIntersection)).count();
+    let share = marked as f64 / coarse.paint.len() as f64;
+    assert!((0.4..0.6).contains(&share), "{share}");
 }
 
 #[test]

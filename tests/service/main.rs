@@ -24,6 +24,7 @@ mod load;
 mod matrix;
 mod operations;
 mod outbox;
+mod page;
 #[path = "../support/postgres.rs"]
 mod postgres;
 mod problems;

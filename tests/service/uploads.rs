@@ -102,6 +102,7 @@ with_each_store! {
     a_job_is_made_of_a_file_that_was_sent_before: &[];
     a_job_of_an_upload_that_is_asked_for_again_with_its_key_is_the_same_job: &[];
     an_upload_is_refused_for_what_it_is_and_only_then: &[("--max-file-mib", "1"), ("--workers", "0")];
+    a_job_is_made_of_the_files_of_an_earlier_one: &[];
     no_more_uploads_wait_than_jobs_may: &[("--max-queued", "2"), ("--workers", "0")];
 }
 
@@ -124,6 +125,43 @@ async fn a_job_is_made_of_a_file_that_was_sent_before(desk: Desk) {
     let job: Value = desk.submit(job, "c").await.json().await.expect("a job");
     let job = desk.api.finished(job["id"].as_str().expect("an id")).await;
     assert_eq!((&job["status"], &job["input"]["name"]), (&json!("succeeded"), &json!("other.stl")), "{job}");
+}
+
+async fn a_job_is_made_of_the_files_of_an_earlier_one(desk: Desk) {
+    let first = desk.api.submit(files::broken_box(), json!({"max_tier": 1})).await;
+    desk.api.finished(&first).await;
+    let made = async |source: Value, options: Value, key| {
+        let answer = desk.submit(json!({"source": source, "options": options, "name": "other.stl"}), key).await;
+        assert_eq!(answer.status(), 202);
+        let job: Value = answer.json().await.expect("a job");
+        desk.api.finished(job["id"].as_str().expect("an id")).await
+    };
+    // What it was sent, with other options.
+    let again = made(json!({"job_id": first}), json!({"max_tier": 1, "output": "off"}), "a").await;
+    assert_eq!((&again["outcome"], &again["input"]["bytes"]), (&json!("repaired"), &json!(files::broken_box().len())));
+    let id = again["id"].as_str().expect("an id");
+    assert_ne!(id, first);
+    assert!(desk.api.artifact(id, "model").await.starts_with(b"OFF"));
+    // Its result, in another format.
+    let other = made(json!({"job_id": first, "file": "model"}), json!({"output": "obj", "pictures": false}), "b").await;
+    assert_eq!(
+        (&other["outcome"], &other["input"]["name"]),
+        (&json!("already_printable"), &json!("other.stl")),
+        "{other}"
+    );
+    let model = &other["artifacts"]["model"];
+    assert_eq!((&model["filename"], &model["media_type"]), (&json!("other-repaired.obj"), &json!("model/obj")));
+    assert_eq!(other["report"]["after"]["faces"], 12);
+
+    let refused = async |source: Value| refusal(desk.submit(json!({"source": source}), "c").await).await;
+    let none = "job_019a3c5e7b1f7c3e8d2a4b6c8d0e2f4a";
+    assert_eq!(refused(json!({"job_id": none})).await, (404, "job_not_found".to_owned()));
+    for source in [json!({}), json!({"file": "model"}), json!({"job_id": first, "upload_id": "upl_1"})] {
+        assert_eq!(refused(source.clone()).await, (422, "invalid_options".to_owned()), "{source}");
+    }
+    assert_eq!(refused(json!({"job_id": first, "file": "log.txt"})).await, (400, "invalid_request".to_owned()));
+    desk.api.delete(&format!("/v1/jobs/{first}")).send().await.expect("an answer");
+    assert_eq!(refused(json!({"job_id": first})).await, (410, "job_deleted".to_owned()));
 }
 
 async fn a_job_of_an_upload_that_is_asked_for_again_with_its_key_is_the_same_job(desk: Desk) {

@@ -15,7 +15,7 @@ use overhang::overhang;
 use walls::thinnest_wall;
 
 pub use overhang::{Overhang, OverhangArea};
-pub use walls::{NoWall, ThinnestWall, thin_walls};
+pub use walls::{NoWall, ThinPlace, ThinnestWall, thin_walls};
 
 /// Measures for printing. Lengths, areas and volumes are in the model's unit where nothing else is said.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]

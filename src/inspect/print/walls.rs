@@ -26,6 +26,8 @@ const BESIDE: [f64; 2] = [1e-9, 1e-13];
 const OPPOSITE: f64 = 0.8;
 /// Faces that a ray may pass through on its way to the air, as in overlapping parts.
 const MOST_PASSED: usize = 16;
+/// Most places of thin walls that are told.
+const MOST_PLACES: usize = 100;
 /// Share of the area that is part of a wall which the thin walls are.
 const THIN: f64 = 0.05;
 /// Share of the samples that must have material on one side and air on the other for the mesh to have walls.
@@ -44,6 +46,18 @@ pub struct ThinnestWall {
     pub median: f64,
     /// Points at which a wall was measured.
     pub samples: u64,
+    /// The thinnest of them, at most 100, the thinnest first: where walls are thinner than a printer makes.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub places: Vec<ThinPlace>,
+}
+
+/// A point at which the thickness of a wall was measured.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct ThinPlace {
+    /// The point, on the surface.
+    pub at: [f64; 3],
+    /// The thickness there, in the model's unit.
+    pub thickness: f64,
 }
 
 /// Why no wall was measured.
@@ -95,7 +109,18 @@ pub(super) fn thinnest_wall(
         faces: [sample.face, face].map(|face| analysis.surface.source[face as usize]),
         median: finite(percentile(&sorted(&walls), 0.5) / scale),
         samples: walls.len() as u64,
+        places: thinnest_places(walls, scale),
     }))
+}
+
+/// The thinnest of the samples; of equal ones those that come first.
+fn thinnest_places(mut walls: Vec<Wall<'_>>, scale: f64) -> Vec<ThinPlace> {
+    walls.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let place = |(thickness, sample, _): &Wall<'_>| ThinPlace {
+        at: sample.point.to_array().map(|x| finite(x / scale)),
+        thickness: finite(thickness / scale),
+    };
+    walls.iter().take(MOST_PLACES).map(place).collect()
 }
 
 /// The thickness, in the model's unit, below which the wall is on a twentieth of the area that is part of a wall: thin, and

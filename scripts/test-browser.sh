@@ -1,0 +1,66 @@
+#!/bin/sh
+# The page in a real browser: installs Chromium, node and the packages of tests/browser if they are missing, and runs the tests there
+# against the built program. Where no browser can be installed it says so, loudly, and passes.
+#   test-browser.sh                 the tests
+#   test-browser.sh screenshots     makes docs/pictures anew
+set -eu
+
+cd "$(dirname "$0")/.."
+
+say() { printf 'test-browser: %s\n' "$*" >&2; }
+
+skip() {
+    say "##################################################################"
+    say "## THE PAGE WAS NOT TESTED: $*"
+    say "##################################################################"
+    exit 0
+}
+
+browser() {
+    for name in "${MESHMEND_BROWSER:-}" chromium chromium-browser google-chrome; do
+        if [ -n "$name" ] && command -v "$name" >/dev/null 2>&1; then
+            command -v "$name"
+            return
+        fi
+    done
+}
+
+node_is_new() { command -v node >/dev/null 2>&1 && [ "$(node -p 'process.versions.node.split(".")[0]')" -ge 20 ]; }
+
+packages=""
+[ -n "$(browser)" ] || packages="$packages chromium"
+command -v node >/dev/null 2>&1 || packages="$packages nodejs"
+command -v npm >/dev/null 2>&1 || packages="$packages npm"
+if [ -n "$packages" ]; then
+    if [ "$(id -u)" = 0 ]; then
+        run="env"
+    elif command -v sudo >/dev/null 2>&1; then
+        run="sudo env"
+    else
+        skip "please install:$packages"
+    fi
+    command -v apt-get >/dev/null 2>&1 || skip "please install:$packages"
+    say "installing:$packages"
+    # The words of $run and $packages are meant to be split.
+    # shellcheck disable=SC2086
+    { $run apt-get update -qq && $run DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends $packages; } >/dev/null 2>&1 ||
+        skip "could not be installed:$packages"
+fi
+[ -n "$(browser)" ] || skip "there is no Chromium"
+node_is_new || skip "node is older than 20"
+
+cd tests/browser
+if ! cmp -s package-lock.json node_modules/.lock; then
+    npm ci --silent --no-audit --no-fund >&2 || skip "npm could not install playwright-core and axe-core"
+    cp package-lock.json node_modules/.lock
+fi
+cd ../..
+cargo build --locked --quiet --features failpoints
+MESHMEND_PROGRAM=$(cd "${CARGO_TARGET_DIR:-target}" && pwd)/debug/meshmend
+MESHMEND_BROWSER=$(browser)
+export MESHMEND_PROGRAM MESHMEND_BROWSER
+if [ "${1:-}" = screenshots ]; then
+    exec node tests/browser/screenshots.mjs
+fi
+# One after the other: they measure times.
+exec node --test --test-concurrency=1 tests/browser/*.test.mjs

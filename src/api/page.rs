@@ -1,0 +1,109 @@
+//! The page that people see. It asks the API like anybody else, so nothing here needs a key.
+
+use axum::Router;
+use axum::extract::{Path, State};
+use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use axum::routing::get;
+
+use super::extract::text_header;
+use super::jobs::names;
+use super::problem::{Problem, ProblemCode, shown};
+use super::state::ApiState;
+use crate::web::{self, File};
+
+/// For the document: a browser asks each time whether it is still this one.
+const ASK: &str = "no-cache";
+/// For what has a hash in its name: it never changes.
+const FOREVER: &str = "public, max-age=31536000, immutable";
+
+pub(super) fn routes() -> Router<ApiState> {
+    Router::new().route("/", get(document)).route("/assets/{name}", get(asset))
+}
+
+async fn document(State(state): State<ApiState>, headers: HeaderMap) -> Response {
+    let to_bucket = state.config.presigned_uploads || state.config.presigned_downloads;
+    let bucket = if to_bucket { state.blobs.public_origin().await } else { None };
+    let mut response = answer(web::document(), &headers, ASK);
+    let policy = policy(bucket.as_deref());
+    if let Ok(policy) = HeaderValue::from_str(&policy) {
+        response.headers_mut().insert(header::CONTENT_SECURITY_POLICY, policy);
+    }
+    response
+}
+
+async fn asset(Path(name): Path<String>, headers: HeaderMap) -> Result<Response, Problem> {
+    let file = web::asset(&name).ok_or_else(|| {
+        let detail = format!("There is nothing at '/assets/{}'. Load the page again.", shown(&name));
+        Problem::new(ProblemCode::RouteNotFound, detail)
+    })?;
+    Ok(answer(file, &headers, FOREVER))
+}
+
+/// What the page may do: run and load what is of this service, and send files to and fetch them from the bucket, where there is one.
+fn policy(bucket: Option<&str>) -> String {
+    let bucket = bucket.map(|origin| format!(" {origin}")).unwrap_or_default();
+    format!(
+        "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob:{bucket}; connect-src 'self'{bucket}; \
+         base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+    )
+}
+
+fn answer(file: &'static File, headers: &HeaderMap, cache: &'static str) -> Response {
+    let common = [
+        (header::CACHE_CONTROL, cache),
+        (header::ETAG, file.etag()),
+        (header::VARY, "accept-encoding"),
+        (header::REFERRER_POLICY, "no-referrer"),
+        (HeaderName::from_static("cross-origin-opener-policy"), "same-origin"),
+        (HeaderName::from_static("cross-origin-resource-policy"), "same-origin"),
+    ];
+    if text_header(headers, &header::IF_NONE_MATCH).is_some_and(|known| names(known, file.etag())) {
+        return (StatusCode::NOT_MODIFIED, common).into_response();
+    }
+    let kind = [(header::CONTENT_TYPE, file.media_type)];
+    if takes_gzip(headers) {
+        return (common, kind, [(header::CONTENT_ENCODING, "gzip")], file.gzip()).into_response();
+    }
+    (common, kind, file.plain).into_response()
+}
+
+/// Whether gzip is among the encodings that a client takes, and not with the weight 0 (RFC 9110, 12.5.3).
+fn takes_gzip(headers: &HeaderMap) -> bool {
+    let Some(taken) = text_header(headers, &header::ACCEPT_ENCODING) else { return false };
+    taken.split(',').any(|one| {
+        let (name, weight) = one.split_once(';').unwrap_or((one, ""));
+        let refused = weight.trim().strip_prefix("q=").and_then(|q| q.parse::<f32>().ok()).is_some_and(|q| q <= 0.0);
+        ["gzip", "*"].contains(&name.trim()) && !refused
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn gzip_is_sent_to_those_who_take_it() {
+        for (given, taken) in [
+            ("gzip, deflate, br", true),
+            ("br;q=1.0, gzip;q=0.2", true),
+            ("*", true),
+            ("gzip;q=0", false),
+            ("identity", false),
+            ("", false),
+        ] {
+            let mut headers = HeaderMap::new();
+            headers.insert(header::ACCEPT_ENCODING, given.parse().expect("a header"));
+            assert_eq!(takes_gzip(&headers), taken, "{given}");
+        }
+        assert!(!takes_gzip(&HeaderMap::new()));
+    }
+
+    #[test]
+    fn the_page_may_reach_the_bucket_and_nobody_else() {
+        let policy = policy(Some("https://files.example"));
+        assert!(policy.contains("connect-src 'self' https://files.example;"), "{policy}");
+        assert!(policy.contains("script-src 'self';"), "{policy}");
+        assert!(!super::policy(None).contains("http"));
+    }
+}

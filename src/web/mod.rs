@@ -1,0 +1,106 @@
+//! The page that people see, as files in the program: it works offline, and there is nothing else to deploy.
+//!
+//! Its sources are in `page/`, in TypeScript; `make page` builds them into `dist/`, which is committed, so that the program builds
+//! without node. Assets have a hash of their bytes in their names and never change.
+
+use std::io::Write;
+use std::sync::OnceLock;
+
+use flate2::Compression;
+use flate2::write::GzEncoder;
+use sha2::{Digest, Sha256};
+
+mod dist {
+    include!("dist/files.rs");
+}
+
+/// A file of the page.
+#[derive(Debug)]
+pub struct File {
+    /// Its media type.
+    pub media_type: &'static str,
+    /// Its bytes.
+    pub plain: &'static [u8],
+    packed: OnceLock<(String, Vec<u8>)>,
+}
+
+impl File {
+    fn new(name: &str, plain: &'static [u8]) -> Self {
+        Self { media_type: media_type(name), plain, packed: OnceLock::new() }
+    }
+
+    fn packed(&self) -> &(String, Vec<u8>) {
+        self.packed.get_or_init(|| {
+            let hash = Sha256::digest(self.plain);
+            let mut packer = GzEncoder::new(Vec::new(), Compression::best());
+            // Memory takes all that is written.
+            let packed = packer.write_all(self.plain).and_then(|()| packer.finish()).unwrap_or_default();
+            (format!("\"{}\"", hex::encode(&hash[..16])), packed)
+        })
+    }
+
+    /// The entity tag of its bytes.
+    #[must_use]
+    pub fn etag(&self) -> &str {
+        &self.packed().0
+    }
+
+    /// Its bytes in gzip, packed when they are first asked for.
+    #[must_use]
+    pub fn gzip(&self) -> &[u8] {
+        &self.packed().1
+    }
+}
+
+/// The document at `/`.
+pub fn document() -> &'static File {
+    static DOCUMENT: OnceLock<File> = OnceLock::new();
+    DOCUMENT.get_or_init(|| File::new("index.html", dist::DOCUMENT))
+}
+
+/// A file that the document asks for, by its name under `/assets/`.
+#[must_use]
+pub fn asset(name: &str) -> Option<&'static File> {
+    static ASSETS: OnceLock<Vec<(&str, File)>> = OnceLock::new();
+    let assets = ASSETS.get_or_init(|| dist::ASSETS.iter().map(|&(name, it)| (name, File::new(name, it))).collect());
+    assets.iter().find(|(known, _)| *known == name).map(|(_, file)| file)
+}
+
+fn media_type(name: &str) -> &'static str {
+    match name.rsplit('.').next() {
+        Some("html") => "text/html; charset=utf-8",
+        Some("js") => "text/javascript; charset=utf-8",
+        Some("css") => "text/css; charset=utf-8",
+        Some("svg") => "image/svg+xml",
+        _ => "application/octet-stream",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::io::Read;
+
+    use flate2::read::GzDecoder;
+
+    use super::*;
+
+    #[test]
+    fn every_file_that_the_document_names_is_there() {
+        let text = std::str::from_utf8(document().plain).expect("text");
+        let named: Vec<&str> = text.split('"').filter_map(|word| word.strip_prefix("/assets/")).collect();
+        assert_eq!(named.len(), 3, "a style, a script and an icon: {text}");
+        for name in named {
+            let file = asset(name).unwrap_or_else(|| panic!("there is no {name}"));
+            assert_ne!(file.media_type, "application/octet-stream", "{name}");
+        }
+    }
+
+    #[test]
+    fn a_packed_file_is_the_plain_one() {
+        let file = document();
+        let mut unpacked = Vec::new();
+        GzDecoder::new(file.gzip()).read_to_end(&mut unpacked).expect("gzip");
+        assert_eq!(unpacked, file.plain);
+        assert!(file.gzip().len() < file.plain.len());
+    }
+}

@@ -1,0 +1,34 @@
+// Serves the page from its sources, and passes all else on to a running service:
+//   SERVICE=http://127.0.0.1:8080 PORT=8081 node dev.mjs
+import { createServer, request } from "node:http";
+import { bundle } from "./build.mjs";
+
+const service = new URL(process.env.SERVICE ?? "http://127.0.0.1:8080");
+const port = Number(process.env.PORT ?? 8081);
+const types = { html: "text/html; charset=utf-8", js: "text/javascript; charset=utf-8", css: "text/css; charset=utf-8", svg: "image/svg+xml" };
+let files = new Map();
+
+const server = createServer(async (asked, answer) => {
+  try {
+    const path = new URL(asked.url, "http://page").pathname;
+    if (path === "/") files = await bundle(false);
+    const name = path === "/" ? "index.html" : path.startsWith("/assets/") ? path.slice(8) : null;
+    const bytes = name && files.get(name);
+    if (bytes) {
+      answer.writeHead(200, { "content-type": types[name.split(".").pop()], "cache-control": "no-store" }).end(bytes);
+      return;
+    }
+    const headers = { ...asked.headers, host: service.host };
+    if (headers.origin) headers.origin = service.origin;
+    const onward = request({ host: service.hostname, port: service.port, path: asked.url, method: asked.method, headers }, (from) => {
+      answer.writeHead(from.statusCode, from.headers);
+      from.pipe(answer);
+    });
+    onward.on("error", () => answer.destroy());
+    answer.on("close", () => onward.destroy());
+    asked.pipe(onward);
+  } catch (error) {
+    answer.writeHead(500).end(String(error));
+  }
+});
+server.listen(port, "127.0.0.1", () => console.log(`http://127.0.0.1:${port}`));

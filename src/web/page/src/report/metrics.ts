@@ -1,0 +1,25 @@
+/** One line of metrics in Prometheus' text format. */
+interface Sample {
+  name: string;
+  labels: Record<string, string>;
+  value: number;
+}
+
+/** Reads metrics as far as the page shows them; what it can't read it leaves out. */
+export function readMetrics(text: string): Sample[] {
+  const samples: Sample[] = [];
+  for (const line of text.split("\n")) {
+    const [, name, labels = "", value] = /^([a-zA-Z_:][\w:]*)(?:\{(.*)\})?\s+(\S+)/.exec(line) ?? [];
+    if (!name || value === undefined) continue;
+    const pairs = [...labels.matchAll(/(\w+)="((?:[^"\\]|\\.)*)"/g)].map(([, key, text]) => [key!, text!]);
+    samples.push({ name, labels: Object.fromEntries(pairs) as Record<string, string>, value: Number(value) });
+  }
+  return samples;
+}
+
+/** The value of one metric, summed over the labels that are not given; none where it is not there or not known. */
+export function valueOf(samples: Sample[], name: string, labels: Record<string, string> = {}): number | null {
+  const fits = samples.filter((it) => it.name === name && Object.entries(labels).every(([key, value]) => it.labels[key] === value));
+  const sum = fits.reduce((sum, it) => sum + it.value, 0);
+  return fits.length > 0 && Number.isFinite(sum) ? sum : null;
+}

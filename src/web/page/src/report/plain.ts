@@ -1,0 +1,79 @@
+import type { Inspection, Job, Ledger, Report } from "../api/shapes";
+import { type Figures, type Unit, inMillimetres } from "../units";
+import type { Words } from "../words/en";
+
+/** Kinds that are remarks and no faults, so that nothing is said to be mended of them. */
+const REMARKS = new Set(["disjoint", "inner_shell", "tiny_part"]);
+/** A move that is a smaller share of the model is rounding. */
+const NOTHING = 1e-6;
+
+function counts(inspection: Inspection | null | undefined): Map<string, number> {
+  return new Map((inspection?.defects ?? []).map(({ kind, count }) => [kind, count]));
+}
+
+/** What a repair did, in words: what is gone, what became of parts, how far things moved. Most telling first. */
+export function inWords(report: Report, words: Words, figures: Figures, unit: Unit): string[] {
+  if (report.outcome === "already_printable") return [words.untouched];
+  if (report.outcome === "unrepairable" && isSame(report)) return [words.handedBack];
+  const lines: string[] = [];
+  const after = counts(report.after);
+  for (const [kind, count] of counts(report.before)) {
+    const gone = count - (after.get(kind) ?? 0);
+    const say = words.fixed[kind];
+    if (gone > 0 && say && !REMARKS.has(kind)) lines.push(say(figures.count(gone), gone));
+  }
+  const ledger = report.ledger;
+  if (ledger && ledger.united > 1) lines.push(words.united(figures.count(ledger.united)));
+  const left = ledger ? leftOut(ledger) : 0;
+  if (left > 0) lines.push(words.dropped(figures.count(left), left));
+  return [...lines, ...ofSurface(report, words, figures, unit)];
+}
+
+/** Whether the result is what came. */
+function isSame(report: Report): boolean {
+  const surface = report.changes?.surface;
+  return !surface || surface.added.faces + surface.moved.faces + surface.removed.faces === 0;
+}
+
+function leftOut(ledger: Ledger): number {
+  return ledger.duplicate + ledger.no_volume + ledger.debris;
+}
+
+function ofSurface(report: Report, words: Words, figures: Figures, unit: Unit): string[] {
+  const lines: string[] = [];
+  const surface = report.changes?.surface;
+  const whole = surface ? surface.kept.area + surface.moved.area + surface.added.area : 0;
+  if (surface && whole > 0 && surface.added.area / whole >= 0.0005) lines.push(words.added(figures.percent(surface.added.area / whole)));
+  const own = inMillimetres(unitOf(report));
+  const voxel = report.steps.find((step) => step.status === "done" && step.voxel_size && isChosen(report, step.rung))?.voxel_size;
+  if (voxel) lines.push(words.remade(figures.length(voxel * own, unit, 2)));
+  const moved = report.changes?.moved?.distance.max;
+  if (moved !== undefined) {
+    const size = Math.max(...(report.before.print?.size ?? [0]));
+    lines.push(moved <= NOTHING * size ? words.notMoved : words.moved(figures.length(moved * own, unit, 2)));
+  }
+  return lines;
+}
+
+function isChosen(report: Report, rung: number): boolean {
+  return report.candidates.some((candidate) => candidate.chosen && candidate.rung === rung);
+}
+
+export function unitOf(report: Report): string {
+  return report.before.print?.unit ?? "mm";
+}
+
+/** What is still wrong with the result, in words; empty where nothing is. */
+export function stillWrong(report: Report, words: Words, figures: Figures): string {
+  const list = [...counts(report.after)].filter(([kind]) => !REMARKS.has(kind));
+  return list
+    .map(([kind, count]) => {
+      const [one, many] = words.kinds[kind] ?? [kind, kind];
+      return `${figures.count(count)} ${count === 1 ? one : many}`;
+    })
+    .join(", ");
+}
+
+export function unitOfJob(job: Job): string {
+  return job.report?.mode === "repair" ? unitOf(job.report) : "mm";
+}

@@ -1,0 +1,44 @@
+import { follow } from "../api/events";
+import { fetchArtifact, submit } from "../api/jobs";
+import { Problem } from "../api/problem";
+import type { Artifact, Job } from "../api/shapes";
+import { own } from "../report/advice";
+import { server } from "./server";
+
+/** Has the browser save a file of a job. Where a key is needed the file passes through the page, since links send none. */
+export async function save(artifact: Artifact): Promise<void> {
+  if (!server.key()) return click(server.base + artifact.href, artifact.filename);
+  const bytes = await fetchArtifact(server, artifact);
+  const address = URL.createObjectURL(new Blob([bytes], { type: artifact.media_type }));
+  click(address, artifact.filename);
+  setTimeout(() => URL.revokeObjectURL(address), 60_000);
+}
+
+function click(href: string, name: string): void {
+  const link = document.createElement("a");
+  link.href = href;
+  link.download = name;
+  link.click();
+}
+
+/**
+ * Has a result made in another format. A printable one is written anew as it is; of another the file that came is repaired once more
+ * with the same options, since what is not whole would be repaired further.
+ */
+export async function convert(job: Job, format: string, signal: AbortSignal): Promise<Artifact> {
+  const whole = job.outcome === "repaired" || job.outcome === "already_printable";
+  const made = await submit(
+    server,
+    {
+      source: whole ? { job_id: job.id, file: "model" } : { job_id: job.id },
+      options: whole ? { output: format, pictures: false } : { ...own(job), output: format },
+      name: job.input.name,
+    },
+    crypto.randomUUID?.() ?? String(Math.random()),
+    signal,
+  );
+  const ended = await follow(server, made.id, () => undefined, signal);
+  const model = ended.artifacts["model"];
+  if (!model) throw new Problem(0, ended.problem?.code ?? "unexplained", ended.problem?.title ?? "", ended.problem?.detail ?? "");
+  return model;
+}

@@ -1,0 +1,37 @@
+import type { Server } from "../api/http";
+import { Problem } from "../api/problem";
+import { capabilities } from "../api/jobs";
+import type { Capabilities } from "../api/shapes";
+import { Store } from "./store";
+
+const NAME = "meshmend.key";
+
+/** The API key, where the service asks for one: in this tab's memory and gone with it, never in a cookie. */
+export const key = new Store<string | null>(sessionStorage.getItem(NAME));
+
+key.listen(() => {
+  if (key.value) sessionStorage.setItem(NAME, key.value);
+  else sessionStorage.removeItem(NAME);
+});
+
+export const server: Server = { base: "", key: () => key.value };
+
+/** What is known of the service: nothing yet, what it can do, that it wants a key, or why it does not answer. */
+export type Known = { is: "asking" } | { is: "ready"; can: Capabilities } | { is: "locked"; refused: boolean } | { is: "away"; problem: Problem };
+
+export const known = new Store<Known>({ is: "asking" });
+
+export async function meet(): Promise<void> {
+  try {
+    known.set({ is: "ready", can: await capabilities(server) });
+  } catch (error) {
+    const problem = error instanceof Problem ? error : Problem.unreachable();
+    if (problem.status === 401 || problem.status === 403) known.set({ is: "locked", refused: key.value !== null });
+    else known.set({ is: "away", problem });
+  }
+}
+
+/** Whatever asks tells here of a key that is worth nothing any more. */
+export function noticed(problem: Problem): void {
+  if (problem.code === "unauthorized") known.set({ is: "locked", refused: key.value !== null });
+}

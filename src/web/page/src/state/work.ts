@@ -1,0 +1,154 @@
+import { follow } from "../api/events";
+import { type NewJob, cancelJob, getJob, submit } from "../api/jobs";
+import { Problem } from "../api/problem";
+import type { Job, Options, ProgressEvent } from "../api/shapes";
+import { announce, send } from "../api/uploads";
+import { noticed, server } from "./server";
+import { Store } from "./store";
+
+/** How far one file is. */
+export type Phase = "waiting" | "uploading" | "paused" | "submitting" | "following" | "ended" | "refused";
+
+export interface Piece {
+  id: number;
+  name: string;
+  bytes: number;
+  /** None of a job that was looked up or made from an earlier one. */
+  file: File | null;
+  phase: Phase;
+  sent: number;
+  progress: ProgressEvent | null;
+  job: Job | null;
+  problem: Problem | null;
+}
+
+/** Files that are sent at once: the next one goes while the one before is repaired. */
+const AT_ONCE = 2;
+
+/** The files of this visit, from drop to result. */
+export const pieces = new Store<Piece[]>([]);
+export const selected = new Store<number | null>(null);
+
+const stops = new Map<number, AbortController>();
+let last = 0;
+
+function update(id: number, change: Partial<Piece>): void {
+  pieces.change((all) => all.map((piece) => (piece.id === id ? { ...piece, ...change } : piece)));
+}
+
+function piece(name: string, bytes: number, file: File | null): Piece {
+  last += 1;
+  return { id: last, name, bytes, file, phase: "waiting", sent: 0, progress: null, job: null, problem: null };
+}
+
+export function find(id: number): Piece | undefined {
+  return pieces.value.find((it) => it.id === id);
+}
+
+export function add(files: readonly File[]): void {
+  if (files.length === 0) return;
+  const added = files.map((file) => piece(file.name, file.size, file));
+  pieces.change((all) => [...all, ...added]);
+  selected.set(added[0]!.id);
+  pump();
+}
+
+/** Shows a job that is there already. */
+export function open(id: string): void {
+  const there = pieces.value.find((it) => it.job?.id === id);
+  if (there) return selected.set(there.id);
+  const opened: Piece = { ...piece(id, 0, null), phase: "submitting" };
+  pieces.change((all) => [...all, opened]);
+  selected.set(opened.id);
+  void run(opened.id, async (signal) => heard(opened.id, await getJob(server, id, signal), signal));
+}
+
+/** Makes another job of an earlier one's file, with other options. */
+export function again(earlier: Job, options: Options): void {
+  const made: Piece = { ...piece(earlier.input.name, earlier.input.bytes, null), phase: "submitting" };
+  pieces.change((all) => [...all, made]);
+  selected.set(made.id);
+  void run(made.id, (signal) => make(made.id, { source: { job_id: earlier.id }, options }, signal));
+}
+
+export function pauseUpload(id: number): void {
+  stops.get(id)?.abort();
+  update(id, { phase: "paused" });
+}
+
+/** Sends the file anew: what went before is lost, since one request takes the whole file. */
+export function resume(id: number): void {
+  update(id, { phase: "waiting", sent: 0, problem: null });
+  pump();
+}
+
+export async function stop(id: number): Promise<void> {
+  const it = find(id);
+  if (it?.phase === "following" && it.job) await cancelJob(server, it.job.id).catch((error: unknown) => fail(id, error));
+  else remove(id);
+}
+
+export function remove(id: number): void {
+  stops.get(id)?.abort();
+  pieces.change((all) => all.filter((it) => it.id !== id));
+  if (selected.value === id) selected.set(pieces.value.at(-1)?.id ?? null);
+  pump();
+}
+
+function pump(): void {
+  const busy = pieces.value.filter((it) => it.phase === "uploading").length;
+  for (const next of pieces.value.filter((it) => it.phase === "waiting").slice(0, Math.max(0, AT_ONCE - busy))) {
+    update(next.id, { phase: "uploading" });
+    void run(next.id, (signal) => upload(next, signal));
+  }
+}
+
+async function run(id: number, work: (signal: AbortSignal) => Promise<void>): Promise<void> {
+  const stop = new AbortController();
+  stops.set(id, stop);
+  try {
+    await work(stop.signal);
+  } catch (error) {
+    if (!stop.signal.aborted) fail(id, error);
+  } finally {
+    if (stops.get(id) === stop) stops.delete(id);
+    pump();
+  }
+}
+
+function fail(id: number, error: unknown): void {
+  const problem = error instanceof Problem ? error : new Problem(0, "unexplained", String(error), "");
+  noticed(problem);
+  update(id, { phase: "refused", problem });
+}
+
+async function upload(it: Piece, signal: AbortSignal): Promise<void> {
+  const { id, file } = it;
+  if (!file) return;
+  const place = await announce(server, file.name, file.size, signal);
+  await send(server, place, file, (sent) => update(id, { sent }), signal);
+  update(id, { phase: "submitting", sent: file.size });
+  // The next file may go meanwhile.
+  pump();
+  await make(id, { source: { upload_id: place.id }, options: {} }, signal);
+}
+
+async function make(id: number, asked: NewJob, signal: AbortSignal): Promise<void> {
+  const once = crypto.randomUUID?.() ?? `${Date.now()}-${Math.random()}`;
+  for (let tries = 0; ; tries += 1) {
+    try {
+      return await heard(id, await submit(server, asked, once, signal), signal);
+    } catch (error) {
+      // The same key makes no second job, so that a lost answer may be asked for again.
+      if (!(error instanceof Problem) || error.code !== "unreachable" || tries === 3) throw error;
+      await new Promise((resolve) => setTimeout(resolve, 500 * 2 ** tries));
+    }
+  }
+}
+
+async function heard(id: number, job: Job, signal: AbortSignal): Promise<void> {
+  const first = job.progress && { ...job.progress, status: job.status };
+  update(id, { phase: "following", job, name: job.input.name, bytes: job.input.bytes, progress: first });
+  const ended = await follow(server, job.id, (progress) => update(id, { progress }), signal);
+  update(id, { phase: "ended", job: ended, progress: null });
+}

@@ -1,0 +1,172 @@
+import { Color, DoubleSide, ShaderMaterial, Vector4 } from "three";
+import { LineMaterial } from "three/examples/jsm/lines/LineMaterial.js";
+import { type Look, MARKS, PATTERNS } from "./looks";
+
+/** What all materials of a viewer share: the cut, and how many of the canvas' pixels are one of the page's. */
+export interface Shared {
+  /** Keeps what is on the side `dot(p, xyz) <= w`. */
+  cut: { value: Vector4 };
+  ratio: { value: number };
+}
+
+export function shared(): Shared {
+  return { cut: { value: new Vector4(0, 0, 0, 1) }, ratio: { value: 1 } };
+}
+
+/** The inner side of surface: where it is seen there is a hole, a turned face, or the cut. */
+const INSIDE = "#65313f";
+
+/** How much nearer to the eye, as a share of the distance, what lies on surface is drawn so that it is seen. */
+const NEARER = { overlay: 0.0006, wire: 0.0008, dot: 0.004 };
+
+const VERTEX = /* glsl */ `
+uniform float nearer;
+varying vec3 vWorld;
+varying vec3 vView;
+void main() {
+  vec4 world = modelMatrix * vec4(position, 1.0);
+  vec4 view = viewMatrix * world;
+  vWorld = world.xyz;
+  vView = view.xyz;
+  gl_Position = projectionMatrix * vec4(view.xyz * (1.0 - nearer), 1.0);
+}`;
+
+// Colours are mixed as they are seen (sRGB) and written so. Normals are the faces' own, so that they need no memory.
+const FRAGMENT = /* glsl */ `
+uniform vec3 colour;
+uniform vec3 inside;
+uniform vec4 cut;
+uniform float ratio;
+uniform int pattern;
+uniform bool shown;
+uniform vec3 plain;
+varying vec3 vWorld;
+varying vec3 vView;
+
+float marked(vec2 p) {
+  if (pattern == 1) return step(0.5, fract((p.x + p.y) / 8.0));
+  if (pattern == 2) return step(length(fract(p / 7.0) - 0.5), 0.27);
+  if (pattern == 3) return max(step(0.78, fract((p.x + p.y) / 9.0)), step(0.78, fract((p.x - p.y) / 9.0)));
+  if (pattern == 4) return step(0.55, fract(p.y / 6.0));
+  if (pattern == 5) return mod(floor(p.x / 5.0) + floor(p.y / 5.0), 2.0);
+  return 0.0;
+}
+
+void main() {
+  if (dot(vWorld, cut.xyz) > cut.w) discard;
+  vec3 normal = normalize(cross(dFdx(vView), dFdy(vView)));
+  float key = max(dot(normal, vec3(0.32, 0.62, 0.72)), 0.0);
+  float fill = max(dot(normal, vec3(-0.75, -0.1, 0.65)), 0.0);
+  float light = 0.5 + 0.5 * key + 0.22 * fill;
+  vec3 base = shown ? mix(colour, colour * 0.62, marked(gl_FragCoord.xy / ratio)) : plain;
+  if (!gl_FrontFacing) {
+    base = mix(inside, shown ? colour : inside, 0.25);
+    light = 0.62 + 0.3 * light;
+    if (cut.x != 0.0 || cut.y != 0.0 || cut.z != 0.0) base = mix(base, base * 1.25, step(0.5, fract((gl_FragCoord.x + gl_FragCoord.y) / ratio / 9.0)));
+  }
+  gl_FragColor = vec4(min(base * light, vec3(1.0)), 1.0);
+}`;
+
+export function surfaceMaterial(colour: string, plain: string, look: Look | null, isOverlay: boolean, common: Shared): ShaderMaterial {
+  return new ShaderMaterial({
+    vertexShader: VERTEX,
+    fragmentShader: FRAGMENT,
+    side: DoubleSide,
+    uniforms: {
+      colour: { value: srgb(colour) },
+      plain: { value: srgb(plain) },
+      inside: { value: srgb(INSIDE) },
+      pattern: { value: look ? PATTERNS.indexOf(look.pattern) : 0 },
+      shown: { value: true },
+      nearer: { value: isOverlay ? NEARER.overlay : 0 },
+      cut: common.cut,
+      ratio: common.ratio,
+    },
+  });
+}
+
+const WIRE_FRAGMENT = /* glsl */ `
+uniform vec4 cut;
+uniform vec4 wire;
+varying vec3 vWorld;
+void main() {
+  if (dot(vWorld, cut.xyz) > cut.w) discard;
+  gl_FragColor = wire;
+}`;
+
+export function wireMaterial(common: Shared): ShaderMaterial {
+  return new ShaderMaterial({
+    vertexShader: VERTEX,
+    fragmentShader: WIRE_FRAGMENT,
+    wireframe: true,
+    transparent: true,
+    depthWrite: false,
+    uniforms: { cut: common.cut, nearer: { value: NEARER.wire }, wire: { value: new Vector4(0.05, 0.07, 0.1, 0.38) } },
+  });
+}
+
+const DOT_VERTEX = /* glsl */ `
+uniform float size;
+uniform float ratio;
+uniform float nearer;
+varying vec3 vWorld;
+void main() {
+  vec4 world = modelMatrix * vec4(position, 1.0);
+  vWorld = world.xyz;
+  vec4 view = viewMatrix * world;
+  gl_Position = projectionMatrix * vec4(view.xyz * (1.0 - nearer), 1.0);
+  gl_PointSize = size * ratio;
+}`;
+
+const DOT_FRAGMENT = /* glsl */ `
+uniform vec3 colour;
+uniform vec4 cut;
+uniform int mark;
+varying vec3 vWorld;
+float reach(vec2 p) {
+  if (mark == 1) return max(abs(p.x), abs(p.y)) * 1.12;
+  if (mark == 2) return abs(p.x) + abs(p.y);
+  if (mark == 3) return max(abs(p.x) * 1.1 - p.y * 0.55, p.y + 0.12) * 1.12 + 0.1;
+  return length(p);
+}
+void main() {
+  if (dot(vWorld, cut.xyz) > cut.w) discard;
+  float r = reach(gl_PointCoord * 2.0 - 1.0);
+  if (r > 1.0) discard;
+  gl_FragColor = vec4(r > 0.68 ? vec3(0.1) : colour, 1.0);
+}`;
+
+export function dotMaterial(colour: string, look: Look, size: number, common: Shared): ShaderMaterial {
+  return new ShaderMaterial({
+    vertexShader: DOT_VERTEX,
+    fragmentShader: DOT_FRAGMENT,
+    uniforms: {
+      colour: { value: srgb(colour) },
+      size: { value: size },
+      nearer: { value: NEARER.dot },
+      mark: { value: MARKS.indexOf(look.mark) },
+      cut: common.cut,
+      ratio: common.ratio,
+    },
+  });
+}
+
+/** Lines as wide as they are asked for on the screen; a dark one below makes the rim. */
+export function lineMaterial(colour: string, width: number, dashed: boolean, dash: number): LineMaterial {
+  const material = new LineMaterial({ color: 0xffffff, linewidth: width, dashed, dashSize: dash, gapSize: dash * 0.7 });
+  material.color.copy(srgb(colour));
+  material.polygonOffset = true;
+  material.polygonOffsetFactor = -1;
+  material.polygonOffsetUnits = -400;
+  // The rim is drawn before its line and must not hide it.
+  material.depthWrite = false;
+  return material;
+}
+
+/** A colour whose numbers are those of sRGB, which the shaders write as they are. */
+export function srgb(hex: string): Color {
+  const number = Number.parseInt(hex.slice(1), 16);
+  const colour = new Color();
+  [colour.r, colour.g, colour.b] = [(number >> 16) / 255, ((number >> 8) & 255) / 255, (number & 255) / 255];
+  return colour;
+}

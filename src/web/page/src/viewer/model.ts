@@ -1,0 +1,162 @@
+import { BufferAttribute, BufferGeometry, type Material, Mesh, Object3D, type Plane, Points, ShaderMaterial } from "three";
+import { LineSegments2 } from "three/examples/jsm/lines/LineSegments2.js";
+import { LineSegmentsGeometry } from "three/examples/jsm/lines/LineSegmentsGeometry.js";
+import type { LineMaterial } from "three/examples/jsm/lines/LineMaterial.js";
+import type { ColouredMesh, Group } from "./glb";
+import { lookOf } from "./looks";
+import { type Shared, dotMaterial, lineMaterial, surfaceMaterial, wireMaterial } from "./materials";
+
+/** Where the world's middle is in the model's unit, and how much of that is 1 there: so that any size fits in f32. */
+export interface Frame {
+  centre: [number, number, number];
+  radius: number;
+  /** The box's corners in the model's unit. */
+  min: [number, number, number];
+  max: [number, number, number];
+}
+
+/** The kinds whose surface is what most of a model is. */
+const PLAIN = new Set(["sound", "kept"]);
+const LINE_WIDTH = 3.2;
+const RIM = "#1c1c20";
+
+export function frameOf(mesh: ColouredMesh): Frame {
+  const min = [Infinity, Infinity, Infinity];
+  const max = [-Infinity, -Infinity, -Infinity];
+  for (const { surface, lines, dots } of mesh.groups) {
+    for (const points of [surface?.positions, lines, dots]) {
+      if (!points) continue;
+      for (let i = 0; i < points.length; i += 3) {
+        for (let k = 0; k < 3; k += 1) {
+          const x = points[i + k]!;
+          if (x < min[k]!) min[k] = x;
+          if (x > max[k]!) max[k] = x;
+        }
+      }
+    }
+  }
+  const own = (x: number, k: number): number => (x + mesh.middle[k]!) / mesh.scale;
+  const [low, high] = min[0]! <= max[0]! ? [min.map(own), max.map(own)] : [[0, 0, 0], [0, 0, 0]];
+  const centre = low.map((x, k) => (x + high[k]!) / 2);
+  const radius = Math.hypot(...low.map((x, k) => high[k]! - x)) / 2 || 1;
+  return { centre, radius, min: low, max: high } as Frame;
+}
+
+/** A coloured mesh as it is drawn: for each kind its surface, lines and dots, which can be shown and told apart or not. */
+export class Model {
+  readonly root = new Object3D();
+  readonly #surfaces = new Map<string, Mesh<BufferGeometry, ShaderMaterial>>();
+  readonly #marks = new Map<string, Object3D[]>();
+  readonly #lines: LineMaterial[] = [];
+  readonly #wires: Mesh[] = [];
+  readonly #shared: Shared;
+
+  /** Of an overlay, what is not shown is not drawn; otherwise its surface is plain. */
+  constructor(
+    readonly mesh: ColouredMesh,
+    frame: Frame,
+    common: Shared,
+    readonly isOverlay: boolean,
+    kinds: (kind: string) => boolean = () => true,
+  ) {
+    this.#shared = common;
+    const grow = 1 / (mesh.scale * frame.radius);
+    this.root.scale.setScalar(grow);
+    this.root.position.fromArray(mesh.middle.map((x, k) => (x / mesh.scale - frame.centre[k]!) / frame.radius));
+    const colours = new Map(mesh.legend.map((entry) => [entry.kind, entry.colour]));
+    const dash = 0.02 / grow;
+    for (const group of mesh.groups) {
+      if (kinds(group.kind)) this.#add(group, colours.get(group.kind) ?? mesh.sound, dash);
+    }
+    this.root.updateMatrixWorld(true);
+  }
+
+  #add(group: Group, colour: string, dash: number): void {
+    const look = lookOf(group.kind);
+    const plain = PLAIN.has(group.kind);
+    if (group.surface) {
+      const geometry = new BufferGeometry();
+      geometry.setAttribute("position", new BufferAttribute(group.surface.positions, 3));
+      geometry.setIndex(new BufferAttribute(group.surface.indices, 1));
+      // The neighbours of lines and dots are tinted only.
+      const tinted = group.lines || (group.dots && !["crossing", "needless"].includes(look.family));
+      const shown = tinted ? mixed(colour, this.mesh.sound, 0.55) : colour;
+      const material = surfaceMaterial(plain ? this.mesh.sound : shown, this.mesh.sound, plain || tinted ? null : look, this.isOverlay, this.#shared);
+      const surface = new Mesh(geometry, material);
+      surface.frustumCulled = false;
+      this.#surfaces.set(group.kind, surface);
+      this.root.add(surface);
+    }
+    const marks: Object3D[] = [];
+    if (group.lines) {
+      const geometry = new LineSegmentsGeometry().setPositions(group.lines);
+      for (const [tone, width, order] of [[RIM, LINE_WIDTH + 2.2, 1], [colour, LINE_WIDTH, 2]] as const) {
+        const material = lineMaterial(tone, width, look.dashed && order === 2, dash);
+        const lines = new LineSegments2(geometry, material);
+        if (look.dashed && order === 2) lines.computeLineDistances();
+        lines.renderOrder = order;
+        lines.frustumCulled = false;
+        this.#lines.push(material);
+        marks.push(lines);
+      }
+    }
+    if (group.dots) {
+      const geometry = new BufferGeometry();
+      geometry.setAttribute("position", new BufferAttribute(group.dots, 3));
+      const dots = new Points(geometry, dotMaterial(colour, look, dotSize(group.dots.length / 3), this.#shared));
+      dots.frustumCulled = false;
+      dots.renderOrder = 3;
+      marks.push(dots);
+    }
+    for (const mark of marks) this.root.add(mark);
+    this.#marks.set(group.kind, marks);
+  }
+
+  show(kind: string, shown: boolean): void {
+    const surface = this.#surfaces.get(kind);
+    if (surface) {
+      surface.material.uniforms["shown"]!.value = shown;
+      surface.visible = shown || !this.isOverlay;
+    }
+    for (const mark of this.#marks.get(kind) ?? []) mark.visible = shown;
+  }
+
+  /** Draws the edges of all faces, or not. */
+  wire(shown: boolean): void {
+    if (shown && this.#wires.length === 0) {
+      const material = wireMaterial(this.#shared);
+      for (const surface of this.#surfaces.values()) {
+        const wire = new Mesh(surface.geometry, material);
+        wire.frustumCulled = false;
+        this.#wires.push(wire);
+        this.root.add(wire);
+      }
+      this.root.updateMatrixWorld(true);
+    }
+    for (const wire of this.#wires) wire.visible = shown;
+  }
+
+  cut(planes: Plane[] | null): void {
+    for (const material of this.#lines) material.clippingPlanes = planes;
+  }
+
+  dispose(): void {
+    this.root.traverse((object) => {
+      const it = object as Partial<Mesh>;
+      it.geometry?.dispose();
+      (it.material as Material | undefined)?.dispose();
+    });
+    this.root.removeFromParent();
+  }
+}
+
+/** Smaller the more there are, so that the surface is still seen. */
+export function dotSize(count: number): number {
+  return count <= 30 ? 13 : count <= 150 ? 9 : 5;
+}
+
+function mixed(a: string, b: string, share: number): string {
+  const [x, y] = [Number.parseInt(a.slice(1), 16), Number.parseInt(b.slice(1), 16)];
+  const channel = (shift: number): number => Math.round(((x >> shift) & 255) * (1 - share) + ((y >> shift) & 255) * share);
+  return `#${((channel(16) << 16) | (channel(8) << 8) | channel(0)).toString(16).padStart(6, "0")}`;
+}

@@ -1,0 +1,349 @@
+import { LinearSRGBColorSpace, type Object3D, Plane, Scene, Vector3, Vector4, WebGLRenderer } from "three";
+import { type Box, boxOf, corners, disposeOf, inWorld, printerRoom, roomOf, sizeBox, spots } from "./aids";
+import { Eye } from "./camera";
+import type { ColouredMesh } from "./glb";
+import { type Mode, type Pane, type SideName, panes } from "./layout";
+import { isShownAtFirst, lookOf } from "./looks";
+import { dotMaterial, shared } from "./materials";
+import { type Frame, Model, dotSize, frameOf } from "./model";
+import { type Place, placesOf } from "./places";
+
+export type Axis = "x" | "y" | "z";
+export type Level = "fine" | "coarse";
+
+/** Something that is written or drawn over the canvas at a point of the model. */
+interface Pin {
+  element: HTMLElement;
+  at: Vector3;
+}
+
+interface Side {
+  scene: Scene;
+  /** All of it, and a coarse one that is drawn instead while the camera moves and drawing is slow. */
+  fine: Model | null;
+  coarse: Model | null;
+  /** What lies over each. */
+  overlays: { level: Level; model: Model }[];
+}
+
+/** Longer frames than this, in milliseconds, are not smooth. */
+const SLOW = 70;
+/** So long after its last move the camera stands still, in milliseconds. */
+const REST = 160;
+
+/** Shows a model before and after on one canvas, with one camera. It knows meshes, kinds and places, and nothing of where they come from. */
+export class Viewer {
+  readonly #renderer: WebGLRenderer;
+  readonly #eye: Eye;
+  readonly #common = shared();
+  readonly #sides: Record<SideName, Side>;
+  readonly #aids = new Scene();
+  readonly #observer: ResizeObserver;
+  readonly #shown = new Map<string, boolean>();
+  readonly #calm = matchMedia("(prefers-reduced-motion: reduce)");
+  #frame: Frame | null = null;
+  #mode: Mode = "both";
+  #wipe = 0.5;
+  #wire = false;
+  #cut: Plane | null = null;
+  #size: { object: Object3D; labels: Vector3[] } | null = null;
+  #room: Object3D | null = null;
+  #roomBox: Box | null = null;
+  readonly #spots = new Map<string, Object3D>();
+  #pins: Pin[] = [];
+  #ring: { element: HTMLElement[]; at: Vector3 } | null = null;
+  #asked = 0;
+  #askedAt = 0;
+  #moving = 0;
+  #last = 0;
+  #resting: ReturnType<typeof setTimeout> | undefined;
+  #slow = false;
+  #isHome = true;
+  /** Told after each frame how long the one before took. */
+  drawn: (() => void) | null = null;
+
+  constructor(
+    readonly canvas: HTMLCanvasElement,
+    /** What lies over the canvas and has its size. */
+    readonly over: HTMLElement,
+  ) {
+    this.#renderer = new WebGLRenderer({ canvas, antialias: true, alpha: true, powerPreference: "high-performance" });
+    this.#renderer.outputColorSpace = LinearSRGBColorSpace;
+    this.#renderer.localClippingEnabled = true;
+    this.#renderer.autoClear = false;
+    const side = (): Side => ({ scene: new Scene(), fine: null, coarse: null, overlays: [] });
+    this.#sides = { before: side(), after: side() };
+    this.#eye = new Eye(canvas, () => this.#moved());
+    this.#eye.controls.addEventListener("start", () => {
+      this.#isHome = false;
+    });
+    this.#observer = new ResizeObserver(() => this.#resize());
+    this.#observer.observe(canvas);
+    this.#resize();
+  }
+
+  /** Shows a mesh on one side, whole or coarse. The first one says where the camera stands. */
+  show(name: SideName, mesh: ColouredMesh, level: Level, kinds?: (kind: string) => boolean): void {
+    const isFirst = this.#frame === null;
+    this.#frame ??= frameOf(mesh);
+    const side = this.#sides[name];
+    side[level]?.dispose();
+    const model = new Model(mesh, this.#frame, this.#common, false, kinds);
+    side[level] = model;
+    this.#adopt(side, model);
+    // A second side leaves less room for the first.
+    if (isFirst || this.#isHome) this.home(true);
+  }
+
+  /** Lays some kinds of a mesh over one side's whole or coarse one. */
+  lay(name: SideName, mesh: ColouredMesh, level: Level, kinds: (kind: string) => boolean): void {
+    if (!this.#frame) return;
+    const side = this.#sides[name];
+    const model = new Model(mesh, this.#frame, this.#common, true, kinds);
+    side.overlays.push({ level, model });
+    this.#adopt(side, model);
+  }
+
+  #adopt(side: Side, model: Model): void {
+    for (const { kind } of model.mesh.groups) model.show(kind, this.#shown.get(kind) ?? isShownAtFirst(kind));
+    model.wire(this.#wire && !model.isOverlay);
+    model.cut(this.#cut && [this.#cut]);
+    side.scene.add(model.root);
+    this.invalidate();
+  }
+
+  /** The model's box in its own unit. */
+  get frame(): Frame | null {
+    return this.#frame;
+  }
+
+  #models(): Model[] {
+    const of = ({ fine, coarse, overlays }: Side): (Model | null)[] => [fine, coarse, ...overlays.map(({ model }) => model)];
+    return [...of(this.#sides.before), ...of(this.#sides.after)].filter((model) => model !== null);
+  }
+
+  showKind(kind: string, shown: boolean): void {
+    this.#shown.set(kind, shown);
+    for (const model of this.#models()) model.show(kind, shown);
+    this.invalidate();
+  }
+
+  /** Where there is something of a kind, in the world, the largest first. */
+  places(kind: string): Place[] {
+    const frame = this.#frame;
+    const model = this.#models().find(({ mesh }) => mesh.groups.some((group) => group.kind === kind));
+    const group = model?.mesh.groups.find((it) => it.kind === kind);
+    if (!frame || !model || !group) return [];
+    const { middle, scale } = model.mesh;
+    return placesOf(group).map(({ at, radius }) => {
+      const own = at.map((x, k) => (x + middle[k]!) / scale);
+      return { at: inWorld(frame, own).toArray(), radius: radius / scale / frame.radius };
+    });
+  }
+
+  /** A point in the model's unit as a place. */
+  placeAt(point: readonly number[]): Place | null {
+    return this.#frame && { at: inWorld(this.#frame, point).toArray(), radius: 0 };
+  }
+
+  visit(place: Place): void {
+    this.#isHome = false;
+    this.#mark(new Vector3(...place.at));
+    this.#eye.visit(place, this.#calm.matches);
+  }
+
+  home(calm = this.#calm.matches): void {
+    this.#isHome = true;
+    this.#mark(null);
+    const pane = this.#panes()[0];
+    const box = this.#roomBox ?? (this.#frame && boxOf(this.#frame));
+    if (pane && box) this.#eye.home(corners(box), pane.view[2] / Math.max(1, pane.view[3]), calm);
+  }
+
+  turn(around: number, up: number, nearer = 1): void {
+    this.#isHome = false;
+    this.#eye.turn(around, up, nearer);
+  }
+
+  setMode(mode: Mode): void {
+    this.#mode = mode;
+    if (this.#isHome) this.home(true);
+    this.invalidate();
+  }
+
+  /** Where the two sides part, as a share of the width. */
+  setWipe(share: number): void {
+    this.#wipe = share;
+    this.invalidate();
+  }
+
+  setWire(shown: boolean): void {
+    this.#wire = shown;
+    for (const model of this.#models()) if (!model.isOverlay) model.wire(shown);
+    this.invalidate();
+  }
+
+  /** Cuts off what is beyond a share (0 to 1) of the box along an axis; nothing where it is none. */
+  setCut(axis: Axis | null, share: number): void {
+    const frame = this.#frame;
+    if (axis === null || !frame) {
+      this.#cut = null;
+      this.#common.cut.value.set(0, 0, 0, 1);
+    } else {
+      const k = "xyz".indexOf(axis);
+      const normal = new Vector3().setComponent(k, 1);
+      const at = (frame.min[k]! + (frame.max[k]! - frame.min[k]!) * share - frame.centre[k]!) / frame.radius;
+      this.#common.cut.value = new Vector4(normal.x, normal.y, normal.z, at);
+      this.#cut = new Plane(normal.negate(), at);
+      // The uniform's holder stays; only its vector is another.
+    }
+    for (const model of this.#models()) model.cut(this.#cut && [this.#cut]);
+    this.invalidate();
+  }
+
+  /** Writes the lengths of the box's sides at it; nothing where there are none. */
+  setSizes(texts: [string, string, string] | null): void {
+    disposeOf(this.#size?.object ?? null);
+    for (const pin of this.#pins) pin.element.remove();
+    this.#pins = [];
+    this.#size = texts && this.#frame ? sizeBox(this.#frame) : null;
+    if (this.#size && texts) {
+      this.#aids.add(this.#size.object);
+      for (const [i, at] of this.#size.labels.entries()) this.#pins.push({ element: this.#write("length", texts[i]!), at });
+    }
+    this.invalidate();
+  }
+
+  /** Marks points of the result with dots of a kind; none where there are none. */
+  setSpots(kind: string, points: readonly (readonly number[])[], colour: string): void {
+    const frame = this.#frame;
+    disposeOf(this.#spots.get(kind) ?? null);
+    this.#spots.delete(kind);
+    if (frame && points.length > 0) {
+      const dots = spots(points.map((point) => inWorld(frame, point)), dotMaterial(colour, lookOf(kind), dotSize(points.length), this.#common));
+      this.#spots.set(kind, dots);
+      (this.#sides.after.fine ?? this.#sides.after.coarse ? this.#sides.after : this.#sides.before).scene.add(dots);
+    }
+    this.invalidate();
+  }
+
+  /** Draws a printer's room, its size in the model's unit; none where there is none. */
+  setRoom(size: readonly number[] | null, fits: boolean): void {
+    disposeOf(this.#room);
+    this.#roomBox = size && this.#frame && roomOf(this.#frame, size);
+    this.#room = this.#roomBox && printerRoom(this.#roomBox, fits);
+    if (this.#room) this.#aids.add(this.#room);
+    if (this.#isHome) this.home();
+    this.invalidate();
+  }
+
+  #write(kind: string, text: string): HTMLElement {
+    const element = document.createElement("span");
+    element.className = `pin ${kind}`;
+    element.textContent = text;
+    element.setAttribute("aria-hidden", "true");
+    this.over.append(element);
+    return element;
+  }
+
+  #mark(at: Vector3 | null): void {
+    for (const element of this.#ring?.element ?? []) element.remove();
+    this.#ring = at && { at, element: [this.#write("ring", ""), this.#write("ring", "")] };
+  }
+
+  #resize(): void {
+    const { clientWidth, clientHeight } = this.canvas;
+    if (clientWidth === 0 || clientHeight === 0) return;
+    const ratio = Math.min(devicePixelRatio, 2);
+    this.#common.ratio.value = ratio;
+    this.#renderer.setPixelRatio(ratio);
+    this.#renderer.setSize(clientWidth, clientHeight, false);
+    if (this.#isHome && this.#frame) this.home(true);
+    this.#draw();
+  }
+
+  #moved(): void {
+    this.#moving = performance.now();
+    this.invalidate();
+  }
+
+  /** Has the next frame drawn. */
+  invalidate(): void {
+    if (this.#asked !== 0) return;
+    this.#askedAt = performance.now();
+    this.#asked = requestAnimationFrame(() => this.#draw());
+  }
+
+  #panes(): Pane[] {
+    const { clientWidth, clientHeight } = this.canvas;
+    const has = (side: SideName): boolean => this.#sides[side].fine !== null || this.#sides[side].coarse !== null;
+    return panes(this.#mode, clientWidth, clientHeight, this.#wipe, has);
+  }
+
+  #draw(): void {
+    this.#asked = 0;
+    // The moment it was asked for, since a slow frame is drawn long after.
+    const isMoving = this.#askedAt - this.#moving < REST;
+    const now = performance.now();
+    // Of two frames of one movement the second waited for the first.
+    if (isMoving && this.#askedAt - this.#last < 50) this.#slow ||= now - this.#last > SLOW;
+    this.#last = now;
+    const renderer = this.#renderer;
+    renderer.setScissorTest(false);
+    renderer.clear();
+    renderer.setScissorTest(true);
+    for (const { side, view, scissor } of this.#panes()) {
+      if (scissor[2] <= 0) continue;
+      const { fine, coarse, overlays, scene } = this.#sides[side];
+      const useCoarse = coarse !== null && (fine === null || (isMoving && this.#slow));
+      if (fine) fine.root.visible = !useCoarse;
+      if (coarse) coarse.root.visible = useCoarse;
+      for (const { level, model } of overlays) model.root.visible = (level === "coarse") === useCoarse;
+      const camera = this.#eye.aim(view[2] / Math.max(1, view[3]));
+      renderer.setViewport(...view);
+      renderer.setScissor(...scissor);
+      renderer.render(scene, camera);
+      renderer.render(this.#aids, camera);
+    }
+    this.#place();
+    clearTimeout(this.#resting);
+    if (isMoving && this.#slow) this.#resting = setTimeout(() => this.invalidate(), 2 * REST);
+    this.drawn?.();
+  }
+
+  /** Puts what is written over the canvas where it belongs. */
+  #place(): void {
+    const [first, second] = this.#panes();
+    if (!first) return;
+    const put = (element: HTMLElement, at: Vector3, pane: Pane): void => {
+      const seen = at.clone().project(this.#eye.aim(pane.view[2] / Math.max(1, pane.view[3])));
+      const x = pane.view[0] + ((seen.x + 1) / 2) * pane.view[2];
+      const y = this.canvas.clientHeight - pane.view[1] - ((seen.y + 1) / 2) * pane.view[3];
+      const inside = seen.z < 1 && Math.abs(seen.x) < 1.02 && Math.abs(seen.y) < 1.02;
+      element.style.visibility = inside ? "visible" : "hidden";
+      element.style.transform = `translate(${x.toFixed(1)}px, ${y.toFixed(1)}px) translate(-50%, -50%)`;
+    };
+    for (const { element, at } of this.#pins) put(element, at, first);
+    if (this.#ring) {
+      const [a, b] = this.#ring.element;
+      put(a!, this.#ring.at, first);
+      const apart = second && second.view[0] + second.view[1] !== first.view[0] + first.view[1];
+      if (apart) put(b!, this.#ring.at, second);
+      else b!.style.visibility = "hidden";
+    }
+  }
+
+  dispose(): void {
+    cancelAnimationFrame(this.#asked);
+    clearTimeout(this.#resting);
+    this.#observer.disconnect();
+    this.#eye.dispose();
+    for (const model of this.#models()) model.dispose();
+    this.setSizes(null);
+    this.setRoom(null, true);
+    this.#mark(null);
+    for (const dots of this.#spots.values()) disposeOf(dots);
+    this.#renderer.dispose();
+    this.#renderer.forceContextLoss();
+  }
+}

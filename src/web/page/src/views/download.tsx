@@ -1,0 +1,79 @@
+import { useEffect, useRef, useState } from "preact/hooks";
+import { Problem } from "../api/problem";
+import type { Capabilities, Job } from "../api/shapes";
+import { convert, save } from "../state/download";
+import { noticed } from "../state/server";
+import { useWords } from "../words/words";
+import { Icon } from "./icons";
+import { ProblemNote } from "./problem-note";
+
+/** The result to take away, in its format or in any other. */
+export function Download({ job, can }: { job: Job; can: Capabilities | null }) {
+  const { words, figures } = useWords();
+  const [making, setMaking] = useState("");
+  const [problem, setProblem] = useState<Problem | null>(null);
+  const stop = useRef(new AbortController());
+  useEffect(() => () => stop.current.abort(), []);
+  const model = job.artifacts["model"];
+  const format = String(job.report?.mode === "repair" ? (job.report.output?.format ?? "") : "").toUpperCase();
+
+  const doing = async (work: () => Promise<void>): Promise<void> => {
+    setProblem(null);
+    try {
+      await work();
+    } catch (error) {
+      if (stop.current.signal.aborted) return;
+      const it = error instanceof Problem ? error : new Problem(0, "unexplained", String(error), "");
+      noticed(it);
+      setProblem(it);
+    } finally {
+      setMaking("");
+    }
+  };
+  const other = (wanted: string): void => {
+    setMaking(wanted.toUpperCase());
+    void doing(async () => save(await convert(job, wanted, stop.current.signal)));
+  };
+  const others = (can?.output_formats ?? []).filter((it) => it.toUpperCase() !== format);
+  const small = [
+    ["report.json", words.downloadReport],
+    ["log.txt", words.downloadLog],
+  ] as const;
+  return (
+    <section class="download">
+      {model && (
+        <>
+          <button type="button" class="primary large" onClick={() => void doing(() => save(model))}>
+            <Icon name="download" /> {words.download(format)} <span class="size">{figures.bytes(model.bytes)}</span>
+          </button>
+          <label class="other">
+            <span class="hidden">{words.otherFormat}</span>
+            <select value="" disabled={making !== ""} onChange={(event) => other(event.currentTarget.value)}>
+              <option value="" disabled>
+                {making ? words.converting(making) : words.otherFormat}
+              </option>
+              {others.map((it) => (
+                <option key={it} value={it}>
+                  {it.toUpperCase()}
+                </option>
+              ))}
+            </select>
+          </label>
+        </>
+      )}
+      <p class="links">
+        {small.map(([name, text]) => {
+          const artifact = job.artifacts[name];
+          return (
+            artifact && (
+              <button key={name} type="button" class="link" onClick={() => void doing(() => save(artifact))}>
+                {text}
+              </button>
+            )
+          );
+        })}
+      </p>
+      {problem && <ProblemNote problem={problem} />}
+    </section>
+  );
+}

@@ -1,0 +1,108 @@
+import { useEffect, useState } from "preact/hooks";
+import { metrics, readiness } from "../api/jobs";
+import { Problem } from "../api/problem";
+import type { Capabilities, Readiness } from "../api/shapes";
+import { readMetrics, valueOf } from "../report/metrics";
+import { server } from "../state/server";
+import { useWords } from "../words/words";
+import { Icon } from "./icons";
+
+const AGAIN_MS = 5000;
+
+interface Seen {
+  ready: Readiness | null;
+  queued: number | null;
+  running: number | null;
+  wait: number | null;
+  /** Whether the metrics may be read. */
+  open: boolean;
+}
+
+async function look(): Promise<Seen> {
+  const ready = await readiness(server).catch(() => null);
+  const none = { ready, queued: null, running: null, wait: null };
+  try {
+    const samples = readMetrics(await metrics(server));
+    const jobs = (status: string): number | null => valueOf(samples, "meshmend_jobs", { status });
+    return { ready, queued: jobs("queued") ?? 0, running: jobs("running") ?? 0, wait: valueOf(samples, "meshmend_queue_wait_seconds"), open: true };
+  } catch (error) {
+    return { ...none, open: !(error instanceof Problem && (error.status === 401 || error.status === 403)) };
+  }
+}
+
+/** How the service, its queue and its tiers are. */
+export function Health({ can }: { can: Capabilities | null }) {
+  const { words, figures } = useWords();
+  const [seen, setSeen] = useState<Seen | null>(null);
+  useEffect(() => {
+    let timer = 0;
+    let isGone = false;
+    const again = async (): Promise<void> => {
+      if (document.visibilityState === "visible") {
+        const now = await look();
+        if (isGone) return;
+        setSeen(now);
+      }
+      timer = window.setTimeout(() => void again(), AGAIN_MS);
+    };
+    void again();
+    return () => {
+      isGone = true;
+      clearTimeout(timer);
+    };
+  }, []);
+  const ready = seen?.ready?.ready;
+  return (
+    <aside class="card health" aria-label={words.health}>
+      <h2 class={ready === false || (seen && !seen.ready) ? "bad" : "good"}>
+        <Icon name={ready === false || (seen && !seen.ready) ? "warn" : "check"} /> {seen ? (ready ? words.ready : words.notReady) : words.health}
+      </h2>
+      <h3>{words.queue}</h3>
+      {seen && !seen.open ? (
+        <p class="aside">{words.noMetrics}</p>
+      ) : (
+        <dl class="counts">
+          {(
+            [
+              [words.waitingJobs, seen?.queued],
+              [words.runningJobs, seen?.running],
+            ] as const
+          ).map(([name, value]) => (
+            <div key={name}>
+              <dt>{name}</dt>
+              <dd>{value == null ? "–" : figures.count(value)}</dd>
+            </div>
+          ))}
+          <div>
+            <dt>{words.longestWait}</dt>
+            <dd>{seen?.wait == null ? "–" : figures.seconds(seen.wait * 1000)}</dd>
+          </div>
+        </dl>
+      )}
+      <h3>{words.repair}</h3>
+      <ul>
+        {(can?.tiers ?? []).map((tier) => (
+          <li key={tier.tier} class={tier.available ? "good" : "fair"}>
+            <Icon name={tier.available ? "check" : "warn"} size={16} />
+            <span>
+              {tier.tier}. {words.tierNames[tier.tier] ?? tier.name}: {tier.available ? words.available : words.unavailable}
+              <span class="aside">{tier.program ? ` ${tier.program.kind} ${tier.program.version}` : tier.detail ? ` ${tier.detail}` : ""}</span>
+            </span>
+          </li>
+        ))}
+      </ul>
+      <h3>{words.checks}</h3>
+      <ul>
+        {Object.entries(seen?.ready?.checks ?? {}).map(([name, state]) => (
+          <li key={name} class={/^(ok|ready|[\w.]*\s?\d)/.test(state) ? "good" : "fair"}>
+            <Icon name={/^(ok|ready|[\w.]*\s?\d)/.test(state) ? "check" : "warn"} size={16} />
+            <span>
+              {name}: {state}
+            </span>
+          </li>
+        ))}
+      </ul>
+      {can && <p class="aside">{can.engine}</p>}
+    </aside>
+  );
+}

@@ -1,0 +1,36 @@
+import { useState } from "preact/hooks";
+import { fetchArtifact } from "../api/jobs";
+import { Problem } from "../api/problem";
+import type { Job } from "../api/shapes";
+import { server } from "../state/server";
+import { useWords } from "../words/words";
+import { ProblemNote } from "./problem-note";
+
+/** What the job's process and its Blender said, read when it is opened. */
+export function JobLog({ job }: { job: Job }) {
+  const { words } = useWords();
+  const [text, setText] = useState<string | null>(null);
+  const [problem, setProblem] = useState<Problem | null>(null);
+  const artifact = job.artifacts["log.txt"];
+  const opened = async (event: Event): Promise<void> => {
+    if (!(event.currentTarget as HTMLDetailsElement).open || text !== null || !artifact) return;
+    try {
+      setText(new TextDecoder().decode(await fetchArtifact(server, artifact)));
+    } catch (error) {
+      setProblem(error instanceof Problem ? error : Problem.unreachable());
+    }
+  };
+  return (
+    <details class="log" onToggle={(event) => void opened(event)}>
+      <summary>{words.log}</summary>
+      {problem && <ProblemNote problem={problem} />}
+      {artifact ? (
+        <pre tabIndex={0} aria-label={words.log}>
+          {text ?? words.loading}
+        </pre>
+      ) : (
+        <p class="aside">{words.noLog}</p>
+      )}
+    </details>
+  );
+}

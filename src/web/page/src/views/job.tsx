@@ -1,0 +1,181 @@
+import { useEffect, useRef, useState } from "preact/hooks";
+import { follow, hasEnded } from "../api/events";
+import { cancelJob, deleteJob, getJob } from "../api/jobs";
+import { Problem } from "../api/problem";
+import type { Capabilities, Job, Progress } from "../api/shapes";
+import { save } from "../state/download";
+import { noticed, server } from "../state/server";
+import { useWords } from "../words/words";
+import { Icon } from "./icons";
+import { JobLog } from "./job-log";
+import { StatusChip } from "./jobs";
+import { ProblemNote } from "./problem-note";
+import { RetryForm } from "./retry-form";
+import { StepsTable } from "./steps-table";
+
+/** One job for whoever runs the service: its steps and timings, its log, its files, and what can be done with it. */
+export function JobPage({ id, can }: { id: string; can: Capabilities | null }) {
+  const { words, figures } = useWords();
+  const [job, setJob] = useState<Job | null>(null);
+  const [progress, setProgress] = useState<Progress | null>(null);
+  const [problem, setProblem] = useState<Problem | null>(null);
+  const [isGone, setGone] = useState(false);
+
+  const trying = async (work: () => Promise<void>): Promise<void> => {
+    try {
+      setProblem(null);
+      await work();
+    } catch (error) {
+      const it = error instanceof Problem ? error : new Problem(0, "unexplained", String(error), "");
+      noticed(it);
+      setProblem(it);
+    }
+  };
+  useEffect(() => {
+    const stop = new AbortController();
+    setJob(null);
+    setGone(false);
+    const load = async (): Promise<void> => {
+      const now = await getJob(server, id, stop.signal);
+      setJob(now);
+      setProgress(now.progress);
+      if (!hasEnded(now)) setJob(await follow(server, id, setProgress, stop.signal));
+    };
+    void trying(async () => {
+      await load().catch((error: unknown) => {
+        if (!stop.signal.aborted) throw error;
+      });
+    });
+    return () => stop.abort();
+  }, [id]);
+
+  const back = (
+    <a class="back" href="#/jobs">
+      <Icon name="arrow" size={16} /> {words.backToJobs}
+    </a>
+  );
+  if (isGone) return <section class="card job-page">{back}<p class="nothing" role="status">{words.purged}</p></section>;
+  if (!job) return <section class="card job-page">{back}{problem ? <ProblemNote problem={problem} /> : <p class="nothing">{words.loading}</p>}</section>;
+  const report = job.report?.mode === "repair" ? job.report : null;
+  const under = !hasEnded(job);
+  return (
+    <section class="card job-page">
+      {back}
+      <div class="heading">
+        <h1>{job.input.name}</h1>
+        <StatusChip job={job} />
+        <div class="actions">
+          {"defects.glb" in job.artifacts && (
+            <a class="button" href={`#/result/${job.id}`}>
+              <Icon name="eye" /> {words.showResult}
+            </a>
+          )}
+          {under && (
+            <button type="button" class="plain" onClick={() => void trying(async () => setJob(await cancelJob(server, id)))}>
+              {words.cancel}
+            </button>
+          )}
+          <Purge
+            purge={() =>
+              void trying(async () => {
+                await deleteJob(server, id);
+                setGone(true);
+              })
+            }
+          />
+        </div>
+      </div>
+      <p class="aside">{job.id}</p>
+      {problem && <ProblemNote problem={problem} />}
+      {job.problem && <ProblemNote problem={job.problem} />}
+      {under && progress && (
+        <div class="bar" role="status">
+          <progress max={100} value={progress.percent} aria-label={words.percent} />
+          <span>{progress.stage ? words.stages[progress.stage] : progress.queue_position === null ? words.stages.queue : words.queuePlace(progress.queue_position)}</span>
+        </div>
+      )}
+      <Times job={job} />
+      {report && <p>{report.summary}</p>}
+      <Files job={job} save={(name) => void trying(() => save(job.artifacts[name]!))} bytes={(n) => figures.bytes(n)} />
+      {report && <StepsTable report={report} heading="h2" all />}
+      <JobLog job={job} />
+      <RetryForm job={job} can={can} />
+    </section>
+  );
+}
+
+/** When a job waited, ran and ended, and what it was asked for. */
+function Times({ job }: { job: Job }) {
+  const { words, figures } = useWords();
+  const time = (iso: string | null): number => (iso ? Date.parse(iso) : Number.NaN);
+  const span = (from: string | null, to: string | null): string => (from && to ? figures.seconds(time(to) - time(from)) : "–");
+  const list: [string, string][] = [
+    [words.created, figures.time(job.created_at)],
+    [words.waited, span(job.created_at, job.started_at)],
+    [words.ran, span(job.started_at, job.finished_at)],
+    [words.attempt, String(job.attempt)],
+    [words.preset, String(job.options["preset"] ?? job.options["mode"] ?? "–")],
+  ];
+  return (
+    <dl class="times">
+      {list.map(([name, value]) => (
+        <div key={name}>
+          <dt>{name}</dt>
+          <dd>{value}</dd>
+        </div>
+      ))}
+    </dl>
+  );
+}
+
+function Files({ job, save, bytes }: { job: Job; save: (name: string) => void; bytes: (n: number) => string }) {
+  const { words } = useWords();
+  const names = Object.keys(job.artifacts);
+  if (names.length === 0) return null;
+  return (
+    <div>
+      <h2>{words.filesTitle}</h2>
+      <ul class="artifacts">
+        {names.map((name) => (
+          <li key={name}>
+            <button type="button" class="link" onClick={() => save(name)}>
+              {name}
+            </button>
+            <span class="aside">{bytes(job.artifacts[name]!.bytes)}</span>
+          </li>
+        ))}
+      </ul>
+    </div>
+  );
+}
+
+/** Deletes only when asked twice. */
+function Purge({ purge }: { purge: () => void }) {
+  const { words } = useWords();
+  const dialog = useRef<HTMLDialogElement>(null);
+  return (
+    <>
+      <button type="button" class="plain danger" onClick={() => dialog.current?.showModal()}>
+        {words.purge}
+      </button>
+      <dialog ref={dialog} aria-labelledby="purge-ask">
+        <p id="purge-ask">{words.purgeAsk}</p>
+        <div class="actions">
+          <button type="button" class="plain" onClick={() => dialog.current?.close()}>
+            {words.purgeNo}
+          </button>
+          <button
+            type="button"
+            class="plain danger"
+            onClick={() => {
+              dialog.current?.close();
+              purge();
+            }}
+          >
+            {words.purgeYes}
+          </button>
+        </div>
+      </dialog>
+    </>
+  );
+}

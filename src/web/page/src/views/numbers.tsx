@@ -1,0 +1,109 @@
+import type { Inspection, Report } from "../api/shapes";
+import { unitOf } from "../report/plain";
+import { settings } from "../state/settings";
+import { type Figures, type Unit, inMillimetres } from "../units";
+import type { Words } from "../words/en";
+import { useWords } from "../words/words";
+import { StepsTable } from "./steps-table";
+import { useStore } from "./use-store";
+
+type Row = [string, string, string];
+
+/** Everything that was measured, for those who want it. */
+export function Numbers({ report }: { report: Report }) {
+  const { words, figures } = useWords();
+  const { unit } = useStore(settings);
+  const own = inMillimetres(unitOf(report));
+  return (
+    <details class="numbers card">
+      <summary>{words.numbers}</summary>
+      <div class="columns">
+        <div class="scroll">
+          <table>
+            <thead>
+              <tr>
+                <th scope="col">{words.measure}</th>
+                <th scope="col">{words.before}</th>
+                <th scope="col">{words.after}</th>
+              </tr>
+            </thead>
+            <tbody>
+              {rows(report.before, report.after, words, figures, own, unit).map(([name, before, after]) => (
+                <tr key={name} class={before !== after ? "differs" : undefined}>
+                  <th scope="row">{name}</th>
+                  <td>{before}</td>
+                  <td>{after}</td>
+                </tr>
+              ))}
+            </tbody>
+          </table>
+        </div>
+        <Changes report={report} own={own} />
+      </div>
+      <StepsTable report={report} />
+    </details>
+  );
+}
+
+function rows(before: Inspection, after: Inspection | null, words: Words, figures: Figures, own: number, unit: Unit): Row[] {
+  const row = (name: keyof Words["measures"], tell: (it: Inspection) => string): Row => [words.measures[name], tell(before), after ? tell(after) : "–"];
+  const count = (name: "faces" | "vertices" | "parts" | "boundary_edges" | "boundary_loops" | "nonmanifold_edges" | "nonmanifold_vertices" | "misoriented_edges" | "degenerate_faces" | "duplicate_faces" | "inverted_parts"): Row =>
+    row(name, (it) => figures.count(it[name]));
+  return [
+    row("closed", (it) => (it.closed ? words.yes : words.no)),
+    count("boundary_loops"),
+    count("boundary_edges"),
+    row("intersections", (it) => (it.self_intersections.checked ? figures.count(it.self_intersections.pairs) : "–")),
+    count("nonmanifold_edges"),
+    count("nonmanifold_vertices"),
+    count("misoriented_edges"),
+    count("degenerate_faces"),
+    count("duplicate_faces"),
+    count("inverted_parts"),
+    count("parts"),
+    count("faces"),
+    count("vertices"),
+    row("size", (it) => it.print ? figures.box(it.print.size_mm, unit) : "–"),
+    row("area", (it) => figures.area(it.area * own ** 2, unit)),
+    row("volume", (it) => (it.volume.reliable ? figures.volume(it.volume.value * own ** 3, unit) : "–")),
+    row("thinnest", (it) => (it.print?.thinnest_wall ? figures.length(it.print.thinnest_wall.thickness * own, unit) : "–")),
+  ];
+}
+
+function Changes({ report, own }: { report: Report; own: number }) {
+  const { words, figures } = useWords();
+  const { unit } = useStore(settings);
+  const changes = report.changes;
+  if (!changes) return null;
+  const percent = (value: number | null | undefined): string => (value == null ? "–" : figures.percent(value / 100));
+  const share = (name: "kept" | "added" | "removed"): string => {
+    const it = changes.surface?.[name];
+    return it ? `${figures.area(it.area * own ** 2, unit)} · ${figures.count(it.faces)}` : "–";
+  };
+  const list: [string, string][] = [
+    [words.changes.moved, changes.moved ? figures.length(changes.moved.distance.max * own, unit, 3) : "–"],
+    [words.changes.kept, share("kept")],
+    [words.changes.added, share("added")],
+    [words.changes.removed, share("removed")],
+    [words.changes.volume, percent(changes.volume_change_pct)],
+    [words.changes.box, percent(changes.box_change_pct)],
+  ];
+  return (
+    <div>
+      <h3>{words.changesTitle}</h3>
+      <dl class="wide">
+        {list.map(([name, value]) => (
+          <div key={name}>
+            <dt>{name}</dt>
+            <dd>{value}</dd>
+          </div>
+        ))}
+      </dl>
+      {report.plan && (
+        <p class="aside">
+          {words.planReason}: {report.plan.preset}. {report.plan.reason}
+        </p>
+      )}
+    </div>
+  );
+}

@@ -1,0 +1,34 @@
+import type { Capabilities } from "../api/shapes";
+import { type Piece, resume, stop } from "../state/work";
+import { useWords } from "../words/words";
+import { ProblemNote } from "./problem-note";
+import { Result } from "./result";
+import { Stages } from "./stages";
+
+/** One file: on its way, or what became of it. */
+export function PieceView({ piece, can }: { piece: Piece; can: Capabilities | null }) {
+  const { words } = useWords();
+  if (piece.phase === "ended" && piece.job) return <Result job={piece.job} can={can} />;
+  if (piece.phase === "refused" && piece.problem) {
+    return (
+      <section class="card wide">
+        <h1>{piece.name}</h1>
+        <ProblemNote problem={piece.problem} />
+        {piece.file && !piece.job && (
+          <button type="button" class="primary" onClick={() => resume(piece.id)}>
+            {words.retry}
+          </button>
+        )}
+      </section>
+    );
+  }
+  return (
+    <section class="card wide">
+      <h1>{piece.name}</h1>
+      <Stages piece={piece} />
+      <button type="button" class="plain" onClick={() => void stop(piece.id)}>
+        {words.cancel}
+      </button>
+    </section>
+  );
+}

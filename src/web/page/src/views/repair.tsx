@@ -1,0 +1,78 @@
+import { useEffect, useState } from "preact/hooks";
+import type { Capabilities } from "../api/shapes";
+import { MOST_FILES, dropped } from "../state/files";
+import { add, open, pieces, selected } from "../state/work";
+import { useWords } from "../words/words";
+import { Dropzone } from "./dropzone";
+import { FileList } from "./file-list";
+import { PieceView } from "./piece";
+import { useStore } from "./use-store";
+
+/** From a dropped file to its repaired one. */
+export function RepairPage({ job, can }: { job: string | null; can: Capabilities | null }) {
+  const { words, figures } = useWords();
+  const all = useStore(pieces);
+  const chosen = useStore(selected);
+  const [note, tell] = useState("");
+  const [over, setOver] = useState(false);
+  useEffect(() => {
+    if (job) open(job);
+  }, [job]);
+
+  const take = (files: File[]): void => {
+    const most = can?.limits.max_bytes ?? Infinity;
+    const fine = files.slice(0, MOST_FILES).filter((file) => file.size <= most);
+    const large = files.find((file) => file.size > most);
+    if (files.length === 0) tell(words.noModels);
+    else if (large) tell(words.tooLarge(large.name, figures.bytes(most)));
+    else tell(files.length > MOST_FILES ? words.tooMany(MOST_FILES) : "");
+    add(fine);
+  };
+
+  useEffect(() => {
+    // Wherever a file is let go on the page it is taken, rather than opened by the browser.
+    let depth = 0;
+    const carries = (event: DragEvent): boolean => event.dataTransfer?.types.includes("Files") ?? false;
+    const enter = (event: DragEvent): void => {
+      if (!carries(event)) return;
+      event.preventDefault();
+      depth += event.type === "dragenter" ? 1 : event.type === "dragleave" ? -1 : 0;
+      setOver(depth > 0);
+    };
+    const drop = (event: DragEvent): void => {
+      if (!carries(event) || !event.dataTransfer) return;
+      event.preventDefault();
+      depth = 0;
+      setOver(false);
+      void dropped(event.dataTransfer, can?.input_formats ?? []).then(take);
+    };
+    addEventListener("dragenter", enter);
+    addEventListener("dragleave", enter);
+    addEventListener("dragover", enter);
+    addEventListener("drop", drop);
+    return () => {
+      removeEventListener("dragenter", enter);
+      removeEventListener("dragleave", enter);
+      removeEventListener("dragover", enter);
+      removeEventListener("drop", drop);
+    };
+  });
+
+  const shown = all.find((piece) => piece.id === chosen);
+  return (
+    <>
+      {over && all.length > 0 && <div class="letgo">{words.letGo}</div>}
+      <p class="note" role="status">
+        {note}
+      </p>
+      {all.length === 0 ? (
+        <Dropzone can={can} over={over} take={take} />
+      ) : (
+        <div class={all.length > 1 ? "work several" : "work"}>
+          <FileList pieces={all} chosen={chosen} take={take} can={can} />
+          {shown && <PieceView key={shown.id} piece={shown} can={can} />}
+        </div>
+      )}
+    </>
+  );
+}

@@ -1,0 +1,52 @@
+import type { Piece } from "../state/work";
+import { useWords } from "../words/words";
+import { Icon } from "./icons";
+
+const ORDER = ["upload", "queue", "read", "inspect", "repair", "verify", "finish"] as const;
+type Shown = (typeof ORDER)[number];
+
+/** The way of a file from upload to result, and where on it the file is. */
+export function Stages({ piece }: { piece: Piece }) {
+  const { words, figures } = useWords();
+  const { stage, tier, percent, queue_position } = piece.progress ?? { stage: null, tier: null, percent: 0, queue_position: null };
+  const now = at(piece);
+  const place = ORDER.indexOf(now);
+  const detail = (name: Shown): string => {
+    if (name !== now) return "";
+    if (name === "upload") return words.uploaded(figures.bytes(piece.sent), figures.bytes(piece.bytes));
+    if (name === "queue") return queue_position === null ? "" : words.queuePlace(queue_position);
+    if (stage === "wait") return words.stages.wait;
+    return tier ? (words.tiers[tier] ?? "") : "";
+  };
+  const share = now === "upload" ? piece.sent / Math.max(1, piece.bytes) : percent / 100;
+  // Read aloud at each stage and each step in the queue, and not at each percent.
+  const label = now === "queue" ? `${words.stages.queue} ${detail(now)}` : words.stages[now];
+  return (
+    <div class="stages">
+      <div class="bar">
+        <progress max={1} value={share} aria-label={words.percent} />
+        <span class="percent">{figures.percent(share)}</span>
+      </div>
+      <ol>
+        {ORDER.map((name, i) => (
+          <li key={name} class={i < place ? "done" : i === place ? "now" : "next"} aria-current={i === place ? "step" : undefined}>
+            <span class="knob">{i < place && <Icon name="check" size={14} />}</span>
+            <span>{words.stages[name]}</span>
+            <span class="detail">{detail(name)}</span>
+          </li>
+        ))}
+      </ol>
+      <p class="hidden" role="status">
+        {label}
+      </p>
+    </div>
+  );
+}
+
+function at(piece: Piece): Shown {
+  if (piece.phase !== "following") return piece.phase === "submitting" ? "queue" : "upload";
+  if (!piece.progress || piece.progress.status === "queued") return "queue";
+  const { stage } = piece.progress;
+  if (stage === "wait") return "repair";
+  return stage ?? "read";
+}

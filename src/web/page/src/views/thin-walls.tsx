@@ -1,0 +1,65 @@
+import { useEffect, useMemo, useState } from "preact/hooks";
+import type { Job, ThinPlace, ThinnestWall } from "../api/shapes";
+import { useWords } from "../words/words";
+import { GoThere, Swatch, useLength } from "./layers";
+import { Icon } from "./icons";
+import type { Shown } from "./viewer-pane";
+
+/** What most printers need, in millimetres. */
+const USUAL_MM = 0.8;
+/** The service tells no more places than this. */
+const MOST = 100;
+const CHOICES_MM = [0.4, 0.8, 1.2, 2, 3];
+export const THIN_COLOUR = "#e45fb4";
+
+function wallOf(job: Job): ThinnestWall | null {
+  if (job.report?.mode !== "repair") return null;
+  return job.report.after?.print?.thinnest_wall ?? job.report.before.print?.thinnest_wall ?? null;
+}
+
+/** The layer of walls thinner than somebody's printer can make. */
+export function ThinWalls({ job, shown }: { job: Job; shown: Shown | null }) {
+  const { words, figures } = useWords();
+  const { tell, own } = useLength(job);
+  const [least, setLeast] = useState(USUAL_MM);
+  const [isOn, setOn] = useState(true);
+  const wall = wallOf(job);
+  const thin = useMemo((): ThinPlace[] => {
+    const all = wall ? (wall.places ?? [{ at: wall.at, thickness: wall.thickness }]) : [];
+    return all.filter(({ thickness }) => thickness < own(least));
+  }, [wall, least]);
+  useEffect(() => {
+    shown?.viewer.setSpots("thin_wall", isOn ? thin.map(({ at }) => at) : [], THIN_COLOUR);
+  }, [shown, thin, isOn]);
+  if (!wall) return null;
+  const [one, many] = words.kinds["thin_wall"]!;
+  const name = thin.length === 1 ? one : many;
+  const first = { at: wall.at, thickness: wall.thickness };
+  const places = () => (thin.length > 0 ? thin : [first]).map(({ at }) => shown?.viewer.placeAt(at)).filter((place) => place != null);
+  return (
+    <li class={isOn ? "layer thin" : "layer thin off"}>
+      <button type="button" class="toggle" aria-pressed={isOn} onClick={() => setOn(!isOn)}>
+        <Swatch kind="thin_wall" colour={THIN_COLOUR} />
+        <span class="count">{figures.count(thin.length)}
+          {thin.length >= MOST && "+"}
+        </span>
+        <span class="name">{name}</span>
+        <Icon name={isOn ? "eye" : "hidden"} size={16} />
+      </button>
+      <GoThere label={words.goThere(name)} places={places} shown={shown} key={least} />
+      <p class="more">
+        <label>
+          {words.thinBelow}{" "}
+          <select value={String(least)} onChange={(event) => setLeast(Number(event.currentTarget.value))}>
+            {CHOICES_MM.map((mm) => (
+              <option key={mm} value={String(mm)}>
+                {tell(own(mm))}
+              </option>
+            ))}
+          </select>
+        </label>
+        <span>{words.thinnest(tell(wall.thickness))}</span>
+      </p>
+    </li>
+  );
+}

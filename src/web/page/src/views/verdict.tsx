@@ -1,0 +1,51 @@
+import type { Job } from "../api/shapes";
+import { isOpenSheet } from "../report/advice";
+import { inWords, stillWrong } from "../report/plain";
+import { settings } from "../state/settings";
+import { useWords } from "../words/words";
+import { Icon } from "./icons";
+import { useStore } from "./use-store";
+
+/** The verdict and what was done, in plain words. */
+export function Verdict({ job }: { job: Job }) {
+  const { words, figures } = useWords();
+  const { unit } = useStore(settings);
+  const report = job.report?.mode === "repair" ? job.report : null;
+  const good = ["repaired", "already_printable", "printable"].includes(job.outcome ?? "");
+  const title = job.status === "succeeded" ? words.outcomes[job.outcome ?? ""] : job.status === "failed" ? words.failed : words[job.status === "canceled" ? "canceled" : "expired"];
+  const left = report && !good ? stillWrong(report, words, figures) : "";
+  return (
+    <section class={good ? "verdict good" : job.status === "failed" ? "verdict bad" : "verdict fair"}>
+      <p class="file-name">{job.input.name}</p>
+      <h1>
+        <span class="seal">
+          <Icon name={good ? "check" : "warn"} size={22} />
+        </span>
+        {title}
+      </h1>
+      {report && isOpenSheet(report) && <p>{words.openSurface}</p>}
+      {report && (
+        <ul class="deeds">
+          {inWords(report, words, figures, unit).map((line) => (
+            <li key={line}>{line}</li>
+          ))}
+        </ul>
+      )}
+      {left && <p class="left">{words.left(left)}</p>}
+      {good && report?.after && <p class="proof">{words.proven}</p>}
+      {report && report.red_flags.length > 0 && (
+        <div class="flags">
+          <p>{words.flags}</p>
+          <ul>
+            {report.red_flags.map((flag) => (
+              <li key={flag.code}>
+                <strong>{words.flagNames[flag.code] ?? flag.code}</strong>: {flag.detail}
+              </li>
+            ))}
+          </ul>
+        </div>
+      )}
+      {job.reused_from && <p class="aside">{words.reused}</p>}
+    </section>
+  );
+}

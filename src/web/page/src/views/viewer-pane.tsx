@@ -1,0 +1,154 @@
+import { createPortal } from "preact/compat";
+import { useEffect, useRef, useState } from "preact/hooks";
+import { fetchArtifact } from "../api/jobs";
+import type { Artifact, Job } from "../api/shapes";
+import { unitOfJob } from "../report/plain";
+import { server } from "../state/server";
+import type { ColouredMesh } from "../viewer/glb";
+import type { Mode } from "../viewer/layout";
+import type { Viewer } from "../viewer/viewer";
+import { useWords } from "../words/words";
+import { Layers } from "./layers";
+import { Pictures } from "./result";
+import { Printing } from "./printing";
+import { ViewerBar } from "./viewer-bar";
+import { Wipe } from "./wipe";
+
+/** Larger files are loaded when somebody asks, and a coarse preview is shown until then. */
+const LARGE = 60_000_000;
+
+/** What is loaded, and what of it is still to come. */
+export interface Shown {
+  viewer: Viewer;
+  before: ColouredMesh | null;
+  change: ColouredMesh | null;
+  remaining: ColouredMesh | null;
+}
+
+/** Both models on a canvas with all that belongs to it. Its tools for layers and printing go to `side`. */
+export function ViewerPane({ job, side }: { job: Job; side: HTMLElement | null }) {
+  const { words, figures } = useWords();
+  const canvas = useRef<HTMLCanvasElement>(null);
+  const over = useRef<HTMLDivElement>(null);
+  const box = useRef<HTMLElement>(null);
+  const [shown, setShown] = useState<Shown | null>(null);
+  const [mode, setMode] = useState<Mode>(() => (innerWidth < 700 ? "wipe" : "both"));
+  const [state, setState] = useState<"loading" | "coarse" | "ready" | "missing">("loading");
+  const fine = [job.artifacts["defects.glb"], job.artifacts["change.glb"]].filter((it) => it !== undefined);
+  const weight = fine.reduce((sum, it) => sum + it.bytes, 0);
+  const [wanted, want] = useState(weight <= LARGE);
+  const go = useRef<() => void>(() => undefined);
+
+  useEffect(() => {
+    const stop = new AbortController();
+    const load = async (): Promise<void> => {
+      const [{ Viewer, readColouredMesh }] = await Promise.all([import("../viewer/mod")]);
+      if (stop.signal.aborted || !canvas.current || !over.current) return;
+      const viewer = new Viewer(canvas.current, over.current);
+      stop.signal.addEventListener("abort", () => viewer.dispose());
+      viewer.setMode(mode);
+      const read = async (artifact: Artifact | undefined): Promise<ColouredMesh | null> =>
+        artifact ? readColouredMesh(await fetchArtifact(server, artifact, stop.signal)) : null;
+      const at = (name: string): Artifact | undefined => job.artifacts[name];
+      const place = (before: ColouredMesh | null, change: ColouredMesh | null, level: "fine" | "coarse"): void => {
+        if (stop.signal.aborted) return;
+        if (before) viewer.show("before", before, level);
+        if (change) viewer.show("after", change, level, (kind) => kind !== "removed");
+        if (before && change) viewer.lay("before", change, level, (kind) => kind === "removed");
+      };
+      const remaining = read(at("remaining.glb"));
+      if (at("defects-preview.glb")) {
+        const [before, change] = await Promise.all([read(at("defects-preview.glb")), read(at("change-preview.glb"))]);
+        place(before, change, "coarse");
+        setShown({ viewer, before, change, remaining: await remaining });
+        setState("coarse");
+        if (!wanted) await new Promise<void>((resolve) => (go.current = resolve));
+      }
+      // The first to come is shown while the other is on its way.
+      const [first, second] = [read(at("defects.glb")), read(at("change.glb"))];
+      const before = await first;
+      const change = await second;
+      place(before, change, "fine");
+      const rest = await remaining;
+      if (rest) viewer.lay("after", rest, "fine", (kind) => kind !== "sound");
+      if (stop.signal.aborted) return;
+      setShown({ viewer, before, change, remaining: rest });
+      setState("ready");
+      canvas.current.dataset["ready"] = "true";
+      performance.mark("model-shown");
+    };
+    load().catch((error: unknown) => {
+      if (stop.signal.aborted) return;
+      console.error(error);
+      setState("missing");
+    });
+    return () => stop.abort();
+  }, [job.id]);
+
+  const change = (next: Mode): void => {
+    setMode(next);
+    shown?.viewer.setMode(next);
+  };
+  const pressed = (event: KeyboardEvent): void => {
+    const viewer = shown?.viewer;
+    const step = 0.12;
+    const turns: Record<string, () => void> = {
+      ArrowLeft: () => viewer?.turn(-step, 0),
+      ArrowRight: () => viewer?.turn(step, 0),
+      ArrowUp: () => viewer?.turn(0, step),
+      ArrowDown: () => viewer?.turn(0, -step),
+      "+": () => viewer?.turn(0, 0, 0.85),
+      "-": () => viewer?.turn(0, 0, 1 / 0.85),
+      "0": () => viewer?.home(),
+    };
+    const turn = turns[event.key];
+    if (!turn || event.ctrlKey || event.metaKey || event.altKey) return;
+    event.preventDefault();
+    turn();
+  };
+  const hasAfter = "change.glb" in job.artifacts;
+  if (state === "missing") {
+    return (
+      <div class="viewer">
+        <p class="nothing">{words.viewerMissing}</p>
+        <Pictures job={job} />
+      </div>
+    );
+  }
+  return (
+    <section class="viewer" data-mode={hasAfter ? mode : "before"} aria-label={words.viewer} ref={box}>
+      <ViewerBar shown={shown} mode={mode} setMode={change} hasAfter={hasAfter} box={box} unit={unitOfJob(job)} />
+      <div class="canvas-box">
+        <canvas key={job.id} ref={canvas} tabIndex={0} role="img" aria-label={words.canvas(job.input.name)} title={words.viewerHelp} onKeyDown={pressed} />
+        <div class="over" ref={over}>
+          {hasAfter && mode !== "after" && <span class="tag before">{words.before}</span>}
+          {hasAfter && mode !== "before" && <span class="tag after">{words.after}</span>}
+          {hasAfter && mode === "wipe" && <Wipe viewer={shown?.viewer ?? null} />}
+        </div>
+        {state === "loading" && (
+          <p class="loading" role="status">
+            <span class="spinner" /> {words.loadingModel(figures.bytes(weight))}
+          </p>
+        )}
+        {state === "coarse" && (
+          <p class="coarse" role="status">
+            {wanted ? words.loadingModel(figures.bytes(weight)) : words.coarse}
+            {!wanted && (
+              <button type="button" class="link" onClick={() => (want(true), go.current())}>
+                {words.loadFine(figures.bytes(weight))}
+              </button>
+            )}
+          </p>
+        )}
+      </div>
+      {side &&
+        createPortal(
+          <>
+            <Layers job={job} shown={shown} />
+            <Printing job={job} shown={shown} />
+          </>,
+          side,
+        )}
+    </section>
+  );
+}

@@ -1,0 +1,32 @@
+import type { Capabilities, Job } from "../api/shapes";
+import { tries } from "../report/advice";
+import { again } from "../state/work";
+import { useWords } from "../words/words";
+
+/** What may help where a model did not come out whole. */
+export function WhatToDo({ job, can }: { job: Job; can: Capabilities | null }) {
+  const { words } = useWords();
+  const list = tries(job, can);
+  const isPartial = job.outcome === "partially_repaired" || job.outcome === "unrepairable";
+  if (list.length === 0 && !isPartial) return null;
+  return (
+    <section class="what-to-do">
+      <h2>{words.whatToDo}</h2>
+      {list.map(({ name, options }) => (
+        <button
+          key={name}
+          type="button"
+          class="plain choice"
+          onClick={() => {
+            location.hash = "#/";
+            again(job, options);
+          }}
+        >
+          <strong>{words[name]}</strong>
+          <span>{words[`${name}More`]}</span>
+        </button>
+      ))}
+      {isPartial && <p>{words.seeLeft}</p>}
+    </section>
+  );
+}

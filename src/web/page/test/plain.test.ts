@@ -1,0 +1,54 @@
+import assert from "node:assert/strict";
+import { test } from "node:test";
+import type { Report } from "../src/api/shapes";
+import { inWords, stillWrong } from "../src/report/plain";
+import { Figures } from "../src/units";
+import { de } from "../src/words/de";
+import { en } from "../src/words/en";
+
+const figures = new Figures("en");
+
+function report(change: object): Report {
+  const before = { defects: [{ kind: "hole", count: 11 }, { kind: "disjoint", count: 1 }], print: { unit: "mm", size: [80, 80, 20] } };
+  return {
+    mode: "repair",
+    outcome: "repaired",
+    before,
+    after: { defects: [] },
+    changes: { moved: { distance: { max: 0.002 } }, surface: { kept: { area: 98 }, moved: { area: 0 }, added: { area: 2 }, removed: { area: 9 } } },
+    ledger: { parts: 2, united: 2, duplicate: 0, no_volume: 0, debris: 0 },
+    steps: [],
+    candidates: [],
+    ...change,
+  } as unknown as Report;
+}
+
+test("what was done is told in plain words", () => {
+  assert.deepEqual(inWords(report({}), en, figures, "mm"), [
+    "11 holes closed",
+    "2 parts united",
+    "2% of the surface is new",
+    "nothing moved more than 0.002 mm",
+  ]);
+  assert.equal(inWords(report({}), de, new Figures("de"), "mm")[0], "11 Löcher geschlossen");
+});
+
+test("only what is gone was mended, and what is left is said", () => {
+  const partly = report({ outcome: "partially_repaired", after: { defects: [{ kind: "hole", count: 1 }, { kind: "sheet", count: 2 }] } });
+  assert.equal(inWords(partly, en, figures, "mm")[0], "10 holes closed");
+  assert.equal(stillWrong(partly, en, figures), "1 hole, 2 sheets of no thickness");
+});
+
+test("moves that are rounding are none", () => {
+  const changes = { moved: { distance: { max: 4e-7 } } };
+  assert.ok(inWords(report({ changes }), en, figures, "mm").includes("nothing was moved"));
+});
+
+test("lengths are told in the chosen unit whatever the file's is", () => {
+  const inches = report({ before: { defects: [], print: { unit: "in", size: [3, 3, 1] } } });
+  assert.ok(inWords(inches, en, figures, "mm").includes("nothing moved more than 0.051 mm"));
+});
+
+test("a printable model was not touched", () => {
+  assert.deepEqual(inWords(report({ outcome: "already_printable" }), en, figures, "mm"), [en.untouched]);
+});

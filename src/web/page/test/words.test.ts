@@ -1,0 +1,26 @@
+import assert from "node:assert/strict";
+import { test } from "node:test";
+import { de } from "../src/words/de";
+import { en } from "../src/words/en";
+
+/** All texts by their names, those of functions with numbers and words put in. */
+function texts(value: unknown, name = ""): [string, string][] {
+  if (typeof value === "string") return [[name, value]];
+  if (typeof value === "function") return [1, 2].map((n) => [`${name}(${n})`, String((value as (...a: unknown[]) => string)(n, n, n))]);
+  return Object.entries(value as object).flatMap(([key, inner]) => texts(inner, `${name}.${key}`));
+}
+
+test("every language has every text, and says something with it", () => {
+  const [english, german] = [texts(en), texts(de)];
+  assert.deepEqual(german.map(([name]) => name), english.map(([name]) => name));
+  for (const [name, text] of [...english, ...german]) {
+    assert.ok(text.length > 0 || name.endsWith(".0"), `${name} is empty`);
+    assert.ok(!/undefined|NaN/.test(text), `${name}: ${text}`);
+  }
+});
+
+test("German is not English left as it was", () => {
+  const english = new Map(texts(en));
+  const same = texts(de).filter(([name, text]) => text.length > 14 && english.get(name) === text);
+  assert.deepEqual(same, []);
+});

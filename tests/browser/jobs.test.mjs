@@ -1,0 +1,94 @@
+// The jobs view, for whoever runs the service.
+import assert from "node:assert/strict";
+import { after, before, test } from "node:test";
+import { launch, open, shown } from "./support/browser.mjs";
+import { brokenRing, soundBox } from "./support/models.mjs";
+import { repaired, serve } from "./support/service.mjs";
+
+let service, browser;
+before(async () => {
+  service = await serve();
+  browser = await launch();
+});
+after(async () => {
+  await browser?.close();
+  await service?.stop();
+});
+
+test("jobs are listed by status and page, with the service's health beside them", { timeout: 120_000 }, async () => {
+  // More than one page, all but the first from an earlier result.
+  for (let i = 0; i < 27; i += 1) await repaired(service.url, `box-${i}.stl`, soundBox());
+  await repaired(service.url, "cut.stl", Buffer.from("solid cut\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\n"));
+  const { page, faults, close } = await open(browser, service.url, { path: "/#/jobs" });
+  const rows = page.locator("tbody tr");
+  await rows.first().waitFor();
+  assert.equal(await rows.count(), 25);
+  assert.match(await rows.first().textContent(), /cut\.stl.*failed/);
+  await page.getByRole("button", { name: "Older jobs" }).click();
+  await rows.nth(27).waitFor();
+  assert.equal(await rows.count(), 28);
+  await page.getByLabel("Status").selectOption("failed");
+  await page.waitForFunction(() => document.querySelectorAll("tbody tr").length === 1);
+  await page.getByLabel("Status").selectOption("canceled");
+  await page.getByText("No jobs here yet").waitFor();
+
+  const health = page.getByRole("complementary", { name: "Health" });
+  await health.getByText("The service works").waitFor();
+  await health.getByText("3. Blender: does not work").waitFor();
+  await health.getByText("disk: ok").waitFor();
+  assert.match(await health.textContent(), /0waiting.*0running|waiting0.*running0/s);
+  assert.deepEqual(faults, []);
+  await close();
+});
+
+test("a job has its steps, its log and its files, and is run again with other options", { timeout: 120_000 }, async () => {
+  const job = await repaired(service.url, "ring.stl", brokenRing());
+  const { page, faults, close } = await open(browser, service.url, { path: `/#/jobs/${job.id}` });
+  await page.getByRole("heading", { name: "ring.stl" }).waitFor();
+  const steps = page.locator("table.steps tbody tr");
+  assert.equal(await steps.count(), job.report.steps.length);
+  assert.match(await steps.filter({ hasText: "fill holes" }).first().textContent(), /2 holes closed/);
+  await page.getByText("Log of the job and of Blender").click();
+  const log = await (await fetch(`${service.url}${job.artifacts["log.txt"].href}`)).text();
+  await page.waitForFunction(() => !document.querySelector(".log pre").textContent.includes("Loading"));
+  assert.equal(await page.locator(".log pre").textContent(), log);
+  await page.getByLabel("Format").selectOption("off");
+  await page.getByRole("button", { name: "Run again" }).click();
+  await page.getByRole("button", { name: "Download OFF" }).waitFor({ timeout: 60_000 });
+  await shown(page);
+  assert.deepEqual(faults, []);
+  await close();
+});
+
+test("a job that runs is followed and cancelled, and one that ended is deleted after a question", { timeout: 120_000 }, async () => {
+  // Nobody takes jobs here, so that one waits as long as the test likes.
+  const waiting = await serve("--workers", "0");
+  try {
+    const form = new FormData();
+    form.set("file", new Blob([brokenRing()]), "ring.stl");
+    const job = await (await fetch(`${waiting.url}/v1/jobs`, { method: "POST", body: form })).json();
+    const { page, faults, close } = await open(browser, waiting.url, { path: `/#/jobs/${job.id}` });
+    await page.getByText("next in the queue").waitFor();
+    await page.getByRole("button", { name: "Cancel", exact: true }).click();
+    await page.locator(".chip", { hasText: "cancelled" }).waitFor();
+    await page.getByRole("button", { name: "Delete", exact: true }).click();
+    await page.getByRole("button", { name: "Keep it" }).click();
+    assert.equal((await fetch(`${waiting.url}/v1/jobs/${job.id}`)).status, 200);
+    await page.getByRole("button", { name: "Delete", exact: true }).click();
+    await page.getByRole("button", { name: "Delete it" }).click();
+    await page.getByText("The job and its files are deleted.").waitFor();
+    assert.equal((await fetch(`${waiting.url}/v1/jobs/${job.id}`)).status, 410);
+    assert.deepEqual(faults, []);
+    await close();
+  } finally {
+    await waiting.stop();
+  }
+});
+
+test("a job that is not there says so", { timeout: 60_000 }, async () => {
+  const { page, close } = await open(browser, service.url, { path: "/#/jobs/job_019a3c5e7b1f7c3e8d2a4b6c8d0e2f4a" });
+  await page.getByText("There is no such job, or it is not yours.").waitFor();
+  await page.getByRole("link", { name: "All jobs" }).click();
+  await page.getByRole("heading", { name: "Jobs" }).waitFor();
+  await close();
+});

@@ -1,0 +1,181 @@
+// The page for everybody: screen readers, keyboards, dark rooms, phones, other languages, and services that ask for a key.
+import assert from "node:assert/strict";
+import { mkdtempSync, readFileSync } from "node:fs";
+import { createRequire } from "node:module";
+import { tmpdir } from "node:os";
+import { join } from "node:path";
+import { after, before, test } from "node:test";
+import { drop, launch, open, shown } from "./support/browser.mjs";
+import { brokenRing, sheet } from "./support/models.mjs";
+import { repaired, run, serve, serveFrom } from "./support/service.mjs";
+
+const AXE = readFileSync(createRequire(import.meta.url).resolve("axe-core/axe.min.js"), "utf8");
+
+let service, browser, ring, failed;
+before(async () => {
+  service = await serve();
+  browser = await launch();
+  ring = await repaired(service.url, "ring.stl", brokenRing());
+  failed = await repaired(service.url, "cut.stl", Buffer.from("solid cut\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\n"));
+  await repaired(service.url, "sheet.obj", sheet());
+});
+after(async () => {
+  await browser?.close();
+  await service?.stop();
+});
+
+/** Every place of the page that looks different, and what has to be there before it is looked at. */
+const places = () => [
+  ["/", (page) => page.getByText("STL, OBJ").waitFor()],
+  [`/#/result/${ring.id}`, (page) => shown(page)],
+  [`/#/result/${failed.id}`, (page) => page.getByText("Code: bad_input").waitFor()],
+  ["/#/jobs", (page) => page.getByRole("link", { name: "ring.stl" }).waitFor()],
+  [`/#/jobs/${ring.id}`, (page) => page.getByRole("heading", { name: "ring.stl" }).waitFor()],
+];
+
+/** What axe-core finds wrong with a page. It is put in from outside the page's policy, as the browser's own tools are. */
+async function violations(page) {
+  await page.evaluate(AXE);
+  const found = await page.evaluate(() => globalThis.axe.run(document, { resultTypes: ["violations"] }));
+  return found.violations.flatMap(({ id, nodes }) => nodes.map((node) => `${id}: ${node.html} (${node.failureSummary})`));
+}
+
+for (const colorScheme of ["light", "dark"]) {
+  test(`axe-core finds nothing wrong in the ${colorScheme}`, { timeout: 180_000 }, async () => {
+    for (const [path, ready] of places()) {
+      const { page, faults, close } = await open(browser, service.url, { path, colorScheme, reducedMotion: "reduce" });
+      await ready(page);
+      for (const summary of await page.locator("summary").all()) await summary.click();
+      assert.deepEqual(await violations(page), [], path);
+      assert.deepEqual(faults, [], path);
+      await close();
+    }
+  });
+}
+
+test("the switch for dark goes over the system's, and stays", { timeout: 60_000 }, async () => {
+  const { page, close } = await open(browser, service.url, { colorScheme: "light" });
+  const ground = () => page.evaluate(() => getComputedStyle(document.body).backgroundColor);
+  const light = await ground();
+  const button = page.getByRole("button", { name: /^Appearance/ });
+  await button.click();
+  await button.click();
+  await page.getByRole("button", { name: "Appearance: Dark" }).waitFor();
+  const dark = await ground();
+  assert.notEqual(dark, light);
+  await page.reload();
+  await page.getByText("STL, OBJ").waitFor();
+  assert.equal(await ground(), dark);
+  await close();
+});
+
+test("everything can be reached with the keyboard, and the focus is seen", { timeout: 60_000 }, async () => {
+  const { page, close } = await open(browser, service.url, { path: `/#/result/${ring.id}` });
+  await shown(page);
+  const wanted = new Set(await page.locator("main").locator("button:not([disabled]), select:not([disabled]), canvas, summary, [role=slider]").evaluateAll((all) => all.map((it, i) => ((it.dataset.nth = String(i)), String(i)))));
+  assert.ok(wanted.size > 20, `${wanted.size} things to reach`);
+  for (let i = 0; i < 120 && wanted.size > 0; i += 1) {
+    await page.keyboard.press("Tab");
+    const { nth, outline } = await page.evaluate(() => {
+      const now = document.activeElement;
+      const parts = [now, ...now.querySelectorAll("*")].map((it) => getComputedStyle(it));
+      return { nth: now.dataset.nth, outline: parts.some((style) => style.outlineStyle !== "none" && Number.parseFloat(style.outlineWidth) > 1) };
+    });
+    if (nth === undefined) continue;
+    assert.ok(outline, `the focus on ${nth} is seen`);
+    wanted.delete(nth);
+  }
+  assert.deepEqual([...wanted], [], "every control was reached");
+  await close();
+});
+
+test("the skip link leads past the navigation", { timeout: 60_000 }, async () => {
+  const { page, close } = await open(browser, service.url);
+  await page.getByText("STL, OBJ").waitFor();
+  await page.keyboard.press("Tab");
+  assert.equal(await page.evaluate(() => document.activeElement.textContent), "Skip to the content");
+  await page.keyboard.press("Enter");
+  await page.keyboard.press("Tab");
+  assert.equal(await page.evaluate(() => document.activeElement.textContent.trim()), "Choose files");
+  await close();
+});
+
+test("on a phone nothing is wider than the screen, and the slider is what one sees", { timeout: 120_000 }, async () => {
+  for (const [path, ready] of places()) {
+    for (const locale of ["en-US", "de-DE"]) {
+      const { page, close } = await open(browser, service.url, { path, locale, viewport: { width: 360, height: 740 }, hasTouch: true, isMobile: true });
+      await (locale === "en-US" ? ready(page) : page.locator("h1").first().waitFor());
+      const wide = await page.evaluate(() => [document.documentElement.scrollWidth, innerWidth]);
+      assert.ok(wide[0] <= 360 && wide[1] <= 360, `${path} in ${locale}: ${wide}`);
+      if (path.startsWith("/#/result/") && path.includes(ring.id) && locale === "en-US") {
+        assert.equal(await page.getByRole("button", { name: "Slider" }).getAttribute("aria-pressed"), "true");
+      }
+      await close();
+    }
+  }
+});
+
+test("nothing moves under a person's hands while the page loads", { timeout: 60_000 }, async () => {
+  for (const path of ["/", "/#/jobs", `/#/result/${ring.id}`]) {
+    const { page, close } = await open(browser, service.url, { path: "/livez" });
+    await page.addInitScript(() => {
+      globalThis.shift = 0;
+      new PerformanceObserver((list) => {
+        for (const entry of list.getEntries()) globalThis.shift += entry.value;
+      }).observe({ type: "layout-shift", buffered: true });
+    });
+    await page.goto(service.url + path);
+    await page.locator("h1").first().waitFor();
+    if (path.includes("result")) await shown(page);
+    await page.waitForLoadState("networkidle").catch(() => {});
+    // Web Vitals call less than 0.1 good.
+    const shift = await page.evaluate(() => globalThis.shift);
+    assert.ok(shift < 0.1, `${path} moves by ${shift}`);
+    await close();
+  }
+});
+
+test("a browser that speaks German is spoken to in German, and English is one choice away", { timeout: 60_000 }, async () => {
+  const { page, close } = await open(browser, service.url, { locale: "de-AT" });
+  await page.getByRole("heading", { name: "3D-Modell ablegen" }).waitFor();
+  assert.equal(await page.evaluate(() => document.documentElement.lang), "de");
+  await drop(page, [["ring.stl", brokenRing()]]);
+  await page.getByText("2 Löcher geschlossen", { exact: true }).waitFor({ timeout: 60_000 });
+  await page.getByLabel("Sprache").selectOption("en");
+  await page.getByText("2 holes closed", { exact: true }).waitFor();
+  assert.equal(await page.evaluate(() => document.documentElement.lang), "en");
+  await close();
+});
+
+test("where the service asks for a key the page does, and keeps it no longer than the tab", { timeout: 120_000 }, async () => {
+  const data = mkdtempSync(join(tmpdir(), "meshmend-keys-"));
+  const secret = (await run("keys", "create", "--tenant", "shop", "--scopes", "jobs:read,jobs:write", "--data-dir", data)).match(/mm\w+_\S+/)?.[0];
+  assert.ok(secret, "a key was printed");
+  const locked = await serveFrom(data, "--auth", "keys");
+  try {
+    const { page, faults, close } = await open(browser, locked.url);
+    await page.getByRole("heading", { name: "This service asks for a key" }).waitFor();
+    assert.deepEqual(await violations(page), []);
+    await page.getByLabel("API key").fill("wrong");
+    await page.getByRole("button", { name: "Go on" }).click();
+    await page.getByText("does not know this key").waitFor();
+    await page.getByLabel("API key").fill(secret);
+    await page.getByRole("button", { name: "Go on" }).click();
+    await page.getByText("STL, OBJ").waitFor();
+    await drop(page, [["ring.stl", brokenRing()]]);
+    await shown(page);
+    const [download] = await Promise.all([page.waitForEvent("download"), page.getByRole("button", { name: "Download STL" }).click()]);
+    assert.equal(download.suggestedFilename(), "ring-repaired.stl");
+    assert.ok(readFileSync(await download.path()).length > 1000);
+    const kept = await page.evaluate(() => [JSON.stringify(sessionStorage), JSON.stringify(localStorage), document.cookie]);
+    assert.ok(kept[0].includes(secret) && !kept[1].includes(secret) && kept[2] === "", "in the tab's memory only");
+    await page.getByRole("link", { name: "Jobs" }).click();
+    await page.getByText("Metrics need a key with the scope metrics").waitFor();
+    await page.getByRole("button", { name: "Forget the key" }).click();
+    await page.getByRole("heading", { name: "This service asks for a key" }).waitFor();
+    assert.deepEqual(faults.filter((it) => !/status of 403/.test(it)), []);
+    await close();
+  } finally {
+    await locked.stop();
+  }
+});

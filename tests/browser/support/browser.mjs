@@ -1,0 +1,99 @@
+// Chromium as the tests want it, and what they ask of what is on the screen.
+import { chromium } from "playwright-core";
+
+const ARGUMENTS = [
+  "--no-sandbox",
+  "--disable-quic",
+  "--no-first-run",
+  "--disable-background-networking",
+  "--disable-component-update",
+  "--disable-sync",
+  // WebGL on the processor, since test machines have no graphics card.
+  "--use-angle=swiftshader",
+  "--enable-unsafe-swiftshader",
+];
+
+export function launch() {
+  return chromium.launch({ executablePath: process.env.MESHMEND_BROWSER ?? "/usr/bin/chromium", headless: true, args: ARGUMENTS });
+}
+
+/** A page of its own that fails the test when something in it does: an error, or what the policy of the page forbids. */
+export async function open(browser, url, { path = "/", ...options } = {}) {
+  const context = await browser.newContext({ viewport: { width: 1360, height: 900 }, locale: "en-US", ...options });
+  const page = await context.newPage();
+  const faults = [];
+  page.on("pageerror", (error) => faults.push(String(error.stack ?? error)));
+  page.on("console", (message) => {
+    if (message.type() === "error" && !/status of (401|404)/.test(message.text())) faults.push(message.text());
+  });
+  const asked = [];
+  page.on("request", (request) => asked.push(request.url()));
+  await page.goto(url + path);
+  return { page, faults, asked, close: () => context.close() };
+}
+
+/** Lets go of files over the page, as a person does. */
+export async function drop(page, files) {
+  const carried = await page.evaluateHandle((files) => {
+    const data = new DataTransfer();
+    for (const { name, text } of files) {
+      const bytes = Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
+      data.items.add(new File([bytes], name));
+    }
+    return data;
+  }, files.map(([name, bytes]) => ({ name, text: bytes.toString("base64") })));
+  await page.dispatchEvent("body", "dragenter", { dataTransfer: carried });
+  await page.dispatchEvent("body", "drop", { dataTransfer: carried });
+}
+
+/** Waits until the whole model is on the canvas and the camera stands still. */
+export async function shown(page, timeout = 60_000) {
+  await page.locator("canvas[data-ready]").waitFor({ timeout });
+  await settled(page);
+}
+
+export async function settled(page) {
+  await page.evaluate(async () => {
+    for (let i = 0; i < 3; i += 1) await new Promise((resolve) => requestAnimationFrame(resolve));
+  });
+}
+
+/** Counts the pixels of the canvas by what they look like; a part of it by shares from 0 to 1. */
+export async function pixels(page, looks, [left, right] = [0, 1]) {
+  const picture = (await page.locator("canvas").screenshot()).toString("base64");
+  // A page without a policy, since data is read here.
+  const reader = await page.context().newPage();
+  try {
+    return await reader.evaluate(
+      async ({ picture, looks, left, right }) => {
+        const bytes = Uint8Array.from(atob(picture), (letter) => letter.charCodeAt(0));
+        const image = await createImageBitmap(new Blob([bytes]));
+        const canvas = new OffscreenCanvas(image.width, image.height);
+        const context = canvas.getContext("2d");
+        context.drawImage(image, 0, 0);
+        const from = Math.round(image.width * left);
+        const { data } = context.getImageData(from, 0, Math.round(image.width * right) - from, image.height);
+        const counts = Object.fromEntries(looks.map(([name]) => [name, 0]));
+        for (let i = 0; i < data.length; i += 4) {
+          const [r, g, b] = [data[i], data[i + 1], data[i + 2]];
+          for (const [name, [low, high]] of looks) {
+            if (r >= low[0] && r <= high[0] && g >= low[1] && g <= high[1] && b >= low[2] && b <= high[2]) counts[name] += 1;
+          }
+        }
+        return counts;
+      },
+      { picture, looks, left, right },
+    );
+  } finally {
+    await reader.close();
+  }
+}
+
+/** Ranges of colours on the canvas, lit and in shade. */
+export const LOOKS = [
+  ["orange", [[170, 110, 0], [255, 180, 60]]],
+  ["red", [[90, 0, 0], [235, 70, 60]]],
+  ["blue", [[0, 60, 100], [40, 140, 215]]],
+  ["grey", [[110, 110, 110], [215, 215, 215]]],
+  ["pink", [[190, 60, 140], [255, 120, 200]]],
+];

@@ -1,0 +1,65 @@
+// Models as bytes of STL and OBJ files.
+
+function stl(triangles) {
+  const bytes = Buffer.alloc(84 + 50 * triangles.length);
+  bytes.writeUInt32LE(triangles.length, 80);
+  triangles.forEach((triangle, i) => triangle.flat().forEach((value, k) => bytes.writeFloatLE(value, 96 + 50 * i + 4 * k)));
+  return bytes;
+}
+
+function ring(around, across, isHole, isFlipped) {
+  const at = (i, j) => {
+    const [u, v] = [((i % around) / around) * 2 * Math.PI, ((j % across) / across) * 2 * Math.PI];
+    const out = 30 + 10 * Math.cos(v);
+    return [out * Math.cos(u), out * Math.sin(u), 10 * Math.sin(v)];
+  };
+  const triangles = [];
+  for (let i = 0; i < around; i += 1) {
+    for (let j = 0; j < across; j += 1) {
+      if (isHole(i, j)) continue;
+      const [a, b, c, d] = [at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)];
+      triangles.push(...(isFlipped(i, j) ? [[a, c, b], [a, d, c]] : [[a, b, c], [a, c, d]]));
+    }
+  }
+  return triangles;
+}
+
+/** A box by its lowest corner and its sides. */
+function box([x, y, z], [a, b, c]) {
+  const corner = (i) => [x + (i & 1 ? a : 0), y + (i & 2 ? b : 0), z + (i & 4 ? c : 0)];
+  const faces = [[0, 2, 3], [0, 3, 1], [4, 5, 7], [4, 7, 6], [0, 1, 5], [0, 5, 4], [2, 6, 7], [2, 7, 3], [0, 4, 6], [0, 6, 2], [1, 3, 7], [1, 7, 5]];
+  return faces.map((face) => face.map(corner));
+}
+
+/** A ring with two holes and a flipped patch, through which a block runs. */
+export function brokenRing() {
+  const isHole = (i, j) => (i > 77 && i < 83 && j > 6 && j < 12) || (i > 60 && i < 64 && j > 2 && j < 7);
+  const isFlipped = (i, j) => i > 68 && i < 73 && j > 5 && j < 10;
+  return stl([...ring(96, 40, isHole, isFlipped), ...box([24, -8, -13], [14, 16, 26])]);
+}
+
+/** A ring with a hole, of about so many faces. */
+export function largeRing(faces) {
+  const around = Math.round(Math.sqrt(faces));
+  return stl(ring(around, Math.round(around / 2), (i, j) => i > 20 && i < 40 && j > 10 && j < 30, () => false));
+}
+
+/** A box of 40 by 30 by 20 mm that nothing is wrong with. */
+export function soundBox() {
+  return stl(box([0, 0, 0], [40, 30, 20]));
+}
+
+/** A plate on which a wall of 0.5 mm stands, a part of its own. */
+export function thinWall() {
+  return stl([...box([0, 0, 0], [40, 30, 3]), ...box([5, 5, 2], [0.5, 20, 25])]);
+}
+
+/** An open sheet, which no repair makes solid unless it is asked to. */
+export function sheet() {
+  const n = 20;
+  const lines = [];
+  for (let i = 0; i <= n; i += 1) for (let j = 0; j <= n; j += 1) lines.push(`v ${i} ${j} ${2 * Math.sin(i / 4) * Math.cos(j / 5)}`);
+  const at = (i, j) => i * (n + 1) + j + 1;
+  for (let i = 0; i < n; i += 1) for (let j = 0; j < n; j += 1) lines.push(`f ${at(i, j)} ${at(i + 1, j)} ${at(i + 1, j + 1)} ${at(i, j + 1)}`);
+  return Buffer.from(lines.join("\n"));
+}

@@ -1,0 +1,66 @@
+// The built program on a free port with a folder of its own, and requests to it.
+import { spawn } from "node:child_process";
+import { mkdtempSync, rmSync } from "node:fs";
+import { tmpdir } from "node:os";
+import { join } from "node:path";
+
+const PROGRAM = process.env.MESHMEND_PROGRAM ?? new URL("../../../target/debug/meshmend", import.meta.url).pathname;
+/** Longest time until it listens, and until it has ended, in milliseconds. */
+const START = 30_000;
+const END = 10_000;
+
+/** Starts a service; what it answers has its address and a function that ends it and removes its folder. */
+export async function serve(...args) {
+  return serveFrom(mkdtempSync(join(tmpdir(), "meshmend-page-")), ...args);
+}
+
+/** The same on a folder that is there already. */
+export async function serveFrom(folder, ...args) {
+  const given = ["serve", "--listen", "127.0.0.1:0", "--data-dir", folder, "--blender", "/nonexistent", ...args];
+  const child = spawn(PROGRAM, given, { stdio: ["ignore", "ignore", "pipe"], env: { PATH: process.env.PATH } });
+  let log = "";
+  const url = await new Promise((resolve, reject) => {
+    const timer = setTimeout(() => reject(new Error(`it does not listen:\n${log}`)), START);
+    child.once("error", reject);
+    child.once("exit", (code) => reject(new Error(`it ended with ${code}:\n${log}`)));
+    child.stderr.on("data", (bytes) => {
+      log += bytes;
+      const [, address] = /listening on (http:\/\/[^\s,]+)/.exec(log) ?? [];
+      if (address) (clearTimeout(timer), resolve(address));
+    });
+  }).catch((error) => {
+    child.kill("SIGKILL");
+    throw error;
+  });
+  const stop = async () => {
+    const ended = new Promise((resolve) => child.once("exit", resolve));
+    child.kill("SIGTERM");
+    const timer = setTimeout(() => child.kill("SIGKILL"), END);
+    await ended;
+    clearTimeout(timer);
+    rmSync(folder, { recursive: true, force: true });
+  };
+  return { url, stop };
+}
+
+/** Runs the program once, such as for making a key, and answers what it printed. */
+export function run(...args) {
+  return new Promise((resolve, reject) => {
+    const child = spawn(PROGRAM, args, { stdio: ["ignore", "pipe", "inherit"], env: { PATH: process.env.PATH } });
+    let out = "";
+    child.stdout.on("data", (bytes) => (out += bytes));
+    child.once("exit", (code) => (code === 0 ? resolve(out) : reject(new Error(`${args.join(" ")} ended with ${code}`))));
+  });
+}
+
+/** Submits a file straight to the API and waits for its end. */
+export async function repaired(url, name, bytes, options = {}) {
+  const form = new FormData();
+  form.set("options", JSON.stringify(options));
+  form.set("file", new Blob([bytes]), name);
+  let job = await (await fetch(`${url}/v1/jobs`, { method: "POST", body: form })).json();
+  while (!["succeeded", "failed", "canceled"].includes(job.status)) {
+    job = await (await fetch(`${url}/v1/jobs/${job.id}?wait=20`)).json();
+  }
+  return job;
+}
