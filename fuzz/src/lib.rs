@@ -2,6 +2,7 @@
 
 mod arrangement;
 mod choices;
+mod gltf;
 mod pipeline;
 mod readers;
 mod requests;
@@ -9,6 +10,7 @@ mod threemf;
 mod zip;
 
 pub use arrangement::arrange;
+pub use gltf::gltf;
 pub use pipeline::repair;
 pub use readers::read_as;
 pub use requests::{form, request};

@@ -101,6 +101,16 @@ fn some_damaged_3mf_files_are_read_and_written() {
 }
 
 #[test]
+fn some_damaged_gltf_files_are_read_and_written() {
+    try_from_seed("gltf-short", 1, entries::gltf, mutate::gltf, |done| done >= 300);
+}
+
+#[test]
+fn a_document_of_gltf_to_be_damaged_is_sound() {
+    assert!(mutate::gltf_is_read());
+}
+
+#[test]
 fn some_damaged_models_with_materials_are_read_and_written() {
     try_from_seed("zip-short", 1, entries::zip, mutate::zip, |done| done >= 300);
 }
@@ -114,13 +124,14 @@ fn for_long() {
     let share = |share: f64| move |_| begin.elapsed().as_secs_f64() > share * seconds as f64;
     let read = try_from_seed("read", seed, read_as_any, mutate::file, share(0.1));
     let packed = try_from_seed("threemf", seed, entries::threemf, mutate::threemf, share(0.15));
-    let painted = try_from_seed("zip", seed, entries::zip, mutate::zip, share(0.2));
+    let glb = try_from_seed("gltf", seed, entries::gltf, mutate::gltf, share(0.2));
+    let painted = try_from_seed("zip", seed, entries::zip, mutate::zip, share(0.25));
     let forms = try_from_seed("form", seed, entries::form, requests::form, share(0.3));
     let requests = try_from_seed("request", seed, entries::request, requests::request, share(0.4));
     let arranged = try_from_seed("arrange", seed, entries::arrange, any_bytes, share(0.5));
     let repaired = try_from_seed("repair", seed, entries::repair, mutate::file, share(1.0));
     eprintln!(
-        "read {read}, {packed} 3MF and {painted} with materials, answered {forms} forms and {requests} requests, arranged {arranged}, repaired {repaired}"
+        "read {read}, {packed} 3MF, {glb} glTF and {painted} with materials, answered {forms} forms and {requests} requests, arranged {arranged}, repaired {repaired}"
     );
 }
 
@@ -128,7 +139,7 @@ fn for_long() {
 type Target = (&'static str, fn(&[u8]), fn(u64) -> Vec<u8>);
 
 /// The targets of libFuzzer.
-const TARGETS: [Target; 11] = [
+const TARGETS: [Target; 12] = [
     ("arrange", entries::arrange, any_bytes),
     ("repair", entries::repair, mutate::file),
     ("read_stl", |bytes| _ = entries::read_as(Format::Stl, bytes), mutate::stl),
@@ -137,6 +148,7 @@ const TARGETS: [Target; 11] = [
     ("read_off", |bytes| _ = entries::read_as(Format::Off, bytes), mutate::off),
     ("read_mesh", |bytes| _ = entries::read_as(Format::Mesh, bytes), mutate::mesh),
     ("threemf", entries::threemf, mutate::threemf),
+    ("gltf", entries::gltf, mutate::gltf),
     ("zip", entries::zip, mutate::zip),
     ("form", entries::form, requests::form),
     ("request", entries::request, requests::request),

@@ -1,7 +1,7 @@
 //! Models that follow from a seed, damaged in every way.
 
 use glam::DVec3;
-use meshmend::format::{Format, write};
+use meshmend::format::{Format, Limits, read, write};
 use meshmend::mesh::Soup;
 
 use crate::damage::Random;
@@ -54,6 +54,24 @@ pub fn threemf(seed: u64) -> Vec<u8> {
         damage_bytes(&mut bytes, random);
     }
     bytes
+}
+
+/// A document of glTF that says a little of everything, or a GLB file, damaged as bytes.
+pub fn gltf(seed: u64) -> Vec<u8> {
+    let random = &mut Random::new(seed);
+    let mut bytes = match random.below(5) {
+        0 => write(&model(random), Format::Glb).unwrap_or_default(),
+        _ => DOCUMENT.as_bytes().to_vec(),
+    };
+    for _ in 0..random.below(6) {
+        damage_bytes(&mut bytes, random);
+    }
+    bytes
+}
+
+/// Whether the document of glTF is read as long as nothing is damaged.
+pub fn gltf_is_read() -> bool {
+    read(DOCUMENT.as_bytes(), &Limits::default()).is_ok_and(|mesh| mesh.soup.faces.len() == 10)
 }
 
 /// The texts of an OBJ model and its materials that say a little of everything, or an archive of one, damaged as bytes.
@@ -114,6 +132,8 @@ pub fn damage_some(bytes: &mut Vec<u8>, random: &mut Random) {
         damage_bytes(bytes, random);
     }
 }
+
+const DOCUMENT: &str = r##"{"asset":{"version":"2.0","copyright":"c"},"extensionsUsed":["KHR_materials_unlit"],"scene":0,"scenes":[{"nodes":[0,2]}],"nodes":[{"name":"a","children":[1],"rotation":[0,0,0.7071068,0.7071068]},{"mesh":0,"scale":[2,1,-1]},{"mesh":1,"matrix":[1,0,0,0,0,1,0,0,0,0,1,0,5,6,7,1],"extras":{"x":1}}],"meshes":[{"name":"m","primitives":[{"attributes":{"POSITION":0,"COLOR_0":1},"indices":3},{"attributes":{"POSITION":0,"TEXCOORD_0":2},"material":0,"mode":5}]},{"weights":[0.5],"primitives":[{"attributes":{"POSITION":4},"indices":3,"mode":4,"targets":[{"POSITION":0}],"material":1}]}],"materials":[{"pbrMetallicRoughness":{"baseColorTexture":{"index":0}}},{"name":"red","pbrMetallicRoughness":{"baseColorFactor":[1,0,0,0.5]},"alphaMode":"BLEND"}],"textures":[{"source":0,"sampler":0}],"samplers":[{"wrapS":33071,"magFilter":9728}],"images":[{"uri":"data:image/png;base64,iVBORw0KGgo="}],"accessors":[{"bufferView":0,"componentType":5126,"type":"VEC3","count":4,"min":[0,0,0],"max":[1,1,1]},{"bufferView":1,"componentType":5121,"normalized":true,"type":"VEC4","count":4},{"bufferView":2,"componentType":5126,"type":"VEC2","count":4},{"bufferView":3,"componentType":5123,"type":"SCALAR","count":12},{"bufferView":0,"componentType":5126,"type":"VEC3","count":4,"sparse":{"count":2,"indices":{"bufferView":4,"componentType":5123},"values":{"bufferView":5}}}],"bufferViews":[{"buffer":0,"byteOffset":0,"byteLength":48},{"buffer":0,"byteOffset":48,"byteLength":16},{"buffer":0,"byteOffset":64,"byteLength":32},{"buffer":0,"byteOffset":96,"byteLength":24},{"buffer":0,"byteOffset":120,"byteLength":4},{"buffer":0,"byteOffset":124,"byteLength":24}],"buffers":[{"byteLength":148,"uri":"data:application/octet-stream;base64,AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAAAAAgD8AAAAAAAAAAAAAAAAAAIA//wAA/wD/AP8AAP//CQkJCQAAAAAAAAAAAACAPwAAAAAAAAAAAACAPwAAAD8AAAA/AAACAAEAAAABAAMAAQACAAMAAgAAAAMAAQADAAAAwD8AAAAAAAAAAAAAAAAAAAAAAAAAQA=="}]}"##;
 
 const MODEL: &str = r##"<?xml version="1.0" encoding="UTF-8"?>
 <model unit="inch" xml:lang="en" xmlns="http://schemas.microsoft.com/3dmanufacturing/core/2015/02" xmlns:m="http://schemas.microsoft.com/3dmanufacturing/material/2015/02" xmlns:v="urn:v">
