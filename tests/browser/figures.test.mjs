@@ -1,7 +1,7 @@
 // What the page weighs and how long people wait for it.
 import assert from "node:assert/strict";
 import { after, before, test } from "node:test";
-import { launch, open, settled, shown } from "./support/browser.mjs";
+import { LOOKS, launch, open, pixels, settled, shown } from "./support/browser.mjs";
 import { largeRing } from "./support/models.mjs";
 import { repaired, serve } from "./support/service.mjs";
 
@@ -87,4 +87,22 @@ test("a result of 200,000 faces can be turned within two seconds", { timeout: 24
   });
   t.diagnostic(`shown ${Math.round(time)} ms after the address was opened; a turn took ${Math.round(frame)} ms`);
   assert.ok(time < 2000, `${time} ms`);
+});
+
+test("a large model is seen as a coarse one first, and then whole", { timeout: 240_000 }, async (t) => {
+  const job = await repaired(service.url, "huge.stl", largeRing(450_000));
+  assert.equal(job.outcome, "repaired");
+  const bytes = (name) => job.artifacts[name].bytes;
+  assert.ok(bytes("defects-preview.glb") < bytes("defects.glb") / 2 && bytes("change-preview.glb") < bytes("change.glb") / 2);
+  const { page, faults, asked, close } = await open(browser, service.url, { path: `/#/result/${job.id}` });
+  await page.locator(".layer").first().waitFor();
+  const coarse = await page.evaluate(() => performance.now());
+  await shown(page);
+  const whole = await page.evaluate(() => performance.getEntriesByName("model-shown")[0].startTime);
+  t.diagnostic(`coarse after ${Math.round(coarse)} ms, whole after ${Math.round(whole)} ms`);
+  const order = asked.map((url) => url.split("/").pop()).filter((name) => name.endsWith(".glb"));
+  assert.deepEqual(order, ["defects-preview.glb", "change-preview.glb", "defects.glb", "change.glb"]);
+  assert.ok((await pixels(page, LOOKS, [0, 0.49])).grey > 10_000);
+  assert.deepEqual(faults, []);
+  await close();
 });

@@ -52,6 +52,8 @@ export function Health({ can }: { can: Capabilities | null }) {
     };
   }, []);
   const ready = seen?.ready?.ready;
+  // Blender's is among the tiers.
+  const checks = Object.entries(seen?.ready?.checks ?? {}).filter(([name]) => name !== "blender");
   return (
     <aside class="card health" aria-label={words.health}>
       <h2 class={ready === false || (seen && !seen.ready) ? "bad" : "good"}>
@@ -93,9 +95,9 @@ export function Health({ can }: { can: Capabilities | null }) {
       </ul>
       <h3>{words.checks}</h3>
       <ul>
-        {Object.entries(seen?.ready?.checks ?? {}).map(([name, state]) => (
-          <li key={name} class={/^(ok|ready|[\w.]*\s?\d)/.test(state) ? "good" : "fair"}>
-            <Icon name={/^(ok|ready|[\w.]*\s?\d)/.test(state) ? "check" : "warn"} size={16} />
+        {checks.map(([name, state]) => (
+          <li key={name} class={state === "ok" ? "good" : "fair"}>
+            <Icon name={state === "ok" ? "check" : "warn"} size={16} />
             <span>
               {name}: {state}
             </span>
