@@ -39,6 +39,13 @@ pub(super) struct Archive<'a> {
     places: HashMap<String, usize>,
 }
 
+/// A file that is unpacked as it is read.
+pub(super) struct Packed<'z> {
+    pub reader: Box<dyn Read + 'z>,
+    /// How long the directory says that it is.
+    pub size: u64,
+}
+
 impl<'a> Archive<'a> {
     /// Reads the archive's directory.
     pub fn open(bytes: &'a [u8], limits: &Limits) -> Result<Self, ReadError> {
@@ -101,14 +108,14 @@ impl<'a> Archive<'a> {
     pub fn first(&self, name: &str, most: u64) -> Result<Option<Vec<u8>>, ReadError> {
         // Only its place in the archive is copied.
         let mut zip = self.zip.clone();
-        let Some((reader, _)) = unpack(&mut zip, self.index(name), name)? else { return Ok(None) };
+        let Some(Packed { reader, .. }) = unpack(&mut zip, self.index(name), name)? else { return Ok(None) };
         let mut bytes = Vec::new();
         reader.take(most).read_to_end(&mut bytes).map_err(|error| cant_be_unpacked(name, &error))?;
         Ok(Some(bytes))
     }
 
-    /// A reader of a file, and how long the directory says that it is; none if there is no such file.
-    pub fn unpack(&mut self, name: &str) -> Result<Option<(Box<dyn Read + '_>, u64)>, ReadError> {
+    /// A file to be read; none if there is no such file.
+    pub fn unpack(&mut self, name: &str) -> Result<Option<Packed<'_>>, ReadError> {
         let index = self.index(name);
         unpack(&mut self.zip, index, name)
     }
@@ -138,7 +145,7 @@ fn unpack<'z>(
     zip: &'z mut ZipArchive<Cursor<&[u8]>>,
     index: Option<usize>,
     name: &str,
-) -> Result<Option<(Box<dyn Read + 'z>, u64)>, ReadError> {
+) -> Result<Option<Packed<'z>>, ReadError> {
     let Some(index) = index else { return Ok(None) };
     let entry = zip.by_index_data(index).map_err(|error| cant_be_unpacked(name, &error))?;
     let unsupported = |detail: String| Err(ReadError::whole(ReadErrorKind::UnsupportedFormat, detail));
@@ -152,7 +159,7 @@ fn unpack<'z>(
     }
     let size = entry.size();
     let reader = zip.by_index(index).map_err(|error| cant_be_unpacked(name, &error))?;
-    Ok(Some((Box::new(reader), size)))
+    Ok(Some(Packed { reader: Box::new(reader), size }))
 }
 
 /// Refuses what would unpack to more than is allowed.

@@ -27,7 +27,7 @@ use std::collections::HashSet;
 
 pub(super) use write::write;
 
-use super::archive::{Archive, key, names_in_head};
+use super::archive::{Archive, Packed, key, names_in_head};
 use super::errors::{ReadError, ReadErrorKind};
 use super::scenes::ReadScene;
 use super::{Format, ReadOptions};
@@ -78,7 +78,7 @@ pub(super) fn read(archive: &mut Archive<'_>, options: &ReadOptions) -> Result<O
 
 /// The XML of a part; none if there is no such part.
 fn xml<'z>(part: &str, archive: &'z mut Archive<'_>) -> Result<Option<Xml<'z>>, ReadError> {
-    let Some((reader, size)) = archive.unpack(part)? else { return Ok(None) };
+    let Some(Packed { reader, size }) = archive.unpack(part)? else { return Ok(None) };
     Xml::new(part, Stream::new(reader, size)).map(Some)
 }
 

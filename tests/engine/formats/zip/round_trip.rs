@@ -136,7 +136,7 @@ fn meshes() -> impl Strategy<Value = PaintedMesh> {
 
 fn scenes() -> impl Strategy<Value = Scene> {
     let move_it = prop::option::of(-4.0..4.0)
-        .prop_map(|by| DAffine3 { translation: DVec3::splat(by.unwrap_or(0.0)).into(), ..DAffine3::IDENTITY });
+        .prop_map(|by| DAffine3 { translation: DVec3::splat(by.unwrap_or(0.0)), ..DAffine3::IDENTITY });
     let items = prop::collection::vec((0..3_u32, move_it), 0..3);
     (prop::collection::vec(meshes(), 1..4), items, palettes(), textures()).prop_map(
         |(meshes, items, palettes, textures)| {
