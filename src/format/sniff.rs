@@ -81,10 +81,11 @@ fn looks_binary(head: &[u8]) -> bool {
     head.iter().any(|&b| b < 0x20 && !matches!(b, b'\t' | b'\n' | b'\r' | 0x0B | 0x0C | 0x1A))
 }
 
-/// Whether bytes of a binary file were replaced by U+FFFD, as programs do that take it for UTF-8. By chance, three of
-/// these marks in a head are as good as impossible.
+/// Whether bytes of a binary file were replaced by U+FFFD, as programs do that take it for UTF-8: then the whole is UTF-8. The bytes of such
+/// a mark alone may be a colour, which a file has for every face.
 fn is_mangled(head: &[u8]) -> bool {
-    head.contains(&0) && head.windows(3).filter(|w| w == b"\xEF\xBF\xBD").count() >= 3
+    let is_text = std::str::from_utf8(head).map_or_else(|error| error.error_len().is_none(), |_| true);
+    is_text && head.contains(&0) && head.windows(3).filter(|w| w == b"\xEF\xBF\xBD").count() >= 3
 }
 
 /// An object of JSON with a member that glTF has. It may begin with a buffer that is longer than the head.

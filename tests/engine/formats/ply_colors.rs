@@ -137,6 +137,14 @@ fn faces_of_one_colour_are_written_as_such() {
 }
 
 #[test]
+fn a_colour_whose_bytes_are_those_of_a_replaced_character_is_read() {
+    let mut scene = painted(vec![colored([0; 3]); 4]);
+    scene.palettes[0] = Palette::Colors(vec![[0xEF, 0xBF, 0xBD, 255]]);
+    let it = scene_of(&write_scene(&scene, Format::Ply).unwrap());
+    assert_eq!(colors(&it), [Some([[0xEF, 0xBF, 0xBD, 255]; 3]); 4]);
+}
+
+#[test]
 fn a_vertex_has_the_colour_of_the_first_face_that_runs_over_it() {
     // Faces [0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3].
     let it = painted(vec![colored([2; 3]), PAINTLESS, colored([0, 1, 0]), colored([1, 1, 1])]);
