@@ -18,7 +18,7 @@ pub struct AnalyzeOptions {
     /// Whether to draw what was found: `defects.png`, `defects.glb` and `defects.ply` for the first file, `2-defects.png`
     /// and so on for the others.
     pub pictures: bool,
-    /// The unit that lengths are told in; without it each file's own.
+    /// The unit that lengths are brought into; without it they stay as they are. Lengths among these options are in it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub scale_to: Option<Unit>,
     /// What to look for, and how.

@@ -54,7 +54,7 @@ pub struct InspectOptions {
     pub places: usize,
     /// How closely things must agree to count as the same.
     pub tolerances: Tolerances,
-    /// The model's unit, where it is known; without it millimetres are assumed.
+    /// The unit of the file's lengths, whatever it says itself. Without it, and where the file says none, millimetres are assumed.
     pub unit: Option<Unit>,
     /// The direction in which the model is built, of any length but zero.
     #[schema(min_items = 3, max_items = 3)]

@@ -117,7 +117,7 @@ fn inspect_counts_as_closely_as_it_is_asked_to() {
 fn the_report_fits_on_a_screen_and_a_half_and_offenders_lists_every_place() {
     let desk = Desk::new();
     desk.put("open.stl", &shapes::sphere_with_holes(30));
-    let short = text(desk.run(&["inspect", "open.stl"]));
+    let short = text(desk.run(&["inspect", "open.stl", "--unit", "mm"]));
     assert!(short.lines().count() <= 75, "{} lines: {short}", short.lines().count());
     let holes = |text: &str| text.lines().filter(|line| line.contains(", length 0.")).count();
     assert!(short.lines().any(|line| line.starts_with("  30  holes  at (")), "{short}");
@@ -147,7 +147,7 @@ fn what_a_level_does_not_look_for_is_said_and_nothing_is_called_unprintable_for_
     let none = text(desk.run(&["inspect", "good.stl", "--level", "none"]));
     assert!(!none.contains("Defects") && !none.contains("check, level"), "{none}");
     assert!(none.contains("faces without area, duplicate faces, faces not finite, parts inside out"), "{none}");
-    let full = text(desk.run(&["inspect", "good.stl"]));
+    let full = text(desk.run(&["inspect", "good.stl", "--unit", "in"]));
     assert!(full.starts_with("good.stl: binary STL\nprintable\n\nDefects: none of the 20 kinds\n"), "{full}");
     assert!(full.contains("  check, level full           passes\n"), "{full}");
 }

@@ -129,7 +129,7 @@ fn bad_input_is_code_two_with_the_place_and_nothing_is_written() {
     for (args, expected) in [
         (["repair", "in.stl", "-o", "out.stl"].as_slice(), "line 4"),
         (&["repair", "missing.stl", "-o", "out.stl"], "missing.stl"),
-        (&["repair", "in.stl", "-o", "out.xyz"], ".stl, .obj, .ply, .off or .mesh"),
+        (&["repair", "in.stl", "-o", "out.xyz"], ".mesh, .glb, .3mf or .zip"),
         (&["repair", "in.stl", "-o", "out.stl", "--max-tier", "7"], "max_tier"),
         (&["repair", "in.stl", "-o", "out.stl", "--preset", "magic"], "magic"),
         (&["inspect", "in.stl"], "line 4"),

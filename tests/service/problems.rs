@@ -67,7 +67,7 @@ async fn every_kind_of_wrong_request_gets_a_problem_that_says_what_to_do() {
     problem(api.post("/v1/uploads").header("content-type", "text/plain").body("a.stl"), 415, "unsupported_media_type")
         .await;
     problem(submit().body("hello, I am no model"), 415, "unsupported_model").await;
-    problem(submit().body(b"PK\x03\x04 something zipped".to_vec()), 415, "unsupported_model").await;
+    problem(submit().body(b"Rar!\x1A\x07\0 something packed".to_vec()), 415, "unsupported_model").await;
     for options in ["{\"max_tier\": 9}", "{\"max_teir\": 1}", "{\"preset\": \"magic\"}", "[", "{\"deadline_s\": null}"]
     {
         problem(submit().multipart(form().part("file", file()).text("options", options)), 422, "invalid_options").await;
