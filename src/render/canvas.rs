@@ -11,27 +11,27 @@ const WEIGHT: FontWeight = FontWeight::Regular;
 pub struct Canvas {
     /// Width and height in pixels.
     pub size: [usize; 2],
-    pixels: Vec<Colour>,
+    pixels: Vec<[u8; 3]>,
 }
 
 impl Canvas {
     /// An image of one colour.
     #[must_use]
     pub fn new(size: [usize; 2], colour: Colour) -> Self {
-        Self { size, pixels: vec![colour; size[0] * size[1]] }
+        Self { size, pixels: vec![colour.0; size[0] * size[1]] }
     }
 
     /// The colour of a pixel.
     #[must_use]
     #[cfg(test)]
     pub fn get(&self, x: usize, y: usize) -> Colour {
-        self.pixels[y * self.size[0] + x]
+        Colour(self.pixels[y * self.size[0] + x])
     }
 
     /// Puts a pixel, where it is in the image.
     pub fn put(&mut self, x: usize, y: usize, colour: Colour) {
         if x < self.size[0] && y < self.size[1] {
-            self.pixels[y * self.size[0] + x] = colour;
+            self.pixels[y * self.size[0] + x] = colour.0;
         }
     }
 
@@ -39,7 +39,7 @@ impl Canvas {
     ///
     /// # Panics
     /// When there is no such row.
-    pub fn row(&mut self, y: usize) -> &mut [Colour] {
+    pub fn row(&mut self, y: usize) -> &mut [[u8; 3]] {
         &mut self.pixels[y * self.size[0]..(y + 1) * self.size[0]]
     }
 
@@ -47,7 +47,7 @@ impl Canvas {
     pub fn fill(&mut self, [x, y]: [usize; 2], [width, height]: [usize; 2], colour: Colour) {
         let (left, right) = (x.min(self.size[0]), (x + width).min(self.size[0]));
         for row in y..(y + height).min(self.size[1]) {
-            self.row(row)[left..right].fill(colour);
+            self.row(row)[left..right].fill(colour.0);
         }
     }
 
@@ -70,7 +70,7 @@ impl Canvas {
                 for (column, &ink) in line.iter().enumerate() {
                     let [px, py] = [x + i * text_width(1) + column, y + row];
                     if ink > 0 && px < self.size[0] && py < self.size[1] {
-                        let below = self.pixels[py * self.size[0] + px];
+                        let below = Colour(self.pixels[py * self.size[0] + px]);
                         self.put(px, py, below.mixed(colour, f32::from(ink) / 255.0));
                     }
                 }
@@ -90,8 +90,7 @@ impl Canvas {
         encoder.set_depth(png::BitDepth::Eight);
         encoder.set_compression(png::Compression::Fast);
         let mut writer = encoder.write_header()?;
-        let bytes: Vec<[u8; 3]> = self.pixels.iter().map(|colour| colour.0).collect();
-        writer.write_image_data(bytes.as_flattened())?;
+        writer.write_image_data(self.pixels.as_flattened())?;
         writer.finish()?;
         Ok(file)
     }

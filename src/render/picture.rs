@@ -3,9 +3,9 @@ use rayon::prelude::*;
 
 use super::camera::{Camera, SAMPLES, VIEWS, View};
 use super::canvas::{Canvas, text_width};
-use super::overlay::draw_overlay;
+use super::overlay::Overlay;
 use super::palette::INSIDE;
-use super::raster::{Raster, Seen};
+use super::raster::{Faces, Raster, Seen};
 use super::scene::{Paint, Shows};
 use super::{Colour, RenderError, Scene};
 use crate::context::Context;
@@ -23,6 +23,8 @@ const COLUMN: usize = 320;
 /// Space between views, and around the mesh in its view.
 const GAP: usize = 4;
 const MARGIN: usize = 22;
+/// Samples of one view from which on the inner side is worth a word.
+const WORTH_A_WORD: usize = 40;
 
 const PAPER: Colour = Colour([0xFF; 3]);
 const PANEL: Colour = Colour([0xF1, 0xF3, 0xF6]);
@@ -70,28 +72,30 @@ struct Drawn {
 
 fn draw_view(scene: &Scene, points: &[Vec3], view: &View, size: [usize; 2]) -> Drawn {
     let camera = Camera::new(view, &scene.surface, points, size, MARGIN);
-    let mut raster = Raster::new(scene, points, &camera, PANEL);
-    draw_overlay(scene, &camera, &mut raster);
-    let mut canvas = resolve(&raster);
+    let (faces, mut overlay) = (Faces::new(scene, points, &camera), Overlay::new(scene, &camera));
+    let (mut canvas, mut inside) = (Canvas::new(size, PANEL), 0);
+    faces.draw(PANEL, |raster| {
+        overlay.draw(raster);
+        resolve(raster, &mut canvas);
+        inside += raster.inside();
+    });
     canvas.text([8, 4], view.name, FAINT);
     if !scene.surface.faces.is_empty() {
         scale_bar(&mut canvas, camera.pixels_a_unit(&scene.frame));
     }
-    Drawn { canvas, inside: raster.shows_inside(), every: raster.every }
+    Drawn { canvas, inside: inside >= WORTH_A_WORD, every: faces.every }
 }
 
 /// Takes the mean of each pixel's samples.
-fn resolve(raster: &Raster) -> Canvas {
-    let size = raster.size.map(|s| s / SAMPLES);
-    let mut canvas = Canvas::new(size, PANEL);
-    for (y, rows) in raster.seen.chunks_exact(SAMPLES * raster.size[0]).enumerate() {
-        let (upper, lower) = rows.split_at(raster.size[0]);
+fn resolve(raster: &Raster, canvas: &mut Canvas) {
+    for (y, rows) in (raster.rows.start / SAMPLES..).zip(raster.seen.chunks_exact(SAMPLES * raster.width)) {
+        let (upper, lower) = rows.split_at(raster.width);
         let samples = upper.as_chunks::<SAMPLES>().0.iter().zip(lower.as_chunks::<SAMPLES>().0);
         for (pixel, (&[a, b], &[c, d])) in canvas.row(y).iter_mut().zip(samples) {
-            *pixel = if a == b && a == c && a == d { a.colour() } else { mean([a, b, c, d].map(Seen::colour)) };
+            let colour = if a == b && a == c && a == d { a.colour() } else { mean([a, b, c, d].map(Seen::colour)) };
+            *pixel = colour.0;
         }
     }
-    canvas
 }
 
 #[expect(clippy::cast_possible_truncation, reason = "the mean of bytes")]

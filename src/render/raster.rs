@@ -1,6 +1,8 @@
+use std::ops::Range;
+
 use glam::Vec3;
 
-use super::camera::{Camera, Projected, STEPS};
+use super::camera::{Camera, Projected, SAMPLES, STEPS};
 use super::palette::{BY_GRAVITY, INSIDE};
 use super::scene::Paint;
 use super::{Colour, Scene};
@@ -17,22 +19,37 @@ const SHADOW: f32 = 0.44;
 /// of faces at the same place the gravest is seen; and how far behind an inner side is.
 const LIFT: f32 = 0.05;
 const DROP: f32 = 0.03;
-/// Samples of one view from which on the inner side is worth a word.
-const WORTH_A_WORD: usize = 40;
 /// Width of the line along a face's edges in samples, and how dark it is where faces are large.
 const WIRE: f32 = 1.0;
 const WIRE_DARK: f32 = 0.22;
 
-/// The samples of one view: what is nearest, and its colour.
+/// Rows of samples that are drawn together: few enough to stay in the processor's cache, whatever the size of the picture.
+const STRIP: usize = 32 * SAMPLES;
+
+/// A strip of the samples of one view: what is nearest, and its colour.
 #[derive(Debug, Clone)]
 pub struct Raster {
-    /// Width and height in samples.
-    pub size: [usize; 2],
+    /// Samples in a row.
+    pub width: usize,
+    /// The view's rows of samples that are in it.
+    pub rows: Range<usize>,
     /// Depth of the nearest surface, larger towards the eye; minus infinity where there is none.
     pub depth: Vec<f32>,
     /// What is seen of it.
     pub seen: Vec<Seen>,
-    /// Only every nth of the sound faces was drawn.
+}
+
+/// The faces of one view, ready to be drawn strip by strip.
+pub struct Faces<'a> {
+    scene: &'a Scene,
+    points: &'a [Vec3],
+    camera: &'a Camera,
+    placed: Vec<Projected>,
+    /// Those of each strip begin here in `order`, and end where those of the next begin.
+    begin: Vec<usize>,
+    order: Vec<u32>,
+    lifts: [f32; DefectKind::ALL.len()],
+    /// Only every nth of the sound faces is drawn.
     pub every: usize,
 }
 
@@ -62,41 +79,57 @@ impl Seen {
     }
 }
 
-impl Raster {
-    /// Draws the faces of a scene before a background. `points` are its vertices in the cube.
+impl<'a> Faces<'a> {
+    /// Places the faces of a scene. `points` are its vertices in the cube.
     #[must_use]
-    pub fn new(scene: &Scene, points: &[Vec3], camera: &Camera, background: Colour) -> Self {
-        let samples = camera.size[0] * camera.size[1];
-        let mut raster = Self {
-            size: camera.size,
-            depth: vec![f32::NEG_INFINITY; samples],
-            seen: vec![Seen::new(background, false); samples],
-            every: every(scene, points, camera),
+    pub fn new(scene: &'a Scene, points: &'a [Vec3], camera: &'a Camera) -> Self {
+        let every = every(scene, points, camera);
+        let placed: Vec<Projected> = points.iter().map(|&p| camera.project(p)).collect();
+        let shown = || {
+            (0u32..)
+                .zip(&scene.paint)
+                .filter(|&(f, paint)| !paint.is_plain() || (f as usize).is_multiple_of(every))
+                .map(|it| it.0)
         };
-        let corners = |f: usize| scene.surface.faces[f].map(|v| points[v as usize]);
-        let lifts = lifts();
-        for (f, &paint) in scene.paint.iter().enumerate() {
-            if !paint.is_plain() || f % raster.every == 0 {
-                let lift = match paint {
-                    Paint::Sound => 0.0,
-                    Paint::Defect(kind) => lifts[kind as usize],
-                    Paint::Fate(fate) => f32::from(fate as u8) * LIFT,
-                };
-                raster.face(camera, corners(f), paint, lift);
+        let count = camera.size[1].div_ceil(STRIP);
+        let strips = |f: u32| {
+            let heights = scene.surface.faces[f as usize].map(|v| placed[v as usize].y);
+            let strip = |y: i32| usize::try_from(y / STEPS).unwrap_or(0) / STRIP;
+            let [low, high] = [heights.iter().min(), heights.iter().max()].map(|y| y.map_or(0, |&y| strip(y)));
+            low..(high + 1).min(count)
+        };
+        let mut begin = vec![0; count + 1];
+        shown().flat_map(strips).for_each(|strip| begin[strip + 1] += 1);
+        for strip in 0..count {
+            begin[strip + 1] += begin[strip];
+        }
+        let (mut order, mut next) = (vec![0; begin[count]], begin.clone());
+        for f in shown() {
+            for strip in strips(f) {
+                order[next[strip]] = f;
+                next[strip] += 1;
             }
         }
-        raster
+        Self { scene, points, camera, placed, begin, order, lifts: lifts(), every }
     }
 
-    /// Whether the inner side of the surface is seen.
-    #[must_use]
-    pub fn shows_inside(&self) -> bool {
-        self.seen.iter().filter(|seen| seen.inside()).count() >= WORTH_A_WORD
+    /// Draws each strip of the view before a background, from above, and lets `done` have it.
+    pub fn draw(&self, background: Colour, mut done: impl FnMut(&mut Raster)) {
+        let [width, height] = self.camera.size;
+        let mut raster = Raster { width, rows: 0..0, depth: Vec::new(), seen: Vec::new() };
+        for (top, faces) in (0..height).step_by(STRIP).zip(self.begin.windows(2)) {
+            raster.clear(top..(top + STRIP).min(height), background);
+            for &f in &self.order[faces[0]..faces[1]] {
+                self.face(f as usize, &mut raster);
+            }
+            done(&mut raster);
+        }
     }
 
-    fn face(&mut self, camera: &Camera, corners: [Vec3; 3], paint: Paint, lift: f32) {
-        let [a, b, c] = corners;
-        let normal = camera.turn((b - a).cross(c - a)).normalize_or_zero();
+    fn face(&self, f: usize, raster: &mut Raster) {
+        let (vertices, paint) = (self.scene.surface.faces[f], self.scene.paint[f]);
+        let [a, b, c] = vertices.map(|v| self.points[v as usize]);
+        let normal = self.camera.turn((b - a).cross(c - a)).normalize_or_zero();
         if normal.z == 0.0 {
             return;
         }
@@ -108,13 +141,35 @@ impl Raster {
             (false, Paint::Sound) => INSIDE.lit(light),
             (false, _) => paint.colour().mixed(INSIDE, 0.3).lit(0.8 * light),
         };
+        let lift = match paint {
+            Paint::Sound => 0.0,
+            Paint::Defect(kind) => self.lifts[kind as usize],
+            Paint::Fate(fate) => f32::from(fate as u8) * LIFT,
+        };
         let lift = if outer { lift } else { lift - DROP };
-        let placed = corners.map(|p| {
-            let mut it = camera.project(p);
-            it.z += lift;
-            it
+        let placed = vertices.map(|v| {
+            let it = self.placed[v as usize];
+            Projected { z: it.z + lift, ..it }
         });
-        self.triangle(placed, colour, !outer && paint == Paint::Sound);
+        raster.triangle(placed, colour, !outer && paint == Paint::Sound);
+    }
+}
+
+impl Raster {
+    /// Begins some rows of a view anew.
+    fn clear(&mut self, rows: Range<usize>, background: Colour) {
+        let samples = rows.len() * self.width;
+        self.rows = rows;
+        self.depth.clear();
+        self.depth.resize(samples, f32::NEG_INFINITY);
+        self.seen.clear();
+        self.seen.resize(samples, Seen::new(background, false));
+    }
+
+    /// How many samples show the inner side of a sound face.
+    #[must_use]
+    pub fn inside(&self) -> usize {
+        self.seen.iter().filter(|seen| seen.inside()).count()
     }
 
     /// Fills a triangle, its borders included, and darkens it along its edges.
@@ -134,7 +189,9 @@ impl Raster {
         let plane = Plane::new(corners, edges, doubled, [columns[0], rows[0]]);
         let wire = Wire::new(&edges, doubled);
         let (plain, dark) = (Seen::new(colour, inside), Seen::new(colour.lit(1.0 - wire.dark), inside));
-        for row in rows[0]..=rows[1] {
+        #[expect(clippy::cast_possible_wrap, reason = "an image's size")]
+        let [top, end] = [self.rows.start as i64, self.rows.end as i64];
+        for row in rows[0].max(top)..=rows[1].min(end - 1) {
             let begin = edges.map(|edge| edge.at(columns[0], row));
             let Some([first, last]) = span(&edges, begin, columns) else { continue };
             let [from, to] = wire.within(&edges, begin, columns).unwrap_or([last + 1, last]);
@@ -150,7 +207,7 @@ impl Raster {
         if first > last {
             return;
         }
-        let begin = row as usize * self.size[0];
+        let begin = (row as usize - self.rows.start) * self.width;
         let samples = begin + first as usize..begin + last as usize + 1;
         let depths = plane.along(first, row);
         // Without a branch, so that it is done for several samples at once.
@@ -161,17 +218,17 @@ impl Raster {
         }
     }
 
-    /// The columns and rows of samples whose middles a triangle's box holds.
+    /// The columns and rows of samples whose middles a triangle's box holds, those above and below this strip too.
     fn covered(&self, corners: [Projected; 3]) -> Option<[[i64; 2]; 2]> {
-        let range = |of: fn(&Projected) -> i32, size: usize| {
+        let range = |of: fn(&Projected) -> i32, end: usize| {
             let (low, high) = corners.iter().fold((i32::MAX, i32::MIN), |(l, h), p| (l.min(of(p)), h.max(of(p))));
             let half = i64::from(STEPS / 2);
             let first = (i64::from(low) - half + i64::from(STEPS) - 1).div_euclid(i64::from(STEPS)).max(0);
             #[expect(clippy::cast_possible_wrap, reason = "an image's size")]
-            let last = (i64::from(high) - half).div_euclid(i64::from(STEPS)).min(size as i64 - 1);
+            let last = (i64::from(high) - half).div_euclid(i64::from(STEPS)).min(end as i64 - 1);
             (first <= last).then_some([first, last])
         };
-        Some([range(|p| p.x, self.size[0])?, range(|p| p.y, self.size[1])?])
+        Some([range(|p| p.x, self.width)?, range(|p| p.y, self.rows.end)?])
     }
 }
 
