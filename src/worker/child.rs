@@ -154,3 +154,41 @@ impl Progress for Reporter<'_> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::sync::atomic::{AtomicU64, Ordering};
+
+    use super::*;
+
+    #[test]
+    fn every_stage_is_told_and_what_comes_within_one_now_and_then() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let now = AtomicU64::new(0);
+        let clock = || Duration::from_millis(now.load(Ordering::Relaxed));
+        let reporter = Reporter::new(folder.path(), &clock).expect("a log");
+        let at = |milliseconds, stage, tier| {
+            now.store(milliseconds, Ordering::Relaxed);
+            reporter.is_due(stage, tier)
+        };
+        assert!(at(0, Stage::Read, None));
+        assert!(at(1, Stage::Repair, Some(1)));
+        assert!(!at(2, Stage::Repair, Some(1)));
+        assert!(at(3, Stage::Repair, Some(2)));
+        assert!(!at(52, Stage::Repair, Some(2)));
+        assert!(at(53, Stage::Repair, Some(2)));
+        assert!(!at(54, Stage::Repair, Some(2)));
+        assert!(at(54, Stage::Verify, None));
+    }
+
+    #[test]
+    fn a_log_ends_where_it_has_its_size() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let reporter = Reporter::new(folder.path(), &|| Duration::ZERO).expect("a log");
+        let line = "x".repeat(1000);
+        (0..2000).for_each(|_| reporter.log(&line));
+        let log = fs::read_to_string(folder.path().join(Task::LOG)).expect("a log");
+        assert!(log.len() as u64 <= LOG_BYTES && log.len() > 1_000_000, "{}", log.len());
+        assert!(log.ends_with("x\nthe log is cut here\n"));
+    }
+}
