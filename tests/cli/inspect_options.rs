@@ -73,7 +73,7 @@ fn an_option_that_can_t_be_used_is_code_two_and_says_what_to_give() {
     let desk = Desk::new();
     desk.put("box.stl", &files::whole_box());
     for (given, expected) in [
-        ("--unit=parsec", "mm, cm, m, in, ft"),
+        ("--unit=parsec", "mm, cm, in, ft, m"),
         ("--up=0,0,0", "a direction that is not zero"),
         ("--up=1,2", "three numbers are wanted"),
         ("--overhang=95", "between 0 and 90 degrees"),
