@@ -96,6 +96,14 @@ impl HeldKey {
         self.key.clone().map(|key| RequestKey { key, fingerprint })
     }
 
+    /// Gives it back, and waits until that is done, so that whoever hears the answer can send a better request with it.
+    pub async fn give_back(mut self) {
+        self.renewal.abort();
+        if let Some(key) = self.key.take() {
+            release(self.store.as_ref(), &self.tenant, &key, self.job).await;
+        }
+    }
+
     /// Lets the key be, for it is known with the job that the request made, or was never held.
     pub fn leave(mut self) {
         self.key = None;
@@ -108,12 +116,13 @@ impl Drop for HeldKey {
         self.renewal.abort();
         let Some(key) = self.key.take() else { return };
         let (store, tenant, job) = (Arc::clone(&self.store), self.tenant.clone(), self.job);
-        let release = async move {
-            if let Err(error) = store.release_key(tenant.as_str(), &key, job).await {
-                tracing::warn!(%error, "an idempotency key was not given back and will be free in a while");
-            }
-        };
-        tokio::spawn(release.in_current_span());
+        tokio::spawn(async move { release(store.as_ref(), &tenant, &key, job).await }.in_current_span());
+    }
+}
+
+async fn release(store: &dyn Store, tenant: &TenantName, key: &str, job: JobId) {
+    if let Err(error) = store.release_key(tenant.as_str(), key, job).await {
+        tracing::warn!(%error, "an idempotency key was not given back and will be free in a while");
     }
 }
 

@@ -177,7 +177,15 @@ impl Accepting {
         let refused = |problem| Refused { problem, is_certain: true };
         let Self { state, caller, id, asked, again, traceparent } = self;
         let store = state.store.as_ref();
-        let upload = upload.map_err(refused)?;
+        let upload = match upload {
+            Ok(upload) => upload,
+            Err(problem) => {
+                if let Asked::Held(held) = asked {
+                    held.give_back().await;
+                }
+                return Err(refused(problem));
+            }
+        };
         let now = idempotency::fingerprint(&upload);
         let held = match asked {
             Asked::NoKey => None,
