@@ -128,6 +128,16 @@ pub struct Inspection {
     pub print: Option<PrintMeasures>,
 }
 
+impl Inspection {
+    /// Leaves out all places but so many of each kind. Counts stay.
+    pub fn keep_places(&mut self, most: usize) {
+        self.defects.iter_mut().for_each(|group| group.places.truncate(most));
+        if let Some(wall) = self.print.as_mut().and_then(|print| print.thinnest_wall.as_mut()) {
+            wall.places.truncate(most);
+        }
+    }
+}
+
 /// Looks at a mesh. The findings have more places than the report lists, and a mark on each face.
 ///
 /// # Errors

@@ -4,6 +4,9 @@ use utoipa::ToSchema;
 use super::{Candidate, Changes, Outcome, Plan, RedFlag, Report, Step};
 use crate::inspect::{Inspection, Ledger};
 
+/// Places of each kind that the account of an object has: with those of all, reports of many objects would be too large.
+const PLACES: usize = 5;
+
 /// The account of one object that was repaired apart from the others, in its own coordinates.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct ObjectReport {
@@ -18,7 +21,7 @@ pub struct ObjectReport {
     pub outcome: Outcome,
     /// The outcome in words.
     pub summary: String,
-    /// The object, looked at before anything was processed but the unit.
+    /// The object, looked at before anything was processed but the unit, with a few places of each kind.
     pub before: Inspection,
     /// What was made of it, looked at in the same way.
     pub after: Option<Inspection>,
@@ -43,7 +46,10 @@ pub struct ObjectReport {
 
 impl ObjectReport {
     /// The account of an object, of which the account of its repair is the most.
-    pub(super) fn new(name: Option<String>, number: usize, places: u64, report: Report) -> Self {
+    pub(super) fn new(name: Option<String>, number: usize, places: u64, mut report: Report) -> Self {
+        for looked in std::iter::once(&mut report.before).chain(&mut report.after) {
+            looked.keep_places(PLACES);
+        }
         Self {
             name,
             number: u32::try_from(number + 1).unwrap_or(u32::MAX),

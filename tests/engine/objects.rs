@@ -380,3 +380,24 @@ fn an_archive_is_not_handed_out_for_the_model_in_it() {
     assert_eq!(read(&it.bytes).mesh.soup, read(&stl).mesh.soup);
     assert!(it.report.input.dialect.contains("ZIP"), "{}", it.report.input.dialect);
 }
+
+#[test]
+fn the_report_of_as_many_objects_as_are_kept_apart_is_of_bounded_size() {
+    let soup = open(torus(10.0, 3.0, 12, 8));
+    let item = |number: u32| Item {
+        transform: DAffine3::from_translation(DVec3::new(f64::from(number) * 30.0, 0.0, 0.0)),
+        ..Item::of(number)
+    };
+    let scene = |count: u32| Scene {
+        objects: (0..count).map(|number| named(&number.to_string(), soup.clone())).collect(),
+        items: (0..count).map(item).collect(),
+        ..kit()
+    };
+    let it = run(&packed(&scene(200), Format::ThreeMf), &Options::default());
+    assert_eq!((it.report.outcome, it.report.objects.len()), (Outcome::Repaired, 200));
+    let size = serde_json::to_vec_pretty(&it.report).unwrap().len();
+    assert!(size < 12 << 20, "{size}");
+    let it = run(&packed(&scene(201), Format::ThreeMf), &Options::default());
+    assert_eq!((scene_of(&it).objects.len(), it.report.objects.len()), (1, 0));
+    assert!(it.report.warnings.iter().any(|warning| warning.contains("more than 200")), "{:?}", it.report.warnings);
+}
