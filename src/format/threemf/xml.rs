@@ -301,7 +301,9 @@ impl<'a> Xml<'a> {
 
     #[inline]
     fn binding(&self, prefix: &[u8]) -> Result<&Binding, ReadError> {
-        self.bindings.iter().rev().find(|binding| &*binding.prefix == prefix).ok_or_else(|| {
+        // Not by comparing no bytes with none at an address where there is no memory, which some processors are slow at.
+        let is_it = |own: &[u8]| own.len() == prefix.len() && (prefix.is_empty() || own == prefix);
+        self.bindings.iter().rev().find(|binding| is_it(&binding.prefix)).ok_or_else(|| {
             self.malformed(format_args!(
                 "the prefix '{}' stands for no namespace; export the model again",
                 shown(prefix)
