@@ -7,7 +7,7 @@ use std::process::Command;
 use std::time::Instant;
 
 use glam::DVec3;
-use meshmend::format::{Format, Limits, ReadOptions, read_file, write};
+use meshmend::format::{Format, ReadOptions, read_file, write};
 use meshmend::mesh::Soup;
 
 const RUNS: usize = 5;
@@ -38,7 +38,7 @@ fn main() {
         .map(|_| {
             let begin = Instant::now();
             let bytes = std::fs::read(&path).unwrap();
-            let read = read_file(&bytes, &ReadOptions { limits: Limits::default(), ..ReadOptions::default() }).unwrap();
+            let read = read_file(&bytes, &ReadOptions::default()).unwrap();
             assert_eq!(read.mesh.soup.faces.len(), 1_000_000);
             begin.elapsed().as_secs_f64()
         })

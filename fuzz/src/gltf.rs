@@ -9,7 +9,7 @@ const LIMITS: Limits = Limits { max_bytes: 1 << 20, max_faces: 4000, max_vertice
 /// # Panics
 /// Where a reader or writer panics, or what is written can't be read, or reads as something else.
 pub fn gltf(bytes: &[u8]) {
-    let first = match read_scene(bytes, &ReadOptions { limits: LIMITS, ..ReadOptions::default() }) {
+    let first = match read_scene(bytes, &ReadOptions::within(LIMITS)) {
         Ok(first) if first.format == Format::Glb => first,
         Ok(_) => return,
         Err(error) => return assert!(!error.detail.is_empty() && error.detail.len() < 700, "{error}"),

@@ -1,5 +1,6 @@
 //! What is fuzzed: bytes in, a panic where a promise is broken. The same is run with damaged input by `tests/fuzz/`.
 
+mod archive;
 mod arrangement;
 mod choices;
 mod gltf;

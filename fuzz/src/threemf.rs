@@ -1,10 +1,8 @@
 //! 3MF's reader and writer on any bytes: an archive, or the text of a model, which is packed first.
 
-use std::io::{Cursor, Write};
-
 use meshmend::format::{Format, Limits, ReadOptions, read_scene, write_scene};
-use zip::ZipWriter;
-use zip::write::SimpleFileOptions;
+
+use super::archive::pack;
 
 const LIMITS: Limits = Limits { max_bytes: 1 << 20, max_faces: 4000, max_vertices: 12_000 };
 
@@ -15,20 +13,15 @@ const RELATIONSHIPS: &[u8] = b"<Relationships xmlns=\"http://schemas.openxmlform
 /// # Panics
 /// Where a reader or writer panics, or what is written can't be read, or reads as something else.
 pub fn threemf(bytes: &[u8]) {
-    let packed = if bytes.starts_with(b"PK") { bytes.to_owned() } else { pack(bytes) };
-    let Ok(first) = read_scene(&packed, &ReadOptions { limits: LIMITS, ..ReadOptions::default() }) else { return };
+    let packed = if bytes.starts_with(b"PK") {
+        bytes.to_owned()
+    } else {
+        pack(&[("_rels/.rels", RELATIONSHIPS), ("3D/3dmodel.model", bytes)])
+    };
+    let Ok(first) = read_scene(&packed, &ReadOptions::within(LIMITS)) else { return };
     let written = write_scene(&first.scene, Format::ThreeMf).expect("what was read has only finite numbers");
     let second = read_scene(&written, &ReadOptions::default())
         .unwrap_or_else(|error| panic!("what is written is refused: {error}"));
     let again = write_scene(&second.scene, Format::ThreeMf).expect("what was read has only finite numbers");
     assert!(written == again, "what is written reads as something else");
-}
-
-fn pack(model: &[u8]) -> Vec<u8> {
-    let mut zip = ZipWriter::new(Cursor::new(Vec::new()));
-    for (name, part) in [("_rels/.rels", RELATIONSHIPS), ("3D/3dmodel.model", model)] {
-        zip.start_file(name, SimpleFileOptions::default()).expect("to memory");
-        zip.write_all(part).expect("to memory");
-    }
-    zip.finish().expect("to memory").into_inner()
 }

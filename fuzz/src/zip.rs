@@ -1,10 +1,8 @@
 //! The reader and writer of OBJ with its side files on any bytes: an archive, or the texts of a model and its materials, which are packed first.
 
-use std::io::{Cursor, Write};
-
 use meshmend::format::{Format, Limits, ReadOptions, read, read_scene, write_scene};
-use zip::ZipWriter;
-use zip::write::SimpleFileOptions;
+
+use super::archive::pack;
 
 const LIMITS: Limits = Limits { max_bytes: 1 << 20, max_faces: 4000, max_vertices: 12_000 };
 
@@ -16,8 +14,8 @@ const BETWEEN: &[u8] = b"\n---\n";
 /// # Panics
 /// Where a reader or writer panics; colours change the shape; or what is written can't be read, or reads as something else.
 pub fn zip(bytes: &[u8]) {
-    let packed = if bytes.starts_with(b"PK") { bytes.to_owned() } else { pack(bytes) };
-    let first = read_scene(&packed, &ReadOptions { limits: LIMITS, ..ReadOptions::default() });
+    let packed = if bytes.starts_with(b"PK") { bytes.to_owned() } else { pack_texts(bytes) };
+    let first = read_scene(&packed, &ReadOptions::within(LIMITS));
     let bare = read(&packed, &LIMITS);
     let (first, bare) = match (first, bare) {
         (Ok(first), Ok(bare)) => (first, bare),
@@ -41,17 +39,11 @@ pub fn zip(bytes: &[u8]) {
     }
 }
 
-fn pack(texts: &[u8]) -> Vec<u8> {
+fn pack_texts(texts: &[u8]) -> Vec<u8> {
     let cut = texts.windows(BETWEEN.len()).position(|it| it == BETWEEN);
     let (model, materials) = match cut {
         Some(at) => (&texts[..at], &texts[at + BETWEEN.len()..]),
         None => (texts, &b""[..]),
     };
-    let mut zip = ZipWriter::new(Cursor::new(Vec::new()));
-    let files = [("m/model.obj", model), ("m/c.mtl", materials), ("p.png", b"\x89PNG\r\n\x1A\n")];
-    for (name, content) in files {
-        zip.start_file(name, SimpleFileOptions::default()).expect("to memory");
-        zip.write_all(content).expect("to memory");
-    }
-    zip.finish().expect("to memory").into_inner()
+    pack(&[("m/model.obj", model), ("m/c.mtl", materials), ("p.png", b"\x89PNG\r\n\x1A\n")])
 }

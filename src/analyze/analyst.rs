@@ -93,7 +93,7 @@ impl<'a> Analyst<'a> {
     pub fn add(&mut self, name: &str, sha256: Option<&str>, bytes: &[u8]) -> Result<(), AnalyzeError> {
         let index = self.files.len();
         self.report(Stage::Read, 0);
-        let read = format::read_file(bytes, &ReadOptions { limits: *self.limits, ..ReadOptions::default() });
+        let read = format::read_shape(bytes, &ReadOptions::within(*self.limits));
         let mut file = read.map_err(|error| AnalyzeError::Read { index, name: name.to_owned(), of: self.of, error })?;
         let unit = file.settle_unit(self.options.inspect.unit, self.options.scale_to);
         let mesh = file.mesh;

@@ -35,6 +35,14 @@ impl Default for ReadOptions {
     }
 }
 
+impl ReadOptions {
+    /// The defaults within limits.
+    #[must_use]
+    pub fn within(limits: Limits) -> Self {
+        Self { limits, ..Self::default() }
+    }
+}
+
 impl Limits {
     /// None at all, for what we wrote ourselves.
     pub const NONE: Self = Self { max_bytes: u64::MAX, max_faces: u64::MAX, max_vertices: u64::MAX };

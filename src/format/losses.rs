@@ -39,12 +39,10 @@ impl Loss {
 
     /// Whether a format can't say it.
     fn is_of(self, format: Format) -> bool {
-        let has_paint = matches!(format, Format::Zip | Format::Glb | Format::ThreeMf);
-        let has_all = matches!(format, Format::Glb | Format::ThreeMf);
         match self {
-            Self::Objects | Self::Unit | Self::Notes => !has_all,
-            Self::Colors => !has_paint && format != Format::Ply,
-            Self::Pictures => !has_paint,
+            Self::Objects | Self::Unit | Self::Notes => !format.has_objects(),
+            Self::Colors => !format.has_paint(),
+            Self::Pictures => !format.has_paint() || format == Format::Ply,
             // Without colours there is no more to say of materials.
             Self::Materials => format == Format::Ply,
             Self::Tints => format == Format::ThreeMf,

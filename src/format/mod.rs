@@ -162,7 +162,7 @@ pub fn sniff(head: &[u8], length: Option<u64>) -> Result<Format, ReadError> {
 /// # Errors
 /// A [`ReadError`] that names the place and what was expected.
 pub fn read(bytes: &[u8], limits: &Limits) -> Result<ReadMesh, ReadError> {
-    read_with(bytes, &ReadOptions { limits: *limits, ..ReadOptions::default() })
+    read_with(bytes, &ReadOptions::within(*limits))
 }
 
 /// As [`read`], with all that can be chosen.
@@ -170,7 +170,15 @@ pub fn read(bytes: &[u8], limits: &Limits) -> Result<ReadMesh, ReadError> {
 /// # Errors
 /// As [`read`].
 pub fn read_with(bytes: &[u8], options: &ReadOptions) -> Result<ReadMesh, ReadError> {
-    Content::read(bytes, options, false)?.into_file(&options.limits).map(|file| file.mesh)
+    read_shape(bytes, options).map(|file| file.mesh)
+}
+
+/// As [`read_file`], where a file of one mesh is read without its colours.
+///
+/// # Errors
+/// As [`read`].
+pub fn read_shape(bytes: &[u8], options: &ReadOptions) -> Result<ReadFile, ReadError> {
+    Content::read(bytes, options, false)?.into_file(&options.limits)
 }
 
 /// Reads a whole file with all that it holds.

@@ -1,7 +1,7 @@
 //! Objects stay objects: each is repaired apart, in its own coordinates, and stands in its places again.
 
-use super::dress::{Dressed, carrier, dress};
-use super::input::{Input, Told, look, read_own, subject};
+use super::dress::{Dressed, carried, carrier, dress};
+use super::input::{Input, Told, look, subject};
 use super::pipeline::{Mended, mend};
 use super::repaint::repaint;
 use super::verdict::fates;
@@ -15,7 +15,7 @@ use crate::mesh::{Soup, Surface};
 use crate::scene::{Object, ObjectKind, Scene, Shape};
 
 /// Most objects that are kept apart: each has a section of its own in the report.
-pub(super) const MOST_APART: usize = 200;
+const MOST_APART: usize = 200;
 
 /// Where the percents of all objects begin and end.
 const PERCENT: [f64; 2] = [5.0, 90.0];
@@ -25,7 +25,7 @@ pub(super) fn keeps_apart(file: &mut ReadFile, format: Format, options: &Options
     let Some(scene) = file.scene.as_ref().filter(|_| format.has_objects() && file.mesh.format.has_objects()) else {
         return false;
     };
-    let count = scene.objects.iter().filter(|object| has_faces(object)).count();
+    let count = scene.objects.iter().filter(|object| object.has_faces()).count();
     match options.merge {
         Merge::Objects => false,
         Merge::None if count > MOST_APART => {
@@ -37,10 +37,6 @@ pub(super) fn keeps_apart(file: &mut ReadFile, format: Format, options: &Options
         }
         Merge::None => count > 0,
     }
-}
-
-fn has_faces(object: &Object) -> bool {
-    object.mesh().is_some_and(|mesh| !mesh.soup.faces.is_empty())
 }
 
 /// What came of the objects.
@@ -106,9 +102,9 @@ pub(super) fn repair_apart(
     remesher: Option<&dyn Remesher>,
     context: &Context<'_>,
 ) -> Result<Apart, RepairError> {
-    let places = places(scene);
+    let places = scene.places();
     let whole = |number: usize, object: &Object| {
-        has_faces(object) && places[number] > 0 && matches!(object.kind, ObjectKind::Model | ObjectKind::SolidSupport)
+        object.has_faces() && places[number] > 0 && matches!(object.kind, ObjectKind::Model | ObjectKind::SolidSupport)
     };
     let faces = |object: &Object| object.mesh().map_or(0, |mesh| mesh.soup.faces.len());
     let numbers: Vec<usize> =
@@ -133,21 +129,16 @@ pub(super) fn repair_apart(
         };
         let start = context.now();
         let made = repair_object(file, object, format, &options, remesher, &around)?;
-        let RepairedObject { mut report, soup, source, welded } = made;
+        let RepairedObject { mut report, before, soup, source, welded } = made;
         report.milliseconds = context.now().saturating_sub(start).as_secs_f64() * 1e3;
         untouched &= match report.outcome {
             Outcome::AlreadyPrintable => !welded,
             outcome => outcome == Outcome::Unrepairable,
         };
         if let (Some(soup), Shape::Mesh(mesh)) = (soup, &mut result.objects[number].shape) {
-            let paint = match mesh.paint.as_slice() {
-                [] => Vec::new(),
-                paint => {
-                    let (surface, _) = Surface::from_soup(&mesh.soup);
-                    repaint(&surface, paint, &soup, &source, &mut result.palettes, &context.without_deadline())?
-                }
-            };
-            (mesh.soup, mesh.paint) = (soup, paint);
+            let patient = &context.without_deadline();
+            mesh.paint = repaint(&before, &mesh.paint, &soup, &source, &mut result.palettes, patient)?;
+            mesh.soup = soup;
         }
         sections.push(ObjectReport::new(object.name.clone(), number, places[number], report));
         done += own;
@@ -156,7 +147,7 @@ pub(super) fn repair_apart(
         .objects
         .iter()
         .enumerate()
-        .filter(|(number, object)| has_faces(object) && !whole(*number, object))
+        .filter(|(number, object)| object.has_faces() && !whole(*number, object))
         .count();
     let warnings = (left_out > 0)
         .then(|| format!("objects that are not to be printed, or stand nowhere, were left as they are: {left_out}"));
@@ -166,6 +157,8 @@ pub(super) fn repair_apart(
 
 struct RepairedObject {
     report: Report,
+    /// The object as it was, welded.
+    before: Surface,
     /// Its result; none where it has nothing that can be written.
     soup: Option<Soup>,
     /// For each face of the result the object's face that it was cut from.
@@ -191,32 +184,9 @@ fn repair_object(
     let mut report = input.report(options, 0);
     let Mended { outcome, judged } = mend(&input, carrier(format), &mut report, options, remesher, context)?;
     let Told { bytes, source, .. } = input.tell(&mut report, outcome, judged, context)?;
-    let soup = match bytes.as_slice() {
-        [] => None,
-        // Some formats give each face its own vertices.
-        bytes => Some(Surface::from_soup(&read_own(bytes)?.soup).0.to_soup()),
-    };
+    let soup = if bytes.is_empty() { None } else { Some(carried(&bytes)?) };
     let welded = analysis.ingest.merged_vertices > 0 && format == Format::ThreeMf;
-    Ok(RepairedObject { report, soup, source, welded })
-}
-
-/// In how many places each object stands.
-fn places(scene: &Scene) -> Vec<u64> {
-    let mut places = vec![0_u64; scene.objects.len()];
-    for item in &scene.items {
-        if let Some(count) = places.get_mut(item.object as usize) {
-            *count += 1;
-        }
-    }
-    // Objects are made of those before them.
-    for number in (0..scene.objects.len()).rev() {
-        if let Shape::Components(parts) = &scene.objects[number].shape {
-            for part in parts.iter().filter(|part| (part.object as usize) < number) {
-                places[part.object as usize] = places[part.object as usize].saturating_add(places[number]);
-            }
-        }
-    }
-    places
+    Ok(RepairedObject { report, before: analysis.surface, soup, source, welded })
 }
 
 fn name_of(object: &Object, number: usize) -> String {
@@ -245,7 +215,7 @@ impl Progress for Share<'_> {
 }
 
 /// What became of all objects together.
-pub(super) fn outcome_of(sections: &[ObjectReport]) -> Outcome {
+fn outcome_of(sections: &[ObjectReport]) -> Outcome {
     let all = |outcome| sections.iter().all(|section| section.outcome == outcome);
     let good = |section: &ObjectReport| matches!(section.outcome, Outcome::AlreadyPrintable | Outcome::Repaired);
     if sections.is_empty() || all(Outcome::AlreadyPrintable) {
@@ -289,7 +259,7 @@ fn sum_up(report: &mut Report, sections: Vec<ObjectReport>) {
 }
 
 /// What became of all objects together, in words.
-pub(super) fn in_words(sections: &[ObjectReport]) -> String {
+fn in_words(sections: &[ObjectReport]) -> String {
     let count = |outcome| sections.iter().filter(|section| section.outcome == outcome).count();
     let told = [
         (Outcome::AlreadyPrintable, "printable already"),

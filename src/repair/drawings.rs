@@ -36,13 +36,13 @@ pub fn draw(
     let context = &context.limited_to(left);
     let (unit, up) = (&repaired.report.unit, repaired.report.unit.up);
     let reading = |limits| ReadOptions { limits, twist_angle_deg: repaired.report.options.twist_angle_deg };
-    let mut file = format::read_file(input, &reading(*limits))?;
+    let mut file = format::read_shape(input, &reading(*limits))?;
     file.settle_unit(repaired.report.options.unit, repaired.report.options.scale_to);
     let read = file.mesh.soup;
     let before = Marked { soup: &read, findings: &repaired.found_before };
     let after = match &repaired.found_after {
         Some(findings) => {
-            Some((format::read_file(&repaired.bytes, &reading(Limits::NONE))?.mesh_in(unit.used, up), findings))
+            Some((format::read_shape(&repaired.bytes, &reading(Limits::NONE))?.mesh_in(unit.used, up), findings))
         }
         None => None,
     };

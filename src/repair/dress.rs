@@ -20,6 +20,11 @@ pub(super) fn carrier(format: Format) -> Format {
     }
 }
 
+/// The triangles of a result that was judged, some formats of which give each face its own vertices.
+pub(super) fn carried(bytes: &[u8]) -> Result<Soup, RepairError> {
+    Ok(Surface::from_soup(&read_own(bytes)?.soup).0.to_soup())
+}
+
 /// The file of one mesh: with its colours, where the format can say them.
 pub(super) fn dress_one(
     told: Told,
@@ -37,14 +42,10 @@ pub(super) fn dress_one(
         return Ok(told);
     }
     let patient = &context.without_deadline();
-    // Some formats give each face its own vertices.
-    let soup = Surface::from_soup(&read_own(&told.bytes)?.soup).0.to_soup();
+    let soup = carried(&told.bytes)?;
     let mut scene = file.scene.as_ref().map(Scene::without_objects).unwrap_or_default();
     scene.unit = Some(unit);
-    let paint = match file.paint.as_slice() {
-        [] => Vec::new(),
-        paint => repaint(&input.analysis.surface, paint, &soup, &told.source, &mut scene.palettes, patient)?,
-    };
+    let paint = repaint(&input.analysis.surface, &file.paint, &soup, &told.source, &mut scene.palettes, patient)?;
     scene.objects = vec![Object::of_mesh(file.only_name(), PaintedMesh { soup, paint })];
     scene.items = vec![Item::of(0)];
     let Dressed { bytes, mesh, in_order } = dress(&scene, format)?;
@@ -70,8 +71,7 @@ pub(super) struct Dressed {
 /// Writes a scene, reads the written bytes back, and sees that each of its meshes in use has just the faces that it had.
 pub(super) fn dress(scene: &Scene, format: Format) -> Result<Dressed, RepairError> {
     let bytes = format::write_scene(scene, format)?;
-    let options = ReadOptions { limits: Limits::NONE, ..ReadOptions::default() };
-    let read = format::read_file(&bytes, &options)?;
+    let read = format::read_file(&bytes, &ReadOptions::within(Limits::NONE))?;
     let Some(again) = read.scene.as_ref().filter(|_| format.has_objects()) else {
         // One mesh, whatever the scene is made of.
         let whole = scene.placed(u64::MAX).map_err(|_| WriteError::TooLarge)?;
@@ -92,19 +92,8 @@ pub(super) fn dress(scene: &Scene, format: Format) -> Result<Dressed, RepairErro
 
 /// The objects that are meshes with faces and stand somewhere, in their order.
 fn meshes(scene: &Scene) -> Vec<usize> {
-    let mut used = vec![false; scene.objects.len()];
-    let mut stack: Vec<u32> = scene.items.iter().map(|item| item.object).collect();
-    while let Some(object) = stack.pop() {
-        let object = object as usize;
-        if object < used.len()
-            && !std::mem::replace(&mut used[object], true)
-            && let Shape::Components(parts) = &scene.objects[object].shape
-        {
-            stack.extend(parts.iter().map(|part| part.object));
-        }
-    }
-    let has_faces = |object: &Object| object.mesh().is_some_and(|mesh| !mesh.soup.faces.is_empty());
-    (0..used.len()).filter(|&object| used[object] && has_faces(&scene.objects[object])).collect()
+    let places = scene.places();
+    (0..places.len()).filter(|&object| places[object] > 0 && scene.objects[object].has_faces()).collect()
 }
 
 fn soups<'s>(scene: &'s Scene, meshes: &[usize]) -> Vec<&'s Soup> {

@@ -16,7 +16,8 @@ const STRIDE: usize = 4096;
 /// face as the input is painted where it is nearest.
 ///
 /// `input` is the input's surface and `paint` what its sources are painted with; `source` gives for each face of the result the same
-/// kind of number, or [`NO_SOURCE`]. Colours between corners, and places in textures, are added to `palettes`.
+/// kind of number, or [`NO_SOURCE`]. Colours between corners, and places in textures, are added to `palettes`. Where nothing is painted
+/// nothing is.
 ///
 /// # Errors
 /// [`Cancelled`] when the context says stop.
@@ -28,6 +29,9 @@ pub(super) fn repaint(
     palettes: &mut [Palette],
     context: &Context<'_>,
 ) -> Result<Vec<Paint>, Cancelled> {
+    if paint.is_empty() {
+        return Ok(Vec::new());
+    }
     let mut painter = Painter::new(input, paint, palettes);
     let mut painted = Vec::with_capacity(result.faces.len());
     for face in 0..result.faces.len() {

@@ -121,6 +121,12 @@ impl Object {
         Self { name, part_number: None, kind: ObjectKind::Model, shape: Shape::Mesh(mesh), notes: Vec::new() }
     }
 
+    /// Whether it has faces of its own.
+    #[must_use]
+    pub fn has_faces(&self) -> bool {
+        self.mesh().is_some_and(|mesh| !mesh.soup.faces.is_empty())
+    }
+
     /// Its triangles, if it has some of its own.
     #[must_use]
     pub fn mesh(&self) -> Option<&PaintedMesh> {

@@ -32,6 +32,26 @@ impl Scene {
         self
     }
 
+    /// In how many places each object stands.
+    #[must_use]
+    pub fn places(&self) -> Vec<u64> {
+        let mut places = vec![0_u64; self.objects.len()];
+        for item in &self.items {
+            if let Some(count) = places.get_mut(item.object as usize) {
+                *count += 1;
+            }
+        }
+        // Objects are made of those before them.
+        for number in (0..self.objects.len()).rev() {
+            if let Shape::Components(parts) = &self.objects[number].shape {
+                for part in parts.iter().filter(|part| (part.object as usize) < number) {
+                    places[part.object as usize] = places[part.object as usize].saturating_add(places[number]);
+                }
+            }
+        }
+        places
+    }
+
     /// What all items have of something in their places, where a mesh has `of` of it, and an object of others `own` of its own.
     fn count(&self, of: impl Fn(&PaintedMesh) -> usize, own: u64) -> u64 {
         let mut of_object: Vec<u64> = Vec::with_capacity(self.objects.len());

@@ -1,19 +1,10 @@
 // What the page weighs and how long people wait for it.
 import assert from "node:assert/strict";
-import { after, before, test } from "node:test";
-import { LOOKS, launch, open, pixels, settled, shown } from "./support/browser.mjs";
+import { test } from "node:test";
+import { LOOKS, open, pixels, settled, shown } from "./support/browser.mjs";
+import { browser, service } from "./support/desk.mjs";
 import { largeRing } from "./support/models.mjs";
-import { repaired, serve } from "./support/service.mjs";
-
-let service, browser;
-before(async () => {
-  service = await serve();
-  browser = await launch();
-});
-after(async () => {
-  await browser?.close();
-  await service?.stop();
-});
+import { repaired } from "./support/service.mjs";
 
 /** The best of some tries: other processes of the machine only make it slower. */
 async function best(tries, measure) {

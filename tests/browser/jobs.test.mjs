@@ -1,19 +1,10 @@
 // The jobs view, for whoever runs the service.
 import assert from "node:assert/strict";
-import { after, before, test } from "node:test";
-import { launch, open, shown } from "./support/browser.mjs";
+import { test } from "node:test";
+import { open, shown } from "./support/browser.mjs";
+import { browser, service } from "./support/desk.mjs";
 import { brokenRing, soundBox } from "./support/models.mjs";
 import { repaired, serve } from "./support/service.mjs";
-
-let service, browser;
-before(async () => {
-  service = await serve();
-  browser = await launch();
-});
-after(async () => {
-  await browser?.close();
-  await service?.stop();
-});
 
 test("jobs are listed by status and page, with the service's health beside them", { timeout: 120_000 }, async () => {
   // More than one page, all but the first from an earlier result.

@@ -2,20 +2,10 @@
 import assert from "node:assert/strict";
 import { createHash } from "node:crypto";
 import { readFileSync } from "node:fs";
-import { after, before, test } from "node:test";
-import { LOOKS, drop, launch, open, pixels, settled, shown } from "./support/browser.mjs";
+import { test } from "node:test";
+import { LOOKS, drop, open, pixels, settled, shown } from "./support/browser.mjs";
+import { browser, service } from "./support/desk.mjs";
 import { brokenRing, sheet, soundBox, thinWall } from "./support/models.mjs";
-import { serve } from "./support/service.mjs";
-
-let service, browser;
-before(async () => {
-  service = await serve();
-  browser = await launch();
-});
-after(async () => {
-  await browser?.close();
-  await service?.stop();
-});
 
 const sha256 = (bytes) => createHash("sha256").update(bytes).digest("hex");
 

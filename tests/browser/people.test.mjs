@@ -4,26 +4,20 @@ import { mkdtempSync, readFileSync } from "node:fs";
 import { createRequire } from "node:module";
 import { tmpdir } from "node:os";
 import { join } from "node:path";
-import { after, before, test } from "node:test";
-import { drop, launch, open, shown } from "./support/browser.mjs";
+import { before, test } from "node:test";
+import { drop, open, shown } from "./support/browser.mjs";
+import { browser, service } from "./support/desk.mjs";
 import { brokenRing, sheet } from "./support/models.mjs";
-import { repaired, run, serve, serveFrom } from "./support/service.mjs";
+import { repaired, run, serveFrom } from "./support/service.mjs";
 
 const AXE = readFileSync(createRequire(import.meta.url).resolve("axe-core/axe.min.js"), "utf8");
 
-let service, browser, ring, failed;
+let ring, failed;
 before(async () => {
-  service = await serve();
-  browser = await launch();
   ring = await repaired(service.url, "ring.stl", brokenRing());
   failed = await repaired(service.url, "cut.stl", Buffer.from("solid cut\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\n"));
   await repaired(service.url, "sheet.obj", sheet());
 });
-after(async () => {
-  await browser?.close();
-  await service?.stop();
-});
-
 /** Every place of the page that looks different, and what has to be there before it is looked at. */
 const places = () => [
   ["/", (page) => page.getByText("STL, OBJ").waitFor()],

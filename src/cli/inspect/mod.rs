@@ -172,8 +172,8 @@ impl<'a> Run<'a> {
         for input in std::mem::take(&mut self.files) {
             let name = input.path.display().to_string();
             let read = read_file(&input.path, &self.limits).and_then(|bytes| {
-                let options = ReadOptions { limits: self.limits, ..ReadOptions::default() };
-                format::read_file(&bytes, &options).map_err(|error| format!("{name}: {error}"))
+                format::read_shape(&bytes, &ReadOptions::within(self.limits))
+                    .map_err(|error| format!("{name}: {error}"))
             });
             match read {
                 Ok(file) => self.one(&input.path, name, file)?,

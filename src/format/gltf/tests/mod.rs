@@ -112,7 +112,7 @@ fn read(bytes: &[u8]) -> Result<ReadScene, ReadError> {
 }
 
 fn read_within(bytes: &[u8], limits: Limits) -> Result<ReadScene, ReadError> {
-    super::read(bytes, &ReadOptions { limits, ..ReadOptions::default() }, &Beside::nothing())
+    super::read(bytes, &ReadOptions::within(limits), &Beside::nothing())
 }
 
 #[track_caller]

@@ -40,10 +40,7 @@ fn an_archive_that_unpacks_to_far_more_is_refused_unread() {
     assert_no(&bytes, ReadErrorKind::TooLarge, "over the limit of 67108864");
     let limits = Limits { max_bytes: 1000, ..Limits::default() };
     let small = file_with(&text(), &[("3D/more", &vec![b' '; 10_000])]);
-    let error = read_scene(
-        &small,
-        &ReadOptions { limits: Limits { max_bytes: small.len() as u64, ..limits }, ..ReadOptions::default() },
-    );
+    let error = read_scene(&small, &ReadOptions::within(Limits { max_bytes: small.len() as u64, ..limits }));
     assert_eq!(error.unwrap_err().kind, ReadErrorKind::TooLarge);
 }
 

@@ -59,7 +59,7 @@ fn many_places_of_few_faces_are_counted_before_they_are_made() {
 fn counts_are_held_to_the_limits_over_all_objects() {
     let objects: String = (1..=3).map(|id| format!("<object id=\"{id}\">{MESH}</object>")).collect();
     let bytes = file(&model("", &objects, "<item objectid=\"1\"/>"));
-    let with = |limits| read_scene(&bytes, &ReadOptions { limits, ..ReadOptions::default() });
+    let with = |limits| read_scene(&bytes, &ReadOptions::within(limits));
     assert!(with(Limits { max_faces: 3, max_vertices: 9, ..Limits::default() }).is_ok());
     let faces = with(Limits { max_faces: 2, ..Limits::default() }).unwrap_err();
     assert!(faces.kind == TOO_LARGE && faces.detail.contains("3 faces"), "{faces}");
@@ -69,9 +69,9 @@ fn counts_are_held_to_the_limits_over_all_objects() {
     let colors = color.replace("<m:color ", "<m:color color=\"#000000\"/><m:color ");
     let bytes = simple("", &colors, "", MESH);
     let limits = Limits { max_vertices: 3, ..Limits::default() };
-    assert!(read_scene(&bytes, &ReadOptions { limits, ..ReadOptions::default() }).is_ok());
+    assert!(read_scene(&bytes, &ReadOptions::within(limits)).is_ok());
     let more = simple("", &format!("{colors}{}", colors.replace("id=\"1\"", "id=\"2\"")), "", MESH);
-    let error = read_scene(&more, &ReadOptions { limits, ..ReadOptions::default() }).unwrap_err();
+    let error = read_scene(&more, &ReadOptions::within(limits)).unwrap_err();
     assert!(error.kind == TOO_LARGE && error.detail.contains("colours"), "{error}");
 }
 

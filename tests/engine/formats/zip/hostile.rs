@@ -136,7 +136,7 @@ fn places_and_materials_without_end_are_read_in_good_time_within_the_limits() {
     .concat();
     let bytes = package(&[("m.obj", &obj), ("c.mtl", mtl), ("wood.png", PNG)]);
     let limits = Limits { max_vertices: 3, ..Limits::default() };
-    let it = in_time(|| read_scene(&bytes, &ReadOptions { limits, ..ReadOptions::default() }).unwrap());
+    let it = in_time(|| read_scene(&bytes, &ReadOptions::within(limits)).unwrap());
     assert_eq!(colors(&it), [None, Some([[255, 0, 0, 255]; 3])], "the fourth place is over the limit");
     let changes =
         "usemtl wood\nusemtl x\nusemtl\n".repeat(300_000) + &"usemtl wood\nf 1 2 3\nusemtl y\nf 1 2 3\n".repeat(50_000);

@@ -5,6 +5,7 @@ import type { Capabilities, Readiness } from "../api/shapes";
 import { readMetrics, valueOf } from "../report/metrics";
 import { server } from "../state/server";
 import { useWords } from "../words/words";
+import { Facts } from "./facts";
 import { Icon } from "./icons";
 
 const AGAIN_MS = 5000;
@@ -63,23 +64,14 @@ export function Health({ can }: { can: Capabilities | null }) {
       {seen && !seen.open ? (
         <p class="aside">{words.noMetrics}</p>
       ) : (
-        <dl class="counts">
-          {(
-            [
-              [words.waitingJobs, seen?.queued],
-              [words.runningJobs, seen?.running],
-            ] as const
-          ).map(([name, value]) => (
-            <div key={name}>
-              <dt>{name}</dt>
-              <dd>{value == null ? "–" : figures.count(value)}</dd>
-            </div>
-          ))}
-          <div>
-            <dt>{words.longestWait}</dt>
-            <dd>{seen?.wait == null ? "–" : figures.seconds(seen.wait * 1000)}</dd>
-          </div>
-        </dl>
+        <Facts
+          look="counts"
+          list={[
+            [words.waitingJobs, seen?.queued == null ? "–" : figures.count(seen.queued)],
+            [words.runningJobs, seen?.running == null ? "–" : figures.count(seen.running)],
+            [words.longestWait, seen?.wait == null ? "–" : figures.seconds(seen.wait * 1000)],
+          ]}
+        />
       )}
       <h3>{words.repair}</h3>
       <ul>

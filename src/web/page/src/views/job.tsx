@@ -6,6 +6,7 @@ import type { Capabilities, Job, Progress } from "../api/shapes";
 import { save } from "../state/download";
 import { noticed, server } from "../state/server";
 import { useWords } from "../words/words";
+import { Facts } from "./facts";
 import { Icon } from "./icons";
 import { JobLog } from "./job-log";
 import { StatusChip } from "./jobs";
@@ -116,16 +117,7 @@ function Times({ job }: { job: Job }) {
     [words.attempt, String(job.attempt)],
     [words.preset, String(job.options["preset"] ?? job.options["mode"] ?? "–")],
   ];
-  return (
-    <dl class="times">
-      {list.map(([name, value]) => (
-        <div key={name}>
-          <dt>{name}</dt>
-          <dd>{value}</dd>
-        </div>
-      ))}
-    </dl>
-  );
+  return <Facts list={list} look="times" />;
 }
 
 function Files({ job, save, bytes }: { job: Job; save: (name: string) => void; bytes: (n: number) => string }) {

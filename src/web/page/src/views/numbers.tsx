@@ -4,6 +4,7 @@ import { settings } from "../state/settings";
 import { type Figures, type Unit, inMillimetres } from "../units";
 import type { Words } from "../words/en";
 import { useWords } from "../words/words";
+import { Facts } from "./facts";
 import { StepsTable } from "./steps-table";
 import { useStore } from "./use-store";
 
@@ -91,14 +92,7 @@ function Changes({ report, own }: { report: Report; own: number }) {
   return (
     <div>
       <h3>{words.changesTitle}</h3>
-      <dl class="wide">
-        {list.map(([name, value]) => (
-          <div key={name}>
-            <dt>{name}</dt>
-            <dd>{value}</dd>
-          </div>
-        ))}
-      </dl>
+      <Facts list={list} look="wide" />
       {report.plan && (
         <p class="aside">
           {words.planReason}: {report.plan.preset}. {report.plan.reason}

@@ -1,0 +1,13 @@
+/** Names and what is to be said of each. */
+export function Facts({ list, look }: { list: readonly (readonly [string, string])[]; look: string }) {
+  return (
+    <dl class={look}>
+      {list.map(([name, value]) => (
+        <div key={name}>
+          <dt>{name}</dt>
+          <dd>{value}</dd>
+        </div>
+      ))}
+    </dl>
+  );
+}
