@@ -5,7 +5,7 @@ import { readFileSync } from "node:fs";
 import { test } from "node:test";
 import { LOOKS, drop, open, pixels, settled, shown } from "./support/browser.mjs";
 import { browser, service } from "./support/desk.mjs";
-import { brokenRing, sheet, soundBox, thinWall } from "./support/models.mjs";
+import { brokenRing, sheet, soundBox, thinWall, twoObjects } from "./support/models.mjs";
 
 const sha256 = (bytes) => createHash("sha256").update(bytes).digest("hex");
 
@@ -208,6 +208,21 @@ test("the sample repairs itself to something printable", { timeout: 60_000 }, as
   await page.getByRole("button", { name: "Try a broken sample" }).click();
   await page.getByRole("heading", { name: "Repaired and printable" }).waitFor({ timeout: 60_000 });
   await page.getByText("3 holes closed", { exact: true }).waitFor();
+  assert.deepEqual(faults, []);
+  await close();
+});
+
+test("the objects of a file are told of one by one", { timeout: 60_000 }, async () => {
+  const { page, faults, close } = await open(browser, service.url);
+  await drop(page, [["pair.gltf", twoObjects()]]);
+  await shown(page);
+  await page.getByText("The 2 objects of this file").waitFor();
+  const whole = page.getByRole("row", { name: /whole/ });
+  await whole.getByText("It was printable already").waitFor();
+  const lidless = page.getByRole("row", { name: /no lid/ });
+  await lidless.getByText("Repaired and printable").waitFor();
+  await lidless.getByText("1 hole closed").waitFor();
+  await lidless.getByText("10 → 12").waitFor();
   assert.deepEqual(faults, []);
   await close();
 });

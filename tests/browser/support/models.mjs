@@ -49,6 +49,27 @@ export function soundBox() {
   return stl(box([0, 0, 0], [40, 30, 20]));
 }
 
+/** A glTF file of two objects side by side: a box, and one without a lid. */
+export function twoObjects() {
+  const whole = box([0, 0, 0], [0.04, 0.03, 0.02]);
+  const meshes = [
+    { name: "whole", triangles: whole },
+    { name: "no lid", triangles: whole.slice(0, 10) },
+  ].map((it) => ({ ...it, points: new Float32Array(it.triangles.flat(2)) }));
+  const bytes = Buffer.concat(meshes.map(({ points }) => Buffer.from(points.buffer)));
+  const document = {
+    asset: { version: "2.0" },
+    buffers: [{ byteLength: bytes.length, uri: `data:application/octet-stream;base64,${bytes.toString("base64")}` }],
+    bufferViews: meshes.map(({ points }, i) => ({ buffer: 0, byteOffset: i * meshes[0].points.byteLength, byteLength: points.byteLength })),
+    accessors: meshes.map(({ points }, i) => ({ bufferView: i, componentType: 5126, count: points.length / 3, type: "VEC3" })),
+    meshes: meshes.map(({ name }, i) => ({ name, primitives: [{ attributes: { POSITION: i } }] })),
+    nodes: meshes.map((_, i) => ({ mesh: i, translation: [0.06 * i, 0, 0] })),
+    scenes: [{ nodes: [0, 1] }],
+    scene: 0,
+  };
+  return Buffer.from(JSON.stringify(document));
+}
+
 /** A plate on which a wall of 0.5 mm stands, a part of its own. */
 export function thinWall() {
   return stl([...box([0, 0, 0], [40, 30, 3]), ...box([5, 5, 2], [0.5, 20, 25])]);

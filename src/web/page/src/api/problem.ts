@@ -2,7 +2,7 @@
 export class Problem extends Error {
   constructor(
     readonly status: number,
-    /** The service's code; `unreachable` and `unexplained` are ours. */
+    /** The service's code; `unreachable`, `store_unreachable` and `unexplained` are ours. */
     readonly code: string,
     readonly title: string,
     readonly detail: string,
@@ -15,11 +15,12 @@ export class Problem extends Error {
 
   /** Whether the same request may work a little later. */
   get isPassing(): boolean {
-    return this.code === "unreachable" || this.status === 429 || this.status === 502 || this.status === 503 || this.status === 504;
+    return this.status === 0 || this.status === 429 || this.status === 502 || this.status === 503 || this.status === 504;
   }
 
-  static unreachable(): Problem {
-    return new Problem(0, "unreachable", "", "");
+  /** No answer came: of the service, or of the store that its files go to. */
+  static unreachable(of: "service" | "store" = "service"): Problem {
+    return new Problem(0, of === "store" ? "store_unreachable" : "unreachable", "", "");
   }
 
   static of(status: number, body: string, retryAfter: string | null): Problem {

@@ -163,15 +163,10 @@ export interface Ledger {
   lost: number;
 }
 
-export interface Report {
-  mode: "repair";
-  version: number;
-  engine: string;
+/** The account of one mesh: of a whole file, or of an object in it. */
+export interface Account {
   outcome: Outcome;
   summary: string;
-  options?: Options;
-  input: { format: string; dialect: string; bytes: number };
-  output: { format: string; dialect: string; bytes: number } | null;
   before: Inspection;
   after: Inspection | null;
   changes: {
@@ -191,6 +186,23 @@ export interface Report {
   red_flags: { code: string; detail: string }[];
   warnings: string[];
   milliseconds: number;
+}
+
+/** The account of one object that was repaired apart from the others. */
+export interface ObjectReport extends Account {
+  number: number;
+  name?: string | null;
+  places: number;
+}
+
+export interface Report extends Account {
+  mode: "repair";
+  version: number;
+  engine: string;
+  options?: Options;
+  input: { format: string; dialect: string; bytes: number };
+  output: { format: string; dialect: string; bytes: number } | null;
+  objects?: ObjectReport[];
 }
 
 export interface AnalysisReport {

@@ -15,7 +15,8 @@ export function send(server: Server, upload: Upload, file: Blob, sent: (bytes: n
   return new Promise((resolve, reject) => {
     const { method, url, headers } = upload.put;
     const request = new XMLHttpRequest();
-    request.open(method, url.startsWith("/") ? server.base + url : url);
+    const isOwn = url.startsWith("/");
+    request.open(method, isOwn ? server.base + url : url);
     for (const [name, value] of Object.entries(headers)) request.setRequestHeader(name, value);
     const stop = (): void => request.abort();
     const settle = (end: () => void): void => {
@@ -28,7 +29,7 @@ export function send(server: Server, upload: Upload, file: Blob, sent: (bytes: n
         if (request.status >= 200 && request.status < 300) resolve();
         else reject(Problem.of(request.status, request.responseText, request.getResponseHeader("retry-after")));
       });
-    request.onerror = () => settle(() => reject(Problem.unreachable()));
+    request.onerror = () => settle(() => reject(Problem.unreachable(isOwn ? "service" : "store")));
     request.onabort = () => settle(() => reject(signal.reason ?? new DOMException("stopped", "AbortError")));
     if (signal.aborted) return settle(() => reject(signal.reason));
     signal.addEventListener("abort", stop);

@@ -1,4 +1,4 @@
-import type { Inspection, Job, Ledger, Report } from "../api/shapes";
+import type { Account, Inspection, Job, Ledger } from "../api/shapes";
 import { type Figures, type Unit, inMillimetres } from "../units";
 import type { Words } from "../words/en";
 
@@ -12,7 +12,7 @@ function counts(inspection: Inspection | null | undefined): Map<string, number> 
 }
 
 /** What a repair did, in words: what is gone, what became of parts, how far things moved. Most telling first. */
-export function inWords(report: Report, words: Words, figures: Figures, unit: Unit): string[] {
+export function inWords(report: Account, words: Words, figures: Figures, unit: Unit): string[] {
   if (report.outcome === "already_printable") return [words.untouched];
   if (report.outcome === "unrepairable" && isSame(report)) return [words.handedBack];
   const lines: string[] = [];
@@ -30,7 +30,7 @@ export function inWords(report: Report, words: Words, figures: Figures, unit: Un
 }
 
 /** Whether the result is what came. */
-function isSame(report: Report): boolean {
+function isSame(report: Account): boolean {
   const surface = report.changes?.surface;
   return !surface || surface.added.faces + surface.moved.faces + surface.removed.faces === 0;
 }
@@ -39,7 +39,7 @@ function leftOut(ledger: Ledger): number {
   return ledger.duplicate + ledger.no_volume + ledger.debris;
 }
 
-function ofSurface(report: Report, words: Words, figures: Figures, unit: Unit): string[] {
+function ofSurface(report: Account, words: Words, figures: Figures, unit: Unit): string[] {
   const lines: string[] = [];
   const surface = report.changes?.surface;
   const whole = surface ? surface.kept.area + surface.moved.area + surface.added.area : 0;
@@ -55,16 +55,16 @@ function ofSurface(report: Report, words: Words, figures: Figures, unit: Unit): 
   return lines;
 }
 
-function isChosen(report: Report, rung: number): boolean {
+function isChosen(report: Account, rung: number): boolean {
   return report.candidates.some((candidate) => candidate.chosen && candidate.rung === rung);
 }
 
-export function unitOf(report: Report): string {
+export function unitOf(report: Account): string {
   return report.before.print?.unit ?? "mm";
 }
 
 /** What is still wrong with the result, in words; empty where nothing is. */
-export function stillWrong(report: Report, words: Words, figures: Figures): string {
+export function stillWrong(report: Account, words: Words, figures: Figures): string {
   const list = [...counts(report.after)].filter(([kind]) => !REMARKS.has(kind));
   return list
     .map(([kind, count]) => {

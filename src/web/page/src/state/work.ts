@@ -140,7 +140,7 @@ async function make(id: number, asked: NewJob, signal: AbortSignal): Promise<voi
       return await heard(id, await submit(server, asked, once, signal), signal);
     } catch (error) {
       // The same key makes no second job, so that a lost answer may be asked for again.
-      if (!(error instanceof Problem) || error.code !== "unreachable" || tries === 3) throw error;
+      if (!(error instanceof Problem) || error.status !== 0 || tries === 3) throw error;
       await new Promise((resolve) => setTimeout(resolve, 500 * 2 ** tries));
     }
   }

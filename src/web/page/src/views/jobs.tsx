@@ -4,6 +4,7 @@ import { Problem } from "../api/problem";
 import type { Capabilities, Job } from "../api/shapes";
 import { noticed, server } from "../state/server";
 import { useWords } from "../words/words";
+import { StatusChip } from "./chips";
 import { Health } from "./health";
 import { ProblemNote } from "./problem-note";
 
@@ -114,12 +115,4 @@ function JobTable({ jobs }: { jobs: Job[] | null }) {
       </table>
     </div>
   );
-}
-
-/** Where a job stands, in a word and a colour. */
-export function StatusChip({ job }: { job: Job }) {
-  const { words } = useWords();
-  const good = ["repaired", "already_printable", "printable"].includes(job.outcome ?? "");
-  const tone = job.status === "succeeded" ? (good ? "good" : "fair") : job.status === "failed" ? "bad" : job.status === "running" || job.status === "queued" ? "busy" : "";
-  return <span class={`chip ${tone}`}>{job.status === "succeeded" ? words.outcomes[job.outcome ?? ""] : words.statuses[job.status]}</span>;
 }

@@ -95,7 +95,7 @@ function Changes({ report, own }: { report: Report; own: number }) {
       <Facts list={list} look="wide" />
       {report.plan && (
         <p class="aside">
-          {words.planReason}: {report.plan.preset}. {report.plan.reason}
+          {words.planReason}: {report.plan.preset}. <span lang="en">{report.plan.reason}</span>
         </p>
       )}
     </div>

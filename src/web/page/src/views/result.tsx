@@ -3,6 +3,7 @@ import type { Capabilities, Job } from "../api/shapes";
 import { useWords } from "../words/words";
 import { Download } from "./download";
 import { Numbers } from "./numbers";
+import { Objects } from "./objects";
 import { ProblemNote } from "./problem-note";
 import { Verdict } from "./verdict";
 import { ViewerPane } from "./viewer-pane";
@@ -35,6 +36,7 @@ export function Result({ job, can }: { job: Job; can: Capabilities | null }) {
           <div ref={setSide} class="tools-of-viewer" />
         </div>
       </div>
+      {report?.objects && report.objects.length > 1 && <Objects objects={report.objects} />}
       {report && <Numbers report={report} />}
     </article>
   );

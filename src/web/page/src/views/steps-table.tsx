@@ -28,7 +28,12 @@ export function StepsTable({ report, heading: Heading = "h3", all = false }: { r
               <td>
                 {step.changed.map(({ what, count }) => `${figures.count(count)} ${what.replaceAll("_", " ")}`).join(", ")}
                 {step.program && ` ${step.program.kind} ${step.program.version}`}
-                {step.note && <span class="aside"> {step.note}</span>}
+                {step.note && (
+                  <span class="aside" lang="en">
+                    {" "}
+                    {step.note}
+                  </span>
+                )}
               </td>
             </tr>
           ))}

@@ -39,7 +39,7 @@ export function Verdict({ job }: { job: Job }) {
           <ul>
             {report.red_flags.map((flag) => (
               <li key={flag.code}>
-                <strong>{words.flagNames[flag.code] ?? flag.code}</strong>: {flag.detail}
+                <strong>{words.flagNames[flag.code] ?? flag.code}</strong>: <span lang="en">{flag.detail}</span>
               </li>
             ))}
           </ul>

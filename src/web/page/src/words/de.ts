@@ -149,6 +149,7 @@ export const de: Words = {
     worker_lost: "Ein Fehler bei uns. Mit dem Modell melden.",
     internal: "Später noch einmal versuchen; wenn es bleibt, mit der Nummer des Auftrags melden.",
     unreachable: "Der Dienst antwortet nicht. Nachsehen, ob er läuft und ob Sie online sind, dann noch einmal versuchen.",
+    store_unreachable: "Der Dateispeicher hat die Datei nicht angenommen. Noch einmal versuchen; wenn es bleibt, muss der Betreiber diese Seite in den CORS-Regeln des Buckets zulassen.",
     unauthorized: "Der Schlüssel gilt nicht. Einen anderen eingeben.",
     forbidden: "Der Schlüssel erlaubt das nicht. Beim Betreiber nach einem fragen, der es tut.",
     rate_limited: "Zu viele Anfragen. Kurz warten, dann noch einmal versuchen.",
@@ -248,6 +249,8 @@ export const de: Words = {
   volume: "Volumen",
   area: "Oberfläche",
 
+  objects: (n: string) => `Die ${n} Objekte dieser Datei`,
+  object: "Objekt",
   numbers: "Alle Zahlen",
   measure: "Maß",
   measures: {

@@ -154,6 +154,7 @@ export const en = {
     worker_lost: "A fault of ours. Report it with the model.",
     internal: "Try again later; if it stays, report it with the job's id.",
     unreachable: "The service does not answer. Look whether it runs and whether you are online, then try again.",
+    store_unreachable: "The file store did not take the file. Try again; if it stays, whoever runs the service has to allow this page in the bucket's CORS rules.",
     unauthorized: "The key is worth nothing. Enter another one.",
     forbidden: "Your key does not allow this. Ask who runs the service for one that does.",
     rate_limited: "Too many requests. Wait a little, then try again.",
@@ -258,6 +259,8 @@ export const en = {
   area: "Surface",
 
   // Numbers
+  objects: (n: string) => `The ${n} objects of this file`,
+  object: "Object",
   numbers: "All numbers",
   measure: "Measure",
   measures: {

@@ -1,0 +1,18 @@
+import type { Job, Outcome } from "../api/shapes";
+import { useWords } from "../words/words";
+
+const GOOD = new Set<Outcome>(["repaired", "already_printable", "printable"]);
+
+/** What became of a model, in a word and a colour. */
+export function OutcomeChip({ outcome }: { outcome: Outcome }) {
+  const { words } = useWords();
+  return <span class={`chip ${GOOD.has(outcome) ? "good" : "fair"}`}>{words.outcomes[outcome]}</span>;
+}
+
+/** Where a job stands, in a word and a colour. */
+export function StatusChip({ job }: { job: Job }) {
+  const { words } = useWords();
+  if (job.status === "succeeded" && job.outcome) return <OutcomeChip outcome={job.outcome} />;
+  const tone = job.status === "failed" ? "bad" : job.status === "running" || job.status === "queued" ? "busy" : "";
+  return <span class={`chip ${tone}`}>{words.statuses[job.status]}</span>;
+}

@@ -1,0 +1,32 @@
+// An S3-compatible bucket on another origin, with the CORS rules that operators are told to give theirs.
+import { mkdtempSync, rmSync } from "node:fs";
+import { tmpdir } from "node:os";
+import { join } from "node:path";
+import S3rver from "s3rver";
+
+const NAME = "models";
+/** As docs/operations.md has them: addresses are signed, so that whoever has one may use it, from whichever page. */
+const CORS = `<CORSConfiguration><CORSRule>
+  <AllowedOrigin>*</AllowedOrigin><AllowedMethod>GET</AllowedMethod><AllowedMethod>PUT</AllowedMethod><AllowedHeader>*</AllowedHeader>
+</CORSRule></CORSConfiguration>`;
+
+/** Starts one; `args` are what the service is to be started with. */
+export async function bucket({ cors = CORS } = {}) {
+  const directory = mkdtempSync(join(tmpdir(), "meshmend-bucket-"));
+  const server = new S3rver({
+    directory,
+    address: "127.0.0.1",
+    port: 0,
+    silent: true,
+    configureBuckets: [{ name: NAME, configs: cors ? [cors] : [] }],
+  });
+  const { port } = await server.run();
+  const url = `http://127.0.0.1:${port}`;
+  const args = ["--blob-url", `s3://${NAME}`, "--s3-endpoint", url, "--s3-allow-http", "true", "--presigned-downloads", "true"];
+  const keys = ["--s3-access-key-id", "S3RVER", "--s3-secret-access-key", "S3RVER"];
+  const stop = async () => {
+    await server.close();
+    rmSync(directory, { recursive: true, force: true });
+  };
+  return { url, args: [...args, ...keys], stop };
+}
