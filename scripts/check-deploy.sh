@@ -1,5 +1,5 @@
 #!/bin/sh
-# Checks docker/ and deploy/ with the tools that exist for it: schemas of Kubernetes and Compose, a linter each for the Dockerfile and for
+# Checks docker/ and deploy/ with the tools that exist for it: schemas of Kubernetes, KEDA and Compose, a linter each for the Dockerfile and for
 # YAML, Prometheus' and systemd's own checks. What is missing is installed: Python's packages into a private environment,
 # the others as the distribution's.
 set -eu
@@ -19,6 +19,7 @@ fi
 packages=""
 command -v promtool >/dev/null 2>&1 || packages="$packages prometheus"
 command -v systemd-analyze >/dev/null 2>&1 || packages="$packages systemd"
+command -v npm >/dev/null 2>&1 || packages="$packages nodejs npm"
 if [ -n "$packages" ]; then
     say "installing:$packages"
     if [ "$(id -u)" = 0 ]; then run="env"; else run="sudo env"; fi
@@ -40,6 +41,9 @@ compose_spec.PyCompose.from_json(json.dumps(yaml.safe_load(open("docker/compose.
 say "Kubernetes' schemas"
 # KEDA's and kustomize's are not among them.
 "$environment/bin/kubernetes-validate" --strict --no-warn deploy/kubernetes/*.yaml
+say "KEDA's schemas"
+(cd scripts/check-deploy && npm ci --silent --no-audit --no-fund)
+node scripts/check-deploy/keda.mjs deploy/kubernetes/*.yaml
 say "Prometheus' configuration, alerts and their tests"
 promtool check config --syntax-only deploy/prometheus/prometheus.yml
 promtool check rules deploy/prometheus/alerts.yml
