@@ -1,4 +1,4 @@
-//! The command line: `meshmend serve`, `work`, `repair`, `inspect`, `migrate`, `config`, `openapi`.
+//! The command line: `meshmend serve`, `work`, `repair`, `inspect`, `compare`, `submit`, `watch`, `migrate`, `config`, `openapi`.
 
 mod cli;
 

@@ -98,15 +98,7 @@ impl Bar {
 
 impl Progress for Bar {
     fn report(&self, stage: Stage, tier: Option<u8>, percent: u8) {
-        let stage = match stage {
-            Stage::Read => "reading",
-            Stage::Inspect => "inspecting",
-            Stage::Repair => "repairing",
-            Stage::Wait => "waiting for a Blender",
-            Stage::Verify => "verifying",
-            Stage::Finish => "finishing",
-        };
-        self.bar.set_message(tier.map_or_else(|| stage.to_owned(), |tier| format!("{stage}, tier {tier}")));
+        self.bar.set_message(stage_in_words(stage, tier));
         self.bar.set_position(u64::from(percent));
     }
 
@@ -117,4 +109,17 @@ impl Progress for Bar {
             });
         }
     }
+}
+
+/// What is being done, in words.
+pub fn stage_in_words(stage: Stage, tier: Option<u8>) -> String {
+    let stage = match stage {
+        Stage::Read => "reading",
+        Stage::Inspect => "inspecting",
+        Stage::Repair => "repairing",
+        Stage::Wait => "waiting for a Blender",
+        Stage::Verify => "verifying",
+        Stage::Finish => "finishing",
+    };
+    tier.map_or_else(|| stage.to_owned(), |tier| format!("{stage}, tier {tier}"))
 }

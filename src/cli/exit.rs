@@ -3,11 +3,13 @@ use std::io::Write;
 use std::process::ExitCode;
 
 /// What the exit codes mean, for `--help`.
-pub const HELP: &str = "Exit codes of repair and inspect:
+pub const HELP: &str = "Exit codes of repair, inspect, submit and watch; of several files, the highest:
   0  printable: the result passes every check. For inspect: nothing is wrong with the file that its level looks for
   1  repaired only in part, or not at all; the report and the last line say what is left. For inspect: something is wrong
   2  bad input: the file or an argument can't be used; the message says what and where
-  3  internal error
+  3  internal error, or a job that failed
+  4  of submit and watch: the service could not be reached, or refused to do it
+  130  interrupted; jobs that were submitted go on
 
 Exit codes of compare:
   0  faithful: 99 % of the surface that can be seen from outside is within 0.5 % of the diagonal of the second model,
@@ -25,6 +27,10 @@ pub const PARTIAL: u8 = 1;
 pub const BAD_INPUT: u8 = 2;
 /// A fault of the program or the machine.
 pub const INTERNAL: u8 = 3;
+/// The service could not be reached, or refused.
+pub const REFUSED: u8 = 4;
+/// Somebody pressed Ctrl-C.
+pub const INTERRUPTED: u8 = 130;
 
 /// Says what went wrong on standard error.
 pub fn fail(code: u8, message: impl Display) -> ExitCode {

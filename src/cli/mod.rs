@@ -4,14 +4,18 @@ mod compare;
 mod config;
 mod engine;
 mod exit;
+mod files;
 mod inspect;
 mod keys;
 mod listen;
 mod openapi;
+mod remote;
 mod repair;
 mod service;
 mod settings;
+mod submit;
 mod telemetry;
+mod watch;
 mod webhooks;
 
 use std::process::ExitCode;
@@ -38,6 +42,13 @@ enum Command {
     Inspect(inspect::InspectArgs),
     /// Tell what changed from one file to another. Needs no server.
     Compare(compare::CompareArgs),
+    /// Have a service repair or analyse files, and download what comes of them.
+    ///
+    /// Each file is a job. It is sent again, as the same request, where the service can't be reached, is busy or has no room. An interrupt
+    /// leaves jobs running, and the last line says how to go on.
+    Submit(submit::SubmitArgs),
+    /// Follow jobs of a service until they have ended.
+    Watch(watch::WatchArgs),
     /// Make or update the database's tables and stop.
     Migrate(settings::MigrateArgs),
     /// Make, list and revoke API keys.
@@ -58,6 +69,8 @@ pub fn run() -> ExitCode {
         Command::Repair(args) => repair::run(&args),
         Command::Inspect(args) => inspect::run(&args),
         Command::Compare(args) => compare::run(&args),
+        Command::Submit(args) => submit::run(&args),
+        Command::Watch(args) => watch::run(&args),
         Command::Migrate(args) => service::migrate(&args),
         Command::Keys(args) => keys::keys(args),
         Command::Tenants(args) => keys::tenants(args),

@@ -32,6 +32,7 @@ mod problems;
 mod proxy;
 mod readme;
 mod receiver;
+mod remote;
 mod retention;
 #[path = "../support/s3.rs"]
 mod s3;

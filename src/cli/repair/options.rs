@@ -1,36 +1,14 @@
-use std::io::Write;
-use std::path::{Path, PathBuf};
-use std::process::ExitCode;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::Duration;
+use std::path::Path;
 
 use clap::Args;
-use meshmend::blender::OnDemandBlender;
-use meshmend::jobs::JobReport;
-use meshmend::render::Drawing;
 use meshmend::repair::operators::holes::HoleFilling;
 use meshmend::repair::operators::orient::Nested;
-use meshmend::repair::{
-    Context, InsideRule, Merge, OpenSheets, Operator, Options, Outcome, OutputFormat, Overlaps, Preset, RepairError,
-    Report, draw, monotonic_clock, repair,
-};
+use meshmend::repair::{InsideRule, Merge, OpenSheets, Operator, Options, OutputFormat, Overlaps, Preset};
 use meshmend::scene::Unit;
 
-use super::engine::{Bar, BlenderArgs, LimitArgs, read_file};
-use super::exit;
-
-/// Arguments of `meshmend repair`.
+/// How a model is to be repaired, here or by a service.
 #[derive(Debug, Args)]
-pub struct RepairArgs {
-    /// The model: STL, OBJ, PLY, OFF, 3MF, GLB, glTF, Vertex/Face text, or a ZIP archive of one of them, told by its content.
-    input: PathBuf,
-    /// Where the result goes; its ending (.stl, .obj, .ply, .off, .mesh, .glb, .3mf, .zip) is the format.
-    #[arg(short, long, env = "MESHMEND_OUTPUT")]
-    output: PathBuf,
-    /// Where the report goes, as JSON.
-    #[arg(long, env = "MESHMEND_REPORT", value_name = "FILE")]
-    report: Option<PathBuf>,
+pub struct RepairOptionArgs {
     /// The plan to run.
     #[arg(long, env = "MESHMEND_PRESET", value_enum, default_value_t)]
     preset: Preset,
@@ -137,38 +115,14 @@ pub struct RepairArgs {
     /// Most faces a remesh may have.
     #[arg(long, env = "MESHMEND_MAX_REMESH_FACES", default_value_t = Options::default().max_remesh_faces)]
     max_remesh_faces: u64,
-    /// Where to draw what was found and what was changed: before.png, after.png, defects.glb, defects.ply, change.png, change.glb
-    /// and change.ply. The folder is made.
-    #[arg(long, env = "MESHMEND_PICTURES", value_name = "FOLDER")]
-    pictures: Option<PathBuf>,
-    /// Show what each step does.
-    #[arg(short, long, env = "MESHMEND_VERBOSE")]
-    verbose: bool,
-    #[command(flatten)]
-    limits: LimitArgs,
-    #[command(flatten)]
-    blender: BlenderArgs,
 }
 
-impl RepairArgs {
-    fn options(&self) -> Result<Options, String> {
-        let ending = self.output.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
-        let output = match ending.as_str() {
-            "stl" => OutputFormat::Stl,
-            "obj" => OutputFormat::Obj,
-            "ply" => OutputFormat::Ply,
-            "off" => OutputFormat::Off,
-            "mesh" => OutputFormat::Mesh,
-            "glb" => OutputFormat::Glb,
-            "3mf" => OutputFormat::ThreeMf,
-            "zip" => OutputFormat::Zip,
-            _ => {
-                let name = self.output.display();
-                return Err(format!(
-                    "{name}: the output's name must end in .stl, .obj, .ply, .off, .mesh, .glb, .3mf or .zip"
-                ));
-            }
-        };
+impl RepairOptionArgs {
+    /// The options, checked, for a result of this format.
+    ///
+    /// # Errors
+    /// The first that is out of its range.
+    pub fn options(&self, output: OutputFormat, pictures: bool) -> Result<Options, String> {
         let options = Options {
             preset: self.preset,
             output,
@@ -206,108 +160,33 @@ impl RepairArgs {
             voxel_size: self.voxel_size,
             voxel_resolution: self.voxel_resolution,
             max_remesh_faces: self.max_remesh_faces,
-            pictures: self.pictures.is_some(),
+            pictures,
         };
         options.validate().map_err(|e| e.to_string())?;
         Ok(options)
     }
 }
 
-/// Runs `meshmend repair`.
-pub fn run(args: &RepairArgs) -> ExitCode {
-    let prepared = args.options().and_then(|options| {
-        let limits = args.limits.limits();
-        read_file(&args.input, &limits).map(|bytes| (options, limits, bytes))
-    });
-    let (options, limits, bytes) = match prepared {
-        Ok(prepared) => prepared,
-        Err(message) => return exit::fail(exit::BAD_INPUT, message),
-    };
-    let cancel = stop_on_interrupt();
-    let clock = monotonic_clock();
-    let bar = Bar::new(args.verbose);
-    let context = Context::new(&bar, &cancel, &clock, Duration::from_secs_f64(options.deadline_s));
-    let blender = OnDemandBlender::new(args.blender.config());
-    let repaired = repair(&bytes, &options, &limits, Some(&blender), &context);
-    bar.finish();
-    let repaired = match repaired {
-        Ok(repaired) => repaired,
-        Err(error @ (RepairError::Read(_) | RepairError::Options(_))) => {
-            return exit::fail(exit::BAD_INPUT, format!("{}: {error}", args.input.display()));
+/// The format that the ending of a result's name asks for.
+///
+/// # Errors
+/// When it ends as no format does.
+pub fn format_named(output: &Path) -> Result<OutputFormat, String> {
+    let ending = output.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
+    Ok(match ending.as_str() {
+        "stl" => OutputFormat::Stl,
+        "obj" => OutputFormat::Obj,
+        "ply" => OutputFormat::Ply,
+        "off" => OutputFormat::Off,
+        "mesh" => OutputFormat::Mesh,
+        "glb" => OutputFormat::Glb,
+        "3mf" => OutputFormat::ThreeMf,
+        "zip" => OutputFormat::Zip,
+        _ => {
+            let name = output.display();
+            return Err(format!(
+                "{name}: the output's name must end in .stl, .obj, .ply, .off, .mesh, .glb, .3mf or .zip"
+            ));
         }
-        Err(error) => return exit::fail(exit::INTERNAL, error),
-    };
-    let report = JobReport::Repair(Box::new(repaired.report.clone()));
-    let written = write_file(&args.output, &repaired.bytes).and_then(|()| match &args.report {
-        Some(path) => {
-            serde_json::to_vec_pretty(&report).map_err(|e| e.to_string()).and_then(|json| write_file(path, &json))
-        }
-        None => Ok(()),
-    });
-    if let Err(message) = written {
-        return exit::fail(exit::INTERNAL, message);
-    }
-    tell(&repaired.report, &args.output);
-    if let Some(folder) = &args.pictures {
-        match draw(&bytes, &repaired, &limits, &context) {
-            Ok(drawings) => {
-                if let Err(message) = write_drawings(folder, "", &drawings) {
-                    return exit::fail(exit::INTERNAL, message);
-                }
-            }
-            // The result is there, and how good it is does not hang on its pictures.
-            Err(error) => drop(writeln!(std::io::stderr(), "  note: without pictures: {error}")),
-        }
-    }
-    ExitCode::from(match repaired.report.outcome {
-        Outcome::AlreadyPrintable | Outcome::Repaired => exit::PRINTABLE,
-        Outcome::PartiallyRepaired | Outcome::Unrepairable => exit::PARTIAL,
     })
-}
-
-/// Writes drawings into a folder, which is made where it is not there, under their names after a prefix.
-pub fn write_drawings(folder: &Path, prefix: &str, drawings: &[Drawing]) -> Result<(), String> {
-    std::fs::create_dir_all(folder).map_err(|e| format!("{}: {e}", folder.display()))?;
-    drawings
-        .iter()
-        .try_for_each(|drawing| write_file(&folder.join(format!("{prefix}{}", drawing.name)), &drawing.bytes))
-}
-
-/// The result in a few lines on standard error, so that standard output stays free.
-fn tell(report: &Report, output: &Path) {
-    let mut lines = vec![format!("{}: {}", output.display(), report.summary)];
-    lines.extend(report.red_flags.iter().map(|flag| format!("  red flag: {}", flag.detail)));
-    lines.extend(report.warnings.iter().map(|warning| format!("  note: {warning}")));
-    let _ = writeln!(std::io::stderr(), "{}", lines.join("\n"));
-}
-
-/// Writes beside the place and then moves, so that no half file is ever seen.
-fn write_file(path: &Path, bytes: &[u8]) -> Result<(), String> {
-    let name = path.display();
-    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let mut file = tempfile::Builder::new()
-        .prefix(".meshmend-")
-        .permissions(std::os::unix::fs::PermissionsExt::from_mode(0o644))
-        .tempfile_in(folder)
-        .map_err(|e| format!("{name}: {e}"))?;
-    file.write_all(bytes).map_err(|e| format!("{name}: {e}"))?;
-    file.persist(path).map_err(|e| format!("{name}: {}", e.error))?;
-    Ok(())
-}
-
-/// Cancels the repair at the first interrupt, so that Blender and its scratch folder are cleared away.
-fn stop_on_interrupt() -> Arc<AtomicBool> {
-    let cancel = Arc::new(AtomicBool::new(false));
-    let flag = Arc::clone(&cancel);
-    std::thread::spawn(move || {
-        let Ok(runtime) = tokio::runtime::Builder::new_current_thread().enable_all().build() else { return };
-        runtime.block_on(async {
-            while tokio::signal::ctrl_c().await.is_ok() {
-                if flag.swap(true, Ordering::Relaxed) {
-                    std::process::exit(130);
-                }
-            }
-        });
-    });
-    cancel
 }

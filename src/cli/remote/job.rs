@@ -1,0 +1,113 @@
+//! A job as the service tells of it: what is read here, and no more.
+
+use std::collections::BTreeMap;
+
+use meshmend::context::Stage;
+use meshmend::jobs::{JobId, JobOutcome, ProblemKind, Status};
+use serde::Deserialize;
+
+use crate::cli::exit;
+
+/// A job.
+#[derive(Debug, Deserialize)]
+pub struct RemoteJob {
+    pub id: JobId,
+    pub status: Status,
+    pub outcome: Option<JobOutcome>,
+    pub progress: Option<RemoteProgress>,
+    pub input: RemoteInput,
+    pub reused_from: Option<JobId>,
+    report: Option<RemoteReport>,
+    pub artifacts: BTreeMap<String, RemoteFile>,
+    problem: Option<RemoteProblem>,
+}
+
+/// What was sent.
+#[derive(Debug, Deserialize)]
+pub struct RemoteInput {
+    pub name: String,
+}
+
+/// How far a job is.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+pub struct RemoteProgress {
+    pub stage: Option<Stage>,
+    pub tier: Option<u8>,
+    pub percent: u8,
+    pub queue_position: Option<u64>,
+}
+
+/// A file to download.
+#[derive(Debug, Deserialize)]
+pub struct RemoteFile {
+    pub filename: String,
+    pub bytes: u64,
+    pub sha256: String,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+struct RemoteReport {
+    summary: Option<String>,
+    red_flags: Vec<RedFlag>,
+    warnings: Vec<String>,
+}
+
+#[derive(Debug, Deserialize)]
+struct RedFlag {
+    detail: String,
+}
+
+#[derive(Debug, Deserialize)]
+struct RemoteProblem {
+    title: String,
+    detail: String,
+    code: ProblemKind,
+}
+
+impl RemoteJob {
+    /// The file that the job was for: the model, or of an analysis the report.
+    pub fn result(&self) -> Option<&'static str> {
+        ["model", REPORT].into_iter().find(|name| self.artifacts.contains_key(*name))
+    }
+
+    /// What became of it, in words, and then what a person should know.
+    pub fn tale(&self) -> Vec<String> {
+        let report = self.report.as_ref();
+        let head = match (&self.problem, self.status) {
+            (Some(problem), _) => format!("{}: {}", problem.title, problem.detail),
+            (None, Status::Canceled) => "the job was cancelled".to_owned(),
+            (None, Status::Expired) => "the job ended so long ago that its files are deleted".to_owned(),
+            (None, _) => match (report.and_then(|report| report.summary.clone()), self.outcome) {
+                (Some(summary), _) => summary,
+                (None, Some(JobOutcome::Printable)) => "printable as it is".to_owned(),
+                (None, Some(JobOutcome::NotPrintable)) => "not printable; the report says why".to_owned(),
+                (None, Some(JobOutcome::Undecided)) => {
+                    "nothing is wrong that was looked for, and not everything was".to_owned()
+                }
+                (None, _) => self.status.as_str().to_owned(),
+            },
+        };
+        let flags = report.iter().flat_map(|report| &report.red_flags).map(|it| format!("  red flag: {}", it.detail));
+        let notes = report.iter().flat_map(|report| &report.warnings).map(|warning| format!("  note: {warning}"));
+        std::iter::once(head).chain(flags).chain(notes).collect()
+    }
+
+    /// The exit code that says so.
+    pub fn code(&self) -> u8 {
+        if let Some(problem) = &self.problem {
+            return match problem.code {
+                ProblemKind::BadInput | ProblemKind::BadOutput => exit::BAD_INPUT,
+                _ => exit::INTERNAL,
+            };
+        }
+        match self.outcome {
+            Some(JobOutcome::AlreadyPrintable | JobOutcome::Repaired) => exit::PRINTABLE,
+            Some(JobOutcome::Printable | JobOutcome::Undecided) => exit::PRINTABLE,
+            _ => exit::PARTIAL,
+        }
+    }
+}
+
+/// The name of a job's report among its files.
+pub const REPORT: &str = "report.json";

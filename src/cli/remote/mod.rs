@@ -1,0 +1,207 @@
+//! Asking a service for what this program can't or shall not do itself: what `submit` and `watch` have in common.
+
+mod download;
+mod error;
+mod follow;
+mod job;
+mod service;
+mod show;
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::sync::{Mutex, PoisonError};
+
+use clap::Args;
+use meshmend::api::Problem;
+use meshmend::jobs::{JobId, JobOutcome, Status};
+use serde::Serialize;
+
+pub use self::download::Target;
+pub use self::error::RemoteError;
+pub use self::job::{REPORT, RemoteJob};
+pub use self::service::{Service, ServiceArgs, Submission};
+pub use self::show::{Board, Row};
+
+use self::download::download;
+use self::follow::follow;
+use super::exit;
+
+/// Endings of the pictures and coloured meshes that a job may leave.
+const PICTURES: [&str; 3] = [".png", ".glb", ".ply"];
+
+/// How results are told.
+#[derive(Debug, Args)]
+pub struct TellArgs {
+    /// Replace files that are there already.
+    #[arg(long, env = "MESHMEND_FORCE")]
+    pub force: bool,
+    /// Print a line of JSON for each file instead of its result's path.
+    #[arg(long, env = "MESHMEND_JSON")]
+    json: bool,
+    /// Show neither progress nor outcomes, only what went wrong.
+    #[arg(short, long, env = "MESHMEND_QUIET")]
+    quiet: bool,
+}
+
+/// What of a job is downloaded, and where it goes.
+#[derive(Debug, Default)]
+pub struct Wanted {
+    /// The model, or of an analysis the report.
+    pub result: Option<Target>,
+    /// The report.
+    pub report: Option<Target>,
+    /// Pictures and coloured meshes.
+    pub pictures: Option<PathBuf>,
+}
+
+/// One conversation with a service: who is asked, what is wanted, and what is shown.
+pub struct Desk<'a> {
+    pub service: Service,
+    pub board: Board,
+    tell: &'a TellArgs,
+    wanted: Wanted,
+    /// Jobs that were submitted or are followed and whose end was not told of yet.
+    open: Mutex<BTreeSet<JobId>>,
+}
+
+/// What became of one file or job, for programs.
+#[derive(Default, Serialize)]
+struct Line<'a> {
+    name: &'a str,
+    job: Option<JobId>,
+    status: Option<Status>,
+    outcome: Option<JobOutcome>,
+    reused_from: Option<JobId>,
+    /// What was written, by the names that the job has for it.
+    files: BTreeMap<String, PathBuf>,
+    message: String,
+    problem: Option<&'a Problem>,
+    exit_code: u8,
+}
+
+impl<'a> Desk<'a> {
+    pub fn new(service: Service, tell: &'a TellArgs, wanted: Wanted) -> Self {
+        Self { service, board: Board::new(tell.quiet), tell, wanted, open: Mutex::default() }
+    }
+
+    /// Does the work of a verb until it is done or interrupted, and gives its exit code. Jobs go on without whoever follows them.
+    pub fn run(&self, work: impl Future<Output = u8>) -> ExitCode {
+        let runtime = match tokio::runtime::Builder::new_multi_thread().enable_all().build() {
+            Ok(runtime) => runtime,
+            Err(error) => return exit::fail(exit::INTERNAL, error),
+        };
+        runtime.block_on(async {
+            tokio::select! {
+                code = work => ExitCode::from(code),
+                Ok(()) = tokio::signal::ctrl_c() => self.interrupted(),
+            }
+        })
+    }
+
+    /// Notes that a job was accepted.
+    pub fn opened(&self, id: JobId) {
+        self.open.lock().unwrap_or_else(PoisonError::into_inner).insert(id);
+    }
+
+    /// Gives a job's id and leaves it alone.
+    pub fn left(&self, name: &str, job: &RemoteJob) -> u8 {
+        let line =
+            Line { name, job: Some(job.id), status: Some(job.status), message: "submitted".into(), ..Line::default() };
+        self.give(&job.id.to_string(), &line)
+    }
+
+    /// Follows a job to its end, and gives what it left.
+    pub async fn see_to_the_end(&self, row: &Row, name: &str, id: JobId) -> u8 {
+        self.opened(id);
+        match follow(&self.service, id, row).await {
+            Ok(job) => self.ended(row, name, &job).await,
+            Err(error) => self.failed(row, name, Some(id), &error),
+        }
+    }
+
+    /// Downloads what is wanted of a job that has ended, and says what became of it.
+    async fn ended(&self, row: &Row, name: &str, job: &RemoteJob) -> u8 {
+        let files = match self.fetch(job, row).await {
+            Ok(files) => files,
+            Err(error) => return self.failed(row, name, Some(job.id), &error),
+        };
+        self.open.lock().unwrap_or_else(PoisonError::into_inner).remove(&job.id);
+        let (code, tale) = (job.code(), job.tale());
+        let lost = matches!(code, exit::BAD_INPUT | exit::INTERNAL);
+        row.ends(&tale, self.tell.quiet && !lost);
+        let line = Line {
+            name,
+            job: Some(job.id),
+            status: Some(job.status),
+            outcome: job.outcome,
+            reused_from: job.reused_from,
+            message: tale.into_iter().next().unwrap_or_default(),
+            exit_code: code,
+            files,
+            problem: None,
+        };
+        let result = job.result().and_then(|result| line.files.get(result));
+        match (result, self.tell.json) {
+            (None, false) => code,
+            (path, _) => code.max(self.give(&path.map(|it| it.display().to_string()).unwrap_or_default(), &line)),
+        }
+    }
+
+    /// Says why nothing came of a file or job.
+    pub fn failed(&self, row: &Row, name: &str, job: Option<JobId>, error: &RemoteError) -> u8 {
+        let mut text = vec![error.to_string()];
+        text.extend(job.map(|id| format!("  To go on: {}", self.how_to_go_on(&[id]))));
+        row.ends(&text, false);
+        if let Some(id) = job {
+            self.open.lock().unwrap_or_else(PoisonError::into_inner).remove(&id);
+        }
+        let (problem, exit_code) = (error.problem(), error.code());
+        let line = Line { name, job, problem, exit_code, message: error.to_string(), ..Line::default() };
+        if self.tell.json { exit_code.max(self.give("", &line)) } else { exit_code }
+    }
+
+    async fn fetch(&self, job: &RemoteJob, row: &Row) -> Result<BTreeMap<String, PathBuf>, RemoteError> {
+        let Wanted { result, report, pictures } = &self.wanted;
+        let pictures = pictures.as_ref().map(|folder| Target::Folder(folder.clone()));
+        let is_picture = |name: &str| PICTURES.iter().any(|ending| name.ends_with(ending));
+        let drawn = job.artifacts.keys().map(String::as_str).filter(|name| is_picture(name));
+        let wanted = job.result().into_iter().map(|name| (name, result.as_ref()));
+        let wanted = wanted.chain([(REPORT, report.as_ref())]).chain(drawn.map(|name| (name, pictures.as_ref())));
+        let mut files = BTreeMap::new();
+        for (name, target) in wanted {
+            let Some(target) = target else { continue };
+            if let Some(path) = download(&self.service, job, name, target, self.tell.force, row).await? {
+                files.insert(name.to_owned(), path);
+            }
+        }
+        Ok(files)
+    }
+
+    fn give(&self, result: &str, line: &Line<'_>) -> u8 {
+        let text = if self.tell.json { serde_json::to_string(line) } else { Ok(result.to_owned()) };
+        match text.map_err(std::io::Error::from).and_then(|text| self.board.give(&text)) {
+            Ok(()) => exit::PRINTABLE,
+            Err(error) => {
+                self.board.say(&format!("meshmend: standard output: {error}"));
+                exit::INTERNAL
+            }
+        }
+    }
+
+    fn interrupted(&self) -> ExitCode {
+        let open: Vec<JobId> = self.open.lock().unwrap_or_else(PoisonError::into_inner).iter().copied().collect();
+        let open = if open.is_empty() {
+            "no job is known to be under way".to_owned()
+        } else {
+            format!("what was submitted goes on. To follow it: {}", self.how_to_go_on(&open))
+        };
+        self.board.say(&format!("meshmend: interrupted; {open}"));
+        ExitCode::from(exit::INTERRUPTED)
+    }
+
+    fn how_to_go_on(&self, jobs: &[JobId]) -> String {
+        let jobs: Vec<String> = jobs.iter().map(ToString::to_string).collect();
+        format!("meshmend watch {} --server {} --download .", jobs.join(" "), self.service.address())
+    }
+}

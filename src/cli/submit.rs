@@ -1,0 +1,267 @@
+use std::collections::BTreeMap;
+use std::ffi::OsStr;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use clap::{Args, ValueEnum};
+use futures::StreamExt;
+use meshmend::jobs::Mode;
+use meshmend::repair::{Options, OutputFormat};
+use serde_json::{Map, Value, json};
+use uuid::Uuid;
+
+use super::exit;
+use super::remote::{Desk, RemoteError, RemoteJob, Row, ServiceArgs, Submission, Target, TellArgs, Wanted};
+use super::repair::options::{RepairOptionArgs, format_named};
+
+/// Files that are on their way at the same time.
+const AT_ONCE: usize = 4;
+
+/// Arguments of `meshmend submit`.
+#[derive(Debug, Args)]
+pub struct SubmitArgs {
+    /// The models. Each becomes a job of its own.
+    #[arg(required = true)]
+    files: Vec<PathBuf>,
+    #[command(flatten)]
+    service: ServiceArgs,
+    /// Where the result of one file goes; its ending (.stl, .obj, .ply, .off, .mesh, .glb, .3mf, .zip) is the format. For an analysis, the
+    /// report.
+    #[arg(short, long, env = "MESHMEND_OUTPUT", value_name = "FILE", conflicts_with_all = ["output_dir", "output_format"])]
+    output: Option<PathBuf>,
+    /// Folder that results go into, under the names that the service gives them, such as part-repaired.stl. It is made. Without it
+    /// and without --output, the current one.
+    #[arg(long, env = "MESHMEND_OUTPUT_DIR", value_name = "FOLDER")]
+    output_dir: Option<PathBuf>,
+    /// The format of results: auto, stl, obj, ply, off, mesh, 3mf, glb, zip or same.
+    #[arg(long, env = "MESHMEND_OUTPUT_FORMAT", value_name = "FORMAT", value_parser = output_format)]
+    output_format: Option<OutputFormat>,
+    /// Where the report of one file goes, as JSON.
+    #[arg(long, env = "MESHMEND_REPORT", value_name = "FILE")]
+    report: Option<PathBuf>,
+    /// Folder for pictures of what was found and changed. It is made. Without it none are drawn, which is quicker.
+    #[arg(long, env = "MESHMEND_PICTURES", value_name = "FOLDER")]
+    pictures: Option<PathBuf>,
+    /// What to do with the models.
+    #[arg(long, env = "MESHMEND_MODE", value_enum, default_value_t)]
+    mode: Task,
+    /// An option as the API calls it, such as level=full for an analysis; it wins over the flags below. May be given again.
+    #[arg(long = "option", env = "MESHMEND_OPTION", value_name = "NAME=VALUE", value_delimiter = ';', value_parser = option)]
+    options: Vec<(String, Value)>,
+    /// Print the jobs' ids once they are submitted, and do not wait for them.
+    #[arg(long, env = "MESHMEND_NO_WAIT", conflicts_with_all = ["output", "output_dir", "report", "pictures"])]
+    no_wait: bool,
+    #[command(flatten)]
+    tell: TellArgs,
+    #[command(flatten, next_help_heading = "Options of a repair")]
+    repair: RepairOptionArgs,
+}
+
+/// What a service does with a model.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
+enum Task {
+    /// Repair it.
+    #[default]
+    Repair,
+    /// Tell what is wrong with it, and change nothing.
+    Analyze,
+}
+
+impl Task {
+    fn mode(self) -> Mode {
+        match self {
+            Self::Repair => Mode::Repair,
+            Self::Analyze => Mode::Analyze,
+        }
+    }
+}
+
+fn output_format(text: &str) -> Result<OutputFormat, String> {
+    serde_json::from_value(json!(text))
+        .map_err(|_| "a format is auto, stl, obj, ply, off, mesh, 3mf, glb, zip or same".to_owned())
+}
+
+fn option(text: &str) -> Result<(String, Value), String> {
+    let (name, value) = text.split_once('=').ok_or("an option is like level=full")?;
+    let value = serde_json::from_str(value).unwrap_or_else(|_| json!(value));
+    Ok((name.trim().replace('-', "_"), value))
+}
+
+/// Runs `meshmend submit`.
+pub fn run(args: &SubmitArgs) -> ExitCode {
+    let prepared = args.prepare().and_then(|prepared| Ok((prepared, args.service.open()?)));
+    let ((options, wanted), service) = match prepared {
+        Ok(prepared) => prepared,
+        Err(error) => return exit::fail(error.code(), error),
+    };
+    let desk = Desk::new(service, &args.tell, wanted);
+    desk.run(submit(args, &desk, &options))
+}
+
+impl SubmitArgs {
+    /// The options as the service is told them, and what is wanted back, as far as that can be seen here.
+    fn prepare(&self) -> Result<(Vec<(String, String)>, Wanted), RemoteError> {
+        let options = self.fields().map_err(RemoteError::Local)?;
+        let several = self.files.len() > 1;
+        let for_one = |flag: &str, path: &Option<PathBuf>| match path {
+            Some(_) if several => {
+                Err(RemoteError::Local(format!("{flag} is for one file; for several, see --output-dir")))
+            }
+            path => Ok(path.clone().map(Target::File)),
+        };
+        let mut wanted = Wanted { pictures: self.pictures.clone(), ..Wanted::default() };
+        if self.no_wait {
+            return Ok((options, wanted));
+        }
+        let folder = self.output_dir.clone().unwrap_or_else(|| PathBuf::from("."));
+        let result = for_one("--output", &self.output)?.unwrap_or(Target::Folder(folder));
+        if let Target::Folder(folder) = &result {
+            self.differ(folder)?;
+        }
+        wanted.report = for_one("--report", &self.report)?;
+        wanted.result = Some(result);
+        let pictures = self.pictures.clone().map(Target::Folder);
+        for target in [&wanted.result, &wanted.report, &pictures].into_iter().flatten() {
+            target.check(self.tell.force)?;
+        }
+        Ok((options, wanted))
+    }
+
+    /// Whether no two files would leave results of the same name.
+    fn differ(&self, folder: &Path) -> Result<(), RemoteError> {
+        let mut stems: BTreeMap<Option<&OsStr>, &Path> = BTreeMap::new();
+        for file in &self.files {
+            if let Some(other) = stems.insert(file.file_stem(), file) {
+                let (file, other, folder) = (file.display(), other.display(), folder.display());
+                return Err(RemoteError::Local(format!(
+                    "the results of {other} and {file} would have one name in {folder}; submit them apart"
+                )));
+            }
+        }
+        Ok(())
+    }
+
+    /// Mode and options as fields of a query: what differs from the defaults, so that a service of another version decides the rest.
+    fn fields(&self) -> Result<Vec<(String, String)>, String> {
+        let output = match (&self.output, self.output_format) {
+            (Some(output), _) if self.mode == Task::Repair => format_named(output)?,
+            (_, format) => format.unwrap_or_default(),
+        };
+        let options = self.repair.options(output, self.pictures.is_some())?;
+        let fields = |options: &Options| match serde_json::to_value(options) {
+            Ok(Value::Object(fields)) => fields,
+            _ => Map::new(),
+        };
+        let usual = fields(&Options::default());
+        let mut fields = fields(&options);
+        fields.retain(|name, value| usual.get(name) != Some(value));
+        fields.insert("mode".to_owned(), json!(self.mode.mode()));
+        fields.extend(self.options.iter().cloned());
+        let text = |value: Value| value.as_str().map_or_else(|| value.to_string(), str::to_owned);
+        Ok(fields.into_iter().map(|(name, value)| (name, text(value))).collect())
+    }
+}
+
+/// Submits all files, a few at a time, and gives the worst code.
+async fn submit(args: &SubmitArgs, desk: &Desk<'_>, options: &[(String, String)]) -> u8 {
+    let first = desk.board.row(desk.service.address());
+    first.rests("asks what it takes");
+    let most =
+        match desk.service.persist(|e, delay| first.waits(e, delay), async || desk.service.most_bytes().await).await {
+            Ok(most) => most,
+            Err(error) => {
+                drop(first);
+                desk.board.say(&format!("meshmend: {error}"));
+                return error.code();
+            }
+        };
+    drop(first);
+    let each = args.files.iter().map(|path| async move {
+        let name = path.display().to_string();
+        let row = desk.board.row(&name);
+        match send(desk, path, options, most, &row).await {
+            Ok(job) if args.no_wait => desk.left(&name, &job),
+            Ok(job) => desk.see_to_the_end(&row, &name, job.id).await,
+            Err(error) => desk.failed(&row, &name, None, &error),
+        }
+    });
+    futures::stream::iter(each)
+        .buffer_unordered(AT_ONCE)
+        .fold(exit::PRINTABLE, async |worst, code| worst.max(code))
+        .await
+}
+
+/// Makes one job of a file, however often it has to be sent.
+async fn send(
+    desk: &Desk<'_>,
+    path: &Path,
+    options: &[(String, String)],
+    most: u64,
+    row: &Row,
+) -> Result<RemoteJob, RemoteError> {
+    let found = std::fs::metadata(path).map_err(|error| RemoteError::Local(error.to_string()))?;
+    if !found.is_file() {
+        return Err(RemoteError::Local("this is no file".to_owned()));
+    }
+    if found.len() > most {
+        return Err(RemoteError::Local(format!("larger than the {} MiB that the service takes", most >> 20)));
+    }
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    let key = Uuid::new_v4().to_string();
+    let submission = Submission { path, name: &name, options, key: &key };
+    let waits = |error: &RemoteError, delay| row.waits(error, delay);
+    let job = desk
+        .service
+        .persist(waits, async || {
+            row.moves("sending", found.len());
+            desk.service.submit(&submission, row.meter()).await
+        })
+        .await?;
+    desk.opened(job.id);
+    row.line(&format!("submitted as {}", job.id));
+    Ok(job)
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser;
+
+    use super::*;
+
+    #[derive(Debug, Parser)]
+    struct Line {
+        #[command(flatten)]
+        args: SubmitArgs,
+    }
+
+    fn fields(line: &str) -> Result<String, String> {
+        let words = std::iter::once("submit").chain(line.split_whitespace());
+        let fields = Line::try_parse_from(words).map_err(|error| error.to_string())?.args.fields()?;
+        Ok(fields.into_iter().map(|(name, value)| format!("{name}={value}")).collect::<Vec<_>>().join("&"))
+    }
+
+    #[test]
+    fn only_options_that_are_not_the_usual_ones_are_sent_as_the_api_calls_them() {
+        for (line, expected) in [
+            ("a.stl", "mode=repair&pictures=false"),
+            ("a.stl --max-tier 3 --pictures seen", "mode=repair"),
+            ("a.stl -o out.3MF --scale-to in", "mode=repair&output=3mf&pictures=false&scale_to=in"),
+            ("a.stl --output-format same", "mode=repair&output=same&pictures=false"),
+            ("a.stl --without sew,stitch", "mode=repair&pictures=false&without=[\"sew\",\"stitch\"]"),
+            ("a.stl --max-tier 1 --option max-tier=2;inside=odd", "inside=odd&max_tier=2&mode=repair&pictures=false"),
+            ("a.stl --mode analyze -o r.json --option level=basic", "level=basic&mode=analyze&pictures=false"),
+        ] {
+            assert_eq!(fields(line).as_deref(), Ok(expected), "{line}");
+        }
+        for (line, words) in [
+            ("a.stl -o out", "must end in"),
+            ("a.stl --deadline-s 0", "deadline_s"),
+            ("a.stl --option level", "an option is like"),
+            ("a.stl --output-format gif", "a format is auto"),
+            ("a.stl -o a.off --output-format stl", "cannot be used with"),
+        ] {
+            let error = fields(line).expect_err("refused");
+            assert!(error.contains(words), "{line}: {error}");
+        }
+    }
+}

@@ -1,0 +1,152 @@
+use serde_json::Value;
+
+use super::{Client, jobs};
+use crate::access::{guarded_with, key};
+use crate::files;
+use crate::server::{Api, Start};
+
+#[tokio::test]
+async fn submit_writes_a_printable_model_the_report_and_pictures_and_prints_where() {
+    let data = tempfile::tempdir().expect("a folder");
+    let program = Start::serve(data.path()).start();
+    let client = Client::of(&program.url);
+    client.put("in.stl", &files::broken_box());
+    let said = client
+        .run(&["submit", "in.stl", "-o", "out.obj", "--report", "r.json", "--max-tier", "1", "--without", "sew,stitch"])
+        .await;
+    said.ended_with(0).told("in.stl: submitted as job_").told("printable");
+    assert_eq!(said.out, "out.obj\n");
+    assert_eq!(client.faces("out.obj"), 12);
+    assert_eq!(client.names(), ["in.stl", "out.obj", "r.json"], "without pictures, and nothing is left over");
+    let report = client.json("r.json");
+    assert_eq!((&report["outcome"], &report["options"]["max_tier"]), (&"repaired".into(), &1.into()));
+    assert_eq!(report["options"]["without"], serde_json::json!(["sew", "stitch"]));
+
+    let said = client.run(&["submit", "in.stl", "--output-dir", "made/here", "--pictures", "seen", "--quiet"]).await;
+    said.ended_with(0);
+    assert_eq!((said.out.as_str(), said.err.as_str()), ("made/here/in-repaired.stl\n", ""));
+    assert!(client.path("seen/in-before.png").exists() && client.path("seen/in-defects.glb").exists());
+}
+
+#[tokio::test]
+async fn of_several_files_each_is_told_of_and_the_worst_is_the_code() {
+    let data = tempfile::tempdir().expect("a folder");
+    let program = Start::serve(data.path()).start();
+    let client = Client::of(&program.url);
+    let mut names: Vec<String> = (0..6).map(|number| format!("{number}.stl")).collect();
+    for name in &names {
+        client.put(name, &files::broken_box());
+    }
+    client.put("none.stl", b"no model at all");
+    names.extend(["none.stl".to_owned(), "missing.stl".to_owned()]);
+    let mut args = vec!["submit", "--output-dir", "out", "--json", "--max-tier", "1"];
+    args.extend(names.iter().map(String::as_str));
+    let said = client.run(&args).await;
+    said.ended_with(2).told("none.stl: Not a model that can be read").told("(unsupported_model, request ");
+    said.told("missing.stl: No such file");
+    let mut lines: Vec<Value> = said.out.lines().map(|line| serde_json::from_str(line).expect("JSON")).collect();
+    lines.sort_by_key(|line| line["name"].to_string());
+    assert_eq!(lines.len(), 8, "{said:?}");
+    for (number, line) in lines[..6].iter().enumerate() {
+        assert_eq!((&line["outcome"], &line["exit_code"]), (&"repaired".into(), &0.into()), "{line}");
+        assert_eq!(line["files"]["model"], format!("out/{number}-repaired.stl"), "{line}");
+        assert_eq!(client.faces(&format!("out/{number}-repaired.stl")), 12);
+    }
+    assert_eq!((&lines[6]["name"], &lines[6]["exit_code"]), (&"missing.stl".into(), &2.into()));
+    assert_eq!(lines[7]["problem"]["code"], "unsupported_model");
+}
+
+#[tokio::test]
+async fn what_is_there_already_stays_unless_force_is_given() {
+    let data = tempfile::tempdir().expect("a folder");
+    let program = Start::serve(data.path()).start();
+    let client = Client::of(&program.url);
+    client.put("in.stl", &files::broken_box());
+    client.put("out.stl", b"mine");
+    client.put("in-repaired.stl", b"mine too");
+    let before = client.run(&["submit", "in.stl", "-o", "out.stl"]).await;
+    before.ended_with(2).told("out.stl: there is a file already; --force replaces it");
+    assert!(jobs(&Api::new(&program)).await.is_empty(), "the service does not work for nothing");
+    // The name that a service will give is not known before.
+    let after = client.run(&["submit", "in.stl", "--max-tier", "1"]).await;
+    after.ended_with(2).told("in-repaired.stl: there is a file already").told("To go on: meshmend watch job_");
+    assert_eq!(std::fs::read(client.path("out.stl")).expect("a file"), b"mine");
+    assert_eq!(std::fs::read(client.path("in-repaired.stl")).expect("a file"), b"mine too");
+    assert_eq!(client.names(), ["in-repaired.stl", "in.stl", "out.stl"]);
+    client.run(&["submit", "in.stl", "-o", "out.stl", "--force", "--max-tier", "1"]).await.ended_with(0);
+    assert_eq!(client.faces("out.stl"), 12);
+}
+
+#[tokio::test]
+async fn what_can_not_be_done_is_said_before_anything_is_sent() {
+    let data = tempfile::tempdir().expect("a folder");
+    let program = Start::serve(data.path()).arg("--max-file-mib", "1").start();
+    let client = Client::of(&program.url);
+    client.put("in.stl", &files::broken_box());
+    client.put("large.stl", &vec![0; (1 << 20) + 1]);
+    for (args, words) in [
+        (&["in.stl", "-o", "missing/out.stl"][..], "missing/out.stl: No such file or directory"),
+        (&["in.stl", "--output-dir", "in.stl/out"], "in.stl/out: "),
+        (&["in.stl", "-o", "out.xyz"], "the output's name must end in"),
+        (&["in.stl", "-o", "out.stl", "--max-tier", "9"], "max_tier"),
+        (&["in.stl", "in.stl", "-o", "out.stl"], "--output is for one file"),
+        (&["in.stl", "made/../in.obj"], "would have one name"),
+        (&["large.stl"], "larger than the 1 MiB that the service takes"),
+        (&["."], ".: this is no file"),
+        (&["in.stl", "--server", "ftp://host"], "an address is like https://"),
+        (&["in.stl", "--server", "http://me:secret@host"], "no user and password"),
+    ] {
+        let mut client = Client { folder: tempfile::tempdir().expect("a folder"), ..Client::of(&program.url) };
+        client.put("in.stl", &files::broken_box());
+        client.put("large.stl", &vec![0; (1 << 20) + 1]);
+        if args.contains(&"--server") {
+            client.server = args[2].to_owned();
+            client.run(&["submit", args[0]]).await.ended_with(2).told(words);
+        } else {
+            client.run(&[&["submit"], args].concat()).await.ended_with(2).told(words);
+        }
+    }
+    assert!(jobs(&Api::new(&program)).await.is_empty());
+}
+
+#[tokio::test]
+async fn an_analysis_is_asked_for_by_the_options_of_the_api_and_its_report_is_the_result() {
+    let data = tempfile::tempdir().expect("a folder");
+    let program = Start::serve(data.path()).start();
+    let client = Client::of(&program.url);
+    client.put("in.stl", &files::broken_box());
+    client.put("fine.stl", &files::whole_box());
+    let analyze = ["submit", "--mode", "analyze", "--option", "level=basic;places=3"];
+    let said = client.run(&[&analyze[..], &["in.stl", "-o", "r.json"]].concat()).await;
+    said.ended_with(1).told("not printable");
+    assert_eq!(said.out, "r.json\n");
+    let report = client.json("r.json");
+    assert_eq!((&report["mode"], &report["options"]["places"]), (&"analyze".into(), &3.into()));
+    let said = client.run(&[&analyze[..], &["fine.stl"]].concat()).await;
+    said.ended_with(0);
+    assert_eq!(said.out, "./fine-report.json\n");
+    let said = client.run(&[&analyze[..], &["in.stl", "--preset", "fill-holes"]].concat()).await;
+    said.ended_with(2).told("option 'preset' belongs to mode 'repair'").told("(invalid_options, request ");
+}
+
+#[tokio::test]
+async fn a_key_is_taken_from_the_variable_or_a_file_and_who_has_none_hears_how() {
+    let data = tempfile::tempdir().expect("a folder");
+    let program = guarded_with(Start::serve(data.path()));
+    let secret = key(data.path(), "shop", "jobs:read,jobs:write");
+    let reader = key(data.path(), "shop", "jobs:read");
+    let client = Client::of(&program.url);
+    client.put("in.stl", &files::broken_box());
+    client.put("key.txt", format!("{secret}\n").as_bytes());
+    let submit = ["submit", "in.stl", "--no-wait"];
+    let without = client.run(&submit).await;
+    without.ended_with(4).told("This service asks for a key").told("MESHMEND_API_KEY").told("(unauthorized, request ");
+    let wrong = client.run_with(&submit, &[("MESHMEND_API_KEY", "mm_key_guess")]).await;
+    wrong.ended_with(4).told("unknown, revoked or expired");
+    client.run_with(&submit, &[("MESHMEND_API_KEY", &reader)]).await.ended_with(4).told("jobs:write");
+    client.run_with(&submit, &[("MESHMEND_API_KEY", &secret)]).await.ended_with(0);
+    client.run(&[&submit[..], &["--api-key-file", "key.txt"]].concat()).await.ended_with(0);
+    client.run(&[&submit[..], &["--api-key-file", "no.txt"]].concat()).await.ended_with(2).told("no.txt: No such file");
+    let shown = client.run_with(&["config", "submit", "in.stl"], &[("MESHMEND_API_KEY", &secret)]).await;
+    assert!(shown.ended_with(0).out.contains("--api-key ") && !shown.out.contains(&secret), "{shown:?}");
+}

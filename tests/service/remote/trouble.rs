@@ -1,0 +1,134 @@
+//! What goes wrong on the way to a service.
+
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::time::{Duration, Instant};
+
+use super::between::{Between, Fate};
+use super::{Client, jobs};
+use crate::files;
+use crate::receiver::{Receiver, Reply};
+use crate::server::{Api, Program, Start};
+
+/// That only the first request so far is of this kind.
+fn first(seen: &AtomicU32) -> bool {
+    seen.fetch_add(1, Ordering::Relaxed) == 0
+}
+
+fn serve(data: &tempfile::TempDir) -> Program {
+    Start::serve(data.path()).start()
+}
+
+#[tokio::test]
+async fn a_service_that_is_not_there_is_said_plainly_and_soon() {
+    let closed = std::net::TcpListener::bind("127.0.0.1:0").expect("a port").local_addr().expect("an address");
+    let client = Client::of(&format!("http://{closed}"));
+    client.put("in.stl", &files::broken_box());
+    let started = Instant::now();
+    for args in [&["submit", "in.stl"][..], &["watch"], &["watch", "job_019a3c5e7b1f7c3e8d2a4b6c8d0e2f4a"]] {
+        let said = client.run(&[args, &["--timeout-s", "1"]].concat()).await;
+        said.ended_with(4).told("can't be reached: Connection refused").told("does the service run?");
+    }
+    assert!(started.elapsed() < Duration::from_secs(20));
+}
+
+#[tokio::test]
+async fn a_certificate_that_nobody_vouches_for_is_refused_and_the_way_out_is_named() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let authority = folder.path().join("authority.pem");
+    let receiver = Receiver::start_tls(&[Reply::Status(404)], &authority).await;
+    let client = Client::of(&receiver.url);
+    client.put("in.stl", &files::broken_box());
+    let said = client.run(&["submit", "in.stl"]).await;
+    said.ended_with(4).told("can't be trusted").told("SSL_CERT_FILE");
+    let authority = authority.to_str().expect("a path");
+    let said = client.run_with(&["submit", "in.stl"], &[("SSL_CERT_FILE", authority)]).await;
+    said.ended_with(4).told("404").told("not as meshmend does");
+}
+
+#[tokio::test]
+async fn a_submission_whose_answer_is_lost_is_sent_again_and_makes_one_job() {
+    let data = tempfile::tempdir().expect("a folder");
+    let (program, posts) = (serve(&data), AtomicU32::new(0));
+    let between = Between::start(&program, move |method, _| match method {
+        "POST" if first(&posts) => Fate::LoseAnswer,
+        _ => Fate::Pass,
+    })
+    .await;
+    let client = Client::of(&between.url);
+    client.put("in.stl", &files::broken_box());
+    let said = client.run(&["submit", "in.stl", "-o", "out.stl", "--max-tier", "1"]).await;
+    said.ended_with(0).told("tried again in");
+    assert_eq!(client.faces("out.stl"), 12);
+    assert_eq!(jobs(&Api::new(&program)).await.len(), 1);
+}
+
+#[tokio::test]
+async fn a_service_that_is_busy_is_asked_again_when_it_wants_to_be() {
+    let data = tempfile::tempdir().expect("a folder");
+    let (program, posts) = (serve(&data), AtomicU32::new(0));
+    let between = Between::start(&program, move |method, _| match method {
+        "POST" if first(&posts) => Fate::Answer(503, "no room"),
+        _ => Fate::Pass,
+    })
+    .await;
+    let client = Client::of(&between.url);
+    client.put("in.stl", &files::broken_box());
+    let started = Instant::now();
+    let said = client.run(&["submit", "in.stl", "-o", "out.stl", "--max-tier", "1"]).await;
+    said.ended_with(0).told("answered 503 Service Unavailable; tried again in");
+    assert!(started.elapsed() >= Duration::from_secs(1), "it did not wait");
+    // A service that stays busy is not asked for ever.
+    let full = Between::start(&program, |method, _| match method {
+        "POST" => Fate::Answer(429, "go away"),
+        _ => Fate::Pass,
+    })
+    .await;
+    let client = Client { server: full.url.clone(), ..client };
+    client.run(&["submit", "in.stl", "--no-wait", "--timeout-s", "2"]).await.ended_with(4).told("answered 429");
+}
+
+#[tokio::test]
+async fn a_damaged_download_is_noticed_and_leaves_no_file() {
+    let data = tempfile::tempdir().expect("a folder");
+    let program = serve(&data);
+    let between = Between::start(&program, |_, path| match path.ends_with("/artifacts/model") {
+        true => Fate::Damage,
+        false => Fate::Pass,
+    })
+    .await;
+    let client = Client::of(&between.url);
+    client.put("in.stl", &files::broken_box());
+    let said = client.run(&["submit", "in.stl", "-o", "out.stl", "--max-tier", "1"]).await;
+    said.ended_with(4).told("other bytes than the service has").told("To go on: meshmend watch job_");
+    assert_eq!((said.out.as_str(), client.names()), ("", vec!["in.stl".to_owned()]));
+}
+
+#[tokio::test]
+async fn where_events_are_not_let_through_the_job_is_asked_for() {
+    let data = tempfile::tempdir().expect("a folder");
+    let program = serve(&data);
+    let between = Between::start(&program, |_, path| match path.ends_with("/events") {
+        true => Fate::Answer(403, "<html>no streams</html>"),
+        false => Fate::Pass,
+    })
+    .await;
+    let client = Client::of(&between.url);
+    client.put("in.stl", &files::broken_box());
+    client.run(&["submit", "in.stl", "-o", "out.stl", "--max-tier", "1"]).await.ended_with(0);
+    assert_eq!(client.faces("out.stl"), 12);
+}
+
+#[tokio::test]
+async fn an_interrupt_leaves_the_job_and_says_how_to_go_on() {
+    let data = tempfile::tempdir().expect("a folder");
+    let program = Start::serve(data.path()).arg("--workers", "0").start();
+    let (api, client) = (Api::new(&program), Client::of(&program.url));
+    client.put("in.stl", &files::broken_box());
+    let mut running = client.start(&["submit", "in.stl", "-o", "out.stl"]);
+    running.says("waits for its turn").await;
+    running.interrupt();
+    let id = jobs(&api).await.pop().expect("a job");
+    running.ended().await.ended_with(130).told(&format!("meshmend watch {id} --server {}", program.url));
+    assert_eq!(api.job(&id).await["status"], "queued");
+    assert_eq!(client.names(), ["in.stl"]);
+}

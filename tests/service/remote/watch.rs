@@ -1,0 +1,66 @@
+use serde_json::{Value, json};
+
+use super::Client;
+use crate::files;
+use crate::server::{Api, Start};
+
+#[tokio::test]
+async fn what_was_submitted_without_waiting_is_watched_to_its_end_and_downloaded() {
+    let data = tempfile::tempdir().expect("a folder");
+    let program = Start::serve(data.path()).start();
+    let client = Client::of(&program.url);
+    client.put("a.stl", &files::broken_box());
+    client.put("b.stl", &files::boxes_on_an_edge());
+    let said = client.run(&["submit", "a.stl", "b.stl", "--no-wait", "--preset", "fill-holes"]).await;
+    said.ended_with(0);
+    let ids: Vec<&str> = said.out.lines().collect();
+    assert!(ids.len() == 2 && ids.iter().all(|id| id.starts_with("job_")), "{said:?}");
+    let said = client.run(&["watch", ids[0], ids[1], "--download", "out", "--json"]).await;
+    said.ended_with(1).told("not printable");
+    let lines: Vec<Value> = said.out.lines().map(|line| serde_json::from_str(line).expect("JSON")).collect();
+    assert_eq!(lines.len(), 2, "{said:?}");
+    assert!(client.path("out/a-repaired.stl").exists() && client.path("out/b-repaired.stl").exists());
+    // Without a folder it only tells.
+    let said = client.run(&["watch", ids[0]]).await;
+    said.told(": ");
+    assert_eq!(said.out, "");
+    let said = client.run(&["watch", "job_00000000000000000000000000000000"]).await;
+    said.ended_with(4).told("No such job").told("(job_not_found, request ");
+    client.run(&["watch", "part.stl"]).await.ended_with(2).told("a job id is 'job_'");
+}
+
+#[tokio::test]
+async fn a_job_that_fails_or_is_cancelled_says_so_in_words_and_code() {
+    let data = tempfile::tempdir().expect("a folder");
+    let program = Start::serve(data.path()).start();
+    let client = Client::of(&program.url);
+    // Its beginning is that of a model.
+    client.put("cut.stl", b"solid x\nfacet normal 0 0 1\nouter loop\nvertex 0,5 0 0\n");
+    let said = client.run(&["submit", "cut.stl", "-o", "out.stl"]).await;
+    said.ended_with(2).told("line 4");
+    assert_eq!(client.names(), ["cut.stl"]);
+    let idle = tempfile::tempdir().expect("a folder");
+    let program = Start::serve(idle.path()).arg("--workers", "0").start();
+    let (api, client) = (Api::new(&program), Client::of(&program.url));
+    let id = api.submit(files::broken_box(), json!({})).await;
+    let mut running = client.start(&["watch", &id]);
+    running.says("waits for its turn").await;
+    api.post(&format!("/v1/jobs/{id}/cancel")).send().await.expect("an answer");
+    running.ended().await.ended_with(1).told("cancelled");
+}
+
+#[tokio::test]
+async fn without_jobs_all_that_come_are_watched_until_it_is_interrupted() {
+    let data = tempfile::tempdir().expect("a folder");
+    let program = Start::serve(data.path()).arg("--workers", "0").start();
+    let (api, client) = (Api::new(&program), Client::of(&program.url));
+    let first = api.submit(files::broken_box(), json!({})).await;
+    let mut running = client.start(&["watch"]);
+    running.says(&format!("{first} model.stl: waits for its turn")).await;
+    let second = api.submit(files::broken_box(), json!({})).await;
+    running.says(&format!("{second} model.stl: waits for its turn")).await;
+    api.post(&format!("/v1/jobs/{first}/cancel")).send().await.expect("an answer");
+    running.says(&format!("{first} model.stl: the job was cancelled")).await;
+    running.interrupt();
+    running.ended().await.ended_with(130).told(&second);
+}
