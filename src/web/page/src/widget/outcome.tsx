@@ -1,4 +1,3 @@
-import type { Server } from "../api/http";
 import type { Capabilities, Job } from "../api/shapes";
 import type { Unit } from "../units";
 import { Facts } from "../views/facts";
@@ -17,17 +16,21 @@ export function Outcome({ session, job, can, unit }: { session: Session; job: Jo
   const server = session.server;
   return (
     <section class={isSeen(job) ? "outcome" : "outcome alone"}>
-      {server && isSeen(job) && <Look job={job} server={server satisfies Server} />}
-      <div class="told" role="region" aria-label={texts.result} tabIndex={0}>
-        <div part="verdict">
-          <Verdict job={job} unit={unit} heading="h2" />
+      {server && isSeen(job) && <Look job={job} server={server} />}
+      <div class="side">
+        <div class="told" role="region" aria-label={texts.result} tabIndex={0}>
+          <div part="verdict">
+            <Verdict job={job} unit={unit} heading="h2" />
+          </div>
+          {job.problem && <ProblemNote problem={job.problem} />}
+          <Measures job={job} unit={unit} />
+          <WhatToDo job={job} can={can} retry={(options) => session.again(options)} />
         </div>
-        {job.problem && <ProblemNote problem={job.problem} />}
-        <Measures job={job} unit={unit} />
-        <WhatToDo job={job} can={can} retry={(options) => session.again(options)} />
-        <button type="button" class="plain" part="button" onClick={() => session.reset()}>
-          {texts.another}
-        </button>
+        <div class="actions">
+          <button type="button" class="plain" part="button" onClick={() => session.reset()}>
+            {texts.another}
+          </button>
+        </div>
       </div>
     </section>
   );

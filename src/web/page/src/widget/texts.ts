@@ -10,7 +10,7 @@ const en = {
   oneAtATime: "One model at a time, please: drop a single file.",
   another: "Upload another model",
   result: "Result",
-  uploading: "Uploading",
+  proven: "Checked on the result itself: closed, consistently outward, no two faces that intersect.",
   advice: {
     token_missing: "This upload is not set up yet. Please tell the shop.",
     token_refused: "The shop gave no permission to upload. Reload the page or sign in again, then try once more.",
@@ -41,7 +41,7 @@ const de: Texts = {
   oneAtATime: "Bitte ein Modell nach dem anderen: nur eine Datei ablegen.",
   another: "Anderes Modell hochladen",
   result: "Ergebnis",
-  uploading: "Wird hochgeladen",
+  proven: "Am Ergebnis selbst geprüft: geschlossen, durchweg nach außen gerichtet, keine zwei Flächen schneiden sich.",
   advice: {
     token_missing: "Dieses Hochladen ist noch nicht eingerichtet. Bitte dem Shop Bescheid geben.",
     token_refused: "Der Shop hat das Hochladen nicht erlaubt. Seite neu laden oder neu anmelden, dann noch einmal versuchen.",
@@ -66,5 +66,6 @@ export const TEXTS: Record<Language, Texts> = { en, de };
 /** What is spoken in the widget: the page's words, with advice for customers where the page's is for whoever runs the service. */
 export function customerSpeech(language: Language): Speech {
   const { words, figures } = speech(language);
-  return { words: { ...words, advice: { ...words.advice, ...TEXTS[language].advice } }, figures };
+  const { advice, proven } = TEXTS[language];
+  return { words: { ...words, proven, advice: { ...words.advice, ...advice } }, figures };
 }

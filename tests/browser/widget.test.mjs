@@ -1,0 +1,367 @@
+// The widget on the page of a shop: the demo shop of examples/shop, on another origin than the service.
+import assert from "node:assert/strict";
+import { createHash } from "node:crypto";
+import { readFileSync, readdirSync } from "node:fs";
+import { createRequire } from "node:module";
+import { join } from "node:path";
+import { after, before, test } from "node:test";
+import { LOOKS, drop, launch, open, pixels, settled, shown, violations } from "./support/browser.mjs";
+import { brokenRing, sheet, soundBox } from "./support/models.mjs";
+import { run } from "./support/service.mjs";
+import { openShop } from "./support/shop.mjs";
+
+const { Webhook } = createRequire(new URL("../../examples/shop/server.mjs", import.meta.url))("standardwebhooks");
+const BOX = "meshmend-upload .box";
+const CUT = Buffer.from("solid cut\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\n");
+
+let shop, browser;
+before(async () => {
+  shop = await openShop();
+  browser = await launch();
+});
+after(async () => {
+  await browser?.close();
+  await shop?.stop();
+});
+
+/** Opens the shop's page, which keeps the events that it is told. */
+async function visit({ url = shop.url, ...options } = {}) {
+  const it = await open(browser, url, options);
+  await it.page.getByText("Drop your 3D model here").or(it.page.getByText("3D-Modell hier ablegen")).waitFor();
+  await it.page.evaluate(() => {
+    globalThis.told = [];
+    for (const name of ["uploaded", "progress", "repaired", "failed"]) {
+      document.addEventListener(name, ({ detail }) => told.push([name, detail]));
+    }
+  });
+  return it;
+}
+
+async function told(page, name) {
+  await page.waitForFunction((name) => told.some(([it]) => it === name), name, { timeout: 60_000 });
+  return page.evaluate((name) => told.filter(([it]) => it === name).map(([, detail]) => detail), name);
+}
+
+async function jobOf(id) {
+  return (await shop.ask(`/v1/jobs/${id}`)).json();
+}
+
+/** A token of meshmend for pages of an origin, as a shop's backend asks for one. */
+async function tokenFor(origin) {
+  const init = { method: "POST", headers: { "content-type": "application/json" }, body: JSON.stringify({ origin }) };
+  return (await shop.ask("/v1/browser-tokens", init)).json();
+}
+
+test("a customer uploads, sees the result and orders it, and the shop has the model", { timeout: 120_000 }, async () => {
+  const { page, faults, asked, close } = await visit();
+  assert.ok(!asked.some((url) => url.includes("/assets/")), "the viewer comes when there is something to see");
+  await drop(page, [["ring.stl", brokenRing()]], BOX);
+  await shown(page);
+  await page.getByRole("heading", { name: "Repaired and printable" }).waitFor();
+  await page.getByText("2 holes closed", { exact: true }).waitFor();
+  const seen = await pixels(page, LOOKS);
+  assert.ok(seen.grey > 5000 && seen.orange > 100, `both models are seen: ${JSON.stringify(seen)}`);
+  const [{ jobId }] = await told(page, "uploaded");
+  const job = await jobOf(jobId);
+  await page.getByText(/cm³ cost €\d/).waitFor();
+  const price = 390 + 0.038 * job.report.after.print.volume + 0.02 * job.report.after.print.area;
+  await page.getByText(`€${(Math.ceil(price) / 100).toFixed(2)}`).waitFor();
+  await page.getByRole("button", { name: "Order" }).click();
+  await page.getByText("Your order is in production").waitFor();
+  const [folder] = readdirSync(shop.folder);
+  const [file] = readdirSync(join(shop.folder, folder));
+  assert.equal(file, "ring-repaired.stl");
+  const bytes = readFileSync(join(shop.folder, folder, file));
+  assert.equal(createHash("sha256").update(bytes).digest("hex"), job.artifacts.model.sha256);
+  assert.deepEqual(faults, []);
+  await close();
+});
+
+test("the numbers of the events are those of the job's report", { timeout: 120_000 }, async () => {
+  const { page, faults, close } = await visit();
+  await page.locator("meshmend-upload").evaluate((it) => it.setAttribute("unit", "in"));
+  await drop(page, [["box.stl", soundBox()]], BOX);
+  const [repaired] = await told(page, "repaired");
+  const job = await jobOf(repaired.jobId);
+  const { print, bounding_box } = job.report.after ?? job.report.before;
+  assert.deepEqual([repaired.status, repaired.outcome], [job.status, job.outcome]);
+  const { metrics } = repaired;
+  assert.deepEqual([metrics.printable, metrics.unit, metrics.unitSource, metrics.solids], [true, "in", "declared", print.solids]);
+  assert.deepEqual(metrics.sizeMm, print.size_mm);
+  assert.deepEqual(metrics.boxMm.max, bounding_box.max.map((x) => x * 25.4));
+  const near = (a, b) => assert.ok(Math.abs(a - b) < 1e-9 * Math.abs(b), `${a} is not ${b}`);
+  near(metrics.volumeMm3, print.volume * 25.4 ** 3);
+  near(metrics.volumeMm3, 24_000 * 25.4 ** 3);
+  near(metrics.areaMm2, print.area * 25.4 ** 2);
+  near(metrics.thinnestWallMm, print.thinnest_wall.thickness * 25.4);
+  const [first] = await told(page, "progress");
+  assert.deepEqual([first.status, first.jobId, first.bytes], ["uploading", null, soundBox().length]);
+  const shares = (await told(page, "progress")).filter(({ status }) => status !== "uploading");
+  assert.ok(shares.length > 0 && shares.every(({ jobId }) => jobId === repaired.jobId));
+  assert.deepEqual(faults, []);
+  await close();
+});
+
+test("the shop's page is served under the policy that the documentation tells, and nothing breaks it", { timeout: 60_000 }, async () => {
+  const documented = /```http\nContent-Security-Policy: ([^`]+)\n```/.exec(readFileSync(new URL("../../docs/widget.md", import.meta.url), "utf8"))[1];
+  const sent = (await fetch(shop.url)).headers.get("content-security-policy");
+  assert.equal(sent, documented.replaceAll("https://meshmend.example", shop.meshmend).replaceAll(/\s+/g, " "));
+  assert.ok(!/unsafe|\*|blob:|data:/.test(sent), sent);
+});
+
+test("a model that can't be read fails with the problem's code and words", { timeout: 60_000 }, async () => {
+  const { page, faults, close } = await visit();
+  await drop(page, [["cut.stl", CUT]], BOX);
+  const [failed] = await told(page, "failed");
+  assert.deepEqual([failed.status, failed.code], ["failed", "bad_input"]);
+  assert.equal(failed.message, "The file can't be read. Export it again, best as binary STL.");
+  assert.equal(failed.detail, (await jobOf(failed.jobId)).problem.detail);
+  await page.locator("meshmend-upload").getByText(failed.message).waitFor();
+  assert.equal(await page.locator("#offer").textContent(), failed.message);
+  await page.getByRole("button", { name: "Upload another model" }).click();
+  await drop(page, [["notes.txt", Buffer.from("hello")]], BOX);
+  await page.getByText("This is no 3D model that can be read").waitFor();
+  assert.equal((await told(page, "failed"))[1].code, "unsupported_model");
+  assert.deepEqual(faults.filter((it) => !/status of 415/.test(it)), []);
+  await close();
+});
+
+test("what could not be repaired says what to do, and a click does it", { timeout: 120_000 }, async () => {
+  const { page, faults, close } = await visit();
+  await drop(page, [["sheet.obj", sheet()]], BOX);
+  const [failed] = await told(page, "failed");
+  assert.deepEqual([failed.status, failed.outcome, failed.code], ["succeeded", "unrepairable", "unrepairable"]);
+  assert.equal(await page.getByRole("button", { name: "Order" }).isDisabled(), true);
+  await page.getByRole("button", { name: /Give the open surface a thickness/ }).click();
+  const [repaired] = await told(page, "repaired");
+  assert.equal(repaired.outcome, "repaired");
+  assert.equal((await jobOf(repaired.jobId)).options.open_sheets, "thicken");
+  assert.deepEqual(faults, []);
+  await close();
+});
+
+test("a token for another origin is refused, and the widget says so", { timeout: 60_000 }, async () => {
+  const { page, faults, close } = await visit({ url: `http://localhost:${shop.port}` });
+  const { token } = await tokenFor(shop.url);
+  await page.locator("meshmend-upload").evaluate((it, token) => it.setAttribute("token", token), token);
+  await drop(page, [["box.stl", soundBox()]], BOX);
+  await page.getByText("for another address than this page's").waitFor();
+  const [failed] = await told(page, "failed");
+  assert.deepEqual([failed.status, failed.jobId, failed.code], ["refused", null, "origin_not_allowed"]);
+  assert.deepEqual(faults.filter((it) => !/status of 403/.test(it)), []);
+  await close();
+});
+
+test("a token that is worth nothing any more is replaced by another one, whether or not its end was told", { timeout: 120_000 }, async () => {
+  const { page, faults, close } = await visit();
+  const old = await tokenFor(shop.url);
+  await run("keys", "revoke", old.id, "--data-dir", shop.data);
+  let asked = 0;
+  await page.route("**/meshmend-token", async (route) => {
+    asked += 1;
+    return asked === 1 ? route.fulfill({ status: 201, json: { token: old.token } }) : route.continue();
+  });
+  await drop(page, [["box.stl", soundBox()]], BOX);
+  await told(page, "repaired");
+  assert.equal(asked, 2);
+  await page.getByRole("button", { name: "Upload another model" }).click();
+  await drop(page, [["again.stl", soundBox()]], BOX);
+  await page.waitForFunction(() => told.filter(([name]) => name === "repaired").length === 2, null, { timeout: 60_000 });
+  assert.equal(asked, 2, "a good one is used again");
+  // One that is nearly over is not begun with.
+  await page.locator("meshmend-upload").evaluate(async (it) => it.setAttribute("token-url", "/meshmend-token?soon"));
+  await page.route("**/meshmend-token?soon", async (route) => {
+    asked += 1;
+    await route.fulfill({ status: 201, json: { ...(await tokenFor(shop.url)), expires_at: new Date(Date.now() - 1000).toISOString() } });
+  });
+  for (const name of ["b.stl", "c.stl"]) {
+    await page.getByRole("button", { name: "Upload another model" }).click();
+    await drop(page, [[name, soundBox()]], BOX);
+    await page.getByRole("heading", { name: "It was printable already" }).waitFor({ timeout: 60_000 });
+  }
+  assert.equal(asked, 4);
+  assert.deepEqual(faults, []);
+  await close();
+});
+
+test("tokens come from a function too, and where there is none at all the widget says what is missing", { timeout: 60_000 }, async () => {
+  const { page, faults, close } = await visit();
+  const { token } = await tokenFor(shop.url);
+  await page.locator("meshmend-upload").evaluate((it) => it.removeAttribute("token-url"));
+  await drop(page, [["box.stl", soundBox()]], BOX);
+  await page.getByText("This upload is not set up yet").waitFor();
+  assert.equal((await told(page, "failed"))[0].code, "token_missing");
+  await page.locator("meshmend-upload").evaluate((it, token) => (it.getToken = async () => token), token);
+  await page.getByRole("button", { name: "Try again" }).click();
+  await told(page, "repaired");
+  await page.getByRole("button", { name: "Upload another model" }).click();
+  await page.locator("meshmend-upload").evaluate((it) => (it.getToken = null, it.setAttribute("token-url", "/nowhere")));
+  await drop(page, [["box.stl", soundBox()]], BOX);
+  await page.getByText("gave no permission to upload").waitFor();
+  assert.deepEqual(faults, []);
+  await close();
+});
+
+test("an upload is paused, goes on, and is cancelled", { timeout: 120_000 }, async () => {
+  const { page, faults, close } = await visit();
+  const session = await page.context().newCDPSession(page);
+  await session.send("Network.enable");
+  const upload = (bytes) =>
+    session.send("Network.emulateNetworkConditions", { offline: false, latency: 0, downloadThroughput: -1, uploadThroughput: bytes });
+  await upload(60_000);
+  await drop(page, [["ring.stl", brokenRing()]], BOX);
+  await page.getByRole("button", { name: "Pause" }).click();
+  await page.getByText("Paused").waitFor();
+  await page.getByRole("button", { name: "Go on" }).click();
+  await page.getByRole("button", { name: "Cancel" }).click();
+  await page.getByText("Drop your 3D model here").waitFor();
+  assert.deepEqual((await told(page, "failed")).map(({ code, jobId }) => [code, jobId]), [["canceled", null]]);
+  await drop(page, [["ring.stl", brokenRing()]], BOX);
+  await page.getByRole("button", { name: "Pause" }).click();
+  await upload(-1);
+  await page.getByRole("button", { name: "Go on" }).click();
+  await told(page, "repaired");
+  assert.equal((await told(page, "uploaded")).length, 1);
+  assert.deepEqual(faults, []);
+  await close();
+});
+
+test("all of it is done with the keyboard", { timeout: 120_000 }, async () => {
+  const { page, faults, close } = await visit({ reducedMotion: "reduce" });
+  const focused = () => page.evaluate(() => document.activeElement?.shadowRoot?.activeElement?.textContent ?? "");
+  await page.keyboard.press("Tab");
+  assert.equal(await focused(), "Choose a file");
+  const [dialog] = await Promise.all([page.waitForEvent("filechooser"), page.keyboard.press("Enter")]);
+  await dialog.setFiles({ name: "ring.stl", mimeType: "model/stl", buffer: brokenRing() });
+  await shown(page);
+  const said = page.locator(`${BOX} > [role=status]`);
+  assert.equal(await said.textContent(), "Repaired and printable");
+  const wanted = new Set(["Slider", "Before", "After", "Show all", "canvas", "slider", "Result", "Upload another model"]);
+  for (let i = 0; i < 12 && wanted.size > 0; i += 1) {
+    await page.keyboard.press("Tab");
+    const { name, outline } = await page.evaluate(() => {
+      const now = document.activeElement.shadowRoot?.activeElement;
+      if (!now) return { name: "", outline: true };
+      const seen = [now, ...now.querySelectorAll("*")].map((it) => getComputedStyle(it));
+      const names = { CANVAS: "canvas", DIV: now.getAttribute("role") === "slider" ? "slider" : now.ariaLabel };
+      return {
+        name: names[now.tagName] ?? (now.ariaLabel || now.textContent),
+        outline: seen.some((style) => style.outlineStyle !== "none" && Number.parseFloat(style.outlineWidth) > 1),
+      };
+    });
+    assert.ok(outline, `the focus on ${name} is seen`);
+    wanted.delete(name);
+    if (name === "canvas") {
+      const before = await pixels(page, LOOKS);
+      for (let n = 0; n < 8; n += 1) await page.keyboard.press("ArrowLeft");
+      await settled(page);
+      assert.notDeepEqual(await pixels(page, LOOKS), before, "arrows turn the model");
+    }
+  }
+  assert.deepEqual([...wanted], [], "every control was reached");
+  await page.keyboard.press("Enter");
+  await page.getByText("Drop your 3D model here").waitFor();
+  await page.keyboard.press("Tab");
+  assert.equal(await focused(), "Choose a file", "the focus stays in the widget");
+  assert.deepEqual(faults, []);
+  await close();
+});
+
+for (const colorScheme of ["light", "dark"]) {
+  test(`axe-core finds nothing wrong on the shop's page in the ${colorScheme}`, { timeout: 180_000 }, async () => {
+    const { page, faults, close } = await visit({ colorScheme, reducedMotion: "reduce" });
+    assert.deepEqual(await violations(page), []);
+    const ground = await page.locator(BOX).evaluate((it) => getComputedStyle(it).backgroundColor);
+    assert.equal(ground === "rgb(255, 255, 255)", colorScheme === "light", ground);
+    await page.route("**/v1/jobs/*/events", () => {});
+    await drop(page, [["ring.stl", brokenRing()]], BOX);
+    await page.getByRole("button", { name: "Cancel" }).waitFor();
+    assert.deepEqual(await violations(page), [], "on its way");
+    await page.unroute("**/v1/jobs/*/events");
+    await page.reload();
+    await page.getByText("Drop your 3D model here").waitFor();
+    for (const [name, bytes] of [["ring.stl", brokenRing()], ["sheet.obj", sheet()]]) {
+      await drop(page, [[name, bytes]], BOX);
+      await page.getByRole("heading", { name: /Repaired and printable|could not be repaired/ }).waitFor({ timeout: 60_000 });
+      await shown(page);
+      assert.deepEqual(await violations(page), [], name);
+      await page.getByRole("button", { name: "Upload another model" }).click();
+    }
+    await drop(page, [["cut.stl", CUT]], BOX);
+    await page.getByText("Code: bad_input").waitFor();
+    assert.deepEqual(await violations(page), [], "a problem");
+    assert.deepEqual(faults, []);
+    await close();
+  });
+}
+
+test("on a phone nothing is wider than the screen, and nothing moves below the widget, in both languages", { timeout: 120_000 }, async () => {
+  for (const [locale, heading] of [["en-US", "Repaired and printable"], ["de-DE", "Repariert und druckbar"]]) {
+    const { page, close } = await visit({ locale, viewport: { width: 360, height: 740 }, hasTouch: true, isMobile: true });
+    // The shop's page is in English, and so is the widget unless it is told otherwise.
+    await page.locator("meshmend-upload").evaluate((it, lang) => (it.lang = lang), locale.slice(0, 2));
+    await page.evaluate(() => {
+      globalThis.shift = 0;
+      new PerformanceObserver((list) => {
+        for (const entry of list.getEntries()) globalThis.shift += entry.value;
+      }).observe({ type: "layout-shift", buffered: true });
+    });
+    const below = () => page.locator("#offer-title").evaluate((it) => it.getBoundingClientRect().top + scrollY);
+    const first = await below();
+    await drop(page, [["ring.stl", brokenRing()]], BOX);
+    await page.getByRole("heading", { name: heading }).waitFor({ timeout: 60_000 });
+    await shown(page);
+    assert.equal(await below(), first);
+    assert.equal(await page.evaluate(() => document.documentElement.scrollWidth), 360);
+    const shift = await page.evaluate(() => globalThis.shift);
+    assert.ok(shift < 0.1, `moves by ${shift}`);
+    await close();
+  }
+});
+
+test("a shop's variables and parts style the widget, and its root's size of letters does not", { timeout: 60_000 }, async () => {
+  const { page, close } = await visit();
+  const look = () => page.getByRole("button", { name: "Choose a file" }).evaluate((it) => {
+    const { backgroundColor, minHeight, letterSpacing, fontFamily } = getComputedStyle(it);
+    return { backgroundColor, minHeight, letterSpacing, fontFamily };
+  });
+  const first = await look();
+  assert.equal(first.backgroundColor, "rgb(91, 42, 134)", "the demo shop's colour");
+  await page.evaluate(() => {
+    const sheet = new CSSStyleSheet();
+    sheet.replaceSync(`
+      html { font-size: 10px }
+      meshmend-upload { --meshmend-accent: rgb(1, 2, 3); --meshmend-font: Georgia }
+      meshmend-upload::part(button) { letter-spacing: 3px }`);
+    document.adoptedStyleSheets = [sheet];
+  });
+  assert.deepEqual(await look(), { backgroundColor: "rgb(1, 2, 3)", minHeight: first.minHeight, letterSpacing: "3px", fontFamily: "Georgia" });
+  await close();
+});
+
+test("an order form has the job's id as the widget's value", { timeout: 60_000 }, async () => {
+  const { page, close } = await visit();
+  await page.locator("meshmend-upload").evaluate((it) => {
+    const form = document.createElement("form");
+    it.replaceWith(form);
+    form.append(it);
+    it.setAttribute("name", "model");
+  });
+  await drop(page, [["box.stl", soundBox()]], BOX);
+  const [{ jobId }] = await told(page, "repaired");
+  assert.equal(await page.evaluate(() => new FormData(document.querySelector("form")).get("model")), jobId);
+  await close();
+});
+
+test("the shop takes a message of meshmend once, and none that is not signed or old", { timeout: 60_000 }, async () => {
+  const post = (id, time, text, secret = shop.secret) => {
+    const headers = { "webhook-id": id, "webhook-timestamp": String(Math.floor(time / 1000)), "webhook-signature": new Webhook(secret).sign(id, new Date(time), text) };
+    return fetch(`${shop.url}/hooks/meshmend`, { method: "POST", headers, body: text });
+  };
+  const message = JSON.stringify({ type: "ping", data: {} });
+  assert.equal((await post("msg_1", Date.now(), message)).status, 204);
+  assert.equal((await post("msg_1", Date.now(), message)).status, 204);
+  assert.equal((await post("msg_2", Date.now() - 3_600_000, message)).status, 401);
+  assert.equal((await post("msg_3", Date.now(), message, `whsec_${Buffer.alloc(24).toString("base64")}`)).status, 401);
+  assert.equal((await fetch(`${shop.url}/hooks/meshmend`, { method: "POST", body: message })).status, 401);
+});
