@@ -37,6 +37,8 @@ async function visit({ url = shop.url, ...options } = {}) {
   return it;
 }
 
+const widget = (page) => page.locator("meshmend-upload");
+
 async function told(page, name) {
   await page.waitForFunction((name) => told.some(([it]) => it === name), name, { timeout: 60_000 });
   return page.evaluate((name) => told.filter(([it]) => it === name).map(([, detail]) => detail), name);
@@ -79,7 +81,7 @@ test("a customer uploads, sees the result and orders it, and the shop has the mo
 
 test("the numbers of the events are those of the job's report", { timeout: 120_000 }, async () => {
   const { page, faults, close } = await visit();
-  await page.locator("meshmend-upload").evaluate((it) => it.setAttribute("unit", "in"));
+  await widget(page).evaluate((it) => it.setAttribute("unit", "in"));
   await drop(page, [["box.stl", soundBox()]], BOX);
   const [repaired] = await told(page, "repaired");
   const job = await jobOf(repaired.jobId);
@@ -98,7 +100,8 @@ test("the numbers of the events are those of the job's report", { timeout: 120_0
   assert.deepEqual([first.status, first.jobId, first.bytes], ["uploading", null, soundBox().length]);
   const shares = (await told(page, "progress")).filter(({ status }) => status !== "uploading");
   assert.ok(shares.length > 0 && shares.every(({ jobId }) => jobId === repaired.jobId));
-  assert.deepEqual(faults, []);
+  // The shop prints none that large.
+  assert.deepEqual(faults.filter((it) => !/status of 422/.test(it)), []);
   await close();
 });
 
@@ -116,11 +119,11 @@ test("a model that can't be read fails with the problem's code and words", { tim
   assert.deepEqual([failed.status, failed.code], ["failed", "bad_input"]);
   assert.equal(failed.message, "The file can't be read. Export it again, best as binary STL.");
   assert.equal(failed.detail, (await jobOf(failed.jobId)).problem.detail);
-  await page.locator("meshmend-upload").getByText(failed.message).waitFor();
+  await widget(page).getByText(failed.message).waitFor();
   assert.equal(await page.locator("#offer").textContent(), failed.message);
   await page.getByRole("button", { name: "Upload another model" }).click();
   await drop(page, [["notes.txt", Buffer.from("hello")]], BOX);
-  await page.getByText("This is no 3D model that can be read").waitFor();
+  await widget(page).getByText("This is no 3D model that can be read").waitFor();
   assert.equal((await told(page, "failed"))[1].code, "unsupported_model");
   assert.deepEqual(faults.filter((it) => !/status of 415/.test(it)), []);
   await close();
@@ -136,16 +139,17 @@ test("what could not be repaired says what to do, and a click does it", { timeou
   const [repaired] = await told(page, "repaired");
   assert.equal(repaired.outcome, "repaired");
   assert.equal((await jobOf(repaired.jobId)).options.open_sheets, "thicken");
-  assert.deepEqual(faults, []);
+  // The shop prints none that thin.
+  assert.deepEqual(faults.filter((it) => !/status of 422/.test(it)), []);
   await close();
 });
 
 test("a token for another origin is refused, and the widget says so", { timeout: 60_000 }, async () => {
   const { page, faults, close } = await visit({ url: `http://localhost:${shop.port}` });
   const { token } = await tokenFor(shop.url);
-  await page.locator("meshmend-upload").evaluate((it, token) => it.setAttribute("token", token), token);
+  await widget(page).evaluate((it, token) => it.setAttribute("token", token), token);
   await drop(page, [["box.stl", soundBox()]], BOX);
-  await page.getByText("for another address than this page's").waitFor();
+  await widget(page).getByText("for another address than this page's").waitFor();
   const [failed] = await told(page, "failed");
   assert.deepEqual([failed.status, failed.jobId, failed.code], ["refused", null, "origin_not_allowed"]);
   assert.deepEqual(faults.filter((it) => !/status of 403/.test(it)), []);
@@ -169,7 +173,7 @@ test("a token that is worth nothing any more is replaced by another one, whether
   await page.waitForFunction(() => told.filter(([name]) => name === "repaired").length === 2, null, { timeout: 60_000 });
   assert.equal(asked, 2, "a good one is used again");
   // One that is nearly over is not begun with.
-  await page.locator("meshmend-upload").evaluate(async (it) => it.setAttribute("token-url", "/meshmend-token?soon"));
+  await widget(page).evaluate(async (it) => it.setAttribute("token-url", "/meshmend-token?soon"));
   await page.route("**/meshmend-token?soon", async (route) => {
     asked += 1;
     await route.fulfill({ status: 201, json: { ...(await tokenFor(shop.url)), expires_at: new Date(Date.now() - 1000).toISOString() } });
@@ -187,17 +191,17 @@ test("a token that is worth nothing any more is replaced by another one, whether
 test("tokens come from a function too, and where there is none at all the widget says what is missing", { timeout: 60_000 }, async () => {
   const { page, faults, close } = await visit();
   const { token } = await tokenFor(shop.url);
-  await page.locator("meshmend-upload").evaluate((it) => it.removeAttribute("token-url"));
+  await widget(page).evaluate((it) => it.removeAttribute("token-url"));
   await drop(page, [["box.stl", soundBox()]], BOX);
-  await page.getByText("This upload is not set up yet").waitFor();
+  await widget(page).getByText("This upload is not set up yet").waitFor();
   assert.equal((await told(page, "failed"))[0].code, "token_missing");
-  await page.locator("meshmend-upload").evaluate((it, token) => (it.getToken = async () => token), token);
+  await widget(page).evaluate((it, token) => (it.getToken = async () => token), token);
   await page.getByRole("button", { name: "Try again" }).click();
   await told(page, "repaired");
   await page.getByRole("button", { name: "Upload another model" }).click();
-  await page.locator("meshmend-upload").evaluate((it) => (it.getToken = null, it.setAttribute("token-url", "/nowhere")));
+  await widget(page).evaluate((it) => (it.getToken = null, it.setAttribute("token-url", "/nowhere")));
   await drop(page, [["box.stl", soundBox()]], BOX);
-  await page.getByText("gave no permission to upload").waitFor();
+  await widget(page).getByText("gave no permission to upload").waitFor();
   assert.deepEqual(faults, []);
   await close();
 });
@@ -229,10 +233,11 @@ test("an upload is paused, goes on, and is cancelled", { timeout: 120_000 }, asy
 test("all of it is done with the keyboard", { timeout: 120_000 }, async () => {
   const { page, faults, close } = await visit({ reducedMotion: "reduce" });
   const focused = () => page.evaluate(() => document.activeElement?.shadowRoot?.activeElement?.textContent ?? "");
+  const dialog = page.waitForEvent("filechooser");
   await page.keyboard.press("Tab");
   assert.equal(await focused(), "Choose a file");
-  const [dialog] = await Promise.all([page.waitForEvent("filechooser"), page.keyboard.press("Enter")]);
-  await dialog.setFiles({ name: "ring.stl", mimeType: "model/stl", buffer: brokenRing() });
+  await page.keyboard.press("Enter");
+  await (await dialog).setFiles({ name: "ring.stl", mimeType: "model/stl", buffer: brokenRing() });
   await shown(page);
   const said = page.locator(`${BOX} > [role=status]`);
   assert.equal(await said.textContent(), "Repaired and printable");
@@ -299,7 +304,7 @@ test("on a phone nothing is wider than the screen, and nothing moves below the w
   for (const [locale, heading] of [["en-US", "Repaired and printable"], ["de-DE", "Repariert und druckbar"]]) {
     const { page, close } = await visit({ locale, viewport: { width: 360, height: 740 }, hasTouch: true, isMobile: true });
     // The shop's page is in English, and so is the widget unless it is told otherwise.
-    await page.locator("meshmend-upload").evaluate((it, lang) => (it.lang = lang), locale.slice(0, 2));
+    await widget(page).evaluate((it, lang) => (it.lang = lang), locale.slice(0, 2));
     await page.evaluate(() => {
       globalThis.shift = 0;
       new PerformanceObserver((list) => {
@@ -341,7 +346,7 @@ test("a shop's variables and parts style the widget, and its root's size of lett
 
 test("an order form has the job's id as the widget's value", { timeout: 60_000 }, async () => {
   const { page, close } = await visit();
-  await page.locator("meshmend-upload").evaluate((it) => {
+  await widget(page).evaluate((it) => {
     const form = document.createElement("form");
     it.replaceWith(form);
     form.append(it);

@@ -136,7 +136,7 @@ export class Session {
     await send(server, place, file, (sent) => this.#change({ sent }), signal);
     this.#change({ phase: "submitting", sent: file.size });
     const asked: NewJob = { source: { upload_id: place.id }, options: other ?? options, metadata };
-    const made = await this.tokens.asking(base, signal, (it) => submitSurely(it, asked, signal));
+    const made = await this.tokens.asking(base, signal, (it) => submitSurely(it, asked, signal), server);
     await this.#made(made.answer, made.server, signal);
   }
 

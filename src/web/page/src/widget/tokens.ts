@@ -30,13 +30,11 @@ export class Tokens {
 
   /**
    * Asks the service something, and once more with another token where the first has expired. What it answers has the server as it was
-   * asked: jobs are seen only with the token that they were submitted with.
+   * asked: jobs are seen only with the token that they were submitted with. What was begun goes on with the server that it was begun with.
    */
-  async asking<T>(base: string, signal: AbortSignal, ask: (server: Server) => Promise<T>): Promise<{ answer: T; server: Server }> {
-    const isNew = this.#known === null || Date.now() > this.#known.staleAt;
-    const first = isNew ? await this.#get(signal, false) : this.#known!;
+  async asking<T>(base: string, signal: AbortSignal, ask: (server: Server) => Promise<T>, begun?: Server): Promise<{ answer: T; server: Server }> {
     try {
-      const server = serverOf(base, first.token);
+      const server = begun ?? serverOf(base, (await this.#fresh(signal)).token);
       return { answer: await ask(server), server };
     } catch (error) {
       const { getToken, tokenUrl } = this.source();
@@ -45,6 +43,11 @@ export class Tokens {
     }
     const server = serverOf(base, (await this.#get(signal, true)).token);
     return { answer: await ask(server), server };
+  }
+
+  async #fresh(signal: AbortSignal): Promise<Known> {
+    const known = this.#known;
+    return known && Date.now() < known.staleAt ? known : this.#get(signal, false);
   }
 
   async #get(signal: AbortSignal, again: boolean): Promise<Known> {
