@@ -2,7 +2,6 @@
 import assert from "node:assert/strict";
 import { createHash } from "node:crypto";
 import { readFileSync, readdirSync } from "node:fs";
-import { createRequire } from "node:module";
 import { join } from "node:path";
 import { after, before, test } from "node:test";
 import { LOOKS, drop, launch, open, pixels, settled, shown, violations } from "./support/browser.mjs";
@@ -10,7 +9,6 @@ import { brokenRing, sheet, soundBox } from "./support/models.mjs";
 import { run } from "./support/service.mjs";
 import { openShop } from "./support/shop.mjs";
 
-const { Webhook } = createRequire(new URL("../../examples/shop/server.mjs", import.meta.url))("standardwebhooks");
 const BOX = "meshmend-upload .box";
 const CUT = Buffer.from("solid cut\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\n");
 
@@ -206,6 +204,54 @@ test("tokens come from a function too, and where there is none at all the widget
   await close();
 });
 
+test("a function that was set before the script came is asked", { timeout: 60_000 }, async () => {
+  const { page, close } = await open(browser, shop.url, { path: "/shop.css" });
+  let go;
+  await page.route("**/widget.js", async (route) => {
+    await new Promise((resolve) => (go = resolve));
+    await route.continue();
+  });
+  const { token } = await tokenFor(shop.url);
+  await page.goto(shop.url, { waitUntil: "commit" });
+  await widget(page).waitFor({ state: "attached" });
+  await widget(page).evaluate((it, token) => (it.removeAttribute("token-url"), (it.getToken = async () => token)), token);
+  go();
+  await page.getByText("Drop your 3D model here").waitFor();
+  await drop(page, [["box.stl", soundBox()]], BOX);
+  await page.getByRole("heading", { name: "It was printable already" }).waitFor({ timeout: 60_000 });
+  await close();
+});
+
+test("one model is taken at a time", { timeout: 60_000 }, async () => {
+  const { page, faults, close } = await visit();
+  await drop(page, [["a.stl", soundBox()], ["b.stl", soundBox()]], BOX);
+  await page.getByText("drop a single file").waitFor();
+  assert.deepEqual(await page.evaluate(() => told), []);
+  await drop(page, [["a.stl", soundBox()]], BOX);
+  await told(page, "repaired");
+  assert.equal(await page.getByText("drop a single file").count(), 0);
+  assert.deepEqual(faults, []);
+  await close();
+});
+
+test("without WebGL the picture is seen that the service drew, under the same policy", { timeout: 60_000 }, async () => {
+  const { page, close, faults } = await visit();
+  await page.evaluate(() => {
+    const { getContext } = HTMLCanvasElement.prototype;
+    HTMLCanvasElement.prototype.getContext = function (kind, ...more) {
+      return kind === "2d" ? getContext.call(this, kind, ...more) : null;
+    };
+  });
+  await drop(page, [["ring.stl", brokenRing()]], BOX);
+  const picture = page.getByRole("img", { name: "After" });
+  await picture.waitFor({ timeout: 60_000 });
+  await page.waitForFunction(() => document.querySelector("meshmend-upload").shadowRoot.querySelector("canvas").width > 300);
+  await settled(page);
+  assert.ok((await pixels(page, LOOKS)).grey > 5000);
+  assert.deepEqual(faults.filter((it) => !/WebGL/.test(it)), []);
+  await close();
+});
+
 test("an upload is paused, goes on, and is cancelled", { timeout: 120_000 }, async () => {
   const { page, faults, close } = await visit();
   const session = await page.context().newCDPSession(page);
@@ -356,17 +402,4 @@ test("an order form has the job's id as the widget's value", { timeout: 60_000 }
   const [{ jobId }] = await told(page, "repaired");
   assert.equal(await page.evaluate(() => new FormData(document.querySelector("form")).get("model")), jobId);
   await close();
-});
-
-test("the shop takes a message of meshmend once, and none that is not signed or old", { timeout: 60_000 }, async () => {
-  const post = (id, time, text, secret = shop.secret) => {
-    const headers = { "webhook-id": id, "webhook-timestamp": String(Math.floor(time / 1000)), "webhook-signature": new Webhook(secret).sign(id, new Date(time), text) };
-    return fetch(`${shop.url}/hooks/meshmend`, { method: "POST", headers, body: text });
-  };
-  const message = JSON.stringify({ type: "ping", data: {} });
-  assert.equal((await post("msg_1", Date.now(), message)).status, 204);
-  assert.equal((await post("msg_1", Date.now(), message)).status, 204);
-  assert.equal((await post("msg_2", Date.now() - 3_600_000, message)).status, 401);
-  assert.equal((await post("msg_3", Date.now(), message, `whsec_${Buffer.alloc(24).toString("base64")}`)).status, 401);
-  assert.equal((await fetch(`${shop.url}/hooks/meshmend`, { method: "POST", body: message })).status, 401);
 });

@@ -7,7 +7,7 @@ import { useTexts } from "./view";
 export const FORMATS = ["stl", "obj", "ply", "off", "3mf", "glb", "zip"];
 
 /** Where a model is dropped, and the way to the system's dialog. */
-export function DropZone({ accept, over, note, take }: { accept: string | null; over: boolean; note: string; take: (files: File[]) => void }) {
+export function DropZone({ accept, over, take }: { accept: string | null; over: boolean; take: (files: File[]) => void }) {
   const texts = useTexts();
   const input = useRef<HTMLInputElement>(null);
   const accepted = accept ?? endings(FORMATS).map((ending) => `.${ending}`).join(",");
@@ -26,9 +26,6 @@ export function DropZone({ accept, over, note, take }: { accept: string | null; 
         {texts.choose}
       </button>
       <p class="small">{accept ?? FORMATS.map((it) => it.toUpperCase()).join(", ")}</p>
-      <p class="note" role="status">
-        {note}
-      </p>
     </div>
   );
 }

@@ -5,7 +5,7 @@ import { type Language, firstSpoken } from "../words/words";
 import type { MeshmendUploadElement, MeshmendUploadEventMap } from "./meshmend-upload";
 import { Session, type Wishes } from "./session";
 import { customerSpeech } from "./texts";
-import { Tokens } from "./tokens";
+import { type TokenSource, Tokens } from "./tokens";
 import { Widget } from "./view";
 import css from "./widget.css";
 
@@ -18,7 +18,8 @@ export class MeshmendUpload extends HTMLElement implements MeshmendUploadElement
   static readonly formAssociated = true;
   static readonly observedAttributes = ["lang", "accept", "display-unit", "token", "token-url"];
 
-  getToken: (() => Promise<string>) | null = null;
+  /** It may have been set before the script came. */
+  getToken = (this as { getToken?: TokenSource["getToken"] }).getToken ?? null;
   readonly #internals = this.attachInternals();
   readonly #root = this.attachShadow({ mode: "open" });
   readonly #tokens = new Tokens(() => ({ getToken: this.getToken, token: this.getAttribute("token"), tokenUrl: this.getAttribute("token-url") }));
@@ -46,9 +47,6 @@ export class MeshmendUpload extends HTMLElement implements MeshmendUploadElement
   }
 
   connectedCallback(): void {
-    // A property may have been set before the script came.
-    const early = Object.getOwnPropertyDescriptor(this, "getToken")?.value as unknown;
-    if (typeof early === "function") this.getToken = early as () => Promise<string>;
     this.#draw();
     this.#session.wake();
   }
@@ -58,6 +56,10 @@ export class MeshmendUpload extends HTMLElement implements MeshmendUploadElement
     queueMicrotask(() => {
       if (!this.isConnected) this.#session.sleep();
     });
+  }
+
+  formResetCallback(): void {
+    this.reset();
   }
 
   attributeChangedCallback(name: string): void {

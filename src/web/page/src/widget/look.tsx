@@ -30,12 +30,13 @@ export function Look({ job, server }: { job: Job; server: Server }) {
       const { Viewer, readColouredMesh } = await import("../viewer/mod");
       const read = async (artifact: Artifact | undefined): Promise<ColouredMesh | null> =>
         artifact ? readColouredMesh(await fetchArtifact(server, artifact, stop.signal)) : null;
-      const [before, change] = await Promise.all([read(at("defects")), read(at("change"))]);
+      const [before, change, remaining] = await Promise.all([read(at("defects")), read(at("change")), read(at("remaining"))]);
       if (stop.signal.aborted || !canvas.current || !over.current) return;
       const viewer = new Viewer(canvas.current, over.current);
       stop.signal.addEventListener("abort", () => viewer.dispose());
       viewer.setMode("wipe");
       viewer.compare(before, change, "fine");
+      if (remaining) viewer.lay("after", remaining, "fine", (kind) => kind !== "sound");
       setViewer(viewer);
       setState("ready");
       canvas.current.dataset["ready"] = "true";

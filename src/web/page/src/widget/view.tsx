@@ -76,11 +76,16 @@ function Box({ session, lang, unit, accept }: Omit<Props, "language"> & { lang: 
       onDragLeave={drag}
       onDrop={drag}
     >
-      {shown === "empty" && <DropZone accept={accept} over={over} note={note} take={take} />}
+      {shown === "empty" && <DropZone accept={accept} over={over} take={take} />}
       {shown === "busy" && <Under session={session} state={state} />}
       {shown === "ended" && state.job && <Outcome key={state.job.id} session={session} job={state.job} can={state.can} unit={unit} />}
       {shown === "refused" && <Refused session={session} state={state} />}
       {over && shown !== "empty" && <p class="letgo">{texts.letGo}</p>}
+      {note && (
+        <p class="note" role="alert">
+          {note}
+        </p>
+      )}
       <p class="hidden" role="status">
         <Said state={state} />
       </p>
