@@ -23,8 +23,8 @@ export function Outcome({ session, job, can, unit }: { session: Session; job: Jo
             <Verdict job={job} unit={unit} heading="h2" />
           </div>
           {job.problem && <ProblemNote problem={job.problem} />}
-          <Measures job={job} unit={unit} />
           <WhatToDo job={job} can={can} retry={(options) => session.again(options)} />
+          <Measures job={job} unit={unit} />
         </div>
         <div class="actions">
           <button type="button" class="plain" part="button" onClick={() => session.reset()}>
