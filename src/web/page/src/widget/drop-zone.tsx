@@ -1,7 +1,7 @@
 import { useRef } from "preact/hooks";
 import { endings } from "../state/files";
 import { Icon } from "../views/icons";
-import { useTexts } from "./view";
+import { useTexts } from "./texts";
 
 /** Formats that every meshmend reads: which it is can be asked only with a token, and none is asked for before it is needed. */
 export const FORMATS = ["stl", "obj", "ply", "off", "3mf", "glb", "zip"];

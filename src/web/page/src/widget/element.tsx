@@ -68,7 +68,7 @@ export class MeshmendUpload extends HTMLElement implements MeshmendUploadElement
   }
 
   #draw(): void {
-    const unit = UNITS.find((it) => it === this.getAttribute("display-unit")) ?? ("mm" satisfies Unit);
+    const unit: Unit = UNITS.find((it) => it === this.getAttribute("display-unit")) ?? "mm";
     render(<Widget session={this.#session} language={this.#language()} unit={unit} accept={this.getAttribute("accept")} />, this.#root);
   }
 

@@ -8,7 +8,7 @@ import { useWords } from "../words/words";
 import { Look } from "./look";
 import { metricsOf } from "./metrics";
 import type { Session } from "./session";
-import { useTexts } from "./view";
+import { useTexts } from "./texts";
 
 /** What became of the model: to look at, in words and in numbers, and what may help where it can't be printed. */
 export function Outcome({ session, job, can, unit }: { session: Session; job: Job; can: Capabilities | null; unit: Unit }) {

@@ -1,3 +1,5 @@
+import { createContext } from "preact";
+import { useContext } from "preact/hooks";
 import { type Language, type Speech, speech } from "../words/words";
 
 /** What the widget says and the page does not: its readers are a shop's customers, who know of no service behind it. */
@@ -62,6 +64,13 @@ const de: Texts = {
 };
 
 export const TEXTS: Record<Language, Texts> = { en, de };
+
+/** What the widget says within a view. */
+export const TextsOf = createContext<Texts>(TEXTS.en);
+
+export function useTexts(): Texts {
+  return useContext(TextsOf);
+}
 
 /** What is spoken in the widget: the page's words, with advice for customers where the page's is for whoever runs the service. */
 export function customerSpeech(language: Language): Speech {

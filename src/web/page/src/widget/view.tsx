@@ -1,5 +1,4 @@
-import { createContext } from "preact";
-import { useContext, useLayoutEffect, useMemo, useRef, useState } from "preact/hooks";
+import { useLayoutEffect, useMemo, useRef, useState } from "preact/hooks";
 import { dropped } from "../state/files";
 import type { Unit } from "../units";
 import { Icon } from "../views/icons";
@@ -10,13 +9,7 @@ import { type Language, Spoken, useWords } from "../words/words";
 import { DropZone, FORMATS } from "./drop-zone";
 import { Outcome } from "./outcome";
 import type { Session, State } from "./session";
-import { TEXTS, type Texts, customerSpeech } from "./texts";
-
-const TextsOf = createContext<Texts>(TEXTS.en);
-
-export function useTexts(): Texts {
-  return useContext(TextsOf);
-}
+import { TEXTS, TextsOf, customerSpeech, useTexts } from "./texts";
 
 interface Props {
   session: Session;
