@@ -1,5 +1,5 @@
 #!/bin/sh
-# The page in a real browser: installs Chromium, node and the packages of tests/browser if they are missing, and runs the tests there
+# The page and the widget in a real browser: installs Chromium, node and the packages of tests/browser and examples/shop if they are missing, and runs the tests there
 # against the built program. Where no browser can be installed it says so, loudly, and passes.
 #   test-browser.sh                 the tests
 #   test-browser.sh screenshots     makes docs/pictures anew
@@ -49,12 +49,12 @@ fi
 [ -n "$(browser)" ] || skip "there is no Chromium"
 node_is_new || skip "node is older than 20"
 
-cd tests/browser
-if ! cmp -s package-lock.json node_modules/.lock; then
-    npm ci --silent --no-audit --no-fund >&2 || skip "npm could not install playwright-core and axe-core"
-    cp package-lock.json node_modules/.lock
-fi
-cd ../..
+for folder in tests/browser examples/shop; do
+    if ! cmp -s "$folder/package-lock.json" "$folder/node_modules/.lock"; then
+        (cd "$folder" && npm ci --silent --no-audit --no-fund >&2) || skip "npm could not install what $folder needs"
+        cp "$folder/package-lock.json" "$folder/node_modules/.lock"
+    fi
+done
 cargo build --locked --quiet --features failpoints
 MESHMEND_PROGRAM=$(cd "${CARGO_TARGET_DIR:-target}" && pwd)/debug/meshmend
 MESHMEND_BROWSER=$(browser)

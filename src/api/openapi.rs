@@ -1,13 +1,15 @@
 use std::collections::BTreeMap;
 
+use axum::middleware::map_response;
 use utoipa::OpenApi;
 use utoipa::openapi::path::ParameterIn;
 use utoipa::openapi::schema::AdditionalProperties;
 use utoipa::openapi::security::{HttpAuthScheme, HttpBuilder, SecurityRequirement, SecurityScheme};
 use utoipa::openapi::{ContentBuilder, OpenApi as OpenApiDocument, Ref, RefOr, ResponseBuilder, Schema};
-use utoipa_axum::router::OpenApiRouter;
+use utoipa_axum::router::{OpenApiRouter, UtoipaMethodRouterExt};
 use utoipa_axum::routes;
 
+use super::admit::readable;
 use super::state::ApiState;
 use super::webhooks::{deliveries, endpoints, secrets};
 use super::{artifacts, capabilities, events, health, jobs, submit, tokens, uploads};
@@ -60,7 +62,8 @@ pub(super) fn guarded() -> OpenApiRouter<ApiState> {
 /// The addresses that anybody may ask.
 pub(super) fn open() -> OpenApiRouter<ApiState> {
     OpenApiRouter::new()
-        .routes(routes!(uploads::put_upload))
+        // Whoever has the address may send the file, from any page.
+        .routes(routes!(uploads::put_upload).layer(map_response(readable)))
         .routes(routes!(health::livez))
         .routes(routes!(health::readyz))
         .routes(routes!(health::list_problems))

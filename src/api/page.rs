@@ -1,4 +1,4 @@
-//! The page that people see. It asks the API like anybody else, so nothing here needs a key.
+//! The page that people see, and the widget that shops embed. They ask the API like anybody else, so nothing here needs a key.
 
 use axum::Router;
 use axum::extract::{Path, State};
@@ -12,19 +12,19 @@ use super::problem::{Problem, ProblemCode, shown};
 use super::state::ApiState;
 use crate::web::{self, File};
 
-/// For the document: a browser asks each time whether it is still this one.
+/// For what keeps its name: a browser asks each time whether it is still this one.
 const ASK: &str = "no-cache";
 /// For what has a hash in its name: it never changes.
 const FOREVER: &str = "public, max-age=31536000, immutable";
 
 pub(super) fn routes() -> Router<ApiState> {
-    Router::new().route("/", get(document)).route("/assets/{name}", get(asset))
+    Router::new().route("/", get(document)).route("/widget.js", get(widget)).route("/assets/{name}", get(asset))
 }
 
 async fn document(State(state): State<ApiState>, headers: HeaderMap) -> Response {
     let to_bucket = state.config.presigned_uploads || state.config.presigned_downloads;
     let bucket = if to_bucket { state.blobs.public_origin().await } else { None };
-    let mut response = answer(web::document(), &headers, ASK);
+    let mut response = answer(web::document(), &headers, ASK, For::Ourselves);
     let policy = policy(bucket.as_deref());
     if let Ok(policy) = HeaderValue::from_str(&policy) {
         response.headers_mut().insert(header::CONTENT_SECURITY_POLICY, policy);
@@ -32,12 +32,16 @@ async fn document(State(state): State<ApiState>, headers: HeaderMap) -> Response
     response
 }
 
+async fn widget(headers: HeaderMap) -> Response {
+    answer(web::widget(), &headers, ASK, For::AllPages)
+}
+
 async fn asset(Path(name): Path<String>, headers: HeaderMap) -> Result<Response, Problem> {
     let file = web::asset(&name).ok_or_else(|| {
         let detail = format!("There is nothing at '/assets/{}'. Load the page again.", shown(&name));
         Problem::new(ProblemCode::RouteNotFound, detail)
     })?;
-    Ok(answer(file, &headers, FOREVER))
+    Ok(answer(file, &headers, FOREVER, For::AllPages))
 }
 
 /// What the page may do: run and load what is of this service, and send files to and fetch them from the bucket, where there is one.
@@ -49,23 +53,44 @@ fn policy(bucket: Option<&str>) -> String {
     )
 }
 
-fn answer(file: &'static File, headers: &HeaderMap, cache: &'static str) -> Response {
+/// Whose pages may load a file.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum For {
+    /// The service's own.
+    Ourselves,
+    /// Those of shops too, also where they are isolated from other origins.
+    AllPages,
+}
+
+fn answer(file: &'static File, headers: &HeaderMap, cache: &'static str, whose: For) -> Response {
     let common = [
         (header::CACHE_CONTROL, cache),
         (header::ETAG, file.etag()),
         (header::VARY, "accept-encoding"),
         (header::REFERRER_POLICY, "no-referrer"),
-        (HeaderName::from_static("cross-origin-opener-policy"), "same-origin"),
-        (HeaderName::from_static("cross-origin-resource-policy"), "same-origin"),
     ];
-    if text_header(headers, &header::IF_NONE_MATCH).is_some_and(|known| names(known, file.etag())) {
-        return (StatusCode::NOT_MODIFIED, common).into_response();
+    let reach: &[(HeaderName, &str)] = match whose {
+        For::Ourselves => &[
+            (HeaderName::from_static("cross-origin-opener-policy"), "same-origin"),
+            (HeaderName::from_static("cross-origin-resource-policy"), "same-origin"),
+        ],
+        For::AllPages => &[
+            (header::ACCESS_CONTROL_ALLOW_ORIGIN, "*"),
+            (HeaderName::from_static("cross-origin-resource-policy"), "cross-origin"),
+        ],
+    };
+    let mut response = if text_header(headers, &header::IF_NONE_MATCH).is_some_and(|known| names(known, file.etag())) {
+        (StatusCode::NOT_MODIFIED, common).into_response()
+    } else if takes_gzip(headers) {
+        let packed = [(header::CONTENT_TYPE, file.media_type), (header::CONTENT_ENCODING, "gzip")];
+        (common, packed, file.gzip()).into_response()
+    } else {
+        (common, [(header::CONTENT_TYPE, file.media_type)], file.plain).into_response()
+    };
+    for &(ref name, value) in reach {
+        response.headers_mut().insert(name.clone(), HeaderValue::from_static(value));
     }
-    let kind = [(header::CONTENT_TYPE, file.media_type)];
-    if takes_gzip(headers) {
-        return (common, kind, [(header::CONTENT_ENCODING, "gzip")], file.gzip()).into_response();
-    }
-    (common, kind, file.plain).into_response()
+    response
 }
 
 /// Whether gzip is among the encodings that a client takes, and not with the weight 0 (RFC 9110, 12.5.3).

@@ -185,8 +185,7 @@ pub(super) async fn put_upload(
     has_room(&state, declared.unwrap_or(0))?;
     let source = with_patience(request.into_body().into_data_stream(), state.config.upload_idle);
     Room::new(limit).store(&state.blobs, &key, source).await?;
-    // Whoever has the address may send the file, from any page.
-    Ok((StatusCode::NO_CONTENT, [(header::ACCESS_CONTROL_ALLOW_ORIGIN, "*")]).into_response())
+    Ok(StatusCode::NO_CONTENT.into_response())
 }
 
 /// The upload of that id, if it is there and may still be used.

@@ -1,6 +1,7 @@
-//! The page that people see, as files in the program: it works offline, and there is nothing else to deploy.
+//! The page that people see and the widget that shops embed, as files in the program: they work offline, and there is nothing else to
+//! deploy.
 //!
-//! Its sources are in `page/`, in TypeScript; `make page` builds them into `dist/`, which is committed, so that the program builds
+//! Their sources are in `page/`, in TypeScript; `make page` builds them into `dist/`, which is committed, so that the program builds
 //! without node. Assets have a hash of their bytes in their names and never change.
 
 use std::io::Write;
@@ -58,7 +59,13 @@ pub fn document() -> &'static File {
     DOCUMENT.get_or_init(|| File::new("index.html", dist::DOCUMENT))
 }
 
-/// A file that the document asks for, by its name under `/assets/`.
+/// The script of the widget.
+pub fn widget() -> &'static File {
+    static WIDGET: OnceLock<File> = OnceLock::new();
+    WIDGET.get_or_init(|| File::new("widget.js", dist::WIDGET))
+}
+
+/// A file that the document or the widget asks for, by its name under `/assets/`.
 #[must_use]
 pub fn asset(name: &str) -> Option<&'static File> {
     static ASSETS: OnceLock<Vec<(&str, File)>> = OnceLock::new();
@@ -93,6 +100,15 @@ mod tests {
             let file = asset(name).unwrap_or_else(|| panic!("there is no {name}"));
             assert_ne!(file.media_type, "application/octet-stream", "{name}");
         }
+    }
+
+    #[test]
+    fn the_widget_loads_a_viewer_that_is_there_and_is_small_without_it() {
+        let text = std::str::from_utf8(widget().plain).expect("text");
+        let named: Vec<&str> = text.split('"').filter_map(|word| word.strip_prefix("/assets/")).collect();
+        assert_eq!(named.len(), 1, "the viewer: {named:?}");
+        assert!(asset(named[0]).is_some_and(|file| file.media_type.starts_with("text/javascript")), "{named:?}");
+        assert!(widget().gzip().len() < 40_000, "{} bytes", widget().gzip().len());
     }
 
     #[test]

@@ -1,5 +1,6 @@
 // What the page weighs and how long people wait for it.
 import assert from "node:assert/strict";
+import { get } from "node:http";
 import { test } from "node:test";
 import { LOOKS, open, pixels, settled, shown } from "./support/browser.mjs";
 import { browser, service } from "./support/desk.mjs";
@@ -13,36 +14,41 @@ async function best(tries, measure) {
   return all.reduce((a, b) => (b.time < a.time ? b : a));
 }
 
-test("the page with its viewer weighs less than 350 kB", { timeout: 60_000 }, async (t) => {
-  const packed = async (path) => {
-    const answer = await fetch(service.url + path, { headers: { "accept-encoding": "identity" } });
-    const text = await answer.text();
-    const sent = await new Promise((resolve, reject) => {
-      // fetch unpacks what it gets, so the bytes on the way are counted by a plain request.
-      import("node:http").then(({ get }) =>
-        get(service.url + path, { headers: { "accept-encoding": "gzip" } }, (message) => {
-          assert.equal(message.headers["content-encoding"], "gzip", path);
-          let bytes = 0;
-          message.on("data", (chunk) => (bytes += chunk.length)).on("end", () => resolve(bytes));
-        }).on("error", reject),
-      );
-    });
-    return { text, sent };
-  };
-  // Whatever a file names, and what that names, and so on.
-  const known = new Map();
-  const visit = async (path) => {
-    if (known.has(path)) return;
-    const { text, sent } = await packed(path);
-    known.set(path, sent);
-    const names = [...text.matchAll(/["'(](?:\/assets\/|\.\/)([\w.-]+\.(?:js|css|svg))["')]/g)].map(([, name]) => `/assets/${name}`);
-    for (const name of names) await visit(name);
-  };
-  await visit("/");
-  assert.ok(known.size >= 5, `the document, a style, an icon, and scripts with the viewer's: ${[...known.keys()]}`);
-  const sum = [...known.values()].reduce((a, b) => a + b);
-  t.diagnostic(`${sum} bytes in ${known.size} files`);
+/** What is sent of a file, and its text. */
+async function packed(path) {
+  const text = await (await fetch(service.url + path)).text();
+  // fetch unpacks what it gets, so the bytes on the way are counted by a plain request.
+  const sent = await new Promise((resolve, reject) => {
+    get(service.url + path, { headers: { "accept-encoding": "gzip" } }, (message) => {
+      assert.equal(message.headers["content-encoding"], "gzip", path);
+      let bytes = 0;
+      message.on("data", (chunk) => (bytes += chunk.length)).on("end", () => resolve(bytes));
+    }).on("error", reject);
+  });
+  return { text, sent };
+}
+
+/** What a file weighs with whatever it names, and what that names, and so on. */
+async function weight(path, known = new Map()) {
+  if (known.has(path)) return known;
+  const { text, sent } = await packed(path);
+  known.set(path, sent);
+  for (const [, name] of text.matchAll(/["'(](?:\/assets\/|\.\/)([\w.-]+\.(?:js|css|svg))["')]/g)) await weight(`/assets/${name}`, known);
+  return known;
+}
+
+test("the page with its viewer weighs less than 350 kB, and a shop's page waits for less than 40 kB", { timeout: 60_000 }, async (t) => {
+  const page = await weight("/");
+  assert.ok(page.size >= 5, `the document, a style, an icon, and scripts with the viewer's: ${[...page.keys()]}`);
+  assert.ok(!page.has("/widget.js"));
+  const sum = [...page.values()].reduce((a, b) => a + b);
+  t.diagnostic(`${sum} bytes in ${page.size} files`);
   assert.ok(sum < 350_000, `${sum} bytes`);
+  const widget = await weight("/widget.js");
+  t.diagnostic(`the widget: ${widget.get("/widget.js")} bytes`);
+  assert.ok(widget.get("/widget.js") < 40_000, `${widget.get("/widget.js")} bytes`);
+  const viewer = [...widget.keys()].filter((path) => path !== "/widget.js");
+  assert.ok(viewer.length === 1 && page.has(viewer[0]), `both load one viewer: ${viewer}`);
 });
 
 test("the page is painted within a second", { timeout: 60_000 }, async (t) => {

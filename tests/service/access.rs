@@ -385,6 +385,67 @@ async fn a_page_with_a_token_uploads_from_its_origin_and_sees_only_its_own_jobs(
     assert_eq!(page["jobs"].as_array().map(Vec::len), Some(1));
 }
 
+/// Whether a page of that origin may read an answer, with the header that says when to come again.
+fn is_readable(answer: &reqwest::Response, origin: &str) -> bool {
+    let told = |name| answer.headers().get(name).and_then(|value| value.to_str().ok()).unwrap_or_default();
+    told("access-control-allow-origin") == origin && told("access-control-expose-headers").contains("retry-after")
+}
+
+#[tokio::test]
+async fn a_page_reads_all_that_the_widget_asks_and_pages_of_other_origins_only_that_they_may_not() {
+    let data = tempfile::tempdir().expect("a folder");
+    let owner = key(data.path(), "shop", ALL);
+    let program = guarded(data.path());
+    let api = Api::new(&program);
+    let token = json!({"origin": "https://shop.example"});
+    let (_, token) = ask(api.post("/v1/browser-tokens").bearer_auth(&owner).json(&token)).await;
+    let secret = token["token"].as_str().expect("a token");
+    let upload = api.post("/v1/uploads").bearer_auth(secret).header("origin", "https://shop.example");
+    let (_, upload) = ask(upload.json(&json!({"name": "box.stl"}))).await;
+    let put = upload["put"]["url"].as_str().expect("an address");
+    let wrong = format!("{}x", put);
+    for (path, status) in [(wrong.as_str(), 404), (put, 204), (put, 409)] {
+        let request = api.http.put(format!("{}{path}", api.url)).header("origin", "https://shop.example");
+        let answer = request.body(files::broken_box()).send().await.expect("an answer");
+        assert_eq!(answer.status(), status);
+        assert!(is_readable(&answer, "*"), "{status}: {:?}", answer.headers());
+    }
+    let source = json!({"source": {"upload_id": upload["id"]}, "options": {"max_tier": 1}});
+    let submit = api.post("/v1/jobs").bearer_auth(secret).header("origin", "https://shop.example").json(&source);
+    let (status, job) = ask(submit).await;
+    assert_eq!(status, 202, "{job}");
+    let path = format!("/v1/jobs/{}", job["id"].as_str().expect("an id"));
+    let ended = api.get(&format!("{path}/events")).bearer_auth(secret).header("origin", "https://shop.example");
+    let ended = ended.send().await.expect("an answer");
+    assert!(is_readable(&ended, "https://shop.example"), "{:?}", ended.headers());
+    assert!(ended.text().await.expect("events").contains("event: done"));
+    let asked = [
+        (Method::GET, "/v1/capabilities".to_owned(), 200),
+        (Method::POST, "/v1/uploads".to_owned(), 201),
+        (Method::POST, "/v1/jobs".to_owned(), 400),
+        (Method::GET, path.clone(), 200),
+        (Method::GET, format!("{path}?wait=1"), 200),
+        (Method::GET, format!("{path}/events"), 200),
+        (Method::GET, format!("{path}/artifacts/model"), 200),
+        (Method::GET, format!("{path}/artifacts/defects.glb"), 200),
+        (Method::POST, format!("{path}/cancel"), 409),
+        (Method::GET, "/v1/jobs/job_019a3c5e7b1f7c3e8d2a4b6c8d0e2f4a".to_owned(), 404),
+    ];
+    for (method, path, status) in asked {
+        for (origin, status) in [("https://shop.example", status), ("https://evil.example", 403)] {
+            let request = api.http.request(method.clone(), format!("{}{path}", api.url));
+            let answer = request.bearer_auth(secret).header("origin", origin).send().await.expect("an answer");
+            assert_eq!(answer.status(), status, "{method} {path} from {origin}");
+            assert!(is_readable(&answer, origin), "{method} {path} from {origin}: {:?}", answer.headers());
+        }
+        for bearer in [owner.as_str(), "mm_key_unknown"] {
+            let request = api.http.request(method.clone(), format!("{}{path}", api.url)).bearer_auth(bearer);
+            let answer = request.header("origin", "https://shop.example").send().await.expect("an answer");
+            assert!(!answer.headers().contains_key("access-control-allow-origin"), "{method} {path}: a key is not for pages");
+        }
+    }
+}
+
 #[tokio::test]
 async fn limits_of_requests_and_of_waiting_jobs_hold_for_each_tenant_apart() {
     let data = tempfile::tempdir().expect("a folder");

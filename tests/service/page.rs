@@ -63,7 +63,7 @@ async fn a_browser_gets_the_page_packed_and_only_when_it_changed() {
     let program = Start::serve(data.path()).start();
     let api = Api::new(&program);
     let document = api.get("/").send().await.expect("an answer").text().await.expect("text");
-    for path in assets(&document).into_iter().chain(["/"]) {
+    for path in assets(&document).into_iter().chain(["/", "/widget.js"]) {
         let plain = api.get(path).send().await.expect("an answer");
         assert!(!plain.headers().contains_key("content-encoding"), "who takes no gzip gets none");
         let tag = plain.headers()["etag"].clone();
@@ -86,6 +86,37 @@ async fn a_browser_gets_the_page_packed_and_only_when_it_changed() {
         let head = api.http.head(format!("{}{path}", api.url)).send().await.expect("an answer");
         assert_eq!((head.status().as_u16(), &head.headers()["content-length"]), (200, &plain.len().into()), "{path}");
     }
+}
+
+#[tokio::test]
+async fn the_widget_and_what_it_loads_are_for_pages_of_all_origins_and_the_page_is_not() {
+    let data = tempfile::tempdir().expect("a folder");
+    let program = Start::serve(data.path()).arg("--auth", "keys").start();
+    let api = Api::new(&program);
+    let get = |path: &str| api.get(path).header("origin", "https://shop.example").send();
+    let widget = get("/widget.js").await.expect("an answer");
+    assert_eq!(
+        (widget.status().as_u16(), &widget.headers()["content-type"]),
+        (200, &"text/javascript; charset=utf-8".parse().expect("text"))
+    );
+    assert_eq!(widget.headers()["cache-control"], "no-cache", "a shop gets the widget of the service's version");
+    let script = widget.text().await.expect("text");
+    let viewer = assets(&script).into_iter().next().expect("the viewer");
+    for path in ["/widget.js", viewer] {
+        for tag in ["\"none\"", "*"] {
+            let request = api.get(path).header("origin", "https://shop.example").header("if-none-match", tag);
+            let answer = request.header("accept-encoding", "gzip").send().await.expect("an answer");
+            assert_eq!(answer.status().as_u16(), if tag == "*" { 304 } else { 200 }, "{path}");
+            assert_eq!(answer.headers()["access-control-allow-origin"], "*", "{path}");
+            assert_eq!(answer.headers()["cross-origin-resource-policy"], "cross-origin", "{path}");
+            assert!(answer.headers().contains_key("etag"), "{path}");
+            assert_eq!(answer.headers().contains_key("content-encoding"), tag != "*", "{path}");
+        }
+    }
+    let page = get("/").await.expect("an answer");
+    assert!(!page.headers().contains_key("access-control-allow-origin"), "no other page reads the service's own");
+    assert_eq!(page.headers()["cross-origin-resource-policy"], "same-origin");
+    assert_eq!(page.headers()["cross-origin-opener-policy"], "same-origin");
 }
 
 #[tokio::test]

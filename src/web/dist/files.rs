@@ -1,10 +1,10 @@
 // Written by build.mjs.
 pub(super) const DOCUMENT: &[u8] = include_bytes!("index.html");
+pub(super) const WIDGET: &[u8] = include_bytes!("widget.js");
 #[rustfmt::skip]
-pub(super) const ASSETS: [(&str, &[u8]); 5] = [
-    ("chunk-ZON466D3.js", include_bytes!("chunk-ZON466D3.js")),
+pub(super) const ASSETS: [(&str, &[u8]); 4] = [
     ("icon-70B5C160.svg", include_bytes!("icon-70B5C160.svg")),
-    ("mod-DGACQACA.js", include_bytes!("mod-DGACQACA.js")),
-    ("page-XPNATSO5.js", include_bytes!("page-XPNATSO5.js")),
-    ("style-XPEMEIKH.css", include_bytes!("style-XPEMEIKH.css")),
+    ("page-4S4EA2W2.js", include_bytes!("page-4S4EA2W2.js")),
+    ("style-744EOYWN.css", include_bytes!("style-744EOYWN.css")),
+    ("viewer-LRWP7PXD.js", include_bytes!("viewer-LRWP7PXD.js")),
 ];

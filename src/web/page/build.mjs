@@ -25,41 +25,69 @@ export const options = {
   logLevel: "warning",
 };
 
-/** The files of the page by name: the document, and assets with a hash in their names. */
-export async function bundle(minify = true) {
-  const result = await build({
+/** The first of the names that begin and end so. */
+const named = (files, start, end) => [...files.keys()].find((name) => name.startsWith(start) && name.endsWith(end));
+
+/** Builds some entries and answers their files by name. */
+async function made(entryPoints, minify, more = {}) {
+  const { outputFiles } = await build({
     ...options,
-    entryPoints: { page: "src/page.tsx", style: "src/style/page.css" },
+    entryPoints,
     outdir: dist,
     entryNames: "[name]-[hash]",
-    chunkNames: "[name]-[hash]",
-    assetNames: "[name]-[hash]",
-    loader: { ".svg": "file" },
-    splitting: true,
     minify,
     write: false,
-    metafile: true,
+    ...more,
   });
-  const files = new Map(result.outputFiles.map((file) => [file.path.slice(dist.length + 1), Buffer.from(file.contents)]));
-  const named = (start, end) => [...files.keys()].find((name) => name.startsWith(start) && name.endsWith(end));
+  return new Map(outputFiles.map((file) => [file.path.slice(dist.length + 1), Buffer.from(file.contents)]));
+}
+
+/** Leaves the viewer out of what imports it: it is a file of its own, which the page and the widget load when there is something to see. */
+const viewerApart = (file) => ({
+  name: "viewer-apart",
+  setup: (it) => it.onResolve({ filter: /\/viewer\/mod$/ }, () => ({ path: `/assets/${file}`, external: true })),
+});
+
+/** Gives an import of a style its text, for constructable style sheets. */
+const styleAsText = (minify) => ({
+  name: "style-as-text",
+  setup: (it) =>
+    it.onLoad({ filter: /\.css$/ }, async ({ path }) => {
+      const { outputFiles } = await build({ ...options, entryPoints: [path], minify, write: false });
+      // A shop's root may have any size of letters, so lengths are told in the widget's own.
+      const contents = outputFiles[0].text.replace(/(?<![\w.])(-?\d*\.?\d+)rem\b/g, "calc($1*var(--rem))");
+      return { contents, loader: "text" };
+    }),
+});
+
+/** The files of the page by name: the document, the widget, and assets with a hash in their names. */
+export async function bundle(minify = true) {
+  const files = await made({ viewer: "src/viewer/mod.ts" }, minify);
+  const viewer = viewerApart(named(files, "viewer-", ".js"));
+  for (const file of await made({ page: "src/page.tsx", style: "src/style/page.css" }, minify, { plugins: [viewer] })) files.set(...file);
+  const widget = await made({ widget: "src/widget/widget.ts" }, minify, { entryNames: "[name]", plugins: [viewer, styleAsText(minify)] });
+  for (const file of widget) files.set(...file);
   const icon = readFileSync(join(here, "src/icon.svg"));
   const iconName = `icon-${createHash("sha256").update(icon).digest("hex").slice(0, 8).toUpperCase()}.svg`;
   files.set(iconName, icon);
   const document = readFileSync(join(here, "src/index.html"), "utf8")
-    .replace("{style}", named("style-", ".css"))
-    .replace("{script}", named("page-", ".js"))
+    .replace("{style}", named(files, "style-", ".css"))
+    .replace("{script}", named(files, "page-", ".js"))
     .replace("{icon}", iconName);
   files.set("index.html", Buffer.from(document));
   return files;
 }
 
+/** Files whose names stay, as the program calls them. */
+const STABLE = { "index.html": "DOCUMENT", "widget.js": "WIDGET" };
+
 /** What tells the program which files there are. */
 function list(files) {
-  const names = [...files.keys()].filter((name) => name !== "index.html").sort();
+  const names = [...files.keys()].filter((name) => !(name in STABLE)).sort();
   const lines = names.map((name) => `    ("${name}", include_bytes!("${name}")),`);
   return [
     "// Written by build.mjs.",
-    `pub(super) const DOCUMENT: &[u8] = include_bytes!("index.html");`,
+    ...Object.entries(STABLE).map(([name, constant]) => `pub(super) const ${constant}: &[u8] = include_bytes!("${name}");`),
     "#[rustfmt::skip]",
     `pub(super) const ASSETS: [(&str, &[u8]); ${names.length}] = [`,
     ...lines,

@@ -1,5 +1,9 @@
 // Chromium as the tests want it, and what they ask of what is on the screen.
+import { readFileSync } from "node:fs";
+import { createRequire } from "node:module";
 import { chromium } from "playwright-core";
+
+const AXE = readFileSync(createRequire(import.meta.url).resolve("axe-core/axe.min.js"), "utf8");
 
 const ARGUMENTS = [
   "--no-sandbox",
@@ -32,8 +36,8 @@ export async function open(browser, url, { path = "/", ...options } = {}) {
   return { page, faults, asked, close: () => context.close() };
 }
 
-/** Lets go of files over the page, as a person does. */
-export async function drop(page, files) {
+/** Lets go of files over the page or a part of it, as a person does. */
+export async function drop(page, files, over = "body") {
   const carried = await page.evaluateHandle((files) => {
     const data = new DataTransfer();
     for (const { name, text } of files) {
@@ -42,8 +46,15 @@ export async function drop(page, files) {
     }
     return data;
   }, files.map(([name, bytes]) => ({ name, text: bytes.toString("base64") })));
-  await page.dispatchEvent("body", "dragenter", { dataTransfer: carried });
-  await page.dispatchEvent("body", "drop", { dataTransfer: carried });
+  await page.dispatchEvent(over, "dragenter", { dataTransfer: carried });
+  await page.dispatchEvent(over, "drop", { dataTransfer: carried });
+}
+
+/** What axe-core finds wrong with a page. It is put in from outside the page's policy, as the browser's own tools are. */
+export async function violations(page) {
+  await page.evaluate(AXE);
+  const found = await page.evaluate(() => globalThis.axe.run(document, { resultTypes: ["violations"] }));
+  return found.violations.flatMap(({ id, nodes }) => nodes.map((node) => `${id}: ${node.html} (${node.failureSummary})`));
 }
 
 /** Waits until the whole model is on the canvas and the camera stands still. */

@@ -1,6 +1,6 @@
 import { render } from "preact";
 import { meet } from "./state/server";
-import { App } from "./views/app";
+import { Page } from "./views/app";
 
-render(<App />, document.getElementById("page")!);
+render(<Page />, document.getElementById("page")!);
 void meet();

@@ -1,4 +1,5 @@
-import { type Server, ask, askJson } from "./http";
+import { type Server, ask, askJson, pause } from "./http";
+import { Problem } from "./problem";
 import type { Artifact, Capabilities, Job, JobPage, Options, Readiness } from "./shapes";
 
 export function capabilities(server: Server): Promise<Capabilities> {
@@ -23,6 +24,19 @@ export function submit(server: Server, job: NewJob, once: string, signal?: Abort
     headers: { "idempotency-key": once },
     ...(signal && { signal }),
   });
+}
+
+/** Makes a job, and asks again where the answer was lost on its way. */
+export async function submitSurely(server: Server, job: NewJob, signal: AbortSignal): Promise<Job> {
+  const once = crypto.randomUUID?.() ?? `${Date.now()}-${Math.random()}`;
+  for (let tries = 0; ; tries += 1) {
+    try {
+      return await submit(server, job, once, signal);
+    } catch (error) {
+      if (!(error instanceof Problem) || error.code !== "unreachable" || tries === 3) throw error;
+      await pause(500 * 2 ** tries, signal);
+    }
+  }
 }
 
 export function getJob(server: Server, id: string, signal?: AbortSignal): Promise<Job> {

@@ -1,8 +1,8 @@
 import type { Unit } from "../units";
+import { type Language, firstSpoken } from "../words/words";
 import { Store } from "./store";
 
 export type Theme = "auto" | "light" | "dark";
-export type Language = "en" | "de";
 
 /** What a person chose, kept in the browser. */
 export interface Settings {
@@ -16,12 +16,8 @@ export interface Settings {
 
 const NAME = "meshmend.settings";
 
-function spoken(): Language {
-  return navigator.languages.find((it) => /^(de|en)\b/.test(it))?.startsWith("de") ? "de" : "en";
-}
-
 function load(): Settings {
-  const first: Settings = { language: spoken(), theme: "auto", unit: "mm", printer: "", room: [220, 220, 250] };
+  const first: Settings = { language: firstSpoken(navigator.languages), theme: "auto", unit: "mm", printer: "", room: [220, 220, 250] };
   try {
     return { ...first, ...(JSON.parse(localStorage.getItem(NAME) ?? "{}") as Partial<Settings>) };
   } catch {

@@ -1,5 +1,5 @@
 import { follow } from "../api/events";
-import { type NewJob, cancelJob, getJob, submit } from "../api/jobs";
+import { type NewJob, cancelJob, getJob, submitSurely } from "../api/jobs";
 import { Problem } from "../api/problem";
 import type { Job, Options, ProgressEvent } from "../api/shapes";
 import { announce, send } from "../api/uploads";
@@ -134,16 +134,7 @@ async function upload(it: Piece, signal: AbortSignal): Promise<void> {
 }
 
 async function make(id: number, asked: NewJob, signal: AbortSignal): Promise<void> {
-  const once = crypto.randomUUID?.() ?? `${Date.now()}-${Math.random()}`;
-  for (let tries = 0; ; tries += 1) {
-    try {
-      return await heard(id, await submit(server, asked, once, signal), signal);
-    } catch (error) {
-      // The same key makes no second job, so that a lost answer may be asked for again.
-      if (!(error instanceof Problem) || error.status !== 0 || tries === 3) throw error;
-      await new Promise((resolve) => setTimeout(resolve, 500 * 2 ** tries));
-    }
-  }
+  await heard(id, await submitSurely(server, asked, signal), signal);
 }
 
 async function heard(id: number, job: Job, signal: AbortSignal): Promise<void> {

@@ -104,6 +104,13 @@ export class Viewer {
     this.#adopt(side, model);
   }
 
+  /** Shows a model as it came and what became of it. What was removed is seen on the first, where it still is. */
+  compare(before: ColouredMesh | null, change: ColouredMesh | null, level: Level): void {
+    if (before) this.show("before", before, level);
+    if (change) this.show("after", change, level, (kind) => kind !== "removed");
+    if (before && change) this.lay("before", change, level, (kind) => kind === "removed");
+  }
+
   #adopt(side: Side, model: Model): void {
     for (const { kind } of model.mesh.groups) model.show(kind, this.#shown.get(kind) ?? isShownAtFirst(kind));
     model.wire(this.#wire && !model.isOverlay);

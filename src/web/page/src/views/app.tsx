@@ -1,8 +1,8 @@
-import { useLayoutEffect } from "preact/hooks";
+import { useLayoutEffect, useMemo } from "preact/hooks";
 import { route } from "../state/route";
 import { known } from "../state/server";
 import { settings } from "../state/settings";
-import { useWords } from "../words/words";
+import { Spoken, speech, useWords } from "../words/words";
 import { AskForKey, Away } from "./gate";
 import { Header } from "./header";
 import { JobPage } from "./job";
@@ -10,7 +10,17 @@ import { JobsPage } from "./jobs";
 import { RepairPage } from "./repair";
 import { useStore } from "./use-store";
 
-export function App() {
+/** The page in the language that was chosen. */
+export function Page() {
+  const { language } = useStore(settings);
+  return (
+    <Spoken.Provider value={useMemo(() => speech(language), [language])}>
+      <App />
+    </Spoken.Provider>
+  );
+}
+
+function App() {
   const { words } = useWords();
   const { language, theme } = useStore(settings);
   useLayoutEffect(() => {

@@ -1,7 +1,7 @@
 import { route } from "../state/route";
 import { key, meet } from "../state/server";
-import { type Language, type Theme, choose, settings } from "../state/settings";
-import { LANGUAGES, useWords } from "../words/words";
+import { type Theme, choose, settings } from "../state/settings";
+import { LANGUAGES, type Language, useWords } from "../words/words";
 import { Icon, type IconName, Logo } from "./icons";
 import { useStore } from "./use-store";
 

@@ -1,10 +1,13 @@
 import { useState } from "preact/hooks";
-import type { Capabilities, Job } from "../api/shapes";
+import type { Capabilities, Job, Options } from "../api/shapes";
+import { settings } from "../state/settings";
+import { again } from "../state/work";
 import { useWords } from "../words/words";
 import { Download } from "./download";
 import { Numbers } from "./numbers";
 import { Objects } from "./objects";
 import { ProblemNote } from "./problem-note";
+import { useStore } from "./use-store";
 import { Verdict } from "./verdict";
 import { ViewerPane } from "./viewer-pane";
 import { WhatToDo } from "./what-to-do";
@@ -13,6 +16,11 @@ import { WhatToDo } from "./what-to-do";
 export function Result({ job, can }: { job: Job; can: Capabilities | null }) {
   const { words } = useWords();
   const report = job.report?.mode === "repair" ? job.report : null;
+  const { unit } = useStore(settings);
+  const retry = (options: Options): void => {
+    location.hash = "#/";
+    again(job, options);
+  };
   const [side, setSide] = useState<HTMLElement | null>(null);
   const isShown = "defects.glb" in job.artifacts;
   const hasPictures = "before.png" in job.artifacts;
@@ -27,11 +35,11 @@ export function Result({ job, can }: { job: Job; can: Capabilities | null }) {
           hasPictures && <Pictures job={job} />
         )}
         <div class="side">
-          <Verdict job={job} />
+          <Verdict job={job} unit={unit} heading="h1" />
           {job.problem && <ProblemNote problem={job.problem} />}
           {job.status === "expired" && <p>{words.expiredMore}</p>}
           <Download job={job} can={can} />
-          <WhatToDo job={job} can={can} />
+          <WhatToDo job={job} can={can} retry={retry} />
           {job.status === "succeeded" && !isShown && !hasPictures && <p class="aside">{words.noPreview}</p>}
           <div ref={setSide} class="tools-of-viewer" />
         </div>

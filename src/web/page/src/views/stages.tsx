@@ -6,7 +6,7 @@ const ORDER = ["upload", "queue", "read", "inspect", "repair", "verify", "finish
 type Shown = (typeof ORDER)[number];
 
 /** The way of a file from upload to result, and where on it the file is. */
-export function Stages({ piece }: { piece: Piece }) {
+export function Stages({ piece }: { piece: Pick<Piece, "phase" | "sent" | "bytes" | "progress"> }) {
   const { words, figures } = useWords();
   const { stage, tier, percent, queue_position } = piece.progress ?? { stage: null, tier: null, percent: 0, queue_position: null };
   const now = at(piece);
@@ -43,7 +43,7 @@ export function Stages({ piece }: { piece: Piece }) {
   );
 }
 
-function at(piece: Piece): Shown {
+function at(piece: Pick<Piece, "phase" | "progress">): Shown {
   if (piece.phase !== "following") return piece.phase === "submitting" ? "queue" : "upload";
   if (!piece.progress || piece.progress.status === "queued") return "queue";
   const { stage } = piece.progress;

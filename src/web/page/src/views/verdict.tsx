@@ -1,15 +1,13 @@
 import type { Job } from "../api/shapes";
 import { isOpenSheet } from "../report/advice";
 import { inWords, stillWrong } from "../report/plain";
-import { settings } from "../state/settings";
+import type { Unit } from "../units";
 import { useWords } from "../words/words";
 import { Icon } from "./icons";
-import { useStore } from "./use-store";
 
 /** The verdict and what was done, in plain words. */
-export function Verdict({ job }: { job: Job }) {
+export function Verdict({ job, unit, heading: Heading }: { job: Job; unit: Unit; heading: "h1" | "h2" }) {
   const { words, figures } = useWords();
-  const { unit } = useStore(settings);
   const report = job.report?.mode === "repair" ? job.report : null;
   const good = ["repaired", "already_printable", "printable"].includes(job.outcome ?? "");
   const title = job.status === "succeeded" ? words.outcomes[job.outcome ?? ""] : job.status === "failed" ? words.failed : words[job.status === "canceled" ? "canceled" : "expired"];
@@ -17,12 +15,12 @@ export function Verdict({ job }: { job: Job }) {
   return (
     <section class={good ? "verdict good" : job.status === "failed" ? "verdict bad" : "verdict fair"}>
       <p class="file-name">{job.input.name}</p>
-      <h1>
+      <Heading>
         <span class="seal">
           <Icon name={good ? "check" : "warn"} size={22} />
         </span>
         {title}
-      </h1>
+      </Heading>
       {report && isOpenSheet(report) && <p>{words.openSurface}</p>}
       {report && (
         <ul class="deeds">

@@ -5,6 +5,7 @@ import type { Artifact, Job } from "../api/shapes";
 import { unitOfJob } from "../report/plain";
 import { server } from "../state/server";
 import type { ColouredMesh } from "../viewer/glb";
+import { pressed } from "../viewer/keys";
 import type { Mode } from "../viewer/layout";
 import type { Viewer } from "../viewer/viewer";
 import { useWords } from "../words/words";
@@ -51,10 +52,7 @@ export function ViewerPane({ job, side }: { job: Job; side: HTMLElement | null }
         artifact ? readColouredMesh(await fetchArtifact(server, artifact, stop.signal)) : null;
       const at = (name: string): Artifact | undefined => job.artifacts[name];
       const place = (before: ColouredMesh | null, change: ColouredMesh | null, level: "fine" | "coarse"): void => {
-        if (stop.signal.aborted) return;
-        if (before) viewer.show("before", before, level);
-        if (change) viewer.show("after", change, level, (kind) => kind !== "removed");
-        if (before && change) viewer.lay("before", change, level, (kind) => kind === "removed");
+        if (!stop.signal.aborted) viewer.compare(before, change, level);
       };
       const remaining = read(at("remaining.glb"));
       if (at("defects-preview.glb")) {
@@ -89,23 +87,6 @@ export function ViewerPane({ job, side }: { job: Job; side: HTMLElement | null }
     setMode(next);
     shown?.viewer.setMode(next);
   };
-  const pressed = (event: KeyboardEvent): void => {
-    const viewer = shown?.viewer;
-    const step = 0.12;
-    const turns: Record<string, () => void> = {
-      ArrowLeft: () => viewer?.turn(-step, 0),
-      ArrowRight: () => viewer?.turn(step, 0),
-      ArrowUp: () => viewer?.turn(0, step),
-      ArrowDown: () => viewer?.turn(0, -step),
-      "+": () => viewer?.turn(0, 0, 0.85),
-      "-": () => viewer?.turn(0, 0, 1 / 0.85),
-      "0": () => viewer?.home(),
-    };
-    const turn = turns[event.key];
-    if (!turn || event.ctrlKey || event.metaKey || event.altKey) return;
-    event.preventDefault();
-    turn();
-  };
   const hasAfter = "change.glb" in job.artifacts;
   if (state === "missing") {
     return (
@@ -119,7 +100,7 @@ export function ViewerPane({ job, side }: { job: Job; side: HTMLElement | null }
     <section class="viewer" data-mode={hasAfter ? mode : "before"} aria-label={words.viewer} ref={box}>
       <ViewerBar shown={shown} mode={mode} setMode={change} hasAfter={hasAfter} box={box} unit={unitOfJob(job)} />
       <div class="canvas-box">
-        <canvas key={job.id} ref={canvas} tabIndex={0} role="img" aria-label={words.canvas(job.input.name)} title={words.viewerHelp} onKeyDown={pressed} />
+        <canvas key={job.id} ref={canvas} tabIndex={0} role="img" aria-label={words.canvas(job.input.name)} title={words.viewerHelp} onKeyDown={(event) => pressed(shown?.viewer, event)} />
         <div class="over" ref={over}>
           {hasAfter && mode !== "after" && <span class="tag before">{words.before}</span>}
           {hasAfter && mode !== "before" && <span class="tag after">{words.after}</span>}

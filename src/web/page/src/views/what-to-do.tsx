@@ -1,10 +1,9 @@
-import type { Capabilities, Job } from "../api/shapes";
+import type { Capabilities, Job, Options } from "../api/shapes";
 import { tries } from "../report/advice";
-import { again } from "../state/work";
 import { useWords } from "../words/words";
 
 /** What may help where a model did not come out whole. */
-export function WhatToDo({ job, can }: { job: Job; can: Capabilities | null }) {
+export function WhatToDo({ job, can, retry }: { job: Job; can: Capabilities | null; retry: (options: Options) => void }) {
   const { words } = useWords();
   const list = tries(job, can);
   const isPartial = job.outcome === "partially_repaired" || job.outcome === "unrepairable";
@@ -13,15 +12,7 @@ export function WhatToDo({ job, can }: { job: Job; can: Capabilities | null }) {
     <section class="what-to-do">
       <h2>{words.whatToDo}</h2>
       {list.map(({ name, options }) => (
-        <button
-          key={name}
-          type="button"
-          class="plain choice"
-          onClick={() => {
-            location.hash = "#/";
-            again(job, options);
-          }}
-        >
+        <button key={name} type="button" class="plain choice" onClick={() => retry(options)}>
           <strong>{words[name]}</strong>
           <span>{words[`${name}More`]}</span>
         </button>

@@ -1,15 +1,30 @@
-import { useMemo } from "preact/hooks";
+import { createContext } from "preact";
+import { useContext } from "preact/hooks";
 import { Figures } from "../units";
-import type { Language } from "../state/settings";
-import { settings } from "../state/settings";
-import { useStore } from "../views/use-store";
 import { de } from "./de";
 import { type Words, en } from "./en";
 
+export type Language = "en" | "de";
 export const LANGUAGES: Record<Language, Words> = { en, de };
 
-/** The texts and the way of writing numbers of the chosen language. */
-export function useWords(): { words: Words; figures: Figures } {
-  const { language } = useStore(settings);
-  return useMemo(() => ({ words: LANGUAGES[language], figures: new Figures(language) }), [language]);
+/** The texts of a language, and how it writes numbers. */
+export interface Speech {
+  words: Words;
+  figures: Figures;
+}
+
+export function speech(language: Language): Speech {
+  return { words: LANGUAGES[language], figures: new Figures(language) };
+}
+
+/** The first language of a list that there are texts in. */
+export function firstSpoken(languages: readonly string[]): Language {
+  return languages.find((it) => /^(de|en)\b/i.test(it))?.toLowerCase().startsWith("de") ? "de" : "en";
+}
+
+/** What is spoken within a view. */
+export const Spoken = createContext<Speech>(speech("en"));
+
+export function useWords(): Speech {
+  return useContext(Spoken);
 }

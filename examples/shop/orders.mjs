@@ -1,0 +1,68 @@
+// Quotes and orders. They are in memory, so that the example stays small; keep yours in a database.
+import { randomUUID } from "node:crypto";
+import { basename, join } from "node:path";
+import * as meshmend from "./meshmend.mjs";
+import { priceOf } from "./prices.mjs";
+import { settings } from "./settings.mjs";
+
+const quotes = new Map();
+const orders = new Map();
+/** What meshmend told of jobs that have ended, by job: it may come before the order or after it. */
+const ended = new Map();
+/** Messages that were handled or are being handled, by webhook-id: the same one may come twice. */
+const messages = new Map();
+
+/** Prices a job's result for a customer. */
+export async function quote(customer, jobId) {
+  const { refusal, ...price } = priceOf(await meshmend.job(jobId));
+  if (refusal) return { refusal };
+  const id = randomUUID();
+  quotes.set(id, { id, customer, jobId, ...price });
+  return { id, ...price };
+}
+
+/** Orders what was quoted to this customer. */
+export async function order(customer, quoteId) {
+  const found = quotes.get(quoteId);
+  if (found?.customer !== customer) return null;
+  quotes.delete(quoteId);
+  const made = { id: randomUUID(), customer, jobId: found.jobId, cents: found.cents, status: "received", file: null };
+  orders.set(made.id, made);
+  if (ended.has(made.jobId)) await produce(made, ended.get(made.jobId)).catch((error) => console.error(`order ${made.id}:`, error));
+  return view(made);
+}
+
+export function find(customer, id) {
+  const found = orders.get(id);
+  return found?.customer === customer ? view(found) : null;
+}
+
+function view({ id, status, cents, file }) {
+  return { id, status, cents, file: file && basename(file) };
+}
+
+/** Handles a verified message once, however often it comes. What fails is forgotten, so that it is handled when it comes again. */
+export async function told(messageId, message) {
+  if (!messages.has(messageId)) messages.set(messageId, handle(message));
+  try {
+    await messages.get(messageId);
+  } catch (error) {
+    messages.delete(messageId);
+    throw error;
+  }
+}
+
+async function handle({ type, data }) {
+  if (type !== "job.succeeded") return;
+  ended.set(data.id, data);
+  for (const it of orders.values()) if (it.jobId === data.id) await produce(it, data);
+}
+
+/** Fetches the model of an order, and hands it to the workshop. */
+async function produce(it, { id, artifacts }) {
+  if (it.status !== "received") return;
+  const { filename } = (await meshmend.job(id)).artifacts.model;
+  const file = join(settings.folder, it.id, basename(filename));
+  await meshmend.download(artifacts.model, file);
+  Object.assign(it, { status: "in production", file });
+}

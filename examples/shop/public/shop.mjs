@@ -1,0 +1,46 @@
+// The shop's page: asks its own backend for prices and orders, and never reckons itself.
+const widget = document.querySelector("meshmend-upload");
+const offer = document.getElementById("offer");
+const button = document.getElementById("order");
+const euros = new Intl.NumberFormat("en-IE", { style: "currency", currency: "EUR" });
+let quote = null;
+
+function say(text, quoted = null) {
+  offer.textContent = text;
+  quote = quoted;
+  button.disabled = quoted === null;
+}
+
+async function ask(path, body) {
+  const init = body && { method: "POST", headers: { "content-type": "application/json" }, body: JSON.stringify(body) };
+  const answer = await fetch(path, init);
+  const said = await answer.json();
+  if (!answer.ok) throw new Error(said.message);
+  return said;
+}
+
+widget.addEventListener("uploaded", () => say("Your model is being checked."));
+widget.addEventListener("failed", ({ detail }) => say(detail.code === "canceled" ? "Upload a model to see its price." : detail.message));
+widget.addEventListener("repaired", async ({ detail }) => {
+  if (!detail.metrics.printable) return say("This model can't be printed yet. The upload says what you can do.");
+  try {
+    const made = await ask("/quotes", { jobId: detail.jobId });
+    say(`${made.volumeCm3.toFixed(1)} cm³ cost ${euros.format(made.cents / 100)}.`, made.id);
+  } catch (error) {
+    say(error.message);
+  }
+});
+
+button.addEventListener("click", async () => {
+  try {
+    let order = await ask("/orders", { quoteId: quote });
+    say("Thank you. Your order was received.");
+    while (order.status === "received") {
+      await new Promise((resolve) => setTimeout(resolve, 1000));
+      order = await ask(`/orders/${order.id}`);
+    }
+    say(`Thank you. Your order is ${order.status}.`);
+  } catch (error) {
+    say(error.message);
+  }
+});

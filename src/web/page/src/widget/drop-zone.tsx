@@ -1,0 +1,31 @@
+import { useRef } from "preact/hooks";
+import { endings } from "../state/files";
+import { Icon } from "../views/icons";
+import { useTexts } from "./texts";
+
+/** Formats that every meshmend reads: which it is can be asked only with a token, and none is asked for before it is needed. */
+export const FORMATS = ["stl", "obj", "ply", "off", "3mf", "glb", "zip"];
+
+/** Where a model is dropped, and the way to the system's dialog. */
+export function DropZone({ accept, over, take }: { accept: string | null; over: boolean; take: (files: File[]) => void }) {
+  const texts = useTexts();
+  const input = useRef<HTMLInputElement>(null);
+  const accepted = accept ?? endings(FORMATS).map((ending) => `.${ending}`).join(",");
+  const chosen = (event: Event): void => {
+    const it = event.currentTarget as HTMLInputElement;
+    if (it.files?.length) take([...it.files]);
+    it.value = "";
+  };
+  return (
+    <div class={over ? "dropzone over" : "dropzone"} part={over ? "dropzone over" : "dropzone"}>
+      <Icon name="upload" size={32} />
+      <p class="big">{over ? texts.letGo : texts.dropHere}</p>
+      <p class="small">{texts.orChoose}</p>
+      <input ref={input} type="file" accept={accepted} hidden onChange={chosen} />
+      <button type="button" class="primary" part="button primary" onClick={() => input.current?.click()}>
+        {texts.choose}
+      </button>
+      <p class="small">{accept ?? FORMATS.map((it) => it.toUpperCase()).join(", ")}</p>
+    </div>
+  );
+}

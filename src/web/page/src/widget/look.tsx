@@ -1,0 +1,114 @@
+import { useEffect, useRef, useState } from "preact/hooks";
+import type { Server } from "../api/http";
+import { fetchArtifact } from "../api/jobs";
+import type { Artifact, Job } from "../api/shapes";
+import type { ColouredMesh } from "../viewer/glb";
+import { pressed } from "../viewer/keys";
+import type { Mode } from "../viewer/layout";
+import type { Viewer } from "../viewer/viewer";
+import { Icon } from "../views/icons";
+import { Wipe } from "../views/wipe";
+import { useWords } from "../words/words";
+
+const MODES: Mode[] = ["wipe", "before", "after"];
+
+/** Both models in 3D, or where there is no WebGL the pictures that the service drew. */
+export function Look({ job, server }: { job: Job; server: Server }) {
+  const { words } = useWords();
+  const canvas = useRef<HTMLCanvasElement>(null);
+  const over = useRef<HTMLDivElement>(null);
+  const [viewer, setViewer] = useState<Viewer>();
+  const [mode, setMode] = useState<Mode>("wipe");
+  const [state, setState] = useState<"loading" | "ready" | "missing">("loading");
+  const hasAfter = "change.glb" in job.artifacts;
+
+  useEffect(() => {
+    const stop = new AbortController();
+    // Of a large model a shop's customer sees the coarse one, which weighs as much as a picture.
+    const at = (name: string): Artifact | undefined => job.artifacts[`${name}-preview.glb`] ?? job.artifacts[`${name}.glb`];
+    const load = async (): Promise<void> => {
+      const { Viewer, readColouredMesh } = await import("../viewer/mod");
+      const read = async (artifact: Artifact | undefined): Promise<ColouredMesh | null> =>
+        artifact ? readColouredMesh(await fetchArtifact(server, artifact, stop.signal)) : null;
+      const [before, change, remaining] = await Promise.all([read(at("defects")), read(at("change")), read(at("remaining"))]);
+      if (stop.signal.aborted || !canvas.current || !over.current) return;
+      const viewer = new Viewer(canvas.current, over.current);
+      stop.signal.addEventListener("abort", () => viewer.dispose());
+      viewer.setMode("wipe");
+      viewer.compare(before, change, "fine");
+      if (remaining) viewer.lay("after", remaining, "fine", (kind) => kind !== "sound");
+      setViewer(viewer);
+      setState("ready");
+      canvas.current.dataset["ready"] = "true";
+    };
+    load().catch((error: unknown) => {
+      if (stop.signal.aborted) return;
+      console.warn("meshmend-upload shows no 3D:", error);
+      setState("missing");
+    });
+    return () => stop.abort();
+  }, [job.id]);
+
+  if (state === "missing") return <Picture job={job} server={server} />;
+  const choose = (next: Mode): void => {
+    setMode(next);
+    viewer?.setMode(next);
+  };
+  return (
+    <div class="look" part="view">
+      <div class="look-bar">
+        {hasAfter && (
+          <div class="segments" role="group" aria-label={words.viewer}>
+            {MODES.map((it) => (
+              <button key={it} type="button" aria-pressed={mode === it} onClick={() => choose(it)}>
+                {words.modes[it]}
+              </button>
+            ))}
+          </div>
+        )}
+        <button type="button" class="quiet" title={words.home} aria-label={words.home} onClick={() => viewer?.home()}>
+          <Icon name="home" />
+        </button>
+      </div>
+      <div class="canvas-box">
+        <canvas ref={canvas} tabIndex={0} role="img" aria-label={words.canvas(job.input.name)} title={words.viewerHelp} onKeyDown={(event) => pressed(viewer, event)} />
+        <div class="over" ref={over}>
+          {hasAfter && mode !== "after" && <span class="tag before">{words.before}</span>}
+          {hasAfter && mode !== "before" && <span class="tag after">{words.after}</span>}
+          {hasAfter && mode === "wipe" && <Wipe viewer={viewer ?? null} />}
+        </div>
+        {state === "loading" && (
+          <p class="loading" role="status">
+            <span class="spinner" /> {words.loading}
+          </p>
+        )}
+      </div>
+    </div>
+  );
+}
+
+/** The result as it was drawn by the service. It is drawn on a canvas, so that the shop needs no `img-src` for it. */
+function Picture({ job, server }: { job: Job; server: Server }) {
+  const { words } = useWords();
+  const canvas = useRef<HTMLCanvasElement>(null);
+  const drawn = job.artifacts["after.png"] ?? job.artifacts["before.png"];
+  useEffect(() => {
+    const stop = new AbortController();
+    const load = async (picture: Artifact): Promise<void> => {
+      const bytes = await fetchArtifact(server, picture, stop.signal);
+      const image = await createImageBitmap(new Blob([bytes], { type: picture.media_type }));
+      const it = canvas.current;
+      if (!it) return;
+      [it.width, it.height] = [image.width, image.height];
+      it.getContext("2d")?.drawImage(image, 0, 0);
+    };
+    // Without it there are still the words.
+    if (drawn) load(drawn).catch(() => undefined);
+    return () => stop.abort();
+  }, [job.id]);
+  return (
+    <div class="look" part="view">
+      <canvas class="picture" ref={canvas} role="img" aria-label={drawn === job.artifacts["after.png"] ? words.after : words.before} />
+    </div>
+  );
+}

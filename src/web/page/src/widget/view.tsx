@@ -1,0 +1,142 @@
+import { useLayoutEffect, useMemo, useRef, useState } from "preact/hooks";
+import { dropped } from "../state/files";
+import type { Unit } from "../units";
+import { Icon } from "../views/icons";
+import { ProblemNote } from "../views/problem-note";
+import { Stages } from "../views/stages";
+import { useStore } from "../views/use-store";
+import { type Language, Spoken, useWords } from "../words/words";
+import { DropZone, FORMATS } from "./drop-zone";
+import { Outcome } from "./outcome";
+import type { Session, State } from "./session";
+import { TEXTS, TextsOf, customerSpeech, useTexts } from "./texts";
+
+interface Props {
+  session: Session;
+  language: Language;
+  unit: Unit;
+  accept: string | null;
+}
+
+export function Widget({ language, ...props }: Props) {
+  return (
+    <Spoken.Provider value={useMemo(() => customerSpeech(language), [language])}>
+      <TextsOf.Provider value={TEXTS[language]}>
+        <Box lang={language} {...props} />
+      </TextsOf.Provider>
+    </Spoken.Provider>
+  );
+}
+
+/** What is asked of the customer, or how far their model is, or what became of it; a model may be dropped on all of it but the second. */
+function Box({ session, lang, unit, accept }: Omit<Props, "language"> & { lang: Language }) {
+  const texts = useTexts();
+  const state = useStore(session.state);
+  const box = useRef<HTMLDivElement>(null);
+  const [over, setOver] = useState(false);
+  const [note, tell] = useState("");
+  const isFree = state.phase === "empty" || state.phase === "ended" || state.phase === "refused";
+  const shown = isFree ? state.phase : "busy";
+  const take = (files: File[]): void => {
+    tell(files.length === 1 ? "" : texts.oneAtATime);
+    if (files.length === 1) session.take(files[0]!);
+  };
+  const drag = (event: DragEvent): void => {
+    if (!event.dataTransfer?.types.includes("Files")) return;
+    event.preventDefault();
+    const isLeaving = event.type === "dragleave" && !box.current?.contains(event.relatedTarget as Node | null);
+    if (isFree) setOver(!isLeaving);
+    if (event.type !== "drop") return;
+    setOver(false);
+    if (isFree) void dropped(event.dataTransfer, FORMATS).then(take);
+  };
+  // What had the focus may be gone with the view that it was in.
+  const hadFocus = box.current?.matches(":focus-within") ?? false;
+  useLayoutEffect(() => {
+    if (hadFocus && !box.current?.matches(":focus-within")) box.current?.focus();
+  }, [shown]);
+  return (
+    <div
+      class="box"
+      part="box"
+      ref={box}
+      lang={lang}
+      role="group"
+      aria-label={texts.upload}
+      tabIndex={-1}
+      onDragEnter={drag}
+      onDragOver={drag}
+      onDragLeave={drag}
+      onDrop={drag}
+    >
+      {shown === "empty" && <DropZone accept={accept} over={over} take={take} />}
+      {shown === "busy" && <Under session={session} state={state} />}
+      {shown === "ended" && state.job && <Outcome key={state.job.id} session={session} job={state.job} can={state.can} unit={unit} />}
+      {shown === "refused" && <Refused session={session} state={state} />}
+      {over && shown !== "empty" && <p class="letgo">{texts.letGo}</p>}
+      {note && (
+        <p class="note" role="alert">
+          {note}
+        </p>
+      )}
+      <p class="hidden" role="status">
+        <Said state={state} />
+      </p>
+    </div>
+  );
+}
+
+/** What a screen reader says of the end; of the stages before `Stages` tells itself, of problems their note. */
+function Said({ state: { phase, job } }: { state: State }) {
+  const { words } = useWords();
+  if (phase !== "ended" || !job) return null;
+  return <>{job.status === "succeeded" ? words.outcomes[job.outcome ?? ""] : job.status === "canceled" ? words.canceled : words.failed}</>;
+}
+
+/** The file on its way, and what can be done with it. */
+function Under({ session, state }: { session: Session; state: State }) {
+  const { words, figures } = useWords();
+  const { phase, name } = state;
+  return (
+    <section class="under" part="progress">
+      <h2>{name}</h2>
+      <Stages piece={{ ...state, phase: phase === "empty" ? "waiting" : phase }} />
+      <p class="aside">{phase === "paused" ? `${words.states.paused}. ${words.pauseNote}` : "\u00a0"}</p>
+      <div class="actions">
+        {phase === "uploading" && (
+          <button type="button" class="plain" part="button" onClick={() => session.pause()}>
+            <Icon name="pause" /> {words.pause}
+          </button>
+        )}
+        {phase === "paused" && (
+          <button type="button" class="primary" part="button primary" onClick={() => session.resume()}>
+            <Icon name="play" /> {words.resume} <span class="size">{figures.bytes(state.bytes)}</span>
+          </button>
+        )}
+        <button type="button" class="plain" part="button" onClick={() => void session.cancel()}>
+          {words.cancel}
+        </button>
+      </div>
+    </section>
+  );
+}
+
+/** Why the file was not taken, and another try. */
+function Refused({ session, state }: { session: Session; state: State }) {
+  const texts = useTexts();
+  const { words } = useWords();
+  return (
+    <section class="under" part="problem">
+      <h2>{state.name}</h2>
+      {state.problem && <ProblemNote problem={state.problem} />}
+      <div class="actions">
+        <button type="button" class="primary" part="button primary" onClick={() => session.resume()}>
+          {words.retry}
+        </button>
+        <button type="button" class="plain" part="button" onClick={() => session.reset()}>
+          {texts.another}
+        </button>
+      </div>
+    </section>
+  );
+}

@@ -1,0 +1,254 @@
+// The widget on the page of a shop: the demo shop of examples/shop, on another origin than the service.
+import assert from "node:assert/strict";
+import { createHash } from "node:crypto";
+import { readFileSync, readdirSync } from "node:fs";
+import { join } from "node:path";
+import { test } from "node:test";
+import { LOOKS, drop, open, pixels, settled, shown } from "./support/browser.mjs";
+import { brokenRing, sheet, soundBox } from "./support/models.mjs";
+import { run } from "./support/service.mjs";
+import { BOX, CUT, browser, jobOf, shop, told, visit, widget } from "./support/shop-desk.mjs";
+
+/** A token of meshmend for pages of an origin, as a shop's backend asks for one. */
+async function tokenFor(origin) {
+  const init = { method: "POST", headers: { "content-type": "application/json" }, body: JSON.stringify({ origin }) };
+  return (await shop.ask("/v1/browser-tokens", init)).json();
+}
+
+test("a customer uploads, sees the result and orders it, and the shop has the model", { timeout: 120_000 }, async () => {
+  const { page, faults, asked, close } = await visit();
+  assert.ok(!asked.some((url) => url.includes("/assets/")), "the viewer comes when there is something to see");
+  await drop(page, [["ring.stl", brokenRing()]], BOX);
+  await shown(page);
+  await page.getByRole("heading", { name: "Repaired and printable" }).waitFor();
+  await page.getByText("2 holes closed", { exact: true }).waitFor();
+  const seen = await pixels(page, LOOKS);
+  assert.ok(seen.grey > 5000 && seen.orange > 100, `both models are seen: ${JSON.stringify(seen)}`);
+  const [{ jobId }] = await told(page, "uploaded");
+  const job = await jobOf(jobId);
+  await page.getByText(/cm³ cost €\d/).waitFor();
+  const price = 390 + 0.038 * job.report.after.print.volume + 0.02 * job.report.after.print.area;
+  await page.getByText(`€${(Math.ceil(price) / 100).toFixed(2)}`).waitFor();
+  await page.getByRole("button", { name: "Order" }).click();
+  await page.getByText("Your order is in production").waitFor();
+  const [folder] = readdirSync(shop.folder);
+  const [file] = readdirSync(join(shop.folder, folder));
+  assert.equal(file, "ring-repaired.stl");
+  const bytes = readFileSync(join(shop.folder, folder, file));
+  assert.equal(createHash("sha256").update(bytes).digest("hex"), job.artifacts.model.sha256);
+  assert.deepEqual(faults, []);
+  await close();
+});
+
+test("the numbers of the events are those of the job's report", { timeout: 120_000 }, async () => {
+  const { page, faults, close } = await visit();
+  await widget(page).evaluate((it) => it.setAttribute("unit", "in"));
+  await drop(page, [["box.stl", soundBox()]], BOX);
+  const [repaired] = await told(page, "repaired");
+  const job = await jobOf(repaired.jobId);
+  const { print, bounding_box } = job.report.after ?? job.report.before;
+  assert.deepEqual([repaired.status, repaired.outcome], [job.status, job.outcome]);
+  const { metrics } = repaired;
+  assert.deepEqual([metrics.printable, metrics.unit, metrics.unitSource, metrics.solids], [true, "in", "declared", print.solids]);
+  assert.deepEqual(metrics.sizeMm, print.size_mm);
+  assert.deepEqual(metrics.boxMm.max, bounding_box.max.map((x) => x * 25.4));
+  const near = (a, b) => assert.ok(Math.abs(a - b) < 1e-9 * Math.abs(b), `${a} is not ${b}`);
+  near(metrics.volumeMm3, print.volume * 25.4 ** 3);
+  near(metrics.volumeMm3, 24_000 * 25.4 ** 3);
+  near(metrics.areaMm2, print.area * 25.4 ** 2);
+  near(metrics.thinnestWallMm, print.thinnest_wall.thickness * 25.4);
+  const [first] = await told(page, "progress");
+  assert.deepEqual([first.status, first.jobId, first.bytes], ["uploading", null, soundBox().length]);
+  const shares = (await told(page, "progress")).filter(({ status }) => status !== "uploading");
+  assert.ok(shares.length > 0 && shares.every(({ jobId }) => jobId === repaired.jobId));
+  // The shop prints none that large.
+  assert.deepEqual(faults.filter((it) => !/status of 422/.test(it)), []);
+  await close();
+});
+
+test("the shop's page is served under the policy that the documentation tells, and nothing breaks it", { timeout: 60_000 }, async () => {
+  const documented = /```http\nContent-Security-Policy: ([^`]+)\n```/.exec(readFileSync(new URL("../../docs/widget.md", import.meta.url), "utf8"))[1];
+  const sent = (await fetch(shop.url)).headers.get("content-security-policy");
+  assert.equal(sent, documented.replaceAll("https://meshmend.example", shop.meshmend).replaceAll(/\s+/g, " "));
+  assert.ok(!/unsafe|\*|blob:|data:/.test(sent), sent);
+});
+
+test("a model that can't be read fails with the problem's code and words", { timeout: 60_000 }, async () => {
+  const { page, faults, close } = await visit();
+  await drop(page, [["cut.stl", CUT]], BOX);
+  const [failed] = await told(page, "failed");
+  assert.deepEqual([failed.status, failed.code], ["failed", "bad_input"]);
+  assert.equal(failed.message, "The file can't be read. Export it again, best as binary STL.");
+  assert.equal(failed.detail, (await jobOf(failed.jobId)).problem.detail);
+  await widget(page).getByText(failed.message).waitFor();
+  assert.equal(await page.locator("#offer").textContent(), failed.message);
+  await page.getByRole("button", { name: "Upload another model" }).click();
+  await drop(page, [["notes.txt", Buffer.from("hello")]], BOX);
+  await widget(page).getByText("This is no 3D model that can be read").waitFor();
+  assert.equal((await told(page, "failed"))[1].code, "unsupported_model");
+  assert.deepEqual(faults.filter((it) => !/status of 415/.test(it)), []);
+  await close();
+});
+
+test("what could not be repaired says what to do, and a click does it", { timeout: 120_000 }, async () => {
+  const { page, faults, close } = await visit();
+  await drop(page, [["sheet.obj", sheet()]], BOX);
+  const [failed] = await told(page, "failed");
+  assert.deepEqual([failed.status, failed.outcome, failed.code], ["succeeded", "unrepairable", "unrepairable"]);
+  assert.equal(await page.getByRole("button", { name: "Order" }).isDisabled(), true);
+  await page.getByRole("button", { name: /Give the open surface a thickness/ }).click();
+  const [repaired] = await told(page, "repaired");
+  assert.equal(repaired.outcome, "repaired");
+  assert.equal((await jobOf(repaired.jobId)).options.open_sheets, "thicken");
+  // The shop prints none that thin.
+  assert.deepEqual(faults.filter((it) => !/status of 422/.test(it)), []);
+  await close();
+});
+
+test("a token for another origin is refused, and the widget says so", { timeout: 60_000 }, async () => {
+  const { page, faults, close } = await visit({ url: `http://localhost:${shop.port}` });
+  const { token } = await tokenFor(shop.url);
+  await widget(page).evaluate((it, token) => it.setAttribute("token", token), token);
+  await drop(page, [["box.stl", soundBox()]], BOX);
+  await widget(page).getByText("for another address than this page's").waitFor();
+  const [failed] = await told(page, "failed");
+  assert.deepEqual([failed.status, failed.jobId, failed.code], ["refused", null, "origin_not_allowed"]);
+  assert.deepEqual(faults.filter((it) => !/status of 403/.test(it)), []);
+  await close();
+});
+
+test("a token that is worth nothing any more is replaced by another one, whether or not its end was told", { timeout: 120_000 }, async () => {
+  const { page, faults, close } = await visit();
+  const old = await tokenFor(shop.url);
+  await run("keys", "revoke", old.id, "--data-dir", shop.data);
+  let asked = 0;
+  await page.route("**/meshmend-token", async (route) => {
+    asked += 1;
+    return asked === 1 ? route.fulfill({ status: 201, json: { token: old.token } }) : route.continue();
+  });
+  await drop(page, [["box.stl", soundBox()]], BOX);
+  await told(page, "repaired");
+  assert.equal(asked, 2);
+  await page.getByRole("button", { name: "Upload another model" }).click();
+  await drop(page, [["again.stl", soundBox()]], BOX);
+  await page.waitForFunction(() => told.filter(([name]) => name === "repaired").length === 2, null, { timeout: 60_000 });
+  assert.equal(asked, 2, "a good one is used again");
+  // One that is nearly over is not begun with.
+  await widget(page).evaluate(async (it) => it.setAttribute("token-url", "/meshmend-token?soon"));
+  await page.route("**/meshmend-token?soon", async (route) => {
+    asked += 1;
+    await route.fulfill({ status: 201, json: { ...(await tokenFor(shop.url)), expires_at: new Date(Date.now() - 1000).toISOString() } });
+  });
+  for (const name of ["b.stl", "c.stl"]) {
+    await page.getByRole("button", { name: "Upload another model" }).click();
+    await drop(page, [[name, soundBox()]], BOX);
+    await page.getByRole("heading", { name: "It was printable already" }).waitFor({ timeout: 60_000 });
+  }
+  assert.equal(asked, 4);
+  assert.deepEqual(faults, []);
+  await close();
+});
+
+test("tokens come from a function too, and where there is none at all the widget says what is missing", { timeout: 60_000 }, async () => {
+  const { page, faults, close } = await visit();
+  const { token } = await tokenFor(shop.url);
+  await widget(page).evaluate((it) => it.removeAttribute("token-url"));
+  await drop(page, [["box.stl", soundBox()]], BOX);
+  await widget(page).getByText("This upload is not set up yet").waitFor();
+  assert.equal((await told(page, "failed"))[0].code, "token_missing");
+  await widget(page).evaluate((it, token) => (it.getToken = async () => token), token);
+  await page.getByRole("button", { name: "Try again" }).click();
+  await told(page, "repaired");
+  await page.getByRole("button", { name: "Upload another model" }).click();
+  await widget(page).evaluate((it) => (it.getToken = null, it.setAttribute("token-url", "/nowhere")));
+  await drop(page, [["box.stl", soundBox()]], BOX);
+  await widget(page).getByText("gave no permission to upload").waitFor();
+  assert.deepEqual(faults, []);
+  await close();
+});
+
+test("a function that was set before the script came is asked", { timeout: 60_000 }, async () => {
+  const { page, close } = await open(browser, shop.url, { path: "/shop.css" });
+  let go;
+  await page.route("**/widget.js", async (route) => {
+    await new Promise((resolve) => (go = resolve));
+    await route.continue();
+  });
+  const { token } = await tokenFor(shop.url);
+  await page.goto(shop.url, { waitUntil: "commit" });
+  await widget(page).waitFor({ state: "attached" });
+  await widget(page).evaluate((it, token) => (it.removeAttribute("token-url"), (it.getToken = async () => token)), token);
+  go();
+  await page.getByText("Drop your 3D model here").waitFor();
+  await drop(page, [["box.stl", soundBox()]], BOX);
+  await page.getByRole("heading", { name: "It was printable already" }).waitFor({ timeout: 60_000 });
+  await close();
+});
+
+test("one model is taken at a time", { timeout: 60_000 }, async () => {
+  const { page, faults, close } = await visit();
+  await drop(page, [["a.stl", soundBox()], ["b.stl", soundBox()]], BOX);
+  await page.getByText("drop a single file").waitFor();
+  assert.deepEqual(await page.evaluate(() => told), []);
+  await drop(page, [["a.stl", soundBox()]], BOX);
+  await told(page, "repaired");
+  assert.equal(await page.getByText("drop a single file").count(), 0);
+  assert.deepEqual(faults, []);
+  await close();
+});
+
+test("without WebGL the picture is seen that the service drew, under the same policy", { timeout: 60_000 }, async () => {
+  const { page, close, faults } = await visit();
+  await page.evaluate(() => {
+    const { getContext } = HTMLCanvasElement.prototype;
+    HTMLCanvasElement.prototype.getContext = function (kind, ...more) {
+      return kind === "2d" ? getContext.call(this, kind, ...more) : null;
+    };
+  });
+  await drop(page, [["ring.stl", brokenRing()]], BOX);
+  const picture = page.getByRole("img", { name: "After" });
+  await picture.waitFor({ timeout: 60_000 });
+  await page.waitForFunction(() => document.querySelector("meshmend-upload").shadowRoot.querySelector("canvas").width > 300);
+  await settled(page);
+  assert.ok((await pixels(page, LOOKS)).grey > 5000);
+  assert.deepEqual(faults.filter((it) => !/WebGL/.test(it)), []);
+  await close();
+});
+
+test("an upload is paused, goes on, and is cancelled", { timeout: 120_000 }, async () => {
+  const { page, faults, close } = await visit();
+  const session = await page.context().newCDPSession(page);
+  await session.send("Network.enable");
+  const upload = (bytes) =>
+    session.send("Network.emulateNetworkConditions", { offline: false, latency: 0, downloadThroughput: -1, uploadThroughput: bytes });
+  await upload(60_000);
+  await drop(page, [["ring.stl", brokenRing()]], BOX);
+  await page.getByRole("button", { name: "Pause" }).click();
+  await page.getByText("Paused").waitFor();
+  await page.getByRole("button", { name: "Go on" }).click();
+  await page.getByRole("button", { name: "Cancel" }).click();
+  await page.getByText("Drop your 3D model here").waitFor();
+  assert.deepEqual((await told(page, "failed")).map(({ code, jobId }) => [code, jobId]), [["canceled", null]]);
+  await drop(page, [["ring.stl", brokenRing()]], BOX);
+  await page.getByRole("button", { name: "Pause" }).click();
+  await upload(-1);
+  await page.getByRole("button", { name: "Go on" }).click();
+  await told(page, "repaired");
+  assert.equal((await told(page, "uploaded")).length, 1);
+  assert.deepEqual(faults, []);
+  await close();
+});
+
+test("an order form has the job's id as the widget's value", { timeout: 60_000 }, async () => {
+  const { page, close } = await visit();
+  await widget(page).evaluate((it) => {
+    const form = document.createElement("form");
+    it.replaceWith(form);
+    form.append(it);
+    it.setAttribute("name", "model");
+  });
+  await drop(page, [["box.stl", soundBox()]], BOX);
+  const [{ jobId }] = await told(page, "repaired");
+  assert.equal(await page.evaluate(() => new FormData(document.querySelector("form")).get("model")), jobId);
+  await close();
+});
