@@ -1,6 +1,7 @@
-import { Problem } from "./problem";
+import type { paths } from "./generated.js";
+import { Problem } from "./problem.js";
 
-/** Where the service is, and who asks. The page and the widget each make one. */
+/** Where the service is, and who asks. A `Client` is one. */
 export interface Server {
   /** Its origin without a slash at the end; empty for the page's own. */
   readonly base: string;
@@ -11,8 +12,24 @@ export interface Server {
 export interface Asked {
   method?: string;
   json?: unknown;
+  /** Files to send. */
+  form?: FormData;
   headers?: Record<string, string>;
-  signal?: AbortSignal;
+  signal?: AbortSignal | undefined;
+}
+
+/** Longest time until an answer begins, in milliseconds; where files are sent there is none. */
+const PATIENCE = 60_000;
+
+/** One of the service's addresses. */
+export function at(template: keyof paths, values: Record<string, string> = {}): string {
+  return template.replace(/\{(\w+)\}/g, (_, name: string) => encodeURIComponent(values[name] ?? ""));
+}
+
+/** The same with a query; what is undefined is left out. */
+export function query(path: string, values: Record<string, string | number | null | undefined>): string {
+  const given = Object.entries(values).filter(([, value]) => value !== undefined && value !== null && value !== "");
+  return given.length === 0 ? path : `${path}?${new URLSearchParams(given.map(([name, value]) => [name, String(value)]))}`;
 }
 
 /** Sends a request, and throws a `Problem` unless the answer is a success. */
@@ -25,26 +42,30 @@ export async function ask(server: Server, path: string, asked: Asked = {}): Prom
     headers["content-type"] = "application/json";
     init.body = JSON.stringify(asked.json);
   }
-  if (asked.signal) init.signal = asked.signal;
+  if (asked.form) init.body = asked.form;
+  const late = new AbortController();
+  const timer = asked.form ? undefined : setTimeout(() => late.abort(), PATIENCE);
+  init.signal = asked.signal ? AbortSignal.any([asked.signal, late.signal]) : late.signal;
   let answer: Response;
   try {
     answer = await fetch(server.base + path, init);
-  } catch (error) {
-    if (asked.signal?.aborted) throw error;
+  } catch {
+    if (asked.signal?.aborted) throw asked.signal.reason;
     throw Problem.unreachable();
+  } finally {
+    clearTimeout(timer);
   }
   if (answer.ok) return answer;
   throw Problem.of(answer.status, await answer.text().catch(() => ""), answer.headers.get("retry-after"));
 }
 
 export async function askJson<T>(server: Server, path: string, asked: Asked = {}): Promise<T> {
-  return (await (await ask(server, path, asked)).json()) as T;
-}
-
-/** Waits, unless the signal says stop. */
-export function pause(milliseconds: number, signal?: AbortSignal): Promise<void> {
-  return new Promise((resolve, reject) => {
-    const timer = setTimeout(resolve, milliseconds);
-    signal?.addEventListener("abort", () => (clearTimeout(timer), reject(signal.reason)), { once: true });
-  });
+  const answer = await ask(server, path, asked);
+  try {
+    return (await answer.json()) as T;
+  } catch (error) {
+    if (asked.signal?.aborted) throw asked.signal.reason;
+    // Broken off, or something else between here and the service answered.
+    throw error instanceof SyntaxError ? new Problem(answer.status, "unexplained", "The answer is not JSON.", "") : Problem.unreachable();
+  }
 }

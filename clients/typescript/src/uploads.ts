@@ -1,25 +1,27 @@
-import { type Server, askJson } from "./http";
-import { Problem } from "./problem";
-import type { Upload } from "./shapes";
+import { type Server, askJson, at } from "./http.js";
+import { Problem } from "./problem.js";
+import type { Upload } from "./shapes.js";
 
 /** Announces a file and learns where to send it: straight to the bucket where there is one, else through the service. */
-export function announce(server: Server, name: string, bytes: number, signal: AbortSignal): Promise<Upload> {
-  return askJson(server, "/v1/uploads", { method: "POST", json: { name, bytes }, signal });
+export function announce(server: Server, name: string, bytes: number, signal?: AbortSignal): Promise<Upload> {
+  return askJson(server, at("/v1/uploads"), { method: "POST", json: { name, bytes }, signal });
 }
 
 /**
  * Sends a file where `announce` said. One request, since a presigned one can't be sent in pieces: what is stopped begins anew, at the
- * same address. XMLHttpRequest, because fetch does not tell how much has gone.
+ * same address. `sent` hears how much has gone where there is an XMLHttpRequest, since fetch does not tell.
  */
-export function send(server: Server, upload: Upload, file: Blob, sent: (bytes: number) => void, signal: AbortSignal): Promise<void> {
+export function send(server: Server, upload: Upload, file: Blob, sent: (bytes: number) => void, signal?: AbortSignal): Promise<void> {
+  const { method, url, headers } = upload.put;
+  const address = url.startsWith("/") ? server.base + url : url;
+  if (typeof XMLHttpRequest === "undefined") return sendByFetch(address, { method, headers, body: file, signal: signal ?? null });
   return new Promise((resolve, reject) => {
-    const { method, url, headers } = upload.put;
     const request = new XMLHttpRequest();
-    request.open(method, url.startsWith("/") ? server.base + url : url);
+    request.open(method, address);
     for (const [name, value] of Object.entries(headers)) request.setRequestHeader(name, value);
     const stop = (): void => request.abort();
     const settle = (end: () => void): void => {
-      signal.removeEventListener("abort", stop);
+      signal?.removeEventListener("abort", stop);
       end();
     };
     request.upload.onprogress = (event) => sent(event.loaded);
@@ -29,9 +31,16 @@ export function send(server: Server, upload: Upload, file: Blob, sent: (bytes: n
         else reject(Problem.of(request.status, request.responseText, request.getResponseHeader("retry-after")));
       });
     request.onerror = () => settle(() => reject(Problem.unreachable()));
-    request.onabort = () => settle(() => reject(signal.reason ?? new DOMException("stopped", "AbortError")));
-    if (signal.aborted) return settle(() => reject(signal.reason));
-    signal.addEventListener("abort", stop);
+    request.onabort = () => settle(() => reject(signal?.reason ?? new DOMException("stopped", "AbortError")));
+    if (signal?.aborted) return settle(() => reject(signal.reason));
+    signal?.addEventListener("abort", stop);
     request.send(file);
   });
+}
+
+async function sendByFetch(address: string, init: RequestInit): Promise<void> {
+  const answer = await fetch(address, init).catch(() => {
+    throw init.signal?.aborted ? init.signal.reason : Problem.unreachable();
+  });
+  if (!answer.ok) throw Problem.of(answer.status, await answer.text().catch(() => ""), answer.headers.get("retry-after"));
 }

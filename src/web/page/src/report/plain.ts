@@ -1,4 +1,4 @@
-import type { Inspection, Job, Ledger, Report } from "../api/shapes";
+import type { Inspection, Job, Ledger, Report } from "meshmend-client";
 import { type Figures, type Unit, inMillimetres } from "../units";
 import type { Words } from "../words/en";
 

@@ -1,8 +1,4 @@
-import { follow } from "../api/events";
-import { type NewJob, cancelJob, getJob, submit } from "../api/jobs";
-import { Problem } from "../api/problem";
-import type { Job, Options, ProgressEvent } from "../api/shapes";
-import { announce, send } from "../api/uploads";
+import { type Job, type NewJob, type Options, type ProgressEvent, Problem, announce, cancelJob, follow, getJob, newKey, send, submit } from "meshmend-client";
 import { noticed, server } from "./server";
 import { Store } from "./store";
 
@@ -134,7 +130,7 @@ async function upload(it: Piece, signal: AbortSignal): Promise<void> {
 }
 
 async function make(id: number, asked: NewJob, signal: AbortSignal): Promise<void> {
-  const once = crypto.randomUUID?.() ?? `${Date.now()}-${Math.random()}`;
+  const once = newKey();
   for (let tries = 0; ; tries += 1) {
     try {
       return await heard(id, await submit(server, asked, once, signal), signal);

@@ -1,5 +1,5 @@
 import { useState } from "preact/hooks";
-import type { Capabilities, Job } from "../api/shapes";
+import type { Capabilities, Job } from "meshmend-client";
 import { useWords } from "../words/words";
 import { Download } from "./download";
 import { Numbers } from "./numbers";

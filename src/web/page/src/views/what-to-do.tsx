@@ -1,4 +1,4 @@
-import type { Capabilities, Job } from "../api/shapes";
+import type { Capabilities, Job } from "meshmend-client";
 import { tries } from "../report/advice";
 import { again } from "../state/work";
 import { useWords } from "../words/words";
