@@ -3,7 +3,7 @@
 CARGO_DENY_VERSION := 0.20.2
 
 .PHONY: serve test lint fmt clippy deny openapi check-openapi build bench audit blender tools postgres check-api check-deploy page \
-	check-page test-browser screenshots
+	check-page test-browser screenshots clients check-clients test-clients
 
 ## Install what is missing, build, and serve on 127.0.0.1:8080 with SQLite and a local folder.
 serve: tools blender
@@ -18,8 +18,9 @@ test: tools blender postgres
 		cargo test --locked --features failpoints; \
 	fi
 	@sh scripts/test-browser.sh
+	@sh scripts/clients.sh test
 
-lint: tools fmt clippy deny check-openapi check-page
+lint: tools fmt clippy deny check-openapi check-page check-clients
 
 fmt:
 	cargo fmt --check
@@ -54,6 +55,17 @@ check-page:
 ## The page in Chromium, which is installed for it if it is missing; a step of `make test`.
 test-browser: tools
 	@sh scripts/test-browser.sh
+
+## Write what is generated of the clients anew, from the OpenAPI document.
+clients:
+	@sh scripts/clients.sh generate
+
+check-clients:
+	@sh scripts/clients.sh check
+
+## The clients against the built program; a step of `make test`.
+test-clients: tools
+	@sh scripts/clients.sh test
 
 ## The README's pictures.
 screenshots: tools

@@ -32,6 +32,7 @@ pub(super) struct SubmitUpload {
     name: Option<String>,
     /// Your own notes on the job, at most 50 texts and 8 KiB.
     #[serde(default)]
+    #[schema(value_type = BTreeMap<String, String>)]
     metadata: Metadata,
     /// An address to tell of the job's end.
     #[schema(format = "uri", max_length = 2048)]

@@ -45,6 +45,7 @@ pub(super) struct SubmitForm {
     /// What to do, as JSON. Where `mode` is left out it is `repair`.
     options: Option<JobOptions>,
     /// Your own notes on the job as JSON, an object of texts: at most 50 and 8 KiB. They come back with the job.
+    #[schema(value_type = Option<BTreeMap<String, String>>)]
     metadata: Option<Metadata>,
     /// An https address to tell of the job's end, beside the webhook endpoints. What comes there is signed with the secret of
     /// `GET /v1/webhook-secret`.

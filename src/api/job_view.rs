@@ -21,8 +21,10 @@ pub(super) struct JobView {
     /// Where it stands.
     pub status: Status,
     /// What became of the model, once the job succeeded.
+    #[schema(required)]
     pub outcome: Option<JobOutcome>,
     /// How far it is; none once it has ended.
+    #[schema(required)]
     pub progress: Option<ProgressView>,
     /// Tries that count, the running one among them.
     pub attempt: u32,
@@ -30,12 +32,15 @@ pub(super) struct JobView {
     #[serde(with = "time::serde::rfc3339")]
     pub created_at: OffsetDateTime,
     /// When a worker first took it.
+    #[schema(required)]
     #[serde(with = "time::serde::rfc3339::option")]
     pub started_at: Option<OffsetDateTime>,
     /// When it ended.
+    #[schema(required)]
     #[serde(with = "time::serde::rfc3339::option")]
     pub finished_at: Option<OffsetDateTime>,
     /// When its files and its report will be deleted, or were.
+    #[schema(required)]
     #[serde(with = "time::serde::rfc3339::option")]
     pub expires_at: Option<OffsetDateTime>,
     /// The uploaded file; of several the first.
@@ -46,16 +51,18 @@ pub(super) struct JobView {
     /// What was asked for, defaults filled in.
     pub options: JobOptions,
     /// Your own notes, as you sent them.
+    #[schema(value_type = BTreeMap<String, String>)]
     pub metadata: Metadata,
     /// The earlier job whose result this one was given, since it had the same bytes, options and engine.
-    #[schema(value_type = Option<String>)]
+    #[schema(value_type = Option<String>, required)]
     pub reused_from: Option<JobId>,
     /// The account of what was done; left out of lists.
-    #[schema(value_type = Option<JobReport>)]
+    #[schema(value_type = Option<JobReport>, required)]
     pub report: Option<StoredReport>,
     /// The files to download, by name.
     pub artifacts: BTreeMap<String, ArtifactView>,
     /// Why it failed.
+    #[schema(required)]
     pub problem: Option<JobProblemView>,
 }
 
@@ -91,12 +98,15 @@ pub(super) struct UnitView {
 #[schema(as = Progress)]
 pub(super) struct ProgressView {
     /// What is being done; none while it waits.
+    #[schema(required)]
     pub stage: Option<Stage>,
     /// The tier that runs, 1 to 3.
+    #[schema(required)]
     pub tier: Option<u8>,
     /// Share of the work that is done, 0 to 100.
     pub percent: u8,
     /// Jobs of yours that will be taken before this one, while it waits.
+    #[schema(required)]
     pub queue_position: Option<u64>,
 }
 

@@ -123,6 +123,7 @@ pub(super) struct JobPage {
     /// The jobs, newest first, without their reports and queue positions.
     jobs: Vec<JobView>,
     /// The cursor of the next page; none on the last.
+    #[schema(required)]
     next: Option<String>,
 }
 

@@ -53,8 +53,10 @@ impl Mode {
 #[serde(tag = "mode", rename_all = "snake_case")]
 pub enum JobOptions {
     /// Repair one model.
+    #[schema(title = "RepairJobOptions")]
     Repair(Options),
     /// Look at one file or several, and change nothing.
+    #[schema(title = "AnalyzeJobOptions")]
     Analyze(AnalyzeOptions),
 }
 

@@ -44,8 +44,10 @@ impl From<Outcome> for JobOutcome {
 #[serde(tag = "mode", rename_all = "snake_case")]
 pub enum JobReport {
     /// Of a repair.
+    #[schema(title = "RepairReport")]
     Repair(Box<Report>),
     /// Of an analysis.
+    #[schema(title = "AnalyzeReport")]
     Analyze(Box<AnalysisReport>),
 }
 

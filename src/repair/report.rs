@@ -106,6 +106,7 @@ pub struct Report {
     /// The input file.
     pub input: FileSummary,
     /// The result; none only if there is nothing to hand out.
+    #[schema(required)]
     pub output: Option<FileSummary>,
     /// The options that were in force.
     pub options: Options,
@@ -115,10 +116,12 @@ pub struct Report {
     pub before: Inspection,
     /// The result, looked at in the same way, on its own bytes. Objects that are kept apart may meet one another, and then what is printable
     /// apart is not as one mesh; the warnings say so.
+    #[schema(required)]
     pub after: Option<Inspection>,
     /// Whether `after` was found on the written bytes, read back and welded by position.
     pub verified_from_output_bytes: bool,
     /// From `before` to `after`.
+    #[schema(required)]
     pub changes: Option<Changes>,
     /// What became of each part of the input; none where the input itself is handed out.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -293,6 +296,7 @@ impl Change {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Candidate {
     /// Index of the rung that made it; none for the input itself.
+    #[schema(required)]
     pub rung: Option<u32>,
     /// Whether it passed every check.
     pub printable: bool,

@@ -8,6 +8,7 @@ mod files;
 #[allow(dead_code, reason = "shared with the tests of the engine")]
 mod meshes;
 
+mod example;
 mod inspect;
 mod inspect_options;
 mod shapes;

@@ -159,3 +159,23 @@ fn no_file_outgrows_its_idea() {
         assert!(lines <= LONGEST_FILE, "{} has {lines} lines", file.display());
     }
 }
+
+#[test]
+fn the_code_that_the_documents_show_is_that_of_the_tested_examples() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let text = std::fs::read_to_string(root.join("docs/clients.md")).unwrap();
+    // Each block stands below a comment that names its file.
+    let shown: Vec<(&str, &str)> = text
+        .split("<!-- ")
+        .skip(1)
+        .map(|rest| {
+            let (path, rest) = rest.split_once(" -->\n```").unwrap();
+            (path, rest.split_once('\n').unwrap().1.split("```").next().unwrap())
+        })
+        .collect();
+    assert!(shown.len() > 8, "only {} examples were found: the test sees nothing", shown.len());
+    for (path, code) in shown {
+        let example = std::fs::read_to_string(root.join(path)).unwrap_or_else(|error| panic!("{path}: {error}"));
+        assert_eq!(code, example, "docs/clients.md shows another {path}");
+    }
+}

@@ -51,6 +51,7 @@ pub(in crate::api) struct DeliveriesView {
     /// The deliveries, newest first.
     deliveries: Vec<DeliveryView>,
     /// The cursor of the next page; none on the last.
+    #[schema(required)]
     next: Option<String>,
 }
 

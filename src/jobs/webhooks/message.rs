@@ -42,6 +42,7 @@ struct JobMessageData {
     /// The uploaded file; of several the first.
     input: Option<FileMessage>,
     /// Your own notes, as you sent them.
+    #[schema(value_type = BTreeMap<String, String>)]
     metadata: Metadata,
     /// The files to download, by name.
     artifacts: BTreeMap<String, ArtifactMessage>,

@@ -4,7 +4,7 @@ pub(super) const WIDGET: &[u8] = include_bytes!("widget.js");
 #[rustfmt::skip]
 pub(super) const ASSETS: [(&str, &[u8]); 4] = [
     ("icon-70B5C160.svg", include_bytes!("icon-70B5C160.svg")),
-    ("page-4S4EA2W2.js", include_bytes!("page-4S4EA2W2.js")),
+    ("page-7CWBVB2U.js", include_bytes!("page-7CWBVB2U.js")),
     ("style-744EOYWN.css", include_bytes!("style-744EOYWN.css")),
     ("viewer-LRWP7PXD.js", include_bytes!("viewer-LRWP7PXD.js")),
 ];

@@ -1,6 +1,6 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import type { Report } from "../src/api/shapes";
+import type { Report } from "meshmend-client";
 import { inWords, stillWrong } from "../src/report/plain";
 import { Figures } from "../src/units";
 import { de } from "../src/words/de";

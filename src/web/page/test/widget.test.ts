@@ -1,7 +1,6 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { Problem } from "../src/api/problem";
-import type { Job } from "../src/api/shapes";
+import { type Job, Problem } from "meshmend-client";
 import { metricsOf } from "../src/widget/metrics";
 import { type TokenSource, Tokens } from "../src/widget/tokens";
 

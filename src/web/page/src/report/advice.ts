@@ -1,4 +1,4 @@
-import type { Capabilities, Job, Options, Report } from "../api/shapes";
+import type { Capabilities, Job, Options, Report } from "meshmend-client";
 
 /** Something to try with a job that did not come out whole: other options, and which texts tell of it. */
 export interface Try {
@@ -23,7 +23,7 @@ export function tries(job: Job, can: Capabilities | null): Try[] {
   if (isOpenSheet(job.report)) {
     list.push({ name: "tryThicken", options: { ...own(job), open_sheets: "thicken" } });
     list.push({ name: "tryBase", options: { ...own(job), open_sheets: "base" } });
-  } else if (blender && job.options["preset"] !== "blender-remesh") {
+  } else if (blender && own(job)["preset"] !== "blender-remesh") {
     list.push({ name: "tryRemesh", options: { ...own(job), preset: "blender-remesh", max_tier: 3 } });
   }
   return list;

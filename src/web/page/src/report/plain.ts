@@ -1,6 +1,9 @@
-import type { Account, Inspection, Job, Ledger } from "../api/shapes";
+import type { Inspection, Job, Ledger, ObjectReport, Report } from "meshmend-client";
 import { type Figures, type Unit, inMillimetres } from "../units";
 import type { Words } from "../words/en";
+
+/** The account of one mesh: of a whole file, or of an object in it. */
+type Account = Report | ObjectReport;
 
 /** Kinds that are remarks and no faults, so that nothing is said to be mended of them. */
 const REMARKS = new Set(["disjoint", "inner_shell", "tiny_part"]);

@@ -1,7 +1,4 @@
-import { follow } from "../api/events";
-import { fetchArtifact, submit } from "../api/jobs";
-import { Problem } from "../api/problem";
-import type { Artifact, Job } from "../api/shapes";
+import { type Artifact, type Job, Problem, fetchArtifact, follow, newKey, submit } from "meshmend-client";
 import { own } from "../report/advice";
 import { server } from "./server";
 
@@ -34,7 +31,7 @@ export async function convert(job: Job, format: string, signal: AbortSignal): Pr
       options: whole ? { output: format, pictures: false } : { ...own(job), output: format },
       name: job.input.name,
     },
-    crypto.randomUUID?.() ?? String(Math.random()),
+    newKey(),
     signal,
   );
   const ended = await follow(server, made.id, () => undefined, signal);

@@ -1,7 +1,4 @@
-import type { Server } from "../api/http";
-import { Problem } from "../api/problem";
-import { capabilities } from "../api/jobs";
-import type { Capabilities } from "../api/shapes";
+import { type Capabilities, type Server, Problem, capabilities } from "meshmend-client";
 import { Store } from "./store";
 
 const NAME = "meshmend.key";

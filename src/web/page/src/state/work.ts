@@ -1,8 +1,4 @@
-import { follow } from "../api/events";
-import { type NewJob, cancelJob, getJob, submitSurely } from "../api/jobs";
-import { Problem } from "../api/problem";
-import type { Job, Options, ProgressEvent } from "../api/shapes";
-import { announce, send } from "../api/uploads";
+import { type Job, type NewJob, type Options, type ProgressEvent, Problem, announce, cancelJob, follow, getJob, send, submitSurely } from "meshmend-client";
 import { noticed, server } from "./server";
 import { Store } from "./store";
 

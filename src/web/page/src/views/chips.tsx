@@ -1,4 +1,4 @@
-import type { Job, Outcome } from "../api/shapes";
+import type { Job, Outcome } from "meshmend-client";
 import { useWords } from "../words/words";
 
 const GOOD = new Set<Outcome>(["repaired", "already_printable", "printable"]);

@@ -1,5 +1,5 @@
 import { useRef } from "preact/hooks";
-import type { Capabilities } from "../api/shapes";
+import type { Capabilities } from "meshmend-client";
 import { endings, isModel } from "../state/files";
 import { useWords } from "../words/words";
 import { Icon } from "./icons";

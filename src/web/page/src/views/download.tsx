@@ -1,6 +1,5 @@
 import { useEffect, useRef, useState } from "preact/hooks";
-import { Problem } from "../api/problem";
-import type { Capabilities, Job } from "../api/shapes";
+import { type Capabilities, type Job, Problem } from "meshmend-client";
 import { convert, save } from "../state/download";
 import { noticed } from "../state/server";
 import { useWords } from "../words/words";

@@ -1,4 +1,4 @@
-import type { Capabilities } from "../api/shapes";
+import type { Capabilities } from "meshmend-client";
 import { brokenSample } from "../sample";
 import { useWords } from "../words/words";
 import { ChooseFiles } from "./choose-files";

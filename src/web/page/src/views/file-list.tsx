@@ -1,4 +1,4 @@
-import type { Capabilities } from "../api/shapes";
+import type { Capabilities } from "meshmend-client";
 import { type Piece, pauseUpload, remove, resume, selected } from "../state/work";
 import { useWords } from "../words/words";
 import { ChooseFiles } from "./choose-files";

@@ -1,5 +1,5 @@
 import { useState } from "preact/hooks";
-import type { Problem } from "../api/problem";
+import type { Problem } from "meshmend-client";
 import { key, meet } from "../state/server";
 import { useWords } from "../words/words";
 import { Icon } from "./icons";

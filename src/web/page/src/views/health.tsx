@@ -1,7 +1,5 @@
 import { useEffect, useState } from "preact/hooks";
-import { metrics, readiness } from "../api/jobs";
-import { Problem } from "../api/problem";
-import type { Capabilities, Readiness } from "../api/shapes";
+import { type Capabilities, type Readiness, Problem, metrics, readiness } from "meshmend-client";
 import { readMetrics, valueOf } from "../report/metrics";
 import { server } from "../state/server";
 import { useWords } from "../words/words";

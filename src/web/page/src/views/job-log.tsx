@@ -1,7 +1,5 @@
 import { useState } from "preact/hooks";
-import { fetchArtifact } from "../api/jobs";
-import { Problem } from "../api/problem";
-import type { Job } from "../api/shapes";
+import { type Job, Problem, fetchArtifact } from "meshmend-client";
 import { server } from "../state/server";
 import { useWords } from "../words/words";
 import { ProblemNote } from "./problem-note";

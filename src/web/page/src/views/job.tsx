@@ -1,8 +1,5 @@
 import { useEffect, useRef, useState } from "preact/hooks";
-import { follow, hasEnded } from "../api/events";
-import { cancelJob, deleteJob, getJob } from "../api/jobs";
-import { Problem } from "../api/problem";
-import type { Capabilities, Job, Progress } from "../api/shapes";
+import { type Capabilities, type Job, type Progress, Problem, cancelJob, deleteJob, follow, getJob, hasEnded } from "meshmend-client";
 import { save } from "../state/download";
 import { noticed, server } from "../state/server";
 import { useWords } from "../words/words";
@@ -115,7 +112,7 @@ function Times({ job }: { job: Job }) {
     [words.waited, span(job.created_at, job.started_at)],
     [words.ran, span(job.started_at, job.finished_at)],
     [words.attempt, String(job.attempt)],
-    [words.preset, String(job.options["preset"] ?? job.options["mode"] ?? "–")],
+    [words.preset, job.options.mode === "repair" ? (job.options.preset ?? "–") : job.options.mode],
   ];
   return <Facts list={list} look="times" />;
 }

@@ -1,7 +1,5 @@
 import { useEffect, useState } from "preact/hooks";
-import { listJobs } from "../api/jobs";
-import { Problem } from "../api/problem";
-import type { Capabilities, Job } from "../api/shapes";
+import { type Capabilities, type Job, Problem, type Status, listJobs } from "meshmend-client";
 import { noticed, server } from "../state/server";
 import { useWords } from "../words/words";
 import { StatusChip } from "./chips";
@@ -16,7 +14,7 @@ const AGAIN_MS = 3000;
 /** All jobs that the key may see, newest first, and how the service is. */
 export function JobsPage({ can }: { can: Capabilities | null }) {
   const { words } = useWords();
-  const [status, setStatus] = useState("");
+  const [status, setStatus] = useState<Status | "">("");
   const [jobs, setJobs] = useState<Job[] | null>(null);
   const [next, setNext] = useState<string | null>(null);
   const [problem, setProblem] = useState<Problem | null>(null);
@@ -50,7 +48,7 @@ export function JobsPage({ can }: { can: Capabilities | null }) {
           <h1>{words.jobsTitle}</h1>
           <label>
             <span>{words.filter}</span>
-            <select value={status} onChange={(event) => (setJobs(null), setStatus(event.currentTarget.value))}>
+            <select value={status} onChange={(event) => (setJobs(null), setStatus(event.currentTarget.value as Status | ""))}>
               <option value="">{words.all}</option>
               {STATUSES.map((it) => (
                 <option key={it} value={it}>

@@ -1,5 +1,5 @@
 import { useEffect, useMemo, useState } from "preact/hooks";
-import type { Job } from "../api/shapes";
+import type { Job } from "meshmend-client";
 import { type Family, isShownAtFirst, lookOf } from "../viewer/looks";
 import type { Place } from "../viewer/places";
 import { inMillimetres } from "../units";

@@ -1,4 +1,4 @@
-import type { Inspection, Report } from "../api/shapes";
+import type { Inspection, Report } from "meshmend-client";
 import { unitOf } from "../report/plain";
 import { settings } from "../state/settings";
 import { type Figures, type Unit, inMillimetres } from "../units";
@@ -54,7 +54,7 @@ function rows(before: Inspection, after: Inspection | null, words: Words, figure
     row("closed", (it) => (it.closed ? words.yes : words.no)),
     count("boundary_loops"),
     count("boundary_edges"),
-    row("intersections", (it) => (it.self_intersections.checked ? figures.count(it.self_intersections.pairs) : "–")),
+    row("intersections", ({ self_intersections: { pairs } }) => (typeof pairs === "number" ? figures.count(pairs) : "–")),
     count("nonmanifold_edges"),
     count("nonmanifold_vertices"),
     count("misoriented_edges"),

@@ -1,4 +1,4 @@
-import type { ObjectReport } from "../api/shapes";
+import type { ObjectReport } from "meshmend-client";
 import { inWords } from "../report/plain";
 import { settings } from "../state/settings";
 import { useWords } from "../words/words";

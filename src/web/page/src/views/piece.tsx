@@ -1,4 +1,4 @@
-import type { Capabilities } from "../api/shapes";
+import type { Capabilities } from "meshmend-client";
 import { type Piece, resume, stop } from "../state/work";
 import { useWords } from "../words/words";
 import { ProblemNote } from "./problem-note";

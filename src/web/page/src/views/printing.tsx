@@ -1,5 +1,5 @@
 import { useEffect } from "preact/hooks";
-import type { Job } from "../api/shapes";
+import type { Job } from "meshmend-client";
 import { unitOf } from "../report/plain";
 import { choose, settings } from "../state/settings";
 import { fit, inMillimetres } from "../units";

@@ -1,5 +1,5 @@
 import { useEffect, useState } from "preact/hooks";
-import type { Capabilities } from "../api/shapes";
+import type { Capabilities } from "meshmend-client";
 import { MOST_FILES, dropped } from "../state/files";
 import { add, open, pieces, selected } from "../state/work";
 import { useWords } from "../words/words";

@@ -1,5 +1,5 @@
 import { useState } from "preact/hooks";
-import type { Capabilities, Job, Options } from "../api/shapes";
+import type { Capabilities, Job, Options } from "meshmend-client";
 import { settings } from "../state/settings";
 import { again } from "../state/work";
 import { useWords } from "../words/words";

@@ -1,5 +1,5 @@
 import { useState } from "preact/hooks";
-import type { Capabilities, Job } from "../api/shapes";
+import type { Capabilities, Job } from "meshmend-client";
 import { own } from "../report/advice";
 import { again } from "../state/work";
 import { useWords } from "../words/words";

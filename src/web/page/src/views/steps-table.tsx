@@ -1,4 +1,4 @@
-import type { Report } from "../api/shapes";
+import type { Report } from "meshmend-client";
 import { useWords } from "../words/words";
 
 /** What ran, in order, with its time; steps that changed nothing are only counted unless they took long. */

@@ -1,5 +1,5 @@
 import { useEffect, useMemo, useState } from "preact/hooks";
-import type { Job, ThinPlace, ThinnestWall } from "../api/shapes";
+import type { Job, ThinPlace, ThinnestWall } from "meshmend-client";
 import { useWords } from "../words/words";
 import { GoThere, Swatch, useLength } from "./layers";
 import { Icon } from "./icons";

@@ -1,4 +1,4 @@
-import type { Job } from "../api/shapes";
+import type { Job } from "meshmend-client";
 import { isOpenSheet } from "../report/advice";
 import { inWords, stillWrong } from "../report/plain";
 import type { Unit } from "../units";

@@ -1,7 +1,6 @@
 import { createPortal } from "preact/compat";
 import { useEffect, useRef, useState } from "preact/hooks";
-import { fetchArtifact } from "../api/jobs";
-import type { Artifact, Job } from "../api/shapes";
+import { type Artifact, type Job, fetchArtifact } from "meshmend-client";
 import { unitOfJob } from "../report/plain";
 import { server } from "../state/server";
 import type { ColouredMesh } from "../viewer/glb";

@@ -1,4 +1,4 @@
-import type { Capabilities, Job, Options } from "../api/shapes";
+import type { Capabilities, Job, Options } from "meshmend-client";
 import { tries } from "../report/advice";
 import { useWords } from "../words/words";
 

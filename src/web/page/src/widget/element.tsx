@@ -1,5 +1,5 @@
 import { render } from "preact";
-import { Problem } from "../api/problem";
+import { Problem } from "meshmend-client";
 import { type Unit, UNITS } from "../units";
 import { type Language, firstSpoken } from "../words/words";
 import type { MeshmendUploadElement, MeshmendUploadEventMap } from "./meshmend-upload";

@@ -1,7 +1,5 @@
 import { useEffect, useRef, useState } from "preact/hooks";
-import type { Server } from "../api/http";
-import { fetchArtifact } from "../api/jobs";
-import type { Artifact, Job } from "../api/shapes";
+import { type Artifact, type Job, type Server, fetchArtifact } from "meshmend-client";
 import type { ColouredMesh } from "../viewer/glb";
 import { pressed } from "../viewer/keys";
 import type { Mode } from "../viewer/layout";

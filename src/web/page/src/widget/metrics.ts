@@ -1,10 +1,14 @@
-import type { Job } from "../api/shapes";
+import type { Job } from "meshmend-client";
 import { inMillimetres } from "../units";
 import type { Metrics, Point } from "./meshmend-upload";
 
 /** Whether a job's result can be printed as it is. */
 export function isPrintable(job: Job): boolean {
   return job.outcome === "already_printable" || job.outcome === "repaired";
+}
+
+function scaled([x = 0, y = 0, z = 0]: readonly number[], factor: number): Point {
+  return [x * factor, y * factor, z * factor];
 }
 
 /** What prices an order, measured on the result; none where nothing was measured. */
@@ -14,15 +18,14 @@ export function metricsOf(job: Job): Metrics | null {
   const print = inspection?.print;
   if (!print) return null;
   const own = inMillimetres(print.unit);
-  const scaled = (point: Point): Point => [point[0] * own, point[1] * own, point[2] * own];
   const times = (value: number | null | undefined, factor: number): number | null => (value == null ? null : value * factor);
   const box = inspection.bounding_box;
   return {
     printable: isPrintable(job),
     unit: print.unit,
     unitSource: print.unit_source,
-    sizeMm: print.size_mm,
-    boxMm: box && { min: scaled(box.min), max: scaled(box.max) },
+    sizeMm: scaled(print.size_mm, 1),
+    boxMm: box ? { min: scaled(box.min, own), max: scaled(box.max, own) } : null,
     volumeMm3: times(print.volume, own ** 3),
     areaMm2: times(print.area, own ** 2),
     thinnestWallMm: times(print.thinnest_wall?.thickness, own),

@@ -1,4 +1,4 @@
-import type { Capabilities, Job } from "../api/shapes";
+import type { Capabilities, Job } from "meshmend-client";
 import type { Unit } from "../units";
 import { Facts } from "../views/facts";
 import { ProblemNote } from "../views/problem-note";

@@ -1,9 +1,4 @@
-import { follow } from "../api/events";
-import { type NewJob, cancelJob, capabilities, submitSurely } from "../api/jobs";
-import type { Server } from "../api/http";
-import { Problem } from "../api/problem";
-import type { Capabilities, Job, Options, ProgressEvent } from "../api/shapes";
-import { announce, send } from "../api/uploads";
+import { type Capabilities, type Job, type NewJob, type Options, type ProgressEvent, type Server, Problem, announce, cancelJob, capabilities, follow, send, submitSurely } from "meshmend-client";
 import { Store } from "../state/store";
 import { type Teller, tellOfEnd, tellOfProgress, tellOfRefusal, tellOfUpload } from "./telling";
 import type { Tokens } from "./tokens";

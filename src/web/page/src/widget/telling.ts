@@ -1,8 +1,9 @@
-import type { Job } from "../api/shapes";
-import type { Problem } from "../api/problem";
+import type { Job, Problem } from "meshmend-client";
 import type { MeshmendUploadEventMap, Outcome } from "./meshmend-upload";
 import { metricsOf } from "./metrics";
 import type { State } from "./session";
+
+const ENDS = ["succeeded", "failed", "canceled", "expired"] as const;
 
 /** Who tells the shop's page of events. */
 export interface Teller {
@@ -41,13 +42,13 @@ export function tellOfEnd(teller: Teller, job: Job): void {
   if (job.status === "succeeded" && outcome && outcome !== "unrepairable" && metrics) {
     return teller.tell("repaired", { jobId: job.id, status: job.status, outcome, metrics });
   }
-  const status = job.status === "queued" || job.status === "running" ? "failed" : job.status;
+  const status = ENDS.find((end) => end === job.status) ?? "failed";
   const code = job.problem?.code ?? (status === "succeeded" ? "unrepairable" : status);
   const message = teller.explain(code, job.problem?.title ?? "");
   teller.tell("failed", { jobId: job.id, status, outcome, code, message, detail: job.problem?.detail ?? "" });
 }
 
 export function tellOfRefusal(teller: Teller, jobId: string | null, { code, title, detail }: Problem): void {
-  const status = code === "canceled" ? code : "refused";
+  const status = code === "canceled" ? "canceled" : "refused";
   teller.tell("failed", { jobId, status, outcome: null, code, message: teller.explain(code, title), detail });
 }

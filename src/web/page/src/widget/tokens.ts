@@ -1,5 +1,4 @@
-import type { Server } from "../api/http";
-import { Problem } from "../api/problem";
+import { type Server, Problem } from "meshmend-client";
 
 /** Where a shop's page has its tokens from. */
 export interface TokenSource {

@@ -1,21 +1,30 @@
+import type { Job, ProblemCode } from "./shapes.js";
+
+/** The codes of the service, and three of ours; a later service may have more. */
+export type Code = ProblemCode | "unreachable" | "store_unreachable" | "unexplained" | (string & {});
+
 /** Why the service refused or failed, in its own words (RFC 9457), or in ours where it said nothing. */
 export class Problem extends Error {
+  override readonly name = "Problem";
+
   constructor(
     readonly status: number,
     /** The service's code; `unreachable`, `store_unreachable` and `unexplained` are ours. */
-    readonly code: string,
+    readonly code: Code,
     readonly title: string,
     readonly detail: string,
     /** Seconds after which to try again, if it said so. */
     readonly retryAfter: number | null = null,
     readonly requestId: string | null = null,
+    /** Single errors, where there are several. */
+    readonly errors: readonly string[] = [],
   ) {
-    super(detail || title);
+    super(detail || title || code);
   }
 
   /** Whether the same request may work a little later. */
   get isPassing(): boolean {
-    return this.status === 0 || this.status === 429 || this.status === 502 || this.status === 503 || this.status === 504;
+    return ["unreachable", "store_unreachable", "idempotency_key_in_use"].includes(this.code) || [429, 502, 503, 504].includes(this.status);
   }
 
   /** No answer came: of the service, or of the store that its files go to. */
@@ -29,10 +38,25 @@ export class Problem extends Error {
     try {
       const it = JSON.parse(body) as Record<string, unknown>;
       const text = (name: string): string => (typeof it[name] === "string" ? it[name] : "");
-      if (text("code")) return new Problem(status, text("code"), text("title"), text("detail"), wait, text("request_id") || null);
+      const errors = Array.isArray(it["errors"]) ? it["errors"].map(String) : [];
+      if (text("code")) return new Problem(status, text("code"), text("title"), text("detail"), wait, text("request_id") || null, errors);
     } catch {
       // Not JSON: some proxy's page.
     }
     return new Problem(status, "unexplained", `HTTP ${status}`, "", wait);
   }
+}
+
+/** That a job ended without a result: it failed, was cancelled, or its files are gone. */
+export class JobFailed extends Error {
+  override readonly name = "JobFailed";
+
+  constructor(readonly job: Job) {
+    super(job.problem?.detail ?? `The job '${job.id}' is ${job.status}.`);
+  }
+}
+
+/** That bytes are not those that the job names. */
+export class DamagedDownload extends Error {
+  override readonly name = "DamagedDownload";
 }

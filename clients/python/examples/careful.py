@@ -1,0 +1,25 @@
+"""The same with a key, progress, limits, and a word for whatever may go wrong."""
+
+import os
+import sys
+
+from meshmend import Client, JobFailed, JobTimeout, Problem, ProgressEvent
+
+
+def tell(progress: ProgressEvent) -> None:
+    print(f"{progress['stage'] or 'waiting'} {progress['percent']} %", file=sys.stderr)
+
+
+address, broken, repaired = sys.argv[1:]
+try:
+    with Client(address, os.environ.get("MESHMEND_KEY")) as client:
+        job = client.repair(broken, {"max_tier": 2}, on_progress=tell, timeout=300, metadata={"order": "1234"})
+        print(job.outcome)
+        if "model" in job.artifacts:
+            job.save(repaired)
+except Problem as problem:
+    sys.exit(f"refused: {problem.code}: {problem.detail} (request {problem.request_id})")
+except JobFailed as failed:
+    sys.exit(f"failed: {failed}")
+except JobTimeout:
+    sys.exit("it took too long, and was cancelled")

@@ -1,0 +1,30 @@
+"""Hears of jobs that ended.
+
+The secret is in the answer that made the endpoint, or for a callback_url in ``client.webhooks.secret()``.
+"""
+
+import os
+import sys
+from http.server import BaseHTTPRequestHandler, HTTPServer
+
+from standardwebhooks import Webhook, WebhookVerificationError
+
+webhook = Webhook(os.environ["MESHMEND_WEBHOOK_SECRET"])
+
+
+class Receiver(BaseHTTPRequestHandler):
+    def do_POST(self) -> None:
+        body = self.rfile.read(int(self.headers["content-length"]))
+        try:
+            message = webhook.verify(body, {name.lower(): value for name, value in self.headers.items()})
+            print(message["type"], message["data"]["id"], message["data"]["outcome"])
+            self.send_response(204)
+        except WebhookVerificationError:
+            # Not from the service, or older than five minutes.
+            self.send_response(400)
+        self.end_headers()
+
+
+server = HTTPServer(("127.0.0.1", int(sys.argv[1])), Receiver)
+print("listening on", server.server_port)
+server.serve_forever()

@@ -1,0 +1,132 @@
+"""A job and its files."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING
+
+import httpx
+
+from . import shapes
+from .errors import DamagedDownload, MeshmendError, Problem
+from .events import ProgressEvent
+from .retry import Deadline, patiently
+
+if TYPE_CHECKING:
+    from .client import Client
+
+
+class Job:
+    """A job as it was when it was last heard of; `data` has all that the service said."""
+
+    def __init__(self, client: Client, data: shapes.Job) -> None:
+        self._client = client
+        self.data = data
+
+    def __repr__(self) -> str:
+        return f"<Job {self.id} {self.outcome or self.status}>"
+
+    @property
+    def id(self) -> str:
+        return self.data["id"]
+
+    @property
+    def status(self) -> shapes.Status:
+        return self.data["status"]
+
+    @property
+    def outcome(self) -> shapes.JobOutcome | None:
+        """What became of the model, once the job succeeded."""
+        return self.data["outcome"]
+
+    @property
+    def progress(self) -> shapes.Progress | None:
+        return self.data["progress"]
+
+    @property
+    def problem(self) -> shapes.JobProblem | None:
+        """Why it failed."""
+        return self.data["problem"]
+
+    @property
+    def artifacts(self) -> Mapping[str, shapes.ArtifactLink]:
+        """The files to download, by name."""
+        return self.data["artifacts"]
+
+    @property
+    def report(self) -> shapes.RepairReport:
+        """The account of a repair that ended."""
+        report = self.data["report"]
+        if report is None or report["mode"] != "repair":
+            raise MeshmendError(f"The job '{self.id}' has no report of a repair.")
+        return report
+
+    @property
+    def analysis(self) -> shapes.AnalyzeReport:
+        """The account of an analysis that ended."""
+        report = self.data["report"]
+        if report is None or report["mode"] != "analyze":
+            raise MeshmendError(f"The job '{self.id}' has no report of an analysis.")
+        return report
+
+    def wait(
+        self, *, on_progress: Callable[[ProgressEvent], object] | None = None, timeout: float | None = None
+    ) -> Job:
+        """The job as it ended, however it ended."""
+        return self._client.wait(self.id, on_progress=on_progress, timeout=timeout)
+
+    def cancel(self) -> Job:
+        return self._client.cancel(self.id)
+
+    def delete(self) -> None:
+        """Deletes its files and its report."""
+        self._client.delete(self.id)
+
+    def download(self, name: str = "model", *, timeout: float | None = None) -> bytes:
+        """A file of it, compared with the hash that the job names: the model, ``report.json``, ``after.png``, ..."""
+        pieces: list[bytes] = []
+        self._fetch(name, pieces.clear, pieces.append, timeout)
+        return b"".join(pieces)
+
+    def save(self, path: str | os.PathLike[str], name: str = "model", *, timeout: float | None = None) -> None:
+        """Writes a file of it to the disk as it comes. It is there whole and with the right hash, or not at all."""
+        part = f"{os.fspath(path)}.part"
+        try:
+            with open(part, "wb") as file:
+
+                def again() -> None:
+                    file.seek(0)
+                    file.truncate()
+
+                self._fetch(name, again, file.write, timeout)
+            os.replace(part, path)
+        except BaseException:
+            if os.path.exists(part):
+                os.remove(part)
+            raise
+
+    def _fetch(
+        self, name: str, begin: Callable[[], object], write: Callable[[bytes], object], timeout: float | None
+    ) -> None:
+        artifact = self.artifacts.get(name)
+        if artifact is None:
+            there = ", ".join(self.artifacts) or "none"
+            raise MeshmendError(f"The job '{self.id}' has no file '{name}'; it has {there}.")
+        href = artifact["href"]
+
+        def fetch(_: int) -> str:
+            begin()
+            found = hashlib.sha256()
+            with self._client.server.stream("GET", href) as response:
+                try:
+                    for piece in response.iter_bytes():
+                        found.update(piece)
+                        write(piece)
+                except httpx.TransportError as error:
+                    raise Problem.unreachable(error) from error
+            return found.hexdigest()
+
+        if patiently(fetch, Deadline(self._client.timeout if timeout is None else timeout)) != artifact["sha256"]:
+            raise DamagedDownload(f"What came for '{artifact['filename']}' is not what the job names.")

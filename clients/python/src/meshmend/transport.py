@@ -1,0 +1,73 @@
+"""Requests and their answers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import httpx
+
+from .errors import Problem
+
+#: Seconds until a connection is there, and longest silence within one.
+PATIENCE = httpx.Timeout(60, connect=10)
+
+
+class Transport:
+    """Where the service is, and who asks."""
+
+    def __init__(self, base_url: str, api_key: str | None, transport: httpx.BaseTransport | None) -> None:
+        headers = {"authorization": f"Bearer {api_key}"} if api_key else {}
+        self.base_url = base_url.rstrip("/")
+        self._http = httpx.Client(
+            base_url=self.base_url, headers=headers, timeout=PATIENCE, follow_redirects=True, transport=transport
+        )
+
+    def close(self) -> None:
+        self._http.close()
+
+    def ask(self, method: str, path: str, **request: Any) -> httpx.Response:
+        """Sends a request and reads its answer; raises a `Problem` unless it is a success."""
+        with self.stream(method, path, **request) as response:
+            try:
+                response.read()
+            except httpx.TransportError as error:
+                raise Problem.unreachable(error) from error
+            return response
+
+    def json(self, method: str, path: str, **request: Any) -> Any:
+        response = self.ask(method, path, **request)
+        try:
+            return response.json()
+        except ValueError as error:
+            raise Problem(response.status_code, "unexplained", "The answer is not JSON.") from error
+
+    @contextmanager
+    def stream(self, method: str, path: str, **request: Any) -> Iterator[httpx.Response]:
+        """The same, with the answer's body still to come."""
+        try:
+            response = self._http.send(self._http.build_request(method, path, **request), stream=True)
+        except httpx.TransportError as error:
+            raise Problem.unreachable(error) from error
+        try:
+            if not response.is_success:
+                try:
+                    response.read()
+                except httpx.TransportError as error:
+                    raise Problem.unreachable(error) from error
+                raise Problem.of(response)
+            yield response
+        finally:
+            response.close()
+
+    def put(self, url: str, headers: dict[str, str], content: Any) -> None:
+        """Sends a file to an address that needs no key, here or elsewhere."""
+        request = self._http.build_request("PUT", url, headers=headers, content=content)
+        request.headers.pop("authorization", None)
+        try:
+            response = self._http.send(request)
+        except httpx.TransportError as error:
+            raise Problem.unreachable(error) from error
+        if not response.is_success:
+            raise Problem.of(response)

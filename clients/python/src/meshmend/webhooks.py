@@ -1,0 +1,77 @@
+"""Who is told of jobs that end."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, cast
+from urllib.parse import quote
+
+from . import shapes
+from .retry import Deadline, patiently
+from .transport import Transport
+
+ENDPOINTS = "/v1/webhook-endpoints"
+
+
+class Webhooks:
+    """Endpoints and deliveries.
+
+    What is made is not made again when the answer was lost; list to see whether it is there.
+    """
+
+    def __init__(self, server: Transport, timeout: float) -> None:
+        self._server = server
+        self._timeout = timeout
+
+    def list(self) -> Sequence[shapes.WebhookEndpoint]:
+        return cast(shapes.WebhookEndpoints, self._ask("GET", ENDPOINTS))["endpoints"]
+
+    def create(self, endpoint: shapes.NewWebhookEndpoint) -> shapes.WebhookEndpoint:
+        """Its answer is the only one that has the secret."""
+        return cast(shapes.WebhookEndpoint, self._ask("POST", ENDPOINTS, json=endpoint))
+
+    def get(self, endpoint_id: str) -> shapes.WebhookEndpoint:
+        return cast(shapes.WebhookEndpoint, self._ask("GET", _path(endpoint_id)))
+
+    def change(self, endpoint_id: str, change: shapes.WebhookEndpointChange) -> shapes.WebhookEndpoint:
+        return cast(shapes.WebhookEndpoint, self._ask("PATCH", _path(endpoint_id), json=change))
+
+    def delete(self, endpoint_id: str) -> None:
+        patiently(lambda _: self._server.ask("DELETE", _path(endpoint_id)), Deadline(self._timeout), repeatable=False)
+
+    def rotate(self, endpoint_id: str) -> shapes.WebhookEndpoint:
+        """Gives the endpoint a new secret, beside which the old one holds for a while."""
+        return cast(shapes.WebhookEndpoint, self._ask("POST", f"{_path(endpoint_id)}/rotate"))
+
+    def test(self, endpoint_id: str) -> shapes.WebhookDelivery:
+        """Has a message sent to try it."""
+        return cast(shapes.WebhookDelivery, self._ask("POST", f"{_path(endpoint_id)}/test"))
+
+    def deliveries(
+        self, *, endpoint_id: str | None = None, job_id: str | None = None, cursor: str | None = None, limit: int = 50
+    ) -> shapes.WebhookDeliveries:
+        """What was delivered: to an endpoint, or of a job."""
+        path = "/v1/webhook-deliveries" if endpoint_id is None else f"{_path(endpoint_id)}/deliveries"
+        asked = {"job": job_id, "cursor": cursor, "limit": limit}
+        params = {key: value for key, value in asked.items() if value is not None}
+        return cast(shapes.WebhookDeliveries, self._ask("GET", path, params=params))
+
+    def redeliver(self, delivery_id: str) -> shapes.WebhookDelivery:
+        path = f"/v1/webhook-deliveries/{quote(delivery_id, safe='')}/redeliver"
+        return cast(shapes.WebhookDelivery, self._ask("POST", path))
+
+    def secret(self) -> shapes.WebhookSecret:
+        """The secret that signs what goes to a job's ``callback_url``."""
+        return cast(shapes.WebhookSecret, self._ask("GET", "/v1/webhook-secret"))
+
+    def rotate_secret(self) -> shapes.WebhookSecret:
+        return cast(shapes.WebhookSecret, self._ask("POST", "/v1/webhook-secret/rotate"))
+
+    def _ask(self, method: str, path: str, **request: Any) -> Any:
+        repeatable = method == "GET"
+        deadline = Deadline(self._timeout)
+        return patiently(lambda _: self._server.json(method, path, **request), deadline, repeatable=repeatable)
+
+
+def _path(endpoint_id: str) -> str:
+    return f"{ENDPOINTS}/{quote(endpoint_id, safe='')}"

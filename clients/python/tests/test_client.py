@@ -1,0 +1,191 @@
+"""The client against the built program."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import subprocess
+import threading
+import time
+from pathlib import Path
+
+import pytest
+from conftest import PROGRAM, box, flaky, serve
+
+from meshmend import Client, DamagedDownload, Job, JobFailed, JobTimeout, MeshmendError, Problem, ProgressEvent, shapes
+
+QUICK: shapes.Options = {"pictures": False}
+#: What only a full read finds broken.
+LATE_BREAK = b"OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 7\n"
+
+
+@pytest.fixture
+def client(service: str) -> Client:
+    return Client(service)
+
+
+def is_submission(method: str, path: str) -> bool:
+    return (method, path) == ("POST", "/v1/jobs")
+
+
+def sha256(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()
+
+
+def test_a_broken_model_is_repaired_its_progress_is_heard_and_the_download_has_the_hash_that_the_job_names(
+    client: Client, tmp_path: Path
+) -> None:
+    heard: list[ProgressEvent] = []
+    broken = tmp_path / "box.stl"
+    broken.write_bytes(box(without=1))
+    job = client.repair(broken, {"output": "obj"}, on_progress=heard.append, metadata={"order": "7"})
+    assert job.outcome == "repaired"
+    after = job.report["after"]
+    assert after is not None and after["closed"]
+    assert (job.data["input"]["name"], job.data["metadata"]) == ("box.stl", {"order": "7"})
+    assert heard and all(it["percent"] <= 100 and it["status"] in ("queued", "running") for it in heard)
+    expected = job.artifacts["model"]["sha256"]
+    assert sha256(job.download()) == expected
+    job.save(tmp_path / "box.obj")
+    assert sha256((tmp_path / "box.obj").read_bytes()) == expected
+    assert json.loads(job.download("report.json"))["outcome"] == "repaired"
+    with pytest.raises(MeshmendError, match="has no file 'none.png'; it has .*model"):
+        job.download("none.png")
+    with pytest.raises(MeshmendError, match="no report of an analysis"):
+        _ = job.analysis
+    link: shapes.ArtifactLink = {**job.artifacts["model"], "sha256": "0" * 64}
+    other = Job(client, {**job.data, "artifacts": {"model": link}})
+    with pytest.raises(DamagedDownload):
+        other.download()
+    with pytest.raises(DamagedDownload):
+        other.save(tmp_path / "damaged.obj")
+    assert sorted(it.name for it in tmp_path.iterdir()) == ["box.obj", "box.stl"]
+
+
+def test_the_same_idempotency_key_makes_no_second_job_and_another_call_does(client: Client) -> None:
+    first = client.submit(box(), QUICK, idempotency_key="order-1")
+    assert client.submit(box(), QUICK, idempotency_key="order-1").id == first.id
+    assert client.submit(box(), QUICK).id != first.id
+    with pytest.raises(Problem) as refused:
+        client.submit(box(without=1), QUICK, idempotency_key="order-1")
+    assert (refused.value.status, refused.value.code) == (422, "idempotency_key_reused")
+
+
+def test_a_submission_that_is_dropped_refused_for_now_and_lost_on_its_way_back_makes_one_job(service: str) -> None:
+    with flaky(service, is_submission, "drop", 429, 503, "lose") as proxy:
+        began = time.monotonic()
+        # From a file that is open, which is read again each time.
+        file = io.BytesIO(box())
+        job = Client(proxy.url).repair(file, QUICK, metadata={"is": "flaky"})
+        assert job.outcome == "already_printable"
+        assert time.monotonic() - began > 2, "what Retry-After says is waited for"
+        assert len(proxy.keys) == 5 and len(set(proxy.keys)) == 1
+    assert len([it for it in Client(service).list() if it.data["metadata"].get("is") == "flaky"]) == 1
+
+
+def test_tries_end_with_the_time_that_was_given(service: str) -> None:
+    with flaky(service, is_submission, *[503] * 100) as proxy:
+        with pytest.raises(Problem) as busy:
+            Client(proxy.url, timeout=1).submit(box())
+        assert (busy.value.code, busy.value.retry_after, len(proxy.keys)) == ("unavailable", 1, 1)
+        url = proxy.url
+    with pytest.raises(Problem) as away:
+        Client(url, timeout=1).capabilities()
+    assert (away.value.status, away.value.code) == (0, "unreachable")
+
+
+def test_a_stream_of_events_that_breaks_is_taken_up_again(service: str) -> None:
+    with flaky(service, lambda _, path: path.endswith("/events"), "drop", "cut") as proxy:
+        job = Client(proxy.url).submit(box(without=1), {**QUICK, "output": "ply"})
+        heard = list(Client(proxy.url).events(job.id))
+        assert heard[-1].done is not None and heard[-1].done["status"] == "succeeded"
+        assert all(it.progress is not None for it in heard[:-1])
+        assert proxy.keys, "it was broken"
+
+
+def test_a_refused_file_is_a_problem_with_its_code_once(service: str) -> None:
+    with flaky(service, is_submission) as proxy:
+        with pytest.raises(Problem, match="unsupported_model") as refused:
+            Client(proxy.url).repair(b"no model at all", name="notes.txt")
+        assert refused.value.status == 415 and refused.value.detail and refused.value.request_id
+        assert len(proxy.keys) == 1
+
+
+def test_a_job_that_fails_is_raised_with_its_problem_and_is_returned_by_wait(client: Client) -> None:
+    with pytest.raises(JobFailed) as failed:
+        client.repair(LATE_BREAK)
+    problem = failed.value.job.problem
+    assert problem is not None and problem["code"] == "bad_input" and problem.get("place") == {"line": 6}
+    assert client.wait(failed.value.job.id).status == "failed"
+
+
+def test_files_are_analysed_together(client: Client) -> None:
+    job = client.analyze(box(), box(without=1), options={"pictures": False})
+    assert job.outcome == "not_printable"
+    assert [file.get("printable") for file in job.analysis["files"]] == [True, False]
+
+
+def test_a_file_is_uploaded_first_although_the_answer_is_lost_and_its_model_is_written_in_another_format(
+    service: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "box.stl"
+    path.write_bytes(box())
+    with flaky(service, lambda method, _: method == "PUT", "drop", "lose") as proxy:
+        through = Client(proxy.url)
+        upload = through.upload(path)
+        job = through.submit_from({"upload_id": upload["id"]}, QUICK).wait()
+    assert (job.status, job.data["input"]["name"]) == ("succeeded", "box.stl")
+    again = Client(service).submit_from({"job_id": job.id, "file": "model"}, {**QUICK, "output": "off"}).wait()
+    assert again.download().startswith(b"OFF")
+
+
+def test_jobs_are_listed_over_all_pages_and_deleted(client: Client) -> None:
+    made = [client.submit(box(), QUICK).wait() for _ in range(3)]
+    found = [job.id for job in client.list(status="succeeded", page_size=2)]
+    assert {job.id for job in made} <= set(found) and len(set(found)) == len(found)
+    made[0].delete()
+    with pytest.raises(Problem, match="job_deleted"):
+        client.get(made[0].id)
+
+
+def test_jobs_are_cancelled_when_asked_and_when_nobody_waits_for_them_any_more(tmp_path: Path) -> None:
+    with serve(tmp_path, "--no-workers") as address:
+        client = Client(address)
+        assert client.submit(box()).cancel().status == "canceled"
+        with pytest.raises(JobTimeout):
+            client.repair(box(), timeout=0.5)
+
+        def stop(_: ProgressEvent) -> None:
+            raise KeyboardInterrupt
+
+        with pytest.raises(KeyboardInterrupt):
+            client.repair(box(), on_progress=stop)
+        assert [job.status for job in client.list()] == ["canceled"] * 3
+        waiting = client.submit(box())
+        threading.Timer(0.3, client.cancel, (waiting.id,)).start()
+        assert waiting.wait(timeout=30).status == "canceled"
+
+
+def test_a_key_is_asked_for_and_a_wrong_one_is_refused(tmp_path: Path) -> None:
+    made = subprocess.run(
+        [PROGRAM, "keys", "create", "--data-dir", str(tmp_path)], capture_output=True, text=True, check=True
+    )
+    key = made.stdout.strip().splitlines()[-1]
+    with serve(tmp_path, "--auth", "keys") as address:
+        for wrong in (None, "mm_wrong"):
+            with pytest.raises(Problem) as refused:
+                Client(address, wrong).repair(box())
+            assert (refused.value.status, refused.value.code) == (401, "unauthorized")
+        with Client(address, key) as mine:
+            assert mine.repair(box(), QUICK).outcome == "already_printable"
+            assert mine.browser_token({"origin": "https://shop.example"})["origin"] == "https://shop.example"
+            endpoint = mine.webhooks.create({"url": "https://shop.example/hooks"})
+            assert endpoint.get("secret", "").startswith("whsec_")
+            assert not mine.webhooks.change(endpoint["id"], {"enabled": False})["enabled"]
+            assert [it["id"] for it in mine.webhooks.list()] == [endpoint["id"]]
+            assert mine.webhooks.rotate(endpoint["id"]).get("secret", "").startswith("whsec_")
+            assert mine.webhooks.deliveries(endpoint_id=endpoint["id"])["deliveries"] == []
+            mine.webhooks.delete(endpoint["id"])
+            with pytest.raises(Problem, match="webhook_not_found"):
+                mine.webhooks.get(endpoint["id"])

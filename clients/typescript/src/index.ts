@@ -1,0 +1,9 @@
+export { Client, type Call, type ClientOptions, type Model, type Submit, type Wait, artifactOf } from "./client.js";
+export { EventParser, type JobEvent, events, follow, hasEnded } from "./events.js";
+export { type Asked, type Server, ask, askJson } from "./http.js";
+export * from "./jobs.js";
+export { type Code, DamagedDownload, JobFailed, Problem } from "./problem.js";
+export { patiently, pause } from "./retry.js";
+export type * from "./shapes.js";
+export { announce, send } from "./uploads.js";
+export type { Webhooks } from "./webhooks.js";

@@ -1,0 +1,78 @@
+import { type Asked, type Server, ask, askJson, at, query } from "./http.js";
+import { patiently } from "./retry.js";
+import type {
+  NewWebhookEndpoint,
+  WebhookDeliveries,
+  WebhookDelivery,
+  WebhookEndpoint,
+  WebhookEndpointChange,
+  WebhookEndpoints,
+  WebhookSecret,
+} from "./shapes.js";
+
+/** Who is told of jobs that end. What is made is not made again when the answer was lost; list to see whether it is there. */
+export class Webhooks {
+  readonly #server: Server;
+  readonly #within: number;
+
+  constructor(server: Server, within: number) {
+    this.#server = server;
+    this.#within = within;
+  }
+
+  async list(): Promise<WebhookEndpoint[]> {
+    return (await this.#ask<WebhookEndpoints>(at("/v1/webhook-endpoints"))).endpoints;
+  }
+
+  /** Its answer is the only one that has the secret. */
+  create(endpoint: NewWebhookEndpoint): Promise<WebhookEndpoint> {
+    return this.#ask(at("/v1/webhook-endpoints"), { method: "POST", json: endpoint });
+  }
+
+  get(id: string): Promise<WebhookEndpoint> {
+    return this.#ask(at("/v1/webhook-endpoints/{id}", { id }));
+  }
+
+  change(id: string, change: WebhookEndpointChange): Promise<WebhookEndpoint> {
+    return this.#ask(at("/v1/webhook-endpoints/{id}", { id }), { method: "PATCH", json: change });
+  }
+
+  async delete(id: string): Promise<void> {
+    const gone = () => ask(this.#server, at("/v1/webhook-endpoints/{id}", { id }), { method: "DELETE" });
+    await patiently(gone, { within: this.#within, repeatable: false });
+  }
+
+  /** Gives the endpoint a new secret, beside which the old one holds for a while. */
+  rotate(id: string): Promise<WebhookEndpoint> {
+    return this.#ask(at("/v1/webhook-endpoints/{id}/rotate", { id }), { method: "POST" });
+  }
+
+  /** Has a message sent to try it. */
+  test(id: string): Promise<WebhookDelivery> {
+    return this.#ask(at("/v1/webhook-endpoints/{id}/test", { id }), { method: "POST" });
+  }
+
+  /** What was delivered: to an endpoint, or of a job. */
+  deliveries(of: { endpoint?: string; job?: string; cursor?: string; limit?: number } = {}): Promise<WebhookDeliveries> {
+    const { endpoint, ...values } = of;
+    const path = endpoint === undefined ? at("/v1/webhook-deliveries") : at("/v1/webhook-endpoints/{id}/deliveries", { id: endpoint });
+    return this.#ask(query(path, values));
+  }
+
+  redeliver(id: string): Promise<WebhookDelivery> {
+    return this.#ask(at("/v1/webhook-deliveries/{id}/redeliver", { id }), { method: "POST" });
+  }
+
+  /** The secret that signs what goes to a job's `callback_url`. */
+  secret(): Promise<WebhookSecret> {
+    return this.#ask(at("/v1/webhook-secret"));
+  }
+
+  rotateSecret(): Promise<WebhookSecret> {
+    return this.#ask(at("/v1/webhook-secret/rotate"), { method: "POST" });
+  }
+
+  #ask<T>(path: string, asked: Asked = {}): Promise<T> {
+    return patiently(() => askJson<T>(this.#server, path, asked), { within: this.#within, repeatable: !asked.method });
+  }
+}
