@@ -68,7 +68,8 @@ class Flaky(ThreadingHTTPServer):
         self.behind = urlsplit(url).netloc
         self.hits = hits
         self.faults = faults
-        self.keys: list[str | None] = []
+        #: Of each request that was picked: its path and its idempotency key.
+        self.seen: list[tuple[str, str | None]] = []
         self.url = f"http://127.0.0.1:{self.server_port}"
 
 
@@ -80,7 +81,7 @@ class _Passing(BaseHTTPRequestHandler):
         self.close_connection = True
         hit = self.server.hits(self.command, self.path)
         if hit:
-            self.server.keys.append(self.headers.get("idempotency-key"))
+            self.server.seen.append((self.path, self.headers.get("idempotency-key")))
         fault = self.server.faults.pop(0) if hit and self.server.faults else None
         if fault == "drop":
             return

@@ -6,7 +6,7 @@ import { join } from "node:path";
 import { after, before, test } from "node:test";
 import { Client, DamagedDownload, JobFailed, Problem } from "meshmend-client";
 import { fileAt, save } from "meshmend-client/node";
-import { brokenRing, largeRing, soundBox } from "../../../tests/browser/support/models.mjs";
+import { brokenRing, soundBox } from "../../../tests/browser/support/models.mjs";
 import { run, serve, serveFrom } from "../../../tests/browser/support/service.mjs";
 import { flaky } from "./flaky.mjs";
 
@@ -72,7 +72,7 @@ test("a submission that is dropped, refused for now and lost on its way back mak
   assert.equal(job.outcome, "already_printable");
   assert.ok(performance.now() - began > 2_000, "what Retry-After says is waited for");
   assert.equal(proxy.seen.length, 5);
-  assert.equal(new Set(proxy.seen.map((it) => it.headers["idempotency-key"])).size, 1);
+  assert.equal(new Set(proxy.seen.map((it) => it.key)).size, 1);
   assert.equal((await all(client.list())).filter((it) => it.metadata.is === "flaky").length, 1);
   await proxy.stop();
 });
@@ -85,12 +85,32 @@ test("tries end with the time that was given", async () => {
   await assert.rejects(new Client(proxy.url, { timeout: 1_000 }).capabilities(), { code: "unreachable" });
 });
 
+const isStream = (request) => request.url.endsWith("/events");
+
 test("a stream of events that breaks is taken up again", async () => {
-  const proxy = await flaky(service.url, (request) => request.url.endsWith("/events"), ["cut", "drop", "cut"]);
-  const job = await new Client(proxy.url).repair(largeRing(20_000), { ...QUICK, output: "ply" });
-  assert.equal(job.status, "succeeded");
-  assert.ok(proxy.seen.length > 1, "it was broken");
+  const idle = await serve("--no-workers");
+  const proxy = await flaky(idle.url, isStream, ["cut", "cut"]);
+  const job = await new Client(proxy.url).submit(soundBox());
+  const heard = [];
+  for await (const event of new Client(proxy.url).events(job.id)) {
+    heard.push(event.name === "done" ? event.job.status : event.progress.status);
+    if (heard.length === 2) await new Client(idle.url).cancel(job.id);
+  }
+  assert.deepEqual(heard, ["queued", "queued", "canceled"]);
+  assert.equal(proxy.seen.length, 3);
   await proxy.stop();
+  await idle.stop();
+});
+
+test("where no stream comes through, the job is asked for", async () => {
+  const idle = await serve("--no-workers");
+  const proxy = await flaky(idle.url, isStream, Array(100).fill("drop"));
+  const job = await new Client(proxy.url).submit(soundBox());
+  setTimeout(() => void new Client(idle.url).cancel(job.id), 1_000);
+  assert.equal((await new Client(proxy.url).wait(job.id)).status, "canceled");
+  assert.equal(proxy.seen.length, 1);
+  await proxy.stop();
+  await idle.stop();
 });
 
 test("a refused file is a problem with its code, once", async () => {
