@@ -7,7 +7,6 @@ import io
 import json
 import subprocess
 import threading
-import time
 from pathlib import Path
 
 import pytest
@@ -74,13 +73,13 @@ def test_the_same_idempotency_key_makes_no_second_job_and_another_call_does(clie
 
 def test_a_submission_that_is_dropped_refused_for_now_and_lost_on_its_way_back_makes_one_job(service: str) -> None:
     with flaky(service, is_submission, "drop", 429, 503, "lose") as proxy:
-        began = time.monotonic()
         # From a file that is open, which is read again each time.
         file = io.BytesIO(box())
         job = Client(proxy.url).repair(file, QUICK, metadata={"is": "flaky"})
         assert job.outcome == "already_printable"
-        assert time.monotonic() - began > 2, "what Retry-After says is waited for"
-        assert len(proxy.seen) == 5 and len(set(proxy.seen)) == 1
+        times, keys = zip(*proxy.seen, strict=True)
+        assert len(keys) == 5 and len(set(keys)) == 1
+        assert times[2] - times[1] >= 1 and times[3] - times[2] >= 1, "what Retry-After says is waited for"
     assert len([it for it in Client(service).list() if it.data["metadata"].get("is") == "flaky"]) == 1
 
 
@@ -115,7 +114,7 @@ def test_where_no_stream_comes_through_the_job_is_asked_for(tmp_path: Path) -> N
     with serve(tmp_path, "--no-workers") as address, flaky(address, is_stream, *["drop"] * 100) as proxy:
         job = Client(proxy.url).submit(box())
         threading.Timer(1, Client(address).cancel, (job.id,)).start()
-        assert job.wait().status == "canceled"
+        assert job.wait(timeout=20).status == "canceled"
         assert len(proxy.seen) == 1
 
 
