@@ -10,6 +10,7 @@ import struct
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -68,7 +69,8 @@ class Flaky(ThreadingHTTPServer):
         self.behind = urlsplit(url).netloc
         self.hits = hits
         self.faults = faults
-        self.keys: list[str | None] = []
+        #: Of each request that was picked: when it came and its idempotency key.
+        self.seen: list[tuple[float, str | None]] = []
         self.url = f"http://127.0.0.1:{self.server_port}"
 
 
@@ -80,7 +82,7 @@ class _Passing(BaseHTTPRequestHandler):
         self.close_connection = True
         hit = self.server.hits(self.command, self.path)
         if hit:
-            self.server.keys.append(self.headers.get("idempotency-key"))
+            self.server.seen.append((time.monotonic(), self.headers.get("idempotency-key")))
         fault = self.server.faults.pop(0) if hit and self.server.faults else None
         if fault == "drop":
             return

@@ -19,18 +19,23 @@ export type JobEvent = { name: "progress"; progress: ProgressEvent } | { name: "
  * and then the present state is told first.
  */
 export async function* events(server: Server, id: string, signal?: AbortSignal): AsyncGenerator<JobEvent, void, undefined> {
+  let [streaming, hasStreamed] = [true, false];
   for (let failures = 0; ; ) {
     let heard = false;
     try {
-      for await (const event of failures % 2 === 0 ? listen(server, id, signal) : look(server, id, signal)) {
+      for await (const event of streaming ? listen(server, id, signal) : look(server, id, signal)) {
         heard = true;
+        hasStreamed ||= streaming;
         yield event;
         if (event.name === "done") return;
       }
-      failures = heard ? failures : failures + 1;
+      failures = 0;
+      streaming = hasStreamed;
     } catch (error) {
       if (signal?.aborted || !(error instanceof Problem) || !error.isPassing) throw error;
       failures = heard ? 1 : failures + 1;
+      // Where nothing was heard something may hold it back, and the other way is tried.
+      if (!heard) streaming = !streaming;
       await pause(pauseAfter(failures, error), signal);
     }
   }
@@ -52,12 +57,12 @@ async function* look(server: Server, id: string, signal?: AbortSignal): AsyncGen
   else if (job.progress) yield { name: "progress", progress: { ...job.progress, status: job.status } };
 }
 
-/** The stream of a job's events, until it ends or breaks. */
+/** The stream of a job's events, to its end; a problem where it breaks before. */
 async function* listen(server: Server, id: string, signal?: AbortSignal): AsyncGenerator<JobEvent, void, undefined> {
   // Not EventSource, which can send no key.
   const answer = await ask(server, at("/v1/jobs/{id}/events", { id }), { headers: { accept: "text/event-stream" }, signal });
   const reader = answer.body?.pipeThrough(new TextDecoderStream()).getReader();
-  if (!reader) return;
+  if (!reader) throw Problem.unreachable();
   const parser = new EventParser();
   try {
     for (;;) {
@@ -66,10 +71,10 @@ async function* listen(server: Server, id: string, signal?: AbortSignal): AsyncG
       clearTimeout(timer);
       if (signal?.aborted) throw signal.reason;
       for (const event of parser.push(value ?? "")) {
-        if (event.name === "done") yield { name: "done", job: JSON.parse(event.data) as Job };
+        if (event.name === "done") return yield { name: "done", job: JSON.parse(event.data) as Job };
         if (event.name === "progress") yield { name: "progress", progress: JSON.parse(event.data) as ProgressEvent };
       }
-      if (done) return;
+      if (done) throw Problem.unreachable();
     }
   } finally {
     void reader.cancel().catch(() => undefined);

@@ -2451,6 +2451,7 @@ export interface components {
                 components["schemas"]["RawModel"],
                 ...components["schemas"]["RawModel"][]
             ];
+            /** @description Your own notes on the job as JSON, an object of texts: at most 50 and 8 KiB. They come back with the job. */
             metadata?: {
                 [key: string]: string;
             } | null;

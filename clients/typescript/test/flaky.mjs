@@ -10,7 +10,7 @@ export async function flaky(url, hits, faults) {
   const seen = [];
   const server = createServer((request, response) => {
     const fault = hits(request) ? left.shift() : undefined;
-    if (hits(request)) seen.push({ fault, headers: request.headers });
+    if (hits(request)) seen.push({ at: performance.now(), key: request.headers["idempotency-key"] });
     if (fault === "drop") return request.socket.destroy();
     if (typeof fault === "number") {
       request.resume();

@@ -43,21 +43,25 @@ def listen_to(server: Transport, job_id: str, deadline: Deadline) -> Iterator[Jo
 
     A connection that breaks is made again, and then the present state is told first.
     """
-    failures = 0
+    streaming, has_streamed, failures = True, False, 0
     while deadline.left() > 0:
-        streaming = failures % 2 == 0 and deadline.left() > HOLD
+        # The last seconds are for asking, which can be held for just as long.
+        streaming = streaming and deadline.left() > HOLD
         heard = False
         try:
             for event in (_stream if streaming else _ask)(server, job_id, deadline):
                 heard = True
+                has_streamed = has_streamed or streaming
                 yield event
                 if event.done is not None:
                     return
-            failures += 0 if heard else 1
+            failures, streaming = 0, has_streamed
         except Problem as problem:
             if not problem.is_passing:
                 raise
             failures = 1 if heard else failures + 1
+            # Where nothing was heard something may hold it back, and the other way is tried.
+            streaming = streaming if heard else not streaming
             time.sleep(min(pause_after(failures, problem), deadline.left()))
     raise JobTimeout(f"The job '{job_id}' did not end in time.")
 
@@ -91,7 +95,10 @@ def _ask(server: Transport, job_id: str, deadline: Deadline) -> Iterator[JobEven
 
 
 def _stream(server: Transport, job_id: str, deadline: Deadline) -> Iterator[JobEvent]:
-    """The stream of a job's events (HTML, 9.2.6), as far as the service uses them, until it ends or breaks."""
+    """The stream of a job's events (HTML, 9.2.6), as far as the service uses them, to its end.
+
+    A problem where it breaks before. It ends without a word when the last seconds have come.
+    """
     timeout = httpx.Timeout(SILENCE, connect=10)
     headers = {"accept": "text/event-stream"}
     with server.stream("GET", f"{job_path(job_id)}/events", headers=headers, timeout=timeout) as response:
@@ -110,8 +117,8 @@ def _stream(server: Transport, job_id: str, deadline: Deadline) -> Iterator[JobE
                     elif name == "progress":
                         yield JobEvent(progress=json.loads("\n".join(data)))
                     name, data = "", []
-                # The last seconds are for asking, which can be held for just as long.
                 if deadline.left() <= HOLD:
                     return
+            raise httpx.RemoteProtocolError("the events ended before the job")
         except httpx.TransportError as error:
             raise Problem.unreachable(error) from error
