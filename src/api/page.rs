@@ -13,7 +13,7 @@ use super::state::ApiState;
 use crate::web::{self, File};
 
 /// For the document: a browser asks each time whether it is still this one.
-const ASK: &str = "no-cache";
+pub(super) const ASK: &str = "no-cache";
 /// For what has a hash in its name: it never changes.
 const FOREVER: &str = "public, max-age=31536000, immutable";
 
@@ -49,7 +49,8 @@ fn policy(bucket: Option<&str>) -> String {
     )
 }
 
-fn answer(file: &'static File, headers: &HeaderMap, cache: &'static str) -> Response {
+/// A file, packed where that is asked for, or that it is still the one that is known.
+pub(super) fn answer(file: &'static File, headers: &HeaderMap, cache: &'static str) -> Response {
     let common = [
         (header::CACHE_CONTROL, cache),
         (header::ETAG, file.etag()),
@@ -62,10 +63,10 @@ fn answer(file: &'static File, headers: &HeaderMap, cache: &'static str) -> Resp
         return (StatusCode::NOT_MODIFIED, common).into_response();
     }
     let kind = [(header::CONTENT_TYPE, file.media_type)];
-    if takes_gzip(headers) {
-        return (common, kind, [(header::CONTENT_ENCODING, "gzip")], file.gzip()).into_response();
+    match file.gzip().filter(|_| takes_gzip(headers)) {
+        Some(packed) => (common, kind, [(header::CONTENT_ENCODING, "gzip")], packed).into_response(),
+        None => (common, kind, file.plain()).into_response(),
     }
-    (common, kind, file.plain).into_response()
 }
 
 /// Whether gzip is among the encodings that a client takes, and not with the weight 0 (RFC 9110, 12.5.3).

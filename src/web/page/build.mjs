@@ -25,11 +25,11 @@ export const options = {
   logLevel: "warning",
 };
 
-/** The files of the page by name: the document, and assets with a hash in their names. */
+/** The files of the page by name: the document, the frame of the documentation, and assets with a hash in their names. */
 export async function bundle(minify = true) {
   const result = await build({
     ...options,
-    entryPoints: { page: "src/page.tsx", style: "src/style/page.css" },
+    entryPoints: { page: "src/page.tsx", style: "src/style/page.css", manual: "src/style/manual.css" },
     outdir: dist,
     entryNames: "[name]-[hash]",
     chunkNames: "[name]-[hash]",
@@ -45,21 +45,24 @@ export async function bundle(minify = true) {
   const icon = readFileSync(join(here, "src/icon.svg"));
   const iconName = `icon-${createHash("sha256").update(icon).digest("hex").slice(0, 8).toUpperCase()}.svg`;
   files.set(iconName, icon);
-  const document = readFileSync(join(here, "src/index.html"), "utf8")
-    .replace("{style}", named("style-", ".css"))
-    .replace("{script}", named("page-", ".js"))
-    .replace("{icon}", iconName);
-  files.set("index.html", Buffer.from(document));
+  const written = (source, style) =>
+    readFileSync(join(here, "src", source), "utf8")
+      .replace("{style}", named(style, ".css"))
+      .replace("{script}", named("page-", ".js"))
+      .replace("{icon}", iconName);
+  files.set("index.html", Buffer.from(written("index.html", "style-")));
+  files.set("manual.html", Buffer.from(written("manual.html", "manual-")));
   return files;
 }
 
 /** What tells the program which files there are. */
 function list(files) {
-  const names = [...files.keys()].filter((name) => name !== "index.html").sort();
+  const names = [...files.keys()].filter((name) => !name.endsWith(".html")).sort();
   const lines = names.map((name) => `    ("${name}", include_bytes!("${name}")),`);
   return [
     "// Written by build.mjs.",
     `pub(super) const DOCUMENT: &[u8] = include_bytes!("index.html");`,
+    `pub(super) const MANUAL: &str = include_str!("manual.html");`,
     "#[rustfmt::skip]",
     `pub(super) const ASSETS: [(&str, &[u8]); ${names.length}] = [`,
     ...lines,
