@@ -27,6 +27,7 @@ pub mod context;
 pub mod format;
 pub mod inspect;
 pub mod jobs;
+pub mod manual;
 pub mod math;
 pub mod mesh;
 pub mod remesh;

@@ -38,8 +38,8 @@ const METADATA_ENTRIES: usize = 50;
 #[derive(ToSchema)]
 #[expect(dead_code, reason = "it describes the form in the OpenAPI document; the parts are read as they come")]
 pub(super) struct SubmitForm {
-    /// The model: STL, OBJ, PLY, OFF or Vertex/Face text. A repair takes one; an analysis as many parts `file` as `limits.max_files` of
-    /// the capabilities says.
+    /// The model, in a format that the capabilities list. A repair takes one; an analysis as many parts `file` as their `limits.max_files`
+    /// says.
     #[schema(min_items = 1)]
     file: Vec<RawModel>,
     /// What to do, as JSON. Where `mode` is left out it is `repair`.

@@ -21,6 +21,7 @@ mod job_view;
 mod jobs;
 mod layers;
 mod linger;
+mod manual;
 mod openapi;
 mod page;
 mod problem;
@@ -38,6 +39,7 @@ mod webhooks;
 
 pub use admit::Auth;
 pub use capabilities::{Capabilities, TierStatus};
+pub use catalogue::{ProblemDoc, catalogue};
 pub use health::{Health, probes};
 pub use openapi::document;
 pub use problem::{Problem, ProblemCode};

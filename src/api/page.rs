@@ -13,7 +13,7 @@ use super::state::ApiState;
 use crate::web::{self, File};
 
 /// For what keeps its name: a browser asks each time whether it is still this one.
-const ASK: &str = "no-cache";
+pub(super) const ASK: &str = "no-cache";
 /// For what has a hash in its name: it never changes.
 const FOREVER: &str = "public, max-age=31536000, immutable";
 
@@ -55,14 +55,15 @@ fn policy(bucket: Option<&str>) -> String {
 
 /// Whose pages may load a file.
 #[derive(Clone, Copy, PartialEq, Eq)]
-enum For {
+pub(super) enum For {
     /// The service's own.
     Ourselves,
     /// Those of shops too, also where they are isolated from other origins.
     AllPages,
 }
 
-fn answer(file: &'static File, headers: &HeaderMap, cache: &'static str, whose: For) -> Response {
+/// A file, packed where that is asked for, or that it is still the one that is known.
+pub(super) fn answer(file: &'static File, headers: &HeaderMap, cache: &'static str, whose: For) -> Response {
     let common = [
         (header::CACHE_CONTROL, cache),
         (header::ETAG, file.etag()),
@@ -81,11 +82,12 @@ fn answer(file: &'static File, headers: &HeaderMap, cache: &'static str, whose: 
     };
     let mut response = if text_header(headers, &header::IF_NONE_MATCH).is_some_and(|known| names(known, file.etag())) {
         (StatusCode::NOT_MODIFIED, common).into_response()
-    } else if takes_gzip(headers) {
-        let packed = [(header::CONTENT_TYPE, file.media_type), (header::CONTENT_ENCODING, "gzip")];
-        (common, packed, file.gzip()).into_response()
     } else {
-        (common, [(header::CONTENT_TYPE, file.media_type)], file.plain).into_response()
+        let kind = [(header::CONTENT_TYPE, file.media_type)];
+        match file.gzip().filter(|_| takes_gzip(headers)) {
+            Some(packed) => (common, kind, [(header::CONTENT_ENCODING, "gzip")], packed).into_response(),
+            None => (common, kind, file.plain()).into_response(),
+        }
     };
     for &(ref name, value) in reach {
         response.headers_mut().insert(name.clone(), HeaderValue::from_static(value));

@@ -175,7 +175,7 @@ impl ProblemCode {
             Self::UnsupportedModel => (
                 StatusCode::UNSUPPORTED_MEDIA_TYPE,
                 "Not a model that can be read",
-                "Send STL, OBJ, PLY or OFF; /v1/capabilities lists the formats.",
+                "Send a format that /v1/capabilities lists; the detail says what was found.",
             ),
             Self::UploadTimeout => (StatusCode::REQUEST_TIMEOUT, "Upload stopped coming", "Send it again."),
             Self::UploadInterrupted => (StatusCode::BAD_REQUEST, "Upload broke off", "Send it again."),

@@ -6,6 +6,7 @@ use utoipa_swagger_ui::SwaggerUi;
 
 use super::admit::{admit, preflight};
 use super::layers;
+use super::manual;
 use super::openapi;
 use super::page;
 use super::problem::{Problem, ProblemCode};
@@ -17,9 +18,10 @@ pub fn router(state: ApiState) -> Router {
     let (routes, document) = admitted.merge(openapi::open()).split_for_parts();
     let router = routes
         .merge(page::routes())
+        .merge(manual::routes())
         .with_state(state)
-        // The documentation's scripts and styles are in the binary too: it works offline.
-        .merge(SwaggerUi::new("/docs").url("/openapi.json", document))
+        // Its scripts and styles are in the binary too: it works offline.
+        .merge(SwaggerUi::new("/docs/api").url("/openapi.json", document))
         .fallback(no_route)
         .method_not_allowed_fallback(wrong_method)
         // Uploads are counted as they stream in, and other bodies by `ApiJson`.

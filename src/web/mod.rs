@@ -1,9 +1,10 @@
-//! The page that people see and the widget that shops embed, as files in the program: they work offline, and there is nothing else to
-//! deploy.
+//! The page that people see, the widget that shops embed and the frame of the documentation, as files in the program: they work offline,
+//! and there is nothing else to deploy.
 //!
 //! Their sources are in `page/`, in TypeScript; `make page` builds them into `dist/`, which is committed, so that the program builds
 //! without node. Assets have a hash of their bytes in their names and never change.
 
+use std::borrow::Cow;
 use std::io::Write;
 use std::sync::OnceLock;
 
@@ -15,29 +16,35 @@ mod dist {
     include!("dist/files.rs");
 }
 
-/// A file of the page.
+/// A file that is served as it is.
 #[derive(Debug)]
 pub struct File {
     /// Its media type.
     pub media_type: &'static str,
-    /// Its bytes.
-    pub plain: &'static [u8],
+    plain: Cow<'static, [u8]>,
     packed: OnceLock<(String, Vec<u8>)>,
 }
 
 impl File {
-    fn new(name: &str, plain: &'static [u8]) -> Self {
-        Self { media_type: media_type(name), plain, packed: OnceLock::new() }
+    /// A file of that name, which tells its media type, with these bytes.
+    pub fn new(name: &str, plain: impl Into<Cow<'static, [u8]>>) -> Self {
+        Self { media_type: media_type(name), plain: plain.into(), packed: OnceLock::new() }
     }
 
     fn packed(&self) -> &(String, Vec<u8>) {
         self.packed.get_or_init(|| {
-            let hash = Sha256::digest(self.plain);
+            let hash = Sha256::digest(&self.plain);
             let mut packer = GzEncoder::new(Vec::new(), Compression::best());
             // Memory takes all that is written.
-            let packed = packer.write_all(self.plain).and_then(|()| packer.finish()).unwrap_or_default();
+            let packed = packer.write_all(&self.plain).and_then(|()| packer.finish()).unwrap_or_default();
             (format!("\"{}\"", hex::encode(&hash[..16])), packed)
         })
+    }
+
+    /// Its bytes.
+    #[must_use]
+    pub fn plain(&self) -> &[u8] {
+        &self.plain
     }
 
     /// The entity tag of its bytes.
@@ -46,10 +53,10 @@ impl File {
         &self.packed().0
     }
 
-    /// Its bytes in gzip, packed when they are first asked for.
+    /// Its bytes in gzip, packed when they are first asked for; none of a picture, which is packed as it is.
     #[must_use]
-    pub fn gzip(&self) -> &[u8] {
-        &self.packed().1
+    pub fn gzip(&self) -> Option<&[u8]> {
+        (self.media_type != "image/png").then(|| self.packed().1.as_slice())
     }
 }
 
@@ -65,7 +72,15 @@ pub fn widget() -> &'static File {
     WIDGET.get_or_init(|| File::new("widget.js", dist::WIDGET))
 }
 
-/// A file that the document or the widget asks for, by its name under `/assets/`.
+/// The frame of the documentation's pages: a document with `{title}`, `{summary}`, `{name}`, `{pages}`, `{sections}` and `{text}` in
+/// place of what is of one page.
+#[must_use]
+pub fn manual() -> &'static str {
+    // What build.mjs writes is text.
+    std::str::from_utf8(dist::MANUAL).unwrap_or_default()
+}
+
+/// A file that a document or the widget asks for, by its name under `/assets/`.
 #[must_use]
 pub fn asset(name: &str) -> Option<&'static File> {
     static ASSETS: OnceLock<Vec<(&str, File)>> = OnceLock::new();
@@ -78,6 +93,9 @@ fn media_type(name: &str) -> &'static str {
         Some("html") => "text/html; charset=utf-8",
         Some("js") => "text/javascript; charset=utf-8",
         Some("css") => "text/css; charset=utf-8",
+        Some("md") => "text/markdown; charset=utf-8",
+        Some("txt") => "text/plain; charset=utf-8",
+        Some("png") => "image/png",
         Some("svg") => "image/svg+xml",
         _ => "application/octet-stream",
     }
@@ -92,11 +110,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_file_that_the_document_names_is_there() {
-        let text = std::str::from_utf8(document().plain).expect("text");
-        let named: Vec<&str> = text.split('"').filter_map(|word| word.strip_prefix("/assets/")).collect();
-        assert_eq!(named.len(), 3, "a style, a script and an icon: {text}");
-        for name in named {
+    fn every_file_that_a_document_names_is_there() {
+        let text = std::str::from_utf8(document().plain()).expect("text");
+        let named = |text: &'static str| text.split('"').filter_map(|word| word.strip_prefix("/assets/"));
+        assert_eq!(named(text).count(), 3, "a style, a script and an icon: {text}");
+        assert_eq!(named(manual()).count(), 2, "a style and an icon: {}", manual());
+        for name in named(text).chain(named(manual())) {
             let file = asset(name).unwrap_or_else(|| panic!("there is no {name}"));
             assert_ne!(file.media_type, "application/octet-stream", "{name}");
         }
@@ -115,8 +134,8 @@ mod tests {
     fn a_packed_file_is_the_plain_one() {
         let file = document();
         let mut unpacked = Vec::new();
-        GzDecoder::new(file.gzip()).read_to_end(&mut unpacked).expect("gzip");
-        assert_eq!(unpacked, file.plain);
-        assert!(file.gzip().len() < file.plain.len());
+        GzDecoder::new(file.gzip().expect("it is packed")).read_to_end(&mut unpacked).expect("gzip");
+        assert_eq!(unpacked, file.plain());
+        assert!(file.gzip().is_some_and(|packed| packed.len() < unpacked.len()));
     }
 }

@@ -40,15 +40,15 @@ async fn health_capabilities_metrics_and_documentation_answer() {
 }
 
 #[tokio::test]
-async fn the_documentation_page_needs_nothing_from_elsewhere() {
+async fn the_interactive_document_needs_nothing_from_elsewhere() {
     let data = tempfile::tempdir().expect("a folder");
     let program = Start::serve(data.path()).start();
     let api = Api::new(&program);
-    let page = api.get("/docs/").send().await.expect("an answer").text().await.expect("text");
+    let page = api.get("/docs/api/").send().await.expect("an answer").text().await.expect("text");
     assert!(page.contains("swagger-ui"), "{page}");
     assert!(!page.contains("://"), "every address is of this service: {page}");
     for file in page.split(['"', '\'']).filter_map(|word| word.strip_prefix("./")) {
-        let answer = api.get(&format!("/docs/{file}")).send().await.expect("an answer");
+        let answer = api.get(&format!("/docs/api/{file}")).send().await.expect("an answer");
         assert_eq!(answer.status(), 200, "{file}");
     }
     let served: Value = api.get("/openapi.json").send().await.expect("an answer").json().await.expect("JSON");

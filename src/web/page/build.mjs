@@ -64,22 +64,24 @@ const styleAsText = (minify) => ({
 export async function bundle(minify = true) {
   const files = await made({ viewer: "src/viewer/mod.ts" }, minify);
   const viewer = viewerApart(named(files, "viewer-", ".js"));
-  for (const file of await made({ page: "src/page.tsx", style: "src/style/page.css" }, minify, { plugins: [viewer] })) files.set(...file);
+  for (const file of await made({ page: "src/page.tsx", style: "src/style/page.css", manual: "src/style/manual.css" }, minify, { plugins: [viewer] })) files.set(...file);
   const widget = await made({ widget: "src/widget/widget.ts" }, minify, { entryNames: "[name]", plugins: [viewer, styleAsText(minify)] });
   for (const file of widget) files.set(...file);
   const icon = readFileSync(join(here, "src/icon.svg"));
   const iconName = `icon-${createHash("sha256").update(icon).digest("hex").slice(0, 8).toUpperCase()}.svg`;
   files.set(iconName, icon);
-  const document = readFileSync(join(here, "src/index.html"), "utf8")
-    .replace("{style}", named(files, "style-", ".css"))
-    .replace("{script}", named(files, "page-", ".js"))
-    .replace("{icon}", iconName);
-  files.set("index.html", Buffer.from(document));
+  const written = (source, style) =>
+    readFileSync(join(here, "src", source), "utf8")
+      .replace("{style}", named(files, style, ".css"))
+      .replace("{script}", named(files, "page-", ".js"))
+      .replace("{icon}", iconName);
+  files.set("index.html", Buffer.from(written("index.html", "style-")));
+  files.set("manual.html", Buffer.from(written("manual.html", "manual-")));
   return files;
 }
 
 /** Files whose names stay, as the program calls them. */
-const STABLE = { "index.html": "DOCUMENT", "widget.js": "WIDGET" };
+const STABLE = { "index.html": "DOCUMENT", "manual.html": "MANUAL", "widget.js": "WIDGET" };
 
 /** What tells the program which files there are. */
 function list(files) {

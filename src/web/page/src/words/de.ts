@@ -8,7 +8,7 @@ export const de: Words = {
   nav: "Seiten",
   repair: "Reparieren",
   jobs: "Aufträge",
-  docs: "API",
+  docs: "Doku",
   language: "Sprache",
   theme: "Darstellung",
   themes: { auto: "Wie das System", light: "Hell", dark: "Dunkel" },

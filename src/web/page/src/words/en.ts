@@ -9,7 +9,7 @@ export const en = {
   nav: "Pages",
   repair: "Repair",
   jobs: "Jobs",
-  docs: "API",
+  docs: "Docs",
   language: "Language",
   theme: "Appearance",
   themes: { auto: "As the system", light: "Light", dark: "Dark" },

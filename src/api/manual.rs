@@ -1,0 +1,54 @@
+//! The documentation, as pages and as Markdown, for people and for language models. Like the page it needs no key.
+
+use axum::Router;
+use axum::extract::Path;
+use axum::http::{HeaderMap, HeaderValue, header};
+use axum::response::{Redirect, Response};
+use axum::routing::get;
+
+use super::page::{ASK, For, answer};
+use super::problem::{Problem, ProblemCode, shown};
+use super::state::ApiState;
+use crate::manual;
+
+/// What a page may do: show what is of this service, and run nothing.
+const POLICY: HeaderValue = HeaderValue::from_static(
+    "default-src 'none'; style-src 'self'; img-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
+);
+
+pub(super) fn routes() -> Router<ApiState> {
+    Router::new()
+        .route("/docs", get(async || Redirect::permanent("/docs/")))
+        .route("/docs/", get(async |headers: HeaderMap| html(manual::index(), &headers)))
+        .route("/docs/{name}", get(page))
+        .route("/docs/pictures/{name}", get(picture))
+        .route("/llms.txt", get(async |headers: HeaderMap| answer(manual::llms(), &headers, ASK, For::Ourselves)))
+        .route(
+            "/llms-full.txt",
+            get(async |headers: HeaderMap| answer(manual::llms_full(), &headers, ASK, For::Ourselves)),
+        )
+}
+
+async fn page(Path(name): Path<String>, headers: HeaderMap) -> Result<Response, Problem> {
+    let markdown = name
+        .strip_suffix(".md")
+        .and_then(manual::page)
+        .map(|page| answer(&page.markdown, &headers, ASK, For::Ourselves));
+    let page = || manual::page(&name).filter(|page| !page.is_index()).map(|page| html(page, &headers));
+    markdown.or_else(page).ok_or_else(|| missing(&name))
+}
+
+async fn picture(Path(name): Path<String>, headers: HeaderMap) -> Result<Response, Problem> {
+    manual::picture(&name).map(|file| answer(file, &headers, ASK, For::Ourselves)).ok_or_else(|| missing(&name))
+}
+
+fn html(page: &'static manual::Page, headers: &HeaderMap) -> Response {
+    let mut response = answer(&page.html, headers, ASK, For::Ourselves);
+    response.headers_mut().insert(header::CONTENT_SECURITY_POLICY, POLICY);
+    response
+}
+
+fn missing(name: &str) -> Problem {
+    let detail = format!("The documentation has no '{}'. See /docs.", shown(name));
+    Problem::new(ProblemCode::RouteNotFound, detail)
+}
