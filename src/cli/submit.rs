@@ -113,10 +113,10 @@ impl SubmitArgs {
         if self.no_wait {
             return Ok((options, wanted));
         }
-        let folder = self.output_dir.clone().unwrap_or_else(|| PathBuf::from("."));
+        let folder = self.output_dir.clone().unwrap_or_default();
         let result = for_one("--output", &self.output)?.unwrap_or(Target::Folder(folder));
-        if let Target::Folder(folder) = &result {
-            self.differ(folder)?;
+        if matches!(result, Target::Folder(_)) {
+            self.differ()?;
         }
         wanted.report = for_one("--report", &self.report)?;
         wanted.result = Some(result);
@@ -128,13 +128,13 @@ impl SubmitArgs {
     }
 
     /// Whether no two files would leave results of the same name.
-    fn differ(&self, folder: &Path) -> Result<(), RemoteError> {
+    fn differ(&self) -> Result<(), RemoteError> {
         let mut stems: BTreeMap<Option<&OsStr>, &Path> = BTreeMap::new();
         for file in &self.files {
             if let Some(other) = stems.insert(file.file_stem(), file) {
-                let (file, other, folder) = (file.display(), other.display(), folder.display());
+                let (file, other) = (file.display(), other.display());
                 return Err(RemoteError::Local(format!(
-                    "the results of {other} and {file} would have one name in {folder}; submit them apart"
+                    "the results of {other} and {file} would have one name; submit them apart"
                 )));
             }
         }

@@ -36,14 +36,19 @@ impl RemoteError {
     /// That the service can't be reached, or did not go on.
     pub fn unreachable(server: &str, error: &reqwest::Error) -> Self {
         let cause = innermost(error);
+        let advice = if cause.contains("InvalidContentType") {
+            " It speaks no TLS there; is its address one with http://?"
+        } else {
+            " Is that the address, and does the service run?"
+        };
         let is_certificate = cause.contains("certificate") || cause.contains("UnknownIssuer");
         let (what, advice) = match () {
             () if is_certificate => (
                 "can't be trusted",
                 " If its authority is your own, name a file with its certificate in SSL_CERT_FILE.",
             ),
-            () if error.is_timeout() => ("does not answer", " Is that the address, and does the service run?"),
-            () if error.is_connect() => ("can't be reached", " Is that the address, and does the service run?"),
+            () if error.is_timeout() => ("does not answer", advice),
+            () if error.is_connect() => ("can't be reached", advice),
             () => ("was lost on the way", " Try again."),
         };
         let cause = if error.is_timeout() { "no answer came in time".to_owned() } else { cause };
@@ -103,6 +108,12 @@ impl RemoteError {
             Self::Strange { status, .. } => format!("the service answered {status}"),
             Self::Damaged { .. } | Self::Local(_) => self.to_string(),
         }
+    }
+
+    /// Whether the job that was asked for is not there, or not any more.
+    pub fn is_gone(&self) -> bool {
+        let gone = [ProblemCode::JobNotFound, ProblemCode::JobDeleted, ProblemCode::JobExpired];
+        self.problem().is_some_and(|problem| gone.contains(&problem.code))
     }
 
     /// The exit code that says so.

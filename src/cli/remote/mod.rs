@@ -151,7 +151,7 @@ impl<'a> Desk<'a> {
     /// Says why nothing came of a file or job.
     pub fn failed(&self, row: &Row, name: &str, job: Option<JobId>, error: &RemoteError) -> u8 {
         let mut text = vec![error.to_string()];
-        text.extend(job.map(|id| format!("  To go on: {}", self.how_to_go_on(&[id]))));
+        text.extend(job.filter(|_| !error.is_gone()).map(|id| format!("  To go on: {}", self.how_to_go_on(&[id]))));
         row.ends(&text, false);
         if let Some(id) = job {
             self.open.lock().unwrap_or_else(PoisonError::into_inner).remove(&id);

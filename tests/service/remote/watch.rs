@@ -16,7 +16,7 @@ async fn what_was_submitted_without_waiting_is_watched_to_its_end_and_downloaded
     let ids: Vec<&str> = said.out.lines().collect();
     assert!(ids.len() == 2 && ids.iter().all(|id| id.starts_with("job_")), "{said:?}");
     let said = client.run(&["watch", ids[0], ids[1], "--download", "out", "--json"]).await;
-    said.ended_with(1).told("not printable");
+    said.ended_with(1).told("is printable").told("Nothing that ran made the model better");
     let lines: Vec<Value> = said.out.lines().map(|line| serde_json::from_str(line).expect("JSON")).collect();
     assert_eq!(lines.len(), 2, "{said:?}");
     assert!(client.path("out/a-repaired.stl").exists() && client.path("out/b-repaired.stl").exists());
