@@ -78,7 +78,10 @@ for_python() {
 }
 
 for_typescript() {
-    (cd clients/typescript && npm run --silent "$verb")
+    (cd clients/typescript && npm run --silent "$verb") || {
+        [ "$verb" != check ] || say "what is generated is written anew by \`make clients\`"
+        exit 1
+    }
 }
 
 if [ "$verb" = test ]; then

@@ -114,7 +114,7 @@ def test_where_no_stream_comes_through_the_job_is_asked_for(tmp_path: Path) -> N
     with serve(tmp_path, "--no-workers") as address, flaky(address, is_stream, *["drop"] * 100) as proxy:
         job = Client(proxy.url).submit(box())
         threading.Timer(1, Client(address).cancel, (job.id,)).start()
-        assert job.wait(timeout=20).status == "canceled"
+        assert job.wait(timeout=30).status == "canceled"
         assert len(proxy.seen) == 1
 
 
