@@ -16,6 +16,8 @@ impl Progress for Percent {
     fn report(&self, stage: Stage, _tier: Option<u8>, percent: u8) {
         let _ = writeln!(std::io::stderr(), "{stage:?} {percent} %");
     }
+
+    fn log(&self, _line: &str) {}
 }
 
 /// Repairs one file into another, and tells what was done.
