@@ -1,16 +1,13 @@
 // The page for everybody: screen readers, keyboards, dark rooms, phones, other languages, and services that ask for a key.
 import assert from "node:assert/strict";
 import { mkdtempSync, readFileSync } from "node:fs";
-import { createRequire } from "node:module";
 import { tmpdir } from "node:os";
 import { join } from "node:path";
 import { before, test } from "node:test";
-import { drop, open, shown } from "./support/browser.mjs";
+import { drop, open, shown, violations } from "./support/browser.mjs";
 import { browser, service } from "./support/desk.mjs";
 import { brokenRing, sheet } from "./support/models.mjs";
 import { repaired, run, serveFrom } from "./support/service.mjs";
-
-const AXE = readFileSync(createRequire(import.meta.url).resolve("axe-core/axe.min.js"), "utf8");
 
 let ring, failed;
 before(async () => {
@@ -26,13 +23,6 @@ const places = () => [
   ["/#/jobs", (page) => page.getByRole("link", { name: "ring.stl" }).waitFor()],
   [`/#/jobs/${ring.id}`, (page) => page.getByRole("heading", { name: "ring.stl" }).waitFor()],
 ];
-
-/** What axe-core finds wrong with a page. It is put in from outside the page's policy, as the browser's own tools are. */
-async function violations(page) {
-  await page.evaluate(AXE);
-  const found = await page.evaluate(() => globalThis.axe.run(document, { resultTypes: ["violations"] }));
-  return found.violations.flatMap(({ id, nodes }) => nodes.map((node) => `${id}: ${node.html} (${node.failureSummary})`));
-}
 
 for (const colorScheme of ["light", "dark"]) {
   test(`axe-core finds nothing wrong in the ${colorScheme}`, { timeout: 180_000 }, async () => {

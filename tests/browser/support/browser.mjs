@@ -1,5 +1,9 @@
 // Chromium as the tests want it, and what they ask of what is on the screen.
+import { readFileSync } from "node:fs";
+import { createRequire } from "node:module";
 import { chromium } from "playwright-core";
+
+const AXE = readFileSync(createRequire(import.meta.url).resolve("axe-core/axe.min.js"), "utf8");
 
 const ARGUMENTS = [
   "--no-sandbox",
@@ -30,6 +34,13 @@ export async function open(browser, url, { path = "/", ...options } = {}) {
   page.on("request", (request) => asked.push(request.url()));
   await page.goto(url + path);
   return { page, faults, asked, close: () => context.close() };
+}
+
+/** What axe-core finds wrong with a page. It is put in from outside the page's policy, as the browser's own tools are. */
+export async function violations(page) {
+  await page.evaluate(AXE);
+  const found = await page.evaluate(() => globalThis.axe.run(document, { resultTypes: ["violations"] }));
+  return found.violations.flatMap(({ id, nodes }) => nodes.map((node) => `${id}: ${node.html} (${node.failureSummary})`));
 }
 
 /** Lets go of files over the page, as a person does. */
