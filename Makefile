@@ -3,7 +3,7 @@
 CARGO_DENY_VERSION := 0.20.2
 
 .PHONY: serve test lint fmt clippy deny openapi check-openapi build bench audit blender tools postgres check-api check-deploy page \
-	check-page test-browser screenshots clients check-clients test-clients
+	check-page test-browser screenshots clients check-clients test-clients docs pictures
 
 ## Install what is missing, build, and serve on 127.0.0.1:8080 with SQLite and a local folder.
 serve: tools blender
@@ -66,6 +66,14 @@ check-clients:
 ## The clients against the built program; a step of `make test`.
 test-clients: tools
 	@sh scripts/clients.sh test
+
+## The tables of the documentation, made of what the program says of itself.
+docs:
+	cargo test --locked --quiet --features failpoints --test docs -- --ignored --exact reference::write_tables
+
+## The pictures of the documentation, drawn by the program.
+pictures:
+	cargo test --locked --quiet --features failpoints --test docs -- --ignored --exact pictures::write_pictures
 
 ## The README's pictures.
 screenshots: tools

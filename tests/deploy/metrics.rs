@@ -1,4 +1,4 @@
-//! The dashboard, the alerts and the table of metrics.
+//! The dashboard and the alerts.
 
 use std::collections::BTreeSet;
 
@@ -111,13 +111,16 @@ fn alerts_are_of_metrics_that_there_are_and_say_what_they_are_about() {
 }
 
 #[test]
-fn the_table_of_metrics_is_the_programs() {
-    let document = text("deploy/README.md");
-    let written: Vec<_> = document.lines().filter(|line| line.starts_with("| `meshmend_")).collect();
-    let row = |metric: &Metric| {
-        let labels = metric.labels.iter().map(|label| format!("`{label}`")).collect::<Vec<_>>().join(", ");
-        format!("| `{}` | {} | {labels} | {} |", metric.name, metric.kind.as_str(), metric.help)
-    };
-    let expected: Vec<_> = METRICS.iter().map(row).collect();
-    assert_eq!(written, expected, "the table should be:\n{}", expected.join("\n"));
+fn the_documentation_says_of_each_alert_what_to_do() {
+    let page = text("docs/metrics.md");
+    let told: Vec<_> = page.lines().filter_map(|line| line.strip_prefix("| `Meshmend")).collect();
+    let [alerts] = yaml("deploy/prometheus/alerts.yml").try_into().expect("one document");
+    let rules = alerts["groups"][0]["rules"].as_array().expect("rules").clone();
+    assert_eq!(told.len(), rules.len());
+    for (told, rule) in told.iter().zip(&rules) {
+        let word = |value: &Value| value.as_str().expect("a string").to_owned();
+        let row = format!("Meshmend{told}");
+        let expected = format!("{}` | {} | ", word(&rule["alert"]), word(&rule["labels"]["severity"]));
+        assert!(row.starts_with(&expected), "{row} should start with {expected}");
+    }
 }

@@ -30,7 +30,6 @@ mod postgres;
 mod problems;
 #[path = "../support/proxy.rs"]
 mod proxy;
-mod readme;
 mod receiver;
 mod remote;
 mod retention;

@@ -36,6 +36,13 @@ export async function open(browser, url, { path = "/", ...options } = {}) {
   return { page, faults, asked, close: () => context.close() };
 }
 
+/** What axe-core finds wrong with a page. It is put in from outside the page's policy, as the browser's own tools are. */
+export async function violations(page) {
+  await page.evaluate(AXE);
+  const found = await page.evaluate(() => globalThis.axe.run(document, { resultTypes: ["violations"] }));
+  return found.violations.flatMap(({ id, nodes }) => nodes.map((node) => `${id}: ${node.html} (${node.failureSummary})`));
+}
+
 /** Lets go of files over the page or a part of it, as a person does. */
 export async function drop(page, files, over = "body") {
   const carried = await page.evaluateHandle((files) => {
@@ -48,13 +55,6 @@ export async function drop(page, files, over = "body") {
   }, files.map(([name, bytes]) => ({ name, text: bytes.toString("base64") })));
   await page.dispatchEvent(over, "dragenter", { dataTransfer: carried });
   await page.dispatchEvent(over, "drop", { dataTransfer: carried });
-}
-
-/** What axe-core finds wrong with a page. It is put in from outside the page's policy, as the browser's own tools are. */
-export async function violations(page) {
-  await page.evaluate(AXE);
-  const found = await page.evaluate(() => globalThis.axe.run(document, { resultTypes: ["violations"] }));
-  return found.violations.flatMap(({ id, nodes }) => nodes.map((node) => `${id}: ${node.html} (${node.failureSummary})`));
 }
 
 /** Waits until the whole model is on the canvas and the camera stands still. */

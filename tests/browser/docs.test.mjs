@@ -1,0 +1,74 @@
+// The documentation for everybody: screen readers, keyboards, dark rooms and phones, and without scripts.
+import assert from "node:assert/strict";
+import { test } from "node:test";
+import { open, violations } from "./support/browser.mjs";
+import { browser, service } from "./support/desk.mjs";
+
+/** The addresses of all pages, as the index lists them. */
+async function pages() {
+  const { page, close } = await open(browser, service.url, { path: "/docs/" });
+  const paths = await page.locator("nav.pages a").evaluateAll((links) => links.map((link) => new URL(link.href).pathname));
+  await close();
+  assert.ok(paths.length > 8, String(paths));
+  return paths;
+}
+
+for (const colorScheme of ["light", "dark"]) {
+  test(`axe-core finds nothing wrong in the ${colorScheme}`, { timeout: 180_000 }, async () => {
+    for (const path of await pages()) {
+      const { page, faults, close } = await open(browser, service.url, { path, colorScheme });
+      assert.deepEqual(await violations(page), [], path);
+      assert.deepEqual(faults, [], path);
+      await close();
+    }
+  });
+}
+
+test("no page is wider than a phone, and its tables and commands can be moved by keys", { timeout: 120_000 }, async () => {
+  for (const path of await pages()) {
+    const { page, close } = await open(browser, service.url, { path, viewport: { width: 360, height: 740 } });
+    const wide = await page.evaluate(() => document.documentElement.scrollWidth);
+    assert.ok(wide <= 360, `${path}: ${wide}`);
+    const stuck = await page
+      .locator("article :is(pre, .wide)")
+      .evaluateAll((all) => all.filter((it) => it.scrollWidth > it.clientWidth && it.tabIndex !== 0).length);
+    assert.equal(stuck, 0, path);
+    await close();
+  }
+});
+
+test("a page is read with keys alone: to the text, to a section, to another page", { timeout: 60_000 }, async () => {
+  const { page, close } = await open(browser, service.url, { path: "/docs/options" });
+  await page.keyboard.press("Tab");
+  assert.equal(await page.evaluate(() => document.activeElement.textContent), "Skip to the text");
+  await page.keyboard.press("Enter");
+  assert.equal(await page.evaluate(() => document.activeElement.id), "main");
+  await page.getByRole("navigation", { name: "On this page" }).getByRole("link", { name: "Operators" }).press("Enter");
+  assert.equal(new URL(page.url()).hash, "#operators");
+  await page.getByRole("navigation", { name: "Documentation" }).getByRole("link", { name: "Problems" }).press("Enter");
+  await page.getByRole("heading", { level: 1, name: "Problems" }).waitFor();
+  assert.equal(await page.locator("[aria-current=page]").textContent(), "Problems");
+  await close();
+});
+
+test("pictures are shown at their size, and nothing is asked of anybody else", { timeout: 60_000 }, async () => {
+  const { page, asked, close } = await open(browser, service.url, { path: "/docs/how-repair-works" });
+  for (const picture of await page.locator("article img").all()) {
+    await picture.scrollIntoViewIfNeeded();
+    await picture.evaluate((it) => it.decode());
+    const [shape, told] = await picture.evaluate((it) => [it.naturalWidth / it.naturalHeight, it.width / it.height]);
+    assert.ok(Math.abs(shape - told) < 0.01, `${shape} ${told}`);
+  }
+  assert.deepEqual(asked.filter((url) => !url.startsWith(service.url)), []);
+  await close();
+});
+
+test("the page where models are repaired leads to the documentation, and that leads back", { timeout: 60_000 }, async () => {
+  const { page, close } = await open(browser, service.url);
+  await page.getByRole("link", { name: "Docs" }).click();
+  await page.getByRole("heading", { level: 1, name: "Documentation" }).waitFor();
+  await page.getByRole("link", { name: "API", exact: true }).first().waitFor();
+  await page.getByRole("link", { name: "Repair", exact: true }).click();
+  await page.getByRole("heading", { name: "Drop a 3D model" }).waitFor();
+  await close();
+});

@@ -1,0 +1,188 @@
+//! That whatever a page tells people to run can be run.
+
+use std::collections::BTreeSet;
+use std::path::Path;
+use std::process::Command;
+
+use meshmend::format::{Limits, read};
+
+use crate::pages::{Page, root, written};
+use crate::server::Start;
+
+/// The address of the service in examples.
+const SERVICE: &str = "http://127.0.0.1:8080";
+/// What a page may have beside commands: output, which is only to look at.
+const SHOWN: &str = "text";
+/// Programs of an operator that the tests do not have, or must not run.
+const OF_OPERATORS: [&str; 10] =
+    ["make", "docker", "kubectl", "systemctl", "install", "psql", "pg_dump", "pg_restore", "sqlite3", "aws"];
+
+/// The commands of a page that are run, as one script.
+fn script(page: &Page) -> String {
+    let blocks = page.blocks();
+    let run = blocks.iter().filter(|block| block.kind == "sh");
+    let lines: String = run.map(|block| block.code.clone()).collect();
+    // The program is there already, and is called by its name.
+    lines.replace("cargo build --release\n", "").replace("./target/release/meshmend", "meshmend")
+}
+
+/// Runs the commands of a page in one folder, against a service of its own, and gives what they print.
+fn run(page: &Page, folder: &Path) -> String {
+    let script = script(page);
+    if script.is_empty() {
+        return String::new();
+    }
+    let program = Start::serve(&folder.join("meshmend-data")).start();
+    let built = Path::new(env!("CARGO_BIN_EXE_meshmend")).parent().unwrap().display().to_string();
+    let path = format!("{built}:{}", std::env::var("PATH").unwrap());
+    let mut bash = Command::new("bash");
+    bash.args(["-euxo", "pipefail", "-c", &script.replace(SERVICE, &program.url)]);
+    bash.current_dir(folder).env("PATH", path).env("MESHMEND_BLENDER", "/nonexistent/blender");
+    let output = bash.output().expect("bash runs");
+    let (printed, log) = (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
+    assert!(output.status.success(), "{}:\n{printed}{log}", page.path);
+    printed.into_owned()
+}
+
+#[test]
+fn the_commands_of_every_page_run_as_pasted() {
+    let mut ran = 0;
+    for page in written() {
+        let folder = tempfile::tempdir().unwrap();
+        let printed = run(&page, folder.path());
+        ran += usize::from(!script(&page).is_empty());
+        if page.path == "README.md" {
+            assert!(printed.contains("\"outcome\": \"repaired\""), "{printed}");
+            assert!(["\"printable\": false", "\"printable\": true"].iter().all(|it| printed.contains(it)), "{printed}");
+            let model = std::fs::read(folder.path().join("repaired.stl")).unwrap();
+            assert_eq!(read(&model, &Limits::default()).unwrap().soup.faces.len(), 12);
+        }
+    }
+    assert!(ran >= 4, "{ran}");
+}
+
+#[test]
+fn every_block_is_of_a_kind_that_is_looked_at() {
+    for page in written() {
+        for block in page.blocks() {
+            match block.kind.as_str() {
+                "sh" | "sh operator" | SHOWN => {}
+                "json" => drop(
+                    serde_json::from_str::<serde_json::Value>(&block.code)
+                        .unwrap_or_else(|error| panic!("{}: {error}: {}", page.path, block.code)),
+                ),
+                other => panic!("{}: nothing looks at blocks of the kind '{other}'", page.path),
+            }
+        }
+    }
+}
+
+/// The lines of a script: comments and continuations are gone, and what stands after `|`, `&&` and `;` is a line of its own.
+fn lines(code: &str) -> Vec<String> {
+    let joined = code.replace("\\\n", " ");
+    let lines = joined.lines().map(|line| line.split(" #").next().unwrap_or_default().trim());
+    let lines = lines.filter(|line| !line.is_empty() && !line.starts_with('#'));
+    lines
+        .flat_map(|line| line.split(['|', ';']).flat_map(|part| part.split("&&")))
+        .map(|it| it.trim().to_owned())
+        .collect()
+}
+
+/// Whether the program takes a command line.
+fn is_taken(line: &str) -> Result<(), String> {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_meshmend"));
+    let output = command.arg("config").args(line.split_whitespace()).env_clear().output().expect("it runs");
+    if output.status.success() { Ok(()) } else { Err(String::from_utf8_lossy(&output.stderr).into_owned()) }
+}
+
+#[test]
+fn what_only_an_operator_can_run_names_commands_targets_and_files_that_there_are() {
+    let makefile = std::fs::read_to_string(root().join("Makefile")).unwrap();
+    let mut seen = 0;
+    for page in written() {
+        for block in page.blocks().into_iter().filter(|block| block.kind == "sh operator") {
+            for line in lines(&block.code) {
+                // Variables before a command, and who runs it.
+                let words: Vec<_> =
+                    line.split_whitespace().skip_while(|it| it.contains('=') || *it == "sudo").collect();
+                let Some((program, arguments)) = words.split_first() else { continue };
+                match *program {
+                    "meshmend" => {
+                        let line = arguments.join(" ");
+                        is_taken(&line).unwrap_or_else(|error| panic!("{}: {line}: {error}", page.path));
+                    }
+                    "make" => {
+                        let target = format!("\n{}:", arguments[0]);
+                        assert!(makefile.contains(&target), "{}: there is no target {}", page.path, arguments[0]);
+                    }
+                    known => assert!(OF_OPERATORS.contains(&known), "{}: what is '{known}'? {line}", page.path),
+                }
+                for path in words.iter().filter(|it| it.starts_with("deploy/") || it.starts_with("docker/")) {
+                    assert!(root().join(path).exists(), "{}: there is no {path}", page.path);
+                }
+                seen += 1;
+            }
+        }
+    }
+    assert!(seen > 5, "{seen}");
+}
+
+#[test]
+fn every_command_and_variable_within_the_text_is_one_of_the_programs() {
+    let mut seen = 0;
+    let known = settings();
+    for page in written() {
+        for (at, before) in page.text.match_indices("`meshmend ") {
+            let line = &page.text[at + before.len()..];
+            let line = line[..line.find('`').expect("an end")].replace(" --help", "");
+            is_taken(&line).unwrap_or_else(|error| panic!("{}: {line}: {error}", page.path));
+            seen += 1;
+        }
+        for (at, _) in page.text.match_indices("MESHMEND_") {
+            let name: String = page.text[at..].chars().take_while(|c| c.is_ascii_alphanumeric() || *c == '_').collect();
+            assert!(name == "MESHMEND_" || known.contains(&name), "{}: nothing reads {name}", page.path);
+            seen += 1;
+        }
+        for flag in flags(&page.text) {
+            assert!(known.contains(&flag), "{}: no command has {flag}", page.path);
+            seen += 1;
+        }
+    }
+    assert!(seen > 30, "{seen}");
+}
+
+/// The flags that a text names in backticks.
+fn flags(text: &str) -> Vec<String> {
+    let name = |rest: &str| rest.chars().take_while(|c| c.is_ascii_alphanumeric() || *c == '-').collect::<String>();
+    text.match_indices("`--").map(|(at, _)| name(&text[at + 1..])).collect()
+}
+
+/// Every flag and variable that a command reads.
+fn settings() -> BTreeSet<String> {
+    let of = |verb: &str| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_meshmend"));
+        command.args(["config", "--format", "json"]).args(verb.split(' ')).env_clear();
+        let output = command.output().expect("it runs");
+        let config: serde_json::Value = serde_json::from_slice(&output.stdout)
+            .unwrap_or_else(|_| panic!("{verb}: {}", String::from_utf8_lossy(&output.stderr)));
+        let settings = config["settings"].as_array().expect("a list").clone();
+        settings
+            .iter()
+            .flat_map(|it| [&it["variable"], &it["flag"]])
+            .filter_map(|it| Some(it.as_str()?.to_owned()))
+            .collect::<Vec<_>>()
+    };
+    let verbs = [
+        "serve",
+        "work",
+        "migrate",
+        "config",
+        "openapi",
+        "repair x -o x.stl",
+        "inspect x",
+        "compare x y",
+        "keys create",
+        "tenants set x",
+    ];
+    verbs.into_iter().flat_map(of).collect()
+}

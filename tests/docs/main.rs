@@ -1,0 +1,16 @@
+//! The documentation: that it is complete, that its commands run, that its pictures are what the program draws, and that it is served.
+#![allow(clippy::unwrap_used, reason = "tests fail by panicking")]
+
+mod commands;
+mod links;
+#[allow(dead_code, reason = "shared with the tests of the engine")]
+#[path = "../support/meshes.rs"]
+mod meshes;
+mod pages;
+mod pictures;
+mod reference;
+mod served;
+#[allow(dead_code, reason = "shared with the tests of the service")]
+#[path = "../support/server.rs"]
+mod server;
+mod source;
