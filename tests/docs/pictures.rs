@@ -124,6 +124,8 @@ fn packed(png: &[u8]) -> Vec<u8> {
     let mut encoder = png::Encoder::new(&mut file, width, height);
     encoder.set_color(png::ColorType::Rgb);
     encoder.set_compression(png::Compression::High);
+    // Most of it is faces of one colour.
+    encoder.set_filter(png::Filter::NoFilter);
     encoder.write_header().unwrap().write_image_data(&pixels).unwrap();
     file
 }

@@ -192,7 +192,8 @@ fn problems(of_requests: bool) -> String {
     let listed = api::catalogue().into_iter().filter(|it| it.status.is_some() == of_requests);
     let rows = listed.map(|it| {
         let status = it.status.map_or_else(|| "-".to_owned(), |it| it.to_string());
-        let meaning = format!("{}. {}", it.title, meanings[&code(&it.code)]);
+        let (title, more) = (format!("{}.", it.title), &meanings[&code(&it.code)]);
+        let meaning = if title == *more { title } else { format!("{title} {more}") };
         [code(&it.code), status, meaning, it.advice.to_owned()]
     });
     table(["Code", "Status", "What it means", "What to do"], rows)
