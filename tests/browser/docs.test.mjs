@@ -72,3 +72,11 @@ test("the page where models are repaired leads to the documentation, and that le
   await page.getByRole("heading", { name: "Drop a 3D model" }).waitFor();
   await close();
 });
+
+test("the widget's page has no snippet that is not JavaScript", { timeout: 60_000 }, async () => {
+  const text = await (await fetch(`${service.url}/docs/widget.md`)).text();
+  const snippets = [...text.matchAll(/^```js\n(.*?)^```/gms)].map(([, code]) => code);
+  assert.ok(snippets.length >= 3, `${snippets.length}`);
+  const AsyncFunction = (async () => {}).constructor;
+  for (const code of snippets) assert.doesNotThrow(() => new AsyncFunction(code), code);
+});

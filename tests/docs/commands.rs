@@ -11,11 +11,15 @@ use crate::server::Start;
 
 /// The address of the service in examples.
 const SERVICE: &str = "http://127.0.0.1:8080";
-/// What a page may have beside commands: output, which is only to look at.
-const SHOWN: &str = "text";
+/// What a page may have beside commands: what is only to look at.
+const SHOWN: [&str; 4] = ["text", "html", "css", "http"];
+/// Languages of examples, which are files that are run by tests of their own and that tests/house compares.
+const PROGRAMS: [&str; 3] = ["python", "rust", "js"];
+/// The page whose snippets of JavaScript are parts of a page and of a backend; tests/browser parses them, and runs examples/shop.
+const SNIPPETS: (&str, &str) = ("docs/widget.md", "js");
 /// Programs of an operator that the tests do not have, or must not run.
-const OF_OPERATORS: [&str; 10] =
-    ["make", "docker", "kubectl", "systemctl", "install", "psql", "pg_dump", "pg_restore", "sqlite3", "aws"];
+const OF_OPERATORS: [&str; 12] =
+    ["make", "docker", "kubectl", "systemctl", "install", "psql", "pg_dump", "pg_restore", "sqlite3", "aws", "pip", "npm"];
 
 /// The commands of a page that are run, as one script.
 fn script(page: &Page) -> String {
@@ -66,7 +70,12 @@ fn every_block_is_of_a_kind_that_is_looked_at() {
     for page in written() {
         for block in page.blocks() {
             match block.kind.as_str() {
-                "sh" | "sh operator" | SHOWN => {}
+                "sh" | "sh operator" => {}
+                kind if SHOWN.contains(&kind) || (page.path.as_str(), kind) == SNIPPETS => {}
+                kind if PROGRAMS.contains(&kind) => {
+                    let named = format!(" -->\n```{kind}\n{}", block.code);
+                    assert!(page.text.contains(&named), "{}: which file is this? {}", page.path, block.code);
+                }
                 "json" => drop(
                     serde_json::from_str::<serde_json::Value>(&block.code)
                         .unwrap_or_else(|error| panic!("{}: {error}: {}", page.path, block.code)),
@@ -181,6 +190,8 @@ fn settings() -> BTreeSet<String> {
         "repair x -o x.stl",
         "inspect x",
         "compare x y",
+        "submit x",
+        "watch",
         "keys create",
         "tenants set x",
     ];
