@@ -441,7 +441,10 @@ async fn a_page_reads_all_that_the_widget_asks_and_pages_of_other_origins_only_t
         for bearer in [owner.as_str(), "mm_key_unknown"] {
             let request = api.http.request(method.clone(), format!("{}{path}", api.url)).bearer_auth(bearer);
             let answer = request.header("origin", "https://shop.example").send().await.expect("an answer");
-            assert!(!answer.headers().contains_key("access-control-allow-origin"), "{method} {path}: a key is not for pages");
+            assert!(
+                !answer.headers().contains_key("access-control-allow-origin"),
+                "{method} {path}: a key is not for pages"
+            );
         }
     }
 }
