@@ -403,7 +403,7 @@ async fn a_page_reads_all_that_the_widget_asks_and_pages_of_other_origins_only_t
     let upload = api.post("/v1/uploads").bearer_auth(secret).header("origin", "https://shop.example");
     let (_, upload) = ask(upload.json(&json!({"name": "box.stl"}))).await;
     let put = upload["put"]["url"].as_str().expect("an address");
-    let wrong = format!("{}x", put);
+    let wrong = format!("{put}x");
     for (path, status) in [(wrong.as_str(), 404), (put, 204), (put, 409)] {
         let request = api.http.put(format!("{}{path}", api.url)).header("origin", "https://shop.example");
         let answer = request.body(files::broken_box()).send().await.expect("an answer");
