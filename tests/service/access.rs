@@ -403,7 +403,7 @@ async fn a_page_reads_all_that_the_widget_asks_and_pages_of_other_origins_only_t
     let upload = api.post("/v1/uploads").bearer_auth(secret).header("origin", "https://shop.example");
     let (_, upload) = ask(upload.json(&json!({"name": "box.stl"}))).await;
     let put = upload["put"]["url"].as_str().expect("an address");
-    let wrong = format!("{}x", put);
+    let wrong = format!("{put}x");
     for (path, status) in [(wrong.as_str(), 404), (put, 204), (put, 409)] {
         let request = api.http.put(format!("{}{path}", api.url)).header("origin", "https://shop.example");
         let answer = request.body(files::broken_box()).send().await.expect("an answer");
@@ -441,7 +441,10 @@ async fn a_page_reads_all_that_the_widget_asks_and_pages_of_other_origins_only_t
         for bearer in [owner.as_str(), "mm_key_unknown"] {
             let request = api.http.request(method.clone(), format!("{}{path}", api.url)).bearer_auth(bearer);
             let answer = request.header("origin", "https://shop.example").send().await.expect("an answer");
-            assert!(!answer.headers().contains_key("access-control-allow-origin"), "{method} {path}: a key is not for pages");
+            assert!(
+                !answer.headers().contains_key("access-control-allow-origin"),
+                "{method} {path}: a key is not for pages"
+            );
         }
     }
 }

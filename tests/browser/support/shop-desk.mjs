@@ -1,18 +1,17 @@
 // The demo shop and a browser, for all the tests of a file, and what they ask of the widget.
-import { after, before } from "node:test";
+import { after } from "node:test";
 import { launch, open } from "./browser.mjs";
 import { openShop } from "./shop.mjs";
 
-/** There while the tests run. */
-export let shop, browser;
-
-before(async () => {
-  shop = await openShop();
-  browser = await launch();
+export const shop = await openShop();
+export const browser = await launch().catch(async (error) => {
+  await shop.stop();
+  throw error;
 });
+
 after(async () => {
-  await browser?.close();
-  await shop?.stop();
+  await browser.close();
+  await shop.stop();
 });
 
 /** Where files are let go. */
