@@ -2444,8 +2444,8 @@ export interface components {
              */
             callback_url?: string | null;
             /**
-             * @description The model: STL, OBJ, PLY, OFF or Vertex/Face text. A repair takes one; an analysis as many parts `file` as `limits.max_files` of
-             *     the capabilities says.
+             * @description The model, in a format that the capabilities list. A repair takes one; an analysis as many parts `file` as their `limits.max_files`
+             *     says.
              */
             file: [
                 components["schemas"]["RawModel"],

@@ -5,7 +5,7 @@ import { join } from "node:path";
 import S3rver from "s3rver";
 
 const NAME = "models";
-/** As docs/operations.md has them: addresses are signed, so that whoever has one may use it, from whichever page. */
+/** Addresses are signed, so that whoever has one may use it, from whichever page; docs/operations.md has them narrower. */
 const CORS = `<CORSConfiguration><CORSRule>
   <AllowedOrigin>*</AllowedOrigin><AllowedMethod>GET</AllowedMethod><AllowedMethod>PUT</AllowedMethod><AllowedHeader>*</AllowedHeader>
 </CORSRule></CORSConfiguration>`;

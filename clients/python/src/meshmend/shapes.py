@@ -1593,8 +1593,8 @@ class SubmitForm(TypedDict, closed=True):
     """
     file: list[RawModel]
     """
-    The model: STL, OBJ, PLY, OFF or Vertex/Face text. A repair takes one; an analysis as many parts `file` as `limits.max_files` of
-    the capabilities says.
+    The model, in a format that the capabilities list. A repair takes one; an analysis as many parts `file` as their `limits.max_files`
+    says.
     """
     metadata: NotRequired[dict[str, str]]
     """Your own notes on the job as JSON, an object of texts: at most 50 and 8 KiB. They come back with the job."""
