@@ -14,11 +14,11 @@ const files = {
   "/shop.css": ["text/css; charset=utf-8", read("shop.css")],
   "/shop.mjs": ["text/javascript; charset=utf-8", read("shop.mjs")],
 };
-/** All that the widget needs is its script and the service that it asks. */
+/** All that the widget needs is its script, the service that it asks, and its bucket where there is one. */
 const POLICY = [
   "default-src 'none'",
   `script-src 'self' ${settings.meshmend}`,
-  `connect-src 'self' ${settings.meshmend}`,
+  `connect-src 'self' ${settings.meshmend} ${settings.bucket}`.trim(),
   "style-src 'self'",
   "img-src 'self'",
   "base-uri 'none'",

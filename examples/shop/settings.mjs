@@ -12,7 +12,9 @@ export const settings = {
   /** Where bought models go. */
   folder: process.env.SHOP_FOLDER ?? new URL("orders", import.meta.url).pathname,
   meshmend: (process.env.MESHMEND_URL ?? "http://127.0.0.1:8080").replace(/\/+$/, ""),
+  /** Where browsers reach the bucket that meshmend keeps files in, if it has one. */
+  bucket: process.env.MESHMEND_BUCKET ?? "",
   /** These two never leave the backend. */
-  key: needed("MESHMEND_KEY"),
+  key: needed("MESHMEND_API_KEY"),
   webhookSecret: needed("MESHMEND_WEBHOOK_SECRET"),
 };

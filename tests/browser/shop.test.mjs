@@ -60,7 +60,7 @@ test("an ordered model is fetched once however often the shop is told, and none 
   await new Promise((resolve) => service.listen(0, "127.0.0.1", resolve));
   const folder = mkdtempSync(join(tmpdir(), "meshmend-orders-"));
   const meshmend = `http://127.0.0.1:${service.address().port}`;
-  Object.assign(process.env, { MESHMEND_URL: meshmend, MESHMEND_KEY: "key", MESHMEND_WEBHOOK_SECRET: "whsec_AAAA", SHOP_FOLDER: folder });
+  Object.assign(process.env, { MESHMEND_URL: meshmend, MESHMEND_API_KEY: "key", MESHMEND_WEBHOOK_SECRET: "whsec_AAAA", SHOP_FOLDER: folder });
   const { find, order, quote, told } = await import(new URL("orders.mjs", SHOP));
   try {
     const quoted = await quote("ann", "job_1");

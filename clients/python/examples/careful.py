@@ -12,7 +12,7 @@ def tell(progress: ProgressEvent) -> None:
 
 address, broken, repaired = sys.argv[1:]
 try:
-    with Client(address, os.environ.get("MESHMEND_KEY")) as client:
+    with Client(address, os.environ.get("MESHMEND_API_KEY")) as client:
         job = client.repair(broken, {"max_tier": 2}, on_progress=tell, timeout=300, metadata={"order": "1234"})
         print(job.outcome)
         if "model" in job.artifacts:

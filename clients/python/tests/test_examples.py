@@ -38,7 +38,7 @@ def test_the_examples_repair_tell_of_progress_and_refusals_and_analyse(service: 
 def test_a_webhook_is_verified_and_a_forged_one_is_not_taken(service: str, tmp_path: Path) -> None:
     client = Client(service)
     secret = client.webhooks.secret()["secret"]
-    process: subprocess.Popen[str] = example("webhook", "0", cwd=tmp_path, env={"MESHMEND_WEBHOOK_SECRET": secret})
+    process: subprocess.Popen[str] = example("webhook", "0", cwd=tmp_path, env={"WEBHOOK_SECRET": secret})
     assert process.stdout is not None
     try:
         port = process.stdout.readline().split()[-1]

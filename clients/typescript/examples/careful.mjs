@@ -3,7 +3,7 @@ import { Client, JobFailed, Problem } from "meshmend-client";
 import { fileAt, save } from "meshmend-client/node";
 
 const [address, broken, repaired] = process.argv.slice(2);
-const client = new Client(address, { key: process.env.MESHMEND_KEY });
+const client = new Client(address, { key: process.env.MESHMEND_API_KEY });
 try {
   const job = await client.repair(await fileAt(broken), { max_tier: 2 }, {
     onProgress: ({ stage, percent }) => console.error(`${stage ?? "waiting"} ${percent} %`),

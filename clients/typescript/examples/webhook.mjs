@@ -2,7 +2,7 @@
 import { createServer } from "node:http";
 import { Webhook } from "standardwebhooks";
 
-const webhook = new Webhook(process.env.MESHMEND_WEBHOOK_SECRET);
+const webhook = new Webhook(process.env.WEBHOOK_SECRET);
 const server = createServer(async (request, response) => {
   const body = Buffer.concat(await request.toArray());
   try {

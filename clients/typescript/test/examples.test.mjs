@@ -53,7 +53,7 @@ test("the examples repair, tell of progress and refusals, and analyse", async ()
 test("a webhook is verified, and a forged one is not taken", async () => {
   const client = new Client(service.url);
   const { secret } = await client.webhooks.secret();
-  const child = start("webhook", ["0"], { MESHMEND_WEBHOOK_SECRET: secret });
+  const child = start("webhook", ["0"], { WEBHOOK_SECRET: secret });
   const lines = child.stdout.setEncoding("utf8")[Symbol.asyncIterator]();
   const port = /\d+/.exec((await lines.next()).value)[0];
   const callbackUrl = `http://127.0.0.1:${port}/`;

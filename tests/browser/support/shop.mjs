@@ -19,11 +19,11 @@ function freePort() {
   });
 }
 
-/** Starts both; what it answers has their addresses, requests with the shop's key, and a function that ends both. */
-export async function openShop(...args) {
+/** Starts both, with a bucket where one is given; what it answers has their addresses, requests with the shop's key, and a function that ends both. */
+export async function openShop(bucket = null) {
   const data = mkdtempSync(join(tmpdir(), "meshmend-shop-"));
   const key = (await run("keys", "create", "--tenant", "shop", "--scopes", SCOPES, "--data-dir", data)).trim();
-  const service = await serveFrom(data, "--auth", "keys", "--webhook-allow-private", ...args);
+  const service = await serveFrom(data, "--auth", "keys", "--webhook-allow-private", ...(bucket?.args ?? []));
   const ask = async (path, init = {}) =>
     fetch(service.url + path, { ...init, headers: { ...init.headers, authorization: `Bearer ${key}` } });
   const port = await freePort();
@@ -36,7 +36,8 @@ export async function openShop(...args) {
     PORT: String(port),
     SHOP_FOLDER: folder,
     MESHMEND_URL: service.url,
-    MESHMEND_KEY: key,
+    MESHMEND_BUCKET: bucket?.url ?? "",
+    MESHMEND_API_KEY: key,
     MESHMEND_WEBHOOK_SECRET: secret,
   };
   const child = spawn(process.execPath, [SHOP], { stdio: ["ignore", "pipe", "inherit"], env });
