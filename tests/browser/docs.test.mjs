@@ -33,6 +33,8 @@ test("no page is wider than a phone, and its tables and commands can be moved by
       .locator("article :is(pre, .wide)")
       .evaluateAll((all) => all.filter((it) => it.scrollWidth > it.clientWidth && it.tabIndex !== 0).length);
     assert.equal(stuck, 0, path);
+    const marks = await page.locator("nav li").evaluateAll((all) => [...new Set(all.map((it) => getComputedStyle(it).listStyleType))]);
+    assert.deepEqual(marks, ["none"], `${path}: lists of links have no marks`);
     await close();
   }
 });
