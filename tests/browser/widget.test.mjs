@@ -2,6 +2,7 @@
 import assert from "node:assert/strict";
 import { createHash } from "node:crypto";
 import { readFileSync, readdirSync } from "node:fs";
+import { createServer } from "node:http";
 import { join } from "node:path";
 import { test } from "node:test";
 import { LOOKS, drop, open, pixels, settled, shown } from "./support/browser.mjs";
@@ -252,3 +253,34 @@ test("an order form has the job's id as the widget's value", { timeout: 60_000 }
   assert.equal(await page.evaluate(() => new FormData(document.querySelector("form")).get("model")), jobId);
   await close();
 });
+
+/** Serves one document on an origin of its own while it is used. */
+async function serving(made, use) {
+  const server = createServer(async (_, answer) => answer.writeHead(200, { "content-type": "text/html" }).end(await made(url)));
+  await new Promise((resolve) => server.listen(0, "127.0.0.1", resolve));
+  const url = `http://127.0.0.1:${server.address().port}`;
+  await use(url);
+  server.closeAllConnections();
+  server.close();
+}
+
+for (const [how, type] of [
+  ["a plain script in the head", ""],
+  ["a module", ' type="module"'],
+]) {
+  test(`it works as ${how}`, { timeout: 120_000 }, async () => {
+    const made = async (origin) => {
+      const { token } = await tokenFor(origin);
+      const head = `<title>Shop</title><link rel="icon" href="data:,"><script${type} src="${shop.meshmend}/widget.js"></script>`;
+      return `<!doctype html><html lang="en"><head>${head}</head><body><meshmend-upload token="${token}"></meshmend-upload></body></html>`;
+    };
+    await serving(made, async (url) => {
+      const { page, faults, close } = await visit({ url });
+      await drop(page, [["ring.stl", brokenRing()]], BOX);
+      await shown(page);
+      await page.getByRole("heading", { name: "Repaired and printable" }).waitFor();
+      assert.deepEqual(faults, []);
+      await close();
+    });
+  });
+}

@@ -42,10 +42,10 @@ async function made(entryPoints, minify, more = {}) {
   return new Map(outputFiles.map((file) => [file.path.slice(dist.length + 1), Buffer.from(file.contents)]));
 }
 
-/** Leaves the viewer out of what imports it: it is a file of its own, which the page and the widget load when there is something to see. */
+/** Leaves the viewer out of the page: it is a file of its own, which the page and the widget load when there is something to see. */
 const viewerApart = (file) => ({
   name: "viewer-apart",
-  setup: (it) => it.onResolve({ filter: /\/viewer\/mod$/ }, () => ({ path: `/assets/${file}`, external: true })),
+  setup: (it) => it.onResolve({ filter: /\/viewer\/mod$/ }, () => ({ path: file, external: true })),
 });
 
 /** Gives an import of a style its text, for constructable style sheets. */
@@ -63,9 +63,11 @@ const styleAsText = (minify) => ({
 /** The files of the page by name: the document, the widget, and assets with a hash in their names. */
 export async function bundle(minify = true) {
   const files = await made({ viewer: "src/viewer/mod.ts" }, minify);
-  const viewer = viewerApart(named(files, "viewer-", ".js"));
-  for (const file of await made({ page: "src/page.tsx", style: "src/style/page.css", manual: "src/style/manual.css" }, minify, { plugins: [viewer] })) files.set(...file);
-  const widget = await made({ widget: "src/widget/widget.ts" }, minify, { entryNames: "[name]", plugins: [viewer, styleAsText(minify)] });
+  const viewer = `/assets/${named(files, "viewer-", ".js")}`;
+  for (const file of await made({ page: "src/page.tsx", style: "src/style/page.css", manual: "src/style/manual.css" }, minify, { plugins: [viewerApart(viewer)] })) files.set(...file);
+  // A plain script, which pages load with or without `type="module"`.
+  const plain = { format: "iife", entryNames: "[name]", define: { VIEWER: JSON.stringify(viewer) }, plugins: [styleAsText(minify)] };
+  const widget = await made({ widget: "src/widget/widget.ts" }, minify, plain);
   for (const file of widget) files.set(...file);
   const icon = readFileSync(join(here, "src/icon.svg"));
   const iconName = `icon-${createHash("sha256").update(icon).digest("hex").slice(0, 8).toUpperCase()}.svg`;

@@ -3,6 +3,7 @@ import { Problem } from "meshmend-client";
 import { type Unit, UNITS } from "../units";
 import { type Language, firstSpoken } from "../words/words";
 import type { MeshmendUploadElement, MeshmendUploadEventMap } from "./meshmend-upload";
+import { ORIGIN } from "./origin";
 import { Session, type Wishes } from "./session";
 import { customerSpeech } from "./texts";
 import { type TokenSource, Tokens } from "./tokens";
@@ -82,7 +83,7 @@ export class MeshmendUpload extends HTMLElement implements MeshmendUploadElement
     const most = this.getAttribute("max-bytes");
     const unit = this.getAttribute("unit");
     return {
-      base: (this.getAttribute("server") ?? new URL(import.meta.url).origin).replace(/\/+$/, ""),
+      base: (this.getAttribute("server") ?? ORIGIN).replace(/\/+$/, ""),
       options: { ...this.#json("options"), ...(unit && { unit }), mode: "repair" },
       metadata: this.#json("metadata") as Record<string, string>,
       maxBytes: most === null ? Infinity : Number(most),

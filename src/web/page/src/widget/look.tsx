@@ -3,10 +3,15 @@ import { type Artifact, type Job, type Server, fetchArtifact } from "meshmend-cl
 import type { ColouredMesh } from "../viewer/glb";
 import { pressed } from "../viewer/keys";
 import type { Mode } from "../viewer/layout";
+import type * as ViewerModule from "../viewer/mod";
 import type { Viewer } from "../viewer/viewer";
 import { Icon } from "../views/icons";
 import { Wipe } from "../views/wipe";
 import { useWords } from "../words/words";
+import { ORIGIN } from "./origin";
+
+/** Where the viewer is; build.mjs says it. */
+declare const VIEWER: string;
 
 const MODES: Mode[] = ["wipe", "before", "after"];
 
@@ -25,7 +30,8 @@ export function Look({ job, server }: { job: Job; server: Server }) {
     // Of a large model a shop's customer sees the coarse one, which weighs as much as a picture.
     const at = (name: string): Artifact | undefined => job.artifacts[`${name}-preview.glb`] ?? job.artifacts[`${name}.glb`];
     const load = async (): Promise<void> => {
-      const { Viewer, readColouredMesh } = await import("../viewer/mod");
+      // By its whole address: plain scripts of another origin have no address of their own that a short one could be beside.
+      const { Viewer, readColouredMesh } = (await import(new URL(VIEWER, ORIGIN).href)) as typeof ViewerModule;
       const read = async (artifact: Artifact | undefined): Promise<ColouredMesh | null> =>
         artifact ? readColouredMesh(await fetchArtifact(server, artifact, stop.signal)) : null;
       const [before, change, remaining] = await Promise.all([read(at("defects")), read(at("change")), read(at("remaining"))]);
