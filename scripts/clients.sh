@@ -7,6 +7,7 @@
 set -eu
 
 cd "$(dirname "$0")/.."
+. scripts/packages.sh
 verb=$1
 target=${CARGO_TARGET_DIR:-target}
 python=clients/python
@@ -18,22 +19,6 @@ skip() {
     say "##################################################################"
     say "## A CLIENT WAS NOT LOOKED AT ($verb): $*"
     say "##################################################################"
-}
-
-# install PACKAGES: from the distribution; fails where that can't be.
-install() {
-    if [ "$(id -u)" = 0 ]; then
-        run="env"
-    elif command -v sudo >/dev/null 2>&1; then
-        run="sudo env"
-    else
-        return 1
-    fi
-    command -v apt-get >/dev/null 2>&1 || return 1
-    say "installing: $*"
-    # The words of $run are meant to be split.
-    # shellcheck disable=SC2086
-    { $run apt-get update -qq && $run DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends "$@"; } >/dev/null 2>&1
 }
 
 has_python() { python3 -c 'import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 10))' >/dev/null 2>&1; }
@@ -85,8 +70,8 @@ for_typescript() {
 }
 
 if [ "$verb" = test ]; then
-    has_python || install python3 python3-venv || true
-    has_node || install nodejs npm || true
+    has_python || install_packages python3 python3-venv || true
+    has_node || install_packages nodejs npm || true
     [ -n "${MESHMEND_PROGRAM:-}" ] || cargo build --locked --quiet --features failpoints
     MESHMEND_PROGRAM=${MESHMEND_PROGRAM:-$(cd "$target" && pwd)/debug/meshmend}
     export MESHMEND_PROGRAM

@@ -6,6 +6,7 @@
 set -eu
 
 cd "$(dirname "$0")/.."
+. scripts/packages.sh
 
 say() { printf 'test-browser: %s\n' "$*" >&2; }
 
@@ -31,21 +32,9 @@ packages=""
 [ -n "$(browser)" ] || packages="$packages chromium"
 command -v node >/dev/null 2>&1 || packages="$packages nodejs"
 command -v npm >/dev/null 2>&1 || packages="$packages npm"
-if [ -n "$packages" ]; then
-    if [ "$(id -u)" = 0 ]; then
-        run="env"
-    elif command -v sudo >/dev/null 2>&1; then
-        run="sudo env"
-    else
-        skip "please install:$packages"
-    fi
-    command -v apt-get >/dev/null 2>&1 || skip "please install:$packages"
-    say "installing:$packages"
-    # The words of $run and $packages are meant to be split.
-    # shellcheck disable=SC2086
-    { $run apt-get update -qq && $run DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends $packages; } >/dev/null 2>&1 ||
-        skip "could not be installed:$packages"
-fi
+# The words of $packages are meant to be split.
+# shellcheck disable=SC2086
+[ -z "$packages" ] || install_packages $packages || skip "please install:$packages"
 [ -n "$(browser)" ] || skip "there is no Chromium"
 node_is_new || skip "node is older than 20"
 

@@ -123,3 +123,8 @@ pub fn stage_in_words(stage: Stage, tier: Option<u8>) -> String {
     };
     tier.map_or_else(|| stage.to_owned(), |tier| format!("{stage}, tier {tier}"))
 }
+
+/// What a person should know of a result: its red flags, and then its warnings.
+pub fn remarks<'a>(flags: impl Iterator<Item = &'a str>, warnings: &'a [String]) -> impl Iterator<Item = String> {
+    flags.map(|flag| format!("  red flag: {flag}")).chain(warnings.iter().map(|warning| format!("  note: {warning}")))
+}

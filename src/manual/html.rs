@@ -1,4 +1,5 @@
 use std::fmt::Write;
+use std::io::Cursor;
 
 use pulldown_cmark::{CowStr, Event, HeadingLevel, Parser, Tag, TagEnd, html};
 
@@ -108,9 +109,7 @@ fn linked(link: &str) -> Option<String> {
 fn image(address: &str, alt: &str) -> String {
     let name = address.strip_prefix("pictures/").unwrap_or(address);
     let bytes = PICTURES.iter().find(|(known, _)| *known == name).map_or(&[][..], |(_, bytes)| bytes);
-    // A PNG has both at a fixed place.
-    let number = |at: usize| bytes.get(at..at + 4).and_then(|it| it.try_into().ok()).map_or(0, u32::from_be_bytes);
-    let (width, height) = (number(16), number(20));
+    let (width, height) = png::Decoder::new(Cursor::new(bytes)).read_info().map_or((0, 0), |it| it.info().size());
     format!("<img src=\"{address}\" alt=\"{}\" width=\"{width}\" height=\"{height}\" loading=\"lazy\">", escaped(alt))
 }
 

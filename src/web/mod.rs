@@ -22,23 +22,14 @@ pub struct File {
     /// Its media type.
     pub media_type: &'static str,
     plain: Cow<'static, [u8]>,
-    packed: OnceLock<(String, Vec<u8>)>,
+    etag: OnceLock<String>,
+    packed: OnceLock<Vec<u8>>,
 }
 
 impl File {
     /// A file of that name, which tells its media type, with these bytes.
     pub fn new(name: &str, plain: impl Into<Cow<'static, [u8]>>) -> Self {
-        Self { media_type: media_type(name), plain: plain.into(), packed: OnceLock::new() }
-    }
-
-    fn packed(&self) -> &(String, Vec<u8>) {
-        self.packed.get_or_init(|| {
-            let hash = Sha256::digest(&self.plain);
-            let mut packer = GzEncoder::new(Vec::new(), Compression::best());
-            // Memory takes all that is written.
-            let packed = packer.write_all(&self.plain).and_then(|()| packer.finish()).unwrap_or_default();
-            (format!("\"{}\"", hex::encode(&hash[..16])), packed)
-        })
+        Self { media_type: media_type(name), plain: plain.into(), etag: OnceLock::new(), packed: OnceLock::new() }
     }
 
     /// Its bytes.
@@ -50,34 +41,38 @@ impl File {
     /// The entity tag of its bytes.
     #[must_use]
     pub fn etag(&self) -> &str {
-        &self.packed().0
+        self.etag.get_or_init(|| format!("\"{}\"", hex::encode(&Sha256::digest(&self.plain)[..16])))
     }
 
     /// Its bytes in gzip, packed when they are first asked for; none of a picture, which is packed as it is.
     #[must_use]
     pub fn gzip(&self) -> Option<&[u8]> {
-        (self.media_type != "image/png").then(|| self.packed().1.as_slice())
+        let pack = || {
+            let mut packer = GzEncoder::new(Vec::new(), Compression::best());
+            // Memory takes all that is written.
+            packer.write_all(&self.plain).and_then(|()| packer.finish()).unwrap_or_default()
+        };
+        (self.media_type != "image/png").then(|| self.packed.get_or_init(pack).as_slice())
     }
 }
 
 /// The document at `/`.
 pub fn document() -> &'static File {
     static DOCUMENT: OnceLock<File> = OnceLock::new();
-    DOCUMENT.get_or_init(|| File::new("index.html", dist::DOCUMENT))
+    DOCUMENT.get_or_init(|| File::new("index.html", dist::DOCUMENT.as_bytes()))
 }
 
 /// The script of the widget.
 pub fn widget() -> &'static File {
     static WIDGET: OnceLock<File> = OnceLock::new();
-    WIDGET.get_or_init(|| File::new("widget.js", dist::WIDGET))
+    WIDGET.get_or_init(|| File::new("widget.js", dist::WIDGET.as_bytes()))
 }
 
 /// The frame of the documentation's pages: a document with `{title}`, `{summary}`, `{name}`, `{pages}`, `{sections}` and `{text}` in
 /// place of what is of one page.
 #[must_use]
 pub fn manual() -> &'static str {
-    // What build.mjs writes is text.
-    std::str::from_utf8(dist::MANUAL).unwrap_or_default()
+    dist::MANUAL
 }
 
 /// A file that a document or the widget asks for, by its name under `/assets/`.

@@ -7,14 +7,26 @@ import { brokenRing } from "./support/models.mjs";
 import { serve } from "./support/service.mjs";
 import { openShop } from "./support/shop.mjs";
 
-test("the page sends a model straight to the bucket and fetches the result from there", { timeout: 120_000 }, async () => {
-  const store = await bucket();
-  const service = await serve(...store.args);
+/** Opens the page of what is started on a bucket; `use` also gets the methods with which the bucket is asked. */
+async function onBucket(how, start, use) {
+  const store = await bucket(how);
+  const started = await start(store);
   const browser = await launch();
   try {
-    const { page, faults, asked, close } = await open(browser, service.url);
+    const it = await open(browser, started.url);
     const methods = [];
-    page.on("request", (request) => request.url().startsWith(store.url) && methods.push(request.method()));
+    it.page.on("request", (request) => request.url().startsWith(store.url) && methods.push(request.method()));
+    await use({ ...it, methods });
+    await it.close();
+  } finally {
+    await browser.close();
+    await started.stop();
+    await store.stop();
+  }
+}
+
+test("the page sends a model straight to the bucket and fetches the result from there", { timeout: 120_000 }, () =>
+  onBucket({}, (store) => serve(...store.args), async ({ page, faults, asked, methods }) => {
     await drop(page, [["ring.stl", brokenRing()]]);
     await shown(page);
     await page.getByRole("heading", { name: "Repaired and printable" }).waitFor();
@@ -24,22 +36,10 @@ test("the page sends a model straight to the bucket and fetches the result from 
     assert.ok(methods.filter((method) => method === "GET").length >= 2, `both models come from the bucket: ${methods}`);
     assert.ok(!asked.some((url) => /\/v1\/uploads\/.*\/content/.test(url)), "nothing is sent through the service");
     assert.deepEqual(faults, []);
-    await close();
-  } finally {
-    await browser.close();
-    await service.stop();
-    await store.stop();
-  }
-});
+  }));
 
-test("the widget on a shop's page does the same", { timeout: 120_000 }, async () => {
-  const store = await bucket();
-  const shop = await openShop(store);
-  const browser = await launch();
-  try {
-    const { page, faults, asked, close } = await open(browser, shop.url);
-    const methods = [];
-    page.on("request", (request) => request.url().startsWith(store.url) && methods.push(request.method()));
+test("the widget on a shop's page does the same", { timeout: 120_000 }, () =>
+  onBucket({}, openShop, async ({ page, faults, asked, methods }) => {
     await page.getByText("Drop your 3D model here").waitFor();
     await drop(page, [["ring.stl", brokenRing()]], "meshmend-upload .box");
     await shown(page);
@@ -50,26 +50,10 @@ test("the widget on a shop's page does the same", { timeout: 120_000 }, async ()
     await page.getByRole("button", { name: "Order" }).click();
     await page.getByText("Your order is in production").waitFor();
     assert.deepEqual(faults, []);
-    await close();
-  } finally {
-    await browser.close();
-    await shop.stop();
-    await store.stop();
-  }
-});
+  }));
 
-test("where the bucket refuses the page, it says what the operator has to do", { timeout: 120_000 }, async () => {
-  const store = await bucket({ cors: null });
-  const service = await serve(...store.args);
-  const browser = await launch();
-  try {
-    const { page, close } = await open(browser, service.url);
+test("where the bucket refuses the page, it says what the operator has to do", { timeout: 120_000 }, () =>
+  onBucket({ cors: null }, (store) => serve(...store.args), async ({ page }) => {
     await drop(page, [["ring.stl", brokenRing()]]);
     await page.getByText("in the bucket's CORS rules").waitFor({ timeout: 60_000 });
-    await close();
-  } finally {
-    await browser.close();
-    await service.stop();
-    await store.stop();
-  }
-});
+  }));

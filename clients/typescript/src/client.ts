@@ -94,13 +94,12 @@ export class Client implements Server {
 
   /** Sends a file, waits for the end of its repair, and returns the job. A `JobFailed` is thrown where it ends without an outcome. */
   async repair(file: Model, options: RepairOptions = {}, how: Submit & Wait = {}): Promise<RepairedJob> {
-    return (await this.#run([file], { ...options, mode: "repair" }, how)) as RepairedJob;
+    return (await this.#run(file, { ...options, mode: "repair" }, how)) as RepairedJob;
   }
 
   /** The same for an analysis of one file or several, which are not changed. */
   async analyze(files: Model | readonly Model[], options: AnalyzeOptions = {}, how: Submit & Wait = {}): Promise<AnalyzedJob> {
-    const all = Array.isArray(files) ? (files as readonly Model[]) : [files as Model];
-    return (await this.#run(all, { ...options, mode: "analyze" }, how)) as AnalyzedJob;
+    return (await this.#run(files, { ...options, mode: "analyze" }, how)) as AnalyzedJob;
   }
 
   /** Makes a job of one file or several, and returns as soon as the service has them. */
@@ -185,7 +184,7 @@ export class Client implements Server {
     return this.#patiently(() => askJson(this, at("/v1/browser-tokens"), { method: "POST", json: asked, signal: how.signal }), how);
   }
 
-  async #run(files: readonly Model[], options: JobOptions, how: Submit & Wait): Promise<Job> {
+  async #run(files: Model | readonly Model[], options: JobOptions, how: Submit & Wait): Promise<Job> {
     const { timeout = RUN, onProgress = () => undefined } = how;
     const signal = withTimeout(how.signal, timeout);
     let job = await this.submit(files, options, { ...how, signal, timeout });

@@ -11,6 +11,11 @@ export function hasEnded(job: Pick<Job, "status">): boolean {
   return ENDED.has(job.status);
 }
 
+/** How far a job was when it was last heard of, as its events tell it; null once it has ended. */
+export function standing(job: Job): ProgressEvent | null {
+  return job.progress && { ...job.progress, status: job.status };
+}
+
 /** What is heard of a job: progress, and at last the job as it ended. */
 export type JobEvent = { name: "progress"; progress: ProgressEvent } | { name: "done"; job: Job };
 
@@ -53,8 +58,9 @@ export async function follow(server: Server, id: string, heard: (event: Progress
 /** Asks once, with an answer that is held until the job's status changes or 20 seconds are over. */
 async function* look(server: Server, id: string, signal?: AbortSignal): AsyncGenerator<JobEvent, void, undefined> {
   const job = await askJson<Job>(server, `${at("/v1/jobs/{id}", { id })}?wait=20`, { signal });
+  const progress = standing(job);
   if (hasEnded(job)) yield { name: "done", job };
-  else if (job.progress) yield { name: "progress", progress: { ...job.progress, status: job.status } };
+  else if (progress) yield { name: "progress", progress };
 }
 
 /** The stream of a job's events, to its end; a problem where it breaks before. */

@@ -1,5 +1,5 @@
 export { Client, type Call, type ClientOptions, type Model, type Submit, type Wait, artifactOf } from "./client.js";
-export { EventParser, type JobEvent, events, follow, hasEnded } from "./events.js";
+export { EventParser, type JobEvent, events, follow, hasEnded, standing } from "./events.js";
 export { type Asked, type Server, ask, askJson } from "./http.js";
 export * from "./jobs.js";
 export { type Code, DamagedDownload, JobFailed, Problem } from "./problem.js";

@@ -32,6 +32,11 @@ export class Problem extends Error {
     return new Problem(0, of === "store" ? "store_unreachable" : "unreachable", "", "");
   }
 
+  /** Of whatever was thrown. */
+  static from(error: unknown): Problem {
+    return error instanceof Problem ? error : new Problem(0, "unexplained", String(error), "");
+  }
+
   static of(status: number, body: string, retryAfter: string | null): Problem {
     const seconds = retryAfter === null ? null : Number.parseInt(retryAfter, 10);
     const wait = seconds !== null && Number.isFinite(seconds) ? seconds : null;

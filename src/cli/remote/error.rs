@@ -13,6 +13,11 @@ pub enum RemoteError {
     /// It can't be reached, or was lost on the way.
     #[error("{server} {what}: {cause}.{advice}")]
     Unreachable { server: String, what: &'static str, cause: String, advice: &'static str },
+    /// It is not known to be who it says it is.
+    #[error(
+        "{server} can't be trusted: {cause}. If its authority is your own, name a file with its certificate in SSL_CERT_FILE."
+    )]
+    Untrusted { server: String, cause: String },
     /// It said why not.
     #[error("{}", in_words(.0))]
     Refused(Box<Problem>, Option<Duration>),
@@ -35,24 +40,22 @@ impl RemoteError {
 
     /// That the service can't be reached, or did not go on.
     pub fn unreachable(server: &str, error: &reqwest::Error) -> Self {
-        let cause = innermost(error);
+        let (server, cause) = (server.to_owned(), innermost(error));
+        if cause.contains("certificate") || cause.contains("UnknownIssuer") {
+            return Self::Untrusted { server, cause };
+        }
         let advice = if cause.contains("InvalidContentType") {
             " It speaks no TLS there; is its address one with http://?"
         } else {
             " Is that the address, and does the service run?"
         };
-        let is_certificate = cause.contains("certificate") || cause.contains("UnknownIssuer");
-        let (what, advice) = match () {
-            () if is_certificate => (
-                "can't be trusted",
-                " If its authority is your own, name a file with its certificate in SSL_CERT_FILE.",
-            ),
-            () if error.is_timeout() => ("does not answer", advice),
-            () if error.is_connect() => ("can't be reached", advice),
-            () => ("was lost on the way", " Try again."),
-        };
-        let cause = if error.is_timeout() { "no answer came in time".to_owned() } else { cause };
-        Self::Unreachable { server: server.to_owned(), what, cause, advice }
+        if error.is_timeout() {
+            let cause = "no answer came in time".to_owned();
+            return Self::Unreachable { server, what: "does not answer", cause, advice };
+        }
+        let (what, advice) =
+            if error.is_connect() { ("can't be reached", advice) } else { ("was lost on the way", " Try again.") };
+        Self::Unreachable { server, what, cause, advice }
     }
 
     /// That nothing came for so long.
@@ -76,7 +79,7 @@ impl RemoteError {
     /// Whether the same request may be answered otherwise a little later.
     pub fn may_pass(&self) -> bool {
         match self {
-            Self::Unreachable { what, .. } => *what != "can't be trusted",
+            Self::Unreachable { .. } => true,
             Self::Refused(problem, _) => matches!(
                 problem.code,
                 ProblemCode::RateLimited
@@ -88,7 +91,7 @@ impl RemoteError {
                     | ProblemCode::UploadInterrupted
             ),
             Self::Strange { status, .. } => matches!(status.as_u16(), 408 | 429 | 502 | 503 | 504),
-            Self::Damaged { .. } | Self::Local(_) => false,
+            Self::Untrusted { .. } | Self::Damaged { .. } | Self::Local(_) => false,
         }
     }
 
@@ -105,6 +108,7 @@ impl RemoteError {
         match self {
             Self::Unreachable { what, cause, .. } => format!("the service {what} ({cause})"),
             Self::Refused(problem, _) => problem.title.to_lowercase(),
+            Self::Untrusted { cause, .. } => format!("the service can't be trusted ({cause})"),
             Self::Strange { status, .. } => format!("the service answered {status}"),
             Self::Damaged { .. } | Self::Local(_) => self.to_string(),
         }
@@ -127,7 +131,9 @@ impl RemoteError {
                 | ProblemCode::UnsupportedModel => exit::BAD_INPUT,
                 _ => exit::REFUSED,
             },
-            Self::Unreachable { .. } | Self::Strange { .. } | Self::Damaged { .. } => exit::REFUSED,
+            Self::Unreachable { .. } | Self::Untrusted { .. } | Self::Strange { .. } | Self::Damaged { .. } => {
+                exit::REFUSED
+            }
         }
     }
 

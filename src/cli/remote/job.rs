@@ -6,6 +6,7 @@ use meshmend::context::Stage;
 use meshmend::jobs::{JobId, JobOutcome, ProblemKind, Status};
 use serde::Deserialize;
 
+use crate::cli::engine::remarks;
 use crate::cli::exit;
 
 /// A job.
@@ -88,9 +89,10 @@ impl RemoteJob {
                 (None, _) => self.status.as_str().to_owned(),
             },
         };
-        let flags = report.iter().flat_map(|report| &report.red_flags).map(|it| format!("  red flag: {}", it.detail));
-        let notes = report.iter().flat_map(|report| &report.warnings).map(|warning| format!("  note: {warning}"));
-        std::iter::once(head).chain(flags).chain(notes).collect()
+        let remarks = report
+            .into_iter()
+            .flat_map(|it| remarks(it.red_flags.iter().map(|flag| flag.detail.as_str()), &it.warnings));
+        std::iter::once(head).chain(remarks).collect()
     }
 
     /// The exit code that says so.

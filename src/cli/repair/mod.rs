@@ -14,7 +14,7 @@ use meshmend::render::Drawing;
 use meshmend::repair::{Context, Outcome, RepairError, Report, draw, monotonic_clock, repair};
 
 use self::options::{RepairOptionArgs, format_named};
-use super::engine::{Bar, BlenderArgs, LimitArgs, read_file};
+use super::engine::{Bar, BlenderArgs, LimitArgs, read_file, remarks};
 use super::exit;
 use super::files::write_file;
 
@@ -108,8 +108,7 @@ pub fn write_drawings(folder: &Path, prefix: &str, drawings: &[Drawing]) -> Resu
 /// The result in a few lines on standard error, so that standard output stays free.
 fn tell(report: &Report, output: &Path) {
     let mut lines = vec![format!("{}: {}", output.display(), report.summary)];
-    lines.extend(report.red_flags.iter().map(|flag| format!("  red flag: {}", flag.detail)));
-    lines.extend(report.warnings.iter().map(|warning| format!("  note: {warning}")));
+    lines.extend(remarks(report.red_flags.iter().map(|flag| flag.detail.as_str()), &report.warnings));
     let _ = writeln!(std::io::stderr(), "{}", lines.join("\n"));
 }
 

@@ -91,7 +91,7 @@ function list(files) {
   const lines = names.map((name) => `    ("${name}", include_bytes!("${name}")),`);
   return [
     "// Written by build.mjs.",
-    ...Object.entries(STABLE).map(([name, constant]) => `pub(super) const ${constant}: &[u8] = include_bytes!("${name}");`),
+    ...Object.entries(STABLE).map(([name, constant]) => `pub(super) const ${constant}: &str = include_str!("${name}");`),
     "#[rustfmt::skip]",
     `pub(super) const ASSETS: [(&str, &[u8]); ${names.length}] = [`,
     ...lines,

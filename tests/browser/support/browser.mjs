@@ -1,6 +1,7 @@
 // Chromium as the tests want it, and what they ask of what is on the screen.
 import { readFileSync } from "node:fs";
 import { createRequire } from "node:module";
+import { after } from "node:test";
 import { chromium } from "playwright-core";
 
 const AXE = readFileSync(createRequire(import.meta.url).resolve("axe-core/axe.min.js"), "utf8");
@@ -19,6 +20,19 @@ const ARGUMENTS = [
 
 export function launch() {
   return chromium.launch({ executablePath: process.env.MESHMEND_BROWSER ?? "/usr/bin/chromium", headless: true, args: ARGUMENTS });
+}
+
+/** The same for all the tests of a file, beside what it is to end together with. */
+export async function launchBeside(service) {
+  const browser = await launch().catch(async (error) => {
+    await service.stop();
+    throw error;
+  });
+  after(async () => {
+    await browser.close();
+    await service.stop();
+  });
+  return browser;
 }
 
 /** A page of its own that fails the test when something in it does: an error, or what the policy of the page forbids. */

@@ -1,18 +1,9 @@
 // The demo shop and a browser, for all the tests of a file, and what they ask of the widget.
-import { after } from "node:test";
-import { launch, open } from "./browser.mjs";
+import { launchBeside, open } from "./browser.mjs";
 import { openShop } from "./shop.mjs";
 
 export const shop = await openShop();
-export const browser = await launch().catch(async (error) => {
-  await shop.stop();
-  throw error;
-});
-
-after(async () => {
-  await browser.close();
-  await shop.stop();
-});
+export const browser = await launchBeside(shop);
 
 /** Where files are let go. */
 export const BOX = "meshmend-upload .box";

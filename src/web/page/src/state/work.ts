@@ -1,4 +1,4 @@
-import { type Job, type NewJob, type Options, type ProgressEvent, Problem, announce, cancelJob, follow, getJob, send, submitSurely } from "meshmend-client";
+import { type Job, type NewJob, type Options, type ProgressEvent, Problem, announce, cancelJob, follow, getJob, send, standing, submitSurely } from "meshmend-client";
 import { noticed, server } from "./server";
 import { Store } from "./store";
 
@@ -113,7 +113,7 @@ async function run(id: number, work: (signal: AbortSignal) => Promise<void>): Pr
 }
 
 function fail(id: number, error: unknown): void {
-  const problem = error instanceof Problem ? error : new Problem(0, "unexplained", String(error), "");
+  const problem = Problem.from(error);
   noticed(problem);
   update(id, { phase: "refused", problem });
 }
@@ -134,8 +134,7 @@ async function make(id: number, asked: NewJob, signal: AbortSignal): Promise<voi
 }
 
 async function heard(id: number, job: Job, signal: AbortSignal): Promise<void> {
-  const first = job.progress && { ...job.progress, status: job.status };
-  update(id, { phase: "following", job, name: job.input.name, bytes: job.input.bytes, progress: first });
+  update(id, { phase: "following", job, name: job.input.name, bytes: job.input.bytes, progress: standing(job) });
   const ended = await follow(server, job.id, (progress) => update(id, { progress }), signal);
   update(id, { phase: "ended", job: ended, progress: null });
 }

@@ -1,12 +1,11 @@
 import type { Job, Outcome } from "meshmend-client";
+import { isPrintable } from "../report/outcome";
 import { useWords } from "../words/words";
-
-const GOOD = new Set<Outcome>(["repaired", "already_printable", "printable"]);
 
 /** What became of a model, in a word and a colour. */
 export function OutcomeChip({ outcome }: { outcome: Outcome }) {
   const { words } = useWords();
-  return <span class={`chip ${GOOD.has(outcome) ? "good" : "fair"}`}>{words.outcomes[outcome]}</span>;
+  return <span class={`chip ${isPrintable(outcome) ? "good" : "fair"}`}>{words.outcomes[outcome]}</span>;
 }
 
 /** Where a job stands, in a word and a colour. */

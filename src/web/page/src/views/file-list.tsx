@@ -1,4 +1,5 @@
 import type { Capabilities } from "meshmend-client";
+import { isPrintable } from "../report/outcome";
 import { type Piece, pauseUpload, remove, resume, selected } from "../state/work";
 import { useWords } from "../words/words";
 import { ChooseFiles } from "./choose-files";
@@ -82,6 +83,6 @@ function stateOf(piece: Piece, words: Said["words"], figures: Said["figures"]): 
   if (status === "failed") return { tone: "bad", icon: "warn", text: words.failed, share: null };
   if (status === "canceled") return { tone: "fair", icon: "cross", text: words.canceled, share: null };
   if (status === "expired") return { tone: "fair", icon: "cross", text: words.statuses["expired"]!, share: null };
-  const good = outcome === "repaired" || outcome === "already_printable" || outcome === "printable";
+  const good = isPrintable(outcome);
   return { tone: good ? "good" : "fair", icon: good ? "check" : "warn", text: words.outcomes[outcome ?? ""] ?? "", share: null };
 }

@@ -1,5 +1,6 @@
 import type { Job } from "meshmend-client";
 import { isOpenSheet } from "../report/advice";
+import { isPrintable } from "../report/outcome";
 import { inWords, stillWrong } from "../report/plain";
 import type { Unit } from "../units";
 import { useWords } from "../words/words";
@@ -9,7 +10,7 @@ import { Icon } from "./icons";
 export function Verdict({ job, unit, heading: Heading }: { job: Job; unit: Unit; heading: "h1" | "h2" }) {
   const { words, figures } = useWords();
   const report = job.report?.mode === "repair" ? job.report : null;
-  const good = ["repaired", "already_printable", "printable"].includes(job.outcome ?? "");
+  const good = isPrintable(job.outcome);
   const title = job.status === "succeeded" ? words.outcomes[job.outcome ?? ""] : job.status === "failed" ? words.failed : words[job.status === "canceled" ? "canceled" : "expired"];
   const left = report && !good ? stillWrong(report, words, figures) : "";
   return (

@@ -1,11 +1,7 @@
 import type { Job } from "meshmend-client";
+import { isPrintable } from "../report/outcome";
 import { inMillimetres } from "../units";
 import type { Metrics, Point } from "./meshmend-upload";
-
-/** Whether a job's result can be printed as it is. */
-export function isPrintable(job: Job): boolean {
-  return job.outcome === "already_printable" || job.outcome === "repaired";
-}
 
 function scaled([x = 0, y = 0, z = 0]: readonly number[], factor: number): Point {
   return [x * factor, y * factor, z * factor];
@@ -21,7 +17,7 @@ export function metricsOf(job: Job): Metrics | null {
   const times = (value: number | null | undefined, factor: number): number | null => (value == null ? null : value * factor);
   const box = inspection.bounding_box;
   return {
-    printable: isPrintable(job),
+    printable: isPrintable(job.outcome),
     unit: print.unit,
     unitSource: print.unit_source,
     sizeMm: scaled(print.size_mm, 1),

@@ -1,4 +1,5 @@
-import { type Capabilities, type Job, type NewJob, type Options, type ProgressEvent, type Server, Problem, announce, cancelJob, capabilities, follow, send, submitSurely } from "meshmend-client";
+import { type Capabilities, type Job, type NewJob, type Options, type ProgressEvent, type Server, Problem, announce, cancelJob, capabilities, follow, send, standing, submitSurely } from "meshmend-client";
+import { isPrintable } from "../report/outcome";
 import { Store } from "../state/store";
 import { type Teller, tellOfEnd, tellOfProgress, tellOfRefusal, tellOfUpload } from "./telling";
 import type { Tokens } from "./tokens";
@@ -138,15 +139,14 @@ export class Session {
   async #made(job: Job, server: Server, signal: AbortSignal): Promise<void> {
     this.#server = server;
     tellOfUpload(this.teller, job);
-    this.#change({ phase: "following", job, progress: job.progress && { ...job.progress, status: job.status } });
+    this.#change({ phase: "following", job, progress: standing(job) });
     await this.#follow(job, server, signal);
   }
 
   async #follow(job: Job, server: Server, signal: AbortSignal): Promise<void> {
     const ended = await follow(server, job.id, (progress) => this.#change({ progress }), signal);
     signal.throwIfAborted();
-    const isWhole = ended.outcome === "already_printable" || ended.outcome === "repaired";
-    const can = isWhole ? null : await capabilities(server).catch(() => null);
+    const can = isPrintable(ended.outcome) ? null : await capabilities(server).catch(() => null);
     signal.throwIfAborted();
     this.state.change((now) => ({ ...now, phase: "ended", job: ended, progress: null, can }));
     tellOfEnd(this.teller, ended);
@@ -158,7 +158,7 @@ export class Session {
   }
 
   #refuse(error: unknown): void {
-    const problem = error instanceof Problem ? error : new Problem(0, "unexplained", String(error), "");
+    const problem = Problem.from(error);
     this.state.change((now) => ({ ...now, phase: "refused", problem }));
     tellOfRefusal(this.teller, this.state.value.job?.id ?? null, problem);
   }
