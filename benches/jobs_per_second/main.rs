@@ -2,7 +2,8 @@
 //! and on PostgreSQL, which both sync what they accept to disk, and by a plain service of FastAPI and pymeshfix (benches/peers),
 //! where `MESHMEND_PEER_PYTHON` names a Python that has its requirements. Then what the queue itself costs on each store.
 //!
-//! `cargo bench --bench jobs_per_second -- [JOBS] [CLIENTS] [ROUNDS]`; of several rounds each figure is the median.
+//! `cargo bench --bench jobs_per_second -- [JOBS] [CLIENTS] [ROUNDS]`; of several rounds each figure is the median. With the word `queue`
+//! only what the queue costs.
 
 #![allow(clippy::print_stdout, reason = "a benchmark prints its figures")]
 
@@ -46,7 +47,9 @@ async fn main() {
     meshmend::tls::use_ring();
     let data = tempfile::tempdir().expect("a folder");
     let cluster = Postgres::start_with(true);
-    services(data.path(), &cluster, jobs, clients, rounds).await;
+    if !std::env::args().any(|argument| argument == "queue") {
+        services(data.path(), &cluster, jobs, clients, rounds).await;
+    }
     queues(data.path(), &cluster, jobs).await;
 }
 
@@ -58,8 +61,13 @@ async fn services(data: &Path, cluster: &Postgres, jobs: usize, clients: usize, 
     let peers: Vec<(&str, Peer)> = python
         .iter()
         .flat_map(|python| {
-            [("FastAPI + pymeshfix, threads", 0), ("FastAPI + pymeshfix, 2 processes", 2)]
-                .map(|(name, processes)| (name, Peer::start(python, processes)))
+            let limit = Some(Duration::from_secs(60));
+            [
+                ("FastAPI + pymeshfix, threads", 0, None),
+                ("FastAPI + pymeshfix, 2 processes", 2, None),
+                ("FastAPI + pymeshfix, a process a job", 2, limit),
+            ]
+            .map(|(name, processes, limit)| (name, Peer::start(python, processes, limit)))
         })
         .collect();
     let mut services = Vec::new();

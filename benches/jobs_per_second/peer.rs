@@ -14,8 +14,9 @@ pub struct Peer {
 }
 
 impl Peer {
-    /// Starts it with this Python, to repair in so many processes, or in its own threads where that is 0.
-    pub fn start(python: &str, processes: usize) -> Self {
+    /// Starts it with this Python, to repair in so many processes, or in its own threads where that is 0; with a time limit in so many
+    /// at once, one for each job.
+    pub fn start(python: &str, processes: usize, limit: Option<Duration>) -> Self {
         let port = TcpListener::bind(("127.0.0.1", 0)).and_then(|it| it.local_addr()).expect("a free port").port();
         let server = Command::new("setpriv")
             .args([
@@ -32,6 +33,7 @@ impl Peer {
             ])
             .arg(port.to_string())
             .env("REPAIR_PROCESSES", processes.to_string())
+            .env("REPAIR_TIMEOUT_S", limit.unwrap_or_default().as_secs().to_string())
             .current_dir(Path::new(env!("CARGO_MANIFEST_DIR")).join("benches/peers"))
             // pymeshfix says of every file that it could not fix everything.
             .stderr(Stdio::null())

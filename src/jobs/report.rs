@@ -52,6 +52,28 @@ pub enum JobReport {
 }
 
 impl JobReport {
+    /// Reads an account from JSON: first its mode, then all of it at once, without a copy of everything in between as a tagged type
+    /// makes.
+    ///
+    /// # Errors
+    /// When it is none.
+    pub fn from_json(text: &[u8]) -> serde_json::Result<Self> {
+        #[derive(Deserialize)]
+        #[serde(rename_all = "snake_case")]
+        enum Mode {
+            Repair,
+            Analyze,
+        }
+        #[derive(Deserialize)]
+        struct Head {
+            mode: Mode,
+        }
+        Ok(match serde_json::from_slice(text)? {
+            Head { mode: Mode::Repair } => Self::Repair(serde_json::from_slice(text)?),
+            Head { mode: Mode::Analyze } => Self::Analyze(serde_json::from_slice(text)?),
+        })
+    }
+
     /// What became of the model.
     #[must_use]
     pub fn outcome(&self) -> JobOutcome {
@@ -91,6 +113,18 @@ impl JobReport {
 pub struct StoredReport(Box<RawValue>);
 
 impl StoredReport {
+    /// What is to be stored of an account.
+    #[must_use]
+    pub(super) fn of(report: &JobReport) -> Self {
+        // None of its types can fail to be written.
+        Self(serde_json::value::to_raw_value(report).unwrap_or_default())
+    }
+
+    /// Its JSON.
+    pub(super) fn json(&self) -> &str {
+        self.0.get()
+    }
+
     /// The unit of each file's lengths, in their order; none in reports of before there were units.
     #[must_use]
     pub fn units(&self) -> Vec<LengthUnit> {
@@ -98,15 +132,15 @@ impl StoredReport {
         struct File {
             unit: LengthUnit,
         }
+        // An analysis has files; a repair has one unit. The rest is passed over as it is read.
         #[derive(Deserialize)]
-        #[serde(untagged)]
-        enum Units {
-            OfFiles { files: Vec<File> },
-            OfOne { unit: LengthUnit },
+        struct Units {
+            files: Option<Vec<File>>,
+            unit: Option<LengthUnit>,
         }
-        match serde_json::from_str(self.0.get()) {
-            Ok(Units::OfFiles { files }) => files.into_iter().map(|file| file.unit).collect(),
-            Ok(Units::OfOne { unit }) => vec![unit],
+        match serde_json::from_str(self.json()) {
+            Ok(Units { files: Some(files), .. }) => files.into_iter().map(|file| file.unit).collect(),
+            Ok(Units { unit, .. }) => unit.into_iter().collect(),
             Err(_) => Vec::new(),
         }
     }

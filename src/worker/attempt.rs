@@ -7,7 +7,6 @@ use std::process::ExitStatus;
 use std::time::Duration;
 
 use futures::{FutureExt, StreamExt};
-use serde::de::DeserializeOwned;
 use tokio::io::AsyncWriteExt;
 use tokio::sync::broadcast::error::RecvError;
 use tokio::time::Instant;
@@ -182,7 +181,8 @@ impl<'a> Attempt<'a> {
             }
             Ended::Exited(status) if status.success() => self.succeed(folder, None).await.map(Some),
             Ended::Exited(status) if status.code() == Some(i32::from(Task::EXIT_PROBLEM)) => {
-                let problem = parse(read(&folder.join(Task::PROBLEM))?, Task::PROBLEM)?;
+                let problem = there(read(&folder.join(Task::PROBLEM))?, Task::PROBLEM)?;
+                let problem = serde_json::from_slice(&problem).map_err(|e| AttemptError::Json(Task::PROBLEM, e))?;
                 self.fail(folder, FailureKind::Final, problem).await.map(Some)
             }
             Ended::Exited(status) => {
@@ -334,7 +334,8 @@ impl<'a> Attempt<'a> {
     }
 
     async fn publish(&self, folder: &Path, report: Option<Vec<u8>>) -> Result<Completion, AttemptError> {
-        let report: JobReport = parse(report, Task::REPORT)?;
+        let report =
+            JobReport::from_json(&there(report, Task::REPORT)?).map_err(|e| AttemptError::Json(Task::REPORT, e))?;
         let artifacts = self.store_files(folder, offered(&self.job.inputs, Some(&report))).await?;
         Ok(Completion { report, artifacts })
     }
@@ -424,7 +425,6 @@ fn read(path: &Path) -> io::Result<Option<Vec<u8>>> {
     Ok(Some(bytes))
 }
 
-fn parse<T: DeserializeOwned>(bytes: Option<Vec<u8>>, name: &'static str) -> Result<T, AttemptError> {
-    let bytes = bytes.ok_or_else(|| io::Error::other(format!("the repair process left no {name}")))?;
-    serde_json::from_slice(&bytes).map_err(|e| AttemptError::Json(name, e))
+fn there(bytes: Option<Vec<u8>>, name: &'static str) -> io::Result<Vec<u8>> {
+    bytes.ok_or_else(|| io::Error::other(format!("the repair process left no {name}")))
 }

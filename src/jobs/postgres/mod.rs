@@ -14,7 +14,7 @@ use std::time::Duration;
 use async_trait::async_trait;
 use sqlx::postgres::{PgConnectOptions, PgPool, PgPoolOptions};
 use sqlx::query::Query;
-use sqlx::{Database, PgConnection, Postgres};
+use sqlx::{Connection, Database, PgConnection, Postgres};
 use tokio::task::JoinHandle;
 use uuid::Uuid;
 
@@ -28,8 +28,20 @@ use super::{Bell, Clock, Job, JobId, JobProblem, JobProgress, KeyState, RetryPol
 /// How long a statement, a lock, and a transaction in which nothing happens may take, for the server to end them.
 const LIMITS: [(&str, &str); 3] =
     [("statement_timeout", "15s"), ("lock_timeout", "10s"), ("idle_in_transaction_session_timeout", "30s")];
+/// A connection that answered within this time is not asked whether it is still there before it is used again: less than a database needs
+/// to come back, so that what finds it broken would have found no database either.
+const FRESH: Duration = Duration::from_millis(10);
 /// How long to wait for a connection.
 const ACQUIRE: Duration = Duration::from_secs(3);
+
+/// In a statement's `WHERE`: its commit does not wait for the disk. For claims and their heartbeats, which the next synced commit takes
+/// along: when the database's machine is lost before, the job waits again, and whoever held it learns that it is no longer theirs.
+macro_rules! unsynced {
+    () => {
+        "set_config('synchronous_commit', 'off', true) = 'off'"
+    };
+}
+use unsynced;
 
 /// Jobs in a PostgreSQL database that any number of processes on any number of machines share.
 ///
@@ -64,7 +76,13 @@ impl PostgresStore {
         retry: RetryPolicy,
     ) -> Result<Self, StoreError> {
         let options = PgConnectOptions::from_str(url)?.application_name("meshmend").options(LIMITS);
-        let pool = PgPoolOptions::new().acquire_timeout(ACQUIRE).max_connections(connections.max(2));
+        let pool = PgPoolOptions::new()
+            .acquire_timeout(ACQUIRE)
+            .max_connections(connections.max(2))
+            .test_before_acquire(false)
+            .before_acquire(|connection, used| {
+                Box::pin(async move { Ok(used.idle_for < FRESH || connection.ping().await.is_ok()) })
+            });
         let pool = pool.connect_with(options).await?;
         sqlx::migrate!("migrations/postgres").run(&pool).await?;
         let bell = Arc::new(Bell::default());
@@ -114,6 +132,10 @@ impl JobStore for PostgresStore {
     }
 
     async fn submit(&self, job: NewJob) -> Result<Job, StoreError> {
+        // Mostly it has nothing but its row to write: one statement does.
+        if job.key.is_none() && job.upload.is_none() && job.result.is_none() {
+            return queue::insert(&mut *self.pool.acquire().await?, &job, self.now()).await;
+        }
         let mut transaction = self.pool.begin().await?;
         if let Some(key) = &job.key {
             keys::settle(&mut transaction, &job.tenant, key, job.id, self.now()).await?;
@@ -201,11 +223,12 @@ impl JobStore for PostgresStore {
 
     async fn heartbeat(&self, held: &Lease, lease: Duration, progress: Option<JobProgress>) -> Result<(), StoreError> {
         // The version grows only with news, so that a quiet heartbeat does not wake those who wait for a change.
-        let statement = sqlx::query(
+        let statement = sqlx::query(concat!(
             "UPDATE jobs SET lease_expires_at = meshmend_now($1) + $2, progress = coalesce($3, progress), \
              version = version + CASE WHEN $3 IS NOT NULL AND $3 IS DISTINCT FROM progress THEN 1 ELSE 0 END \
-             WHERE id = $4 AND attempt = $5 AND lease_token = $6 AND status = 'running'",
-        )
+             WHERE id = $4 AND attempt = $5 AND lease_token = $6 AND status = 'running' AND ",
+            unsynced!()
+        ))
         .bind(self.now())
         .bind(millis(lease))
         .bind(progress.as_ref().map(to_json));

@@ -2,9 +2,10 @@
 
 use sqlx::{PgConnection, PgPool};
 
+use super::unsynced;
 use crate::jobs::row::{job_columns, read_job, to_json, to_millis};
 use crate::jobs::store::ClassLoad;
-use crate::jobs::{Completion, Job, Lease, NewJob, StoreError, Waiting};
+use crate::jobs::{Completion, Job, Lease, NewJob, StoreError, StoredReport, Waiting};
 
 /// Adds a job; one that was given a result has ended already.
 pub(super) async fn insert(connection: &mut PgConnection, job: &NewJob, now: Option<i64>) -> Result<Job, StoreError> {
@@ -102,8 +103,9 @@ pub(super) struct Claiming<'a> {
 
 /// Takes the job whose turn it is. Two claims at once may see the same turn; each takes a job that the other has not.
 pub(super) async fn claim(pool: &PgPool, claiming: &Claiming<'_>) -> Result<Option<Job>, StoreError> {
-    // The tenants that wait are found by leaps through the index, not by a look at every job.
-    let turns: Vec<String> = sqlx::query_scalar(
+    // The tenants that wait are found by leaps through the index, not by a look at every job. Where all that is due of one is just being
+    // taken by others it is the next one's turn.
+    let row = sqlx::query(concat!(
         "WITH RECURSIVE waiting (tenant) AS ( \
              SELECT min(tenant) FROM jobs WHERE status = 'queued' \
              UNION ALL \
@@ -113,38 +115,31 @@ pub(super) async fn claim(pool: &PgPool, claiming: &Claiming<'_>) -> Result<Opti
              SELECT tenant, \
                     (SELECT count(*) FROM jobs WHERE status = 'running' AND jobs.tenant = waiting.tenant) AS running, \
                     (SELECT max(started_at) FROM jobs WHERE jobs.tenant = waiting.tenant) AS served, \
-                    coalesce((SELECT max_running FROM tenants WHERE name = waiting.tenant), $2) AS most, \
-                    (SELECT id FROM jobs WHERE status = 'queued' AND jobs.tenant = waiting.tenant AND run_at <= meshmend_now($1) \
+                    coalesce((SELECT max_running FROM tenants WHERE name = waiting.tenant), $5) AS most, \
+                    (SELECT id FROM jobs WHERE status = 'queued' AND jobs.tenant = waiting.tenant AND run_at <= meshmend_now($3) \
                      ORDER BY run_at, id LIMIT 1) AS next \
-             FROM waiting WHERE tenant IS NOT NULL) \
-         SELECT tenant FROM turns WHERE next IS NOT NULL AND running < most ORDER BY running, served NULLS FIRST, next",
-    )
+             FROM waiting WHERE tenant IS NOT NULL), \
+         turn AS MATERIALIZED ( \
+             SELECT tenant FROM turns WHERE next IS NOT NULL AND running < most ORDER BY running, served NULLS FIRST, next) \
+         UPDATE jobs SET status = 'running', attempt = attempt + 1, worker = $1, lease_token = $2, \
+             lease_expires_at = meshmend_now($3) + $4, started_at = coalesce(started_at, meshmend_now($3)), \
+             progress = NULL, version = version + 1 \
+         WHERE id = (SELECT free.id FROM turn CROSS JOIN LATERAL ( \
+                         SELECT id FROM jobs WHERE status = 'queued' AND jobs.tenant = turn.tenant AND run_at <= meshmend_now($3) \
+                         ORDER BY run_at, id LIMIT 1 FOR UPDATE SKIP LOCKED) AS free LIMIT 1) \
+           AND ",
+        unsynced!(),
+        " RETURNING ",
+        job_columns!()
+    ))
+    .bind(claiming.worker)
+    .bind(claiming.token)
     .bind(claiming.now)
+    .bind(claiming.lease)
     .bind(i64::from(claiming.max_running))
-    .fetch_all(pool)
+    .fetch_optional(pool)
     .await?;
-    for tenant in turns {
-        let row = sqlx::query(concat!(
-            "UPDATE jobs SET status = 'running', attempt = attempt + 1, worker = $1, lease_token = $2, \
-                 lease_expires_at = meshmend_now($3) + $4, started_at = coalesce(started_at, meshmend_now($3)), \
-                 progress = NULL, version = version + 1 \
-             WHERE id = (SELECT id FROM jobs WHERE status = 'queued' AND tenant = $5 AND run_at <= meshmend_now($3) \
-                         ORDER BY run_at, id LIMIT 1 FOR UPDATE SKIP LOCKED) \
-             RETURNING ",
-            job_columns!()
-        ))
-        .bind(claiming.worker)
-        .bind(claiming.token)
-        .bind(claiming.now)
-        .bind(claiming.lease)
-        .bind(tenant)
-        .fetch_optional(pool)
-        .await?;
-        if row.is_some() {
-            return row.as_ref().map(read_job).transpose();
-        }
-    }
-    Ok(None)
+    row.as_ref().map(read_job).transpose()
 }
 
 /// Ends a job with its result, if the hold on it still stands. Where `untold` is set only if nobody is to be told of it, so that no
@@ -156,6 +151,7 @@ pub(super) async fn complete(
     untold: bool,
     now: Option<i64>,
 ) -> Result<Option<Job>, StoreError> {
+    let report = StoredReport::of(&completion.report);
     let row = sqlx::query(concat!(
         "UPDATE jobs SET status = 'succeeded', outcome = $1, report = $2, artifacts = $3, problem = NULL, \
              progress = NULL, finished_at = meshmend_now($4), worker = NULL, lease_token = NULL, \
@@ -164,10 +160,10 @@ pub(super) async fn complete(
            AND NOT ($8 AND (callback_url IS NOT NULL OR EXISTS ( \
                    SELECT 1 FROM webhook_endpoints e WHERE e.tenant = jobs.tenant AND e.disabled_at IS NULL))) \
          RETURNING ",
-        job_columns!()
+        job_columns!("NULL::text AS report")
     ))
     .bind(to_json(&completion.report.outcome()))
-    .bind(to_json(&completion.report))
+    .bind(report.json())
     .bind(to_json(&completion.artifacts))
     .bind(now)
     .bind(held.id.to_string())
@@ -176,5 +172,6 @@ pub(super) async fn complete(
     .bind(untold)
     .fetch_optional(connection)
     .await?;
-    row.as_ref().map(read_job).transpose()
+    let job = row.as_ref().map(read_job).transpose()?;
+    Ok(job.map(|job| Job { report: Some(report), ..job }))
 }

@@ -22,7 +22,7 @@ use super::store::{
     Cancelled, Claim, ClassLoad, Completion, Connections, Failure, FailureKind, JobStore, Lease, ListQuery, NewJob,
     Page, StatusCount, StoreError, Waiting,
 };
-use super::{Bell, Clock, Job, JobId, JobProblem, JobProgress, KeyState, RetryPolicy, Status};
+use super::{Bell, Clock, Job, JobId, JobProblem, JobProgress, KeyState, RetryPolicy, Status, StoredReport};
 
 /// Jobs in one SQLite file: the default, which needs nothing installed.
 ///
@@ -228,17 +228,17 @@ impl JobStore for SqliteStore {
     }
 
     async fn complete(&self, held: &Lease, completion: Completion) -> Result<Job, StoreError> {
-        let now = self.clock.now_ms();
+        let (now, report) = (self.clock.now_ms(), StoredReport::of(&completion.report));
         let mut transaction = self.begin().await?;
         let row = sqlx::query(concat!(
             "UPDATE jobs SET status = 'succeeded', outcome = ?1, report = ?2, artifacts = ?3, problem = NULL, \
              progress = NULL, finished_at = ?4, worker = NULL, lease_token = NULL, lease_expires_at = NULL, \
              ended_token = ?7, version = version + 1 \
              WHERE id = ?5 AND attempt = ?6 AND lease_token = ?7 AND status = 'running' RETURNING ",
-            job_columns!()
+            job_columns!("NULL AS report")
         ))
         .bind(to_json(&completion.report.outcome()))
-        .bind(to_json(&completion.report))
+        .bind(report.json())
         .bind(to_json(&completion.artifacts))
         .bind(now)
         .bind(held.id.to_string())
@@ -250,7 +250,7 @@ impl JobStore for SqliteStore {
             drop(transaction);
             return self.ended_by(held).await;
         };
-        let job = read_job(&row)?;
+        let job = Job { report: Some(report), ..read_job(&row)? };
         let told = outbox::note(&mut transaction, &job, now).await?;
         transaction.commit().await?;
         self.bell.ring(job.id);
