@@ -18,7 +18,11 @@ pub fn threemf(bytes: &[u8]) {
     } else {
         pack(&[("_rels/.rels", RELATIONSHIPS), ("3D/3dmodel.model", bytes)])
     };
-    let Ok(first) = read_scene(&packed, &ReadOptions::within(LIMITS)) else { return };
+    // Almost any bytes are binary STL, which keeps numbers that are not finite.
+    let first = match read_scene(&packed, &ReadOptions::within(LIMITS)) {
+        Ok(first) if first.format == Format::ThreeMf => first,
+        _ => return,
+    };
     let written = write_scene(&first.scene, Format::ThreeMf).expect("what was read has only finite numbers");
     let second = read_scene(&written, &ReadOptions::default())
         .unwrap_or_else(|error| panic!("what is written is refused: {error}"));

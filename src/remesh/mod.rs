@@ -26,7 +26,7 @@ mod thin;
 use glam::DVec3;
 
 use crate::context::{Cancelled, Context};
-use crate::math::{Box3, to_unit_range, unit_scale};
+use crate::math::{Box3, to_single, to_unit_range, unit_scale};
 use crate::mesh::{NO_SOURCE, Surface};
 use band::Limits;
 use field::Field;
@@ -280,6 +280,6 @@ struct Rounding {
 
 impl Rounding {
     fn of(self, p: DVec3) -> DVec3 {
-        if self.to_f32 { (p / self.scale).as_vec3().as_dvec3() * self.scale } else { p }
+        if self.to_f32 { to_single(p / self.scale) * self.scale } else { p }
     }
 }

@@ -25,7 +25,7 @@ mod witness;
 use glam::DVec3;
 
 use crate::context::{Cancelled, Context};
-use crate::math::{Tree, to_unit_range, unit_scale};
+use crate::math::{Tree, to_single, to_unit_range, unit_scale};
 use crate::mesh::{Edges, Surface, weld_exactly};
 use choice::choose;
 use collapse::{Attempt, Collapser, Why};
@@ -257,7 +257,7 @@ struct Rounding {
 
 impl Rounding {
     fn written(&self, p: DVec3) -> DVec3 {
-        if self.to_f32 { (p / self.scale).as_vec3().as_dvec3() * self.scale } else { p }
+        if self.to_f32 { to_single(p / self.scale) * self.scale } else { p }
     }
 
     /// A position in the model's unit: as it was where it is the same.

@@ -1,11 +1,12 @@
 //! Solid from anything: overlaps, what is inside, walls of no thickness, and the surface made anew where nothing else helps.
 
 use glam::DVec3;
+use meshmend::format::{Format, Limits, read, write};
 use meshmend::mesh::Soup;
-use meshmend::repair::{Action, InsideRule, Operator, Options, Outcome, Overlaps, StepStatus};
+use meshmend::repair::{Action, InsideRule, Operator, Options, Outcome, OutputFormat, Overlaps, StepStatus};
 
 use crate::meshes::{cube, join, push};
-use crate::pipeline::run;
+use crate::pipeline::{run, run_bytes};
 
 fn native() -> Options {
     Options { max_tier: 2, ..Options::default() }
@@ -25,6 +26,21 @@ fn parts_that_overlap_become_one_solid() {
     let after = &it.report.after.unwrap().measures;
     assert_eq!((after.parts, after.printable()), (1, true));
     assert!((after.volume.value - (2.0 - COMMON)).abs() < 1e-5);
+}
+
+#[test]
+fn parts_with_coordinates_that_f32_can_not_hold_are_united_by_their_own_vertices() {
+    let mut soup = join(&cube(DVec3::ZERO, 1.0, 1), &cube(DVec3::splat(0.53), 1.1, 1));
+    soup.positions.iter_mut().for_each(|position| *position *= 1e50);
+    let options = Options { output: OutputFormat::Off, ..native() };
+    let it = run_bytes(&write(&soup, Format::Off).unwrap(), &options, None).unwrap();
+    assert_eq!(it.report.outcome, Outcome::Repaired);
+    let after = &it.report.after.unwrap().measures;
+    assert_eq!((after.parts, after.printable()), (1, true));
+    let result = read(&it.bytes, &Limits::default()).unwrap().soup;
+    assert_eq!(result.positions.len(), 20, "14 of the corners, and 6 where edges meet faces");
+    let kept = result.positions.iter().filter(|position| soup.positions.contains(position)).count();
+    assert_eq!(kept, 14);
 }
 
 #[test]

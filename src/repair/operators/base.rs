@@ -2,10 +2,9 @@
 
 use glam::DVec3;
 
-use super::quantise::rounded;
 use super::thicken::THICKNESS;
 use super::{Applied, open_parts};
-use crate::math::{Sign, orient2d, to_unit_range};
+use crate::math::{Sign, orient2d, to_single, to_unit_range};
 use crate::mesh::{Edges, Surface};
 use crate::repair::{Cancelled, Change, Context};
 
@@ -74,7 +73,7 @@ impl AddBase {
             let (lowest, highest) = heights().fold((f64::MAX, f64::MIN), |(l, h), x| (l.min(x), h.max(x)));
             let mut plane = DVec3::splat((lowest - thickness) * view.up);
             if self.to_f32 {
-                plane = rounded(plane);
+                plane = to_single(plane);
             }
             let plane = plane.x;
             if highest - plane * view.up > self.most || plane * view.up >= lowest || !plane.is_finite() {

@@ -5,7 +5,7 @@ use smallvec::SmallVec;
 
 use super::clear::{Clear, NEW};
 use super::places::spacing;
-use super::quantise::rounded;
+use crate::math::to_single;
 use crate::mesh::Surface;
 use crate::repair::{Cancelled, Context};
 
@@ -43,7 +43,7 @@ pub(super) fn round_apart(
     is_free: impl Fn(DVec3) -> bool,
     context: &Context<'_>,
 ) -> Result<Rounded, Cancelled> {
-    let to_do = |p: DVec3| is_free(p) && rounded(p) != p;
+    let to_do = |p: DVec3| is_free(p) && to_single(p) != p;
     let mut left: Vec<u32> = (0u32..).zip(&surface.positions).filter(|&(_, &p)| to_do(p)).map(|(v, _)| v).collect();
     let mut done = Rounded::default();
     if left.is_empty() {
@@ -78,7 +78,7 @@ pub(super) fn round_apart(
     done.forced = left.len() as u64;
     for v in left {
         let p = &mut surface.positions[v as usize];
-        *p = rounded(*p);
+        *p = to_single(*p);
     }
     let live: Vec<bool> = surface.faces.iter().map(|&[a, b, c]| a != b && b != c && c != a).collect();
     surface.retain_faces(&live);
@@ -117,7 +117,7 @@ impl Rounding<'_> {
         let mut ends: Vec<u32> = self.stars[v as usize]
             .iter()
             .flat_map(|&f| self.surface.faces[f as usize])
-            .filter(|&w| w != v && at(w).distance(p) <= most && rounded(at(w)) == at(w))
+            .filter(|&w| w != v && at(w).distance(p) <= most && to_single(at(w)) == at(w))
             .collect();
         ends.sort_unstable();
         ends.dedup();
@@ -150,11 +150,11 @@ impl Rounding<'_> {
 
 /// The positions of f32 around one, the nearest first: those of the cell that it is in, and those next to the nearest.
 fn near(p: DVec3) -> SmallVec<[DVec3; 27]> {
-    let nearest = rounded(p);
+    let nearest = to_single(p);
     let beside = |x: f64| {
-        #[expect(clippy::cast_possible_truncation, reason = "it is an f32")]
-        let x = x as f32;
-        [x, x.next_up(), x.next_down()].map(f64::from)
+        #[expect(clippy::cast_possible_truncation, reason = "it is an f32, or too large for one")]
+        let near = x as f32;
+        if near.is_finite() { [near, near.next_up(), near.next_down()].map(f64::from) } else { [x; 3] }
     };
     let [x, y, z] = nearest.to_array().map(beside);
     let mut all: SmallVec<[DVec3; 27]> = SmallVec::new();

@@ -6,8 +6,7 @@ use super::Applied;
 use super::clear::{Clear, NEW};
 use super::cut::{NONE, Pairing, Pinches, cut_apart, mates};
 use super::places::{Places, key, spacing};
-use super::quantise::rounded;
-use crate::math::collinear;
+use crate::math::{collinear, to_single};
 use crate::mesh::{Edges, Stars, Surface};
 use crate::repair::{Cancelled, Change, Context};
 
@@ -147,7 +146,7 @@ fn split_pair(surface: &mut Surface, x: u32, y: u32, places: &mut Aside, clear: 
     let [f, g] = [x, y].map(|h| h as usize / 3);
     let at = |v: u32| surface.positions[v as usize];
     let [n, m] = [f, g].map(|f| surface.area_vector(f).normalize_or_zero());
-    let middle = rounded((at(a) + at(b)) * 0.5);
+    let middle = to_single((at(a) + at(b)) * 0.5);
     let Some(direction) = (-(n + m)).try_normalize() else { return false };
     let new_faces = |w: DVec3| [[at(a), w, at(c), n], [w, at(b), at(c), n], [at(b), w, at(d), m], [w, at(a), at(d), m]];
     #[expect(clippy::cast_possible_truncation, reason = "faces are counted in u32")]
