@@ -4,14 +4,16 @@ use std::path::Path;
 use std::time::Duration;
 
 use meshmend::format::Format;
-use meshmend::jobs::{Input, JobId, JobOptions, JobStore, NewJob, PostgresStore, RetryPolicy};
+use meshmend::jobs::{Artifacts, Completion, Input, JobId, JobOptions, JobStore, NewJob, PostgresStore, RetryPolicy};
 use serde_json::{Value, json};
+use sqlx::PgPool;
 
 use crate::faults::FILES;
 use crate::files;
 use crate::postgres::Postgres;
 use crate::receiver::{Receiver, Reply};
 use crate::server::{Api, Start, stored_files, until};
+use crate::stores::Bench;
 
 fn serve<'a>(data: &'a Path, cluster: &Postgres) -> Start<'a> {
     Start::serve(data).env("MESHMEND_DATABASE_URL", &cluster.url()).env("MESHMEND_NO_WORKERS", "true")
@@ -47,6 +49,45 @@ async fn what_changes_in_the_database_rings_in_every_process_that_shares_it() {
     let changed = tokio::time::timeout(Duration::from_secs(30), rung).await.expect("it rings");
     assert!(all.contains(&changed));
     tokio::time::timeout(Duration::from_secs(5), other.bell().work()).await.expect("it rings for work");
+}
+
+/// What was written so far, and how much of it the disk has.
+async fn written_and_synced(pool: &PgPool) -> (i64, i64) {
+    let found = "SELECT (pg_current_wal_insert_lsn() - '0/0')::bigint, (pg_current_wal_flush_lsn() - '0/0')::bigint";
+    sqlx::query_as(found).fetch_one(pool).await.expect("an answer")
+}
+
+#[tokio::test]
+async fn what_is_promised_waits_for_the_databases_disk_and_a_claim_does_not() {
+    let cluster = Postgres::start();
+    let url = cluster.url();
+    // So that nothing is synced but what waits for it.
+    let looking = PgPool::connect(&url).await.expect("a connection");
+    for statement in ["ALTER SYSTEM SET wal_writer_delay = '10s'", "SELECT pg_reload_conf()"] {
+        sqlx::query(statement).execute(&looking).await.expect("a superuser");
+    }
+    let store = PostgresStore::open(&url, 2, None, RetryPolicy::default()).await.expect("a store");
+    let lease = Duration::from_secs(60);
+    let mut waited = [0; 4];
+    for _ in 0..20 {
+        let (before, _) = written_and_synced(&looking).await;
+        store.submit(Bench::job("shop")).await.expect("accepted");
+        let (submitted, synced) = written_and_synced(&looking).await;
+        waited[0] += u32::from(synced > before);
+        let claim = store.claim("a worker", lease, 1).await.expect("an answer").expect("a job");
+        let (claimed, synced) = written_and_synced(&looking).await;
+        waited[1] += u32::from(synced > submitted);
+        store.heartbeat(&claim.lease, lease, None).await.expect("ours");
+        let (beaten, synced) = written_and_synced(&looking).await;
+        waited[2] += u32::from(synced > claimed);
+        let completion = Completion { report: Bench::report(), artifacts: Artifacts::new() };
+        store.complete(&claim.lease, completion).await.expect("ours");
+        waited[3] += u32::from(written_and_synced(&looking).await.1 > beaten);
+    }
+    let [submits, claims, heartbeats, ends] = waited;
+    assert_eq!((submits, ends), (20, 20));
+    // A checkpoint may come in between.
+    assert!(claims < 10 && heartbeats < 10, "{waited:?}");
 }
 
 #[tokio::test]
