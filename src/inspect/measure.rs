@@ -1,5 +1,6 @@
 use super::{Analysis, BoundingBox, Measures, Volume, finite, group_faces, nesting_depths};
 use crate::context::{Cancelled, Context};
+use crate::math::area_vanishes;
 use crate::mesh::{Edges, Soup, count_boundary_chains};
 
 /// Measures a mesh as [`Measures`] says, after merging vertices at exactly equal positions, and counts the faces that
@@ -48,9 +49,13 @@ pub(super) fn count(analysis: &Analysis<'_>, context: &Context<'_>) -> Result<Me
     it.parts = parts.count as u64;
     it.nonmanifold_vertices = fans.nonmanifold_vertices;
     it.boundary_loops = count_boundary_chains(edges, fans);
+    let vanishes = |f: u32| {
+        let [a, b, c] = analysis.unit_corners(f);
+        area_vanishes(a, b, c)
+    };
     let count_duplicate = || (surface.faces.len() - group_faces(&surface.faces).len()) as u64;
-    (it.degenerate_faces, it.duplicate_faces) =
-        rayon::join(|| analysis.flat().iter().filter(|&&flat| flat).count() as u64, count_duplicate);
+    let count_degenerate = || (0u32..).zip(analysis.flat()).filter(|&(f, &flat)| flat || vanishes(f)).count() as u64;
+    (it.degenerate_faces, it.duplicate_faces) = rayon::join(count_degenerate, count_duplicate);
     context.check()?;
     let mut balanced = true;
     it.consistent = true;

@@ -23,7 +23,7 @@ pub struct Measures {
     pub nonmanifold_vertices: u64,
     /// Edges of two faces that both run along it in the same direction.
     pub misoriented_edges: u64,
-    /// Faces without area: a repeated vertex, or corners on a line.
+    /// Faces without area: a repeated vertex, or corners on a line, or so near one that f64 finds no area.
     pub degenerate_faces: u64,
     /// Faces with the same three vertices as an earlier face.
     pub duplicate_faces: u64,

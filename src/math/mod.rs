@@ -16,7 +16,7 @@ mod triangle_pair;
 pub use angular::{order_around, sort_by_angle};
 pub use boxes::Box3;
 pub use distance::{nearest_on_segment, nearest_on_triangle, nearest_within, within};
-pub use predicates::{Sign, collinear, midmost, orient2d, orient3d, to_unit_range, unit_scale};
+pub use predicates::{Sign, area_vanishes, collinear, midmost, orient2d, orient3d, to_unit_range, unit_scale};
 pub use ray::{Crossing, crossing, hit, ray_direction};
 pub use sequence::{r2, r3};
 pub use single::to_single;

@@ -96,6 +96,13 @@ pub fn collinear(a: DVec3, b: DVec3, c: DVec3) -> bool {
         && orient2d([a.z, a.x], [b.z, b.x], [c.z, c.x]) == Sign::Zero
 }
 
+/// Whether nobody who computes in f64 finds the area of a face: the cross product of two sides comes out as zero at one of its
+/// corners, though they need not lie on a line exactly. Programs drop such a face, or give it a normal of zeros.
+#[must_use]
+pub fn area_vanishes(a: DVec3, b: DVec3, c: DVec3) -> bool {
+    [[a, b, c], [b, c, a], [c, a, b]].into_iter().any(|[p, q, r]| (q - p).cross(r - p) == DVec3::ZERO)
+}
+
 /// Of three different points on a line, the index of the one between the others.
 #[must_use]
 pub fn midmost(points: [DVec3; 3]) -> usize {

@@ -6,7 +6,7 @@ use std::time::Duration;
 use glam::DVec3;
 use meshmend::inspect::{Measures, measure};
 use meshmend::mesh::{Soup, Surface};
-use meshmend::repair::operators::degenerate::{remove_caps, remove_collapsed};
+use meshmend::repair::operators::degenerate::{remove_caps, remove_collapsed, remove_without_area};
 use meshmend::repair::operators::duplicates::remove_duplicates;
 use meshmend::repair::operators::holes::FillHoles;
 use meshmend::repair::operators::orient::Orient;
@@ -173,6 +173,38 @@ fn two_caps_on_the_same_edge_are_both_flipped_away() {
     with_context(|c| remove_caps(&mut it, c)).unwrap();
     let after = measured(&it.to_soup());
     assert!(after.printable(), "{after:?}");
+}
+
+/// A tetrahedron of which an edge has a vertex near an end, as far off as the smallest number of f32.
+fn tetrahedron_with_a_face_that_vanishes() -> Soup {
+    let beside = DVec3::new(f64::from(f32::from_bits(1)), 0.0, 0.0);
+    let ends = [DVec3::ZERO, DVec3::new(1.0, 0.25, 0.125), DVec3::new(0.125, 1.0, 0.0), DVec3::new(0.0, 0.25, 1.0)];
+    let faces = vec![[0, 2, 4], [4, 2, 1], [0, 4, 3], [4, 1, 3], [0, 3, 2], [1, 2, 3]];
+    Soup { positions: ends.into_iter().chain([beside]).collect(), faces }
+}
+
+#[test]
+fn a_face_whose_area_is_lost_in_f64_is_no_face_and_goes_without_a_trace() {
+    let soup = tetrahedron_with_a_face_that_vanishes();
+    let before = measured(&soup);
+    assert_eq!((before.degenerate_faces, before.boundary_edges), (1, 0));
+    assert!(!before.printable(), "its normal is nobody's");
+    let mut it = surface(&soup);
+    let applied = with_context(|c| remove_without_area(&mut it, f64::INFINITY, c)).unwrap();
+    assert_eq!(count(&applied.changes, "short_edges_collapsed"), 1);
+    assert!(applied.moved > 0.0 && applied.moved < 1e-44, "{}", applied.moved);
+    let after = measured(&it.to_soup());
+    assert!(after.printable() && after.faces == 4, "{after:?}");
+    assert_eq!(after.volume.value, before.volume.value);
+}
+
+#[test]
+fn a_face_whose_area_is_lost_in_f64_stays_where_no_vertex_may_move() {
+    let soup = tetrahedron_with_a_face_that_vanishes();
+    let mut it = surface(&soup);
+    let applied = with_context(|c| remove_without_area(&mut it, 0.0, c)).unwrap();
+    assert_eq!(applied.moved, 0.0);
+    assert_eq!(it.to_soup(), surface(&soup).to_soup());
 }
 
 #[test]

@@ -165,3 +165,28 @@ fn solids_nearly_at_one_place_are_united_though_half_of_their_faces_go() {
     let changes = report.changes.unwrap();
     assert!(changes.face_loss_pct > 40.0 && changes.faces_buried_pct > Some(70.0), "{changes:?}");
 }
+
+#[test]
+fn new_vertices_beside_zero_stand_no_nearer_to_one_another_than_the_model_is_worth() {
+    let known = |soup: &Soup, p: DVec3| soup.positions.contains(&p);
+    let mut new = 0;
+    for (n, angle) in [(5, 0.5), (9, 1.7), (12, 2.9)] {
+        // Turned and back again, so that what should be zero is some 1e-17.
+        let noise = DMat3::from_rotation_x(-1.0 - angle) * DMat3::from_rotation_x(1.0) * DMat3::from_rotation_x(angle);
+        let solids = [
+            cylinder(DVec3::new(0.5, 0.0, 0.0), 1.0, 0.75, n),
+            cylinder(DVec3::new(0.0, 0.5, 0.0), 1.25, 0.5, n + 3),
+            cylinder(DVec3::new(-0.25, -0.5, -0.25), 0.75, 1.0, 7),
+        ];
+        let soup = as_f32(turned(solids.iter().fold(Soup::default(), |all, it| join(&all, it)), noise));
+        let it = mend(&write(&soup, Format::Stl).unwrap());
+        assert_eq!(it.report.outcome, Outcome::Repaired, "{}", it.report.summary);
+        let made = read(&it.bytes, &Limits::default()).unwrap().soup;
+        for &p in made.positions.iter().filter(|&&p| !known(&soup, p)) {
+            new += 1;
+            let finest = p.abs().to_array().into_iter().filter(|&x| x > 0.0).fold(f64::INFINITY, f64::min);
+            assert!(finest > 1e-14, "{p:?}");
+        }
+    }
+    assert!(new > 100, "{new} new vertices");
+}

@@ -1362,7 +1362,7 @@ export interface components {
             consistent: boolean;
             /**
              * Format: int64
-             * @description Faces without area: a repeated vertex, or corners on a line.
+             * @description Faces without area: a repeated vertex, or corners on a line, or so near one that f64 finds no area.
              */
             degenerate_faces: number;
             /**

@@ -3,7 +3,7 @@
 use glam::DVec3;
 use rustc_hash::FxHashMap;
 
-use crate::math::{Box3, Contact, Tree, collinear, contact, unit_scale};
+use crate::math::{Box3, Contact, Tree, area_vanishes, collinear, contact, unit_scale};
 use crate::mesh::{Surface, position_key};
 
 /// Faces that all questions together may look at: this many, and as many more for each face.
@@ -93,7 +93,11 @@ impl Clear {
         #[expect(clippy::cast_possible_truncation, reason = "vertices are counted in u32")]
         let at_new = at_new as u32;
         let faces: Vec<[u32; 3]> = new.iter().map(|&(face, _)| self.slots(face, at_new)).collect();
-        if faces.iter().any(|&face| self.is_flat(face)) {
+        let area_vanishes = |face: &[u32; 3]| {
+            let [a, b, c] = face.map(|slot| self.unit[slot as usize]);
+            area_vanishes(a, b, c)
+        };
+        if faces.iter().any(|face| area_vanishes(face) || self.is_flat(*face)) {
             return false;
         }
         let question = Question { surface, new, gone, faces };

@@ -2,9 +2,15 @@
 
 use std::collections::HashSet;
 
-use crate::math::{collinear, midmost, to_unit_range};
+use super::Applied;
+use super::slivers::RemoveSlivers;
+use crate::math::{area_vanishes, collinear, midmost, to_unit_range};
 use crate::mesh::{Edges, Surface};
 use crate::repair::{Cancelled, Change, Context};
+
+/// Height, as a share of the diagonal of the bounding box, below which faces lie whose area f64 does not find: the cross product of
+/// their sides is off by a few units of its last place, which is 2^-52 of it, at most.
+const LOWEST: f64 = 1e-14;
 
 /// Passes over the mesh: a stack of caps loses one layer in each, and a stack so deep is no model.
 const MOST_PASSES: usize = 64;
@@ -13,6 +19,26 @@ const MOST_PASSES: usize = 64;
 pub fn remove_collapsed(surface: &mut Surface) -> Vec<Change> {
     let keep: Vec<bool> = surface.faces.iter().map(|&[a, b, c]| a != b && b != c && c != a).collect();
     Change::list([("collapsed_faces_removed", surface.retain_faces(&keep))])
+}
+
+/// Removes faces without area: those whose corners lie on a line by [`remove_caps`], and if there are such of which only f64
+/// finds no area, all that are as thin by [`RemoveSlivers`]. No vertex is moved farther than `most`, in the model's unit.
+///
+/// # Errors
+/// [`Cancelled`] when the work should stop; the surface may then be half done.
+pub fn remove_without_area(surface: &mut Surface, most: f64, context: &Context<'_>) -> Result<Applied, Cancelled> {
+    let mut applied = Applied::from(remove_caps(surface, context)?);
+    let unit = to_unit_range(&surface.positions);
+    let vanishes = |face: &[u32; 3]| {
+        let [a, b, c] = face.map(|v| unit[v as usize]);
+        area_vanishes(a, b, c) && !collinear(a, b, c)
+    };
+    if surface.faces.iter().any(vanishes) {
+        let thin = RemoveSlivers { tolerance: LOWEST, most }.apply(surface, context)?;
+        applied.changes.extend(thin.changes);
+        (applied.moved, applied.left) = (thin.moved, thin.left);
+    }
+    Ok(applied)
 }
 
 /// Removes faces whose three different corners lie on a line, without opening the surface and without moving a vertex.

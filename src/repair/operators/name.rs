@@ -16,7 +16,7 @@ pub enum Operator {
     Weld,
     /// Drop faces with the same three vertices, and walls of no thickness.
     RemoveDuplicates,
-    /// Flip away faces whose corners lie on a line.
+    /// Remove faces without area, whose corners lie on a line or nearly.
     RemoveCaps,
     /// Collapse short edges and flip away faces that are almost without area.
     RemoveSlivers,

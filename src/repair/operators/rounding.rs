@@ -13,6 +13,8 @@ use crate::repair::{Cancelled, Context};
 const ROUNDS: usize = 4;
 /// How far a vertex may be merged into another, in units of the last place.
 const MERGE: f64 = 64.0;
+/// The least step beside zero, in units of the last place of the model's largest coordinate.
+const FINEST: f64 = 1.0 / (1 << 20) as f64;
 
 /// What became of the vertices.
 #[derive(Debug, Clone, Copy, Default)]
@@ -43,7 +45,8 @@ pub(super) fn round_apart(
     is_free: impl Fn(DVec3) -> bool,
     context: &Context<'_>,
 ) -> Result<Rounded, Cancelled> {
-    let to_do = |p: DVec3| is_free(p) && to_single(p) != p;
+    let lattice = Lattice::of(surface);
+    let to_do = |p: DVec3| is_free(p) && lattice.nearest(p) != p;
     let mut left: Vec<u32> = (0u32..).zip(&surface.positions).filter(|&(_, &p)| to_do(p)).map(|(v, _)| v).collect();
     let mut done = Rounded::default();
     if left.is_empty() {
@@ -53,7 +56,7 @@ pub(super) fn round_apart(
     for (face, f) in surface.faces.iter().zip(0u32..) {
         face.iter().for_each(|&v| stars[v as usize].push(f));
     }
-    let mut it = Rounding { clear: Clear::new(surface), stars, surface };
+    let mut it = Rounding { clear: Clear::new(surface), lattice, stars, surface };
     for _ in 0..ROUNDS {
         let before = left.len();
         let mut again = Vec::new();
@@ -78,7 +81,7 @@ pub(super) fn round_apart(
     done.forced = left.len() as u64;
     for v in left {
         let p = &mut surface.positions[v as usize];
-        *p = to_single(*p);
+        *p = lattice.nearest(*p);
     }
     let live: Vec<bool> = surface.faces.iter().map(|&[a, b, c]| a != b && b != c && c != a).collect();
     surface.retain_faces(&live);
@@ -89,6 +92,7 @@ pub(super) fn round_apart(
 struct Rounding<'a> {
     surface: &'a mut Surface,
     clear: Clear,
+    lattice: Lattice,
     /// The faces at each vertex.
     stars: Vec<SmallVec<[u32; 8]>>,
 }
@@ -101,7 +105,7 @@ impl Rounding<'_> {
             .iter()
             .map(|&f| (self.surface.faces[f as usize].map(|w| if w == v { NEW } else { w }), f))
             .collect();
-        let found = near(p).into_iter().find(|&q| self.clear.is_clear(self.surface, &new, &[], q));
+        let found = self.lattice.around(p).into_iter().find(|&q| self.clear.is_clear(self.surface, &new, &[], q));
         if let Some(q) = found {
             self.clear.moved(v, q);
             self.surface.positions[v as usize] = q;
@@ -148,21 +152,72 @@ impl Rounding<'_> {
     }
 }
 
-/// The positions of f32 around one, the nearest first: those of the cell that it is in, and those next to the nearest.
-fn near(p: DVec3) -> SmallVec<[DVec3; 27]> {
-    let nearest = to_single(p);
-    let beside = |x: f64| {
-        #[expect(clippy::cast_possible_truncation, reason = "it is an f32, or too large for one")]
-        let near = x as f32;
-        if near.is_finite() { [near, near.next_up(), near.next_down()].map(f64::from) } else { [x; 3] }
-    };
-    let [x, y, z] = nearest.to_array().map(beside);
-    let mut all: SmallVec<[DVec3; 27]> = SmallVec::new();
-    for i in x {
-        for j in y {
-            all.extend(z.into_iter().map(|k| DVec3::new(i, j, k)).filter(|q| q.is_finite()));
+/// Positions that f32 can hold, and no finer beside zero than a model is worth. There f32 has numbers so near one another that no
+/// program could tell the normal of a face between them.
+#[derive(Debug, Clone, Copy)]
+struct Lattice {
+    /// The least step, a power of two.
+    least: f64,
+}
+
+impl Lattice {
+    fn of(surface: &Surface) -> Self {
+        let largest = surface.positions.iter().fold(DVec3::ZERO, |most, p| most.max(p.abs()));
+        Self { least: spacing(largest) * FINEST }
+    }
+
+    /// The nearest number, and those next to it.
+    fn near(self, x: f64) -> [f64; 3] {
+        #[expect(
+            clippy::cast_possible_truncation,
+            reason = "rounding is the purpose, and what is too large stays as it is"
+        )]
+        let single = x as f32;
+        if !single.is_finite() {
+            return [x; 3];
+        }
+        let step = f64::from(single.abs().next_up()) - f64::from(single.abs());
+        if step >= self.least {
+            return [single, single.next_up(), single.next_down()].map(f64::from);
+        }
+        let nearest = (x / self.least).round() * self.least;
+        [nearest, nearest + self.least, nearest - self.least]
+    }
+
+    fn nearest(self, p: DVec3) -> DVec3 {
+        DVec3::from_array(p.to_array().map(|x| self.near(x)[0]))
+    }
+
+    /// The positions around one, the nearest first: those of the cell that it is in, and those next to the nearest.
+    fn around(self, p: DVec3) -> SmallVec<[DVec3; 27]> {
+        let [x, y, z] = p.to_array().map(|x| self.near(x));
+        let mut all: SmallVec<[DVec3; 27]> = SmallVec::new();
+        for i in x {
+            for j in y {
+                all.extend(z.into_iter().map(|k| DVec3::new(i, j, k)).filter(|q| q.is_finite()));
+            }
+        }
+        all.sort_by(|a, b| a.distance_squared(p).total_cmp(&b.distance_squared(p)));
+        all
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn positions_are_those_of_f32_but_beside_zero_no_finer_than_the_model_is_worth() {
+        let lattice = Lattice { least: 2f64.powi(-40) };
+        let third = 1.0f32 / 3.0;
+        assert_eq!(lattice.near(1.0 / 3.0), [third, third.next_up(), third.next_down()].map(f64::from));
+        assert_eq!(lattice.near(1e-17), [0.0, 2f64.powi(-40), -2f64.powi(-40)]);
+        assert_eq!(lattice.near(-1e-40), [0.0, 2f64.powi(-40), -2f64.powi(-40)]);
+        assert_eq!(lattice.near(1e39), [1e39; 3]);
+        for x in lattice.near(1e-7) {
+            assert_eq!((x as f32).to_bits(), (x as f32 + 0.0).to_bits());
+            assert_eq!(f64::from(x as f32), x, "f32 can hold it");
+            assert!((x - 1e-7).abs() < 2f64.powi(-39));
         }
     }
-    all.sort_by(|a, b| a.distance_squared(p).total_cmp(&b.distance_squared(p)));
-    all
 }

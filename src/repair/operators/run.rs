@@ -2,7 +2,7 @@ use super::base::AddBase;
 use super::clean_and_patch::CleanAndPatch;
 use super::cut::{Pairing, Pinches, cut_apart};
 use super::debris::remove_debris;
-use super::degenerate::{remove_caps, remove_collapsed};
+use super::degenerate::{remove_collapsed, remove_without_area};
 use super::duplicates::remove_duplicates;
 use super::fins::FreeFins;
 use super::foldovers::UnfoldFoldovers;
@@ -72,7 +72,7 @@ impl Operator {
                 applied
             }
             Self::RemoveDuplicates => remove_duplicates(surface).into(),
-            Self::RemoveCaps => remove_caps(surface, context)?.into(),
+            Self::RemoveCaps => remove_without_area(surface, scope.reach, context)?,
             Self::RemoveSlivers => {
                 let slivers = RemoveSlivers { tolerance: options.degenerate_tolerance, most: scope.reach };
                 slivers.apply(surface, context)?

@@ -1047,7 +1047,7 @@ class Measures(TypedDict):
     consistent: bool
     """No edge is crossed twice in the same direction."""
     degenerate_faces: int
-    """Faces without area: a repeated vertex, or corners on a line."""
+    """Faces without area: a repeated vertex, or corners on a line, or so near one that f64 finds no area."""
     duplicate_faces: int
     """Faces with the same three vertices as an earlier face."""
     edges: int
