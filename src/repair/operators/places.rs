@@ -53,9 +53,9 @@ pub(super) fn key(p: DVec3) -> [u32; 3] {
     p.to_array().map(|x| (x as f32 + 0.0).to_bits())
 }
 
-/// The distance between f32 numbers as large as the largest coordinate.
+/// The distance between f32 numbers as large as the largest coordinate, and where that is too large for one, as the largest number.
 #[expect(clippy::cast_possible_truncation, reason = "asked about f32")]
 pub(super) fn spacing(p: DVec3) -> f64 {
-    let largest = (p.abs().max_element() as f32).max(f32::MIN_POSITIVE);
+    let largest = (p.abs().max_element() as f32).clamp(f32::MIN_POSITIVE, f32::MAX.next_down());
     f64::from(largest.next_up() - largest)
 }

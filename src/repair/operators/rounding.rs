@@ -214,6 +214,9 @@ mod tests {
         assert_eq!(lattice.near(1e-17), [0.0, 2f64.powi(-40), -2f64.powi(-40)]);
         assert_eq!(lattice.near(-1e-40), [0.0, 2f64.powi(-40), -2f64.powi(-40)]);
         assert_eq!(lattice.near(1e39), [1e39; 3]);
+        let huge = Lattice { least: spacing(DVec3::new(0.0, 1e50, -f64::from(f32::MAX))) * FINEST };
+        assert_eq!(huge.near(1.0), [0.0, huge.least, -huge.least]);
+        assert_eq!(huge.near(f64::from(f32::MAX))[0], f64::from(f32::MAX));
         for x in lattice.near(1e-7) {
             assert_eq!((x as f32).to_bits(), (x as f32 + 0.0).to_bits());
             assert_eq!(f64::from(x as f32), x, "f32 can hold it");
