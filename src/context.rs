@@ -53,6 +53,8 @@ pub struct Context<'a> {
     cancel: &'a AtomicBool,
     clock: &'a dyn Fn() -> Duration,
     deadline: Duration,
+    /// When verification ends; never before the deadline.
+    end: Duration,
 }
 
 impl<'a> Context<'a> {
@@ -63,7 +65,7 @@ impl<'a> Context<'a> {
         clock: &'a dyn Fn() -> Duration,
         deadline: Duration,
     ) -> Self {
-        Self { progress, cancel, clock, deadline }
+        Self { progress, cancel, clock, deadline, end: deadline }
     }
 
     /// The time on the clock.
@@ -92,24 +94,60 @@ impl<'a> Context<'a> {
         self.cancel.load(Ordering::Relaxed)
     }
 
-    /// The same surroundings with no deadline, for work that must be done even when the time is over, such as
-    /// judging the last result. It can still be cancelled.
+    /// Whether the deadline has passed and nobody asked the work to stop.
     #[must_use]
-    pub fn without_deadline(&self) -> Context<'a> {
-        Context { progress: self.progress, cancel: self.cancel, clock: self.clock, deadline: Duration::MAX }
+    pub fn is_late(&self) -> bool {
+        !self.is_cancelled() && self.remaining().is_zero()
+    }
+
+    /// The result of work that may be left out: none where the deadline ended it.
+    ///
+    /// # Errors
+    /// [`Cancelled`] when the work was asked to stop.
+    pub fn unless_late<T>(&self, result: Result<T, Cancelled>) -> Result<Option<T>, Cancelled> {
+        match result {
+            Err(Cancelled) if !self.is_cancelled() => Ok(None),
+            result => result.map(Some),
+        }
+    }
+
+    /// The same surroundings, in which verification may go on for `time` after the deadline.
+    #[must_use]
+    pub fn with_overrun(&self, time: Duration) -> Context<'a> {
+        Context { end: self.deadline.saturating_add(time), ..*self }
+    }
+
+    /// The same surroundings for the verification of what is handed out, which ends later than other work.
+    #[must_use]
+    pub fn for_verification(&self) -> Context<'a> {
+        Context { deadline: self.end, ..*self }
+    }
+
+    /// The same surroundings with a deadline that leaves `time` for verification. Two fifths of the time after the deadline are
+    /// planned for it; the rest is for estimates that were too short.
+    #[must_use]
+    pub fn leaving(&self, time: Duration) -> Context<'a> {
+        let planned_end = self.deadline.saturating_add(self.end.saturating_sub(self.deadline) * 2 / 5);
+        Context { deadline: self.deadline.min(planned_end.saturating_sub(time)), ..*self }
+    }
+
+    /// The same surroundings with a deadline, and an end of verification, that are earlier by `time`.
+    #[must_use]
+    pub fn ending_before(&self, time: Duration) -> Context<'a> {
+        Context { deadline: self.deadline.saturating_sub(time), end: self.end.saturating_sub(time), ..*self }
     }
 
     /// The same surroundings with a deadline no later than `time` from now.
     #[must_use]
     pub fn limited_to(&self, time: Duration) -> Context<'a> {
         let deadline = self.deadline.min(self.now().saturating_add(time));
-        Context { progress: self.progress, cancel: self.cancel, clock: self.clock, deadline }
+        Context { deadline, ..*self }
     }
 
     /// The same surroundings, but for where it tells how far it is.
     #[must_use]
     pub fn with_progress<'b>(&'b self, progress: &'b dyn Progress) -> Context<'b> {
-        Context { progress, cancel: self.cancel, clock: self.clock, deadline: self.deadline }
+        Context { progress, ..*self }
     }
 
     /// Tells how far the repair is.

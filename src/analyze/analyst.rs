@@ -102,6 +102,8 @@ impl<'a> Analyst<'a> {
             soup: &mesh.soup,
             normals: mesh.normals.as_ref(),
             numbering: mesh.numbering.as_ref(),
+            materials: mesh.materials.as_deref(),
+            is_indexed: mesh.format.is_indexed(),
             unit: Some(&unit),
         };
         let (inspection, findings) = inspect(subject, &self.options.inspect, &self.context)?;

@@ -90,6 +90,13 @@ impl Format {
         matches!(self, Self::Stl | Self::Glb)
     }
 
+    /// Whether faces share vertices by their indices, so that a reader takes them as they are. STL has no indices, and glTF gives a vertex
+    /// once for each normal and each place in a picture, so that readers of both join vertices by position.
+    #[must_use]
+    pub fn is_indexed(self) -> bool {
+        !matches!(self, Self::Stl | Self::Glb)
+    }
+
     /// Whether it says what faces are painted with.
     #[must_use]
     pub fn has_paint(self) -> bool {
@@ -116,6 +123,9 @@ pub struct ReadMesh {
     pub numbering: Option<Numbering>,
     /// The normals that the file gives, if it gives any. None of them is ever a reason not to read a file.
     pub normals: Option<CornerNormals>,
+    /// Of each face the number of its material, where the file is an assembly of bodies of several materials: 3MF alone. Bodies of one
+    /// material are judged together, and may touch those of another.
+    pub materials: Option<Vec<u32>>,
     /// The polygons of more than three corners that were cut.
     pub polygons: Polygons,
     /// Oddities that were read past, each a sentence for the person who sent the file.
@@ -128,7 +138,7 @@ impl ReadMesh {
     pub fn of_same_file(&self, soup: Soup) -> Self {
         let polygons = Polygons::default();
         let (format, dialect) = (self.format, self.dialect.clone());
-        Self { soup, format, dialect, numbering: None, normals: None, polygons, warnings: Vec::new() }
+        Self { soup, format, dialect, numbering: None, normals: None, materials: None, polygons, warnings: Vec::new() }
     }
 }
 

@@ -72,6 +72,7 @@ pub(super) fn read(bytes: &[u8], options: &ReadOptions) -> Result<ReadMesh, Read
         format: Format::Off,
         dialect,
         numbering: None,
+        materials: None,
         normals: None,
         polygons,
         warnings,

@@ -53,7 +53,32 @@ impl ReadScene {
             ReadError::whole(ReadErrorKind::TooLarge, format!("{error}; simplify the model before you send it"))
         })?;
         let polygons = Polygons::default();
-        let mesh = ReadMesh { soup: whole.soup, format, dialect, numbering: None, normals: None, polygons, warnings };
+        let materials = (format == Format::ThreeMf).then(|| face_materials(&scene)).flatten();
+        let mesh = ReadMesh {
+            soup: whole.soup,
+            format,
+            dialect,
+            numbering: None,
+            normals: None,
+            materials,
+            polygons,
+            warnings,
+        };
         Ok(ReadFile { mesh, paint: whole.paint, scene: Some(scene), unit: None })
     }
+}
+
+/// Most materials of an assembly whose bodies are judged apart.
+const MAX_MATERIALS: u32 = 200;
+
+/// Of each face of the placed mesh the number of its material; none where all are of one material.
+fn face_materials(scene: &Scene) -> Option<Vec<u32>> {
+    let instances = scene.instances(u64::MAX).ok()?;
+    let materials = scene.materials_of(&instances).filter(|it| it.iter().all(|&number| number < MAX_MATERIALS))?;
+    let mut of_face = Vec::new();
+    for (instance, material) in instances.iter().zip(materials).filter(|(instance, _)| instance.is_printed) {
+        let faces = scene.objects[instance.object as usize].mesh().map_or(0, |mesh| mesh.soup.faces.len());
+        of_face.resize(of_face.len() + faces, material);
+    }
+    Some(of_face)
 }

@@ -9,7 +9,10 @@ use glam::DVec3;
 use super::errors::{ReadError, ReadErrorKind, shown};
 use super::text::{Text, Word, integer};
 use super::{Format, Limits, Polygons, ReadMesh};
-use crate::mesh::{Numbering, Soup};
+use crate::mesh::{LeftOutFace, Numbering, Soup};
+
+/// Faces that name missing vertices, and such vertices, of which the numbers are kept.
+const MOST_KEPT: usize = 10_000;
 
 /// Whether a file's first line is one of this format's.
 pub(super) fn starts(head: &[u8]) -> bool {
@@ -27,6 +30,7 @@ pub(super) fn read(bytes: &[u8], limits: &Limits) -> Result<ReadMesh, ReadError>
         numbers: Vec::new(),
         vertices_contiguous: true,
         faces: Vec::new(),
+        face_numbers: Vec::new(),
         faces_contiguous: true,
         unknown: None,
     };
@@ -45,6 +49,8 @@ struct Reader<'a> {
     vertices_contiguous: bool,
     /// The vertex numbers of each face.
     faces: Vec<[u32; 3]>,
+    /// The number of each face.
+    face_numbers: Vec<u32>,
     faces_contiguous: bool,
     /// How many lines are of no known kind, and the word that the first begins with.
     unknown: Option<(u64, String)>,
@@ -82,6 +88,7 @@ impl<'a> Reader<'a> {
                 ));
             }
             self.faces.push(corners);
+            self.face_numbers.push(number);
             self.faces_contiguous &= number as usize == self.faces.len();
         } else {
             let (count, _) = self.unknown.get_or_insert_with(|| (0, shown(keyword.bytes)));
@@ -133,17 +140,35 @@ impl<'a> Reader<'a> {
             None => (number as usize <= self.positions.len()).then(|| number - 1),
             Some(sorted) => sorted.binary_search_by_key(&number, |&(n, _)| n).ok().map(|at| sorted[at].1),
         };
-        let mut missing = Vec::new();
+        let (mut missing, mut last) = (Vec::new(), DVec3::ZERO);
+        let mut numbers = self.face_numbers.iter();
+        let mut kept = Vec::with_capacity(self.face_numbers.len());
         self.faces.retain_mut(|face| {
+            let number = numbers.next().copied().unwrap_or(0);
             let indices = face.map(index_of);
             missing.extend(face.iter().zip(indices).filter(|(_, index)| index.is_none()).map(|(&number, _)| number));
-            let [Some(a), Some(b), Some(c)] = indices else { return false };
-            *face = [a, b, c];
-            true
+            if let [Some(a), Some(b), Some(c)] = indices {
+                *face = [a, b, c];
+                last = middle(&self.positions, &indices).unwrap_or(last);
+                kept.push(number);
+                return true;
+            }
+            let at = middle(&self.positions, &indices).unwrap_or(last);
+            if numbering.left_out.len() < MOST_KEPT {
+                numbering.left_out.push(LeftOutFace { number, at: at.to_array() });
+            }
+            false
         });
         missing.sort_unstable();
         missing.dedup();
         numbering.missing_vertices = missing.len() as u64;
+        numbering.missing = missing.iter().copied().take(MOST_KEPT).collect();
+        if !self.faces_contiguous || kept.len() < given {
+            numbering.face_numbers = kept;
+        }
+        if !self.vertices_contiguous {
+            numbering.vertex_numbers = std::mem::take(&mut self.numbers);
+        }
         numbering.faces_without_vertex = (given - self.faces.len()) as u64;
         if self.faces.is_empty() {
             return Err(ReadError::whole(ReadErrorKind::NoFaces, self.no_faces(given)));
@@ -161,6 +186,7 @@ impl<'a> Reader<'a> {
             ));
         }
         Ok(ReadMesh {
+            materials: None,
             soup: Soup { positions: self.positions, faces: self.faces },
             format: Format::Mesh,
             dialect: "Vertex/Face mesh".to_owned(),
@@ -219,6 +245,13 @@ impl<'a> Reader<'a> {
             )
         }
     }
+}
+
+/// The middle of the corners that are given and finite.
+fn middle(positions: &[DVec3], indices: &[Option<u32>]) -> Option<DVec3> {
+    let given = indices.iter().flatten().filter_map(|&v| positions.get(v as usize)).filter(|p| p.is_finite());
+    let (sum, count) = given.fold((DVec3::ZERO, 0.0), |(sum, count), &p| (sum + p, count + 1.0));
+    (count > 0.0 && sum.is_finite()).then(|| sum / count)
 }
 
 /// Writes numbers from 1 in order; every f64 as the shortest decimal that reads back the same.

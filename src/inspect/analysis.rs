@@ -6,7 +6,7 @@ use glam::DVec3;
 use super::compare::FaceKeys;
 use super::{Intersections, Measures, Solid, intersections, measure, nesting_depths, solids};
 use crate::context::{Cancelled, Context};
-use crate::math::{Dipoles, Tree, collinear, to_unit_range, unit_scale};
+use crate::math::{Box3, Dipoles, Tree, area_vanishes, collinear, to_unit_range, unit_scale};
 use crate::mesh::{CornerNormals, Edges, Fans, Ingest, Numbering, Parts, Soup, Surface};
 use crate::scene::LengthUnit;
 
@@ -19,13 +19,17 @@ pub struct Subject<'a> {
     pub normals: Option<&'a CornerNormals>,
     /// The file's own numbers, where the format has numbers.
     pub numbering: Option<&'a Numbering>,
+    /// Of each face the number of its material, where the mesh is an assembly of bodies of several materials. Such bodies may touch.
+    pub materials: Option<&'a [u32]>,
+    /// Whether its readers take faces to share vertices by the file's indices only, and not by position.
+    pub is_indexed: bool,
     /// What its lengths are in, where that is settled.
     pub unit: Option<&'a LengthUnit>,
 }
 
 impl<'a> From<&'a Soup> for Subject<'a> {
     fn from(soup: &'a Soup) -> Self {
-        Self { soup, normals: None, numbering: None, unit: None }
+        Self { soup, normals: None, numbering: None, materials: None, is_indexed: false, unit: None }
     }
 }
 
@@ -51,6 +55,7 @@ pub struct Analysis<'a> {
     scale: OnceLock<f64>,
     unit: OnceLock<Vec<DVec3>>,
     flat: OnceLock<Vec<bool>>,
+    extent: OnceLock<Box3>,
     depths: OnceLock<Vec<Option<u32>>>,
     tree: OnceLock<Tree>,
     dipoles: OnceLock<Dipoles>,
@@ -65,7 +70,10 @@ impl<'a> Analysis<'a> {
     /// # Errors
     /// [`Cancelled`] when the work should stop.
     pub fn new(subject: Subject<'a>, context: &Context<'_>) -> Result<Self, Cancelled> {
-        let (surface, ingest) = Surface::from_soup(subject.soup);
+        let (surface, ingest) = match subject.materials {
+            Some(materials) => Surface::from_assembly(subject.soup, materials),
+            None => Surface::from_soup(subject.soup),
+        };
         context.check()?;
         let edges = Edges::new(&surface.faces);
         context.check()?;
@@ -87,6 +95,7 @@ impl<'a> Analysis<'a> {
             scale: OnceLock::new(),
             unit: OnceLock::new(),
             flat: OnceLock::new(),
+            extent: OnceLock::new(),
             depths: OnceLock::new(),
             tree: OnceLock::new(),
             dipoles: OnceLock::new(),
@@ -94,6 +103,12 @@ impl<'a> Analysis<'a> {
             measures: OnceLock::new(),
             intersections: OnceLock::new(),
         })
+    }
+
+    /// The material of a face of `surface`; 0 where there is only one.
+    pub(super) fn material(&self, face: u32) -> u32 {
+        let source = self.surface.source[face as usize] as usize;
+        self.subject.materials.and_then(|materials| materials.get(source)).copied().unwrap_or(0)
     }
 
     /// The positions of `surface`, scaled by a power of two for the exact predicates (see [`to_unit_range`]).
@@ -114,6 +129,23 @@ impl<'a> Analysis<'a> {
     /// Of each face whether its corners are on a line, exactly.
     pub fn flat(&self) -> &[bool] {
         self.flat.get_or_init(|| flat_faces(self.unit(), &self.surface.faces))
+    }
+
+    /// Whether a face of `surface` has no area: exactly, or as far as f64 can tell.
+    pub(super) fn is_without_area(&self, face: u32) -> bool {
+        let [a, b, c] = self.unit_corners(face);
+        self.flat()[face as usize] || area_vanishes(a, b, c)
+    }
+
+    /// The box in the coordinates of [`Analysis::unit`] around all faces that have an area, which are those that a repair can keep; around
+    /// all faces where none has.
+    pub(super) fn extent(&self) -> Box3 {
+        *self.extent.get_or_init(|| {
+            let faces = (0u32..).take(self.surface.faces.len());
+            let sound = faces.filter(|&f| !self.is_without_area(f)).flat_map(|f| self.unit_corners(f));
+            let extent = Box3::of(sound);
+            if extent.diagonal() > 0.0 { extent } else { Box3::of(self.unit().iter().copied()) }
+        })
     }
 
     /// How many other closed parts each part lies in, as [`nesting_depths`] tells of all of them.

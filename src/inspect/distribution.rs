@@ -1,6 +1,9 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+/// What rounding of coordinates to f32 makes of equal values, as a share of them: a range no wider is one bin, and a value that is so little
+/// below a border is on it.
+const NOISE: f64 = 1e-6;
 /// Bins of a histogram.
 const BINS: usize = 16;
 
@@ -31,7 +34,8 @@ pub struct Histogram {
     /// How the edges are placed.
     pub spacing: BinSpacing,
     /// The borders of the bins, ascending, one more than there are bins. A value on a border belongs to the bin above it, the
-    /// last border to the last bin.
+    /// last border to the last bin; a value counts as on a border that is above it by a millionth at most, which is rounding. A range so
+    /// narrow is one bin.
     pub edges: Vec<f64>,
     /// The values in each bin.
     pub counts: Vec<u64>,
@@ -101,7 +105,7 @@ impl Histogram {
         let positive = sorted.get(sorted.partition_point(|&x| x <= 0.0)).copied().unwrap_or(last);
         let (spacing, edges) = match bins {
             Bins::Between(low, high, bins) => (BinSpacing::Linear, linear(low, high, bins)),
-            Bins::ByRange if first >= last => (BinSpacing::Linear, vec![first, last]),
+            Bins::ByRange if last - first <= NOISE * last => (BinSpacing::Linear, vec![first, last]),
             Bins::ByRange if last / 16.0 <= positive => (BinSpacing::Linear, linear(first, last, BINS)),
             Bins::ByRange => {
                 let mut edges = geometric(positive, last);
@@ -115,7 +119,7 @@ impl Histogram {
                 let end = if bin + 1 == edges.len() {
                     sorted.len()
                 } else {
-                    sorted.partition_point(|&x| x < edges[bin]).max(begin)
+                    sorted.partition_point(|&x| x < edges[bin] * (1.0 - NOISE)).max(begin)
                 };
                 let count = end - begin;
                 begin = end;

@@ -13,7 +13,7 @@ pub struct Elements {
     pub indistinguishable_vertices: Option<u64>,
     /// Faces that name a vertex more than once, by its number or by its position.
     pub repeated_vertex_faces: u64,
-    /// Faces of three different vertices that lie on a line.
+    /// Faces of three different vertices that lie on a line, or so near one that f64 finds no area.
     pub collinear_faces: u64,
     /// Vertices that a face names and the file does not give. None where the format can't have them, or its reader refuses
     /// them.

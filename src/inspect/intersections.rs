@@ -3,7 +3,7 @@ use glam::DVec3;
 use super::analysis::flat_faces;
 use super::{Analysis, Defect, DefectKind, Findings, Meeting, SelfIntersections};
 use crate::context::{Cancelled, Context};
-use crate::math::{Contact, Frame, Hit, PairSearch, Tree, common_point, contact, to_unit_range};
+use crate::math::{Box3, Contact, Frame, Hit, PairSearch, Tree, common_point, contact, to_unit_range};
 use crate::mesh::Parts;
 
 /// Steps that a search may take, and as many more for each face: some seconds, and many times what a usual model needs.
@@ -57,15 +57,20 @@ fn intersections_within(
 ) -> Result<Intersections, Cancelled> {
     let (unit, faces) = (analysis.unit(), &analysis.surface.faces);
     let flat = analysis.flat();
-    let search = PairSearch {
-        look: |f: u32, g: u32, steps: &mut u64| look(unit, [faces, faces], [flat, flat], [f, g], steps),
-        budget,
-    };
+    let meeting = |f: u32, g: u32, steps: &mut u64| look(unit, [faces, faces], [flat, flat], [f, g], steps);
     context.check()?;
     let tree = analysis.tree();
     context.check()?;
     let mut found = Found::new([analysis, analysis]);
-    let complete = search.within(tree, |hits| found.take(hits, context))?;
+    let complete = if analysis.subject.materials.is_none() {
+        PairSearch { look: meeting, budget }.within(tree, |hits| found.take(hits, context))?
+    } else {
+        let look = |f: u32, g: u32, steps: &mut u64| {
+            let is_one_body = analysis.material(f) == analysis.material(g);
+            meeting(f, g, steps).filter(|&meeting| is_one_body || overlap(analysis, [f, g], meeting))
+        };
+        PairSearch { look, budget }.within(tree, |hits| found.take(hits, context))?
+    };
     Ok(found.finish(complete))
 }
 
@@ -123,6 +128,76 @@ fn look(
         Contact::Crossing => Some(Meeting::Crossing),
         Contact::Coplanar => Some(Meeting::Coplanar),
     }
+}
+
+/// How deep bodies of two materials may lie in one another and still only touch, in the coordinates of [`Analysis::unit`], in which no
+/// coordinate is larger than 1. f32 rounds by 2^-25 there, and vertices that would meet others by it are moved a little farther.
+const TOUCHING_DEPTH: f64 = 1e-5;
+
+/// Whether the bodies behind two faces of different materials that meet so have more than their surface in common.
+fn overlap(analysis: &Analysis<'_>, faces: [u32; 2], meeting: Meeting) -> bool {
+    let corners = faces.map(|face| analysis.unit_corners(face));
+    let normal = |[a, b, c]: [DVec3; 3]| (b - a).cross(c - a).normalize_or_zero();
+    let normals = corners.map(normal);
+    // How far a face lies on both sides of the other's plane: the lesser of the two.
+    let depth = |one: usize| {
+        let other = 1 - one;
+        let heights = corners[one].map(|p| (p - corners[other][0]).dot(normals[other]));
+        let (above, below) =
+            (heights.iter().fold(0.0, |m: f64, &h| m.max(h)), heights.iter().fold(0.0, |m: f64, &h| m.max(-h)));
+        above.min(below)
+    };
+    match meeting {
+        Meeting::Touching => false,
+        Meeting::Coplanar => normals[0].dot(normals[1]) > 0.0,
+        Meeting::Crossing => depth(0).min(depth(1)) > TOUCHING_DEPTH,
+    }
+}
+
+/// The faces that lie inside bodies of another material.
+///
+/// Surfaces that cross are found as intersecting faces; where they don't, a face lies inside another body as a whole or not at all, which
+/// the winding number behind its centre tells.
+///
+/// # Errors
+/// [`Cancelled`] when the work should stop.
+pub fn faces_in_other_materials(analysis: &Analysis<'_>, context: &Context<'_>) -> Result<Vec<u32>, Cancelled> {
+    let Some(materials) = analysis.subject.materials else { return Ok(Vec::new()) };
+    let mut numbers = materials.to_vec();
+    numbers.sort_unstable();
+    numbers.dedup();
+    let unit = analysis.unit();
+    let count = analysis.surface.faces.len();
+    let material: Vec<u32> = (0u32..).take(count).map(|face| analysis.material(face)).collect();
+    let mut inside = Vec::new();
+    for number in numbers {
+        let own: Vec<[u32; 3]> = analysis
+            .surface
+            .faces
+            .iter()
+            .zip(&material)
+            .filter(|(_, it)| **it == number)
+            .map(|(face, _)| *face)
+            .collect();
+        let corners = |face: u32| own[face as usize].map(|v| unit[v as usize]);
+        let bounds = Box3::of(own.iter().flatten().map(|&v| unit[v as usize]));
+        let tree = Tree::new(unit, &own);
+        let dipoles = tree.dipoles(corners);
+        let others: Vec<u32> = (0u32..).take(count).filter(|&face| material[face as usize] != number).collect();
+        for some in others.chunks(4096) {
+            context.check()?;
+            for &face in some.iter().filter(|&&face| !analysis.flat()[face as usize]) {
+                let [a, b, c] = analysis.unit_corners(face);
+                let behind = (a + b + c) / 3.0 - (b - a).cross(c - a).normalize_or_zero() * (2.0 * TOUCHING_DEPTH);
+                let is_near = behind.cmpge(bounds.min).all() && behind.cmple(bounds.max).all();
+                if is_near && tree.winding(&dipoles, behind, &mut u64::MAX.clone(), corners).abs() > 0.75 {
+                    inside.push(analysis.surface.source[face as usize]);
+                }
+            }
+        }
+    }
+    inside.sort_unstable();
+    Ok(inside)
 }
 
 /// What a search has found so far.
@@ -201,7 +276,7 @@ impl Intersections {
 }
 
 /// A point that two faces have in common, in the model's unit.
-fn place(analysis: &Analysis<'_>, pair: &IntersectingPair) -> DVec3 {
+pub(super) fn place(analysis: &Analysis<'_>, pair: &IntersectingPair) -> DVec3 {
     let [p, q] = pair
         .faces
         .map(|f| analysis.subject.soup.faces[f as usize].map(|v| analysis.subject.soup.positions[v as usize]));

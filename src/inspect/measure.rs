@@ -1,6 +1,7 @@
+use super::intersections::faces_in_other_materials;
+use super::readers::{joined_faults, unshared_edges};
 use super::{Analysis, BoundingBox, Measures, Volume, finite, group_faces, nesting_depths};
 use crate::context::{Cancelled, Context};
-use crate::math::area_vanishes;
 use crate::mesh::{Edges, Soup, count_boundary_chains};
 
 /// Measures a mesh as [`Measures`] says, after merging vertices at exactly equal positions, and counts the faces that
@@ -40,22 +41,24 @@ pub(super) fn count(analysis: &Analysis<'_>, context: &Context<'_>) -> Result<Me
         vertices: surface.positions.len() as u64,
         unreferenced_vertices: ingest.unreferenced_vertices,
         nonfinite_faces: ingest.nonfinite_faces,
+        unreadable_faces: subject.numbering.map_or(0, |numbering| numbering.faces_without_vertex),
         ..Measures::default()
     };
     if surface.faces.is_empty() {
         return Ok(it);
     }
+    it.materials = material_count(subject.materials);
+    it.faces_in_other_materials = faces_in_other_materials(analysis, context)?.len() as u64;
     it.edges = edges.len() as u64;
     it.parts = parts.count as u64;
     it.nonmanifold_vertices = fans.nonmanifold_vertices;
     it.boundary_loops = count_boundary_chains(edges, fans);
-    let vanishes = |f: u32| {
-        let [a, b, c] = analysis.unit_corners(f);
-        area_vanishes(a, b, c)
-    };
     let count_duplicate = || (surface.faces.len() - group_faces(&surface.faces).len()) as u64;
-    let count_degenerate = || (0u32..).zip(analysis.flat()).filter(|&(f, &flat)| flat || vanishes(f)).count() as u64;
+    let count_degenerate =
+        || (0u32..).take(surface.faces.len()).filter(|&f| analysis.is_without_area(f)).count() as u64;
     (it.degenerate_faces, it.duplicate_faces) = rayon::join(count_degenerate, count_duplicate);
+    it.unshared_edges = unshared_edges(analysis).count() as u64;
+    it.near_coincident_faults = joined_faults(analysis);
     context.check()?;
     let mut balanced = true;
     it.consistent = true;
@@ -89,4 +92,11 @@ pub(super) fn count(analysis: &Analysis<'_>, context: &Context<'_>) -> Result<Me
     it.volume = Volume { value: finite(value), reliable: it.closed && balanced && it.duplicate_faces == 0 };
     it.area = finite(area);
     Ok(it)
+}
+
+fn material_count(materials: Option<&[u32]>) -> u64 {
+    let mut numbers = materials.map(<[u32]>::to_vec).unwrap_or_default();
+    numbers.sort_unstable();
+    numbers.dedup();
+    numbers.len() as u64
 }

@@ -31,8 +31,26 @@ pub struct Measures {
     pub unreferenced_vertices: u64,
     /// Faces with a corner that is not a finite number; they are left out of every other count.
     pub nonfinite_faces: u64,
+    /// Edges of two faces that are joined by position only: in the file each of the two faces has vertices of its own there. A reader
+    /// that takes vertices by index sees a slit. 0 for STL and glTF, whose readers join vertices by position.
+    #[serde(default)]
+    pub unshared_edges: u64,
+    /// Faces that name a vertex which the file does not give; they are left out of every other count.
+    #[serde(default)]
+    pub unreadable_faces: u64,
+    /// Faces that lose a corner and edges that lose their pairing for a reader that rounds positions to eight decimals, as trimesh does,
+    /// or to 1e-7 of the diagonal where that is finer.
+    #[serde(default)]
+    pub near_coincident_faults: u64,
     /// Closed parts that are turned inside out: not within another part, and of negative volume.
     pub inverted_parts: u64,
+    /// Materials of an assembly of bodies, such as a 3MF file for a print of several materials. Bodies of one material are judged
+    /// together; those of another may touch them. 0 where the file is one mesh.
+    #[serde(default)]
+    pub materials: u64,
+    /// Faces of an assembly that lie inside a body of another material.
+    #[serde(default)]
+    pub faces_in_other_materials: u64,
     /// No boundary edge, and there is a face.
     pub closed: bool,
     /// Every edge has at most two faces and every vertex one fan.
@@ -52,8 +70,11 @@ pub struct Measures {
 }
 
 impl Measures {
-    /// Closed, manifold, outward, without degenerate or duplicate faces, of positive volume, and proven to be without
-    /// self-intersections.
+    /// Whether the file is printable as it stands: closed, manifold, outward, without degenerate or duplicate faces, of positive volume,
+    /// and proven to be without self-intersections; all that for a reader that joins vertices by position, for one that takes them by
+    /// index, and for one that rounds positions to eight decimals; and every face can be read.
+    ///
+    /// The outcome of a repair, `after.check`, `meshmend inspect` and the ranking of candidates all ask this function.
     #[must_use]
     pub fn printable(&self) -> bool {
         self.printable_but_for_intersections() && self.self_intersections.proven_none()
@@ -68,8 +89,12 @@ impl Measures {
             && self.outward
             && self.faces > 0
             && self.nonfinite_faces == 0
+            && self.unreadable_faces == 0
+            && self.unshared_edges == 0
+            && self.near_coincident_faults == 0
             && self.degenerate_faces == 0
             && self.duplicate_faces == 0
+            && self.faces_in_other_materials == 0
             && self.volume.value > 0.0
     }
 
@@ -106,7 +131,11 @@ impl Measures {
             + self.degenerate_faces
             + self.duplicate_faces
             + self.nonfinite_faces
+            + self.unreadable_faces
+            + self.unshared_edges
+            + self.near_coincident_faults
             + self.inverted_parts
+            + self.faces_in_other_materials
             + self.self_intersections.pairs.unwrap_or(0)
     }
 }
@@ -126,6 +155,22 @@ impl Measures {
             (self.degenerate_faces, "face without area", "faces without area"),
             (self.duplicate_faces, "duplicate face", "duplicate faces"),
             (self.nonfinite_faces, "face that is not finite", "faces that are not finite"),
+            (
+                self.faces_in_other_materials,
+                "face inside a body of another material",
+                "faces inside bodies of another material",
+            ),
+            (self.unreadable_faces, "face that names a missing vertex", "faces that name missing vertices"),
+            (
+                self.unshared_edges,
+                "edge whose two faces do not share its vertices",
+                "edges whose two faces do not share their vertices",
+            ),
+            (
+                self.near_coincident_faults,
+                "face or edge that breaks when positions are rounded to eight decimals",
+                "faces and edges that break when positions are rounded to eight decimals",
+            ),
             (self.inverted_parts, "part turned inside out", "parts turned inside out"),
             (self.self_intersections.pairs.unwrap_or(0), "pair of intersecting faces", "pairs of intersecting faces"),
         ];

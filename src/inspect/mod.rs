@@ -7,6 +7,7 @@ mod analysis;
 mod attributes;
 mod characteristics;
 mod compare;
+mod contacts;
 mod defects;
 mod distribution;
 mod duplicates;
@@ -21,6 +22,7 @@ mod nesting;
 mod options_error;
 mod print;
 mod queries;
+mod readers;
 mod set;
 mod shells;
 mod solids;
@@ -35,6 +37,7 @@ pub use compare::{
     InsideAgreement, Ledger, LostPart, Original, PartCertificate, Spread, SurfaceShare, SurfaceShares, compare,
     percent,
 };
+pub use contacts::{InstanceContact, instance_contacts};
 pub use defects::{CheckRule, CheckVerdict, Tolerance, ToleranceError, Tolerances, find_defects};
 use distribution::finite;
 pub use distribution::{BinSpacing, Bins, Distribution, Histogram};
@@ -43,7 +46,9 @@ pub use elements::Elements;
 pub use findings::{Defect, DefectGroup, DefectKind, Findings, Meeting};
 pub use good::{Goodness, Lack, Shortfall, Thresholds, goodness};
 pub use inspection::{INSPECTION_VERSION, InspectOptions, Inspection, Level, inspect, inspect_analysis};
-pub use intersections::{IntersectingPair, Intersections, intersections, intersections_between};
+pub use intersections::{
+    IntersectingPair, Intersections, faces_in_other_materials, intersections, intersections_between,
+};
 pub use measure::{measure, measure_analysis, measures};
 pub use measures::{BoundingBox, Measures, SelfIntersections, Volume};
 pub use nesting::{nesting, nesting_depths};
@@ -51,6 +56,7 @@ pub use options_error::OptionsError;
 pub use print::{
     Fit, NoWall, Overhang, OverhangArea, PrintMeasures, ThinPlace, ThinnestWall, print_measures, thin_walls,
 };
+pub use readers::joined_by_decimals;
 pub use set::{MeshPair, MeshSpacing, Nearest, SetIntersections, SetReport, SetSpacing};
 pub use shells::{Shell, Shells, Turning, shells};
 pub use solids::{Solid, doubled_areas, solids};

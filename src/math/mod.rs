@@ -19,6 +19,6 @@ pub use distance::{nearest_on_segment, nearest_on_triangle, nearest_within, with
 pub use predicates::{Sign, area_vanishes, collinear, midmost, orient2d, orient3d, to_unit_range, unit_scale};
 pub use ray::{Crossing, crossing, hit, ray_direction};
 pub use sequence::{r2, r3};
-pub use single::to_single;
+pub use single::{Rounding, to_single};
 pub use tree::{Ball, Dipoles, Frame, GrowingTree, Hit, Nearest, PairSearch, Tree, winding_exact};
 pub use triangle_pair::{Contact, common_point, contact};

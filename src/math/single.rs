@@ -8,6 +8,23 @@ pub fn to_single(p: DVec3) -> DVec3 {
     DVec3::new(nearest(p.x), nearest(p.y), nearest(p.z))
 }
 
+/// How positions are rounded that were scaled, as for exact predicates: to what the result's file will say, scaled again.
+#[derive(Debug, Clone, Copy)]
+pub struct Rounding {
+    /// What positions in the model's unit were multiplied by: a power of two.
+    pub scale: f64,
+    /// Whether the file holds f32; otherwise positions stay as they are.
+    pub to_f32: bool,
+}
+
+impl Rounding {
+    /// The position that will be read again.
+    #[must_use]
+    pub fn of(self, p: DVec3) -> DVec3 {
+        if self.to_f32 { to_single(p / self.scale) * self.scale } else { p }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

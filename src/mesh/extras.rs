@@ -38,7 +38,7 @@ impl CornerNormals {
 }
 
 /// What a file with explicit numbers says of its vertices and faces.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct Numbering {
     /// Whether vertices are numbered 1, 2, 3 and so on, in the order of the file.
     pub vertices_contiguous: bool,
@@ -48,4 +48,35 @@ pub struct Numbering {
     pub missing_vertices: u64,
     /// Faces that name such a vertex; they are not in the soup.
     pub faces_without_vertex: u64,
+    /// The first of those faces, in the order of the file.
+    pub left_out: Vec<LeftOutFace>,
+    /// The first of the missing vertex numbers, ascending.
+    pub missing: Vec<u32>,
+    /// The number of each vertex of the soup; empty where they are 1, 2, 3 and so on.
+    pub vertex_numbers: Vec<u32>,
+    /// The number of each face of the soup; empty where they are 1, 2, 3 and so on.
+    pub face_numbers: Vec<u32>,
+}
+
+/// A face that names a vertex which the file does not give.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LeftOutFace {
+    /// Its number in the file.
+    pub number: u32,
+    /// The middle of its corners that are given; of a face without any, that of the face before it.
+    pub at: [f64; 3],
+}
+
+impl Numbering {
+    /// The file's number of a face of the soup.
+    #[must_use]
+    pub fn face(&self, index: u32) -> u32 {
+        self.face_numbers.get(index as usize).copied().unwrap_or(index.saturating_add(1))
+    }
+
+    /// The file's number of a vertex of the soup.
+    #[must_use]
+    pub fn vertex(&self, index: u32) -> u32 {
+        self.vertex_numbers.get(index as usize).copied().unwrap_or(index.saturating_add(1))
+    }
 }

@@ -21,7 +21,7 @@ mod union_find;
 mod weld;
 
 pub use edges::Edges;
-pub use extras::{CornerNormals, Numbering};
+pub use extras::{CornerNormals, LeftOutFace, Numbering};
 pub use fan_walk::FanWalk;
 pub use fans::Fans;
 pub use ids::{EdgeId, FaceId, HalfEdgeId, VertexId};
@@ -30,6 +30,6 @@ pub use manifold::{HalfEdgeMesh, Manifold, NotManifold, Refused};
 pub use parts::Parts;
 pub use soup::Soup;
 pub use stars::Stars;
-pub use surface::{Ingest, NO_SOURCE, Surface, position_key};
+pub use surface::{BASE_SOURCE, Ingest, NO_SOURCE, OPENED_SKIN_SOURCE, SKIN_SOURCE, Surface, is_made, position_key};
 pub use union_find::UnionFind;
 pub use weld::weld_exactly;

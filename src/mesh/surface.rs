@@ -6,6 +6,21 @@ use crate::math::Box3;
 /// The source of a face that no input face gave, such as one of a patch.
 pub const NO_SOURCE: u32 = u32::MAX;
 
+/// The source of the second skin and the rim of a sheet that was given a thickness.
+pub const SKIN_SOURCE: u32 = u32::MAX - 1;
+
+/// The same around a region that was left open, since one can look into it through a hole.
+pub const OPENED_SKIN_SOURCE: u32 = u32::MAX - 2;
+
+/// The source of the skirt and the bottom of a base.
+pub const BASE_SOURCE: u32 = u32::MAX - 3;
+
+/// Whether a source says that no input face gave the face.
+#[must_use]
+pub const fn is_made(source: u32) -> bool {
+    source >= BASE_SOURCE
+}
+
 /// An indexed triangle surface: positions are finite and pairwise different when it is made, every index is in range.
 ///
 /// Vertices stand in the order of their first use by a face, faces in the order of the input. Faces may be degenerate
@@ -16,7 +31,7 @@ pub struct Surface {
     pub positions: Vec<DVec3>,
     /// Faces as indices into `positions`.
     pub faces: Vec<[u32; 3]>,
-    /// For each face the index of the input face that it is or was cut from, or [`NO_SOURCE`].
+    /// For each face the index of the input face that it is or was cut from, or what it was made for ([`is_made`]).
     pub source: Vec<u32>,
 }
 
@@ -66,8 +81,13 @@ impl Surface {
 
     /// Adds a face that no input face gave.
     pub fn push_patch(&mut self, face: [u32; 3]) {
+        self.push_made(face, NO_SOURCE);
+    }
+
+    /// Adds a face that no input face gave, with what it was made for.
+    pub fn push_made(&mut self, face: [u32; 3], source: u32) {
         self.faces.push(face);
-        self.source.push(NO_SOURCE);
+        self.source.push(source);
     }
 
     /// Keeps the faces for which `keep` (one for each face) is true. Answers how many went.

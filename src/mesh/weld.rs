@@ -228,6 +228,49 @@ impl Surface {
         positions.shrink_to_fit();
         (Self { positions, faces, source }, ingest)
     }
+
+    /// The same for an assembly: only vertices of faces of the same material are merged. `materials` gives each face of the soup its
+    /// material.
+    #[must_use]
+    pub fn from_assembly(soup: &Soup, materials: &[u32]) -> (Self, Ingest) {
+        let of = |face: &u32| materials.get(*face as usize).copied().unwrap_or(0);
+        let mut order: Vec<u32> = (0u32..).take(soup.faces.len()).collect();
+        order.sort_by_key(of);
+        let (mut whole, mut ingest) = (Self::default(), Ingest::default());
+        // The number of a vertex among those of its material.
+        let mut slots = vec![u32::MAX; soup.positions.len()];
+        let mut used = vec![false; soup.positions.len()];
+        let mut faces: Vec<(u32, [u32; 3])> = Vec::with_capacity(soup.faces.len());
+        for own in order.chunk_by(|a, b| of(a) == of(b)) {
+            let mut part = Soup::default();
+            let mut vertices = Vec::new();
+            for &face in own {
+                part.faces.push(soup.faces[face as usize].map(|v| {
+                    let Some(slot) = slots.get_mut(v as usize) else { return u32::MAX };
+                    if *slot == u32::MAX {
+                        used[v as usize] = true;
+                        *slot = u32::try_from(vertices.len()).unwrap_or(u32::MAX);
+                        vertices.push(v);
+                        part.positions.push(soup.positions[v as usize]);
+                    }
+                    *slot
+                }));
+            }
+            vertices.into_iter().for_each(|v| slots[v as usize] = u32::MAX);
+            let (part, found) = Self::from_soup(&part);
+            ingest.nonfinite_faces += found.nonfinite_faces;
+            ingest.merged_vertices += found.merged_vertices;
+            #[expect(clippy::cast_possible_truncation, reason = "vertices are counted in u32")]
+            let first = whole.positions.len() as u32;
+            whole.positions.extend(part.positions);
+            let sources = part.source.iter().map(|&source| own[source as usize]);
+            faces.extend(sources.zip(part.faces).map(|(source, face)| (source, face.map(|v| v + first))));
+        }
+        ingest.unreferenced_vertices = used.iter().filter(|used| !**used).count() as u64;
+        faces.sort_unstable_by_key(|&(source, _)| source);
+        (whole.source, whole.faces) = faces.into_iter().unzip();
+        (whole, ingest)
+    }
 }
 
 /// Merges vertices at exactly equal positions (the first used one stays) and drops those that no face uses.

@@ -52,6 +52,14 @@ pub enum ObjectKind {
     Other,
 }
 
+impl ObjectKind {
+    /// Whether such an object is a body to be printed, which 3MF asks to be a closed solid.
+    #[must_use]
+    pub fn is_printed(self) -> bool {
+        matches!(self, Self::Model | Self::SolidSupport)
+    }
+}
+
 /// What an object is made of.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Shape {

@@ -74,58 +74,108 @@ impl Scene {
         self.count(|mesh| mesh.soup.faces.len(), 0)
     }
 
-    /// All items in their places as one mesh, the faces of an item after those of the item before. An item whose transform mirrors has its
-    /// faces turned, so that they look outward as before.
+    /// All items in their places as one mesh, the faces of an instance after those of the instance before (see [`Scene::instances`]);
+    /// instances that are not printed are left out. An instance whose transform mirrors has its faces turned, so that they look outward
+    /// as before.
     ///
     /// # Errors
-    /// [`SceneError`] where there would be more than `most` faces, or more vertices than can be numbered; before anything is copied.
-    pub fn placed(&self, most: u64) -> Result<PaintedMesh, SceneError> {
-        // Objects without a face count too, so that the time is bounded by what was counted.
-        if self.count(|mesh| mesh.soup.faces.len().max(1), 1) > most {
-            return Err(SceneError::TooManyFaces(most));
+    /// [`SceneError`] where there would be more than `max_faces` faces, or more vertices than can be numbered; before anything is copied.
+    pub fn placed(&self, max_faces: u64) -> Result<PaintedMesh, SceneError> {
+        let instances = self.instances(max_faces)?;
+        Ok(self.placed_instances(instances.iter().filter(|instance| instance.is_printed)))
+    }
+
+    /// Some instances in their places as one mesh.
+    #[must_use]
+    pub fn placed_instances<'i>(&self, instances: impl IntoIterator<Item = &'i Instance>) -> PaintedMesh {
+        let mut whole = PaintedMesh::default();
+        instances.into_iter().for_each(|instance| self.place(instance, &mut whole));
+        if whole.paint.iter().all(|&paint| paint == PAINTLESS) {
+            whole.paint.clear();
+        }
+        whole
+    }
+
+    /// Every mesh in each of its places, in the order of the items and of the components within them.
+    ///
+    /// # Errors
+    /// [`SceneError`] where the instances have more than `max_faces` faces, or more vertices than can be numbered.
+    pub fn instances(&self, max_faces: u64) -> Result<Vec<Instance>, SceneError> {
+        // Objects without a face count too, so that the time is bounded by the count.
+        if self.count(|mesh| mesh.soup.faces.len().max(1), 1) > max_faces {
+            return Err(SceneError::TooManyFaces(max_faces));
         }
         if self.count(|mesh| mesh.soup.positions.len(), 0) > u64::from(u32::MAX) {
             return Err(SceneError::TooManyVertices);
         }
-        let mut whole = PaintedMesh::default();
-        for item in &self.items {
-            self.place(item.object, item.transform, Self::DEPTH, &mut whole)?;
+        let mut instances = Vec::new();
+        for (item, at) in (0u32..).zip(&self.items) {
+            let (object, transform) = (at.object, at.transform);
+            let instance = Instance { object, item, transform, is_printed: true, first_face: 0 };
+            self.add_instances(instance, Self::DEPTH, &mut instances)?;
         }
-        if whole.paint.iter().all(|&paint| paint == PAINTLESS) {
-            whole.paint.clear();
+        let is_body = |instance: &Instance| self.objects[instance.object as usize].kind.is_printed();
+        let has_bodies = instances.iter().any(|it| is_body(it) && self.objects[it.object as usize].has_faces());
+        let mut first_face = 0;
+        for instance in &mut instances {
+            instance.is_printed = !has_bodies || is_body(instance);
+            instance.first_face = first_face;
+            if instance.is_printed {
+                first_face += self.objects[instance.object as usize].mesh().map_or(0, |mesh| mesh.soup.faces.len());
+            }
         }
-        Ok(whole)
+        Ok(instances)
     }
 
-    fn place(&self, object: u32, transform: DAffine3, depth: usize, whole: &mut PaintedMesh) -> Result<(), SceneError> {
-        let Some(object) = self.objects.get(object as usize) else { return Ok(()) };
-        match &object.shape {
-            Shape::Components(parts) => {
+    fn add_instances(&self, instance: Instance, depth: usize, instances: &mut Vec<Instance>) -> Result<(), SceneError> {
+        match self.objects.get(instance.object as usize).map(|object| &object.shape) {
+            None => {}
+            Some(Shape::Mesh(_)) => instances.push(instance),
+            Some(Shape::Components(parts)) => {
                 let depth = depth.checked_sub(1).ok_or(SceneError::TooDeep)?;
                 for part in parts {
-                    self.place(part.object, transform * part.transform, depth, whole)?;
-                }
-            }
-            Shape::Mesh(mesh) => {
-                #[expect(clippy::cast_possible_truncation, reason = "the vertices were counted")]
-                let first = whole.soup.positions.len() as u32;
-                let unmoved = transform == DAffine3::IDENTITY;
-                let moved = |&p: &glam::DVec3| if unmoved { p } else { transform.transform_point3(p) };
-                whole.soup.positions.extend(mesh.soup.positions.iter().map(moved));
-                let turned = transform.matrix3.determinant() < 0.0;
-                let turn = |[a, b, c]: [u32; 3]| if turned { [a, c, b] } else { [a, b, c] };
-                whole.soup.faces.extend(mesh.soup.faces.iter().map(|face| turn(face.map(|v| v + first))));
-                match mesh.paint.is_empty() {
-                    true => whole.paint.resize(whole.soup.faces.len(), PAINTLESS),
-                    false => {
-                        let paint = |paint: &super::Paint| super::Paint { at: turn(paint.at), ..*paint };
-                        whole.paint.extend(mesh.paint.iter().map(paint));
-                    }
+                    let transform = instance.transform * part.transform;
+                    self.add_instances(Instance { object: part.object, transform, ..instance }, depth, instances)?;
                 }
             }
         }
         Ok(())
     }
+
+    fn place(&self, instance: &Instance, whole: &mut PaintedMesh) {
+        let Some(mesh) = self.objects.get(instance.object as usize).and_then(|object| object.mesh()) else { return };
+        #[expect(clippy::cast_possible_truncation, reason = "the vertices were counted")]
+        let first = whole.soup.positions.len() as u32;
+        let transform = instance.transform;
+        let unmoved = transform == DAffine3::IDENTITY;
+        let moved = |&p: &glam::DVec3| if unmoved { p } else { transform.transform_point3(p) };
+        whole.soup.positions.extend(mesh.soup.positions.iter().map(moved));
+        let turned = transform.matrix3.determinant() < 0.0;
+        let turn = |[a, b, c]: [u32; 3]| if turned { [a, c, b] } else { [a, b, c] };
+        whole.soup.faces.extend(mesh.soup.faces.iter().map(|face| turn(face.map(|v| v + first))));
+        match mesh.paint.is_empty() {
+            true => whole.paint.resize(whole.soup.faces.len(), PAINTLESS),
+            false => {
+                let paint = |paint: &super::Paint| super::Paint { at: turn(paint.at), ..*paint };
+                whole.paint.extend(mesh.paint.iter().map(paint));
+            }
+        }
+    }
+}
+
+/// A mesh in one of its places.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Instance {
+    /// Index into [`Scene::objects`] of an object of triangles.
+    pub object: u32,
+    /// Index into [`Scene::items`] of the item that it belongs to.
+    pub item: u32,
+    /// From the object's coordinates to those of the scene.
+    pub transform: DAffine3,
+    /// Whether it is a body to be printed; where the scene has no such body, every instance counts as one.
+    pub is_printed: bool,
+    /// Index of its first face in the mesh of [`Scene::placed`].
+    pub first_face: usize,
 }
 
 #[cfg(test)]

@@ -290,7 +290,16 @@ impl<'a> Reader<'a> {
         };
         let soup = Soup { positions: self.positions, faces };
         let dialect = "OBJ".to_owned();
-        let mesh = ReadMesh { soup, format: Format::Obj, dialect, numbering: None, normals, polygons, warnings };
+        let mesh = ReadMesh {
+            soup,
+            format: Format::Obj,
+            dialect,
+            numbering: None,
+            normals,
+            materials: None,
+            polygons,
+            warnings,
+        };
         Ok(Painted { mesh, paints })
     }
 

@@ -32,7 +32,8 @@ pub(super) fn read(bytes: &[u8], options: &ReadOptions, painted: bool) -> Result
         return Err(no_faces(&header));
     }
     let dialect = header.encoding.dialect().to_owned();
-    let mesh = ReadMesh { soup, format: Format::Ply, dialect, numbering: None, normals, polygons, warnings };
+    let mesh =
+        ReadMesh { soup, format: Format::Ply, dialect, numbering: None, normals, materials: None, polygons, warnings };
     Ok(Painted { mesh, paints })
 }
 

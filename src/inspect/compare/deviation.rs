@@ -5,7 +5,6 @@ use super::samples::Sample;
 use crate::context::{Cancelled, Context};
 use crate::inspect::queries::ask;
 use crate::inspect::{Analysis, finite};
-use crate::math::Box3;
 
 /// Boxes and triangles that all searches of one direction together may look at: so many, and so many more for each point.
 const BUDGET: u64 = 10_000_000;
@@ -189,7 +188,7 @@ pub(in crate::inspect) fn percentile(sorted: &[f64], share: f64) -> f64 {
     low + (high - low) * at.fract()
 }
 
-/// The diagonal of a mesh's box in its unit coordinates.
+/// The diagonal of the box around a mesh's faces with an area, in its unit coordinates.
 pub(in crate::inspect) fn unit_diagonal(analysis: &Analysis<'_>) -> f64 {
-    Box3::of(analysis.unit().iter().copied()).diagonal()
+    analysis.extent().diagonal()
 }

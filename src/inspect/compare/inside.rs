@@ -29,12 +29,28 @@ pub struct InsideAgreement {
     pub inside_after: u64,
 }
 
-/// Compares what is inside. None where one mesh has no face or no point could be asked for.
+impl InsideAgreement {
+    /// Share of the points inside the first mesh that are inside the second too, in percent; none where the first has none.
+    #[must_use]
+    #[expect(clippy::cast_precision_loss, reason = "counts are far below 2^53")]
+    pub fn kept_pct(&self) -> Option<f64> {
+        let (before, after) = (self.inside_before as f64, self.inside_after as f64);
+        let overlap = self.overlap_pct? / 100.0;
+        let both = overlap * (before + after) / (1.0 + overlap);
+        (before > 0.0).then(|| (both / before * 100.0).min(100.0))
+    }
+}
+
+/// The winding number from which on a point counts as inside a closed mesh.
+pub(super) const INSIDE_WINDING: f64 = 0.5;
+
+/// Compares what is inside. Points count as inside the first mesh from a winding number of `least_before` on. None where one mesh has no face or no point could be asked for.
 ///
 /// # Errors
 /// [`Cancelled`] when the context says stop.
 pub(super) fn inside_agreement(
     pair: Pair<'_>,
+    least_before: f64,
     points: u32,
     context: &Context<'_>,
 ) -> Result<Option<InsideAgreement>, Cancelled> {
@@ -50,7 +66,8 @@ pub(super) fn inside_agreement(
     let answers = ask(points as usize, BUDGET + BUDGET_A_POINT * u64::from(points), context, |i, steps| {
         let share = DVec3::from(r3(i as f64));
         let point = bounds.min * (DVec3::ONE - share) + bounds.max * share;
-        let found = (insides[0].has(point, steps), insides[1].has(point * pair.ratio, steps));
+        let is_inside = [insides[0].winding(point, steps), insides[1].winding(point * pair.ratio, steps)];
+        let found = (is_inside[0] >= least_before, is_inside[1] >= INSIDE_WINDING);
         (*steps > 0).then_some(found)
     })?;
     let count =
@@ -87,9 +104,5 @@ impl<'a> Inside<'a> {
     pub fn windings(&self, point: DVec3, aside: DVec3, steps: &mut u64) -> [f64; 2] {
         let tree = self.analysis.tree();
         tree.windings(self.dipoles, point, aside, steps, |f| self.analysis.unit_corners(f)).map(f64::abs)
-    }
-
-    fn has(&self, point: DVec3, steps: &mut u64) -> bool {
-        self.winding(point, steps) >= 0.5
     }
 }

@@ -14,11 +14,13 @@ use std::cell::{OnceCell, RefCell};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::{Analysis, Measures, measures};
+use super::{Analysis, Measures, Volume, measures};
 use crate::context::{Cancelled, Context};
+use crate::math::Box3;
 use buried::{are_buried, buried_pct};
+use changes::box_change_pct;
 use deviation::{Distances, deviation, distances};
-use inside::inside_agreement;
+use inside::{INSIDE_WINDING, inside_agreement};
 use kept::Common;
 pub(super) use kept::FaceKeys;
 
@@ -43,6 +45,9 @@ const NEAR_ASKED: usize = 400;
 /// box, in percent of the diagonal.
 const FAITHFUL_PCT: [f64; 2] = [0.5, 1.0];
 
+/// Share of what is inside the input that a faithful result must have inside, in percent.
+const INSIDE_KEPT_PCT: f64 = 50.0;
+
 /// How closely two meshes are compared.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, default)]
@@ -65,6 +70,12 @@ impl Default for CompareOptions {
 const INSIDE: u32 = 1000;
 /// Of them as many must be inside the input for the comparison to say anything.
 const LEAST_INSIDE: u64 = 20;
+/// The winding number from which on a point is certainly inside an open mesh: near a large hole it is about a half.
+const CERTAINLY_INSIDE: f64 = 0.75;
+/// Change of the volume, in percent, from which on winding numbers are asked whether space was counted twice.
+const DOUBTED_VOLUME_PCT: f64 = 5.0;
+/// They say so where this share of the inside is common to both, in percent.
+const SAME_INSIDE_PCT: f64 = 99.0;
 
 impl CompareOptions {
     /// What every result of a repair is judged with.
@@ -77,7 +88,8 @@ pub struct Comparison {
     /// Version of this structure.
     pub version: u32,
     /// Whether the second mesh keeps the first's shape: 99 % of the surface that can be seen from outside is within 0.5 %
-    /// of the diagonal of the second mesh, and no side of the box moved by more than 1 % of it.
+    /// of the diagonal of the second mesh, no side of the box moved by more than 1 % of it, and at least half of what is inside the
+    /// first, by winding number, is inside the second.
     pub faithful: bool,
     /// What the report of a repair says too.
     #[serde(flatten)]
@@ -110,6 +122,7 @@ pub struct Original<'a> {
     analysis: &'a Analysis<'a>,
     measures: &'a Measures,
     options: CompareOptions,
+    settled: Option<&'a Analysis<'a>>,
     samples: OnceCell<Vec<Sample>>,
     /// Of each sample whether it can be seen, where somebody asked.
     visible: RefCell<Vec<Asked>>,
@@ -134,7 +147,21 @@ impl<'a> Original<'a> {
     #[must_use]
     pub fn new(analysis: &'a Analysis<'a>, measures: &'a Measures, options: CompareOptions) -> Self {
         let (samples, visible) = (OnceCell::new(), RefCell::default());
-        Self { analysis, measures, options, samples, visible }
+        Self { analysis, measures, options, settled: None, samples, visible }
+    }
+
+    /// The same mesh with its orientation settled, on which is measured what it encloses. None where it is settled as it is.
+    #[must_use]
+    pub fn with_settled(self, settled: Option<&'a Analysis<'a>>) -> Self {
+        Self { settled, ..self }
+    }
+
+    /// The volume when the orientation is settled.
+    ///
+    /// # Errors
+    /// [`Cancelled`] when the context says stop.
+    pub fn settled_volume(&self, context: &Context<'_>) -> Result<Volume, Cancelled> {
+        self.settled.map_or(Ok(self.measures.volume), |settled| Ok(measures(settled, context)?.volume))
     }
 
     /// The mesh itself.
@@ -160,7 +187,29 @@ impl<'a> Original<'a> {
         patches: Option<&[bool]>,
         context: &Context<'_>,
     ) -> Result<Changes, Cancelled> {
-        Ok(self.way(after, measures, patches, context)?.changes)
+        self.changes_but_for(after, measures, patches, &[], context)
+    }
+
+    /// The same where some parts were asked to go: what went with them is no change. `gone` tells of each part whether it was; it is
+    /// empty where none was.
+    ///
+    /// # Errors
+    /// [`Cancelled`] when the context says stop.
+    pub fn changes_but_for(
+        &self,
+        after: &Analysis<'_>,
+        measures: &Measures,
+        patches: Option<&[bool]>,
+        gone: &[bool],
+        context: &Context<'_>,
+    ) -> Result<Changes, Cancelled> {
+        let mut changes = self.way(after, measures, patches, gone, context)?.changes;
+        if gone.contains(&true) {
+            let solids = self.settled.unwrap_or(self.analysis).solids.iter().zip(gone);
+            let stays = solids.filter(|(_, gone)| !**gone).map(|(solid, _)| solid);
+            changes.leave_out_others(self.measures, measures, stays);
+        }
+        Ok(changes)
     }
 
     /// All that can be said of another mesh.
@@ -173,22 +222,25 @@ impl<'a> Original<'a> {
         measures: &Measures,
         context: &Context<'_>,
     ) -> Result<Comparison, Cancelled> {
-        let Way { mut changes, distances } = self.way(after, measures, None, context)?;
+        let Way { mut changes, distances } = self.way(after, measures, None, &[], context)?;
         changes.surface = Some(self.fates(after, context)?.shares);
         let diagonal = unit_diagonal(self.analysis);
-        let near =
-            changes.lost.map_or(changes.surface_lost_pct == Some(0.0), |lost| lost.percent.p99 <= FAITHFUL_PCT[0]);
         let apart = distances.samples.iter().any(|&distance| distance != Some(0.0));
         let all: Vec<usize> = if apart { (0..self.samples().len()).collect() } else { Vec::new() };
         let known: Vec<bool> = self.visible(&all, context)?.into_iter().flatten().collect();
         let visible_pct = percent(known.iter().filter(|&&seen| seen).count() as f64, known.len() as f64);
+        let inside = inside_agreement(Pair::new(self.analysis, after), INSIDE_WINDING, self.options.inside, context)?;
+        let keeps_inside = inside
+            .filter(|it| it.inside_before >= LEAST_INSIDE)
+            .and_then(|it| it.kept_pct())
+            .is_none_or(|kept| kept >= INSIDE_KEPT_PCT);
         Ok(Comparison {
             version: COMPARISON_VERSION,
-            faithful: near && changes.box_change_pct.is_some_and(|moved| moved <= FAITHFUL_PCT[1]),
+            faithful: keeps_inside && changes.keeps_visible_surface(),
             changes,
             visible_pct,
             deviation: deviation(self.analysis, self.samples(), &distances, diagonal, |_| true, |_| true),
-            inside: inside_agreement(Pair::new(self.analysis, after), self.options.inside, context)?,
+            inside,
         })
     }
 
@@ -214,6 +266,7 @@ impl<'a> Original<'a> {
         after: &Analysis<'_>,
         measures: &Measures,
         patches: Option<&[bool]>,
+        gone: &[bool],
         context: &Context<'_>,
     ) -> Result<Way, Cancelled> {
         let scale = self.analysis.scale();
@@ -221,11 +274,22 @@ impl<'a> Original<'a> {
         context.check()?;
         let kept = common.first.iter().filter(|&&stands| stands).count() as f64;
         let kept_pct = percent(kept, common.first.len() as f64).unwrap_or(100.0);
-        let mut changes = Changes::of(self.measures, measures, kept_pct);
+        let settled = self.settled_volume(context)?;
+        let mut changes = Changes::of(self.measures, settled, measures, kept_pct);
         let (there, back) = (Pair::new(self.analysis, after), Pair::new(after, self.analysis));
+        let Box3 { min, max } = after.extent();
+        let extent = Box3 { min: min / there.ratio, max: max / there.ratio };
+        changes.box_change_pct = box_change_pct(self.analysis.extent(), extent);
         let stands = |faces: &[bool], f: u32| common.fine && faces[f as usize];
         let options = self.options;
-        let found = distances(there, self.samples(), options.vertices, |f| stands(&common.first, f), context)?;
+        let mut found = distances(there, self.samples(), options.vertices, |f| stands(&common.first, f), context)?;
+        if gone.contains(&true) {
+            let parts = &self.analysis.parts.of_face;
+            let is_gone = |sample: &Sample| gone.get(parts[sample.face as usize] as usize) == Some(&true);
+            for (distance, _) in found.samples.iter_mut().zip(self.samples()).filter(|(_, sample)| is_gone(sample)) {
+                *distance = None;
+            }
+        }
         let diagonal = unit_diagonal(self.analysis);
         self.lost(&found, diagonal, (after, measures), &mut changes, context)?;
         if !self.analysis.surface.faces.is_empty() {
@@ -246,14 +310,40 @@ impl<'a> Original<'a> {
         if after.surface.faces.len() < self.analysis.surface.faces.len() && measures.closed {
             changes.faces_buried_pct = buried_pct(there, |f| common.first[f as usize], context)?;
         }
-        let crossed = self.measures.self_intersections.pairs.is_some_and(|pairs| pairs > 0);
-        if crossed && self.measures.closed && measures.printable() {
-            let found = inside_agreement(there, INSIDE, context)?;
-            // Walls of two sides that look apart enclose nothing by winding, and there is nothing to compare.
-            let found = found.filter(|it| it.inside_before >= LEAST_INSIDE);
-            changes.inside_overlap_pct = found.and_then(|it| it.overlap_pct);
-        }
+        changes.inside_overlap_pct = self.inside_overlap_pct(after, measures, changes.volume_change_pct, context)?;
         Ok(Way { changes, distances: found })
+    }
+
+    /// Of what is inside this mesh or the other the share inside both, in percent, where the volume can't tell: faces intersect, or the
+    /// volume changed and what is inside did not, since parts within others were counted twice.
+    fn inside_overlap_pct(
+        &self,
+        after: &Analysis<'_>,
+        measures: &Measures,
+        volume_change_pct: Option<f64>,
+        context: &Context<'_>,
+    ) -> Result<Option<f64>, Cancelled> {
+        let crossed = self.measures.self_intersections.pairs.is_some_and(|pairs| pairs > 0);
+        let doubted = volume_change_pct.is_some_and(|change| change.abs() > DOUBTED_VOLUME_PCT);
+        let is_open = !self.measures.closed;
+        if !((is_open || crossed || doubted) && measures.printable()) {
+            return Ok(None);
+        }
+        // Where neighbours of an open surface are turned against each other, its winding numbers say nothing.
+        if is_open && self.measures.misoriented_edges > 0 {
+            return Ok(None);
+        }
+        let before = self.settled.unwrap_or(self.analysis);
+        let least = if is_open { CERTAINLY_INSIDE } else { INSIDE_WINDING };
+        let found = inside_agreement(Pair::new(before, after), least, INSIDE, context)?;
+        // Walls of two sides that look apart enclose nothing by winding, and there is nothing to compare.
+        let found = found.filter(|it| it.inside_before >= LEAST_INSIDE);
+        if is_open {
+            // Near a hole the open surface has nothing inside, and a patch that closes it rightly adds to that.
+            return Ok(found.and_then(|it| it.kept_pct()));
+        }
+        let overlap = found.and_then(|it| it.overlap_pct);
+        Ok(overlap.filter(|&overlap| crossed || overlap >= SAME_INSIDE_PCT))
     }
 
     /// Fills in what was lost of the visible surface.

@@ -3,7 +3,7 @@ use glam::DVec3;
 use crate::context::{Cancelled, Context};
 use crate::inspect::Analysis;
 use crate::inspect::queries::ask;
-use crate::math::{Box3, hit, r2, ray_direction};
+use crate::math::{hit, r2, ray_direction};
 
 /// Directions in which a point may see the outside.
 const DIRECTIONS: u32 = 32;
@@ -66,7 +66,7 @@ pub(super) fn visible(
     context: &Context<'_>,
 ) -> Result<Vec<Option<bool>>, Cancelled> {
     let (unit, faces, tree) = (analysis.unit(), &analysis.surface.faces, analysis.tree());
-    let diagonal = Box3::of(unit.iter().copied()).diagonal();
+    let diagonal = analysis.extent().diagonal();
     let sees_outside = |sample: &Sample, steps: &mut u64| {
         for number in 0..DIRECTIONS {
             let direction = ray_direction(number);

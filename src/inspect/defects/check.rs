@@ -41,13 +41,20 @@ impl CheckRule {
     }
 }
 
-/// Whether a mesh keeps the rules of a check level. Zero is what is below the tolerances.
+/// Whether a mesh keeps the rules of a check level. A mesh that [`Measures::printable`] passes keeps them all.
+///
+/// A rule is broken by what is exactly so: an edge without length, a face without area, a slit. What is so within the tolerances only,
+/// such as a face lower than a ten-millionth of the model, is advice: no reader takes it for broken, and to remove it may move surface
+/// into other surface. Normals of the file are advice too, since slicers compute their own.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct CheckVerdict {
     /// Every rule was checked, and none is broken.
     pub passes: bool,
     /// The rules that are broken.
     pub broken: Vec<CheckRule>,
+    /// The rules that are kept exactly, but not within the tolerances, or by the normals that the file gives.
+    #[serde(default)]
+    pub advice: Vec<CheckRule>,
     /// The rules that could not be decided: nothing against them was found, but the search was not finished.
     pub undecided: Vec<CheckRule>,
 }
@@ -59,14 +66,22 @@ impl CheckVerdict {
         let rules = CheckRule::of(level);
         let found = |kinds: &[DefectKind]| kinds.iter().map(|&kind| findings.count(kind)).sum::<u64>();
         let finished = |kind| !findings.incomplete().contains(&kind);
-        let (mut broken, mut undecided) = (Vec::new(), Vec::new());
+        let (mut broken, mut advice, mut undecided) = (Vec::new(), Vec::new(), Vec::new());
         for &rule in rules {
+            let near = match rule {
+                CheckRule::NoZeroLengthEdge => found(&[DefectKind::DegenerateFace]),
+                CheckRule::NoZeroAreaFace => found(&[DefectKind::FlatFace]),
+                CheckRule::NoOpposedVertexNormal => found(&[DefectKind::BadVertexNormal]),
+                _ => 0,
+            };
             let (count, decided) = match rule {
                 CheckRule::Manifold => (found(&[DefectKind::NonManifoldEdge, DefectKind::NonManifoldVertex]), true),
-                CheckRule::NoZeroLengthEdge => (found(&[DefectKind::DegenerateFace]), true),
-                CheckRule::NoZeroAreaFace => (found(&[DefectKind::FlatFace]), true),
-                CheckRule::NoOpposedVertexNormal => (found(&[DefectKind::BadVertexNormal]), true),
-                CheckRule::NoSlit => (found(&[DefectKind::Slit]), finished(DefectKind::Slit)),
+                CheckRule::NoZeroLengthEdge => (measures.near_coincident_faults + collapsed(findings), true),
+                CheckRule::NoZeroAreaFace => (measures.degenerate_faces, true),
+                CheckRule::NoOpposedVertexNormal => (0, true),
+                CheckRule::NoSlit => {
+                    (measures.unshared_edges.max(found(&[DefectKind::Slit])), finished(DefectKind::Slit))
+                }
                 CheckRule::NoSelfIntersection => {
                     let intersections = &measures.self_intersections;
                     let count = intersections.pairs.unwrap_or(0).max(found(&[DefectKind::SelfIntersection]));
@@ -77,11 +92,18 @@ impl CheckVerdict {
                 broken.push(rule);
             } else if !decided {
                 undecided.push(rule);
+            } else if near > 0 {
+                advice.push(rule);
             }
         }
         let passes = broken.is_empty() && undecided.is_empty();
-        (!rules.is_empty()).then_some(Self { passes, broken, undecided })
+        (!rules.is_empty()).then_some(Self { passes, broken, advice, undecided })
     }
+}
+
+/// Faces that have a vertex twice; there may be more where places were not kept.
+fn collapsed(findings: &Findings) -> u64 {
+    findings.places(DefectKind::DegenerateFace).iter().filter(|place| place.value == Some(0.0)).count() as u64
 }
 
 #[cfg(test)]
@@ -110,9 +132,6 @@ mod tests {
         let table = [
             (K::NonManifoldEdge, CheckRule::Manifold, true),
             (K::NonManifoldVertex, CheckRule::Manifold, true),
-            (K::DegenerateFace, CheckRule::NoZeroLengthEdge, true),
-            (K::FlatFace, CheckRule::NoZeroAreaFace, true),
-            (K::BadVertexNormal, CheckRule::NoOpposedVertexNormal, true),
             (K::Slit, CheckRule::NoSlit, false),
             (K::SelfIntersection, CheckRule::NoSelfIntersection, false),
         ];
@@ -125,6 +144,19 @@ mod tests {
             assert_eq!(broken(Level::None), None);
             assert_eq!(broken(Level::Basic), Some((basic.is_empty(), basic)), "{kind:?}");
             assert_eq!(broken(Level::Full), Some((full.is_empty(), full)), "{kind:?}");
+        }
+    }
+
+    #[test]
+    fn what_is_so_within_the_tolerances_only_is_advice() {
+        use DefectKind as K;
+        for (kind, rule) in [
+            (K::DegenerateFace, CheckRule::NoZeroLengthEdge),
+            (K::FlatFace, CheckRule::NoZeroAreaFace),
+            (K::BadVertexNormal, CheckRule::NoOpposedVertexNormal),
+        ] {
+            let full = verdict(Level::Full, &found(&[kind])).map(|v| (v.passes, v.broken, v.advice));
+            assert_eq!(full, Some((true, vec![], vec![rule])));
         }
     }
 

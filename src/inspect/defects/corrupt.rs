@@ -4,8 +4,8 @@ use super::super::DefectKind;
 use super::scan::Scan;
 use crate::context::Cancelled;
 
-/// Faces of the file with a corner that is not finite or has no vertex; those that the reader could not take are
-/// counted without a place.
+/// Faces of the file with a corner that is not finite or has no vertex; those that the reader could not take are told with the place of
+/// their other corners.
 pub(super) fn find(scan: &mut Scan<'_, '_>) -> Result<(), Cancelled> {
     let subject = scan.analysis.subject;
     if scan.analysis.ingest.nonfinite_faces > 0 {
@@ -18,8 +18,13 @@ pub(super) fn find(scan: &mut Scan<'_, '_>) -> Result<(), Cancelled> {
             }
         }
     }
-    for _ in 0..subject.numbering.map_or(0, |numbering| numbering.faces_without_vertex) {
-        scan.put_as_read(DefectKind::Corrupt, DVec3::ZERO, Vec::new(), &[], None);
+    let Some(numbering) = subject.numbering else { return Ok(()) };
+    for face in &numbering.left_out {
+        scan.put_as_read(DefectKind::Corrupt, DVec3::from_array(face.at), Vec::new(), &[], None);
     }
+    scan.count_more(
+        DefectKind::Corrupt,
+        numbering.faces_without_vertex.saturating_sub(numbering.left_out.len() as u64),
+    );
     Ok(())
 }

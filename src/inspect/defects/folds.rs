@@ -6,7 +6,11 @@ use super::super::DefectKind;
 use super::chains::chains;
 use super::scan::Scan;
 use crate::context::Cancelled;
+use crate::math::{Sign, orient3d};
 use crate::mesh::{Edges, UnionFind};
+
+/// Angles below this may be rounding alone.
+const ROUNDING: f64 = 1e-6;
 
 /// An edge whose two faces lie on one another.
 struct Fold {
@@ -105,7 +109,11 @@ fn find_folds(scan: &Scan<'_, '_>, flat: &[bool], skip: &[bool]) -> Result<Vec<(
         if p.dot(q) <= 0.0 {
             continue;
         }
-        let angle = p.cross(q).length().atan2(p.dot(q));
+        let measured = p.cross(q).length().atan2(p.dot(q));
+        // A fold of no height is decided exactly, so that a tolerance of 0 finds it and rounding gives it no height.
+        let [apex_x, apex_y] = [x, y].map(|h| unit[apex(h) as usize]);
+        let in_plane = measured <= ROUNDING && orient3d(a, b, apex_x, apex_y) == Sign::Zero;
+        let angle = if in_plane { 0.0 } else { measured };
         let height = p.length().min(q.length()) * angle.sin();
         if angle <= scan.lengths.foldover_angle && height <= scan.lengths.foldover_height {
             folds.push((e, Fold { ends, faces: sides, height }));

@@ -83,6 +83,11 @@ impl<'a, 'm> Scan<'a, 'm> {
         self.findings.mark_incomplete(kind);
     }
 
+    /// Counts defects whose places are not known.
+    pub fn count_more(&mut self, kind: DefectKind, count: u64) {
+        self.findings.count_more(kind, count);
+    }
+
     /// Adds a defect at a point in the model's unit, with faces of the surface.
     pub fn put(
         &mut self,

@@ -8,12 +8,14 @@
 //!                        the other edge        a gap that can be seen
 //! ```
 //!
-//! What coincides exactly in all vertices is one edge already, since vertices are merged at equal positions. A gap up to
+//! What coincides exactly in all vertices is one edge already, since vertices are merged at equal positions; where the file's own
+//! indices do not join it, it is a slit of no gap to readers that take vertices by index. A gap up to
 //! the slit tolerance makes a slit, a wider one a crack; so no two boundary edges are both.
 
 use glam::DVec3;
 
 use super::super::DefectKind;
+use super::super::readers::unshared_edges;
 use super::chains::chains;
 use super::scan::Scan;
 use crate::context::Cancelled;
@@ -80,6 +82,7 @@ impl Boundary {
 /// Finds slits, cracks and T-junctions. O(n log n) in the number of boundary edges, within the budget.
 pub(super) fn find(scan: &mut Scan<'_, '_>) -> Result<(), Cancelled> {
     let analysis = scan.analysis;
+    find_unshared(scan)?;
     let faces = &analysis.surface.faces;
     let mut half_edges: Vec<u32> = analysis.edges.iter().filter(|h| h.len() == 1).map(|h| h[0]).collect();
     if half_edges.len() < 2 {
@@ -101,6 +104,24 @@ pub(super) fn find(scan: &mut Scan<'_, '_>) -> Result<(), Cancelled> {
     find_t_junctions(scan, &boundary, &mut near)?;
     if near.gave_up {
         scan.incomplete(DefectKind::TJunction);
+    }
+    Ok(())
+}
+
+/// Tells edges that only position joins as slits without a gap, in a format whose readers take vertices by index.
+fn find_unshared(scan: &mut Scan<'_, '_>) -> Result<(), Cancelled> {
+    let analysis = scan.analysis;
+    let edges: Vec<usize> = unshared_edges(analysis).collect();
+    scan.context().check()?;
+    let ends: Vec<[u32; 2]> = edges.iter().map(|&edge| analysis.edges.vertices(edge)).collect();
+    for (number, chain) in chains(&ends, &[]).into_iter().enumerate() {
+        scan.step(number)?;
+        let beside =
+            chain.edges.iter().flat_map(|&e| analysis.edges.half_edges(edges[e as usize]).iter().map(|h| h / 3));
+        let faces: Vec<u32> = beside.collect();
+        let line = scan.points(chain.line);
+        let Some(&at) = line.first() else { continue };
+        scan.put(DefectKind::Slit, at, faces, &line, Some(0.0));
     }
     Ok(())
 }

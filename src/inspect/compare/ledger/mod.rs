@@ -32,6 +32,8 @@ pub enum Certificate {
     InsideAnother,
     /// It is open and too small to print.
     Debris,
+    /// Its volume is below the share that the options keep.
+    Dropped,
 }
 
 /// A part that is not in the result, and why it is not missed.
@@ -84,6 +86,9 @@ pub struct Ledger {
     pub inside_another: u64,
     /// Parts with the certificate `debris`.
     pub debris: u64,
+    /// Parts with the certificate `dropped`.
+    #[serde(default)]
+    pub dropped: u64,
     /// Parts with neither: an error of the program.
     pub lost: u64,
     /// Parts that were not looked at to the end, on meshes made to be slow; they count nowhere else.
@@ -92,6 +97,9 @@ pub struct Ledger {
     pub certificates: Vec<PartCertificate>,
     /// The parts that were lost, the first 1000.
     pub lost_parts: Vec<LostPart>,
+    /// All parts with a certificate, however many.
+    #[serde(skip)]
+    pub certified: Vec<(u32, Certificate)>,
 }
 
 /// What the faces of a part alone tell of why it may go.
@@ -103,6 +111,8 @@ pub enum Dispensable {
     NoVolume,
     /// It is too small to print.
     Debris,
+    /// Its volume is below the share that the options keep.
+    Dropped,
 }
 
 impl Original<'_> {
@@ -158,6 +168,7 @@ impl Original<'_> {
                     Told::Missed => match answers.next().unwrap_or(Dispensable::No) {
                         Dispensable::NoVolume => PartFate::Certain(Certificate::NoVolume, 0),
                         Dispensable::Debris => PartFate::Certain(Certificate::Debris, 0),
+                        Dispensable::Dropped => PartFate::Certain(Certificate::Dropped, 0),
                         Dispensable::No => {
                             let stray = range.clone().find(|&i| found[i] == Some(Place::Off));
                             PartFate::Lost(stray.map_or(DVec3::ZERO, |i| probes.points[i]))
@@ -266,7 +277,9 @@ impl<'a> Book<'a> {
                         Certificate::NoVolume => &mut ledger.no_volume,
                         Certificate::InsideAnother => &mut ledger.inside_another,
                         Certificate::Debris => &mut ledger.debris,
+                        Certificate::Dropped => &mut ledger.dropped,
                     } += 1;
+                    ledger.certified.push((part, certificate));
                     if ledger.certificates.len() < MOST_LISTED {
                         ledger.certificates.push(PartCertificate { part, first_face, faces, certificate, samples });
                     }
