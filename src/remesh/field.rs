@@ -73,6 +73,8 @@ impl<'a> Field<'a> {
         match self.inside {
             Inside::Outward => winding,
             Inside::EitherWay => winding.abs(),
+            // 0 at even numbers and 1 at odd ones.
+            Inside::Odd => 1.0 - (winding.abs().rem_euclid(2.0) - 1.0).abs(),
         }
     }
 

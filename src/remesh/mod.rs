@@ -23,10 +23,8 @@ mod raster;
 mod samples;
 mod thin;
 
-use glam::DVec3;
-
 use crate::context::{Cancelled, Context};
-use crate::math::{Box3, to_single, to_unit_range, unit_scale};
+use crate::math::{Box3, Rounding, to_unit_range, unit_scale};
 use crate::mesh::{NO_SOURCE, Surface};
 use band::Limits;
 use field::Field;
@@ -42,6 +40,8 @@ pub enum Inside {
     Outward,
     /// `|w| > 1/2`: parts that are inside out are solid as well.
     EitherWay,
+    /// `|w|` nearer to an odd number than to an even one: what is wound around twice is outside again.
+    Odd,
 }
 
 /// Makes a surface anew, from what is inside of it.
@@ -112,7 +112,7 @@ impl From<Cancelled> for Stop {
 /// Cells along the diagonal where nothing else is asked for, ...
 const RESOLUTION: f64 = 512.0;
 /// ... at most, ...
-const FINEST: f64 = 2048.0;
+pub(crate) const FINEST: f64 = 2048.0;
 /// ... and at least.
 const COARSEST: f64 = 8.0;
 /// Cells along the diagonal in the try that tells what others cost.
@@ -269,17 +269,4 @@ struct Sampled {
     cells: Vec<Place>,
     made: u64,
     limits: Limits,
-}
-
-/// How positions are rounded that are scaled by a power of two.
-#[derive(Debug, Clone, Copy)]
-struct Rounding {
-    scale: f64,
-    to_f32: bool,
-}
-
-impl Rounding {
-    fn of(self, p: DVec3) -> DVec3 {
-        if self.to_f32 { to_single(p / self.scale) * self.scale } else { p }
-    }
 }

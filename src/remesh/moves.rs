@@ -1,12 +1,12 @@
 use glam::DVec3;
 
+use super::Stop;
 use super::contour::{Contour, FLAT, height};
 use super::grid::Grid;
 use super::place::{BEYOND, Vertex};
 use super::samples::Samples;
-use super::{Rounding, Stop};
 use crate::context::Context;
-use crate::math::{Box3, collinear, contact};
+use crate::math::{Box3, Rounding, collinear, contact};
 use crate::mesh::Stars;
 
 /// Vertices that are wanted nearer to where they are than this share of a cell stay.

@@ -1,11 +1,10 @@
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 
-use super::Rounding;
 use super::crossings::Crossing;
 use super::grid::{Grid, Place};
 use super::samples::{Samples, around_edge};
-use crate::math::Box3;
+use crate::math::{Box3, Rounding};
 
 /// Share of the largest eigenvalue below which a quadric says nothing along a direction. At an edge of angle `a` between
 /// normals the second is `tan(a / 2)^2` of the first where both sides count alike: 0.01 is 11 degrees.

@@ -1,21 +1,27 @@
-//! Objects stay objects: each is repaired apart, in its own coordinates, and stands in its places again.
+//! Objects stay objects: each is repaired by itself, in its own coordinates, and stands in its places again. Objects that intersect where
+//! they stand are united first, unless the options keep them apart.
 
-use super::dress::{Dressed, carried, carrier, dress};
-use super::input::{Input, Told, look, subject};
-use super::pipeline::{Mended, mend};
+use super::dress::{Dressed, dress};
+use super::input::{Input, Told, inspect_measured, subject};
+use super::objects::{MAX_NAMED, objects_intersect, outcome_of, sum_up};
+use super::one_object::{RepairedObject, Share, name_of, repair_object};
+use super::overlaps::{CutBody, cut_body};
 use super::repaint::repaint;
+use super::unite::{UnitedScene, connected, contacts_of, instance_of, instances_of};
 use super::verdict::fates;
 use super::{
-    Category, Changes, Context, Merge, ObjectReport, Options, Outcome, Progress, RedFlag, Remesher, RepairError,
-    Report, Stage,
+    Assumption, AssumptionKind, Changes, Context, Merge, ObjectReport, Options, Outcome, Remesher, RepairError, Report,
 };
-use crate::format::{Format, ReadFile};
-use crate::inspect::{Analysis, CompareOptions, Original, measure_analysis};
+use crate::format::{Format, ReadFile, WriteError};
+use crate::inspect::{Analysis, Inspection, InstanceContact, faces_in_other_materials};
 use crate::mesh::{Soup, Surface};
-use crate::scene::{Object, ObjectKind, Scene, Shape};
+use crate::scene::{Instance, Object, Palette, Scene, Shape};
 
 /// Most objects that are kept apart: each has a section of its own in the report.
-const MOST_APART: usize = 200;
+const MAX_APART: usize = 200;
+
+/// How often objects are united again because results intersect where the input did not.
+const MAX_ROUNDS: usize = 4;
 
 /// Where the percents of all objects begin and end.
 const PERCENT: [f64; 2] = [5.0, 90.0];
@@ -28,255 +34,371 @@ pub(super) fn keeps_apart(file: &mut ReadFile, format: Format, options: &Options
     let count = scene.objects.iter().filter(|object| object.has_faces()).count();
     match options.merge {
         Merge::Objects => false,
-        Merge::None if count > MOST_APART => {
+        Merge::Auto | Merge::None if count > MAX_APART => {
             let warning = format!(
-                "the file has {count} objects, and more than {MOST_APART} are not kept apart, so they were united"
+                "The file has {count} objects; more than {MAX_APART} are not kept apart, so all of them became one object."
             );
             file.mesh.warnings.push(warning);
             false
         }
-        Merge::None => count > 0,
+        Merge::Auto | Merge::None => count > 0,
     }
 }
 
-/// What came of the objects.
-pub(super) struct Apart {
-    /// The result; none where nothing was to be changed.
-    pub dressed: Option<Dressed>,
-    /// A section for each object that was looked at, in their order.
-    pub sections: Vec<ObjectReport>,
-    /// What a person should know of objects that were not.
-    pub warnings: Vec<String>,
+/// The repair of a file's objects.
+pub(super) struct ApartRepair<'a> {
+    pub file: &'a ReadFile,
+    pub input: &'a Input<'a>,
+    pub format: Format,
+    /// Whether the file may come back byte for byte where no object needs anything.
+    pub as_it_is: bool,
+    pub options: &'a Options,
+    pub remesher: Option<&'a dyn Remesher>,
+    /// The surroundings of the objects' repairs.
+    pub context: &'a Context<'a>,
+    /// The surroundings of what is done with all objects together, which end later.
+    pub whole: &'a Context<'a>,
 }
 
-impl Apart {
-    /// Puts down how it ended, and looks at the result as a whole.
-    pub fn tell(
-        self,
-        input: &Input<'_>,
-        bytes: &[u8],
-        report: &mut Report,
-        context: &Context<'_>,
-    ) -> Result<Told, RepairError> {
-        let patient = &context.without_deadline();
-        let Self { dressed, sections, warnings } = self;
-        report.warnings.extend(warnings);
-        report.verified_from_output_bytes = true;
-        sum_up(report, sections);
-        let (told, after) = match dressed {
-            None => {
-                let fates = fates(input.original, input.analysis, context)?;
-                let dialect = input.mesh.dialect.clone();
-                (Told { bytes: bytes.to_vec(), dialect, fates, ..Told::default() }, input.before.clone())
+/// The result of one object.
+struct ObjectResult {
+    section: ObjectReport,
+    /// Its triangles and paint; none where it has nothing that can be written.
+    mesh: Option<(Soup, Vec<crate::scene::Paint>)>,
+    /// Whether the file's own object can stay.
+    is_untouched: bool,
+}
+
+/// The objects of a round, repaired and judged where they stand.
+struct Round {
+    united: UnitedScene,
+    /// The scene with its results.
+    scene: Scene,
+    results: Vec<Option<ObjectResult>>,
+    told: Told,
+    after: Inspection,
+    changes: Option<Changes>,
+    /// The instances that still meet, with the names of their objects.
+    contacts: Vec<(InstanceContact, [String; 2])>,
+    /// The instances with faces inside bodies of another material.
+    contained: Vec<usize>,
+}
+
+impl ApartRepair<'_> {
+    /// Repairs each object of a scene that is to be printed, and writes what came of the file into the report.
+    pub fn run(&self, scene: &Scene, bytes: &[u8], report: &mut Report) -> Result<Told, RepairError> {
+        let start = instances_of(scene).map_err(|_| WriteError::TooLarge)?;
+        let mut united = UnitedScene::of(scene);
+        let mut met = Vec::new();
+        if self.options.merge == Merge::Auto {
+            met = contacts_of(&start, self.input.analysis, &self.whole.for_verification())?;
+            let materials = self.materials_of(scene, &start);
+            met.retain(|contact| is_of_one_material(materials.as_deref(), contact));
+            let groups = connected(start.len(), &met);
+            if !groups.is_empty() {
+                united = united.unite(&start, &groups);
             }
-            Some(Dressed { bytes, mesh, .. }) => {
-                let analysis = Analysis::new(subject(&mesh, input.analysis.subject.unit), patient)?;
-                let (after, found) = look(&analysis, || measure_analysis(&analysis, patient), context)?;
-                let changes = input.original.changes(&analysis, &after.measures, None, patient)?;
-                let fates = fates(input.original, &analysis, context)?;
-                let surface = fates.as_ref().map(|fates| fates.shares);
-                report.changes = Some(Changes { surface, ..changes });
-                (Told { bytes, dialect: mesh.dialect, found: Some(found), fates, ..Told::default() }, after)
+        }
+        let mut palettes = scene.palettes.clone();
+        let mut results: Vec<Option<ObjectResult>> = Vec::new();
+        results.resize_with(united.scene.objects.len(), || None);
+        for round in 1.. {
+            self.repair_missing(&united, &mut results, &mut palettes)?;
+            let judged = self.judge(united, results, &palettes, bytes)?;
+            let is_last = round == MAX_ROUNDS || self.context.is_late();
+            if self.options.merge != Merge::Auto || judged.after.measures.printable() || is_last {
+                return Ok(self.record(judged, &met, report));
+            }
+            let instances = instances_of(&judged.scene).map_err(|_| WriteError::TooLarge)?;
+            let materials = self.materials_of(&judged.scene, &instances);
+            let groups = next_groups(&judged, &instances, materials.as_deref());
+            united = if groups.is_empty() {
+                let Some(cut) = self.cut_overlaps(&judged, &instances, materials.as_deref(), &mut palettes, report)?
+                else {
+                    return Ok(self.record(judged, &met, report));
+                };
+                cut
+            } else {
+                met.extend(judged.contacts.iter().map(|(contact, _)| *contact));
+                judged.united.unite(&instances, &groups)
+            };
+            let mut old = judged.results;
+            results = united.unchanged_from.iter().map(|from| from.and_then(|from| old[from].take())).collect();
+        }
+        Err(RepairError::Unfaithful)
+    }
+
+    /// The materials of instances where they are the volumes of one print of several materials: of 3MF files alone.
+    fn materials_of(&self, scene: &Scene, instances: &[Instance]) -> Option<Vec<u32>> {
+        let is_print = self.file.mesh.format == Format::ThreeMf && self.format == Format::ThreeMf;
+        is_print.then(|| scene.materials_of(instances)).flatten()
+    }
+
+    /// The scene with bodies cut where a later one of another material overlaps them; none where there is nothing to cut, or it fails.
+    fn cut_overlaps(
+        &self,
+        round: &Round,
+        instances: &[Instance],
+        materials: Option<&[u32]>,
+        palettes: &mut [Palette],
+        report: &mut Report,
+    ) -> Result<Option<UnitedScene>, RepairError> {
+        let Some(materials) = materials else { return Ok(None) };
+        let patient = &self.whole.for_verification();
+        let overlaps = |a: usize, b: usize| {
+            let is_met = |(contact, _): &(InstanceContact, _)| contact.instances.map(|i| i as usize) == [a, b];
+            let is_within = round.contained.contains(&a) || round.contained.contains(&b);
+            instances[b].is_printed && materials[a] != materials[b] && (is_within || round.contacts.iter().any(is_met))
+        };
+        let placed = |instance: usize| round.scene.placed_instances([&instances[instance]]);
+        let (mut groups, mut bodies) = (Vec::new(), Vec::new());
+        for a in (0..instances.len()).filter(|&a| instances[a].is_printed) {
+            let later: Vec<usize> = (a + 1..instances.len()).filter(|&b| overlaps(a, b)).collect();
+            if later.is_empty() {
+                continue;
+            }
+            let others: Vec<Soup> = later.iter().map(|&b| placed(b).soup).collect();
+            let Some(CutBody { mesh, removed }) = cut_body(&placed(a), &others, palettes, patient)? else { continue };
+            let name = |instance: usize| self.instance_name(&round.united, &instances[instance]);
+            let names: Vec<String> = later.iter().take(MAX_NAMED).map(|&b| name(b)).collect();
+            let detail = format!(
+                "{} overlaps {} and gives way to what comes later in the file, as in slicers.",
+                name(a),
+                names.join(", ")
+            );
+            let cut = Assumption::new(AssumptionKind::OverlapRemoved, later.len() as u64, detail);
+            let is_met = |(contact, _): &&(InstanceContact, _)| contact.instances[0] as usize == a;
+            let places = round.contacts.iter().filter(is_met).map(|(contact, _)| contact.at);
+            report.assumptions.push(cut.with_amount(removed).at(places).unless("merge=objects"));
+            groups.push(vec![a]);
+            bodies.push(mesh);
+        }
+        if groups.is_empty() {
+            return Ok(None);
+        }
+        let mut united = round.united.unite(instances, &groups);
+        for (object, body) in united.unions.clone().into_iter().zip(bodies) {
+            united.scene.objects[object].shape = Shape::Mesh(body);
+        }
+        united.scene.palettes = palettes.to_vec();
+        Ok(Some(united))
+    }
+
+    /// The name of an instance's object as the file has it.
+    fn instance_name(&self, united: &UnitedScene, instance: &Instance) -> String {
+        let object = instance.object as usize;
+        name_of(&united.scene.objects[object], united.members[object].first().copied().unwrap_or(object))
+    }
+
+    /// Repairs the objects that have no result yet.
+    fn repair_missing(
+        &self,
+        united: &UnitedScene,
+        results: &mut [Option<ObjectResult>],
+        palettes: &mut [Palette],
+    ) -> Result<(), RepairError> {
+        let Self { context, options, .. } = self;
+        let scene = &united.scene;
+        let places = scene.places();
+        let faces = |object: &Object| object.mesh().map_or(0, |mesh| mesh.soup.faces.len());
+        let numbers = printed_objects(scene, &places);
+        let all: usize = numbers.iter().map(|&number| faces(&scene.objects[number])).sum();
+        let missing: Vec<usize> = numbers.into_iter().filter(|&number| results[number].is_none()).collect();
+        let mut left: usize = missing.iter().map(|&number| faces(&scene.objects[number])).sum();
+        let total = left;
+        for (index, &number) in missing.iter().enumerate() {
+            let object = &scene.objects[number];
+            let own = faces(object);
+            // What an object does not need is left to those after it.
+            let share = (own as f64 / left.max(1) as f64).max(1.0 / (missing.len() - index) as f64);
+            let done = |faces: usize| PERCENT[0] + (PERCENT[1] - PERCENT[0]) * faces as f64 / total.max(1) as f64;
+            let (from, to) = (done(total - left), done(total - left + own));
+            let name = name_of(object, number);
+            let progress = Share { context, from, to, name: &name };
+            let around = context.with_progress(&progress).limited_to(context.remaining().mul_f64(share));
+            let share = |most: u64| ((most as f64 * own as f64 / all.max(1) as f64) as u64).max(4);
+            let options = Options { max_faces: options.max_faces.map(share), ..(*options).clone() };
+            let start = context.now();
+            let made = repair_object(self.file, object, self.format, &options, self.remesher, &around)?;
+            let RepairedObject { mut report, before, soup, source, welded } = made;
+            report.milliseconds = context.now().saturating_sub(start).as_secs_f64() * 1e3;
+            let is_untouched = match report.outcome {
+                Outcome::AlreadyPrintable => !welded,
+                outcome => outcome == Outcome::Unrepairable,
+            };
+            let paint = object.mesh().map_or(&[][..], |mesh| &mesh.paint);
+            let patient = &context.for_verification();
+            let mesh = match soup {
+                None => None,
+                Some(soup) => {
+                    let paint = repaint(&before, paint, &soup, &source, palettes, patient)?;
+                    Some((soup, paint))
+                }
+            };
+            let first = united.members[number].first().copied().unwrap_or(number);
+            let section = ObjectReport::new(object.name.clone(), first, places[number], report);
+            results[number] = Some(ObjectResult { section, mesh, is_untouched });
+            left -= own;
+        }
+        Ok(())
+    }
+
+    /// Writes the scene with its results, reads it back, and judges all objects where they stand.
+    fn judge(
+        &self,
+        united: UnitedScene,
+        results: Vec<Option<ObjectResult>>,
+        palettes: &[Palette],
+        bytes: &[u8],
+    ) -> Result<Round, RepairError> {
+        let (input, context) = (self.input, self.whole);
+        let verification = &context.for_verification();
+        let is_untouched = self.as_it_is && !united.is_changed && results.iter().flatten().all(|it| it.is_untouched);
+        if is_untouched {
+            let (contacts, contained) = self.named_contacts(&united, input.analysis, context)?;
+            let fates = fates(input.original, input.analysis, context)?;
+            let told = Told { bytes: bytes.to_vec(), dialect: input.mesh.dialect.clone(), fates, ..Told::default() };
+            let (scene, after) = (united.scene.clone(), input.before.clone());
+            return Ok(Round { united, scene, results, told, after, changes: None, contacts, contained });
+        }
+        let mut scene = united.scene.clone();
+        scene.palettes = palettes.to_vec();
+        for (object, repaired) in scene.objects.iter_mut().zip(&results) {
+            if let (Some((soup, paint)), Shape::Mesh(mesh)) =
+                (repaired.as_ref().and_then(|repaired| repaired.mesh.as_ref()), &mut object.shape)
+            {
+                (mesh.soup, mesh.paint) = (soup.clone(), paint.clone());
+            }
+        }
+        let Dressed { bytes, mesh, .. } = dress(&scene, self.format)?;
+        let analysis = Analysis::new(subject(&mesh, input.analysis.subject.unit), verification)?;
+        let (after, found) = inspect_measured(&analysis, context)?;
+        let (contacts, contained) = match after.measures.printable() {
+            true => Default::default(),
+            false => {
+                self.named_contacts(&UnitedScene { scene: scene.clone(), ..united.clone() }, &analysis, context)?
             }
         };
-        let good = matches!(report.outcome, Outcome::AlreadyPrintable | Outcome::Repaired);
-        if good && !after.measures.printable() {
-            report.warnings.push(format!(
-                "the objects meet where they stand, so that taken as one mesh they are not printable: {}; merge=objects unites them",
-                after.measures.faults().join(", ")
-            ));
+        let changes = input.original.changes(&analysis, &after.measures, None, verification)?;
+        let fates = fates(input.original, &analysis, context)?;
+        let surface = fates.as_ref().map(|fates| fates.shares);
+        let changes = Some(Changes { surface, ..changes });
+        let told = Told { bytes, dialect: mesh.dialect.clone(), found: Some(found), fates, ..Told::default() };
+        Ok(Round { united, scene, results, told, after, changes, contacts, contained })
+    }
+
+    /// The contacts between the instances of a scene by the names of their objects, and the instances that lie in other materials.
+    #[expect(clippy::type_complexity, reason = "two lists")]
+    fn named_contacts(
+        &self,
+        united: &UnitedScene,
+        analysis: &Analysis<'_>,
+        context: &Context<'_>,
+    ) -> Result<(Vec<(InstanceContact, [String; 2])>, Vec<usize>), RepairError> {
+        let patient = &context.for_verification();
+        let instances = &instances_of(&united.scene).map_err(|_| WriteError::TooLarge)?;
+        let contacts = contacts_of(instances, analysis, patient)?;
+        let name = |instance: u32| self.instance_name(united, &instances[instance as usize]);
+        let named = contacts.into_iter().map(|contact| (contact, contact.instances.map(name))).collect();
+        let of = instance_of(instances);
+        let mut contained: Vec<usize> =
+            faces_in_other_materials(analysis, patient)?.into_iter().map(|face| of(face) as usize).collect();
+        contained.dedup();
+        Ok((named, contained))
+    }
+
+    /// Writes how the file as a whole ended into its report.
+    fn record(&self, round: Round, met: &[InstanceContact], report: &mut Report) -> Told {
+        let Round { united, scene, results, told, after, changes, contacts, contained } = round;
+        let instances = instances_of(&scene).unwrap_or_default();
+        let contained: Vec<String> =
+            contained.iter().take(MAX_NAMED).map(|&it| self.instance_name(&united, &instances[it])).collect();
+        let unions = (0..united.members.len()).filter(|&object| united.is_union(object));
+        let assumptions: Vec<Assumption> = unions.map(|union| self.union_told(&united, union, met)).collect();
+        let sections: Vec<ObjectReport> = results.into_iter().flatten().map(|result| result.section).collect();
+        report.warnings.extend(left_out(&united.scene));
+        report.verified_from_output_bytes = true;
+        report.outcome = outcome_of(&sections, after.measures.printable(), united.is_changed);
+        sum_up(report, sections);
+        report.assumptions.extend(assumptions);
+        report.changes = changes.or(report.changes);
+        if let Some(flag) = objects_intersect(&contacts, &contained) {
+            if report.objects.iter().all(|section| section.outcome.is_printable()) {
+                let advice = match self.options.merge {
+                    Merge::None => " Set merge=auto to unite them.",
+                    Merge::Auto | Merge::Objects => "",
+                };
+                report.summary = format!("The file is not printable as it stands: {}.{advice}", flag.detail);
+            }
+            report.red_flags.push(flag);
         }
         report.after = Some(after);
-        Ok(told)
+        told
+    }
+
+    /// The assumption that some objects are one solid.
+    fn union_told(&self, united: &UnitedScene, union: usize, met: &[InstanceContact]) -> Assumption {
+        let members = &united.members[union];
+        let name = |&object: &usize| {
+            let object_of = |scene: &Scene| scene.objects.get(object).map(|it| name_of(it, object));
+            self.file.scene.as_ref().and_then(object_of).unwrap_or_default()
+        };
+        let mut names: Vec<String> = members.iter().take(MAX_NAMED).map(name).collect();
+        if members.len() > MAX_NAMED {
+            names.push(format!("{} more", members.len() - MAX_NAMED));
+        }
+        let detail = format!("{} objects that intersect were united into one: {}.", members.len(), names.join(", "));
+        let bounds =
+            Surface::from_soup(&united.scene.objects[union].mesh().map(|it| it.soup.clone()).unwrap_or_default())
+                .0
+                .bounds();
+        let within = |at: &[f64; 3]| {
+            let at = glam::DVec3::from_array(*at);
+            at.cmpge(bounds.min).all() && at.cmple(bounds.max).all()
+        };
+        Assumption::new(AssumptionKind::ObjectsUnited, members.len() as u64, detail)
+            .with_amount(members.len() as f64)
+            .at(met.iter().map(|contact| contact.at).filter(within))
+            .unless("merge=none")
     }
 }
 
-/// Repairs each object of a scene that is to be printed. `as_it_is` tells whether the file may come back byte for byte where no object needs
-/// anything.
-pub(super) fn repair_apart(
-    file: &ReadFile,
-    scene: &Scene,
-    format: Format,
-    as_it_is: bool,
-    options: &Options,
-    remesher: Option<&dyn Remesher>,
-    context: &Context<'_>,
-) -> Result<Apart, RepairError> {
-    let places = scene.places();
-    let whole = |number: usize, object: &Object| {
-        object.has_faces() && places[number] > 0 && matches!(object.kind, ObjectKind::Model | ObjectKind::SolidSupport)
-    };
-    let faces = |object: &Object| object.mesh().map_or(0, |mesh| mesh.soup.faces.len());
-    let numbers: Vec<usize> =
-        (0..scene.objects.len()).filter(|&number| whole(number, &scene.objects[number])).collect();
-    let all: usize = numbers.iter().map(|&number| faces(&scene.objects[number])).sum();
-    let mut result = scene.clone();
-    let (mut sections, mut done, mut untouched) = (Vec::new(), 0, as_it_is);
-    for (index, &number) in numbers.iter().enumerate() {
+/// The instances to unite after a round that is not printable as a whole: those of one material that meet, or, where each object is
+/// printable and none meets another, all of them, since one then lies within another.
+fn next_groups(round: &Round, instances: &[Instance], materials: Option<&[u32]>) -> Vec<Vec<usize>> {
+    let contacts: Vec<InstanceContact> =
+        round.contacts.iter().map(|(it, _)| *it).filter(|it| is_of_one_material(materials, it)).collect();
+    let groups = connected(instances.len(), &contacts);
+    let all_good = round.results.iter().flatten().all(|result| result.section.outcome.is_printable());
+    if !groups.is_empty() || !all_good || materials.is_some() {
+        return groups;
+    }
+    let printed: Vec<usize> = (0..instances.len()).filter(|&i| instances[i].is_printed).collect();
+    if printed.len() > 1 { vec![printed] } else { Vec::new() }
+}
+
+fn is_of_one_material(materials: Option<&[u32]>, contact: &InstanceContact) -> bool {
+    let of = |instance: u32| materials.map(|materials| materials[instance as usize]);
+    of(contact.instances[0]) == of(contact.instances[1])
+}
+
+/// The objects with faces that are to be printed and stand somewhere.
+fn printed_objects(scene: &Scene, places: &[u64]) -> Vec<usize> {
+    let is_printed = |&number: &usize| {
         let object = &scene.objects[number];
-        let own = faces(object);
-        let share = |faces: usize| faces as f64 / all as f64;
-        let left = numbers.len() - index;
-        // What an object does not need is left to those after it.
-        let time = context.remaining().mul_f64((own as f64 / (all - done).max(1) as f64).max(1.0 / left as f64));
-        let [from, to] = [done, done + own].map(|faces| PERCENT[0] + (PERCENT[1] - PERCENT[0]) * share(faces));
-        let name = name_of(object, number);
-        let progress = Share { context, from, to, name: &name };
-        let around = context.with_progress(&progress).limited_to(time);
-        let options = Options {
-            max_faces: options.max_faces.map(|most| ((most as f64 * share(own)) as u64).max(4)),
-            ..options.clone()
-        };
-        let start = context.now();
-        let made = repair_object(file, object, format, &options, remesher, &around)?;
-        let RepairedObject { mut report, before, soup, source, welded } = made;
-        report.milliseconds = context.now().saturating_sub(start).as_secs_f64() * 1e3;
-        untouched &= match report.outcome {
-            Outcome::AlreadyPrintable => !welded,
-            outcome => outcome == Outcome::Unrepairable,
-        };
-        if let (Some(soup), Shape::Mesh(mesh)) = (soup, &mut result.objects[number].shape) {
-            let patient = &context.without_deadline();
-            mesh.paint = repaint(&before, &mesh.paint, &soup, &source, &mut result.palettes, patient)?;
-            mesh.soup = soup;
-        }
-        sections.push(ObjectReport::new(object.name.clone(), number, places[number], report));
-        done += own;
-    }
-    let left_out = scene
-        .objects
-        .iter()
-        .enumerate()
-        .filter(|(number, object)| object.has_faces() && !whole(*number, object))
-        .count();
-    let warnings = (left_out > 0)
-        .then(|| format!("objects that are not to be printed, or stand nowhere, were left as they are: {left_out}"));
-    let dressed = if untouched { None } else { Some(dress(&result, format)?) };
-    Ok(Apart { dressed, sections, warnings: warnings.into_iter().collect() })
+        object.has_faces() && places[number] > 0 && object.kind.is_printed()
+    };
+    (0..scene.objects.len()).filter(is_printed).collect()
 }
 
-struct RepairedObject {
-    report: Report,
-    /// The object as it was, welded.
-    before: Surface,
-    /// Its result; none where it has nothing that can be written.
-    soup: Option<Soup>,
-    /// For each face of the result the object's face that it was cut from.
-    source: Vec<u32>,
-    /// Whether the object has vertices that are one only by their positions.
-    welded: bool,
-}
-
-fn repair_object(
-    file: &ReadFile,
-    object: &Object,
-    format: Format,
-    options: &Options,
-    remesher: Option<&dyn Remesher>,
-    context: &Context<'_>,
-) -> Result<RepairedObject, RepairError> {
-    let patient = &context.without_deadline();
-    let mesh = file.mesh.of_same_file(object.mesh().map(|mesh| mesh.soup.clone()).unwrap_or_default());
-    let analysis = Analysis::new(subject(&mesh, file.unit.as_ref()), patient)?;
-    let (before, _) = look(&analysis, || measure_analysis(&analysis, patient), context)?;
-    let original = Original::new(&analysis, &before.measures, CompareOptions::BRIEF);
-    let input = Input { bytes: None, mesh: &mesh, analysis: &analysis, original: &original, before: &before };
-    let mut report = input.report(options, 0);
-    let Mended { outcome, judged } = mend(&input, carrier(format), &mut report, options, remesher, context)?;
-    let Told { bytes, source, .. } = input.tell(&mut report, outcome, judged, context)?;
-    let soup = if bytes.is_empty() { None } else { Some(carried(&bytes)?) };
-    let welded = analysis.ingest.merged_vertices > 0 && format == Format::ThreeMf;
-    Ok(RepairedObject { report, before: analysis.surface, soup, source, welded })
-}
-
-fn name_of(object: &Object, number: usize) -> String {
-    object.name.as_ref().map_or_else(|| format!("object {}", number + 1), |name| format!("object '{name}'"))
-}
-
-/// The progress of one object as a part of the whole.
-struct Share<'a> {
-    context: &'a Context<'a>,
-    from: f64,
-    to: f64,
-    name: &'a str,
-}
-
-impl Progress for Share<'_> {
-    fn report(&self, stage: Stage, tier: Option<u8>, percent: u8) {
-        let percent = self.from + (self.to - self.from) * f64::from(percent) / 100.0;
-        // What an object is finished with the whole is not.
-        let stage = if stage == Stage::Finish { Stage::Verify } else { stage };
-        self.context.report(stage, tier, percent as u8);
-    }
-
-    fn log(&self, line: &str) {
-        self.context.log(&format!("{}: {line}", self.name));
-    }
-}
-
-/// What became of all objects together.
-fn outcome_of(sections: &[ObjectReport]) -> Outcome {
-    let all = |outcome| sections.iter().all(|section| section.outcome == outcome);
-    let good = |section: &ObjectReport| matches!(section.outcome, Outcome::AlreadyPrintable | Outcome::Repaired);
-    if sections.is_empty() || all(Outcome::AlreadyPrintable) {
-        Outcome::AlreadyPrintable
-    } else if sections.iter().all(good) {
-        Outcome::Repaired
-    } else if sections.iter().any(|section| matches!(section.outcome, Outcome::Repaired | Outcome::PartiallyRepaired)) {
-        Outcome::PartiallyRepaired
+/// The warning about objects that were not looked at.
+fn left_out(scene: &Scene) -> Option<String> {
+    let with_faces = scene.objects.iter().filter(|object| object.has_faces()).count();
+    let count = with_faces - printed_objects(scene, &scene.places()).len();
+    let plural = if count == 1 {
+        "object that is not printed or not placed was"
     } else {
-        Outcome::Unrepairable
-    }
-}
-
-/// Puts the accounts of all objects together: what was planned and done for a single one is what was done to the file.
-fn sum_up(report: &mut Report, sections: Vec<ObjectReport>) {
-    report.outcome = outcome_of(&sections);
-    for section in &sections {
-        let told =
-            |text: &str| if sections.len() == 1 { text.to_owned() } else { format!("{}: {text}", section.title()) };
-        report
-            .red_flags
-            .extend(section.red_flags.iter().map(|flag| RedFlag { detail: told(&flag.detail), ..flag.clone() }));
-        report.warnings.extend(section.warnings.iter().map(|warning| told(warning)));
-    }
-    match sections.as_slice() {
-        [] => report.summary = "The file has no object that is to be printed; it is handed back unchanged.".to_owned(),
-        [only] => {
-            report.summary.clone_from(&only.summary);
-            (report.plan, report.steps, report.candidates) =
-                (only.plan.clone(), only.steps.clone(), only.candidates.clone());
-            (report.changes, report.ledger) = (only.changes, only.ledger.clone());
-        }
-        several => {
-            report.summary = in_words(several);
-            report.plan.category = Category::MultipleComponents;
-            report.plan.preset = several[0].plan.preset;
-            report.plan.reason = "each object has a plan of its own".to_owned();
-        }
-    }
-    report.objects = sections;
-}
-
-/// What became of all objects together, in words.
-fn in_words(sections: &[ObjectReport]) -> String {
-    let count = |outcome| sections.iter().filter(|section| section.outcome == outcome).count();
-    let told = [
-        (Outcome::AlreadyPrintable, "printable already"),
-        (Outcome::Repaired, "repaired and printable"),
-        (Outcome::PartiallyRepaired, "better but not as it should be"),
-        (Outcome::Unrepairable, "as it was, not printable"),
-    ];
-    let words: Vec<String> = told
-        .into_iter()
-        .map(|(outcome, words)| (count(outcome), words))
-        .filter(|(count, _)| *count > 0)
-        .map(|(count, words)| format!("{count} {words}"))
-        .collect();
-    let mut text = format!("Of {} objects: {}.", sections.len(), words.join(", "));
-    let bad = |section: &&ObjectReport| matches!(section.outcome, Outcome::PartiallyRepaired | Outcome::Unrepairable);
-    if let Some(first) = sections.iter().find(bad) {
-        text.push_str(&format!(" {}: {}", first.title(), first.summary));
-    }
-    text
+        "objects that are not printed or not placed were"
+    };
+    (count > 0).then(|| format!("{count} {plural} left as they are."))
 }

@@ -1,5 +1,26 @@
 use super::Category;
+use super::sheets::SHEET_SHARE;
 use crate::inspect::Measures;
+
+impl Category {
+    /// The name used in JSON.
+    #[must_use]
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Clean => "clean",
+            Self::Holes => "holes",
+            Self::ManySmallHoles => "many_small_holes",
+            Self::NonManifold => "non_manifold",
+            Self::SelfIntersecting => "self_intersecting",
+            Self::Fragmented => "fragmented",
+            Self::MultipleComponents => "multiple_components",
+            Self::Orientation => "orientation",
+            Self::Degenerate => "degenerate",
+            Self::OpenSheet => "open_sheet",
+            Self::Complex => "complex",
+        }
+    }
+}
 
 /// Where one kind of trouble ends and another begins.
 struct Thresholds {
@@ -16,7 +37,7 @@ struct Thresholds {
 }
 
 const THRESHOLDS: Thresholds =
-    Thresholds { sheet_share: 0.9, many_loops: 8, fragments: 10, faces_a_fragment: 20, open_fragments: 0.5 };
+    Thresholds { sheet_share: SHEET_SHARE, many_loops: 8, fragments: 10, faces_a_fragment: 20, open_fragments: 0.5 };
 
 /// What kind of trouble a model is in, by its measures and by the share of its area in open sheets.
 #[must_use]
@@ -37,7 +58,12 @@ pub fn categorise(m: &Measures, sheet_share: f64) -> Category {
     let nonmanifold = m.nonmanifold_edges > 0 || m.nonmanifold_vertices > 0;
     let holes = m.boundary_edges > 0;
     let turned = m.misoriented_edges > 0 || m.inverted_parts > 0 || m.volume.value < 0.0;
-    let faces = m.degenerate_faces > 0 || m.duplicate_faces > 0 || m.nonfinite_faces > 0;
+    let faces = m.degenerate_faces > 0
+        || m.duplicate_faces > 0
+        || m.nonfinite_faces > 0
+        || m.unreadable_faces > 0
+        || m.unshared_edges > 0
+        || m.near_coincident_faults > 0;
     let crossed = m.self_intersections.checked && !m.self_intersections.proven_none();
     match (nonmanifold, holes, crossed) {
         (false, false, false) if turned => Category::Orientation,

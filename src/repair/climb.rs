@@ -1,17 +1,18 @@
 use std::ops::Range;
 use std::time::Duration;
 
+use super::agreement::{Method, Testimony, explain_by_agreement};
 use super::checkpoints::{Checkpoints, START};
 use super::input::Input;
 use super::presets::{planned, remesh_action, tier_of};
+use super::sheets::{SHEET_SHARE, open_sheet_share};
 use super::tiers::{End, Key, Place, Runner, Task};
 use super::verdict::{JudgeError, Judged, Patches, judge};
 use super::{
-    Action, Cancelled, Candidate, Context, Operator, Options, PlannedAction, Preset, RedFlagCode, Remesher, Rung,
-    Stage, Step, StepStatus, When, summary,
+    Action, Cancelled, Candidate, Context, LeftOut, Operator, Options, PlannedAction, Preset, RedFlagCode, Remesher,
+    Rung, Stage, Step, StepStatus, When, summary,
 };
 use crate::arrange::ArrangeError;
-use crate::mesh::Surface;
 
 /// The way up a plan's rungs: what was done so far, and the best that came of it.
 pub(super) struct Climb<'a> {
@@ -29,13 +30,17 @@ pub(super) struct Climb<'a> {
     candidates: Vec<Candidate>,
     /// Whether a result was left open, or lost surface that can be seen.
     left_sheets: bool,
+    /// What methods found wrong with their own results.
+    testimonies: Vec<Testimony>,
+    /// Whether two methods of different kind found the same.
+    agreed: bool,
 }
 
 /// What a rung made.
 enum Made {
     Nothing,
     /// A surface, and its number.
-    New(u32, Surface),
+    New(u32, Box<Place>),
     /// A surface on which there is a verdict, by the place of that.
     Judged(usize),
 }
@@ -56,6 +61,9 @@ pub(super) struct Climbed {
     pub best: Option<(usize, Judged)>,
 }
 
+/// The note of a step that was not run again, where it has none of its own.
+pub(super) const TAKEN_OVER: &str = "its result was taken over from an earlier rung";
+
 /// The two actions that every recipe begins with.
 const OPENING: [Action; 2] = [Action::BasicCleanup, Action::FixNormals];
 
@@ -64,7 +72,7 @@ impl<'a> Climb<'a> {
     pub fn open(input: &'a Input<'a>, runner: Runner<'a>) -> Result<Self, Cancelled> {
         let actions = OPENING.map(|action| planned(action, runner.options)).to_vec();
         let rung = Rung { when: When::NothingGood, tier: 1, preset: Preset::BasicCleanup, actions };
-        let mut opened = Place { surface: input.analysis.surface.clone(), counts: None, moved: 0.0 };
+        let mut opened = Place::new(input.analysis.surface.clone());
         let (mut opening, mut end) = (Vec::new(), End::Finished);
         let tasks = Task::of(&rung, 0);
         for (at, &task) in tasks.iter().enumerate() {
@@ -88,19 +96,35 @@ impl<'a> Climb<'a> {
             best: None,
             candidates: Vec::new(),
             left_sheets: false,
+            testimonies: Vec::new(),
+            agreed: false,
         })
     }
 
-    /// What the opening left.
-    pub fn surface(&self) -> &Surface {
-        &self.opened.surface
+    /// Share of the area in open sheets, as the opening left them. Where they look like the whole model, cracks are stitched first for
+    /// trial: the patches of a cracked solid are sheets only as long as they are apart.
+    pub fn sheet_share(&self) -> Result<f64, Cancelled> {
+        let share = open_sheet_share(&self.opened.surface);
+        if share < SHEET_SHARE || self.runner.options.max_tier < tier_of(Action::Stitch) {
+            return Ok(share);
+        }
+        let actions = vec![planned(Action::Stitch, self.runner.options)];
+        let rung = Rung { when: When::NothingGood, tier: 2, preset: Preset::FullRepair, actions };
+        let mut place = self.opened.clone();
+        for task in Task::of(&rung, 0) {
+            let (_, end, _) = self.runner.run(0, &rung, task, 15, &mut place)?;
+            if end != End::Finished {
+                return Ok(share);
+            }
+        }
+        Ok(open_sheet_share(&place.surface))
     }
 
     /// Climbs until a result is good.
     pub fn run(mut self, rungs: &[Rung]) -> Result<Climbed, Cancelled> {
         for (index, rung) in (0u32..).zip(rungs) {
             let later = &rungs[index as usize + 1..];
-            let step = not_runnable(index, rung, self.runner.remesher, self.runner.context);
+            let step = self.out_of_time(index, rung).or_else(|| not_runnable(index, rung, self.runner.remesher));
             if let Some(step) = step.or_else(|| self.needless(index, rung)) {
                 self.note(step);
             } else {
@@ -120,6 +144,24 @@ impl<'a> Climb<'a> {
         Ok(Climbed { steps: self.steps, candidates: self.candidates, best: self.best })
     }
 
+    /// The step that says that a rung is passed over, where there is no time to run it and to verify what it makes.
+    fn out_of_time(&self, index: u32, rung: &Rung) -> Option<Step> {
+        let Runner { context, time, .. } = self.runner;
+        let faces = self.opened.surface.faces.len();
+        if !time.for_operators(faces, context).is_late() {
+            return None;
+        }
+        time.leave_out(LeftOut::Repair);
+        // What the opening brought is better than nothing.
+        let opened = self.candidates.is_empty() && self.opened.surface.faces != self.input.analysis.surface.faces;
+        if opened && remesh_of(rung).is_none() && time.can_verify(faces, context) {
+            return None;
+        }
+        let last = rung.actions.iter().rev().map(|it| it.action).find(|&it| it != Action::Validate)?;
+        let note = Some("the time was over before it could start".to_owned());
+        Some(Step { status: StepStatus::Skipped, note, ..Step::new(index, rung.tier, last, None) })
+    }
+
     /// The step that says why a rung is passed over, where what came before it makes it needless.
     fn needless(&self, index: u32, rung: &Rung) -> Option<Step> {
         let whole = || self.best.as_ref().is_some_and(|(_, best)| best.is_whole());
@@ -128,6 +170,9 @@ impl<'a> Climb<'a> {
                 "the rungs before it left nothing open and lost no surface"
             }
             When::NothingWhole if whole() => "the best result before it is closed and whole",
+            _ if self.agreed && Method::of(rung) == Some(Method::Blender) => {
+                "methods of different kind agree on the red flags, so the input is their cause"
+            }
             _ => return None,
         };
         let last = rung.actions.iter().rev().map(|it| it.action).find(|&it| it != Action::Validate)?;
@@ -165,6 +210,7 @@ impl<'a> Climb<'a> {
         }
         let mut end = self.end;
         let mut place = self.checkpoints.kept(number).unwrap_or(&self.opened).clone();
+        way.iter().filter_map(|(_, step)| step.as_ref()).for_each(|step| place.note_holes(step));
         let turnings = turnings(rung, later, self.runner.options);
         for (at, &task) in tasks.iter().enumerate().skip(way.len()) {
             if end != End::Finished {
@@ -187,7 +233,7 @@ impl<'a> Climb<'a> {
             }
         }
         let nothing = end == End::Nothing || place.surface.faces.is_empty();
-        Ok(if nothing { Made::Nothing } else { Made::New(number, place.surface) })
+        Ok(if nothing { Made::Nothing } else { Made::New(number, Box::new(place)) })
     }
 
     /// How far it is known what a rung does: the step of each task, unless it was needless, and the number of what it made.
@@ -217,28 +263,39 @@ impl<'a> Climb<'a> {
     }
 
     /// Judges a result and keeps it if it is the best so far. Whether it is good.
-    fn judge(&mut self, index: u32, rung: &Rung, number: u32, result: &Surface) -> Result<bool, Cancelled> {
-        let Runner { options, format, context, .. } = self.runner;
+    fn judge(&mut self, index: u32, rung: &Rung, number: u32, result: &Place) -> Result<bool, Cancelled> {
+        let Runner { options, format, context, time, .. } = self.runner;
         context.report(Stage::Verify, Some(rung.tier), span(index).end);
         let start = context.now();
         let patches = patches_of(rung);
-        let verdict = judge(result, patches, format, self.input.original, options, context);
+        let verdict = if time.can_verify(result.surface.faces.len(), context) {
+            judge(&result.surface, patches, result.invented.as_ref(), format, self.input.original, options, context)
+        } else {
+            Err(JudgeError::Cancelled(Cancelled))
+        };
         let mut step = validation(index, start, context);
         let mut good = false;
         match verdict {
-            Ok(judged) => {
+            Ok(mut judged) => {
+                time.note_verification(result.surface.faces.len(), context.now().saturating_sub(start));
+                self.hear(rung, &mut judged);
                 step.note = Some(summary::verdict_in_words(&judged));
                 self.candidates.push(Candidate::new(Some(index), &judged, false));
                 let lost = judged.red_flags.iter().any(|flag| flag.code == RedFlagCode::SurfaceLost);
                 self.left_sheets |= lost || judged.measures.boundary_edges > 0;
                 let candidate = self.candidates.len() - 1;
                 self.verdicts.push(Verdict { surface: number, patches, candidate, step: step.clone() });
-                good = judged.is_good();
+                good = judged.is_final() || self.best.as_ref().is_some_and(|(_, best)| best.is_final());
                 if self.best.as_ref().is_none_or(|(_, best)| judged.rank() < best.rank()) {
                     self.best = Some((candidate, judged));
                 }
             }
-            Err(JudgeError::Cancelled(stop)) => return Err(stop),
+            Err(JudgeError::Cancelled(stop)) if context.is_cancelled() => return Err(stop),
+            Err(JudgeError::Cancelled(_)) => {
+                time.leave_out(LeftOut::Verification);
+                step.status = StepStatus::Failed;
+                step.note = Some("the time was over before it was verified, so it is not handed out".to_owned());
+            }
             Err(error) => {
                 step.status = StepStatus::Failed;
                 step.note = Some(error.to_string());
@@ -246,6 +303,23 @@ impl<'a> Climb<'a> {
         }
         self.note(step);
         Ok(good)
+    }
+
+    /// Looks whether a method of another kind found the same wrong with its result. If so, that is a property of the input.
+    fn hear(&mut self, rung: &Rung, judged: &mut Judged) {
+        let Some(own) = Testimony::of(rung, judged) else { return };
+        if self.testimonies.iter().any(|other| own.agrees_with(other)) {
+            self.agreed = true;
+            explain_by_agreement(judged);
+            if let Some((candidate, best)) = &mut self.best
+                && best.measures.printable()
+                && own.is_of(best)
+            {
+                explain_by_agreement(best);
+                self.candidates[*candidate].red_flags.clone_from(&best.red_flags);
+            }
+        }
+        self.testimonies.push(own);
     }
 
     fn note(&mut self, step: Step) {
@@ -268,15 +342,16 @@ impl Candidate {
 }
 
 /// The step that says why a rung is passed over, if it is.
-fn not_runnable(index: u32, rung: &Rung, remesher: Option<&dyn Remesher>, context: &Context<'_>) -> Option<Step> {
-    let action = rung.actions.iter().map(|planned| planned.action).find(|&a| remesh_action(a).is_some())?;
-    let why = if context.remaining().is_zero() {
-        "the time was over before it could start".to_owned()
-    } else {
-        let missing = remesher.map_or(Err("Blender is not installed on this server"), |r| r.info().map(drop)).err()?;
-        format!("{missing}; the best result without tier 3 is handed out")
-    };
+fn not_runnable(index: u32, rung: &Rung, remesher: Option<&dyn Remesher>) -> Option<Step> {
+    let action = remesh_of(rung)?;
+    let missing = remesher.map_or(Err("Blender is not installed on this server"), |r| r.info().map(drop)).err()?;
+    let why = format!("{missing}; the best result without tier 3 is handed out");
     Some(Step { status: StepStatus::Skipped, note: Some(why), ..Step::new(index, 3, action, None) })
+}
+
+/// The action of a rung that Blender does, if there is one.
+fn remesh_of(rung: &Rung) -> Option<Action> {
+    rung.actions.iter().map(|planned| planned.action).find(|&action| remesh_action(action).is_some())
 }
 
 /// What is known of faces that intersect, on a rung's way.
@@ -328,7 +403,7 @@ fn patches_of(rung: &Rung) -> Patches {
 }
 
 fn taken_over(step: &Step, rung: u32, action: Action) -> Step {
-    let note = step.note.clone().unwrap_or_else(|| "its result was taken over from an earlier rung".to_owned());
+    let note = step.note.clone().unwrap_or_else(|| TAKEN_OVER.to_owned());
     Step { rung, action, tier: tier_of(action), milliseconds: 0.0, note: Some(note), ..step.clone() }
 }
 

@@ -34,6 +34,7 @@ pub fn draw(
     let left = Duration::from_secs_f64(repaired.report.options.deadline_s)
         .saturating_sub(Duration::try_from_secs_f64(repaired.report.milliseconds / 1e3).unwrap_or_default());
     let context = &context.limited_to(left);
+    context.check()?;
     let (unit, up) = (&repaired.report.unit, repaired.report.unit.up);
     let reading = |limits| ReadOptions { limits, twist_angle_deg: repaired.report.options.twist_angle_deg };
     let mut file = format::read_shape(input, &reading(*limits))?;

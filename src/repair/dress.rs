@@ -2,12 +2,12 @@
 
 use glam::DVec3;
 
-use super::input::{Input, Told, look, read_own, subject};
+use super::input::{Input, Told, inspect_measured, read_own, subject};
 use super::repaint::repaint;
 use super::verdict::fates;
-use super::{Context, RepairError};
+use super::{Context, LeftOut, RepairError};
 use crate::format::{self, Format, Limits, ReadFile, ReadMesh, ReadOptions, WriteError};
-use crate::inspect::{Analysis, measure_analysis};
+use crate::inspect::Analysis;
 use crate::mesh::{Soup, Surface, position_key};
 use crate::scene::{Item, Object, PaintedMesh, Scene, Shape, Unit};
 
@@ -41,11 +41,15 @@ pub(super) fn dress_one(
     {
         return Ok(told);
     }
-    let patient = &context.without_deadline();
+    let verification = &context.for_verification();
     let soup = carried(&told.bytes)?;
     let mut scene = file.scene.as_ref().map(Scene::without_objects).unwrap_or_default();
     scene.unit = Some(unit);
-    let paint = repaint(&input.analysis.surface, &file.paint, &soup, &told.source, &mut scene.palettes, patient)?;
+    let paint = repaint(&input.analysis.surface, &file.paint, &soup, &told.source, &mut scene.palettes, verification);
+    let paint = verification.unless_late(paint)?.unwrap_or_else(|| {
+        input.time.leave_out(LeftOut::Attributes);
+        Vec::new()
+    });
     scene.objects = vec![Object::of_mesh(file.only_name(), PaintedMesh { soup, paint })];
     scene.items = vec![Item::of(0)];
     let Dressed { bytes, mesh, in_order } = dress(&scene, format)?;
@@ -53,10 +57,13 @@ pub(super) fn dress_one(
         return Ok(Told { bytes, dialect: mesh.dialect, ..told });
     }
     // What was found is told of faces by their order.
-    let analysis = Analysis::new(subject(&mesh, input.analysis.subject.unit), patient)?;
-    let (_, found) = look(&analysis, || measure_analysis(&analysis, patient), context)?;
-    let fates = fates(input.original, &analysis, context)?;
-    Ok(Told { bytes, dialect: mesh.dialect, found: Some(found), fates, ..told })
+    let found = || {
+        let analysis = Analysis::new(subject(&mesh, input.analysis.subject.unit), context)?;
+        let (_, found) = inspect_measured(&analysis, context)?;
+        Ok((found, fates(input.original, &analysis, context)?))
+    };
+    let (found, fates) = context.unless_late(found())?.unzip();
+    Ok(Told { bytes, dialect: mesh.dialect, found, fates: fates.flatten(), ..told })
 }
 
 /// A file that holds just what was judged.
@@ -87,7 +94,9 @@ pub(super) fn dress(scene: &Scene, format: Format) -> Result<Dressed, RepairErro
         stand.objects[own].shape = Shape::Mesh(PaintedMesh { soup: soup.clone(), paint: Vec::new() });
     }
     let soup = stand.placed(u64::MAX).map_err(|_| WriteError::TooLarge)?.soup;
-    Ok(Dressed { bytes, mesh: read.mesh.of_same_file(soup), in_order })
+    let materials = read.mesh.materials.clone().filter(|materials| materials.len() == soup.faces.len());
+    let mesh = ReadMesh { materials, ..read.mesh.of_same_file(soup) };
+    Ok(Dressed { bytes, mesh, in_order })
 }
 
 /// The objects that are meshes with faces and stand somewhere, in their order.

@@ -1,11 +1,17 @@
+use std::time::Duration;
+
 use super::RepairError;
+use super::invented::Invented;
+use super::time_budget::{TimeBudget, for_details};
 use super::verdict::{JudgeError, Judged, Patches, fates, judge};
 use super::{
-    Cancelled, Category, Changes, Context, FileSummary, Options, Outcome, Plan, Preset, REPORT_VERSION, Report, summary,
+    Cancelled, Category, Changes, Context, FileSummary, LeftOut, Options, Outcome, Plan, Preset, REPORT_VERSION,
+    Report, Verdict, summary,
 };
 use crate::format::{self, Format, Limits, ReadError, ReadMesh};
 use crate::inspect::{
-    Analysis, Fates, Findings, InspectOptions, Inspection, Level, Measures, Original, Subject, inspect_analysis,
+    Analysis, DefectKind, Fates, Findings, InspectOptions, Inspection, Level, Measures, Original, Subject,
+    inspect_analysis, measure_analysis,
 };
 use crate::scene::LengthUnit;
 
@@ -18,6 +24,7 @@ pub(super) struct Input<'a> {
     /// The same as what results are compared with.
     pub original: &'a Original<'a>,
     pub before: &'a Inspection,
+    pub time: &'a TimeBudget,
 }
 
 /// What is left of a result when its account was written.
@@ -31,8 +38,8 @@ pub(super) struct Told {
 }
 
 impl Input<'_> {
-    /// The input's own bytes, or its faces in order in the format that results are judged in; none where no face is left to write. It does not wait for
-    /// the end of the time.
+    /// The input's own bytes, or its faces in order in the format that results are judged in; none where no face is left to write, or
+    /// where there was no time to verify what was written.
     pub fn handed_back(
         &self,
         format: Format,
@@ -40,31 +47,90 @@ impl Input<'_> {
         context: &Context<'_>,
     ) -> Result<Option<Judged>, RepairError> {
         let before = &self.before.measures;
-        // A file of which some faces could not be read is never handed out as it is.
-        let whole = self.mesh.numbering.is_none_or(|it| it.faces_without_vertex == 0);
-        if let Some(bytes) = self.bytes.filter(|_| whole) {
-            return Ok(Some(Judged {
-                bytes: bytes.to_vec(),
-                source: Vec::new(),
-                dialect: self.mesh.dialect.clone(),
-                measures: before.clone(),
-                changes: self.original.changes(self.analysis, before, Some(&[]), &context.without_deadline())?,
-                red_flags: Vec::new(),
-                looked: None,
-                fates: None,
-                ledger: None,
-            }));
+        // A file of which some faces could not be read is never handed out as it is, nor one whose normals point into the mesh: written
+        // again, it has none, or those of its faces.
+        let whole = self.mesh.numbering.as_ref().is_none_or(|it| it.faces_without_vertex == 0);
+        if let Some(bytes) = self.bytes.filter(|_| whole && self.bad_normals() == 0) {
+            return Ok(Some(self.unchanged(bytes.to_vec(), self.mesh.dialect.clone(), before.clone(), context)?));
         }
         let surface = &self.analysis.surface;
         if surface.faces.is_empty() {
             return Ok(None);
         }
-        match judge(surface, Patches::BySource, format, self.original, options, context) {
-            Ok(judged) => Ok(Some(judged)),
-            Err(JudgeError::Write(error)) => Err(error.into()),
-            Err(JudgeError::Read(error)) => Err(error.into()),
-            Err(JudgeError::Cancelled(stop)) => Err(stop.into()),
+        if self.time.can_verify(surface.faces.len(), context) {
+            let start = context.now();
+            match judge(surface, Patches::BySource, None, format, self.original, options, context) {
+                Ok(judged) => {
+                    self.time.note_verification(surface.faces.len(), context.now().saturating_sub(start));
+                    return Ok(Some(judged));
+                }
+                Err(JudgeError::Write(error)) => return Err(error.into()),
+                Err(JudgeError::Read(error)) => return Err(error.into()),
+                Err(JudgeError::Cancelled(stop)) if context.is_cancelled() => return Err(stop.into()),
+                Err(JudgeError::Cancelled(_)) => {}
+            }
         }
+        let same = self.converted(format, context)?;
+        if same.is_none() {
+            self.time.leave_out(LeftOut::Verification);
+        }
+        Ok(same)
+    }
+
+    /// The input's faces in another format, where the written bytes have the very same coordinates, so that all that was measured on
+    /// the input is true of them.
+    fn converted(&self, format: Format, context: &Context<'_>) -> Result<Option<Judged>, RepairError> {
+        let surface = &self.analysis.surface;
+        let bytes = format::write(&surface.to_soup(), format)?;
+        let read = read_own(&bytes)?;
+        let is_same = read.soup.faces.len() == surface.faces.len()
+            && (0..surface.faces.len()).all(|face| read.soup.corners(face) == surface.corners(face));
+        if !is_same {
+            return Ok(None);
+        }
+        let faces = surface.faces.len() as u64;
+        let measures = Measures {
+            faces,
+            nonfinite_faces: 0,
+            unreferenced_vertices: 0,
+            unreadable_faces: 0,
+            unshared_edges: 0,
+            ..self.before.measures.clone()
+        };
+        Ok(Some(self.unchanged(bytes, read.dialect, measures, context)?))
+    }
+
+    /// The input itself as a result.
+    fn unchanged(
+        &self,
+        bytes: Vec<u8>,
+        dialect: String,
+        measures: Measures,
+        context: &Context<'_>,
+    ) -> Result<Judged, Cancelled> {
+        let changes = self.original.changes(self.analysis, &measures, Some(&[]), context);
+        let changes = context.unless_late(changes)?.unwrap_or_else(|| Changes::none(&self.before.measures, &measures));
+        Ok(Judged {
+            bytes,
+            source: Vec::new(),
+            dialect,
+            changes,
+            red_flags: Vec::new(),
+            looked: None,
+            counts: Some(Inspection { measures: measures.clone(), ..self.before.clone() }),
+            measures,
+            fates: None,
+            ledger: None,
+            assumptions: Vec::new(),
+            cavities: Vec::new(),
+            invented: Invented::default(),
+        })
+    }
+
+    /// Vertices of which a normal of the file points into the mesh.
+    pub fn bad_normals(&self) -> u64 {
+        let of_kind = self.before.defects.iter().find(|group| group.kind == DefectKind::BadVertexNormal);
+        of_kind.map_or(0, |group| group.count)
     }
 
     /// Looks at a result as at the input: at its own bytes, read back, and at what became of the input. What the input's bytes
@@ -81,11 +147,25 @@ impl Input<'_> {
         if let Some((inspection, findings)) = judged.looked.take() {
             return Ok((inspection, Some(findings)));
         }
-        let read = read_own(&judged.bytes)?;
-        let analysis = Analysis::new(subject(&read, self.analysis.subject.unit), &context.without_deadline())?;
-        let (inspection, findings) = look(&analysis, || Ok(judged.measures.clone()), context)?;
-        judged.fates = fates(self.original, &analysis, context)?;
-        Ok((inspection, Some(findings)))
+        let inspected = || {
+            context.check()?;
+            let read = read_own(&judged.bytes)?;
+            let analysis = Analysis::new(subject(&read, self.analysis.subject.unit), context)?;
+            let found = inspect_analysis(&analysis, &InspectOptions::default(), context)?;
+            Ok((found, fates(self.original, &analysis, context)?))
+        };
+        match inspected() {
+            Ok(((inspection, findings), fates)) => {
+                judged.fates = fates;
+                Ok((inspection, Some(findings)))
+            }
+            Err(RepairError::Cancelled(_)) if !context.is_cancelled() => {
+                self.time.leave_out(LeftOut::ResultDetails);
+                let counts = judged.counts.take().unwrap_or_else(|| self.before.clone());
+                Ok((Inspection { measures: judged.measures.clone(), ..counts }, None))
+            }
+            Err(error) => Err(error),
+        }
     }
 
     /// Puts down how it ended. Answers what was found on the result, where it is not the input.
@@ -97,9 +177,17 @@ impl Input<'_> {
         context: &Context<'_>,
     ) -> Result<Told, RepairError> {
         report.outcome = outcome;
-        report.summary = summary::in_words(outcome, report, judged.as_ref().map(|j| &j.measures), context);
+        report.left_out = self.time.left_out();
+        report.summary = summary::in_words(outcome, report, judged.as_ref().map(|j| &j.measures));
         let Some(mut judged) = judged else { return Ok(Told::default()) };
         let (after, found) = self.after(&mut judged, context)?;
+        if after.level == Level::None {
+            self.time.leave_out(LeftOut::ResultDetails);
+        }
+        if judged.fates.is_none() {
+            self.time.leave_out(LeftOut::SurfaceChanges);
+        }
+        report.left_out = self.time.left_out();
         report.after = Some(after);
         let surface = judged.fates.as_ref().map(|fates| fates.shares);
         report.changes = Some(Changes { surface, ..judged.changes });
@@ -113,6 +201,12 @@ impl Input<'_> {
     pub fn report(&self, options: &Options, bytes: u64) -> Report {
         let mut warnings = self.mesh.warnings.clone();
         warnings.extend(self.before.measures.left_out());
+        let bad = self.bad_normals();
+        if bad > 0 {
+            warnings.push(format!(
+                "Vertices with a normal that points into the mesh: {bad}. The result is written without the file's normals."
+            ));
+        }
         let intersections = &self.before.measures.self_intersections;
         if intersections.checked && !intersections.complete {
             warnings.push("so many faces overlap that they were not all counted".to_owned());
@@ -121,6 +215,7 @@ impl Input<'_> {
             version: REPORT_VERSION,
             engine: crate::ENGINE.to_owned(),
             outcome: Outcome::Unrepairable,
+            verdict: Verdict::default(),
             summary: String::new(),
             input: FileSummary { format: self.mesh.format, dialect: self.mesh.dialect.clone(), bytes },
             output: None,
@@ -141,6 +236,9 @@ impl Input<'_> {
             steps: Vec::new(),
             candidates: Vec::new(),
             red_flags: Vec::new(),
+            assumptions: Vec::new(),
+            options_not_applied: Vec::new(),
+            left_out: self.time.left_out(),
             warnings,
             milliseconds: 0.0,
         }
@@ -154,24 +252,57 @@ pub(super) fn read_own(bytes: &[u8]) -> Result<ReadMesh, ReadError> {
 
 /// All that a file says, with lengths in a unit.
 pub(super) fn subject<'a>(mesh: &'a ReadMesh, unit: Option<&'a LengthUnit>) -> Subject<'a> {
-    Subject { soup: &mesh.soup, normals: mesh.normals.as_ref(), numbering: mesh.numbering.as_ref(), unit }
+    let (normals, numbering) = (mesh.normals.as_ref(), mesh.numbering.as_ref());
+    Subject {
+        soup: &mesh.soup,
+        normals,
+        numbering,
+        materials: mesh.materials.as_deref(),
+        is_indexed: mesh.format.is_indexed(),
+        unit,
+    }
 }
 
-/// Looks at everything. When the time is over only what results are judged by is told, from `measures`, since a repair
-/// without it is none.
-pub(super) fn look(
+/// Inspects the input. `began` is when the finding of its structure began; what took long then will take long again.
+///
+/// Where the deadline comes before it is known which faces intersect, the inspection has nothing but counts, and says so.
+pub(super) fn inspect_input(
     analysis: &Analysis<'_>,
-    measures: impl FnOnce() -> Result<Measures, Cancelled>,
+    began: Duration,
+    context: &Context<'_>,
+) -> Result<(Inspection, Findings, TimeBudget), Cancelled> {
+    let is_measured = context.unless_late(measure_analysis(analysis, context))?.is_some();
+    let time = TimeBudget::new(analysis.surface.faces.len(), context.now().saturating_sub(began));
+    let (inspection, findings) = if is_measured {
+        inspect_measured(analysis, &for_details(context))?
+    } else {
+        time.leave_out(LeftOut::InputVerification);
+        inspect_counts(analysis, &context.for_verification())?
+    };
+    if inspection.level == Level::None {
+        time.leave_out(LeftOut::InputDetails);
+    }
+    Ok((inspection, findings, time))
+}
+
+/// Inspects a mesh that was measured. When the deadline has passed, nothing but what results are judged by is there.
+pub(super) fn inspect_measured(
+    analysis: &Analysis<'_>,
     context: &Context<'_>,
 ) -> Result<(Inspection, Findings), Cancelled> {
-    let all = InspectOptions::default();
-    match inspect_analysis(analysis, &all, context) {
-        Err(Cancelled) if !context.is_cancelled() => {
-            let measures = measures()?;
-            let counts = InspectOptions { level: Level::None, ..all };
-            let (counted, findings) = inspect_analysis(analysis, &counts, &context.without_deadline())?;
-            Ok((Inspection { measures, ..counted }, findings))
-        }
-        looked => looked,
+    if let Some(whole) = context.unless_late(inspect_analysis(analysis, &InspectOptions::default(), context))? {
+        return Ok(whole);
     }
+    let verification = &context.for_verification();
+    let measures = measure_analysis(analysis, verification)?;
+    let (counted, findings) = inspect_counts(analysis, verification)?;
+    Ok((Inspection { measures, ..counted }, findings))
+}
+
+/// Counts what is counted of every mesh, whatever the time.
+pub(super) fn inspect_counts(
+    analysis: &Analysis<'_>,
+    context: &Context<'_>,
+) -> Result<(Inspection, Findings), Cancelled> {
+    inspect_analysis(analysis, &InspectOptions { level: Level::None, ..InspectOptions::default() }, context)
 }

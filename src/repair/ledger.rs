@@ -10,6 +10,9 @@ use crate::mesh::{Edges, NO_SOURCE, Parts, Surface};
 /// coordinate: what f32 can't tell apart.
 const NO_THICKNESS: [f64; 2] = [1e-6, 2.0 / (1u64 << 23) as f64];
 
+/// How much more than the share that the options keep a part may have that was dropped: its holes are closed otherwise here.
+const MARGIN: f64 = 1.05;
+
 /// What became of each part of the input, looked up on the result's own bytes.
 ///
 /// # Errors
@@ -20,17 +23,21 @@ pub fn ledger(
     options: &Options,
     context: &Context<'_>,
 ) -> Result<Ledger, Cancelled> {
-    input.ledger(result, |missed| dispensable(input.analysis(), missed, options, context), context)
+    input.ledger(result, |missed| dispensable(input.analysis(), result, missed, options, context), context)
 }
 
 /// Which of the parts that are not in a result enclose nothing, or are too small to print.
 fn dispensable(
     input: &Analysis<'_>,
+    result: &Analysis<'_>,
     missed: &[u32],
     options: &Options,
     context: &Context<'_>,
 ) -> Result<Vec<Dispensable>, Cancelled> {
-    let empty = enclose_nothing(input, missed, context)?;
+    let volumes = volumes_enclosed(input, missed, context)?;
+    let enclosed: f64 = result.solids.iter().map(|it| it.volume).sum();
+    let all = enclosed + volumes.iter().sum::<f64>();
+    let least = options.min_part_volume_pct / 100.0 * all * MARGIN;
     let open = input.parts.open(&input.edges);
     let mut faces = vec![0usize; input.parts.count];
     for &part in input.parts.of_face.iter().filter(|&&part| part != Parts::NONE) {
@@ -40,21 +47,25 @@ fn dispensable(
     let diagonal = input.surface.bounds().diagonal();
     // What is smaller than what is merged can't stay.
     let merged = options.weld_tolerance.max(options.degenerate_tolerance) * diagonal;
-    let tell = |(&part, empty): (&u32, bool)| {
+    let tell = |(&part, volume): (&u32, f64)| {
         let (solid, open) = (&input.solids[part as usize], open[part as usize]);
         let debris = open && is_debris(solid, faces[part as usize], area, diagonal);
-        match empty {
-            true => Dispensable::NoVolume,
-            false if debris || solid.bounds.diagonal() <= merged => Dispensable::Debris,
-            false => Dispensable::No,
+        if volume == 0.0 {
+            Dispensable::NoVolume
+        } else if debris || solid.bounds.diagonal() <= merged {
+            Dispensable::Debris
+        } else if volume < least {
+            Dispensable::Dropped
+        } else {
+            Dispensable::No
         }
     };
-    Ok(missed.iter().zip(empty).map(tell).collect())
+    Ok(missed.iter().zip(volumes).map(tell).collect())
 }
 
-/// Which of the parts enclose nothing: nothing of them but open sheets and closed surface without volume is left when faces
+/// What each of the parts encloses; 0 where nothing of it but open sheets and closed surface without volume is left when faces
 /// that cancel are gone and the others agree on their winding.
-fn enclose_nothing(input: &Analysis<'_>, missed: &[u32], context: &Context<'_>) -> Result<Vec<bool>, Cancelled> {
+fn volumes_enclosed(input: &Analysis<'_>, missed: &[u32], context: &Context<'_>) -> Result<Vec<f64>, Cancelled> {
     let mut wanted = vec![false; input.parts.count];
     missed.iter().for_each(|&part| wanted[part as usize] = true);
     let mut surface = Surface { positions: input.surface.positions.clone(), ..Surface::default() };
@@ -80,11 +91,12 @@ fn enclose_nothing(input: &Analysis<'_>, missed: &[u32], context: &Context<'_>) 
             it.area == 0.0 || (it.closed && 2.0 * (it.volume / it.area).abs() <= nothing)
         })
         .collect();
-    let mut solid = vec![false; input.parts.count];
+    let mut volumes = vec![0.0f64; input.parts.count];
     for (&part, &source) in parts.of_face.iter().zip(&surface.source) {
         if part != Parts::NONE && source != NO_SOURCE && !sheets[part as usize] && !thin[part as usize] {
-            solid[input.parts.of_face[source as usize] as usize] = true;
+            let volume = &mut volumes[input.parts.of_face[source as usize] as usize];
+            *volume = volume.max(solids[part as usize].volume.abs()).max(f64::MIN_POSITIVE);
         }
     }
-    Ok(missed.iter().map(|&part| !solid[part as usize]).collect())
+    Ok(missed.iter().map(|&part| volumes[part as usize]).collect())
 }

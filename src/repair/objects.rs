@@ -1,11 +1,17 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::{Candidate, Changes, Outcome, Plan, RedFlag, Report, Step};
-use crate::inspect::{Inspection, Ledger};
+use super::{
+    Assumption, Candidate, Category, Changes, LeftOut, NotAppliedCause, OptionNotApplied, Outcome, Plan, RedFlag,
+    RedFlagCode, Report, Step,
+};
+use crate::inspect::{Inspection, InstanceContact, Ledger};
 
 /// Places of each kind that the account of an object has: with those of all, reports of many objects would be too large.
 const PLACES: usize = 5;
+
+/// Contacts of objects, and members of a union, that a sentence names.
+pub(super) const MAX_NAMED: usize = 5;
 
 /// The account of one object that was repaired apart from the others, in its own coordinates.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -38,6 +44,15 @@ pub struct ObjectReport {
     pub candidates: Vec<Candidate>,
     /// Signs that its repair destroyed something.
     pub red_flags: Vec<RedFlag>,
+    /// Decisions that the object does not prove.
+    #[serde(default)]
+    pub assumptions: Vec<Assumption>,
+    /// Options that were set and that the result does not follow, or only in part, and why; also those that found nothing to do.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub options_not_applied: Vec<OptionNotApplied>,
+    /// What the deadline left no time for, in the order of a repair.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub left_out: Vec<LeftOut>,
     /// What a person should know.
     pub warnings: Vec<String>,
     /// Time that it took, in milliseconds.
@@ -64,6 +79,9 @@ impl ObjectReport {
             steps: report.steps,
             candidates: report.candidates,
             red_flags: report.red_flags,
+            assumptions: report.assumptions,
+            options_not_applied: report.options_not_applied,
+            left_out: report.left_out,
             warnings: report.warnings,
             milliseconds: report.milliseconds,
         }
@@ -74,4 +92,123 @@ impl ObjectReport {
     pub fn title(&self) -> String {
         self.name.as_ref().map_or_else(|| format!("object {}", self.number), |name| format!("'{name}'"))
     }
+}
+
+/// The outcome of the file: that of its objects, as far as they are printable where they stand.
+pub(super) fn outcome_of(sections: &[ObjectReport], is_printable: bool, has_union: bool) -> Outcome {
+    let all = |outcome| sections.iter().all(|section| section.outcome == outcome);
+    let all_good = sections.iter().all(|section| section.outcome.is_printable());
+    if all_good && !sections.is_empty() && !is_printable {
+        Outcome::PartiallyRepaired
+    } else if !has_union && all(Outcome::AlreadyPrintable) {
+        Outcome::AlreadyPrintable
+    } else if all_good {
+        Outcome::Repaired
+    } else if sections.iter().any(|section| matches!(section.outcome, Outcome::Repaired | Outcome::PartiallyRepaired)) {
+        Outcome::PartiallyRepaired
+    } else {
+        Outcome::Unrepairable
+    }
+}
+
+/// Puts the accounts of all objects together: what was planned and done for a single one is what was done to the file.
+pub(super) fn sum_up(report: &mut Report, sections: Vec<ObjectReport>) {
+    for section in &sections {
+        let told =
+            |text: &str| if sections.len() == 1 { text.to_owned() } else { format!("{}: {text}", section.title()) };
+        report
+            .red_flags
+            .extend(section.red_flags.iter().map(|flag| RedFlag { detail: told(&flag.detail), ..flag.clone() }));
+        report.warnings.extend(section.warnings.iter().map(|warning| told(warning)));
+        let assumed = section.assumptions.iter();
+        report.assumptions.extend(assumed.map(|it| Assumption { detail: told(&it.detail), ..it.clone() }));
+        report.left_out.extend(&section.left_out);
+    }
+    report.left_out.sort_unstable();
+    report.left_out.dedup();
+    match sections.as_slice() {
+        [] => report.summary = "The file has no object that is to be printed; it is handed back unchanged.".to_owned(),
+        [only] => {
+            report.summary.clone_from(&only.summary);
+            (report.plan, report.steps, report.candidates) =
+                (only.plan.clone(), only.steps.clone(), only.candidates.clone());
+            (report.changes, report.ledger) = (only.changes, only.ledger.clone());
+        }
+        several => {
+            report.summary = in_words(several);
+            report.plan.category = Category::MultipleComponents;
+            report.plan.preset = several[0].plan.preset;
+            report.plan.reason = "each object has a plan of its own".to_owned();
+        }
+    }
+    report.options_not_applied = options_of(&sections);
+    report.objects = sections;
+}
+
+/// The options that some object's result does not follow; one that found nothing to do counts only where that is so of all objects.
+fn options_of(sections: &[ObjectReport]) -> Vec<OptionNotApplied> {
+    let mut all: Vec<OptionNotApplied> = Vec::new();
+    for section in sections {
+        for it in &section.options_not_applied {
+            let same = |other: &&OptionNotApplied| (&other.option, &other.value) == (&it.option, &it.value);
+            let by_all = || sections.iter().all(|section| section.options_not_applied.iter().any(|other| same(&other)));
+            let told = all.iter().any(|other| same(&other) && other.cause == it.cause);
+            if told || (it.cause == NotAppliedCause::NothingToDo && !by_all()) {
+                continue;
+            }
+            let is_shared = sections.len() == 1 || it.cause == NotAppliedCause::NothingToDo;
+            let reason = if is_shared { it.reason.clone() } else { format!("{}: {}", section.title(), it.reason) };
+            all.push(OptionNotApplied { reason, ..it.clone() });
+        }
+    }
+    all
+}
+
+/// What became of all objects together, in words.
+fn in_words(sections: &[ObjectReport]) -> String {
+    let count = |outcome| sections.iter().filter(|section| section.outcome == outcome).count();
+    let told = [
+        (Outcome::AlreadyPrintable, "already printable"),
+        (Outcome::Repaired, "repaired and printable"),
+        (Outcome::PartiallyRepaired, "partially repaired"),
+        (Outcome::Unrepairable, "unchanged and not printable"),
+    ];
+    let words: Vec<String> = told
+        .into_iter()
+        .map(|(outcome, words)| (count(outcome), words))
+        .filter(|(count, _)| *count > 0)
+        .map(|(count, words)| format!("{count} {words}"))
+        .collect();
+    let mut text = format!("Of {} objects: {}.", sections.len(), words.join(", "));
+    let bad = |section: &&ObjectReport| matches!(section.outcome, Outcome::PartiallyRepaired | Outcome::Unrepairable);
+    if let Some(first) = sections.iter().find(bad) {
+        text.push_str(&format!(" {}: {}", first.title(), first.summary));
+    }
+    text
+}
+
+/// The red flag for objects that have points in common where they stand; none where there are no such objects.
+pub(super) fn objects_intersect(contacts: &[(InstanceContact, [String; 2])], contained: &[String]) -> Option<RedFlag> {
+    if contacts.is_empty() && contained.is_empty() {
+        return None;
+    }
+    let pairs: u64 = contacts.iter().map(|(contact, _)| contact.pairs).sum();
+    let named = contacts.iter().take(MAX_NAMED).map(|(contact, [a, b])| {
+        let [x, y, z] = contact.at;
+        format!("{a} and {b} near ({x:.6}, {y:.6}, {z:.6})")
+    });
+    let mut named: Vec<String> = named.collect();
+    if contacts.len() > MAX_NAMED {
+        named.push(format!("{} more pairs of objects", contacts.len() - MAX_NAMED));
+    }
+    let detail = match pairs {
+        0 if contacts.is_empty() => format!("objects lie inside bodies of another material: {}", contained.join(", ")),
+        0 => format!("objects touch: {}", named.join("; ")),
+        1 => format!("objects intersect in 1 pair of faces: {}", named.join("; ")),
+        _ => format!("objects intersect in {pairs} pairs of faces: {}", named.join("; ")),
+    };
+    #[expect(clippy::cast_precision_loss, reason = "a count to show")]
+    let value = pairs.max(contacts.len() as u64).max(contained.len() as u64) as f64;
+    let places = contacts.iter().take(MAX_NAMED).map(|(contact, _)| contact.at).collect();
+    Some(RedFlag { code: RedFlagCode::ObjectsIntersect, value, threshold: 0.0, detail, places })
 }

@@ -1,10 +1,16 @@
+mod names;
+mod output_format;
+
 use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 
-use super::Operator;
+use self::names::operators;
+pub use self::output_format::OutputFormat;
 use super::operators::holes::HoleFilling;
 use super::operators::orient::Nested;
-use crate::format::{Format, ReadFile, ReadOptions};
+use super::operators::stitch::StitchPosition;
+use super::{Category, Operator};
+use crate::format::ReadOptions;
 use crate::inspect::OptionsError;
 use crate::scene::Unit;
 
@@ -27,56 +33,6 @@ pub enum Preset {
     ManifoldRepair,
     /// Basic cleanup, then Blender: for severe damage.
     BlenderRemesh,
-}
-
-/// The format of the result.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize, ToSchema, clap::ValueEnum)]
-#[serde(rename_all = "lowercase")]
-pub enum OutputFormat {
-    /// STL where that says all that the file holds, the input's own format where it does not: with objects, colours or a unit.
-    #[default]
-    Auto,
-    /// Binary STL.
-    Stl,
-    /// Wavefront OBJ.
-    Obj,
-    /// Binary little-endian PLY.
-    Ply,
-    /// OFF.
-    Off,
-    /// Lines `Vertex i x y z` and `Face j v1 v2 v3`.
-    Mesh,
-    /// GLB (binary glTF 2.0), in metres.
-    Glb,
-    /// OBJ with its materials and pictures in a ZIP archive.
-    Zip,
-    /// 3MF.
-    #[serde(rename = "3mf")]
-    #[value(name = "3mf")]
-    ThreeMf,
-    /// The input's own format.
-    Same,
-}
-
-impl OutputFormat {
-    /// The concrete format for an input.
-    #[must_use]
-    pub fn resolve(self, input: &ReadFile) -> Format {
-        match self {
-            Self::Auto if input.scene.is_none() => Format::Stl,
-            // Alone it has no materials.
-            Self::Auto if input.mesh.format == Format::Obj => Format::Zip,
-            Self::Stl => Format::Stl,
-            Self::Obj => Format::Obj,
-            Self::Ply => Format::Ply,
-            Self::Off => Format::Off,
-            Self::Mesh => Format::Mesh,
-            Self::Glb => Format::Glb,
-            Self::Zip => Format::Zip,
-            Self::ThreeMf => Format::ThreeMf,
-            Self::Auto | Self::Same => input.mesh.format,
-        }
-    }
 }
 
 /// What becomes of open sheets: parts that enclose nothing, such as terrain or a single wall.
@@ -111,11 +67,26 @@ pub enum Overlaps {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize, ToSchema, clap::ValueEnum)]
 #[serde(rename_all = "lowercase")]
 pub enum Merge {
-    /// Each is repaired apart, and stands in its places again.
+    /// Objects that intersect where they stand become one solid, and keep their colours; others stay objects. In 3MF, parts of different
+    /// materials stay parts, and where they overlap one of them gives way.
     #[default]
+    Auto,
+    /// Each is repaired by itself and stays an object. Where objects intersect, the result is not printable as it stands.
     None,
-    /// They become one, repaired as a whole.
+    /// All become one, repaired as a whole.
     Objects,
+}
+
+/// What a result must be for the repair to succeed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize, ToSchema, clap::ValueEnum)]
+#[serde(rename_all = "snake_case")]
+#[value(rename_all = "snake_case")]
+pub enum Require {
+    /// The best result is handed out, whatever its outcome.
+    #[default]
+    Any,
+    /// The outcome is `already_printable` or `repaired`; otherwise the repair fails and hands out no model.
+    Printable,
 }
 
 /// What is solid, by how many times the surface winds around it.
@@ -140,10 +111,15 @@ pub enum InsideRule {
 pub struct Options {
     /// The plan to run, or `auto`.
     pub preset: Preset,
+    /// With the preset `auto`: the category of damage that the plan is chosen for, instead of the one that the inspection finds.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub category: Option<Category>,
     /// Format of the result.
     pub output: OutputFormat,
     /// What becomes of the objects of a file whose format has such.
     pub merge: Merge,
+    /// What the result must be for the repair to succeed.
+    pub require: Require,
     /// The unit of the file's lengths, whatever it says itself. Without it, and where the file says none, millimetres are assumed.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub unit: Option<Unit>,
@@ -176,12 +152,16 @@ pub struct Options {
     /// Highest tier that may run, 1 to 3: 1 cleans, 2 mends, 3 is Blender.
     #[schema(minimum = 1, maximum = 3)]
     pub max_tier: u8,
-    /// Seconds the repair may take from its start; then the best result so far is returned or the job fails.
+    /// Seconds the repair may take from its start. It ends within 2 s and 10 % of that, with the best result that was verified by then, or
+    /// fails where there was not even time to inspect the input; `left_out` in the report says what there was no time for.
     #[schema(minimum = 1.0, maximum = 3600.0)]
     pub deadline_s: f64,
     /// Red flag: share of the faces lost, in percent.
     #[schema(minimum = 0.0, maximum = 100.0)]
     pub max_face_loss_pct: f64,
+    /// Red flag: share of the vertices lost, in percent. A vertex is lost where no face at it is left, whole or cut.
+    #[schema(minimum = 0.0, maximum = 100.0)]
+    pub max_vertex_loss_pct: f64,
     /// Red flag: change of the bounding box's diagonal, in percent.
     #[schema(minimum = 0.0, maximum = 1000.0)]
     pub max_box_change_pct: f64,
@@ -191,30 +171,56 @@ pub struct Options {
     /// Red flag: share of the surface seen from outside that has no counterpart in the result, in percent.
     #[schema(minimum = 0.0, maximum = 100.0)]
     pub max_surface_lost_pct: f64,
+    /// Red flag: share of the result's surface that the input does not have, in percent: thickened skins, and patches of holes that are
+    /// larger than 2 % of the surface each.
+    #[schema(minimum = 0.0, maximum = 100.0)]
+    pub max_surface_added_pct: f64,
     /// Boundary vertices closer than this share of the bounding box's diagonal are merged; 0 merges equal positions only.
     #[schema(minimum = 0.0, maximum = 0.01)]
     pub weld_tolerance: f64,
-    /// Boundary vertices closer than this share of the shortest boundary edge at either are merged; 0 merges none so.
+    /// Vertices closer than this are merged, on the boundary or not, in the model's unit. Without it, only equal positions are, and
+    /// boundary vertices within `weld_tolerance`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(minimum = 0.0)]
+    pub merge_distance: Option<f64>,
+    /// Boundary vertices closer than this share of the shortest boundary edge at either are merged; 0 merges none so. Without it 0.2,
+    /// and vertices no farther apart than 0.1 % of the bounding box's diagonal.
+    #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(minimum = 0.0, maximum = 0.5)]
-    pub sew_ratio: f64,
-    /// Widest crack that is stitched, as a share of the bounding box's diagonal; 0 stitches none.
-    #[schema(minimum = 0.0, maximum = 0.01)]
-    pub stitch_threshold: f64,
+    pub sew_ratio: Option<f64>,
+    /// Widest crack that is stitched, as a share of the bounding box's diagonal; 0 stitches none. Without it 0.001. A gap wider than
+    /// half of the edges beside it is a hole.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(minimum = 0.0, maximum = 1.0)]
+    pub stitch_threshold: Option<f64>,
+    /// Widest crack that is stitched, in the model's unit, instead of `stitch_threshold`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(minimum = 0.0)]
+    pub stitch_distance: Option<f64>,
+    /// Share of an edge at either end within which stitching takes the end instead of cutting the edge; from 0.5 on, always.
+    #[schema(minimum = 0.0, maximum = 1.0)]
+    pub stitch_epsilon: f64,
+    /// Where two vertices that are stitched meet.
+    pub stitch_position: StitchPosition,
     /// Edges shorter and faces lower than this share of the bounding box's diagonal are removed, and surface that is folded onto itself
     /// as closely is unfolded; 0 leaves them.
     #[schema(minimum = 0.0, maximum = 0.001)]
     pub degenerate_tolerance: f64,
     /// Where `with` asks for `remove_overlapping_neighbours`: the angle between two neighbouring faces, in degrees, up to
-    /// which they lie on one another.
+    /// which they lie on one another. Without it 1 degree, and faces no farther apart than 0.01 % of the bounding box's diagonal.
+    #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(minimum = 0.0, maximum = 45.0)]
-    pub overlap_angle_deg: f64,
+    pub overlap_angle_deg: Option<f64>,
     /// A polygon of the file whose corners rise from its plane by more than this angle, in degrees, is cut into
     /// triangles with the least fold, others as if they were flat: other programs do so with all, and show the same surface then.
     #[schema(minimum = 0.0, maximum = 180.0)]
     pub twist_angle_deg: f64,
-    /// Most edges around a hole that tier 1 closes.
-    #[schema(minimum = 3, maximum = 100000)]
+    /// Most edges around a hole that is closed.
+    #[schema(minimum = 3, maximum = 10000000)]
     pub max_hole_edges: u32,
+    /// Closed parts with a smaller share of the volume of all parts are dropped, in percent; 0 keeps them.
+    #[schema(minimum = 0.0, maximum = 100.0)]
+    pub min_part_volume_pct: f64,
     /// How closed parts that lie in others are wound: as they were, or each layer against the one around it.
     pub nested: Nested,
     /// What becomes of parts that overlap.
@@ -259,8 +265,10 @@ impl Default for Options {
     fn default() -> Self {
         Self {
             preset: Preset::Auto,
+            category: None,
             output: OutputFormat::Auto,
-            merge: Merge::None,
+            merge: Merge::Auto,
+            require: Require::Any,
             unit: None,
             scale_to: None,
             with: Vec::new(),
@@ -271,16 +279,23 @@ impl Default for Options {
             max_tier: 3,
             deadline_s: 300.0,
             max_face_loss_pct: 40.0,
+            max_vertex_loss_pct: 40.0,
             max_box_change_pct: 30.0,
             max_volume_change_pct: 30.0,
             max_surface_lost_pct: 1.0,
+            max_surface_added_pct: 10.0,
             weld_tolerance: 1e-6,
-            sew_ratio: 0.2,
-            stitch_threshold: 1e-3,
+            merge_distance: None,
+            sew_ratio: None,
+            stitch_threshold: None,
+            stitch_distance: None,
+            stitch_epsilon: 0.2,
+            stitch_position: StitchPosition::Kept,
             degenerate_tolerance: 1e-7,
-            overlap_angle_deg: 1.0,
+            overlap_angle_deg: None,
             twist_angle_deg: ReadOptions::default().twist_angle_deg,
-            max_hole_edges: 10_000,
+            max_hole_edges: 1_000_000,
+            min_part_volume_pct: 0.0,
             nested: Nested::Keep,
             overlaps: Overlaps::Union,
             inside: InsideRule::Auto,
@@ -322,23 +337,26 @@ impl Options {
         number("max_tier", f64::from(self.max_tier), 1.0, 3.0, "1, 2 or 3")?;
         number("deadline_s", self.deadline_s, 1.0, 3600.0, "between 1 and 3600 seconds")?;
         number("max_face_loss_pct", self.max_face_loss_pct, 0.0, 100.0, "between 0 and 100 percent")?;
+        number("max_vertex_loss_pct", self.max_vertex_loss_pct, 0.0, 100.0, "between 0 and 100 percent")?;
         number("max_box_change_pct", self.max_box_change_pct, 0.0, 1000.0, "between 0 and 1000 percent")?;
         number("max_volume_change_pct", self.max_volume_change_pct, 0.0, 1000.0, "between 0 and 1000 percent")?;
         number("max_surface_lost_pct", self.max_surface_lost_pct, 0.0, 100.0, "between 0 and 100 percent")?;
+        number("max_surface_added_pct", self.max_surface_added_pct, 0.0, 100.0, "between 0 and 100 percent")?;
         number("weld_tolerance", self.weld_tolerance, 0.0, 0.01, "between 0 and 0.01 of the bounding box's diagonal")?;
-        number("sew_ratio", self.sew_ratio, 0.0, 0.5, "between 0 and 0.5 of the shortest boundary edge")?;
-        number(
-            "stitch_threshold",
-            self.stitch_threshold,
-            0.0,
-            0.01,
-            "between 0 and 0.01 of the bounding box's diagonal",
-        )?;
+        let sew_ratio = self.sew_ratio.unwrap_or_default();
+        number("sew_ratio", sew_ratio, 0.0, 0.5, "between 0 and 0.5 of the shortest boundary edge")?;
+        let threshold = self.stitch_threshold.unwrap_or_default();
+        number("stitch_threshold", threshold, 0.0, 1.0, "between 0 and 1 of the bounding box's diagonal")?;
+        number("stitch_epsilon", self.stitch_epsilon, 0.0, 1.0, "between 0 and 1 of an edge")?;
+        let length = "a length of zero or more, in the model's unit";
+        number("stitch_distance", self.stitch_distance.unwrap_or_default(), 0.0, f64::MAX, length)?;
+        number("merge_distance", self.merge_distance.unwrap_or_default(), 0.0, f64::MAX, length)?;
+        number("min_part_volume_pct", self.min_part_volume_pct, 0.0, 100.0, "between 0 and 100 percent")?;
         let share = "between 0 and 0.001 of the bounding box's diagonal";
         number("degenerate_tolerance", self.degenerate_tolerance, 0.0, 0.001, share)?;
-        number("overlap_angle_deg", self.overlap_angle_deg, 0.0, 45.0, "between 0 and 45 degrees")?;
+        number("overlap_angle_deg", self.overlap_angle_deg.unwrap_or_default(), 0.0, 45.0, "between 0 and 45 degrees")?;
         number("twist_angle_deg", self.twist_angle_deg, 0.0, 180.0, "between 0 and 180 degrees")?;
-        number("max_hole_edges", f64::from(self.max_hole_edges), 3.0, 100_000.0, "between 3 and 100000 edges")?;
+        number("max_hole_edges", f64::from(self.max_hole_edges), 3.0, 10_000_000.0, "between 3 and 10000000 edges")?;
         number("max_hole_size", self.max_hole_size, 0.0, 1.0, "between 0 and 1 of the bounding box's diagonal")?;
         if let Some(most) = self.max_deviation {
             number("max_deviation", most, 0.0, f64::MAX, "a length of zero or more, in the model's unit")?;
@@ -361,26 +379,4 @@ impl Options {
         let faces = self.max_remesh_faces as f64;
         number("max_remesh_faces", faces, 1000.0, 20_000_000.0, "between 1000 and 20000000 faces")
     }
-}
-
-/// Names of operators: an array, or one string with commas, as a query says it.
-fn operators<'de, D: serde::Deserializer<'de>>(from: D) -> Result<Vec<Operator>, D::Error> {
-    #[derive(Deserialize)]
-    #[serde(untagged)]
-    enum Names {
-        Many(Vec<String>),
-        One(String),
-    }
-    let names = match Names::deserialize(from)? {
-        Names::Many(names) => names,
-        Names::One(names) => {
-            names.split(',').map(|name| name.trim().to_owned()).filter(|name| !name.is_empty()).collect()
-        }
-    };
-    let known = || Operator::ALL.iter().map(|o| o.as_str()).collect::<Vec<_>>().join(", ");
-    let of = |name: &String| Operator::ALL.iter().copied().find(|o| o.as_str() == name);
-    let find = |name| {
-        of(name).ok_or_else(|| serde::de::Error::custom(format!("there is no operator '{name}'; they are {}", known())))
-    };
-    names.iter().map(find).collect()
 }

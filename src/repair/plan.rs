@@ -1,4 +1,5 @@
 use super::presets::{RECIPES, planned, preset_for, tier_of};
+use super::requests::with_requests;
 use super::{Action, Category, OpenSheets, Operator, Options, Overlaps, Plan, PlannedAction, Preset, Rung, When};
 use crate::inspect::Measures;
 
@@ -12,7 +13,8 @@ use crate::inspect::Measures;
 ///
 /// Blender comes in two ways. A boolean union with itself keeps sharp edges and faces where they are but needs
 /// closed parts; so it is tried first where there are several parts, which may overlap or lie in one another, or
-/// non-manifold edges, which often are where solids touch. A voxel remesh takes anything and keeps no face.
+/// non-manifold edges, which often are where solids touch. A voxel remesh takes anything and keeps no face; it alone runs where it was
+/// asked for.
 #[must_use]
 pub fn make_plan(before: &Measures, category: Category, options: &Options) -> Plan {
     let (preset, reason) = match options.preset {
@@ -22,6 +24,10 @@ pub fn make_plan(before: &Measures, category: Category, options: &Options) -> Pl
             } else {
                 preset_for(category, before.parts)
             };
+            let reason = options.category.map_or_else(
+                || reason.to_owned(),
+                |it| format!("the category {} was asked for: {reason}", it.as_str()),
+            );
             (preset, format!("{reason}, so {} was chosen", name(preset)))
         }
         asked => (asked, format!("{} was asked for", name(asked))),
@@ -55,7 +61,8 @@ pub fn make_plan(before: &Measures, category: Category, options: &Options) -> Pl
     }
     rungs.extend(whole);
     if remesh && options.max_tier >= 3 {
-        if before.parts > 1 || before.nonmanifold_edges > 0 {
+        let union = before.parts > 1 || before.nonmanifold_edges > 0;
+        if union && preset != Preset::BlenderRemesh {
             rungs.extend(rung(Preset::BlenderRemesh, options, 3, Some(Action::BooleanUnion)));
         }
         rungs.extend(rung(Preset::BlenderRemesh, options, 3, None));
@@ -64,6 +71,7 @@ pub fn make_plan(before: &Measures, category: Category, options: &Options) -> Pl
         // Blender may be missing, not allowed, or fail; what tier 1 can do is better than nothing.
         rungs.extend(rung(Preset::FillHoles, options, 1, None));
     }
+    let rungs = rungs.into_iter().map(|it| with_requests(it, options)).collect();
     Plan { category, preset, reason, rungs }
 }
 

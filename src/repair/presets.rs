@@ -74,9 +74,14 @@ pub(super) const RECIPES: [Recipe; 6] = {
 fn operators_of(action: Action, sheets: OpenSheets) -> &'static [Operator] {
     use Operator as O;
     match action {
-        Action::BasicCleanup => {
-            &[O::RoundCoordinates, O::RemoveCollapsedFaces, O::Weld, O::RemoveDuplicates, O::RemoveCaps]
-        }
+        Action::BasicCleanup => &[
+            O::RoundCoordinates,
+            O::RemoveCollapsedFaces,
+            O::MergeVertices,
+            O::Weld,
+            O::RemoveDuplicates,
+            O::RemoveCaps,
+        ],
         Action::FixNormals => &[O::Orient, O::CutOneSided],
         Action::FillHoles => &[O::JoinParts, O::FillHoles, O::RemoveCaps],
         // What is exact first: it moves nothing, and what is then closed can't be merged amiss.
@@ -104,6 +109,7 @@ fn operators_of(action: Action, sheets: OpenSheets) -> &'static [Operator] {
             O::CutOneSided,
         ],
         Action::CleanAndPatch => &[O::CleanAndPatch],
+        Action::DropSmallParts => &[O::DropSmallParts],
         Action::Simplify => &[O::Simplify],
         // Small bits and what lies inside a solid go before they are made solid.
         Action::CloseSheets if sheets == OpenSheets::Base => &[O::RemoveDebris, O::AddBase],
@@ -116,12 +122,22 @@ fn operators_of(action: Action, sheets: OpenSheets) -> &'static [Operator] {
 /// An action with the operators that the options leave it.
 pub(super) fn planned(action: Action, options: &Options) -> PlannedAction {
     let runs = |operator: &Operator| {
-        !options.without.contains(operator) && (!operator.is_on_request() || options.with.contains(operator))
+        let is_asked = match operator {
+            Operator::MergeVertices => options.merge_distance.is_some_and(|distance| distance > 0.0),
+            _ => !operator.is_on_request() || options.with.contains(operator),
+        };
+        is_asked && !options.without.contains(operator)
     };
     PlannedAction {
         action,
         operators: operators_of(action, options.open_sheets).iter().copied().filter(runs).collect(),
     }
+}
+
+/// The place of an operator in an action; those that it does not have come last.
+pub(super) fn in_order_of(action: Action, operator: Operator) -> usize {
+    let operators = operators_of(action, OpenSheets::Auto);
+    operators.iter().position(|&it| it == operator).unwrap_or(operators.len())
 }
 
 /// The preset for each category (the guide's "Category-to-Filter Mapping") and why.
@@ -133,7 +149,7 @@ pub(super) fn preset_for(category: Category, parts: u64) -> (Preset, &'static st
         Category::Degenerate if parts > 1 => {
             (Preset::ConservativeRepair, "faces are degenerate or duplicate, and there are several parts")
         }
-        Category::Degenerate => (Preset::BasicCleanup, "only degenerate or duplicate faces are wrong"),
+        Category::Degenerate => (Preset::BasicCleanup, "only degenerate, duplicate or unjoined faces are wrong"),
         Category::OpenSheet => (
             Preset::BasicCleanup,
             "the model is an open surface that encloses nothing; closing it would invent a solid that it does not describe",
@@ -152,7 +168,7 @@ pub(super) fn preset_for(category: Category, parts: u64) -> (Preset, &'static st
 pub(super) fn tier_of(action: Action) -> u8 {
     match action {
         Action::Validate => 0,
-        Action::BasicCleanup | Action::FixNormals | Action::FillHoles | Action::Simplify => 1,
+        Action::BasicCleanup | Action::FixNormals | Action::FillHoles | Action::DropSmallParts | Action::Simplify => 1,
         Action::Mend
         | Action::MendConservative
         | Action::MakeManifold

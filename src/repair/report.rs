@@ -1,7 +1,7 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::{ObjectReport, Operator, Options, Preset, RemesherInfo};
+use super::{Assumption, ObjectReport, Operator, OptionNotApplied, Options, Outcome, Preset, RemesherInfo, Verdict};
 use crate::format::Format;
 use crate::inspect::Inspection;
 pub use crate::inspect::{Certificate, Changes, Ledger, LostPart, PartCertificate};
@@ -10,25 +10,13 @@ use crate::scene::LengthUnit;
 /// The version of [`Report`]'s structure. 2: `before` and `after` are inspections, which add `version`, `level` and
 /// `defects` to the measures of version 1. 3: a plan's actions list their operators, and a step is one operator. 4:
 /// adds `ledger`, `changes.surface` and the red flag `part_lost`. 5: adds `unit` and `objects`.
-pub const REPORT_VERSION: u32 = 5;
-
-/// What became of a model, apart from whether the job ran.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum Outcome {
-    /// The input is printable; its geometry comes back untouched.
-    AlreadyPrintable,
-    /// The result is printable and no red flag is up.
-    Repaired,
-    /// The result is better than the input, but not printable, or printable with a red flag up.
-    PartiallyRepaired,
-    /// Nothing that ran made the model better; the reason is in the report.
-    Unrepairable,
-}
+/// 6: adds `verdict`, `assumptions`, `options_not_applied`, `steps[].unfixed` and the red flags `surface_invented`, `objects_intersect` and `vertex_loss`.
+pub const REPORT_VERSION: u32 = 6;
 
 /// What kind of trouble a model is in, after the MeshPrep repair strategy guide ("Category-to-Filter Mapping").
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema, clap::ValueEnum)]
 #[serde(rename_all = "snake_case")]
+#[value(rename_all = "snake_case")]
 pub enum Category {
     /// Nothing is wrong.
     Clean,
@@ -82,6 +70,8 @@ pub enum Action {
     Separate,
     /// Remove faces as far as `max_faces` and `max_error` ask for it.
     Simplify,
+    /// Drop closed parts smaller than `min_part_volume_pct`.
+    DropSmallParts,
     /// Tier 2: make the surface anew around what is inside.
     NativeRemesh,
     /// Tier 3: voxel remesh (`blender_remesh`).
@@ -101,11 +91,14 @@ pub struct Report {
     pub engine: String,
     /// What became of the model.
     pub outcome: Outcome,
+    /// What is claimed of the file that is handed out.
+    #[serde(default)]
+    pub verdict: Verdict,
     /// The outcome in words, with what to do next where it is not good.
     pub summary: String,
     /// The input file.
     pub input: FileSummary,
-    /// The result; none only if there is nothing to hand out.
+    /// The result, of an `unrepairable` model what came in; none only if nothing can be written.
     #[schema(required)]
     pub output: Option<FileSummary>,
     /// The options that were in force.
@@ -134,13 +127,42 @@ pub struct Report {
     pub candidates: Vec<Candidate>,
     /// Signs that the repair destroyed something, on the chosen result.
     pub red_flags: Vec<RedFlag>,
+    /// Decisions that the input does not prove.
+    #[serde(default)]
+    pub assumptions: Vec<Assumption>,
+    /// Options that were set and that the result does not follow, or only in part, and why; also those that found nothing to do.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub options_not_applied: Vec<OptionNotApplied>,
     /// Where the result has objects: each that was repaired, apart from the others and in its own coordinates, in the file's order.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub objects: Vec<ObjectReport>,
+    /// What the deadline left no time for, in the order of a repair; empty where there was time for everything.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub left_out: Vec<LeftOut>,
     /// What a person should know.
     pub warnings: Vec<String>,
     /// Time from first byte read to last byte written, in milliseconds.
     pub milliseconds: f64,
+}
+
+/// Work that the deadline left no time for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum LeftOut {
+    /// The search for intersecting faces in the input: whether it is printable is not known.
+    InputVerification,
+    /// The input's defects by place, its statistics and print measures: `before` has the level `none`.
+    InputDetails,
+    /// Repair: some operators or strategies did not run, or not to their end.
+    Repair,
+    /// The verification of a result that was made: that result is not handed out.
+    Verification,
+    /// The transfer of colours and materials to the result.
+    Attributes,
+    /// The result's defects by place, its statistics and print measures: `after` has the level `none`.
+    ResultDetails,
+    /// The shares of the surface that were kept, moved, added and removed.
+    SurfaceChanges,
 }
 
 /// A file that went in or came out.
@@ -240,6 +262,12 @@ pub struct Step {
     pub moved: f64,
     /// Why it failed or was skipped, or what it left, in words.
     pub note: Option<String>,
+    /// Options that it could follow only in part.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub options_not_applied: Vec<OptionNotApplied>,
+    /// Faces that it could not fix.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub unfixed: Option<UnfixedFaces>,
     /// For tier 3: the program that ran.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub program: Option<RemesherInfo>,
@@ -249,6 +277,15 @@ pub struct Step {
     /// For tier 3: the voxel edge in the model's unit.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub voxel_size: Option<f64>,
+}
+
+/// Faces that an operator could not fix, such as those of which it could not tell the outer side.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct UnfixedFaces {
+    /// How many.
+    pub count: u64,
+    /// The faces of the input file that they come from, by index from 0 and ascending; at most 1000, and none that were made.
+    pub faces: Vec<u32>,
 }
 
 /// One kind of change that an operator made, such as 12 `duplicate_faces_removed`.
@@ -277,6 +314,8 @@ impl Step {
             changed: Vec::new(),
             moved: 0.0,
             note: None,
+            options_not_applied: Vec::new(),
+            unfixed: None,
             program: None,
             runs: 0,
             voxel_size: None,
@@ -321,6 +360,9 @@ pub struct RedFlag {
     pub threshold: f64,
     /// In words.
     pub detail: String,
+    /// Points that it concerns, in the model's unit; at most five.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub places: Vec<[f64; 3]>,
 }
 
 /// The kinds of red flag.
@@ -341,4 +383,10 @@ pub enum RedFlagCode {
     PartsMerged,
     /// A part of the input is neither in the result nor certified as not missed: an error of the program.
     PartLost,
+    /// More of the result's surface was invented than `max_surface_added_pct`: thickened skins and patches of large holes.
+    SurfaceInvented,
+    /// Objects of the file intersect where they stand.
+    ObjectsIntersect,
+    /// More vertices were lost than `max_vertex_loss_pct`.
+    VertexLoss,
 }

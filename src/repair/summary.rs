@@ -1,21 +1,39 @@
+use super::requests::ask_of_printable;
 use super::verdict::Judged;
-use super::{Category, Context, Operator, Outcome, Report, Step, StepStatus};
+use super::{Assumption, AssumptionKind, Category, LeftOut, Operator, Outcome, Report, Step, StepStatus};
 use crate::inspect::Measures;
 
 /// The outcome in words, with what to do next where it is not good.
-pub(super) fn in_words(outcome: Outcome, report: &Report, after: Option<&Measures>, context: &Context<'_>) -> String {
+pub(super) fn in_words(outcome: Outcome, report: &Report, after: Option<&Measures>) -> String {
+    let is_left_out = |what| report.left_out.contains(&what);
+    let deadline = report.options.deadline_s;
     let left = after.map_or_else(String::new, |after| after.faults().join(", "));
     let mut text = match outcome {
         Outcome::AlreadyPrintable => return "The model is printable already; its geometry was not touched.".to_owned(),
         Outcome::Repaired if report.before.measures.printable() && report.options.asks_for_fewer_faces() => {
             return "The model was printable already; it has fewer faces now, as was asked for.".to_owned();
         }
+        Outcome::Repaired if report.before.measures.printable() && ask_of_printable(&report.options) => {
+            return "The model was printable already; it was changed as the options ask.".to_owned();
+        }
         Outcome::Repaired => return "The model was repaired and is printable.".to_owned(),
         Outcome::PartiallyRepaired if left.is_empty() => {
-            "The result is printable, but a red flag is up: compare it with the original before you print it."
+            "The result passes every check, but a red flag is up: compare it with the original before you print it."
                 .to_owned()
         }
         Outcome::PartiallyRepaired => format!("The model is better than it was, but not printable: {left}."),
+        Outcome::Unrepairable if is_left_out(LeftOut::InputVerification) => {
+            return format!(
+                "The deadline of {deadline} s came before the model was inspected, so it is not known whether it is printable; it is {}. \
+                 Raise deadline_s.",
+                if after.is_some() { "handed back unchanged" } else { "not handed out" }
+            );
+        }
+        Outcome::Unrepairable if after.is_none() && is_left_out(LeftOut::Verification) => {
+            return format!(
+                "The deadline of {deadline} s came before a result was verified, so nothing is handed out. Raise deadline_s."
+            );
+        }
         Outcome::Unrepairable if after.is_none() => {
             "The file has no face that could be written: nothing is handed out. Export the model again.".to_owned()
         }
@@ -23,6 +41,9 @@ pub(super) fn in_words(outcome: Outcome, report: &Report, after: Option<&Measure
             return "The model is an open surface that encloses nothing, so there is no solid to print; it is handed \
                     back unchanged. Ask for open_sheets thicken or base to have it made solid."
                 .to_owned();
+        }
+        Outcome::Unrepairable if is_left_out(LeftOut::Repair) => {
+            format!("Nothing made the model better in the time there was; it is handed back unchanged: {left}.")
         }
         Outcome::Unrepairable => {
             format!("Nothing that ran made the model better; it is handed back unchanged: {left}.")
@@ -33,8 +54,11 @@ pub(super) fn in_words(outcome: Outcome, report: &Report, after: Option<&Measure
             " It is an open surface that encloses nothing: ask for open_sheets thicken or base to have it made solid.",
         );
     }
-    if context.remaining().is_zero() {
-        text.push_str(" The time was over before everything was tried: raise deadline_s.");
+    if let Some(left) = left_open_by_options(&report.steps) {
+        text.push_str(&left);
+    }
+    if is_left_out(LeftOut::Repair) || is_left_out(LeftOut::Verification) {
+        text.push_str(&format!(" The deadline of {deadline} s came before everything was tried: raise deadline_s."));
     }
     let skipped = report.steps.iter().any(|s| s.tier == 3 && s.status == StepStatus::Skipped);
     if skipped {
@@ -45,32 +69,36 @@ pub(super) fn in_words(outcome: Outcome, report: &Report, after: Option<&Measure
     text
 }
 
+/// The holes that the options leave open, with what to do.
+fn left_open_by_options(steps: &[Step]) -> Option<String> {
+    let changes = steps.iter().filter(|step| step.status == StepStatus::Done).flat_map(|step| &step.changed);
+    let most = changes.filter(|it| it.what == "holes_over_limit").map(|it| it.count).max()?;
+    let plural = if most == 1 { "hole was" } else { "holes were" };
+    Some(format!(
+        " {most} {plural} left open by max_hole_edges, max_hole_size or max_holes: raise them, or set open_sheets=thicken for a \
+         shell."
+    ))
+}
+
+/// The pieces that were dropped as the options ask, with the area of the input's parts among them.
+pub(super) fn pieces_dropped(steps: &[Step], rung: Option<u32>, area: f64, result: &Measures) -> Option<Assumption> {
+    let of_rung = steps.iter().filter(|step| Some(step.rung) == rung && step.status == StepStatus::Done);
+    let changes = of_rung.filter(|step| step.operator == Some(Operator::DropSmallParts)).flat_map(|step| &step.changed);
+    let count = changes.filter(|change| change.what == "small_parts_dropped").map(|change| change.count).sum::<u64>();
+    let words = if count == 1 { "1 closed part was dropped" } else { "closed parts were dropped" };
+    let words = if count == 1 { words.to_owned() } else { format!("{count} {words}") };
+    (count > 0).then(|| {
+        Assumption::new(AssumptionKind::PiecesDropped, count, format!("{words}: smaller than `min_part_volume_pct`."))
+            .with_amount(area)
+            .with_share(area / result.area * 100.0)
+            .unless("min_part_volume_pct=0")
+    })
+}
+
 /// What was left when faces were to be removed and none was.
 pub(super) fn why_no_face_went(steps: &[Step]) -> Option<String> {
     let last = steps.iter().rev().find(|step| step.operator == Some(Operator::Simplify))?;
     Some(last.note.clone().unwrap_or_else(|| "no face could be removed".to_owned()))
-}
-
-/// What the steps that led to a result made that the input does not describe, for a person to know.
-pub(super) fn liberties(steps: &[Step], rung: Option<u32>) -> Vec<String> {
-    let took = |operator, what: &str| {
-        let of_rung = steps.iter().filter(|s| Some(s.rung) == rung && s.status == StepStatus::Done);
-        let changes = of_rung.filter(|s| s.operator == Some(operator)).flat_map(|s| &s.changed);
-        changes.filter(|change| change.what == what).map(|change| change.count).sum::<u64>()
-    };
-    let words = [
-        (
-            took(Operator::JoinParts, "parts_joined"),
-            "bands of surface join parts that were apart, which changes the model",
-        ),
-        (took(Operator::ThickenSheets, "sheets_thickened"), "open parts enclose nothing and were given a thickness"),
-        (
-            took(Operator::Resolve, "faces_around_open_rooms_thickened"),
-            "faces around rooms into which one can look through holes were given a thickness, and the rooms left open",
-        ),
-        (took(Operator::AddBase, "bases_added"), "open parts enclose nothing and were put on a base"),
-    ];
-    words.into_iter().filter(|w| w.0 > 0).map(|(count, what)| format!("{count} {what}")).collect()
 }
 
 /// A verdict in words, for a validation step.

@@ -1,17 +1,20 @@
 use std::time::Duration;
 
+use super::invented::Invented;
 use super::operators::cut::Pairing;
 use super::operators::simplify::reduce_remeshed;
 use super::operators::{Applied, Counts, Operator, Scope};
+use super::options_not_applied::limits_of;
 use super::presets::{remesh_action, tier_of};
+use super::time_budget::TimeBudget;
 use super::{
-    Action, Cancelled, Change, Context, InsideRule, Options, RemeshAction, RemeshError, RemeshRequest, Remeshed,
-    Remesher, Rung, Stage, Step, StepStatus,
+    Action, Cancelled, Change, Context, InsideRule, LeftOut, NotAppliedCause, OptionNotApplied, Options, RemeshAction,
+    RemeshError, RemeshRequest, Remeshed, Remesher, Rung, Stage, Step, StepStatus, UnfixedFaces,
 };
 use crate::arrange::Inside;
 use crate::format::Format;
 use crate::inspect::{Analysis, doubled_areas, thin_walls};
-use crate::mesh::Surface;
+use crate::mesh::{NO_SOURCE, Surface};
 
 /// Shares of a voxel's side in a triangle: a surface of area A meets at most 1.74 A / size^2 voxel sides, each two
 /// triangles.
@@ -24,12 +27,16 @@ const MOST_FINER: f64 = 4.0;
 /// Voxels along the diagonal below which nothing of a model would be left to see.
 const LEAST_VOXELS: f64 = 16.0;
 
+/// Share of the time left that is kept for verifying what Blender makes, at most.
+const MOST_RESERVED: f64 = 0.5;
+
 /// Runs what rungs are made of.
 pub(super) struct Runner<'a> {
     pub options: &'a Options,
     pub format: Format,
     pub remesher: Option<&'a dyn Remesher>,
     pub context: &'a Context<'a>,
+    pub time: &'a TimeBudget,
 }
 
 /// An operator of an action, or the action's remesh.
@@ -56,6 +63,10 @@ pub(super) struct Place {
     pub counts: Option<Counts>,
     /// How far operators since the input may have moved a vertex, in the model's unit.
     pub moved: f64,
+    /// Holes of solids that stay open, since the options close none so large or so many.
+    pub over_limit: u64,
+    /// What was invented before the surface was made anew, which leaves no trace of it.
+    pub invented: Option<Invented>,
 }
 
 /// How a task ended.
@@ -67,6 +78,30 @@ pub(super) enum End {
     Nothing,
     /// The time was over; the surface is as far as it came.
     OutOfTime,
+}
+
+impl Place {
+    /// Where repairs start.
+    pub fn new(surface: Surface) -> Self {
+        Self { surface, counts: None, moved: 0.0, over_limit: 0, invented: None }
+    }
+
+    /// Notes which holes a step left open, also one that was reused from an earlier strategy.
+    pub fn note_holes(&mut self, step: &Step) {
+        if step.operator == Some(Operator::FillHoles) {
+            self.over_limit = step.changed.iter().find(|it| it.what == "holes_over_limit").map_or(0, |it| it.count);
+        }
+    }
+
+    /// Why nothing may close the holes that are open; none where nothing speaks against it.
+    fn why_left_open(&self) -> Option<String> {
+        (self.over_limit > 0).then(|| {
+            format!(
+                "it would close {} holes that max_hole_edges, max_hole_size or max_holes leaves open",
+                self.over_limit
+            )
+        })
+    }
 }
 
 impl Task {
@@ -108,6 +143,11 @@ fn ways_of(rung: &Rung, options: &Options) -> (Pairing, Inside) {
     (pairing, inside)
 }
 
+/// Whether a rung takes parts that are inside out for solid.
+pub(super) fn takes_inverted_for_solid(rung: &Rung, options: &Options) -> bool {
+    ways_of(rung, options).1 != Inside::Positive
+}
+
 /// Whether a rung makes open sheets solid.
 fn closes_sheets(rung: &Rung) -> bool {
     rung.actions.iter().any(|planned| planned.action == Action::CloseSheets)
@@ -131,12 +171,24 @@ impl Runner<'_> {
         let mut step = Step::new(index, tier_of(action), action, operator);
         self.context.report(Stage::Repair, Some(rung.tier), percent);
         let end = match operator {
-            Some(operator) => self.operate(operator, rung, place, &mut step),
+            Some(operator) => {
+                let ended = self.operate(operator, rung, place, &mut step);
+                place.note_holes(&step);
+                ended
+            }
             None => {
                 place.counts = None;
-                let remeshed =
-                    self.context.check().and_then(|()| self.remesh(action, percent, &mut place.surface, &mut step));
-                remeshed.map(|end| (end, true))
+                let context = self.time.for_operators(place.surface.faces.len(), self.context);
+                if let Some(why) = place.why_left_open() {
+                    step.status = StepStatus::Failed;
+                    step.note = Some(why);
+                    Ok((End::Nothing, false))
+                } else {
+                    place.invented = Some(Invented::of(&place.surface));
+                    let remeshed =
+                        context.check().and_then(|()| self.remesh(action, percent, &mut place.surface, &mut step));
+                    remeshed.map(|end| (end, true))
+                }
             }
         };
         step.milliseconds = (self.context.now().saturating_sub(start)).as_secs_f64() * 1e3;
@@ -144,6 +196,7 @@ impl Runner<'_> {
             Ok(end) => end,
             Err(Cancelled) if self.context.is_cancelled() => return Err(Cancelled),
             Err(Cancelled) => {
+                self.time.leave_out(LeftOut::Repair);
                 step.status = StepStatus::Failed;
                 step.note = Some("the time was over".to_owned());
                 (End::OutOfTime, false)
@@ -180,17 +233,37 @@ impl Runner<'_> {
         place: &mut Place,
         step: &mut Step,
     ) -> Result<(End, bool), Cancelled> {
-        self.context.check()?;
+        let context = &self.time.for_operators(place.surface.faces.len(), self.context);
+        context.check()?;
         let scope = self.scope(rung, place.moved);
-        let Place { surface, counts, moved: moved_before } = place;
+        if let Some(why) = place.why_left_open().filter(|_| operator == Operator::Remesh) {
+            step.status = StepStatus::Failed;
+            step.note = Some(why);
+            return Ok((End::Nothing, false));
+        }
+        let Place { surface, counts, moved: moved_before, invented, .. } = place;
         let before = counts.get_or_insert_with(|| Counts::of(surface)).to_owned();
         let kept = surface.clone();
-        let applied = operator.run(&scope, surface, self.context);
-        let Applied { changes, moved, left, failed } = applied.inspect_err(|_| surface.clone_from(&kept))?;
+        let applied = operator.run(&scope, surface, context);
+        let Applied { changes, moved, left, failed, limited, unfixed, voxel_size, is_late } =
+            applied.inspect_err(|_| surface.clone_from(&kept))?;
+        let limits = limits_of(operator, self.options, kept.bounds().diagonal(), scope.reach);
+        let limited = limited.into_iter().chain(limits);
+        step.options_not_applied = limited
+            .map(|(option, reason)| OptionNotApplied::new(self.options, option, NotAppliedCause::Limited, reason))
+            .collect();
+        step.unfixed = unfixed_faces(&unfixed, surface);
         step.changed = changes;
         step.moved = moved;
         step.note = left;
+        step.voxel_size = voxel_size;
+        if is_late {
+            self.time.leave_out(LeftOut::Repair);
+        }
         let mut changed = *surface != kept;
+        if operator == Operator::Remesh && changed {
+            *invented = Some(Invented::of(&kept));
+        }
         if changed {
             surface.drop_unreferenced();
             let after = Counts::of(surface);
@@ -228,7 +301,10 @@ impl Runner<'_> {
         step.program = remesher.info().ok().cloned();
         let soup = surface.to_soup();
         let voxels = match remesh {
-            RemeshAction::VoxelRemesh => Some(Voxels::of(surface, self.options, self.context)?),
+            RemeshAction::VoxelRemesh => {
+                let context = self.time.for_operators(surface.faces.len(), self.context);
+                Some(Voxels::of(surface, self.options, &context)?)
+            }
             RemeshAction::BooleanUnion => None,
         };
         step.voxel_size = voxels.as_ref().map(|it| it.size);
@@ -237,14 +313,17 @@ impl Runner<'_> {
             step.note = Some(why);
             return Ok(End::Nothing);
         }
-        let Voxels { size: voxel_size, coarsest, .. } = voxels.unwrap_or_default();
+        let Voxels { size: voxel_size, coarsest, faces } = voxels.unwrap_or_default();
+        // A result that can't be verified is worth nothing, and most of its faces may go before that.
+        let reserve = self.time.verification(faces).min(self.context.remaining().mul_f64(MOST_RESERVED));
+        let time_limit = self.context.leaving(reserve).remaining().max(Duration::from_millis(1));
         let request = RemeshRequest {
             soup: &soup,
             action: remesh,
             voxel_size,
             coarsest,
             max_faces: self.options.max_remesh_faces,
-            time_limit: self.context.remaining().max(Duration::from_millis(1)),
+            time_limit,
             percent,
         };
         let runs = remesher.runs();
@@ -259,11 +338,16 @@ impl Runner<'_> {
                 step.voxel_size = voxel_size.or(step.voxel_size);
                 step.note = note;
                 step.changed = Change::list([("faces_made", made.faces.len() as u64)]);
-                if let Some(voxel) = step.voxel_size {
+                if let Some(voxel) = step.voxel_size.filter(|_| !self.options.without.contains(&Operator::Simplify)) {
                     let to_f32 = self.format.is_single();
                     // What it makes has faces along the axes everywhere; the same lines, with as few faces as they need.
-                    let (removed, _) = reduce_remeshed(&mut made, surface, voxel, to_f32, self.context)?;
-                    step.changed.extend(removed);
+                    let context = &self.time.for_operators(made.faces.len(), self.context);
+                    let reduced = reduce_remeshed(&mut made, surface, voxel, to_f32, context)?;
+                    step.changed.extend(reduced.changes);
+                    step.note = step.note.take().into_iter().chain(reduced.left).reduce(|a, b| format!("{a}; {b}"));
+                    if reduced.is_late {
+                        self.time.leave_out(LeftOut::Repair);
+                    }
                 }
                 *surface = made;
                 End::Finished
@@ -277,6 +361,20 @@ impl Runner<'_> {
     }
 }
 
+/// Most faces that a step lists.
+const MAX_UNFIXED: usize = 1000;
+
+/// Faces that an operator could not fix, as the faces of the input that they come from.
+fn unfixed_faces(unfixed: &[u32], surface: &Surface) -> Option<UnfixedFaces> {
+    let source = |&f: &u32| surface.source.get(f as usize).copied().filter(|&source| source != NO_SOURCE);
+    let mut faces: Vec<u32> = unfixed.iter().filter_map(source).collect();
+    faces.sort_unstable();
+    faces.dedup();
+    let count = faces.len() as u64;
+    faces.truncate(MAX_UNFIXED);
+    (count > 0).then_some(UnfixedFaces { count, faces })
+}
+
 /// How large voxels are to be.
 #[derive(Default)]
 struct Voxels {
@@ -284,6 +382,8 @@ struct Voxels {
     size: f64,
     /// The largest edge that still makes sense.
     coarsest: f64,
+    /// How many faces they make at most, about.
+    faces: usize,
 }
 
 impl Voxels {
@@ -301,7 +401,8 @@ impl Voxels {
         };
         let area: f64 = doubled_areas(surface).iter().sum::<f64>() / 2.0;
         let size = wanted.max((TRIANGLES_PER_VOXEL_AREA * area / options.max_remesh_faces as f64).sqrt());
-        Ok(Self { size, coarsest: size.max(diagonal / LEAST_VOXELS) })
+        let faces = (TRIANGLES_PER_VOXEL_AREA * area / (size * size)).min(options.max_remesh_faces as f64) as usize;
+        Ok(Self { size, coarsest: size.max(diagonal / LEAST_VOXELS), faces })
     }
 
     /// Why no remesh is begun, where voxels would have to be too large.

@@ -1,10 +1,17 @@
-use super::input::{look, read_own, subject};
+use super::agreement::same_inside;
+use super::input::{inspect_counts, inspect_measured, read_own, subject};
+use super::invented::{Invented, surface_invented};
 use super::ledger::ledger;
 use super::red_flags::part_lost;
-use super::{Cancelled, Changes, Context, Options, RedFlag, RedFlagCode, Standing, red_flags};
+use super::{
+    Assumption, Cancelled, Changes, Context, Options, OutputFormat, RedFlag, RedFlagCode, Standing, red_flags,
+};
 use crate::format::{self, Format, ReadError, WriteError};
-use crate::inspect::{Analysis, Fates, Findings, Inspection, Ledger, Measures, Original, measure_analysis};
-use crate::mesh::{NO_SOURCE, Parts, Surface};
+use crate::inspect::{
+    Analysis, Certificate, Fates, Findings, Inspection, Ledger, Measures, Original, measure_analysis,
+};
+use crate::mesh::{OPENED_SKIN_SOURCE, Parts, Surface, is_made};
+use crate::scene::{LengthUnit, UnitSource};
 
 /// Share of the visible surface, in percent, whose loss makes even a printable result worse than the input.
 const MOST_LOST_PCT: f64 = 25.0;
@@ -16,12 +23,20 @@ pub(super) struct Judged {
     pub measures: Measures,
     pub changes: Changes,
     pub red_flags: Vec<RedFlag>,
+    /// What was taken for granted in place of a flag.
+    pub assumptions: Vec<Assumption>,
     /// For each face of it the input's face that it was cut from; empty for the input itself.
     pub source: Vec<u32>,
     /// What became of the input's parts; none of the input itself.
     pub ledger: Option<Ledger>,
-    /// All that is told of it, where it is good: then nothing better will come, and what its bytes say is at hand.
+    /// Volume and centre of each sealed cavity.
+    pub cavities: Vec<(f64, [f64; 3])>,
+    /// What of its surface was invented.
+    pub invented: Invented,
+    /// Its inspection, where it is good: then nothing better will come, and what its bytes say is at hand.
     pub looked: Option<(Inspection, Findings)>,
+    /// What was counted of it, where there is no inspection: what is told of it if there is no time for one.
+    pub counts: Option<Inspection>,
     /// What became of every piece of surface, where it is good and there was time to ask.
     pub fates: Option<Fates>,
 }
@@ -47,44 +62,72 @@ pub(super) enum Patches {
 }
 
 /// Writes a mesh, reads the written bytes back, and measures those, so that the verdict is on what is handed out. The verdict
-/// does not wait for the end of the time that `context` gives.
+/// may go on after the deadline, until the end of verification; details of a good result are left out when the deadline has passed.
 pub(super) fn judge(
     surface: &Surface,
     patches: Patches,
+    before_remesh: Option<&Invented>,
     format: Format,
     input: &Original<'_>,
     options: &Options,
     context: &Context<'_>,
 ) -> Result<Judged, JudgeError> {
-    let patient = &context.without_deadline();
+    let verification = &context.for_verification();
+    verification.check()?;
     let bytes = format::write(&surface.to_soup(), format)?;
     let read = read_own(&bytes)?;
-    let analysis = Analysis::new(subject(&read, input.analysis().subject.unit), patient)?;
-    let measures = measure_analysis(&analysis, patient)?;
+    let unit = input.analysis().subject.unit.map(|unit| unit_for_readers(unit, options.output));
+    let analysis = Analysis::new(subject(&read, unit.as_ref()), verification)?;
+    let measures = measure_analysis(&analysis, verification)?;
     // Faces are written and read in their order.
     let patches: Vec<bool> = match patches {
-        Patches::BySource => surface.source.iter().map(|&source| source == NO_SOURCE).collect(),
+        Patches::BySource => surface.source.iter().map(|&source| is_made(source)).collect(),
         Patches::None => Vec::new(),
     };
-    let changes = input.changes(&analysis, &measures, Some(&patches), patient)?;
-    let ledger = ledger(input, &analysis, options, patient)?;
+    let ledger = ledger(input, &analysis, options, verification)?;
+    let dropped = parts_dropped(&ledger, input.analysis().parts.count);
+    let mut changes = input.changes_but_for(&analysis, &measures, Some(&patches), &dropped, verification)?;
+    // What was taken for inside was opened on purpose: it can be seen through a hole.
+    if !input.measures().closed && surface.source.contains(&OPENED_SKIN_SOURCE) {
+        changes.inside_overlap_pct = None;
+    }
+    let invented = before_remesh.map_or_else(|| Invented::of(surface), |it| it.in_remesh(measures.area));
     let standing = standing(surface, input.analysis(), &ledger);
-    let mut red_flags = red_flags(input.measures(), &measures, &changes, standing, options);
+    let mut red_flags =
+        red_flags(input.measures(), input.settled_volume(verification)?, &measures, &changes, standing, options);
     red_flags.extend(part_lost(&ledger, context));
-    let good = is_good(&measures, &red_flags);
-    let looked = if good { Some(look(&analysis, || Ok(measures.clone()), context)?) } else { None };
+    red_flags.extend(surface_invented(&invented, options));
+    let good = is_final(&measures, &red_flags);
+    // Of other results it is found out when they are handed out, if there is time.
+    let looked = if good { Some(inspect_measured(&analysis, context)?) } else { None };
+    let counts = if good { None } else { Some(inspect_counts(&analysis, verification)?.0) };
     let fates = if good { fates(input, &analysis, context)? } else { None };
-    Ok(Judged {
+    let cavities = analysis.solids.iter().filter(|it| measures.printable() && it.closed && it.volume < 0.0);
+    let cavities = cavities.map(|it| (it.volume.abs(), it.bounds.centre().to_array())).collect();
+    let mut judged = Judged {
         bytes,
         dialect: read.dialect,
         measures,
         changes,
         red_flags,
+        assumptions: Vec::new(),
         source: surface.source.clone(),
         ledger: Some(ledger),
+        cavities,
+        invented,
         looked,
+        counts,
         fates,
-    })
+    };
+    judged.assumptions.extend(same_inside(&judged, options.max_volume_change_pct));
+    Ok(judged)
+}
+
+/// The unit of a result as its readers learn it: a format without units doesn't say what the input's file said.
+fn unit_for_readers(unit: &LengthUnit, output: OutputFormat) -> LengthUnit {
+    let is_kept = matches!(output, OutputFormat::Auto | OutputFormat::Same | OutputFormat::Glb | OutputFormat::ThreeMf);
+    let source = if is_kept { unit.source } else { UnitSource::Declared };
+    LengthUnit { source, ..unit.clone() }
 }
 
 /// What became of every piece of surface; none where the time was over.
@@ -93,16 +136,13 @@ pub(super) fn fates(
     result: &Analysis<'_>,
     context: &Context<'_>,
 ) -> Result<Option<Fates>, Cancelled> {
-    match input.fates(result, context) {
-        Err(Cancelled) if !context.is_cancelled() => Ok(None),
-        found => found.map(Some),
-    }
+    context.unless_late(input.fates(result, context))
 }
 
 /// What of the input is in a surface. Where every part is accounted for, none is gone by becoming one with others.
 fn standing(surface: &Surface, input: &Analysis<'_>, ledger: &Ledger) -> Standing {
     let mut stands = vec![false; input.subject.soup.faces.len()];
-    for &source in surface.source.iter().filter(|&&source| source != NO_SOURCE) {
+    for &source in surface.source.iter().filter(|&&source| !is_made(source)) {
         if let Some(stands) = stands.get_mut(source as usize) {
             *stands = true;
         }
@@ -114,7 +154,42 @@ fn standing(surface: &Surface, input: &Analysis<'_>, ledger: &Ledger) -> Standin
         }
     }
     let count = |them: &[bool]| them.iter().filter(|&&it| it).count() as u64;
-    Standing { faces: count(&stands), parts_gone: if ledger.lost == 0 { 0 } else { count(&gone) } }
+    let parts_gone = if ledger.lost == 0 { 0 } else { count(&gone) };
+    let [vertices, vertices_before] = vertices_standing(input, &stands, ledger);
+    let dropped = parts_dropped(ledger, input.parts.count);
+    let is_dropped = |part: &&u32| dropped.get(**part as usize) == Some(&true);
+    let faces_dropped = input.parts.of_face.iter().filter(is_dropped).count() as u64;
+    Standing { faces: count(&stands), parts_gone, vertices, vertices_before, faces_dropped }
+}
+
+/// Of each part whether it was dropped as the options ask; empty where none was.
+fn parts_dropped(ledger: &Ledger, parts: usize) -> Vec<bool> {
+    if ledger.dropped == 0 {
+        return Vec::new();
+    }
+    let mut dropped = vec![false; parts];
+    for (part, _) in ledger.certified.iter().filter(|(_, certificate)| *certificate == Certificate::Dropped) {
+        dropped[*part as usize] = true;
+    }
+    dropped
+}
+
+/// The vertices at faces that stand, and those at any face that has an area and is no part that may go.
+fn vertices_standing(input: &Analysis<'_>, stands: &[bool], ledger: &Ledger) -> [u64; 2] {
+    let mut may_go = vec![false; input.parts.count];
+    ledger.certified.iter().for_each(|(part, _)| may_go[*part as usize] = true);
+    let mut vertices = vec![[false; 2]; input.surface.positions.len()];
+    let faces = input.surface.faces.iter().zip(&input.surface.source).zip(&input.parts.of_face).zip(input.flat());
+    for (((face, &source), &part), &flat) in faces {
+        if !flat && part != Parts::NONE && !may_go[part as usize] {
+            for &v in face {
+                let [of_standing, of_any] = &mut vertices[v as usize];
+                *of_standing |= stands[source as usize];
+                *of_any = true;
+            }
+        }
+    }
+    [0, 1].map(|k| vertices.iter().filter(|marks| marks[k]).count() as u64)
 }
 
 /// Printable with no sign of destruction.
@@ -122,7 +197,17 @@ fn is_good(measures: &Measures, red_flags: &[RedFlag]) -> bool {
     measures.printable() && red_flags.is_empty()
 }
 
+/// Whether no other way can do better: printable, and no flag but that the input leaves much to invention.
+fn is_final(measures: &Measures, red_flags: &[RedFlag]) -> bool {
+    measures.printable() && red_flags.iter().all(|flag| flag.code == RedFlagCode::SurfaceInvented)
+}
+
 impl Judged {
+    /// Whether no other way can do better.
+    pub fn is_final(&self) -> bool {
+        is_final(&self.measures, &self.red_flags)
+    }
+
     /// Printable with no sign of destruction.
     pub fn is_good(&self) -> bool {
         is_good(&self.measures, &self.red_flags)
@@ -144,6 +229,7 @@ impl Judged {
         let class = match self.measures.printable() {
             _ if destroyed => Class::Destroyed,
             true if self.red_flags.is_empty() => Class::Good,
+            true if is_final(&self.measures, &self.red_flags) => Class::Invented,
             true if parts_lost => Class::PartLost,
             true if lost.is_some() => Class::SurfaceLost,
             true => Class::Flagged,
@@ -167,6 +253,8 @@ impl Judged {
 pub(super) enum Class {
     /// Printable, and no red flag.
     Good,
+    /// Printable with more of its surface invented than the options allow, and no other red flag.
+    Invented,
     /// Printable with another red flag than the classes below have.
     Flagged,
     /// Printable with some of the surface lost that can be seen.

@@ -25,7 +25,7 @@ mod witness;
 use glam::DVec3;
 
 use crate::context::{Cancelled, Context};
-use crate::math::{Tree, to_single, to_unit_range, unit_scale};
+use crate::math::{Rounding, Tree, to_unit_range, unit_scale};
 use crate::mesh::{Edges, Surface, weld_exactly};
 use choice::choose;
 use collapse::{Attempt, Collapser, Why};
@@ -99,6 +99,8 @@ pub struct Simplified {
     pub bound: f64,
     /// Why there are more faces than were asked for, in words.
     pub left: Option<String>,
+    /// Whether the deadline ended it.
+    pub is_late: bool,
 }
 
 impl Simplify<'_> {
@@ -120,7 +122,8 @@ impl Simplify<'_> {
     /// where nothing goes, the surface is untouched. The same surface gives the same result.
     ///
     /// # Errors
-    /// [`Cancelled`] when the work should stop; the surface is then unchanged.
+    /// [`Cancelled`] when the work was asked to stop, or the deadline came before the first edge went; the surface is then unchanged.
+    /// A deadline that comes later ends it there: what is gone by then is gone, and all that is said above holds.
     pub fn apply(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Simplified, Cancelled> {
         let faces_before = surface.faces.len() as u64;
         let untouched = Simplified { faces_before, faces_after: faces_before, ..Simplified::default() };
@@ -142,15 +145,19 @@ impl Simplify<'_> {
             *slot = *v;
         }
         drop(welded);
-        let to_scale = Rounding { scale, to_f32: self.to_f32 };
+        let rounding = Rounding { scale, to_f32: self.to_f32 };
         let mut collapser = Collapser::new(it, bodies, self.max_error * scale, 1.0 / scale, self.toward);
-        let ended = self.collapse_all(&mut collapser, &to_scale, context)?;
+        let ended = self.collapse_all(&mut collapser, rounding, context)?;
         let it = &collapser.it;
         if it.alive == surface.faces.len() {
-            return Ok(Simplified { left: self.left(it.alive, &ended), ..untouched });
+            return Ok(Simplified { left: self.left(it.alive, &ended), is_late: ended.is_late, ..untouched });
         }
         for (w, &v) in own.iter().enumerate().filter(|(w, v)| **v != NONE && it.version[*w] > 0) {
-            surface.positions[v as usize] = to_scale.given(surface.positions[v as usize], it.at[w]);
+            let position = &mut surface.positions[v as usize];
+            // As it was where it is the same.
+            if *position * scale != it.at[w] {
+                *position = it.at[w] / scale;
+            }
         }
         debug_assert!(merged > 0 || own.iter().all(|&v| v != NONE));
         for (face, now) in surface.faces.iter_mut().zip(&it.faces).filter(|(_, now)| now[0] != NONE) {
@@ -170,6 +177,7 @@ impl Simplify<'_> {
             error: f64::from(error) / scale,
             bound: collapser.bound / scale,
             left: self.left(it.alive, &ended),
+            is_late: ended.is_late,
         })
     }
 
@@ -177,7 +185,7 @@ impl Simplify<'_> {
     fn collapse_all(
         &self,
         collapser: &mut Collapser<'_>,
-        rounding: &Rounding,
+        rounding: Rounding,
         context: &Context<'_>,
     ) -> Result<Ended, Cancelled> {
         let enough = |it: &Complex| self.max_faces.is_some_and(|most| it.alive as u64 <= most);
@@ -192,8 +200,9 @@ impl Simplify<'_> {
                     return Ok(ended);
                 }
                 steps += 1;
-                if steps.is_multiple_of(BETWEEN_CHECKS) {
-                    context.check()?;
+                if steps.is_multiple_of(BETWEEN_CHECKS) && context.unless_late(context.check())?.is_none() {
+                    ended.is_late = true;
+                    return Ok(ended);
                 }
                 let [a, b] = waiting.ends;
                 if version(&collapser.it, a, b) != waiting.version {
@@ -203,7 +212,7 @@ impl Simplify<'_> {
                     ended.spent = true;
                     return Ok(ended);
                 }
-                let Some(choice) = choose(&collapser.it, [a, b], waiting.along_line, |p| rounding.written(p)) else {
+                let Some(choice) = choose(&collapser.it, [a, b], waiting.along_line, |p| rounding.of(p)) else {
                     continue;
                 };
                 match collapser.attempt(choice, waiting.patient) {
@@ -224,6 +233,10 @@ impl Simplify<'_> {
     fn left(&self, alive: usize, ended: &Ended) -> Option<String> {
         let most = self.max_faces.filter(|&most| alive as u64 > most)?;
         let mut line = format!("{alive} faces are left of {most} that were asked for");
+        if ended.is_late {
+            line.push_str(": the time was over");
+            return Some(line);
+        }
         if ended.spent {
             line.push_str(": so many faces are near one another that the search was given up");
             return Some(line);
@@ -246,24 +259,8 @@ struct Ended {
     refused: [u64; 4],
     /// Whether the search for intersections was given up.
     spent: bool,
-}
-
-/// Positions as they are written, in the range of the exact predicates.
-struct Rounding {
-    /// The power of two between the model's unit and that range.
-    scale: f64,
-    to_f32: bool,
-}
-
-impl Rounding {
-    fn written(&self, p: DVec3) -> DVec3 {
-        if self.to_f32 { to_single(p / self.scale) * self.scale } else { p }
-    }
-
-    /// A position in the model's unit: as it was where it is the same.
-    fn given(&self, was: DVec3, now: DVec3) -> DVec3 {
-        if was * self.scale == now { was } else { now / self.scale }
-    }
+    /// Whether the deadline came.
+    is_late: bool,
 }
 
 fn version(it: &Complex, a: u32, b: u32) -> u32 {
@@ -271,7 +268,7 @@ fn version(it: &Complex, a: u32, b: u32) -> u32 {
 }
 
 /// Fills the queue with all edges that may go.
-fn fill(queue: &mut Queue, it: &Complex, rounding: &Rounding) {
+fn fill(queue: &mut Queue, it: &Complex, rounding: Rounding) {
     let corners = (0..it.faces.len()).filter(|&f| it.is_alive(f)).flat_map(|f| [0, 1, 2].map(|i| corner(f, i)));
     queue.fill(corners.filter_map(|c| {
         let [a, b] = [c, Edges::next(c)].map(|c| it.faces[c as usize / 3][c as usize % 3]);
@@ -284,14 +281,14 @@ fn fill(queue: &mut Queue, it: &Complex, rounding: &Rounding) {
     }));
 }
 
-fn waiting(it: &Complex, a: u32, b: u32, marks: u8, rounding: &Rounding) -> Option<Waiting> {
+fn waiting(it: &Complex, a: u32, b: u32, marks: u8, rounding: Rounding) -> Option<Waiting> {
     let along_line = marks & LINE != 0;
     let edge = Waiting::new([a, b], version(it, a, b), along_line);
-    choose(it, edge.ends, along_line, |p| rounding.written(p)).map(|choice| edge.with_cost(choice.cost))
+    choose(it, edge.ends, along_line, |p| rounding.of(p)).map(|choice| edge.with_cost(choice.cost))
 }
 
 /// Puts the edges around a vertex into the queue.
-fn push_around(queue: &mut Queue, it: &mut Complex, v: u32, corners: &mut Vec<u32>, rounding: &Rounding) {
+fn push_around(queue: &mut Queue, it: &mut Complex, v: u32, corners: &mut Vec<u32>, rounding: Rounding) {
     it.star(v, corners);
     for &c in &*corners {
         let to = |c: u32| it.faces[c as usize / 3][c as usize % 3];

@@ -14,7 +14,7 @@ use complex::Complex;
 
 use super::{ArrangeError, Arrangement, Inside, Rule, Solid};
 use crate::context::Context;
-use crate::mesh::{NO_SOURCE, Surface};
+use crate::mesh::{Surface, is_made};
 
 /// An exact arrangement of faces, and the boundary of the cells that are inside.
 ///
@@ -34,7 +34,7 @@ impl Arrangement for Exact {
         let cells = Cells::new(&complex, context)?;
         let inside: Vec<bool> = cells.number.iter().map(|&number| is_inside(rule.inside, number)).collect();
         let opened = if rule.doubts_patches {
-            openings::seen_into(&complex, &cells, &inside, |f| surface.source[f as usize] == NO_SOURCE, context)?
+            openings::seen_into(&complex, &cells, &inside, |f| is_made(surface.source[f as usize]), context)?
         } else {
             None
         };
@@ -71,7 +71,7 @@ fn extract(complex: &Complex, cells: &Cells, inside: &[bool], opened: Option<&[b
             flaps.push((wall.faces[0], [a, b, c]));
         } else if !before
             && sides.into_iter().any(is_open)
-            && let Some(&face) = wall.faces.iter().find(|&&face| surface.source[face as usize] != NO_SOURCE)
+            && let Some(&face) = wall.faces.iter().find(|&&face| !is_made(surface.source[face as usize]))
         {
             let [p, q, r] = wall.corners.map(|point| complex.points.place(point));
             let looks_the_same_way = (q - p).cross(r - p).dot(surface.area_vector(face as usize)) > 0.0;

@@ -5,7 +5,7 @@ use glam::DVec3;
 use super::thicken::THICKNESS;
 use super::{Applied, open_parts};
 use crate::math::{Sign, orient2d, to_single, to_unit_range};
-use crate::mesh::{Edges, Surface};
+use crate::mesh::{BASE_SOURCE, Edges, Surface};
 use crate::repair::{Cancelled, Change, Context};
 
 /// Extrudes open sheets down to a plane.
@@ -162,7 +162,7 @@ fn extrude(surface: &mut Surface, faces: &[u32], view: &View, plane: f64) -> boo
         if view.turned {
             face.swap(1, 2);
         }
-        surface.push_patch(face);
+        surface.push_made(face, BASE_SOURCE);
     }
     if view.turned {
         for &f in faces {

@@ -8,7 +8,7 @@ impl Operator {
             BoundaryEdges, DegenerateFaces, DuplicateFaces, MisorientedEdges, NonmanifoldEdges, PinchedVertices,
         };
         match self {
-            Self::RoundCoordinates => &[],
+            Self::RoundCoordinates | Self::MergeVertices | Self::DropSmallParts => &[],
             Self::Simplify | Self::Remesh => &Counter::ALL,
             Self::RemoveCollapsedFaces | Self::RemoveCaps | Self::RemoveSlivers => &[DegenerateFaces],
             Self::Weld | Self::JoinParts | Self::FillHoles | Self::AddBase | Self::RemoveDebris => &[BoundaryEdges],
@@ -34,11 +34,12 @@ impl Operator {
             BoundaryEdges, DegenerateFaces, DuplicateFaces, MisorientedEdges, NonmanifoldEdges, PinchedVertices,
         };
         match self {
-            Self::RoundCoordinates => &Counter::ALL,
+            Self::RoundCoordinates | Self::MergeVertices => &Counter::ALL,
             Self::RemoveCollapsedFaces
             | Self::Orient
             | Self::UnfoldFoldovers
             | Self::CleanAndPatch
+            | Self::DropSmallParts
             | Self::Simplify
             | Self::Remesh => &[],
             // Where several sheets meet, what was open becomes an edge of several faces.

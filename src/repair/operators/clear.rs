@@ -93,11 +93,7 @@ impl Clear {
         #[expect(clippy::cast_possible_truncation, reason = "vertices are counted in u32")]
         let at_new = at_new as u32;
         let faces: Vec<[u32; 3]> = new.iter().map(|&(face, _)| self.slots(face, at_new)).collect();
-        let area_vanishes = |face: &[u32; 3]| {
-            let [a, b, c] = face.map(|slot| self.unit[slot as usize]);
-            area_vanishes(a, b, c)
-        };
-        if faces.iter().any(|face| area_vanishes(face) || self.is_flat(*face)) {
+        if faces.iter().any(|&face| self.area_vanishes(face) || self.is_flat(face)) {
             return false;
         }
         let question = Question { surface, new, gone, faces };
@@ -136,7 +132,7 @@ impl Clear {
         }
         let mut near: Vec<u32> = Vec::new();
         for (i, face) in faces.iter().enumerate() {
-            let mut bounds = Box3::of(face.map(|s| self.unit[s as usize]));
+            let mut bounds = Box3::of(self.corners(*face));
             bounds.min -= DVec3::splat(self.grown);
             bounds.max += DVec3::splat(self.grown);
             near.clear();
@@ -199,9 +195,18 @@ impl Clear {
         face.map(|v| if v == NEW { at_new } else { self.slot[v as usize] })
     }
 
+    fn corners(&self, face: [u32; 3]) -> [DVec3; 3] {
+        face.map(|slot| self.unit[slot as usize])
+    }
+
     fn is_flat(&self, face: [u32; 3]) -> bool {
-        let [a, b, c] = face.map(|slot| self.unit[slot as usize]);
+        let [a, b, c] = self.corners(face);
         collinear(a, b, c)
+    }
+
+    fn area_vanishes(&self, face: [u32; 3]) -> bool {
+        let [a, b, c] = self.corners(face);
+        area_vanishes(a, b, c)
     }
 
     fn are_apart(&self, a: [u32; 3], b: [u32; 3]) -> bool {

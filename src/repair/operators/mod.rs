@@ -24,6 +24,7 @@ pub mod holes;
 pub mod join;
 mod local;
 pub mod membranes;
+pub mod merge;
 pub mod one_sided;
 mod open_parts;
 pub mod orient;
@@ -37,6 +38,7 @@ pub mod sew;
 pub mod sheets_within;
 pub mod simplify;
 pub mod slivers;
+pub mod small_parts;
 pub mod stitch;
 pub mod t_junctions;
 pub mod thicken;
@@ -45,6 +47,7 @@ pub mod weld;
 
 pub use counts::{Counter, Counts};
 pub use name::Operator;
+pub(super) use open_parts::OpenParts;
 use open_parts::open_parts;
 pub(super) use run::Scope;
 
@@ -61,6 +64,14 @@ pub struct Applied {
     pub left: Option<String>,
     /// Why it did nothing at all, where it should have.
     pub failed: Option<String>,
+    /// What kept it from following an option to the full: the option's name and the reason.
+    pub limited: Vec<(&'static str, String)>,
+    /// Faces that it could not fix, of the surface as it left it.
+    pub unfixed: Vec<u32>,
+    /// The edge of the cells of a remesh, in the model's unit.
+    pub voxel_size: Option<f64>,
+    /// Whether the time was over before it had done all that it could.
+    pub is_late: bool,
 }
 
 impl From<Vec<Change>> for Applied {

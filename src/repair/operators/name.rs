@@ -12,6 +12,8 @@ pub enum Operator {
     RoundCoordinates,
     /// Drop faces with the same vertex twice.
     RemoveCollapsedFaces,
+    /// Merge vertices closer than `merge_distance`, on the boundary or not.
+    MergeVertices,
     /// Merge boundary vertices that almost coincide.
     Weld,
     /// Drop faces with the same three vertices, and walls of no thickness.
@@ -60,6 +62,8 @@ pub enum Operator {
     RemoveDebris,
     /// Keep apart by position what was cut apart by index.
     Separate,
+    /// Drop closed parts smaller than `min_part_volume_pct`.
+    DropSmallParts,
     /// Remove faces by collapsing edges, as far as the options ask for it.
     Simplify,
 }
@@ -69,6 +73,7 @@ impl Operator {
     pub const ALL: &[Self] = &[
         Self::RoundCoordinates,
         Self::RemoveCollapsedFaces,
+        Self::MergeVertices,
         Self::Weld,
         Self::RemoveDuplicates,
         Self::RemoveCaps,
@@ -93,6 +98,7 @@ impl Operator {
         Self::Remesh,
         Self::RemoveDebris,
         Self::Separate,
+        Self::DropSmallParts,
         Self::Simplify,
     ];
 
@@ -108,6 +114,7 @@ impl Operator {
         match self {
             Self::RoundCoordinates => "round_coordinates",
             Self::RemoveCollapsedFaces => "remove_collapsed_faces",
+            Self::MergeVertices => "merge_vertices",
             Self::Weld => "weld",
             Self::RemoveDuplicates => "remove_duplicates",
             Self::RemoveCaps => "remove_caps",
@@ -132,6 +139,7 @@ impl Operator {
             Self::Remesh => "remesh",
             Self::RemoveDebris => "remove_debris",
             Self::Separate => "separate",
+            Self::DropSmallParts => "drop_small_parts",
             Self::Simplify => "simplify",
         }
     }

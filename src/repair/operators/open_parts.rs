@@ -1,7 +1,7 @@
 use crate::mesh::{Edges, Parts, Surface};
 
 /// The parts of a surface that have a boundary.
-pub(super) struct OpenParts {
+pub(in crate::repair) struct OpenParts {
     /// How many there are.
     pub count: u64,
     /// Their faces, in order.
@@ -11,7 +11,7 @@ pub(super) struct OpenParts {
 }
 
 /// Finds the parts that have an edge of one face.
-pub(super) fn open_parts(surface: &Surface) -> OpenParts {
+pub(in crate::repair) fn open_parts(surface: &Surface) -> OpenParts {
     let edges = Edges::new(&surface.faces);
     let mut found = OpenParts { count: 0, faces: Vec::new(), part: Vec::new() };
     if edges.iter().all(|h| h.len() != 1) {

@@ -10,7 +10,8 @@ use crate::repair::{Cancelled, Change, Context};
 pub struct RemoveOverlappingNeighbours {
     /// Largest angle between two faces at the edge that they share, in degrees, at which they lie on one another.
     pub angle_deg: f64,
-    /// How far the smaller one may reach from the larger, as a share of the diagonal of the bounding box.
+    /// How far the smaller one may reach from the larger, as a share of the diagonal of the bounding box; infinite where the angle
+    /// alone tells.
     pub reach: f64,
 }
 
@@ -31,7 +32,7 @@ impl RemoveOverlappingNeighbours {
     ///          |____|      itself        |____|
     /// ```
     ///
-    /// Mesh Heal's *Delete Overlapping Neighbor Faces* (seed 001) takes the face with fewer vertices first; triangles all have three, so
+    /// Mesh Heal's *Delete Overlapping Neighbor Faces* takes the face with fewer vertices first; triangles all have three, so
     /// the smaller area goes, of equal ones the later. That the smaller one is within reach of the larger keeps the
     /// sharp edge of a wedge, whose faces lie apart beyond it.
     ///
@@ -42,7 +43,8 @@ impl RemoveOverlappingNeighbours {
     /// [`Cancelled`] when the work should stop; the surface is then unchanged.
     pub fn apply(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
         let unit = to_unit_range(&surface.positions);
-        let reach = self.reach * Box3::of(unit.iter().copied()).diagonal();
+        let diagonal = Box3::of(unit.iter().copied()).diagonal();
+        let reach = if self.reach.is_finite() { self.reach * diagonal } else { f64::INFINITY };
         let least = self.angle_deg.to_radians().cos();
         let faces = &surface.faces;
         let corners = |f: u32| faces[f as usize].map(|v| unit[v as usize]);
@@ -52,6 +54,7 @@ impl RemoveOverlappingNeighbours {
         };
         let edges = Edges::new(faces);
         let mut keep = vec![true; faces.len()];
+        let mut too_far = 0u64;
         for (e, half_edges) in edges.iter().enumerate() {
             if e.is_multiple_of(4096) {
                 context.check()?;
@@ -73,18 +76,27 @@ impl RemoveOverlappingNeighbours {
                     }
                     let (small, large) = if area(g) <= area(f) { (g, f) } else { (f, g) };
                     let lies = |p: glam::DVec3| p.distance(nearest_on_triangle(p, corners(large))) <= reach;
-                    keep[small as usize] = !corners(small).into_iter().all(lies);
+                    let lies = corners(small).into_iter().all(lies);
+                    too_far += u64::from(!lies);
+                    keep[small as usize] = !lies;
                 }
             }
         }
         let overlapping = keep.iter().filter(|&&k| !k).count() as u64;
+        let left = (too_far > 0).then(|| {
+            format!(
+                "{too_far} neighbouring faces lie within the angle but farther apart than {} of the diagonal, so they were kept",
+                self.reach
+            )
+        });
         if overlapping == 0 || overlapping == faces.len() as u64 {
-            return Ok(Applied::default());
+            return Ok(Applied { left, ..Applied::default() });
         }
         let dangling = drop_dangling(&edges, &mut keep);
         surface.retain_faces(&keep);
         surface.drop_unreferenced();
-        Ok(Change::list([("overlapping_faces_removed", overlapping), ("dangling_faces_removed", dangling)]).into())
+        let changes = Change::list([("overlapping_faces_removed", overlapping), ("dangling_faces_removed", dangling)]);
+        Ok(Applied { changes, left, ..Applied::default() })
     }
 }
 

@@ -13,6 +13,8 @@ pub struct RemeshInside {
     pub remesh: Remesh,
     /// The farthest that the surface as it was may be from the new one, in the model's unit.
     pub most: f64,
+    /// Whether faces that the new surface does not need are removed.
+    pub reduce: bool,
 }
 
 impl RemeshInside {
@@ -47,14 +49,21 @@ impl RemeshInside {
         let faces = made.surface.faces.len() as u64;
         let mut changes = Change::list([("faces_made", faces), ("thin_places_thickened", made.made_inside)]);
         let mut result = made.surface;
-        let (removed, error) = reduce_remeshed(&mut result, surface, made.cell, self.remesh.to_f32, context)?;
-        changes.extend(removed);
+        let mut reduced = Applied::default();
+        if self.reduce {
+            reduced = reduce_remeshed(&mut result, surface, made.cell, self.remesh.to_f32, context)?;
+            changes.append(&mut reduced.changes);
+        }
         *surface = result;
-        let left = format!(
+        let mut left = format!(
             "with cells of {:.6}; 99 % of what was there is within {:.6} of the result, the farthest {:.6}; 99 % of the \
              result is within {:.6} of what was there, the farthest {:.6}",
             made.cell, lost.p99, lost.max, added.p99, added.max
         );
-        Ok(Applied { changes, moved: lost.max + error, left: Some(left), failed: None })
+        if let Some(late) = reduced.left {
+            left = format!("{left}; {late}");
+        }
+        let (moved, voxel_size, is_late) = (lost.max + reduced.moved, Some(made.cell), reduced.is_late);
+        Ok(Applied { changes, moved, left: Some(left), voxel_size, is_late, ..Applied::default() })
     }
 }

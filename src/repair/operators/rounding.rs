@@ -16,6 +16,9 @@ const MERGE: f64 = 64.0;
 /// The least step beside zero, in units of the last place of the model's largest coordinate.
 const FINEST: f64 = 1.0 / (1 << 20) as f64;
 
+/// The least step between positions that readers tell apart which round to eight decimals: a power of two above 1e-8.
+pub(super) const TOLD_APART: f64 = 1.0 / (1 << 26) as f64;
+
 /// What became of the vertices.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Rounded {
@@ -163,7 +166,7 @@ struct Lattice {
 impl Lattice {
     fn of(surface: &Surface) -> Self {
         let largest = surface.positions.iter().fold(DVec3::ZERO, |most, p| most.max(p.abs()));
-        Self { least: spacing(largest) * FINEST }
+        Self { least: (spacing(largest) * FINEST).max(TOLD_APART.min(spacing(largest))) }
     }
 
     /// The nearest number, and those next to it.

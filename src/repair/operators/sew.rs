@@ -10,7 +10,7 @@ use crate::repair::{Cancelled, Change, Context};
 pub struct Sew {
     /// Most of the distance over the shortest boundary edge at either vertex; 0.2 by default.
     pub ratio: f64,
-    /// Most of the distance over the bounding box's diagonal; 0.001 by default.
+    /// Most of the distance over the bounding box's diagonal; 0.001 by default, infinite for none.
     pub tolerance: f64,
     /// No vertex is moved farther than this, in the model's unit.
     pub most: f64,
@@ -72,7 +72,7 @@ impl Sew {
         if merged > 0 {
             surface.drop_unreferenced();
         }
-        Ok(Applied { changes: Change::list([("boundary_vertices_sewn", merged)]), moved, left, failed: None })
+        Ok(Applied { changes: Change::list([("boundary_vertices_sewn", merged)]), moved, left, ..Applied::default() })
     }
 }
 

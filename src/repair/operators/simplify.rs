@@ -27,21 +27,23 @@ pub struct ReduceFaces {
 /// Most faces of a remeshed model: as many times those of the model before, but never fewer than the floor.
 const REMESHED_TIMES: u64 = 3;
 const REMESHED_FLOOR: u64 = 20_000;
+/// What is said of a simplification that the deadline ended.
+const LATE: &str = "the time was over before all the faces that a remesh does not need were removed";
 /// Edges that a remesh has found keep their line from this angle on, in degrees.
 const REMESHED_ANGLE_DEG: f64 = 30.0;
 
 /// What a remesh of `before` left, with as few faces as a fifth of a cell of error allows; where that are still many more than
-/// before, with up to 0.3 % of the diagonal. Answers what was done, and the error.
+/// before, with up to 0.3 % of the diagonal. When the deadline comes the faces that are left by then stay.
 ///
 /// # Errors
-/// [`Cancelled`] when the work should stop; the surface is then unchanged.
+/// [`Cancelled`] when the work was asked to stop; the surface is then unchanged.
 pub(in crate::repair) fn reduce_remeshed(
     surface: &mut Surface,
     before: &Surface,
     cell: f64,
     to_f32: bool,
     context: &Context<'_>,
-) -> Result<(Vec<Change>, f64), Cancelled> {
+) -> Result<Applied, Cancelled> {
     let diagonal = surface.bounds().diagonal();
     let simplify = Simplify {
         max_faces: None,
@@ -50,16 +52,23 @@ pub(in crate::repair) fn reduce_remeshed(
         to_f32,
         toward: None,
     };
-    let done = simplify.apply(surface, context)?;
-    let mut error = done.error;
+    let faces_before = surface.faces.len() as u64;
+    let Some(done) = context.unless_late(simplify.apply(surface, context))? else {
+        return Ok(Applied { left: Some(LATE.to_owned()), is_late: true, ..Applied::default() });
+    };
+    let (mut error, mut is_late) = (done.error, done.is_late);
     let most = REMESHED_FLOOR.max(REMESHED_TIMES * before.faces.len() as u64);
     if done.faces_after > most {
         let farther = Simplify { max_faces: Some(most), max_error: 0.003 * diagonal - error, ..simplify };
-        if farther.max_error > simplify.max_error {
-            error += farther.apply(surface, context)?.error;
+        if farther.max_error > simplify.max_error && !is_late {
+            let done = context.unless_late(farther.apply(surface, context))?;
+            is_late = done.as_ref().is_none_or(|done| done.is_late);
+            error += done.map_or(0.0, |done| done.error);
         }
     }
-    Ok((Change::list([("faces_removed", done.faces_before - surface.faces.len() as u64)]), error))
+    let changes = Change::list([("faces_removed", faces_before - surface.faces.len() as u64)]);
+    let left = is_late.then(|| LATE.to_owned());
+    Ok(Applied { changes, moved: error, left, is_late, ..Applied::default() })
 }
 
 impl ReduceFaces {
@@ -81,6 +90,7 @@ impl ReduceFaces {
         };
         let done = simplify.apply(surface, context)?;
         let changes = Change::list([("faces_removed", done.faces_before - done.faces_after)]);
-        Ok(Applied { changes, moved: done.error, left: done.left, failed: None })
+        let is_late = done.is_late;
+        Ok(Applied { changes, moved: done.error, left: done.left, is_late, ..Applied::default() })
     }
 }

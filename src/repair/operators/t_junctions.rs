@@ -66,7 +66,7 @@ impl SplitTJunctions {
             }
         }
         let left = border.gave_up();
-        Ok(Applied { changes: Change::list([("t_junctions_split", cut)]), moved, left, failed: None })
+        Ok(Applied { changes: Change::list([("t_junctions_split", cut)]), moved, left, ..Applied::default() })
     }
 }
 

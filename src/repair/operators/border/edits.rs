@@ -1,6 +1,6 @@
 use glam::DVec3;
 
-use super::{Border, NONE, Spoke};
+use super::{Border, Meeting, NONE, Spoke};
 use crate::math::collinear;
 use crate::mesh::Edges;
 
@@ -24,6 +24,7 @@ impl Border<'_> {
         if come > most || !self.may_merge(from, to) {
             return false;
         }
+        let target = self.target(from, to);
         for (one, other) in self.closed_by_merging(from, to) {
             self.edge_of[one as usize] = NONE;
             self.edge_of[other as usize] = NONE;
@@ -36,15 +37,28 @@ impl Border<'_> {
             }
         }
         self.faces_at[kept].extend(faces);
+        self.surface.positions[to as usize] = target;
         self.into[gone] = to;
         self.strayed[kept] = self.strayed[kept].max(come);
         self.farthest = self.farthest.max(come);
         true
     }
 
-    /// How far the vertices that make one up would have come in all, were it merged into another.
+    /// How far the vertices that make up either would have come in all, were one merged into the other.
     fn come(&self, from: u32, to: u32) -> f64 {
-        self.strayed[self.place(from)] + self.position(from).distance(self.position(to))
+        let target = self.target(from, to);
+        let come = |v: u32| self.strayed[self.place(v)] + self.position(v).distance(target);
+        if self.meeting == Meeting::AtOne { come(from) } else { come(from).max(come(to)) }
+    }
+
+    /// Where the vertex will be that two become.
+    fn target(&self, from: u32, to: u32) -> DVec3 {
+        let halfway = || self.position(from).midpoint(self.position(to));
+        match self.meeting {
+            Meeting::AtOne => self.position(to),
+            Meeting::Halfway => halfway(),
+            Meeting::HalfwayInF32 => halfway().as_vec3().as_dvec3(),
+        }
     }
 
     /// Whether no vertex would have come farther than `most`.
@@ -86,14 +100,15 @@ impl Border<'_> {
                 _ => false,
             }
         };
-        let target = self.position(to);
+        let target = self.target(from, to);
         let stays = |&f: &u32| {
             let face = self.surface.faces[f as usize];
             let corners = face.map(|v| self.position(v));
-            let moved = face.map(|v| if v == from { target } else { self.position(v) });
+            let moved = face.map(|v| if v == from || v == to { target } else { self.position(v) });
             self.keeps_facing(corners, moved)
         };
-        self.spokes(to).all(fits) && self.faces_at[self.place(from)].iter().all(stays)
+        let stay = |v: u32| self.faces_at[self.place(v)].iter().all(stays);
+        self.spokes(to).all(fits) && stay(from) && (self.meeting == Meeting::AtOne || stay(to))
     }
 
     /// Cuts a boundary edge, and its face, at a vertex of the boundary that lies on it or near.

@@ -3,7 +3,7 @@
 //! [`HalfEdgeMesh`](crate::mesh::HalfEdgeMesh) has one fan at each vertex; a crack that is closed vertex by vertex has
 //! two at those that are done and whose neighbours are not. So the faces at boundary vertices are kept here as lists,
 //! and boundary edges by their half-edges; the surface may be anything elsewhere. Both edits re-index faces where they are:
-//! no face is removed, no position is made or changed.
+//! no face is removed, and no position is made or changed but where vertices meet halfway.
 
 mod edits;
 
@@ -41,8 +41,22 @@ pub(super) struct Border<'a> {
     tree: Tree,
     /// The power of two that brings coordinates into the range of exact predicates.
     to_unit: f64,
+    /// Where vertices meet.
+    pub meeting: Meeting,
     /// Faces and edges that may still be looked at: a crafted input spends them.
     pub steps: u64,
+}
+
+/// Where two vertices of the boundary meet that become one.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(super) enum Meeting {
+    /// Where the vertex is that stays.
+    #[default]
+    AtOne,
+    /// Halfway between them.
+    Halfway,
+    /// Halfway between them, rounded to f32.
+    HalfwayInF32,
 }
 
 /// A half-edge at a vertex.
@@ -114,6 +128,7 @@ impl<'a> Border<'a> {
             farthest: 0.0,
             tree,
             to_unit: unit_scale(&surface.positions),
+            meeting: Meeting::AtOne,
             steps: 1_000_000 + 400 * edges.len() as u64,
             vertices,
             edges,

@@ -23,6 +23,8 @@ const ROUNDS_A_RING: u32 = 2;
 pub struct CleanAndPatch {
     /// Most edges around a hole that is closed.
     pub max_hole_edges: u32,
+    /// Largest extent of a hole that is closed, as a share of the bounding box's diagonal.
+    pub max_hole_size: f64,
     /// Most of a part's faces that may go in all, in percent.
     pub max_face_loss_pct: f64,
     /// Most of a part's faces, and of its area, that may go at one place, in percent; 20 by default.
@@ -34,7 +36,13 @@ pub struct CleanAndPatch {
 
 impl Default for CleanAndPatch {
     fn default() -> Self {
-        Self { max_hole_edges: 10_000, max_face_loss_pct: 40.0, max_region_pct: 20.0, max_deviation: f64::INFINITY }
+        Self {
+            max_hole_edges: 1_000_000,
+            max_hole_size: 1.0,
+            max_face_loss_pct: 40.0,
+            max_region_pct: 20.0,
+            max_deviation: f64::INFINITY,
+        }
     }
 }
 
@@ -93,7 +101,8 @@ impl CleanAndPatch {
                     break;
                 }
                 let reach = (self.max_deviation - tally.moved).max(0.0);
-                let round = patching.round(&bad, &regions, reach, self.max_hole_edges, context)?;
+                let round =
+                    patching.round(&bad, &regions, reach, (self.max_hole_edges, self.max_hole_size), context)?;
                 put_back = round.put_back;
                 let Some(made) = round.made else { break };
                 if Counts::of(&made.patching.surface).rose_from(&Counts::of(&patching.surface)) {
@@ -128,6 +137,6 @@ impl CleanAndPatch {
         ]);
         *surface = patching.surface;
         surface.drop_unreferenced();
-        Ok(Applied { changes, moved: tally.moved, left, failed: None })
+        Ok(Applied { changes, moved: tally.moved, left, ..Applied::default() })
     }
 }

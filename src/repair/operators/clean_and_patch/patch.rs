@@ -104,10 +104,10 @@ impl Patching {
         bad: &Bad,
         regions: &Regions,
         reach: f64,
-        max_hole_edges: u32,
+        hole_limits: (u32, f64),
         context: &Context<'_>,
     ) -> Result<Round, Cancelled> {
-        let Some(patches) = self.fill(regions, max_hole_edges, context)? else {
+        let Some(patches) = self.fill(regions, hole_limits, context)? else {
             return Ok(Round { put_back: regions.count as u64, made: None });
         };
         let deviations = self.deviations(bad, regions, &patches, context)?;
@@ -146,13 +146,18 @@ impl Patching {
     }
 
     /// Closes the holes that the regions leave. None where that changed more than it should.
-    fn fill(&self, regions: &Regions, max_edges: u32, context: &Context<'_>) -> Result<Option<Patches>, Cancelled> {
+    fn fill(
+        &self,
+        regions: &Regions,
+        (max_edges, max_size): (u32, f64),
+        context: &Context<'_>,
+    ) -> Result<Option<Patches>, Cancelled> {
         let surface = &self.surface;
         let keep: Vec<bool> = regions.of_face.iter().map(|&r| r == NONE).collect();
         let mut filled = surface.clone();
         filled.retain_faces(&keep);
         let count = filled.faces.len();
-        FillHoles { max_edges, ..FillHoles::default() }.apply(&mut filled, context)?;
+        FillHoles { max_edges, max_size, ..FillHoles::default() }.apply(&mut filled, context)?;
         if filled.faces.len() < count || !filled.positions.starts_with(&surface.positions) {
             return Ok(None);
         }

@@ -38,7 +38,7 @@ pub enum HoleFilling {
 /// Which holes are closed, and how.
 #[derive(Debug, Clone, Copy)]
 pub struct FillHoles {
-    /// Most edges around a hole, those around islands in it counted; 10,000 by default.
+    /// Most edges around a hole, those around islands in it counted; a million by default.
     pub max_edges: u32,
     /// Largest extent of a hole, as a share of the model's diagonal; 1, which is any, by default.
     pub max_size: f64,
@@ -57,7 +57,7 @@ pub struct FillHoles {
 impl Default for FillHoles {
     fn default() -> Self {
         Self {
-            max_edges: 10_000,
+            max_edges: 1_000_000,
             max_size: 1.0,
             max_holes: 1_000_000,
             filling: HoleFilling::Auto,
@@ -214,6 +214,7 @@ impl FillHoles {
             ("faces_added", patches.len() as u64),
             ("vertices_added", (positions.len() - surface.positions.len()) as u64),
             ("holes_left", filled.holes_left),
+            ("holes_over_limit", filled.over_limit),
             ("open_sheets_left", filled.open_sheets),
         ]);
         surface.positions = positions;

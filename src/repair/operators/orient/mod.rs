@@ -71,6 +71,7 @@ impl Orient {
         let mut layers = Layers::new(&solids, &containers, self.nested);
         let asked: Vec<bool> = solids.iter().zip(&containers).map(|(s, c)| !s.closed || c.is_none()).collect();
         let (mut untold, mut sheets) = (0u64, 0u64);
+        let mut is_untold = vec![false; solids.len()];
         if asked.contains(&true) {
             let closed: Vec<bool> = solids.iter().map(|s| s.closed).collect();
             let outside = Outside { surface, patches: &patches, asked: &asked, closed: &closed, areas: &areas };
@@ -79,6 +80,7 @@ impl Orient {
             for (patch, looks) in looks.into_iter().enumerate().filter(|&(patch, _)| asked[patch]) {
                 layers.turn[patch] = looks == Looks::Inward;
                 if looks == Looks::Untold {
+                    is_untold[patch] = true;
                     *(if closed[patch] { &mut untold } else { &mut sheets }) += 1;
                 }
             }
@@ -94,6 +96,14 @@ impl Orient {
         let of_patch = |&p: &u32| p != Parts::NONE && turn[p as usize];
         let turn: Vec<bool> = patches.of_face.iter().map(of_patch).collect();
         turn_faces(surface, &turn);
+        let mut unfixed: Vec<u32> = (0u32..)
+            .zip(&patches.of_face)
+            .filter(|&(_, &patch)| patch != Parts::NONE && is_untold[patch as usize])
+            .map(|(f, _)| f)
+            .collect();
+        if agreement.conflicts > 0 {
+            unfixed.extend(in_conflict(surface, &edges));
+        }
         let changes = Change::list([
             ("faces_turned", turned),
             ("closed_parts_turned", closed_turned),
@@ -107,8 +117,18 @@ impl Orient {
             (untold, "closed", "inside or outside of others could not be told, so the winding is kept"),
             (sheets, "open", "neither side is the outer one, so the winding of most of the area is kept"),
         ]);
-        Ok(Applied { changes, left, ..Applied::default() })
+        Ok(Applied { changes, left, unfixed, ..Applied::default() })
     }
+}
+
+/// The faces at edges of two faces that run along them in the same direction.
+fn in_conflict(surface: &Surface, edges: &Edges) -> Vec<u32> {
+    let faces = &surface.faces;
+    let at_edge = |half_edges: &[u32]| match *half_edges {
+        [x, y] if Edges::is_forward(faces, x) == Edges::is_forward(faces, y) => [Some(x / 3), Some(y / 3)],
+        _ => [None, None],
+    };
+    edges.iter().flat_map(at_edge).flatten().collect()
 }
 
 /// What was left, where anything was: how many parts of which kind, and why.

@@ -15,7 +15,7 @@ use super::rounding::round_apart;
 use super::separate::Separate;
 use super::thicken::{Skins, ThickenSheets};
 use crate::arrange::{ArrangeError, Arrangement, Inside, Rule, Solid};
-use crate::mesh::{Edges, NO_SOURCE, Parts, Surface, position_key};
+use crate::mesh::{Edges, OPENED_SKIN_SOURCE, Parts, SKIN_SOURCE, Surface, is_made, position_key};
 use crate::repair::{Cancelled, Change, Context};
 
 /// Bits of the grid, over the largest coordinate, to which the vertices of faces that still intersect after rounding are
@@ -48,6 +48,8 @@ pub struct Resolve {
     /// The thickness that sheets get, in the model's unit: walls of no thickness, and what is the skin of a room that would be
     /// filled only because holes were closed, and hide what can be seen in there. Without it such walls go, and rooms are filled.
     pub sheets: Option<f64>,
+    /// Whether to decide what is inside also where no faces intersect: a solid within a solid.
+    pub always: bool,
 }
 
 /// What became of the intersections.
@@ -121,8 +123,8 @@ impl Resolve {
         let found = crossings(surface, context)?;
         let before = count(&found);
         // Where nothing intersects, a part may still be walled in by another whose holes were closed.
-        let may_open = self.sheets.is_some() && surface.source.contains(&NO_SOURCE);
-        if before == 0 && !may_open {
+        let may_open = self.sheets.is_some() && surface.source.iter().any(|&source| is_made(source));
+        if before == 0 && !may_open && !self.always {
             return Ok(Resolved::default());
         }
         let faces_before = surface.faces.len() as u64;
@@ -141,7 +143,7 @@ impl Resolve {
             Err(ArrangeError::Cancelled(stop)) => return Err(stop),
             Err(error) => return Ok(undone(before, error)),
         };
-        if before == 0 && done.opened == 0 {
+        if before == 0 && done.opened == 0 && (!self.always || have_same_faces(surface, &best.surface)) {
             return Ok(Resolved::default());
         }
         // Half done it must at least be closed: faces that intersect are the lesser evil.
@@ -313,6 +315,23 @@ impl Resolve {
     }
 }
 
+/// Whether two surfaces have faces with the same corners, turned the same way.
+fn have_same_faces(one: &Surface, other: &Surface) -> bool {
+    let faces = |surface: &Surface| {
+        let mut faces: Vec<[[u64; 3]; 3]> = (0..surface.faces.len())
+            .map(|f| {
+                let mut keys = surface.corners(f).map(position_key);
+                let first = (0..3).min_by_key(|&i| keys[i]).unwrap_or(0);
+                keys.rotate_left(first);
+                keys
+            })
+            .collect();
+        faces.sort_unstable();
+        faces
+    };
+    one.faces.len() == other.faces.len() && faces(one) == faces(other)
+}
+
 #[expect(clippy::cast_possible_truncation, reason = "vertices are counted in u32")]
 fn index(count: usize) -> u32 {
     count as u32
@@ -337,8 +356,18 @@ fn thickened(solid: &Solid, thickness: f64, context: &Context<'_>) -> Result<Opt
             Orient::default().apply(&mut thick, context)?;
         }
         cut_apart(&mut thick, Pairing::Angular, Pinches::Cut, context)?;
-        let thicken = ThickenSheets { thickness: Some(thickness), skins, most: f64::INFINITY, to_f32: true };
+        let thicken = ThickenSheets {
+            thickness: Some(thickness),
+            skins,
+            spares_solids: false,
+            most: f64::INFINITY,
+            to_f32: true,
+        };
         if !thicken.apply(&mut thick, context)?.changes.is_empty() {
+            if skins == Skins::Behind {
+                let made = thick.source.iter_mut().filter(|source| **source == SKIN_SOURCE);
+                made.for_each(|source| *source = OPENED_SKIN_SOURCE);
+            }
             append(&mut all, thick);
         }
     }

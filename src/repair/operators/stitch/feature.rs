@@ -1,4 +1,5 @@
 use crate::repair::operators::border::{Border, Near};
+use crate::repair::{Cancelled, Context};
 
 /// The least cosine of the angle between boundary edges that are one straight line.
 const STRAIGHT: f64 = 0.985;
@@ -49,6 +50,36 @@ impl Search {
         let found = if near.is_empty() { None } else { self.choose(border, v, &near) };
         self.near = near;
         found
+    }
+
+    /// How many vertices still have the other side of a crack within the limit, at a width that the edges there do not allow.
+    pub fn too_wide(&mut self, border: &mut Border<'_>, context: &Context<'_>) -> Result<u64, Cancelled> {
+        let mut count = 0;
+        let mut near = std::mem::take(&mut self.near);
+        for at in 0..border.vertices.len() {
+            if at % 4096 == 0 {
+                context.check()?;
+            }
+            let v = border.vertices[at];
+            if !border.is_on_boundary(v) {
+                continue;
+            }
+            near.clear();
+            border.near(v, self.limit, &mut near);
+            let ahead = straight_ahead(border, v, self.limit);
+            let courses = border.courses(v);
+            let is_across = |it: &Near| {
+                let ends = it.ends.map(|end| border.position(end));
+                let width = self.width[border.place(v)];
+                let is_wide = it.distance * 2.0 > border.length_before(it.half_edge) || it.distance >= width;
+                is_wide
+                    && !it.ends.iter().any(|end| ahead.contains(end))
+                    && Border::run_along(&courses, &Border::courses_on(ends))
+            };
+            count += u64::from(near.iter().any(is_across));
+        }
+        self.near = near;
+        Ok(count)
     }
 
     /// The nearest of the features near a vertex that is allowed.

@@ -6,14 +6,28 @@ use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
 use feature::{Feature, Search};
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
 
 use super::Applied;
-use super::border::Border;
+use super::border::{Border, Meeting};
 use crate::mesh::Surface;
 use crate::repair::{Cancelled, Change, Context};
 
 /// Cuts for each boundary edge: a vertex is on few edges, unless the input is crafted.
 const MOST_CUTS: usize = 4;
+
+/// Where two vertices that are stitched meet. A vertex that is joined to an edge stays where it is, and the edge bends to it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize, ToSchema, clap::ValueEnum)]
+#[serde(rename_all = "snake_case")]
+#[value(rename_all = "snake_case")]
+pub enum StitchPosition {
+    /// Where one of them is, so that no position is new.
+    #[default]
+    Kept,
+    /// Halfway between them.
+    Average,
+}
 
 /// How wide a crack may be.
 #[derive(Debug, Clone, Copy)]
@@ -22,6 +36,15 @@ pub struct Stitch {
     /// below half of the edge, and between vertices below half of the longer boundary edge at each: what is wider for its
     /// size is a hole.
     pub threshold: f64,
+    /// Most of its width in the model's unit, instead of `threshold`.
+    pub distance: Option<f64>,
+    /// Where two vertices meet.
+    pub position: StitchPosition,
+    /// Whether positions that are made are rounded to f32.
+    pub to_f32: bool,
+    /// Whether to count the vertices that are left though a feature is near enough, since the gap is too wide for the edges
+    /// beside it.
+    pub counts_left: bool,
     /// Share of an edge at either end of which the end is taken for the whole share, instead of cutting the edge there; 0.2
     /// by default.
     pub snap: f64,
@@ -31,7 +54,15 @@ pub struct Stitch {
 
 impl Default for Stitch {
     fn default() -> Self {
-        Self { threshold: 1e-3, snap: 0.2, most: f64::INFINITY }
+        Self {
+            threshold: 1e-3,
+            distance: None,
+            position: StitchPosition::Kept,
+            to_f32: true,
+            counts_left: false,
+            snap: 0.2,
+            most: f64::INFINITY,
+        }
     }
 }
 
@@ -50,7 +81,7 @@ impl Stitch {
     /// joined are: features straight ahead along the boundary, which would fold it and leave a T-junction; features whose
     /// boundary does not run along that of the vertex in the opposite direction, which are no side of the same crack.
     ///
-    /// Precondition: none; best where faces are consistently wound. Result: no position is made, no face goes, loses its
+    /// Precondition: none; best where faces are consistently wound. Result: no position is made but averages where they are asked for, no face goes, loses its
     /// area or turns over, and no edge has more faces than two that had one. Leaves: what is wider, triangles at the
     /// ends of cracks that are blunt, and what would break the above.
     ///
@@ -60,8 +91,11 @@ impl Stitch {
     /// # Errors
     /// [`Cancelled`] when the work should stop; what is stitched stays stitched.
     pub fn apply(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
-        let limit = (self.threshold * surface.bounds().diagonal()).min(self.most);
+        let limit = self.distance.unwrap_or(self.threshold * surface.bounds().diagonal()).min(self.most);
         let Some(mut border) = Border::new(surface).filter(|_| limit > 0.0) else { return Ok(Applied::default()) };
+        if self.position == StitchPosition::Average {
+            border.meeting = if self.to_f32 { Meeting::HalfwayInF32 } else { Meeting::Halfway };
+        }
         let mut search = Search::new(&border, limit, self.snap.clamp(0.0, 0.5));
         // Distances are never negative, so that their bits are in their order.
         let mut queue: BinaryHeap<Reverse<(u64, u32)>> = BinaryHeap::new();
@@ -106,12 +140,20 @@ impl Stitch {
                 }
             }
         }
+        let mut limited = Vec::new();
+        let too_wide = if self.counts_left { search.too_wide(&mut border, context)? } else { 0 };
+        if too_wide > 0 {
+            let option = if self.distance.is_some() { "stitch_distance" } else { "stitch_threshold" };
+            limited.push((option, format!(
+                "{too_wide} boundary vertices have a gap within it that is wider than half of the edges beside it; such a gap is a hole"
+            )));
+        }
         let left = border.gave_up();
         let moved = border.farthest().max(bent);
         if merged > 0 {
             surface.drop_unreferenced();
         }
         let changes = Change::list([("crack_vertices_merged", merged), ("crack_edges_split", cut)]);
-        Ok(Applied { changes, moved, left, failed: None })
+        Ok(Applied { changes, moved, left, limited, ..Applied::default() })
     }
 }

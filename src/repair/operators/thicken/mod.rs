@@ -7,9 +7,11 @@ use cover::Cover;
 use glam::DVec3;
 use offset::Offsets;
 
+use super::open_parts::OpenParts;
 use super::quantise::written;
 use super::{Applied, open_parts};
-use crate::mesh::{Edges, Surface};
+use crate::mesh::{Edges, SKIN_SOURCE, Surface};
+use crate::repair::sheets::almost_closed;
 use crate::repair::{Cancelled, Change, Context};
 
 /// The thickness that a sheet gets where none is asked for, as a share of the model's diagonal: on a print of 200 mm it is
@@ -34,6 +36,8 @@ pub struct ThickenSheets {
     pub thickness: Option<f64>,
     /// Where the skins lie.
     pub skins: Skins,
+    /// Whether parts that are almost closed ([`almost_closed`]) are left open: a shell is not the solid that they are the surface of.
+    pub spares_solids: bool,
     /// The farthest that a skin may be from the sheet, in the model's unit.
     pub most: f64,
     /// Whether positions are to be those that an STL file can hold.
@@ -64,9 +68,16 @@ impl ThickenSheets {
     /// # Errors
     /// [`Cancelled`] when the work should stop; the surface is then unchanged.
     pub fn apply(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
-        let open = open_parts(surface);
+        let mut open = open_parts(surface);
+        let spared = if self.spares_solids { spare_solids(surface, &mut open, context)? } else { 0 };
+        let told = |spared: u64| {
+            let plural =
+                if spared == 1 { "open part is an almost closed solid" } else { "open parts are almost closed solids" };
+            format!("{spared} {plural} and got no thickness")
+        };
         if open.count == 0 {
-            return Ok(Applied::default());
+            let left = (spared > 0).then(|| told(spared));
+            return Ok(Applied { changes: Change::list([("solids_left_open", spared)]), left, ..Applied::default() });
         }
         let bounds = surface.bounds();
         let wanted = self.thickness.unwrap_or(THICKNESS * bounds.diagonal());
@@ -94,10 +105,28 @@ impl ThickenSheets {
         });
         let rim = cover.boundary.len() as u64;
         put(surface, &cover, &ids);
-        let changes = Change::list([("sheets_thickened", open.count), ("rim_edges_closed", rim)]);
+        let changes =
+            Change::list([("sheets_thickened", open.count), ("rim_edges_closed", rim), ("solids_left_open", spared)]);
         let moved = if front > 0.0 { front * offset::MITER } else { 0.0 };
-        Ok(Applied { changes, moved, left: Some(format!("at a thickness of {thickness:.6}")), ..Applied::default() })
+        let mut left = format!("at a thickness of {thickness:.6}");
+        if spared > 0 {
+            left = format!("{left}; {}", told(spared));
+        }
+        Ok(Applied { changes, moved, left: Some(left), ..Applied::default() })
     }
+}
+
+/// Takes the parts that are almost closed out of the open ones. Answers how many they are.
+fn spare_solids(surface: &Surface, open: &mut OpenParts, context: &Context<'_>) -> Result<u64, Cancelled> {
+    let spared = almost_closed(surface, open, context)?;
+    let keep: Vec<bool> = open.part.iter().map(|&part| !spared[part as usize]).collect();
+    let mut kept = keep.iter();
+    open.faces.retain(|_| kept.next() == Some(&true));
+    let mut kept = keep.iter();
+    open.part.retain(|_| kept.next() == Some(&true));
+    let count = spared.iter().filter(|&&spared| spared).count() as u64;
+    open.count -= count;
+    Ok(count)
 }
 
 /// The vertices of the two sides of each fan.
@@ -141,11 +170,11 @@ fn put(surface: &mut Surface, cover: &Cover, ids: &Ids) {
         surface.faces[f as usize] = [0, 1, 2].map(|c| id(3 * i + c, 0));
     }
     for i in 0..cover.faces.len() {
-        surface.push_patch([0, 2, 1].map(|c| id(3 * i + c, 1)));
+        surface.push_made([0, 2, 1].map(|c| id(3 * i + c, 1)), SKIN_SOURCE);
     }
     for &h in &cover.boundary {
         let (u, v) = (h as usize, Edges::next(h) as usize);
-        surface.push_patch([id(v, 0), id(u, 0), id(u, 1)]);
-        surface.push_patch([id(v, 0), id(u, 1), id(v, 1)]);
+        surface.push_made([id(v, 0), id(u, 0), id(u, 1)], SKIN_SOURCE);
+        surface.push_made([id(v, 0), id(u, 1), id(v, 1)], SKIN_SOURCE);
     }
 }

@@ -1,0 +1,159 @@
+//! What was decided without proof on the way to a result.
+
+use super::operators::thicken::THICKNESS;
+use super::verdict::Judged;
+use super::{Assumption, AssumptionKind, InsideRule, Operator, Options, Report, Step, StepStatus};
+use crate::inspect::{Analysis, Certificate, Solid};
+
+/// The assumptions behind the result of the strategy with index `rung`.
+pub(super) fn assumptions(
+    report: &Report,
+    judged: &Judged,
+    rung: Option<u32>,
+    input: &Analysis<'_>,
+) -> Vec<Assumption> {
+    let of_rung = |step: &&Step| Some(step.rung) == rung && step.status == StepStatus::Done;
+    let steps: Vec<&Step> = report.steps.iter().filter(of_rung).collect();
+    let diagonal = input.surface.bounds().diagonal();
+    let mut all = invented(&steps, judged, &report.options, diagonal);
+    all.extend(large_holes(judged, diagonal));
+    all.extend(winding_rule(&steps, report, rung));
+    all.extend(pieces_dropped(judged, input));
+    all.extend(cavities(judged, input));
+    all
+}
+
+/// How much of one kind the operator changed.
+fn changed(steps: &[&Step], operator: Operator, what: &str) -> u64 {
+    let of_operator = steps.iter().filter(|step| step.operator == Some(operator));
+    of_operator.flat_map(|step| &step.changed).filter(|change| change.what == what).map(|change| change.count).sum()
+}
+
+/// "One" and the singular, or the count and the plural.
+fn counted(count: u64, one: &str, many: &str) -> String {
+    if count == 1 { format!("One {one}") } else { format!("{count} {many}") }
+}
+
+/// Thickened sheets, bases, and parts joined.
+fn invented(steps: &[&Step], judged: &Judged, options: &Options, diagonal: f64) -> Vec<Assumption> {
+    let (it, mut all) = (&judged.invented, Vec::new());
+    let places = || it.places.iter().map(|at| at.to_array());
+    let thickness = options.thickness.unwrap_or(THICKNESS * diagonal);
+    let sheets = changed(steps, Operator::ThickenSheets, "sheets_thickened");
+    if sheets > 0 {
+        let share = it.share_pct(it.skins);
+        let detail = format!(
+            "{} given a thickness of {thickness:.4}; {share:.1} % of the result's surface is new by it.",
+            counted(sheets, "open sheet that encloses nothing was", "open sheets that enclose nothing were")
+        );
+        let told = Assumption::new(AssumptionKind::SheetsThickened, sheets, detail).with_amount(thickness);
+        all.push(told.with_share(share).at(places()).unless("open_sheets=leave"));
+    }
+    let faces = changed(steps, Operator::Resolve, "faces_around_open_rooms_thickened");
+    if faces > 0 {
+        let share = it.share_pct(it.opened_skins);
+        let detail = format!(
+            "{} around regions into which one can look through holes given a thickness of {thickness:.4}, and the regions \
+             were left open; {share:.1} % of the result's surface is new by it.",
+            counted(faces, "face was", "faces were")
+        );
+        let told = Assumption::new(AssumptionKind::SheetsThickened, faces, detail).with_amount(thickness);
+        all.push(told.with_share(share).at(places()).unless("open_sheets=leave"));
+    }
+    let bases = changed(steps, Operator::AddBase, "bases_added");
+    if bases > 0 {
+        let share = it.share_pct(it.bases);
+        let detail = format!(
+            "{} closed by a base {thickness:.4} thick at its lowest point; {share:.1} % of the result's surface is new by it.",
+            counted(bases, "open surface was", "open surfaces were")
+        );
+        let told = Assumption::new(AssumptionKind::BasesAdded, bases, detail).with_amount(thickness);
+        all.push(told.with_share(share).at(places()).unless("open_sheets=leave"));
+    }
+    let joined = changed(steps, Operator::JoinParts, "parts_joined");
+    if joined > 0 {
+        let detail = format!("{joined} bands of surface join parts that were apart.");
+        all.push(Assumption::new(AssumptionKind::PartsJoined, joined, detail).unless("without=join_parts"));
+    }
+    all
+}
+
+fn large_holes(judged: &Judged, diagonal: f64) -> Option<Assumption> {
+    let it = &judged.invented;
+    let smallest = it.patches.iter().map(|patch| patch.extent).reduce(f64::min)?;
+    let (count, area) = (it.patches.len() as u64, it.patch_area());
+    let share = it.share_pct(area);
+    let detail = format!(
+        "{} closed with {share:.1} % of the result's surface.",
+        counted(count, "large hole was", "large holes were")
+    );
+    let below = ((smallest / diagonal * 1000.0).floor() - 1.0).clamp(0.0, 999.0) / 1000.0;
+    let told = Assumption::new(AssumptionKind::LargeHolesClosed, count, detail).with_amount(area).with_share(share);
+    let places = it.patches.iter().map(|patch| patch.at.to_array());
+    Some(told.at(places).unless(&format!("max_hole_size={below}")))
+}
+
+/// The winding rule that `auto` chose, where intersecting surface looks in different ways.
+fn winding_rule(steps: &[&Step], report: &Report, rung: Option<u32>) -> Option<Assumption> {
+    let resolved = steps.iter().any(|step| step.operator == Some(Operator::Resolve) && !step.changed.is_empty());
+    let before = &report.before.measures;
+    let is_open_question = before.inverted_parts > 0 || before.misoriented_edges > 0;
+    if report.options.inside != InsideRule::Auto || !resolved || !is_open_question {
+        return None;
+    }
+    let rung = report.plan.rungs.get(rung? as usize)?;
+    let (detail, other) = match super::tiers::takes_inverted_for_solid(rung, &report.options) {
+        true => ("Where faces intersect, parts that are inside out were taken for solid too.", "inside=positive"),
+        false => {
+            ("Where faces intersect, only what the surface winds around outward was taken for solid.", "inside=nonzero")
+        }
+    };
+    Some(Assumption::new(AssumptionKind::WindingRule, 1, detail).unless(other))
+}
+
+/// The input's parts with one of these certificates.
+fn certified<'a>(
+    judged: &'a Judged,
+    input: &'a Analysis<'_>,
+    is_one: impl Fn(Certificate) -> bool + 'a,
+) -> Vec<&'a Solid> {
+    let certificates = judged.ledger.iter().flat_map(|ledger| &ledger.certificates);
+    certificates.filter(|it| is_one(it.certificate)).filter_map(|it| input.solids.get(it.part as usize)).collect()
+}
+
+fn pieces_dropped(judged: &Judged, input: &Analysis<'_>) -> Option<Assumption> {
+    let ledger = judged.ledger.as_ref()?;
+    let count = ledger.debris + ledger.no_volume;
+    if count == 0 {
+        return None;
+    }
+    let pieces = certified(judged, input, |it| matches!(it, Certificate::Debris | Certificate::NoVolume));
+    let area: f64 = pieces.iter().map(|piece| piece.area).sum();
+    let detail = format!(
+        "{} dropped that enclose nothing or are too small to print.",
+        counted(count, "stray piece was", "stray pieces were")
+    );
+    let option = if ledger.debris > 0 { "without=remove_debris" } else { "open_sheets=thicken" };
+    let told = Assumption::new(AssumptionKind::PiecesDropped, count, detail).with_amount(area);
+    Some(told.at(pieces.iter().map(|piece| piece.bounds.centre().to_array())).unless(option))
+}
+
+/// Sealed cavities that are kept, and those that are filled.
+fn cavities(judged: &Judged, input: &Analysis<'_>) -> Vec<Assumption> {
+    let mut all = Vec::new();
+    if !judged.cavities.is_empty() {
+        let (count, volume) = (judged.cavities.len() as u64, judged.cavities.iter().map(|it| it.0).sum());
+        let detail = format!("{} kept hollow.", counted(count, "sealed cavity was", "sealed cavities were"));
+        let told = Assumption::new(AssumptionKind::CavitiesKept, count, detail).with_amount(volume);
+        all.push(told.at(judged.cavities.iter().map(|it| it.1)));
+    }
+    let mut filled = certified(judged, input, |it| it == Certificate::InsideAnother);
+    filled.retain(|part| part.closed && part.volume < 0.0);
+    if !filled.is_empty() {
+        let (count, volume) = (filled.len() as u64, filled.iter().map(|it| it.volume.abs()).sum());
+        let detail = format!("{} filled.", counted(count, "sealed cavity was", "sealed cavities were"));
+        let told = Assumption::new(AssumptionKind::CavitiesFilled, count, detail).with_amount(volume);
+        all.push(told.at(filled.iter().map(|it| it.bounds.centre().to_array())).unless("inside=odd"));
+    }
+    all
+}

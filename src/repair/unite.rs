@@ -1,0 +1,204 @@
+//! Objects that intersect where they stand become one object.
+
+use glam::DAffine3;
+
+use super::{Cancelled, Context};
+use crate::inspect::{Analysis, InstanceContact, instance_contacts};
+use crate::scene::{Instance, Item, Object, Scene, SceneError, Shape};
+
+/// Names of united objects that the name of their union lists.
+const MAX_NAMES: usize = 4;
+
+/// A scene some of whose objects are unions of objects of the file.
+#[derive(Clone)]
+pub(super) struct UnitedScene {
+    /// The scene, before anything is repaired.
+    pub scene: Scene,
+    /// For each object of the scene the objects of the file that it is made of, one for each instance; itself where nothing was united.
+    pub members: Vec<Vec<usize>>,
+    /// For each object of the scene its index in the scene that was united; none for a new union.
+    pub unchanged_from: Vec<Option<usize>>,
+    /// For each group that was united last the object that it became.
+    pub unions: Vec<usize>,
+    /// Whether it is no longer the scene of the file.
+    pub is_changed: bool,
+}
+
+impl UnitedScene {
+    /// A scene of which nothing is united.
+    pub fn of(scene: &Scene) -> Self {
+        let count = scene.objects.len();
+        Self {
+            scene: scene.clone(),
+            members: (0..count).map(|object| vec![object]).collect(),
+            unchanged_from: (0..count).map(Some).collect(),
+            unions: Vec::new(),
+            is_changed: false,
+        }
+    }
+
+    /// Whether an object is a union.
+    pub fn is_union(&self, object: usize) -> bool {
+        self.members[object].len() > 1
+    }
+
+    /// The same with each group of instances made one object, which stands where the first of them stood. Objects that have no instance
+    /// left are dropped, and items that lost an instance are split into one item for each of the others.
+    pub fn unite(&self, instances: &[Instance], groups: &[Vec<usize>]) -> Self {
+        let mut group_of = vec![None; instances.len()];
+        for (number, group) in groups.iter().enumerate() {
+            group.iter().for_each(|&instance| group_of[instance] = Some(number));
+        }
+        let mut scene = self.scene.clone();
+        let (mut members, mut unchanged_from) = (self.members.clone(), Vec::new());
+        unchanged_from.extend((0..scene.objects.len()).map(Some));
+        let first_union = scene.objects.len();
+        for group in groups {
+            let of_group = || group.iter().map(|&instance| &instances[instance]);
+            let name = union_name(of_group().map(|it| &self.scene.objects[it.object as usize]));
+            scene.objects.push(Object::of_mesh(name, self.scene.placed_instances(of_group())));
+            members.push(of_group().flat_map(|it| self.members[it.object as usize].iter().copied()).collect());
+            unchanged_from.push(None);
+        }
+        scene.items = self.items_without(instances, &group_of, groups, first_union);
+        let keep = objects_in_use(&self.scene, &scene);
+        // A union stands where the first of its members stood.
+        let first_member = |group: &Vec<usize>| group.first().map_or(0, |&first| instances[first].object as usize);
+        let place = |object: usize| match object.checked_sub(first_union) {
+            None => (object, 0),
+            Some(group) => (first_member(&groups[group]), group + 1),
+        };
+        let mut order: Vec<usize> = (0..keep.len()).filter(|&object| keep[object]).collect();
+        order.sort_by_key(|&object| place(object));
+        let members = order.iter().map(|&object| std::mem::take(&mut members[object])).collect();
+        let unchanged_from = order.iter().map(|&object| unchanged_from[object]).collect();
+        select_objects(&mut scene, &order);
+        let place_of = |object: usize| order.iter().position(|&it| it == object).unwrap_or(0);
+        let unions = (0..groups.len()).map(|group| place_of(first_union + group)).collect();
+        Self { scene, members, unchanged_from, unions, is_changed: true }
+    }
+
+    /// The items, each union in the place of the first of its members.
+    fn items_without(
+        &self,
+        instances: &[Instance],
+        group_of: &[Option<usize>],
+        groups: &[Vec<usize>],
+        first_union: usize,
+    ) -> Vec<Item> {
+        let index = |object: usize| u32::try_from(object).unwrap_or(u32::MAX);
+        let mut placed = vec![false; groups.len()];
+        let mut items = Vec::new();
+        for (number, item) in (0u32..).zip(&self.scene.items) {
+            let own: Vec<usize> = (0..instances.len()).filter(|&i| instances[i].item == number).collect();
+            if own.iter().all(|&i| group_of[i].is_none()) {
+                items.push(item.clone());
+                continue;
+            }
+            for i in own {
+                match group_of[i] {
+                    None => {
+                        let Instance { object, transform, .. } = instances[i];
+                        items.push(Item { object, transform, ..item.clone() });
+                    }
+                    Some(group) if !placed[group] => {
+                        placed[group] = true;
+                        let alone = groups[group].iter().all(|&other| instances[other].item == number);
+                        let base = if alone { item.clone() } else { Item::of(0) };
+                        let object = index(first_union + group);
+                        items.push(Item { object, transform: DAffine3::IDENTITY, ..base });
+                    }
+                    Some(_) => {}
+                }
+            }
+        }
+        items
+    }
+}
+
+/// The contacts between the printed instances of a scene, by their indices among `instances`.
+pub(super) fn contacts_of(
+    instances: &[Instance],
+    placed: &Analysis<'_>,
+    context: &Context<'_>,
+) -> Result<Vec<InstanceContact>, Cancelled> {
+    instance_contacts(placed, instance_of(instances), context)
+}
+
+/// Tells the instance of a face of the placed mesh.
+pub(super) fn instance_of(instances: &[Instance]) -> impl Fn(u32) -> u32 + use<> {
+    let printed: Vec<usize> = (0..instances.len()).filter(|&i| instances[i].is_printed).collect();
+    let firsts: Vec<usize> = printed.iter().map(|&i| instances[i].first_face).collect();
+    #[expect(clippy::cast_possible_truncation, reason = "instances are no more than faces, which are counted in u32")]
+    move |face| printed[firsts.partition_point(|&first| first <= face as usize) - 1] as u32
+}
+
+/// The groups of two or more instances that contacts connect, each in the order of the instances.
+pub(super) fn connected(count: usize, contacts: &[InstanceContact]) -> Vec<Vec<usize>> {
+    let mut sets = petgraph::unionfind::UnionFind::<u32>::new(count);
+    for contact in contacts {
+        sets.union(contact.instances[0], contact.instances[1]);
+    }
+    let mut groups: Vec<Vec<usize>> = vec![Vec::new(); count];
+    for (instance, set) in sets.into_labeling().into_iter().enumerate() {
+        groups[set as usize].push(instance);
+    }
+    groups.retain(|group| group.len() > 1);
+    groups.sort_unstable();
+    groups
+}
+
+/// The instances of a scene; a scene that was read within limits has no more than those allow.
+pub(super) fn instances_of(scene: &Scene) -> Result<Vec<Instance>, SceneError> {
+    scene.instances(u64::MAX)
+}
+
+/// The name of a union: the different names of its members.
+fn union_name<'a>(members: impl Iterator<Item = &'a Object>) -> Option<String> {
+    let mut names: Vec<&str> = Vec::new();
+    for name in members.filter_map(|object| object.name.as_deref()) {
+        if !names.contains(&name) {
+            names.push(name);
+        }
+    }
+    let more = names.len().saturating_sub(MAX_NAMES);
+    let mut listed = names[..names.len() - more].join(" + ");
+    if more > 0 {
+        listed.push_str(&format!(" + {more} more"));
+    }
+    (!names.is_empty()).then_some(listed)
+}
+
+/// Of each object of `after` whether it is kept: those that are placed, that were not placed before either, or that such are made of.
+fn objects_in_use(before: &Scene, after: &Scene) -> Vec<bool> {
+    let (was, is) = (before.places(), after.places());
+    let mut keep: Vec<bool> =
+        is.iter().enumerate().map(|(object, &count)| count > 0 || was.get(object) == Some(&0)).collect();
+    for object in (0..keep.len()).rev().filter(|&object| object < was.len()) {
+        if let (true, Shape::Components(parts)) = (keep[object], &after.objects[object].shape) {
+            for part in parts {
+                if let Some(keep) = keep.get_mut(part.object as usize) {
+                    *keep = true;
+                }
+            }
+        }
+    }
+    keep
+}
+
+/// Keeps the objects of these numbers, in this order, and numbers them again. Objects are made of objects before them in it.
+fn select_objects(scene: &mut Scene, order: &[usize]) {
+    let mut numbers = vec![u32::MAX; scene.objects.len()];
+    for (number, &object) in (0u32..).zip(order) {
+        numbers[object] = number;
+    }
+    let again = |object: u32| numbers.get(object as usize).copied().unwrap_or(u32::MAX);
+    let mut objects: Vec<Option<Object>> = std::mem::take(&mut scene.objects).into_iter().map(Some).collect();
+    scene.objects = order.iter().filter_map(|&object| objects[object].take()).collect();
+    for object in &mut scene.objects {
+        if let Shape::Components(parts) = &mut object.shape {
+            parts.iter_mut().for_each(|part| part.object = again(part.object));
+        }
+    }
+    scene.items.iter_mut().for_each(|item| item.object = again(item.object));
+}
