@@ -21,10 +21,11 @@ const REDIRECT_LIFE: Duration = Duration::from_secs(300);
 
 /// Download a file of a job.
 ///
-/// `model` is the result, `report.json` the account, `log.txt` what the tiers said. Unless `pictures` is false,
-/// `before.png` and `after.png` show the input and the result with what is wrong in colour, and `defects.glb` and
-/// `defects.ply` are the input as coloured meshes with a legend. `change.png`, `change.glb` and `change.ply` show the surface that
-/// was kept, moved, added and removed. What is still wrong with a result is in `remaining.glb`; models of more than 400,000 faces have
+/// `model` is the result, or where nothing made the model better `original` is the upload. `report.json` is the account, `log.txt` what
+/// the tiers said. Unless `pictures` is false, `before.png` and `after.png` show the input and the result with what is wrong in colour,
+/// and `defects.glb` and `defects.ply` are the input as coloured meshes with a legend. `change.png`, `change.glb` and `change.ply` show
+/// the surface that was kept, moved, added and removed. What is still wrong with a result is in `remaining.glb`; models of more than
+/// 400,000 faces have
 /// coarse previews, `defects-preview.glb` and `change-preview.glb`. Single ranges, If-Range and If-None-Match are honoured; the entity tag is the file's SHA-256.
 #[utoipa::path(
     get, path = "/v1/jobs/{id}/artifacts/{name}", tag = "jobs",

@@ -23,6 +23,10 @@ pub fn describe_job_problem(kind: ProblemKind) -> (&'static str, &'static str) {
     match kind {
         ProblemKind::BadInput => ("The file can't be read", "Export the model again; the detail names what and where."),
         ProblemKind::BadOutput => ("The result can't be written", "Ask for another output format."),
+        ProblemKind::NotPrintable => (
+            "Not printable",
+            "The report says what is left: repair that where the model was made, or send it with require=any for the best result there is.",
+        ),
         ProblemKind::DeadlineExceeded => {
             ("Out of time", "Raise deadline_s, lower max_tier or level, or send fewer faces.")
         }
@@ -38,9 +42,10 @@ pub fn describe_job_problem(kind: ProblemKind) -> (&'static str, &'static str) {
 /// Every problem of requests and of jobs.
 #[must_use]
 pub fn catalogue() -> Vec<ProblemDoc> {
-    const KINDS: [ProblemKind; 9] = [
+    const KINDS: [ProblemKind; 10] = [
         ProblemKind::BadInput,
         ProblemKind::BadOutput,
+        ProblemKind::NotPrintable,
         ProblemKind::DeadlineExceeded,
         ProblemKind::OutOfMemory,
         ProblemKind::CpuLimit,

@@ -20,7 +20,7 @@ pub(super) struct JobView {
     pub id: String,
     /// Where it stands.
     pub status: Status,
-    /// What became of the model, once the job succeeded.
+    /// What became of the model, once the job succeeded, or failed since its result is not what `require` asks for.
     #[schema(required)]
     pub outcome: Option<JobOutcome>,
     /// How far it is; none once it has ended.

@@ -170,7 +170,7 @@ pub struct Artifact {
     pub sha256: String,
 }
 
-/// Result files by artifact name (`model`, `report.json`, `log.txt`, pictures).
+/// Result files by artifact name (`model` or `original`, `report.json`, `log.txt`, pictures).
 pub type Artifacts = BTreeMap<String, Artifact>;
 
 /// A client's own notes on a job, handed back as they came: names and texts.
@@ -184,6 +184,8 @@ pub enum ProblemKind {
     BadInput,
     /// The result can't be written in the format that was asked for.
     BadOutput,
+    /// The result is not printable, which `require` asks for. The report says what is left.
+    NotPrintable,
     /// The time given by `deadline_s` ran out before there was any result.
     DeadlineExceeded,
     /// The job needed more memory than a job may have.
@@ -242,7 +244,7 @@ pub struct Job {
     pub made_by: Option<String>,
     /// Where it stands.
     pub status: Status,
-    /// What became of the model, once it succeeded.
+    /// What became of the model, where the work was done to its end.
     pub outcome: Option<JobOutcome>,
     /// How far it is, while it runs.
     pub progress: Option<JobProgress>,

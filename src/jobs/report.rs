@@ -2,9 +2,10 @@ use serde::{Deserialize, Serialize};
 use serde_json::value::RawValue;
 use utoipa::ToSchema;
 
+use super::{JobProblem, ProblemKind};
 use crate::analyze::AnalysisReport;
 use crate::format::Format;
-use crate::repair::{Outcome, Report, Step};
+use crate::repair::{AssumptionKind, HandedOut, Outcome, RedFlagCode, Report, Step};
 use crate::scene::LengthUnit;
 
 /// What became of a job's model, apart from whether the job ran.
@@ -13,9 +14,9 @@ use crate::scene::LengthUnit;
 pub enum JobOutcome {
     /// Repair: the input is printable; its geometry comes back untouched.
     AlreadyPrintable,
-    /// Repair: the result is printable and no red flag is up.
+    /// Repair: the result passes every check, and no red flag is up.
     Repaired,
-    /// Repair: the result is better than the input, but not printable, or printable with a red flag up.
+    /// Repair: the result is better than the input, but fails a check, or passes all of them with a red flag up.
     PartiallyRepaired,
     /// Repair: nothing that ran made the model better; the reason is in the report.
     Unrepairable,
@@ -26,6 +27,18 @@ pub enum JobOutcome {
     /// Analysis: nothing is wrong that was looked for, but the level did not ask for faces that intersect, or they could
     /// not all be counted.
     Undecided,
+}
+
+impl JobOutcome {
+    /// Whether what the job hands out, or of an analysis every file, can be printed as it is; none where that is not known.
+    #[must_use]
+    pub fn is_printable(self) -> Option<bool> {
+        match self {
+            Self::AlreadyPrintable | Self::Repaired | Self::Printable => Some(true),
+            Self::PartiallyRepaired | Self::Unrepairable | Self::NotPrintable => Some(false),
+            Self::Undecided => None,
+        }
+    }
 }
 
 impl From<Outcome> for JobOutcome {
@@ -87,13 +100,21 @@ impl JobReport {
         }
     }
 
-    /// The format of the model that was made, if one was.
+    /// The file that the job hands out, with the format that a model has.
     #[must_use]
-    pub fn output(&self) -> Option<Format> {
+    pub fn handed_out(&self) -> (HandedOut, Option<Format>) {
         match self {
-            Self::Repair(report) => report.output.as_ref().map(|output| output.format),
-            Self::Analyze(_) => None,
+            Self::Repair(report) => (report.verdict.file, report.output.as_ref().map(|output| output.format)),
+            Self::Analyze(_) => (HandedOut::None, None),
         }
+    }
+
+    /// Why the job fails although it has a report; none where it succeeds.
+    #[must_use]
+    pub fn refusal(&self) -> Option<JobProblem> {
+        let Self::Repair(report) = self else { return None };
+        let detail = report.refusal()?;
+        Some(JobProblem { code: ProblemKind::NotPrintable, detail, place: None, file: None })
     }
 
     /// The steps of a repair.
@@ -123,6 +144,39 @@ impl StoredReport {
     /// Its JSON.
     pub(super) fn json(&self) -> &str {
         self.0.get()
+    }
+
+    /// The codes of a repair's red flags, and the kinds of its assumptions, each once.
+    #[must_use]
+    pub fn remarks(&self) -> (Vec<RedFlagCode>, Vec<AssumptionKind>) {
+        #[derive(Deserialize)]
+        struct Flag {
+            code: RedFlagCode,
+        }
+        #[derive(Deserialize)]
+        struct Assumed {
+            kind: AssumptionKind,
+        }
+        #[derive(Deserialize)]
+        struct Remarks {
+            #[serde(default)]
+            red_flags: Vec<Flag>,
+            #[serde(default)]
+            assumptions: Vec<Assumed>,
+        }
+        let Ok(Remarks { red_flags, assumptions }) = serde_json::from_str(self.json()) else {
+            return Default::default();
+        };
+        let mut codes = Vec::new();
+        for flag in red_flags {
+            if !codes.contains(&flag.code) {
+                codes.push(flag.code);
+            }
+        }
+        let mut kinds: Vec<_> = assumptions.into_iter().map(|assumed| assumed.kind).collect();
+        kinds.sort_unstable();
+        kinds.dedup();
+        (codes, kinds)
     }
 
     /// The unit of each file's lengths, in their order; none in reports of before there were units.

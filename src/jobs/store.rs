@@ -202,6 +202,8 @@ pub struct Failure {
     pub kind: FailureKind,
     /// Why; kept as the job's problem if this was the last try.
     pub problem: JobProblem,
+    /// The account, where the work was done and its result is refused.
+    pub report: Option<JobReport>,
     /// Files to keep, such as the log.
     pub artifacts: Artifacts,
 }

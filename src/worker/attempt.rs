@@ -30,6 +30,7 @@ use crate::jobs::{
     Artifact, Artifacts, Claim, Completion, Failure, FailureKind, Job, JobProblem, JobProgress, JobReport, Lease,
     ProblemKind, Status, StoreError,
 };
+use crate::repair::promised_overrun;
 use crate::telemetry::{self, label};
 
 /// Progress is written to the store no more often than this.
@@ -103,7 +104,8 @@ impl<'a> Attempt<'a> {
         match ended {
             Ok(Some(job)) => {
                 let outcome = job.outcome.map_or(String::new(), |outcome| label(&outcome));
-                tracing::info!(status = job.status.as_str(), outcome, milliseconds, "attempt ended");
+                let problem = job.problem.as_ref().map_or(String::new(), |problem| label(&problem.code));
+                tracing::info!(status = job.status.as_str(), outcome, problem, milliseconds, "attempt ended");
                 if let Some(problem) = &job.problem {
                     telemetry::failed(&Span::current(), label(&problem.code));
                 }
@@ -162,7 +164,7 @@ impl<'a> Attempt<'a> {
             }
             // The result was there before the process went down, so that at most pictures are missing.
             Ended::Exited(_) | Ended::Deadline if !matches!(report, Ok(None)) => {
-                self.succeed(folder, report?).await.map(Some)
+                self.conclude(folder, report?).await.map(Some)
             }
             Ended::Deadline => {
                 metrics::counter!(telemetry::KILLS, "reason" => "deadline").increment(1);
@@ -179,7 +181,7 @@ impl<'a> Attempt<'a> {
                 let problem = crash::too_much(excess, self.pool.config.job_scratch, self.pool.config.job_processes);
                 self.fail(folder, FailureKind::Final, problem).await.map(Some)
             }
-            Ended::Exited(status) if status.success() => self.succeed(folder, None).await.map(Some),
+            Ended::Exited(status) if status.success() => self.conclude(folder, None).await.map(Some),
             Ended::Exited(status) if status.code() == Some(i32::from(Task::EXIT_PROBLEM)) => {
                 let problem = there(read(&folder.join(Task::PROBLEM))?, Task::PROBLEM)?;
                 let problem = serde_json::from_slice(&problem).map_err(|e| AttemptError::Json(Task::PROBLEM, e))?;
@@ -216,9 +218,10 @@ impl<'a> Attempt<'a> {
         }
     }
 
-    /// The time after which the job's processes are killed.
+    /// The time after which the job's processes are killed: later than a repair takes by itself to keep its deadline.
     fn deadline(&self) -> Duration {
-        Duration::from_secs_f64(self.job.options.deadline_s().clamp(1.0, 3600.0)) + self.pool.config.deadline_grace
+        let deadline = Duration::from_secs_f64(self.job.options.deadline_s().clamp(1.0, 3600.0));
+        deadline + promised_overrun(deadline) + self.pool.config.deadline_grace
     }
 
     /// Extends the lease from the claim to the end of the attempt, whatever the attempt is doing. When the job is no
@@ -317,20 +320,29 @@ impl<'a> Attempt<'a> {
         }
     }
 
-    async fn succeed(&self, folder: &Path, report: Option<Vec<u8>>) -> Result<Job, AttemptError> {
+    /// Ends the job by its report: with the result, or failed where the result is not what was required.
+    async fn conclude(&self, folder: &Path, report: Option<Vec<u8>>) -> Result<Job, AttemptError> {
         pause_alone_at("worker-publish").await;
         // Not given up half way when the job is lost: what is in flight would land after the clearing away.
         let completion = self.publish(folder, report).instrument(tracing::info_span!("publish")).await?;
         pause_alone_at("worker-complete").await;
         record_steps(completion.report.steps());
-        let complete = patiently(None, || self.pool.store.complete(&self.lease, completion.clone()));
-        let job = complete.instrument(tracing::info_span!("complete")).await?;
+        let job = self.complete(completion).instrument(tracing::info_span!("complete")).await?;
         if self.lease.attempt > 1
             && let Err(error) = self.pool.blobs.delete_attempts(self.lease.id, Some(&self.lease.token)).await
         {
             tracing::warn!(%error, "files of an earlier attempt were left");
         }
         Ok(job)
+    }
+
+    async fn complete(&self, completion: Completion) -> Result<Job, StoreError> {
+        let Some(problem) = completion.report.refusal() else {
+            return patiently(None, || self.pool.store.complete(&self.lease, completion.clone())).await;
+        };
+        let Completion { report, artifacts } = completion;
+        let failure = Failure { kind: FailureKind::Final, problem, report: Some(report), artifacts };
+        patiently(None, || self.pool.store.fail(&self.lease, failure.clone())).await
     }
 
     async fn publish(&self, folder: &Path, report: Option<Vec<u8>>) -> Result<Completion, AttemptError> {
@@ -342,7 +354,7 @@ impl<'a> Attempt<'a> {
 
     async fn fail(&self, folder: &Path, kind: FailureKind, problem: JobProblem) -> Result<Job, AttemptError> {
         let artifacts = self.store_files(folder, offered(&self.job.inputs, None)).await?;
-        let failure = Failure { kind, problem, artifacts };
+        let failure = Failure { kind, problem, report: None, artifacts };
         Ok(patiently(None, || self.pool.store.fail(&self.lease, failure.clone())).await?)
     }
 
@@ -356,16 +368,16 @@ impl<'a> Attempt<'a> {
             _ => "The service could not run this job. Please try again later; its log has the reason.",
         };
         let problem = problem(ProblemKind::Internal, detail.to_owned());
-        let failure = Failure { kind: FailureKind::Passing, problem, artifacts: Artifacts::new() };
+        let failure = Failure { kind: FailureKind::Passing, problem, report: None, artifacts: Artifacts::new() };
         patiently(None, || self.pool.store.fail(&self.lease, failure.clone())).await
     }
 
     /// Stores those files that are there under this attempt's own keys, where nobody sees them yet.
     async fn store_files(&self, folder: &Path, files: Vec<Offered>) -> Result<Artifacts, AttemptError> {
         let key = |name: &str| Blobs::artifact_key(self.lease.id, &self.lease.token, name);
-        let places: Vec<_> = files.iter().map(|file| (key(&file.name), folder.join(&file.name))).collect();
+        let places: Vec<_> = files.iter().map(|file| (key(&file.name), folder.join(&file.source))).collect();
         let stored = patiently(Some(&self.over), || self.pool.blobs.put_files(&places)).await?;
-        let artifact = |(Offered { name, filename, media_type }, stored): (Offered, Option<Stored>)| {
+        let artifact = |(Offered { name, filename, media_type, .. }, stored): (Offered, Option<Stored>)| {
             let (key, media_type, Stored { bytes, sha256, .. }) = (key(&name), media_type.to_owned(), stored?);
             Some((name, Artifact { key, filename, media_type, bytes, sha256 }))
         };

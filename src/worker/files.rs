@@ -1,18 +1,21 @@
 use super::task::Task;
 use crate::format::Format;
 use crate::jobs::{Input, JobReport};
+use crate::repair::HandedOut;
 
 /// A file that a child may leave and a job then offers.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Offered {
-    /// Its name in the scratch folder, which is the artifact's.
+    /// The artifact's name.
     pub name: String,
+    /// Its name in the scratch folder.
+    pub source: String,
     /// The name to save it under.
     pub filename: String,
     pub media_type: &'static str,
 }
 
-/// What a job may offer once, whatever its mode, but for the model, whose format the report says.
+/// What a job may offer once, whatever its mode, but for the file that it hands out, which the report's verdict says.
 const OF_THE_JOB: [(&str, &str); 2] = [(Task::LOG, "text/plain; charset=utf-8"), (Task::REPORT, "application/json")];
 
 /// What it may offer of each of its files.
@@ -38,7 +41,7 @@ pub(super) fn of_file(number: usize, name: &str) -> String {
 
 /// Every name that an attempt at a job of so many files may have stored a file under.
 pub(super) fn names(files: usize) -> Vec<String> {
-    let once = std::iter::once(Task::MODEL).chain(OF_THE_JOB.map(|(name, _)| name)).map(str::to_owned);
+    let once = [Task::MODEL, Task::ORIGINAL].into_iter().chain(OF_THE_JOB.map(|(name, _)| name)).map(str::to_owned);
     let each = (0..files).flat_map(|number| OF_EACH_FILE.map(|(name, _)| of_file(number, name)));
     once.chain(each).collect()
 }
@@ -49,21 +52,32 @@ pub(super) fn offered(inputs: &[Input], report: Option<&JobReport>) -> Vec<Offer
     let once = OF_THE_JOB
         .into_iter()
         .filter(|(name, _)| report.is_some() || *name == Task::LOG)
-        .map(|(name, media_type)| Offered { name: name.to_owned(), filename: format!("{first}-{name}"), media_type });
-    let model = report.and_then(JobReport::output).map(|format| Offered {
-        name: Task::MODEL.to_owned(),
-        filename: format!("{first}-repaired.{}", format.extension()),
-        media_type: media_type(format),
+        .map(|(name, media_type)| Offered::new(name.to_owned(), format!("{first}-{name}"), media_type));
+    let handed_out = report.and_then(|report| match report.handed_out() {
+        (HandedOut::Model, format) => format.map(|format| {
+            let filename = format!("{first}-repaired.{}", format.extension());
+            Offered::new(Task::MODEL.to_owned(), filename, media_type(format))
+        }),
+        (HandedOut::Original, _) => inputs.first().map(|input| Offered {
+            name: Task::ORIGINAL.to_owned(),
+            source: Task::input(0),
+            filename: input.name.clone(),
+            media_type: media_type(input.format),
+        }),
+        (HandedOut::None, _) => None,
     });
     let drawn = inputs.iter().enumerate().filter(|_| report.is_some()).flat_map(|(number, input)| {
         let stem = input.stem();
-        OF_EACH_FILE.map(|(name, media_type)| Offered {
-            name: of_file(number, name),
-            filename: format!("{stem}-{name}"),
-            media_type,
-        })
+        OF_EACH_FILE.map(|(name, media_type)| Offered::new(of_file(number, name), format!("{stem}-{name}"), media_type))
     });
-    once.chain(model).chain(drawn).collect()
+    once.chain(handed_out).chain(drawn).collect()
+}
+
+impl Offered {
+    /// A file that the child leaves under the artifact's name.
+    fn new(name: String, filename: String, media_type: &'static str) -> Self {
+        Self { source: name.clone(), name, filename, media_type }
+    }
 }
 
 fn media_type(format: Format) -> &'static str {

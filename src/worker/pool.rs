@@ -59,7 +59,7 @@ pub struct WorkerConfig {
     pub sandbox: SandboxMode,
     /// Files and folders that a job may read beside those of the system and of Blender.
     pub readable: Vec<PathBuf>,
-    /// Time beyond a job's own deadline after which its processes are killed.
+    /// Time after which a job's processes are killed, beyond its deadline and the 2 s and 10 % within which a repair keeps that.
     pub deadline_grace: Duration,
     /// What a reader may spend.
     pub limits: Limits,

@@ -10,9 +10,9 @@ use crate::sandbox::Sandbox;
 /// What a worker tells its child process: a line of JSON on its standard input. That is then a lifeline: when it closes, the worker is
 /// gone, and the child ends its process group.
 ///
-/// The [`input`](Self::input) files lie in the scratch folder. The child leaves its files there too: `model`, then [`REPORT`](Self::REPORT), which says that the job has its
-/// result, then pictures; [`LOG`](Self::LOG), and
-/// [`PROBLEM`](Self::PROBLEM) where the input is to blame. On standard output it writes one [`JobProgress`] a line.
+/// The [`input`](Self::input) files lie in the scratch folder. The child leaves its files there too: [`MODEL`](Self::MODEL) where there is one, then
+/// [`REPORT`](Self::REPORT), which says that the work is done, then pictures; [`LOG`](Self::LOG), and [`PROBLEM`](Self::PROBLEM) where
+/// the input is to blame. On standard output it writes one [`JobProgress`] a line.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(super) struct Task {
     pub inputs: Vec<Input>,
@@ -35,6 +35,8 @@ pub(super) type ProgressLine = JobProgress;
 
 impl Task {
     pub const MODEL: &str = "model";
+    /// The upload as it came, where nothing made it better.
+    pub const ORIGINAL: &str = "original";
     pub const REPORT: &str = "report.json";
     pub const LOG: &str = "log.txt";
     pub const PROBLEM: &str = "problem.json";

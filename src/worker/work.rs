@@ -13,7 +13,7 @@ use crate::context::Context;
 use crate::format::{ReadError, ReadErrorKind};
 use crate::jobs::{JobOptions, JobProblem, JobReport, ProblemKind};
 use crate::render::Drawing;
-use crate::repair::{Options, Remesher, RepairError, draw, repair};
+use crate::repair::{HandedOut, Options, Remesher, RepairError, draw, repair};
 
 /// Why it makes nothing.
 pub(super) enum Failed {
@@ -23,8 +23,8 @@ pub(super) enum Failed {
     Problem(Box<JobProblem>),
 }
 
-/// Does the work of a task whose files lie in `folder`, and leaves the result there: the model, then the report, which
-/// says that the job has its result, then pictures.
+/// Does the work of a task whose files lie in `folder`, and leaves the result there: the model if one is handed out, then the report,
+/// which says that the work is done, then pictures.
 pub(super) fn work(folder: &Path, task: &Task, context: &Context<'_>) -> Result<(), Failed> {
     match &task.options {
         JobOptions::Repair(options) => run_repair(folder, task, options, context),
@@ -39,7 +39,9 @@ fn run_repair(folder: &Path, task: &Task, options: &Options, context: &Context<'
     let remesher = remesher.as_ref().map(|r| -> &dyn Remesher { r });
     let bytes = fs::read(folder.join(Task::input(0)))?;
     let repaired = repair(&bytes, options, &task.limits, remesher, context)?;
-    fs::write(folder.join(Task::MODEL), &repaired.bytes)?;
+    if repaired.report.verdict.file == HandedOut::Model {
+        fs::write(folder.join(Task::MODEL), &repaired.bytes)?;
+    }
     write_report(folder, &JobReport::Repair(Box::new(repaired.report.clone())))?;
     if options.pictures {
         leave_drawings(folder, 0, || draw(&bytes, &repaired, &task.limits, context), context);
@@ -119,7 +121,7 @@ impl From<RepairError> for Failed {
             RepairError::Read(read) => (ProblemKind::BadInput, Some(read)),
             RepairError::Options(_) => (ProblemKind::BadInput, None),
             RepairError::Write(_) | RepairError::Unfaithful => (ProblemKind::BadOutput, None),
-            RepairError::Cancelled(_) => (ProblemKind::DeadlineExceeded, None),
+            RepairError::Cancelled(_) | RepairError::OutOfTime(_) => (ProblemKind::DeadlineExceeded, None),
         };
         problem(code, error.to_string(), read).into()
     }

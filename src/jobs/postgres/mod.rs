@@ -23,7 +23,7 @@ use super::store::{
     Cancelled, Claim, ClassLoad, Completion, Connections, Failure, FailureKind, JobStore, Lease, ListQuery, NewJob,
     Page, StatusCount, StoreError, Waiting,
 };
-use super::{Bell, Clock, Job, JobId, JobProblem, JobProgress, KeyState, RetryPolicy, Status};
+use super::{Bell, Clock, Job, JobId, JobProblem, JobProgress, JobReport, KeyState, RetryPolicy, Status};
 
 /// How long a statement, a lock, and a transaction in which nothing happens may take, for the server to end them.
 const LIMITS: [(&str, &str); 3] =
@@ -276,6 +276,7 @@ impl JobStore for PostgresStore {
             retry_in: (!ended).then(|| self.retry.delay(attempt, Uuid::new_v4().as_u64_pair().0)),
             problem: &failure.problem,
             artifacts: &to_json(&failure.artifacts),
+            report: failure.report.as_ref(),
             now: self.now(),
         };
         let job = end_attempt(&mut transaction, &end).await?;
@@ -309,7 +310,7 @@ impl JobStore for PostgresStore {
             let problem = JobProblem::worker_lost(crashes);
             let retry_in = (crashes < self.retry.max_crashes).then_some(Duration::ZERO);
             let (now, artifacts) = (self.now(), artifacts.as_str());
-            let end = End { id, token: None, crashes, retry_in, problem: &problem, artifacts, now };
+            let end = End { id, token: None, crashes, retry_in, problem: &problem, artifacts, report: None, now };
             let job = end_attempt(&mut transaction, &end).await?;
             outbox::note(&mut transaction, &job, now).await?;
             rescued.push(job);
@@ -366,7 +367,7 @@ impl JobStore for PostgresStore {
     }
 }
 
-/// How an attempt ends without a result.
+/// How an attempt ends that does not succeed.
 struct End<'a> {
     id: JobId,
     /// Of the worker that ends it; none where the worker is lost.
@@ -376,6 +377,7 @@ struct End<'a> {
     retry_in: Option<Duration>,
     problem: &'a JobProblem,
     artifacts: &'a str,
+    report: Option<&'a JobReport>,
     now: Option<i64>,
 }
 
@@ -386,7 +388,9 @@ async fn end_attempt(connection: &mut PgConnection, end: &End<'_>) -> Result<Job
          run_at = coalesce(meshmend_now($4) + $1, run_at), problem = CASE WHEN $1 IS NULL THEN $2 END, \
          artifacts = CASE WHEN $1 IS NULL THEN $3 ELSE artifacts END, \
          finished_at = CASE WHEN $1 IS NULL THEN meshmend_now($4) END, crashes = $5, progress = NULL, worker = NULL, \
-         lease_token = NULL, lease_expires_at = NULL, ended_token = coalesce($7, ended_token), version = version + 1 \
+         lease_token = NULL, lease_expires_at = NULL, ended_token = coalesce($7, ended_token), \
+         report = CASE WHEN $1 IS NULL THEN $8 ELSE report END, \
+         outcome = CASE WHEN $1 IS NULL THEN $9 ELSE outcome END, version = version + 1 \
          WHERE id = $6 RETURNING ",
         job_columns!()
     ))
@@ -397,6 +401,8 @@ async fn end_attempt(connection: &mut PgConnection, end: &End<'_>) -> Result<Job
     .bind(i64::from(end.crashes))
     .bind(end.id.to_string())
     .bind(end.token)
+    .bind(end.report.map(to_json))
+    .bind(end.report.map(|report| to_json(&report.outcome())))
     .fetch_one(connection)
     .await?;
     read_job(&row)

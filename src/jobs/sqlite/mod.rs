@@ -13,8 +13,8 @@ use std::time::Duration;
 
 use async_trait::async_trait;
 use rustix::fs::{FlockOperation, flock};
+use sqlx::Connection;
 use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode, SqlitePool, SqlitePoolOptions, SqliteSynchronous};
-use sqlx::{Connection, SqliteConnection};
 use uuid::Uuid;
 
 use super::row::{corrupt, count, elapsed, job_columns, millis, read_job, to_json};
@@ -275,16 +275,17 @@ impl JobStore for SqliteStore {
         };
         let (attempt, crashes) = (count(attempt), count(crashes) + u32::from(failure.kind == FailureKind::Crash));
         let ended = self.retry.ends(failure.kind, attempt, crashes);
-        let end = End {
+        let end = queue::End {
             id: held.id,
             token: Some(&held.token),
             crashes,
             retry_at: (!ended).then(|| self.due_after(attempt)),
             problem: &failure.problem,
             artifacts: &to_json(&failure.artifacts),
+            report: failure.report.as_ref(),
             now: self.clock.now_ms(),
         };
-        let job = end_attempt(&mut transaction, &end).await?;
+        let job = queue::end_attempt(&mut transaction, &end).await?;
         let told = outbox::note(&mut transaction, &job, end.now).await?;
         transaction.commit().await?;
         self.bell.ring(job.id);
@@ -334,8 +335,9 @@ impl JobStore for SqliteStore {
             let crashes = count(crashes) + 1;
             let problem = JobProblem::worker_lost(crashes);
             let retry_at = (crashes < self.retry.max_crashes).then_some(now);
-            let end = End { id, token: None, crashes, retry_at, problem: &problem, artifacts: &artifacts, now };
-            let job = end_attempt(&mut transaction, &end).await?;
+            let (problem, artifacts) = (&problem, artifacts.as_str());
+            let end = queue::End { id, token: None, crashes, retry_at, problem, artifacts, report: None, now };
+            let job = queue::end_attempt(&mut transaction, &end).await?;
             told |= outbox::note(&mut transaction, &job, now).await?;
             rescued.push(job);
         }
@@ -409,39 +411,4 @@ impl JobStore for SqliteStore {
     fn bell(&self) -> &Bell {
         &self.bell
     }
-}
-
-/// How an attempt ends without a result.
-struct End<'a> {
-    id: JobId,
-    /// Of the worker that ends it; none where the worker is lost.
-    token: Option<&'a str>,
-    crashes: u32,
-    /// When to try again; none to fail for good.
-    retry_at: Option<i64>,
-    problem: &'a JobProblem,
-    artifacts: &'a str,
-    now: i64,
-}
-
-/// Writes the end of an attempt. The caller has checked, in the same transaction, that the attempt may be ended.
-async fn end_attempt(connection: &mut SqliteConnection, end: &End<'_>) -> Result<Job, StoreError> {
-    let row = sqlx::query(concat!(
-        "UPDATE jobs SET status = CASE WHEN ?1 IS NULL THEN 'failed' ELSE 'queued' END, run_at = coalesce(?1, run_at), \
-         problem = CASE WHEN ?1 IS NULL THEN ?2 END, artifacts = CASE WHEN ?1 IS NULL THEN ?3 ELSE artifacts END, \
-         finished_at = CASE WHEN ?1 IS NULL THEN ?4 END, crashes = ?5, progress = NULL, worker = NULL, \
-         lease_token = NULL, lease_expires_at = NULL, ended_token = coalesce(?7, ended_token), version = version + 1 \
-         WHERE id = ?6 RETURNING ",
-        job_columns!()
-    ))
-    .bind(end.retry_at)
-    .bind(to_json(end.problem))
-    .bind(end.artifacts)
-    .bind(end.now)
-    .bind(end.crashes)
-    .bind(end.id.to_string())
-    .bind(end.token)
-    .fetch_one(connection)
-    .await?;
-    read_job(&row)
 }

@@ -4,7 +4,7 @@ use sqlx::{SqliteConnection, SqlitePool};
 
 use crate::jobs::row::{job_columns, read_job, to_json, to_millis};
 use crate::jobs::store::ClassLoad;
-use crate::jobs::{Job, NewJob, StoreError, Waiting};
+use crate::jobs::{Job, JobId, JobProblem, JobReport, NewJob, StoreError, Waiting};
 
 /// Adds a job; one that was given a result has ended already.
 pub(super) async fn insert(connection: &mut SqliteConnection, job: &NewJob, now: i64) -> Result<Job, StoreError> {
@@ -137,4 +137,44 @@ pub(super) async fn claim(writer: &SqlitePool, claiming: &Claiming<'_>) -> Resul
     .await?
     .pop();
     row.as_ref().map(read_job).transpose()
+}
+
+/// How an attempt ends that does not succeed.
+pub(super) struct End<'a> {
+    pub id: JobId,
+    /// Of the worker that ends it; none where the worker is lost.
+    pub token: Option<&'a str>,
+    pub crashes: u32,
+    /// When to try again; none to fail for good.
+    pub retry_at: Option<i64>,
+    pub problem: &'a JobProblem,
+    pub artifacts: &'a str,
+    pub report: Option<&'a JobReport>,
+    pub now: i64,
+}
+
+/// Writes the end of an attempt. The caller has checked, in the same transaction, that the attempt may be ended.
+pub(super) async fn end_attempt(connection: &mut SqliteConnection, end: &End<'_>) -> Result<Job, StoreError> {
+    let row = sqlx::query(concat!(
+        "UPDATE jobs SET status = CASE WHEN ?1 IS NULL THEN 'failed' ELSE 'queued' END, run_at = coalesce(?1, run_at), \
+         problem = CASE WHEN ?1 IS NULL THEN ?2 END, artifacts = CASE WHEN ?1 IS NULL THEN ?3 ELSE artifacts END, \
+         finished_at = CASE WHEN ?1 IS NULL THEN ?4 END, crashes = ?5, progress = NULL, worker = NULL, \
+         lease_token = NULL, lease_expires_at = NULL, ended_token = coalesce(?7, ended_token), \
+         report = CASE WHEN ?1 IS NULL THEN ?8 ELSE report END, \
+         outcome = CASE WHEN ?1 IS NULL THEN ?9 ELSE outcome END, version = version + 1 \
+         WHERE id = ?6 RETURNING ",
+        job_columns!()
+    ))
+    .bind(end.retry_at)
+    .bind(to_json(end.problem))
+    .bind(end.artifacts)
+    .bind(end.now)
+    .bind(end.crashes)
+    .bind(end.id.to_string())
+    .bind(end.token)
+    .bind(end.report.map(to_json))
+    .bind(end.report.map(|report| to_json(&report.outcome())))
+    .fetch_one(connection)
+    .await?;
+    read_job(&row)
 }

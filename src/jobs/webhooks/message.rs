@@ -7,7 +7,8 @@ use utoipa::ToSchema;
 use super::row::read_events;
 use super::{JobEvent, new_id};
 use crate::jobs::row::to_json;
-use crate::jobs::{Job, JobId, JobOutcome, Metadata, ProblemKind, Status};
+use crate::jobs::{Job, JobId, JobOutcome, Metadata, ProblemKind, Status, StoredReport};
+use crate::repair::{AssumptionKind, RedFlagCode};
 
 /// What is posted to receivers when a job has ended.
 #[derive(Debug, Clone, Serialize, ToSchema)]
@@ -31,8 +32,14 @@ struct JobMessageData {
     id: JobId,
     /// How it ended.
     status: Status,
-    /// What became of the model, if the job succeeded.
+    /// What became of the model, if the job succeeded, or failed since its result is not what `require` asks for.
     outcome: Option<JobOutcome>,
+    /// Whether the result can be printed as it is, or of an analysis every file; none where that is not known.
+    printable: Option<bool>,
+    /// Signs that the repair destroyed something; the report has them with their measures.
+    red_flags: Vec<RedFlagCode>,
+    /// Kinds of decisions that the file does not prove; the report has each with its amount and places.
+    assumptions: Vec<AssumptionKind>,
     /// When it was accepted.
     #[serde(with = "time::serde::rfc3339")]
     created_at: OffsetDateTime,
@@ -105,10 +112,14 @@ impl JobMessage {
             (name.clone(), ArtifactMessage { href, bytes: file.bytes, sha256: file.sha256.clone() })
         };
         let problem = job.problem.as_ref();
+        let (red_flags, assumptions) = job.report.as_ref().map(StoredReport::remarks).unwrap_or_default();
         let data = JobMessageData {
             id: job.id,
             status: job.status,
             outcome: job.outcome,
+            printable: job.outcome.and_then(JobOutcome::is_printable),
+            red_flags,
+            assumptions,
             created_at: job.created_at,
             finished_at: job.finished_at,
             input,
