@@ -124,7 +124,44 @@ pub fn stage_in_words(stage: Stage, tier: Option<u8>) -> String {
     tier.map_or_else(|| stage.to_owned(), |tier| format!("{stage}, tier {tier}"))
 }
 
-/// What a person should know of a result: its red flags, and then its warnings.
-pub fn remarks<'a>(flags: impl Iterator<Item = &'a str>, warnings: &'a [String]) -> impl Iterator<Item = String> {
-    flags.map(|flag| format!("  red flag: {flag}")).chain(warnings.iter().map(|warning| format!("  note: {warning}")))
+/// An option of the API, `name=value`, as a flag.
+fn as_flag(option: &str) -> String {
+    let (name, value) = option.split_once('=').map_or((option, None), |(name, value)| (name, Some(value)));
+    let name = name.replace('_', "-");
+    value.map_or_else(|| format!("--{name}"), |value| format!("--{name} {value}"))
+}
+
+/// What a person should know of a result: its red flags, its assumptions with the option that decides otherwise, and its warnings.
+pub fn remarks<'a>(
+    flags: impl Iterator<Item = &'a str>,
+    assumptions: impl Iterator<Item = (&'a str, Option<&'a str>)>,
+    warnings: &'a [String],
+) -> impl Iterator<Item = String> {
+    let flags = flags.map(|flag| format!("  red flag: {flag}"));
+    let assumed = assumptions.map(|(detail, option)| match option {
+        Some(option) => format!("  assumed: {detail} ({} decides otherwise)", as_flag(option)),
+        None => format!("  assumed: {detail}"),
+    });
+    flags.chain(assumed).chain(warnings.iter().map(|warning| format!("  note: {warning}")))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_was_assumed_is_told_with_the_flag_that_decides_otherwise() {
+        let assumed = [("2 sheets were thickened", Some("open_sheets=auto")), ("lengths are in mm", None)];
+        let warnings = ["colours were lost".to_owned()];
+        let lines: Vec<_> = remarks(["a part is lost"].into_iter(), assumed.into_iter(), &warnings).collect();
+        assert_eq!(
+            lines,
+            [
+                "  red flag: a part is lost",
+                "  assumed: 2 sheets were thickened (--open-sheets auto decides otherwise)",
+                "  assumed: lengths are in mm",
+                "  note: colours were lost",
+            ]
+        );
+    }
 }

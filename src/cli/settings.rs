@@ -91,7 +91,7 @@ pub struct WorkArgs {
     /// Seconds that a worker holds a job without a sign of life.
     #[arg(long, env = "MESHMEND_LEASE_S", default_value_t = 15.0)]
     pub(super) lease_s: f64,
-    /// Seconds beyond a job's deadline_s after which its processes are killed.
+    /// Seconds after which a job's processes are killed, beyond its deadline_s and the 2 s and 10 % within which a repair keeps that.
     #[arg(long, env = "MESHMEND_DEADLINE_GRACE_S", default_value_t = 5.0)]
     pub(super) deadline_grace_s: f64,
     /// Seconds that running jobs get to finish when the service is told to stop.

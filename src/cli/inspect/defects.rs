@@ -29,12 +29,16 @@ pub fn section(look: &Look, all: bool) -> String {
     if found.is_empty() && !incomplete && it.level == Level::Full {
         return format!("\nDefects: none of the {} kinds\n", BY_GRAVITY.len());
     }
-    let mut text = "\nDefects, the gravest first; faces are numbered from 0\n".to_owned();
+    let numbering = look.mesh.numbering.as_ref();
+    let counted = if numbering.is_some() { "as in the file" } else { "from 0" };
+    let mut text = format!("\nDefects, the gravest first; faces are numbered {counted}\n");
     for &kind in &found {
         let count = findings.count(kind);
         let mut lines = remarks(kind, it);
-        lines
-            .extend(by_gravity(kind, findings.places(kind)).iter().take(most).map(|place| in_a_line(kind, place, all)));
+        lines.extend(by_gravity(kind, findings.places(kind)).iter().take(most).map(|place| {
+            let face = |index: u32| numbering.map_or(index, |it| it.face(index));
+            in_a_line(kind, place, all, face)
+        }));
         let mut head = format!("{count:>wide$}  {:wide_name$}", in_words(kind, count));
         for line in lines {
             // Writing to a string can't fail.
@@ -106,10 +110,10 @@ fn by_gravity(kind: DefectKind, places: &[Defect]) -> Vec<&Defect> {
     sorted
 }
 
-fn in_a_line(kind: DefectKind, place: &Defect, all: bool) -> String {
+fn in_a_line(kind: DefectKind, place: &Defect, all: bool, number: impl Fn(u32) -> u32) -> String {
     let mut text = format!("at {}", point(place.at));
     let shown = if all { place.faces.len() } else { place.faces.len().min(MOST_FACES) };
-    let faces: Vec<String> = place.faces[..shown].iter().map(u32::to_string).collect();
+    let faces: Vec<String> = place.faces[..shown].iter().map(|&face| number(face).to_string()).collect();
     // Writing to a string can't fail.
     let _ = match place.faces.len() {
         0 => Ok(()),

@@ -22,8 +22,7 @@ pub fn line(name: &str, it: &Goodness) -> String {
     if it.good {
         return format!("1 {name}\n");
     }
-    let reasons: Vec<String> = it.reasons.iter().map(|reason| in_a_phrase(reason, &it.thresholds)).collect();
-    format!("0 {name}: {}\n", reasons.join(", "))
+    format!("0 {name}: {}\n", reasons(it))
 }
 
 /// The verdict with a line for each reason.
@@ -35,6 +34,14 @@ pub fn in_words(name: &str, it: &Goodness) -> String {
     }
     text
 }
+
+/// Why a mesh is not good, in a line.
+pub fn reasons(it: &Goodness) -> String {
+    it.reasons.iter().map(|reason| in_a_phrase(reason, &it.thresholds)).collect::<Vec<_>>().join(", ")
+}
+
+/// What every mesh meets that has nothing wrong with it.
+pub const SOUND: Thresholds = Thresholds { aspect_ratio: f64::INFINITY, edge_angle: 0.0, edge_length: 0.0 };
 
 fn in_a_phrase(reason: &Shortfall, than: &Thresholds) -> String {
     let value = reason.value.map_or_else(|| "unknown".to_owned(), figure);

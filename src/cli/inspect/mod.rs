@@ -2,6 +2,7 @@ mod bars;
 mod defects;
 mod files;
 mod good;
+mod offenders;
 mod options;
 mod pictures;
 mod print;
@@ -17,11 +18,11 @@ use std::time::Duration;
 use clap::Args;
 use meshmend::format::{self, Limits, ReadFile, ReadMesh, ReadOptions};
 use meshmend::inspect::{
-    Findings, Goodness, InspectOptions, Inspection, Level, SetReport, Subject, Thresholds, goodness, inspect,
+    Analysis, Findings, Goodness, InspectOptions, Inspection, Level, SetReport, Subject, Thresholds, goodness, inspect,
 };
 use meshmend::mesh::Soup;
 use meshmend::render::{Marked, draw_inspected};
-use meshmend::repair::{Context, monotonic_clock};
+use meshmend::repair::{Cancelled, Context, monotonic_clock};
 use serde_json::{Value, json};
 
 use super::engine::{Bar, LimitArgs, read_file};
@@ -56,10 +57,11 @@ pub struct InspectArgs {
     /// List every offending element with its place.
     #[arg(short = 'p', long, env = "MESHMEND_OFFENDERS")]
     offenders: bool,
-    /// Of several files: count faces that intersect faces of another file.
+    /// Of several files: count faces that intersect faces of another file. A folder without --attributes, --good and --spacing implies it.
     #[arg(short, long, env = "MESHMEND_INTERSECTIONS")]
     intersections: bool,
-    /// Of several files: measure the distance from each vertex to the nearest surface of another file.
+    /// Of several files: measure the distance from each vertex to the nearest surface of another file. Every file must be good (see --good),
+    /// whatever its shapes. A folder without --attributes, --good and --intersections implies it.
     #[arg(short, long, env = "MESHMEND_SPACING")]
     spacing: bool,
     /// Where to draw what was found: defects.png, defects.glb and defects.ply, of several files each after its name, as
@@ -76,12 +78,26 @@ pub struct InspectArgs {
 }
 
 impl InspectArgs {
+    /// Whether a folder stands alone, so that everything is measured between its files.
+    fn is_folder_alone(&self) -> bool {
+        let asked = self.attributes || self.good.is_some() || self.intersections || self.spacing;
+        !asked && self.inputs.iter().any(|path| path.is_dir())
+    }
+
+    fn wants_intersections(&self) -> bool {
+        self.intersections || self.is_folder_alone()
+    }
+
+    fn wants_spacing(&self) -> bool {
+        self.spacing || self.is_folder_alone()
+    }
+
     fn options(&self) -> Result<InspectOptions, String> {
         // Places and pictures want something to be looked for.
         let needed = match (self.attributes, self.offenders || self.pictures.is_some()) {
-            (true, false) => Level::None,
-            (true, true) => Level::Basic,
-            (false, _) => Level::Full,
+            (true, false) if !self.spacing => Level::None,
+            (true, true) if !self.spacing => Level::Basic,
+            _ => Level::Full,
         };
         let given = self.measures.options()?;
         let places = if self.offenders { usize::MAX } else { given.places };
@@ -101,7 +117,8 @@ struct Look {
 impl Look {
     fn code(&self) -> u8 {
         // What the level does not look for is not held against the mesh.
-        let looks_fine = || self.inspection.measures.verdict() != Some(false);
+        let measures = &self.inspection.measures;
+        let looks_fine = || measures.verdict().unwrap_or(!measures.self_intersections.checked);
         let fine = self.goodness.as_ref().map_or_else(looks_fine, |it| it.good);
         if fine { exit::PRINTABLE } else { exit::PARTIAL }
     }
@@ -144,6 +161,8 @@ struct Run<'a> {
     json: Vec<Value>,
     /// Kept for what is measured between files.
     kept: Vec<(String, ReadMesh)>,
+    /// The files that are not good, with the reasons, where distances between files are measured.
+    not_good: Vec<(String, String)>,
     printed: bool,
     /// Names for drawings, where there are several files.
     prefixes: Option<Prefixes>,
@@ -164,6 +183,7 @@ impl<'a> Run<'a> {
             code: exit::PRINTABLE,
             json: Vec::new(),
             kept: Vec::new(),
+            not_good: Vec::new(),
             printed: false,
         })
     }
@@ -187,7 +207,9 @@ impl<'a> Run<'a> {
         }
         let set = self.set()?;
         if self.args.json {
-            let value = json!({ "version": JSON_VERSION, "files": self.json, "set": set });
+            let not_good: Vec<Value> =
+                self.not_good.iter().map(|(path, reasons)| json!({ "path": path, "reasons": reasons })).collect();
+            let value = json!({ "version": JSON_VERSION, "files": self.json, "set": set, "not_good": not_good });
             self.print(&format!("{value:#}\n"))?;
         } else if let Some(set) = set {
             let names: Vec<&str> = self.kept.iter().map(|(name, _)| name.as_str()).collect();
@@ -204,6 +226,8 @@ impl<'a> Run<'a> {
             soup: &mesh.soup,
             normals: mesh.normals.as_ref(),
             numbering: mesh.numbering.as_ref(),
+            materials: mesh.materials.as_deref(),
+            is_indexed: mesh.format.is_indexed(),
             unit: Some(&unit),
         };
         let (inspection, findings) =
@@ -221,7 +245,13 @@ impl<'a> Run<'a> {
             let prefix = self.prefixes.as_mut().map_or_else(String::new, |prefixes| prefixes.of(path));
             look.draw(folder, &prefix)?;
         }
-        if self.args.intersections || self.args.spacing {
+        if self.args.wants_spacing() {
+            let sound = meshmend::inspect::goodness(&look.inspection, good::SOUND);
+            if !sound.good {
+                self.not_good.push((look.name.clone(), good::reasons(&sound)));
+            }
+        }
+        if self.args.wants_intersections() || self.args.wants_spacing() {
             self.kept.push((look.name, look.mesh));
         }
         Ok(())
@@ -230,13 +260,26 @@ impl<'a> Run<'a> {
     fn text(&self, look: &Look) -> String {
         let apart = if self.printed { "\n" } else { "" };
         let all = self.args.offenders;
-        let places = if all { defects::section(look, true) } else { String::new() };
+        let mut places = if all { defects::section(look, true) } else { String::new() };
+        if all {
+            places += &self.offenders(look);
+        }
         match &look.goodness {
             Some(it) if all => format!("{apart}{}{places}", good::in_words(&look.name, it)),
             Some(it) => good::line(&look.name, it),
             None if self.args.attributes => format!("{apart}{}{places}", text::attributes_only(look)),
+            None if all => format!("{apart}{}{}", text::report(look, self.style, all), self.offenders(look)),
             None => format!("{apart}{}", text::report(look, self.style, all)),
         }
+    }
+
+    /// Offending elements by number; nothing where their search was stopped.
+    fn offenders(&self, look: &Look) -> String {
+        let of = |context: &Context<'_>| {
+            let analysis = Analysis::new((&look.mesh.soup).into(), context)?;
+            Ok::<_, Cancelled>(offenders::section(look, &analysis, self.args.good.as_ref()))
+        };
+        in_context(of).unwrap_or_default()
     }
 
     /// What is measured of all files together, where it was asked for and there are several.
@@ -246,7 +289,15 @@ impl<'a> Run<'a> {
             drop(writeln!(std::io::stderr(), "meshmend: {note}"));
         }
         let meshes: Vec<&Soup> = self.kept.iter().map(|(_, mesh)| &mesh.soup).collect();
-        in_context(|context| SetReport::of(&meshes, self.args.intersections, self.args.spacing, context))
+        let spacing = self.args.wants_spacing() && self.not_good.is_empty();
+        if self.args.wants_spacing() && self.kept.len() > 1 {
+            for (name, reasons) in &self.not_good {
+                let note =
+                    format!("note: distances between files are not measured, since {name} is not good: {reasons}");
+                drop(writeln!(std::io::stderr(), "meshmend: {note}"));
+            }
+        }
+        in_context(|context| SetReport::of(&meshes, self.args.wants_intersections(), spacing, context))
             .map_err(|e| (exit::INTERNAL, e))
     }
 

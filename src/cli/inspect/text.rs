@@ -115,6 +115,9 @@ fn verdict(check: &CheckVerdict, measures: &Measures) -> String {
     let list = |rules: &[CheckRule]| rules.iter().map(|&rule| against(rule)).collect::<Vec<_>>().join(", ");
     let undecided = format!("the search was not finished for {}", list(&check.undecided));
     match (check.passes, check.broken.is_empty(), check.undecided.is_empty()) {
+        (true, ..) if measures.printable() && !check.advice.is_empty() => {
+            format!("passes; within the tolerances there are {}", list(&check.advice))
+        }
         (true, ..) if measures.printable() => "passes".to_owned(),
         (true, ..) => "passes: its rules allow boundaries and faces turned against each other".to_owned(),
         (false, false, true) => format!("fails: {}", list(&check.broken)),

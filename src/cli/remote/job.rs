@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use meshmend::context::Stage;
-use meshmend::jobs::{JobId, JobOutcome, ProblemKind, Status};
+use meshmend::jobs::{JobId, JobOutcome, Mode, ProblemKind, Status};
 use serde::Deserialize;
 
 use crate::cli::engine::remarks;
@@ -49,8 +49,10 @@ pub struct RemoteFile {
 #[derive(Debug, Default, Deserialize)]
 #[serde(default)]
 struct RemoteReport {
+    mode: Mode,
     summary: Option<String>,
     red_flags: Vec<RedFlag>,
+    assumptions: Vec<Assumption>,
     warnings: Vec<String>,
 }
 
@@ -60,16 +62,35 @@ struct RedFlag {
 }
 
 #[derive(Debug, Deserialize)]
+struct Assumption {
+    detail: String,
+    option: Option<String>,
+}
+
+#[derive(Debug, Deserialize)]
 struct RemoteProblem {
     title: String,
     detail: String,
     code: ProblemKind,
 }
 
+impl RemoteReport {
+    /// What a person should know.
+    fn remarks(&self) -> impl Iterator<Item = String> {
+        let flags = self.red_flags.iter().map(|flag| flag.detail.as_str());
+        let assumptions = self.assumptions.iter().map(|it| (it.detail.as_str(), it.option.as_deref()));
+        remarks(flags, assumptions, &self.warnings)
+    }
+}
+
 impl RemoteJob {
-    /// The file that the job was for: the model, or of an analysis the report.
+    /// The file that the job was for: the model, or of an analysis the report. None where a repair made no model.
     pub fn result(&self) -> Option<&'static str> {
-        ["model", REPORT].into_iter().find(|name| self.artifacts.contains_key(*name))
+        let name = match self.report.as_ref()?.mode {
+            Mode::Repair => MODEL,
+            Mode::Analyze => REPORT,
+        };
+        self.artifacts.contains_key(name).then_some(name)
     }
 
     /// What became of it, in words, and then what a person should know.
@@ -89,10 +110,9 @@ impl RemoteJob {
                 (None, _) => self.status.as_str().to_owned(),
             },
         };
-        let remarks = report
-            .into_iter()
-            .flat_map(|it| remarks(it.red_flags.iter().map(|flag| flag.detail.as_str()), &it.warnings));
-        std::iter::once(head).chain(remarks).collect()
+        let remarks = report.into_iter().flat_map(RemoteReport::remarks);
+        let unchanged = self.artifacts.contains_key(ORIGINAL).then(|| "  note: no model was made".to_owned());
+        std::iter::once(head).chain(remarks).chain(unchanged).collect()
     }
 
     /// The exit code that says so.
@@ -100,16 +120,19 @@ impl RemoteJob {
         if let Some(problem) = &self.problem {
             return match problem.code {
                 ProblemKind::BadInput | ProblemKind::BadOutput => exit::BAD_INPUT,
+                ProblemKind::NotPrintable => exit::NOT_PRINTABLE,
                 _ => exit::INTERNAL,
             };
         }
-        match self.outcome {
-            Some(JobOutcome::AlreadyPrintable | JobOutcome::Repaired) => exit::PRINTABLE,
-            Some(JobOutcome::Printable | JobOutcome::Undecided) => exit::PRINTABLE,
-            _ => exit::PARTIAL,
-        }
+        // What an analysis did not look for is not held against the file.
+        let printable = self.outcome.is_some_and(|outcome| outcome.is_printable() != Some(false));
+        if printable { exit::PRINTABLE } else { exit::PARTIAL }
     }
 }
 
+/// The name of a repair's result among a job's files.
+const MODEL: &str = "model";
+/// The name of the upload, where nothing made it better.
+const ORIGINAL: &str = "original";
 /// The name of a job's report among its files.
 pub const REPORT: &str = "report.json";

@@ -128,7 +128,7 @@ impl<'a> Desk<'a> {
         };
         self.open.lock().unwrap_or_else(PoisonError::into_inner).remove(&job.id);
         let (code, tale) = (job.code(), job.tale());
-        let lost = matches!(code, exit::BAD_INPUT | exit::INTERNAL);
+        let lost = matches!(code, exit::BAD_INPUT | exit::INTERNAL | exit::NOT_PRINTABLE);
         row.ends(&tale, self.tell.quiet && !lost);
         let line = Line {
             name,

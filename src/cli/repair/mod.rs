@@ -11,7 +11,7 @@ use clap::Args;
 use meshmend::blender::OnDemandBlender;
 use meshmend::jobs::JobReport;
 use meshmend::render::Drawing;
-use meshmend::repair::{Context, Outcome, RepairError, Report, draw, monotonic_clock, repair};
+use meshmend::repair::{Context, HandedOut, RepairError, Repaired, Report, draw, monotonic_clock, repair};
 
 use self::options::{RepairOptionArgs, format_named};
 use super::engine::{Bar, BlenderArgs, LimitArgs, read_file, remarks};
@@ -69,17 +69,9 @@ pub fn run(args: &RepairArgs) -> ExitCode {
         }
         Err(error) => return exit::fail(exit::INTERNAL, error),
     };
-    let report = JobReport::Repair(Box::new(repaired.report.clone()));
-    let written = write_file(&args.output, &repaired.bytes).and_then(|()| match &args.report {
-        Some(path) => {
-            serde_json::to_vec_pretty(&report).map_err(|e| e.to_string()).and_then(|json| write_file(path, &json))
-        }
-        None => Ok(()),
-    });
-    if let Err(message) = written {
+    if let Err(message) = write(args, &repaired) {
         return exit::fail(exit::INTERNAL, message);
     }
-    tell(&repaired.report, &args.output);
     if let Some(folder) = &args.pictures {
         match draw(&bytes, &repaired, &limits, &context) {
             Ok(drawings) => {
@@ -91,10 +83,18 @@ pub fn run(args: &RepairArgs) -> ExitCode {
             Err(error) => drop(writeln!(std::io::stderr(), "  note: without pictures: {error}")),
         }
     }
-    ExitCode::from(match repaired.report.outcome {
-        Outcome::AlreadyPrintable | Outcome::Repaired => exit::PRINTABLE,
-        Outcome::PartiallyRepaired | Outcome::Unrepairable => exit::PARTIAL,
-    })
+    tell(&repaired.report, &args.output);
+    ExitCode::from(exit::of(&repaired.report))
+}
+
+/// Writes the model, where one is handed out, and the report, where it is wanted.
+fn write(args: &RepairArgs, repaired: &Repaired) -> Result<(), String> {
+    if repaired.report.verdict.file != HandedOut::None {
+        write_file(&args.output, &repaired.bytes)?;
+    }
+    let Some(path) = &args.report else { return Ok(()) };
+    let report = JobReport::Repair(Box::new(repaired.report.clone()));
+    serde_json::to_vec_pretty(&report).map_err(|e| e.to_string()).and_then(|json| write_file(path, &json))
 }
 
 /// Writes drawings into a folder, which is made where it is not there, under their names after a prefix.
@@ -105,10 +105,20 @@ pub fn write_drawings(folder: &Path, prefix: &str, drawings: &[Drawing]) -> Resu
         .try_for_each(|drawing| write_file(&folder.join(format!("{prefix}{}", drawing.name)), &drawing.bytes))
 }
 
-/// The result in a few lines on standard error, so that standard output stays free.
+/// The result in a few lines on standard error, so that standard output stays free. Where nothing was written, the last line says so.
 fn tell(report: &Report, output: &Path) {
-    let mut lines = vec![format!("{}: {}", output.display(), report.summary)];
-    lines.extend(remarks(report.red_flags.iter().map(|flag| flag.detail.as_str()), &report.warnings));
+    let output = output.display();
+    let mut lines = vec![format!("{output}: {}", report.summary)];
+    let flags = report.red_flags.iter().map(|flag| flag.detail.as_str());
+    let assumptions = report.assumptions.iter().map(|it| (it.detail.as_str(), it.option.as_deref()));
+    lines.extend(remarks(flags, assumptions, &report.warnings));
+    if report.refusal().is_some() {
+        lines.push(format!(
+            "meshmend: {output} was not written: the result is not printable, which --require printable asks for"
+        ));
+    } else if report.verdict.file == HandedOut::None {
+        lines.push(format!("meshmend: {output} was not written: there is no model that could be"));
+    }
     let _ = writeln!(std::io::stderr(), "{}", lines.join("\n"));
 }
 

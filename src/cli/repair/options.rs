@@ -3,7 +3,10 @@ use std::path::Path;
 use clap::Args;
 use meshmend::repair::operators::holes::HoleFilling;
 use meshmend::repair::operators::orient::Nested;
-use meshmend::repair::{InsideRule, Merge, OpenSheets, Operator, Options, OutputFormat, Overlaps, Preset};
+use meshmend::repair::operators::stitch::StitchPosition;
+use meshmend::repair::{
+    Category, InsideRule, Merge, OpenSheets, Operator, Options, OutputFormat, Overlaps, Preset, Require,
+};
 use meshmend::scene::Unit;
 
 /// How a model is to be repaired, here or by a service.
@@ -12,9 +15,15 @@ pub struct RepairOptionArgs {
     /// The plan to run.
     #[arg(long, env = "MESHMEND_PRESET", value_enum, default_value_t)]
     preset: Preset,
+    /// With the preset `auto`: the category of damage that the plan is chosen for, instead of the one that the inspection finds.
+    #[arg(long, env = "MESHMEND_CATEGORY", value_enum)]
+    category: Option<Category>,
     /// What becomes of the file's objects, where its format and the result's have such.
     #[arg(long, env = "MESHMEND_MERGE", value_enum, default_value_t)]
     merge: Merge,
+    /// What the result must be for the repair to succeed.
+    #[arg(long, env = "MESHMEND_REQUIRE", value_enum, default_value_t)]
+    require: Require,
     /// The unit of the file's lengths, whatever it says itself. Without it, and where the file says none: mm.
     #[arg(long, env = "MESHMEND_UNIT", value_enum)]
     unit: Option<Unit>,
@@ -46,6 +55,9 @@ pub struct RepairOptionArgs {
     /// Red flag: share of the faces lost, in percent.
     #[arg(long, env = "MESHMEND_MAX_FACE_LOSS_PCT", default_value_t = Options::default().max_face_loss_pct)]
     max_face_loss_pct: f64,
+    /// Red flag: share of the vertices lost, in percent.
+    #[arg(long, env = "MESHMEND_MAX_VERTEX_LOSS_PCT", default_value_t = Options::default().max_vertex_loss_pct)]
+    max_vertex_loss_pct: f64,
     /// Red flag: change of the bounding box, in percent.
     #[arg(long, env = "MESHMEND_MAX_BOX_CHANGE_PCT", default_value_t = Options::default().max_box_change_pct)]
     max_box_change_pct: f64,
@@ -55,27 +67,47 @@ pub struct RepairOptionArgs {
     /// Red flag: share of the visible surface without a counterpart in the result, in percent.
     #[arg(long, env = "MESHMEND_MAX_SURFACE_LOST_PCT", default_value_t = Options::default().max_surface_lost_pct)]
     max_surface_lost_pct: f64,
+    /// Red flag: share of the result's surface that was invented, in percent.
+    #[arg(long, env = "MESHMEND_MAX_SURFACE_ADDED_PCT", default_value_t = Options::default().max_surface_added_pct)]
+    max_surface_added_pct: f64,
     /// Boundary vertices closer than this share of the model's diagonal are merged.
     #[arg(long, env = "MESHMEND_WELD_TOLERANCE", default_value_t = Options::default().weld_tolerance)]
     weld_tolerance: f64,
-    /// Boundary vertices closer than this share of the shortest boundary edge at either are merged.
-    #[arg(long, env = "MESHMEND_SEW_RATIO", default_value_t = Options::default().sew_ratio)]
-    sew_ratio: f64,
-    /// Widest crack that is stitched, as a share of the model's diagonal.
-    #[arg(long, env = "MESHMEND_STITCH_THRESHOLD", default_value_t = Options::default().stitch_threshold)]
-    stitch_threshold: f64,
+    /// Vertices closer than this are merged, on the boundary or not, in the model's unit.
+    #[arg(long, env = "MESHMEND_MERGE_DISTANCE")]
+    merge_distance: Option<f64>,
+    /// Boundary vertices closer than this share of the shortest boundary edge at either are merged. Without it 0.2, and vertices no
+    /// farther apart than 0.1 % of the model's diagonal.
+    #[arg(long, env = "MESHMEND_SEW_RATIO")]
+    sew_ratio: Option<f64>,
+    /// Widest crack that is stitched, as a share of the model's diagonal; without it 0.001.
+    #[arg(long, env = "MESHMEND_STITCH_THRESHOLD")]
+    stitch_threshold: Option<f64>,
+    /// Widest crack that is stitched, in the model's unit, instead of --stitch-threshold.
+    #[arg(long, env = "MESHMEND_STITCH_DISTANCE")]
+    stitch_distance: Option<f64>,
+    /// Share of an edge at either end within which stitching takes the end instead of cutting the edge.
+    #[arg(long, env = "MESHMEND_STITCH_EPSILON", default_value_t = Options::default().stitch_epsilon)]
+    stitch_epsilon: f64,
+    /// Where two vertices that are stitched meet.
+    #[arg(long, env = "MESHMEND_STITCH_POSITION", value_enum, default_value_t)]
+    stitch_position: StitchPosition,
     /// Edges shorter and faces lower than this share of the model's diagonal are removed.
     #[arg(long, env = "MESHMEND_DEGENERATE_TOLERANCE", default_value_t = Options::default().degenerate_tolerance)]
     degenerate_tolerance: f64,
-    /// With `remove_overlapping_neighbours`: the angle in degrees up to which neighbours lie on one another.
-    #[arg(long, env = "MESHMEND_OVERLAP_ANGLE_DEG", default_value_t = Options::default().overlap_angle_deg)]
-    overlap_angle_deg: f64,
+    /// With `remove_overlapping_neighbours`: the angle in degrees up to which neighbours lie on one another. Without it 1 degree, and
+    /// faces no farther apart than 0.01 % of the model's diagonal.
+    #[arg(long, env = "MESHMEND_OVERLAP_ANGLE_DEG")]
+    overlap_angle_deg: Option<f64>,
     /// Polygons twisted by more degrees than this are cut into triangles with the least fold.
     #[arg(long, env = "MESHMEND_TWIST_ANGLE_DEG", default_value_t = Options::default().twist_angle_deg)]
     twist_angle_deg: f64,
     /// Most edges around a hole that is closed.
     #[arg(long, env = "MESHMEND_MAX_HOLE_EDGES", default_value_t = Options::default().max_hole_edges)]
     max_hole_edges: u32,
+    /// Closed parts with a smaller share of the volume of all parts are dropped, in percent; 0 keeps them.
+    #[arg(long, env = "MESHMEND_MIN_PART_VOLUME_PCT", default_value_t = Options::default().min_part_volume_pct)]
+    min_part_volume_pct: f64,
     /// How closed parts that lie in others are wound.
     #[arg(long, env = "MESHMEND_NESTED", value_enum, default_value_t)]
     nested: Nested,
@@ -125,8 +157,10 @@ impl RepairOptionArgs {
     pub fn options(&self, output: OutputFormat, pictures: bool) -> Result<Options, String> {
         let options = Options {
             preset: self.preset,
+            category: self.category,
             output,
             merge: self.merge,
+            require: self.require,
             unit: self.unit,
             scale_to: self.scale_to,
             with: self.with.clone(),
@@ -137,16 +171,23 @@ impl RepairOptionArgs {
             max_tier: self.max_tier,
             deadline_s: self.deadline_s,
             max_face_loss_pct: self.max_face_loss_pct,
+            max_vertex_loss_pct: self.max_vertex_loss_pct,
             max_box_change_pct: self.max_box_change_pct,
             max_volume_change_pct: self.max_volume_change_pct,
             max_surface_lost_pct: self.max_surface_lost_pct,
+            max_surface_added_pct: self.max_surface_added_pct,
             weld_tolerance: self.weld_tolerance,
+            merge_distance: self.merge_distance,
             sew_ratio: self.sew_ratio,
             stitch_threshold: self.stitch_threshold,
+            stitch_distance: self.stitch_distance,
+            stitch_epsilon: self.stitch_epsilon,
+            stitch_position: self.stitch_position,
             degenerate_tolerance: self.degenerate_tolerance,
             overlap_angle_deg: self.overlap_angle_deg,
             twist_angle_deg: self.twist_angle_deg,
             max_hole_edges: self.max_hole_edges,
+            min_part_volume_pct: self.min_part_volume_pct,
             nested: self.nested,
             overlaps: self.overlaps,
             inside: self.inside,
