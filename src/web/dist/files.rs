@@ -6,7 +6,7 @@ pub(super) const WIDGET: &str = include_str!("widget.js");
 pub(super) const ASSETS: [(&str, &[u8]); 5] = [
     ("icon-70B5C160.svg", include_bytes!("icon-70B5C160.svg")),
     ("manual-U4WGFUJN.css", include_bytes!("manual-U4WGFUJN.css")),
-    ("page-PWVTTH22.js", include_bytes!("page-PWVTTH22.js")),
-    ("style-744EOYWN.css", include_bytes!("style-744EOYWN.css")),
+    ("page-LBZ3S4XY.js", include_bytes!("page-LBZ3S4XY.js")),
+    ("style-SITLIM6H.css", include_bytes!("style-SITLIM6H.css")),
     ("viewer-LRWP7PXD.js", include_bytes!("viewer-LRWP7PXD.js")),
 ];

@@ -52,3 +52,14 @@ test("lengths are told in the chosen unit whatever the file's is", () => {
 test("a printable model was not touched", () => {
   assert.deepEqual(inWords(report({ outcome: "already_printable" }), en, figures, "mm"), [en.untouched]);
 });
+
+test("the rim of a sheet that was thickened is no hole that was closed", () => {
+  const before = { defects: [{ kind: "hole", count: 62 }], print: { unit: "mm", size: [80, 80, 20] } };
+  const step = (what: string, count: number): object => ({ status: "done", rung: 1, changed: [{ what, count }] });
+  const made = { before, steps: [step("holes_closed", 3), step("sheets_thickened", 36), { ...step("holes_closed", 50), rung: 0 }], candidates: [{ chosen: true, rung: 1 }] };
+  assert.equal(inWords(report(made), en, figures, "mm")[0], "3 holes closed");
+  const objects = [made, made];
+  assert.equal(inWords(report({ before, objects }), en, figures, "mm")[0], "6 holes closed");
+  const none = { ...made, steps: [step("sheets_thickened", 36)] };
+  assert.ok(!inWords(report(none), en, figures, "mm").some((line) => line.includes("hole")));
+});

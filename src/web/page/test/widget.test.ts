@@ -7,7 +7,7 @@ import { type TokenSource, Tokens } from "../src/widget/tokens";
 const print = { unit: "in", unit_source: "file", size: [1, 2, 3], size_mm: [25.4, 50.8, 76.2], area: 22, volume: 6, solids: 1, thinnest_wall: { thickness: 0.5 } };
 
 function job(outcome: string, inspections: object): Job {
-  return { outcome, report: { mode: "repair", ...inspections } } as unknown as Job;
+  return { status: "succeeded", outcome, artifacts: {}, report: { mode: "repair", ...inspections } } as unknown as Job;
 }
 
 test("what prices an order is measured on the result, in millimetres", () => {
@@ -19,6 +19,11 @@ test("what prices an order is measured on the result, in millimetres", () => {
   assert.deepEqual([metrics.volumeMm3, metrics.areaMm2, metrics.thinnestWallMm], [6 * 25.4 ** 3, 22 * 25.4 ** 2, 12.7]);
   assert.equal(metricsOf(job("partially_repaired", { before: { print }, after: null }))?.printable, false);
   assert.equal(metricsOf(job("unrepairable", { before: { print: null }, after: null })), null);
+});
+
+test("a model that is not handed out is priced by nothing", () => {
+  const refused = { ...job("", { before: { print }, after: { print } }), status: "failed", outcome: null, problem: { code: "not_printable" } } as unknown as Job;
+  assert.equal(metricsOf(refused), null);
 });
 
 const never = new AbortController().signal;

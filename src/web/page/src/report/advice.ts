@@ -1,4 +1,5 @@
 import type { Capabilities, Job, Options, Report } from "meshmend-client";
+import { claimsOf, isPrintable } from "./verdict";
 
 /** Something to try with a job that did not come out whole: other options, and which texts tell of it. */
 export interface Try {
@@ -13,13 +14,13 @@ const LONGER_S = 600;
 export function tries(job: Job, can: Capabilities | null): Try[] {
   const list: Try[] = [];
   const blender = can?.tiers.some((tier) => tier.tier === 3 && tier.available) ?? false;
-  if (job.status === "failed") {
+  if (job.status === "failed" && !isUnfinished(job)) {
     const code = job.problem?.code;
     if (code === "deadline_exceeded") list.push({ name: "tryLonger", options: { ...own(job), deadline_s: LONGER_S } });
     if (code === "crashed" || code === "worker_lost" || code === "internal") list.push({ name: "tryAgain", options: own(job) });
     return list;
   }
-  if (job.report?.mode !== "repair" || !["unrepairable", "partially_repaired"].includes(job.outcome ?? "")) return list;
+  if (job.report?.mode !== "repair" || !isUnfinished(job)) return list;
   if (isOpenSheet(job.report)) {
     list.push({ name: "tryThicken", options: { ...own(job), open_sheets: "thicken" } });
     list.push({ name: "tryBase", options: { ...own(job), open_sheets: "base" } });
@@ -27,6 +28,12 @@ export function tries(job: Job, can: Capabilities | null): Try[] {
     list.push({ name: "tryRemesh", options: { ...own(job), preset: "blender-remesh", max_tier: 3 } });
   }
   return list;
+}
+
+/** Whether a repair ran to its end and its result is not printable, handed out or not. */
+export function isUnfinished(job: Job): boolean {
+  const hasEnded = job.status === "succeeded" || claimsOf(job).isRefused;
+  return hasEnded && job.report?.mode === "repair" && !isPrintable(job.report.outcome);
 }
 
 /** A model that is nothing but surface without an inside: it has no closed part, and no repair made one. */

@@ -7,6 +7,8 @@ type Account = Report | ObjectReport;
 
 /** Kinds that are remarks and no faults, so that nothing is said to be mended of them. */
 const REMARKS = new Set(["disjoint", "inner_shell", "tiny_part"]);
+/** Changes that end the rim of a sheet without closing a hole. */
+const MADE_SOLID = ["sheets_thickened", "bases_added", "faces_around_open_rooms_thickened"];
 /** A move that is a smaller share of the model is rounding. */
 const NOTHING = 1e-6;
 
@@ -21,7 +23,7 @@ export function inWords(report: Account, words: Words, figures: Figures, unit: U
   const lines: string[] = [];
   const after = counts(report.after);
   for (const [kind, count] of counts(report.before)) {
-    const gone = count - (after.get(kind) ?? 0);
+    const gone = kind === "hole" ? holesClosed(report, count - (after.get(kind) ?? 0)) : count - (after.get(kind) ?? 0);
     const say = words.fixed[kind];
     if (gone > 0 && say && !REMARKS.has(kind)) lines.push(say(figures.count(gone), gone));
   }
@@ -30,6 +32,17 @@ export function inWords(report: Account, words: Words, figures: Figures, unit: U
   const left = ledger ? leftOut(ledger) : 0;
   if (left > 0) lines.push(words.dropped(figures.count(left), left));
   return [...lines, ...ofSurface(report, words, figures, unit)];
+}
+
+/** How many of the holes that are gone were closed. The rim of a sheet that was given a thickness is gone too, and was no hole that was closed. */
+function holesClosed(report: Account, gone: number): number {
+  const accounts: Account[] = "objects" in report && report.objects && report.objects.length > 0 ? report.objects : [report];
+  const sum = (names: string[]): number =>
+    accounts
+      .flatMap((account) => account.steps.filter((step) => step.status === "done" && isChosen(account, step.rung)))
+      .flatMap((step) => step.changed)
+      .reduce((sum, { what, count }) => (names.includes(what) ? sum + count : sum), 0);
+  return sum(MADE_SOLID) > 0 ? Math.min(gone, sum(["holes_closed"])) : gone;
 }
 
 /** Whether the result is what came. */

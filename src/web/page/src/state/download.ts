@@ -1,6 +1,6 @@
 import { type Artifact, type Job, Problem, fetchArtifact, follow, newKey, submit } from "meshmend-client";
 import { own } from "../report/advice";
-import { isPrintable } from "../report/outcome";
+import { claimsOf } from "../report/verdict";
 import { server } from "./server";
 
 /** Has the browser save a file of a job. Where a key is needed the file passes through the page, since links send none. */
@@ -24,7 +24,7 @@ function click(href: string, name: string): void {
  * with the same options, since what is not whole would be repaired further.
  */
 export async function convert(job: Job, format: string, signal: AbortSignal): Promise<Artifact> {
-  const whole = isPrintable(job.outcome);
+  const whole = claimsOf(job).isPrintable;
   const made = await submit(
     server,
     {

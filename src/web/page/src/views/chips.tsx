@@ -1,5 +1,5 @@
 import type { Job, Outcome } from "meshmend-client";
-import { isPrintable } from "../report/outcome";
+import { isPrintable } from "../report/verdict";
 import { useWords } from "../words/words";
 
 /** What became of a model, in a word and a colour. */
@@ -13,5 +13,6 @@ export function StatusChip({ job }: { job: Job }) {
   const { words } = useWords();
   if (job.status === "succeeded" && job.outcome) return <OutcomeChip outcome={job.outcome} />;
   const tone = job.status === "failed" ? "bad" : job.status === "running" || job.status === "queued" ? "busy" : "";
-  return <span class={`chip ${tone}`}>{words.statuses[job.status]}</span>;
+  const text = job.problem?.code === "not_printable" ? words.outcomes["not_printable"] : words.statuses[job.status];
+  return <span class={`chip ${tone}`}>{text}</span>;
 }

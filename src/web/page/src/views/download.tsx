@@ -1,5 +1,6 @@
 import { useEffect, useRef, useState } from "preact/hooks";
 import { type Capabilities, type Job, Problem } from "meshmend-client";
+import { claimsOf } from "../report/verdict";
 import { convert, save } from "../state/download";
 import { noticed } from "../state/server";
 import { useWords } from "../words/words";
@@ -13,7 +14,7 @@ export function Download({ job, can }: { job: Job; can: Capabilities | null }) {
   const [problem, setProblem] = useState<Problem | null>(null);
   const stop = useRef(new AbortController());
   useEffect(() => () => stop.current.abort(), []);
-  const model = job.artifacts["model"];
+  const { model, original, isPrintable } = claimsOf(job);
   const format = String(job.report?.mode === "repair" ? (job.report.output?.format ?? "") : "").toUpperCase();
 
   const doing = async (work: () => Promise<void>): Promise<void> => {
@@ -35,14 +36,15 @@ export function Download({ job, can }: { job: Job; can: Capabilities | null }) {
   };
   const others = (can?.output_formats ?? []).filter((it) => it.toUpperCase() !== format);
   const small = [
-    ["report.json", words.downloadReport],
-    ["log.txt", words.downloadLog],
+    [original, words.downloadOriginal],
+    [job.artifacts["report.json"], words.downloadReport],
+    [job.artifacts["log.txt"], words.downloadLog],
   ] as const;
   return (
     <section class="download">
       {model && (
         <>
-          <button type="button" class="primary large" onClick={() => void doing(() => save(model))}>
+          <button type="button" class={isPrintable ? "primary large" : "plain large"} onClick={() => void doing(() => save(model))}>
             <Icon name="download" /> {words.download(format)} <span class="size">{figures.bytes(model.bytes)}</span>
           </button>
           <label class="other">
@@ -61,16 +63,14 @@ export function Download({ job, can }: { job: Job; can: Capabilities | null }) {
         </>
       )}
       <p class="links">
-        {small.map(([name, text]) => {
-          const artifact = job.artifacts[name];
-          return (
+        {small.map(
+          ([artifact, text]) =>
             artifact && (
-              <button key={name} type="button" class="link" onClick={() => void doing(() => save(artifact))}>
+              <button key={text} type="button" class="link" onClick={() => void doing(() => save(artifact))}>
                 {text}
               </button>
-            )
-          );
-        })}
+            ),
+        )}
       </p>
       {problem && <ProblemNote problem={problem} />}
     </section>

@@ -1,5 +1,5 @@
 import type { Capabilities } from "meshmend-client";
-import { isPrintable } from "../report/outcome";
+import { claimsOf } from "../report/verdict";
 import { type Piece, pauseUpload, remove, resume, selected } from "../state/work";
 import { useWords } from "../words/words";
 import { ChooseFiles } from "./choose-files";
@@ -79,10 +79,9 @@ function stateOf(piece: Piece, words: Said["words"], figures: Said["figures"]): 
     return busy(queued ? words.states.queued : `${words.states.running} · ${figures.percent(percent / 100)}`, percent / 100);
   }
   if (piece.phase !== "ended" || !piece.job) return busy(words.states[piece.phase === "waiting" ? "waiting" : "submitting"], null);
-  const { status, outcome } = piece.job;
-  if (status === "failed") return { tone: "bad", icon: "warn", text: words.failed, share: null };
-  if (status === "canceled") return { tone: "fair", icon: "cross", text: words.canceled, share: null };
+  const { status } = piece.job;
+  if (status === "canceled") return { tone: "fair", icon: "cross", text: words.outcomes["canceled"]!, share: null };
   if (status === "expired") return { tone: "fair", icon: "cross", text: words.statuses["expired"]!, share: null };
-  const good = isPrintable(outcome);
-  return { tone: good ? "good" : "fair", icon: good ? "check" : "warn", text: words.outcomes[outcome ?? ""] ?? "", share: null };
+  const { tone, title } = claimsOf(piece.job);
+  return { tone, icon: tone === "good" ? "check" : "warn", text: words.outcomes[title] ?? "", share: null };
 }

@@ -5,6 +5,7 @@ import type { Place } from "../viewer/places";
 import { inMillimetres } from "../units";
 import { settings } from "../state/settings";
 import { unitOfJob } from "../report/plain";
+import { claimsOf } from "../report/verdict";
 import { useWords } from "../words/words";
 import { Icon } from "./icons";
 import { ThinWalls } from "./thin-walls";
@@ -36,11 +37,13 @@ export function Layers({ job, shown }: { job: Job; shown: Shown | null }) {
   const { words } = useWords();
   const layers = useMemo(() => layersOf(shown), [shown]);
   const found = new Set(layers.map(({ kind }) => lookOf(kind).family));
-  const clean = FAMILIES.filter((family) => !found.has(family));
+  // Where the time was over before the file was inspected, nothing was looked for.
+  const isInspected = job.report?.mode === "repair" && job.report.before.level !== "none";
+  const clean = isInspected ? FAMILIES.filter((family) => !found.has(family)) : [];
   return (
     <section class="layers">
       <h2>{words.layers}</h2>
-      {shown && layers.length === 0 && <p class="clean">{words.layersNone}</p>}
+      {shown && layers.length === 0 && claimsOf(job).isPrintable && <p class="clean">{words.layersNone}</p>}
       <ul>
         {layers.map((layer) => (
           <LayerRow key={layer.kind} layer={layer} shown={shown} />

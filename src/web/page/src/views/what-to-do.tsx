@@ -1,12 +1,12 @@
 import type { Capabilities, Job, Options } from "meshmend-client";
-import { tries } from "../report/advice";
+import { isUnfinished, tries } from "../report/advice";
 import { useWords } from "../words/words";
 
 /** What may help where a model did not come out whole. */
 export function WhatToDo({ job, can, retry }: { job: Job; can: Capabilities | null; retry: (options: Options) => void }) {
   const { words } = useWords();
   const list = tries(job, can);
-  const isPartial = job.outcome === "partially_repaired" || job.outcome === "unrepairable";
+  const isPartial = isUnfinished(job);
   if (list.length === 0 && !isPartial) return null;
   return (
     <section class="what-to-do">

@@ -62,9 +62,9 @@ export interface FailedDetail {
   /** Null where there was no job yet. */
   jobId: string | null;
   status: "refused" | "succeeded" | "failed" | "canceled" | "expired";
-  /** `unrepairable` or null. */
+  /** `unrepairable`, where the job failed with `not_printable` also `partially_repaired`, or null. */
   outcome: Outcome | null;
-  /** A code of the API (`/problems`), or `unrepairable`, `canceled`, `unreachable`, `store_unreachable` (a bucket whose CORS rules leave the page out), `token_missing`, `token_refused`, `bad_attribute`. */
+  /** A code of the API (`/problems`), such as `not_printable` where the option `require` is `printable`, or `unrepairable`, `canceled`, `unreachable`, `store_unreachable` (a bucket whose CORS rules leave the page out), `token_missing`, `token_refused`, `bad_attribute`. */
   code: string;
   /** What the widget says to the customer, in their language. */
   message: string;

@@ -1,5 +1,5 @@
 import type { Job } from "meshmend-client";
-import { isPrintable } from "../report/outcome";
+import { claimsOf } from "../report/verdict";
 import { inMillimetres } from "../units";
 import type { Metrics, Point } from "./meshmend-upload";
 
@@ -7,17 +7,18 @@ function scaled([x = 0, y = 0, z = 0]: readonly number[], factor: number): Point
   return [x * factor, y * factor, z * factor];
 }
 
-/** What prices an order, measured on the result; none where nothing was measured. */
+/** What prices an order, measured on the result; none where nothing was measured, or nothing is handed out. */
 export function metricsOf(job: Job): Metrics | null {
   const report = job.report?.mode === "repair" ? job.report : null;
   const inspection = report && (report.after ?? report.before);
   const print = inspection?.print;
-  if (!print) return null;
+  const { isPrintable, isRefused } = claimsOf(job);
+  if (!print || isRefused) return null;
   const own = inMillimetres(print.unit);
   const times = (value: number | null | undefined, factor: number): number | null => (value == null ? null : value * factor);
   const box = inspection.bounding_box;
   return {
-    printable: isPrintable(job.outcome),
+    printable: isPrintable,
     unit: print.unit,
     unitSource: print.unit_source,
     sizeMm: scaled(print.size_mm, 1),

@@ -1,5 +1,5 @@
 import { type Capabilities, type Job, type NewJob, type Options, type ProgressEvent, type Server, Problem, announce, cancelJob, capabilities, follow, send, standing, submitSurely } from "meshmend-client";
-import { isPrintable } from "../report/outcome";
+import { claimsOf } from "../report/verdict";
 import { Store } from "../state/store";
 import { type Teller, tellOfEnd, tellOfProgress, tellOfRefusal, tellOfUpload } from "./telling";
 import type { Tokens } from "./tokens";
@@ -146,7 +146,7 @@ export class Session {
   async #follow(job: Job, server: Server, signal: AbortSignal): Promise<void> {
     const ended = await follow(server, job.id, (progress) => this.#change({ progress }), signal);
     signal.throwIfAborted();
-    const can = isPrintable(ended.outcome) ? null : await capabilities(server).catch(() => null);
+    const can = claimsOf(ended).isPrintable ? null : await capabilities(server).catch(() => null);
     signal.throwIfAborted();
     this.state.change((now) => ({ ...now, phase: "ended", job: ended, progress: null, can }));
     tellOfEnd(this.teller, ended);

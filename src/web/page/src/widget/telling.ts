@@ -1,4 +1,5 @@
 import type { Job, Problem } from "meshmend-client";
+import { claimsOf } from "../report/verdict";
 import type { MeshmendUploadEventMap, Outcome } from "./meshmend-upload";
 import { metricsOf } from "./metrics";
 import type { State } from "./session";
@@ -39,7 +40,7 @@ export function tellOfProgress(teller: Teller, { phase, job, sent, bytes, progre
 export function tellOfEnd(teller: Teller, job: Job): void {
   const outcome = outcomeOf(job);
   const metrics = metricsOf(job);
-  if (job.status === "succeeded" && outcome && outcome !== "unrepairable" && metrics) {
+  if (job.status === "succeeded" && claimsOf(job).model && outcome && outcome !== "unrepairable" && metrics) {
     return teller.tell("repaired", { jobId: job.id, status: job.status, outcome, metrics });
   }
   const status = ENDS.find((end) => end === job.status) ?? "failed";

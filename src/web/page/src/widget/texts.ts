@@ -12,7 +12,7 @@ const en = {
   oneAtATime: "One model at a time, please: drop a single file.",
   another: "Upload another model",
   result: "Result",
-  proven: "Checked on the result itself: closed, consistently outward, no two faces that intersect.",
+  proven: (list: string) => `Checked on the result itself: ${list}.`,
   advice: {
     token_missing: "This upload is not set up yet. Please tell the shop.",
     token_refused: "The shop gave no permission to upload. Reload the page or sign in again, then try once more.",
@@ -29,6 +29,7 @@ const en = {
     deadline_exceeded: "The model took too long to repair. Send it with fewer faces.",
     unavailable: "The upload service is busy. Try again in a moment.",
     unrepairable: "The model could not be repaired.",
+    not_printable: "The model can't be printed, and could not be repaired so that it can.",
     canceled: "Cancelled.",
   } as Record<string, string>,
 };
@@ -44,7 +45,7 @@ const de: Texts = {
   oneAtATime: "Bitte ein Modell nach dem anderen: nur eine Datei ablegen.",
   another: "Anderes Modell hochladen",
   result: "Ergebnis",
-  proven: "Am Ergebnis selbst geprüft: geschlossen, durchweg nach außen gerichtet, keine zwei Flächen schneiden sich.",
+  proven: (list) => `Am Ergebnis selbst geprüft: ${list}.`,
   advice: {
     token_missing: "Dieses Hochladen ist noch nicht eingerichtet. Bitte dem Shop Bescheid geben.",
     token_refused: "Der Shop hat das Hochladen nicht erlaubt. Seite neu laden oder neu anmelden, dann noch einmal versuchen.",
@@ -61,6 +62,7 @@ const de: Texts = {
     deadline_exceeded: "Die Reparatur hat zu lange gedauert. Mit weniger Dreiecken schicken.",
     unavailable: "Der Dienst ist ausgelastet. Gleich noch einmal versuchen.",
     unrepairable: "Das Modell konnte nicht repariert werden.",
+    not_printable: "Das Modell ist nicht druckbar und ließ sich nicht druckbar machen.",
     canceled: "Abgebrochen.",
   },
 };

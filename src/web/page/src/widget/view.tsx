@@ -1,4 +1,5 @@
 import { useLayoutEffect, useMemo, useRef, useState } from "preact/hooks";
+import { claimsOf } from "../report/verdict";
 import { dropped } from "../state/files";
 import type { Unit } from "../units";
 import { Icon } from "../views/icons";
@@ -90,7 +91,7 @@ function Box({ session, lang, unit, accept }: Omit<Props, "language"> & { lang: 
 function Said({ state: { phase, job } }: { state: State }) {
   const { words } = useWords();
   if (phase !== "ended" || !job) return null;
-  return <>{job.status === "succeeded" ? words.outcomes[job.outcome ?? ""] : job.status === "canceled" ? words.canceled : words.failed}</>;
+  return <>{words.outcomes[claimsOf(job).title]}</>;
 }
 
 /** The file on its way, and what can be done with it. */
