@@ -53,7 +53,7 @@ export async function told(messageId, message) {
 }
 
 async function handle({ type, data }) {
-  if (type !== "job.succeeded") return;
+  if (type !== "job.succeeded" || !data.printable) return;
   ended.set(data.id, data);
   for (const it of orders.values()) if (it.jobId === data.id) await produce(it, data);
 }

@@ -8,4 +8,5 @@ address, broken, repaired = sys.argv[1:]
 client = Client(address)
 job = client.repair(broken, {"output": "stl"})
 print(f"{job.outcome}: {job.report['summary']}")
-job.save(repaired)
+if job.is_printable:
+    job.save(repaired)

@@ -196,10 +196,11 @@ export interface paths {
         };
         /**
          * Download a file of a job.
-         * @description `model` is the result, `report.json` the account, `log.txt` what the tiers said. Unless `pictures` is false,
-         *     `before.png` and `after.png` show the input and the result with what is wrong in colour, and `defects.glb` and
-         *     `defects.ply` are the input as coloured meshes with a legend. `change.png`, `change.glb` and `change.ply` show the surface that
-         *     was kept, moved, added and removed. What is still wrong with a result is in `remaining.glb`; models of more than 400,000 faces have
+         * @description `model` is the result, or where nothing made the model better `original` is the upload. `report.json` is the account, `log.txt` what
+         *     the tiers said. Unless `pictures` is false, `before.png` and `after.png` show the input and the result with what is wrong in colour,
+         *     and `defects.glb` and `defects.ply` are the input as coloured meshes with a legend. `change.png`, `change.glb` and `change.ply` show
+         *     the surface that was kept, moved, added and removed. What is still wrong with a result is in `remaining.glb`; models of more than
+         *     400,000 faces have
          *     coarse previews, `defects-preview.glb` and `change-preview.glb`. Single ranges, If-Range and If-None-Match are honoured; the entity tag is the file's SHA-256.
          */
         get: operations["get_artifact"];
@@ -486,7 +487,7 @@ export interface components {
          * @description One thing a plan does.
          * @enum {string}
          */
-        Action: "basic_cleanup" | "fix_normals" | "fill_holes" | "stitch" | "mend" | "mend_conservative" | "make_manifold" | "clean_and_patch" | "close_sheets" | "resolve" | "separate" | "simplify" | "native_remesh" | "voxel_remesh" | "boolean_union" | "validate";
+        Action: "basic_cleanup" | "fix_normals" | "fill_holes" | "stitch" | "mend" | "mend_conservative" | "make_manifold" | "clean_and_patch" | "close_sheets" | "resolve" | "separate" | "simplify" | "drop_small_parts" | "native_remesh" | "voxel_remesh" | "boolean_union" | "validate";
         /** @description The account of one analysis. */
         AnalysisReport: {
             /** @description Name and version of the engine. */
@@ -557,6 +558,40 @@ export interface components {
             /** @description SHA-256 of its bytes, in hexadecimal. */
             sha256: string;
         };
+        /**
+         * @description A decision that the input does not prove: what was decided, how much of the model it concerns, and the option that decides
+         *     otherwise.
+         */
+        Assumption: {
+            /**
+             * Format: double
+             * @description How much, in the quantity that the kind documents.
+             */
+            amount?: number | null;
+            /**
+             * Format: int64
+             * @description How many things it concerns: sheets, holes, objects, pieces or cavities.
+             */
+            count: number;
+            /** @description The decision as a sentence. */
+            detail: string;
+            /** @description What was decided. */
+            kind: components["schemas"]["AssumptionKind"];
+            /** @description The option that decides otherwise, as `name=value`. */
+            option?: string | null;
+            /** @description Points where it applies, in the model's unit; at most five. */
+            places?: number[][];
+            /**
+             * Format: double
+             * @description Share of the result's surface that it concerns, in percent.
+             */
+            share_pct?: number | null;
+        };
+        /**
+         * @description The kinds of [`Assumption`].
+         * @enum {string}
+         */
+        AssumptionKind: "unit" | "objects_united" | "overlap_removed" | "sheets_thickened" | "bases_added" | "large_holes_closed" | "parts_joined" | "winding_rule" | "pieces_dropped" | "cavities_kept" | "cavities_filled" | "methods_agree";
         /**
          * @description The four attributes of a mesh as meshalyzer defines them (seed 004), each one assuming those before it where its
          *     definition does.
@@ -673,7 +708,7 @@ export interface components {
          * @description Why an input part of which nothing is in the result is not missed.
          * @enum {string}
          */
-        Certificate: "duplicate" | "no_volume" | "inside_another" | "debris";
+        Certificate: "duplicate" | "no_volume" | "inside_another" | "debris" | "dropped";
         /** @description One kind of change that an operator made, such as 12 `duplicate_faces_removed`. */
         Change: {
             /**
@@ -696,7 +731,7 @@ export interface components {
             area_change_pct?: number | null;
             /**
              * Format: double
-             * @description Largest move of a side of the bounding box, over its diagonal before.
+             * @description Largest move of a side of the box around all faces with an area, over its diagonal before.
              */
             box_change_pct?: number | null;
             /**
@@ -723,7 +758,8 @@ export interface components {
             /**
              * Format: double
              * @description Of what is inside the input or the result the share that is inside both, in percent, by winding numbers at sampled points:
-             *     where the volume of the input can't tell, since it is closed but its faces intersect.
+             *     where the volume of the input can't tell, since it is closed but its faces intersect or its parts overlap. Of an open
+             *     input, the share of what is inside it that is inside the result.
              */
             inside_overlap_pct?: number | null;
             lost?: components["schemas"]["Deviation"] | null;
@@ -748,7 +784,8 @@ export interface components {
             vertices: number;
             /**
              * Format: double
-             * @description Change of the volume.
+             * @description Change of the volume, in percent of what the input encloses once its closed parts look outward; none where that is no more
+             *     than rounding.
              */
             volume_change_pct?: number | null;
         };
@@ -767,8 +804,16 @@ export interface components {
          * @enum {string}
          */
         CheckRule: "manifold" | "no_zero_length_edge" | "no_zero_area_face" | "no_opposed_vertex_normal" | "no_slit" | "no_self_intersection";
-        /** @description Whether a mesh keeps the rules of a check level. Zero is what is below the tolerances. */
+        /**
+         * @description Whether a mesh keeps the rules of a check level. A mesh that [`Measures::printable`] passes keeps them all.
+         *
+         *     A rule is broken by what is exactly so: an edge without length, a face without area, a slit. What is so within the tolerances only,
+         *     such as a face lower than a ten-millionth of the model, is advice: no reader takes it for broken, and to remove it may move surface
+         *     into other surface. Normals of the file are advice too, since slicers compute their own.
+         */
         CheckVerdict: {
+            /** @description The rules that are kept exactly, but not within the tolerances, or by the normals that the file gives. */
+            advice?: components["schemas"]["CheckRule"][];
             /** @description The rules that are broken. */
             broken: components["schemas"]["CheckRule"][];
             /** @description Every rule was checked, and none is broken. */
@@ -910,7 +955,7 @@ export interface components {
         Elements: {
             /**
              * Format: int64
-             * @description Faces of three different vertices that lie on a line.
+             * @description Faces of three different vertices that lie on a line, or so near one that f64 finds no area.
              */
             collinear_faces: number;
             /** @description Whether faces are numbered 1, 2, 3 and so on; none where the format has no numbers. */
@@ -995,13 +1040,19 @@ export interface components {
          * @enum {string}
          */
         Format: "stl" | "obj" | "ply" | "off" | "mesh" | "glb" | "3mf" | "zip";
+        /**
+         * @description The file that a repair hands out.
+         * @enum {string}
+         */
+        HandedOut: "model" | "original" | "none";
         /** @description How many values there are in each of a row of bins, usually 16. */
         Histogram: {
             /** @description The values in each bin. */
             counts: number[];
             /**
              * @description The borders of the bins, ascending, one more than there are bins. A value on a border belongs to the bin above it, the
-             *     last border to the last bin.
+             *     last border to the last bin; a value counts as on a border that is above it by a millionth at most, which is rounding. A range so
+             *     narrow is one bin.
              */
             edges: number[];
             /** @description How the edges are placed. */
@@ -1253,6 +1304,11 @@ export interface components {
             debris: number;
             /**
              * Format: int64
+             * @description Parts with the certificate `dropped`.
+             */
+            dropped?: number;
+            /**
+             * Format: int64
              * @description Parts with the certificate `duplicate`.
              */
             duplicate: number;
@@ -1294,6 +1350,11 @@ export interface components {
              */
             unknown: number;
         };
+        /**
+         * @description Work that the deadline left no time for.
+         * @enum {string}
+         */
+        LeftOut: "input_verification" | "input_details" | "repair" | "verification" | "attributes" | "result_details" | "surface_changes";
         /** @description What lengths are in. */
         LengthUnit: {
             /** @description What to know of it, in words. */
@@ -1382,6 +1443,11 @@ export interface components {
             faces: number;
             /**
              * Format: int64
+             * @description Faces of an assembly that lie inside a body of another material.
+             */
+            faces_in_other_materials?: number;
+            /**
+             * Format: int64
              * @description Closed parts that are turned inside out: not within another part, and of negative volume.
              */
             inverted_parts: number;
@@ -1389,9 +1455,21 @@ export interface components {
             manifold: boolean;
             /**
              * Format: int64
+             * @description Materials of an assembly of bodies, such as a 3MF file for a print of several materials. Bodies of one material are judged
+             *     together; those of another may touch them. 0 where the file is one mesh.
+             */
+            materials?: number;
+            /**
+             * Format: int64
              * @description Edges of two faces that both run along it in the same direction.
              */
             misoriented_edges: number;
+            /**
+             * Format: int64
+             * @description Faces that lose a corner and edges that lose their pairing for a reader that rounds positions to eight decimals, as trimesh does,
+             *     or to 1e-7 of the diagonal where that is finer.
+             */
+            near_coincident_faults?: number;
             /**
              * Format: int64
              * @description Faces with a corner that is not a finite number; they are left out of every other count.
@@ -1418,9 +1496,20 @@ export interface components {
             self_intersections: components["schemas"]["SelfIntersections"];
             /**
              * Format: int64
+             * @description Faces that name a vertex which the file does not give; they are left out of every other count.
+             */
+            unreadable_faces?: number;
+            /**
+             * Format: int64
              * @description Vertices of the file that no face uses.
              */
             unreferenced_vertices: number;
+            /**
+             * Format: int64
+             * @description Edges of two faces that are joined by position only: in the file each of the two faces has vertices of its own there. A reader
+             *     that takes vertices by index sees a slit. 0 for STL and glTF, whose readers join vertices by position.
+             */
+            unshared_edges?: number;
             /**
              * Format: int64
              * @description Different vertex positions that a face uses.
@@ -1438,7 +1527,7 @@ export interface components {
          * @description What becomes of a file's objects, where its format and that of the result have such.
          * @enum {string}
          */
-        Merge: "none" | "objects";
+        Merge: "auto" | "none" | "objects";
         /** @description Two meshes that intersect. */
         MeshPair: {
             /** @description Whether all were counted. */
@@ -1532,15 +1621,24 @@ export interface components {
          * @enum {string}
          */
         NoWall: "no_surface" | "open_surface" | "no_opposite_sides";
+        /**
+         * @description The kinds of reason why an option was not applied.
+         * @enum {string}
+         */
+        NotAppliedCause: "nothing_to_do" | "limited" | "excluded" | "unavailable" | "made_worse";
         /** @description The account of one object that was repaired apart from the others, in its own coordinates. */
         ObjectReport: {
             after?: components["schemas"]["Inspection"] | null;
+            /** @description Decisions that the object does not prove. */
+            assumptions?: components["schemas"]["Assumption"][];
             /** @description The object, looked at before anything was processed but the unit, with a few places of each kind. */
             before: components["schemas"]["Inspection"];
             /** @description Every result that was judged; the chosen one is marked. */
             candidates: components["schemas"]["Candidate"][];
             changes?: components["schemas"]["Changes"] | null;
             ledger?: components["schemas"]["Ledger"] | null;
+            /** @description What the deadline left no time for, in the order of a repair. */
+            left_out?: components["schemas"]["LeftOut"][];
             /**
              * Format: double
              * @description Time that it took, in milliseconds.
@@ -1553,6 +1651,8 @@ export interface components {
              * @description Its number among the file's objects, from 1.
              */
             number: number;
+            /** @description Options that were set and that the result does not follow, or only in part, and why; also those that found nothing to do. */
+            options_not_applied?: components["schemas"]["OptionNotApplied"][];
             /** @description What became of it. */
             outcome: components["schemas"]["Outcome"];
             /**
@@ -1580,12 +1680,26 @@ export interface components {
          * @description The operators by name: what a plan lists, what the options switch on and off, and what the report accounts for.
          * @enum {string}
          */
-        Operator: "round_coordinates" | "remove_collapsed_faces" | "weld" | "remove_duplicates" | "remove_caps" | "remove_slivers" | "orient" | "split_t_junctions" | "sew" | "stitch" | "unfold_foldovers" | "remove_overlapping_neighbours" | "remove_sheets_within" | "remove_membranes" | "cut_one_sided" | "cut_apart" | "free_fins" | "join_parts" | "fill_holes" | "clean_and_patch" | "thicken_sheets" | "add_base" | "resolve" | "remesh" | "remove_debris" | "separate" | "simplify";
+        Operator: "round_coordinates" | "remove_collapsed_faces" | "merge_vertices" | "weld" | "remove_duplicates" | "remove_caps" | "remove_slivers" | "orient" | "split_t_junctions" | "sew" | "stitch" | "unfold_foldovers" | "remove_overlapping_neighbours" | "remove_sheets_within" | "remove_membranes" | "cut_one_sided" | "cut_apart" | "free_fins" | "join_parts" | "fill_holes" | "clean_and_patch" | "thicken_sheets" | "add_base" | "resolve" | "remesh" | "remove_debris" | "separate" | "drop_small_parts" | "simplify";
+        /** @description An option that was set and that the result does not follow, or only in part. */
+        OptionNotApplied: {
+            /** @description What kind of reason it is. */
+            cause: components["schemas"]["NotAppliedCause"];
+            /** @description The option's name. */
+            option: string;
+            /** @description The reason as a sentence. */
+            reason: string;
+            /** @description Its value as text. */
+            value: string;
+        };
         /** @description How a model is to be repaired. Every field has a default. */
         Options: {
+            /** @default null */
+            category?: components["schemas"]["Category"] | null;
             /**
              * Format: double
-             * @description Seconds the repair may take from its start; then the best result so far is returned or the job fails.
+             * @description Seconds the repair may take from its start. It ends within 2 s and 10 % of that, with the best result that was verified by then, or
+             *     fails where there was not even time to inspect the input; `left_out` in the report says what there was no time for.
              * @default 300
              */
             deadline_s?: number;
@@ -1646,8 +1760,8 @@ export interface components {
             max_faces?: number | null;
             /**
              * Format: int32
-             * @description Most edges around a hole that tier 1 closes.
-             * @default 10000
+             * @description Most edges around a hole that is closed.
+             * @default 1000000
              */
             max_hole_edges?: number;
             /**
@@ -1670,6 +1784,13 @@ export interface components {
             max_remesh_faces?: number;
             /**
              * Format: double
+             * @description Red flag: share of the result's surface that the input does not have, in percent: thickened skins, and patches of holes that are
+             *     larger than 2 % of the surface each.
+             * @default 10
+             */
+            max_surface_added_pct?: number;
+            /**
+             * Format: double
              * @description Red flag: share of the surface seen from outside that has no counterpart in the result, in percent.
              * @default 1
              */
@@ -1682,15 +1803,34 @@ export interface components {
             max_tier?: number;
             /**
              * Format: double
+             * @description Red flag: share of the vertices lost, in percent. A vertex is lost where no face at it is left, whole or cut.
+             * @default 40
+             */
+            max_vertex_loss_pct?: number;
+            /**
+             * Format: double
              * @description Red flag: change of the volume, in percent; judged only where the input's volume is reliable.
              * @default 30
              */
             max_volume_change_pct?: number;
             /**
              * @description What becomes of the objects of a file whose format has such.
-             * @default none
+             * @default auto
              */
             merge?: components["schemas"]["Merge"];
+            /**
+             * Format: double
+             * @description Vertices closer than this are merged, on the boundary or not, in the model's unit. Without it, only equal positions are, and
+             *     boundary vertices within `weld_tolerance`.
+             * @default null
+             */
+            merge_distance?: number | null;
+            /**
+             * Format: double
+             * @description Closed parts with a smaller share of the volume of all parts are dropped, in percent; 0 keeps them.
+             * @default 0
+             */
+            min_part_volume_pct?: number;
             /**
              * @description How closed parts that lie in others are wound: as they were, or each layer against the one around it.
              * @default keep
@@ -1709,10 +1849,10 @@ export interface components {
             /**
              * Format: double
              * @description Where `with` asks for `remove_overlapping_neighbours`: the angle between two neighbouring faces, in degrees, up to
-             *     which they lie on one another.
-             * @default 1
+             *     which they lie on one another. Without it 1 degree, and faces no farther apart than 0.01 % of the bounding box's diagonal.
+             * @default null
              */
-            overlap_angle_deg?: number;
+            overlap_angle_deg?: number | null;
             /**
              * @description What becomes of parts that overlap.
              * @default union
@@ -1734,20 +1874,44 @@ export interface components {
              * @default false
              */
             refine_patches?: boolean;
+            /**
+             * @description What the result must be for the repair to succeed.
+             * @default any
+             */
+            require?: components["schemas"]["Require"];
             /** @default null */
             scale_to?: components["schemas"]["Unit"] | null;
             /**
              * Format: double
-             * @description Boundary vertices closer than this share of the shortest boundary edge at either are merged; 0 merges none so.
-             * @default 0.2
+             * @description Boundary vertices closer than this share of the shortest boundary edge at either are merged; 0 merges none so. Without it 0.2,
+             *     and vertices no farther apart than 0.1 % of the bounding box's diagonal.
+             * @default null
              */
-            sew_ratio?: number;
+            sew_ratio?: number | null;
             /**
              * Format: double
-             * @description Widest crack that is stitched, as a share of the bounding box's diagonal; 0 stitches none.
-             * @default 0.001
+             * @description Widest crack that is stitched, in the model's unit, instead of `stitch_threshold`.
+             * @default null
              */
-            stitch_threshold?: number;
+            stitch_distance?: number | null;
+            /**
+             * Format: double
+             * @description Share of an edge at either end within which stitching takes the end instead of cutting the edge; from 0.5 on, always.
+             * @default 0.2
+             */
+            stitch_epsilon?: number;
+            /**
+             * @description Where two vertices that are stitched meet.
+             * @default kept
+             */
+            stitch_position?: components["schemas"]["StitchPosition"];
+            /**
+             * Format: double
+             * @description Widest crack that is stitched, as a share of the bounding box's diagonal; 0 stitches none. Without it 0.001. A gap wider than
+             *     half of the edges beside it is a hole.
+             * @default null
+             */
+            stitch_threshold?: number | null;
             /**
              * Format: double
              * @description Thickness of thickened sheets and of a base at its lowest point, in the model's unit. Without it, 0.3 % of the bounding
@@ -1973,7 +2137,7 @@ export interface components {
          * @description Why a job failed, for programs.
          * @enum {string}
          */
-        ProblemKind: "bad_input" | "bad_output" | "deadline_exceeded" | "out_of_memory" | "cpu_limit" | "file_limit" | "crashed" | "worker_lost" | "internal";
+        ProblemKind: "bad_input" | "bad_output" | "not_printable" | "deadline_exceeded" | "out_of_memory" | "cpu_limit" | "file_limit" | "crashed" | "worker_lost" | "internal";
         /** @description How far a job is. */
         Progress: {
             /**
@@ -1993,6 +2157,11 @@ export interface components {
              */
             tier: number | null;
         };
+        /**
+         * @description A property of a mesh that was checked on a file's own bytes.
+         * @enum {string}
+         */
+        Property: "closed" | "manifold" | "outward" | "no_intersections";
         /** @description One wall. */
         Protection: {
             /** @description What it is made of. */
@@ -2022,6 +2191,8 @@ export interface components {
             code: components["schemas"]["RedFlagCode"];
             /** @description In words. */
             detail: string;
+            /** @description Points that it concerns, in the model's unit; at most five. */
+            places?: number[][];
             /**
              * Format: double
              * @description The threshold that it is over.
@@ -2037,7 +2208,7 @@ export interface components {
          * @description The kinds of red flag.
          * @enum {string}
          */
-        RedFlagCode: "face_loss" | "box_change" | "volume_change" | "surface_lost" | "deviation" | "parts_merged" | "part_lost";
+        RedFlagCode: "face_loss" | "box_change" | "volume_change" | "surface_lost" | "deviation" | "parts_merged" | "part_lost" | "surface_invented" | "objects_intersect" | "vertex_loss";
         /** @description A program that tier 3 runs. */
         RemesherInfo: {
             /** @description `blender` or `bpy`. */
@@ -2050,6 +2221,8 @@ export interface components {
         /** @description The account of one repair. */
         Report: {
             after: components["schemas"]["Inspection"] | null;
+            /** @description Decisions that the input does not prove. */
+            assumptions?: components["schemas"]["Assumption"][];
             /** @description The input, looked at before anything was processed but the unit; all its objects in their places as one mesh. */
             before: components["schemas"]["Inspection"];
             /** @description Every result that was judged; the chosen one is marked. */
@@ -2060,6 +2233,8 @@ export interface components {
             /** @description The input file. */
             input: components["schemas"]["FileSummary"];
             ledger?: components["schemas"]["Ledger"] | null;
+            /** @description What the deadline left no time for, in the order of a repair; empty where there was time for everything. */
+            left_out?: components["schemas"]["LeftOut"][];
             /**
              * Format: double
              * @description Time from first byte read to last byte written, in milliseconds.
@@ -2069,6 +2244,8 @@ export interface components {
             objects?: components["schemas"]["ObjectReport"][];
             /** @description The options that were in force. */
             options: components["schemas"]["Options"];
+            /** @description Options that were set and that the result does not follow, or only in part, and why; also those that found nothing to do. */
+            options_not_applied?: components["schemas"]["OptionNotApplied"][];
             /** @description What became of the model. */
             outcome: components["schemas"]["Outcome"];
             output: components["schemas"]["FileSummary"] | null;
@@ -2082,6 +2259,8 @@ export interface components {
             summary: string;
             /** @description The unit of every length in this report and of the result. */
             unit: components["schemas"]["LengthUnit"];
+            /** @description What is claimed of the file that is handed out. */
+            verdict?: components["schemas"]["Verdict"];
             /** @description Whether `after` was found on the written bytes, read back and welded by position. */
             verified_from_output_bytes: boolean;
             /**
@@ -2092,6 +2271,11 @@ export interface components {
             /** @description What a person should know. */
             warnings: string[];
         };
+        /**
+         * @description What a result must be for the repair to succeed.
+         * @enum {string}
+         */
+        Require: "any" | "printable";
         /** @description One try of a plan. */
         Rung: {
             /** @description Its actions in order. */
@@ -2397,6 +2581,8 @@ export interface components {
             /** @description Why it failed or was skipped, or what it left, in words. */
             note?: string | null;
             operator?: components["schemas"]["Operator"] | null;
+            /** @description Options that it could follow only in part. */
+            options_not_applied?: components["schemas"]["OptionNotApplied"][];
             program?: components["schemas"]["RemesherInfo"] | null;
             /**
              * Format: int32
@@ -2415,6 +2601,7 @@ export interface components {
              * @description The tier, 1 to 3; 0 for validation.
              */
             tier: number;
+            unfixed?: components["schemas"]["UnfixedFaces"] | null;
             /**
              * Format: double
              * @description For tier 3: the voxel edge in the model's unit.
@@ -2426,6 +2613,11 @@ export interface components {
          * @enum {string}
          */
         StepStatus: "done" | "failed" | "undone" | "skipped";
+        /**
+         * @description Where two vertices that are stitched meet. A vertex that is joined to an edge stays where it is, and the edge bends to it.
+         * @enum {string}
+         */
+        StitchPosition: "kept" | "average";
         /** @description One event of a job's stream. */
         StreamEvent: {
             /** @description JSON: of `progress` the status, stage, tier, percent and queue position, of `done` the whole job. */
@@ -2610,6 +2802,16 @@ export interface components {
              */
             tiny_part?: components["schemas"]["Tolerance"];
         };
+        /** @description Faces that an operator could not fix, such as those of which it could not tell the outer side. */
+        UnfixedFaces: {
+            /**
+             * Format: int64
+             * @description How many.
+             */
+            count: number;
+            /** @description The faces of the input file that they come from, by index from 0 and ascending; at most 1000, and none that were made. */
+            faces: number[];
+        };
         /**
          * @description A unit of length: what one step along an axis is, after the units of the 3MF core specification.
          * @enum {string}
@@ -2703,6 +2905,25 @@ export interface components {
              * @example bracket.stl
              */
             name?: string | null;
+        };
+        /**
+         * @description What is claimed of the file that a repair hands out.
+         *
+         *     Every surface that tells an outcome takes its claims from here: report, exit codes, messages, webhooks, artifacts, the page and the
+         *     widget.
+         */
+        Verdict: {
+            /** @description The file that is handed out. */
+            file: components["schemas"]["HandedOut"];
+            /**
+             * @description Whether the file's mesh passes every check, as `meshmend inspect` finds on it. With a red flag up a mesh may pass and not be
+             *     `printable`.
+             */
+            passes: boolean;
+            /** @description Whether the file can be printed as it stands: the outcome is `already_printable` or `repaired`. */
+            printable: boolean;
+            /** @description What was found true of the file's own bytes. */
+            proven: components["schemas"]["Property"][];
         };
         /** @description Enclosed volume by the divergence theorem. */
         Volume: {
@@ -2853,6 +3074,8 @@ export interface components {
             artifacts: {
                 [key: string]: components["schemas"]["WebhookArtifact"];
             };
+            /** @description Kinds of decisions that the file does not prove; the report has each with its amount and places. */
+            assumptions: components["schemas"]["AssumptionKind"][];
             /**
              * Format: date-time
              * @description When it was accepted.
@@ -2871,7 +3094,11 @@ export interface components {
                 [key: string]: string;
             };
             outcome?: components["schemas"]["JobOutcome"] | null;
+            /** @description Whether the result can be printed as it is, or of an analysis every file; none where that is not known. */
+            printable?: boolean | null;
             problem?: components["schemas"]["WebhookProblem"] | null;
+            /** @description Signs that the repair destroyed something; the report has them with their measures. */
+            red_flags: components["schemas"]["RedFlagCode"][];
             /** @description How it ended. */
             status: components["schemas"]["Status"];
         };
@@ -2921,6 +3148,8 @@ export type AnalysisReport = components['schemas']['AnalysisReport'];
 export type AnalyzeOptions = components['schemas']['AnalyzeOptions'];
 export type Answer = components['schemas']['Answer'];
 export type ArtifactLink = components['schemas']['ArtifactLink'];
+export type Assumption = components['schemas']['Assumption'];
+export type AssumptionKind = components['schemas']['AssumptionKind'];
 export type Attributes = components['schemas']['Attributes'];
 export type BinSpacing = components['schemas']['BinSpacing'];
 export type BoundingBox = components['schemas']['BoundingBox'];
@@ -2948,6 +3177,7 @@ export type FileAnalysis = components['schemas']['FileAnalysis'];
 export type FileSummary = components['schemas']['FileSummary'];
 export type Fit = components['schemas']['Fit'];
 export type Format = components['schemas']['Format'];
+export type HandedOut = components['schemas']['HandedOut'];
 export type Histogram = components['schemas']['Histogram'];
 export type HoleFilling = components['schemas']['HoleFilling'];
 export type Input = components['schemas']['Input'];
@@ -2964,6 +3194,7 @@ export type JobPage = components['schemas']['JobPage'];
 export type JobProblem = components['schemas']['JobProblem'];
 export type JobReport = components['schemas']['JobReport'];
 export type Ledger = components['schemas']['Ledger'];
+export type LeftOut = components['schemas']['LeftOut'];
 export type LengthUnit = components['schemas']['LengthUnit'];
 export type Level = components['schemas']['Level'];
 export type LostPart = components['schemas']['LostPart'];
@@ -2978,9 +3209,11 @@ export type Nested = components['schemas']['Nested'];
 export type NewBrowserToken = components['schemas']['NewBrowserToken'];
 export type NewWebhookEndpoint = components['schemas']['NewWebhookEndpoint'];
 export type NoWall = components['schemas']['NoWall'];
+export type NotAppliedCause = components['schemas']['NotAppliedCause'];
 export type ObjectReport = components['schemas']['ObjectReport'];
 export type OpenSheets = components['schemas']['OpenSheets'];
 export type Operator = components['schemas']['Operator'];
+export type OptionNotApplied = components['schemas']['OptionNotApplied'];
 export type Options = components['schemas']['Options'];
 export type Outcome = components['schemas']['Outcome'];
 export type OutputFormat = components['schemas']['OutputFormat'];
@@ -2998,6 +3231,7 @@ export type ProblemCode = components['schemas']['ProblemCode'];
 export type ProblemDoc = components['schemas']['ProblemDoc'];
 export type ProblemKind = components['schemas']['ProblemKind'];
 export type Progress = components['schemas']['Progress'];
+export type Property = components['schemas']['Property'];
 export type Protection = components['schemas']['Protection'];
 export type RawModel = components['schemas']['RawModel'];
 export type Readiness = components['schemas']['Readiness'];
@@ -3005,6 +3239,7 @@ export type RedFlag = components['schemas']['RedFlag'];
 export type RedFlagCode = components['schemas']['RedFlagCode'];
 export type RemesherInfo = components['schemas']['RemesherInfo'];
 export type Report = components['schemas']['Report'];
+export type Require = components['schemas']['Require'];
 export type Rung = components['schemas']['Rung'];
 export type SandboxMode = components['schemas']['SandboxMode'];
 export type SandboxStatus = components['schemas']['SandboxStatus'];
@@ -3023,6 +3258,7 @@ export type Statistics = components['schemas']['Statistics'];
 export type Status = components['schemas']['Status'];
 export type Step = components['schemas']['Step'];
 export type StepStatus = components['schemas']['StepStatus'];
+export type StitchPosition = components['schemas']['StitchPosition'];
 export type StreamEvent = components['schemas']['StreamEvent'];
 export type SubmitForm = components['schemas']['SubmitForm'];
 export type SubmitUpload = components['schemas']['SubmitUpload'];
@@ -3033,6 +3269,7 @@ export type ThinnestWall = components['schemas']['ThinnestWall'];
 export type TierStatus = components['schemas']['TierStatus'];
 export type Tolerance = components['schemas']['Tolerance'];
 export type Tolerances = components['schemas']['Tolerances'];
+export type UnfixedFaces = components['schemas']['UnfixedFaces'];
 export type Unit = components['schemas']['Unit'];
 export type UnitSource = components['schemas']['UnitSource'];
 export type Unmeasurable = components['schemas']['Unmeasurable'];
@@ -3041,6 +3278,7 @@ export type Upload = components['schemas']['Upload'];
 export type UploadLimits = components['schemas']['UploadLimits'];
 export type UploadPut = components['schemas']['UploadPut'];
 export type UploadRequest = components['schemas']['UploadRequest'];
+export type Verdict = components['schemas']['Verdict'];
 export type Volume = components['schemas']['Volume'];
 export type Walls = components['schemas']['Walls'];
 export type WebhookArtifact = components['schemas']['WebhookArtifact'];
@@ -3496,10 +3734,14 @@ export interface operations {
                 callback_url?: string | null;
                 /** @description The plan to run, or `auto`. */
                 preset?: components["schemas"]["Preset"];
+                /** @description With the preset `auto`: the category of damage that the plan is chosen for, instead of the one that the inspection finds. */
+                category?: components["schemas"]["Category"] | null;
                 /** @description Format of the result. */
                 output?: components["schemas"]["OutputFormat"];
                 /** @description What becomes of the objects of a file whose format has such. */
                 merge?: components["schemas"]["Merge"];
+                /** @description What the result must be for the repair to succeed. */
+                require?: components["schemas"]["Require"];
                 /** @description The unit of the file's lengths, whatever it says itself. Without it, and where the file says none, millimetres are assumed. */
                 unit?: components["schemas"]["Unit"] | null;
                 /** @description The unit that lengths are brought into; without it they stay as they are. Lengths among these options are in it. */
@@ -3525,22 +3767,49 @@ export interface operations {
                 max_error?: number | null;
                 /** @description Highest tier that may run, 1 to 3: 1 cleans, 2 mends, 3 is Blender. */
                 max_tier?: number;
-                /** @description Seconds the repair may take from its start; then the best result so far is returned or the job fails. */
+                /**
+                 * @description Seconds the repair may take from its start. It ends within 2 s and 10 % of that, with the best result that was verified by then, or
+                 *     fails where there was not even time to inspect the input; `left_out` in the report says what there was no time for.
+                 */
                 deadline_s?: number;
                 /** @description Red flag: share of the faces lost, in percent. */
                 max_face_loss_pct?: number;
+                /** @description Red flag: share of the vertices lost, in percent. A vertex is lost where no face at it is left, whole or cut. */
+                max_vertex_loss_pct?: number;
                 /** @description Red flag: change of the bounding box's diagonal, in percent. */
                 max_box_change_pct?: number;
                 /** @description Red flag: change of the volume, in percent; judged only where the input's volume is reliable. */
                 max_volume_change_pct?: number;
                 /** @description Red flag: share of the surface seen from outside that has no counterpart in the result, in percent. */
                 max_surface_lost_pct?: number;
+                /**
+                 * @description Red flag: share of the result's surface that the input does not have, in percent: thickened skins, and patches of holes that are
+                 *     larger than 2 % of the surface each.
+                 */
+                max_surface_added_pct?: number;
                 /** @description Boundary vertices closer than this share of the bounding box's diagonal are merged; 0 merges equal positions only. */
                 weld_tolerance?: number;
-                /** @description Boundary vertices closer than this share of the shortest boundary edge at either are merged; 0 merges none so. */
-                sew_ratio?: number;
-                /** @description Widest crack that is stitched, as a share of the bounding box's diagonal; 0 stitches none. */
-                stitch_threshold?: number;
+                /**
+                 * @description Vertices closer than this are merged, on the boundary or not, in the model's unit. Without it, only equal positions are, and
+                 *     boundary vertices within `weld_tolerance`.
+                 */
+                merge_distance?: number | null;
+                /**
+                 * @description Boundary vertices closer than this share of the shortest boundary edge at either are merged; 0 merges none so. Without it 0.2,
+                 *     and vertices no farther apart than 0.1 % of the bounding box's diagonal.
+                 */
+                sew_ratio?: number | null;
+                /**
+                 * @description Widest crack that is stitched, as a share of the bounding box's diagonal; 0 stitches none. Without it 0.001. A gap wider than
+                 *     half of the edges beside it is a hole.
+                 */
+                stitch_threshold?: number | null;
+                /** @description Widest crack that is stitched, in the model's unit, instead of `stitch_threshold`. */
+                stitch_distance?: number | null;
+                /** @description Share of an edge at either end within which stitching takes the end instead of cutting the edge; from 0.5 on, always. */
+                stitch_epsilon?: number;
+                /** @description Where two vertices that are stitched meet. */
+                stitch_position?: components["schemas"]["StitchPosition"];
                 /**
                  * @description Edges shorter and faces lower than this share of the bounding box's diagonal are removed, and surface that is folded onto itself
                  *     as closely is unfolded; 0 leaves them.
@@ -3548,16 +3817,18 @@ export interface operations {
                 degenerate_tolerance?: number;
                 /**
                  * @description Where `with` asks for `remove_overlapping_neighbours`: the angle between two neighbouring faces, in degrees, up to
-                 *     which they lie on one another.
+                 *     which they lie on one another. Without it 1 degree, and faces no farther apart than 0.01 % of the bounding box's diagonal.
                  */
-                overlap_angle_deg?: number;
+                overlap_angle_deg?: number | null;
                 /**
                  * @description A polygon of the file whose corners rise from its plane by more than this angle, in degrees, is cut into
                  *     triangles with the least fold, others as if they were flat: other programs do so with all, and show the same surface then.
                  */
                 twist_angle_deg?: number;
-                /** @description Most edges around a hole that tier 1 closes. */
+                /** @description Most edges around a hole that is closed. */
                 max_hole_edges?: number;
+                /** @description Closed parts with a smaller share of the volume of all parts are dropped, in percent; 0 keeps them. */
+                min_part_volume_pct?: number;
                 /** @description How closed parts that lie in others are wound: as they were, or each layer against the one around it. */
                 nested?: components["schemas"]["Nested"];
                 /** @description What becomes of parts that overlap. */

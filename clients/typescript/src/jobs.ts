@@ -64,6 +64,11 @@ export function newKey(): string {
   return Array.from(crypto.getRandomValues(new Uint8Array(16)), (byte) => byte.toString(16).padStart(2, "0")).join("");
 }
 
+/** Whether a job's model can be printed as it is, or of an analysis every file. */
+export function isPrintable({ outcome }: Job): boolean {
+  return outcome === "already_printable" || outcome === "repaired" || outcome === "printable";
+}
+
 export function getJob(server: Server, id: string, signal?: AbortSignal): Promise<Job> {
   return askJson(server, at("/v1/jobs/{id}", { id }), { signal });
 }

@@ -25,7 +25,8 @@ widget.addEventListener("repaired", async ({ detail }) => {
   if (!detail.metrics.printable) return say("This model can't be printed yet. The upload says what you can do.");
   try {
     const made = await ask("/quotes", { jobId: detail.jobId });
-    say(`${made.volumeCm3.toFixed(1)} cm³ cost ${euros.format(made.cents / 100)}.`, made.id);
+    const price = `${made.volumeCm3.toFixed(1)} cm³ cost ${euros.format(made.cents / 100)}.`;
+    say([price, ...made.assumptions.map((it) => `Assumed: ${it}`)].join("\n"), made.id);
   } catch (error) {
     say(error.message);
   }

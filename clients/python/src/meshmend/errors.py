@@ -77,7 +77,10 @@ class Problem(MeshmendError):
 
 
 class JobFailed(MeshmendError):
-    """That a job ended without a result: it failed, was cancelled, or its files are gone."""
+    """That a job ended without a result: it failed, was cancelled, or its files are gone.
+
+    With the option ``require`` it also fails where its result is not what was required; then ``job.report`` says what is left.
+    """
 
     def __init__(self, job: Job) -> None:
         super().__init__(job.problem["detail"] if job.problem else f"The job '{job.id}' is {job.status}.")

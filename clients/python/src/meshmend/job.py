@@ -38,8 +38,13 @@ class Job:
 
     @property
     def outcome(self) -> shapes.JobOutcome | None:
-        """What became of the model, once the job succeeded."""
+        """What became of the model, once the job succeeded, or failed since its result is not what ``require`` asks for."""
         return self.data["outcome"]
+
+    @property
+    def is_printable(self) -> bool:
+        """Whether its model can be printed as it is, or of an analysis every file."""
+        return self.outcome in ("already_printable", "repaired", "printable")
 
     @property
     def progress(self) -> shapes.Progress | None:

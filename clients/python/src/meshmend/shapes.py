@@ -7,7 +7,7 @@ from typing import Literal, TypeAlias
 
 from typing_extensions import NotRequired, TypedDict
 
-Action: TypeAlias = Literal['basic_cleanup', 'fix_normals', 'fill_holes', 'stitch', 'mend', 'mend_conservative', 'make_manifold', 'clean_and_patch', 'close_sheets', 'resolve', 'separate', 'simplify', 'native_remesh', 'voxel_remesh', 'boolean_union', 'validate']
+Action: TypeAlias = Literal['basic_cleanup', 'fix_normals', 'fill_holes', 'stitch', 'mend', 'mend_conservative', 'make_manifold', 'clean_and_patch', 'close_sheets', 'resolve', 'separate', 'simplify', 'drop_small_parts', 'native_remesh', 'voxel_remesh', 'boolean_union', 'validate']
 """One thing a plan does."""
 
 
@@ -28,6 +28,10 @@ class ArtifactLink(TypedDict):
     """Its media type."""
     sha256: str
     """SHA-256 of its bytes, in hexadecimal."""
+
+
+AssumptionKind: TypeAlias = Literal['unit', 'objects_united', 'overlap_removed', 'sheets_thickened', 'bases_added', 'large_holes_closed', 'parts_joined', 'winding_rule', 'pieces_dropped', 'cavities_kept', 'cavities_filled', 'methods_agree']
+"""The kinds of [`Assumption`]."""
 
 
 class Attributes(TypedDict):
@@ -74,7 +78,7 @@ Category: TypeAlias = Literal['clean', 'holes', 'many_small_holes', 'non_manifol
 """What kind of trouble a model is in, after the MeshPrep repair strategy guide ("Category-to-Filter Mapping")."""
 
 
-Certificate: TypeAlias = Literal['duplicate', 'no_volume', 'inside_another', 'debris']
+Certificate: TypeAlias = Literal['duplicate', 'no_volume', 'inside_another', 'debris', 'dropped']
 """Why an input part of which nothing is in the result is not missed."""
 
 
@@ -92,8 +96,16 @@ CheckRule: TypeAlias = Literal['manifold', 'no_zero_length_edge', 'no_zero_area_
 
 
 class CheckVerdict(TypedDict):
-    """Whether a mesh keeps the rules of a check level. Zero is what is below the tolerances."""
+    """
+    Whether a mesh keeps the rules of a check level. A mesh that [`Measures::printable`] passes keeps them all.
 
+    A rule is broken by what is exactly so: an edge without length, a face without area, a slit. What is so within the tolerances only,
+    such as a face lower than a ten-millionth of the model, is advice: no reader takes it for broken, and to remove it may move surface
+    into other surface. Normals of the file are advice too, since slicers compute their own.
+    """
+
+    advice: NotRequired[list[CheckRule]]
+    """The rules that are kept exactly, but not within the tolerances, or by the normals that the file gives."""
     broken: list[CheckRule]
     """The rules that are broken."""
     passes: bool
@@ -131,7 +143,7 @@ class Elements(TypedDict):
     """What the file itself says of its vertices and faces, before vertices are merged."""
 
     collinear_faces: int
-    """Faces of three different vertices that lie on a line."""
+    """Faces of three different vertices that lie on a line, or so near one that f64 finds no area."""
     faces_contiguous: NotRequired[bool | None]
     """Whether faces are numbered 1, 2, 3 and so on; none where the format has no numbers."""
     faces_without_vertex: NotRequired[int | None]
@@ -169,6 +181,10 @@ Format: TypeAlias = Literal['stl', 'obj', 'ply', 'off', 'mesh', 'glb', '3mf', 'z
 """A file format that is both read and written."""
 
 
+HandedOut: TypeAlias = Literal['model', 'original', 'none']
+"""The file that a repair hands out."""
+
+
 class Histogram(TypedDict):
     """How many values there are in each of a row of bins, usually 16."""
 
@@ -177,7 +193,8 @@ class Histogram(TypedDict):
     edges: list[float]
     """
     The borders of the bins, ascending, one more than there are bins. A value on a border belongs to the bin above it, the
-    last border to the last bin.
+    last border to the last bin; a value counts as on a border that is above it by a millionth at most, which is rounding. A range so
+    narrow is one bin.
     """
     spacing: BinSpacing
     """How the edges are placed."""
@@ -203,6 +220,10 @@ JobOutcome: TypeAlias = Literal['already_printable', 'repaired', 'partially_repa
 """What became of a job's model, apart from whether the job ran."""
 
 
+LeftOut: TypeAlias = Literal['input_verification', 'input_details', 'repair', 'verification', 'attributes', 'result_details', 'surface_changes']
+"""Work that the deadline left no time for."""
+
+
 Level: TypeAlias = Literal['none', 'basic', 'full']
 """How closely a mesh is looked at, after Parasolid's `PK_check_mesh_*` (seed 002)."""
 
@@ -226,7 +247,7 @@ Meeting: TypeAlias = Literal['crossing', 'touching', 'coplanar']
 """How two faces meet that should not."""
 
 
-Merge: TypeAlias = Literal['none', 'objects']
+Merge: TypeAlias = Literal['auto', 'none', 'objects']
 """What becomes of a file's objects, where its format and that of the result have such."""
 
 
@@ -289,12 +310,29 @@ NoWall: TypeAlias = Literal['no_surface', 'open_surface', 'no_opposite_sides']
 """Why no wall was measured."""
 
 
+NotAppliedCause: TypeAlias = Literal['nothing_to_do', 'limited', 'excluded', 'unavailable', 'made_worse']
+"""The kinds of reason why an option was not applied."""
+
+
 OpenSheets: TypeAlias = Literal['auto', 'leave', 'thicken', 'base']
 """What becomes of open sheets: parts that enclose nothing, such as terrain or a single wall."""
 
 
-Operator: TypeAlias = Literal['round_coordinates', 'remove_collapsed_faces', 'weld', 'remove_duplicates', 'remove_caps', 'remove_slivers', 'orient', 'split_t_junctions', 'sew', 'stitch', 'unfold_foldovers', 'remove_overlapping_neighbours', 'remove_sheets_within', 'remove_membranes', 'cut_one_sided', 'cut_apart', 'free_fins', 'join_parts', 'fill_holes', 'clean_and_patch', 'thicken_sheets', 'add_base', 'resolve', 'remesh', 'remove_debris', 'separate', 'simplify']
+Operator: TypeAlias = Literal['round_coordinates', 'remove_collapsed_faces', 'merge_vertices', 'weld', 'remove_duplicates', 'remove_caps', 'remove_slivers', 'orient', 'split_t_junctions', 'sew', 'stitch', 'unfold_foldovers', 'remove_overlapping_neighbours', 'remove_sheets_within', 'remove_membranes', 'cut_one_sided', 'cut_apart', 'free_fins', 'join_parts', 'fill_holes', 'clean_and_patch', 'thicken_sheets', 'add_base', 'resolve', 'remesh', 'remove_debris', 'separate', 'drop_small_parts', 'simplify']
 """The operators by name: what a plan lists, what the options switch on and off, and what the report accounts for."""
+
+
+class OptionNotApplied(TypedDict):
+    """An option that was set and that the result does not follow, or only in part."""
+
+    cause: NotAppliedCause
+    """What kind of reason it is."""
+    option: str
+    """The option's name."""
+    reason: str
+    """The reason as a sentence."""
+    value: str
+    """Its value as text."""
 
 
 Outcome: TypeAlias = Literal['already_printable', 'repaired', 'partially_repaired', 'unrepairable']
@@ -383,8 +421,12 @@ class ProblemDoc(TypedDict):
     """The title."""
 
 
-ProblemKind: TypeAlias = Literal['bad_input', 'bad_output', 'deadline_exceeded', 'out_of_memory', 'cpu_limit', 'file_limit', 'crashed', 'worker_lost', 'internal']
+ProblemKind: TypeAlias = Literal['bad_input', 'bad_output', 'not_printable', 'deadline_exceeded', 'out_of_memory', 'cpu_limit', 'file_limit', 'crashed', 'worker_lost', 'internal']
 """Why a job failed, for programs."""
+
+
+Property: TypeAlias = Literal['closed', 'manifold', 'outward', 'no_intersections']
+"""A property of a mesh that was checked on a file's own bytes."""
 
 
 class Protection(TypedDict):
@@ -411,7 +453,7 @@ class Readiness(TypedDict):
     """Whether all that is needed works."""
 
 
-RedFlagCode: TypeAlias = Literal['face_loss', 'box_change', 'volume_change', 'surface_lost', 'deviation', 'parts_merged', 'part_lost']
+RedFlagCode: TypeAlias = Literal['face_loss', 'box_change', 'volume_change', 'surface_lost', 'deviation', 'parts_merged', 'part_lost', 'surface_invented', 'objects_intersect', 'vertex_loss']
 """The kinds of red flag."""
 
 
@@ -424,6 +466,10 @@ class RemesherInfo(TypedDict):
     """The program that is started."""
     version: str
     """Its version, such as `3.4.1`."""
+
+
+Require: TypeAlias = Literal['any', 'printable']
+"""What a result must be for the repair to succeed."""
 
 
 SandboxMode: TypeAlias = Literal['auto', 'require', 'off']
@@ -525,6 +571,10 @@ queued -> canceled
 
 StepStatus: TypeAlias = Literal['done', 'failed', 'undone', 'skipped']
 """How a step ended."""
+
+
+StitchPosition: TypeAlias = Literal['kept', 'average']
+"""Where two vertices that are stitched meet. A vertex that is joined to an edge stays where it is, and the edge bends to it."""
 
 
 class StreamEvent(TypedDict):
@@ -649,6 +699,15 @@ class Tolerances(TypedDict, closed=True):
     """Diagonal of the largest part that is too small to print. By default 1e-3 of the whole diagonal."""
 
 
+class UnfixedFaces(TypedDict):
+    """Faces that an operator could not fix, such as those of which it could not tell the outer side."""
+
+    count: int
+    """How many."""
+    faces: list[int]
+    """The faces of the input file that they come from, by index from 0 and ascending; at most 1000, and none that were made."""
+
+
 Unit: TypeAlias = Literal['um', 'mm', 'cm', 'in', 'ft', 'm']
 """A unit of length: what one step along an axis is, after the units of the 3MF core specification."""
 
@@ -698,6 +757,27 @@ class UploadRequest(TypedDict, closed=True):
     """Its size. One that is too large is refused before it is sent."""
     name: NotRequired[str | None]
     """The file's name."""
+
+
+class Verdict(TypedDict):
+    """
+    What is claimed of the file that a repair hands out.
+
+    Every surface that tells an outcome takes its claims from here: report, exit codes, messages, webhooks, artifacts, the page and the
+    widget.
+    """
+
+    file: HandedOut
+    """The file that is handed out."""
+    passes: bool
+    """
+    Whether the file's mesh passes every check, as `meshmend inspect` finds on it. With a red flag up a mesh may pass and not be
+    `printable`.
+    """
+    printable: bool
+    """Whether the file can be printed as it stands: the outcome is `already_printable` or `repaired`."""
+    proven: list[Property]
+    """What was found true of the file's own bytes."""
 
 
 class Volume(TypedDict):
@@ -836,6 +916,28 @@ class WebhookSecret(TypedDict):
 
 When: TypeAlias = Literal['nothing_good', 'sheets_left', 'nothing_whole']
 """When a rung runs, given that none before it was good."""
+
+
+class Assumption(TypedDict):
+    """
+    A decision that the input does not prove: what was decided, how much of the model it concerns, and the option that decides
+    otherwise.
+    """
+
+    amount: NotRequired[float | None]
+    """How much, in the quantity that the kind documents."""
+    count: int
+    """How many things it concerns: sheets, holes, objects, pieces or cavities."""
+    detail: str
+    """The decision as a sentence."""
+    kind: AssumptionKind
+    """What was decided."""
+    option: NotRequired[str | None]
+    """The option that decides otherwise, as `name=value`."""
+    places: NotRequired[list[list[float]]]
+    """Points where it applies, in the model's unit; at most five."""
+    share_pct: NotRequired[float | None]
+    """Share of the result's surface that it concerns, in percent."""
 
 
 class BrowserToken(TypedDict):
@@ -996,6 +1098,8 @@ class Ledger(TypedDict):
     """Parts of which some stands, whole, cut or moved."""
     debris: int
     """Parts with the certificate `debris`."""
+    dropped: NotRequired[int]
+    """Parts with the certificate `dropped`."""
     duplicate: int
     """Parts with the certificate `duplicate`."""
     inside_another: int
@@ -1054,12 +1158,24 @@ class Measures(TypedDict):
     """Different edges."""
     faces: int
     """Faces, as the file has them."""
+    faces_in_other_materials: NotRequired[int]
+    """Faces of an assembly that lie inside a body of another material."""
     inverted_parts: int
     """Closed parts that are turned inside out: not within another part, and of negative volume."""
     manifold: bool
     """Every edge has at most two faces and every vertex one fan."""
+    materials: NotRequired[int]
+    """
+    Materials of an assembly of bodies, such as a 3MF file for a print of several materials. Bodies of one material are judged
+    together; those of another may touch them. 0 where the file is one mesh.
+    """
     misoriented_edges: int
     """Edges of two faces that both run along it in the same direction."""
+    near_coincident_faults: NotRequired[int]
+    """
+    Faces that lose a corner and edges that lose their pairing for a reader that rounds positions to eight decimals, as trimesh does,
+    or to 1e-7 of the diagonal where that is finer.
+    """
     nonfinite_faces: int
     """Faces with a corner that is not a finite number; they are left out of every other count."""
     nonmanifold_edges: int
@@ -1072,8 +1188,15 @@ class Measures(TypedDict):
     """Edge-connected parts of the raw mesh, counted before anything is processed."""
     self_intersections: SelfIntersections
     """Pairs of faces that intersect other than in a shared vertex or edge."""
+    unreadable_faces: NotRequired[int]
+    """Faces that name a vertex which the file does not give; they are left out of every other count."""
     unreferenced_vertices: int
     """Vertices of the file that no face uses."""
+    unshared_edges: NotRequired[int]
+    """
+    Edges of two faces that are joined by position only: in the file each of the two faces has vertices of its own there. A reader
+    that takes vertices by index sees a slit. 0 for STL and glTF, whose readers join vertices by position.
+    """
     vertices: int
     """Different vertex positions that a face uses."""
     volume: Volume
@@ -1092,6 +1215,7 @@ class MeshSpacing(TypedDict):
 Options = TypedDict(
     'Options',
     {
+        'category': NotRequired[Category | None],
         'deadline_s': NotRequired[float],
         'degenerate_tolerance': NotRequired[float],
         'fair_patches': NotRequired[bool],
@@ -1106,21 +1230,29 @@ Options = TypedDict(
         'max_hole_size': NotRequired[float],
         'max_holes': NotRequired[int],
         'max_remesh_faces': NotRequired[int],
+        'max_surface_added_pct': NotRequired[float],
         'max_surface_lost_pct': NotRequired[float],
         'max_tier': NotRequired[int],
+        'max_vertex_loss_pct': NotRequired[float],
         'max_volume_change_pct': NotRequired[float],
         'merge': NotRequired[Merge],
+        'merge_distance': NotRequired[float | None],
+        'min_part_volume_pct': NotRequired[float],
         'nested': NotRequired[Nested],
         'open_sheets': NotRequired[OpenSheets],
         'output': NotRequired[OutputFormat],
-        'overlap_angle_deg': NotRequired[float],
+        'overlap_angle_deg': NotRequired[float | None],
         'overlaps': NotRequired[Overlaps],
         'pictures': NotRequired[bool],
         'preset': NotRequired[Preset],
         'refine_patches': NotRequired[bool],
+        'require': NotRequired[Require],
         'scale_to': NotRequired[Unit | None],
-        'sew_ratio': NotRequired[float],
-        'stitch_threshold': NotRequired[float],
+        'sew_ratio': NotRequired[float | None],
+        'stitch_distance': NotRequired[float | None],
+        'stitch_epsilon': NotRequired[float],
+        'stitch_position': NotRequired[StitchPosition],
+        'stitch_threshold': NotRequired[float | None],
         'thickness': NotRequired[float | None],
         'twist_angle_deg': NotRequired[float],
         'unit': NotRequired[Unit | None],
@@ -1208,6 +1340,8 @@ class RedFlag(TypedDict):
     """Which sign."""
     detail: str
     """In words."""
+    places: NotRequired[list[list[float]]]
+    """Points that it concerns, in the model's unit; at most five."""
     threshold: float
     """The threshold that it is over."""
     value: float
@@ -1332,6 +1466,8 @@ class Step(TypedDict):
     note: NotRequired[str | None]
     """Why it failed or was skipped, or what it left, in words."""
     operator: NotRequired[Operator | None]
+    options_not_applied: NotRequired[list[OptionNotApplied]]
+    """Options that it could follow only in part."""
     program: NotRequired[RemesherInfo | None]
     rung: int
     """Index of the rung in the plan."""
@@ -1341,6 +1477,7 @@ class Step(TypedDict):
     """How it ended."""
     tier: int
     """The tier, 1 to 3; 0 for validation."""
+    unfixed: NotRequired[UnfixedFaces | None]
     voxel_size: NotRequired[float | None]
     """For tier 3: the voxel edge in the model's unit."""
 
@@ -1372,6 +1509,8 @@ class WebhookJob(TypedDict):
 
     artifacts: dict[str, WebhookArtifact]
     """The files to download, by name."""
+    assumptions: list[AssumptionKind]
+    """Kinds of decisions that the file does not prove; the report has each with its amount and places."""
     created_at: str
     """When it was accepted."""
     finished_at: NotRequired[str | None]
@@ -1382,7 +1521,11 @@ class WebhookJob(TypedDict):
     metadata: dict[str, str]
     """Your own notes, as you sent them."""
     outcome: NotRequired[JobOutcome | None]
+    printable: NotRequired[bool | None]
+    """Whether the result can be printed as it is, or of an analysis every file; none where that is not known."""
     problem: NotRequired[WebhookProblem | None]
+    red_flags: list[RedFlagCode]
+    """Signs that the repair destroyed something; the report has them with their measures."""
     status: Status
     """How it ended."""
 
@@ -1467,7 +1610,7 @@ class Changes(TypedDict):
     area_change_pct: NotRequired[float | None]
     """Change of the surface area."""
     box_change_pct: NotRequired[float | None]
-    """Largest move of a side of the bounding box, over its diagonal before."""
+    """Largest move of a side of the box around all faces with an area, over its diagonal before."""
     face_loss_pct: float
     """Share of the faces lost; negative where faces were added."""
     faces: int
@@ -1482,7 +1625,8 @@ class Changes(TypedDict):
     inside_overlap_pct: NotRequired[float | None]
     """
     Of what is inside the input or the result the share that is inside both, in percent, by winding numbers at sampled points:
-    where the volume of the input can't tell, since it is closed but its faces intersect.
+    where the volume of the input can't tell, since it is closed but its faces intersect or its parts overlap. Of an open
+    input, the share of what is inside it that is inside the result.
     """
     lost: NotRequired[Deviation | None]
     made: NotRequired[Deviation | None]
@@ -1498,7 +1642,10 @@ class Changes(TypedDict):
     vertices: int
     """Vertices after minus before."""
     volume_change_pct: NotRequired[float | None]
-    """Change of the volume."""
+    """
+    Change of the volume, in percent of what the input encloses once its closed parts look outward; none where that is no more
+    than rounding.
+    """
 
 
 class Characteristics(TypedDict):
@@ -1642,18 +1789,24 @@ class ObjectReport(TypedDict):
     """The account of one object that was repaired apart from the others, in its own coordinates."""
 
     after: NotRequired[Inspection | None]
+    assumptions: NotRequired[list[Assumption]]
+    """Decisions that the object does not prove."""
     before: Inspection
     """The object, looked at before anything was processed but the unit, with a few places of each kind."""
     candidates: list[Candidate]
     """Every result that was judged; the chosen one is marked."""
     changes: NotRequired[Changes | None]
     ledger: NotRequired[Ledger | None]
+    left_out: NotRequired[list[LeftOut]]
+    """What the deadline left no time for, in the order of a repair."""
     milliseconds: float
     """Time that it took, in milliseconds."""
     name: NotRequired[str | None]
     """Its name in the file."""
     number: int
     """Its number among the file's objects, from 1."""
+    options_not_applied: NotRequired[list[OptionNotApplied]]
+    """Options that were set and that the result does not follow, or only in part, and why; also those that found nothing to do."""
     outcome: Outcome
     """What became of it."""
     places: int
@@ -1674,6 +1827,8 @@ class Report(TypedDict):
     """The account of one repair."""
 
     after: Inspection | None
+    assumptions: NotRequired[list[Assumption]]
+    """Decisions that the input does not prove."""
     before: Inspection
     """The input, looked at before anything was processed but the unit; all its objects in their places as one mesh."""
     candidates: list[Candidate]
@@ -1684,12 +1839,16 @@ class Report(TypedDict):
     input: FileSummary
     """The input file."""
     ledger: NotRequired[Ledger | None]
+    left_out: NotRequired[list[LeftOut]]
+    """What the deadline left no time for, in the order of a repair; empty where there was time for everything."""
     milliseconds: float
     """Time from first byte read to last byte written, in milliseconds."""
     objects: NotRequired[list[ObjectReport]]
     """Where the result has objects: each that was repaired, apart from the others and in its own coordinates, in the file's order."""
     options: Options
     """The options that were in force."""
+    options_not_applied: NotRequired[list[OptionNotApplied]]
+    """Options that were set and that the result does not follow, or only in part, and why; also those that found nothing to do."""
     outcome: Outcome
     """What became of the model."""
     output: FileSummary | None
@@ -1703,6 +1862,8 @@ class Report(TypedDict):
     """The outcome in words, with what to do next where it is not good."""
     unit: LengthUnit
     """The unit of every length in this report and of the result."""
+    verdict: NotRequired[Verdict]
+    """What is claimed of the file that is handed out."""
     verified_from_output_bytes: bool
     """Whether `after` was found on the written bytes, read back and welded by position."""
     version: int
