@@ -165,6 +165,9 @@ test("what could not be repaired says what to do, and a click does it", { timeou
   await shown(page);
   await page.getByRole("heading", { name: "It could not be repaired" }).waitFor();
   await page.getByText("Still there: 1 hole.").waitFor();
+  assert.equal(await page.getByRole("button", { name: /^Download/ }).count(), 0, "there is no model");
+  const upload = await saved(page, () => page.getByRole("button", { name: "Your file as it came" }).click());
+  assert.deepEqual([upload.name, upload.bytes.equals(Buffer.from(sheet()))], ["sheet.obj", true]);
   assert.ok((await pixels(page, LOOKS, [0.51, 1])).orange > 100, "what remains is shown on the result");
   await page.getByRole("button", { name: /Give the open surface a thickness/ }).click();
   await page.getByRole("heading", { name: "Repaired and printable" }).waitFor({ timeout: 60_000 });

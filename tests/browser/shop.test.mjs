@@ -49,7 +49,8 @@ test("an ordered model is fetched once however often the shop is told, and none 
   const model = Buffer.from("a model");
   const print = { unit: "mm", size_mm: [10, 10, 10], volume: 1000, area: 600, thinnest_wall: { thickness: 10 } };
   const href = "/v1/jobs/job_1/artifacts/model";
-  const job = { status: "succeeded", outcome: "repaired", report: { after: { print } }, artifacts: { model: { href, filename: "a-repaired.stl" } } };
+  const report = { verdict: { printable: true }, after: { print }, assumptions: [] };
+  const job = { status: "succeeded", outcome: "repaired", report, artifacts: { model: { href, filename: "a-repaired.stl" } } };
   let downloads = 0;
   const service = createServer((request, response) => {
     assert.equal(request.headers.authorization, "Bearer key");
@@ -63,12 +64,18 @@ test("an ordered model is fetched once however often the shop is told, and none 
   Object.assign(process.env, { MESHMEND_URL: meshmend, MESHMEND_API_KEY: "key", MESHMEND_WEBHOOK_SECRET: "whsec_AAAA", SHOP_FOLDER: folder });
   const { find, order, quote, told } = await import(new URL("orders.mjs", SHOP));
   try {
+    for (const change of [{ status: "failed" }, { report: { ...report, verdict: { printable: false } } }, { artifacts: { original: {} } }, { report: { ...report, after: { print: { ...print, volume: null } } } }]) {
+      const kept = { ...job };
+      Object.assign(job, change);
+      assert.ok((await quote("ann", "job_1")).refusal, JSON.stringify(change));
+      Object.assign(job, kept);
+    }
     const quoted = await quote("ann", "job_1");
     assert.equal(quoted.cents, 390 + 38 + 12);
     assert.equal(await order("bob", quoted.id), null, "a quote is its customer's own");
     const { id, status } = await order("ann", quoted.id);
     assert.equal(status, "received");
-    const message = (sha256) => ({ type: "job.succeeded", data: { id: "job_1", artifacts: { model: { href, sha256 } } } });
+    const message = (sha256) => ({ type: "job.succeeded", data: { id: "job_1", printable: true, artifacts: { model: { href, sha256 } } } });
     await assert.rejects(told("msg_1", message("0".repeat(64))), /damaged/);
     assert.equal(find("ann", id).status, "received");
     const sound = message(createHash("sha256").update(model).digest("hex"));

@@ -178,3 +178,44 @@ fn overlapping_files_are_counted_and_separate_ones_measured() {
     let one = desk.run(&["inspect", "a.stl", "-s"]);
     assert!(code(&one) == 0 && said(&one).contains("at least two"), "{}", said(&one));
 }
+
+#[test]
+fn a_folder_alone_is_measured_between_its_files_and_distances_ask_for_good_ones() {
+    let desk = Desk::new();
+    std::fs::create_dir(desk.0.path().join("set")).expect("a folder");
+    desk.put("set/a.stl", &files::whole_box());
+    desk.put("set/b.stl", &shapes::moved_box([4.0, 0.0, 0.0]));
+    let alone = text(desk.run(&["inspect", "set"]));
+    let (_, set) = alone.split_once("\nSet of 2 files\n").expect("a section");
+    assert!(set.contains("pairs of intersecting faces between files: 0\n") && set.contains("min 3   max "), "{set}");
+    assert!(!text(desk.run(&["inspect", "set", "-a"])).contains("Set of"), "-a tells the attributes only");
+    let only = text(desk.run(&["inspect", "set", "-i"]));
+    assert!(!only.contains("distance from each vertex"), "{only}");
+    desk.put("set/c.stl", &files::broken_box());
+    let output = desk.run(&["inspect", "set"]);
+    let note = "distances between files are not measured, since set/c.stl is not good: not closed";
+    assert!(said(&output).contains(note), "{}", said(&output));
+    assert!(String::from_utf8_lossy(&output.stdout).contains("pairs of intersecting faces between files"));
+    let json: Value = serde_json::from_slice(&desk.run(&["inspect", "set", "-s", "--json"]).stdout).expect("JSON");
+    assert_eq!(json["not_good"][0]["path"], "set/c.stl");
+    assert_eq!(json["set"], Value::Null);
+}
+
+#[test]
+fn offenders_are_listed_by_the_numbers_of_the_file() {
+    let desk = Desk::new();
+    let mesh = "Vertex 10 0 0 0\nVertex 20 1 0 0\nVertex 30 0 1 0\nVertex 40 0 0 1\nVertex 50 9 9 9\n\
+                Face 7 10 30 20\nFace 8 10 20 40\nFace 9 20 30 40\nFace 11 10 20 77\n";
+    desk.put("open.mesh", mesh.as_bytes());
+    let output = desk.run(&["inspect", "open.mesh", "-p"]);
+    let text = String::from_utf8_lossy(&output.stdout);
+    for line in [
+        "  border edges (3): 10 30 of face 7, 40 10 of face 8, 30 40 of face 9\n",
+        "  orphan vertices (1): 50\n",
+        "  missing vertices (1): 77\n",
+        "  faces that name missing vertices (1): 11\n",
+    ] {
+        assert!(text.contains(line), "{line}\n{text}");
+    }
+    assert!(text.contains("Offending elements, numbered as in the file"), "{text}");
+}

@@ -11,7 +11,9 @@ mod meshes;
 mod example;
 mod inspect;
 mod inspect_options;
+mod repair_options;
 mod shapes;
+mod verdict;
 
 use std::path::Path;
 use std::process::{Command, Output};

@@ -32,6 +32,7 @@ fn sections() -> BTreeMap<&'static str, String> {
         ("presets", of_enum("Preset")),
         ("outcomes", of_enum("Outcome")),
         ("red-flags", of_enum("RedFlagCode")),
+        ("assumptions", of_enum("AssumptionKind")),
         ("certificates", of_enum("Certificate")),
         ("job-outcomes", of_enum("JobOutcome")),
         ("statuses", of_enum("Status")),

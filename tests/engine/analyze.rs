@@ -8,7 +8,7 @@ use glam::DVec3;
 use meshmend::analyze::{AnalysisReport, Analyst, AnalyzeError, AnalyzeOptions};
 use meshmend::context::{Context, NoProgress, Progress, Stage};
 use meshmend::format::{self, Format, Limits};
-use meshmend::inspect::{InspectOptions, Level, inspect};
+use meshmend::inspect::{InspectOptions, Level, Subject, inspect};
 
 use crate::meshes::{cube, join, sphere};
 
@@ -46,11 +46,12 @@ fn each_file_is_told_in_its_order_and_all_must_be_printable_for_the_whole_to_be(
     let alone = analyse(&files[..1], &AnalyzeOptions::default(), &NoProgress).unwrap();
     assert_eq!(alone.printable, Some(true));
     for (file, (_, bytes)) in report.files.iter().zip(&files) {
-        let soup = format::read(bytes, &Limits::default()).unwrap().soup;
+        let read = format::read(bytes, &Limits::default()).unwrap();
+        let subject = Subject { is_indexed: read.format.is_indexed(), ..Subject::from(&read.soup) };
         let cancel = AtomicBool::new(false);
         let clock = || Duration::ZERO;
         let context = Context::new(&NoProgress, &cancel, &clock, Duration::from_secs(600));
-        let (seen, _) = inspect((&soup).into(), &InspectOptions::default(), &context).unwrap();
+        let (seen, _) = inspect(subject, &InspectOptions::default(), &context).unwrap();
         assert_eq!((&file.inspection, file.bytes), (&seen, bytes.len() as u64));
     }
 }

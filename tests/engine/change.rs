@@ -171,7 +171,8 @@ fn a_change_is_drawn_in_four_colours_with_the_legend_in_the_file() {
 fn a_repair_reports_the_areas_and_draws_them() {
     let input = format::write(&join(&without_top(&cube(DVec3::ZERO, 1.0, 3)), &Soup::default()), Format::Stl).unwrap();
     with_context(|context| {
-        let repaired = repair(&input, &Options::default(), &Limits::default(), None, context).unwrap();
+        let options = Options { max_surface_added_pct: 20.0, ..Options::default() };
+        let repaired = repair(&input, &options, &Limits::default(), None, context).unwrap();
         assert_eq!(repaired.report.outcome, Outcome::Repaired);
         let surface = repaired.report.changes.unwrap().surface.unwrap();
         assert!((surface.kept.area - 5.0).abs() < 1e-6 && (surface.added.area - 1.0).abs() < 1e-6, "{surface:?}");

@@ -162,7 +162,14 @@ fn elements_tell_what_the_file_has_from_what_was_merged() {
 fn numbers_of_the_file_are_told_where_it_has_numbers() {
     let text = "Vertex 1 0 0 0\nVertex 2 1 0 0\nVertex 5 0 1 0\nFace 1 1 2 5\nFace 2 1 2 7\n";
     let mesh = read(text.as_bytes(), &Limits::default()).unwrap();
-    let subject = Subject { soup: &mesh.soup, normals: None, numbering: mesh.numbering.as_ref(), unit: None };
+    let subject = Subject {
+        soup: &mesh.soup,
+        normals: None,
+        numbering: mesh.numbering.as_ref(),
+        materials: None,
+        is_indexed: false,
+        unit: None,
+    };
     let it = look_at(subject, &InspectOptions::default()).characteristics.elements;
     assert_eq!((it.missing_vertices, it.faces_without_vertex), (Some(1), Some(1)));
     assert_eq!((it.vertices_contiguous, it.faces_contiguous), (Some(false), Some(true)));
@@ -248,9 +255,21 @@ fn each_thing_that_meshalyzer_asks_of_a_good_mesh_is_asked() {
     let mut crossing = fine.clone();
     crossing.measures.self_intersections.pairs = Some(3);
     assert_eq!(lacks(&crossing), [Lack::NoIntersectingFaces]);
-    let numbering =
-        Numbering { vertices_contiguous: false, faces_contiguous: false, missing_vertices: 2, faces_without_vertex: 1 };
-    let subject = Subject { soup: &soup, normals: None, numbering: Some(&numbering), unit: None };
+    let numbering = Numbering {
+        vertices_contiguous: false,
+        faces_contiguous: false,
+        missing_vertices: 2,
+        faces_without_vertex: 1,
+        ..Numbering::default()
+    };
+    let subject = Subject {
+        soup: &soup,
+        normals: None,
+        numbering: Some(&numbering),
+        materials: None,
+        is_indexed: false,
+        unit: None,
+    };
     let mut numbered = look_at(subject, &InspectOptions::default());
     numbered.measures.self_intersections = fine.measures.self_intersections;
     assert_eq!(lacks(&numbered), [Lack::NoMissingVertices, Lack::ContiguousVertices, Lack::ContiguousFaces]);

@@ -1,6 +1,7 @@
 //! The engine from outside: formats, operators and the pipeline, on meshes that the tests make.
 #![allow(clippy::unwrap_used, reason = "tests fail by panicking")]
 
+mod alarms;
 mod analyze;
 mod arrange;
 mod change;
@@ -10,9 +11,11 @@ mod compare;
 #[path = "../support/damage.rs"]
 mod damage;
 mod damaged;
+mod deadlines;
 mod defects;
 mod faces;
 mod formats;
+mod guesses;
 mod holes;
 mod intersections;
 mod ledger;
@@ -23,9 +26,11 @@ mod mend;
 mod meshes;
 mod objects;
 mod operators;
+mod options;
 mod orient;
 mod pipeline;
 mod print;
+mod printable;
 mod remesh;
 mod render;
 mod sheets;

@@ -349,8 +349,9 @@ fn it_stops_when_asked() {
 fn the_operator_keeps_what_would_move_too_far_and_what_has_no_inside() {
     let (before, _) = Surface::from_soup(&sphere(DVec3::ZERO, 1.0, 16, 8));
     let remesh = Remesh { cell: Some(0.1), ..Remesh::default() };
-    let run =
-        |surface: &mut Surface, most: f64| with_context(|c| RemeshInside { remesh, most }.apply(surface, c)).unwrap();
+    let run = |surface: &mut Surface, most: f64| {
+        with_context(|c| RemeshInside { remesh, most, reduce: true }.apply(surface, c)).unwrap()
+    };
     let mut surface = before.clone();
     let kept = run(&mut surface, 0.0);
     assert!(kept.failed.is_some() && surface == before);

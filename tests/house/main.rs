@@ -154,6 +154,25 @@ fn the_names_of_metrics_stand_in_one_place() {
     assert!(used > 15, "only {used} metrics were found: the test sees nothing");
 }
 
+/// `repair::Verdict` and `JobOutcome::is_printable` say what an outcome means. A file that tells outcomes apart by itself may come to say
+/// something else.
+#[test]
+fn what_an_outcome_means_is_decided_in_one_place() {
+    // The outcomes of jobs are made of those of repairs, and only of some of them another try would give the same.
+    let may = ["jobs/report.rs", "api/reuse.rs"];
+    for file in rust_files(&source()) {
+        let name = file.strip_prefix(source()).unwrap().to_string_lossy().into_owned();
+        if name.starts_with("repair/") || may.contains(&name.as_str()) {
+            continue;
+        }
+        for variant in ["AlreadyPrintable", "Repaired", "PartiallyRepaired", "Unrepairable", "NotPrintable"] {
+            let found = code(&file).contains(&format!("Outcome::{variant}"));
+            let is_text = name == "cli/remote/job.rs" && variant == "NotPrintable";
+            assert!(!found || is_text, "{name} decides itself what {variant} means");
+        }
+    }
+}
+
 #[test]
 fn no_file_outgrows_its_idea() {
     for file in rust_files(&source()) {

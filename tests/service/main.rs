@@ -42,4 +42,5 @@ mod stores;
 mod surface;
 mod traces;
 mod uploads;
+mod verdict;
 mod webhooks;

@@ -122,7 +122,7 @@ impl Bench {
 
     pub fn failure(kind: FailureKind) -> Failure {
         let problem = JobProblem { code: ProblemKind::Internal, detail: "why".into(), place: None, file: None };
-        Failure { kind, problem, artifacts: Artifacts::new() }
+        Failure { kind, problem, report: None, artifacts: Artifacts::new() }
     }
 }
 

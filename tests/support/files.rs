@@ -42,6 +42,11 @@ pub fn broken_box() -> Vec<u8> {
     stl(&triangles)
 }
 
+/// A square of two triangles: it encloses nothing, and nothing makes it a solid unless that is asked for.
+pub fn open_sheet() -> Vec<u8> {
+    stl(&BOX[..2])
+}
+
 /// Two boxes that share one edge: non-manifold, and no operator of tier 1 changes that.
 pub fn boxes_on_an_edge() -> Vec<u8> {
     let moved = BOX.map(|triangle| triangle.map(|[x, y, z]| [x + 1., y + 1., z]));

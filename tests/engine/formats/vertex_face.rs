@@ -4,8 +4,16 @@ use meshmend::mesh::Numbering;
 
 use super::{assert_refused, assert_warned, read_all, tetrahedron};
 
-const IN_ORDER: Numbering =
-    Numbering { vertices_contiguous: true, faces_contiguous: true, missing_vertices: 0, faces_without_vertex: 0 };
+const IN_ORDER: Numbering = Numbering {
+    vertices_contiguous: true,
+    faces_contiguous: true,
+    missing_vertices: 0,
+    faces_without_vertex: 0,
+    left_out: Vec::new(),
+    missing: Vec::new(),
+    vertex_numbers: Vec::new(),
+    face_numbers: Vec::new(),
+};
 
 #[test]
 fn vertices_and_faces_are_written_a_line_each_with_numbers_from_one() {
@@ -25,14 +33,23 @@ fn numbers_may_have_gaps_and_lines_may_stand_in_any_order() {
     assert_eq!(mesh.soup.positions, [DVec3::Y, DVec3::ZERO, DVec3::X]);
     assert_eq!(mesh.soup.faces, [[1, 2, 0]]);
     assert_eq!(mesh.warnings, Vec::<String>::new());
-    let expected = Numbering { vertices_contiguous: false, faces_contiguous: false, ..IN_ORDER };
+    let expected = Numbering {
+        vertices_contiguous: false,
+        faces_contiguous: false,
+        vertex_numbers: vec![20, 40, 10],
+        face_numbers: vec![5],
+        ..IN_ORDER
+    };
     assert_eq!(mesh.numbering, Some(expected));
 }
 
 #[test]
 fn numbers_out_of_order_are_not_contiguous_though_none_is_missing() {
     let mesh = read_all(b"Vertex 2 1 0 0\nVertex 1 0 0 0\nVertex 3 0 1 0\nFace 1 1 2 3\n");
-    assert_eq!(mesh.numbering, Some(Numbering { vertices_contiguous: false, ..IN_ORDER }));
+    assert_eq!(
+        mesh.numbering,
+        Some(Numbering { vertices_contiguous: false, vertex_numbers: vec![2, 1, 3], ..IN_ORDER })
+    );
     assert_eq!(mesh.soup.faces, [[1, 0, 2]]);
 }
 
@@ -45,7 +62,7 @@ fn faces_that_name_a_missing_vertex_are_left_out_and_each_vertex_is_counted_once
         );
         let mesh = read_all(text.as_bytes());
         assert_eq!(mesh.soup.faces, [[0, 1, 2]]);
-        let numbering = mesh.numbering.unwrap();
+        let numbering = mesh.numbering.as_ref().unwrap();
         assert_eq!((numbering.missing_vertices, numbering.faces_without_vertex), (2, 2));
         assert!(numbering.faces_contiguous);
         assert_warned(&mesh, "2, the first being number 8");

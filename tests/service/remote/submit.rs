@@ -29,6 +29,23 @@ async fn submit_writes_a_printable_model_the_report_and_pictures_and_prints_wher
 }
 
 #[tokio::test]
+async fn without_a_model_nothing_is_written_and_the_code_says_why() {
+    let data = tempfile::tempdir().expect("a folder");
+    let program = Start::serve(data.path()).start();
+    let client = Client::of(&program.url);
+    client.put("in.stl", &files::open_sheet());
+    let args = ["submit", "in.stl", "-o", "out.stl", "--report", "r.json", "--max-tier", "2"];
+    let said = client.run(&args).await;
+    said.ended_with(1).told("it is handed back unchanged").told("no model was made");
+    assert_eq!(said.out, "");
+    assert_eq!(client.names(), ["in.stl", "r.json"]);
+    let said = client.run(&[args.as_slice(), &["--force", "--require", "printable"]].concat()).await;
+    said.ended_with(5).told("Not printable: ");
+    assert_eq!(client.names(), ["in.stl", "r.json"]);
+    assert_eq!(client.json("r.json")["verdict"]["file"], "none");
+}
+
+#[tokio::test]
 async fn of_several_files_each_is_told_of_and_the_worst_is_the_code() {
     let data = tempfile::tempdir().expect("a folder");
     let program = Start::serve(data.path()).start();

@@ -1,0 +1,310 @@
+//! A repair keeps its deadline within 2 s and 10 %, with the best result so far, verified.
+
+use std::cell::Cell;
+use std::sync::atomic::AtomicBool;
+use std::time::Duration;
+
+use glam::DVec3;
+use meshmend::format::{self, Format, Limits};
+use meshmend::inspect::Level;
+use meshmend::mesh::{Soup, Surface};
+use meshmend::repair::{
+    Action, Context, LeftOut, NoProgress, Operator, Options, Outcome, OutputFormat, Preset, Progress, RemeshAction,
+    RemeshError, RemeshRequest, Remeshed, Remesher, RemesherInfo, RepairError, Repaired, Stage, StepStatus,
+    promised_overrun, repair,
+};
+use meshmend::simplify::Simplify;
+
+use crate::meshes::{cube, cylinder, join, push, sphere};
+
+const DEADLINE: Duration = Duration::from_secs(10);
+
+/// A clock that a test sets, and that goes on by itself where it is looked at.
+#[derive(Default)]
+struct Clock {
+    now: Cell<Duration>,
+    tick: Duration,
+}
+
+impl Clock {
+    fn look(&self) -> Duration {
+        self.now.set(self.now.get() + self.tick);
+        self.now.get()
+    }
+}
+
+/// Sets a clock when a stage begins.
+struct At<'a>(Stage, Duration, &'a Clock);
+
+impl Progress for At<'_> {
+    fn report(&self, stage: Stage, _: Option<u8>, _: u8) {
+        if stage == self.0 {
+            self.2.now.set(self.2.now.get().max(self.1));
+        }
+    }
+
+    fn log(&self, _: &str) {}
+}
+
+fn run(
+    soup: &Soup,
+    options: &Options,
+    remesher: Option<&dyn Remesher>,
+    progress: &dyn Progress,
+    clock: &Clock,
+) -> Result<Repaired, RepairError> {
+    let bytes = format::write(soup, Format::Stl).unwrap();
+    let (cancel, look) = (AtomicBool::new(false), || clock.look());
+    let options = Options { deadline_s: DEADLINE.as_secs_f64(), ..options.clone() };
+    repair(&bytes, &options, &Limits::default(), remesher, &Context::new(progress, &cancel, &look, DEADLINE))
+}
+
+/// A ball with a hole, and another that intersects it.
+fn broken() -> Soup {
+    let mut soup = join(&sphere(DVec3::ZERO, 1.0, 24, 12), &sphere(DVec3::X * 0.7, 0.8, 16, 8));
+    soup.faces.drain(40..60);
+    soup
+}
+
+/// A cup of which the rim has many edges: what closes it are needles of which each is near all others.
+fn cup(edges: u32) -> Soup {
+    let mut cup = cylinder(DVec3::ZERO, 1.0, 2.0, edges);
+    let is_lid = |face: &[u32; 3]| face.iter().all(|&v| cup.positions[v as usize].z > 1.9);
+    let walls: Vec<[u32; 3]> = cup.faces.iter().copied().filter(|face| !is_lid(face)).collect();
+    cup.faces = walls;
+    cup
+}
+
+#[test]
+fn a_repair_ends_within_two_seconds_and_a_tenth_of_its_deadline_however_slow_the_machine_is() {
+    for model in [broken(), cup(120)] {
+        for tick_ms in [1, 5, 20, 80, 250, 500] {
+            let clock = Clock { tick: Duration::from_millis(tick_ms), ..Clock::default() };
+            let result = run(&model, &Options::default(), None, &NoProgress, &clock);
+            let took = clock.now.get();
+            assert!(took <= DEADLINE + promised_overrun(DEADLINE), "{tick_ms} ms a look: {took:?}");
+            match result {
+                Ok(it) => {
+                    let left_out = &it.report.left_out;
+                    assert_eq!(left_out.contains(&LeftOut::Repair), it.report.summary.contains("deadline_s"));
+                    assert!(!it.bytes.is_empty() && it.report.after.is_some() && it.report.verified_from_output_bytes);
+                    // Nothing is said to be printable of which that is not known.
+                    let unknown = left_out.contains(&LeftOut::InputVerification);
+                    assert!(!(unknown && it.report.outcome.is_printable()), "{tick_ms}");
+                }
+                Err(error) => assert!(matches!(error, RepairError::OutOfTime(_)) && tick_ms > 80, "{tick_ms}: {error}"),
+            }
+        }
+    }
+}
+
+#[test]
+fn with_time_for_everything_nothing_is_left_out() {
+    let it = run(&broken(), &Options::default(), None, &NoProgress, &Clock::default()).unwrap();
+    assert_eq!(it.report.left_out, []);
+    assert!(!it.report.summary.contains("deadline_s"), "{}", it.report.summary);
+}
+
+#[test]
+fn a_model_that_could_be_inspected_and_no_more_comes_back_as_it_was() {
+    let clock = Clock::default();
+    let it = run(&broken(), &Options::default(), None, &At(Stage::Repair, DEADLINE, &clock), &clock).unwrap();
+    assert_eq!(it.report.outcome, Outcome::Unrepairable);
+    assert_eq!(it.bytes, format::write(&broken(), Format::Stl).unwrap());
+    assert!(it.report.before.measures.self_intersections.checked);
+    assert!(it.report.left_out.contains(&LeftOut::Repair));
+    assert!(it.report.summary.contains("deadline_s"), "{}", it.report.summary);
+    let skipped = it.report.steps.iter().filter(|step| step.status == StepStatus::Skipped).count();
+    assert_eq!(skipped, it.report.plan.rungs.len(), "each strategy says that it did not run");
+}
+
+#[test]
+fn a_model_that_could_not_be_inspected_is_not_said_to_be_printable_or_broken() {
+    let ball = sphere(DVec3::ZERO, 1.0, 32, 16);
+    for output in [OutputFormat::Same, OutputFormat::Ply] {
+        let clock = Clock::default();
+        let options = Options { output, ..Options::default() };
+        let it = run(&ball, &options, None, &At(Stage::Inspect, DEADLINE, &clock), &clock).unwrap();
+        assert_eq!(it.report.outcome, Outcome::Unrepairable);
+        let left_out = &it.report.left_out;
+        assert!(left_out.contains(&LeftOut::InputVerification) && left_out.contains(&LeftOut::Repair), "{left_out:?}");
+        assert!(it.report.summary.contains("not known whether it is printable"), "{}", it.report.summary);
+        assert_eq!((it.report.before.level, it.report.after.unwrap().level), (Level::None, Level::None));
+        let read = format::read(&it.bytes, &Limits::default()).unwrap().soup;
+        assert_eq!(read.faces.len(), ball.faces.len());
+    }
+}
+
+#[test]
+fn where_not_even_the_faces_could_be_counted_the_error_names_the_option() {
+    let clock = Clock::default();
+    let late = DEADLINE + promised_overrun(DEADLINE);
+    let error = run(&broken(), &Options::default(), None, &At(Stage::Inspect, late, &clock), &clock).unwrap_err();
+    assert!(error.to_string().contains("deadline_s is 10"), "{error}");
+}
+
+#[test]
+fn what_operators_did_before_the_deadline_is_verified_and_handed_out() {
+    // The stage of verification begins when the first strategy has run.
+    let clock = Clock::default();
+    let mut open = sphere(DVec3::ZERO, 1.0, 32, 16);
+    open.faces.drain(40..60);
+    let it = run(&open, &Options::default(), None, &At(Stage::Verify, DEADLINE, &clock), &clock).unwrap();
+    assert_eq!(it.report.outcome, Outcome::Repaired, "{}", it.report.summary);
+    assert!(it.report.verified_from_output_bytes && it.report.after.unwrap().measures.printable());
+}
+
+#[test]
+fn a_result_that_there_was_no_time_to_verify_is_not_handed_out() {
+    let clock = Clock::default();
+    let mut open = sphere(DVec3::ZERO, 1.0, 32, 16);
+    open.faces.drain(40..60);
+    let late = DEADLINE + Duration::from_millis(1900);
+    let it = run(&open, &Options::default(), None, &At(Stage::Verify, late, &clock), &clock).unwrap();
+    assert_eq!((it.report.outcome, it.report.candidates.len()), (Outcome::Unrepairable, 1));
+    assert!(it.report.left_out.contains(&LeftOut::Verification));
+    assert_eq!(it.bytes, format::write(&open, Format::Stl).unwrap());
+}
+
+/// A remesher whose answer takes some time on a clock.
+struct Slow<'a> {
+    info: RemesherInfo,
+    answer: Soup,
+    until: Duration,
+    clock: &'a Clock,
+    asked: Cell<Option<RemeshAction>>,
+}
+
+impl<'a> Slow<'a> {
+    fn answering(answer: Soup, until: Duration, clock: &'a Clock) -> Self {
+        let info = RemesherInfo { kind: "fake".into(), version: "1".into(), program: "none".into() };
+        Self { info, answer, until, clock, asked: Cell::new(None) }
+    }
+}
+
+impl Remesher for Slow<'_> {
+    fn info(&self) -> Result<&RemesherInfo, &str> {
+        Ok(&self.info)
+    }
+
+    fn remesh(&self, request: &RemeshRequest<'_>, context: &Context<'_>) -> Result<Remeshed, RemeshError> {
+        assert!(self.asked.replace(Some(request.action)).is_none(), "asked once");
+        assert!(request.time_limit <= context.remaining());
+        self.clock.now.set(self.until);
+        Ok(Remeshed::from(self.answer.clone()))
+    }
+}
+
+/// Two cubes on a common edge, with the options by which Blender alone makes something of them.
+fn for_blender() -> (Soup, Options) {
+    let cubes = join(&cube(DVec3::ZERO, 1.0, 1), &cube(DVec3::new(1.0, 1.0, 0.0), 1.0, 1));
+    (cubes, Options { preset: Preset::BlenderRemesh, voxel_size: Some(0.1), ..Options::default() })
+}
+
+#[test]
+fn a_finished_remesh_is_kept_where_the_time_ends_while_its_faces_are_reduced() {
+    let (cubes, options) = for_blender();
+    let fine = join(&cube(DVec3::ZERO, 1.0, 10), &cube(DVec3::new(1.004, 1.004, 0.0), 1.0, 10));
+    let clock = Clock::default();
+    let late = Slow::answering(fine.clone(), DEADLINE, &clock);
+    let it = run(&cubes, &options, Some(&late), &NoProgress, &clock).unwrap();
+    assert_eq!(it.report.outcome, Outcome::Repaired, "{}", it.report.summary);
+    assert_eq!(it.report.after.unwrap().measures.faces, fine.faces.len() as u64);
+    assert!(it.report.left_out.contains(&LeftOut::Repair), "{:?}", it.report.left_out);
+    let step = it.report.steps.iter().find(|step| step.action == Action::VoxelRemesh).unwrap();
+    assert!(step.note.as_ref().unwrap().contains("time was over"), "{step:?}");
+}
+
+#[test]
+fn the_faces_of_a_remesh_are_not_reduced_without_simplify() {
+    let (cubes, options) = for_blender();
+    let fine = join(&cube(DVec3::ZERO, 1.0, 10), &cube(DVec3::new(1.004, 1.004, 0.0), 1.0, 10));
+    let faces = |without: Vec<Operator>| {
+        let clock = Clock::default();
+        let fake = Slow::answering(fine.clone(), Duration::ZERO, &clock);
+        let options = Options { without, ..options.clone() };
+        run(&cubes, &options, Some(&fake), &NoProgress, &clock).unwrap().report.after.unwrap().measures.faces
+    };
+    assert!(faces(vec![]) < 100);
+    assert_eq!(faces(vec![Operator::Simplify]), fine.faces.len() as u64);
+}
+
+#[test]
+fn a_blender_remesh_that_was_asked_for_is_the_one_that_runs() {
+    let (cubes, options) = for_blender();
+    let clock = Clock::default();
+    let apart = join(&cube(DVec3::ZERO, 1.0, 3), &cube(DVec3::new(1.004, 1.004, 0.0), 1.0, 3));
+    let fake = Slow::answering(apart, Duration::ZERO, &clock);
+    let it = run(&cubes, &options, Some(&fake), &NoProgress, &clock).unwrap();
+    assert_eq!((it.report.outcome, fake.asked.get()), (Outcome::Repaired, Some(RemeshAction::VoxelRemesh)));
+    assert_eq!(it.report.steps.iter().find_map(|step| step.voxel_size), Some(0.1));
+}
+
+#[test]
+fn a_simplification_that_a_deadline_ends_keeps_what_it_did() {
+    let ball = sphere(DVec3::ZERO, 1.0, 96, 48);
+    let simplify =
+        Simplify { max_faces: Some(100), max_error: 1.0, feature_angle_deg: 50.0, to_f32: true, toward: None };
+    let reduced = |looks: u32| {
+        let clock = Clock { tick: Duration::from_secs(1), ..Clock::default() };
+        let (cancel, look) = (AtomicBool::new(false), || clock.look());
+        let context = Context::new(&NoProgress, &cancel, &look, Duration::from_secs(u64::from(looks)));
+        let (mut surface, _) = Surface::from_soup(&ball);
+        let done = simplify.apply(&mut surface, &context);
+        surface.check().unwrap();
+        done.map(|done| (done, surface))
+    };
+    let (done, surface) =
+        (1..100).find_map(|looks| reduced(looks).ok().filter(|it| it.0.faces_after < it.0.faces_before)).unwrap();
+    assert!(done.is_late && surface.faces.len() > 100 && surface.faces.len() < ball.faces.len(), "{done:?}");
+    assert!(done.left.unwrap().contains("time was over"));
+    let clock = Clock::default();
+    let it = run(&surface.to_soup(), &Options::default(), None, &NoProgress, &clock).unwrap();
+    assert_eq!(it.report.outcome, Outcome::AlreadyPrintable, "every state between is a good one");
+}
+
+#[test]
+fn a_number_of_faces_that_was_not_reached_is_told_with_the_reason() {
+    let options = Options { max_faces: Some(12), ..Options::default() };
+    let ball = sphere(DVec3::ZERO, 1.0, 32, 16);
+    let it = run(&ball, &options, None, &NoProgress, &Clock::default()).unwrap();
+    let faces = it.report.after.unwrap().measures.faces;
+    assert!(faces > 12 && faces < 900, "{faces}");
+    let told = it.report.warnings.iter().find(|warning| warning.contains("max_faces=12")).unwrap();
+    assert!(told.contains(&faces.to_string()) && told.contains("max_error"), "{told}");
+    let enough = Options { max_faces: Some(12), max_error: Some(10.0), ..Options::default() };
+    let it = run(&cube(DVec3::ZERO, 1.0, 4), &enough, None, &NoProgress, &Clock::default()).unwrap();
+    assert_eq!(it.report.after.unwrap().measures.faces, 12);
+    assert!(!it.report.warnings.iter().any(|warning| warning.contains("max_faces")));
+}
+
+#[test]
+fn voxels_larger_than_asked_for_are_told_with_the_reason() {
+    let (cubes, options) = for_blender();
+    let apart = join(&cube(DVec3::ZERO, 1.0, 3), &cube(DVec3::new(1.004, 1.004, 0.0), 1.0, 3));
+    let told = |voxel_size: f64| {
+        let clock = Clock::default();
+        let fake = Slow::answering(apart.clone(), Duration::ZERO, &clock);
+        let options = Options { voxel_size: Some(voxel_size), max_remesh_faces: 10_000, ..options.clone() };
+        let report = run(&cubes, &options, Some(&fake), &NoProgress, &clock).unwrap().report;
+        assert_eq!(report.outcome, Outcome::Repaired, "{}", report.summary);
+        report.warnings.into_iter().find(|warning| warning.contains("voxel_size"))
+    };
+    assert_eq!(told(0.1), None);
+    let told = told(0.001).unwrap();
+    assert!(told.contains("voxel_size=0.001") && told.contains("max_remesh_faces"), "{told}");
+}
+
+#[test]
+fn triangles_all_over_one_another_do_not_hold_a_repair_up() {
+    let mut heap = Soup::default();
+    for i in 0..400u32 {
+        let z = f64::from(i);
+        push(&mut heap, [DVec3::new(0.0, 0.0, z), DVec3::new(400.0, 1.0, 300.0 - z), DVec3::new(1.0, 400.0, 150.0)]);
+    }
+    for tick_ms in [1, 30] {
+        let clock = Clock { tick: Duration::from_millis(tick_ms), ..Clock::default() };
+        run(&heap, &Options::default(), None, &NoProgress, &clock).unwrap();
+        assert!(clock.now.get() <= DEADLINE + promised_overrun(DEADLINE), "{:?}", clock.now.get());
+    }
+}

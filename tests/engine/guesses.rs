@@ -1,0 +1,186 @@
+//! What the input does not prove: invented surface is measured, told and limited, and no solid becomes a shell.
+
+use std::sync::atomic::AtomicBool;
+use std::time::Duration;
+
+use glam::DVec3;
+use meshmend::format::{self, Format, Limits};
+use meshmend::inspect::{Analysis, CompareOptions, compare};
+use meshmend::mesh::{Soup, Surface};
+use meshmend::repair::operators::thicken::{Skins, ThickenSheets};
+use meshmend::repair::{
+    Assumption, AssumptionKind, Context, NoProgress, OpenSheets, Options, Outcome, RedFlagCode, Repaired, repair,
+};
+
+use crate::meshes::{as_f32, cube, cylinder, join, push, sphere};
+use crate::operators::with_context;
+
+fn run(soup: &Soup, options: &Options) -> Repaired {
+    let bytes = format::write(soup, Format::Stl).unwrap();
+    let cancel = AtomicBool::new(false);
+    let clock = || Duration::ZERO;
+    let context = Context::new(&NoProgress, &cancel, &clock, Duration::from_secs(600));
+    repair(&bytes, options, &Limits::default(), None, &context).unwrap()
+}
+
+fn assumed(made: &Repaired, kind: AssumptionKind) -> Option<&Assumption> {
+    made.report.assumptions.iter().find(|it| it.kind == kind)
+}
+
+fn flags(made: &Repaired) -> Vec<RedFlagCode> {
+    made.report.red_flags.iter().map(|flag| flag.code).collect()
+}
+
+fn volume(made: &Repaired) -> f64 {
+    made.report.after.as_ref().unwrap().measures.volume.value
+}
+
+/// Without the faces that lie above a height.
+fn cut_off(mut soup: Soup, height: f64) -> Soup {
+    let low = |soup: &Soup, f: usize| soup.corners(f).iter().any(|p| p.z < height);
+    let keep: Vec<bool> = (0..soup.faces.len()).map(|f| low(&soup, f)).collect();
+    let mut keep = keep.into_iter();
+    soup.faces.retain(|_| keep.next().unwrap());
+    soup
+}
+
+/// A solid of 2 and a square wall of 4 that stands apart from it.
+fn block_and_wall() -> Soup {
+    let mut wall = Soup::default();
+    let at = |y: f64, z: f64| DVec3::new(5.0, y, z);
+    push(&mut wall, [at(0.0, 0.0), at(4.0, 0.0), at(4.0, 4.0)]);
+    push(&mut wall, [at(0.0, 0.0), at(4.0, 4.0), at(0.0, 4.0)]);
+    as_f32(join(&cube(DVec3::ZERO, 2.0, 2), &wall))
+}
+
+#[test]
+fn a_hole_of_many_edges_is_closed_and_the_solid_stays_solid() {
+    assert!(Options::default().max_hole_edges >= 1_000_000);
+    let solid = as_f32(cylinder(DVec3::ZERO, 5.0, 20.0, 600));
+    let cup = cut_off(solid, 20.0);
+    let made = run(&cup, &Options::default());
+    assert_eq!(made.report.outcome, Outcome::Repaired, "{}", made.report.summary);
+    let full = std::f64::consts::PI * 25.0 * 20.0;
+    assert!((volume(&made) / full - 1.0).abs() < 1e-3, "{} of {full}", volume(&made));
+}
+
+#[test]
+fn a_solid_whose_hole_the_options_leave_open_becomes_no_shell() {
+    let ball = cut_off(as_f32(sphere(DVec3::ZERO, 10.0, 48, 24)), 8.0);
+    let options = Options { max_hole_size: 0.05, ..Options::default() };
+    let made = run(&ball, &options);
+    assert!(!made.report.outcome.is_printable(), "{}", made.report.summary);
+    assert!(made.report.summary.contains("max_hole_size"), "{}", made.report.summary);
+    let after = &made.report.after.as_ref().unwrap().measures;
+    assert!(!after.closed, "{after:?}");
+    assert!(assumed(&made, AssumptionKind::SheetsThickened).is_none());
+}
+
+#[test]
+fn whoever_asks_for_a_shell_of_a_solid_with_an_open_hole_gets_it() {
+    let ball = cut_off(as_f32(sphere(DVec3::ZERO, 10.0, 48, 24)), 8.0);
+    let options =
+        Options { max_hole_size: 0.05, open_sheets: OpenSheets::Thicken, thickness: Some(0.5), ..Options::default() };
+    let made = run(&ball, &options);
+    assert_eq!(made.report.outcome, Outcome::Repaired, "{} {:?}", made.report.summary, made.report.red_flags);
+    assert!((assumed(&made, AssumptionKind::SheetsThickened).unwrap().amount.unwrap() - 0.5).abs() < 1e-9);
+}
+
+#[test]
+fn a_comparison_calls_a_shell_unfaithful_to_the_open_solid() {
+    let ball = cut_off(as_f32(sphere(DVec3::ZERO, 10.0, 48, 24)), 9.0);
+    let (mut shell, _) = Surface::from_soup(&ball);
+    let thicken = ThickenSheets {
+        thickness: Some(0.06),
+        skins: Skins::Behind,
+        spares_solids: false,
+        most: f64::INFINITY,
+        to_f32: true,
+    };
+    with_context(|c| thicken.apply(&mut shell, c)).unwrap();
+    let faithful = |after: &Soup| {
+        with_context(|c| {
+            let (before, after) = (Analysis::new((&ball).into(), c)?, Analysis::new(after.into(), c)?);
+            compare(&before, &after, CompareOptions::default(), c)
+        })
+        .unwrap()
+        .faithful
+    };
+    assert!(!faithful(&shell.to_soup()));
+    assert!(faithful(&ball));
+}
+
+#[test]
+fn thickening_spares_parts_that_are_almost_closed_and_thickens_sheets_beside_them() {
+    let cup = cut_off(as_f32(cylinder(DVec3::new(20.0, 0.0, 0.0), 5.0, 20.0, 64)), 20.0);
+    let mut wall = Soup::default();
+    push(&mut wall, [DVec3::ZERO, DVec3::X, DVec3::Y]);
+    let (mut surface, _) = Surface::from_soup(&join(&cup, &wall));
+    let thicken = ThickenSheets {
+        thickness: Some(0.1),
+        skins: Skins::Behind,
+        spares_solids: true,
+        most: f64::INFINITY,
+        to_f32: true,
+    };
+    let applied = with_context(|c| thicken.apply(&mut surface, c)).unwrap();
+    let count = |what: &str| applied.changes.iter().find(|it| it.what == what).map_or(0, |it| it.count);
+    assert_eq!((count("sheets_thickened"), count("solids_left_open")), (1, 1));
+}
+
+#[test]
+fn a_thickened_wall_that_is_much_of_the_result_is_told_and_flagged() {
+    let made = run(&block_and_wall(), &Options::default());
+    assert_eq!(made.report.outcome, Outcome::PartiallyRepaired, "{}", made.report.summary);
+    assert_eq!(flags(&made), [RedFlagCode::SurfaceInvented]);
+    assert!(made.report.after.as_ref().unwrap().measures.printable());
+    let told = assumed(&made, AssumptionKind::SheetsThickened).unwrap();
+    let share = told.share_pct.unwrap();
+    assert!(told.count == 1 && (25.0..35.0).contains(&share), "{told:?}");
+    assert_eq!(told.option.as_deref(), Some("open_sheets=leave"));
+    assert!(!told.places.is_empty());
+    let flag = &made.report.red_flags[0];
+    assert!((flag.value - share).abs() < 1e-6 && flag.threshold == 10.0, "{flag:?}");
+}
+
+#[test]
+fn a_thickness_that_was_asked_for_is_an_assumption_and_no_flag() {
+    for options in [
+        Options { open_sheets: OpenSheets::Thicken, ..Options::default() },
+        Options { max_surface_added_pct: 100.0, ..Options::default() },
+    ] {
+        let made = run(&block_and_wall(), &options);
+        assert_eq!(made.report.outcome, Outcome::Repaired, "{} {:?}", made.report.summary, made.report.red_flags);
+        assert!(assumed(&made, AssumptionKind::SheetsThickened).is_some());
+    }
+}
+
+#[test]
+fn a_large_hole_is_told_with_its_place_and_a_small_one_is_not() {
+    let without_lid = cut_off(as_f32(cube(DVec3::ZERO, 2.0, 4)), 2.0);
+    let made = run(&without_lid, &Options::default());
+    assert_eq!((made.report.outcome, flags(&made)), (Outcome::PartiallyRepaired, vec![RedFlagCode::SurfaceInvented]));
+    let told = assumed(&made, AssumptionKind::LargeHolesClosed).unwrap();
+    assert!(told.count == 1 && (told.amount.unwrap() - 4.0).abs() < 1e-6, "{told:?}");
+    assert!((told.share_pct.unwrap() - 100.0 / 6.0).abs() < 1e-3);
+    assert!((told.places[0][2] - 2.0).abs() < 1e-6);
+    // The option that the assumption names leaves the hole open.
+    let (name, value) = told.option.as_deref().unwrap().split_once('=').unwrap();
+    assert_eq!(name, "max_hole_size");
+    let options = Options { max_hole_size: value.parse().unwrap(), ..Options::default() };
+    assert!(!run(&without_lid, &options).report.outcome.is_printable());
+
+    let mut small = as_f32(cube(DVec3::ZERO, 2.0, 10));
+    small.faces.remove(0);
+    let made = run(&small, &Options::default());
+    assert_eq!(made.report.outcome, Outcome::Repaired);
+    assert!(assumed(&made, AssumptionKind::LargeHolesClosed).is_none());
+}
+
+#[test]
+fn an_assumed_unit_is_told_and_a_declared_one_is_not() {
+    let solid = as_f32(cube(DVec3::ZERO, 2.0, 2));
+    assert!(assumed(&run(&solid, &Options::default()), AssumptionKind::Unit).is_some());
+    let declared = Options { unit: Some(meshmend::scene::Unit::Inch), ..Options::default() };
+    assert!(assumed(&run(&solid, &declared), AssumptionKind::Unit).is_none());
+}

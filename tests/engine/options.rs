@@ -1,0 +1,383 @@
+//! What is asked for is done, or the report says why not.
+
+use glam::DVec3;
+use meshmend::format::{self, Format, Limits};
+use meshmend::mesh::Soup;
+use meshmend::repair::operators::orient::Nested;
+use meshmend::repair::operators::stitch::StitchPosition;
+use meshmend::repair::{
+    AssumptionKind, Category, InsideRule, NotAppliedCause, OpenSheets, Operator, Options, Outcome, OutputFormat,
+    Preset, RedFlagCode, Repaired, Standing, red_flags,
+};
+
+use crate::meshes::{as_f32, cube, join, push, sphere, torus};
+use crate::pipeline::{run, run_bytes};
+
+fn stl(soup: &Soup) -> Vec<u8> {
+    format::write(soup, Format::Stl).unwrap()
+}
+
+/// The volume of each part, the largest box first.
+fn volumes(bytes: &[u8]) -> Vec<f64> {
+    let read = format::read(bytes, &Limits::default()).unwrap();
+    let soup = read.soup;
+    let mut parts: Vec<(f64, Vec<usize>)> = Vec::new();
+    // The parts of these tests are boxes around points of their own, so a face belongs to the part that its size tells.
+    for f in 0..soup.faces.len() {
+        let reach = soup.corners(f).into_iter().map(|p| p.abs().max_element()).fold(0.0, f64::max);
+        match parts.iter_mut().find(|(of_part, _)| (*of_part - reach).abs() < 1e-6) {
+            Some((_, faces)) => faces.push(f),
+            None => parts.push((reach, vec![f])),
+        }
+    }
+    parts.sort_by(|x, y| y.0.total_cmp(&x.0));
+    let volume = |faces: &Vec<usize>| {
+        let of_face = |&f: &usize| {
+            let [a, b, c] = soup.corners(f);
+            a.dot(b.cross(c)) / 6.0
+        };
+        faces.iter().map(of_face).sum::<f64>()
+    };
+    parts.iter().map(|(_, faces)| volume(faces).round()).collect()
+}
+
+/// Boxes of 10, 6 and 3 units around the origin, all outward.
+fn nested_boxes() -> Soup {
+    let at = |size: f64| cube(DVec3::splat(-size / 2.0), size, 1);
+    join(&join(&at(10.0), &at(6.0)), &at(3.0))
+}
+
+fn cause(it: &Repaired, option: &str) -> Option<NotAppliedCause> {
+    it.report.options_not_applied.iter().find(|found| found.option == option).map(|found| found.cause)
+}
+
+#[test]
+fn nested_boxes_that_are_printable_are_wound_in_layers_where_that_is_asked_for() {
+    let bytes = stl(&nested_boxes());
+    let usual = run_bytes(&bytes, &Options::default(), None).unwrap();
+    assert_eq!((usual.report.outcome, usual.bytes == bytes), (Outcome::AlreadyPrintable, true));
+    assert!(usual.report.options_not_applied.is_empty());
+    for options in [
+        Options { nested: Nested::Alternate, ..Options::default() },
+        Options { inside: InsideRule::Odd, ..Options::default() },
+    ] {
+        let it = run_bytes(&bytes, &options, None).unwrap();
+        assert_eq!(volumes(&it.bytes), [1000.0, -216.0, 27.0], "{:?}", it.report.summary);
+        assert_eq!(it.report.outcome, Outcome::Repaired, "{:?}", it.report.red_flags);
+        assert!(it.report.options_not_applied.is_empty(), "{:?}", it.report.options_not_applied);
+        // What satisfies it already comes back as it is, and that is said.
+        let again = run_bytes(&it.bytes, &options, None).unwrap();
+        assert_eq!((again.report.outcome, again.bytes == it.bytes), (Outcome::AlreadyPrintable, true));
+        let [only] = again.report.options_not_applied.as_slice() else { panic!("{:?}", again.report.warnings) };
+        assert_eq!(only.cause, NotAppliedCause::NothingToDo);
+        assert_eq!(again.report.warnings.last(), Some(&only.in_words()));
+    }
+}
+
+#[test]
+fn solids_within_a_solid_go_where_a_winding_rule_is_asked_for_that_makes_them_one() {
+    let bytes = stl(&nested_boxes());
+    for inside in [InsideRule::Positive, InsideRule::Nonzero] {
+        let it = run_bytes(&bytes, &Options { inside, ..Options::default() }, None).unwrap();
+        assert_eq!(volumes(&it.bytes), [1000.0], "{:?}", it.report.summary);
+        assert_eq!(it.report.outcome, Outcome::Repaired, "{:?}", it.report.red_flags);
+    }
+}
+
+#[test]
+fn objects_that_are_printable_are_wound_in_layers_too() {
+    let bytes = format::write(&nested_boxes(), Format::ThreeMf).unwrap();
+    let options = Options { nested: Nested::Alternate, output: OutputFormat::Stl, ..Options::default() };
+    let same = Options { output: OutputFormat::Same, ..options.clone() };
+    assert_eq!(volumes(&run_bytes(&bytes, &options, None).unwrap().bytes), [1000.0, -216.0, 27.0]);
+    let it = run_bytes(&bytes, &same, None).unwrap();
+    assert_eq!(volumes(&it.bytes), [1000.0, -216.0, 27.0]);
+    assert!(it.report.options_not_applied.is_empty());
+}
+
+#[test]
+fn a_preset_that_is_asked_for_runs_on_a_printable_model() {
+    let bytes = stl(&torus(3.0, 1.0, 16, 8));
+    for preset in [Preset::BasicCleanup, Preset::FullRepair, Preset::ConservativeRepair, Preset::ManifoldRepair] {
+        let it = run_bytes(&bytes, &Options { preset, ..Options::default() }, None).unwrap();
+        assert_eq!((it.report.outcome, it.bytes == bytes), (Outcome::AlreadyPrintable, true), "{preset:?}");
+        assert_eq!(it.report.plan.preset, preset);
+        assert!(!it.report.steps.is_empty());
+        assert_eq!(cause(&it, "preset"), Some(NotAppliedCause::NothingToDo));
+    }
+}
+
+#[test]
+fn a_remesh_that_is_asked_for_runs_on_a_printable_model() {
+    let bytes = stl(&as_f32(sphere(DVec3::ZERO, 10.0, 24, 12)));
+    let options = Options { with: vec![Operator::Remesh], voxel_size: Some(0.5), ..Options::default() };
+    let it = run_bytes(&bytes, &options, None).unwrap();
+    assert_eq!(it.report.outcome, Outcome::Repaired, "{:?}", it.report.options_not_applied);
+    assert!(it.report.options_not_applied.is_empty(), "{:?}", it.report.options_not_applied);
+    assert_ne!(it.bytes, bytes);
+}
+
+/// A box with a sliver of the given height along an edge of one side.
+fn box_with_a_sliver(height: f64) -> Soup {
+    let mut soup = Soup::default();
+    let [a, b] = [DVec3::ZERO, DVec3::splat(10.0)];
+    let corner = |x: f64, y: f64, z: f64| DVec3::new(x, y, z);
+    let mut quad = |q: [DVec3; 4]| {
+        push(&mut soup, [q[0], q[1], q[2]]);
+        push(&mut soup, [q[0], q[2], q[3]]);
+    };
+    let cut = height;
+    quad([a, corner(0.0, 10.0, 0.0), corner(10.0, 10.0, 0.0), corner(10.0, 0.0, 0.0)]);
+    // The top in two strips, of which one is thin.
+    quad([corner(0.0, 0.0, 10.0), corner(10.0, 0.0, 10.0), corner(10.0, cut, 10.0), corner(0.0, cut, 10.0)]);
+    quad([corner(0.0, cut, 10.0), corner(10.0, cut, 10.0), b, corner(0.0, 10.0, 10.0)]);
+    quad([a, corner(10.0, 0.0, 0.0), corner(10.0, 0.0, 10.0), corner(0.0, 0.0, 10.0)]);
+    quad([corner(0.0, 10.0, 0.0), corner(0.0, 10.0, 10.0), b, corner(10.0, 10.0, 0.0)]);
+    for x in [0.0, 10.0] {
+        let ring = [[0.0, 0.0], [10.0, 0.0], [10.0, 10.0], [cut, 10.0], [0.0, 10.0]].map(|[y, z]| corner(x, y, z));
+        for k in 1..4 {
+            let t = [ring[0], ring[k], ring[k + 1]];
+            push(&mut soup, if x > 0.0 { t } else { [t[0], t[2], t[1]] });
+        }
+    }
+    soup
+}
+
+#[test]
+fn slivers_of_a_printable_model_go_where_a_tolerance_is_asked_for() {
+    let bytes = stl(&box_with_a_sliver(1e-3));
+    let usual = run_bytes(&bytes, &Options::default(), None).unwrap();
+    assert_eq!((usual.report.outcome, usual.bytes == bytes), (Outcome::AlreadyPrintable, true));
+    let it = run_bytes(&bytes, &Options { degenerate_tolerance: 1e-3, ..Options::default() }, None).unwrap();
+    assert_eq!(it.report.outcome, Outcome::Repaired, "{:?}", it.report.options_not_applied);
+    assert_eq!(it.report.after.unwrap().measures.faces, 12);
+    let finer = run_bytes(&bytes, &Options { degenerate_tolerance: 1e-6, ..Options::default() }, None).unwrap();
+    assert_eq!(
+        (cause(&finer, "degenerate_tolerance"), finer.bytes == bytes),
+        (Some(NotAppliedCause::NothingToDo), true)
+    );
+}
+
+#[test]
+fn what_finds_nothing_to_do_on_a_printable_model_is_said() {
+    let bytes = stl(&cube(DVec3::ZERO, 10.0, 2));
+    let options = Options {
+        open_sheets: OpenSheets::Thicken,
+        thickness: Some(1.0),
+        sew_ratio: Some(0.4),
+        stitch_threshold: Some(0.005),
+        voxel_size: Some(0.1),
+        ..Options::default()
+    };
+    let it = run_bytes(&bytes, &options, None).unwrap();
+    assert_eq!((it.report.outcome, it.bytes == bytes), (Outcome::AlreadyPrintable, true));
+    for option in ["open_sheets", "thickness", "sew_ratio", "stitch_threshold", "voxel_size"] {
+        assert_eq!(cause(&it, option), Some(NotAppliedCause::NothingToDo), "{option}");
+    }
+    let without = Options { nested: Nested::Alternate, without: vec![Operator::Orient], ..Options::default() };
+    assert_eq!(cause(&run_bytes(&bytes, &without, None).unwrap(), "nested"), Some(NotAppliedCause::Excluded));
+}
+
+/// A box whose lid stands a gap above it.
+fn box_with_a_lid_above(gap: f64, cells: u32) -> Soup {
+    let mut soup = cube(DVec3::ZERO, 10.0, cells);
+    for f in 0..soup.faces.len() {
+        let on_top = soup.corners(f).iter().all(|p| p.z == 10.0);
+        for v in soup.faces[f] {
+            soup.positions[v as usize].z += if on_top { gap } else { 0.0 };
+        }
+    }
+    soup
+}
+
+#[test]
+fn a_ratio_to_sew_with_is_the_only_limit_where_it_is_asked_for() {
+    // A hundredth of the shortest edge, and more than a thousandth of the diagonal.
+    let soup = box_with_a_lid_above(0.05, 2);
+    let options = |sew_ratio| Options { sew_ratio, stitch_threshold: Some(0.0), ..Options::default() };
+    let sewn = |it: &Repaired| {
+        it.report.steps.iter().any(|step| step.operator == Some(Operator::Sew) && !step.changed.is_empty())
+    };
+    assert!(!sewn(&run(&soup, &options(None), None)));
+    let it = run(&soup, &options(Some(0.2)), None);
+    assert!(sewn(&it), "{:?}", it.report.steps);
+    assert_eq!(it.report.outcome, Outcome::Repaired);
+}
+
+#[test]
+fn a_crack_is_stitched_up_to_a_length_in_the_models_unit() {
+    let soup = box_with_a_lid_above(0.05, 2);
+    let stitched = |it: &Repaired| {
+        it.report.steps.iter().any(|step| step.operator == Some(Operator::Stitch) && !step.changed.is_empty())
+    };
+    let options =
+        |distance| Options { sew_ratio: Some(0.0), stitch_distance: Some(distance), max_tier: 2, ..Options::default() };
+    assert!(!stitched(&run(&soup, &options(0.04), None)));
+    let it = run(&soup, &options(0.06), None);
+    assert!(stitched(&it), "{:?}", it.report.steps);
+    assert_eq!(it.report.outcome, Outcome::Repaired);
+    let heights = |it: &Repaired| -> Vec<f64> {
+        format::read(&it.bytes, &Limits::default()).unwrap().soup.positions.iter().map(|p| p.z).collect()
+    };
+    let is_halfway = |z: &f64| (z - 10.025).abs() < 1e-5;
+    assert!(!heights(&it).iter().any(is_halfway));
+    let average = Options { stitch_position: StitchPosition::Average, ..options(0.06) };
+    let it = run(&soup, &average, None);
+    assert_eq!(it.report.outcome, Outcome::Repaired);
+    assert!(heights(&it).iter().any(is_halfway), "{:?}", heights(&it));
+    assert!(it.report.options_not_applied.is_empty(), "{:?}", it.report.options_not_applied);
+}
+
+#[test]
+fn a_gap_that_the_edges_beside_it_do_not_allow_is_said() {
+    // Half of the edges is 0.5, and the gap wider.
+    let soup = box_with_a_lid_above(0.7, 10);
+    let options = Options { stitch_distance: Some(1.0), preset: Preset::FullRepair, max_tier: 2, ..Options::default() };
+    let it = run(&soup, &options, None);
+    assert_eq!(cause(&it, "stitch_distance"), Some(NotAppliedCause::Limited), "{:?}", it.report.options_not_applied);
+    assert!(it.report.warnings.iter().any(|warning| warning.starts_with("`stitch_distance=1.0`")));
+}
+
+#[test]
+fn a_limit_to_movement_that_cuts_an_option_short_is_said() {
+    let soup = box_with_a_lid_above(0.05, 2);
+    let limited = Options { stitch_distance: Some(0.06), max_deviation: Some(0.01), ..Options::default() };
+    let it = run(&soup, &Options { preset: Preset::FullRepair, max_tier: 2, ..limited }, None);
+    assert_eq!(cause(&it, "stitch_distance"), Some(NotAppliedCause::Limited), "{:?}", it.report.options_not_applied);
+}
+
+#[test]
+fn vertices_are_merged_by_their_distance_alone() {
+    // Two vertices of each long side are close, and none is on a boundary.
+    let bytes = stl(&box_with_a_sliver(1e-3));
+    let it = run_bytes(&bytes, &Options { merge_distance: Some(0.01), ..Options::default() }, None).unwrap();
+    assert_eq!(it.report.outcome, Outcome::Repaired, "{:?}", it.report.options_not_applied);
+    assert_eq!(it.report.after.unwrap().measures.faces, 12);
+    let nothing = run_bytes(&bytes, &Options { merge_distance: Some(1e-4), ..Options::default() }, None).unwrap();
+    assert_eq!((cause(&nothing, "merge_distance"), nothing.bytes == bytes), (Some(NotAppliedCause::NothingToDo), true));
+}
+
+#[test]
+fn small_parts_are_dropped_where_that_is_asked_for_and_told() {
+    let crumbs = join(&cube(DVec3::new(20.0, 0.0, 0.0), 0.2, 1), &sphere(DVec3::new(0.0, 20.0, 0.0), 0.3, 8, 6));
+    let soup = as_f32(join(&cube(DVec3::ZERO, 10.0, 1), &crumbs));
+    let bytes = stl(&soup);
+    assert_eq!(run_bytes(&bytes, &Options::default(), None).unwrap().bytes, bytes);
+    let options = Options { min_part_volume_pct: 1.0, ..Options::default() };
+    let it = run_bytes(&bytes, &options, None).unwrap();
+    assert_eq!(it.report.outcome, Outcome::Repaired, "{:?} {:?}", it.report.options_not_applied, it.report.red_flags);
+    assert_eq!(it.report.after.as_ref().unwrap().measures.parts, 1);
+    let ledger = it.report.ledger.as_ref().unwrap();
+    assert_eq!((ledger.lost, ledger.dropped, ledger.kept), (0, 2, 1));
+    let told = it.report.assumptions.iter().find(|it| it.kind == AssumptionKind::PiecesDropped).unwrap();
+    assert_eq!((told.count, told.option.as_deref()), (2, Some("min_part_volume_pct=0")));
+    // A part that is broken is mended first, and kept where it is large.
+    let mut broken = join(&soup, &cube(DVec3::new(0.0, 0.0, 20.0), 8.0, 1));
+    broken.faces.pop();
+    let it = run(&broken, &options, None);
+    assert_eq!(it.report.outcome, Outcome::Repaired, "{:?}", it.report.red_flags);
+    assert_eq!(it.report.after.as_ref().unwrap().measures.parts, 2);
+}
+
+#[test]
+fn the_cavities_of_a_part_go_with_it_and_those_of_others_stay() {
+    let hollow = |at: DVec3, size: f64| {
+        let inner = crate::meshes::inside_out(cube(at + DVec3::splat(size / 4.0), size / 2.0, 1));
+        join(&cube(at, size, 1), &inner)
+    };
+    let soup = join(&hollow(DVec3::ZERO, 10.0), &hollow(DVec3::splat(20.0), 1.0));
+    let it = run(&soup, &Options { min_part_volume_pct: 5.0, ..Options::default() }, None);
+    assert_eq!(it.report.outcome, Outcome::Repaired, "{:?}", it.report.red_flags);
+    assert!((it.report.after.unwrap().measures.volume.value - 875.0).abs() < 1e-6);
+}
+
+#[test]
+fn a_category_that_is_given_chooses_the_plan() {
+    let mut soup = cube(DVec3::ZERO, 1.0, 2);
+    soup.faces.pop();
+    let it = run(&soup, &Options { category: Some(Category::NonManifold), ..Options::default() }, None);
+    assert_eq!((it.report.plan.category, it.report.plan.preset), (Category::NonManifold, Preset::ManifoldRepair));
+    assert!(it.report.plan.reason.contains("non_manifold"));
+    assert_eq!(it.report.outcome, Outcome::Repaired);
+    let whole =
+        run(&cube(DVec3::ZERO, 1.0, 2), &Options { category: Some(Category::Holes), ..Options::default() }, None);
+    assert_eq!((whole.report.outcome, whole.report.plan.preset), (Outcome::AlreadyPrintable, Preset::FullRepair));
+    let both = Options { category: Some(Category::Holes), preset: Preset::FillHoles, ..Options::default() };
+    assert_eq!(cause(&run(&soup, &both, None), "category"), Some(NotAppliedCause::Excluded));
+}
+
+#[test]
+fn a_result_that_lost_most_of_the_vertices_is_flagged() {
+    let before = run(&sphere(DVec3::ZERO, 1.0, 24, 12), &Options::default(), None).report;
+    let after = run(&sphere(DVec3::ZERO, 1.0, 8, 6), &Options::default(), None).report;
+    let flagged = |vertices, options: &Options| {
+        let standing = Standing {
+            faces: 200,
+            parts_gone: 0,
+            vertices,
+            vertices_before: before.before.measures.vertices,
+            faces_dropped: 0,
+        };
+        let (before, changes) = (&before.before.measures, before.changes.as_ref().unwrap());
+        let flags = red_flags(before, before.volume, &after.before.measures, changes, standing, options);
+        flags.iter().any(|flag| flag.code == RedFlagCode::VertexLoss)
+    };
+    let usual = Options::default();
+    assert!(flagged(100, &usual));
+    // Vertices that were merged are at faces that are left.
+    assert!(!flagged(250, &usual));
+    assert!(!flagged(100, &Options { max_vertex_loss_pct: 100.0, ..usual.clone() }));
+    assert!(!flagged(100, &Options { max_faces: Some(100), ..usual }));
+}
+
+#[test]
+fn neighbours_that_overlap_go_up_to_the_angle_that_is_asked_for() {
+    // A fin folded back to within 10 degrees of a side, farther from it than a ten-thousandth of the diagonal.
+    let mut soup = cube(DVec3::ZERO, 10.0, 1);
+    let tip = DVec3::new(5.0, -5.0, 10.0 + 5.0 * 10f64.to_radians().tan());
+    let tip = DVec3::new(tip.x, 5.0, tip.z);
+    push(&mut soup, [DVec3::new(0.0, 0.0, 10.0), DVec3::new(10.0, 0.0, 10.0), tip]);
+    let with = vec![Operator::RemoveOverlappingNeighbours];
+    let removed = |it: &Repaired| {
+        let steps = it.report.steps.iter().filter(|it| it.operator == Some(Operator::RemoveOverlappingNeighbours));
+        steps.flat_map(|step| &step.changed).any(|change| change.what == "overlapping_faces_removed")
+    };
+    let usual = Options { preset: Preset::ConservativeRepair, max_tier: 2, ..Options::default() };
+    let run_with =
+        |overlap_angle_deg| run(&soup, &Options { with: with.clone(), overlap_angle_deg, ..usual.clone() }, None);
+    assert!(!removed(&run_with(None)));
+    assert!(removed(&run_with(Some(15.0))));
+    let alone = run(&soup, &Options { overlap_angle_deg: Some(15.0), ..usual.clone() }, None);
+    assert_eq!(cause(&alone, "overlap_angle_deg"), Some(NotAppliedCause::Excluded));
+}
+
+#[test]
+fn faces_whose_outer_side_cannot_be_told_are_listed() {
+    let mut soup = Soup::default();
+    push(&mut soup, [DVec3::ZERO, DVec3::X, DVec3::Y]);
+    push(&mut soup, [DVec3::X, DVec3::new(1.0, 1.0, 0.0), DVec3::Y]);
+    let it = run(&soup, &Options::default(), None);
+    let listed = it.report.steps.iter().find_map(|step| step.unfixed.as_ref()).unwrap();
+    assert_eq!((listed.count, listed.faces.as_slice()), (2, [0, 1].as_slice()));
+}
+
+#[test]
+fn options_out_of_range_are_refused_by_name() {
+    for (options, name) in [
+        (Options { merge_distance: Some(-1.0), ..Options::default() }, "merge_distance"),
+        (Options { stitch_distance: Some(f64::NAN), ..Options::default() }, "stitch_distance"),
+        (Options { stitch_epsilon: 1.5, ..Options::default() }, "stitch_epsilon"),
+        (Options { min_part_volume_pct: 101.0, ..Options::default() }, "min_part_volume_pct"),
+        (Options { max_vertex_loss_pct: -1.0, ..Options::default() }, "max_vertex_loss_pct"),
+        (Options { sew_ratio: Some(0.6), ..Options::default() }, "sew_ratio"),
+    ] {
+        assert!(options.validate().unwrap_err().to_string().contains(name));
+    }
+}
+
+#[test]
+fn every_option_is_known_to_the_account_of_those_that_were_not_applied() {
+    use utoipa::IntoParams;
+    let names: Vec<String> = Options::into_params(|| None).into_iter().map(|it| it.name).collect();
+    assert_eq!(meshmend::repair::options_accounted_for(), names);
+}

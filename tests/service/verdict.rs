@@ -1,0 +1,91 @@
+//! What the service says of a result that is not printable, and what it hands out.
+
+use serde_json::{Value, json};
+
+use crate::files;
+use crate::receiver::{Receiver, Reply};
+use crate::server::{Api, Start};
+
+#[tokio::test]
+async fn a_job_that_must_be_printable_and_is_not_fails_with_its_report_and_without_a_model() {
+    let data = tempfile::tempdir().expect("a folder");
+    let program = Start::serve(data.path()).env("MESHMEND_WEBHOOK_ALLOW_PRIVATE", "true").start();
+    let api = Api::new(&program);
+    let receiver = Receiver::start(&[Reply::Status(204)]).await;
+    let endpoint = api.post("/v1/webhook-endpoints").json(&json!({"url": receiver.url})).send().await;
+    assert_eq!(endpoint.expect("an answer").status(), 201);
+    let id = api.submit(files::open_sheet(), json!({"max_tier": 2, "require": "printable"})).await;
+    let job = api.finished(&id).await;
+    assert_eq!((&job["status"], &job["outcome"]), (&json!("failed"), &json!("unrepairable")), "{job}");
+    assert_eq!(job["problem"]["code"], "not_printable");
+    let detail = job["problem"]["detail"].as_str().expect("text");
+    let summary = job["report"]["summary"].as_str().expect("text");
+    assert!(detail.contains("require=printable") && detail.contains(summary), "{detail}");
+    assert_eq!(job["report"]["outcome"], "unrepairable");
+    assert_eq!(job["report"]["verdict"]["file"], "none");
+    for name in ["model", "original"] {
+        assert!(job["artifacts"].get(name).is_none(), "{job}");
+        let answer = api.get(&format!("/v1/jobs/{id}/artifacts/{name}")).send().await.expect("an answer");
+        assert_eq!(answer.status(), 404);
+    }
+    let stored: Value = serde_json::from_slice(&api.artifact(&id, "report.json").await).expect("JSON");
+    assert_eq!(stored, job["report"]);
+    assert!(job["artifacts"]["before.png"].is_object() && job["artifacts"]["log.txt"].is_object(), "{job}");
+
+    let message = receiver.got(1).await.remove(0).json();
+    assert_eq!(
+        (&message["type"], &message["data"]["problem"]["code"]),
+        (&json!("job.failed"), &json!("not_printable"))
+    );
+    assert_eq!((&message["data"]["outcome"], &message["data"]["printable"]), (&json!("unrepairable"), &json!(false)));
+    assert!(message["data"]["artifacts"].get("model").is_none(), "{message}");
+    let metrics = api.get("/metrics").send().await.expect("an answer").text().await.expect("text");
+    let line = "meshmend_attempts_total{status=\"failed\",outcome=\"unrepairable\"} 1";
+    assert!(metrics.contains(line), "{line} is not in\n{metrics}");
+}
+
+#[tokio::test]
+async fn what_was_not_repaired_is_offered_as_the_upload_and_not_as_a_model() {
+    let data = tempfile::tempdir().expect("a folder");
+    let program = Start::serve(data.path()).start();
+    let api = Api::new(&program);
+    // Also where another format is asked for: it is the very upload.
+    for options in [json!({"max_tier": 2}), json!({"max_tier": 2, "output": "obj"})] {
+        let id = api.submit(files::open_sheet(), options).await;
+        let job = api.finished(&id).await;
+        assert_eq!((&job["status"], &job["outcome"]), (&json!("succeeded"), &json!("unrepairable")), "{job}");
+        assert_eq!(job["report"]["verdict"]["file"], "original");
+        assert!(job["artifacts"].get("model").is_none(), "{job}");
+        assert_eq!(job["artifacts"]["original"]["filename"], "model.stl");
+        assert_eq!(job["artifacts"]["original"]["media_type"], "model/stl");
+        assert_eq!(api.artifact(&id, "original").await, files::open_sheet());
+    }
+}
+
+#[tokio::test]
+async fn what_is_printable_is_no_other_for_having_to_be() {
+    let data = tempfile::tempdir().expect("a folder");
+    let program = Start::serve(data.path()).start();
+    let api = Api::new(&program);
+    let id = api.submit(files::broken_box(), json!({"max_tier": 1, "require": "printable"})).await;
+    let job = api.finished(&id).await;
+    assert_eq!((&job["status"], &job["outcome"]), (&json!("succeeded"), &json!("repaired")), "{job}");
+    let verdict = &job["report"]["verdict"];
+    assert_eq!(verdict["proven"], json!(["closed", "manifold", "outward", "no_intersections"]));
+    assert_eq!((&verdict["printable"], &verdict["passes"]), (&json!(true), &json!(true)));
+    assert!(job["artifacts"]["model"].is_object(), "{job}");
+}
+
+#[tokio::test]
+async fn a_requirement_that_is_not_known_is_refused_with_those_that_are() {
+    let data = tempfile::tempdir().expect("a folder");
+    let program = Start::serve(data.path()).start();
+    let api = Api::new(&program);
+    let answer = api.try_submit("a.stl", files::broken_box(), json!({"require": "print_ready"})).await;
+    assert_eq!(answer.status(), 422);
+    let problem: Value = answer.json().await.expect("JSON");
+    let detail = problem["detail"].as_str().expect("text");
+    for words in ["require", "print_ready", "`any`", "`printable`"] {
+        assert!(detail.contains(words), "{detail}");
+    }
+}
