@@ -182,6 +182,7 @@ impl Default for JobOptions {
 
 #[cfg(test)]
 mod tests {
+    use crate::repair::Category;
     use crate::scene::Unit;
     use serde_json::json;
 
@@ -206,6 +207,12 @@ mod tests {
     fn the_options_that_serde_reads_are_those_that_are_documented() {
         let some = Some(1.0);
         let all = Options {
+            category: Some(Category::Holes),
+            merge_distance: some,
+            sew_ratio: some,
+            stitch_threshold: some,
+            stitch_distance: some,
+            overlap_angle_deg: some,
             voxel_size: some,
             max_deviation: some,
             thickness: some,

@@ -10,7 +10,7 @@ use super::{
 };
 use crate::format::{self, Format, Limits, ReadError, ReadMesh};
 use crate::inspect::{
-    Analysis, DefectKind, Fates, Findings, InspectOptions, Inspection, Level, Measures, Original, Subject,
+    Analysis, DefectKind, Fates, Findings, InspectOptions, Inspection, Ledger, Level, Measures, Original, Subject,
     inspect_analysis, measure_analysis,
 };
 use crate::scene::LengthUnit;
@@ -191,7 +191,8 @@ impl Input<'_> {
         report.after = Some(after);
         let surface = judged.fates.as_ref().map(|fates| fates.shares);
         report.changes = Some(Changes { surface, ..judged.changes });
-        report.ledger = judged.ledger;
+        // The reasons part by part are for the program alone.
+        report.ledger = judged.ledger.map(|ledger| Ledger { certified: Vec::new(), ..ledger });
         report.red_flags = judged.red_flags;
         report.verified_from_output_bytes = true;
         Ok(Told { bytes: judged.bytes, dialect: judged.dialect, source: judged.source, found, fates: judged.fates })

@@ -11,7 +11,7 @@ fn text(output: std::process::Output) -> String {
 #[test]
 fn inspect_says_what_is_wrong_for_people_and_for_programs() {
     let desk = Desk::new();
-    desk.put("bad.stl", &files::broken_box());
+    desk.put("bad.stl", &files::open_box());
     desk.put("good.stl", &files::whole_box());
     let text = desk.run(&["inspect", "bad.stl"]);
     assert_eq!(code(&text), 1);
@@ -43,7 +43,7 @@ fn inspect_takes_several_files_and_folders_in_order_and_its_code_is_that_of_the_
     let desk = Desk::new();
     std::fs::create_dir(desk.0.path().join("set")).expect("a folder");
     desk.put("good.stl", &files::whole_box());
-    desk.put("set/b.stl", &files::broken_box());
+    desk.put("set/b.stl", &files::open_box());
     desk.put("set/a", &files::whole_box());
     desk.put("set/notes.txt", b"these are no models");
     let paths = |args: &[&str]| {
@@ -70,7 +70,7 @@ fn inspect_takes_several_files_and_folders_in_order_and_its_code_is_that_of_the_
 fn inspect_has_an_equal_for_each_option_of_meshalyzer() {
     let desk = Desk::new();
     desk.put("good.stl", &files::whole_box());
-    desk.put("bad.stl", &files::broken_box());
+    desk.put("bad.stl", &files::open_box());
     let text = |args: &[&str]| {
         let output = desk.run(args);
         (code(&output), String::from_utf8(output.stdout).expect("text"))
@@ -191,7 +191,7 @@ fn a_folder_alone_is_measured_between_its_files_and_distances_ask_for_good_ones(
     assert!(!text(desk.run(&["inspect", "set", "-a"])).contains("Set of"), "-a tells the attributes only");
     let only = text(desk.run(&["inspect", "set", "-i"]));
     assert!(!only.contains("distance from each vertex"), "{only}");
-    desk.put("set/c.stl", &files::broken_box());
+    desk.put("set/c.stl", &files::open_box());
     let output = desk.run(&["inspect", "set"]);
     let note = "distances between files are not measured, since set/c.stl is not good: not closed";
     assert!(said(&output).contains(note), "{}", said(&output));

@@ -96,7 +96,7 @@ fn an_option_that_can_t_be_used_is_code_two_and_says_what_to_give() {
 fn pictures_are_drawn_into_the_folder_and_of_several_files_each_has_its_own() {
     let desk = Desk::new();
     std::fs::create_dir(desk.0.path().join("other")).expect("a folder");
-    desk.put("bad.stl", &files::broken_box());
+    desk.put("bad.stl", &files::open_box());
     desk.put("other/bad.stl", &files::whole_box());
     let names = |folder: &str| {
         let entries = std::fs::read_dir(desk.0.path().join(folder)).expect("a folder");

@@ -40,7 +40,7 @@ async fn one_file_is_analysed_and_what_is_said_of_it_is_what_a_repair_says_of_it
     let data = tempfile::tempdir().expect("a folder");
     let program = Start::serve(data.path()).start();
     let api = Api::new(&program);
-    let id = accepted(&api, vec![("a.stl", files::broken_box())], json!({"mode": "analyze", "places": 3})).await;
+    let id = accepted(&api, vec![("a.stl", files::open_box())], json!({"mode": "analyze", "places": 3})).await;
     let job = api.finished(&id).await;
     assert_eq!((job["status"].as_str(), job["outcome"].as_str()), (Some("succeeded"), Some("not_printable")), "{job}");
     assert_eq!((job["options"]["mode"].as_str(), job["options"]["places"].as_u64()), (Some("analyze"), Some(3)));
@@ -61,10 +61,10 @@ async fn one_file_is_analysed_and_what_is_said_of_it_is_what_a_repair_says_of_it
     let stored: Value = serde_json::from_slice(&api.artifact(&id, "report.json").await).expect("JSON");
     assert_eq!(&stored, report);
 
-    let repaired = accepted(&api, vec![("a.stl", files::broken_box())], json!({"max_tier": 1})).await;
+    let repaired = accepted(&api, vec![("a.stl", files::open_box())], json!({"max_tier": 1})).await;
     let repaired = api.finished(&repaired).await;
     assert_eq!(repaired["report"]["mode"], "repair");
-    let plain = accepted(&api, vec![("a.stl", files::broken_box())], analyze()).await;
+    let plain = accepted(&api, vec![("a.stl", files::open_box())], analyze()).await;
     let plain = api.finished(&plain).await;
     assert_eq!(repaired["report"]["before"], plain["report"]["files"][0]["inspection"]);
 
@@ -82,8 +82,7 @@ async fn several_files_are_analysed_in_their_order_and_deleted_together() {
     let data = tempfile::tempdir().expect("a folder");
     let program = Start::serve(data.path()).start();
     let api = Api::new(&program);
-    let sent =
-        vec![("a.stl", files::whole_box()), ("b.stl", files::broken_box()), ("a.stl", files::boxes_on_an_edge())];
+    let sent = vec![("a.stl", files::whole_box()), ("b.stl", files::open_box()), ("a.stl", files::boxes_on_an_edge())];
     let id = accepted(&api, sent, analyze()).await;
     let job = api.finished(&id).await;
     assert_eq!(job["outcome"], "not_printable", "{job}");
@@ -200,7 +199,7 @@ async fn an_analysis_is_cancelled_with_its_process_and_run_again_when_its_proces
     let data = tempfile::tempdir().expect("a folder");
     let program = Start::serve(data.path()).env("FAILPOINTS", "child-inspect=sleep(600000)").start();
     let api = Api::new(&program);
-    let two = || vec![("a.stl", files::whole_box()), ("b.stl", files::broken_box())];
+    let two = || vec![("a.stl", files::whole_box()), ("b.stl", files::open_box())];
     let cancelled = accepted(&api, two(), analyze()).await;
     api.reaches(&cancelled, "inspect", None).await;
     let child = until("the child runs", async || program.job_children().first().copied()).await;

@@ -28,7 +28,7 @@ async fn a_broken_model_goes_in_and_a_printable_one_with_its_account_comes_out()
     assert_eq!(job["attempt"], 1);
     let report = &job["report"];
     assert_eq!(report["verified_from_output_bytes"], true);
-    assert_eq!(report["before"]["boundary_edges"], 4);
+    assert_eq!(report["before"]["boundary_edges"], 3);
     assert_eq!(report["after"]["boundary_edges"], 0);
     assert_eq!(report["after"]["closed"], true);
     assert_eq!(report["after"]["self_intersections"]["complete"], true);
