@@ -48,5 +48,5 @@ async fn without_blender_the_report_says_that_tier_three_is_missing_and_the_best
     for step in missing {
         assert!(step["note"].as_str().is_some_and(|note| note.contains("Blender")), "{step}");
     }
-    assert!(!api.artifact(&id, "model").await.is_empty());
+    assert!(!api.artifact(&id, "original").await.is_empty());
 }
