@@ -51,7 +51,7 @@ export function soundBox() {
 
 /** A glTF file of two objects side by side: a box, and one without a lid. */
 export function twoObjects() {
-  const whole = box([0, 0, 0], [0.04, 0.03, 0.02]);
+  const whole = box([0, 0, 0], [0.04, 0.03, 0.08]);
   const meshes = [
     { name: "whole", triangles: whole },
     { name: "no lid", triangles: whole.slice(0, 10) },
