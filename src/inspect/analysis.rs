@@ -4,6 +4,7 @@ use std::sync::OnceLock;
 use glam::DVec3;
 
 use super::compare::FaceKeys;
+use super::intersections::faces_in_other_materials;
 use super::{Intersections, Measures, Solid, intersections, measure, nesting_depths, solids};
 use crate::context::{Cancelled, Context};
 use crate::math::{Box3, Dipoles, Tree, area_vanishes, collinear, to_unit_range, unit_scale};
@@ -62,6 +63,7 @@ pub struct Analysis<'a> {
     keys: OnceLock<(f64, FaceKeys)>,
     measures: OnceLock<Measures>,
     intersections: OnceLock<Intersections>,
+    faces_in_other_materials: OnceLock<Vec<u32>>,
 }
 
 impl<'a> Analysis<'a> {
@@ -102,6 +104,7 @@ impl<'a> Analysis<'a> {
             keys: OnceLock::new(),
             measures: OnceLock::new(),
             intersections: OnceLock::new(),
+            faces_in_other_materials: OnceLock::new(),
         })
     }
 
@@ -171,6 +174,18 @@ impl<'a> Analysis<'a> {
         }
         let found = intersections(self, context)?;
         Ok(self.intersections.get_or_init(|| found))
+    }
+
+    /// The faces of the file that lie inside bodies of another material.
+    ///
+    /// # Errors
+    /// [`Cancelled`] when the work should stop.
+    pub fn faces_in_other_materials(&self, context: &Context<'_>) -> Result<&[u32], Cancelled> {
+        if let Some(known) = self.faces_in_other_materials.get() {
+            return Ok(known);
+        }
+        let found = faces_in_other_materials(self, context)?;
+        Ok(self.faces_in_other_materials.get_or_init(|| found))
     }
 
     /// The measures, but for self-intersections.

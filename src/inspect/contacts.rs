@@ -78,7 +78,7 @@ fn add_meeting_boxes(
     let all: Vec<(u32, Box3)> = boxes.into_iter().collect();
     for (i, (a, own)) in all.iter().enumerate() {
         for (b, other) in &all[i + 1..] {
-            if own.min.cmple(other.max).all() && other.min.cmple(own.max).all() {
+            if own.meets(other) {
                 let at = (own.min.max(other.min) + own.max.min(other.max)) / 2.0;
                 contacts.entry([*a, *b]).or_insert((0, at));
             }

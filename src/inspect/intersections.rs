@@ -154,6 +154,14 @@ fn overlap(analysis: &Analysis<'_>, faces: [u32; 2], meeting: Meeting) -> bool {
     }
 }
 
+/// The materials of faces, each once, in ascending order.
+pub(super) fn materials_in(of_face: &[u32]) -> Vec<u32> {
+    let mut numbers = of_face.to_vec();
+    numbers.sort_unstable();
+    numbers.dedup();
+    numbers
+}
+
 /// The faces that lie inside bodies of another material.
 ///
 /// Surfaces that cross are found as intersecting faces; where they don't, a face lies inside another body as a whole or not at all, which
@@ -161,16 +169,13 @@ fn overlap(analysis: &Analysis<'_>, faces: [u32; 2], meeting: Meeting) -> bool {
 ///
 /// # Errors
 /// [`Cancelled`] when the work should stop.
-pub fn faces_in_other_materials(analysis: &Analysis<'_>, context: &Context<'_>) -> Result<Vec<u32>, Cancelled> {
+pub(super) fn faces_in_other_materials(analysis: &Analysis<'_>, context: &Context<'_>) -> Result<Vec<u32>, Cancelled> {
     let Some(materials) = analysis.subject.materials else { return Ok(Vec::new()) };
-    let mut numbers = materials.to_vec();
-    numbers.sort_unstable();
-    numbers.dedup();
     let unit = analysis.unit();
     let count = analysis.surface.faces.len();
     let material: Vec<u32> = (0u32..).take(count).map(|face| analysis.material(face)).collect();
     let mut inside = Vec::new();
-    for number in numbers {
+    for number in materials_in(materials) {
         let own: Vec<[u32; 3]> = analysis
             .surface
             .faces
@@ -189,8 +194,7 @@ pub fn faces_in_other_materials(analysis: &Analysis<'_>, context: &Context<'_>) 
             for &face in some.iter().filter(|&&face| !analysis.flat()[face as usize]) {
                 let [a, b, c] = analysis.unit_corners(face);
                 let behind = (a + b + c) / 3.0 - (b - a).cross(c - a).normalize_or_zero() * (2.0 * TOUCHING_DEPTH);
-                let is_near = behind.cmpge(bounds.min).all() && behind.cmple(bounds.max).all();
-                if is_near && tree.winding(&dipoles, behind, &mut u64::MAX.clone(), corners).abs() > 0.75 {
+                if bounds.holds(behind) && tree.winding(&dipoles, behind, &mut u64::MAX.clone(), corners).abs() > 0.75 {
                     inside.push(analysis.surface.source[face as usize]);
                 }
             }

@@ -1,4 +1,4 @@
-use super::intersections::faces_in_other_materials;
+use super::intersections::materials_in;
 use super::readers::{joined_faults, unshared_edges};
 use super::{Analysis, BoundingBox, Measures, Volume, finite, group_faces, nesting_depths};
 use crate::context::{Cancelled, Context};
@@ -47,8 +47,8 @@ pub(super) fn count(analysis: &Analysis<'_>, context: &Context<'_>) -> Result<Me
     if surface.faces.is_empty() {
         return Ok(it);
     }
-    it.materials = material_count(subject.materials);
-    it.faces_in_other_materials = faces_in_other_materials(analysis, context)?.len() as u64;
+    it.materials = subject.materials.map_or(0, |materials| materials_in(materials).len() as u64);
+    it.faces_in_other_materials = analysis.faces_in_other_materials(context)?.len() as u64;
     it.edges = edges.len() as u64;
     it.parts = parts.count as u64;
     it.nonmanifold_vertices = fans.nonmanifold_vertices;
@@ -92,11 +92,4 @@ pub(super) fn count(analysis: &Analysis<'_>, context: &Context<'_>) -> Result<Me
     it.volume = Volume { value: finite(value), reliable: it.closed && balanced && it.duplicate_faces == 0 };
     it.area = finite(area);
     Ok(it)
-}
-
-fn material_count(materials: Option<&[u32]>) -> u64 {
-    let mut numbers = materials.map(<[u32]>::to_vec).unwrap_or_default();
-    numbers.sort_unstable();
-    numbers.dedup();
-    numbers.len() as u64
 }

@@ -46,9 +46,7 @@ pub use elements::Elements;
 pub use findings::{Defect, DefectGroup, DefectKind, Findings, Meeting};
 pub use good::{Goodness, Lack, Shortfall, Thresholds, goodness};
 pub use inspection::{INSPECTION_VERSION, InspectOptions, Inspection, Level, inspect, inspect_analysis};
-pub use intersections::{
-    IntersectingPair, Intersections, faces_in_other_materials, intersections, intersections_between,
-};
+pub use intersections::{IntersectingPair, Intersections, intersections, intersections_between};
 pub use measure::{measure, measure_analysis, measures};
 pub use measures::{BoundingBox, Measures, SelfIntersections, Volume};
 pub use nesting::{nesting, nesting_depths};

@@ -136,7 +136,7 @@ impl SetIntersections {
         for (at, &i) in order.iter().enumerate() {
             context.check()?;
             let reached = order[at + 1..].iter().take_while(|&&j| boxes[j].min.x <= boxes[i].max.x);
-            pairs.extend(reached.filter(|&&j| meet(&boxes[i], &boxes[j])).map(|&j| [i.min(j), i.max(j)]));
+            pairs.extend(reached.filter(|&&j| boxes[i].meets(&boxes[j])).map(|&j| [i.min(j), i.max(j)]));
         }
         pairs.sort_unstable();
         for [i, j] in pairs {
@@ -168,10 +168,6 @@ impl SetSpacing {
         it.all = Distribution::of(every, Bins::ByRange);
         it
     }
-}
-
-fn meet(a: &Box3, b: &Box3) -> bool {
-    a.min.cmple(b.max).all() && b.min.cmple(a.max).all()
 }
 
 #[cfg(test)]

@@ -40,6 +40,12 @@ impl Box3 {
         self.min.cmple(other.min).all() && self.max.cmpge(other.max).all()
     }
 
+    /// Whether a point lies in this box, borders included.
+    #[must_use]
+    pub fn holds(&self, p: DVec3) -> bool {
+        self.min.cmple(p).all() && self.max.cmpge(p).all()
+    }
+
     /// Whether the boxes have a point in common, borders included.
     #[must_use]
     pub fn meets(&self, other: &Self) -> bool {

@@ -63,10 +63,7 @@ pub(super) fn place(
                 max: bounds.max + BEYOND * grid.cell - clearance,
             };
             let centre = middle(cell);
-            let wanted = quadric.best(|p| {
-                let p = p + centre;
-                p.cmpge(reach.min).all() && p.cmple(reach.max).all()
-            });
+            let wanted = quadric.best(|p| reach.holds(p + centre));
             let wanted = rounding.of((wanted + centre).clamp(reach.min, reach.max));
             let point = rounding.of(wanted.clamp(bounds.min + clearance, bounds.max - clearance));
             Vertex { point, wanted }

@@ -1,4 +1,4 @@
-use super::presets::remesh_action;
+use super::climb::remesh_of;
 use super::verdict::Judged;
 use super::{Assumption, AssumptionKind, Operator, RedFlag, RedFlagCode, Rung};
 
@@ -21,7 +21,7 @@ impl Method {
     /// The method of a rung; none where it decides nothing of the kind.
     pub fn of(rung: &Rung) -> Option<Self> {
         let runs = |operator| rung.actions.iter().any(|planned| planned.operators.contains(&operator));
-        if rung.actions.iter().any(|planned| remesh_action(planned.action).is_some()) {
+        if remesh_of(rung).is_some() {
             Some(Self::Blender)
         } else if runs(Operator::Remesh) {
             Some(Self::Grid)

@@ -13,8 +13,9 @@ use super::{
     Assumption, AssumptionKind, Changes, Context, Merge, ObjectReport, Options, Outcome, Remesher, RepairError, Report,
 };
 use crate::format::{Format, ReadFile, WriteError};
-use crate::inspect::{Analysis, Inspection, InstanceContact, faces_in_other_materials};
-use crate::mesh::{Soup, Surface};
+use crate::inspect::{Analysis, Inspection, InstanceContact};
+use crate::math::Box3;
+use crate::mesh::Soup;
 use crate::scene::{Instance, Object, Palette, Scene, Shape};
 
 /// Most objects that are kept apart: each has a section of its own in the report.
@@ -102,7 +103,9 @@ impl ApartRepair<'_> {
         let mut palettes = scene.palettes.clone();
         let mut results: Vec<Option<ObjectResult>> = Vec::new();
         results.resize_with(united.scene.objects.len(), || None);
-        for round in 1.. {
+        let mut round = 0;
+        loop {
+            round += 1;
             self.repair_missing(&united, &mut results, &mut palettes)?;
             let judged = self.judge(united, results, &palettes, bytes)?;
             let is_last = round == MAX_ROUNDS || self.context.is_late();
@@ -125,7 +128,6 @@ impl ApartRepair<'_> {
             let mut old = judged.results;
             results = united.unchanged_from.iter().map(|from| from.and_then(|from| old[from].take())).collect();
         }
-        Err(RepairError::Unfaithful)
     }
 
     /// The materials of instances where they are the volumes of one print of several materials: of 3MF files alone.
@@ -255,10 +257,10 @@ impl ApartRepair<'_> {
         let verification = &context.for_verification();
         let is_untouched = self.as_it_is && !united.is_changed && results.iter().flatten().all(|it| it.is_untouched);
         if is_untouched {
-            let (contacts, contained) = self.named_contacts(&united, input.analysis, context)?;
+            let (scene, after) = (united.scene.clone(), input.before.clone());
+            let (contacts, contained) = self.meetings(&united, &scene, input.analysis, &after)?;
             let fates = fates(input.original, input.analysis, context)?;
             let told = Told { bytes: bytes.to_vec(), dialect: input.mesh.dialect.clone(), fates, ..Told::default() };
-            let (scene, after) = (united.scene.clone(), input.before.clone());
             return Ok(Round { united, scene, results, told, after, changes: None, contacts, contained });
         }
         let mut scene = united.scene.clone();
@@ -273,12 +275,7 @@ impl ApartRepair<'_> {
         let Dressed { bytes, mesh, .. } = dress(&scene, self.format)?;
         let analysis = Analysis::new(subject(&mesh, input.analysis.subject.unit), verification)?;
         let (after, found) = inspect_measured(&analysis, context)?;
-        let (contacts, contained) = match after.measures.printable() {
-            true => Default::default(),
-            false => {
-                self.named_contacts(&UnitedScene { scene: scene.clone(), ..united.clone() }, &analysis, context)?
-            }
-        };
+        let (contacts, contained) = self.meetings(&united, &scene, &analysis, &after)?;
         let changes = input.original.changes(&analysis, &after.measures, None, verification)?;
         let fates = fates(input.original, &analysis, context)?;
         let surface = fates.as_ref().map(|fates| fates.shares);
@@ -287,22 +284,27 @@ impl ApartRepair<'_> {
         Ok(Round { united, scene, results, told, after, changes, contacts, contained })
     }
 
-    /// The contacts between the instances of a scene by the names of their objects, and the instances that lie in other materials.
+    /// The contacts between the instances of a scene by the names of their objects, and the instances that lie in other materials. A
+    /// printable file has neither.
     #[expect(clippy::type_complexity, reason = "two lists")]
-    fn named_contacts(
+    fn meetings(
         &self,
         united: &UnitedScene,
+        scene: &Scene,
         analysis: &Analysis<'_>,
-        context: &Context<'_>,
+        found: &Inspection,
     ) -> Result<(Vec<(InstanceContact, [String; 2])>, Vec<usize>), RepairError> {
-        let patient = &context.for_verification();
-        let instances = &instances_of(&united.scene).map_err(|_| WriteError::TooLarge)?;
+        if found.measures.printable() {
+            return Ok(Default::default());
+        }
+        let patient = &self.whole.for_verification();
+        let instances = &instances_of(scene).map_err(|_| WriteError::TooLarge)?;
         let contacts = contacts_of(instances, analysis, patient)?;
         let name = |instance: u32| self.instance_name(united, &instances[instance as usize]);
         let named = contacts.into_iter().map(|contact| (contact, contact.instances.map(name))).collect();
         let of = instance_of(instances);
         let mut contained: Vec<usize> =
-            faces_in_other_materials(analysis, patient)?.into_iter().map(|face| of(face) as usize).collect();
+            analysis.faces_in_other_materials(patient)?.iter().map(|&face| of(face) as usize).collect();
         contained.dedup();
         Ok((named, contained))
     }
@@ -314,7 +316,7 @@ impl ApartRepair<'_> {
         let contained: Vec<String> =
             contained.iter().take(MAX_NAMED).map(|&it| self.instance_name(&united, &instances[it])).collect();
         let unions = (0..united.members.len()).filter(|&object| united.is_union(object));
-        let assumptions: Vec<Assumption> = unions.map(|union| self.union_told(&united, union, met)).collect();
+        let assumptions: Vec<Assumption> = unions.map(|union| self.assumed_union(&united, union, met)).collect();
         let sections: Vec<ObjectReport> = results.into_iter().flatten().map(|result| result.section).collect();
         report.warnings.extend(left_out(&united.scene));
         report.verified_from_output_bytes = true;
@@ -337,7 +339,7 @@ impl ApartRepair<'_> {
     }
 
     /// The assumption that some objects are one solid.
-    fn union_told(&self, united: &UnitedScene, union: usize, met: &[InstanceContact]) -> Assumption {
+    fn assumed_union(&self, united: &UnitedScene, union: usize, met: &[InstanceContact]) -> Assumption {
         let members = &united.members[union];
         let name = |&object: &usize| {
             let object_of = |scene: &Scene| scene.objects.get(object).map(|it| name_of(it, object));
@@ -348,14 +350,10 @@ impl ApartRepair<'_> {
             names.push(format!("{} more", members.len() - MAX_NAMED));
         }
         let detail = format!("{} objects that intersect were united into one: {}.", members.len(), names.join(", "));
-        let bounds =
-            Surface::from_soup(&united.scene.objects[union].mesh().map(|it| it.soup.clone()).unwrap_or_default())
-                .0
-                .bounds();
-        let within = |at: &[f64; 3]| {
-            let at = glam::DVec3::from_array(*at);
-            at.cmpge(bounds.min).all() && at.cmple(bounds.max).all()
-        };
+        let soup = united.scene.objects[union].mesh().map(|mesh| &mesh.soup);
+        let corners = soup.into_iter().flat_map(|soup| (0..soup.faces.len()).flat_map(|face| soup.corners(face)));
+        let bounds = Box3::of(corners.filter(|corner| corner.is_finite()));
+        let within = |at: &[f64; 3]| bounds.holds((*at).into());
         Assumption::new(AssumptionKind::ObjectsUnited, members.len() as u64, detail)
             .with_amount(members.len() as f64)
             .at(met.iter().map(|contact| contact.at).filter(within))

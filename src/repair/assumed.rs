@@ -15,7 +15,8 @@ pub(super) fn assumptions(
     let of_rung = |step: &&Step| Some(step.rung) == rung && step.status == StepStatus::Done;
     let steps: Vec<&Step> = report.steps.iter().filter(of_rung).collect();
     let diagonal = input.surface.bounds().diagonal();
-    let mut all = invented(&steps, judged, &report.options, diagonal);
+    let mut all: Vec<Assumption> = small_parts_dropped(&steps, judged, input).into_iter().collect();
+    all.extend(invented(&steps, judged, &report.options, diagonal));
     all.extend(large_holes(judged, diagonal));
     all.extend(winding_rule(&steps, report, rung));
     all.extend(pieces_dropped(judged, input));
@@ -119,6 +120,22 @@ fn certified<'a>(
 ) -> Vec<&'a Solid> {
     let certificates = judged.ledger.iter().flat_map(|ledger| &ledger.certificates);
     certificates.filter(|it| is_one(it.certificate)).filter_map(|it| input.solids.get(it.part as usize)).collect()
+}
+
+/// The pieces that were dropped as the options ask, with the area of the input's parts among them.
+fn small_parts_dropped(steps: &[&Step], judged: &Judged, input: &Analysis<'_>) -> Option<Assumption> {
+    let count = changed(steps, Operator::DropSmallParts, "small_parts_dropped");
+    let words = if count == 1 { "1 closed part was".to_owned() } else { format!("{count} closed parts were") };
+    let certified = judged.ledger.iter().flat_map(|ledger| &ledger.certified);
+    let dropped = certified.filter(|(_, certificate)| *certificate == Certificate::Dropped);
+    let area: f64 = dropped.map(|(part, _)| input.solids[*part as usize].area).sum();
+    let told = format!("{words} dropped: smaller than `min_part_volume_pct`.");
+    (count > 0).then(|| {
+        Assumption::new(AssumptionKind::PiecesDropped, count, told)
+            .with_amount(area)
+            .with_share(area / judged.measures.area * 100.0)
+            .unless("min_part_volume_pct=0")
+    })
 }
 
 fn pieces_dropped(judged: &Judged, input: &Analysis<'_>) -> Option<Assumption> {

@@ -350,7 +350,7 @@ fn not_runnable(index: u32, rung: &Rung, remesher: Option<&dyn Remesher>) -> Opt
 }
 
 /// The action of a rung that Blender does, if there is one.
-fn remesh_of(rung: &Rung) -> Option<Action> {
+pub(super) fn remesh_of(rung: &Rung) -> Option<Action> {
     rung.actions.iter().map(|planned| planned.action).find(|&action| remesh_action(action).is_some())
 }
 

@@ -1,13 +1,11 @@
 //! Bodies of different materials that overlap. The later body keeps the space, as it does in slicers: PrusaSlicer since 2.4 lets the
 //! volume win that is lower in the list, and so do those made of it.
 
-use glam::DVec3;
-
 use super::operators::resolve::Resolve;
 use super::repaint::repaint;
 use super::{Cancelled, Context};
 use crate::arrange::{Exact, Inside};
-use crate::inspect::{Analysis, measure_analysis, solids};
+use crate::inspect::{Analysis, Solid, measure_analysis, solids};
 use crate::math::Box3;
 use crate::mesh::{Edges, NO_SOURCE, Parts, Soup, Surface};
 use crate::scene::{PaintedMesh, Palette};
@@ -53,22 +51,26 @@ pub(super) fn cut_body(
     let source: Vec<u32> =
         surface.source.iter().map(|&face| if (face as usize) < first_other { face } else { NO_SOURCE }).collect();
     let paint = repaint(&own, &body.paint, &soup, &source, palettes, context)?;
-    let removed = volume(&body.soup) - volume(&soup);
+    let volume: f64 = parts_of(&own).1.iter().map(|solid| solid.volume).sum();
+    let removed = volume - measures.volume.value;
     Ok(Some(CutBody { mesh: PaintedMesh { soup, paint }, removed }))
 }
 
 /// The parts of a body whose boxes meet a box.
 fn near_parts(body: &Soup, bounds: &Box3) -> Soup {
     let surface = Surface::from_soup(body).0;
-    let edges = Edges::new(&surface.faces);
-    let parts = Parts::new(&surface, &edges);
-    let is_near: Vec<bool> = solids(&surface, &edges, &parts)
-        .iter()
-        .map(|it| it.bounds.min.cmple(bounds.max).all() && bounds.min.cmple(it.bounds.max).all())
-        .collect();
+    let (parts, solids) = parts_of(&surface);
+    let is_near: Vec<bool> = solids.iter().map(|solid| solid.bounds.meets(bounds)).collect();
     let near = |part: u32| part != Parts::NONE && is_near[part as usize];
     let faces = surface.faces.iter().zip(&parts.of_face).filter(|(_, part)| near(**part)).map(|(face, _)| *face);
     Soup { faces: faces.collect(), positions: surface.positions.clone() }
+}
+
+fn parts_of(surface: &Surface) -> (Parts, Vec<Solid>) {
+    let edges = Edges::new(&surface.faces);
+    let parts = Parts::new(surface, &edges);
+    let solids = solids(surface, &edges, &parts);
+    (parts, solids)
 }
 
 fn add_turned_over(body: &Soup, whole: &mut Soup) {
@@ -76,13 +78,4 @@ fn add_turned_over(body: &Soup, whole: &mut Soup) {
     let first = whole.positions.len() as u32;
     whole.positions.extend(&body.positions);
     whole.faces.extend(body.faces.iter().map(|&[a, b, c]| [a + first, c + first, b + first]));
-}
-
-fn volume(soup: &Soup) -> f64 {
-    let about = soup.positions.first().copied().unwrap_or(DVec3::ZERO);
-    let tetrahedron = |face: usize| {
-        let [a, b, c] = soup.corners(face).map(|p| p - about);
-        a.dot(b.cross(c)) / 6.0
-    };
-    (0..soup.faces.len()).map(tetrahedron).sum()
 }

@@ -18,7 +18,7 @@ use super::{
     Options, OptionsError, Outcome, Preset, Remesher, Report, Stage, Verdict, categorise, summary,
 };
 use crate::format::{self, Format, Limits, ReadError, ReadOptions, WriteError};
-use crate::inspect::{Analysis, Certificate, CompareOptions, Fates, Findings, Original};
+use crate::inspect::{Analysis, CompareOptions, Fates, Findings, Original};
 use crate::scene::UnitSource;
 
 /// A repaired file and its account.
@@ -234,11 +234,7 @@ pub(super) fn mend(
     if let Some((index, best)) = climbed.best.filter(|_| ending.is_result) {
         report.candidates[index].chosen = true;
         report.assumptions.extend(best.assumptions.iter().cloned());
-        let dropped = best.ledger.iter().flat_map(|ledger| &ledger.certified);
-        let dropped = dropped.filter(|(_, certificate)| *certificate == Certificate::Dropped);
-        let area = dropped.map(|(part, _)| input.analysis.solids[*part as usize].area).sum();
         let rung = report.candidates[index].rung;
-        report.assumptions.extend(summary::pieces_dropped(&report.steps, rung, area, &best.measures));
         report.assumptions.extend(assumptions(report, &best, rung, input.analysis));
         let outcome = if best.is_good() { Outcome::Repaired } else { Outcome::PartiallyRepaired };
         return Ok(Mended { outcome, judged: Some(best) });

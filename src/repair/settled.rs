@@ -21,7 +21,7 @@ pub(super) fn settle_orientation(
     }
     let mut surface = analysis.surface.clone();
     let oriented = Orient { nested: options.nested }.apply(&mut surface, &context.for_verification());
-    if unless_late(oriented, context)?.is_none() {
+    if context.unless_late(oriented)?.is_none() {
         return Ok(None);
     }
     Ok((surface.faces != analysis.surface.faces).then(|| surface.to_soup()))
@@ -37,15 +37,7 @@ pub(super) fn analyse_settled<'a>(
 ) -> Result<Option<Analysis<'a>>, Cancelled> {
     let verification = context.for_verification();
     Ok(match soup {
-        Some(soup) => unless_late(Analysis::new(soup.into(), &verification), context)?,
+        Some(soup) => context.unless_late(Analysis::new(soup.into(), &verification))?,
         None => None,
     })
-}
-
-/// None where the time was over.
-fn unless_late<T>(found: Result<T, Cancelled>, context: &Context<'_>) -> Result<Option<T>, Cancelled> {
-    match found {
-        Err(Cancelled) if !context.is_cancelled() => Ok(None),
-        found => found.map(Some),
-    }
 }

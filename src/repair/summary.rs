@@ -1,6 +1,6 @@
 use super::requests::ask_of_printable;
 use super::verdict::Judged;
-use super::{Assumption, AssumptionKind, Category, LeftOut, Operator, Outcome, Report, Step, StepStatus};
+use super::{Category, LeftOut, Operator, Outcome, Report, Step, StepStatus};
 use crate::inspect::Measures;
 
 /// The outcome in words, with what to do next where it is not good.
@@ -78,21 +78,6 @@ fn left_open_by_options(steps: &[Step]) -> Option<String> {
         " {most} {plural} left open by max_hole_edges, max_hole_size or max_holes: raise them, or set open_sheets=thicken for a \
          shell."
     ))
-}
-
-/// The pieces that were dropped as the options ask, with the area of the input's parts among them.
-pub(super) fn pieces_dropped(steps: &[Step], rung: Option<u32>, area: f64, result: &Measures) -> Option<Assumption> {
-    let of_rung = steps.iter().filter(|step| Some(step.rung) == rung && step.status == StepStatus::Done);
-    let changes = of_rung.filter(|step| step.operator == Some(Operator::DropSmallParts)).flat_map(|step| &step.changed);
-    let count = changes.filter(|change| change.what == "small_parts_dropped").map(|change| change.count).sum::<u64>();
-    let words = if count == 1 { "1 closed part was dropped" } else { "closed parts were dropped" };
-    let words = if count == 1 { words.to_owned() } else { format!("{count} {words}") };
-    (count > 0).then(|| {
-        Assumption::new(AssumptionKind::PiecesDropped, count, format!("{words}: smaller than `min_part_volume_pct`."))
-            .with_amount(area)
-            .with_share(area / result.area * 100.0)
-            .unless("min_part_volume_pct=0")
-    })
 }
 
 /// What was left when faces were to be removed and none was.

@@ -4,6 +4,7 @@ use glam::DAffine3;
 
 use super::{Cancelled, Context};
 use crate::inspect::{Analysis, InstanceContact, instance_contacts};
+use crate::mesh::UnionFind;
 use crate::scene::{Instance, Item, Object, Scene, SceneError, Shape};
 
 /// Names of united objects that the name of their union lists.
@@ -135,12 +136,10 @@ pub(super) fn instance_of(instances: &[Instance]) -> impl Fn(u32) -> u32 + use<>
 
 /// The groups of two or more instances that contacts connect, each in the order of the instances.
 pub(super) fn connected(count: usize, contacts: &[InstanceContact]) -> Vec<Vec<usize>> {
-    let mut sets = petgraph::unionfind::UnionFind::<u32>::new(count);
-    for contact in contacts {
-        sets.union(contact.instances[0], contact.instances[1]);
-    }
+    let mut sets = UnionFind::new(count);
+    contacts.iter().for_each(|contact| sets.unite(contact.instances[0], contact.instances[1]));
     let mut groups: Vec<Vec<usize>> = vec![Vec::new(); count];
-    for (instance, set) in sets.into_labeling().into_iter().enumerate() {
+    for (instance, set) in sets.into_roots().into_iter().enumerate() {
         groups[set as usize].push(instance);
     }
     groups.retain(|group| group.len() > 1);

@@ -5,7 +5,7 @@ use super::{Instance, PAINTLESS, Palette, Scene};
 #[derive(Debug, Clone, PartialEq, Eq)]
 enum Made {
     OfNothingNamed,
-    Of(Vec<(u32, u32)>),
+    Of(u32, u32),
     Colored,
 }
 
@@ -43,25 +43,24 @@ impl Scene {
 
     fn made_of(&self, object: usize) -> Made {
         let Some(mesh) = self.objects[object].mesh() else { return Made::OfNothingNamed };
-        let mut entries: Vec<(u32, u32)> = Vec::new();
-        let (mut is_colored, mut is_bare) = (false, mesh.paint.is_empty());
+        let (mut entry, mut is_bare) = (None, mesh.paint.is_empty());
         for paint in &mesh.paint {
             is_bare |= *paint == PAINTLESS;
             match self.palettes.get(paint.palette as usize) {
-                Some(Palette::Textured { .. }) => is_colored = true,
+                Some(Palette::Textured { .. }) => return Made::Colored,
                 Some(Palette::Colors(_) | Palette::Materials(_)) => {
                     for at in paint.at {
-                        if entries.last() != Some(&(paint.palette, at)) && !entries.contains(&(paint.palette, at)) {
-                            entries.push((paint.palette, at));
+                        if *entry.get_or_insert((paint.palette, at)) != (paint.palette, at) {
+                            return Made::Colored;
                         }
                     }
                 }
                 None => {}
             }
-            if is_colored || entries.len() > 1 {
-                return Made::Colored;
-            }
         }
-        if entries.is_empty() || is_bare { Made::OfNothingNamed } else { Made::Of(entries) }
+        match entry {
+            Some((palette, at)) if !is_bare => Made::Of(palette, at),
+            _ => Made::OfNothingNamed,
+        }
     }
 }
