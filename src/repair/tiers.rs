@@ -14,7 +14,7 @@ use super::{
 use crate::arrange::Inside;
 use crate::format::Format;
 use crate::inspect::{Analysis, doubled_areas, thin_walls};
-use crate::mesh::{NO_SOURCE, Surface};
+use crate::mesh::{NO_SOURCE, Surface, is_made};
 
 /// Shares of a voxel's side in a triangle: a surface of area A meets at most 1.74 A / size^2 voxel sides, each two
 /// triangles.
@@ -334,7 +334,7 @@ impl Runner<'_> {
         step.runs = remesher.runs() - runs;
         Ok(match made {
             Ok((mut made, Remeshed { voxel_size, note, .. })) => {
-                made.source.fill(crate::mesh::NO_SOURCE);
+                made.source.fill(NO_SOURCE);
                 step.voxel_size = voxel_size.or(step.voxel_size);
                 step.note = note;
                 step.changed = Change::list([("faces_made", made.faces.len() as u64)]);
@@ -366,7 +366,7 @@ const MAX_UNFIXED: usize = 1000;
 
 /// Faces that an operator could not fix, as the faces of the input that they come from.
 fn unfixed_faces(unfixed: &[u32], surface: &Surface) -> Option<UnfixedFaces> {
-    let source = |&f: &u32| surface.source.get(f as usize).copied().filter(|&source| source != NO_SOURCE);
+    let source = |&f: &u32| surface.source.get(f as usize).copied().filter(|&source| !is_made(source));
     let mut faces: Vec<u32> = unfixed.iter().filter_map(source).collect();
     faces.sort_unstable();
     faces.dedup();
@@ -415,5 +415,19 @@ impl Voxels {
                 options.max_remesh_faces, self.size
             )
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::{BASE_SOURCE, OPENED_SKIN_SOURCE, SKIN_SOURCE};
+
+    #[test]
+    fn faces_that_were_made_are_not_among_the_input_faces_that_could_not_be_fixed() {
+        let source = vec![7, NO_SOURCE, SKIN_SOURCE, OPENED_SKIN_SOURCE, BASE_SOURCE, 3];
+        let surface = Surface { faces: vec![[0, 1, 2]; source.len()], source, ..Surface::default() };
+        assert_eq!(unfixed_faces(&[0, 1, 2, 3, 4, 5], &surface), Some(UnfixedFaces { count: 2, faces: vec![3, 7] }));
+        assert_eq!(unfixed_faces(&[1, 2], &surface), None);
     }
 }
