@@ -133,12 +133,24 @@ pub struct ReadMesh {
 }
 
 impl ReadMesh {
+    /// Triangles of a file of this format and dialect that says nothing else.
+    pub(crate) fn of(soup: Soup, format: Format, dialect: impl Into<String>) -> Self {
+        Self {
+            soup,
+            format,
+            dialect: dialect.into(),
+            numbering: None,
+            normals: None,
+            materials: None,
+            polygons: Polygons::default(),
+            warnings: Vec::new(),
+        }
+    }
+
     /// Other triangles of the same file.
     #[must_use]
     pub fn of_same_file(&self, soup: Soup) -> Self {
-        let polygons = Polygons::default();
-        let (format, dialect) = (self.format, self.dialect.clone());
-        Self { soup, format, dialect, numbering: None, normals: None, materials: None, polygons, warnings: Vec::new() }
+        Self::of(soup, self.format, self.dialect.clone())
     }
 }
 

@@ -67,16 +67,8 @@ pub(super) fn read(bytes: &[u8], options: &ReadOptions) -> Result<ReadMesh, Read
         };
         return Err(ReadError::whole(ReadErrorKind::NoFaces, detail));
     }
-    Ok(ReadMesh {
-        soup: Soup { positions, faces: soup_faces },
-        format: Format::Off,
-        dialect,
-        numbering: None,
-        materials: None,
-        normals: None,
-        polygons,
-        warnings,
-    })
+    let soup = Soup { positions, faces: soup_faces };
+    Ok(ReadMesh { polygons, warnings, ..ReadMesh::of(soup, Format::Off, dialect) })
 }
 
 /// The dialect by its keyword; refuses those with other than three coordinates, and the binary one.

@@ -1,4 +1,4 @@
-use super::{Format, Limits, Polygons, ReadError, ReadErrorKind, ReadMesh};
+use super::{Format, Limits, ReadError, ReadErrorKind, ReadMesh};
 use crate::scene::{LengthUnit, Paint, Scene};
 
 /// A file read with what it holds beside triangles.
@@ -52,18 +52,8 @@ impl ReadScene {
         let whole = scene.placed(limits.max_faces).map_err(|error| {
             ReadError::whole(ReadErrorKind::TooLarge, format!("{error}; simplify the model before you send it"))
         })?;
-        let polygons = Polygons::default();
         let materials = (format == Format::ThreeMf).then(|| face_materials(&scene)).flatten();
-        let mesh = ReadMesh {
-            soup: whole.soup,
-            format,
-            dialect,
-            numbering: None,
-            normals: None,
-            materials,
-            polygons,
-            warnings,
-        };
+        let mesh = ReadMesh { materials, warnings, ..ReadMesh::of(whole.soup, format, dialect) };
         Ok(ReadFile { mesh, paint: whole.paint, scene: Some(scene), unit: None })
     }
 }

@@ -6,7 +6,7 @@ use super::errors::{ReadError, ReadErrorKind, WriteError};
 use super::facet_normals::FacetNormals;
 use super::sniff::HEAD;
 use super::text::{Text, Word, number};
-use super::{Format, Limits, Polygons, ReadMesh};
+use super::{Format, Limits, ReadMesh};
 use crate::mesh::Soup;
 
 /// Free text and the facet count.
@@ -139,16 +139,7 @@ fn read_binary(bytes: &[u8], limits: &Limits) -> Result<ReadMesh, ReadError> {
         normals.take(number, normal, corners);
     }
     let (soup, dialect, normals) = (unindexed(positions), "binary STL".to_owned(), normals.finish());
-    Ok(ReadMesh {
-        soup,
-        format: Format::Stl,
-        dialect,
-        numbering: None,
-        materials: None,
-        normals,
-        polygons: Polygons::default(),
-        warnings,
-    })
+    Ok(ReadMesh { normals, warnings, ..ReadMesh::of(soup, Format::Stl, dialect) })
 }
 
 /// Three positions a face, in order.
@@ -368,16 +359,7 @@ impl<'a> Ascii<'a> {
         }
         let dialect = "ASCII STL".to_owned();
         let (soup, normals) = (unindexed(self.positions), self.normals.finish());
-        Ok(ReadMesh {
-            soup,
-            format: Format::Stl,
-            dialect,
-            numbering: None,
-            materials: None,
-            normals,
-            polygons: Polygons::default(),
-            warnings,
-        })
+        Ok(ReadMesh { normals, warnings, ..ReadMesh::of(soup, Format::Stl, dialect) })
     }
 }
 

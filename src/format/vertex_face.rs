@@ -8,7 +8,7 @@ use glam::DVec3;
 
 use super::errors::{ReadError, ReadErrorKind, shown};
 use super::text::{Text, Word, integer};
-use super::{Format, Limits, Polygons, ReadMesh};
+use super::{Format, Limits, ReadMesh};
 use crate::mesh::{LeftOutFace, Numbering, Soup};
 
 /// Faces that name missing vertices, and such vertices, of which the numbers are kept.
@@ -185,16 +185,9 @@ impl<'a> Reader<'a> {
                 "lines that are neither Vertex nor Face were passed over: {count} in all, the first beginning with '{word}'"
             ));
         }
-        Ok(ReadMesh {
-            materials: None,
-            soup: Soup { positions: self.positions, faces: self.faces },
-            format: Format::Mesh,
-            dialect: "Vertex/Face mesh".to_owned(),
-            numbering: Some(numbering),
-            normals: None,
-            polygons: Polygons::default(),
-            warnings,
-        })
+        let soup = Soup { positions: self.positions, faces: self.faces };
+        let mesh = ReadMesh::of(soup, Format::Mesh, "Vertex/Face mesh");
+        Ok(ReadMesh { numbering: Some(numbering), warnings, ..mesh })
     }
 
     /// Each vertex number with the vertex's index, by number; none where the numbers are those in order.

@@ -59,4 +59,4 @@ pub use set::{MeshPair, MeshSpacing, Nearest, SetIntersections, SetReport, SetSp
 pub use shells::{Shell, Shells, Turning, shells};
 pub use solids::{Solid, doubled_areas, solids};
 pub use spacing::{Gap, Spacing, spacing};
-pub use statistics::{EdgeAngles, Side, Statistics, statistics};
+pub use statistics::{EdgeAngles, Side, Statistics, aspect_ratio, statistics};

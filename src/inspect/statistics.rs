@@ -91,6 +91,16 @@ pub fn statistics(
     Ok(Statistics { face_area, face_aspect_ratio, faces_without_aspect_ratio, edge_length, edge_angle })
 }
 
+/// The aspect ratio of a face of an analysed surface: its longest edge over the height on it. None where it is degenerate, or thinner than f64
+/// can tell.
+///
+/// # Panics
+/// When `face` is not an index of the surface's faces.
+#[must_use]
+pub fn aspect_ratio(analysis: &Analysis<'_>, face: u32) -> Option<f64> {
+    Shape::of(analysis.unit_corners(face)).aspect_ratio
+}
+
 /// The area of each face, and the aspect ratio of each face that has one.
 fn face_values(analysis: &Analysis<'_>, context: &Context<'_>) -> Result<(Vec<f64>, Vec<f64>), Cancelled> {
     let (unit, faces) = (analysis.unit(), &analysis.surface.faces);

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
-use meshmend::inspect::{Analysis, Thresholds};
+use meshmend::inspect::{Analysis, Thresholds, aspect_ratio};
 use meshmend::mesh::Edges;
 
 use super::Look;
@@ -47,13 +47,11 @@ pub fn section(look: &Look, analysis: &Analysis<'_>, thresholds: Option<&Thresho
     let missing = numbering.map_or_else(Vec::new, |it| numbers(&it.missing));
     let left_out =
         numbering.map_or_else(Vec::new, |it| it.left_out.iter().map(|face| face.number.to_string()).collect());
-    let thin = |f: u32| {
-        let [a, b, c] = surface.corners(f as usize);
-        let longest = a.distance(b).max(b.distance(c)).max(c.distance(a));
-        let area = (b - a).cross(c - a).length();
-        thresholds.is_some_and(|than| area > 0.0 && longest / area * longest >= than.aspect_ratio)
+    let is_thin = |&f: &u32| {
+        let is_over = |than: &Thresholds| aspect_ratio(analysis, f).is_some_and(|ratio| ratio >= than.aspect_ratio);
+        thresholds.is_some_and(is_over)
     };
-    let thin = (0u32..).zip(&surface.faces).filter(|&(f, _)| thin(f)).map(|(f, _)| face_of(f).to_string()).collect();
+    let thin = (0u32..).take(surface.faces.len()).filter(is_thin).map(|f| face_of(f).to_string()).collect();
     let lists = [
         ("border edges", border),
         ("non-manifold edges", shared),

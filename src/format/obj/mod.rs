@@ -290,16 +290,7 @@ impl<'a> Reader<'a> {
         };
         let soup = Soup { positions: self.positions, faces };
         let dialect = "OBJ".to_owned();
-        let mesh = ReadMesh {
-            soup,
-            format: Format::Obj,
-            dialect,
-            numbering: None,
-            normals,
-            materials: None,
-            polygons,
-            warnings,
-        };
+        let mesh = ReadMesh { normals, polygons, warnings, ..ReadMesh::of(soup, Format::Obj, dialect) };
         Ok(Painted { mesh, paints })
     }
 

@@ -32,8 +32,7 @@ pub(super) fn read(bytes: &[u8], options: &ReadOptions, painted: bool) -> Result
         return Err(no_faces(&header));
     }
     let dialect = header.encoding.dialect().to_owned();
-    let mesh =
-        ReadMesh { soup, format: Format::Ply, dialect, numbering: None, normals, materials: None, polygons, warnings };
+    let mesh = ReadMesh { normals, polygons, warnings, ..ReadMesh::of(soup, Format::Ply, dialect) };
     Ok(Painted { mesh, paints })
 }
 
