@@ -38,7 +38,7 @@ class Job:
 
     @property
     def outcome(self) -> shapes.JobOutcome | None:
-        """What became of the model, once the job succeeded, or failed since its result is not what ``require`` asks for."""
+        """What became of the model, once the job succeeded, or failed because of ``require``."""
         return self.data["outcome"]
 
     @property
