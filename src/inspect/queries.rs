@@ -64,7 +64,7 @@ pub(super) fn ask<T: Send>(
 }
 
 /// A step that leads to every number below `count` once, about a golden section of it.
-fn stride(count: usize) -> usize {
+pub(super) fn stride(count: usize) -> usize {
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a share of a count")]
     let start = (count as f64 * 0.618_033_988_749_895) as usize;
     (start.max(1)..).find(|&stride| coprime(stride, count)).unwrap_or(1)

@@ -2,6 +2,9 @@ use glam::DVec3;
 
 use super::{Sign, orient3d};
 
+/// How far beside a triangle, as a share of it, a segment may pass and still meet it: more than weights are rounded.
+const EDGE: f64 = 1e-12;
+
 /// How a segment meets a triangle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Crossing {
@@ -36,7 +39,8 @@ pub fn crossing(p: DVec3, q: DVec3, [a, b, c]: [DVec3; 3]) -> Crossing {
 }
 
 /// How far along a segment from `origin` by `step` a triangle is, as a share of `step`, where it meets it (Moeller and
-/// Trumbore 1997). In f64: a measure, not a decision of topology.
+/// Trumbore 1997). A segment through an edge that two triangles share meets at least one of them. In f64: a measure, not a
+/// decision of topology.
 #[must_use]
 pub fn hit(origin: DVec3, step: DVec3, [a, b, c]: [DVec3; 3]) -> Option<f64> {
     let (e, f) = (b - a, c - a);
@@ -50,7 +54,7 @@ pub fn hit(origin: DVec3, step: DVec3, [a, b, c]: [DVec3; 3]) -> Option<f64> {
     let q = s.cross(e);
     let v = step.dot(q) / determinant;
     let t = f.dot(q) / determinant;
-    (u >= 0.0 && v >= 0.0 && u + v <= 1.0 && (0.0..=1.0).contains(&t)).then_some(t)
+    (u >= -EDGE && v >= -EDGE && u + v <= 1.0 + EDGE && (0.0..=1.0).contains(&t)).then_some(t)
 }
 
 /// The directions in which rays are tried, one after another: unit vectors that no designed surface is aligned with.

@@ -40,3 +40,4 @@ mod solid;
 mod stitch;
 mod threads;
 mod unions;
+mod walls;

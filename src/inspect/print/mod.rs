@@ -1,6 +1,7 @@
 //! What a printer and its operator want to know of a model.
 
 mod overhang;
+mod thinnest;
 mod walls;
 
 use glam::DVec3;
@@ -59,8 +60,8 @@ pub struct Fit {
     pub turned: bool,
 }
 
-/// Measures a model for printing; none for a mesh without faces. The walls are sampled and the samples bounded, so it is
-/// O(n) beside the tree.
+/// Measures a model for printing; none for a mesh without faces. The work on walls is
+/// bounded, so it is O(n log n).
 ///
 /// # Errors
 /// [`Cancelled`] when the context says stop.

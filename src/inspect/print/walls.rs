@@ -2,18 +2,18 @@ use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+use super::thinnest::{Search, Wall};
 use crate::context::{Cancelled, Context};
 use crate::inspect::compare::{Inside, Sample, percentile, samples, unit_diagonal};
 use crate::inspect::queries::ask;
 use crate::inspect::{Analysis, Measures, Solid, finite};
 use crate::math::hit;
 
-/// Points from which the wall is measured: five on each hundredth of the area.
+/// Points from which the wall is measured whatever its thickness: five on each hundredth of the area.
 const SAMPLES: u32 = 512;
-/// The same where winding numbers must tell material from air, so that inspecting a small model takes no longer than mending
-/// it.
+/// The same where winding numbers must tell material from air, which costs more.
 const COSTLY_SAMPLES: u32 = 256;
-/// Boxes and triangles that all of them together may look at.
+/// Boxes and triangles that these points together may look at.
 const BUDGET: u64 = 10_000_000;
 /// Winding numbers from which on a point is in material, and up to which it is in air. In between the surface is too open to
 /// tell.
@@ -21,37 +21,45 @@ const MATERIAL: f64 = 0.75;
 const AIR: f64 = 0.25;
 /// How far beside the surface is asked for material and air: a share of the diagonal, and what f64 tells apart.
 const BESIDE: [f64; 2] = [1e-9, 1e-13];
-/// Two sides make a wall where they face away from each other by at least the angle of this cosine, 143 degrees: at the
-/// edges of a box the faces are near each other, but there is no thin wall.
-const OPPOSITE: f64 = 0.8;
+/// A ray passes over faces nearer than this share of the diagonal: they touch the face from which it starts.
+const TOUCHING: f64 = 1e-6;
+/// Two sides make a wall where they face away from each other to within 30 degrees (its cosine). At the edges of a box the
+/// faces are near each other, but there is no thin wall.
+const OPPOSITE: f64 = 0.866_025_403_784_438_6;
+/// The same for a ball that touches both sides, which turns with the point: 37 degrees.
+const BALL_OPPOSITE: f64 = 0.8;
 /// Faces that a ray may pass through on its way to the air, as in overlapping parts.
 const MOST_PASSED: usize = 16;
-/// Most places of thin walls that are told.
-const MOST_PLACES: usize = 100;
 /// Share of the area that is part of a wall which the thin walls are.
 const THIN: f64 = 0.05;
 /// Share of the samples that must have material on one side and air on the other for the mesh to have walls.
 const SOLID_SHARE: f64 = 0.5;
 
-/// The thinnest wall that was found.
+/// The thinnest wall.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct ThinnestWall {
-    /// Its thickness, in the model's unit. Sampled: what is thin on less than a hundredth of the area may be missed.
+    /// Its thickness, in the model's unit: the way from a face straight into the material to where it leaves through a face turned
+    /// the other way to within 30 degrees. The least over every face's centre and over points spread by area.
     pub thickness: f64,
     /// A point on one side of it.
     pub at: [f64; 3],
     /// The faces of the file on both sides of it.
     pub faces: [u32; 2],
-    /// The median of the thickness over the area that is part of a wall.
+    /// The median of the thickness over the area that is part of a wall, from at most 512 points.
     pub median: f64,
-    /// Points at which a wall was measured.
+    /// Points from which a thinner wall was searched: every face's centre, and points spread by area.
     pub samples: u64,
-    /// The thinnest of them, at most 100, the thinnest first: where walls are thinner than a printer makes.
+    /// Whether the search looked at all of these points. A mesh made to be slow, or one with overlapping parts or holes, may
+    /// spend the search's budget first; then a thinner wall may have been missed.
+    #[serde(default)]
+    pub complete: bool,
+    /// The thinnest point of each thin region, at most 100, the thinnest first. A region is a sixteenth of the model's
+    /// longest side wide. Regions count that are at most twice as thick as the thinnest, or as 5 % of the diagonal.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub places: Vec<ThinPlace>,
 }
 
-/// A point at which the thickness of a wall was measured.
+/// The thinnest point of a thin region.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct ThinPlace {
     /// The point, on the surface.
@@ -73,18 +81,18 @@ pub enum NoWall {
 }
 
 /// What is at one sample.
-enum Probe {
+pub(super) enum Probe {
     /// The surface does not part material from air here.
     NotSolid,
-    /// Material, but no opposite side.
+    /// No opposite side within the length that was asked for.
     NoWall,
     /// The thickness in unit coordinates, and the opposite face.
     Wall(f64, u32),
 }
 
-/// Measures the wall behind points spread evenly over the surface: by a ray inward to where the air begins, and by the ball
-/// inside the material that touches the point, shrunk until nothing is in it (Ma et al. 2012). Winding numbers tell material
-/// from air, so parts may overlap, surfaces intersect, and parts be turned inside out; a printable mesh needs none.
+/// Measures the thinnest wall by rays inward, from every face's centre and from points spread over the surface, to where the
+/// air begins. Where the mesh is not printable, winding numbers tell material from air, so parts may overlap, surfaces intersect,
+/// and parts be turned inside out.
 ///
 /// # Errors
 /// [`Cancelled`] when the context says stop.
@@ -95,72 +103,66 @@ pub(super) fn thinnest_wall(
 ) -> Result<Result<ThinnestWall, NoWall>, Cancelled> {
     let simple = parts_material_from_air(analysis, measures, context)?;
     let samples = samples(analysis, if simple { SAMPLES } else { COSTLY_SAMPLES });
-    let walls = match walls(analysis, simple, &samples, context)? {
+    let prober = Prober::new(analysis, simple);
+    let sampled = match walls(&samples, context, |sample, steps| prober.probe(sample, prober.reach, steps))? {
         Ok(walls) => walls,
         Err(why) => return Ok(Err(why)),
     };
-    let Some(&(thickness, sample, face)) = walls.iter().min_by(|a, b| a.0.total_cmp(&b.0)) else {
-        return Ok(Err(NoWall::NoOppositeSides));
-    };
+    let mut search = Search::new(analysis, prober.reach);
+    sampled.iter().for_each(|wall| search.add(*wall));
+    search.run(&prober, context)?;
     let scale = analysis.scale();
+    let at = |wall: &Wall| wall.point.to_array().map(|x| finite(x / scale));
+    let thickness = |wall: &Wall| finite(wall.thickness / scale);
+    let thin = search.regions();
+    let Some(least) = thin.first() else { return Ok(Err(NoWall::NoOppositeSides)) };
     Ok(Ok(ThinnestWall {
-        thickness: finite(thickness / scale),
-        at: sample.point.to_array().map(|x| finite(x / scale)),
-        faces: [sample.face, face].map(|face| analysis.surface.source[face as usize]),
-        median: finite(percentile(&sorted(&walls), 0.5) / scale),
-        samples: walls.len() as u64,
-        places: thinnest_places(walls, scale),
+        thickness: thickness(least),
+        at: at(least),
+        faces: least.faces.map(|face| analysis.surface.source[face as usize]),
+        median: if sampled.is_empty() { thickness(least) } else { finite(median(&sampled) / scale) },
+        samples: search.asked + samples.len() as u64,
+        complete: search.complete,
+        places: thin.iter().map(|wall| ThinPlace { at: at(wall), thickness: thickness(wall) }).collect(),
     }))
 }
 
-/// The thinnest of the samples; of equal ones those that come first.
-fn thinnest_places(mut walls: Vec<Wall<'_>>, scale: f64) -> Vec<ThinPlace> {
-    walls.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let place = |(thickness, sample, _): &Wall<'_>| ThinPlace {
-        at: sample.point.to_array().map(|x| finite(x / scale)),
-        thickness: finite(thickness / scale),
-    };
-    walls.iter().take(MOST_PLACES).map(place).collect()
+fn median(walls: &[Wall]) -> f64 {
+    percentile(&sorted(walls), 0.5)
 }
 
 /// The thickness, in the model's unit, below which the wall is on a twentieth of the area that is part of a wall: thin, and
-/// not the chance of a single point. None where there is no wall to measure.
+/// not the chance of a single point. None where there is no wall to measure. By balls inside the material, since a grid resolves
+/// a wall by the room that it leaves.
 ///
 /// # Errors
 /// [`Cancelled`] when the context says stop.
 pub fn thin_walls(analysis: &Analysis<'_>, context: &Context<'_>) -> Result<Option<f64>, Cancelled> {
     let samples = samples(analysis, COSTLY_SAMPLES);
-    let walls = walls(analysis, false, &samples, context)?.unwrap_or_default();
+    let prober = Prober::new(analysis, false);
+    let walls = walls(&samples, context, |sample, steps| prober.probe_by_ball(sample, steps))?.unwrap_or_default();
     let thickness = percentile(&sorted(&walls), THIN) / analysis.scale();
     Ok((!walls.is_empty() && thickness > 0.0 && thickness.is_finite()).then_some(thickness))
 }
 
-fn sorted(walls: &[Wall<'_>]) -> Vec<f64> {
-    let mut sorted: Vec<f64> = walls.iter().map(|wall| wall.0).collect();
+fn sorted(walls: &[Wall]) -> Vec<f64> {
+    let mut sorted: Vec<f64> = walls.iter().map(|wall| wall.thickness).collect();
     sorted.sort_unstable_by(f64::total_cmp);
     sorted
 }
 
-/// A thickness in unit coordinates, where it was measured, and the opposite face.
-type Wall<'a> = (f64, &'a Sample, u32);
-
-/// The wall behind each sample that has one. `simple` says that every face parts material from air, with the air in front.
-fn walls<'a>(
-    analysis: &Analysis<'_>,
-    simple: bool,
-    samples: &'a [Sample],
+/// The wall behind each sample that has one.
+fn walls(
+    samples: &[Sample],
     context: &Context<'_>,
-) -> Result<Result<Vec<Wall<'a>>, NoWall>, Cancelled> {
+    probe: impl Fn(&Sample, &mut u64) -> Probe + Sync,
+) -> Result<Result<Vec<Wall>, NoWall>, Cancelled> {
     if samples.is_empty() {
         return Ok(Err(NoWall::NoSurface));
     }
-    let diagonal = unit_diagonal(analysis);
-    let beside = (BESIDE[0] * diagonal).max(BESIDE[1]);
-    let inside = (!simple).then(|| Inside::new(analysis));
-    let prober = Prober { analysis, inside, reach: 2.0 * diagonal, beside };
     context.check()?;
     let answers = ask(samples.len(), BUDGET, context, |i, steps| {
-        let probe = prober.probe(&samples[i], steps);
+        let probe = probe(&samples[i], steps);
         (*steps > 0).then_some(probe)
     })?;
     let (mut asked, mut solid, mut walls) = (0u32, 0u32, Vec::new());
@@ -169,7 +171,7 @@ fn walls<'a>(
         asked += 1;
         solid += u32::from(!matches!(probe, Probe::NotSolid));
         if let &Probe::Wall(thickness, face) = probe {
-            walls.push((thickness, sample, face));
+            walls.push(Wall { thickness, point: sample.point, faces: [sample.face, face] });
         }
     }
     if f64::from(solid) < SOLID_SHARE * f64::from(asked) || asked == 0 {
@@ -195,24 +197,68 @@ fn parts_material_from_air(
     Ok(analysis.solids.iter().zip(depths).all(by_turns))
 }
 
-struct Prober<'a> {
+/// Measures the wall behind single points.
+pub(super) struct Prober<'a> {
     analysis: &'a Analysis<'a>,
     /// What tells material from air; none where every face parts them, with the air in front of it.
     inside: Option<Inside<'a>>,
+    /// Longer than any wall.
     reach: f64,
     beside: f64,
+    touching: f64,
 }
 
-impl Prober<'_> {
-    fn probe(&self, sample: &Sample, steps: &mut u64) -> Probe {
+impl<'a> Prober<'a> {
+    /// `simple` says that every face parts material from air, with the air in front.
+    fn new(analysis: &'a Analysis<'a>, simple: bool) -> Self {
+        let diagonal = unit_diagonal(analysis);
+        let beside = (BESIDE[0] * diagonal).max(BESIDE[1]);
+        let inside = (!simple).then(|| Inside::new(analysis));
+        Self { analysis, inside, reach: 2.0 * diagonal, beside, touching: TOUCHING * diagonal }
+    }
+
+    /// The wall behind a sample by the ray inward, where it is at most `longest`. Whether the surface parts material from air is
+    /// asked only where a ray meets something within that length, or where it is as long as any wall.
+    pub fn probe(&self, sample: &Sample, longest: f64, steps: &mut u64) -> Probe {
+        if self.inside.is_some() && longest < self.reach && !self.meets_anything(sample, longest, steps) {
+            return Probe::NoWall;
+        }
         let Some(inward) = self.inward(sample, steps) else { return Probe::NotSolid };
-        let Some((length, face)) = self.way_out(sample, inward, steps) else { return Probe::NoWall };
+        let Some((length, face)) = self.way_out(sample, inward, longest, steps) else { return Probe::NoWall };
+        if self.is_opposite(face, inward, OPPOSITE) { Probe::Wall(length, face) } else { Probe::NoWall }
+    }
+
+    /// The wall behind a sample by the ray inward or by the ball inside the material that touches the sample, shrunk until
+    /// nothing is in it (Ma et al. 2012): the thinner of both.
+    fn probe_by_ball(&self, sample: &Sample, steps: &mut u64) -> Probe {
+        let Some(inward) = self.inward(sample, steps) else { return Probe::NotSolid };
+        let Some((length, face)) = self.way_out(sample, inward, self.reach, steps) else { return Probe::NoWall };
         if let Some(wall) = self.ball(sample.point, inward, length / 2.0, steps) {
             return wall;
         }
+        if self.is_opposite(face, inward, BALL_OPPOSITE) { Probe::Wall(length, face) } else { Probe::NoWall }
+    }
+
+    fn is_opposite(&self, face: u32, inward: DVec3, cosine: f64) -> bool {
         let [a, b, c] = self.analysis.unit_corners(face);
-        let opposite = (b - a).cross(c - a).normalize_or_zero().dot(inward).abs() >= OPPOSITE;
-        if opposite { Probe::Wall(length, face) } else { Probe::NoWall }
+        let along = (b - a).cross(c - a).normalize_or_zero().dot(inward);
+        // A part turned inside out has its faces' normals inward.
+        (if self.inside.is_some() { along.abs() } else { along }) >= cosine
+    }
+
+    /// Whether a face is within a length of a sample along its normal, to either side.
+    fn meets_anything(&self, sample: &Sample, longest: f64, steps: &mut u64) -> bool {
+        [-sample.normal, sample.normal].into_iter().any(|way| self.first(sample, way * longest, None, steps).is_some())
+    }
+
+    /// The first face that a ray from a sample meets, as a share of the ray.
+    fn first(&self, sample: &Sample, ray: DVec3, after: Option<(f64, u32)>, steps: &mut u64) -> Option<(f64, u32)> {
+        let least = self.touching / ray.length();
+        self.analysis.tree().first_along([sample.point, sample.point + ray], after, steps, |face| {
+            let other = face != sample.face;
+            let share = other.then(|| hit(sample.point, ray, self.analysis.unit_corners(face))).flatten();
+            share.filter(|&share| share > least)
+        })
     }
 
     /// The direction from a sample into the material, if there is material on one side and air on the other.
@@ -231,17 +277,14 @@ impl Prober<'_> {
         self.inside.as_ref().is_none_or(|inside| inside.winding(beyond, steps) < AIR)
     }
 
-    /// How far it is inward to where the air begins, and the face there.
-    fn way_out(&self, sample: &Sample, inward: DVec3, steps: &mut u64) -> Option<(f64, u32)> {
-        let ray = inward * self.reach;
+    /// How far it is inward to where the air begins, if at most `longest`, and the face there.
+    fn way_out(&self, sample: &Sample, inward: DVec3, longest: f64, steps: &mut u64) -> Option<(f64, u32)> {
+        let ray = inward * longest;
         let mut passed = None;
         for _ in 0..MOST_PASSED {
-            let first = self.analysis.tree().first_along([sample.point, sample.point + ray], passed, steps, |face| {
-                let other = face != sample.face;
-                other.then(|| hit(sample.point, ray, self.analysis.unit_corners(face))).flatten()
-            });
+            let first = self.first(sample, ray, passed, steps);
             let (share, face) = first.filter(|_| *steps > 0)?;
-            let length = share * self.reach;
+            let length = share * longest;
             if self.is_air(sample.point + inward * (length + self.beside), steps) {
                 return Some((length, face)).filter(|_| *steps > 0);
             }
@@ -256,7 +299,7 @@ impl Prober<'_> {
         let contact = ball.touches.filter(|_| *steps > 0)?;
         let outward = (contact.point - (point + inward * ball.radius)) / ball.radius;
         let beyond = contact.point + outward * self.beside;
-        let wall = outward.dot(inward) >= OPPOSITE && self.is_air(beyond, steps);
+        let wall = outward.dot(inward) >= BALL_OPPOSITE && self.is_air(beyond, steps);
         wall.then_some(Probe::Wall(2.0 * ball.radius, contact.face))
     }
 }
