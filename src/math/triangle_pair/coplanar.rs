@@ -33,22 +33,48 @@ impl Flat {
     /// Convex polygons have no inside in common where the line of an edge of one of them parts them, and no point
     /// where it does so strictly.
     pub fn overlap(&self, p: &[DVec3; 3], q: &[DVec3; 3], shared: Option<(usize, usize)>) -> Contact {
-        let (mut parted, mut strictly) = (false, false);
+        match shared {
+            Some((i, j)) => self.overlap_at_a_vertex(p, i, q, j),
+            None => self.overlap_without_a_vertex(p, q),
+        }
+    }
+
+    fn overlap_without_a_vertex(&self, p: &[DVec3; 3], q: &[DVec3; 3]) -> Contact {
+        let mut parted = false;
         for (t, other) in [(p, q), (q, p)] {
             let inner = self.turn(t[0], t[1], t[2]);
             for k in 0..3 {
                 let sides = other.map(|x| self.turn(t[k], t[(k + 1) % 3], x));
+                if sides.iter().all(|side| side.opposes(inner)) {
+                    return Contact::Disjoint;
+                }
                 parted |= !sides.contains(&inner);
-                strictly |= sides.iter().all(|side| side.opposes(inner));
             }
         }
-        match shared {
-            _ if !parted => Contact::Coplanar,
-            None if strictly => Contact::Disjoint,
-            None => Contact::Touching,
-            // Parted by a line through the vertex, they have more in common where edges run along it together.
-            Some((i, j)) if self.edges_run_together(p, i, q, j) => Contact::Touching,
-            Some(_) => Contact::Neighbours,
+        if parted { Contact::Touching } else { Contact::Coplanar }
+    }
+
+    /// Corner `i` of `p` is corner `j` of `q`. A line that parts them goes through it, so it is that of an edge there. In a fan
+    /// of needles every two have such a corner, so this is kept short.
+    fn overlap_at_a_vertex(&self, p: &[DVec3; 3], i: usize, q: &[DVec3; 3], j: usize) -> Contact {
+        let at = p[i];
+        let ends = [[p[(i + 1) % 3], p[(i + 2) % 3]], [q[(j + 1) % 3], q[(j + 2) % 3]]];
+        let mut parted = false;
+        for (own, other) in [(ends[0], ends[1]), (ends[1], ends[0])] {
+            for (end, third) in [(own[0], own[1]), (own[1], own[0])] {
+                let inner = self.turn(at, end, third);
+                let sides = other.map(|x| self.turn(at, end, x));
+                if sides.iter().all(|side| side.opposes(inner)) {
+                    return Contact::Neighbours;
+                }
+                parted |= !sides.contains(&inner);
+            }
+        }
+        // Parted by a line through the vertex, they have more in common where edges run along it together.
+        match parted {
+            false => Contact::Coplanar,
+            true if self.edges_run_together(p, i, q, j) => Contact::Touching,
+            true => Contact::Neighbours,
         }
     }
 
