@@ -54,7 +54,7 @@ pub use options_error::OptionsError;
 pub use print::{
     Fit, NoWall, Overhang, OverhangArea, PrintMeasures, ThinPlace, ThinnestWall, print_measures, thin_walls,
 };
-pub use readers::joined_by_decimals;
+pub use readers::{Decimals, joined_by_decimals};
 pub use set::{MeshPair, MeshSpacing, Nearest, SetIntersections, SetReport, SetSpacing};
 pub use shells::{Shell, Shells, Turning, shells};
 pub use solids::{Solid, doubled_areas, solids};

@@ -25,16 +25,41 @@ pub(super) fn unshared_edges<'a>(analysis: &'a Analysis<'_>) -> impl Iterator<It
     edges.filter(move |(_, half_edges)| matches!(half_edges, [x, y] if ends(*x) != ends(*y))).map(|(edge, _)| edge)
 }
 
+/// How readers that round positions to eight decimals tell vertices apart.
+#[derive(Debug, Clone, Copy)]
+pub struct Decimals {
+    scale: f64,
+}
+
+impl Decimals {
+    /// For a model; none where its size says nothing.
+    #[must_use]
+    pub fn of(surface: &Surface) -> Option<Self> {
+        let scale = (OF_DIAGONAL / surface.bounds().diagonal()).max(DECIMALS);
+        scale.is_finite().then_some(Self { scale })
+    }
+
+    /// The position in whole numbers: vertices for which it is the same are one to such a reader. Not finite where it is too large.
+    #[must_use]
+    pub fn round(self, p: DVec3) -> DVec3 {
+        DVec3::from_array((p * self.scale).to_array().map(f64::round_ties_even))
+    }
+
+    /// Places around a position, so many steps away along each axis that it moves along.
+    pub fn around(self, p: DVec3, steps: f64) -> impl Iterator<Item = DVec3> {
+        let mut ways: Vec<DVec3> =
+            (0..27).map(|k| DVec3::new((k % 3) as f64, (k / 3 % 3) as f64, (k / 9) as f64) - 1.0).collect();
+        ways.sort_by(|a, b| a.length_squared().total_cmp(&b.length_squared()));
+        ways.into_iter().skip(1).map(move |way| p + way * (steps / self.scale))
+    }
+}
+
 /// The surface with vertices joined as readers join them that round positions to eight decimals; none where that joins none. Its
 /// positions are no lengths. Linear.
 #[must_use]
 pub fn joined_by_decimals(surface: &Surface) -> Option<Surface> {
-    let scale = (OF_DIAGONAL / surface.bounds().diagonal()).max(DECIMALS);
-    if !scale.is_finite() {
-        return None;
-    }
-    let round = |p: &DVec3| DVec3::from_array((*p * scale).to_array().map(f64::round_ties_even));
-    let positions: Vec<DVec3> = surface.positions.iter().map(round).collect();
+    let decimals = Decimals::of(surface)?;
+    let positions: Vec<DVec3> = surface.positions.iter().map(|&p| decimals.round(p)).collect();
     if !positions.iter().all(|p| p.is_finite()) {
         return None;
     }

@@ -9,8 +9,8 @@ use super::sheets::{SHEET_SHARE, open_sheet_share};
 use super::tiers::{End, Key, Place, Runner, Task};
 use super::verdict::{JudgeError, Judged, Patches, judge};
 use super::{
-    Action, Cancelled, Candidate, Context, LeftOut, Operator, Options, PlannedAction, Preset, RedFlagCode, Remesher,
-    Rung, Stage, Step, StepStatus, When, summary,
+    Action, Cancelled, Candidate, Context, LeftOut, Operator, Options, PlannedAction, Preset, RedFlag, RedFlagCode,
+    Remesher, Rung, Stage, Step, StepStatus, When, summary,
 };
 use crate::arrange::ArrangeError;
 
@@ -173,11 +173,23 @@ impl<'a> Climb<'a> {
             _ if self.agreed && Method::of(rung) == Some(Method::Blender) => {
                 "methods of different kind agree on the red flags, so the input is their cause"
             }
+            _ if self.encloses_other_room() && matches!(Method::of(rung), Some(Method::Grid | Method::Blender)) => {
+                "it starts from the same closed holes, so it encloses the same room"
+            }
             _ => return None,
         };
         let last = rung.actions.iter().rev().map(|it| it.action).find(|&it| it != Action::Validate)?;
         let skipped = Step::new(index, rung.tier, last, None);
         Some(Step { status: StepStatus::Skipped, note: Some(why.to_owned()), ..skipped })
+    }
+
+    /// Whether all that is wrong with the best result is how much an open input's closed holes enclose.
+    fn encloses_other_room(&self) -> bool {
+        let is_of_holes =
+            |flag: &RedFlag| matches!(flag.code, RedFlagCode::VolumeChange | RedFlagCode::SurfaceInvented);
+        let best = self.best.as_ref().map(|(_, best)| best);
+        !self.input.original.measures().closed
+            && best.is_some_and(|it| it.measures.printable() && it.red_flags.iter().all(is_of_holes))
     }
 
     /// What a rung makes. What rungs before it did is taken over from them.

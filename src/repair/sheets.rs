@@ -89,7 +89,8 @@ const ASKED: [usize; 2] = [8, 64];
 /// ... and pairs of faces that a part may take.
 const PAIRS: usize = 40_000_000;
 
-/// Of each open part whether it is almost closed, by generalized winding numbers (Jacobson et al. 2013).
+/// Of each open part whether it is almost closed, by generalized winding numbers (Jacobson et al. 2013). Where its patches would be
+/// those of an open sheet it is not: filling holes leaves it open, so that a thickness is all that it can get.
 ///
 /// On a closed surface the number is 1/2, halfway from 0 outside to 1 inside, on a plane sheet it is 0. A half sphere has 0.33, a box
 /// without its lid 0.4. Each part is asked alone, at faces spread evenly over its area. At most a constant number of sums over the
@@ -103,13 +104,20 @@ pub(super) fn almost_closed(
     for (&face, &part) in open.faces.iter().zip(&open.part) {
         faces[part as usize].push(face);
     }
-    faces
-        .iter()
-        .map(|faces| {
-            context.check()?;
-            Ok(mean_winding(surface, faces).abs() >= ALMOST_CLOSED)
-        })
-        .collect()
+    let mut almost = Vec::with_capacity(faces.len());
+    for faces in &faces {
+        context.check()?;
+        almost.push(mean_winding(surface, faces).abs() >= ALMOST_CLOSED);
+    }
+    if almost.contains(&true) {
+        let edges = Edges::new(&surface.faces);
+        let parts = Parts::new(surface, &edges);
+        let sheets = open_sheets(surface, &edges, &parts, &solids(surface, &edges, &parts));
+        for (almost, faces) in almost.iter_mut().zip(&faces) {
+            *almost &= faces.first().is_some_and(|&face| !sheets[parts.of_face[face as usize] as usize]);
+        }
+    }
+    Ok(almost)
 }
 
 /// The mean winding number of some faces on themselves.

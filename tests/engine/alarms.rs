@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 use meshmend::mesh::Soup;
-use meshmend::repair::{Category, Options, Outcome, RedFlagCode, Repaired};
+use meshmend::repair::{Category, Operator, Options, Outcome, RedFlagCode, Repaired};
 
 use crate::meshes::{cube, inside_out, join, push, sheet, sphere};
 use crate::pipeline::run;
@@ -153,4 +153,34 @@ fn an_open_surface_in_pieces_is_still_a_sheet() {
         assert_eq!(it.report.plan.category, Category::OpenSheet);
         assert_ne!(it.report.outcome, Outcome::Repaired);
     }
+}
+
+#[test]
+fn small_parts_that_overlap_are_repaired_at_once_for_readers_of_eight_decimals() {
+    // As of a robot's link in metres: where such faces cut one another, f32 tells more positions apart than eight decimals.
+    let mut soup = Soup::default();
+    for number in 0..6 {
+        let angle = f64::from(number);
+        let centre = DVec3::new(angle.cos(), angle.sin(), 0.3 * (2.0 * angle).sin()) * 0.004;
+        soup = join(&soup, &sphere(centre, 0.005, 48, 24));
+    }
+    let it = repaired_at_once(&soup);
+    assert_eq!(it.report.after.unwrap().measures.near_coincident_faults, 0);
+}
+
+#[test]
+fn a_ball_in_eight_chips_is_flagged_without_methods_that_start_from_the_same_closed_holes() {
+    let mut chips = Soup::default();
+    let ball = sphere(DVec3::ZERO, 10.0, 48, 24);
+    for face in &ball.faces {
+        let corners = face.map(|v| ball.positions[v as usize]);
+        let octant = corners.into_iter().sum::<DVec3>().map(f64::signum);
+        push(&mut chips, corners.map(|p| p + 0.05 * octant));
+    }
+    let it = run(&chips, &Options::default(), None).report;
+    assert_eq!(it.outcome, Outcome::PartiallyRepaired, "{}", it.summary);
+    assert!(it.red_flags.iter().any(|flag| flag.code == RedFlagCode::VolumeChange), "{:?}", it.red_flags);
+    assert!(it.steps.iter().all(|step| step.operator != Some(Operator::Remesh)));
+    let why = "it starts from the same closed holes, so it encloses the same room";
+    assert!(it.steps.iter().any(|step| step.note.as_deref() == Some(why)), "{:?}", it.steps);
 }

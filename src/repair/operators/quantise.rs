@@ -2,7 +2,6 @@
 
 use glam::DVec3;
 
-use crate::inspect::joined_by_decimals;
 use crate::math::to_single;
 use crate::mesh::{Surface, weld_exactly};
 
@@ -23,27 +22,6 @@ pub fn quantise(surface: &mut Surface) -> u64 {
         weld_exactly(surface);
     }
     moved
-}
-
-/// The farthest that a vertex is moved to be joined with another.
-const NEAR: f64 = 2e-8;
-
-/// Merges vertices that readers take for one, since they round positions to eight decimals, so that no reader meets edges without
-/// length. Each group becomes the vertex of it that the first face uses. Nothing is done where vertices may not move so far. Answers
-/// how many vertices went.
-pub fn join_near_coincident(surface: &mut Surface, most: f64) -> u64 {
-    let Some(joined) = joined_by_decimals(surface).filter(|_| most >= NEAR) else { return 0 };
-    let mut first = vec![u32::MAX; joined.positions.len()];
-    for (face, new) in surface.faces.iter_mut().zip(&joined.faces) {
-        for (v, &new) in face.iter_mut().zip(new) {
-            let first = &mut first[new as usize];
-            if *first == u32::MAX {
-                *first = *v;
-            }
-            *v = *first;
-        }
-    }
-    surface.drop_unreferenced()
 }
 
 /// A position as the result's file will say it: in f32 where `to_f32` says so.

@@ -1,12 +1,14 @@
 //! Vertices taken to positions that f32 can hold without making faces meet.
 
 use glam::DVec3;
+use rustc_hash::{FxHashMap, FxHashSet};
 use smallvec::SmallVec;
 
 use super::clear::{Clear, NEW};
 use super::places::spacing;
+use crate::inspect::Decimals;
 use crate::math::to_single;
-use crate::mesh::Surface;
+use crate::mesh::{Surface, position_key};
 use crate::repair::{Cancelled, Context};
 
 /// Times that all vertices that are left are tried again, since the move of one may make room for another.
@@ -18,6 +20,9 @@ const FINEST: f64 = 1.0 / (1 << 20) as f64;
 
 /// The least step between positions that readers tell apart which round to eight decimals: a power of two above 1e-8.
 pub(super) const TOLD_APART: f64 = 1.0 / (1 << 26) as f64;
+
+/// How far a vertex is moved so that such a reader tells it from another: this many of its steps, the nearest first.
+const STEPS_APART: [f64; 3] = [1.5, 3.0, 6.0];
 
 /// What became of the vertices.
 #[derive(Debug, Clone, Copy, Default)]
@@ -55,11 +60,7 @@ pub(super) fn round_apart(
     if left.is_empty() {
         return Ok(done);
     }
-    let mut stars = vec![SmallVec::<[u32; 8]>::new(); surface.positions.len()];
-    for (face, f) in surface.faces.iter().zip(0u32..) {
-        face.iter().for_each(|&v| stars[v as usize].push(f));
-    }
-    let mut it = Rounding { clear: Clear::new(surface), lattice, stars, surface };
+    let mut it = Rounding::new(surface, lattice);
     for _ in 0..ROUNDS {
         let before = left.len();
         let mut again = Vec::new();
@@ -86,10 +87,75 @@ pub(super) fn round_apart(
         let p = &mut surface.positions[v as usize];
         *p = lattice.nearest(*p);
     }
+    drop_merged(surface);
+    Ok(done)
+}
+
+/// Vertices that readers take for one, since they round positions to eight decimals.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct TellApart {
+    /// No vertex is moved farther than this, in the model's unit.
+    pub most: f64,
+    /// Whether vertices may be moved that have no edge in common; else they stay near each other.
+    pub moves: bool,
+}
+
+/// Merges such vertices along the edge between them, and moves others until they are told apart: those for which `is_free` is true
+/// first. As in [`round_apart`] no faces come to meet. Answers how many vertices were merged.
+///
+/// # Errors
+/// [`Cancelled`] when the work should stop.
+pub(super) fn tell_apart(
+    surface: &mut Surface,
+    limits: TellApart,
+    is_free: impl Fn(DVec3) -> bool,
+    context: &Context<'_>,
+) -> Result<u64, Cancelled> {
+    let Some(decimals) = Decimals::of(surface) else { return Ok(0) };
+    let mut groups: FxHashMap<[u64; 3], SmallVec<[u32; 2]>> = FxHashMap::default();
+    for (v, &p) in (0u32..).zip(&surface.positions) {
+        groups.entry(position_key(decimals.round(p))).or_default().push(v);
+    }
+    let at = |surface: &Surface, v: u32| surface.positions[v as usize];
+    let is_crowded = |group: &&SmallVec<[u32; 2]>| group.iter().any(|&v| at(surface, v) != at(surface, group[0]));
+    let mut crowded: Vec<SmallVec<[u32; 2]>> = groups.values().filter(is_crowded).cloned().collect();
+    if crowded.is_empty() {
+        return Ok(0);
+    }
+    crowded.sort_unstable();
+    let mut taken: FxHashSet<[u64; 3]> = groups.into_keys().collect();
+    let lattice = Lattice::of(surface);
+    let mut it = Rounding::new(surface, lattice);
+    let mut merged = 0;
+    for mut group in crowded {
+        context.check()?;
+        group.sort_by_key(|&v| (!is_free(at(it.surface, v)), v));
+        for v in group.clone() {
+            let p = at(it.surface, v);
+            let others: SmallVec<[u32; 8]> = group.iter().copied().filter(|&u| at(it.surface, u) != p).collect();
+            let near = others.iter().copied().filter(|&u| at(it.surface, u).distance(p) <= limits.most);
+            let goes = it.merge_into(v, &near.collect::<SmallVec<[u32; 8]>>());
+            merged += u64::from(goes);
+            let places =
+                STEPS_APART.into_iter().flat_map(|steps| decimals.around(p, steps)).map(|q| lattice.nearest(q));
+            let may_take =
+                |q: &DVec3| q.distance(p) <= limits.most && !taken.contains(&position_key(decimals.round(*q)));
+            let moves = limits.moves && !others.is_empty();
+            if goes || (moves && it.shift_to(v, places.filter(may_take))) {
+                taken.insert(position_key(decimals.round(at(it.surface, v))));
+                group.retain(|u| *u != v);
+            }
+        }
+    }
+    drop_merged(surface);
+    Ok(merged)
+}
+
+/// Drops the faces that merging left without area, and the vertices that no face uses.
+fn drop_merged(surface: &mut Surface) {
     let live: Vec<bool> = surface.faces.iter().map(|&[a, b, c]| a != b && b != c && c != a).collect();
     surface.retain_faces(&live);
     surface.drop_unreferenced();
-    Ok(done)
 }
 
 struct Rounding<'a> {
@@ -100,15 +166,28 @@ struct Rounding<'a> {
     stars: Vec<SmallVec<[u32; 8]>>,
 }
 
-impl Rounding<'_> {
+impl<'a> Rounding<'a> {
+    fn new(surface: &'a mut Surface, lattice: Lattice) -> Self {
+        let mut stars = vec![SmallVec::<[u32; 8]>::new(); surface.positions.len()];
+        for (face, f) in surface.faces.iter().zip(0u32..) {
+            face.iter().for_each(|&v| stars[v as usize].push(f));
+        }
+        Self { clear: Clear::new(surface), lattice, stars, surface }
+    }
+
     /// Moves a vertex to a position of f32 near it.
     fn shift(&mut self, v: u32) -> bool {
-        let p = self.surface.positions[v as usize];
+        let around = self.lattice.around(self.surface.positions[v as usize]);
+        self.shift_to(v, around)
+    }
+
+    /// Moves a vertex to the first of some places at which no faces meet.
+    fn shift_to(&mut self, v: u32, places: impl IntoIterator<Item = DVec3>) -> bool {
         let new: Vec<([u32; 3], u32)> = self.stars[v as usize]
             .iter()
             .map(|&f| (self.surface.faces[f as usize].map(|w| if w == v { NEW } else { w }), f))
             .collect();
-        let found = self.lattice.around(p).into_iter().find(|&q| self.clear.is_clear(self.surface, &new, &[], q));
+        let found = places.into_iter().find(|&q| self.clear.is_clear(self.surface, &new, &[], q));
         if let Some(q) = found {
             self.clear.moved(v, q);
             self.surface.positions[v as usize] = q;
@@ -129,9 +208,17 @@ impl Rounding<'_> {
         ends.sort_unstable();
         ends.dedup();
         ends.sort_by(|&a, &b| at(a).distance_squared(p).total_cmp(&at(b).distance_squared(p)).then(a.cmp(&b)));
-        for u in ends {
+        self.merge_into(v, &ends)
+    }
+
+    /// Merges a vertex into the first of some others that is its neighbour and where no faces come to meet.
+    fn merge_into(&mut self, v: u32, ends: &[u32]) -> bool {
+        for &u in ends {
             let (gone, kept): (Vec<u32>, Vec<u32>) =
                 self.stars[v as usize].iter().partition(|&&f| self.surface.faces[f as usize].contains(&u));
+            if gone.is_empty() {
+                continue;
+            }
             let new: Vec<([u32; 3], u32)> =
                 kept.iter().map(|&f| (self.surface.faces[f as usize].map(|w| if w == v { u } else { w }), f)).collect();
             let to = self.surface.positions[u as usize];
@@ -206,8 +293,15 @@ impl Lattice {
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 mod tests {
+    use std::sync::atomic::AtomicBool;
+    use std::time::Duration;
+
     use super::*;
+    use crate::context::NoProgress;
+    use crate::inspect::joined_by_decimals;
+    use crate::mesh::Edges;
 
     #[test]
     fn positions_are_those_of_f32_but_beside_zero_no_finer_than_the_model_is_worth() {
@@ -225,5 +319,50 @@ mod tests {
             assert_eq!(f64::from(x as f32), x, "f32 can hold it");
             assert!((x - 1e-7).abs() < 2f64.powi(-39));
         }
+    }
+
+    fn told_apart(mut surface: Surface, limits: TellApart) -> (Surface, u64) {
+        let (cancel, clock) = (AtomicBool::new(false), || Duration::ZERO);
+        let context = Context::new(&NoProgress, &cancel, &clock, Duration::MAX);
+        let merged = tell_apart(&mut surface, limits, |_| true, &context).unwrap();
+        (surface, merged)
+    }
+
+    /// Two tetrahedra, the second from a corner near the first's on.
+    fn tetrahedra(gap: f64) -> Surface {
+        let corners = [DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::Z].map(|p| p * 0.015625);
+        let positions = corners.into_iter().chain(corners.map(|p| -p - DVec3::splat(gap))).collect();
+        let faces = vec![[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3], [4, 5, 6], [4, 7, 5], [4, 6, 7], [5, 7, 6]];
+        Surface { positions, faces, source: (0..8).collect() }
+    }
+
+    #[test]
+    fn corners_of_two_parts_that_eight_decimals_do_not_tell_apart_are_moved_where_they_may() {
+        let surface = tetrahedra(2f64.powi(-30));
+        assert!(joined_by_decimals(&surface).is_some());
+        let (moved, merged) = told_apart(surface.clone(), TellApart { most: f64::INFINITY, moves: true });
+        assert_eq!((merged, moved.faces.len(), joined_by_decimals(&moved)), (0, 8, None));
+        let corners = |it: &Surface| (0..8).flat_map(|f| it.corners(f)).collect::<Vec<DVec3>>();
+        let far = corners(&surface).into_iter().zip(corners(&moved)).map(|(p, q)| p.distance(q));
+        let farthest = far.fold(0.0, f64::max);
+        assert!(farthest > 0.0 && farthest < 1e-7, "{farthest}");
+        for limits in [TellApart { most: f64::INFINITY, moves: false }, TellApart { most: 1e-12, moves: true }] {
+            let (same, merged) = told_apart(surface.clone(), limits);
+            assert_eq!((corners(&same), merged), (corners(&surface), 0));
+        }
+    }
+
+    #[test]
+    fn an_edge_too_short_for_eight_decimals_is_merged() {
+        let mut surface = tetrahedra(0.01);
+        // Splits the edge from 0 to 1 near its start.
+        surface.positions.push(DVec3::X * 2f64.powi(-30));
+        surface.faces[0] = [0, 2, 8];
+        surface.faces[1] = [0, 8, 3];
+        surface.faces.extend([[8, 2, 1], [8, 1, 3]]);
+        surface.source.extend([0, 1]);
+        let (whole, merged) = told_apart(surface, TellApart { most: 1e-7, moves: false });
+        assert_eq!((merged, whole.faces.len(), joined_by_decimals(&whole)), (1, 8, None));
+        assert!(Edges::new(&whole.faces).iter().all(|half_edges| half_edges.len() == 2));
     }
 }

@@ -13,9 +13,10 @@ use super::merge::MergeVertices;
 use super::one_sided::CutOneSided;
 use super::orient::Orient;
 use super::overlaps::RemoveOverlappingNeighbours;
-use super::quantise::{join_near_coincident, quantise};
+use super::quantise::quantise;
 use super::remesh::RemeshInside;
 use super::resolve::Resolve;
+use super::rounding::{TellApart, tell_apart};
 use super::separate::Separate;
 use super::sew::Sew;
 use super::sheets_within::remove_sheets_within;
@@ -66,7 +67,8 @@ impl Operator {
         Ok(match self {
             Self::RoundCoordinates => {
                 let rounded = if to_f32 { quantise(surface) } else { 0 };
-                let joined = join_near_coincident(surface, scope.reach);
+                let limits = TellApart { most: scope.reach, moves: false };
+                let joined = tell_apart(surface, limits, |_| true, context)?;
                 Change::list([("vertices_rounded_to_f32", rounded), ("near_coincident_vertices_merged", joined)]).into()
             }
             Self::RemoveCollapsedFaces => remove_collapsed(surface).into(),

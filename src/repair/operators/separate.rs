@@ -6,6 +6,7 @@ use super::Applied;
 use super::clear::{Clear, NEW};
 use super::cut::{NONE, Pairing, Pinches, cut_apart, mates};
 use super::places::{Places, key, spacing};
+use super::rounding::{TellApart, tell_apart};
 use crate::math::{collinear, to_single};
 use crate::mesh::{Edges, Stars, Surface};
 use crate::repair::{Cancelled, Change, Context};
@@ -71,7 +72,9 @@ impl Separate {
             }
         }
         let (moved, left) = spread(surface, &mut places, context)?;
+        let merged = tell_apart(surface, TellApart { most: self.most, moves: true }, |_| true, context)?;
         changes.extend(Change::list([
+            ("near_coincident_vertices_merged", merged),
             ("doubled_edges_split", split),
             ("coincident_vertices_separated", moved),
             ("coincident_vertices_left", left),

@@ -11,7 +11,7 @@ use super::cut::{Pairing, Pinches, cut_apart};
 use super::degenerate::{remove_caps, remove_collapsed};
 use super::duplicates;
 use super::orient::Orient;
-use super::rounding::round_apart;
+use super::rounding::{TellApart, round_apart, tell_apart};
 use super::separate::Separate;
 use super::thicken::{Skins, ThickenSheets};
 use crate::arrange::{ArrangeError, Arrangement, Inside, Rule, Solid};
@@ -208,8 +208,10 @@ impl Resolve {
                 Err(error) if first => return Err(error),
                 Err(_) => break,
             };
-            done.merged += round_apart(&mut work, |p| !known.contains(&position_key(p)), context)?.merged;
+            let is_new = |p| !known.contains(&position_key(p));
+            done.merged += round_apart(&mut work, is_new, context)?.merged;
             settle(&mut work, context)?;
+            done.merged += tell_apart(&mut work, TellApart { most: self.most, moves: true }, is_new, context)?;
             let found = crossings(&work, context)?;
             let pairs = count(&found);
             let grown = [pairs, work.faces.len() as u64];
