@@ -147,7 +147,7 @@ fn pieces_dropped(judged: &Judged, input: &Analysis<'_>) -> Option<Assumption> {
     let pieces = certified(judged, input, |it| matches!(it, Certificate::Debris | Certificate::NoVolume));
     let area: f64 = pieces.iter().map(|piece| piece.area).sum();
     let detail = format!(
-        "{} dropped that enclose nothing or are too small to print.",
+        "{} dropped: nothing is enclosed, or too little to print.",
         counted(count, "stray piece was", "stray pieces were")
     );
     let option = if ledger.debris > 0 { "without=remove_debris" } else { "open_sheets=thicken" };

@@ -156,15 +156,13 @@ fn an_open_surface_in_pieces_is_still_a_sheet() {
 }
 
 #[test]
-fn small_parts_that_overlap_are_repaired_at_once_for_readers_of_eight_decimals() {
-    // As of a robot's link in metres: where such faces cut one another, f32 tells more positions apart than eight decimals.
-    let mut soup = Soup::default();
-    for number in 0..6 {
-        let angle = f64::from(number);
-        let centre = DVec3::new(angle.cos(), angle.sin(), 0.3 * (2.0 * angle).sin()) * 0.004;
-        soup = join(&soup, &sphere(centre, 0.005, 48, 24));
-    }
-    let it = repaired_at_once(&soup);
+fn boxes_whose_tops_are_a_step_of_f32_apart_are_repaired_at_once_for_readers_of_eight_decimals() {
+    // As in a robot's link in metres: there f32 tells positions apart that eight decimals do not.
+    let (top, below) = (0.05f32, 0.05f32.next_down());
+    let over = |p: DVec3| DVec3::new(0.1 * p.x - 0.03, 0.08 * p.y - 0.02, (f64::from(below) + 0.04) * p.z - 0.04);
+    let mut wide = cube(DVec3::ZERO, 1.0, 1);
+    wide.positions.iter_mut().for_each(|p| *p = over(*p));
+    let it = repaired_at_once(&join(&cube(DVec3::ZERO, f64::from(top), 1), &wide));
     assert_eq!(it.report.after.unwrap().measures.near_coincident_faults, 0);
 }
 

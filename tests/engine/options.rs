@@ -239,6 +239,14 @@ fn a_gap_that_the_edges_beside_it_do_not_allow_is_said() {
 }
 
 #[test]
+fn a_tolerance_that_edges_shorter_than_it_keep_from_being_used_is_said() {
+    let soup = box_with_a_lid_above(0.02, 40);
+    let welded = |weld_tolerance| run(&soup, &Options { weld_tolerance, ..Options::default() }, None);
+    assert_eq!(cause(&welded(0.01), "weld_tolerance"), Some(NotAppliedCause::Limited));
+    assert_eq!(cause(&welded(1e-6), "weld_tolerance"), None);
+}
+
+#[test]
 fn a_limit_to_movement_that_cuts_an_option_short_is_said() {
     let soup = box_with_a_lid_above(0.05, 2);
     let limited = Options { stitch_distance: Some(0.06), max_deviation: Some(0.01), ..Options::default() };

@@ -1,4 +1,5 @@
 use glam::DVec3;
+use smallvec::SmallVec;
 
 use super::{DEPTH, Tree};
 
@@ -28,7 +29,7 @@ impl Tree {
             segment.enters(aabb.min.as_dvec3(), aabb.max.as_dvec3()).map(|share| (share, node))
         };
         let mut first: Option<(f64, u32)> = None;
-        let mut stack = Vec::with_capacity(DEPTH);
+        let mut stack: SmallVec<[(f64, u32); DEPTH]> = SmallVec::new();
         stack.extend(enters(0));
         while let Some((share, at)) = stack.pop() {
             if first.is_some_and(|first| first.0 < share) {

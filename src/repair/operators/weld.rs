@@ -4,7 +4,7 @@ use glam::DVec3;
 
 use super::Applied;
 use crate::mesh::{Edges, Surface};
-use crate::repair::{Cancelled, Change, Context};
+use crate::repair::{Cancelled, Change, Context, Options};
 
 /// Vertices looked at in one cell of the grid: more can't lie in a cell further apart than the tolerance unless their
 /// own edges are shorter still, and then they are not merged.
@@ -70,8 +70,19 @@ impl Weld {
             }
             surface.drop_unreferenced();
         }
+        let mut limited = Vec::new();
+        let short = boundary.iter().filter(|&&v| radii[v as usize] < reach).count();
+        if short > 0 && self.tolerance > Options::default().weld_tolerance {
+            limited.push((
+                "weld_tolerance",
+                format!(
+                    "{short} boundary vertices have an edge shorter than twice the tolerance; there only what is within half of that edge \
+                     was merged, so that no face collapses"
+                ),
+            ));
+        }
         let changes = Change::list([("boundary_vertices_merged", merged)]);
-        Ok(Applied { changes, moved, ..Applied::default() })
+        Ok(Applied { changes, moved, limited, ..Applied::default() })
     }
 }
 
