@@ -124,8 +124,9 @@ impl<'a> Climb<'a> {
     pub fn run(mut self, rungs: &[Rung]) -> Result<Climbed, Cancelled> {
         for (index, rung) in (0u32..).zip(rungs) {
             let later = &rungs[index as usize + 1..];
-            let step = self.out_of_time(index, rung).or_else(|| not_runnable(index, rung, self.runner.remesher));
-            if let Some(step) = step.or_else(|| self.needless(index, rung)) {
+            let step = self.out_of_time(index, rung).or_else(|| self.needless(index, rung));
+            // Last, since it starts Blender to learn its version.
+            if let Some(step) = step.or_else(|| not_runnable(index, rung, self.runner.remesher)) {
                 self.note(step);
             } else {
                 let good = match self.make(index, rung, later)? {

@@ -1,3 +1,4 @@
+use super::operators::duplicates::remove_duplicates;
 use super::operators::orient::{Nested, Orient};
 use super::{Cancelled, Context, Options};
 use crate::inspect::{Analysis, Measures};
@@ -20,6 +21,8 @@ pub(super) fn settle_orientation(
         return Ok(None);
     }
     let mut surface = analysis.surface.clone();
+    // Faces that are there twice enclose nothing, and hide from each other what is around them.
+    remove_duplicates(&mut surface);
     let oriented = Orient { nested: options.nested }.apply(&mut surface, &context.for_verification());
     if context.unless_late(oriented)?.is_none() {
         return Ok(None);

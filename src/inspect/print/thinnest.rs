@@ -11,8 +11,8 @@ use crate::math::Box3;
 /// Regions along the longest side of the bounding box. Each keeps its thinnest wall.
 const REGIONS: f64 = 16.0;
 /// Walls up to this share of the diagonal are searched in every region, and so are those up to so many times the thinnest.
-const THIN: f64 = 0.05;
-const TIMES_THINNEST: f64 = 2.0;
+const THIN: f64 = 0.02;
+const TIMES_THINNEST: f64 = 1.25;
 /// Most regions that the report lists.
 const MOST_REGIONS: usize = 100;
 /// Points spread by area: half as many as faces, but at least and at most so many.
@@ -21,9 +21,12 @@ const SPREAD: [usize; 2] = [2048, 100_000];
 const BLOCK: [usize; 2] = [256, 16_384];
 /// Fewest points for one thread.
 const TASK: usize = 64;
-/// Boxes and triangles that the search may look at: so many, and so many more for each point.
+/// Boxes and triangles that the search may look at: so many, and so many more for each point. Where winding numbers must tell material
+/// from air, which take most of it, it is less: such a mesh is not printable yet, and a repair measures its result again.
 const BUDGET: u64 = 10_000_000;
 const BUDGET_A_POINT: u64 = 200;
+const COSTLY_BUDGET: u64 = 1_000_000;
+const COSTLY_BUDGET_A_POINT: u64 = 30;
 /// Share of the budget that one point may take.
 const SHARE: u64 = 16;
 /// Moves towards where a wall is thinner still, and how far each goes, as shares of the way to the thinnest point of the two
@@ -100,7 +103,12 @@ impl<'a> Search<'a> {
     pub fn run(&mut self, prober: &Prober<'_>, context: &Context<'_>) -> Result<(), Cancelled> {
         let faces = self.analysis.surface.faces.len();
         let spread = samples(self.analysis, u32::try_from((faces / 2).clamp(SPREAD[0], SPREAD[1])).unwrap_or(u32::MAX));
-        let budget = BUDGET + BUDGET_A_POINT * (faces + spread.len()) as u64;
+        let points = (faces + spread.len()) as u64;
+        let budget = if prober.is_costly() {
+            COSTLY_BUDGET + COSTLY_BUDGET_A_POINT * points
+        } else {
+            BUDGET + BUDGET_A_POINT * points
+        };
         let left =
             self.ask(spread.len(), budget, context, |i, search, steps| search.probe(prober, &spread[i], steps))?;
         self.ask(faces, left, context, |face, search, steps| {

@@ -54,7 +54,7 @@ pub struct ThinnestWall {
     #[serde(default)]
     pub complete: bool,
     /// The thinnest point of each thin region, at most 100, the thinnest first. A region is a sixteenth of the model's
-    /// longest side wide. Regions count that are at most twice as thick as the thinnest, or as 5 % of the diagonal.
+    /// longest side wide. Regions count that are at most a quarter thicker than the thinnest, or as thick as 2 % of the diagonal.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub places: Vec<ThinPlace>,
 }
@@ -215,6 +215,11 @@ impl<'a> Prober<'a> {
         let beside = (BESIDE[0] * diagonal).max(BESIDE[1]);
         let inside = (!simple).then(|| Inside::new(analysis));
         Self { analysis, inside, reach: 2.0 * diagonal, beside, touching: TOUCHING * diagonal }
+    }
+
+    /// Whether winding numbers must tell material from air.
+    pub fn is_costly(&self) -> bool {
+        self.inside.is_some()
     }
 
     /// The wall behind a sample by the ray inward, where it is at most `longest`. Whether the surface parts material from air is

@@ -164,6 +164,8 @@ struct Rounding<'a> {
     lattice: Lattice,
     /// The faces at each vertex.
     stars: Vec<SmallVec<[u32; 8]>>,
+    /// Faces that were not merged away, of which one stays.
+    left: usize,
 }
 
 impl<'a> Rounding<'a> {
@@ -172,7 +174,7 @@ impl<'a> Rounding<'a> {
         for (face, f) in surface.faces.iter().zip(0u32..) {
             face.iter().for_each(|&v| stars[v as usize].push(f));
         }
-        Self { clear: Clear::new(surface), lattice, stars, surface }
+        Self { clear: Clear::new(surface), lattice, stars, left: surface.faces.len(), surface }
     }
 
     /// Moves a vertex to a position of f32 near it.
@@ -216,7 +218,7 @@ impl<'a> Rounding<'a> {
         for &u in ends {
             let (gone, kept): (Vec<u32>, Vec<u32>) =
                 self.stars[v as usize].iter().partition(|&&f| self.surface.faces[f as usize].contains(&u));
-            if gone.is_empty() {
+            if gone.is_empty() || gone.len() == self.left {
                 continue;
             }
             let new: Vec<([u32; 3], u32)> =
@@ -230,6 +232,7 @@ impl<'a> Rounding<'a> {
                 self.surface.faces[f as usize] = face;
                 self.stars[u as usize].push(f);
             }
+            self.left -= gone.len();
             for f in gone {
                 let face = self.surface.faces[f as usize];
                 face.iter().filter(|&&w| w != v).for_each(|&w| self.stars[w as usize].retain(|g| *g != f));
