@@ -2692,7 +2692,7 @@ export interface components {
             /** @description Surface of the input without a counterpart in the result. */
             removed: components["schemas"]["SurfaceShare"];
         };
-        /** @description A point at which the thickness of a wall was measured. */
+        /** @description The thinnest point of a thin region. */
         ThinPlace: {
             /** @description The point, on the surface. */
             at: number[];
@@ -2702,27 +2702,36 @@ export interface components {
              */
             thickness: number;
         };
-        /** @description The thinnest wall that was found. */
+        /** @description The thinnest wall. */
         ThinnestWall: {
             /** @description A point on one side of it. */
             at: number[];
+            /**
+             * @description Whether the search looked at all of these points. A mesh made to be slow, or one with overlapping parts or holes, may
+             *     spend the search's budget first; then a thinner wall may have been missed.
+             */
+            complete?: boolean;
             /** @description The faces of the file on both sides of it. */
             faces: number[];
             /**
              * Format: double
-             * @description The median of the thickness over the area that is part of a wall.
+             * @description The median of the thickness over the area that is part of a wall, from at most 512 points.
              */
             median: number;
-            /** @description The thinnest of them, at most 100, the thinnest first: where walls are thinner than a printer makes. */
+            /**
+             * @description The thinnest point of each thin region, at most 100, the thinnest first. A region is a sixteenth of the model's
+             *     longest side wide. Regions count that are at most a quarter thicker than the thinnest, or as thick as 2 % of the diagonal.
+             */
             places?: components["schemas"]["ThinPlace"][];
             /**
              * Format: int64
-             * @description Points at which a wall was measured.
+             * @description Points from which a thinner wall was searched: every face's centre, and points spread by area.
              */
             samples: number;
             /**
              * Format: double
-             * @description Its thickness, in the model's unit. Sampled: what is thin on less than a hundredth of the area may be missed.
+             * @description Its thickness, in the model's unit: the way from a face straight into the material to where it leaves through a face turned
+             *     the other way to within 30 degrees. The least over every face's centre and over points spread by area.
              */
             thickness: number;
         };

@@ -613,7 +613,7 @@ class SurfaceShares(TypedDict):
 
 
 class ThinPlace(TypedDict):
-    """A point at which the thickness of a wall was measured."""
+    """The thinnest point of a thin region."""
 
     at: list[float]
     """The point, on the surface."""
@@ -622,20 +622,31 @@ class ThinPlace(TypedDict):
 
 
 class ThinnestWall(TypedDict):
-    """The thinnest wall that was found."""
+    """The thinnest wall."""
 
     at: list[float]
     """A point on one side of it."""
+    complete: NotRequired[bool]
+    """
+    Whether the search looked at all of these points. A mesh made to be slow, or one with overlapping parts or holes, may
+    spend the search's budget first; then a thinner wall may have been missed.
+    """
     faces: list[int]
     """The faces of the file on both sides of it."""
     median: float
-    """The median of the thickness over the area that is part of a wall."""
+    """The median of the thickness over the area that is part of a wall, from at most 512 points."""
     places: NotRequired[list[ThinPlace]]
-    """The thinnest of them, at most 100, the thinnest first: where walls are thinner than a printer makes."""
+    """
+    The thinnest point of each thin region, at most 100, the thinnest first. A region is a sixteenth of the model's
+    longest side wide. Regions count that are at most a quarter thicker than the thinnest, or as thick as 2 % of the diagonal.
+    """
     samples: int
-    """Points at which a wall was measured."""
+    """Points from which a thinner wall was searched: every face's centre, and points spread by area."""
     thickness: float
-    """Its thickness, in the model's unit. Sampled: what is thin on less than a hundredth of the area may be missed."""
+    """
+    Its thickness, in the model's unit: the way from a face straight into the material to where it leaves through a face turned
+    the other way to within 30 degrees. The least over every face's centre and over points spread by area.
+    """
 
 
 class TierStatus(TypedDict):
