@@ -31,7 +31,7 @@ fn changed(steps: &[&Step], operator: Operator, what: &str) -> u64 {
 }
 
 /// "One" and the singular, or the count and the plural.
-fn counted(count: u64, one: &str, many: &str) -> String {
+pub(super) fn counted(count: u64, one: &str, many: &str) -> String {
     if count == 1 { format!("One {one}") } else { format!("{count} {many}") }
 }
 

@@ -188,6 +188,7 @@ impl Input<'_> {
             self.time.leave_out(LeftOut::SurfaceChanges);
         }
         report.left_out = self.time.left_out();
+        report.summary.push_str(&summary::what_remains(&after));
         report.after = Some(after);
         let surface = judged.fates.as_ref().map(|fates| fates.shares);
         report.changes = Some(Changes { surface, ..judged.changes });

@@ -1,7 +1,25 @@
+use super::assumed::counted;
 use super::requests::ask_of_printable;
 use super::verdict::Judged;
 use super::{Category, LeftOut, Operator, Outcome, Report, Step, StepStatus};
-use crate::inspect::Measures;
+use crate::inspect::{DefectKind, Inspection, Measures};
+
+/// What a printable result keeps though it is not ideal, in words; empty where there is nothing of the kind.
+pub(super) fn what_remains(after: &Inspection) -> String {
+    if !after.measures.printable() {
+        return String::new();
+    }
+    let kinds = [(DefectKind::DegenerateFace, "with a very short edge"), (DefectKind::FlatFace, "of almost no height")];
+    let found = kinds.map(|(kind, what)| {
+        let count = after.defects.iter().find(|group| group.kind == kind).map_or(0, |group| group.count);
+        (count > 0).then(|| format!("{} {what}", counted(count, "face", "faces")))
+    });
+    let remaining: Vec<String> = found.into_iter().flatten().collect();
+    if remaining.is_empty() {
+        return String::new();
+    }
+    format!(" Left as found, since slicers accept them: {}.", remaining.join(", "))
+}
 
 /// The outcome in words, with what to do next where it is not good.
 pub(super) fn in_words(outcome: Outcome, report: &Report, after: Option<&Measures>) -> String {

@@ -181,6 +181,11 @@ fn a_face_lower_than_the_tolerance_is_advice_and_not_a_broken_rule() {
     assert!(found.measures.printable(), "{:?}", found.measures.faults());
     let check = found.check.unwrap();
     assert!(check.passes && check.advice.contains(&CheckRule::NoZeroAreaFace), "{check:?}");
+    let ply = format::write(&soup, Format::Ply).unwrap();
+    let summary =
+        run_bytes(&ply, &Options { output: OutputFormat::Same, ..Options::default() }, None).unwrap().report.summary;
+    assert!(summary.contains("Left as found, since slicers accept them: "), "{summary}");
+    assert!(summary.contains(" of almost no height."), "{summary}");
 }
 
 #[test]

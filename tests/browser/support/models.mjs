@@ -49,9 +49,9 @@ export function soundBox() {
   return stl(box([0, 0, 0], [40, 30, 20]));
 }
 
-/** A glTF file of two objects side by side: a box, and one without a lid. */
+/** A glTF file of two objects side by side: a box, and one whose smallest side, a lid, is missing. */
 export function twoObjects() {
-  const whole = box([0, 0, 0], [0.04, 0.03, 0.08]);
+  const whole = box([0, 0, 0], [0.08, 0.03, 0.04]);
   const meshes = [
     { name: "whole", triangles: whole },
     { name: "no lid", triangles: whole.slice(0, 10) },
@@ -63,7 +63,7 @@ export function twoObjects() {
     bufferViews: meshes.map(({ points }, i) => ({ buffer: 0, byteOffset: i * meshes[0].points.byteLength, byteLength: points.byteLength })),
     accessors: meshes.map(({ points }, i) => ({ bufferView: i, componentType: 5126, count: points.length / 3, type: "VEC3" })),
     meshes: meshes.map(({ name }, i) => ({ name, primitives: [{ attributes: { POSITION: i } }] })),
-    nodes: meshes.map((_, i) => ({ mesh: i, translation: [0.06 * i, 0, 0] })),
+    nodes: meshes.map((_, i) => ({ mesh: i, translation: [0.1 * i, 0, 0] })),
     scenes: [{ nodes: [0, 1] }],
     scene: 0,
   };
