@@ -129,6 +129,12 @@ pub struct Inspection {
 }
 
 impl Inspection {
+    /// How many defects of a kind were found.
+    #[must_use]
+    pub fn count(&self, kind: DefectKind) -> u64 {
+        self.defects.iter().find(|group| group.kind == kind).map_or(0, |group| group.count)
+    }
+
     /// Leaves out all places but so many of each kind. Counts stay.
     pub fn keep_places(&mut self, most: usize) {
         self.defects.iter_mut().for_each(|group| group.places.truncate(most));

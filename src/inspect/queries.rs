@@ -1,9 +1,11 @@
+use std::ops::Range;
+
 use rayon::prelude::*;
 
 use crate::context::{Cancelled, Context};
 
 /// Share of a budget that one question may take.
-const SHARE: u64 = 16;
+pub(super) const SHARE: u64 = 16;
 /// Questions asked at once before anything is known of what they cost, at least, and at most.
 const BLOCK: [usize; 3] = [64, 16, 4096];
 
@@ -30,7 +32,7 @@ pub(super) fn ask<T: Send>(
     question: impl Fn(usize, &mut u64) -> Option<T> + Sync,
 ) -> Result<Answers<T>, Cancelled> {
     let mut answers = Answers { values: (0..count).map(|_| None).collect(), complete: true };
-    let (stride, most) = (stride(count), (budget / SHARE).max(1));
+    let (order, most) = (Spread::over(count), (budget / SHARE).max(1));
     let (mut asked, mut spent) = (0, 0u64);
     let mut block = BLOCK[0];
     while asked < count {
@@ -40,17 +42,7 @@ pub(super) fn ask<T: Send>(
             break;
         }
         let end = count.min(asked + block);
-        let found: Vec<(usize, Option<T>, u64)> = (asked..end)
-            .into_par_iter()
-            .with_min_len(BLOCK[1])
-            .map(|i| {
-                let number = (i as u128 * stride as u128 % count as u128) as usize;
-                let mut left = most;
-                let answer = question(number, &mut left);
-                (number, answer, left)
-            })
-            .collect();
-        for (number, answer, left) in found {
+        for (number, answer, left) in ask_each(order.numbers(asked..end), BLOCK[1], most, &question) {
             answers.values[number] = answer;
             answers.complete &= left > 0;
             spent += most - left;
@@ -63,8 +55,42 @@ pub(super) fn ask<T: Send>(
     Ok(answers)
 }
 
+/// Asks questions in parallel, each with so many steps, `task` or more of them on one thread. Answers for each its number, its answer
+/// and the steps that it left.
+pub(super) fn ask_each<T: Send>(
+    numbers: impl IndexedParallelIterator<Item = usize>,
+    task: usize,
+    steps: u64,
+    question: impl Fn(usize, &mut u64) -> Option<T> + Sync,
+) -> Vec<(usize, Option<T>, u64)> {
+    let ask = |number| {
+        let mut left = steps;
+        let answer = question(number, &mut left);
+        (number, answer, left)
+    };
+    numbers.with_min_len(task).map(ask).collect()
+}
+
+/// An order of the numbers below `count` of which every beginning is spread evenly over all of them.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Spread {
+    count: usize,
+    stride: usize,
+}
+
+impl Spread {
+    pub fn over(count: usize) -> Self {
+        Self { count, stride: stride(count) }
+    }
+
+    /// The numbers at some places of the order.
+    pub fn numbers(self, places: Range<usize>) -> impl IndexedParallelIterator<Item = usize> {
+        places.into_par_iter().map(move |i| (i as u128 * self.stride as u128 % self.count as u128) as usize)
+    }
+}
+
 /// A step that leads to every number below `count` once, about a golden section of it.
-pub(super) fn stride(count: usize) -> usize {
+fn stride(count: usize) -> usize {
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a share of a count")]
     let start = (count as f64 * 0.618_033_988_749_895) as usize;
     (start.max(1)..).find(|&stride| coprime(stride, count)).unwrap_or(1)

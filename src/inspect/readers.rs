@@ -45,12 +45,10 @@ impl Decimals {
         DVec3::from_array((p * self.scale).to_array().map(f64::round_ties_even))
     }
 
-    /// Places around a position, so many steps away along each axis that it moves along.
-    pub fn around(self, p: DVec3, steps: f64) -> impl Iterator<Item = DVec3> {
-        let mut ways: Vec<DVec3> =
-            (0..27).map(|k| DVec3::new((k % 3) as f64, (k / 3 % 3) as f64, (k / 9) as f64) - 1.0).collect();
-        ways.sort_by(|a, b| a.length_squared().total_cmp(&b.length_squared()));
-        ways.into_iter().skip(1).map(move |way| p + way * (steps / self.scale))
+    /// The least length that such a reader tells along an axis, in the model's unit, so many times.
+    #[must_use]
+    pub fn steps(self, count: f64) -> f64 {
+        count / self.scale
     }
 }
 

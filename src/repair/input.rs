@@ -129,8 +129,7 @@ impl Input<'_> {
 
     /// Vertices of which a normal of the file points into the mesh.
     pub fn bad_normals(&self) -> u64 {
-        let of_kind = self.before.defects.iter().find(|group| group.kind == DefectKind::BadVertexNormal);
-        of_kind.map_or(0, |group| group.count)
+        self.before.count(DefectKind::BadVertexNormal)
     }
 
     /// Looks at a result as at the input: at its own bytes, read back, and at what became of the input. What the input's bytes

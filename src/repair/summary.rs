@@ -11,7 +11,7 @@ pub(super) fn what_remains(after: &Inspection) -> String {
     }
     let kinds = [(DefectKind::DegenerateFace, "with a very short edge"), (DefectKind::FlatFace, "of almost no height")];
     let found = kinds.map(|(kind, what)| {
-        let count = after.defects.iter().find(|group| group.kind == kind).map_or(0, |group| group.count);
+        let count = after.count(kind);
         (count > 0).then(|| format!("{} {what}", counted(count, "face", "faces")))
     });
     let remaining: Vec<String> = found.into_iter().flatten().collect();

@@ -60,8 +60,7 @@ pub struct Fit {
     pub turned: bool,
 }
 
-/// Measures a model for printing; none for a mesh without faces. The work on walls is
-/// bounded, so it is O(n log n).
+/// Measures a model for printing; none for a mesh without faces. The work on walls is bounded, so it is O(n log n).
 ///
 /// # Errors
 /// [`Cancelled`] when the context says stop.

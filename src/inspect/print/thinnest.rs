@@ -1,11 +1,10 @@
 use glam::DVec3;
-use rayon::prelude::*;
 
 use super::walls::{Probe, Prober};
 use crate::context::{Cancelled, Context};
 use crate::inspect::Analysis;
 use crate::inspect::compare::{Sample, samples, unit_diagonal};
-use crate::inspect::queries::stride;
+use crate::inspect::queries::{SHARE, Spread, ask_each};
 use crate::math::Box3;
 
 /// Regions along the longest side of the bounding box. Each keeps its thinnest wall.
@@ -27,8 +26,6 @@ const BUDGET: u64 = 10_000_000;
 const BUDGET_A_POINT: u64 = 200;
 const COSTLY_BUDGET: u64 = 1_000_000;
 const COSTLY_BUDGET_A_POINT: u64 = 30;
-/// Share of the budget that one point may take.
-const SHARE: u64 = 16;
 /// Moves towards where a wall is thinner still, and how far each goes, as shares of the way to the thinnest point of the two
 /// faces.
 const MOVES: usize = 16;
@@ -159,7 +156,7 @@ impl<'a> Search<'a> {
         context: &Context<'_>,
         question: impl Fn(usize, &Self, &mut u64) -> Option<Wall> + Sync,
     ) -> Result<u64, Cancelled> {
-        let (stride, most) = (stride(count), (budget / SHARE).max(1));
+        let (order, most) = (Spread::over(count), (budget / SHARE).max(1));
         let (mut asked, mut left, mut block) = (0, budget, BLOCK[0]);
         while asked < count {
             context.check()?;
@@ -169,16 +166,8 @@ impl<'a> Search<'a> {
             }
             let end = count.min(asked + block);
             let known = &*self;
-            let answers: Vec<(Option<Wall>, u64)> = (asked..end)
-                .into_par_iter()
-                .with_min_len(TASK)
-                .map(|i| {
-                    let mut steps = most;
-                    let number = (i as u128 * stride as u128 % count as u128) as usize;
-                    (question(number, known, &mut steps), steps)
-                })
-                .collect();
-            for (wall, steps) in answers {
+            let answers = ask_each(order.numbers(asked..end), TASK, most, |i, steps| question(i, known, steps));
+            for (_, wall, steps) in answers {
                 wall.into_iter().for_each(|wall| self.add(wall));
                 self.complete &= steps > 0;
                 left = left.saturating_sub(most - steps);

@@ -1,11 +1,12 @@
 //! Vertices taken to positions that f32 can hold without making faces meet.
 
-use glam::DVec3;
+use glam::{DVec3, Vec3Swizzles};
 use rustc_hash::{FxHashMap, FxHashSet};
 use smallvec::SmallVec;
 
 use super::clear::{Clear, NEW};
 use super::places::spacing;
+use super::separate::NEIGHBOURS;
 use crate::inspect::Decimals;
 use crate::math::to_single;
 use crate::mesh::{Surface, position_key};
@@ -126,6 +127,10 @@ pub(super) fn tell_apart(
     let mut taken: FxHashSet<[u64; 3]> = groups.into_keys().collect();
     let lattice = Lattice::of(surface);
     let mut it = Rounding::new(surface, lattice);
+    let mut ways = NEIGHBOURS.map(|way| way.zyx());
+    ways.sort_by(|a, b| a.length_squared().total_cmp(&b.length_squared()));
+    let asides: Vec<DVec3> =
+        STEPS_APART.into_iter().flat_map(|count| ways.map(|way| way * decimals.steps(count))).collect();
     let mut merged = 0;
     for mut group in crowded {
         context.check()?;
@@ -136,8 +141,7 @@ pub(super) fn tell_apart(
             let near = others.iter().copied().filter(|&u| at(it.surface, u).distance(p) <= limits.most);
             let goes = it.merge_into(v, &near.collect::<SmallVec<[u32; 8]>>());
             merged += u64::from(goes);
-            let places =
-                STEPS_APART.into_iter().flat_map(|steps| decimals.around(p, steps)).map(|q| lattice.nearest(q));
+            let places = asides.iter().map(|&aside| lattice.nearest(p + aside));
             let may_take =
                 |q: &DVec3| q.distance(p) <= limits.most && !taken.contains(&position_key(decimals.round(*q)));
             let moves = limits.moves && !others.is_empty();
@@ -324,7 +328,7 @@ mod tests {
         }
     }
 
-    fn told_apart(mut surface: Surface, limits: TellApart) -> (Surface, u64) {
+    fn separated(mut surface: Surface, limits: TellApart) -> (Surface, u64) {
         let (cancel, clock) = (AtomicBool::new(false), || Duration::ZERO);
         let context = Context::new(&NoProgress, &cancel, &clock, Duration::MAX);
         let merged = tell_apart(&mut surface, limits, |_| true, &context).unwrap();
@@ -343,14 +347,14 @@ mod tests {
     fn corners_of_two_parts_that_eight_decimals_do_not_tell_apart_are_moved_where_they_may() {
         let surface = tetrahedra(2f64.powi(-30));
         assert!(joined_by_decimals(&surface).is_some());
-        let (moved, merged) = told_apart(surface.clone(), TellApart { most: f64::INFINITY, moves: true });
+        let (moved, merged) = separated(surface.clone(), TellApart { most: f64::INFINITY, moves: true });
         assert_eq!((merged, moved.faces.len(), joined_by_decimals(&moved)), (0, 8, None));
         let corners = |it: &Surface| (0..8).flat_map(|f| it.corners(f)).collect::<Vec<DVec3>>();
         let far = corners(&surface).into_iter().zip(corners(&moved)).map(|(p, q)| p.distance(q));
         let farthest = far.fold(0.0, f64::max);
         assert!(farthest > 0.0 && farthest < 1e-7, "{farthest}");
         for limits in [TellApart { most: f64::INFINITY, moves: false }, TellApart { most: 1e-12, moves: true }] {
-            let (same, merged) = told_apart(surface.clone(), limits);
+            let (same, merged) = separated(surface.clone(), limits);
             assert_eq!((corners(&same), merged), (corners(&surface), 0));
         }
     }
@@ -364,7 +368,7 @@ mod tests {
         surface.faces[1] = [0, 8, 3];
         surface.faces.extend([[8, 2, 1], [8, 1, 3]]);
         surface.source.extend([0, 1]);
-        let (whole, merged) = told_apart(surface, TellApart { most: 1e-7, moves: false });
+        let (whole, merged) = separated(surface, TellApart { most: 1e-7, moves: false });
         assert_eq!((merged, whole.faces.len(), joined_by_decimals(&whole)), (1, 8, None));
         assert!(Edges::new(&whole.faces).iter().all(|half_edges| half_edges.len() == 2));
     }

@@ -12,7 +12,7 @@ use crate::mesh::{Edges, Stars, Surface};
 use crate::repair::{Cancelled, Change, Context};
 
 /// The directions to the corners, edges and sides of a cube.
-const NEIGHBOURS: [DVec3; 26] = {
+pub(super) const NEIGHBOURS: [DVec3; 26] = {
     let mut all = [DVec3::ZERO; 26];
     let (mut at, mut i) = (0, 0);
     while i < 27 {
