@@ -1,13 +1,17 @@
-use glam::DVec3;
+use glam::{DVec3, Vec3A};
+use obvhs::aabb::Aabb;
 use smallvec::SmallVec;
 
-use super::{DEPTH, Tree};
+use super::{DEPTH, Tree, vec3a};
+
+/// More than the slab test in f32 rounds, as a share: a subtraction, a reciprocal and a product, each by half of 2^-23.
+const ROUNDING: f32 = 1.0 / (1 << 20) as f32;
 
 impl Tree {
     /// Calls `visit` with every triangle whose box the segment from `from` to `to` meets, until it answers `false`.
     pub fn along(&self, from: DVec3, to: DVec3, visit: impl FnMut(u32) -> bool) {
         let segment = self.segment(from, to);
-        self.walk(|aabb| segment.enters(aabb.min.as_dvec3(), aabb.max.as_dvec3()).is_some(), visit);
+        self.walk(|aabb| segment.enters(aabb).is_some(), visit);
     }
 
     /// The first triangle that the segment from `from` to `to` meets, and how far along it is; of several at one place the one of
@@ -24,15 +28,12 @@ impl Tree {
     ) -> Option<(f64, u32)> {
         let bvh = self.bvh.as_ref()?;
         let segment = self.segment(from, to);
-        let enters = |node: u32| {
-            let aabb = bvh.nodes[node as usize].aabb();
-            segment.enters(aabb.min.as_dvec3(), aabb.max.as_dvec3()).map(|share| (share, node))
-        };
+        let enters = |node: u32| segment.enters(bvh.nodes[node as usize].aabb()).map(|share| (share, node));
         let mut first: Option<(f64, u32)> = None;
-        let mut stack: SmallVec<[(f64, u32); DEPTH]> = SmallVec::new();
+        let mut stack: SmallVec<[(f32, u32); DEPTH]> = SmallVec::new();
         stack.extend(enters(0));
         while let Some((share, at)) = stack.pop() {
-            if first.is_some_and(|first| first.0 < share) {
+            if first.is_some_and(|first| first.0 < f64::from(share)) {
                 continue;
             }
             let node = &bvh.nodes[at as usize];
@@ -63,26 +64,31 @@ impl Tree {
         let origin = self.frame.to_tree(from);
         let step = self.frame.to_tree(to) - origin;
         // Finite, so that a product with zero is zero; any other with it is outside of the segment.
-        let share = step.recip().clamp(DVec3::splat(f64::MIN), DVec3::splat(f64::MAX));
-        Segment { origin, share }
+        let share = vec3a(step.recip()).clamp(Vec3A::splat(f32::MIN), Vec3A::splat(f32::MAX));
+        let origin = vec3a(origin);
+        let rounding = origin.abs() * f32::EPSILON;
+        Segment { low: origin + rounding, high: origin - rounding, share }
     }
 }
 
 /// A segment in the frame of a tree.
 struct Segment {
-    origin: DVec3,
+    /// Its start, rounded up for the low sides of boxes and down for the high ones, so that no box is nearer than it seems.
+    low: Vec3A,
+    high: Vec3A,
     /// One over what it goes along each axis.
-    share: DVec3,
+    share: Vec3A,
 }
 
 impl Segment {
-    /// How far along it enters a box, as a share of it, where it meets the box: the slab test (Kay and Kajiya 1986). The boxes are
-    /// padded by far more than this rounds.
+    /// How far along it enters a box, as a share of it, where it meets the box: the slab test (Kay and Kajiya 1986), never too
+    /// late and never missed by rounding (Ize 2013, "Robust BVH Ray Traversal").
     #[inline]
-    fn enters(&self, min: DVec3, max: DVec3) -> Option<f64> {
-        let (a, b) = ((min - self.origin) * self.share, (max - self.origin) * self.share);
+    fn enters(&self, aabb: &Aabb) -> Option<f32> {
+        let (a, b) = ((aabb.min - self.low) * self.share, (aabb.max - self.high) * self.share);
         let (enter, leave) = (a.min(b).max_element().max(0.0), a.max(b).min_element().min(1.0));
-        (enter <= leave).then_some(enter)
+        let enter = enter * (1.0 - ROUNDING);
+        (enter <= leave * (1.0 + ROUNDING)).then_some(enter)
     }
 }
 
@@ -148,6 +154,23 @@ mod tests {
         });
         assert!(found.contains(&500), "{found:?}");
         assert!(found.len() < 4, "{found:?}");
+    }
+
+    #[test]
+    fn a_segment_that_starts_far_away_meets_what_it_meets() {
+        let (positions, faces) = triangles(300);
+        let tree = Tree::new(&positions, &faces);
+        for (f, far) in (0..300).zip([1e3, 1e5, 1e7].into_iter().cycle()) {
+            let corners = faces[f as usize].map(|v| positions[v as usize]);
+            let centre = corners.iter().sum::<DVec3>() / 3.0;
+            let from = centre + DVec3::new(far, -0.7 * far, 0.3 * far);
+            let mut candidates = Vec::new();
+            tree.along(from, centre - (from - centre), |face| {
+                candidates.push(face);
+                true
+            });
+            assert!(candidates.contains(&f), "{f} from {far}");
+        }
     }
 
     #[test]
