@@ -2,6 +2,7 @@ use glam::{DVec3, Vec3A};
 use obvhs::aabb::Aabb;
 use smallvec::SmallVec;
 
+use super::nearest::FAR;
 use super::{DEPTH, Tree, vec3a};
 
 /// More than the slab test in f32 rounds, as a share: a subtraction, a reciprocal and a product, each by half of 2^-23.
@@ -63,6 +64,10 @@ impl Tree {
     fn segment(&self, from: DVec3, to: DVec3) -> Segment {
         let origin = self.frame.to_tree(from);
         let step = self.frame.to_tree(to) - origin;
+        if !origin.abs().max(step.abs()).cmplt(DVec3::splat(FAR)).all() {
+            // Too far or too long for f32: it is taken to meet every box.
+            return Segment { low: Vec3A::ZERO, high: Vec3A::ZERO, share: Vec3A::ZERO };
+        }
         // Finite, so that a product with zero is zero; any other with it is outside of the segment.
         let share = vec3a(step.recip()).clamp(Vec3A::splat(f32::MIN), Vec3A::splat(f32::MAX));
         let origin = vec3a(origin);
@@ -73,7 +78,7 @@ impl Tree {
 
 /// A segment in the frame of a tree.
 struct Segment {
-    /// Its start, rounded up for the low sides of boxes and down for the high ones, so that no box is nearer than it seems.
+    /// Its start, rounded up for the low sides of boxes and down for the high ones: boxes get larger by what f32 rounds of it.
     low: Vec3A,
     high: Vec3A,
     /// One over what it goes along each axis.
@@ -96,7 +101,7 @@ impl Segment {
 #[allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 mod tests {
     use super::*;
-    use crate::math::{hit, r3};
+    use crate::math::{hit, r3, ray_direction};
 
     fn triangles(n: u32) -> (Vec<DVec3>, Vec<[u32; 3]>) {
         let corner = |i: u32| DVec3::from(r3(f64::from(i / 3))) + DVec3::from(r3(f64::from(i + 7000))) * 0.8;
@@ -170,6 +175,25 @@ mod tests {
                 true
             });
             assert!(candidates.contains(&f), "{f} from {far}");
+        }
+    }
+
+    #[test]
+    fn a_segment_meets_a_triangle_that_is_too_small_for_f32_to_tell_from_afar() {
+        for exponent in 10..300 {
+            let size = 10f64.powi(-exponent);
+            let tree = Tree::new(&[DVec3::ZERO, DVec3::X, DVec3::Y].map(|p| p * size), &[[0, 1, 2]]);
+            let aside = DVec3::new(0.2, 0.3, 0.0) * size;
+            let ways =
+                (0..20).map(ray_direction).chain([DVec3::Z, DVec3::new(1.0, -1.0, 1.0), DVec3::new(1.0, 1e-3, -1e-6)]);
+            for way in ways {
+                let mut candidates = 0;
+                tree.along(aside + way, aside - way, |_| {
+                    candidates += 1;
+                    true
+                });
+                assert_eq!(candidates, 1, "{size} {way}");
+            }
         }
     }
 

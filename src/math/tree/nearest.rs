@@ -4,7 +4,7 @@ use super::{DEPTH, Tree, box_distance_squared};
 use crate::math::nearest_on_triangle;
 
 /// Half-sides of the model from which on all its points are equally far, but for rounding.
-const FAR: f64 = 1.152_921_504_606_847e18; // 2^60
+pub(super) const FAR: f64 = 1.152_921_504_606_847e18; // 2^60
 
 /// The point of a surface that is nearest to another point.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -127,6 +127,7 @@ pub(super) fn tell_apart(
     let mut taken: FxHashSet<[u64; 3]> = groups.into_keys().collect();
     let lattice = Lattice::of(surface);
     let mut it = Rounding::new(surface, lattice);
+    // The nearest first, and of equally near ones by z, then y, then x.
     let mut ways = NEIGHBOURS.map(|way| way.zyx());
     ways.sort_by(|a, b| a.length_squared().total_cmp(&b.length_squared()));
     let asides: Vec<DVec3> =
