@@ -3,7 +3,8 @@
 CARGO_DENY_VERSION := 0.20.2
 
 .PHONY: serve test lint fmt clippy deny openapi check-openapi build bench audit blender tools postgres check-api check-deploy page \
-	check-page test-browser screenshots clients check-clients test-clients docs pictures
+	check-page test-browser screenshots clients check-clients test-clients test-generators docs \
+	pictures
 
 ## Install what is missing, build, and serve on 127.0.0.1:8080 with SQLite and a local folder.
 serve: tools blender
@@ -19,6 +20,7 @@ test: tools blender postgres
 	fi
 	@sh scripts/test-browser.sh
 	@sh scripts/clients.sh test
+	@sh scripts/generators.sh
 
 lint: tools fmt clippy deny check-openapi check-page check-clients
 
@@ -78,6 +80,10 @@ pictures:
 ## The README's pictures.
 screenshots: tools
 	@sh scripts/test-browser.sh screenshots
+
+## Clients made by code generators from the OpenAPI document, against the built program; a step of `make test`.
+test-generators: tools
+	@sh scripts/generators.sh
 
 ## The served program against its OpenAPI document with schemathesis, which is installed for it; two minutes.
 check-api: tools

@@ -41,7 +41,7 @@ pub use admit::Auth;
 pub use capabilities::{Capabilities, TierStatus};
 pub use catalogue::{ProblemDoc, catalogue};
 pub use health::{Health, probes};
-pub use openapi::document;
+pub use openapi::{document, document_3_0};
 pub use problem::{Problem, ProblemCode};
 pub use rates::Rates;
 pub use router::router;

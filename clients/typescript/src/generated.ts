@@ -480,7 +480,28 @@ export interface paths {
         trace?: never;
     };
 }
-export type webhooks = Record<string, never>;
+export interface webhooks {
+    job_ended: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * A job has ended
+         * @description Posted to every webhook endpoint whose events include the message's `type`, and to the job's `callback_url`. Signed in the form of the Standard Webhooks specification. Sent again until the receiver answers 2xx.
+         */
+        post: operations["job_ended"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+}
 export interface components {
     schemas: {
         /**
@@ -510,6 +531,11 @@ export interface components {
              */
             version: number;
         };
+        /** @description Look at one file or several, and change nothing. */
+        AnalyzeJobOptions: components["schemas"]["AnalyzeOptions"] & {
+            /** @enum {string} */
+            mode: "analyze";
+        };
         /** @description How files are to be analysed. Every field has a default. */
         AnalyzeOptions: components["schemas"]["InspectOptions"] & {
             /**
@@ -536,6 +562,11 @@ export interface components {
              * @default true
              */
             spacing?: boolean;
+        };
+        /** @description Of an analysis. */
+        AnalyzeReport: components["schemas"]["AnalysisReport"] & {
+            /** @enum {string} */
+            mode: "analyze";
         };
         /**
          * @description An answer to a question that can't always be asked.
@@ -1241,13 +1272,7 @@ export interface components {
          *     The structs of the options let unknown fields pass, since a struct that does not can't stand beside `mode` in one
          *     object; [`JobOptions::from_fields`] does not let them pass.
          */
-        JobOptions: (components["schemas"]["Options"] & {
-            /** @enum {string} */
-            mode: "repair";
-        }) | (components["schemas"]["AnalyzeOptions"] & {
-            /** @enum {string} */
-            mode: "analyze";
-        });
+        JobOptions: components["schemas"]["RepairJobOptions"] | components["schemas"]["AnalyzeJobOptions"];
         /**
          * @description What became of a job's model, apart from whether the job ran.
          * @enum {string}
@@ -1278,13 +1303,7 @@ export interface components {
             type: string;
         };
         /** @description The account that a job leaves; its `mode` tells which. */
-        JobReport: (components["schemas"]["Report"] & {
-            /** @enum {string} */
-            mode: "repair";
-        }) | (components["schemas"]["AnalysisReport"] & {
-            /** @enum {string} */
-            mode: "analyze";
-        });
+        JobReport: components["schemas"]["RepairReport"] | components["schemas"]["AnalyzeReport"];
         /**
          * @description What became of each edge-connected part of the input, found on the result's own bytes: every part is in the result, or has
          *     a certificate, or is lost.
@@ -2217,6 +2236,16 @@ export interface components {
             program: string;
             /** @description Its version, such as `3.4.1`. */
             version: string;
+        };
+        /** @description Repair one model. */
+        RepairJobOptions: components["schemas"]["Options"] & {
+            /** @enum {string} */
+            mode: "repair";
+        };
+        /** @description Of a repair. */
+        RepairReport: components["schemas"]["Report"] & {
+            /** @enum {string} */
+            mode: "repair";
         };
         /** @description The account of one repair. */
         Report: {
@@ -3154,7 +3183,9 @@ export interface components {
 }
 export type Action = components['schemas']['Action'];
 export type AnalysisReport = components['schemas']['AnalysisReport'];
+export type AnalyzeJobOptions = components['schemas']['AnalyzeJobOptions'];
 export type AnalyzeOptions = components['schemas']['AnalyzeOptions'];
+export type AnalyzeReport = components['schemas']['AnalyzeReport'];
 export type Answer = components['schemas']['Answer'];
 export type ArtifactLink = components['schemas']['ArtifactLink'];
 export type Assumption = components['schemas']['Assumption'];
@@ -3247,6 +3278,8 @@ export type Readiness = components['schemas']['Readiness'];
 export type RedFlag = components['schemas']['RedFlag'];
 export type RedFlagCode = components['schemas']['RedFlagCode'];
 export type RemesherInfo = components['schemas']['RemesherInfo'];
+export type RepairJobOptions = components['schemas']['RepairJobOptions'];
+export type RepairReport = components['schemas']['RepairReport'];
 export type Report = components['schemas']['Report'];
 export type Require = components['schemas']['Require'];
 export type Rung = components['schemas']['Rung'];
@@ -3734,17 +3767,17 @@ export interface operations {
         parameters: {
             query?: {
                 /** @description For a raw body: the file's name */
-                name?: string | null;
+                name?: string;
                 /** @description For a raw body: what to do, `repair` where it is left out. An option of the other mode is refused */
                 mode?: components["schemas"]["Mode"];
                 /** @description For a raw body: your own notes on the job, a JSON object of texts */
                 metadata?: string;
                 /** @description For a raw body: an https address to tell of the job's end */
-                callback_url?: string | null;
+                callback_url?: string;
                 /** @description The plan to run, or `auto`. */
                 preset?: components["schemas"]["Preset"];
                 /** @description With the preset `auto`: the category of damage that the plan is chosen for, instead of the one that the inspection finds. */
-                category?: components["schemas"]["Category"] | null;
+                category?: components["schemas"]["Category"];
                 /** @description Format of the result. */
                 output?: components["schemas"]["OutputFormat"];
                 /** @description What becomes of the objects of a file whose format has such. */
@@ -3752,9 +3785,9 @@ export interface operations {
                 /** @description What the result must be for the repair to succeed. */
                 require?: components["schemas"]["Require"];
                 /** @description The unit of the file's lengths, whatever it says itself. Without it, and where the file says none, millimetres are assumed. */
-                unit?: components["schemas"]["Unit"] | null;
+                unit?: components["schemas"]["Unit"];
                 /** @description The unit that lengths are brought into; without it they stay as they are. Lengths among these options are in it. */
-                scale_to?: components["schemas"]["Unit"] | null;
+                scale_to?: components["schemas"]["Unit"];
                 /** @description Operators that run although they are left out by default. */
                 with?: components["schemas"]["Operator"][];
                 /** @description Operators that do not run. */
@@ -3763,17 +3796,17 @@ export interface operations {
                  * @description The farthest that surface may be moved from where it was or made, hole patches apart, in the model's unit. What can't be
                  *     fixed within it is left and reported.
                  */
-                max_deviation?: number | null;
+                max_deviation?: number;
                 /**
                  * @description Most faces that the result should have: faces are removed by collapsing edges until there are no more, or `max_error`, or
                  *     without it 0.5 % of the bounding box's diagonal, allows no further.
                  */
-                max_faces?: number | null;
+                max_faces?: number;
                 /**
                  * @description The farthest that the surface may be, both ways, from where it was before faces were removed, in the model's unit. Without
                  *     `max_faces`, all faces go that may go within it: with a tiny error those that plane surface does not need.
                  */
-                max_error?: number | null;
+                max_error?: number;
                 /** @description Highest tier that may run, 1 to 3: 1 cleans, 2 mends, 3 is Blender. */
                 max_tier?: number;
                 /**
@@ -3802,19 +3835,19 @@ export interface operations {
                  * @description Vertices closer than this are merged, on the boundary or not, in the model's unit. Without it, only equal positions are, and
                  *     boundary vertices within `weld_tolerance`.
                  */
-                merge_distance?: number | null;
+                merge_distance?: number;
                 /**
                  * @description Boundary vertices closer than this share of the shortest boundary edge at either are merged; 0 merges none so. Without it 0.2,
                  *     and vertices no farther apart than 0.1 % of the bounding box's diagonal.
                  */
-                sew_ratio?: number | null;
+                sew_ratio?: number;
                 /**
                  * @description Widest crack that is stitched, as a share of the bounding box's diagonal; 0 stitches none. Without it 0.001. A gap wider than
                  *     half of the edges beside it is a hole.
                  */
-                stitch_threshold?: number | null;
+                stitch_threshold?: number;
                 /** @description Widest crack that is stitched, in the model's unit, instead of `stitch_threshold`. */
-                stitch_distance?: number | null;
+                stitch_distance?: number;
                 /** @description Share of an edge at either end within which stitching takes the end instead of cutting the edge; from 0.5 on, always. */
                 stitch_epsilon?: number;
                 /** @description Where two vertices that are stitched meet. */
@@ -3828,7 +3861,7 @@ export interface operations {
                  * @description Where `with` asks for `remove_overlapping_neighbours`: the angle between two neighbouring faces, in degrees, up to
                  *     which they lie on one another. Without it 1 degree, and faces no farther apart than 0.01 % of the bounding box's diagonal.
                  */
-                overlap_angle_deg?: number | null;
+                overlap_angle_deg?: number;
                 /**
                  * @description A polygon of the file whose corners rise from its plane by more than this angle, in degrees, is cut into
                  *     triangles with the least fold, others as if they were flat: other programs do so with all, and show the same surface then.
@@ -3850,7 +3883,7 @@ export interface operations {
                  * @description Thickness of thickened sheets and of a base at its lowest point, in the model's unit. Without it, 0.3 % of the bounding
                  *     box's diagonal.
                  */
-                thickness?: number | null;
+                thickness?: number;
                 /** @description Largest extent of a hole that is closed, as a share of the bounding box's diagonal; 1 closes holes of any size. */
                 max_hole_size?: number;
                 /** @description Most holes that are closed; of more, the smallest are. */
@@ -3862,7 +3895,7 @@ export interface operations {
                 /** @description Whether patches are refined and then bent so that they go on smoothly from the surface around. */
                 fair_patches?: boolean;
                 /** @description The edge of a remesh's voxels, natively or by Blender, in the model's unit. Without it the size follows from `voxel_resolution`. */
-                voxel_size?: number | null;
+                voxel_size?: number;
                 /** @description Voxels along the bounding box's diagonal for a remesh. */
                 voxel_resolution?: number;
                 /** @description Most faces a remesh may have; the voxel size is made larger until the estimate is below. */
@@ -3887,9 +3920,9 @@ export interface operations {
             };
             header?: {
                 /** @description Any text of your own, such as a UUID. The same request sent again within a day is answered with the job that it made (header `Idempotency-Replayed: true`), and makes no other */
-                "Idempotency-Key"?: string | null;
+                "Idempotency-Key"?: string;
                 /** @description `no-cache` to have the work done even where an earlier job of yours has the result */
-                "Cache-Control"?: string | null;
+                "Cache-Control"?: string;
             };
             path?: never;
             cookie?: never;
@@ -4261,8 +4294,8 @@ export interface operations {
                     "application/octet-stream": components["schemas"]["RawModel"];
                     "model/stl": components["schemas"]["RawModel"];
                     "model/obj": components["schemas"]["RawModel"];
-                    "model/gltf-binary": number[];
-                    "image/png": number[];
+                    "model/gltf-binary": components["schemas"]["RawModel"];
+                    "image/png": components["schemas"]["RawModel"];
                     "application/json": components["schemas"]["JobReport"];
                     "text/plain": string;
                 };
@@ -4273,11 +4306,11 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/octet-stream": number[];
-                    "model/stl": number[];
-                    "model/obj": number[];
-                    "model/gltf-binary": number[];
-                    "image/png": number[];
+                    "application/octet-stream": components["schemas"]["RawModel"];
+                    "model/stl": components["schemas"]["RawModel"];
+                    "model/obj": components["schemas"]["RawModel"];
+                    "model/gltf-binary": components["schemas"]["RawModel"];
+                    "image/png": components["schemas"]["RawModel"];
                     "application/json": string;
                     "text/plain": string;
                 };
@@ -5830,6 +5863,35 @@ export interface operations {
                 content: {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
+            };
+        };
+    };
+    job_ended: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["WebhookMessage"];
+            };
+        };
+        responses: {
+            /** @description The receiver has the message */
+            "2XX": {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content?: never;
+            };
+            /** @description The receiver refuses the message; it is sent again later */
+            "4XX": {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content?: never;
             };
         };
     };

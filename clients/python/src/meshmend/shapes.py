@@ -1359,6 +1359,12 @@ class RedFlag(TypedDict):
     """What was measured."""
 
 
+class RepairJobOptions(Options):
+    """Repair one model."""
+
+    mode: Literal['repair']
+
+
 class Rung(TypedDict):
     """One try of a plan."""
 
@@ -1700,27 +1706,6 @@ class Inspection(Measures, Characteristics):
     """Version of this structure."""
 
 
-class RepairJobOptions(Options):
-    """Repair one model."""
-
-    mode: Literal['repair']
-
-
-class AnalyzeJobOptions(AnalyzeOptions):
-    """Look at one file or several, and change nothing."""
-
-    mode: Literal['analyze']
-
-
-JobOptions: TypeAlias = RepairJobOptions | AnalyzeJobOptions
-"""
-What a job is to do: `mode` (`repair` where it is left out), and that mode's options beside it. Others are refused.
-
-The structs of the options let unknown fields pass, since a struct that does not can't stand beside `mode` in one
-object; [`JobOptions::from_fields`] does not let them pass.
-"""
-
-
 class Plan(TypedDict):
     """What is to be done, as data: made from the inspection, run afterwards."""
 
@@ -1741,36 +1726,10 @@ class SetReport(TypedDict):
     spacing: NotRequired[SetSpacing | None]
 
 
-class SubmitForm(TypedDict, closed=True):
-    """The form that a job is submitted with."""
+class AnalyzeJobOptions(AnalyzeOptions):
+    """Look at one file or several, and change nothing."""
 
-    callback_url: NotRequired[str | None]
-    """
-    An https address to tell of the job's end, beside the webhook endpoints. What comes there is signed with the secret of
-    `GET /v1/webhook-secret`.
-    """
-    file: list[RawModel]
-    """
-    The model, in a format that the capabilities list. A repair takes one; an analysis as many parts `file` as their `limits.max_files`
-    says.
-    """
-    metadata: NotRequired[dict[str, str]]
-    """Your own notes on the job as JSON, an object of texts: at most 50 and 8 KiB. They come back with the job."""
-    options: NotRequired[JobOptions | None]
-
-
-class SubmitUpload(TypedDict, closed=True):
-    """A job to make of a file that is here already."""
-
-    callback_url: NotRequired[str | None]
-    """An address to tell of the job's end."""
-    metadata: NotRequired[dict[str, str]]
-    """Your own notes on the job, at most 50 texts and 8 KiB."""
-    name: NotRequired[str | None]
-    """The file's name; without it that of the upload."""
-    options: NotRequired[JobOptions | None]
-    source: Source
-    """Where the file is."""
+    mode: Literal['analyze']
 
 
 class FileAnalysis(TypedDict):
@@ -1794,6 +1753,15 @@ class FileAnalysis(TypedDict):
     """The unit of every length that is told of it."""
     warnings: list[str]
     """What a person should know."""
+
+
+JobOptions: TypeAlias = RepairJobOptions | AnalyzeJobOptions
+"""
+What a job is to do: `mode` (`repair` where it is left out), and that mode's options beside it. Others are refused.
+
+The structs of the options let unknown fields pass, since a struct that does not can't stand beside `mode` in one
+object; [`JobOptions::from_fields`] does not let them pass.
+"""
 
 
 class ObjectReport(TypedDict):
@@ -1883,6 +1851,38 @@ class Report(TypedDict):
     """What a person should know."""
 
 
+class SubmitForm(TypedDict, closed=True):
+    """The form that a job is submitted with."""
+
+    callback_url: NotRequired[str | None]
+    """
+    An https address to tell of the job's end, beside the webhook endpoints. What comes there is signed with the secret of
+    `GET /v1/webhook-secret`.
+    """
+    file: list[RawModel]
+    """
+    The model, in a format that the capabilities list. A repair takes one; an analysis as many parts `file` as their `limits.max_files`
+    says.
+    """
+    metadata: NotRequired[dict[str, str]]
+    """Your own notes on the job as JSON, an object of texts: at most 50 and 8 KiB. They come back with the job."""
+    options: NotRequired[JobOptions | None]
+
+
+class SubmitUpload(TypedDict, closed=True):
+    """A job to make of a file that is here already."""
+
+    callback_url: NotRequired[str | None]
+    """An address to tell of the job's end."""
+    metadata: NotRequired[dict[str, str]]
+    """Your own notes on the job, at most 50 texts and 8 KiB."""
+    name: NotRequired[str | None]
+    """The file's name; without it that of the upload."""
+    options: NotRequired[JobOptions | None]
+    source: Source
+    """Where the file is."""
+
+
 class AnalysisReport(TypedDict):
     """The account of one analysis."""
 
@@ -1901,16 +1901,16 @@ class AnalysisReport(TypedDict):
     """Version of this structure."""
 
 
-class RepairReport(Report):
-    """Of a repair."""
-
-    mode: Literal['repair']
-
-
 class AnalyzeReport(AnalysisReport):
     """Of an analysis."""
 
     mode: Literal['analyze']
+
+
+class RepairReport(Report):
+    """Of a repair."""
+
+    mode: Literal['repair']
 
 
 JobReport: TypeAlias = RepairReport | AnalyzeReport

@@ -1,13 +1,21 @@
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use axum::middleware::map_response;
 use utoipa::OpenApi;
-use utoipa::openapi::path::ParameterIn;
-use utoipa::openapi::schema::AdditionalProperties;
+use utoipa::openapi::path::{HttpMethod, Operation, OperationBuilder, Parameter, ParameterIn};
+use utoipa::openapi::request_body::RequestBodyBuilder;
+use utoipa::openapi::schema::{AdditionalProperties, SchemaType, Type};
 use utoipa::openapi::security::{HttpAuthScheme, HttpBuilder, SecurityRequirement, SecurityScheme};
-use utoipa::openapi::{ContentBuilder, OpenApi as OpenApiDocument, Ref, RefOr, ResponseBuilder, Schema};
+use utoipa::openapi::{
+    ContentBuilder, OpenApi as OpenApiDocument, PathItem, Paths, PathsBuilder, Ref, RefOr, Required, ResponseBuilder,
+    Schema, ServerBuilder,
+};
 use utoipa_axum::router::{OpenApiRouter, UtoipaMethodRouterExt};
 use utoipa_axum::routes;
+
+mod version_3_0;
+
+pub use version_3_0::document_3_0;
 
 use super::admit::readable;
 use super::state::ApiState;
@@ -73,7 +81,71 @@ pub(super) fn open() -> OpenApiRouter<ApiState> {
 /// The OpenAPI document (3.1), as kept in `openapi/openapi.json`.
 #[must_use]
 pub fn document() -> OpenApiDocument {
-    guarded().merge(open()).into_openapi()
+    complete(guarded().merge(open()).into_openapi())
+}
+
+/// Adds what concerns the document as a whole: the server, the webhooks, the operations without a key, and names for schemas that
+/// code generators need.
+pub(super) fn complete(mut document: OpenApiDocument) -> OpenApiDocument {
+    document.servers = Some(vec![ServerBuilder::new().url("/").description(Some("This service")).build()]);
+    document.webhooks = Some(webhooks());
+    for operation in operations(&mut document) {
+        operation.security.get_or_insert_default();
+        for parameter in operation.parameters.iter_mut().flatten() {
+            if let RefOr::T(Parameter { schema: Some(schema), .. }) = parameter {
+                remove_null(schema);
+            }
+        }
+    }
+    name_variants(&mut document);
+    document
+}
+
+/// The messages that the service sends.
+fn webhooks() -> Paths {
+    let message = ContentBuilder::new().schema(Some(Ref::from_schema_name("WebhookMessage"))).build();
+    let ended = OperationBuilder::new()
+        .operation_id(Some("job_ended"))
+        .summary(Some("A job has ended"))
+        .description(Some(
+            "Posted to every webhook endpoint whose events include the message's `type`, and to the job's `callback_url`. \
+             Signed in the form of the Standard Webhooks specification. Sent again until the receiver answers 2xx.",
+        ))
+        .tag("webhooks")
+        .securities(Some(Vec::<SecurityRequirement>::new()))
+        .request_body(Some(RequestBodyBuilder::new().content("application/json", message).required(Some(Required::True)).build()))
+        .response("2XX", ResponseBuilder::new().description("The receiver has the message").build())
+        .response("4XX", ResponseBuilder::new().description("The receiver refuses the message; it is sent again later").build());
+    PathsBuilder::new().path("job_ended", PathItem::new(HttpMethod::Post, ended.build())).build()
+}
+
+/// Makes each titled variant of a union a schema of its own, named by its title: generators need a name for each.
+fn name_variants(document: &mut OpenApiDocument) {
+    let Some(components) = document.components.as_mut() else { return };
+    let mut named = Vec::new();
+    for schema in components.schemas.values_mut() {
+        let RefOr::T(Schema::OneOf(union)) = schema else { continue };
+        for variant in &mut union.items {
+            let title = match variant {
+                RefOr::T(Schema::AllOf(it)) => it.title.take(),
+                RefOr::T(Schema::Object(it)) => it.title.take(),
+                _ => None,
+            };
+            if let Some(title) = title {
+                let reference = RefOr::Ref(Ref::from_schema_name(&title));
+                named.push((title, std::mem::replace(variant, reference)));
+            }
+        }
+    }
+    components.schemas.extend(named);
+}
+
+fn operations(document: &mut OpenApiDocument) -> impl Iterator<Item = &mut Operation> {
+    document.paths.paths.values_mut().flat_map(|path| {
+        [&mut path.get, &mut path.post, &mut path.put, &mut path.patch, &mut path.delete]
+            .into_iter()
+            .filter_map(Option::as_mut)
+    })
 }
 
 /// Adds what `admit` and any handler may answer, and what is asked for.
@@ -94,12 +166,7 @@ fn document_admission(document: &mut OpenApiDocument) {
         ("500", "A fault of the service"),
         ("503", "The database does not answer now"),
     ];
-    let operations = document.paths.paths.values_mut().flat_map(|path| {
-        [&mut path.get, &mut path.post, &mut path.put, &mut path.patch, &mut path.delete]
-            .into_iter()
-            .filter_map(Option::as_mut)
-    });
-    for operation in operations {
+    for operation in operations(document) {
         operation.security = Some(vec![SecurityRequirement::default(), SecurityRequirement::new("key", [""; 0])]);
         let of_bodies = [("408", "The body stopped coming"), ("413", "The body is too large")];
         let of_bodies = of_bodies.into_iter().filter(|_| operation.request_body.is_some());
@@ -128,17 +195,59 @@ fn document_submission(document: &mut OpenApiDocument) {
     let known: BTreeMap<String, RefOr<Schema>> =
         bodies.flatten().map(|(name, it)| (name.clone(), it.clone())).collect();
     let submit = document.paths.paths.get_mut("/v1/jobs").and_then(|path| path.post.as_mut());
-    for field in submit.and_then(|submit| submit.parameters.as_mut()).into_iter().flatten() {
+    let Some(parameters) = submit.and_then(|submit| submit.parameters.as_mut()) else { return };
+    // Options that both modes have come twice, and a document may name a parameter once.
+    let mut named = BTreeSet::new();
+    parameters.retain(|field| matches!(field, RefOr::T(field) if named.insert(field.name.clone())));
+    for field in parameters {
         let RefOr::T(field) = field else { continue };
-        let Some(schema) = known.get(&field.name).filter(|_| field.parameter_in == ParameterIn::Query) else {
+        let Some(mut schema) = known.get(&field.name).filter(|_| field.parameter_in == ParameterIn::Query).cloned()
+        else {
             continue;
         };
+        // Generated clients send every default, and options of both modes stand side by side here; the bodies tell the defaults.
+        remove_default(&mut schema);
         if JSON_FIELDS.contains(&field.name.as_str()) {
-            let content = ContentBuilder::new().schema(Some(schema.clone())).build();
+            let content = ContentBuilder::new().schema(Some(schema)).build();
             field.content = BTreeMap::from([("application/json".to_owned(), content.into())]);
             field.schema = None;
         } else {
-            field.schema = Some(schema.clone());
+            field.schema = Some(schema);
         }
+    }
+}
+
+/// A parameter that is not required is left out; it can't be null.
+fn remove_null(schema: &mut RefOr<Schema>) {
+    match schema {
+        RefOr::T(Schema::Object(it)) => {
+            if let SchemaType::Array(types) = &mut it.schema_type {
+                types.retain(|kind| *kind != Type::Null);
+                if let [kind] = &types[..] {
+                    it.schema_type = SchemaType::Type(kind.clone());
+                }
+            }
+        }
+        RefOr::T(Schema::OneOf(it)) => {
+            it.items.retain(
+                |item| !matches!(item, RefOr::T(Schema::Object(it)) if it.schema_type == SchemaType::Type(Type::Null)),
+            );
+            if it.items.len() == 1 {
+                *schema = it.items.remove(0);
+            }
+        }
+        _ => {}
+    }
+}
+
+fn remove_default(schema: &mut RefOr<Schema>) {
+    match schema {
+        RefOr::Ref(it) => it.default = None,
+        RefOr::T(Schema::Object(it)) => it.default = None,
+        RefOr::T(Schema::Array(it)) => it.default = None,
+        RefOr::T(Schema::OneOf(it)) => it.default = None,
+        RefOr::T(Schema::AllOf(it)) => it.default = None,
+        RefOr::T(Schema::AnyOf(it)) => it.default = None,
+        RefOr::T(_) => {}
     }
 }
