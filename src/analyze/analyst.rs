@@ -142,6 +142,7 @@ impl<'a> Analyst<'a> {
         self.context.report(Stage::Finish, None, 100);
         let report = AnalysisReport {
             version: ANALYSIS_VERSION,
+            abridged: false,
             engine: crate::ENGINE.to_owned(),
             options: self.options.clone(),
             printable,

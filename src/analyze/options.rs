@@ -1,7 +1,8 @@
 use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value};
 use utoipa::ToSchema;
 
-use crate::inspect::{InspectOptions, OptionsError};
+use crate::inspect::{InspectOptions, OptionsError, changed_fields};
 use crate::scene::Unit;
 
 /// How files are to be analysed. Every field has a default.
@@ -40,6 +41,12 @@ impl Default for AnalyzeOptions {
 }
 
 impl AnalyzeOptions {
+    /// The options that differ from their defaults, as JSON.
+    #[must_use]
+    pub fn to_changed_fields(&self) -> Map<String, Value> {
+        changed_fields(self, &Self::default())
+    }
+
     /// Checks every range.
     ///
     /// # Errors

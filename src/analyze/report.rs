@@ -6,14 +6,17 @@ use crate::format::Format;
 use crate::inspect::{Inspection, SetReport};
 use crate::scene::LengthUnit;
 
-/// The version of [`AnalysisReport`]'s structure. 2: adds the unit of each file.
-pub const ANALYSIS_VERSION: u32 = 2;
+/// The version of [`AnalysisReport`]'s structure. 2: adds the unit of each file. 3: adds `abridged`, and histograms of `set` may be left out.
+pub const ANALYSIS_VERSION: u32 = 3;
 
 /// The account of one analysis.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct AnalysisReport {
     /// Version of this structure.
     pub version: u32,
+    /// Whether lists are shortened to their first items, and statistics and histograms are left out. Counts are always of everything.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub abridged: bool,
     /// Name and version of the engine.
     pub engine: String,
     /// The options that were in force.
@@ -27,6 +30,15 @@ pub struct AnalysisReport {
     pub set: Option<SetReport>,
     /// Time from the first file's first byte to the end, in milliseconds.
     pub milliseconds: f64,
+}
+
+impl AnalysisReport {
+    /// Shortens each list but that of the files to its first `most` items, and leaves out statistics and histograms.
+    pub fn abridge(&mut self, most: usize) {
+        self.abridged = true;
+        self.files.iter_mut().for_each(|file| file.inspection.abridge(most));
+        self.set.iter_mut().for_each(|set| set.abridge(most));
+    }
 }
 
 /// What was found in one file.

@@ -2,13 +2,16 @@ use std::collections::BTreeMap;
 use std::time::Duration;
 
 use serde::Serialize;
+use serde_json::{Map, Value};
 use time::OffsetDateTime;
 use utoipa::ToSchema;
 
 use super::catalogue::describe_job_problem;
 use crate::context::Stage;
 use crate::format::{Format, Place};
-use crate::jobs::{Input, Job, JobId, JobOptions, JobOutcome, JobReport, Metadata, ProblemKind, Status, StoredReport};
+use crate::jobs::{
+    Input, Job, JobId, JobOptions, JobOutcome, JobReport, Metadata, ProblemKind, Quote, Status, StoredReport,
+};
 use crate::scene::{LengthUnit, Unit, UnitSource};
 
 /// A job as clients see it.
@@ -29,35 +32,41 @@ pub(super) struct JobView {
     /// Tries that count, the running one among them.
     pub attempt: u32,
     /// When it was accepted.
-    #[serde(with = "time::serde::rfc3339")]
+    #[serde(with = "crate::jobs::timestamp")]
     pub created_at: OffsetDateTime,
     /// When a worker first took it.
     #[schema(required)]
-    #[serde(with = "time::serde::rfc3339::option")]
+    #[serde(with = "crate::jobs::timestamp::option")]
     pub started_at: Option<OffsetDateTime>,
     /// When it ended.
     #[schema(required)]
-    #[serde(with = "time::serde::rfc3339::option")]
+    #[serde(with = "crate::jobs::timestamp::option")]
     pub finished_at: Option<OffsetDateTime>,
     /// When its files and its report will be deleted, or were.
     #[schema(required)]
-    #[serde(with = "time::serde::rfc3339::option")]
+    #[serde(with = "crate::jobs::timestamp::option")]
     pub expires_at: Option<OffsetDateTime>,
     /// The uploaded file; of several the first.
     pub input: InputView,
     /// All uploaded files in the order they were sent, where there are several.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub inputs: Vec<InputView>,
-    /// What was asked for, defaults filled in.
-    pub options: JobOptions,
+    /// The options that differ from their defaults. The report lists all of them.
+    #[schema(value_type = JobOptions)]
+    pub options: Map<String, Value>,
     /// Your own notes, as you sent them.
     #[schema(value_type = BTreeMap<String, String>)]
     pub metadata: Metadata,
     /// The earlier job whose result this one was given, since it had the same bytes, options and engine.
     #[schema(value_type = Option<String>, required)]
     pub reused_from: Option<JobId>,
-    /// The account of what was done; left out of lists.
-    #[schema(value_type = Option<JobReport>, required)]
+    /// What a shop needs to price the model, once the job has a report of one file; left out of lists.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub quote: Option<Quote>,
+    /// The report, where `include=report` asks for it: with short lists, as the artifact `report.json` has it. The artifact
+    /// `report-full.json` has everything.
+    #[schema(value_type = Option<JobReport>)]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub report: Option<StoredReport>,
     /// The files to download, by name.
     pub artifacts: BTreeMap<String, ArtifactView>,
@@ -116,14 +125,16 @@ pub(super) struct ProgressView {
 pub(super) struct ArtifactView {
     /// Its address, relative to the service's.
     pub href: String,
-    /// The name it is saved under.
+    /// The name to save it under.
     pub filename: String,
     /// Its media type.
     pub media_type: String,
-    /// Its size.
-    pub bytes: u64,
-    /// SHA-256 of its bytes, in hexadecimal.
-    pub sha256: String,
+    /// Its size; left out of pictures and coloured meshes.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub bytes: Option<u64>,
+    /// SHA-256 of its bytes, in hexadecimal; left out of pictures and coloured meshes.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sha256: Option<String>,
 }
 
 /// Why a job failed, in the shape of a problem.
@@ -148,7 +159,7 @@ pub(super) struct JobProblemView {
 }
 
 impl JobView {
-    /// `retention` is how long results are kept.
+    /// `retention` is how long results are kept. The report is left out; [`JobView::with_report`] puts it in.
     pub fn new(job: Job, queue_position: Option<u64>, retention: Duration) -> Self {
         let progress = (!job.status.is_final()).then(|| ProgressView {
             stage: job.progress.map(|p| p.stage),
@@ -159,6 +170,7 @@ impl JobView {
         let link = |(name, artifact): (String, crate::jobs::Artifact)| {
             let href = format!("/v1/jobs/{}/artifacts/{name}", job.id);
             let crate::jobs::Artifact { filename, media_type, bytes, sha256, .. } = artifact;
+            let (bytes, sha256) = if is_picture(&name) { (None, None) } else { (Some(bytes), Some(sha256)) };
             (name, ArtifactView { href, filename, media_type, bytes, sha256 })
         };
         let problem = job.problem.map(|problem| JobProblemView {
@@ -187,12 +199,23 @@ impl JobView {
             expires_at: job.finished_at.and_then(|end| end.checked_add(retention.try_into().ok()?)),
             input: inputs[0].clone(),
             inputs: if inputs.len() > 1 { inputs } else { Vec::new() },
-            options: job.options,
+            options: job.options.to_changed_fields(),
             metadata: job.metadata,
             reused_from: job.reused_from,
-            report: job.report,
+            quote: job.report.as_ref().and_then(Quote::of),
+            report: None,
             artifacts: job.artifacts.into_iter().map(link).collect(),
             problem,
         }
     }
+
+    /// The same with the report.
+    pub fn with_report(self, report: Option<StoredReport>) -> Self {
+        Self { report, ..self }
+    }
+}
+
+/// Whether an artifact shows a result: a picture or a coloured mesh.
+fn is_picture(name: &str) -> bool {
+    !matches!(name, "model" | "original") && !name.ends_with(".json") && !name.ends_with(".txt")
 }

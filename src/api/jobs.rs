@@ -27,6 +27,17 @@ pub(super) struct WaitQuery {
     /// header `Prefer: wait=20` asks for the same.
     #[param(minimum = 0, example = 20)]
     wait: Option<i64>,
+    /// What to answer beside the job.
+    #[param(inline)]
+    include: Option<Include>,
+}
+
+/// What a job's answer may include.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub(super) enum Include {
+    /// The report.
+    Report,
 }
 
 /// One job.
@@ -64,12 +75,14 @@ pub(super) async fn get_job(
         }
     }
     let position = state.store.queue_position(&job).await?;
+    let report = query.include.and_then(|Include::Report| job.report.clone());
     let etag = etag(&job, position);
     if text_header(&headers, &header::IF_NONE_MATCH).is_some_and(|known| names(known, &etag)) {
         let headers = [(header::ETAG, etag), (header::CACHE_CONTROL, "no-cache".to_owned())];
         return Ok((StatusCode::NOT_MODIFIED, headers).into_response());
     }
-    Ok(answer(&state, StatusCode::OK, job, position, [(header::ETAG, etag)]))
+    let view = JobView::new(job, position, state.config.retention).with_report(report);
+    Ok(answer_view(StatusCode::OK, view, [(header::ETAG, etag)]))
 }
 
 /// The answer with a job in it, and when to ask again.
@@ -80,8 +93,11 @@ pub(super) fn answer<const N: usize>(
     position: Option<u64>,
     headers: [(HeaderName, String); N],
 ) -> Response {
-    let more = (!job.status.is_final()).then_some([(header::RETRY_AFTER, "1")]);
-    let view = JobView::new(job, position, state.config.retention);
+    answer_view(status, JobView::new(job, position, state.config.retention), headers)
+}
+
+fn answer_view<const N: usize>(status: StatusCode, view: JobView, headers: [(HeaderName, String); N]) -> Response {
+    let more = (!view.status.is_final()).then_some([(header::RETRY_AFTER, "1")]);
     (status, headers, [(header::CACHE_CONTROL, "no-cache")], more, Json(view)).into_response()
 }
 

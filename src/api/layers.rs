@@ -3,10 +3,13 @@ use std::time::Instant;
 
 use axum::Router;
 use axum::extract::{MatchedPath, Request};
-use axum::http::{HeaderName, HeaderValue, StatusCode, header};
-use axum::middleware::{Next, from_fn};
+use axum::http::{Extensions, HeaderMap, HeaderName, HeaderValue, StatusCode, Version, header};
+use axum::middleware::{Next, from_fn, map_response};
 use axum::response::{IntoResponse, Response};
 use tower_http::catch_panic::CatchPanicLayer;
+use tower_http::compression::CompressionLayer;
+use tower_http::compression::predicate::{Predicate, SizeAbove};
+use tower_http::decompression::RequestDecompressionLayer;
 use tower_http::request_id::{MakeRequestUuid, PropagateRequestIdLayer, RequestId, SetRequestIdLayer};
 use tracing::Instrument;
 use tracing::field::Empty;
@@ -19,12 +22,21 @@ const REQUEST_ID: HeaderName = HeaderName::from_static("x-request-id");
 /// Longest request id taken from a client.
 const ID_CHARS: usize = 64;
 
+/// Content codings of requests that are decoded.
+const CODINGS: [&str; 4] = ["gzip", "br", "zstd", "deflate"];
+/// Bytes from which on an answer is compressed.
+const WORTH_COMPRESSING: u64 = 512;
+
 /// What every request passes through, outermost last.
 pub(super) fn add(router: Router) -> Router {
     router
         .layer(CatchPanicLayer::custom(panicked))
         .layer(from_fn(linger))
+        .layer(RequestDecompressionLayer::new())
+        .layer(from_fn(check_coding))
         .layer(from_fn(observe))
+        .layer(CompressionLayer::new().no_deflate().compress_when(SizeAbove::new(WORTH_COMPRESSING).and(is_text)))
+        .layer(map_response(weaken_etag))
         .layer(PropagateRequestIdLayer::new(REQUEST_ID))
         .layer(SetRequestIdLayer::new(REQUEST_ID, MakeRequestUuid))
         .layer(from_fn(distrust_request_id))
@@ -108,4 +120,42 @@ fn panicked(panic: Box<dyn Any + Send + 'static>) -> Response {
     let message = message.or_else(|| panic.downcast_ref::<&str>().copied()).unwrap_or("no message");
     tracing::error!(message, "a handler panicked");
     Problem::new(ProblemCode::Internal, "The service could not do this. Try again later.").into_response()
+}
+
+/// Refuses a request whose body can't be decoded.
+async fn check_coding(request: Request, next: Next) -> Response {
+    let mut codings = request.headers().get_all(header::CONTENT_ENCODING).iter();
+    let (coding, more) = (codings.next(), codings.next());
+    let known = |coding: &HeaderValue| {
+        coding
+            .to_str()
+            .is_ok_and(|coding| CODINGS.iter().chain(&["identity"]).any(|it| coding.eq_ignore_ascii_case(it)))
+    };
+    if more.is_none() && coding.is_none_or(known) {
+        return next.run(request).await;
+    }
+    let detail = format!(
+        "`Content-Encoding` must be one of {}. Send the body in one of these, or uncompressed.",
+        CODINGS.join(", ")
+    );
+    Problem::new(ProblemCode::UnsupportedMediaType, detail).with_header(header::CONNECTION, "close").into_response()
+}
+
+/// Whether an answer is text, which compresses well. Models and pictures keep their bytes, so that ranges of them can be asked for.
+fn is_text(_: StatusCode, _: Version, headers: &HeaderMap, _: &Extensions) -> bool {
+    let media_type = headers.get(header::CONTENT_TYPE).and_then(|value| value.to_str().ok()).unwrap_or_default();
+    let kinds = ["application/json", "application/problem+json", "text/", "application/javascript", "image/svg+xml"];
+    kinds.iter().any(|kind| media_type.starts_with(kind)) && !media_type.starts_with("text/event-stream")
+}
+
+/// Marks the entity tag of a compressed answer as weak: a strong one names the exact bytes (RFC 9110, 8.8.3).
+async fn weaken_etag(mut response: Response) -> Response {
+    if response.headers().contains_key(header::CONTENT_ENCODING)
+        && let Some(tag) = response.headers().get(header::ETAG).and_then(|tag| tag.to_str().ok())
+        && !tag.starts_with("W/")
+        && let Ok(weak) = HeaderValue::from_str(&format!("W/{tag}"))
+    {
+        response.headers_mut().insert(header::ETAG, weak);
+    }
+    response
 }

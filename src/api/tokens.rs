@@ -71,7 +71,7 @@ pub(super) struct BrowserToken {
     /// Largest upload in bytes.
     max_bytes: u64,
     /// When it expires.
-    #[serde(with = "time::serde::rfc3339::option")]
+    #[serde(with = "crate::jobs::timestamp::option")]
     expires_at: Option<OffsetDateTime>,
 }
 

@@ -1,6 +1,7 @@
 //! What comes in from a client, byte by byte: bounded in size, in silence and in memory, and removed when it is refused.
 
 use std::error::Error;
+use std::io::{self, ErrorKind};
 use std::task::Poll;
 use std::time::Duration;
 
@@ -145,6 +146,14 @@ pub(super) fn source_problem(error: &(dyn Error + 'static)) -> Problem {
         }
         if let Some(error) = e.downcast_ref::<BlobError>() {
             return error.into();
+        }
+        if e.downcast_ref::<io::Error>()
+            .is_some_and(|e| matches!(e.kind(), ErrorKind::InvalidData | ErrorKind::InvalidInput))
+        {
+            return Problem::invalid_request(
+                "The body can't be decoded as its `Content-Encoding` says. Send it again.",
+            )
+            .with_header(header::CONNECTION, "close");
         }
         if let Some(multipart) = e.downcast_ref::<MultipartError>() {
             form = Some(multipart.body_text());

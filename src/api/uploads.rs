@@ -46,7 +46,7 @@ pub(super) struct UploadView {
     /// Most bytes that it may have.
     max_bytes: u64,
     /// Until when a job may be made of it.
-    #[serde(with = "time::serde::rfc3339")]
+    #[serde(with = "crate::jobs::timestamp")]
     expires_at: OffsetDateTime,
 }
 
@@ -62,7 +62,7 @@ pub(super) struct PutView {
     /// Headers that it must have.
     headers: BTreeMap<String, String>,
     /// Until when it may begin.
-    #[serde(with = "time::serde::rfc3339")]
+    #[serde(with = "crate::jobs::timestamp")]
     expires_at: OffsetDateTime,
 }
 

@@ -24,12 +24,13 @@ pub struct Distribution {
     pub median: f64,
     /// The mean of the squared distances to the mean, in the square of the quantity's unit.
     pub variance: f64,
-    /// How many values there are in each of a row of bins.
+    /// How many values there are in each of a row of bins; left out of an abridged report.
+    #[serde(default, skip_serializing_if = "Histogram::is_empty")]
     pub histogram: Histogram,
 }
 
 /// How many values there are in each of a row of bins, usually 16.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Histogram {
     /// How the edges are placed.
     pub spacing: BinSpacing,
@@ -42,10 +43,11 @@ pub struct Histogram {
 }
 
 /// How the bins of a histogram are placed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum BinSpacing {
     /// All of the same width.
+    #[default]
     Linear,
     /// Each wider than the one before by the same factor, from the smallest value above 0 to the largest; zeros are in the
     /// first bin, which then begins at 0. Chosen where the largest value is over 16 times the smallest: with bins of one
@@ -99,6 +101,10 @@ impl Distribution {
 }
 
 impl Histogram {
+    fn is_empty(&self) -> bool {
+        self.counts.is_empty()
+    }
+
     /// Counts sorted values, of which there must be one.
     fn of(sorted: &[f64], bins: Bins) -> Self {
         let (first, last) = (sorted[0], sorted[sorted.len() - 1]);

@@ -135,6 +135,22 @@ impl Inspection {
         self.defects.iter().find(|group| group.kind == kind).map_or(0, |group| group.count)
     }
 
+    /// Shortens each list to its first `most` items and leaves out the statistics. Counts stay.
+    pub fn abridge(&mut self, most: usize) {
+        self.keep_places(most);
+        for place in self.defects.iter_mut().flat_map(|group| &mut group.places) {
+            place.faces.truncate(most);
+            // A part of a line would be drawn as if it were all of it.
+            if place.line.len() > 2 {
+                place.line.clear();
+            }
+        }
+        let shells = &mut self.characteristics.shells.list;
+        // The only part is described by the measures of the mesh.
+        shells.truncate(if shells.len() == 1 { 0 } else { most });
+        self.characteristics.statistics = None;
+    }
+
     /// Leaves out all places but so many of each kind. Counts stay.
     pub fn keep_places(&mut self, most: usize) {
         self.defects.iter_mut().for_each(|group| group.places.truncate(most));

@@ -19,7 +19,7 @@ mod intersections;
 mod measure;
 mod measures;
 mod nesting;
-mod options_error;
+mod options;
 mod print;
 mod queries;
 mod readers;
@@ -50,7 +50,7 @@ pub use intersections::{IntersectingPair, Intersections, intersections, intersec
 pub use measure::{measure, measure_analysis, measures};
 pub use measures::{BoundingBox, Measures, SelfIntersections, Volume};
 pub use nesting::{nesting, nesting_depths};
-pub use options_error::OptionsError;
+pub use options::{OptionsError, changed_fields};
 pub use print::{
     Fit, NoWall, Overhang, OverhangArea, PrintMeasures, ThinPlace, ThinnestWall, print_measures, thin_walls,
 };

@@ -1,7 +1,7 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::{Analysis, Bins, Distribution, finite, intersections_between, spacing};
+use super::{Analysis, Bins, Distribution, Histogram, finite, intersections_between, spacing};
 use crate::context::{Cancelled, Context};
 use crate::math::Box3;
 use crate::mesh::Soup;
@@ -75,6 +75,17 @@ pub struct Nearest {
 }
 
 impl SetReport {
+    /// Shortens the list of pairs to its first `most` and leaves out histograms.
+    pub fn abridge(&mut self, most: usize) {
+        self.intersections.iter_mut().for_each(|it| it.between.truncate(most));
+        if let Some(spacing) = &mut self.spacing {
+            let of_meshes = spacing.of_mesh.iter_mut().map(|mesh| &mut mesh.distances);
+            for distribution in of_meshes.chain([&mut spacing.all]).flatten() {
+                distribution.histogram = Histogram::default();
+            }
+        }
+    }
+
     /// Measures what is asked for between meshes; none where there are fewer than two or nothing is asked for.
     ///
     /// # Errors

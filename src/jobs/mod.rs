@@ -11,11 +11,13 @@ mod job;
 mod keys;
 mod options;
 mod postgres;
+mod quote;
 mod report;
 mod retry;
 mod row;
 mod sqlite;
 mod store;
+pub mod timestamp;
 mod uploads;
 mod webhooks;
 
@@ -28,6 +30,7 @@ pub use job::{
 pub use keys::{KEY_HOLD, KEY_LIFE, KeyState, RequestKey};
 pub use options::{JobOptions, JobOptionsError, Mode, whole_number};
 pub use postgres::PostgresStore;
+pub use quote::Quote;
 pub use report::{JobOutcome, JobReport, StoredReport};
 pub use retry::RetryPolicy;
 pub use sqlite::SqliteStore;

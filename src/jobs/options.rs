@@ -111,6 +111,17 @@ impl JobOptions {
         }
     }
 
+    /// The mode and the options that differ from their defaults, as JSON.
+    #[must_use]
+    pub fn to_changed_fields(&self) -> Map<String, Value> {
+        let mut fields = match self {
+            Self::Repair(options) => options.to_changed_fields(),
+            Self::Analyze(options) => options.to_changed_fields(),
+        };
+        fields.insert("mode".to_owned(), self.mode().as_str().into());
+        fields
+    }
+
     /// Reads and checks what a client sent.
     ///
     /// # Errors

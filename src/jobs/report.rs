@@ -8,6 +8,11 @@ use crate::format::Format;
 use crate::repair::{AssumptionKind, HandedOut, Outcome, RedFlagCode, Report, Step};
 use crate::scene::LengthUnit;
 
+/// Most bytes of an abridged report.
+const ABRIDGED_BYTES: usize = 32 << 10;
+/// Most items of each list of an abridged report, the first that makes it small enough.
+const ITEMS: [usize; 4] = [3, 2, 1, 0];
+
 /// What became of a job's model, apart from whether the job ran.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
@@ -85,6 +90,30 @@ impl JobReport {
             Head { mode: Mode::Repair } => Self::Repair(serde_json::from_slice(text)?),
             Head { mode: Mode::Analyze } => Self::Analyze(serde_json::from_slice(text)?),
         })
+    }
+
+    /// The report that a job answers with: short lists and no statistics, in at most 32 KiB of JSON for one model. The more it has to tell,
+    /// the shorter its lists are.
+    #[must_use]
+    pub fn abridged(&self) -> Self {
+        let shortened = |&most: &usize| {
+            let mut report = self.clone();
+            match &mut report {
+                Self::Repair(report) => report.abridge(most),
+                Self::Analyze(report) => report.abridge(most),
+            }
+            report
+        };
+        let is_small = |report: &Self| serde_json::to_vec(report).is_ok_and(|json| json.len() <= ABRIDGED_BYTES);
+        let [most, fewer @ ..] = &ITEMS;
+        let mut report = shortened(most);
+        for most in fewer {
+            if is_small(&report) {
+                break;
+            }
+            report = shortened(most);
+        }
+        report
     }
 
     /// What became of the model.

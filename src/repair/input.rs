@@ -214,13 +214,14 @@ impl Input<'_> {
         }
         Report {
             version: REPORT_VERSION,
+            abridged: false,
             engine: crate::ENGINE.to_owned(),
             outcome: Outcome::Unrepairable,
             verdict: Verdict::default(),
             summary: String::new(),
             input: FileSummary { format: self.mesh.format, dialect: self.mesh.dialect.clone(), bytes },
             output: None,
-            options: options.clone(),
+            options: options.clone().into(),
             unit: self.analysis.subject.unit.cloned().unwrap_or_default(),
             objects: Vec::new(),
             before: self.before.clone(),

@@ -2,6 +2,7 @@ mod names;
 mod output_format;
 
 use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value};
 use utoipa::{IntoParams, ToSchema};
 
 use self::names::operators;
@@ -11,7 +12,7 @@ use super::operators::orient::Nested;
 use super::operators::stitch::StitchPosition;
 use super::{Category, Operator};
 use crate::format::ReadOptions;
-use crate::inspect::OptionsError;
+use crate::inspect::{OptionsError, changed_fields};
 use crate::scene::Unit;
 
 /// A named plan, after the MeshPrep repair strategy guide ("Filter Scripts & When to Use Them").
@@ -315,6 +316,12 @@ impl Default for Options {
 }
 
 impl Options {
+    /// The options that differ from their defaults, as JSON.
+    #[must_use]
+    pub fn to_changed_fields(&self) -> Map<String, Value> {
+        changed_fields(self, &Self::default())
+    }
+
     /// Whether faces are to be removed that nothing is wrong with.
     #[must_use]
     pub fn asks_for_fewer_faces(&self) -> bool {

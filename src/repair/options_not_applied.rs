@@ -204,9 +204,7 @@ pub(super) fn of_file(options: &Options, has_objects: bool, kept_apart: bool) ->
 
 /// The names of the options that are not at their defaults.
 fn names_set(options: &Options) -> Vec<String> {
-    let [now, usual] = [options, &Options::default()].map(|it| serde_json::to_value(it).unwrap_or_default());
-    let Value::Object(now) = now else { return Vec::new() };
-    now.into_iter().filter(|(name, value)| usual.get(name) != Some(value)).map(|(name, _)| name).collect()
+    options.to_changed_fields().into_iter().map(|(name, _)| name).collect()
 }
 
 /// Whether an option that was set asks for something to be done: zero does not, nor does a tolerance below the usual one.

@@ -1,4 +1,6 @@
-use serde::{Deserialize, Serialize};
+use std::ops::Deref;
+
+use serde::{Deserialize, Serialize, Serializer};
 use utoipa::ToSchema;
 
 use super::{Assumption, ObjectReport, Operator, OptionNotApplied, Options, Outcome, Preset, RemesherInfo, Verdict};
@@ -11,7 +13,8 @@ use crate::scene::LengthUnit;
 /// `defects` to the measures of version 1. 3: a plan's actions list their operators, and a step is one operator. 4:
 /// adds `ledger`, `changes.surface` and the red flag `part_lost`. 5: adds `unit` and `objects`.
 /// 6: adds `verdict`, `assumptions`, `options_not_applied`, `steps[].unfixed` and the red flags `surface_invented`, `objects_intersect` and `vertex_loss`.
-pub const REPORT_VERSION: u32 = 6;
+/// 7: adds `abridged`, and `operators` of a planned action may be left out.
+pub const REPORT_VERSION: u32 = 7;
 
 /// What kind of trouble a model is in, after the MeshPrep repair strategy guide ("Category-to-Filter Mapping").
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema, clap::ValueEnum)]
@@ -87,6 +90,10 @@ pub enum Action {
 pub struct Report {
     /// Version of this structure.
     pub version: u32,
+    /// Whether lists are shortened to their first items, and statistics, planned operators and idle steps are left out. Counts are always
+    /// of everything.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub abridged: bool,
     /// Name and version of the engine.
     pub engine: String,
     /// What became of the model.
@@ -101,8 +108,9 @@ pub struct Report {
     /// The result, of an `unrepairable` model what came in; none only if nothing can be written.
     #[schema(required)]
     pub output: Option<FileSummary>,
-    /// The options that were in force.
-    pub options: Options,
+    /// The options that were in force; in an abridged report those that differ from their defaults.
+    #[schema(value_type = Options)]
+    pub options: ReportedOptions,
     /// The unit of every length in this report and of the result.
     pub unit: LengthUnit,
     /// The input, looked at before anything was processed but the unit; all its objects in their places as one mesh.
@@ -143,6 +151,112 @@ pub struct Report {
     pub warnings: Vec<String>,
     /// Time from first byte read to last byte written, in milliseconds.
     pub milliseconds: f64,
+}
+
+/// Options as a report writes them.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(from = "Options")]
+pub struct ReportedOptions {
+    options: Options,
+    /// Whether options that have their default are left out.
+    only_changed: bool,
+}
+
+impl From<Options> for ReportedOptions {
+    fn from(options: Options) -> Self {
+        Self { options, only_changed: false }
+    }
+}
+
+impl Deref for ReportedOptions {
+    type Target = Options;
+
+    fn deref(&self) -> &Options {
+        &self.options
+    }
+}
+
+impl Serialize for ReportedOptions {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        if self.only_changed {
+            self.options.to_changed_fields().serialize(serializer)
+        } else {
+            self.options.serialize(serializer)
+        }
+    }
+}
+
+impl Report {
+    /// Shortens each list to its first `most` items, and leaves out statistics, planned operators, strategies that did not run and steps
+    /// that changed nothing. Counts, the verdict, flags and assumptions stay.
+    pub fn abridge(&mut self, most: usize) {
+        self.abridged = true;
+        self.options.only_changed = true;
+        self.before.abridge(most);
+        // The thin walls of the input are not those of the result.
+        if let Some(wall) = self.before.print.as_mut().and_then(|print| print.thinnest_wall.as_mut()) {
+            wall.places.clear();
+        }
+        self.after.iter_mut().for_each(|after| after.abridge(most));
+        self.ledger.iter_mut().for_each(|ledger| abridge_ledger(ledger, most));
+        self.plan.abridge(&self.steps);
+        abridge_steps(&mut self.steps, most);
+        abridge_candidates(&mut self.candidates, most);
+        self.objects.truncate(most);
+        for object in &mut self.objects {
+            object.before.abridge(most);
+            object.after.iter_mut().for_each(|after| after.abridge(most));
+            object.ledger.iter_mut().for_each(|ledger| abridge_ledger(ledger, most));
+            object.plan.abridge(&object.steps);
+            abridge_steps(&mut object.steps, most);
+            abridge_candidates(&mut object.candidates, most);
+        }
+    }
+}
+
+impl Plan {
+    /// Leaves out the strategies after the last that ran, and the operators of each action: the steps name those that did something.
+    fn abridge(&mut self, steps: &[Step]) {
+        let ran =
+            steps.iter().filter(|step| step.status != StepStatus::Skipped).map(|step| step.rung as usize + 1).max();
+        self.rungs.truncate(ran.unwrap_or(0));
+        for action in self.rungs.iter_mut().flat_map(|rung| &mut rung.actions) {
+            action.operators.clear();
+        }
+    }
+}
+
+fn abridge_ledger(ledger: &mut Ledger, most: usize) {
+    ledger.certificates.truncate(most);
+    ledger.lost_parts.truncate(most);
+}
+
+/// Keeps steps that changed something or went wrong, and of them the first `8 * most`.
+fn abridge_steps(steps: &mut Vec<Step>, most: usize) {
+    steps.retain(|step| match step.status {
+        StepStatus::Done => !step.changed.is_empty() || step.program.is_some() || step.unfixed.is_some(),
+        StepStatus::Failed | StepStatus::Undone => true,
+        StepStatus::Skipped => false,
+    });
+    steps.truncate(8 * most);
+    for faces in steps.iter_mut().filter_map(|step| step.unfixed.as_mut()) {
+        faces.faces.truncate(most);
+    }
+}
+
+/// Keeps the chosen candidate and the first `most`; the flags of the chosen one are those of the report.
+fn abridge_candidates(candidates: &mut Vec<Candidate>, most: usize) {
+    let mut kept = 0;
+    candidates.retain(|candidate| {
+        kept += usize::from(!candidate.chosen);
+        candidate.chosen || kept <= most
+    });
+    for candidate in candidates {
+        candidate.red_flags.iter_mut().for_each(|flag| flag.places.clear());
+        if candidate.chosen {
+            candidate.red_flags.clear();
+        }
+    }
 }
 
 /// Work that the deadline left no time for.
@@ -221,7 +335,8 @@ pub struct Rung {
 pub struct PlannedAction {
     /// The action.
     pub action: Action,
-    /// Its operators in order; none for tier 3 and for validation.
+    /// Its operators in order; none for tier 3, for validation and in an abridged report.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub operators: Vec<Operator>,
 }
 

@@ -144,7 +144,7 @@ impl<'a> Attempt<'a> {
         let left = folder.to_owned();
         let left = tokio::task::spawn_blocking(move || {
             tame(&left);
-            read(&left.join(Task::REPORT))
+            read(&left.join(Task::FULL_REPORT))
         });
         let report = left.await.map_err(io::Error::from)?;
         let ended = match ended? {
@@ -326,7 +326,6 @@ impl<'a> Attempt<'a> {
         // Not given up half way when the job is lost: what is in flight would land after the clearing away.
         let completion = self.publish(folder, report).instrument(tracing::info_span!("publish")).await?;
         pause_alone_at("worker-complete").await;
-        record_steps(completion.report.steps());
         let job = self.complete(completion).instrument(tracing::info_span!("complete")).await?;
         if self.lease.attempt > 1
             && let Err(error) = self.pool.blobs.delete_attempts(self.lease.id, Some(&self.lease.token)).await
@@ -346,8 +345,12 @@ impl<'a> Attempt<'a> {
     }
 
     async fn publish(&self, folder: &Path, report: Option<Vec<u8>>) -> Result<Completion, AttemptError> {
-        let report =
-            JobReport::from_json(&there(report, Task::REPORT)?).map_err(|e| AttemptError::Json(Task::REPORT, e))?;
+        let report = JobReport::from_json(&there(report, Task::FULL_REPORT)?)
+            .map_err(|e| AttemptError::Json(Task::FULL_REPORT, e))?;
+        record_steps(report.steps());
+        let report = report.abridged();
+        let json = serde_json::to_vec(&report).map_err(|e| AttemptError::Json(Task::REPORT, e))?;
+        tokio::fs::write(folder.join(Task::REPORT), json).await?;
         let artifacts = self.store_files(folder, offered(&self.job.inputs, Some(&report))).await?;
         Ok(Completion { report, artifacts })
     }

@@ -16,7 +16,11 @@ pub(super) struct Offered {
 }
 
 /// What a job may offer once, whatever its mode, but for the file that it hands out, which the report's verdict says.
-const OF_THE_JOB: [(&str, &str); 2] = [(Task::LOG, "text/plain; charset=utf-8"), (Task::REPORT, "application/json")];
+const OF_THE_JOB: [(&str, &str); 3] = [
+    (Task::LOG, "text/plain; charset=utf-8"),
+    (Task::REPORT, "application/json"),
+    (Task::FULL_REPORT, "application/json"),
+];
 
 /// What it may offer of each of its files.
 const OF_EACH_FILE: [(&str, &str); 11] = [

@@ -11,7 +11,7 @@ use crate::sandbox::Sandbox;
 /// gone, and the child ends its process group.
 ///
 /// The [`input`](Self::input) files lie in the scratch folder. The child leaves its files there too: [`MODEL`](Self::MODEL) where there is one, then
-/// [`REPORT`](Self::REPORT), which says that the work is done, then pictures; [`LOG`](Self::LOG), and [`PROBLEM`](Self::PROBLEM) where
+/// [`FULL_REPORT`](Self::FULL_REPORT), which says that the work is done, then pictures; [`LOG`](Self::LOG), and [`PROBLEM`](Self::PROBLEM) where
 /// the input is to blame. On standard output it writes one [`JobProgress`] a line.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(super) struct Task {
@@ -37,6 +37,9 @@ impl Task {
     pub const MODEL: &str = "model";
     /// The upload as it came, where nothing made it better.
     pub const ORIGINAL: &str = "original";
+    /// The whole report, as the child leaves it.
+    pub const FULL_REPORT: &str = "report-full.json";
+    /// The abridged report, which the worker makes of the whole one.
     pub const REPORT: &str = "report.json";
     pub const LOG: &str = "log.txt";
     pub const PROBLEM: &str = "problem.json";

@@ -71,7 +71,7 @@ fn write_report(folder: &Path, report: &JobReport) -> Result<(), Failed> {
         let detail = format!("The report would be larger than {most} MiB. Ask for fewer places, or send fewer files.");
         return Err(problem(ProblemKind::FileLimit, detail, None).into());
     }
-    Ok(write_whole(folder, Task::REPORT, &report)?)
+    Ok(write_whole(folder, Task::FULL_REPORT, &report)?)
 }
 
 /// Leaves pictures of the job's file `number` beside the result. The job has its result already, so that nothing that

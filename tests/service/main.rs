@@ -36,6 +36,7 @@ mod retention;
 #[path = "../support/s3.rs"]
 mod s3;
 mod sandbox;
+mod small_answers;
 mod statements;
 mod store;
 mod stores;

@@ -286,8 +286,9 @@ impl Api {
         job["id"].as_str().expect("an id").to_owned()
     }
 
+    /// The job with its report.
     pub async fn job(&self, id: &str) -> Value {
-        let answer = self.get(&format!("/v1/jobs/{id}")).send().await.expect("an answer");
+        let answer = self.get(&format!("/v1/jobs/{id}?include=report")).send().await.expect("an answer");
         assert_eq!(answer.status(), 200);
         answer.json().await.expect("a job")
     }

@@ -57,7 +57,7 @@ export async function follow(server: Server, id: string, heard: (event: Progress
 
 /** Asks once, with an answer that is held until the job's status changes or 20 seconds are over. */
 async function* look(server: Server, id: string, signal?: AbortSignal): AsyncGenerator<JobEvent, void, undefined> {
-  const job = await askJson<Job>(server, `${at("/v1/jobs/{id}", { id })}?wait=20`, { signal });
+  const job = await askJson<Job>(server, `${at("/v1/jobs/{id}", { id })}?include=report&wait=20`, { signal });
   const progress = standing(job);
   if (hasEnded(job)) yield { name: "done", job };
   else if (progress) yield { name: "progress", progress };
@@ -66,7 +66,7 @@ async function* look(server: Server, id: string, signal?: AbortSignal): AsyncGen
 /** The stream of a job's events, to its end; a problem where it breaks before. */
 async function* listen(server: Server, id: string, signal?: AbortSignal): AsyncGenerator<JobEvent, void, undefined> {
   // Not EventSource, which can send no key.
-  const answer = await ask(server, at("/v1/jobs/{id}/events", { id }), { headers: { accept: "text/event-stream" }, signal });
+  const answer = await ask(server, `${at("/v1/jobs/{id}/events", { id })}?include=report`, { headers: { accept: "text/event-stream" }, signal });
   const reader = answer.body?.pipeThrough(new TextDecoderStream()).getReader();
   if (!reader) throw Problem.unreachable();
   const parser = new EventParser();

@@ -242,7 +242,7 @@ export interface paths {
         /**
          * Listen to a job.
          * @description Server-sent events: `progress` with stage, tier, percent and queue position each time the job changes, and at the end
-         *     `done` with the whole job. A client that reconnects hears the present state first.
+         *     `done` with the job. A client that reconnects hears the present state first.
          */
         get: operations["job_events"];
         put?: never;
@@ -511,6 +511,8 @@ export interface components {
         Action: "basic_cleanup" | "fix_normals" | "fill_holes" | "stitch" | "mend" | "mend_conservative" | "make_manifold" | "clean_and_patch" | "close_sheets" | "resolve" | "separate" | "simplify" | "drop_small_parts" | "native_remesh" | "voxel_remesh" | "boolean_union" | "validate";
         /** @description The account of one analysis. */
         AnalysisReport: {
+            /** @description Whether lists are shortened to their first items, and histograms are left out. Counts are always of everything. */
+            abridged?: boolean;
             /** @description Name and version of the engine. */
             engine: string;
             /** @description What was found in each file, in the order they were sent. */
@@ -577,17 +579,17 @@ export interface components {
         ArtifactLink: {
             /**
              * Format: int64
-             * @description Its size.
+             * @description Its size; left out of pictures and coloured meshes.
              */
-            bytes: number;
-            /** @description The name it is saved under. */
+            bytes?: number | null;
+            /** @description The name to save it under. */
             filename: string;
             /** @description Its address, relative to the service's. */
             href: string;
             /** @description Its media type. */
             media_type: string;
-            /** @description SHA-256 of its bytes, in hexadecimal. */
-            sha256: string;
+            /** @description SHA-256 of its bytes, in hexadecimal; left out of pictures and coloured meshes. */
+            sha256?: string | null;
         };
         /**
          * @description A decision that the input does not prove: what was decided, how much of the model it concerns, and the option that decides
@@ -943,8 +945,8 @@ export interface components {
              * @description How many values there are.
              */
             count: number;
-            /** @description How many values there are in each of a row of bins. */
-            histogram: components["schemas"]["Histogram"];
+            /** @description How many values there are in each of a row of bins; left out of an abridged report. */
+            histogram?: components["schemas"]["Histogram"];
             /**
              * Format: double
              * @description The largest.
@@ -1240,12 +1242,13 @@ export interface components {
             metadata: {
                 [key: string]: string;
             };
-            /** @description What was asked for, defaults filled in. */
+            /** @description The options that differ from their defaults. The report lists all of them. */
             options: components["schemas"]["JobOptions"];
             outcome: components["schemas"]["JobOutcome"] | null;
             problem: components["schemas"]["JobProblem"] | null;
             progress: components["schemas"]["Progress"] | null;
-            report: components["schemas"]["JobReport"] | null;
+            quote?: components["schemas"]["Quote"] | null;
+            report?: components["schemas"]["JobReport"] | null;
             /** @description The earlier job whose result this one was given, since it had the same bytes, options and engine. */
             reused_from: string | null;
             /**
@@ -2191,6 +2194,49 @@ export interface components {
             in_force: boolean;
         };
         /**
+         * @description What a shop needs to price a model: the figures of the file that the job hands out, or of an analysed file. Lengths are in
+         *     millimetres whatever the file's unit.
+         */
+        Quote: {
+            /**
+             * Format: double
+             * @description Surface area, in mm².
+             */
+            area_mm2: number;
+            /** @description Kinds of the assumptions that the result depends on, each once. */
+            assumptions: components["schemas"]["AssumptionKind"][];
+            /**
+             * Format: int64
+             * @description Number of faces.
+             */
+            faces: number;
+            /**
+             * Format: int64
+             * @description Number of connected parts.
+             */
+            parts: number;
+            /** @description Whether the file can be printed as it is; null where the inspection could not tell. */
+            printable?: boolean | null;
+            /** @description Codes of the red flags, each once. */
+            red_flags: components["schemas"]["RedFlagCode"][];
+            /** @description Sides of the bounding box, in mm; null for a file without faces. */
+            size_mm: number[] | null;
+            /**
+             * Format: double
+             * @description Thinnest wall that was found, in mm; null where none was measured.
+             */
+            thinnest_wall_mm: number | null;
+            /** @description The unit of the file's lengths. */
+            unit: components["schemas"]["Unit"];
+            /** @description Where the unit comes from. */
+            unit_source: components["schemas"]["UnitSource"];
+            /**
+             * Format: double
+             * @description Enclosed volume, in mm³; null where the mesh does not enclose one.
+             */
+            volume_mm3: number | null;
+        };
+        /**
          * Format: binary
          * @description A model's bytes.
          */
@@ -2249,6 +2295,8 @@ export interface components {
         };
         /** @description The account of one repair. */
         Report: {
+            /** @description Whether lists are shortened to their first items, and histograms and idle steps are left out. Counts are always of everything. */
+            abridged?: boolean;
             after: components["schemas"]["Inspection"] | null;
             /** @description Decisions that the input does not prove. */
             assumptions?: components["schemas"]["Assumption"][];
@@ -2649,7 +2697,7 @@ export interface components {
         StitchPosition: "kept" | "average";
         /** @description One event of a job's stream. */
         StreamEvent: {
-            /** @description JSON: of `progress` the status, stage, tier, percent and queue position, of `done` the whole job. */
+            /** @description JSON: of `progress` the status, stage, tier, percent and queue position, of `done` the job. */
             data: string;
             /** @description `progress`, or at the end `done`. */
             event: string;
@@ -3273,6 +3321,7 @@ export type ProblemKind = components['schemas']['ProblemKind'];
 export type Progress = components['schemas']['Progress'];
 export type Property = components['schemas']['Property'];
 export type Protection = components['schemas']['Protection'];
+export type Quote = components['schemas']['Quote'];
 export type RawModel = components['schemas']['RawModel'];
 export type Readiness = components['schemas']['Readiness'];
 export type RedFlag = components['schemas']['RedFlag'];
@@ -4078,6 +4127,8 @@ export interface operations {
                  * @example 20
                  */
                 wait?: number;
+                /** @description What to answer beside the job. */
+                include?: "report";
             };
             header?: never;
             path: {
@@ -4520,7 +4571,10 @@ export interface operations {
     };
     job_events: {
         parameters: {
-            query?: never;
+            query?: {
+                /** @description What the job of `done` is to include. */
+                include?: "report";
+            };
             header?: never;
             path: {
                 /** @description The job's id */

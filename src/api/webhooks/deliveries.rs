@@ -35,10 +35,10 @@ pub(in crate::api) struct DeliveryView {
     /// How it stands.
     status: DeliveryStatus,
     /// When the message was made.
-    #[serde(with = "time::serde::rfc3339")]
+    #[serde(with = "crate::jobs::timestamp")]
     created_at: OffsetDateTime,
     /// When it is tried next.
-    #[serde(with = "time::serde::rfc3339::option")]
+    #[serde(with = "crate::jobs::timestamp::option")]
     next_attempt_at: Option<OffsetDateTime>,
     /// The last tries, oldest first.
     attempts: Vec<Attempt>,

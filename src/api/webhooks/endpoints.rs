@@ -68,23 +68,23 @@ pub(in crate::api) struct EndpointView {
     /// What it is for.
     description: String,
     /// When it was made.
-    #[serde(with = "time::serde::rfc3339")]
+    #[serde(with = "crate::jobs::timestamp")]
     created_at: OffsetDateTime,
     /// Whether it is told of anything.
     enabled: bool,
     /// When it was disabled: by you, since the receiver answered 410, or since every delivery failed for 5 days.
-    #[serde(with = "time::serde::rfc3339::option")]
+    #[serde(with = "crate::jobs::timestamp::option")]
     disabled_at: Option<OffsetDateTime>,
     /// Why.
     disabled_reason: Option<String>,
     /// When its deliveries began to fail; null where the last one was taken.
-    #[serde(with = "time::serde::rfc3339::option")]
+    #[serde(with = "crate::jobs::timestamp::option")]
     failing_since: Option<OffsetDateTime>,
     /// What its messages are signed with, as libraries for Standard Webhooks take it; only in the answer that makes it.
     #[serde(skip_serializing_if = "Option::is_none")]
     secret: Option<String>,
     /// Until when the secret before the present one signs too.
-    #[serde(with = "time::serde::rfc3339::option")]
+    #[serde(with = "crate::jobs::timestamp::option")]
     previous_secret_until: Option<OffsetDateTime>,
 }
 

@@ -19,7 +19,7 @@ pub(in crate::api) struct WebhookSecret {
     /// The secret, as libraries for Standard Webhooks take it.
     secret: String,
     /// Until when the secret before this one signs too.
-    #[serde(with = "time::serde::rfc3339::option")]
+    #[serde(with = "crate::jobs::timestamp::option")]
     previous_until: Option<OffsetDateTime>,
 }
 

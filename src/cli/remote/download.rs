@@ -79,7 +79,7 @@ async fn fetch(
     row: &Row,
 ) -> Result<(), RemoteError> {
     let failed = |error: std::io::Error| RemoteError::local(path.display(), error);
-    row.moves("fetching", file.bytes);
+    row.moves("fetching", file.bytes.unwrap_or_default());
     let mut chunks = Box::pin(service.file(id, name).await?);
     let mut beside = temporary_beside(path).map_err(failed)?;
     let mut digest = Sha256::new();
@@ -89,7 +89,7 @@ async fn fetch(
         beside.write_all(&chunk).map_err(failed)?;
         row.moved(chunk.len() as u64);
     }
-    if hex::encode(digest.finalize()) != file.sha256 {
+    if file.sha256.as_ref().is_some_and(|expected| *expected != hex::encode(digest.finalize())) {
         return Err(RemoteError::Damaged { name: path.display().to_string() });
     }
     let moved = if force { beside.persist(path) } else { beside.persist_noclobber(path) };

@@ -42,8 +42,9 @@ pub struct RemoteProgress {
 #[derive(Debug, Deserialize)]
 pub struct RemoteFile {
     pub filename: String,
-    pub bytes: u64,
-    pub sha256: String,
+    /// None of pictures, as with the hash.
+    pub bytes: Option<u64>,
+    pub sha256: Option<String>,
 }
 
 #[derive(Debug, Default, Deserialize)]
@@ -134,5 +135,5 @@ impl RemoteJob {
 const MODEL: &str = "model";
 /// The name of the upload, where nothing made it better.
 const ORIGINAL: &str = "original";
-/// The name of a job's report among its files.
-pub const REPORT: &str = "report.json";
+/// The name of a job's whole report among its files.
+pub const REPORT: &str = "report-full.json";

@@ -189,7 +189,7 @@ impl Service {
     /// A job, at once or as soon as its status is another.
     pub async fn job(&self, id: JobId, held: bool) -> Result<RemoteJob, RemoteError> {
         let wait = if held { HOLD_S } else { 0 };
-        let request = self.get(&format!("v1/jobs/{id}?wait={wait}"));
+        let request = self.get(&format!("v1/jobs/{id}?include=report&wait={wait}"));
         self.json(request.timeout(ANSWER + Duration::from_secs(wait))).await
     }
 
@@ -205,7 +205,7 @@ impl Service {
 
     /// What a job tells of itself, as server-sent events.
     pub async fn events(&self, id: JobId) -> Result<impl Stream<Item = Result<Bytes, RemoteError>>, RemoteError> {
-        Ok(self.chunks(self.open(self.get(&format!("v1/jobs/{id}/events"))).await?))
+        Ok(self.chunks(self.open(self.get(&format!("v1/jobs/{id}/events?include=report"))).await?))
     }
 
     /// A file of a job.

@@ -17,7 +17,7 @@ pub struct JobMessage {
     /// What happened.
     r#type: JobEvent,
     /// When it happened.
-    #[serde(with = "time::serde::rfc3339::option")]
+    #[serde(with = "crate::jobs::timestamp::option")]
     timestamp: Option<OffsetDateTime>,
     /// The job.
     data: JobMessageData,
@@ -41,10 +41,10 @@ struct JobMessageData {
     /// Kinds of decisions that the file does not prove; the report has each with its amount and places.
     assumptions: Vec<AssumptionKind>,
     /// When it was accepted.
-    #[serde(with = "time::serde::rfc3339")]
+    #[serde(with = "crate::jobs::timestamp")]
     created_at: OffsetDateTime,
     /// When it ended.
-    #[serde(with = "time::serde::rfc3339::option")]
+    #[serde(with = "crate::jobs::timestamp::option")]
     finished_at: Option<OffsetDateTime>,
     /// The uploaded file; of several the first.
     input: Option<FileMessage>,
@@ -93,7 +93,7 @@ struct ProblemMessage {
 #[derive(Serialize)]
 struct Ping<'a> {
     r#type: &'static str,
-    #[serde(with = "time::serde::rfc3339")]
+    #[serde(with = "crate::jobs::timestamp")]
     timestamp: OffsetDateTime,
     data: PingData<'a>,
 }

@@ -193,7 +193,7 @@ impl FromStr for DeliveryStatus {
 #[schema(as = DeliveryAttempt)]
 pub struct Attempt {
     /// When it began.
-    #[serde(with = "time::serde::rfc3339")]
+    #[serde(with = "crate::jobs::timestamp")]
     pub at: OffsetDateTime,
     /// The HTTP status that the receiver answered; none if it did not answer.
     pub status: Option<u16>,

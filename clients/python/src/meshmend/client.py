@@ -166,7 +166,7 @@ class Client:
         return place
 
     def get(self, job_id: str, *, timeout: float | None = None) -> Job:
-        return self._job(lambda: self.server.json("GET", job_path(job_id)), timeout)
+        return self._job(lambda: self.server.json("GET", job_path(job_id), params={"include": "report"}), timeout)
 
     def wait(
         self,

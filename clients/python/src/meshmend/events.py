@@ -85,7 +85,7 @@ def job_path(job_id: str) -> str:
 def _ask(server: Transport, job_id: str, deadline: Deadline) -> Iterator[JobEvent]:
     """Asks once, with an answer that is held until the job's status changes."""
     wait = math.ceil(min(HOLD, deadline.left()))
-    job: shapes.Job = server.json("GET", job_path(job_id), params={"wait": wait})
+    job: shapes.Job = server.json("GET", job_path(job_id), params={"wait": wait, "include": "report"})
     progress = job.get("progress")
     if job["status"] in ENDED:
         yield JobEvent(done=job)
@@ -100,8 +100,8 @@ def _stream(server: Transport, job_id: str, deadline: Deadline) -> Iterator[JobE
     A problem where it breaks before. It ends without a word when the last seconds have come.
     """
     timeout = httpx.Timeout(SILENCE, connect=10)
-    headers = {"accept": "text/event-stream"}
-    with server.stream("GET", f"{job_path(job_id)}/events", headers=headers, timeout=timeout) as response:
+    headers, path = {"accept": "text/event-stream"}, f"{job_path(job_id)}/events?include=report"
+    with server.stream("GET", path, headers=headers, timeout=timeout) as response:
         name, data = "", list[str]()
         try:
             for line in response.iter_lines():

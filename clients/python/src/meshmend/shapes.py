@@ -18,16 +18,16 @@ Answer: TypeAlias = Literal['yes', 'no', 'not_measurable']
 class ArtifactLink(TypedDict):
     """A file to download."""
 
-    bytes: int
-    """Its size."""
+    bytes: NotRequired[int | None]
+    """Its size; left out of pictures and coloured meshes."""
     filename: str
-    """The name it is saved under."""
+    """The name to save it under."""
     href: str
     """Its address, relative to the service's."""
     media_type: str
     """Its media type."""
-    sha256: str
-    """SHA-256 of its bytes, in hexadecimal."""
+    sha256: NotRequired[str | None]
+    """SHA-256 of its bytes, in hexadecimal; left out of pictures and coloured meshes."""
 
 
 AssumptionKind: TypeAlias = Literal['unit', 'objects_united', 'overlap_removed', 'sheets_thickened', 'bases_added', 'large_holes_closed', 'parts_joined', 'winding_rule', 'pieces_dropped', 'cavities_kept', 'cavities_filled', 'methods_agree']
@@ -581,7 +581,7 @@ class StreamEvent(TypedDict):
     """One event of a job's stream."""
 
     data: str
-    """JSON: of `progress` the status, stage, tier, percent and queue position, of `done` the whole job."""
+    """JSON: of `progress` the status, stage, tier, percent and queue position, of `done` the job."""
     event: str
     """`progress`, or at the end `done`."""
     id: str
@@ -1019,8 +1019,8 @@ class Distribution(TypedDict):
 
     count: int
     """How many values there are."""
-    histogram: Histogram
-    """How many values there are in each of a row of bins."""
+    histogram: NotRequired[Histogram]
+    """How many values there are in each of a row of bins; left out of an abridged report."""
     max: float
     """The largest."""
     mean: float
@@ -1342,6 +1342,36 @@ class Progress(TypedDict):
     stage: Stage | None
     tier: int | None
     """The tier that runs, 1 to 3."""
+
+
+class Quote(TypedDict):
+    """
+    What a shop needs to price a model: the figures of the file that the job hands out, or of an analysed file. Lengths are in
+    millimetres whatever the file's unit.
+    """
+
+    area_mm2: float
+    """Surface area, in mm²."""
+    assumptions: list[AssumptionKind]
+    """Kinds of the assumptions that the result depends on, each once."""
+    faces: int
+    """Number of faces."""
+    parts: int
+    """Number of connected parts."""
+    printable: NotRequired[bool | None]
+    """Whether the file can be printed as it is; null where the inspection could not tell."""
+    red_flags: list[RedFlagCode]
+    """Codes of the red flags, each once."""
+    size_mm: list[float] | None
+    """Sides of the bounding box, in mm; null for a file without faces."""
+    thinnest_wall_mm: float | None
+    """Thinnest wall that was found, in mm; null where none was measured."""
+    unit: Unit
+    """The unit of the file's lengths."""
+    unit_source: UnitSource
+    """Where the unit comes from."""
+    volume_mm3: float | None
+    """Enclosed volume, in mm³; null where the mesh does not enclose one."""
 
 
 class RedFlag(TypedDict):
@@ -1805,6 +1835,8 @@ class ObjectReport(TypedDict):
 class Report(TypedDict):
     """The account of one repair."""
 
+    abridged: NotRequired[bool]
+    """Whether lists are shortened to their first items, and histograms and idle steps are left out. Counts are always of everything."""
     after: Inspection | None
     assumptions: NotRequired[list[Assumption]]
     """Decisions that the input does not prove."""
@@ -1886,6 +1918,8 @@ class SubmitUpload(TypedDict, closed=True):
 class AnalysisReport(TypedDict):
     """The account of one analysis."""
 
+    abridged: NotRequired[bool]
+    """Whether lists are shortened to their first items, and histograms are left out. Counts are always of everything."""
     engine: str
     """Name and version of the engine."""
     files: list[FileAnalysis]
@@ -1939,11 +1973,12 @@ class Job(TypedDict):
     metadata: dict[str, str]
     """Your own notes, as you sent them."""
     options: JobOptions
-    """What was asked for, defaults filled in."""
+    """The options that differ from their defaults. The report lists all of them."""
     outcome: JobOutcome | None
     problem: JobProblem | None
     progress: Progress | None
-    report: JobReport | None
+    quote: NotRequired[Quote | None]
+    report: NotRequired[JobReport | None]
     reused_from: str | None
     """The earlier job whose result this one was given, since it had the same bytes, options and engine."""
     started_at: str | None

@@ -1,3 +1,15 @@
+use serde::Serialize;
+use serde_json::{Map, Value};
+
+/// The fields of options that differ from their defaults, as JSON.
+#[must_use]
+pub fn changed_fields<T: Serialize>(options: &T, defaults: &T) -> Map<String, Value> {
+    let [fields, defaults] = [options, defaults].map(|it| serde_json::to_value(it).unwrap_or_default());
+    let Value::Object(mut fields) = fields else { return Map::new() };
+    fields.retain(|name, value| defaults.get(name.as_str()) != Some(value));
+    fields
+}
+
 /// An option outside what it may be.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[error("option '{option}' is {value}; it must be {expected}")]

@@ -1,0 +1,71 @@
+//! Times in JSON: RFC 3339 in UTC with milliseconds, such as `2026-03-01T09:30:00.000Z`. Every time has the same width, so that texts sort
+//! as times do.
+
+use std::num::NonZeroU8;
+
+use serde::{Deserializer, Serialize, Serializer};
+use time::format_description::well_known::Iso8601;
+use time::format_description::well_known::iso8601::{Config, EncodedConfig, TimePrecision};
+use time::{OffsetDateTime, UtcOffset};
+
+const FORMAT: EncodedConfig =
+    Config::DEFAULT.set_time_precision(TimePrecision::Second { decimal_digits: NonZeroU8::new(3) }).encode();
+
+/// A time as text.
+#[must_use]
+pub fn text(time: OffsetDateTime) -> String {
+    time.to_offset(UtcOffset::UTC).format(&Iso8601::<FORMAT>).unwrap_or_default()
+}
+
+/// Writes a time.
+///
+/// # Errors
+/// Those of the serializer.
+pub fn serialize<S: Serializer>(time: &OffsetDateTime, serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.serialize_str(&text(*time))
+}
+
+/// Reads a time in any form of RFC 3339.
+///
+/// # Errors
+/// When the text is no such time.
+pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<OffsetDateTime, D::Error> {
+    time::serde::rfc3339::deserialize(deserializer)
+}
+
+/// The same for a time that may be missing.
+pub mod option {
+    use super::{Deserializer, OffsetDateTime, Serialize, Serializer, text};
+
+    /// Writes a time or null.
+    ///
+    /// # Errors
+    /// Those of the serializer.
+    pub fn serialize<S: Serializer>(time: &Option<OffsetDateTime>, serializer: S) -> Result<S::Ok, S::Error> {
+        time.map(text).serialize(serializer)
+    }
+
+    /// Reads a time in any form of RFC 3339, or null.
+    ///
+    /// # Errors
+    /// When the text is no such time.
+    pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<OffsetDateTime>, D::Error> {
+        time::serde::rfc3339::option::deserialize(deserializer)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use time::Duration;
+
+    use super::*;
+
+    #[test]
+    fn every_time_has_the_same_width() {
+        let start = OffsetDateTime::UNIX_EPOCH + Duration::days(20_000);
+        assert_eq!(text(start), "2024-10-04T00:00:00.000Z");
+        assert_eq!(text(start + Duration::nanoseconds(120_999_999)), "2024-10-04T00:00:00.120Z");
+        let offset = UtcOffset::from_hms(2, 0, 0).expect("an offset");
+        assert_eq!(text((start + Duration::seconds(59)).to_offset(offset)), "2024-10-04T00:00:59.000Z");
+    }
+}
