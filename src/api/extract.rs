@@ -1,4 +1,6 @@
-use axum::extract::{FromRequest, FromRequestParts, Path, Query, Request};
+use std::collections::BTreeMap;
+
+use axum::extract::{FromRequest, FromRequestParts, Path, Request};
 use axum::http::header;
 use axum::http::request::Parts;
 use futures::StreamExt;
@@ -6,16 +8,62 @@ use serde::de::{DeserializeOwned, Error};
 use serde::{Deserialize, Deserializer};
 use serde_json::{Map, Number, Value};
 
+use utoipa::{IntoParams, ToSchema};
+
 use super::caller::Caller;
-use super::problem::{Problem, ProblemCode, shown};
+use super::check::{object_errors, unknown_field, value_errors};
+use super::problem::{FieldError, Problem, ProblemCode, shown};
 use super::state::ApiState;
 use super::upload::{source_problem, with_patience};
 use crate::jobs::{Job, JobId, whole_number};
 
-/// Axum's query extractor with a problem for a rejection.
-#[derive(FromRequestParts)]
-#[from_request(via(Query), rejection(Problem))]
+/// The fields of a query, each compared with its documented schema.
 pub(super) struct ApiQuery<T>(pub T);
+
+impl<T: DeserializeOwned + IntoParams, S: Sync> FromRequestParts<S> for ApiQuery<T> {
+    type Rejection = Problem;
+
+    async fn from_request_parts(parts: &mut Parts, _: &S) -> Result<Self, Problem> {
+        let pairs: Vec<(String, String)> = serde_urlencoded::from_str(parts.uri.query().unwrap_or_default())
+            .map_err(|_| Problem::invalid_request("The query is not valid: what is written with `%` must be UTF-8."))?;
+        let known: BTreeMap<String, Value> = T::into_params(|| None)
+            .into_iter()
+            .map(|parameter| (parameter.name, serde_json::to_value(parameter.schema).unwrap_or_default()))
+            .collect();
+        let (mut fields, mut errors) = (Map::new(), Vec::new());
+        for (name, text) in pairs {
+            let Some(schema) = known.get(&name) else {
+                errors.push(unknown_field(&name, known.keys().map(String::as_str), "query parameter"));
+                continue;
+            };
+            let value = query_value(schema, text);
+            errors.extend(value_errors(&name, schema, &value));
+            if fields.insert(name.clone(), value).is_some() {
+                errors.push(FieldError::new(&name, format!("`{name}` is given twice; send it once.")));
+            }
+        }
+        if errors.is_empty()
+            && let Ok(query) = serde_json::from_value(Value::Object(fields))
+        {
+            return Ok(Self(query));
+        }
+        Err(Problem::of_fields(ProblemCode::InvalidRequest, errors))
+    }
+}
+
+/// A value of a query by what its schema asks for: text, a number, or a list whose items stand between commas.
+pub(super) fn query_value(schema: &Value, text: String) -> Value {
+    match schema.get("type") {
+        Some(Value::String(kind)) if kind == "array" => text.split(',').map(str::to_owned).collect(),
+        Some(Value::String(kind)) if kind == "string" => text.into(),
+        Some(Value::Array(kinds)) if kinds.iter().any(|kind| kind == "string") => text.into(),
+        Some(Value::Array(kinds)) if kinds.iter().any(|kind| kind == "array") => {
+            text.split(',').map(str::to_owned).collect()
+        }
+        Some(_) => serde_json::from_str(&text).ok().filter(Value::is_number).unwrap_or(Value::String(text)),
+        None => text.into(),
+    }
+}
 
 /// Axum's path extractor with a problem for a rejection.
 #[derive(FromRequestParts)]
@@ -28,7 +76,7 @@ const JSON_BYTES: usize = 64 << 10;
 /// A body of JSON, of bounded size, with a problem for a rejection.
 pub(super) struct ApiJson<T>(pub T);
 
-impl<T: DeserializeOwned> FromRequest<ApiState> for ApiJson<T> {
+impl<T: DeserializeOwned + ToSchema> FromRequest<ApiState> for ApiJson<T> {
     type Rejection = Problem;
 
     async fn from_request(request: Request, state: &ApiState) -> Result<Self, Problem> {
@@ -51,12 +99,34 @@ pub(super) async fn read_small(state: &ApiState, request: Request) -> Result<Vec
     Ok(text)
 }
 
-/// What a body of JSON says, which must be an object: to serde an array of its values would be the same.
-pub(super) fn parse<'a, T: Deserialize<'a>>(text: &'a [u8]) -> Result<T, Problem> {
-    if !text.trim_ascii_start().starts_with(b"{") {
-        return Err(Problem::invalid_request("The body must be a JSON object."));
+/// What a body of JSON says, which must be an object of the schema of its type.
+pub(super) fn parse<T: DeserializeOwned + ToSchema>(text: &[u8]) -> Result<T, Problem> {
+    let fields = json_object("The body", text)?;
+    let errors = object_errors(&T::name(), &fields);
+    match (serde_json::from_value(Value::Object(fields)), errors.is_empty()) {
+        (Ok(body), true) => Ok(body),
+        (Ok(_), false) => Err(Problem::of_fields(ProblemCode::InvalidOptions, errors)),
+        (Err(_), false) => Err(Problem::of_fields(ProblemCode::InvalidRequest, errors)),
+        (Err(_), true) => {
+            let detail = format!("The body must have the form of `{}`, which /docs/api/ describes.", T::name());
+            Err(Problem::invalid_request(detail))
+        }
     }
-    serde_json::from_slice(text).map_err(|error| Problem::invalid_request(format!("The body can't be read: {error}.")))
+}
+
+/// The object that a text of JSON is. `what` begins the sentence of what is wrong.
+pub(super) fn json_object(what: &str, text: &[u8]) -> Result<Map<String, Value>, Problem> {
+    if text.trim_ascii().is_empty() {
+        return Err(Problem::invalid_request(format!("{what} is empty; send JSON such as `{{}}`.")));
+    }
+    match serde_json::from_slice(text) {
+        Ok(Value::Object(fields)) => Ok(fields),
+        Ok(_) => Err(Problem::invalid_request(format!("{what} must be a JSON object, such as `{{}}`."))),
+        Err(error) => {
+            let place = format!("line {}, column {}", error.line(), error.column());
+            Err(Problem::invalid_request(format!("{what} is not valid JSON: look at {place}.")))
+        }
+    }
 }
 
 /// A field that is an object, and not an array of its values either.
@@ -91,13 +161,17 @@ pub(super) async fn find_job(state: &ApiState, caller: &Caller, id: JobId) -> Re
 pub(super) fn page_limit(asked: Option<u32>) -> Result<u32, Problem> {
     match asked.unwrap_or(50) {
         limit @ 1..=200 => Ok(limit),
-        limit => Err(Problem::invalid_request(format!("limit is {limit}; it must be between 1 and 200."))),
+        limit => {
+            let error = FieldError::new("limit", format!("`limit` must be a whole number from 1 to 200; got {limit}."));
+            Err(Problem::of_fields(ProblemCode::InvalidRequest, vec![error]))
+        }
     }
 }
 
 /// That a page can't begin at a cursor.
 pub(super) fn unknown_cursor() -> Problem {
-    Problem::invalid_request("cursor is not one that this service gave; take 'next' of the page before.")
+    let message = "`cursor` must be the `next` of the page before.";
+    Problem::of_fields(ProblemCode::InvalidRequest, vec![FieldError::new("cursor", message)])
 }
 
 /// A header as text, if it is there and is text.

@@ -88,8 +88,8 @@ pub(super) async fn from_source(
             return Ok(Upload { inputs, options, notes, taken: None });
         }
         _ => {
-            let detail = "source must have either upload_id, or job_id and perhaps file.";
-            return Err(Problem::invalid_value(detail));
+            let message = "`source` must have either `upload_id`, or `job_id` and perhaps `file`.";
+            return Err(Problem::invalid_field("source", message));
         }
     };
     let found = find_upload(state, &upload_id).await?;

@@ -13,11 +13,12 @@ use serde_json::{Map, Value};
 use utoipa::ToSchema;
 
 use super::caller::Caller;
-use super::extract::text_header;
+use super::check::{field_schema, unknown_field, value_errors};
+use super::extract::{json_object, query_value, text_header};
 use super::file_name::{clean_name, disposition_name};
 use super::from_upload::from_source;
 use super::idempotency::Asked;
-use super::problem::{Problem, ProblemCode, shown};
+use super::problem::{FieldError, Problem, ProblemCode, shown};
 use super::state::ApiState;
 use super::upload::{Room, SourceError, one_at_a_time, source_problem, with_patience};
 use crate::blobs::{Blobs, Stored};
@@ -87,24 +88,20 @@ impl Notes {
     /// Notes one of them.
     pub fn take(&mut self, name: &str, text: &str, reach: Reach) -> Result<(), Problem> {
         if name == "callback_url" {
-            let url = reach
-                .read(text)
-                .map_err(|error| Problem::invalid_value(format!("callback_url can't be used: {error}.")))?;
+            let url =
+                reach.read(text).map_err(|error| Problem::invalid_field(name, format!("`callback_url` {error}.")))?;
             self.callback_url = Some(url.into());
             return Ok(());
         }
-        let detail = format!(
-            "metadata must be a JSON object of at most {METADATA_ENTRIES} texts and {} KiB",
-            METADATA_BYTES >> 10
-        );
-        if text.len() > METADATA_BYTES {
-            return Err(Problem::invalid_value(format!("{detail}.")));
-        }
-        self.metadata =
-            serde_json::from_str(text).map_err(|error| Problem::invalid_value(format!("{detail}: {error}.")))?;
-        if self.metadata.len() > METADATA_ENTRIES {
-            return Err(Problem::invalid_value(format!("{detail}.")));
-        }
+        let metadata = serde_json::from_str(text)
+            .ok()
+            .filter(|metadata: &Metadata| text.len() <= METADATA_BYTES && metadata.len() <= METADATA_ENTRIES);
+        self.metadata = metadata.ok_or_else(|| {
+            let kib = METADATA_BYTES >> 10;
+            let message =
+                format!("`metadata` must be a JSON object of at most {METADATA_ENTRIES} texts and {kib} KiB.");
+            Problem::invalid_field(name, message)
+        })?;
         Ok(())
     }
 }
@@ -119,7 +116,7 @@ pub(super) struct File {
 pub(super) fn inputs(id: JobId, files: Vec<File>) -> Result<Vec<Input>, Problem> {
     let of = files.len();
     let mut inputs = Vec::with_capacity(of);
-    let mut problems: Vec<Problem> = Vec::new();
+    let (mut problems, mut errors): (Vec<Problem>, Vec<FieldError>) = Default::default();
     for (number, File { name, stored }) in files.into_iter().enumerate() {
         match sniff(&stored.head, Some(stored.bytes)) {
             Ok(format) => {
@@ -135,11 +132,13 @@ pub(super) fn inputs(id: JobId, files: Vec<File>) -> Result<Vec<Input>, Problem>
                     _ => (ProblemCode::UnsupportedModel, error.to_string()),
                 };
                 let which = if of > 1 { format!("file {} of {of}, '{name}': ", number + 1) } else { String::new() };
+                if of > 1 {
+                    errors.push(FieldError::new(&format!("file[{number}]"), format!("{which}{detail}")));
+                }
                 problems.push(Problem::new(code, format!("{which}{detail}")));
             }
         }
     }
-    let errors = if of > 1 { problems.iter().map(|problem| problem.detail.clone()).collect() } else { Vec::new() };
     match problems.into_iter().next() {
         Some(first) => Err(Problem { errors, ..first }),
         None => Ok(inputs),
@@ -167,7 +166,7 @@ pub(super) async fn read(
 async fn from_body(state: &ApiState, id: JobId, most: u64, request: Request) -> Result<Upload, Problem> {
     let query = request.uri().query().unwrap_or_default();
     let pairs: Vec<(String, String)> = serde_urlencoded::from_str(query)
-        .map_err(|e| Problem::invalid_request(format!("The query can't be read: {e}.")))?;
+        .map_err(|_| Problem::invalid_request("The query is not valid: what is written with `%` must be UTF-8."))?;
     let (names, pairs): (Vec<_>, Vec<_>) = pairs.into_iter().partition(|(key, _)| key == "name");
     let (said, options): (Vec<_>, Vec<_>) =
         pairs.into_iter().partition(|(key, _)| Notes::NAMES.contains(&key.as_str()));
@@ -190,16 +189,64 @@ async fn from_body(state: &ApiState, id: JobId, most: u64, request: Request) -> 
 fn query_fields(pairs: Vec<(String, String)>) -> Result<Map<String, Value>, Problem> {
     let mut fields = Map::new();
     for (key, text) in pairs {
-        let value = serde_json::from_str(&text).unwrap_or(Value::String(text));
+        let is_list = |schema: &&Value| schema["type"] == "array" && !text.starts_with('[');
+        let list =
+            ["Options", "AnalyzeOptions"].into_iter().find_map(|options| field_schema(options, &key)).filter(is_list);
+        let value = match list {
+            Some(schema) => query_value(schema, text),
+            None => serde_json::from_str(&text).unwrap_or(Value::String(text)),
+        };
         if fields.insert(key.clone(), value).is_some() {
-            return Err(Problem::invalid_value(format!("The option '{key}' is given twice.")));
+            return Err(Problem::invalid_field(&key, format!("`{key}` is given twice; send it once.")));
         }
     }
     Ok(fields)
 }
 
+/// Reads the options of a job. Every option that is wrong is named.
 pub(super) fn job_options(fields: Map<String, Value>) -> Result<JobOptions, Problem> {
-    JobOptions::from_fields(fields).map_err(|error| Problem::invalid_value(format!("{error}.")))
+    let mode = match fields.get("mode") {
+        None => Mode::default(),
+        Some(given) => match Mode::ALL.into_iter().find(|mode| given == mode.as_str()) {
+            Some(mode) => mode,
+            None => return Err(Problem::of_fields(ProblemCode::InvalidOptions, vec![unknown_mode(given)])),
+        },
+    };
+    let errors: Vec<_> = fields.iter().flat_map(|(option, value)| option_errors(mode, option, value)).collect();
+    if !errors.is_empty() {
+        return Err(Problem::of_fields(ProblemCode::InvalidOptions, errors));
+    }
+    JobOptions::from_fields(fields).map_err(|error| match error.option() {
+        Some(option) => Problem::invalid_field(option, error.to_string()),
+        None => Problem::invalid_value(error.to_string()),
+    })
+}
+
+fn unknown_mode(given: &Value) -> FieldError {
+    let names = Mode::ALL.map(|mode| format!("`{}`", mode.as_str())).join(" or ");
+    FieldError::new("mode", format!("`mode` must be {names}; got {}.", shown(&given.to_string())))
+}
+
+fn option_errors(mode: Mode, option: &str, value: &Value) -> Vec<FieldError> {
+    let schema = match mode {
+        Mode::Repair => "Options",
+        Mode::Analyze => "AnalyzeOptions",
+    };
+    if option == "mode" {
+        return Vec::new();
+    }
+    if let Some(schema) = field_schema(schema, option) {
+        return value_errors(option, schema, value);
+    }
+    let other = Mode::ALL.into_iter().find(|of| of.option_names().iter().any(|name| name == option));
+    vec![match other {
+        Some(of) => {
+            let (of, mode) = (of.as_str(), mode.as_str());
+            let message = format!("`{option}` is an option of mode `{of}`; this job's mode is `{mode}`.");
+            FieldError::new(option, message)
+        }
+        None => unknown_field(option, mode.option_names().iter().map(String::as_str), "option"),
+    }]
 }
 
 async fn from_form(state: &ApiState, id: JobId, most: u64, request: Request) -> Result<Upload, Problem> {
@@ -215,7 +262,11 @@ async fn from_form(state: &ApiState, id: JobId, most: u64, request: Request) -> 
         Ok::<Bytes, SourceError>(chunk)
     });
     let request = Request::from_parts(parts, Body::from_stream(one_at_a_time(body)));
-    let mut form = Multipart::from_request(request, &()).await.map_err(|e| Problem::invalid_request(e.body_text()))?;
+    let mut form = Multipart::from_request(request, &()).await.map_err(|_| {
+        Problem::invalid_request(
+            "The form can't be read: its `Content-Type` must name the `boundary` between its parts.",
+        )
+    })?;
     let mut room = Room::new(most);
     let mut files: Vec<File> = Vec::new();
     let mut options: Option<JobOptions> = None;
@@ -234,8 +285,8 @@ async fn from_form(state: &ApiState, id: JobId, most: u64, request: Request) -> 
             }
             Some("options") if options.is_none() => {
                 let text = read_text(field, "options").await?;
-                let fields = serde_json::from_slice(&text)
-                    .map_err(|e| Problem::invalid_value(format!("The part 'options' can't be read: {e}.")))?;
+                let fields = json_object("`options`", &text)
+                    .map_err(|problem| Problem::invalid_field("options", problem.detail))?;
                 options = Some(job_options(fields)?);
             }
             Some(name) if Notes::NAMES.contains(&name) => {
@@ -244,19 +295,19 @@ async fn from_form(state: &ApiState, id: JobId, most: u64, request: Request) -> 
                 notes.take(&name, &String::from_utf8_lossy(&text), state.config.webhook_reach)?;
             }
             Some("options") => {
-                let detail = "The form has two parts 'options'. Send one for all files.";
+                let detail = "The form has two parts `options`. Send one for all files.";
                 return Err(Problem::invalid_request(detail));
             }
             name => {
                 let name = shown(name.unwrap_or_default());
                 return Err(Problem::invalid_request(format!(
-                    "The form has a part '{name}'. The parts are 'file', 'options', 'metadata' and 'callback_url'."
+                    "The form has a part `{name}`. Its parts must be `file`, `options`, `metadata` or `callback_url`."
                 )));
             }
         }
     }
     if files.is_empty() {
-        let detail = "The form has no part 'file'. Send the model as that part.";
+        let detail = "The form has no part `file`. Send the model as that part.";
         return Err(Problem::new(ProblemCode::MissingFile, detail));
     }
     let options = options.unwrap_or_default();
@@ -267,8 +318,8 @@ async fn from_form(state: &ApiState, id: JobId, most: u64, request: Request) -> 
 /// Whether a job may have so many files; as long as its options have not come, as many as any job.
 fn may_have(files: usize, options: Option<&JobOptions>, most: usize) -> Result<(), Problem> {
     if files > 1 && options.is_some_and(|options| options.mode() == Mode::Repair) {
-        let detail = "The form has two parts 'file', and a repair takes one model. Send one model a job, or ask for \
-                      the mode 'analyze'.";
+        let detail = "The form has two parts `file`, and a repair takes one model. Send one model a job, or set `mode` \
+                      to `analyze`.";
         return Err(Problem::invalid_request(detail));
     }
     if files > most {
@@ -285,8 +336,8 @@ async fn read_text(mut field: Field<'_>, name: &str) -> Result<Vec<u8>, Problem>
     while let Some(chunk) = field.chunk().await.map_err(|e| source_problem(&e))? {
         text.extend_from_slice(&chunk);
         if text.len() > OPTIONS_BYTES {
-            let detail = format!("The part '{name}' is larger than {} KiB.", OPTIONS_BYTES >> 10);
-            return Err(Problem::invalid_value(detail));
+            let message = format!("`{name}` must be at most {} KiB long.", OPTIONS_BYTES >> 10);
+            return Err(Problem::invalid_field(name, message));
         }
     }
     Ok(text)

@@ -5,16 +5,18 @@ use axum::extract::State;
 use axum::http::{HeaderMap, HeaderName, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use serde::{Deserialize, Serialize};
+use time::OffsetDateTime;
+use time::format_description::well_known::Rfc3339;
 use tracing::Instrument;
 use utoipa::{IntoParams, ToSchema};
 
 use super::caller::{MayRead, MayWrite};
 use super::extract::{ApiQuery, PathJobId, find_job, page_limit, text_header, unknown_cursor};
 use super::job_view::JobView;
-use super::problem::{Problem, ProblemCode};
+use super::problem::{FieldError, Problem, ProblemCode, shown};
 use super::state::ApiState;
 use super::wait::Watch;
-use crate::jobs::{Cancelled, Job, ListQuery, Status};
+use crate::jobs::{Cancelled, Job, JobOutcome, ListQuery, Metadata, Status};
 
 /// Longest time a request is held, in seconds.
 const LONGEST_WAIT: u64 = 60;
@@ -26,7 +28,7 @@ pub(super) struct WaitQuery {
     /// Hold the answer until the job's status changes or so many seconds have passed; more than 60 is taken as 60. The
     /// header `Prefer: wait=20` asks for the same.
     #[param(minimum = 0, example = 20)]
-    wait: Option<i64>,
+    wait: Option<u64>,
     /// What to answer beside the job.
     #[param(inline)]
     include: Option<Include>,
@@ -61,10 +63,7 @@ pub(super) async fn get_job(
     ApiQuery(query): ApiQuery<WaitQuery>,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
-    let asked =
-        query.wait.map(u64::try_from).transpose().map_err(|_| {
-            Problem::invalid_request("wait is below zero; it must be a number of seconds, zero or more.")
-        })?;
+    let asked = query.wait;
     let mut watch = Watch::new(&state, id);
     let mut job = find_job(&state, &caller, id).await?;
     if let Some(seconds) = asked.or_else(|| preferred_wait(&headers)) {
@@ -124,8 +123,21 @@ fn preferred_wait(headers: &HeaderMap) -> Option<u64> {
 #[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
 pub(super) struct JobsQuery {
-    /// Only jobs of this status.
-    status: Option<Status>,
+    /// Only jobs of these statuses, with commas between, such as `queued,running`.
+    #[param(style = Form, explode = false)]
+    status: Option<Vec<Status>>,
+    /// Only jobs of these outcomes, with commas between.
+    #[param(style = Form, explode = false)]
+    outcome: Option<Vec<JobOutcome>>,
+    /// Only jobs accepted at this time or later (RFC 3339).
+    #[param(format = DateTime, example = "2026-01-31T00:00:00Z")]
+    created_from: Option<String>,
+    /// Only jobs accepted before this time (RFC 3339).
+    #[param(format = DateTime)]
+    created_before: Option<String>,
+    /// Only jobs whose metadata has these entries, perhaps among others: a JSON object of texts.
+    #[param(example = r#"{"order":"17"}"#)]
+    metadata: Option<String>,
     /// Where to go on: `next` of the page before.
     cursor: Option<String>,
     /// Jobs on the page, 1 to 200.
@@ -159,9 +171,36 @@ pub(super) async fn list_jobs(
     let limit = page_limit(query.limit)?;
     let before = query.cursor.map(|cursor| cursor.parse()).transpose().map_err(|_| unknown_cursor())?;
     let (tenant, made_by) = (caller.tenant.to_string(), caller.only_made_by());
-    let page = state.store.list(ListQuery { tenant, made_by, status: query.status, before, limit }).await?;
+    let query = ListQuery {
+        tenant,
+        made_by,
+        statuses: query.status.unwrap_or_default(),
+        outcomes: query.outcome.unwrap_or_default(),
+        created_from: query.created_from.map(|text| read_time("created_from", &text)).transpose()?,
+        created_before: query.created_before.map(|text| read_time("created_before", &text)).transpose()?,
+        metadata: query.metadata.map(|text| read_metadata(&text)).transpose()?.unwrap_or_default(),
+        before,
+        limit,
+    };
+    let page = state.store.list(query).await?;
     let jobs = page.items.into_iter().map(|job| JobView::new(job, None, state.config.retention)).collect();
     Ok(Json(JobPage { jobs, next: page.next.map(|id| id.to_string()) }))
+}
+
+/// The milliseconds since the Unix epoch of a time in a query.
+fn read_time(field: &str, text: &str) -> Result<i64, Problem> {
+    let time = OffsetDateTime::parse(text, &Rfc3339).map_err(|_| {
+        let message = format!("`{field}` must be a time such as 2026-01-31T00:00:00Z; got \"{}\".", shown(text));
+        Problem::of_fields(ProblemCode::InvalidRequest, vec![FieldError::new(field, message)])
+    })?;
+    i64::try_from(time.unix_timestamp_nanos() / 1_000_000).map_err(|error| Problem::internal(&error))
+}
+
+fn read_metadata(text: &str) -> Result<Metadata, Problem> {
+    serde_json::from_str(text).map_err(|_| {
+        let message = r#"`metadata` must be a JSON object of texts, such as {"order":"17"}."#;
+        Problem::of_fields(ProblemCode::InvalidRequest, vec![FieldError::new("metadata", message)])
+    })
 }
 
 /// Stop a job.

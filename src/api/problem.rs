@@ -1,5 +1,5 @@
 use axum::Json;
-use axum::extract::rejection::{PathRejection, QueryRejection};
+use axum::extract::rejection::PathRejection;
 use axum::http::{HeaderName, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use serde::{Deserialize, Serialize};
@@ -36,12 +36,29 @@ pub struct Problem {
     /// The request's id, as in the service's log and in the X-Request-Id header.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub request_id: String,
-    /// Single errors, where there are several.
+    /// What is wrong with each field, where fields are wrong.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub errors: Vec<String>,
+    pub errors: Vec<FieldError>,
     /// Headers of the answer.
     #[serde(skip)]
     pub(super) headers: Vec<(HeaderName, String)>,
+}
+
+/// What is wrong with one field of a request.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct FieldError {
+    /// The field, an option for example; one within another by its path, such as `tolerances.slit` or `file[1]`.
+    pub field: String,
+    /// What is wrong, and what to send instead.
+    pub message: String,
+}
+
+impl FieldError {
+    /// An error of a field.
+    #[must_use]
+    pub fn new(field: &str, message: impl Into<String>) -> Self {
+        Self { field: field.to_owned(), message: message.into() }
+    }
 }
 
 /// What a client said as an answer repeats it: its beginning.
@@ -81,6 +98,22 @@ impl Problem {
     /// A request that is understood, with a value that is out of its range.
     pub(super) fn invalid_value(detail: impl Into<String>) -> Self {
         Self::new(ProblemCode::InvalidOptions, detail)
+    }
+
+    /// A request whose fields are wrong. The detail is that of the first.
+    pub(super) fn of_fields(code: ProblemCode, errors: Vec<FieldError>) -> Self {
+        let first = errors.first().map(|error| error.message.clone()).unwrap_or_default();
+        let detail = match errors.len() {
+            0 | 1 => first,
+            2 => format!("{first} One more field is wrong; `errors` lists both."),
+            count => format!("{first} {} more fields are wrong; `errors` lists all.", count - 1),
+        };
+        Self { errors, ..Self::new(code, detail) }
+    }
+
+    /// A request with one wrong value of an option or field.
+    pub(super) fn invalid_field(field: &str, message: impl Into<String>) -> Self {
+        Self::of_fields(ProblemCode::InvalidOptions, vec![FieldError::new(field, message)])
     }
 
     /// Adds a header to the answer.
@@ -180,13 +213,7 @@ impl From<&BlobError> for Problem {
 }
 
 impl From<PathRejection> for Problem {
-    fn from(rejection: PathRejection) -> Self {
-        Self::invalid_request(rejection.body_text())
-    }
-}
-
-impl From<QueryRejection> for Problem {
-    fn from(rejection: QueryRejection) -> Self {
-        Self::invalid_request(rejection.body_text())
+    fn from(_: PathRejection) -> Self {
+        Self::invalid_request("The path is not valid: what is written with `%` must be UTF-8.")
     }
 }

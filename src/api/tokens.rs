@@ -94,23 +94,23 @@ pub(super) async fn make_token(
     ApiJson(asked): ApiJson<NewToken>,
 ) -> Result<Response, Problem> {
     let origin = clean_origin(&asked.origin).ok_or_else(|| {
-        Problem::invalid_value("origin must be a scheme, a host and perhaps a port, such as https://shop.example.")
+        let message = "`origin` must be a scheme, a host and perhaps a port, such as https://shop.example.";
+        Problem::invalid_field("origin", message)
     })?;
     let scopes = match asked.scopes {
         None => [Scope::JobsRead, Scope::JobsWrite].into_iter().collect::<Scopes>(),
         Some(scopes) => scopes.into_iter().collect(),
     };
     if let Some(scope) = scopes.iter().find(|scope| !scope.is_for_browsers() || !caller.may(*scope)) {
-        return Err(Problem::invalid_value(format!("A token of this key can't have the scope '{scope}'.")));
+        return Err(Problem::invalid_field("scopes", format!("A token of this key can't have the scope `{scope}`.")));
     }
     let life_s = asked.expires_in_s.unwrap_or(LIFE_S);
     if !(SHORTEST_S..=LONGEST_S).contains(&life_s) {
-        return Err(Problem::invalid_value(format!(
-            "expires_in_s is {life_s}; it must be between {SHORTEST_S} and {LONGEST_S}."
-        )));
+        let message = format!("`expires_in_s` must be a whole number from {SHORTEST_S} to {LONGEST_S}; got {life_s}.");
+        return Err(Problem::invalid_field("expires_in_s", message));
     }
     if asked.max_bytes == Some(0) {
-        return Err(Problem::invalid_value("max_bytes is 0; it must be at least 1."));
+        return Err(Problem::invalid_field("max_bytes", "`max_bytes` must be at least 1; got 0."));
     }
     let max_bytes = asked.max_bytes.unwrap_or(u64::MAX).min(caller.max_bytes(state.config.limits.max_bytes));
     let secret = Secret::new(KeyKind::Browser);

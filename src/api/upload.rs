@@ -131,7 +131,7 @@ pub(super) fn one_at_a_time<T>(
 /// The problem behind an error of the incoming bytes, however deep libraries wrapped it.
 pub(super) fn source_problem(error: &(dyn Error + 'static)) -> Problem {
     let mut cause = Some(error);
-    let mut form = None;
+    let mut is_form = false;
     while let Some(e) = cause {
         match e.downcast_ref() {
             Some(SourceError::Idle) => {
@@ -148,20 +148,21 @@ pub(super) fn source_problem(error: &(dyn Error + 'static)) -> Problem {
             return error.into();
         }
         if e.downcast_ref::<io::Error>()
-            .is_some_and(|e| matches!(e.kind(), ErrorKind::InvalidData | ErrorKind::InvalidInput))
+            .is_some_and(|e| matches!(e.kind(), ErrorKind::InvalidData | ErrorKind::InvalidInput | ErrorKind::Other))
         {
             return Problem::invalid_request(
                 "The body can't be decoded as its `Content-Encoding` says. Send it again.",
             )
             .with_header(header::CONNECTION, "close");
         }
-        if let Some(multipart) = e.downcast_ref::<MultipartError>() {
-            form = Some(multipart.body_text());
+        if e.is::<MultipartError>() {
+            is_form = true;
         }
         cause = e.source();
     }
-    match form {
-        Some(text) => Problem::invalid_request(format!("The form can't be read: {text}.")),
-        None => Problem::new(ProblemCode::UploadInterrupted, format!("The upload broke off: {error}.")),
+    if is_form {
+        let detail = "The form can't be read: it ends too early, or a part is not formed as RFC 7578 says.";
+        return Problem::invalid_request(detail);
     }
+    Problem::new(ProblemCode::UploadInterrupted, "The upload broke off before its end. Send it again.")
 }

@@ -12,7 +12,7 @@ pub fn changed_fields<T: Serialize>(options: &T, defaults: &T) -> Map<String, Va
 
 /// An option outside what it may be.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
-#[error("option '{option}' is {value}; it must be {expected}")]
+#[error("`{option}` must be {expected}; got {value}.")]
 pub struct OptionsError {
     /// The option's name.
     pub option: &'static str,

@@ -64,10 +64,10 @@ pub enum JobOptions {
 #[derive(Debug, thiserror::Error)]
 pub enum JobOptionsError {
     /// There is no such mode.
-    #[error("option 'mode' is {0}; it must be 'repair' or 'analyze'")]
+    #[error("`mode` must be `repair` or `analyze`; got {0}.")]
     Mode(Value),
     /// The option is one of another mode.
-    #[error("option '{option}' belongs to mode '{}', and this job's mode is '{}'", .of.as_str(), .mode.as_str())]
+    #[error("`{option}` is an option of mode `{}`; this job's mode is `{}`.", .of.as_str(), .mode.as_str())]
     OtherMode {
         /// The option.
         option: String,
@@ -77,19 +77,31 @@ pub enum JobOptionsError {
         mode: Mode,
     },
     /// There is no such option.
-    #[error("there is no option '{option}'; those of mode '{}' are {}", .mode.as_str(), .mode.option_names().join(", "))]
+    #[error("There is no option `{option}`; those of mode `{}` are {}.", .mode.as_str(), .mode.option_names().join(", "))]
     Unknown {
         /// What was given.
         option: String,
         /// The job's mode.
         mode: Mode,
     },
-    /// A value is of the wrong kind.
-    #[error("{0}")]
+    /// A value is of the wrong kind; the option's name.
+    #[error("`{0}` has a value of the wrong kind; see its description in the OpenAPI document.")]
     Unreadable(String),
     /// A value is out of its range.
     #[error(transparent)]
     Range(#[from] OptionsError),
+}
+
+impl JobOptionsError {
+    /// The option that is wrong.
+    #[must_use]
+    pub fn option(&self) -> Option<&str> {
+        match self {
+            Self::Mode(_) => Some("mode"),
+            Self::OtherMode { option, .. } | Self::Unknown { option, .. } | Self::Unreadable(option) => Some(option),
+            Self::Range(error) => Some(error.option),
+        }
+    }
 }
 
 impl JobOptions {
@@ -178,11 +190,11 @@ fn with_whole_numbers(value: &mut Value) {
 fn read<T: DeserializeOwned>(fields: Map<String, Value>) -> Result<T, JobOptionsError> {
     for (option, value) in &fields {
         let alone = Map::from_iter([(option.clone(), value.clone())]);
-        if let Err(error) = serde_json::from_value::<T>(Value::Object(alone)) {
-            return Err(JobOptionsError::Unreadable(format!("option '{option}' can't be read: {error}")));
+        if serde_json::from_value::<T>(Value::Object(alone)).is_err() {
+            return Err(JobOptionsError::Unreadable(option.clone()));
         }
     }
-    serde_json::from_value(Value::Object(fields)).map_err(|error| JobOptionsError::Unreadable(error.to_string()))
+    serde_json::from_value(Value::Object(fields)).map_err(|_| JobOptionsError::Unreadable("options".to_owned()))
 }
 
 impl Default for JobOptions {
@@ -252,15 +264,15 @@ mod tests {
     #[test]
     fn an_option_of_the_other_mode_is_refused_by_its_name_and_its_mode() {
         for (given, named) in [
-            (json!({"level": "full"}), "option 'level' belongs to mode 'analyze', and this job's mode is 'repair'"),
-            (json!({"mode": "analyze", "preset": "auto"}), "option 'preset' belongs to mode 'repair'"),
-            (json!({"mode": "destroy"}), "option 'mode' is \"destroy\"; it must be"),
-            (json!({"mode": "analyze", "levle": 1}), "no option 'levle'; those of mode 'analyze' are level, "),
-            (json!({"mode": "analyze", "level": "deep"}), "option 'level' can't be read: unknown variant `deep`"),
-            (json!({"deadline_s": null}), "option 'deadline_s' can't be read"),
-            (json!({"mode": "analyze", "deadline_s": 0}), "option 'deadline_s' is 0"),
-            (json!({"mode": "analyze", "places": 5000}), "option 'places' is 5000"),
-            (json!({"max_tier": 9}), "option 'max_tier' is 9"),
+            (json!({"level": "full"}), "`level` is an option of mode `analyze`; this job's mode is `repair`."),
+            (json!({"mode": "analyze", "preset": "auto"}), "`preset` is an option of mode `repair`"),
+            (json!({"mode": "destroy"}), "`mode` must be `repair` or `analyze`; got \"destroy\"."),
+            (json!({"mode": "analyze", "levle": 1}), "no option `levle`; those of mode `analyze` are level, "),
+            (json!({"mode": "analyze", "level": "deep"}), "`level` has a value of the wrong kind"),
+            (json!({"deadline_s": null}), "`deadline_s` has a value of the wrong kind"),
+            (json!({"mode": "analyze", "deadline_s": 0}), "`deadline_s` must be "),
+            (json!({"mode": "analyze", "places": 5000}), "`places` must be "),
+            (json!({"max_tier": 9}), "`max_tier` must be "),
         ] {
             let error = read(given).expect_err("refused").to_string();
             assert!(error.contains(named), "{error}");

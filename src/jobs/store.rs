@@ -231,8 +231,16 @@ pub struct ListQuery {
     pub tenant: String,
     /// Only jobs submitted with this key.
     pub made_by: Option<String>,
-    /// Only jobs of this status.
-    pub status: Option<Status>,
+    /// Only jobs of these statuses; of any where there is none.
+    pub statuses: Vec<Status>,
+    /// Only jobs of these outcomes; of any, and without one, where there is none.
+    pub outcomes: Vec<JobOutcome>,
+    /// Only jobs accepted at this time or later, in milliseconds since the Unix epoch.
+    pub created_from: Option<i64>,
+    /// Only jobs accepted before this time.
+    pub created_before: Option<i64>,
+    /// Only jobs whose metadata has these entries, perhaps among others.
+    pub metadata: Metadata,
     /// Only jobs older than this one.
     pub before: Option<JobId>,
     /// At most so many.

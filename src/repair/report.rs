@@ -188,7 +188,7 @@ impl Serialize for ReportedOptions {
 
 impl Report {
     /// Shortens each list to its first `most` items, and leaves out statistics, planned operators, strategies that did not run and steps
-    /// that changed nothing. Counts, the verdict, flags and assumptions stay.
+    /// of tiers 1 and 2 that changed nothing. Counts, the verdict, flags and assumptions stay.
     pub fn abridge(&mut self, most: usize) {
         self.abridged = true;
         self.options.only_changed = true;
@@ -236,7 +236,8 @@ fn abridge_steps(steps: &mut Vec<Step>, most: usize) {
     steps.retain(|step| match step.status {
         StepStatus::Done => !step.changed.is_empty() || step.program.is_some() || step.unfixed.is_some(),
         StepStatus::Failed | StepStatus::Undone => true,
-        StepStatus::Skipped => false,
+        // That there is no Blender is worth knowing.
+        StepStatus::Skipped => step.tier == 3,
     });
     steps.truncate(8 * most);
     for faces in steps.iter_mut().filter_map(|step| step.unfixed.as_mut()) {

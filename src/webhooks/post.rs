@@ -100,7 +100,7 @@ impl Poster {
     }
 
     async fn try_post(&self, envelope: Envelope<'_>) -> Result<u16, String> {
-        let refused = |error: TargetError| format!("The address may not be reached: {error}.");
+        let refused = |error: TargetError| format!("The address {error}.");
         let url = self.reach.read(envelope.url).map_err(refused)?;
         let request = self
             .client
@@ -230,11 +230,11 @@ mod tests {
             let url = format!("https://hooks.example:{port}/");
             let answer = poster.expect("a client").post(envelope(&url)).await;
             let error = answer.error.expect("an error");
-            assert_eq!(error, "The address may not be reached: its host must be on the public internet.");
+            assert_eq!(error, "The address must have a host on the public internet.");
         }
         let poster = Poster::with_lookup(Reach::Public, SHORT, |_| async { Ok(Vec::new()) }).expect("a client");
         let error = poster.post(envelope("https://hooks.example/")).await.error.expect("an error");
-        assert_eq!(error, "The address may not be reached: its host's name leads to no address.");
+        assert_eq!(error, "The address names a host that has no address.");
         assert_eq!(reached.load(Ordering::SeqCst), 0);
     }
 

@@ -20,22 +20,22 @@ pub enum Reach {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum TargetError {
     /// It is none.
-    #[error("it must be an https address of at most 2048 bytes, such as https://shop.example/hooks")]
+    #[error("must be an https address of at most 2048 bytes, such as https://shop.example/hooks")]
     NoAddress,
     /// It is one of http, or of something else.
-    #[error("it must begin with https://")]
+    #[error("must begin with https://")]
     NotHttps,
     /// There is a name or a password in it, which would end up in logs.
-    #[error("it must hold no user name and no password; messages are signed instead")]
+    #[error("must hold no user name and no password; messages are signed instead")]
     Credentials,
     /// A port on which something else is known to listen.
-    #[error("its port must be 443, or 1024 or above")]
+    #[error("must have the port 443, or 1024 or above")]
     Port,
     /// The host is of this machine or of a private network, or its name leads to one that is.
-    #[error("its host must be on the public internet")]
+    #[error("must have a host on the public internet")]
     Private,
     /// The name leads nowhere.
-    #[error("its host's name leads to no address")]
+    #[error("names a host that has no address")]
     Nowhere,
 }
 

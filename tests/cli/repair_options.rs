@@ -21,5 +21,5 @@ fn a_length_below_zero_is_refused_with_the_name_of_its_option() {
     desk.put("box.stl", &files::stl(&files::BOX));
     let output = desk.run(&["repair", "box.stl", "-o", "out.stl", "--merge-distance=-1"]);
     assert_eq!(code(&output), 2, "{}", said(&output));
-    assert!(said(&output).contains("option 'merge_distance' is -1"), "{}", said(&output));
+    assert!(said(&output).contains("`merge_distance` must be"), "{}", said(&output));
 }

@@ -35,6 +35,11 @@ async fn nothing_is_left(api: &Api, data: &std::path::Path) {
     assert_eq!(stored_uploads(data), 0, "nothing refused is stored");
 }
 
+async fn full_report(api: &Api, id: &str) -> Value {
+    api.finished(id).await;
+    serde_json::from_slice(&api.artifact(id, "report-full.json").await).expect("JSON")
+}
+
 #[tokio::test]
 async fn one_file_is_analysed_and_what_is_said_of_it_is_what_a_repair_says_of_its_input() {
     let data = tempfile::tempdir().expect("a folder");
@@ -55,18 +60,18 @@ async fn one_file_is_analysed_and_what_is_said_of_it_is_what_a_repair_says_of_it
     assert_eq!(file["inspection"]["boundary_edges"], 4);
     assert_eq!(
         job["artifacts"].as_object().expect("files").keys().collect::<Vec<_>>(),
-        ["defects.glb", "defects.ply", "defects.png", "log.txt", "report.json"]
+        ["defects.glb", "defects.ply", "defects.png", "log.txt", "report-full.json", "report.json"]
     );
     assert_eq!(job["artifacts"]["report.json"]["filename"], "a-report.json");
     let stored: Value = serde_json::from_slice(&api.artifact(&id, "report.json").await).expect("JSON");
     assert_eq!(&stored, report);
 
     let repaired = accepted(&api, vec![("a.stl", files::open_box())], json!({"max_tier": 1})).await;
-    let repaired = api.finished(&repaired).await;
-    assert_eq!(repaired["report"]["mode"], "repair");
+    let repaired = full_report(&api, &repaired).await;
+    assert_eq!(repaired["mode"], "repair");
     let plain = accepted(&api, vec![("a.stl", files::open_box())], analyze()).await;
-    let plain = api.finished(&plain).await;
-    assert_eq!(repaired["report"]["before"], plain["report"]["files"][0]["inspection"]);
+    let plain = full_report(&api, &plain).await;
+    assert_eq!(repaired["before"], plain["files"][0]["inspection"]);
 
     let whole = api.post("/v1/jobs?mode=analyze&level=basic&name=b.stl").body(files::whole_box());
     let whole: Value = whole.send().await.expect("an answer").json().await.expect("a job");
@@ -99,8 +104,8 @@ async fn several_files_are_analysed_in_their_order_and_deleted_together() {
     }
     assert_eq!(
         stored_files(data.path(), &id).len(),
-        14,
-        "three uploads, three drawings of each, the report and the log"
+        15,
+        "three uploads, three drawings of each, both reports and the log"
     );
     assert_eq!(api.delete(&format!("/v1/jobs/{id}")).send().await.expect("an answer").status(), 204);
     assert!(stored_files(data.path(), &id).is_empty());
@@ -115,7 +120,9 @@ async fn a_file_that_is_no_model_is_named_and_the_others_go_with_it() {
     let sent = vec![("a.stl", files::whole_box()), ("notes.txt", b"hello".to_vec()), ("empty.stl", Vec::new())];
     let (status, problem) = submit(&api, sent, analyze()).await;
     assert_eq!((status, problem["code"].as_str()), (415, Some("unsupported_model")), "{problem}");
-    let errors: Vec<&str> = problem["errors"].as_array().expect("a list").iter().filter_map(Value::as_str).collect();
+    let errors = problem["errors"].as_array().expect("a list");
+    assert_eq!((&errors[0]["field"], &errors[1]["field"]), (&json!("file[1]"), &json!("file[2]")));
+    let errors: Vec<&str> = errors.iter().filter_map(|error| error["message"].as_str()).collect();
     assert!(errors[0].starts_with("file 2 of 3, 'notes.txt': "), "{errors:?}");
     assert!(errors[1].starts_with("file 3 of 3, 'empty.stl': ") && errors.len() == 2, "{errors:?}");
     nothing_is_left(&api, data.path()).await;
@@ -137,10 +144,10 @@ async fn a_wrong_option_a_second_file_for_a_repair_and_too_many_or_too_large_fil
     let api = Api::new(&program);
     let small = |name| (name, files::whole_box());
     for (options, named) in [
-        (json!({"mode": "analyze", "output": "obj"}), "'output' belongs to mode 'repair'"),
-        (json!({"level": "full"}), "'level' belongs to mode 'analyze'"),
-        (json!({"mode": "analyze", "places": 5000}), "'places' is 5000"),
-        (json!({"mode": "analyse"}), "'mode' is \"analyse\""),
+        (json!({"mode": "analyze", "output": "obj"}), "`output` is an option of mode `repair`"),
+        (json!({"level": "full"}), "`level` is an option of mode `analyze`"),
+        (json!({"mode": "analyze", "places": 5000}), "`places` must be a whole number from 0 to 1000; got 5000."),
+        (json!({"mode": "analyse"}), "`mode` must be `repair` or `analyze`; got \"analyse\"."),
     ] {
         let (status, problem) = submit(&api, vec![small("a.stl")], options).await;
         assert_eq!((status, problem["code"].as_str()), (422, Some("invalid_options")), "{problem}");
@@ -215,7 +222,7 @@ async fn an_analysis_is_cancelled_with_its_process_and_run_again_when_its_proces
     assert_eq!(job["report"]["files"].as_array().map(Vec::len), Some(2));
     // Two uploads, three drawings of each, the report and the log; what the first attempt left goes a little later.
     until("the first attempt's files are gone", async || {
-        (stored_files(data.path(), &killed).len() == 10).then_some(())
+        (stored_files(data.path(), &killed).len() == 11).then_some(())
     })
     .await;
 }

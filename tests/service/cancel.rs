@@ -76,8 +76,8 @@ async fn deleting_a_job_deletes_its_files_and_leaves_nothing_to_read() {
     api.finished(&id).await;
     assert_eq!(
         stored_files(data.path(), &id).len(),
-        11,
-        "the upload, the model, seven drawings, the report and the log"
+        12,
+        "the upload, the model, seven drawings, both reports and the log"
     );
     let answer = api.delete(&format!("/v1/jobs/{id}")).send().await.expect("an answer");
     assert_eq!(answer.status(), 204);

@@ -140,6 +140,15 @@ async fn a_page_may_be_given_the_scopes_that_are_documented_and_no_others() {
     }
 }
 
+fn without_null(schema: &mut Value) {
+    if let Some(types) = schema["type"].as_array() {
+        schema["type"] = types.iter().find(|kind| *kind != "null").expect("a type").clone();
+    }
+    if let Some(variants) = schema["oneOf"].as_array().filter(|variants| variants.contains(&json!({"type": "null"}))) {
+        *schema = variants.iter().find(|variant| *variant != &json!({"type": "null"})).expect("a type").clone();
+    }
+}
+
 #[tokio::test]
 async fn a_field_of_the_query_is_documented_as_in_a_body_and_read_as_documented() {
     let document = document();
@@ -151,7 +160,13 @@ async fn a_field_of_the_query_is_documented_as_in_a_body_and_read_as_documented(
         let field = field(name);
         let schema =
             if field["schema"].is_null() { &field["content"]["application/json"]["schema"] } else { &field["schema"] };
-        assert_eq!(schema, option, "{name}");
+        let mut expected = option.clone();
+        // A query has no null, and a client that sent the defaults would send options of the other mode.
+        if field["schema"].is_object() {
+            without_null(&mut expected);
+        }
+        expected.as_object_mut().expect("a schema").remove("default");
+        assert_eq!(schema, &expected, "{name}");
         compared += 1;
     }
     assert!(compared > 30, "{compared}");

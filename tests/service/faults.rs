@@ -19,7 +19,7 @@ const CHILD_STAGES: [(&str, &str); 5] = [
 const WORKER_STAGES: [&str; 4] = ["worker-claimed", "worker-spawn", "worker-publish", "worker-complete"];
 
 /// The upload, the model, the report, the log, three pictures and four coloured meshes.
-pub const FILES: usize = 11;
+pub const FILES: usize = 12;
 
 fn paused(stage: &str) -> String {
     format!("{stage}=sleep(600000)")
@@ -69,7 +69,7 @@ async fn a_child_killed_while_it_draws_has_given_its_result_all_the_same() {
     let child = one_child(&program).await;
     until("the report is there", async || {
         let folders = std::fs::read_dir(format!("/proc/{child}/cwd")).ok()?;
-        folders.flatten().any(|entry| entry.file_name() == "report.json").then_some(())
+        folders.flatten().any(|entry| entry.file_name() == "report-full.json").then_some(())
     })
     .await;
     signal(child, "KILL");

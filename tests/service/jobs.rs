@@ -77,7 +77,7 @@ async fn without_pictures_a_job_has_its_result_its_report_and_its_log_only() {
     let id = api.submit(files::broken_box(), json!({"max_tier": 1, "pictures": false})).await;
     let job = api.finished(&id).await;
     let names: Vec<&String> = job["artifacts"].as_object().expect("an object").keys().collect();
-    assert_eq!(names, ["log.txt", "model", "report.json"]);
+    assert_eq!(names, ["log.txt", "model", "report-full.json", "report.json"]);
 }
 
 #[tokio::test]

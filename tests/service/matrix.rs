@@ -210,7 +210,7 @@ async fn is_at(place: &str, ground: &Ground, api: &Api, worker: &Program, id: &s
         || ground.bucket.files().iter().filter(|key| key.starts_with("jobs/") && key.contains(id)).count();
     let has_report = || {
         let data = disk(worker, &ground.data(place));
-        files_below(&data.join("scratch")).iter().any(|file| file.ends_with("report.json"))
+        files_below(&data.join("scratch")).iter().any(|file| file.ends_with("report-full.json"))
     };
     match place {
         "worker-claimed" => job["status"] == "running",

@@ -1,3 +1,4 @@
+use reqwest::multipart::{Form, Part};
 use reqwest::{Method, RequestBuilder};
 use serde_json::{Value, json};
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
@@ -29,7 +30,7 @@ async fn every_kind_of_wrong_request_gets_a_problem_that_says_what_to_do() {
     let program = Start::serve(data.path()).arg("--max-file-mib", "1").start();
     let api = Api::new(&program);
     let form = reqwest::multipart::Form::new;
-    let file = || reqwest::multipart::Part::bytes(files::whole_box()).file_name("a.stl");
+    let file = || Part::bytes(files::whole_box()).file_name("a.stl");
     let submit = || api.post("/v1/jobs");
     let missing = "job_0190163d8f7d7000800000000000000f";
 
@@ -53,11 +54,10 @@ async fn every_kind_of_wrong_request_gets_a_problem_that_says_what_to_do() {
 
     problem(submit(), 400, "missing_file").await;
     problem(submit().multipart(form().text("options", "{}")), 400, "missing_file").await;
-    problem(submit().multipart(form().part("file", reqwest::multipart::Part::bytes(vec![]))), 400, "missing_file")
-        .await;
+    problem(submit().multipart(form().part("file", Part::bytes(vec![]))), 400, "missing_file").await;
     let twice =
         problem(submit().multipart(form().part("file", file()).part("file", file())), 400, "invalid_request").await;
-    assert!(twice["detail"].as_str().expect("text").contains("two parts 'file'"));
+    assert!(twice["detail"].as_str().expect("text").contains("two parts `file`"));
     problem(submit().multipart(form().part("file", file()).text("colour", "red")), 400, "invalid_request").await;
     problem(submit().header("content-type", "multipart/form-data").body("x"), 400, "invalid_request").await;
     let broken = "--b\r\nContent-Disposition: form-data; name=\"file\"\r\n\r\nsolid";
@@ -145,4 +145,115 @@ async fn a_file_that_only_a_full_read_finds_broken_fails_its_job_and_names_the_p
     assert_eq!(job["attempt"], 1);
     assert!(api.artifact(&id, "log.txt").await.len() > 10);
     problem(api.get(&format!("/v1/jobs/{id}/artifacts/model")), 404, "artifact_not_found").await;
+}
+
+/// What a request is refused for: the code, the detail and the messages of single fields.
+async fn refused(request: RequestBuilder) -> (String, String, Vec<[String; 2]>) {
+    let problem: Value = request.send().await.expect("an answer").json().await.expect("JSON");
+    let text = |value: &Value| value.as_str().expect("text").to_owned();
+    let errors = problem["errors"].as_array().into_iter().flatten();
+    let errors = errors.map(|error| [text(&error["field"]), text(&error["message"])]).collect();
+    (text(&problem["code"]), text(&problem["detail"]), errors)
+}
+
+#[tokio::test]
+async fn every_wrong_option_is_named_with_what_it_must_be() {
+    let data = tempfile::tempdir().expect("a folder");
+    let program = Start::serve(data.path()).start();
+    let api = Api::new(&program);
+    let options = |options: Value| {
+        let part = Part::bytes(files::whole_box()).file_name("box.stl");
+        api.post("/v1/jobs").multipart(Form::new().text("options", options.to_string()).part("file", part))
+    };
+    let (code, detail, errors) =
+        refused(options(json!({"max_tier": "2", "preset": "fast", "max_teir": 1, "level": "full"}))).await;
+    assert_eq!(code, "invalid_options");
+    let messages: Vec<_> = errors.iter().map(|[_, message]| message.as_str()).collect();
+    assert_eq!(
+        messages,
+        [
+            "`level` is an option of mode `analyze`; this job's mode is `repair`.",
+            "There is no option `max_teir`. Did you mean `max_tier`?",
+            r#"`max_tier` must be a whole number from 1 to 3; got "2" (text)."#,
+            r#"`preset` must be one of `auto`, `basic-cleanup`, `fill-holes`, `full-repair`, `conservative-repair`, `manifold-repair`, `blender-remesh`; got "fast" (text)."#,
+        ]
+    );
+    assert_eq!(
+        errors.iter().map(|[field, _]| field.as_str()).collect::<Vec<_>>(),
+        ["level", "max_teir", "max_tier", "preset"]
+    );
+    assert_eq!(detail, format!("{} 3 more fields are wrong; `errors` lists all.", messages[0]));
+
+    let form = |options: &'static str| {
+        let part = Part::bytes(files::whole_box()).file_name("box.stl");
+        api.post("/v1/jobs").multipart(Form::new().text("options", options).part("file", part))
+    };
+    let raw = |query: &str| api.post(&format!("/v1/jobs?{query}")).body(files::whole_box());
+    for (request, expected) in [
+        (form(""), "`options` is empty; send JSON such as `{}`."),
+        (form("[1]"), "`options` must be a JSON object, such as `{}`."),
+        (form("{\"max_tier\": }"), "`options` is not valid JSON: look at line 1, column 14."),
+        (options(json!({"mode": "mend"})), "`mode` must be `repair` or `analyze`; got \"mend\"."),
+        (options(json!({"deadline_s": 0})), "`deadline_s` must be a number from 1 to 3600; got 0."),
+        (options(json!({"with": ["fly"]})), "`with[0]` must be one of"),
+        (raw("max_tier=two"), r#"`max_tier` must be a whole number from 1 to 3; got "two" (text)."#),
+        (raw("max_tier=1&max_tier=2"), "`max_tier` is given twice; send it once."),
+        (raw("metadata=5"), "`metadata` must be a JSON object of at most 50 texts and 8 KiB."),
+        (raw("callback_url=ftp://shop.example"), "`callback_url` must begin with https://."),
+        (api.get("/v1/jobs?limit=0"), "`limit` must be a whole number from 1 to 200; got 0."),
+        (api.get("/v1/jobs?limit=many"), r#"`limit` must be a whole number from 1 to 200; got "many" (text)."#),
+        (api.get("/v1/jobs?status=queued,done"), "`status[1]` must be one of `queued`, `running`,"),
+        (api.get("/v1/jobs?stauts=queued"), "There is no query parameter `stauts`. Did you mean `status`?"),
+        (
+            api.get("/v1/jobs?created_from=today"),
+            "`created_from` must be a time such as 2026-01-31T00:00:00Z; got \"today\".",
+        ),
+        (api.get("/v1/jobs?cursor=zzz"), "`cursor` must be the `next` of the page before."),
+        (api.post("/v1/jobs").json(&json!({"a": 1})), "There is no field `a`."),
+        (api.post("/v1/webhook-endpoints").json(&json!({"url": 5})), "`url` must be text"),
+        (api.post("/v1/browser-tokens").json(&json!({})), "`origin` is missing."),
+    ] {
+        let (_, detail, errors) = refused(request).await;
+        assert!(detail.starts_with(expected), "{detail}");
+        assert!(errors.iter().any(|[_, message]| detail.starts_with(message.as_str())), "{detail}: {errors:?}");
+    }
+}
+
+#[tokio::test]
+async fn jobs_are_listed_by_statuses_outcomes_dates_and_metadata() {
+    let data = tempfile::tempdir().expect("a folder");
+    let program = Start::serve(data.path()).start();
+    let api = Api::new(&program);
+    let mut ids = Vec::new();
+    for (file, order) in [(files::whole_box(), "1"), (files::broken_box(), "2"), (files::open_sheet(), "3")] {
+        let metadata = format!(r#"{{"order":"{order}","shop":"north"}}"#);
+        let form = Form::new().text("metadata", metadata).part("file", Part::bytes(file).file_name("box.stl"));
+        let answer = api.post("/v1/jobs").multipart(form).send().await;
+        let job: Value = answer.expect("an answer").json().await.expect("a job");
+        ids.push(job["id"].as_str().expect("an id").to_owned());
+        api.finished(&ids[ids.len() - 1]).await;
+    }
+    let second = api.job(&ids[1]).await;
+    let second = second["created_at"].as_str().expect("a time");
+    assert_eq!(second.len(), "2026-01-31T00:00:00.000Z".len());
+    let from = format!("created_from={second}");
+    let before = format!("created_before={second}");
+    for (query, expected) in [
+        ("status=succeeded", vec![2, 1, 0]),
+        ("status=queued,running", vec![]),
+        ("status=queued,succeeded", vec![2, 1, 0]),
+        ("outcome=repaired", vec![1]),
+        ("outcome=already_printable,repaired", vec![1, 0]),
+        (r#"metadata={"order":"3"}"#, vec![2]),
+        (r#"metadata={"shop":"north","order":"1"}"#, vec![0]),
+        (r#"metadata={"shop":"south"}"#, vec![]),
+        (from.as_str(), vec![2, 1]),
+        (before.as_str(), vec![0]),
+    ] {
+        let page: Value =
+            api.get(&format!("/v1/jobs?{query}")).send().await.expect("an answer").json().await.expect("JSON");
+        let found: Vec<_> =
+            page["jobs"].as_array().expect("jobs").iter().map(|job| job["id"].as_str().expect("an id")).collect();
+        assert_eq!(found, expected.iter().map(|&number: &usize| ids[number].as_str()).collect::<Vec<_>>(), "{query}");
+    }
 }

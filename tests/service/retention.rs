@@ -120,7 +120,8 @@ async fn the_same_bytes_and_options_are_repaired_once() {
     let again: Value = again.json().await.expect("a job");
     assert_eq!((&again["status"], &again["outcome"]), (&json!("succeeded"), &json!("repaired")));
     assert_eq!(again["reused_from"], first["id"]);
-    assert_eq!(again["report"], first["report"]);
+    assert_eq!(again["quote"], first["quote"]);
+    assert_eq!(api.job(again["id"].as_str().expect("an id")).await["report"], first["report"]);
     assert_eq!(again["artifacts"]["model"]["filename"], "other name-repaired.stl");
     let (one, other) = (first["id"].as_str().expect("an id"), again["id"].as_str().expect("an id"));
     let model = api.artifact(one, "model").await;

@@ -511,7 +511,7 @@ export interface components {
         Action: "basic_cleanup" | "fix_normals" | "fill_holes" | "stitch" | "mend" | "mend_conservative" | "make_manifold" | "clean_and_patch" | "close_sheets" | "resolve" | "separate" | "simplify" | "drop_small_parts" | "native_remesh" | "voxel_remesh" | "boolean_union" | "validate";
         /** @description The account of one analysis. */
         AnalysisReport: {
-            /** @description Whether lists are shortened to their first items, and histograms are left out. Counts are always of everything. */
+            /** @description Whether lists are shortened to their first items, and statistics and histograms are left out. Counts are always of everything. */
             abridged?: boolean;
             /** @description Name and version of the engine. */
             engine: string;
@@ -1022,6 +1022,13 @@ export interface components {
             vertices: number;
             /** @description Whether vertices are numbered 1, 2, 3 and so on; none where the format has no numbers. */
             vertices_contiguous?: boolean | null;
+        };
+        /** @description What is wrong with one field of a request. */
+        FieldError: {
+            /** @description The field, an option for example; one within another by its path, such as `tolerances.slit` or `file[1]`. */
+            field: string;
+            /** @description What is wrong, and what to send instead. */
+            message: string;
         };
         /** @description What was found in one file. */
         FileAnalysis: {
@@ -2073,8 +2080,8 @@ export interface components {
         PlannedAction: {
             /** @description The action. */
             action: components["schemas"]["Action"];
-            /** @description Its operators in order; none for tier 3 and for validation. */
-            operators: components["schemas"]["Operator"][];
+            /** @description Its operators in order; none for tier 3, for validation and in an abridged report. */
+            operators?: components["schemas"]["Operator"][];
         };
         /**
          * @description A named plan, after the MeshPrep repair strategy guide ("Filter Scripts & When to Use Them").
@@ -2120,8 +2127,8 @@ export interface components {
             code: components["schemas"]["ProblemCode"];
             /** @description What happened and what to do. */
             detail: string;
-            /** @description Single errors, where there are several. */
-            errors?: string[];
+            /** @description What is wrong with each field, where fields are wrong. */
+            errors?: components["schemas"]["FieldError"][];
             /** @description The address that was asked for. */
             instance?: string;
             /** @description The request's id, as in the service's log and in the X-Request-Id header. */
@@ -2295,7 +2302,10 @@ export interface components {
         };
         /** @description The account of one repair. */
         Report: {
-            /** @description Whether lists are shortened to their first items, and histograms and idle steps are left out. Counts are always of everything. */
+            /**
+             * @description Whether lists are shortened to their first items, and statistics, planned operators and idle steps are left out. Counts are always
+             *     of everything.
+             */
             abridged?: boolean;
             after: components["schemas"]["Inspection"] | null;
             /** @description Decisions that the input does not prove. */
@@ -2319,7 +2329,7 @@ export interface components {
             milliseconds: number;
             /** @description Where the result has objects: each that was repaired, apart from the others and in its own coordinates, in the file's order. */
             objects?: components["schemas"]["ObjectReport"][];
-            /** @description The options that were in force. */
+            /** @description The options that were in force; in an abridged report those that differ from their defaults. */
             options: components["schemas"]["Options"];
             /** @description Options that were set and that the result does not follow, or only in part, and why; also those that found nothing to do. */
             options_not_applied?: components["schemas"]["OptionNotApplied"][];
@@ -3261,6 +3271,7 @@ export type Deviation = components['schemas']['Deviation'];
 export type Distribution = components['schemas']['Distribution'];
 export type EdgeAngles = components['schemas']['EdgeAngles'];
 export type Elements = components['schemas']['Elements'];
+export type FieldError = components['schemas']['FieldError'];
 export type FileAnalysis = components['schemas']['FileAnalysis'];
 export type FileSummary = components['schemas']['FileSummary'];
 export type Fit = components['schemas']['Fit'];
@@ -3734,8 +3745,22 @@ export interface operations {
     list_jobs: {
         parameters: {
             query?: {
-                /** @description Only jobs of this status. */
-                status?: components["schemas"]["Status"];
+                /** @description Only jobs of these statuses, with commas between, such as `queued,running`. */
+                status?: components["schemas"]["Status"][];
+                /** @description Only jobs of these outcomes, with commas between. */
+                outcome?: components["schemas"]["JobOutcome"][];
+                /**
+                 * @description Only jobs accepted at this time or later (RFC 3339).
+                 * @example 2026-01-31T00:00:00Z
+                 */
+                created_from?: string;
+                /** @description Only jobs accepted before this time (RFC 3339). */
+                created_before?: string;
+                /**
+                 * @description Only jobs whose metadata has these entries, perhaps among others: a JSON object of texts.
+                 * @example {"order":"17"}
+                 */
+                metadata?: string;
                 /** @description Where to go on: `next` of the page before. */
                 cursor?: string;
                 /** @description Jobs on the page, 1 to 200. */

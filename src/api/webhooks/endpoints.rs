@@ -123,19 +123,23 @@ fn with_secret(status: StatusCode, endpoint: Endpoint) -> Response {
 }
 
 fn clean_url(reach: Reach, text: &str) -> Result<String, Problem> {
-    reach.read(text).map(String::from).map_err(|error| Problem::invalid_value(format!("url can't be used: {error}.")))
+    reach.read(text).map(String::from).map_err(|error| Problem::invalid_field("url", format!("`url` {error}.")))
 }
 
 /// The events without those that are named twice.
 fn clean_events(mut events: Vec<JobEvent>) -> Result<Vec<JobEvent>, Problem> {
     events.sort_unstable();
     events.dedup();
-    if events.is_empty() { Err(Problem::invalid_value("events must name at least one event.")) } else { Ok(events) }
+    if events.is_empty() {
+        Err(Problem::invalid_field("events", "`events` must name at least one event."))
+    } else {
+        Ok(events)
+    }
 }
 
 fn clean_description(text: String) -> Result<String, Problem> {
     if text.chars().count() > DESCRIPTION_CHARS || text.chars().any(char::is_control) {
-        return Err(Problem::invalid_value("description must be at most 200 characters on one line."));
+        return Err(Problem::invalid_field("description", "`description` must be at most 200 characters on one line."));
     }
     Ok(text)
 }

@@ -2,7 +2,7 @@ use std::error::Error;
 use std::fmt::Write;
 use std::time::Duration;
 
-use meshmend::api::{Problem, ProblemCode};
+use meshmend::api::{FieldError, Problem, ProblemCode};
 use reqwest::{Response, StatusCode, header};
 
 use crate::cli::exit;
@@ -159,8 +159,8 @@ fn innermost(error: &reqwest::Error) -> String {
 fn in_words(problem: &Problem) -> String {
     let Problem { title, detail, code, request_id, errors, .. } = problem;
     let mut text = format!("{title}. {detail}");
-    for error in errors.iter().filter(|error| *error != detail) {
-        let _ = write!(text, "\n  {error}");
+    for FieldError { message, .. } in errors.iter().filter(|error| error.message != *detail) {
+        let _ = write!(text, "\n  {message}");
     }
     let next = match code {
         ProblemCode::Unauthorized => {

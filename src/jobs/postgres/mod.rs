@@ -162,13 +162,20 @@ impl JobStore for PostgresStore {
             "SELECT ",
             job_columns!("NULL::text AS report"),
             " FROM jobs WHERE tenant = $1 AND purged_at IS NULL AND ($2::text IS NULL OR made_by = $2) \
-              AND ($3::text IS NULL OR status = $3) AND ($4::text IS NULL OR id < $4) ORDER BY id DESC LIMIT $5"
+              AND ($3::jsonb = '[]' OR $3::jsonb ? status) AND ($4::text IS NULL OR id < $4) \
+              AND ($6::jsonb = '[]' OR $6::jsonb @> outcome::jsonb) \
+              AND ($7::bigint IS NULL OR created_at >= $7) AND ($8::bigint IS NULL OR created_at < $8) \
+              AND ($9::jsonb = '{}' OR metadata::jsonb @> $9::jsonb) ORDER BY id DESC LIMIT $5"
         ))
         .bind(&query.tenant)
         .bind(&query.made_by)
-        .bind(query.status.map(Status::as_str))
+        .bind(sqlx::types::Json(&query.statuses))
         .bind(query.before.map(|id| id.to_string()))
         .bind(i64::from(query.limit) + 1)
+        .bind(sqlx::types::Json(&query.outcomes))
+        .bind(query.created_from)
+        .bind(query.created_before)
+        .bind(sqlx::types::Json(&query.metadata))
         .fetch_all(&self.pool)
         .await?;
         let jobs = rows.iter().map(read_job).collect::<Result<Vec<_>, _>>()?;

@@ -144,13 +144,22 @@ impl JobStore for SqliteStore {
             "SELECT ",
             job_columns!("NULL AS report"),
             " FROM jobs WHERE tenant = ?1 AND purged_at IS NULL AND (?2 IS NULL OR made_by = ?2) \
-              AND (?3 IS NULL OR status = ?3) AND (?4 IS NULL OR id < ?4) ORDER BY id DESC LIMIT ?5"
+              AND (?3 = '[]' OR status IN (SELECT value FROM json_each(?3))) AND (?4 IS NULL OR id < ?4) \
+              AND (?6 = '[]' OR outcome IN (SELECT json_quote(value) FROM json_each(?6))) \
+              AND (?7 IS NULL OR created_at >= ?7) AND (?8 IS NULL OR created_at < ?8) \
+              AND NOT EXISTS (SELECT 1 FROM json_each(?9) AS wanted WHERE NOT EXISTS (SELECT 1 FROM json_each(metadata) AS noted \
+                  WHERE noted.key = wanted.key AND noted.value = wanted.value)) \
+              ORDER BY id DESC LIMIT ?5"
         ))
         .bind(&query.tenant)
         .bind(&query.made_by)
-        .bind(query.status.map(Status::as_str))
+        .bind(sqlx::types::Json(&query.statuses))
         .bind(query.before.map(|id| id.to_string()))
         .bind(i64::from(query.limit) + 1)
+        .bind(sqlx::types::Json(&query.outcomes))
+        .bind(query.created_from)
+        .bind(query.created_before)
+        .bind(sqlx::types::Json(&query.metadata))
         .fetch_all(&self.reader)
         .await?;
         let jobs = rows.iter().map(read_job).collect::<Result<Vec<_>, _>>()?;

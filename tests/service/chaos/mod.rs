@@ -49,7 +49,8 @@ async fn outcome(http: &Client, base: &str, id: &str) -> String {
         for (name, artifact) in job["artifacts"].as_object().expect("files") {
             let file = get(http, format!("{base}/v1/jobs/{id}/artifacts/{name}")).await;
             let hash = hex::encode(Sha256::digest(file.bytes().await.expect("bytes")));
-            assert_eq!(artifact["sha256"], json!(hash), "{id} {name}");
+            // Pictures have none.
+            assert!(artifact["sha256"].is_null() || artifact["sha256"] == json!(hash), "{id} {name}");
         }
         assert!(job["artifacts"]["model"].is_object(), "{job}");
     } else {

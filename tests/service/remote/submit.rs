@@ -141,9 +141,11 @@ async fn an_analysis_is_asked_for_by_the_options_of_the_api_and_its_report_is_th
     assert_eq!((&report["mode"], &report["options"]["places"]), (&"analyze".into(), &3.into()));
     let said = client.run(&[&analyze[..], &["fine.stl"]].concat()).await;
     said.ended_with(0);
-    assert_eq!(said.out, "fine-report.json\n");
+    assert_eq!(said.out, "fine-report-full.json\n");
     let said = client.run(&[&analyze[..], &["in.stl", "--preset", "fill-holes"]].concat()).await;
-    said.ended_with(2).told("option 'preset' belongs to mode 'repair'").told("(invalid_options, request ");
+    said.ended_with(2)
+        .told("`preset` is an option of mode `repair`; this job's mode is `analyze`.")
+        .told("(invalid_options, request ");
 }
 
 #[tokio::test]

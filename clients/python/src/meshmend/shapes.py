@@ -166,6 +166,15 @@ class Elements(TypedDict):
     """Whether vertices are numbered 1, 2, 3 and so on; none where the format has no numbers."""
 
 
+class FieldError(TypedDict):
+    """What is wrong with one field of a request."""
+
+    field: str
+    """The field, an option for example; one within another by its path, such as `tolerances.slit` or `file[1]`."""
+    message: str
+    """What is wrong, and what to send instead."""
+
+
 class Fit(TypedDict):
     """Whether a model fits a printer."""
 
@@ -396,8 +405,8 @@ class PlannedAction(TypedDict):
 
     action: Action
     """The action."""
-    operators: list[Operator]
-    """Its operators in order; none for tier 3 and for validation."""
+    operators: NotRequired[list[Operator]]
+    """Its operators in order; none for tier 3, for validation and in an abridged report."""
 
 
 Preset: TypeAlias = Literal['auto', 'basic-cleanup', 'fill-holes', 'full-repair', 'conservative-repair', 'manifold-repair', 'blender-remesh']
@@ -1318,8 +1327,8 @@ class Problem(TypedDict):
     """The code, for programs."""
     detail: str
     """What happened and what to do."""
-    errors: NotRequired[list[str]]
-    """Single errors, where there are several."""
+    errors: NotRequired[list[FieldError]]
+    """What is wrong with each field, where fields are wrong."""
     instance: NotRequired[str]
     """The address that was asked for."""
     request_id: NotRequired[str]
@@ -1836,7 +1845,10 @@ class Report(TypedDict):
     """The account of one repair."""
 
     abridged: NotRequired[bool]
-    """Whether lists are shortened to their first items, and histograms and idle steps are left out. Counts are always of everything."""
+    """
+    Whether lists are shortened to their first items, and statistics, planned operators and idle steps are left out. Counts are always
+    of everything.
+    """
     after: Inspection | None
     assumptions: NotRequired[list[Assumption]]
     """Decisions that the input does not prove."""
@@ -1857,7 +1869,7 @@ class Report(TypedDict):
     objects: NotRequired[list[ObjectReport]]
     """Where the result has objects: each that was repaired, apart from the others and in its own coordinates, in the file's order."""
     options: Options
-    """The options that were in force."""
+    """The options that were in force; in an abridged report those that differ from their defaults."""
     options_not_applied: NotRequired[list[OptionNotApplied]]
     """Options that were set and that the result does not follow, or only in part, and why; also those that found nothing to do."""
     outcome: Outcome
@@ -1919,7 +1931,7 @@ class AnalysisReport(TypedDict):
     """The account of one analysis."""
 
     abridged: NotRequired[bool]
-    """Whether lists are shortened to their first items, and histograms are left out. Counts are always of everything."""
+    """Whether lists are shortened to their first items, and statistics and histograms are left out. Counts are always of everything."""
     engine: str
     """Name and version of the engine."""
     files: list[FileAnalysis]
