@@ -157,7 +157,7 @@ async fn a_wrong_option_a_second_file_for_a_repair_and_too_many_or_too_large_fil
     assert_eq!(query.status(), 422);
     let (status, problem) = submit(&api, vec![small("a.stl"), small("b.stl")], json!({"mode": "repair"})).await;
     assert_eq!((status, problem["code"].as_str()), (400, Some("invalid_request")), "{problem}");
-    assert!(problem["detail"].as_str().expect("text").contains("'analyze'"), "{problem}");
+    assert!(problem["detail"].as_str().expect("text").contains("`analyze`"), "{problem}");
     let (status, problem) = submit(&api, vec![small("a.stl"), small("b.stl"), small("c.stl")], analyze()).await;
     assert_eq!((status, problem["code"].as_str()), (413, Some("too_many_files")), "{problem}");
     assert!(problem["detail"].as_str().expect("text").contains("the 2 files"), "{problem}");

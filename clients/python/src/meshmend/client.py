@@ -165,23 +165,23 @@ class Client:
         patiently(send, deadline)
         return place
 
-    def get(self, job_id: str, *, timeout: float | None = None) -> Job:
-        return self._job(lambda: self.server.json("GET", job_path(job_id), params={"include": "report"}), timeout)
+    def get(self, job: Job | str, *, timeout: float | None = None) -> Job:
+        return self._job(lambda: self.server.json("GET", job_path(_id(job)), params={"include": "report"}), timeout)
 
     def wait(
         self,
-        job_id: str,
+        job: Job | str,
         *,
         on_progress: Callable[[ProgressEvent], object] | None = None,
         timeout: float | None = None,
     ) -> Job:
-        """The job as it ended, however it ended. `JobTimeout`, where the time is over, leaves it running."""
+        """The job as it ended, however it ended. A job may be named by its id. `JobTimeout` leaves the job running."""
         deadline = Deadline(RUN if timeout is None else timeout)
-        return Job(self, follow(self.server, job_id, deadline, on_progress))
+        return Job(self, follow(self.server, _id(job), deadline, on_progress))
 
-    def events(self, job_id: str, *, timeout: float = RUN) -> Iterator[JobEvent]:
+    def events(self, job: Job | str, *, timeout: float = RUN) -> Iterator[JobEvent]:
         """A job's progress as it comes, and at last the job; a connection that breaks is made again."""
-        return listen_to(self.server, job_id, Deadline(timeout))
+        return listen_to(self.server, _id(job), Deadline(timeout))
 
     def list(
         self, *, status: shapes.Status | None = None, page_size: int = 50, timeout: float | None = None
@@ -198,12 +198,12 @@ class Client:
                 return
             asked["cursor"] = found["next"]
 
-    def cancel(self, job_id: str, *, timeout: float | None = None) -> Job:
-        return self._job(lambda: self.server.json("POST", f"{job_path(job_id)}/cancel"), timeout)
+    def cancel(self, job: Job | str, *, timeout: float | None = None) -> Job:
+        return self._job(lambda: self.server.json("POST", f"{job_path(_id(job))}/cancel"), timeout)
 
-    def delete(self, job_id: str, *, timeout: float | None = None) -> None:
+    def delete(self, job: Job | str, *, timeout: float | None = None) -> None:
         """Deletes a job's files and its report."""
-        patiently(lambda _: self.server.ask("DELETE", job_path(job_id)), self._deadline(timeout))
+        patiently(lambda _: self.server.ask("DELETE", job_path(_id(job))), self._deadline(timeout))
 
     def capabilities(self, *, timeout: float | None = None) -> shapes.Capabilities:
         """What the service can do now: formats, presets, tiers, limits."""
@@ -268,6 +268,10 @@ class Client:
         # It may have ended meanwhile, or nobody can tell the service.
         with suppress(Problem):
             self.server.ask("POST", f"{job_path(job.id)}/cancel", timeout=FAREWELL)
+
+
+def _id(job: Job | str) -> str:
+    return job if isinstance(job, str) else job.id
 
 
 def _headers(idempotency_key: str | None, fresh: bool) -> dict[str, str]:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Literal, TypeAlias
 
 import httpx
 
-from .shapes import ProblemCode
+from .shapes import FieldError, ProblemCode
 
 if TYPE_CHECKING:
     from .job import Job
@@ -31,7 +31,7 @@ class Problem(MeshmendError):
         *,
         retry_after: int | None = None,
         request_id: str | None = None,
-        errors: list[str] | None = None,
+        errors: list[FieldError] | None = None,
     ) -> None:
         super().__init__(f"{detail or title or 'the service can not be reached'} ({code})")
         #: The HTTP status; 0 where there was no answer.
@@ -42,7 +42,7 @@ class Problem(MeshmendError):
         #: Seconds after which to try again, if the service said so.
         self.retry_after = retry_after
         self.request_id = request_id
-        #: Single errors, where there are several.
+        #: What is wrong with each field, where fields are wrong.
         self.errors = errors or []
 
     @property
