@@ -133,6 +133,19 @@ pub struct NewKey {
     pub parent: Option<String>,
 }
 
+/// Which API keys to list: newest first.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct KeyQuery {
+    /// Only those of this tenant.
+    pub tenant: Option<TenantName>,
+    /// Only the one with this id.
+    pub id: Option<String>,
+    /// Only keys older than the one with this id.
+    pub before: Option<String>,
+    /// At most so many.
+    pub limit: u32,
+}
+
 /// A key as the store knows it, without its secret.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct AccessKey {

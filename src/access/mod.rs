@@ -7,8 +7,9 @@ mod key;
 mod scope;
 mod tenant;
 
-pub use key::{AccessKey, KeyKind, NewKey, Secret, Token, random_hex};
+pub use key::{AccessKey, KeyKind, KeyQuery, NewKey, Secret, Token, random_hex};
 pub use scope::{Scope, ScopeError, Scopes};
 pub use tenant::{
-    DEFAULT_TENANT, STANDARD_CLASS, Tenant, TenantClass, TenantClassError, TenantLimits, TenantName, TenantNameError,
+    DEFAULT_TENANT, STANDARD_CLASS, Tenant, TenantChange, TenantClass, TenantClassError, TenantLimits, TenantName,
+    TenantNameError,
 };

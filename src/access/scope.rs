@@ -23,6 +23,9 @@ pub enum Scope {
     /// Read the metrics of the whole service.
     #[serde(rename = "metrics")]
     Metrics,
+    /// Manage the tenants and keys of the whole service.
+    #[serde(rename = "admin")]
+    Admin,
 }
 
 /// A text that is no scope.
@@ -34,7 +37,8 @@ pub struct ScopeError {
 
 impl Scope {
     /// Every scope.
-    pub const ALL: [Self; 5] = [Self::JobsRead, Self::JobsWrite, Self::Webhooks, Self::Tokens, Self::Metrics];
+    pub const ALL: [Self; 6] =
+        [Self::JobsRead, Self::JobsWrite, Self::Webhooks, Self::Tokens, Self::Metrics, Self::Admin];
 
     /// The name used in JSON, in the store and on the command line.
     #[must_use]
@@ -45,6 +49,7 @@ impl Scope {
             Self::Webhooks => "webhooks",
             Self::Tokens => "tokens",
             Self::Metrics => "metrics",
+            Self::Admin => "admin",
         }
     }
 
@@ -74,10 +79,10 @@ impl FromStr for Scope {
 pub struct Scopes(BTreeSet<Scope>);
 
 impl Scopes {
-    /// All of a tenant's own scopes: every one but that for the whole service's metrics.
+    /// Every scope that concerns one tenant only. `metrics` and `admin` concern the whole service.
     #[must_use]
     pub fn of_a_tenant() -> Self {
-        Scope::ALL.into_iter().filter(|scope| *scope != Scope::Metrics).collect()
+        Scope::ALL.into_iter().filter(|scope| !matches!(scope, Scope::Metrics | Scope::Admin)).collect()
     }
 
     /// Whether the scope is among them.
@@ -124,6 +129,12 @@ mod tests {
         assert!(scopes.has(Scope::JobsRead) && !scopes.has(Scope::Metrics));
         let error = "jobs:read,jobs:fly".parse::<Scopes>().expect_err("no scope");
         assert!(error.to_string().starts_with("'jobs:fly' is no scope; scopes are jobs:read, "), "{error}");
+    }
+
+    #[test]
+    fn a_tenants_scopes_reach_nothing_of_the_whole_service() {
+        let own = Scopes::of_a_tenant();
+        assert!(own.has(Scope::JobsWrite) && !own.has(Scope::Metrics) && !own.has(Scope::Admin));
     }
 
     #[test]

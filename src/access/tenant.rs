@@ -98,6 +98,32 @@ pub struct TenantLimits {
     pub requests_per_minute: Option<u32>,
 }
 
+/// Settings of a tenant to change. Of each field, `None` keeps the setting and `Some(None)` clears it.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct TenantChange {
+    /// Its class.
+    pub class: Option<Option<TenantClass>>,
+    /// Most of its jobs that may wait.
+    pub max_queued: Option<Option<u32>>,
+    /// Most of its jobs that may run at the same time.
+    pub max_running: Option<Option<u32>>,
+    /// Most of its requests in a minute, on each process that serves.
+    pub requests_per_minute: Option<Option<u32>>,
+}
+
+impl TenantChange {
+    /// Sets these limits and clears the others.
+    #[must_use]
+    pub fn to_limits(limits: TenantLimits) -> Self {
+        Self {
+            class: None,
+            max_queued: Some(limits.max_queued),
+            max_running: Some(limits.max_running),
+            requests_per_minute: Some(limits.requests_per_minute),
+        }
+    }
+}
+
 impl TenantLimits {
     /// These limits, and the others where these say nothing.
     #[must_use]

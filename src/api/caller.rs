@@ -1,4 +1,5 @@
 use axum::extract::FromRequestParts;
+use axum::http::header;
 use axum::http::request::Parts;
 
 use super::problem::{Problem, ProblemCode};
@@ -65,6 +66,22 @@ macro_rules! callers {
             }
         }
     )*};
+}
+
+/// Who may manage tenants and keys. A key is needed even where the service is open: keys made meanwhile would outlast that.
+pub(super) struct MayAdminister(pub Caller);
+
+impl FromRequestParts<ApiState> for MayAdminister {
+    type Rejection = Problem;
+
+    async fn from_request_parts(parts: &mut Parts, _: &ApiState) -> Result<Self, Problem> {
+        let caller = parts.extensions.get::<Caller>().cloned().filter(|caller| caller.key.is_some());
+        let caller = caller.ok_or_else(|| {
+            let detail = "This address needs a key with the scope 'admin', also on a service that asks for no keys.";
+            Problem::new(ProblemCode::Unauthorized, detail).with_header(header::WWW_AUTHENTICATE, "Bearer")
+        })?;
+        caller.must(Scope::Admin).map(Self)
+    }
 }
 
 callers! {

@@ -66,6 +66,10 @@ pub enum ProblemCode {
     WebhookDisabled,
     /// The tenant has as many webhook endpoints as it may.
     TooManyWebhooks,
+    /// No API key of that id.
+    KeyNotFound,
+    /// No tenant of that name has a key or settings.
+    TenantNotFound,
     /// As many jobs wait as may.
     QueueFull,
     /// The disk has no room for more files.
@@ -78,7 +82,7 @@ pub enum ProblemCode {
 
 impl ProblemCode {
     /// Every code.
-    pub const ALL: [Self; 33] = [
+    pub const ALL: [Self; 35] = [
         Self::Unauthorized,
         Self::Forbidden,
         Self::OriginNotAllowed,
@@ -108,6 +112,8 @@ impl ProblemCode {
         Self::WebhookNotFound,
         Self::WebhookDisabled,
         Self::TooManyWebhooks,
+        Self::KeyNotFound,
+        Self::TenantNotFound,
         Self::QueueFull,
         Self::StorageFull,
         Self::Unavailable,
@@ -233,6 +239,12 @@ impl ProblemCode {
             Self::TooManyWebhooks => {
                 (StatusCode::CONFLICT, "Too many webhook endpoints", "Delete one that is not needed any more.")
             }
+            Self::KeyNotFound => (StatusCode::NOT_FOUND, "No such API key", "GET /v1/keys lists the keys."),
+            Self::TenantNotFound => (
+                StatusCode::NOT_FOUND,
+                "No such tenant",
+                "GET /v1/tenants lists the tenants; PATCH /v1/tenants/{id} or a first key makes one.",
+            ),
             Self::QueueFull => (
                 StatusCode::TOO_MANY_REQUESTS,
                 "Queue full",

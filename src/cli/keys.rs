@@ -2,14 +2,17 @@ use std::io::Write;
 use std::process::ExitCode;
 
 use clap::{Args, Subcommand};
-use meshmend::access::{
-    AccessKey, KeyKind, NewKey, STANDARD_CLASS, Scopes, Secret, Tenant, TenantClass, TenantLimits, TenantName,
-};
-use serde_json::json;
+use meshmend::access::{AccessKey, KeyKind, KeyQuery, NewKey, Scope, Scopes, Secret, TenantName};
+use serde_json::{Value, json};
+use time::OffsetDateTime;
 use time::format_description::well_known::Rfc3339;
 
 use super::service::{Room, ServiceError, run, to_stdout};
 use super::settings::DataArgs;
+use super::table::table;
+
+/// Keys that are read from the database at once.
+const PAGE: u32 = 200;
 
 /// Arguments of `meshmend keys`.
 #[derive(Debug, Args)]
@@ -25,7 +28,8 @@ enum KeysCommand {
         /// Whose key: lower-case letters, digits and hyphens. A tenant is made by its first key.
         #[arg(long, env = "MESHMEND_KEY_TENANT", default_value_t)]
         tenant: TenantName,
-        /// What it allows, with commas between: jobs:read, jobs:write, webhooks, tokens, metrics. All but metrics where it is left out.
+        /// What it allows, with commas between: jobs:read, jobs:write, webhooks, tokens, metrics, admin. All but metrics and admin where
+        /// it is left out.
         #[arg(long, env = "MESHMEND_KEY_SCOPES", default_value_t = Scopes::of_a_tenant())]
         scopes: Scopes,
         /// What it is for, to tell it from others.
@@ -37,53 +41,21 @@ enum KeysCommand {
         #[command(flatten)]
         data: DataArgs,
     },
-    /// List keys, without their secrets, one JSON object a line.
+    /// List keys, oldest first, without their secrets.
     List {
         /// Only this tenant's.
         #[arg(long, env = "MESHMEND_KEY_TENANT")]
         tenant: Option<TenantName>,
+        /// Print one JSON object a line instead of a table.
+        #[arg(long, env = "MESHMEND_JSON")]
+        json: bool,
         #[command(flatten)]
         data: DataArgs,
     },
-    /// Make a key worth nothing, and the browser tokens made with it.
+    /// Revoke a key, and the browser tokens made with it.
     Revoke {
         /// The key's id, as `keys list` shows it.
         id: String,
-        #[command(flatten)]
-        data: DataArgs,
-    },
-}
-
-/// Arguments of `meshmend tenants`.
-#[derive(Debug, Args)]
-pub struct TenantsArgs {
-    #[command(subcommand)]
-    command: TenantsCommand,
-}
-
-#[derive(Debug, Subcommand)]
-enum TenantsCommand {
-    /// Set what a tenant may use. What is left out goes back to the service's own limits.
-    Set {
-        /// The tenant.
-        tenant: TenantName,
-        /// What kind of tenant it is, in your own words, to tell jobs apart in the metrics: lower-case letters, digits and hyphens.
-        #[arg(long, env = "MESHMEND_TENANT_SET_CLASS")]
-        class: Option<TenantClass>,
-        /// Most of its jobs that may wait.
-        #[arg(long, env = "MESHMEND_TENANT_SET_MAX_QUEUED")]
-        max_queued: Option<u32>,
-        /// Most of its jobs that may run at the same time.
-        #[arg(long, env = "MESHMEND_TENANT_SET_MAX_RUNNING")]
-        max_running: Option<u32>,
-        /// Most of its requests in a minute, on each process that serves.
-        #[arg(long, env = "MESHMEND_TENANT_SET_REQUESTS_PER_MINUTE", value_parser = clap::value_parser!(u32).range(1..))]
-        requests_per_minute: Option<u32>,
-        #[command(flatten)]
-        data: DataArgs,
-    },
-    /// List the tenants for whom something is set, one JSON object a line.
-    List {
         #[command(flatten)]
         data: DataArgs,
     },
@@ -99,11 +71,16 @@ pub fn keys(args: KeysArgs) -> ExitCode {
             let new = NewKey { tenant, kind, label, scopes, origin: None, max_bytes: None, life_s, parent: None };
             let key = room.store.create_key(new, &secret.token()).await?;
             // The secret alone on standard output, for scripts.
-            let _ = writeln!(std::io::stderr(), "{}", describe(&key));
+            let _ = writeln!(std::io::stderr(), "{}", to_json(&key));
             to_stdout(secret.reveal())
         }),
-        KeysCommand::List { tenant, data } => run(&data, async |room: Room| {
-            room.store.keys(tenant.as_ref()).await?.iter().try_for_each(|key| to_stdout(&describe(key)))
+        KeysCommand::List { tenant, json, data } => run(&data, async |room: Room| {
+            let keys = all(&room, tenant).await?;
+            if json {
+                return keys.iter().try_for_each(|key| to_stdout(&to_json(key).to_string()));
+            }
+            let header = ["ID", "TENANT", "SCOPES", "CREATED", "EXPIRES", "REVOKED", "LAST USED", "LABEL"];
+            to_stdout(&table(header, keys.iter().map(row)))
         }),
         KeysCommand::Revoke { id, data } => run(&data, async |room: Room| {
             if room.store.revoke_key(&id).await? {
@@ -117,39 +94,47 @@ pub fn keys(args: KeysArgs) -> ExitCode {
     }
 }
 
-/// Runs `meshmend tenants`.
-pub fn tenants(args: TenantsArgs) -> ExitCode {
-    match args.command {
-        TenantsCommand::Set { tenant, class, max_queued, max_running, requests_per_minute, data } => {
-            run(&data, async |room: Room| {
-                let limits = TenantLimits { max_queued, max_running, requests_per_minute };
-                room.store.set_tenant(&tenant, class.as_ref(), limits).await?;
-                let class = class.map(|class| class.as_str().to_owned());
-                to_stdout(&describe_tenant(&Tenant { name: tenant.to_string(), class, limits }))
-            })
+/// Every key, oldest first.
+async fn all(room: &Room, tenant: Option<TenantName>) -> Result<Vec<AccessKey>, ServiceError> {
+    let mut query = KeyQuery { tenant, limit: PAGE, ..KeyQuery::default() };
+    let mut keys = Vec::new();
+    loop {
+        let page = room.store.keys(query.clone()).await?;
+        keys.extend(page.items);
+        query.before = page.next;
+        if query.before.is_none() {
+            keys.reverse();
+            return Ok(keys);
         }
-        TenantsCommand::List { data } => run(&data, async |room: Room| {
-            room.store.tenants().await?.iter().try_for_each(|tenant| to_stdout(&describe_tenant(tenant)))
-        }),
     }
 }
 
-fn describe(key: &AccessKey) -> String {
-    let time = |time: Option<time::OffsetDateTime>| time.and_then(|time| time.format(&Rfc3339).ok());
-    json!({
-        "id": key.id, "tenant": key.tenant.as_str(), "label": key.label, "scopes": key.scopes.to_string(),
-        "created_at": time(Some(key.created_at)), "expires_at": time(key.expires_at),
-        "revoked_at": time(key.revoked_at), "last_used_at": time(key.last_used_at),
-    })
-    .to_string()
+fn rfc3339(time: Option<OffsetDateTime>) -> Option<String> {
+    time.and_then(|time| time.format(&Rfc3339).ok())
 }
 
-fn describe_tenant(tenant: &Tenant) -> String {
-    let TenantLimits { max_queued, max_running, requests_per_minute } = tenant.limits;
-    let class = tenant.class.as_deref().unwrap_or(STANDARD_CLASS);
+fn to_json(key: &AccessKey) -> Value {
     json!({
-        "tenant": tenant.name, "class": class, "max_queued": max_queued, "max_running": max_running,
-        "requests_per_minute": requests_per_minute,
+        "id": key.id, "tenant": key.tenant.as_str(), "label": key.label,
+        "scopes": key.scopes.iter().map(Scope::as_str).collect::<Vec<_>>(),
+        "created_at": rfc3339(Some(key.created_at)), "expires_at": rfc3339(key.expires_at),
+        "revoked_at": rfc3339(key.revoked_at), "last_used_at": rfc3339(key.last_used_at),
     })
-    .to_string()
+}
+
+fn row(key: &AccessKey) -> [String; 8] {
+    // Whole seconds are enough for people.
+    let time = |time: Option<OffsetDateTime>| {
+        rfc3339(time.and_then(|time| time.replace_nanosecond(0).ok())).unwrap_or_else(|| "-".to_owned())
+    };
+    [
+        key.id.clone(),
+        key.tenant.to_string(),
+        key.scopes.to_string(),
+        time(Some(key.created_at)),
+        time(key.expires_at),
+        time(key.revoked_at),
+        time(key.last_used_at),
+        key.label.clone(),
+    ]
 }

@@ -1,8 +1,8 @@
 use async_trait::async_trait;
 
-use super::StoreError;
 use super::row::{Columns, Reader};
-use crate::access::{AccessKey, NewKey, Tenant, TenantClass, TenantLimits, TenantName, Token};
+use super::{Page, StoreError};
+use crate::access::{AccessKey, KeyQuery, NewKey, Tenant, TenantChange, TenantLimits, TenantName, Token};
 
 /// Where keys and tenants' limits are kept.
 #[async_trait]
@@ -17,8 +17,8 @@ pub trait AccessStore: Send + Sync {
     /// Notes that a key was used.
     async fn touch_key(&self, id: &str) -> Result<(), StoreError>;
 
-    /// All API keys, of one tenant or of all, oldest first, revoked ones too.
-    async fn keys(&self, tenant: Option<&TenantName>) -> Result<Vec<AccessKey>, StoreError>;
+    /// One page of API keys, newest first, revoked ones too. Browser tokens are not listed.
+    async fn keys(&self, query: KeyQuery) -> Result<Page<AccessKey, String>, StoreError>;
 
     /// Revokes a key, and with it the tokens made with it. False if there is none that was worth something.
     async fn revoke_key(&self, id: &str) -> Result<bool, StoreError>;
@@ -29,16 +29,14 @@ pub trait AccessStore: Send + Sync {
     /// What is set for a tenant.
     async fn limits(&self, tenant: &str) -> Result<TenantLimits, StoreError>;
 
-    /// Sets a tenant's class and limits.
-    async fn set_tenant(
-        &self,
-        tenant: &TenantName,
-        class: Option<&TenantClass>,
-        limits: TenantLimits,
-    ) -> Result<(), StoreError>;
+    /// Changes the settings of a tenant that `change` names, and returns all of them. A tenant without settings gets its first.
+    async fn change_tenant(&self, tenant: &TenantName, change: TenantChange) -> Result<Tenant, StoreError>;
 
-    /// Tenants for whom something is set.
-    async fn tenants(&self) -> Result<Vec<Tenant>, StoreError>;
+    /// One page of the tenants that have settings or an API key, by name, beginning behind `after`.
+    async fn tenants(&self, after: Option<&str>, limit: u32) -> Result<Page<Tenant, String>, StoreError>;
+
+    /// One tenant; none if it has neither settings nor an API key.
+    async fn tenant(&self, name: &str) -> Result<Option<Tenant>, StoreError>;
 }
 
 /// The columns of a key, for `SELECT` and `RETURNING`.
@@ -74,6 +72,19 @@ macro_rules! limit_columns {
     };
 }
 pub(super) use limit_columns;
+
+/// Selects every tenant that has settings or an API key, for [`read_tenant`]. `$holder` is the column that names a key's tenant.
+macro_rules! tenants_and_key_holders {
+    ($holder:literal) => {
+        concat!(
+            "SELECT names.name AS id, t.class, t.max_queued, t.max_running, t.requests_per_minute \
+             FROM (SELECT name FROM tenants UNION SELECT ",
+            $holder,
+            " FROM access_keys WHERE kind = 'api') AS names LEFT JOIN tenants t ON t.name = names.name"
+        )
+    };
+}
+pub(super) use tenants_and_key_holders;
 
 /// Reads a tenant's limits from a row of [`limit_columns`].
 pub(super) fn read_limits(row: &impl Columns) -> Result<TenantLimits, StoreError> {

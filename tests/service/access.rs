@@ -5,7 +5,9 @@ use std::path::Path;
 use std::process::Command;
 use std::time::Duration;
 
-use meshmend::access::{KeyKind, NewKey, Scope, Secret, TenantLimits, Token};
+use meshmend::access::{
+    AccessKey, KeyKind, KeyQuery, NewKey, Scope, Secret, TenantChange, TenantClass, TenantLimits, Token,
+};
 use meshmend::jobs::{ClassLoad, ListQuery, Store};
 use reqwest::{Method, RequestBuilder};
 use serde_json::{Value, json};
@@ -20,6 +22,8 @@ promises! {
     tenants_take_turns_however_many_jobs_one_of_them_has,
     no_more_of_a_tenants_jobs_run_than_may,
     lists_counts_and_positions_are_a_tenants_own,
+    a_change_of_a_tenant_keeps_the_settings_that_it_does_not_name,
+    keys_and_tenants_are_listed_in_pages,
     what_waits_and_runs_is_counted_by_class_of_tenants,
 }
 
@@ -45,6 +49,11 @@ async fn is_worth(store: &dyn Store, token: &Token) -> bool {
     store.find_key(token).await.expect("an answer").is_some()
 }
 
+async fn keys_of(store: &dyn Store, tenant: Option<&str>) -> Vec<AccessKey> {
+    let tenant = tenant.map(|name| name.parse().expect("a name"));
+    store.keys(KeyQuery { tenant, limit: 10, ..KeyQuery::default() }).await.expect("an answer").items
+}
+
 async fn a_key_is_found_by_its_secret_until_it_expires_or_is_revoked(bench: Bench) {
     let store = bench.store.as_ref();
     let (id, token) = made(store, new_key(None, None)).await;
@@ -63,22 +72,61 @@ async fn a_key_is_found_by_its_secret_until_it_expires_or_is_revoked(bench: Benc
     assert!(key.last_used_at.is_none());
     store.touch_key(&id).await.expect("noted");
     let own = TenantLimits { requests_per_minute: Some(60), ..TenantLimits::default() };
-    store.set_tenant(&key.tenant, None, own).await.expect("set");
+    store.change_tenant(&key.tenant, TenantChange::to_limits(own)).await.expect("set");
     let (key, limits) = store.find_key(&token).await.expect("an answer").expect("a key");
     assert!(key.last_used_at.is_some());
     assert_eq!(limits, own, "its tenant's limits come with a key");
     assert!(store.revoke_key(&id).await.expect("an answer"));
     assert!(!store.revoke_key(&id).await.expect("an answer"));
     assert!(!is_worth(store, &token).await);
-    assert_eq!(store.keys(Some(&"shop".parse().expect("a name"))).await.expect("an answer").len(), 2);
-    assert_eq!(store.keys(Some(&"other".parse().expect("a name"))).await.expect("an answer"), []);
+    assert_eq!(keys_of(store, Some("shop")).await.len(), 2);
+    assert_eq!(keys_of(store, Some("other")).await, []);
+}
+
+async fn a_change_of_a_tenant_keeps_the_settings_that_it_does_not_name(bench: Bench) {
+    let name = "shop".parse().expect("a name");
+    let change = async |change| bench.store.change_tenant(&name, change).await.expect("changed");
+    let all = TenantLimits { max_queued: Some(5), max_running: Some(2), requests_per_minute: Some(60) };
+    change(TenantChange { class: Some("gold".parse().ok()), ..TenantChange::to_limits(all) }).await;
+    let changed = change(TenantChange { max_queued: Some(Some(9)), ..TenantChange::default() }).await;
+    assert_eq!(changed.limits, TenantLimits { max_queued: Some(9), ..all });
+    assert_eq!(changed.class.as_deref(), Some("gold"));
+    let cleared = change(TenantChange { max_running: Some(None), ..TenantChange::default() }).await;
+    assert_eq!(cleared.limits, TenantLimits { max_queued: Some(9), max_running: None, ..all });
+    let cleared = change(TenantChange { class: Some(None), ..TenantChange::default() }).await;
+    assert_eq!((cleared.class.as_deref(), cleared.limits.max_queued), (None, Some(9)));
+    assert_eq!(bench.store.tenant("shop").await.expect("an answer"), Some(cleared));
+}
+
+async fn keys_and_tenants_are_listed_in_pages(bench: Bench) {
+    let store = bench.store.as_ref();
+    let (first, _) = made(store, new_key(None, None)).await;
+    let (second, _) = made(store, new_key(None, None)).await;
+    made(store, NewKey { tenant: "bakery".parse().expect("a name"), ..new_key(None, None) }).await;
+    let limits = TenantLimits { max_queued: Some(1), ..TenantLimits::default() };
+    store.change_tenant(&"zoo".parse().expect("a name"), TenantChange::to_limits(limits)).await.expect("set");
+    let page = |before| KeyQuery { tenant: "shop".parse().ok(), before, limit: 1, ..KeyQuery::default() };
+    let newest = store.keys(page(None)).await.expect("a page");
+    assert_eq!((newest.items[0].id.as_str(), newest.next.as_ref()), (second.as_str(), Some(&second)));
+    let oldest = store.keys(page(newest.next)).await.expect("a page");
+    assert_eq!((oldest.items[0].id.as_str(), oldest.next), (first.as_str(), None));
+    let one = KeyQuery { id: Some(first.clone()), limit: 1, ..KeyQuery::default() };
+    assert_eq!(store.keys(one).await.expect("a page").items[0].id, first);
+
+    let page = store.tenants(None, 2).await.expect("a page");
+    let names: Vec<_> = page.items.iter().map(|tenant| tenant.name.as_str()).collect();
+    assert_eq!((names, page.next.as_deref()), (vec!["bakery", "shop"], Some("shop")));
+    let page = store.tenants(page.next.as_deref(), 2).await.expect("a page");
+    assert_eq!((page.items[0].name.as_str(), page.items[0].limits, page.next), ("zoo", limits, None));
+    assert_eq!(store.tenant("nobody").await.expect("an answer"), None);
 }
 
 async fn what_waits_and_runs_is_counted_by_class_of_tenants(bench: Bench) {
-    let gold = "gold".parse().ok();
+    let gold: Option<TenantClass> = "gold".parse().ok();
     for tenant in ["big", "large"] {
         let name = tenant.parse().expect("a name");
-        bench.store.set_tenant(&name, gold.as_ref(), TenantLimits::default()).await.expect("set");
+        let change = TenantChange { class: Some(gold.clone()), ..TenantChange::default() };
+        bench.store.change_tenant(&name, change).await.expect("set");
     }
     assert_eq!(bench.store.class_loads().await.expect("an answer"), []);
     bench.submit_of("big").await;
@@ -95,7 +143,7 @@ async fn what_waits_and_runs_is_counted_by_class_of_tenants(bench: Bench) {
     assert_eq!(bench.store.class_loads().await.expect("an answer"), [load("gold", 2, 0, 7), load("standard", 1, 0, 4)]);
     assert_eq!(bench.claim().await.expect("a job").job.tenant, "big");
     assert_eq!(bench.store.class_loads().await.expect("an answer"), [load("gold", 1, 1, 4), load("standard", 1, 0, 4)]);
-    let tenants = bench.store.tenants().await.expect("an answer");
+    let tenants = bench.store.tenants(None, 10).await.expect("an answer").items;
     let classes = tenants.iter().map(|it| (it.name.as_str(), it.class.as_deref()));
     assert_eq!(classes.collect::<Vec<_>>(), [("big", Some("gold")), ("large", Some("gold"))]);
 }
@@ -105,7 +153,7 @@ async fn a_token_is_worth_nothing_without_the_key_it_was_made_with(bench: Bench)
     let (id, _) = made(store, new_key(None, None)).await;
     let (_, token) = made(store, new_key(Some(60), Some(id.clone()))).await;
     assert!(is_worth(store, &token).await);
-    assert_eq!(store.keys(None).await.expect("an answer").len(), 1, "tokens are no API keys");
+    assert_eq!(keys_of(store, None).await.len(), 1, "tokens are no API keys");
     assert!(store.revoke_key(&id).await.expect("an answer"));
     assert!(!is_worth(store, &token).await);
     assert_eq!(store.forget_tokens().await.expect("an answer"), 0);
@@ -147,7 +195,7 @@ async fn no_more_of_a_tenants_jobs_run_than_may(bench: Bench) {
         bench.submit_of(tenant).await;
     }
     let limits = TenantLimits { max_running: Some(2), ..TenantLimits::default() };
-    bench.store.set_tenant(&"b".parse().expect("a name"), None, limits).await.expect("set");
+    bench.store.change_tenant(&"b".parse().expect("a name"), TenantChange::to_limits(limits)).await.expect("set");
     assert_eq!(bench.store.limits("b").await.expect("an answer"), limits);
     assert_eq!(bench.store.limits("a").await.expect("an answer"), TenantLimits::default());
     let mut running: BTreeMap<String, u32> = BTreeMap::new();
@@ -193,7 +241,7 @@ pub fn guarded_with(start: Start<'_>) -> Program {
     start.arg("--auth", "keys").start()
 }
 
-pub const ALL: &str = "jobs:read,jobs:write,webhooks,tokens,metrics";
+pub const ALL: &str = "jobs:read,jobs:write,webhooks,tokens,metrics,admin";
 
 pub async fn ask(request: RequestBuilder) -> (u16, Value) {
     let answer = request.send().await.expect("an answer");
@@ -213,7 +261,7 @@ fn guarded_operations() -> Vec<(Method, String)> {
             }
         }
     }
-    assert!(operations.iter().filter(|(_, path)| path.starts_with("/v1/")).count() >= 21);
+    assert!(operations.iter().filter(|(_, path)| path.starts_with("/v1/")).count() >= 27);
     operations
 }
 
@@ -222,7 +270,7 @@ async fn nothing_of_the_service_answers_without_a_key_or_with_a_wrong_or_revoked
     let data = tempfile::tempdir().expect("a folder");
     let good = key(data.path(), "shop", ALL);
     let gone = key(data.path(), "shop", ALL);
-    let listed = meshmend(data.path(), &["keys", "list", "--tenant", "shop"]);
+    let listed = meshmend(data.path(), &["keys", "list", "--json", "--tenant", "shop"]);
     assert!(!listed.contains(&good) && !listed.contains(&good[7..]), "{listed}");
     let last: Value = serde_json::from_str(listed.lines().last().expect("a line")).expect("JSON");
     meshmend(data.path(), &["keys", "revoke", last["id"].as_str().expect("an id")]);
@@ -252,7 +300,7 @@ async fn nothing_of_the_service_answers_without_a_key_or_with_a_wrong_or_revoked
 #[tokio::test]
 async fn each_operation_needs_its_scope() {
     let data = tempfile::tempdir().expect("a folder");
-    let keys: BTreeMap<&str, String> = ["jobs:read", "jobs:write", "webhooks", "tokens", "metrics"]
+    let keys: BTreeMap<&str, String> = ["jobs:read", "jobs:write", "webhooks", "tokens", "metrics", "admin"]
         .map(|scope| (scope, key(data.path(), "shop", scope)))
         .into();
     let program = guarded(data.path());
@@ -263,6 +311,7 @@ async fn each_operation_needs_its_scope() {
             (_, "/v1/capabilities") => continue,
             (_, "/v1/browser-tokens") => "tokens",
             (_, path) if path.starts_with("/v1/webhook-") => "webhooks",
+            (_, path) if path.starts_with("/v1/keys") || path.starts_with("/v1/tenants") => "admin",
             ("GET", _) => "jobs:read",
             _ => "jobs:write",
         };
@@ -455,7 +504,7 @@ async fn limits_of_requests_and_of_waiting_jobs_hold_for_each_tenant_apart() {
     let (busy, calm) = (key(data.path(), "busy", ALL), key(data.path(), "calm", ALL));
     meshmend(data.path(), &["tenants", "set", "busy", "--requests-per-minute", "5"]);
     meshmend(data.path(), &["tenants", "set", "calm", "--max-queued", "1"]);
-    assert_eq!(meshmend(data.path(), &["tenants", "list"]).lines().count(), 2);
+    assert_eq!(meshmend(data.path(), &["tenants", "list", "--json"]).lines().count(), 2);
     let program = Start::serve(data.path()).arg("--auth", "keys").env("MESHMEND_NO_WORKERS", "true").start();
     let api = Api::new(&program);
     for left in [4, 3, 2, 1, 0] {

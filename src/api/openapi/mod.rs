@@ -20,7 +20,7 @@ pub use version_3_0::document_3_0;
 use super::admit::readable;
 use super::state::ApiState;
 use super::webhooks::{deliveries, endpoints, secrets};
-use super::{artifacts, capabilities, events, health, jobs, submit, tokens, uploads};
+use super::{artifacts, capabilities, events, health, jobs, keys, submit, tenants, tokens, uploads};
 
 #[derive(OpenApi)]
 #[openapi(
@@ -34,7 +34,7 @@ use super::{artifacts, capabilities, events, health, jobs, submit, tokens, uploa
         (name = "jobs", description = "Send a model, follow its job, download the result"),
         (name = "uploads", description = "Send a large file, or one from a browser, before its job"),
         (name = "webhooks", description = "Be told of jobs that end, in the form of the Standard Webhooks specification"),
-        (name = "access", description = "Tokens for the pages of a storefront"),
+        (name = "access", description = "Tokens for the pages of a storefront, and the keys and tenants of the service"),
         (name = "service", description = "What the service can do and how it is"),
     ),
     components(schemas(super::Problem, crate::jobs::JobReport, crate::jobs::JobMessage)),
@@ -60,6 +60,10 @@ pub(super) fn guarded() -> OpenApiRouter<ApiState> {
         .routes(routes!(secrets::get_secret))
         .routes(routes!(secrets::rotate_secret))
         .routes(routes!(tokens::make_token))
+        .routes(routes!(keys::create_key, keys::list_keys))
+        .routes(routes!(keys::get_key, keys::revoke_key))
+        .routes(routes!(tenants::list_tenants))
+        .routes(routes!(tenants::get_tenant, tenants::change_tenant))
         .routes(routes!(capabilities::get_capabilities))
         .routes(routes!(health::get_metrics));
     document_admission(routes.get_openapi_mut());

@@ -2,14 +2,16 @@ use async_trait::async_trait;
 use uuid::Uuid;
 
 use super::SqliteStore;
-use crate::access::{AccessKey, NewKey, Tenant, TenantClass, TenantLimits, TenantName, Token};
-use crate::jobs::StoreError;
-use crate::jobs::access::{AccessStore, key_columns, limit_columns, read_key, read_limits, read_tenant};
+use crate::access::{AccessKey, KeyQuery, NewKey, Tenant, TenantChange, TenantClass, TenantLimits, TenantName, Token};
+use crate::jobs::access::{
+    AccessStore, key_columns, limit_columns, read_key, read_limits, read_tenant, tenants_and_key_holders,
+};
+use crate::jobs::{Page, StoreError};
 
 #[async_trait]
 impl AccessStore for SqliteStore {
     async fn create_key(&self, key: NewKey, token: &Token) -> Result<AccessKey, StoreError> {
-        let row = sqlx::query(concat!(
+        let rows = sqlx::query(concat!(
             "INSERT INTO access_keys (id, secret_hash, tenant, kind, label, scopes, origin, max_bytes, parent, created_at, \
                                       expires_at) \
              VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?10 + ?11) RETURNING ",
@@ -26,9 +28,9 @@ impl AccessStore for SqliteStore {
         .bind(&key.parent)
         .bind(self.clock.now_ms())
         .bind(key.life_s.map(|seconds| i64::try_from(seconds.saturating_mul(1000)).unwrap_or(i64::MAX / 4)))
-        .fetch_one(&self.writer)
+        .fetch_all(&self.writer)
         .await?;
-        read_key(&row)
+        read_key(rows.first().ok_or(sqlx::Error::RowNotFound)?)
     }
 
     async fn find_key(&self, token: &Token) -> Result<Option<(AccessKey, TenantLimits)>, StoreError> {
@@ -57,16 +59,21 @@ impl AccessStore for SqliteStore {
         Ok(())
     }
 
-    async fn keys(&self, tenant: Option<&TenantName>) -> Result<Vec<AccessKey>, StoreError> {
+    async fn keys(&self, query: KeyQuery) -> Result<Page<AccessKey, String>, StoreError> {
         let rows = sqlx::query(concat!(
             "SELECT ",
             key_columns!(),
-            " FROM access_keys WHERE kind = 'api' AND (?1 IS NULL OR tenant = ?1) ORDER BY id"
+            " FROM access_keys WHERE kind = 'api' AND (?1 IS NULL OR tenant = ?1) AND (?2 IS NULL OR id = ?2) \
+              AND (?3 IS NULL OR id < ?3) ORDER BY id DESC LIMIT ?4"
         ))
-        .bind(tenant.map(TenantName::as_str))
+        .bind(query.tenant.as_ref().map(TenantName::as_str))
+        .bind(&query.id)
+        .bind(&query.before)
+        .bind(i64::from(query.limit) + 1)
         .fetch_all(&self.reader)
         .await?;
-        rows.iter().map(read_key).collect()
+        let keys = rows.iter().map(read_key).collect::<Result<Vec<_>, _>>()?;
+        Ok(Page::of(keys, query.limit, |key| key.id.clone()))
     }
 
     async fn revoke_key(&self, id: &str) -> Result<bool, StoreError> {
@@ -94,31 +101,50 @@ impl AccessStore for SqliteStore {
         Ok(row.as_ref().map(read_limits).transpose()?.unwrap_or_default())
     }
 
-    async fn set_tenant(
-        &self,
-        tenant: &TenantName,
-        class: Option<&TenantClass>,
-        limits: TenantLimits,
-    ) -> Result<(), StoreError> {
-        sqlx::query(
+    async fn change_tenant(&self, tenant: &TenantName, change: TenantChange) -> Result<Tenant, StoreError> {
+        let number = |value: Option<Option<u32>>| value.flatten().map(i64::from);
+        let rows = sqlx::query(concat!(
             "INSERT INTO tenants (name, class, max_queued, max_running, requests_per_minute) VALUES (?1, ?2, ?3, ?4, ?5) \
-             ON CONFLICT (name) DO UPDATE SET class = excluded.class, max_queued = excluded.max_queued, \
-                 max_running = excluded.max_running, requests_per_minute = excluded.requests_per_minute",
-        )
+             ON CONFLICT (name) DO UPDATE SET \
+                 class = CASE WHEN ?6 THEN excluded.class ELSE tenants.class END, \
+                 max_queued = CASE WHEN ?7 THEN excluded.max_queued ELSE tenants.max_queued END, \
+                 max_running = CASE WHEN ?8 THEN excluded.max_running ELSE tenants.max_running END, \
+                 requests_per_minute = CASE WHEN ?9 THEN excluded.requests_per_minute ELSE tenants.requests_per_minute END \
+             RETURNING name AS id, class, ",
+            limit_columns!()
+        ))
         .bind(tenant.as_str())
-        .bind(class.map(TenantClass::as_str))
-        .bind(limits.max_queued.map(i64::from))
-        .bind(limits.max_running.map(i64::from))
-        .bind(limits.requests_per_minute.map(i64::from))
-        .execute(&self.writer)
+        .bind(change.class.as_ref().and_then(|class| class.as_ref().map(TenantClass::as_str)))
+        .bind(number(change.max_queued))
+        .bind(number(change.max_running))
+        .bind(number(change.requests_per_minute))
+        .bind(change.class.is_some())
+        .bind(change.max_queued.is_some())
+        .bind(change.max_running.is_some())
+        .bind(change.requests_per_minute.is_some())
+        .fetch_all(&self.writer)
         .await?;
-        Ok(())
+        read_tenant(rows.first().ok_or(sqlx::Error::RowNotFound)?)
     }
 
-    async fn tenants(&self) -> Result<Vec<Tenant>, StoreError> {
-        let rows = sqlx::query(concat!("SELECT name AS id, class, ", limit_columns!(), " FROM tenants ORDER BY name"))
-            .fetch_all(&self.reader)
+    async fn tenants(&self, after: Option<&str>, limit: u32) -> Result<Page<Tenant, String>, StoreError> {
+        let rows = sqlx::query(concat!(
+            tenants_and_key_holders!("tenant"),
+            " WHERE ?1 IS NULL OR names.name > ?1 ORDER BY names.name LIMIT ?2"
+        ))
+        .bind(after)
+        .bind(i64::from(limit) + 1)
+        .fetch_all(&self.reader)
+        .await?;
+        let tenants = rows.iter().map(read_tenant).collect::<Result<Vec<_>, _>>()?;
+        Ok(Page::of(tenants, limit, |tenant| tenant.name.clone()))
+    }
+
+    async fn tenant(&self, name: &str) -> Result<Option<Tenant>, StoreError> {
+        let row = sqlx::query(concat!(tenants_and_key_holders!("tenant"), " WHERE names.name = ?1"))
+            .bind(name)
+            .fetch_optional(&self.reader)
             .await?;
-        rows.iter().map(read_tenant).collect()
+        row.as_ref().map(read_tenant).transpose()
     }
 }
