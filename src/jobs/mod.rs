@@ -9,6 +9,7 @@ mod bell;
 mod clock;
 mod job;
 mod keys;
+mod opening;
 mod options;
 mod postgres;
 mod quote;
@@ -28,12 +29,13 @@ pub use job::{
     Artifact, Artifacts, Input, Job, JobId, JobIdError, JobProblem, JobProgress, Metadata, ProblemKind, Status,
 };
 pub use keys::{KEY_HOLD, KEY_LIFE, KeyState, RequestKey};
+pub use opening::OpenFailure;
 pub use options::{JobOptions, JobOptionsError, Mode, whole_number};
 pub use postgres::PostgresStore;
 pub use quote::Quote;
 pub use report::{JobOutcome, JobReport, StoredReport};
 pub use retry::RetryPolicy;
-pub use sqlite::SqliteStore;
+pub use sqlite::{BackupError, SqliteStore};
 pub use store::{
     Cancelled, Claim, ClassLoad, Completion, Connections, Failure, FailureKind, JobStore, Lease, ListQuery, NewJob,
     Page, Reused, StatusCount, StoreError, Waiting,

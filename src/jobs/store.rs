@@ -77,7 +77,7 @@ const SQLITE_FULL: u32 = 13;
 const SQLITE_PASSES: [u32; 5] = [5, 6, 8, 10, SQLITE_FULL];
 
 /// The primary result code of an error of SQLite's (its documentation, "Result and Error Codes").
-fn sqlite_code(error: &sqlx::Error) -> Option<u32> {
+pub(super) fn sqlite_code(error: &sqlx::Error) -> Option<u32> {
     let error = error.as_database_error()?.try_downcast_ref::<SqliteError>()?;
     error.code()?.parse::<u32>().ok().map(|extended| extended & 0xff)
 }

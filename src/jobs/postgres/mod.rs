@@ -83,7 +83,11 @@ impl PostgresStore {
             .before_acquire(|connection, used| {
                 Box::pin(async move { Ok(used.idle_for < FRESH || connection.ping().await.is_ok()) })
             });
-        let pool = pool.connect_with(options).await?;
+        let pool = match pool.connect_with(options.clone()).await {
+            // A pool tries again until its time is over, and does not say why. A connection of its own does.
+            Err(sqlx::Error::PoolTimedOut) => return Err(why_unreachable(&options).await.into()),
+            pool => pool?,
+        };
         sqlx::migrate!("migrations/postgres").run(&pool).await?;
         let bell = Arc::new(Bell::default());
         let listener = tokio::spawn(listen::ring(pool.clone(), Arc::clone(&bell)));
@@ -114,6 +118,14 @@ impl PostgresStore {
             .fetch_optional(&self.pool)
             .await?;
         read_job(&row.ok_or(StoreError::LeaseLost)?)
+    }
+}
+
+/// Why no connection can be made.
+async fn why_unreachable(options: &PgConnectOptions) -> sqlx::Error {
+    match tokio::time::timeout(ACQUIRE, PgConnection::connect_with(options)).await {
+        Ok(Err(error)) => error,
+        Ok(Ok(_)) | Err(_) => sqlx::Error::PoolTimedOut,
     }
 }
 

@@ -1,4 +1,5 @@
 mod access;
+mod backup;
 mod keys;
 mod outbox;
 mod queue;
@@ -6,7 +7,9 @@ mod retention;
 mod uploads;
 mod webhooks;
 
-use std::fs::File;
+use std::fs::{File, OpenOptions};
+use std::io;
+use std::os::unix::fs::OpenOptionsExt;
 use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
@@ -16,6 +19,8 @@ use rustix::fs::{FlockOperation, flock};
 use sqlx::Connection;
 use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode, SqlitePool, SqlitePoolOptions, SqliteSynchronous};
 use uuid::Uuid;
+
+pub use backup::BackupError;
 
 use super::row::{corrupt, count, elapsed, job_columns, millis, read_job, to_json};
 use super::store::{
@@ -41,20 +46,21 @@ pub struct SqliteStore {
 }
 
 impl SqliteStore {
-    /// Opens the file, makes it if it is missing, and brings its tables up to date.
+    /// Opens the file, makes it if it is missing, and brings its tables up to date. Only this user may read a file that is made.
     ///
     /// # Errors
     /// When the file can't be opened or was made by a newer version.
     pub async fn open(path: &Path, clock: Arc<dyn Clock>, retry: RetryPolicy) -> Result<Self, StoreError> {
         let options = SqliteConnectOptions::new()
             .filename(path)
-            .create_if_missing(true)
             .journal_mode(SqliteJournalMode::Wal)
             .synchronous(SqliteSynchronous::Full)
             .busy_timeout(Duration::from_secs(10))
             .foreign_keys(true);
         // Migrations take no lock of their own, and a server and a worker may start together.
-        let lock = File::create(path.with_extension("lock")).map_err(sqlx::Error::Io)?;
+        let lock = create_private(&path.with_extension("lock")).map_err(sqlx::Error::Io)?;
+        // SQLite gives the files beside it the same permissions.
+        create_private(path).map_err(sqlx::Error::Io)?;
         let lock = tokio::task::spawn_blocking(move || flock(&lock, FlockOperation::LockExclusive).map(|()| lock));
         let lock = lock.await.map_err(|e| sqlx::Error::Io(e.into()))?.map_err(|e| sqlx::Error::Io(e.into()))?;
         // Where the disk is full SQLite ends a transaction by itself, which sqlx does not see: it would refuse the next one for ever.
@@ -98,6 +104,11 @@ impl SqliteStore {
         let random = Uuid::new_v4().as_u64_pair().0;
         self.clock.now_ms() + millis(self.retry.delay(tries, random))
     }
+}
+
+/// Opens a file for writing. One that is made is for this user alone, since the database holds what clients sent and hashes of keys.
+fn create_private(path: &Path) -> io::Result<File> {
+    OpenOptions::new().write(true).create(true).truncate(false).mode(0o600).open(path)
 }
 
 #[async_trait]
