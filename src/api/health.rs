@@ -39,8 +39,8 @@ pub struct Health {
     pub min_free: u64,
     /// What was found at the start that does not make the process unready, such as whether there is a Blender.
     pub found: BTreeMap<&'static str, String>,
-    /// Cancelled when the process stops.
-    pub stopping: CancellationToken,
+    /// Cancelled by the first signal to stop: from then on the process is not ready, serves reads and refuses the rest.
+    pub draining: CancellationToken,
     /// Where the metrics are rendered.
     pub metrics: PrometheusHandle,
     /// Classes of tenants that the metrics have told of.
@@ -86,11 +86,11 @@ impl Health {
         let disk = self.blobs.free_bytes().map_err(|error| error.to_string()).and_then(|free| self.is_room(free));
         let scratch = self.scratch_works().await.and_then(|free| self.is_room(Some(free)));
         let needed = [("store", store), ("blobs", blobs), ("disk", disk), ("scratch", scratch)];
-        let stopping = self.stopping.is_cancelled();
-        let ready = !stopping && needed.iter().all(|(_, result)| result.is_ok());
+        let draining = self.draining.is_cancelled();
+        let ready = !draining && needed.iter().all(|(_, result)| result.is_ok());
         let mut checks = self.found.clone();
         checks.extend(needed.map(|(name, result)| (name, result.err().unwrap_or_else(|| "ok".to_owned()))));
-        if stopping {
+        if draining {
             checks.insert("service", "stopping".to_owned());
         }
         Readiness { ready, checks }
@@ -143,6 +143,7 @@ impl Health {
             backlog.map_or((f64::NAN, f64::NAN), |it| (it.pending as f64, it.overdue.as_secs_f64()));
         metrics::gauge!(telemetry::WEBHOOK_BACKLOG).set(pending);
         metrics::gauge!(telemetry::WEBHOOK_OVERDUE).set(overdue);
+        metrics_process::Collector::default().collect();
         let connections = self.store.connections();
         metrics::gauge!(telemetry::DATABASE_CONNECTIONS, "state" => "busy").set(connections.busy);
         metrics::gauge!(telemetry::DATABASE_CONNECTIONS, "state" => "idle").set(connections.idle);

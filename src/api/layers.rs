@@ -1,5 +1,5 @@
 use std::any::Any;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use axum::Router;
 use axum::extract::{MatchedPath, Request};
@@ -72,24 +72,28 @@ async fn observe(request: Request, next: Next) -> Response {
         method,
         path,
         tenant = Empty,
+        key_id = Empty,
         trace_id = Empty
     );
     telemetry::continue_from(&span, traceparent);
     let started = Instant::now();
     let mut response = next.run(request).instrument(span.clone()).await;
+    let mut code = None;
     if let Some(mut problem) = response.extensions_mut().remove::<Problem>() {
         problem.request_id = id;
         problem.instance = path;
+        code = Some(problem.code);
         response = problem.render(response);
     } else if unexplained(&response) {
-        let code = match response.status() {
+        let found = match response.status() {
             StatusCode::NOT_FOUND => ProblemCode::RouteNotFound,
             StatusCode::METHOD_NOT_ALLOWED => ProblemCode::MethodNotAllowed,
             StatusCode::PAYLOAD_TOO_LARGE => ProblemCode::PayloadTooLarge,
             status if status.is_server_error() => ProblemCode::Internal,
             _ => ProblemCode::InvalidRequest,
         };
-        let mut problem = Problem::new(code, "The request could not be handled. See /docs.");
+        code = Some(found);
+        let mut problem = Problem::new(found, "The request could not be handled. See /docs.");
         problem.status = response.status().as_u16();
         problem.title = response.status().canonical_reason().unwrap_or("Error").to_owned();
         problem.request_id = id;
@@ -100,10 +104,28 @@ async fn observe(request: Request, next: Next) -> Response {
     let status = response.status().as_u16();
     let elapsed = started.elapsed();
     telemetry::answered(&span, &route, status);
-    span.in_scope(|| tracing::debug!(status, milliseconds = elapsed.as_secs_f64() * 1000.0, "answered"));
+    span.in_scope(|| log(status, code, elapsed));
     let labels = [("method", method.to_owned()), ("route", route), ("status", status.to_string())];
     metrics::histogram!(telemetry::HTTP_REQUEST, &labels).record(elapsed);
     response
+}
+
+/// Logs how a request ended. Lines have the request's id, method, path, tenant and key by its span.
+fn log(status: u16, code: Option<ProblemCode>, elapsed: Duration) {
+    let milliseconds = elapsed.as_secs_f64() * 1000.0;
+    let code_name = code.map(ProblemCode::name);
+    let code_name = code_name.as_deref();
+    match (status, code) {
+        // Away or full is the operator's to mend; the client may send the request again.
+        (503, _) => tracing::warn!(status, code = code_name, milliseconds, "request failed"),
+        (500.., _) => tracing::error!(status, code = code_name, milliseconds, "request failed"),
+        // Programs that scan the network for weak servers would fill the log.
+        (_, Some(ProblemCode::RouteNotFound)) => {
+            tracing::debug!(status, code = code_name, milliseconds, "request refused");
+        }
+        (400.., _) => tracing::info!(status, code = code_name, milliseconds, "request refused"),
+        _ => tracing::debug!(status, milliseconds, "answered"),
+    }
 }
 
 /// Whether some library answered an error in its own words.

@@ -68,6 +68,14 @@ metrics! {
     BLOB_ERRORS: Counter "meshmend_blob_errors_total" [] "Errors of the file store, missing files apart.";
     DATABASE_CONNECTIONS: Gauge "meshmend_database_connections" ["state"] "Connections of this process to the database, `busy` and `idle`.";
     DATABASE_CONNECTIONS_MOST: Gauge "meshmend_database_connections_most" [] "Most connections to the database that this process may hold.";
+    PROCESS_CPU: Counter "process_cpu_seconds_total" [] "Processor time that this process has used, in whole seconds. Jobs run in processes of their own.";
+    PROCESS_RESIDENT_MEMORY: Gauge "process_resident_memory_bytes" [] "Memory of this process that is in RAM.";
+    PROCESS_VIRTUAL_MEMORY: Gauge "process_virtual_memory_bytes" [] "Address space of this process.";
+    PROCESS_VIRTUAL_MEMORY_MAX: Gauge "process_virtual_memory_max_bytes" [] "Most address space that this process may have, 0 where there is no limit.";
+    PROCESS_OPEN_FILES: Gauge "process_open_fds" [] "Files and connections that this process has open.";
+    PROCESS_MAX_FILES: Gauge "process_max_fds" [] "Most files and connections that this process may have open.";
+    PROCESS_THREADS: Gauge "process_threads" [] "Threads of this process.";
+    PROCESS_START: Gauge "process_start_time_seconds" [] "When this process started, in seconds since 1970.";
     DISK_FREE: Gauge "meshmend_disk_free_bytes" ["folder"] "Free bytes of the disks of this process's folders: `files` where they are on a disk, `scratch`.";
 }
 

@@ -12,7 +12,7 @@ use tokio::sync::broadcast::error::RecvError;
 use tokio::time::Instant;
 use tokio_util::codec::{FramedRead, LinesCodec, LinesCodecError};
 use tokio_util::sync::CancellationToken;
-use tracing::{Instrument, Span};
+use tracing::Instrument;
 
 use super::crash;
 use super::failpoint::pause_alone_at;
@@ -22,7 +22,7 @@ use super::patience::patiently;
 use super::pool::{Pool, Shutdown};
 use super::process::JobProcess;
 use super::scratch::tame;
-use super::stages::{Stages, record_steps};
+use super::stages::{Stages, record_end, record_steps};
 use super::task::{ProgressLine, Task};
 use super::usage::Excess;
 use crate::blobs::{BlobError, Blobs, Stored};
@@ -102,16 +102,7 @@ impl<'a> Attempt<'a> {
         let milliseconds = u64::try_from(started.elapsed().as_millis()).unwrap_or(u64::MAX);
         metrics::histogram!(telemetry::ATTEMPT).record(started.elapsed());
         match ended {
-            Ok(Some(job)) => {
-                let outcome = job.outcome.map_or(String::new(), |outcome| label(&outcome));
-                let problem = job.problem.as_ref().map_or(String::new(), |problem| label(&problem.code));
-                tracing::info!(status = job.status.as_str(), outcome, problem, milliseconds, "attempt ended");
-                if let Some(problem) = &job.problem {
-                    telemetry::failed(&Span::current(), label(&problem.code));
-                }
-                metrics::counter!(telemetry::ATTEMPTS, "status" => job.status.as_str(), "outcome" => outcome)
-                    .increment(1);
-            }
+            Ok(Some(job)) => record_end(&job, milliseconds),
             Ok(None) => tracing::info!(milliseconds, "handed back"),
             Err(StoreError::LeaseLost) => {
                 tracing::warn!(milliseconds, "the job is no longer ours; its result is dropped");
@@ -190,7 +181,7 @@ impl<'a> Attempt<'a> {
             Ended::Exited(status) => {
                 let (kind, problem) = crash::explain(status, &said, self.pool.config.job_memory);
                 metrics::counter!(telemetry::CHILD_CRASHES, "reason" => label(&problem.code)).increment(1);
-                tracing::warn!(%status, code = ?problem.code, "the repair process ended by itself");
+                tracing::warn!(%status, code = label(&problem.code), "the repair process ended by itself");
                 self.fail(folder, kind, problem).await.map(Some)
             }
         }
@@ -341,7 +332,7 @@ impl<'a> Attempt<'a> {
         };
         let Completion { report, artifacts } = completion;
         let failure = Failure { kind: FailureKind::Final, problem, report: Some(report), artifacts };
-        patiently(None, || self.pool.store.fail(&self.lease, failure.clone())).await
+        self.note_failure(failure).await
     }
 
     async fn publish(&self, folder: &Path, report: Option<Vec<u8>>) -> Result<Completion, AttemptError> {
@@ -358,7 +349,16 @@ impl<'a> Attempt<'a> {
     async fn fail(&self, folder: &Path, kind: FailureKind, problem: JobProblem) -> Result<Job, AttemptError> {
         let artifacts = self.store_files(folder, offered(&self.job.inputs, None)).await?;
         let failure = Failure { kind, problem, report: None, artifacts };
-        Ok(patiently(None, || self.pool.store.fail(&self.lease, failure.clone())).await?)
+        Ok(self.note_failure(failure).await?)
+    }
+
+    async fn note_failure(&self, failure: Failure) -> Result<Job, StoreError> {
+        let job = patiently(None, || self.pool.store.fail(&self.lease, failure.clone())).await?;
+        // A job that is tried again does not keep the problem.
+        if job.problem.is_none() {
+            tracing::warn!(code = label(&failure.problem.code), "attempt failed; the job is tried again");
+        }
+        Ok(job)
     }
 
     /// Notes a failure of something around the job.
@@ -372,7 +372,7 @@ impl<'a> Attempt<'a> {
         };
         let problem = problem(ProblemKind::Internal, detail.to_owned());
         let failure = Failure { kind: FailureKind::Passing, problem, report: None, artifacts: Artifacts::new() };
-        patiently(None, || self.pool.store.fail(&self.lease, failure.clone())).await
+        self.note_failure(failure).await
     }
 
     /// Stores those files that are there under this attempt's own keys, where nobody sees them yet.

@@ -1,7 +1,7 @@
 use tracing::Span;
 
 use crate::context::Stage;
-use crate::jobs::JobProgress;
+use crate::jobs::{Job, JobProgress};
 use crate::repair::Step;
 use crate::telemetry::{self, label};
 
@@ -35,4 +35,18 @@ pub(super) fn record_steps(steps: &[Step]) {
         metrics::counter!(telemetry::BLENDER_RUNS).increment(step.runs.into());
         metrics::counter!(telemetry::BLENDER_RESTARTS).increment(step.runs.saturating_sub(1).into());
     }
+}
+
+/// Logs and counts how an attempt ended, in the span of the attempt.
+pub(super) fn record_end(job: &Job, milliseconds: u64) {
+    let status = job.status.as_str();
+    let outcome = job.outcome.map(|outcome| label(&outcome));
+    let code = job.problem.as_ref().map(|problem| label(&problem.code));
+    // A field without a value is left out of the line.
+    tracing::info!(status, outcome = outcome.as_deref(), code = code.as_deref(), milliseconds, "attempt ended");
+    if let Some(code) = code {
+        telemetry::failed(&Span::current(), code);
+    }
+    let outcome = outcome.unwrap_or_default();
+    metrics::counter!(telemetry::ATTEMPTS, "status" => status, "outcome" => outcome).increment(1);
 }

@@ -47,7 +47,9 @@ fn what_is_in_force_is_told_with_where_it_is_from_and_no_secret_in_it() {
         ("MESHMEND_BLENDER", collector.as_str()),
     ];
     let printed = config(&["--format", "json", "serve", "--listen", "127.0.0.1:1"], &variables);
-    assert!(printed.status.success(), "{}", String::from_utf8_lossy(&printed.stderr));
+    assert_eq!(printed.status.code(), Some(2), "serve refuses the unknown variable too");
+    let message = String::from_utf8_lossy(&printed.stderr).into_owned();
+    assert!(message.contains("MESHMEND_WORKRES is set, but no command"), "{message}");
     let text = String::from_utf8(printed.stdout).expect("text");
     assert!(!text.contains(secret), "{text}");
     let printed: Value = serde_json::from_str(&text).expect("JSON");
@@ -69,7 +71,29 @@ fn what_is_in_force_is_told_with_where_it_is_from_and_no_secret_in_it() {
     assert!(!table.contains(secret) && !table.contains("--listen "), "{table}");
     let line = table.lines().find(|line| line.starts_with("--workers ")).expect("a line");
     assert_eq!(line.split_whitespace().collect::<Vec<_>>(), ["--workers", "3", "environment", "MESHMEND_WORKERS"]);
-    assert!(table.contains("MESHMEND_WORKRES is set, and nothing here reads it"), "{table}");
+
+    let bare = config(&["--format", "json", "serve", "--data-dir", "/data"], &[]);
+    assert!(bare.status.success(), "{}", String::from_utf8_lossy(&bare.stderr));
+    let bare: Value = serde_json::from_slice(&bare.stdout).expect("JSON");
+    let computed = |flag: &str| {
+        let setting = bare["settings"].as_array().expect("settings").iter().find(|it| it["flag"] == flag);
+        let setting = setting.expect("a setting");
+        assert_eq!(setting["source"], "computed", "{setting}");
+        setting["value"].as_str().expect("a value").to_owned()
+    };
+    assert_eq!(computed("--database-url"), "sqlite:/data/meshmend.db");
+    assert_eq!(computed("--blob-url"), "/data/files");
+    assert_eq!(computed("--tenant-max-queued"), "10000");
+    for number in ["--workers", "--blenders-memory-mib"] {
+        assert!(computed(number).parse::<u64>().is_ok_and(|number| number > 0), "{number}");
+    }
+    let none = config(&["serve", "--no-workers"], &[]);
+    let table = String::from_utf8(none.stdout).expect("text");
+    let row = |flag: &str| {
+        let line = table.lines().find(|line| line.split_whitespace().next() == Some(flag)).expect("a line");
+        line.split_whitespace().nth(1).expect("a value").to_owned()
+    };
+    assert_eq!((row("--workers"), row("--metrics-listen")), ("0".to_owned(), "none".to_owned()));
 
     let refused = config(&["serve", "--workers", "many"], &[]);
     assert_eq!(refused.status.code(), Some(2), "a command line that would be refused is refused");
@@ -84,7 +108,7 @@ async fn operators_see_what_waits_of_each_class_of_tenants() {
         assert!(answer.status.success(), "{args:?}");
         String::from_utf8(answer.stdout).expect("text").trim().to_owned()
     };
-    let told = meshmend(&["tenants", "set", "big-shop", "--class", "gold"]);
+    let told = meshmend(&["tenants", "set", "big-shop", "--json", "--class", "gold"]);
     assert!(told.contains(r#""class":"gold""#), "{told}");
     let keys = ["big-shop", "corner-shop"].map(|tenant| meshmend(&["keys", "create", "--tenant", tenant]));
     let server = with_probes(Start::serve(data.path())).env("MESHMEND_NO_WORKERS", "true").start();
@@ -230,4 +254,58 @@ async fn while_the_database_is_away_the_probes_say_so_and_what_is_not_known_is_n
     cluster.restart();
     until("it is ready again", async || (probe(&program, "/readyz").await.0 == 200).then_some(())).await;
     measured(&program, "meshmend_jobs{status=\"queued\"}", |n| n == 0.0).await;
+}
+
+#[tokio::test]
+async fn requests_that_are_refused_are_logged_with_their_code_and_key_and_failed_jobs_with_theirs() {
+    let data = tempfile::tempdir().expect("a folder");
+    let secret = crate::access::key(data.path(), "shop", "jobs:read");
+    let program = crate::access::guarded_with(Start::serve(data.path()).env("MESHMEND_LOG_FORMAT", "json"));
+    let api = Api::new(&program);
+    let request = api.post("/v1/jobs").bearer_auth(&secret).header("x-request-id", "the-request");
+    assert_eq!(request.body(files::broken_box()).send().await.expect("an answer").status(), 403);
+    assert_eq!(api.get("/wp-login.php").send().await.expect("an answer").status(), 404);
+    assert_eq!(api.get("/v1/jobs").bearer_auth(&secret).send().await.expect("an answer").status(), 200);
+    let line = until("it is logged", async || {
+        let log = program.log();
+        let line = log.lines().find(|line| line.contains("request refused"))?;
+        Some(serde_json::from_str::<Value>(line).expect("JSON"))
+    })
+    .await;
+    assert_eq!((&line["level"], &line["fields"]["code"]), (&json!("INFO"), &json!("forbidden")), "{line}");
+    assert_eq!(line["fields"]["status"], 403);
+    let span = &line["spans"][0];
+    assert_eq!((&span["method"], &span["path"]), (&json!("POST"), &json!("/v1/jobs")), "{span}");
+    assert_eq!((&span["request_id"], &span["tenant"]), (&json!("the-request"), &json!("shop")), "{span}");
+    assert!(span["key_id"].as_str().is_some_and(|id| id.starts_with("key_")), "{span}");
+    assert!(!program.log().contains(&secret[7..]), "no secret is logged");
+    assert!(!program.log().contains("wp-login"), "scanners do not fill the log");
+    drop(program);
+
+    let program = Start::serve(data.path()).env("MESHMEND_LOG_FORMAT", "json").start();
+    let api = Api::new(&program);
+    let no_vertex_7 = "OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 7\n";
+    let id = api.submit(no_vertex_7.into(), json!({"max_tier": 1})).await;
+    assert_eq!(api.finished(&id).await["problem"]["code"], "bad_input");
+    let fields = until("it is logged", async || {
+        let log = program.log();
+        let line = log.lines().find(|line| line.contains("attempt ended"))?;
+        Some(serde_json::from_str::<Value>(line).expect("JSON")["fields"].clone())
+    })
+    .await;
+    assert_eq!((&fields["status"], &fields["code"]), (&json!("failed"), &json!("bad_input")), "{fields}");
+    assert!(fields["outcome"].is_null(), "{fields}");
+}
+
+#[tokio::test]
+async fn the_process_itself_is_measured_by_the_names_that_prometheus_gives() {
+    let data = tempfile::tempdir().expect("a folder");
+    let program = with_probes(Start::serve(data.path())).start();
+    measured(&program, "process_resident_memory_bytes", |bytes| bytes > 1e6).await;
+    measured(&program, "process_virtual_memory_bytes", |bytes| bytes > 1e6).await;
+    measured(&program, "process_open_fds", |files| files > 3.0).await;
+    measured(&program, "process_max_fds", |files| files > 3.0).await;
+    measured(&program, "process_threads", |threads| threads >= 1.0).await;
+    measured(&program, "process_start_time_seconds", |seconds| seconds > 1.5e9).await;
+    measured(&program, "process_cpu_seconds_total", |seconds| seconds >= 0.0).await;
 }
