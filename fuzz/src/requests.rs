@@ -151,7 +151,7 @@ async fn state(data: &Path) -> ApiState {
         scratch: data.to_owned(),
         min_free: 0,
         found: BTreeMap::new(),
-        stopping: CancellationToken::new(),
+        draining: CancellationToken::new(),
         metrics: PrometheusBuilder::new().build_recorder().handle(),
         classes: Default::default(),
     };

@@ -93,6 +93,14 @@ async fn run(caller: Caller, mut request: Request, next: Next) -> Response {
     next.run(request).await
 }
 
+/// Serves reads and refuses every other request while the process stops.
+pub(super) async fn refuse_while_draining(State(state): State<ApiState>, request: Request, next: Next) -> Response {
+    match state.accept_work() {
+        Err(problem) if ![Method::GET, Method::HEAD].contains(request.method()) => problem.into_response(),
+        _ => next.run(request).await,
+    }
+}
+
 /// Answers a page's browser that asks whether the page may ask. It may: without a secret of its own it gets nothing.
 pub(super) async fn preflight(request: Request, next: Next) -> Response {
     let asked = request.headers().contains_key(header::ACCESS_CONTROL_REQUEST_METHOD);
@@ -126,6 +134,9 @@ async fn let_in(state: &ApiState, headers: &HeaderMap, shown: Option<&str>) -> R
         }
         None => None,
     };
+    if let Some((key, _)) = &known {
+        tracing::Span::current().record("key_id", key.id.as_str());
+    }
     match &known {
         Some((key, _)) if key.kind == KeyKind::Browser => {
             let own = key.origin.as_deref();

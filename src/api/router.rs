@@ -1,13 +1,14 @@
 use std::sync::OnceLock;
 
-use axum::extract::DefaultBodyLimit;
+use axum::extract::{DefaultBodyLimit, Request};
 use axum::http::Uri;
 use axum::middleware::{from_fn, from_fn_with_state};
 use axum::routing::get;
 use axum::{Json, Router};
+use tower::ServiceExt;
 use utoipa_swagger_ui::SwaggerUi;
 
-use super::admit::{admit, preflight};
+use super::admit::{admit, preflight, refuse_while_draining};
 use super::layers;
 use super::manual;
 use super::openapi;
@@ -17,7 +18,10 @@ use super::state::ApiState;
 
 /// The whole HTTP surface.
 pub fn router(state: ApiState) -> Router {
-    let admitted = openapi::guarded().route_layer(from_fn_with_state(state.clone(), admit));
+    let admitted = openapi::guarded()
+        // Within `admit`, which lets pages read the answer.
+        .route_layer(from_fn_with_state(state.clone(), refuse_while_draining))
+        .route_layer(from_fn_with_state(state.clone(), admit));
     let (routes, document) = admitted.merge(openapi::open()).split_for_parts();
     let router = routes
         .merge(page::routes())
@@ -31,7 +35,23 @@ pub fn router(state: ApiState) -> Router {
         // Uploads are counted as they stream in, and other bodies by `ApiJson`.
         .layer(DefaultBodyLimit::disable())
         .layer(from_fn(preflight));
-    layers::add(router)
+    // Paths are rewritten before any route is chosen.
+    Router::new().fallback_service(layers::add(router).map_request(trim_trailing_slash))
+}
+
+/// Serves `/v1/jobs/` like `/v1/jobs`. Pages such as `/docs/` keep the slash, which their relative links need.
+fn trim_trailing_slash(mut request: Request) -> Request {
+    let uri = request.uri();
+    let path = uri.path();
+    let (trimmed, query) = (path.trim_end_matches('/'), uri.query().map(|query| format!("?{query}")));
+    if trimmed.len() == path.len() || trimmed.is_empty() || path.starts_with("/docs") {
+        return request;
+    }
+    // Without a change the request goes on, and no route is found.
+    if let Ok(uri) = format!("{trimmed}{}", query.unwrap_or_default()).parse() {
+        *request.uri_mut() = uri;
+    }
+    request
 }
 
 async fn no_route(uri: Uri) -> Problem {
@@ -52,4 +72,28 @@ async fn openapi_3_0() -> Result<Json<&'static serde_json::Value>, Problem> {
     }
     let document = openapi::document_3_0().map_err(|error| Problem::internal(&error))?;
     Ok(Json(DOCUMENT.get_or_init(|| document)))
+}
+
+#[cfg(test)]
+mod tests {
+    use axum::body::Body;
+
+    use super::*;
+
+    #[test]
+    fn a_trailing_slash_is_dropped_from_every_path_but_those_of_the_documentation() {
+        for (path, served) in [
+            ("/v1/jobs/", "/v1/jobs"),
+            ("/v1/jobs/?limit=2", "/v1/jobs?limit=2"),
+            ("/v1/jobs?limit=2", "/v1/jobs?limit=2"),
+            ("/readyz/", "/readyz"),
+            ("/docs/", "/docs/"),
+            ("/docs/api/", "/docs/api/"),
+            ("/", "/"),
+            ("//", "//"),
+        ] {
+            let request = Request::builder().uri(path).body(Body::empty()).expect("a request");
+            assert_eq!(trim_trailing_slash(request).uri(), served, "{path}");
+        }
+    }
 }

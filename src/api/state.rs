@@ -1,9 +1,11 @@
 use std::sync::Arc;
 use std::time::Duration;
 
+use axum::http::header;
 use tokio_util::sync::CancellationToken;
 
 use super::admit::Auth;
+use super::problem::{Problem, ProblemCode};
 use super::rates::Rates;
 use super::{Capabilities, Health};
 use crate::access::TenantLimits;
@@ -56,6 +58,22 @@ pub struct ApiState {
     pub capabilities: Arc<Capabilities>,
     /// What the probes and metrics say.
     pub health: Health,
-    /// Cancelled when the service stops: requests that wait end.
+    /// Cancelled when this process has no more jobs to finish: requests that wait end.
     pub stopping: CancellationToken,
+}
+
+/// Seconds after which to send a request again that a stopping process refused. Mostly another process answers it then.
+const RETRY_AFTER_S: u32 = 5;
+
+impl ApiState {
+    /// Refuses requests that begin new work while the process stops.
+    pub(super) fn accept_work(&self) -> Result<(), Problem> {
+        if !self.health.draining.is_cancelled() {
+            return Ok(());
+        }
+        let detail = "This process is stopping and accepts no new work. Send the request again.";
+        Err(Problem::new(ProblemCode::Unavailable, detail)
+            .retry_after(RETRY_AFTER_S)
+            .with_header(header::CONNECTION, "close"))
+    }
 }

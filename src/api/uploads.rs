@@ -166,6 +166,7 @@ pub(super) async fn put_upload(
     ApiQuery(query): ApiQuery<TokenQuery>,
     request: Request,
 ) -> Result<Response, Problem> {
+    state.accept_work()?;
     let PendingUpload { upload, is_open, job, .. } = find_upload(&state, &id).await?;
     if upload.token_sha256.as_deref() != Some(Token::of(&query.token).as_str()) {
         return Err(no_upload(&id));

@@ -56,3 +56,18 @@ async fn the_interactive_document_needs_nothing_from_elsewhere() {
     assert_eq!(served, kept);
     assert_eq!(served["openapi"], "3.1.0");
 }
+
+#[tokio::test]
+async fn a_trailing_slash_changes_nothing_of_an_address() {
+    let data = tempfile::tempdir().expect("a folder");
+    let program = Start::serve(data.path()).env("MESHMEND_NO_WORKERS", "true").start();
+    let api = Api::new(&program);
+    let posted = api.post("/v1/jobs/?max_tier=1").body(files::broken_box()).send().await.expect("an answer");
+    assert_eq!(posted.status(), 202);
+    let job: Value = posted.json().await.expect("a job");
+    let page: Value = api.get("/v1/jobs/?limit=5").send().await.expect("an answer").json().await.expect("JSON");
+    assert_eq!(page["jobs"][0]["id"], job["id"]);
+    for path in ["/docs/", "/docs/api/", "/"] {
+        assert_eq!(api.get(path).send().await.expect("an answer").status(), 200, "{path}");
+    }
+}
