@@ -1,4 +1,5 @@
-//! The command line: `meshmend serve`, `work`, `repair`, `inspect`, `compare`, `submit`, `watch`, `migrate`, `config`, `openapi`.
+//! The command line: `meshmend serve`, `work`, `repair`, `inspect`, `compare`, `submit`, `watch`, `migrate`, `keys`,
+//! `tenants`, `backup`, `config`, `openapi`, `completions`.
 
 mod cli;
 

@@ -52,7 +52,19 @@ impl BlenderConfig {
     /// How many programs may run at once on this machine.
     #[must_use]
     pub fn at_once(&self) -> u32 {
-        count(self.memory, self.memory_together.unwrap_or_else(half_of_memory))
+        count(self.memory, self.memory_for_all())
+    }
+
+    /// Memory in bytes that all programs on this machine may take together.
+    #[must_use]
+    pub fn memory_for_all(&self) -> u64 {
+        self.memory_together.unwrap_or_else(half_of_memory)
+    }
+
+    /// The programs that are tried, in order. None of them has been run.
+    #[must_use]
+    pub fn candidates(&self) -> Vec<PathBuf> {
+        candidates(self, &std::env::var_os("PATH").unwrap_or_default())
     }
 
     /// Makes the locks by which programs wait for one another, and gives their folder: for a process that is about to lose
@@ -66,7 +78,9 @@ impl BlenderConfig {
         Ok(folder)
     }
 
-    fn slots_folder(&self) -> PathBuf {
+    /// The folder of the locks by which programs wait for one another.
+    #[must_use]
+    pub fn slots_folder(&self) -> PathBuf {
         self.slots.clone().unwrap_or_else(usual_folder)
     }
 
@@ -127,9 +141,8 @@ const ASK_BPY: &str = "import os, sys, bpy; print('bpy', bpy.app.version_string)
 /// Looks for a program: the configured one alone, or else `blender` on `PATH`, then a Python in `.venv-blender` next to
 /// the working folder's files, then next to the executable. Each is asked for its version.
 pub(super) fn find(config: &BlenderConfig) -> Result<RemesherInfo, BlenderMissing> {
-    let path = std::env::var_os("PATH").unwrap_or_default();
     let mut tried = Vec::new();
-    for program in candidates(config, &path) {
+    for program in config.candidates() {
         let reason = match probe(&program, config) {
             Ok(info) => return Ok(info),
             Err(reason) => reason,

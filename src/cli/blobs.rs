@@ -1,4 +1,4 @@
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use clap::{ArgAction, Args};
 use meshmend::blobs::{BlobError, Blobs, S3Config};
@@ -30,9 +30,14 @@ pub struct BlobArgs {
     s3_allow_http: bool,
 }
 
+/// The folder of the files where no bucket keeps them.
+pub fn folder(data_dir: &Path) -> PathBuf {
+    data_dir.join("files")
+}
+
 impl BlobArgs {
     pub fn open(&self, data_dir: &Path) -> Result<Blobs, BlobError> {
-        let Some(url) = &self.blob_url else { return Blobs::local(&data_dir.join("files")) };
+        let Some(url) = &self.blob_url else { return Blobs::local(&folder(data_dir)) };
         Blobs::s3(&S3Config {
             url: url.clone(),
             endpoint: self.s3_endpoint.clone(),

@@ -1,18 +1,20 @@
-use std::collections::BTreeSet;
 use std::ffi::OsString;
-use std::fmt::Write as _;
-use std::io::Write as _;
+use std::io::Write;
+use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::parser::ValueSource;
 use clap::{Arg, ArgMatches, Args, Command, ValueEnum};
+use meshmend::blender::BlenderConfig;
 use serde::Serialize;
 use url::Url;
 
-use super::exit;
+use super::settings::default_workers;
+use super::table::table;
+use super::{blobs, database, exit, variables};
 
-/// How the environment variables of this program begin.
-const VARIABLES: &str = "MESHMEND_";
+/// The region of a bucket where neither a flag nor `AWS_REGION` names one.
+const AWS_REGION: &str = "us-east-1";
 /// What stands for what is not shown.
 const HIDDEN: &str = "***";
 
@@ -63,6 +65,8 @@ enum Source {
     Flag,
     Environment,
     Default,
+    /// Made of other settings, or of what this machine has.
+    Computed,
 }
 
 /// Runs `meshmend config`: `program` reads the command line that it is about.
@@ -77,10 +81,13 @@ pub fn run(args: &ConfigArgs, mut program: Command) -> ExitCode {
         ConfigFormat::Table => Ok(config.table()),
         ConfigFormat::Json => serde_json::to_string_pretty(&config).map(|json| json + "\n"),
     };
-    match text.map_err(std::io::Error::from).and_then(|text| std::io::stdout().write_all(text.as_bytes())) {
+    let printed = match text.map_err(std::io::Error::from).and_then(|text| std::io::stdout().write_all(text.as_bytes()))
+    {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => exit::fail(exit::INTERNAL, error),
-    }
+    };
+    // Commands that run the service refuse this environment too.
+    variables::refusal(&program).map_or(printed, |message| exit::fail(exit::BAD_INPUT, message))
 }
 
 impl Config {
@@ -94,35 +101,19 @@ impl Config {
             names.push(name);
         }
         let flags = command.get_arguments().filter(|flag| is_setting(flag));
-        let known = variables(program);
-        let is_unknown = |name: &String| name.starts_with(VARIABLES) && !known.contains(name);
-        let mut unknown: Vec<String> = std::env::vars_os().filter_map(|(name, _)| name.into_string().ok()).collect();
-        unknown.retain(is_unknown);
-        unknown.sort();
         Self {
             command: names.join(" "),
             settings: flags.map(|flag| Setting::of(flag, matches)).collect(),
-            unknown_variables: unknown,
+            unknown_variables: variables::unknown(program),
         }
     }
 
     fn table(&self) -> String {
-        let rows: Vec<[&str; 4]> = std::iter::once(["SETTING", "VALUE", "FROM", "VARIABLE"])
-            .chain(self.settings.iter().map(|it| {
-                let value = it.value.as_deref().unwrap_or("-");
-                [it.flag.as_str(), value, it.source.as_str(), it.variable.as_deref().unwrap_or("-")]
-            }))
-            .collect();
-        let width = |column: usize| rows.iter().map(|row| row[column].chars().count()).max().unwrap_or(0);
-        let (flag, value, source) = (width(0), width(1), width(2));
-        let mut text = String::new();
-        for [a, b, c, d] in rows {
-            let _ = writeln!(text, "{a:flag$}  {b:value$}  {c:source$}  {d}");
-        }
-        for name in &self.unknown_variables {
-            let _ = writeln!(text, "{name} is set, and nothing here reads it");
-        }
-        text
+        let rows = self.settings.iter().map(|it| {
+            let value = it.value.as_deref().unwrap_or("none");
+            [it.flag.as_str(), value, it.source.as_str(), it.variable.as_deref().unwrap_or("-")].map(str::to_owned)
+        });
+        table(["SETTING", "VALUE", "FROM", "VARIABLE"], rows) + "\n"
     }
 }
 
@@ -132,15 +123,19 @@ impl Setting {
         let secret = flag.is_hide_env_values_set();
         let values = matches.get_raw(id).into_iter().flatten();
         let values: Vec<String> = values.map(|value| shown(&value.to_string_lossy(), secret)).collect();
+        let given = (!values.is_empty()).then(|| values.join(","));
+        let computed = if given.is_none() { computed(id, matches) } else { None };
+        let source = match matches.value_source(id) {
+            _ if computed.is_some() => Source::Computed,
+            Some(ValueSource::CommandLine) => Source::Flag,
+            Some(ValueSource::EnvVariable) => Source::Environment,
+            _ => Source::Default,
+        };
         Self {
             flag: format!("--{}", flag.get_long().unwrap_or(id)),
             variable: flag.get_env().map(|name| name.to_string_lossy().into_owned()),
-            value: (!values.is_empty()).then(|| values.join(",")),
-            source: match matches.value_source(id) {
-                Some(ValueSource::CommandLine) => Source::Flag,
-                Some(ValueSource::EnvVariable) => Source::Environment,
-                _ => Source::Default,
-            },
+            value: given.or(computed),
+            source,
             secret,
         }
     }
@@ -152,7 +147,28 @@ impl Source {
             Self::Flag => "flag",
             Self::Environment => "environment",
             Self::Default => "default",
+            Self::Computed => "computed",
         }
+    }
+}
+
+/// The value that is in force for a setting that is not given; none where none is.
+fn computed(id: &str, matches: &ArgMatches) -> Option<String> {
+    let is_given = |id: &str| matches.try_contains_id(id).unwrap_or(false);
+    let data_dir = || matches.get_one::<PathBuf>("data_dir").cloned().unwrap_or_default();
+    match id {
+        "workers" if matches.try_get_one::<bool>("no_workers").ok().flatten() == Some(&true) => Some("0".to_owned()),
+        "workers" => Some(default_workers().to_string()),
+        "tenant_max_queued" => matches.get_one::<u64>("max_queued").map(ToString::to_string),
+        "database_url" => Some(format!("sqlite:{}", database::file(&data_dir()).display())),
+        "blob_url" => Some(blobs::folder(&data_dir()).display().to_string()),
+        "s3_region" if is_given("blob_url") => {
+            Some(std::env::var("AWS_REGION").unwrap_or_else(|_| AWS_REGION.to_owned()))
+        }
+        "blenders_memory_mib" => Some((BlenderConfig::default().memory_for_all() >> 20).to_string()),
+        "blender_slots" => Some(BlenderConfig::default().slots_folder().display().to_string()),
+        "blender" => Some(BlenderConfig::default().candidates().first()?.display().to_string()),
+        _ => None,
     }
 }
 
@@ -160,15 +176,9 @@ fn is_setting(flag: &Arg) -> bool {
     !flag.is_positional() && flag.get_env().is_some()
 }
 
-/// Every variable that a command reads.
-fn variables(command: &Command) -> BTreeSet<String> {
-    let own = command.get_arguments().filter_map(|flag| Some(flag.get_env()?.to_string_lossy().into_owned()));
-    own.chain(command.get_subcommands().flat_map(variables)).collect()
-}
-
 /// A value as it may be seen. Of a secret, only where it leads to, if it is an address; of any other address, all but
 /// who asks there and with what.
-fn shown(value: &str, secret: bool) -> String {
+pub(super) fn shown(value: &str, secret: bool) -> String {
     let Some(mut url) = Url::parse(value).ok().filter(Url::has_host) else {
         return if secret { HIDDEN.to_owned() } else { value.to_owned() };
     };

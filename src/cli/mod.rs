@@ -1,7 +1,11 @@
+mod address;
 mod auth;
+mod backup;
 mod blobs;
 mod compare;
+mod completions;
 mod config;
+mod database;
 mod engine;
 mod exit;
 mod files;
@@ -14,7 +18,10 @@ mod repair;
 mod service;
 mod settings;
 mod submit;
+mod table;
 mod telemetry;
+mod tenants;
+mod variables;
 mod watch;
 mod webhooks;
 
@@ -53,17 +60,40 @@ enum Command {
     Migrate(settings::MigrateArgs),
     /// Make, list and revoke API keys.
     Keys(keys::KeysArgs),
-    /// Set what single tenants may use.
-    Tenants(keys::TenantsArgs),
-    /// Print what is set for a command and where it is from, with secrets hidden.
+    /// Set what single tenants may use, and list them.
+    Tenants(tenants::TenantsArgs),
+    /// Copy the SQLite database while the service runs.
+    ///
+    /// The copy is whole and of one moment. Only this user may read it. It has no files of jobs: copy those after it, since files that the
+    /// copy does not know are removed, while files that it misses are lost. Copy a PostgreSQL database with `pg_dump`.
+    Backup(backup::BackupArgs),
+    /// Print the settings of a command and where each is from, with secrets hidden.
     Config(config::ConfigArgs),
     /// Print the OpenAPI document, or check a file against it.
     Openapi(openapi::OpenapiArgs),
+    /// Print a script that completes commands and flags in a shell, such as `meshmend completions bash`.
+    Completions(completions::CompletionsArgs),
+}
+
+impl Command {
+    /// Whether the settings of the service decide what it does.
+    fn runs_the_service(&self) -> bool {
+        matches!(
+            self,
+            Self::Serve(_) | Self::Work(_) | Self::Migrate(_) | Self::Keys(_) | Self::Tenants(_) | Self::Backup(_)
+        )
+    }
 }
 
 /// Runs the command line.
 pub fn run() -> ExitCode {
-    match Cli::parse().command {
+    let command = Cli::parse().command;
+    if command.runs_the_service()
+        && let Some(message) = variables::refusal(&Cli::command())
+    {
+        return exit::fail(exit::BAD_INPUT, message);
+    }
+    match command {
         Command::Serve(args) => service::serve(args),
         Command::Work(args) => service::work(args),
         Command::Repair(args) => repair::run(&args),
@@ -73,9 +103,11 @@ pub fn run() -> ExitCode {
         Command::Watch(args) => watch::run(&args),
         Command::Migrate(args) => service::migrate(&args),
         Command::Keys(args) => keys::keys(args),
-        Command::Tenants(args) => keys::tenants(args),
+        Command::Tenants(args) => tenants::tenants(args),
+        Command::Backup(args) => backup::run(&args),
         Command::Config(args) => config::run(&args, Cli::command()),
         Command::Openapi(args) => openapi::run(&args),
+        Command::Completions(args) => completions::run(&args, Cli::command()),
     }
 }
 

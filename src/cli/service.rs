@@ -1,12 +1,14 @@
 use std::collections::BTreeMap;
+use std::fs::DirBuilder;
 use std::io::{self, Write};
-use std::path::PathBuf;
+use std::os::unix::fs::DirBuilderExt;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::time::Duration;
 
 use meshmend::access::TenantLimits;
-use meshmend::api::{ApiConfig, ApiState, Capabilities, Health, Rates, probes, router};
+use meshmend::api::{ApiConfig, ApiState, Auth, Capabilities, Health, Rates, probes, router};
 use meshmend::blender::BlenderRemesher;
 use meshmend::blobs::Blobs;
 use meshmend::jobs::{PostgresStore, RetryPolicy, SqliteStore, Store, SystemClock};
@@ -15,15 +17,21 @@ use meshmend::webhooks::Courier;
 use meshmend::worker::{Pool, Shutdown, WorkerConfig};
 use tokio::signal::unix::{SignalKind, signal};
 use tokio_util::sync::CancellationToken;
+use tower_http::metrics::InFlightRequestsLayer;
+use tower_http::metrics::in_flight_requests::InFlightRequestsCounter;
 
+use super::auth::is_of_this_machine;
+use super::database;
 use super::engine::BlenderArgs;
 use super::exit;
 use super::listen::listen;
-use super::settings::{DataArgs, MigrateArgs, ServeArgs, WorkArgs};
+use super::settings::{DataArgs, MigrateArgs, ServeArgs, WorkArgs, default_workers};
 use super::telemetry::install_metrics;
 
 /// How long to wait before looking for what no bell told of.
 const POLL: Duration = Duration::from_millis(500);
+/// How often to look whether requests are left when the process stops.
+const IDLE_POLL: Duration = Duration::from_millis(20);
 
 /// Why a service could not start or go on.
 #[derive(Debug, thiserror::Error)]
@@ -36,8 +44,12 @@ pub(super) enum ServiceError {
     Blobs(#[from] meshmend::blobs::BlobError),
     #[error(transparent)]
     Pool(#[from] meshmend::worker::PoolError),
+    /// A setting that can't be used.
     #[error("{0}")]
     Refused(String),
+    /// Something that the service needs and that does not answer.
+    #[error("{0}")]
+    Unavailable(String),
     #[error(transparent)]
     Webhooks(#[from] meshmend::webhooks::PosterError),
     #[error("metrics: {0}")]
@@ -61,8 +73,7 @@ pub fn work(args: WorkArgs) -> ExitCode {
         let pool = room.pool(&args, args.workers, blender.clone().ok()).await?;
         let shutdown = Shutdown::default();
         watch(&args, room.health(&args, &blender, shutdown.drain.clone())?).await?;
-        let stopping =
-            tokio::spawn(stop_on_signal(shutdown.clone(), CancellationToken::new(), seconds(args.shutdown_grace_s)));
+        let stopping = tokio::spawn(stop_on_signal(shutdown.clone(), seconds(args.shutdown_grace_s)));
         pool.run(shutdown).await;
         stopping.abort();
         Ok(())
@@ -91,7 +102,7 @@ pub(super) fn to_stdout(line: &str) -> Result<(), ServiceError> {
     writeln!(io::stdout(), "{line}").map_err(io_error("standard output"))
 }
 
-fn start(data: &DataArgs, service: impl Future<Output = Result<(), ServiceError>>) -> ExitCode {
+pub(super) fn start(data: &DataArgs, service: impl Future<Output = Result<(), ServiceError>>) -> ExitCode {
     // Begins before the runtime and ends after it, since it waits for what it sends.
     let _telemetry = match data.telemetry.start() {
         Ok(telemetry) => telemetry,
@@ -108,6 +119,19 @@ fn start(data: &DataArgs, service: impl Future<Output = Result<(), ServiceError>
     }
 }
 
+/// Makes the data folder where it is missing, for this user alone, and gives its absolute path.
+fn open_data_dir(path: &Path) -> Result<PathBuf, ServiceError> {
+    let opened = DirBuilder::new().recursive(true).mode(0o700).create(path).and_then(|()| path.canonicalize());
+    // A folder that can't be written to is told here, by the name of its setting.
+    let opened = opened.and_then(|folder| tempfile::tempfile_in(&folder).map(|_| folder));
+    opened.map_err(|error| {
+        ServiceError::Refused(format!(
+            "--data-dir (MESHMEND_DATA_DIR) {}: the folder can't be made or written to: {error}. Name a folder that this user may write.",
+            path.display()
+        ))
+    })
+}
+
 /// The data folder, opened.
 pub(super) struct Room {
     data_dir: PathBuf,
@@ -117,14 +141,17 @@ pub(super) struct Room {
 
 impl Room {
     async fn open(args: &DataArgs) -> Result<Self, ServiceError> {
-        std::fs::create_dir_all(&args.data_dir).map_err(io_error(args.data_dir.display().to_string()))?;
-        let data_dir = args.data_dir.canonicalize().map_err(io_error(args.data_dir.display().to_string()))?;
+        let data_dir = open_data_dir(&args.data_dir)?;
         let retry = RetryPolicy::default();
         let store: Arc<dyn Store> = match &args.database_url {
-            Some(url) => Arc::new(PostgresStore::open(url, args.database_connections, None, retry).await?),
+            Some(url) => {
+                let opened = PostgresStore::open(url, args.database_connections, None, retry).await;
+                Arc::new(opened.map_err(|error| database::postgres_error(url, &error))?)
+            }
             None => {
-                let database = data_dir.join("meshmend.db");
-                Arc::new(SqliteStore::open(&database, Arc::new(SystemClock), retry).await?)
+                let path = database::file(&data_dir);
+                let opened = SqliteStore::open(&path, Arc::new(SystemClock), retry).await;
+                Arc::new(opened.map_err(|error| database::sqlite_error(&path, &error))?)
             }
         };
         let blobs = args.blobs.open(&data_dir)?;
@@ -139,7 +166,7 @@ impl Room {
         &self,
         args: &WorkArgs,
         blender: &Result<RemesherInfo, String>,
-        stopping: CancellationToken,
+        draining: CancellationToken,
     ) -> Result<Health, ServiceError> {
         let blender = blender.as_ref().map_or_else(|why| format!("missing: {why}"), |_| "ok".to_owned());
         Ok(Health {
@@ -148,7 +175,7 @@ impl Room {
             scratch: self.scratch(),
             min_free: args.min_free_mib << 20,
             found: BTreeMap::from([("blender", blender)]),
-            stopping,
+            draining,
             metrics: install_metrics()?,
             classes: Arc::default(),
         })
@@ -161,12 +188,11 @@ impl Room {
         remesher: Option<RemesherInfo>,
     ) -> Result<Pool, ServiceError> {
         let program = std::env::current_exe().map_err(io_error("this program's own path"))?;
-        let processors = std::thread::available_parallelism().map_or(1, usize::from);
         let config = WorkerConfig {
             program,
             private: self.data_dir.clone(),
             scratch: self.scratch(),
-            slots: slots.unwrap_or(processors),
+            slots: slots.unwrap_or_else(default_workers),
             max_running: args.tenant_max_running.unwrap_or(u32::MAX),
             retention: args.retention(),
             min_free: args.min_free_mib << 20,
@@ -189,19 +215,23 @@ impl Room {
 }
 
 async fn serve_until_stopped(args: &ServeArgs) -> Result<(), ServiceError> {
+    let addresses = args.listen.resolve("--listen").await?;
+    let auth = args.auth.on(&addresses);
     let room = Room::open(&args.work.data).await?;
     let blender = find_blender(&args.work.blender).await;
     let slots = if args.no_workers { Some(0) } else { args.work.workers };
     let pool = room.pool(&args.work, slots, blender.clone().ok()).await?;
     let delivery = args.webhooks.delivery(POLL)?;
     let (limits, max_files) = (args.work.limits.limits(), usize::from(args.max_files));
-    let stopping = CancellationToken::new();
-    let health = room.health(&args.work, &blender, stopping.clone())?;
+    let shutdown = Shutdown::default();
+    // Requests that wait, and then the listener, go on until there are no jobs to finish here.
+    let (stopping, closing) = (CancellationToken::new(), CancellationToken::new());
+    let health = room.health(&args.work, &blender, shutdown.drain.clone())?;
     watch(&args.work, health.clone()).await?;
     let state = ApiState {
         store: Arc::clone(&room.store),
         blobs: room.blobs.clone(),
-        auth: args.auth.on(args.listen),
+        auth,
         rates: Arc::new(Rates::default()),
         config: ApiConfig {
             limits,
@@ -224,25 +254,39 @@ async fn serve_until_stopped(args: &ServeArgs) -> Result<(), ServiceError> {
         health,
         stopping: stopping.clone(),
     };
-    let listener =
-        tokio::net::TcpListener::bind(args.listen).await.map_err(io_error(format!("listen on {}", args.listen)))?;
+    let listener = args.listen.bind("--listen", &addresses).await?;
     let address = listener.local_addr().map_err(io_error("the address to listen on"))?;
-    tracing::info!("listening on http://{address}, documentation at http://{address}/docs/");
-    let shutdown = Shutdown::default();
+    let keys = if auth == Auth::Open { "no request needs a key" } else { "each request needs a key" };
+    tracing::info!("listening on http://{address}, documentation at http://{address}/docs/, {keys}");
+    if auth == Auth::Open && !is_of_this_machine(&[address]) {
+        tracing::warn!(
+            "--auth is open, and other machines reach {address}: anyone there may submit, read and delete jobs. Use --auth keys, or \
+             listen on 127.0.0.1"
+        );
+    }
     let grace = seconds(args.work.shutdown_grace_s);
-    tokio::spawn(stop_on_signal(shutdown.clone(), stopping.clone(), grace));
+    tokio::spawn(stop_on_signal(shutdown.clone(), grace));
     let courier = delivery.map(|(poster, config)| {
         let courier = Courier::new(Arc::clone(&room.store), poster, config);
         tokio::spawn(courier.run(shutdown.drain.clone(), shutdown.now.clone()))
     });
     let workers = tokio::spawn(pool.run(shutdown.clone()));
-    let served = tokio::spawn(listen(listener, router(state), stopping));
+    let (counted, in_flight) = InFlightRequestsLayer::pair();
+    let served = tokio::spawn(listen(listener, router(state).layer(counted), closing.clone()));
     if let Err(error) = workers.await {
         tracing::error!(%error, "the workers ended");
     }
     if let Some(Err(error)) = futures::future::OptionFuture::from(courier).await {
         tracing::error!(%error, "the delivery of webhooks ended");
     }
+    // Reads are served until the jobs have ended; then requests that wait for jobs end, and the rest are finished.
+    shutdown.drain.cancelled().await;
+    stopping.cancel();
+    tokio::select! {
+        () = until_idle(&in_flight) => {}
+        () = shutdown.now.cancelled() => {}
+    }
+    closing.cancel();
     // Connections that are still open, such as a slow download, get the rest of the grace and no more.
     tokio::select! {
         served = served => {
@@ -260,8 +304,9 @@ async fn serve_until_stopped(args: &ServeArgs) -> Result<(), ServiceError> {
 
 /// Opens the listener for operators, if there is to be one. It answers until the process ends, while it drains too.
 async fn watch(args: &WorkArgs, health: Health) -> Result<(), ServiceError> {
-    let Some(address) = args.metrics_listen else { return Ok(()) };
-    let listener = tokio::net::TcpListener::bind(address).await.map_err(io_error(format!("listen on {address}")))?;
+    let Some(address) = &args.metrics_listen else { return Ok(()) };
+    let addresses = address.resolve("--metrics-listen").await?;
+    let listener = address.bind("--metrics-listen", &addresses).await?;
     let address = listener.local_addr().map_err(io_error("the address to listen on"))?;
     tracing::info!("probes and metrics on http://{address}");
     tokio::spawn(listen(listener, probes(health), CancellationToken::new()));
@@ -290,9 +335,16 @@ async fn find_blender(args: &BlenderArgs) -> Result<RemesherInfo, String> {
     }
 }
 
-/// The first signal drains: no new connection, no new job, `grace` for what runs. The second, or the end of the grace,
-/// stops what runs and hands it back.
-async fn stop_on_signal(shutdown: Shutdown, stopping: CancellationToken, grace: Duration) {
+/// Waits until no request is being answered.
+async fn until_idle(in_flight: &InFlightRequestsCounter) {
+    while in_flight.get() > 0 {
+        tokio::time::sleep(IDLE_POLL).await;
+    }
+}
+
+/// The first signal drains: no new job is accepted or begun, and `grace` is left for those that run. The second, or the end of the
+/// grace, stops those and hands them back.
+async fn stop_on_signal(shutdown: Shutdown, grace: Duration) {
     let (Ok(mut terminate), Ok(mut interrupt)) = (signal(SignalKind::terminate()), signal(SignalKind::interrupt()))
     else {
         tracing::error!("signals can't be caught; the service stops only when killed");
@@ -306,7 +358,6 @@ async fn stop_on_signal(shutdown: Shutdown, stopping: CancellationToken, grace: 
         grace_s = grace.as_secs_f64(),
         "stopping: running jobs may finish; signal again to hand them back now"
     );
-    stopping.cancel();
     shutdown.drain.cancel();
     tokio::select! { () = next() => {}, () = tokio::time::sleep(grace) => {} }
     shutdown.now.cancel();

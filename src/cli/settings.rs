@@ -1,6 +1,5 @@
 //! What `serve`, `work` and `migrate` can be told.
 
-use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -8,6 +7,7 @@ use clap::{Args, ValueEnum};
 use meshmend::sandbox::SandboxMode;
 use meshmend::worker::Retention;
 
+use super::address::ListenAddress;
 use super::auth::AuthMode;
 use super::blobs::BlobArgs;
 use super::engine::{BlenderArgs, LimitArgs};
@@ -17,9 +17,9 @@ use super::webhooks::WebhookArgs;
 /// Arguments of `meshmend serve`.
 #[derive(Debug, Args)]
 pub struct ServeArgs {
-    /// Address to listen on.
+    /// Address to listen on, as host:port. The host may be a name, such as localhost.
     #[arg(long, env = "MESHMEND_LISTEN", default_value = "127.0.0.1:8080")]
-    pub(super) listen: SocketAddr,
+    pub(super) listen: ListenAddress,
     /// Whether requests need a key (`meshmend keys create`): `open` for none, `keys` for one, `auto` for one unless the service
     /// listens on this machine only.
     #[arg(long, env = "MESHMEND_AUTH", value_enum, default_value_t)]
@@ -61,8 +61,8 @@ pub struct ServeArgs {
 pub struct WorkArgs {
     #[command(flatten)]
     pub(super) data: DataArgs,
-    /// Jobs that run at the same time; without it, one a processor.
-    #[arg(long, env = "MESHMEND_WORKERS")]
+    /// Jobs that run at the same time, at least 1; without it, one a processor.
+    #[arg(long, env = "MESHMEND_WORKERS", value_parser = workers)]
     pub(super) workers: Option<usize>,
     /// Most jobs of one tenant that run at the same time, on all workers together, unless `meshmend tenants set` says otherwise;
     /// without it, as many as there are workers.
@@ -109,7 +109,7 @@ pub struct WorkArgs {
     pub(super) retain_jobs_d: u32,
     /// Address of a listener for operators, with /livez, /readyz and /metrics and nothing else; no key is asked for there.
     #[arg(long, env = "MESHMEND_METRICS_LISTEN")]
-    pub(super) metrics_listen: Option<SocketAddr>,
+    pub(super) metrics_listen: Option<ListenAddress>,
     /// Run Blender once on a small model when the worker starts, so that the first job does not wait for what it loads, and so
     /// that the log says whether it works.
     #[arg(long, env = "MESHMEND_BLENDER_WARM_UP", default_value_t = true, action = clap::ArgAction::Set)]
@@ -123,7 +123,7 @@ pub struct WorkArgs {
 /// Where the service keeps its data, and how it tells of itself.
 #[derive(Debug, Args)]
 pub struct DataArgs {
-    /// Folder of the database, the files and the scratch space; made if it is missing.
+    /// Folder of the database, the files and the scratch space; made for this user alone if it is missing.
     #[arg(long, env = "MESHMEND_DATA_DIR", default_value = "meshmend-data")]
     pub(super) data_dir: PathBuf,
     /// Address of a PostgreSQL database that keeps the jobs, as postgres://user:password@host/name; without it, a SQLite file in the
@@ -144,6 +144,19 @@ pub struct DataArgs {
 pub struct MigrateArgs {
     #[command(flatten)]
     pub(super) data: DataArgs,
+}
+
+fn workers(text: &str) -> Result<usize, String> {
+    match text.parse() {
+        Ok(0) => Err("it must be at least 1; to serve without workers, use `meshmend serve --no-workers`".to_owned()),
+        Ok(count) => Ok(count),
+        Err(_) => Err("expected a whole number of at least 1".to_owned()),
+    }
+}
+
+/// How many jobs run at the same time where nothing is set.
+pub(super) fn default_workers() -> usize {
+    std::thread::available_parallelism().map_or(1, usize::from)
 }
 
 impl WorkArgs {
@@ -174,5 +187,17 @@ impl From<SandboxChoice> for SandboxMode {
             SandboxChoice::Require => Self::Require,
             SandboxChoice::Off => Self::Off,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn no_workers_at_all_are_asked_for_by_a_flag_of_their_own() {
+        assert_eq!(workers("2"), Ok(2));
+        assert!(workers("0").is_err_and(|error| error.contains("--no-workers")));
+        assert!(workers("-1").is_err_and(|error| error.contains("at least 1")));
     }
 }

@@ -53,7 +53,7 @@ test("a job has its steps, its log and its files, and is run again with other op
 
 test("a job that runs is followed and cancelled, and one that ended is deleted after a question", { timeout: 120_000 }, async () => {
   // Nobody takes jobs here, so that one waits as long as the test likes.
-  const waiting = await serve("--workers", "0");
+  const waiting = await serve("--no-workers");
   try {
     const form = new FormData();
     form.set("file", new Blob([brokenRing()]), "ring.stl");

@@ -115,7 +115,7 @@ async fn a_bucket_that_is_killed_and_comes_back_costs_no_job_an_attempt_at_any_s
 #[tokio::test]
 async fn a_job_whose_upload_was_damaged_in_the_bucket_is_not_worked_on() {
     let (bucket, data) = (S3::start(), tempfile::tempdir().expect("a folder"));
-    let start = Start::serve(data.path()).arg("--workers", "0");
+    let start = Start::serve(data.path()).env("MESHMEND_NO_WORKERS", "true");
     let server = bucket.keeps_files_of(start).start();
     let api = Api::new(&server);
     let id = api.submit(files::broken_box(), options()).await;

@@ -102,7 +102,7 @@ async fn a_worker_killed_at_any_of_its_steps_loses_the_job_to_another_worker() {
     for pause in WORKER_STAGES {
         let data = tempfile::tempdir().expect("a folder");
         // No slots: this process only serves, another one works.
-        let server = Start::serve(data.path()).arg("--workers", "0").start();
+        let server = Start::serve(data.path()).env("MESHMEND_NO_WORKERS", "true").start();
         let api = Api::new(&server);
         let worker = Start::work(data.path()).env("FAILPOINTS", &paused(pause)).start();
         let id = api.submit(files::broken_box(), json!({"max_tier": 1})).await;
@@ -119,7 +119,7 @@ async fn a_worker_killed_at_any_of_its_steps_loses_the_job_to_another_worker() {
 #[tokio::test]
 async fn a_worker_that_was_stopped_and_comes_back_after_its_lease_changes_nothing() {
     let data = tempfile::tempdir().expect("a folder");
-    let server = Start::serve(data.path()).arg("--workers", "0").start();
+    let server = Start::serve(data.path()).env("MESHMEND_NO_WORKERS", "true").start();
     let api = Api::new(&server);
     let stale = Start::work(data.path()).env("FAILPOINTS", "worker-complete=sleep(3000)").start();
     let id = api.submit(files::broken_box(), json!({"max_tier": 1})).await;
@@ -138,7 +138,7 @@ async fn a_worker_that_was_stopped_and_comes_back_after_its_lease_changes_nothin
 #[tokio::test]
 async fn a_server_killed_during_an_upload_has_no_job_and_one_killed_after_the_answer_has_it() {
     let data = tempfile::tempdir().expect("a folder");
-    let program = Start::serve(data.path()).arg("--workers", "0").start();
+    let program = Start::serve(data.path()).env("MESHMEND_NO_WORKERS", "true").start();
     let api = Api::new(&program);
     let accepted = api.submit(files::broken_box(), json!({"max_tier": 1})).await;
     let (sender, receiver) = tokio::sync::mpsc::channel::<Result<Vec<u8>, std::io::Error>>(1);
@@ -186,7 +186,7 @@ async fn a_stop_lets_running_jobs_finish_and_takes_no_new_connection() {
     })
     .await;
     assert_eq!(program.wait(), Some(0));
-    let program = Start::serve(data.path()).arg("--workers", "0").start();
+    let program = Start::serve(data.path()).env("MESHMEND_NO_WORKERS", "true").start();
     let job = Api::new(&program).job(&id).await;
     assert_eq!(job["status"], "succeeded", "it was finished before the stop");
 }

@@ -59,7 +59,7 @@ async fn the_same_request_with_the_same_key_makes_one_job_whatever_became_of_it_
 #[tokio::test]
 async fn another_request_with_the_same_key_is_refused() {
     let data = tempfile::tempdir().expect("a folder");
-    let program = Start::serve(data.path()).arg("--workers", "0").start();
+    let program = Start::serve(data.path()).env("MESHMEND_NO_WORKERS", "true").start();
     let api = Api::new(&program);
     let id = id_of(post(&api, "k", files::broken_box(), "").await).await;
     let reused = (422, "idempotency_key_reused".to_owned());
@@ -72,7 +72,7 @@ async fn another_request_with_the_same_key_is_refused() {
 #[tokio::test]
 async fn a_key_is_taken_while_its_request_is_under_way_and_free_again_when_that_is_refused_or_breaks_off() {
     let data = tempfile::tempdir().expect("a folder");
-    let program = Start::serve(data.path()).arg("--workers", "0").start();
+    let program = Start::serve(data.path()).env("MESHMEND_NO_WORKERS", "true").start();
     let api = Api::new(&program);
     let start = futures::stream::iter([Ok::<_, std::io::Error>(files::broken_box()[..100].to_vec())]);
     let slow = start.chain(futures::stream::pending());
@@ -99,7 +99,7 @@ async fn a_key_is_taken_while_its_request_is_under_way_and_free_again_when_that_
 #[tokio::test]
 async fn a_key_that_is_empty_too_long_or_given_twice_is_refused() {
     let data = tempfile::tempdir().expect("a folder");
-    let program = Start::serve(data.path()).arg("--workers", "0").start();
+    let program = Start::serve(data.path()).env("MESHMEND_NO_WORKERS", "true").start();
     let api = Api::new(&program);
     for key in ["", "\"\"", "a b", &"x".repeat(256)] {
         let answer = post(&api, key, files::broken_box(), "").await;

@@ -101,7 +101,7 @@ async fn many_large_uploads_at_once_leave_the_servers_memory_small() {
     const UPLOADS: usize = 32;
     const CHUNKS: usize = 50 << 4;
     let data = tempfile::tempdir().expect("a folder");
-    let program = Start::serve(data.path()).arg("--workers", "0").start();
+    let program = Start::serve(data.path()).env("MESHMEND_NO_WORKERS", "true").start();
     let api = Api::new(&program);
     let header = Bytes::from([vec![0; 80], 1_000_000_u32.to_le_bytes().to_vec()].concat());
     let zeros = Bytes::from(vec![0; 64 << 10]);
@@ -131,7 +131,7 @@ async fn many_large_uploads_at_once_leave_the_servers_memory_small() {
 #[tokio::test]
 async fn a_full_queue_and_a_full_disk_refuse_jobs_before_their_files_are_read_and_say_when_to_come_again() {
     let data = tempfile::tempdir().expect("a folder");
-    let program = Start::serve(data.path()).arg("--workers", "0").arg("--max-queued", "1").start();
+    let program = Start::serve(data.path()).env("MESHMEND_NO_WORKERS", "true").arg("--max-queued", "1").start();
     let api = Api::new(&program);
     let id = api.submit(files::broken_box(), json!({})).await;
     let full = api.try_submit("b.stl", files::broken_box(), json!({})).await;
@@ -143,7 +143,7 @@ async fn a_full_queue_and_a_full_disk_refuse_jobs_before_their_files_are_read_an
     drop(program);
 
     let endless = (u64::MAX >> 21).to_string();
-    let program = Start::serve(data.path()).arg("--workers", "0").arg("--min-free-mib", endless).start();
+    let program = Start::serve(data.path()).env("MESHMEND_NO_WORKERS", "true").arg("--min-free-mib", endless).start();
     let api = Api::new(&program);
     let full = api.try_submit("b.stl", files::broken_box(), json!({})).await;
     assert_eq!((full.status().as_u16(), &full.headers()["retry-after"]), (503, &"30".parse().expect("a value")));

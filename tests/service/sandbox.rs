@@ -134,7 +134,7 @@ async fn capabilities_tell_the_walls_and_the_limits_of_jobs() {
     }
     assert!(program.log().contains("walled off"), "{}", program.log());
     let data = tempfile::tempdir().expect("a folder");
-    let elsewhere = Start::serve(data.path()).arg("--workers", "0").start();
+    let elsewhere = Start::serve(data.path()).env("MESHMEND_NO_WORKERS", "true").start();
     assert!(sandbox(&Api::new(&elsewhere)).await.is_null(), "who runs no jobs can't tell");
 }
 

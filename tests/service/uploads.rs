@@ -27,7 +27,7 @@ impl Desk {
 
     fn start(bucket: Option<S3>, args: &[(&str, &str)]) -> Self {
         let data = tempfile::tempdir().expect("a folder");
-        let start = args.iter().fold(Start::serve(data.path()), |start, (name, value)| start.arg(name, value));
+        let start = args.iter().fold(Start::serve(data.path()), |start, (name, value)| start.env(name, value));
         let program = match &bucket {
             Some(bucket) => bucket.keeps_files_of(start).start(),
             None => start.start(),
@@ -101,9 +101,9 @@ macro_rules! with_each_store {
 with_each_store! {
     a_job_is_made_of_a_file_that_was_sent_before: &[];
     a_job_of_an_upload_that_is_asked_for_again_with_its_key_is_the_same_job: &[];
-    an_upload_is_refused_for_what_it_is_and_only_then: &[("--max-file-mib", "1"), ("--workers", "0")];
+    an_upload_is_refused_for_what_it_is_and_only_then: &[("MESHMEND_MAX_FILE_MIB", "1"), ("MESHMEND_NO_WORKERS", "true")];
     a_job_is_made_of_the_files_of_an_earlier_one: &[];
-    no_more_uploads_wait_than_jobs_may: &[("--max-queued", "2"), ("--workers", "0")];
+    no_more_uploads_wait_than_jobs_may: &[("MESHMEND_MAX_QUEUED", "2"), ("MESHMEND_NO_WORKERS", "true")];
 }
 
 async fn a_job_is_made_of_a_file_that_was_sent_before(desk: Desk) {
@@ -229,7 +229,7 @@ async fn no_more_uploads_wait_than_jobs_may(desk: Desk) {
 
 #[tokio::test]
 async fn the_address_of_an_upload_to_the_service_takes_one_file_from_who_knows_it() {
-    let desk = Desk::in_folder(&[("--workers", "0"), ("--upload-idle-s", "1")]);
+    let desk = Desk::in_folder(&[("MESHMEND_NO_WORKERS", "true"), ("MESHMEND_UPLOAD_IDLE_S", "1")]);
     let upload = desk.announce(json!({"name": "a.stl"})).await;
     let mut guessed = upload.clone();
     guessed["put"]["url"] =
@@ -250,7 +250,7 @@ async fn the_address_of_an_upload_to_the_service_takes_one_file_from_who_knows_i
 
 #[tokio::test]
 async fn uploads_pass_through_the_service_where_clients_do_not_reach_the_bucket() {
-    let desk = Desk::in_bucket(&[("--presigned-uploads", "false")]);
+    let desk = Desk::in_bucket(&[("MESHMEND_PRESIGNED_UPLOADS", "false")]);
     let upload = desk.announce(json!({"name": "a.stl"})).await;
     let url = upload["put"]["url"].as_str().expect("an address");
     assert!(url.starts_with("/v1/uploads/"), "{url}");
@@ -263,7 +263,7 @@ async fn uploads_pass_through_the_service_where_clients_do_not_reach_the_bucket(
 #[tokio::test]
 async fn downloads_are_sent_on_to_the_bucket_where_that_is_wanted() {
     for wanted in ["true", "false"] {
-        let desk = Desk::in_bucket(&[("--presigned-downloads", wanted)]);
+        let desk = Desk::in_bucket(&[("MESHMEND_PRESIGNED_DOWNLOADS", wanted)]);
         let id = desk.api.submit(files::broken_box(), json!({"max_tier": 1})).await;
         let job = desk.api.finished(&id).await;
         let path = format!("{}/v1/jobs/{id}/artifacts/model", desk.api.url);

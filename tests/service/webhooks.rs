@@ -225,7 +225,7 @@ async fn nobody_is_told_of_anything_inside_unless_the_operator_allows_it() {
     ping(&api, &endpoint).await;
     program.kill();
     // Endpoints and callbacks from before a rule hold to it too.
-    let program = Start::serve(data.path()).arg("--workers", "0").arg("--webhook-retry-s", "0.05").start();
+    let program = Start::serve(data.path()).env("MESHMEND_NO_WORKERS", "true").arg("--webhook-retry-s", "0.05").start();
     let api = Api::new(&program);
     let failed = settled(&api, &endpoint, "failed").await;
     assert_eq!(failed["attempts"][0]["error"], "The address may not be reached: it must begin with https://.");
@@ -369,7 +369,7 @@ async fn a_tenant_sees_and_changes_nothing_of_anothers_webhooks() {
 #[tokio::test]
 async fn the_log_of_deliveries_is_read_page_by_page() {
     let data = tempfile::tempdir().expect("a folder");
-    let program = serve(data.path()).arg("--workers", "0").env("MESHMEND_NO_WEBHOOKS", "true").start();
+    let program = serve(data.path()).env("MESHMEND_NO_WORKERS", "true").env("MESHMEND_NO_WEBHOOKS", "true").start();
     let api = Api::new(&program);
     let endpoint = register(&api, "http://127.0.0.1:9/").await;
     let mut sent = Vec::new();

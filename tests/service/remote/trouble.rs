@@ -121,7 +121,7 @@ async fn where_events_are_not_let_through_the_job_is_asked_for() {
 #[tokio::test]
 async fn an_interrupt_leaves_the_job_and_says_how_to_go_on() {
     let data = tempfile::tempdir().expect("a folder");
-    let program = Start::serve(data.path()).arg("--workers", "0").start();
+    let program = Start::serve(data.path()).env("MESHMEND_NO_WORKERS", "true").start();
     let (api, client) = (Api::new(&program), Client::of(&program.url));
     client.put("in.stl", &files::broken_box());
     let mut running = client.start(&["submit", "in.stl", "-o", "out.stl"]);

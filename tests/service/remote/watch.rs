@@ -42,7 +42,7 @@ async fn a_job_that_fails_or_is_cancelled_says_so_in_words_and_code() {
     said.ended_with(2).told("line 4");
     assert_eq!(client.names(), ["cut.stl"]);
     let idle = tempfile::tempdir().expect("a folder");
-    let program = Start::serve(idle.path()).arg("--workers", "0").start();
+    let program = Start::serve(idle.path()).env("MESHMEND_NO_WORKERS", "true").start();
     let (api, client) = (Api::new(&program), Client::of(&program.url));
     let id = api.submit(files::broken_box(), json!({})).await;
     let mut running = client.start(&["watch", &id]);
@@ -54,7 +54,7 @@ async fn a_job_that_fails_or_is_cancelled_says_so_in_words_and_code() {
 #[tokio::test]
 async fn without_jobs_all_that_come_are_watched_until_it_is_interrupted() {
     let data = tempfile::tempdir().expect("a folder");
-    let program = Start::serve(data.path()).arg("--workers", "0").start();
+    let program = Start::serve(data.path()).env("MESHMEND_NO_WORKERS", "true").start();
     let (api, client) = (Api::new(&program), Client::of(&program.url));
     let first = api.submit(files::broken_box(), json!({})).await;
     let mut running = client.start(&["watch"]);
