@@ -39,7 +39,8 @@ fn metrics(expression: &str) -> BTreeSet<&'static str> {
     let mut found = BTreeSet::new();
     let mut labels: BTreeSet<&str> = OF_PROMETHEUS.into();
     let mut rest = expression;
-    for series in names(expression, "meshmend_", is_of_a_name) {
+    let own = ["meshmend_", "process_"].into_iter().flat_map(|prefix| names(expression, prefix, is_of_a_name));
+    for series in own {
         let metric = metric(series).unwrap_or_else(|| panic!("there is no {series}: {expression}"));
         found.insert(metric.name);
         labels.extend(metric.labels);

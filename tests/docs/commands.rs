@@ -18,20 +18,8 @@ const PROGRAMS: [&str; 3] = ["python", "rust", "js"];
 /// The page whose snippets of JavaScript are parts of a page and of a backend; tests/browser parses them, and runs examples/shop.
 const SNIPPETS: (&str, &str) = ("docs/widget.md", "js");
 /// Programs of an operator that the tests do not have, or must not run.
-const OF_OPERATORS: [&str; 12] = [
-    "make",
-    "docker",
-    "kubectl",
-    "systemctl",
-    "install",
-    "psql",
-    "pg_dump",
-    "pg_restore",
-    "sqlite3",
-    "aws",
-    "pip",
-    "npm",
-];
+const OF_OPERATORS: [&str; 11] =
+    ["make", "docker", "kubectl", "systemctl", "install", "psql", "pg_dump", "pg_restore", "aws", "pip", "npm"];
 
 /// The commands of a page that are run, as one script.
 fn script(page: &Page) -> String {
