@@ -2,7 +2,7 @@ export { Client, type Call, type ClientOptions, type Model, type Submit, type Wa
 export { EventParser, type JobEvent, events, follow, hasEnded, standing } from "./events.js";
 export { type Asked, type Server, ask, askJson } from "./http.js";
 export * from "./jobs.js";
-export { type Code, DamagedDownload, JobFailed, Problem } from "./problem.js";
+export { type Code, DamagedDownload, type FieldError, JobFailed, Problem, fieldErrors } from "./problem.js";
 export { patiently, pause } from "./retry.js";
 export type * from "./shapes.js";
 export { announce, send } from "./uploads.js";

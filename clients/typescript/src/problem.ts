@@ -3,6 +3,22 @@ import type { Job, ProblemCode } from "./shapes.js";
 /** The codes of the service, and three of ours; a later service may have more. */
 export type Code = ProblemCode | "unreachable" | "store_unreachable" | "unexplained" | (string & {});
 
+/** One of several errors of a request, and the field that it is about, where the service names one. */
+export interface FieldError {
+  field: string | null;
+  message: string;
+}
+
+/** Reads `errors` of a problem: a list of texts, or of objects with `field` and `message`. */
+export function fieldErrors(errors: unknown): FieldError[] {
+  if (!Array.isArray(errors)) return [];
+  return errors.map((error: unknown): FieldError => {
+    if (typeof error !== "object" || error === null) return { field: null, message: String(error) };
+    const { field, message, detail } = error as Record<string, unknown>;
+    return { field: typeof field === "string" ? field : null, message: String(message ?? detail ?? "") };
+  });
+}
+
 /** Why the service refused or failed, in its own words (RFC 9457), or in ours where it said nothing. */
 export class Problem extends Error {
   override readonly name = "Problem";
@@ -16,8 +32,8 @@ export class Problem extends Error {
     /** Seconds after which to try again, if it said so. */
     readonly retryAfter: number | null = null,
     readonly requestId: string | null = null,
-    /** Single errors, where there are several. */
-    readonly errors: readonly string[] = [],
+    /** Single errors, where there are several or the service names their fields. */
+    readonly errors: readonly FieldError[] = [],
   ) {
     super(detail || title || code);
   }
@@ -43,7 +59,7 @@ export class Problem extends Error {
     try {
       const it = JSON.parse(body) as Record<string, unknown>;
       const text = (name: string): string => (typeof it[name] === "string" ? it[name] : "");
-      const errors = Array.isArray(it["errors"]) ? it["errors"].map(String) : [];
+      const errors = fieldErrors(it["errors"]);
       if (text("code")) return new Problem(status, text("code"), text("title"), text("detail"), wait, text("request_id") || null, errors);
     } catch {
       // Not JSON: some proxy's page.

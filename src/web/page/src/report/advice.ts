@@ -3,7 +3,7 @@ import { claimsOf, isPrintable } from "./verdict";
 
 /** Something to try with a job that did not come out whole: other options, and which texts tell of it. */
 export interface Try {
-  name: "tryThicken" | "tryBase" | "tryRemesh" | "tryLonger" | "tryAgain";
+  name: "tryBase" | "tryRemesh" | "tryLonger" | "tryAgain";
   options: Options;
 }
 
@@ -22,7 +22,6 @@ export function tries(job: Job, can: Capabilities | null): Try[] {
   }
   if (job.report?.mode !== "repair" || !isUnfinished(job)) return list;
   if (isOpenSheet(job.report)) {
-    list.push({ name: "tryThicken", options: { ...own(job), open_sheets: "thicken" } });
     list.push({ name: "tryBase", options: { ...own(job), open_sheets: "base" } });
   } else if (blender && own(job)["preset"] !== "blender-remesh") {
     list.push({ name: "tryRemesh", options: { ...own(job), preset: "blender-remesh", max_tier: 3 } });
@@ -39,6 +38,11 @@ export function isUnfinished(job: Job): boolean {
 /** A model that is nothing but surface without an inside: it has no closed part, and no repair made one. */
 export function isOpenSheet(report: Report): boolean {
   return report.outcome === "unrepairable" && !report.before.closed && (report.options?.["open_sheets"] ?? "auto") === "auto";
+}
+
+/** Whether a job repairs; a service may leave out the mode, which is then this one. */
+export function isRepair(job: Job): boolean {
+  return (own(job)["mode"] ?? "repair") === "repair";
 }
 
 /** What a job was asked for, as it can be asked again. */

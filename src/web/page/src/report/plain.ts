@@ -7,6 +7,10 @@ type Account = Report | ObjectReport;
 
 /** Kinds that are remarks and no faults, so that nothing is said to be mended of them. */
 const REMARKS = new Set(["disjoint", "inner_shell", "tiny_part"]);
+export function isRemark(kind: string): boolean {
+  return REMARKS.has(kind);
+}
+
 /** Changes that end the rim of a sheet without closing a hole. */
 const MADE_SOLID = ["sheets_thickened", "bases_added", "faces_around_open_rooms_thickened"];
 /** A move that is a smaller share of the model is rounding. */
@@ -92,4 +96,9 @@ export function stillWrong(report: Account, words: Words, figures: Figures): str
 
 export function unitOfJob(job: Job): string {
   return job.report?.mode === "repair" ? unitOf(job.report) : "mm";
+}
+
+/** Which axis of a job's model is up: what its format says, else z, as on a printer. */
+export function upOfJob(job: Job): "y" | "z" {
+  return (job.report?.mode === "repair" && job.report.unit?.up) || "z";
 }

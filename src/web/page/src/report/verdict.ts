@@ -17,9 +17,6 @@ export interface Claims {
   model: Artifact | null;
   /** The upload, where nothing made it better. */
   original: Artifact | null;
-  flags: Report["red_flags"];
-  assumptions: NonNullable<Report["assumptions"]>;
-  warnings: string[];
 }
 
 /** Whether an outcome is that of a printable model, where no report is at hand: in lists, and of single objects. */
@@ -42,9 +39,6 @@ export function claimsOf(job: Job): Claims {
     isRefused,
     model: job.artifacts["model"] ?? null,
     original: job.artifacts["original"] ?? null,
-    flags: report?.red_flags ?? [],
-    assumptions: report?.assumptions ?? [],
-    warnings: report?.warnings ?? [],
   };
 }
 

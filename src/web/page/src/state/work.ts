@@ -1,4 +1,5 @@
-import { type Job, type NewJob, type Options, type ProgressEvent, Problem, announce, cancelJob, follow, getJob, send, standing, submitSurely } from "meshmend-client";
+import { type Job, type NewJob, type Options, type ProgressEvent, Problem, announce, cancelJob, send, standing, submitSurely } from "meshmend-client";
+import { followJob, readJob } from "./job";
 import { noticed, server } from "./server";
 import { Store } from "./store";
 
@@ -9,8 +10,10 @@ export interface Piece {
   id: number;
   name: string;
   bytes: number;
-  /** None of a job that was looked up or made from an earlier one. */
+  /** None of a job that was opened by its address, since the page never had its file. */
   file: File | null;
+  /** What the job is asked for. */
+  options: Options;
   phase: Phase;
   sent: number;
   progress: ProgressEvent | null;
@@ -34,7 +37,7 @@ function update(id: number, change: Partial<Piece>): void {
 
 function piece(name: string, bytes: number, file: File | null): Piece {
   last += 1;
-  return { id: last, name, bytes, file, phase: "waiting", sent: 0, progress: null, job: null, problem: null };
+  return { id: last, name, bytes, file, options: {}, phase: "waiting", sent: 0, progress: null, job: null, problem: null };
 }
 
 export function find(id: number): Piece | undefined {
@@ -56,15 +59,54 @@ export function open(id: string): void {
   const opened: Piece = { ...piece(id, 0, null), phase: "submitting" };
   pieces.change((all) => [...all, opened]);
   selected.set(opened.id);
-  void run(opened.id, async (signal) => heard(opened.id, await getJob(server, id, signal), signal));
+  void run(opened.id, async (signal) => heard(opened.id, await readJob(server, id, signal), signal));
 }
 
-/** Makes another job of an earlier one's file, with other options. */
-export function again(earlier: Job, options: Options): void {
-  const made: Piece = { ...piece(earlier.input.name, earlier.input.bytes, null), phase: "submitting" };
+/** Codes of an earlier job whose file the service no longer has. */
+const FILE_IS_GONE = ["job_expired", "job_deleted", "job_not_found"];
+/** How the service answers where it does not take options. */
+const REFUSED_OPTIONS = [400, 422];
+
+/**
+ * Makes another job of an earlier one's file, with other options. The service still has the file as a rule; otherwise the page sends it
+ * again. Throws where the service refuses the options, so that a form can say so.
+ */
+export async function again(earlier: Job, options: Options): Promise<void> {
+  const file = fileOf(earlier);
+  const made: Piece = { ...piece(earlier.input.name, earlier.input.bytes, file), options, phase: "submitting" };
+  const show = (change: Partial<Piece>): void => {
+    pieces.change((all) => [...all, { ...made, ...change }]);
+    selected.set(made.id);
+  };
+  try {
+    const job = await submitSurely(server, { source: { job_id: earlier.id }, options });
+    show({});
+    void run(made.id, (signal) => heard(made.id, job, signal));
+  } catch (error) {
+    const problem = Problem.from(error);
+    noticed(problem);
+    if (REFUSED_OPTIONS.includes(problem.status)) throw problem;
+    show(file && isGone(problem) ? { phase: "waiting" } : { phase: "refused", problem });
+    pump();
+  }
+}
+
+/** Makes a job of a file that the page made itself, such as a scaled copy, or that a person chose again. */
+export function sendFile(file: File, options: Options): void {
+  const made: Piece = { ...piece(file.name, file.size, file), options };
   pieces.change((all) => [...all, made]);
   selected.set(made.id);
-  void run(made.id, (signal) => make(made.id, { source: { job_id: earlier.id }, options }, signal));
+  pump();
+}
+
+/** The file of a job that was uploaded during this visit. */
+export function fileOf(job: Job): File | null {
+  return pieces.value.find((it) => it.job?.id === job.id)?.file ?? null;
+}
+
+/** Whether a job could not be made because the service has deleted the file of the earlier one. */
+export function isGone(error: unknown): boolean {
+  return error instanceof Problem && FILE_IS_GONE.includes(error.code);
 }
 
 export function pauseUpload(id: number): void {
@@ -72,9 +114,9 @@ export function pauseUpload(id: number): void {
   update(id, { phase: "paused" });
 }
 
-/** Sends the file anew: what went before is lost, since one request takes the whole file. */
-export function resume(id: number): void {
-  update(id, { phase: "waiting", sent: 0, problem: null });
+/** Sends the file from its beginning, since one request takes the whole file. A file that is given replaces the one before. */
+export function resume(id: number, file?: File): void {
+  update(id, { phase: "waiting", sent: 0, problem: null, ...(file && { file, bytes: file.size }) });
   pump();
 }
 
@@ -126,7 +168,7 @@ async function upload(it: Piece, signal: AbortSignal): Promise<void> {
   update(id, { phase: "submitting", sent: file.size });
   // The next file may go meanwhile.
   pump();
-  await make(id, { source: { upload_id: place.id }, options: {} }, signal);
+  await make(id, { source: { upload_id: place.id }, options: it.options }, signal);
 }
 
 async function make(id: number, asked: NewJob, signal: AbortSignal): Promise<void> {
@@ -135,6 +177,6 @@ async function make(id: number, asked: NewJob, signal: AbortSignal): Promise<voi
 
 async function heard(id: number, job: Job, signal: AbortSignal): Promise<void> {
   update(id, { phase: "following", job, name: job.input.name, bytes: job.input.bytes, progress: standing(job) });
-  const ended = await follow(server, job.id, (progress) => update(id, { progress }), signal);
+  const ended = await followJob(server, job.id, (progress) => update(id, { progress }), signal);
   update(id, { phase: "ended", job: ended, progress: null });
 }

@@ -1,5 +1,5 @@
 import { BufferAttribute, BufferGeometry, DoubleSide, LineBasicMaterial, LineSegments, Mesh, MeshBasicMaterial, Object3D, Points, type ShaderMaterial, Vector3 } from "three";
-import type { Frame } from "./model";
+import { type Frame, toWorld } from "./model";
 import { srgb } from "./materials";
 
 /** A box in the world. */
@@ -24,7 +24,7 @@ function lines(points: Float32Array, colour: string, opacity: number): LineSegme
 }
 
 export function inWorld(frame: Frame, point: readonly number[]): Vector3 {
-  return new Vector3(...point.map((x, k) => (x - frame.centre[k]!) / frame.radius));
+  return new Vector3(...toWorld(frame, point));
 }
 
 /** The corners of a box. */
@@ -32,25 +32,27 @@ export function corners({ min, max }: Box): Vector3[] {
   return Array.from({ length: 8 }, (_, i) => new Vector3(i & 1 ? max.x : min.x, i & 2 ? max.y : min.y, i & 4 ? max.z : min.z));
 }
 
-/** The model's box, and the middles of its three edges for x, y and z, where its lengths are written. */
+/** The model's box, and the middles of the edges along its own x, y and z, where its lengths are written. */
 export function sizeBox(frame: Frame): { object: Object3D; labels: Vector3[] } {
   const { min, max } = boxOf(frame);
   const middle = min.clone().add(max).multiplyScalar(0.5);
   const labels = [new Vector3(middle.x, min.y, min.z), new Vector3(max.x, middle.y, min.z), new Vector3(max.x, min.y, middle.z)];
+  if (frame.up === "y") labels.push(labels.splice(1, 1)[0]!);
   return { object: lines(boxLines({ min, max }), "#8a94a6", 0.75), labels };
 }
 
 /** The box of a model. */
 export function boxOf(frame: Frame): Box {
-  return { min: inWorld(frame, frame.min), max: inWorld(frame, frame.max) };
+  const [a, b] = [inWorld(frame, frame.min), inWorld(frame, frame.max)];
+  return { min: a.clone().min(b), max: a.clone().max(b) };
 }
 
-/** A printer's room around a model that stands in the middle of its floor. `size` is in the model's unit. */
+/** A printer's build volume around a model that stands in the middle of its floor. `size` is in the model's unit, its last side is the height. */
 export function roomOf(frame: Frame, size: readonly number[]): Box {
-  const floor = [(frame.min[0] + frame.max[0]) / 2, (frame.min[1] + frame.max[1]) / 2, frame.min[2]];
-  const min = inWorld(frame, [floor[0]! - size[0]! / 2, floor[1]! - size[1]! / 2, floor[2]!]);
-  const max = inWorld(frame, [floor[0]! + size[0]! / 2, floor[1]! + size[1]! / 2, floor[2]! + size[2]!]);
-  return { min, max };
+  const box = boxOf(frame);
+  const middle = box.min.clone().add(box.max).multiplyScalar(0.5).setZ(box.min.z);
+  const [x, y, z] = size.map((side) => side / frame.radius) as [number, number, number];
+  return { min: middle.clone().sub(new Vector3(x / 2, y / 2, 0)), max: middle.clone().add(new Vector3(x / 2, y / 2, z)) };
 }
 
 /** Draws that room, in another colour where the model does not fit. */

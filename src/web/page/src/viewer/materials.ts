@@ -1,5 +1,6 @@
-import { Color, DoubleSide, ShaderMaterial, Vector4 } from "three";
+import { Color, DoubleSide, ShaderMaterial, type Texture, Vector3, Vector4 } from "three";
 import { LineMaterial } from "three/examples/jsm/lines/LineMaterial.js";
+import type { Patch } from "./appearance/appearance";
 import { type Look, MARKS, PATTERNS } from "./looks";
 
 /** What all materials of a viewer share: the cut, and how many of the canvas' pixels are one of the page's. */
@@ -17,7 +18,7 @@ export function shared(): Shared {
 const INSIDE = "#65313f";
 
 /** How much nearer to the eye, as a share of the distance, what lies on surface is drawn so that it is seen. */
-const NEARER = { overlay: 0.0006, wire: 0.0008, dot: 0.004 };
+export const NEARER = { overlay: 0.0006, wire: 0.0008, dot: 0.004 };
 
 const VERTEX = /* glsl */ `
 uniform float nearer;
@@ -82,6 +83,87 @@ export function surfaceMaterial(colour: string, plain: string, look: Look | null
       cut: common.cut,
       ratio: common.ratio,
     },
+  });
+}
+
+const APPEARANCE_VERTEX = /* glsl */ `
+attribute vec3 tint;
+attribute vec2 place;
+varying vec3 vWorld;
+varying vec3 vView;
+varying vec3 vTint;
+varying vec2 vPlace;
+void main() {
+  vec4 world = modelMatrix * vec4(position, 1.0);
+  vec4 view = viewMatrix * world;
+  vWorld = world.xyz;
+  vView = view.xyz;
+  vTint = tint;
+  vPlace = place;
+  gl_Position = projectionMatrix * view;
+}`;
+
+// The light is that of the other surfaces, a little brighter, so that colours are seen as they are.
+const APPEARANCE_FRAGMENT = /* glsl */ `
+uniform vec3 colour;
+uniform vec4 cut;
+uniform bool isTinted;
+uniform bool hasPicture;
+uniform sampler2D picture;
+varying vec3 vWorld;
+varying vec3 vView;
+varying vec3 vTint;
+varying vec2 vPlace;
+void main() {
+  if (dot(vWorld, cut.xyz) > cut.w) discard;
+  vec3 normal = normalize(cross(dFdx(vView), dFdy(vView)));
+  float key = max(dot(normal, vec3(0.32, 0.62, 0.72)), 0.0);
+  float fill = max(dot(normal, vec3(-0.75, -0.1, 0.65)), 0.0);
+  float light = 0.6 + 0.42 * key + 0.18 * fill;
+  vec3 base = colour;
+  if (isTinted) base *= vTint;
+  if (hasPicture) base *= texture2D(picture, vPlace).rgb;
+  if (!gl_FrontFacing) base *= 0.55;
+  gl_FragColor = vec4(min(base * light, vec3(1.0)), 1.0);
+}`;
+
+/** Surface with the colours and the picture of its own file; plain where the file says none. */
+export function appearanceMaterial({ colours, colour }: Patch, picture: Texture | null, plain: string, common: Shared): ShaderMaterial {
+  const isPlain = !colours && !picture && colour.every((part) => part >= 0.995);
+  return new ShaderMaterial({
+    vertexShader: APPEARANCE_VERTEX,
+    fragmentShader: APPEARANCE_FRAGMENT,
+    side: DoubleSide,
+    uniforms: {
+      colour: { value: isPlain ? srgb(plain) : new Vector3(...colour) },
+      isTinted: { value: colours !== null },
+      hasPicture: { value: picture !== null },
+      picture: { value: picture },
+      cut: common.cut,
+    },
+  });
+}
+
+const SHELL_FRAGMENT = /* glsl */ `
+uniform vec3 colour;
+uniform vec4 cut;
+varying vec3 vWorld;
+varying vec3 vView;
+void main() {
+  if (dot(vWorld, cut.xyz) > cut.w) discard;
+  vec3 normal = normalize(cross(dFdx(vView), dFdy(vView)));
+  float light = 0.55 + 0.5 * max(dot(normal, vec3(0.32, 0.62, 0.72)), 0.0);
+  gl_FragColor = vec4(min(colour * light, vec3(1.0)), 0.82);
+}`;
+
+/** Surface that is only proposed: seen through a little. */
+export function shellMaterial(colour: string, common: Shared): ShaderMaterial {
+  return new ShaderMaterial({
+    vertexShader: VERTEX,
+    fragmentShader: SHELL_FRAGMENT,
+    side: DoubleSide,
+    transparent: true,
+    uniforms: { colour: { value: srgb(colour) }, cut: common.cut, nearer: { value: 0.0003 } },
   });
 }
 

@@ -4,7 +4,7 @@ import { LineSegmentsGeometry } from "three/examples/jsm/lines/LineSegmentsGeome
 import type { LineMaterial } from "three/examples/jsm/lines/LineMaterial.js";
 import type { ColouredMesh, Group } from "./glb";
 import { lookOf } from "./looks";
-import { type Shared, dotMaterial, lineMaterial, surfaceMaterial, wireMaterial } from "./materials";
+import { NEARER, type Shared, dotMaterial, lineMaterial, surfaceMaterial, wireMaterial } from "./materials";
 
 /** Where the world's middle is in the model's unit, and how much of that is 1 there: so that any size fits in f32. */
 export interface Frame {
@@ -13,6 +13,25 @@ export interface Frame {
   /** The box's corners in the model's unit. */
   min: [number, number, number];
   max: [number, number, number];
+  /** The model's axis that is up in the world, where it is z. */
+  up: "y" | "z";
+}
+
+/** A direction of the model in the world, which a model with y up is turned into. */
+export function turned([x, y, z]: readonly [number, number, number], up: Frame["up"]): [number, number, number] {
+  return up === "y" ? [x, -z, y] : [x, y, z];
+}
+
+/** A point in the model's unit in the world. */
+export function toWorld(frame: Frame, point: readonly number[]): [number, number, number] {
+  const [x, y, z] = point.map((it, k) => (it - frame.centre[k]!) / frame.radius);
+  return turned([x!, y!, z!], frame.up);
+}
+
+/** The same the other way. */
+export function fromWorld(frame: Frame, [x, y, z]: readonly [number, number, number]): [number, number, number] {
+  const own = frame.up === "y" ? [x, z, -y] : [x, y, z];
+  return own.map((it, k) => it * frame.radius + frame.centre[k]!) as [number, number, number];
 }
 
 /** The kinds whose surface is what most of a model is. */
@@ -20,7 +39,7 @@ const PLAIN = new Set(["sound", "kept"]);
 const LINE_WIDTH = 3.2;
 const RIM = "#1c1c20";
 
-export function frameOf(mesh: ColouredMesh): Frame {
+export function frameOf(mesh: ColouredMesh, up: Frame["up"] = "z"): Frame {
   const min = [Infinity, Infinity, Infinity];
   const max = [-Infinity, -Infinity, -Infinity];
   for (const { surface, lines, dots } of mesh.groups) {
@@ -39,7 +58,7 @@ export function frameOf(mesh: ColouredMesh): Frame {
   const [low, high] = min[0]! <= max[0]! ? [min.map(own), max.map(own)] : [[0, 0, 0], [0, 0, 0]];
   const centre = low.map((x, k) => (x + high[k]!) / 2);
   const radius = Math.hypot(...low.map((x, k) => high[k]! - x)) / 2 || 1;
-  return { centre, radius, min: low, max: high } as Frame;
+  return { centre, radius, min: low, max: high, up } as Frame;
 }
 
 /** A coloured mesh as it is drawn: for each kind its surface, lines and dots, which can be shown and told apart or not. */
@@ -50,6 +69,9 @@ export class Model {
   readonly #lines: LineMaterial[] = [];
   readonly #wires: Mesh[] = [];
   readonly #shared: Shared;
+  /** Kinds whose lines or dots are what is seen, and whose surface is tinted only. */
+  readonly #tinted = new Set<string>();
+  #isOnlyMarked = false;
 
   /** Of an overlay, what is not shown is not drawn; otherwise its surface is plain. */
   constructor(
@@ -62,7 +84,8 @@ export class Model {
     this.#shared = common;
     const grow = 1 / (mesh.scale * frame.radius);
     this.root.scale.setScalar(grow);
-    this.root.position.fromArray(mesh.middle.map((x, k) => (x / mesh.scale - frame.centre[k]!) / frame.radius));
+    this.root.position.fromArray(toWorld(frame, mesh.middle.map((x) => x / mesh.scale)));
+    if (frame.up === "y") this.root.rotation.x = Math.PI / 2;
     const colours = new Map(mesh.legend.map((entry) => [entry.kind, entry.colour]));
     const dash = 0.02 / grow;
     for (const group of mesh.groups) {
@@ -80,6 +103,7 @@ export class Model {
       geometry.setIndex(new BufferAttribute(group.surface.indices, 1));
       // The neighbours of lines and dots are tinted only.
       const tinted = group.lines || (group.dots && !["crossing", "needless"].includes(look.family));
+      if (tinted) this.#tinted.add(group.kind);
       const shown = tinted ? mixed(colour, this.mesh.sound, 0.55) : colour;
       const material = surfaceMaterial(plain ? this.mesh.sound : shown, this.mesh.sound, plain || tinted ? null : look, this.isOverlay, this.#shared);
       const surface = new Mesh(geometry, material);
@@ -116,9 +140,28 @@ export class Model {
     const surface = this.#surfaces.get(kind);
     if (surface) {
       surface.material.uniforms["shown"]!.value = shown;
-      surface.visible = shown || !this.isOverlay;
+      surface.visible = this.#isDrawn(kind, shown);
     }
     for (const mark of this.#marks.get(kind) ?? []) mark.visible = shown;
+  }
+
+  /** Leaves out the surface that nothing is wrong with, and draws the rest over something else, or not. */
+  showOnlyMarked(isOn: boolean): void {
+    this.#isOnlyMarked = isOn;
+    for (const [kind, surface] of this.#surfaces) {
+      surface.material.uniforms["nearer"]!.value = isOn || this.isOverlay ? NEARER.overlay : 0;
+      surface.visible = this.#isDrawn(kind, Boolean(surface.material.uniforms["shown"]!.value));
+    }
+  }
+
+  #isDrawn(kind: string, shown: boolean): boolean {
+    if (this.#isOnlyMarked && (PLAIN.has(kind) || this.#tinted.has(kind))) return false;
+    return shown || !(this.isOverlay || this.#isOnlyMarked);
+  }
+
+  /** All surfaces, for finding what is under a pointer. */
+  get surfaces(): Mesh[] {
+    return [...this.#surfaces.values()];
   }
 
   /** Draws the edges of all faces, or not. */

@@ -1,19 +1,25 @@
-import { LinearSRGBColorSpace, type Object3D, Plane, Scene, Vector3, Vector4, WebGLRenderer } from "three";
+import { LinearSRGBColorSpace, type Object3D, Plane, Scene, Vector2, Vector3, Vector4, WebGLRenderer } from "three";
 import { type Box, boxOf, corners, disposeOf, inWorld, printerRoom, roomOf, sizeBox, spots } from "./aids";
+import type { Appearance } from "./appearance/appearance";
+import { disposeOfAppearance, drawnAppearance } from "./appearance/drawn";
 import { Eye } from "./camera";
+import type { Point } from "./distance";
 import type { ColouredMesh } from "./glb";
 import { type Mode, type Pane, type SideName, panes } from "./layout";
 import { isShownAtFirst, lookOf } from "./looks";
 import { dotMaterial, shared } from "./materials";
-import { type Frame, Model, dotSize, frameOf } from "./model";
+import { type Frame, Model, dotSize, frameOf, fromWorld, turned } from "./model";
 import { type Place, placesOf } from "./places";
+import { placeUnder, rulerLine } from "./ruler";
+import { MOST_FACES, type Sheet, drawnShell, openParts } from "./shell";
 
 export type Axis = "x" | "y" | "z";
 export type Level = "fine" | "coarse";
 
 /** Something that is written or drawn over the canvas at a point of the model. */
 interface Pin {
-  element: HTMLElement;
+  /** One for each side that the point is seen on, where sides have panes of their own. */
+  elements: HTMLElement[];
   at: Vector3;
 }
 
@@ -24,7 +30,12 @@ interface Side {
   coarse: Model | null;
   /** What lies over each. */
   overlays: { level: Level; model: Model }[];
+  /** The model as its own file colours it. */
+  appearance: Object3D | null;
 }
+
+/** The colour of a proposed solid. */
+const SHELL_COLOUR = "#2f9e8f";
 
 /** Longer frames than this, in milliseconds, are not smooth. */
 const SLOW = 70;
@@ -51,7 +62,12 @@ export class Viewer {
   #roomBox: Box | null = null;
   readonly #spots = new Map<string, Object3D>();
   #pins: Pin[] = [];
-  #ring: { element: HTMLElement[]; at: Vector3 } | null = null;
+  #ring: Pin | null = null;
+  #ruler: { pins: Pin[]; line: Object3D | null } = { pins: [], line: null };
+  #cross: HTMLElement | null = null;
+  #hasColours = true;
+  #sheet: Sheet | null = null;
+  #shell: Object3D | null = null;
   #asked = 0;
   #askedAt = 0;
   #moving = 0;
@@ -66,12 +82,14 @@ export class Viewer {
     readonly canvas: HTMLCanvasElement,
     /** What lies over the canvas and has its size. */
     readonly over: HTMLElement,
+    /** The model's axis that is up. */
+    readonly up: Frame["up"] = "z",
   ) {
     this.#renderer = new WebGLRenderer({ canvas, antialias: true, alpha: true, powerPreference: "high-performance" });
     this.#renderer.outputColorSpace = LinearSRGBColorSpace;
     this.#renderer.localClippingEnabled = true;
     this.#renderer.autoClear = false;
-    const side = (): Side => ({ scene: new Scene(), fine: null, coarse: null, overlays: [] });
+    const side = (): Side => ({ scene: new Scene(), fine: null, coarse: null, overlays: [], appearance: null });
     this.#sides = { before: side(), after: side() };
     this.#eye = new Eye(canvas, () => this.#moved());
     this.#eye.controls.addEventListener("start", () => {
@@ -85,7 +103,7 @@ export class Viewer {
   /** Shows a mesh on one side, whole or coarse. The first one says where the camera stands. */
   show(name: SideName, mesh: ColouredMesh, level: Level, kinds?: (kind: string) => boolean): void {
     const isFirst = this.#frame === null;
-    this.#frame ??= frameOf(mesh);
+    this.#frame ??= frameOf(mesh, this.up);
     const side = this.#sides[name];
     side[level]?.dispose();
     const model = new Model(mesh, this.#frame, this.#common, false, kinds);
@@ -115,7 +133,100 @@ export class Viewer {
     for (const { kind } of model.mesh.groups) model.show(kind, this.#shown.get(kind) ?? isShownAtFirst(kind));
     model.wire(this.#wire && !model.isOverlay);
     model.cut(this.#cut && [this.#cut]);
+    model.showOnlyMarked(this.#hasColours && side.appearance !== null);
     side.scene.add(model.root);
+    this.invalidate();
+  }
+
+  /** Gives one side the colours of its own file. Answers whether the file is that of the model that is shown. */
+  setAppearance(name: SideName, appearance: Appearance): boolean {
+    const side = this.#sides[name];
+    const mesh = (side.fine ?? side.coarse)?.mesh;
+    disposeOfAppearance(side.appearance);
+    // What was removed is no part of the result.
+    const whole = mesh && { ...mesh, groups: mesh.groups.filter(({ kind }) => name === "before" || kind !== "removed") };
+    side.appearance = (this.#frame && whole && drawnAppearance(appearance, frameOf(whole, this.up), this.#frame, whole.sound, this.#common)) ?? null;
+    if (side.appearance) side.scene.add(side.appearance);
+    this.showColours(this.#hasColours);
+    return side.appearance !== null;
+  }
+
+  /** Shows models in the colours of their own files, or in grey. */
+  showColours(shown: boolean): void {
+    this.#hasColours = shown;
+    for (const { fine, coarse, overlays, appearance } of Object.values(this.#sides)) {
+      for (const model of [fine, coarse, ...overlays.map((it) => it.model)]) model?.showOnlyMarked(shown && appearance !== null);
+    }
+    this.invalidate();
+  }
+
+  /**
+   * Draws the solid that the model's open parts would be with a thickness, in the model's unit; nothing where it is none. Answers whether
+   * there are open parts to draw.
+   */
+  setShell(thickness: number | null): boolean {
+    disposeOf(this.#shell);
+    this.#shell = null;
+    const model = this.#sides.before.fine ?? this.#sides.before.coarse;
+    if (thickness !== null && model && model.mesh.faces <= MOST_FACES) {
+      this.#sheet ??= openParts(model.mesh);
+      if (this.#sheet.faces.length > 0) {
+        this.#shell = drawnShell(this.#sheet, thickness * model.mesh.scale, SHELL_COLOUR, this.#common);
+        const { scene } = this.#sides.after.fine ? this.#sides.after : this.#sides.before;
+        for (const name of ["position", "quaternion", "scale"] as const) this.#shell[name].copy(model.root[name] as never);
+        scene.add(this.#shell);
+      }
+    }
+    this.invalidate();
+    return this.#shell !== null;
+  }
+
+  /** The place of the model under a point of the page, in the model's unit; without a point that in the middle of the first pane. */
+  pick(pointer: { clientX: number; clientY: number } | null): Point | null {
+    const frame = this.#frame;
+    const all = this.#panes();
+    const box = this.canvas.getBoundingClientRect();
+    const [first] = all;
+    if (!frame || !first) return null;
+    const [left, bottom, width, height] = first.view;
+    const x = pointer ? pointer.clientX - box.left : left + width / 2;
+    const y = pointer ? box.bottom - pointer.clientY : bottom + height / 2;
+    const pane = pointer ? all.find(({ scissor: [l, b, w, h] }) => x >= l && x < l + w && y >= b && y < b + h) : first;
+    const side = pane && this.#sides[pane.side];
+    const model = side?.fine ?? side?.coarse;
+    if (!pane || !model) return null;
+    const half = new Vector2(pane.view[2] / 2, pane.view[3] / 2);
+    const at = new Vector2((x - pane.view[0]) / half.x - 1, (y - pane.view[1]) / half.y - 1);
+    const camera = this.#eye.aim(half.x / half.y);
+    camera.updateMatrixWorld();
+    const found = placeUnder(model.surfaces, camera, at, half, this.#common.cut.value);
+    return found && fromWorld(frame, found.toArray());
+  }
+
+  /** Shows a cross where `pick` without a pointer looks, or not. */
+  showCross(shown: boolean): void {
+    this.#cross?.remove();
+    this.#cross = shown ? this.#write("cross", "") : null;
+    this.invalidate();
+  }
+
+  /** Marks up to two points of the model, and writes at the line between them. */
+  setRuler(points: readonly Point[], text: string): void {
+    const frame = this.#frame;
+    for (const { elements } of this.#ruler.pins) for (const element of elements) element.remove();
+    disposeOf(this.#ruler.line);
+    this.#ruler = { pins: [], line: null };
+    if (frame) {
+      const ends = points.map((point) => inWorld(frame, point));
+      const pin = (kind: string, label: string, at: Vector3): Pin => ({ at, elements: [this.#write(kind, label), this.#write(kind, label)] });
+      this.#ruler.pins = ends.map((at) => pin("end", "", at));
+      const [a, b] = ends;
+      if (a && b) {
+        this.#ruler.pins.push(pin("length", text, a.clone().add(b).multiplyScalar(0.5)));
+        this.#ruler.line = rulerLine(a, b);
+        this.#aids.add(this.#ruler.line);
+      }
+    }
     this.invalidate();
   }
 
@@ -198,7 +309,7 @@ export class Viewer {
       this.#common.cut.value.set(0, 0, 0, 1);
     } else {
       const k = "xyz".indexOf(axis);
-      const normal = new Vector3().setComponent(k, 1);
+      const normal = new Vector3(...turned(new Vector3().setComponent(k, 1).toArray(), frame.up));
       const at = (frame.min[k]! + (frame.max[k]! - frame.min[k]!) * share - frame.centre[k]!) / frame.radius;
       this.#common.cut.value = new Vector4(normal.x, normal.y, normal.z, at);
       this.#cut = new Plane(normal.negate(), at);
@@ -211,12 +322,12 @@ export class Viewer {
   /** Writes the lengths of the box's sides at it; nothing where there are none. */
   setSizes(texts: [string, string, string] | null): void {
     disposeOf(this.#size?.object ?? null);
-    for (const pin of this.#pins) pin.element.remove();
+    for (const { elements } of this.#pins) for (const element of elements) element.remove();
     this.#pins = [];
     this.#size = texts && this.#frame ? sizeBox(this.#frame) : null;
     if (this.#size && texts) {
       this.#aids.add(this.#size.object);
-      for (const [i, at] of this.#size.labels.entries()) this.#pins.push({ element: this.#write("length", texts[i]!), at });
+      for (const [i, at] of this.#size.labels.entries()) this.#pins.push({ elements: [this.#write("length", texts[i]!)], at });
     }
     this.invalidate();
   }
@@ -254,8 +365,8 @@ export class Viewer {
   }
 
   #mark(at: Vector3 | null): void {
-    for (const element of this.#ring?.element ?? []) element.remove();
-    this.#ring = at && { at, element: [this.#write("ring", ""), this.#write("ring", "")] };
+    for (const element of this.#ring?.elements ?? []) element.remove();
+    this.#ring = at && { at, elements: [this.#write("ring", ""), this.#write("ring", "")] };
   }
 
   #resize(): void {
@@ -301,10 +412,11 @@ export class Viewer {
     renderer.setScissorTest(true);
     for (const { side, view, scissor } of this.#panes()) {
       if (scissor[2] <= 0) continue;
-      const { fine, coarse, overlays, scene } = this.#sides[side];
+      const { fine, coarse, overlays, appearance, scene } = this.#sides[side];
       const useCoarse = coarse !== null && (fine === null || (isMoving && this.#slow));
       if (fine) fine.root.visible = !useCoarse;
       if (coarse) coarse.root.visible = useCoarse;
+      if (appearance) appearance.visible = this.#hasColours;
       for (const { level, model } of overlays) model.root.visible = (level === "coarse") === useCoarse;
       const camera = this.#eye.aim(view[2] / Math.max(1, view[3]));
       renderer.setViewport(...view);
@@ -330,13 +442,17 @@ export class Viewer {
       element.style.visibility = inside ? "visible" : "hidden";
       element.style.transform = `translate(${x.toFixed(1)}px, ${y.toFixed(1)}px) translate(-50%, -50%)`;
     };
-    for (const { element, at } of this.#pins) put(element, at, first);
-    if (this.#ring) {
-      const [a, b] = this.#ring.element;
-      put(a!, this.#ring.at, first);
-      const apart = second && second.view[0] + second.view[1] !== first.view[0] + first.view[1];
-      if (apart) put(b!, this.#ring.at, second);
-      else b!.style.visibility = "hidden";
+    if (this.#cross) {
+      const [left, bottom, width, height] = first.view;
+      const [x, y] = [left + width / 2, this.canvas.clientHeight - bottom - height / 2];
+      this.#cross.style.transform = `translate(${x}px, ${y}px) translate(-50%, -50%)`;
+    }
+    const apart = second && second.view[0] + second.view[1] !== first.view[0] + first.view[1];
+    for (const { elements, at } of [...this.#pins, ...this.#ruler.pins, ...(this.#ring ? [this.#ring] : [])]) {
+      put(elements[0]!, at, first);
+      if (!elements[1]) continue;
+      if (apart) put(elements[1], at, second);
+      else elements[1].style.visibility = "hidden";
     }
   }
 
@@ -350,6 +466,10 @@ export class Viewer {
     this.setRoom(null, true);
     this.#mark(null);
     for (const dots of this.#spots.values()) disposeOf(dots);
+    for (const { appearance } of Object.values(this.#sides)) disposeOfAppearance(appearance);
+    this.setRuler([], "");
+    this.showCross(false);
+    this.setShell(null);
     this.#renderer.dispose();
     this.#renderer.forceContextLoss();
   }

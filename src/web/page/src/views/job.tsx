@@ -1,6 +1,9 @@
 import { useEffect, useRef, useState } from "preact/hooks";
-import { type Capabilities, type Job, type Progress, Problem, cancelJob, deleteJob, follow, getJob, hasEnded } from "meshmend-client";
+import { type Capabilities, type Job, type Progress, Problem, cancelJob, deleteJob, hasEnded } from "meshmend-client";
+import { isRepair, own } from "../report/advice";
 import { save } from "../state/download";
+import { followJob, readJob } from "../state/job";
+import { weightOf } from "../report/files";
 import { noticed, server } from "../state/server";
 import { useWords } from "../words/words";
 import { StatusChip } from "./chips";
@@ -34,10 +37,10 @@ export function JobPage({ id, can }: { id: string; can: Capabilities | null }) {
     setJob(null);
     setGone(false);
     const load = async (): Promise<void> => {
-      const now = await getJob(server, id, stop.signal);
+      const now = await readJob(server, id, stop.signal);
       setJob(now);
       setProgress(now.progress);
-      if (!hasEnded(now)) setJob(await follow(server, id, setProgress, stop.signal));
+      if (!hasEnded(now)) setJob(await followJob(server, id, setProgress, stop.signal));
     };
     void trying(async () => {
       await load().catch((error: unknown) => {
@@ -112,7 +115,7 @@ function Times({ job }: { job: Job }) {
     [words.waited, span(job.created_at, job.started_at)],
     [words.ran, span(job.started_at, job.finished_at)],
     [words.attempt, String(job.attempt)],
-    [words.preset, job.options.mode === "repair" ? (job.options.preset ?? "–") : job.options.mode],
+    [words.preset, String(own(job)["preset"] ?? (isRepair(job) ? "auto" : own(job)["mode"]))],
   ];
   return <Facts list={list} look="times" />;
 }
@@ -130,7 +133,7 @@ function Files({ job, save, bytes }: { job: Job; save: (name: string) => void; b
             <button type="button" class="link" onClick={() => save(name)}>
               {name}
             </button>
-            <span class="aside">{bytes(job.artifacts[name]!.bytes)}</span>
+            <span class="aside">{weightOf(job, name) > 0 ? bytes(weightOf(job, name)) : ""}</span>
           </li>
         ))}
       </ul>

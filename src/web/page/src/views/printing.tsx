@@ -1,6 +1,6 @@
 import { useEffect } from "preact/hooks";
 import type { Job } from "meshmend-client";
-import { unitOf } from "../report/plain";
+import { unitOf, upOfJob } from "../report/plain";
 import { choose, settings } from "../state/settings";
 import { fit, inMillimetres } from "../units";
 import { useWords } from "../words/words";
@@ -28,7 +28,9 @@ export function Printing({ job, shown }: { job: Job; shown: Shown | null }) {
   const own = report ? inMillimetres(unitOf(report)) : 1;
   const size = print?.size_mm ?? null;
   const room = printer === "own" ? mine : (PRINTERS.find(([name]) => name === printer)?.[1] ?? null);
-  const fits = size && room ? fit(size, room) : null;
+  // As the model stands: along the printer's x, y and z.
+  const standing = size && upOfJob(job) === "y" ? [size[0]!, size[2]!, size[1]!] : size;
+  const fits = standing && room ? fit(standing, room) : null;
   useEffect(() => {
     shown?.viewer.setRoom(room && room.map((side) => side / own), fits !== "no");
   }, [shown, room?.join(), own, fits]);
@@ -86,7 +88,6 @@ export function Printing({ job, shown }: { job: Job; shown: Shown | null }) {
       <p class={`fits ${fits ?? "none"}`} role="status">
         {fits ? words.fits[fits] : ""}
       </p>
-      {print.unit_source === "assumed" && <p class="aside">{words.assumed(print.unit)}</p>}
     </section>
   );
 }

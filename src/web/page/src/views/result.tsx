@@ -1,47 +1,71 @@
-import { useState } from "preact/hooks";
-import type { Capabilities, Job, Options } from "meshmend-client";
+import { useRef, useState } from "preact/hooks";
+import { type Capabilities, type Job, type Options, Problem } from "meshmend-client";
 import { settings } from "../state/settings";
-import { again } from "../state/work";
+import { again, sendFile } from "../state/work";
 import { useWords } from "../words/words";
 import { Download } from "./download";
+import { Layers } from "./layers";
 import { Numbers } from "./numbers";
 import { Objects } from "./objects";
+import { Printing } from "./printing";
 import { ProblemNote } from "./problem-note";
+import { Share } from "./share";
+import { Thickness } from "./thickness";
+import { UnitAndSize } from "./unit-and-size";
 import { useStore } from "./use-store";
 import { Verdict } from "./verdict";
-import { ViewerPane } from "./viewer-pane";
+import { type Shown, ViewerPane } from "./viewer-pane";
 import { WhatToDo } from "./what-to-do";
 
 /** What became of a model: the verdict in words, both models to look at, the files, and all numbers. */
-export function Result({ job, can }: { job: Job; can: Capabilities | null }) {
+export function Result({ job, file, can }: { job: Job; file: File | null; can: Capabilities | null }) {
   const { words } = useWords();
   const report = job.report?.mode === "repair" ? job.report : null;
   const { unit } = useStore(settings);
+  const [shown, setShown] = useState<Shown | null>(null);
+  const [problem, setProblem] = useState<Problem | null>(null);
+  const isUnderWay = useRef(false);
   const retry = (options: Options): void => {
-    location.hash = "#/";
-    again(job, options);
+    if (isUnderWay.current) return;
+    isUnderWay.current = true;
+    setProblem(null);
+    again(job, options)
+      .then(() => (location.hash = "#/"))
+      .catch((error: unknown) => setProblem(Problem.from(error)))
+      .finally(() => (isUnderWay.current = false));
   };
-  const [side, setSide] = useState<HTMLElement | null>(null);
+  const send = (copy: File, options: Options): void => {
+    location.hash = "#/";
+    sendFile(copy, options);
+  };
   const isShown = "defects.glb" in job.artifacts;
   const hasPictures = "before.png" in job.artifacts;
+  const isKept = job.status !== "expired";
   return (
     <article class="result">
-      <div class={isShown || hasPictures ? "stage-and-side" : "stage-and-side alone"}>
+      <div class={isShown || hasPictures ? "result-columns" : "result-columns alone"}>
         {isShown ? (
           <div class="stage">
-            <ViewerPane job={job} side={side} />
+            <ViewerPane job={job} file={file} shown={shown} setShown={setShown} />
           </div>
         ) : (
           hasPictures && <Pictures job={job} />
         )}
         <div class="side">
-          <Verdict job={job} unit={unit} heading="h1" />
+          <Verdict job={job} unit={unit} heading="h1" retry={retry} />
+          {problem && <ProblemNote problem={problem} />}
           {job.problem && <ProblemNote problem={job.problem} />}
-          {job.status === "expired" && <p>{words.expiredMore}</p>}
+          {!isKept && <p>{words.expiredMore}</p>}
+          {report && <Thickness key={job.id} job={job} report={report} viewer={shown?.viewer ?? null} retry={retry} />}
           <Download job={job} can={can} />
           <WhatToDo job={job} can={can} retry={retry} />
           {job.status === "succeeded" && !isShown && !hasPictures && <p class="aside">{words.noPreview}</p>}
-          <div ref={setSide} class="tools-of-viewer" />
+          {isKept && <Share job={job} />}
+        </div>
+        <div class="tools-of-viewer">
+          {isShown && <Layers job={job} shown={shown} />}
+          {report && <UnitAndSize key={job.id} job={job} report={report} file={file} retry={retry} send={send} />}
+          <Printing job={job} shown={shown} />
         </div>
       </div>
       {report?.objects && report.objects.length > 1 && <Objects objects={report.objects} />}

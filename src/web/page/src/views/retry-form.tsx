@@ -1,15 +1,27 @@
 import { useState } from "preact/hooks";
-import type { Capabilities, Job } from "meshmend-client";
-import { own } from "../report/advice";
+import { type Capabilities, type FieldError, type Job, Problem } from "meshmend-client";
+import { isRepair, own } from "../report/advice";
 import { again } from "../state/work";
 import { useWords } from "../words/words";
+import { ProblemNote } from "./problem-note";
+
+/** The service's defaults, where a job does not list its options. */
+const DEFAULTS = { preset: "auto", output: "auto", open_sheets: "auto", max_tier: 3, deadline_s: 300 };
 
 /** Makes another job of the same file, with some options changed. */
 export function RetryForm({ job, can }: { job: Job; can: Capabilities | null }) {
   const { words } = useWords();
-  const [options, change] = useState(() => own(job));
-  if (job.options["mode"] !== "repair" || job.status === "expired" || !can) return null;
+  const [options, change] = useState(() => ({ ...DEFAULTS, ...own(job) }) as Record<string, unknown>);
+  const [problem, setProblem] = useState<Problem | null>(null);
+  if (!isRepair(job) || job.status === "expired" || !can) return null;
   const set = (name: string, value: unknown): void => change((all) => ({ ...all, [name]: value }));
+  const errorsOf = (name: string): readonly FieldError[] => (problem?.errors ?? []).filter(({ field }) => field === name || field?.endsWith(`.${name}`));
+  const wrong = (name: string) =>
+    errorsOf(name).map(({ message }) => (
+      <span key={message} class="wrong">
+        {message}
+      </span>
+    ));
   const choice = (name: string, label: string, values: string[]) => (
     <label class="field">
       {label}
@@ -18,20 +30,23 @@ export function RetryForm({ job, can }: { job: Job; can: Capabilities | null }) 
           <option key={it}>{it}</option>
         ))}
       </select>
+      {wrong(name)}
     </label>
   );
   const send = (event: Event): void => {
     event.preventDefault();
-    location.hash = "#/";
-    again(job, options);
+    again(job, options)
+      .then(() => (location.hash = "#/"))
+      .catch((error: unknown) => setProblem(Problem.from(error)));
   };
+  const named = ["preset", "output", "open_sheets", "max_tier", "deadline_s"].flatMap(errorsOf);
   return (
     <form class="retry" onSubmit={send}>
       <h2>{words.retryWith}</h2>
       <div class="fields">
         {choice("preset", words.preset, ["auto", ...can.presets])}
-        {choice("output", words.output, [...can.output_formats, "same"])}
-        {choice("open_sheets", words.openSheets, ["auto", "thicken", "base"])}
+        {choice("output", words.output, ["auto", ...can.output_formats, "same"])}
+        {choice("open_sheets", words.openSheets, ["auto", "leave", "thicken", "base"])}
         <label class="field">
           {words.maxTier}
           <select value={String(options["max_tier"])} onChange={(event) => set("max_tier", Number(event.currentTarget.value))}>
@@ -41,12 +56,15 @@ export function RetryForm({ job, can }: { job: Job; can: Capabilities | null }) 
               </option>
             ))}
           </select>
+          {wrong("max_tier")}
         </label>
         <label class="field">
           {words.deadline}
           <input type="number" min={1} max={3600} required value={Number(options["deadline_s"])} onInput={(event) => set("deadline_s", Number(event.currentTarget.value))} />
+          {wrong("deadline_s")}
         </label>
       </div>
+      {problem && <ProblemNote problem={problem} without={named} />}
       <button type="submit" class="primary">
         {words.runAgain}
       </button>

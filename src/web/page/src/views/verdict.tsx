@@ -1,13 +1,16 @@
-import type { Job } from "meshmend-client";
-import { isOpenSheet } from "../report/advice";
+import type { Job, Options, Report } from "meshmend-client";
+import { isOpenSheet, own } from "../report/advice";
 import { inWords, stillWrong } from "../report/plain";
-import { type Claims, claimsOf } from "../report/verdict";
+import { type Remark, assumptionsOf, notesOf, warningsOf, withOption } from "../report/remarks";
+import { claimsOf } from "../report/verdict";
 import type { Unit } from "../units";
 import { useWords } from "../words/words";
 import { Icon } from "./icons";
 
+type Retry = (options: Options) => void;
+
 /** The verdict and what was done, in plain words. */
-export function Verdict({ job, unit, heading: Heading }: { job: Job; unit: Unit; heading: "h1" | "h2" }) {
+export function Verdict({ job, unit, heading: Heading, retry }: { job: Job; unit: Unit; heading: "h1" | "h2"; retry?: Retry }) {
   const { words, figures } = useWords();
   const report = job.report?.mode === "repair" ? job.report : null;
   const claims = claimsOf(job);
@@ -32,25 +35,26 @@ export function Verdict({ job, unit, heading: Heading }: { job: Job; unit: Unit;
       )}
       {left && <p class="left">{words.left(left)}</p>}
       {claims.proven.length > 0 && <p class="proof">{words.proven(claims.proven.map((property) => words.properties[property] ?? property).join(", "))}</p>}
-      <Remarks claims={claims} />
+      {report && <Remarks job={job} report={report} unit={unit} retry={retry} />}
       {job.reused_from && <p class="aside">{words.reused}</p>}
     </section>
   );
 }
 
-/** What a person should look at: red flags, what was assumed with the option that decides otherwise, and warnings. */
-function Remarks({ claims: { flags, assumptions, warnings } }: { claims: Claims }) {
+/** What a person should check: signs of damage by the repair, what was assumed, and what else the service says. */
+function Remarks({ job, report, unit, retry }: { job: Job; report: Report; unit: Unit; retry: Retry | undefined }) {
   const { words, figures } = useWords();
+  const warnings = warningsOf(report, claimsOf(job).isPrintable, words, figures, unit);
+  const assumptions = assumptionsOf(report, words, figures, unit);
+  const notes = notesOf(report, words);
   return (
     <>
-      {flags.length > 0 && (
+      {warnings.length > 0 && (
         <div class="flags">
           <p>{words.flags}</p>
           <ul>
-            {flags.map((flag) => (
-              <li key={flag.detail}>
-                <strong>{words.flagNames[flag.code] ?? flag.code}</strong>: <span lang="en">{flag.detail}</span>
-              </li>
+            {warnings.map((remark) => (
+              <RemarkLine key={remark.key} remark={remark} />
             ))}
           </ul>
         </div>
@@ -59,30 +63,39 @@ function Remarks({ claims: { flags, assumptions, warnings } }: { claims: Claims 
         <div class="assumptions">
           <p>{words.assumptions}</p>
           <ul>
-            {assumptions.map(({ kind, count, detail, option }) => (
-              <li key={`${kind} ${detail}`}>
-                <strong>{words.assumptionNames[kind]?.(figures.count(count), count) ?? kind}</strong>: <span lang="en">{detail}</span>
-                {option && (
-                  <span class="otherwise">
-                    {" "}
-                    {words.otherwise} <code>{option}</code>
-                  </span>
-                )}
-              </li>
+            {assumptions.map((remark) => (
+              <RemarkLine key={remark.key} remark={remark} retry={retry && ((option) => retry(withOption(own(job), option)))} />
             ))}
           </ul>
         </div>
       )}
-      {warnings.length > 0 && (
-        <details class="warnings" open={warnings.length <= 3}>
-          <summary>{words.warnings(figures.count(warnings.length), warnings.length)}</summary>
-          <ul lang="en">
-            {warnings.map((warning) => (
-              <li key={warning}>{warning}</li>
+      {notes.length > 0 && (
+        <details class="warnings" open={notes.length <= 2}>
+          <summary>{words.notes(figures.count(notes.length), notes.length)}</summary>
+          <ul>
+            {notes.map((remark) => (
+              <RemarkLine key={remark.key} remark={remark} />
             ))}
           </ul>
         </details>
       )}
     </>
+  );
+}
+
+/** Options that have a form of their own on the page. */
+const HAS_FORM = /^(unit|open_sheets)=/;
+
+function RemarkLine({ remark: { text, isEnglish, option }, retry }: { remark: Remark; retry?: ((option: string) => void) | undefined }) {
+  const { words } = useWords();
+  return (
+    <li>
+      <span {...(isEnglish && { lang: "en" })}>{text}</span>
+      {option && retry && !HAS_FORM.test(option) && (
+        <button type="button" class="link" title={words.decideOtherwiseWith(option)} onClick={() => retry(option)}>
+          {words.decideOtherwise}
+        </button>
+      )}
+    </li>
   );
 }

@@ -17,18 +17,24 @@ interface Props {
   box: RefObject<HTMLElement | null>;
   /** The unit of the model's numbers. */
   unit: string;
+  /** Whether a model has colours of its own. */
+  hasColours: boolean;
+  isMeasuring: boolean;
+  setMeasuring: (isOn: boolean) => void;
 }
 
 /** What is seen of the model, and how. */
-export function ViewerBar({ shown, mode, setMode, hasAfter, box, unit: own }: Props) {
+export function ViewerBar({ shown, mode, setMode, hasAfter, box, unit: own, hasColours, isMeasuring, setMeasuring }: Props) {
   const { words, figures } = useWords();
   const { unit } = useStore(settings);
   const [wire, setWire] = useState(false);
   const [sizes, setSizes] = useState(false);
+  const [isColoured, setColoured] = useState(true);
   const [axis, setAxis] = useState<Axis | null>(null);
   const [cut, setCut] = useState(0.5);
   const viewer = shown?.viewer;
   useEffect(() => viewer?.setWire(wire), [viewer, wire]);
+  useEffect(() => viewer?.showColours(isColoured), [viewer, isColoured]);
   useEffect(() => viewer?.setCut(axis, cut), [viewer, axis, cut, shown]);
   useEffect(() => {
     const frame = viewer?.frame;
@@ -58,6 +64,14 @@ export function ViewerBar({ shown, mode, setMode, hasAfter, box, unit: own }: Pr
         <button type="button" class="quiet" aria-pressed={sizes} onClick={() => setSizes(!sizes)} title={words.sizes}>
           <Icon name="ruler" /> <span class="word">{words.sizes}</span>
         </button>
+        <button type="button" class="quiet" aria-pressed={isMeasuring} onClick={() => setMeasuring(!isMeasuring)} title={words.ruler} aria-label={words.ruler}>
+          <Icon name="distance" />
+        </button>
+        {hasColours && (
+          <button type="button" class="quiet" aria-pressed={isColoured} onClick={() => setColoured(!isColoured)} title={words.ownColours} aria-label={words.ownColours}>
+            <Icon name="palette" />
+          </button>
+        )}
         <select class="quiet" aria-label={words.unit} value={unit} onChange={(event) => choose({ unit: event.currentTarget.value as Unit })}>
           {UNITS.map((it) => (
             <option key={it}>{it}</option>

@@ -1,16 +1,19 @@
-import { createPortal } from "preact/compat";
 import { useEffect, useRef, useState } from "preact/hooks";
 import { type Artifact, type Job, fetchArtifact } from "meshmend-client";
-import { unitOfJob } from "../report/plain";
+import { weightOf } from "../report/files";
+import { isRemark, unitOfJob, upOfJob } from "../report/plain";
+import { claimsOf } from "../report/verdict";
 import { server } from "../state/server";
+import { settings } from "../state/settings";
+import { colouredFiles } from "../state/colours";
 import type { ColouredMesh } from "../viewer/glb";
 import { pressed } from "../viewer/keys";
 import type { Mode } from "../viewer/layout";
 import type { Viewer } from "../viewer/viewer";
 import { useWords } from "../words/words";
-import { Layers } from "./layers";
 import { Pictures } from "./result";
-import { Printing } from "./printing";
+import { Ruler } from "./ruler";
+import { useStore } from "./use-store";
 import { ViewerBar } from "./viewer-bar";
 import { Wipe } from "./wipe";
 
@@ -25,26 +28,35 @@ export interface Shown {
   remaining: ColouredMesh | null;
 }
 
-/** Both models on a canvas with all that belongs to it. Its tools for layers and printing go to `side`. */
-export function ViewerPane({ job, side }: { job: Job; side: HTMLElement | null }) {
+interface Props {
+  job: Job;
+  /** The uploaded file, where the page still has it. */
+  file: File | null;
+  shown: Shown | null;
+  setShown: (shown: Shown | null) => void;
+}
+
+/** Both models on a canvas, with the tools that belong to it. */
+export function ViewerPane({ job, file, shown, setShown }: Props) {
   const { words, figures } = useWords();
   const canvas = useRef<HTMLCanvasElement>(null);
   const over = useRef<HTMLDivElement>(null);
   const box = useRef<HTMLElement>(null);
-  const [shown, setShown] = useState<Shown | null>(null);
+  const { unit } = useStore(settings);
+  const [isMeasuring, setMeasuring] = useState(false);
+  const [hasColours, setHasColours] = useState(false);
   const [mode, setMode] = useState<Mode>(() => (innerWidth < 700 ? "wipe" : "both"));
   const [state, setState] = useState<"loading" | "coarse" | "ready" | "missing">("loading");
-  const fine = [job.artifacts["defects.glb"], job.artifacts["change.glb"]].filter((it) => it !== undefined);
-  const weight = fine.reduce((sum, it) => sum + it.bytes, 0);
+  const weight = weightOf(job, "defects.glb") + weightOf(job, "change.glb");
   const [wanted, want] = useState(weight <= LARGE);
   const go = useRef<() => void>(() => undefined);
 
   useEffect(() => {
     const stop = new AbortController();
     const load = async (): Promise<void> => {
-      const [{ Viewer, readColouredMesh }] = await Promise.all([import("../viewer/mod")]);
+      const { Viewer, readAppearance, readColouredMesh } = await import("../viewer/mod");
       if (stop.signal.aborted || !canvas.current || !over.current) return;
-      const viewer = new Viewer(canvas.current, over.current);
+      const viewer = new Viewer(canvas.current, over.current, upOfJob(job));
       stop.signal.addEventListener("abort", () => viewer.dispose());
       viewer.setMode(mode);
       const read = async (artifact: Artifact | undefined): Promise<ColouredMesh | null> =>
@@ -67,19 +79,29 @@ export function ViewerPane({ job, side }: { job: Job; side: HTMLElement | null }
       const change = await second;
       place(before, change, "fine");
       const rest = await remaining;
-      if (rest) viewer.lay("after", rest, "fine", (kind) => kind !== "sound");
+      // The result shows what the verdict complains of, and nothing else.
+      if (rest && !claimsOf(job).isPrintable) viewer.lay("after", rest, "fine", (kind) => kind !== "sound" && !isRemark(kind));
       if (stop.signal.aborted) return;
       setShown({ viewer, before, change, remaining: rest });
       setState("ready");
       canvas.current.dataset["ready"] = "true";
       performance.mark("model-shown");
+      for (const { side, bytes } of colouredFiles(server, job, file, stop.signal)) {
+        const appearance = await readAppearance(await bytes());
+        if (stop.signal.aborted) return;
+        if (appearance && viewer.setAppearance(side, appearance)) setHasColours(true);
+      }
+      canvas.current.dataset["coloured"] = "true";
     };
     load().catch((error: unknown) => {
       if (stop.signal.aborted) return;
       console.error(error);
       setState("missing");
     });
-    return () => stop.abort();
+    return () => {
+      stop.abort();
+      setShown(null);
+    };
   }, [job.id]);
 
   const change = (next: Mode): void => {
@@ -87,6 +109,7 @@ export function ViewerPane({ job, side }: { job: Job; side: HTMLElement | null }
     shown?.viewer.setMode(next);
   };
   const hasAfter = "change.glb" in job.artifacts;
+  const loading = weight > 0 ? words.loadingModel(figures.bytes(weight)) : words.loading;
   if (state === "missing") {
     return (
       <div class="viewer">
@@ -97,7 +120,7 @@ export function ViewerPane({ job, side }: { job: Job; side: HTMLElement | null }
   }
   return (
     <section class="viewer" data-mode={hasAfter ? mode : "before"} aria-label={words.viewer} ref={box}>
-      <ViewerBar shown={shown} mode={mode} setMode={change} hasAfter={hasAfter} box={box} unit={unitOfJob(job)} />
+      <ViewerBar shown={shown} mode={mode} setMode={change} hasAfter={hasAfter} box={box} unit={unitOfJob(job)} hasColours={hasColours} isMeasuring={isMeasuring} setMeasuring={setMeasuring} />
       <div class="canvas-box">
         <canvas key={job.id} ref={canvas} tabIndex={0} role="img" aria-label={words.canvas(job.input.name)} title={words.viewerHelp} onKeyDown={(event) => pressed(shown?.viewer, event)} />
         <div class="over" ref={over}>
@@ -105,14 +128,15 @@ export function ViewerPane({ job, side }: { job: Job; side: HTMLElement | null }
           {hasAfter && mode !== "before" && <span class="tag after">{words.after}</span>}
           {hasAfter && mode === "wipe" && <Wipe viewer={shown?.viewer ?? null} />}
         </div>
+        {isMeasuring && shown && <Ruler viewer={shown.viewer} canvas={canvas} unit={unit} own={unitOfJob(job)} close={() => setMeasuring(false)} />}
         {state === "loading" && (
           <p class="loading" role="status">
-            <span class="spinner" /> {words.loadingModel(figures.bytes(weight))}
+            <span class="spinner" /> {loading}
           </p>
         )}
         {state === "coarse" && (
           <p class="coarse" role="status">
-            {wanted ? words.loadingModel(figures.bytes(weight)) : words.coarse}
+            {wanted ? loading : words.coarse}
             {!wanted && (
               <button type="button" class="link" onClick={() => (want(true), go.current())}>
                 {words.loadFine(figures.bytes(weight))}
@@ -121,14 +145,6 @@ export function ViewerPane({ job, side }: { job: Job; side: HTMLElement | null }
           </p>
         )}
       </div>
-      {side &&
-        createPortal(
-          <>
-            <Layers job={job} shown={shown} />
-            <Printing job={job} shown={shown} />
-          </>,
-          side,
-        )}
     </section>
   );
 }

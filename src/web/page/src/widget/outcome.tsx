@@ -53,7 +53,6 @@ function Measures({ job, unit }: { job: Job; unit: Unit }) {
   return (
     <div part="facts">
       <Facts list={list} look="facts" />
-      {metrics.unitSource === "assumed" && <p class="aside">{words.assumed(metrics.unit)}</p>}
     </div>
   );
 }

@@ -2,6 +2,21 @@
 
 const s = (n: number, one: string, many: string): string => (n === 1 ? one : many);
 
+/** The figures of a red flag, written out. */
+export interface FlagFigures {
+  value: string;
+  limit: string;
+}
+
+/** The figures of an assumption, written out; empty where the report does not tell them. */
+export interface AssumptionFigures {
+  n: string;
+  k: number;
+  amount: string;
+  share: string;
+  unit: string;
+}
+
 export const en = {
   name: "English",
   // Frame
@@ -57,12 +72,12 @@ export const en = {
     queue: "Queue",
     read: "Read the file",
     inspect: "Look for what is wrong",
-    repair: "Mend",
+    repair: "Repair",
     wait: "Wait for Blender",
     verify: "Prove the result",
     finish: "Draw and hand over",
   },
-  tiers: ["", "clean", "mend", "Blender"],
+  tiers: ["", "cleaning up", "closing and joining", "with Blender"],
   percent: "Progress",
 
   // Verdict
@@ -126,41 +141,92 @@ export const en = {
   left: (what: string) => `Still there: ${what}.`,
   remade: (length: string) => `The surface was made anew, with details down to ${length}`,
   reused: "You sent this model before; this is the earlier result.",
-  flags: "Look at this before you print",
-  flagNames: {
-    face_loss: "Many faces are gone",
-    box_change: "The size changed",
-    volume_change: "The volume changed",
-    surface_lost: "Some of the surface is gone",
-    deviation: "Surface moved farther than was allowed",
-    parts_merged: "Parts became one",
-    part_lost: "A part is missing",
-    surface_invented: "Much of the surface is invented",
-    objects_intersect: "Objects intersect",
-    vertex_loss: "Many vertices are gone",
-  } as Record<string, string>,
+  flags: "Check this before you print",
+  flagTexts: {
+    face_loss: ({ value }) => `${value} of the faces are gone.`,
+    vertex_loss: ({ value }) => `${value} of the vertices are gone.`,
+    box_change: ({ value }) => `The size changed by ${value}.`,
+    volume_change: ({ value }) => `The volume changed by ${value}.`,
+    surface_lost: ({ value }) => `${value} of the visible surface is missing in the result.`,
+    surface_invented: ({ value }) => `${value} of the surface is new. Its shape is a guess.`,
+    deviation: ({ value, limit }) => `The surface moved by up to ${value}. Your limit is ${limit}.`,
+    parts_merged: ({ value }) => `${value} parts became one part.`,
+    part_lost: ({ value }) => `${value} parts are missing in the result.`,
+    objects_intersect: ({ value }) => `Objects overlap in ${value} places.`,
+  } as Record<string, (flag: FlagFigures) => string>,
+  thinWarning: (wall: string, least: string) => `The thinnest wall is ${wall}. Most printers need at least ${least}.`,
   assumptions: "What was assumed",
-  assumptionNames: {
-    unit: () => "Unit",
-    objects_united: (n: string, k: number) => `${n} ${s(k, "object", "objects")} united`,
-    overlap_removed: (n: string, k: number) => `${n} ${s(k, "overlap", "overlaps")} of parts removed`,
-    sheets_thickened: (n: string, k: number) => `${n} ${s(k, "sheet", "sheets")} thickened`,
-    bases_added: (n: string, k: number) => `${n} ${s(k, "base", "bases")} added`,
-    large_holes_closed: (n: string, k: number) => `${n} large ${s(k, "hole", "holes")} closed`,
-    parts_joined: (n: string, k: number) => `${n} ${s(k, "part", "parts")} joined`,
-    winding_rule: () => "What is solid",
-    pieces_dropped: (n: string, k: number) => `${n} ${s(k, "piece", "pieces")} dropped`,
-    cavities_kept: (n: string, k: number) => `${n} ${s(k, "cavity", "cavities")} kept hollow`,
-    cavities_filled: (n: string, k: number) => `${n} ${s(k, "cavity", "cavities")} filled`,
-    methods_agree: () => "A property of the file",
-  } as Record<string, (n: string, k: number) => string>,
-  otherwise: "Decide otherwise with",
-  warnings: (n: string, k: number) => `${n} ${s(k, "note", "notes")}`,
+  assumptionTexts: {
+    unit: ({ unit }) => `The file names no unit. Its lengths were read as ${unit}.`,
+    objects_united: ({ n, k }) => `${n} overlapping ${s(k, "object was", "objects were")} united into one solid.`,
+    overlap_removed: ({ n, k }) => `${n} ${s(k, "overlap", "overlaps")} between parts of different materials ${s(k, "was", "were")} cut away.`,
+    sheets_thickened: ({ n, k, amount }) => `${n} open ${s(k, "surface was", "surfaces were")} given a thickness${amount && ` of ${amount}`}.`,
+    bases_added: ({ n, k, amount }) => `${n} open ${s(k, "surface", "surfaces")} got a base${amount && `, ${amount} thick at its lowest point`}.`,
+    large_holes_closed: ({ n, k, share }) => `${n} large ${s(k, "hole was", "holes were")} closed. The shape of the patch is a guess${share && ` (${share} of the surface)`}.`,
+    parts_joined: ({ n, k }) => `${n} ${s(k, "strip", "strips")} of new surface ${s(k, "joins", "join")} parts that were apart.`,
+    winding_rule: () => "Where surfaces cross, the direction of the faces decided what is solid.",
+    pieces_dropped: ({ n, k }) => `${n} stray ${s(k, "piece was", "pieces were")} removed. ${s(k, "It encloses", "They enclose")} nothing, or too little to print.`,
+    cavities_kept: ({ n, k }) => `${n} sealed ${s(k, "cavity stays", "cavities stay")} hollow.`,
+    cavities_filled: ({ n, k }) => `${n} sealed ${s(k, "cavity was", "cavities were")} filled.`,
+    methods_agree: () => "Different repair methods gave the same unusual measure, so it belongs to the model.",
+  } as Record<string, (assumption: AssumptionFigures) => string>,
+  decideOtherwise: "Decide otherwise",
+  decideOtherwiseWith: (option: string) => `Run again with ${option}`,
+  notes: (n: string, k: number) => `${n} ${s(k, "note", "notes")} from the service`,
+  notApplied: (option: string) => `The option ${option} was not applied.`,
+
+  // Unit and size
+  unitAndSize: "Unit and size",
+  unitSource: {
+      file: (unit: string) => `The file says that its lengths are in ${unit}.`,
+    declared: (unit: string) => `The lengths of the file are read as ${unit}, as asked.`,
+  } as Record<string, (unit: string) => string>,
+  fileUnit: "Unit of the file",
+  longestSide: "Longest side in mm",
+  longestSideMore: "Another size needs the file once more. The page scales it and uploads the copy.",
+  cannotScale: (format: string) => `The page can't scale a file of the format ${format}. Choose another unit, or scale the model where it was made.`,
+  chooseAgain: "Choose the file again",
+  chooseAgainMore: (name: string) => `The page does not have ${name} any more. Choose it again, and the job runs with these settings.`,
+  otherFile: (name: string) => `This is another file. Choose ${name}.`,
+  runWithSize: "Run again with this size",
+  noSize: "Enter a size greater than 0.",
+
+  // Thickness
+  thickness: "Thickness of the open surface",
+  thickenedBy: (amount: string) => `This open surface was given a thickness of ${amount}.`,
+  basedBy: (amount: string) => `This open surface was given a base of ${amount}.`,
+  notThickYet: "This model is an open surface without a thickness. Choose how thick it should be.",
+  thinnerThan: (least: string) => `Most printers need at least ${least}.`,
+  thicknessIn: "Thickness in mm",
+  thicknessPresets: "Common thicknesses",
+  thicknessPreview: "Show a preview in the viewer",
+  noThicknessPreview: "There is no preview for this model: it is too large, or it has no open part.",
+  makeThick: (amount: string) => `Make it ${amount} thick`,
+
+  // Measuring
+  ruler: "Measure a distance",
+  rulerHelp: "Pick two points on the model.",
+  rulerKeys: "With the keyboard: turn the model with the arrows and press Enter to pick the point under the cross.",
+  rulerSecond: "Pick the second point.",
+  rulerMissed: "There is no model at this point.",
+  rulerIs: (length: string) => `Distance: ${length}`,
+  rulerAlong: (axis: string, length: string) => `${axis}: ${length}`,
+  close: "Close",
+  rulerClear: "Clear",
+  ownColours: "Colours of the file",
+
+  // Sharing
+  share: "Share this result",
+  shareLink: "Link to this result",
+  copy: "Copy the link",
+  copied: "The link is copied.",
+  copyByHand: "The browser did not allow the page to copy. The link is selected: copy it with Ctrl+C.",
+  shareOpen: "Everyone who can reach this service can open the link.",
+  shareKey: "The link contains no key. The service asks whoever opens it for an API key of the same account.",
+  shareUntil: (time: string) => `The files are kept until ${time}.`,
 
   // What to do
   whatToDo: "What you can do",
-  tryThicken: "Give the open surface a thickness",
-  tryThickenMore: "For walls and shells of no thickness.",
   tryBase: "Put a base under it",
   tryBaseMore: "For terrain and reliefs.",
   tryRemesh: "Make the surface anew with Blender",
@@ -282,7 +348,6 @@ export const en = {
   printers: { none: "None", own: "My own" },
   room: "Room of the printer in mm",
   fits: { as_is: "It fits.", turned: "It fits when turned.", no: "It does not fit." },
-  assumed: (unit: string) => `The file names no unit; ${unit} is assumed.`,
   size: "Size",
   volume: "Volume",
   area: "Surface",

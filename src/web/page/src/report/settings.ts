@@ -1,0 +1,69 @@
+import type { Job, Options, Report } from "meshmend-client";
+import { inMillimetres } from "../units";
+import { isOpenSheet, own } from "./advice";
+import { unitOf } from "./plain";
+
+/** The units that a file may be in, as the option `unit` names them. */
+export const FILE_UNITS = ["mm", "cm", "in", "m", "ft", "um"] as const;
+/** Formats that name no unit, so that other programs read their lengths as millimetres. */
+const WITHOUT_UNIT = ["stl", "obj", "ply", "off", "mesh", "zip"];
+/** Options that are lengths. */
+const LENGTHS = ["thickness", "max_deviation", "max_error", "merge_distance", "stitch_distance", "voxel_size"];
+
+/** The unit that the lengths of the uploaded file were read in. */
+export function fileUnit({ unit, before }: Report): string {
+  return unit?.scaled_from ?? unit?.used ?? before.print?.unit ?? "mm";
+}
+
+/** The sides of the model in millimetres, were its file in another unit. */
+export function sizeIn(report: Report, unit: string): [number, number, number] | null {
+  const size = report.before.print?.size_mm;
+  const factor = inMillimetres(unit) / inMillimetres(fileUnit(report));
+  return size ? (size.map((side) => side * factor) as [number, number, number]) : null;
+}
+
+/** The unit that lengths among some options are in. */
+function unitOfOptions(report: Report, options: Options): string {
+  return String(options["scale_to"] ?? options["unit"] ?? fileUnit(report));
+}
+
+/** A job's options for the same file read in another unit. A format that names no unit gets millimetres. */
+export function withUnit(job: Job, report: Report, unit: string): Options {
+  const before = own(job);
+  const format = report.output?.format ?? report.input.format;
+  const scale = unit !== "mm" && WITHOUT_UNIT.includes(format) ? { scale_to: "mm" } : {};
+  const options: Options = { ...scale, ...before, unit };
+  const factor = inMillimetres(unitOfOptions(report, before)) / inMillimetres(unitOfOptions(report, options));
+  for (const name of LENGTHS) if (typeof options[name] === "number") options[name] *= factor;
+  return options;
+}
+
+/** What is known of an open surface: that it is still open, or how thick it was made, in millimetres. */
+export interface OpenSurface {
+  is: "open" | "thick" | "base";
+  mm: number | null;
+}
+
+/** The open surface that a job's model is or was; none where it was a solid. */
+export function openSurfaceOf(job: Job): OpenSurface | null {
+  const report = job.report?.mode === "repair" ? job.report : null;
+  if (!report) return null;
+  const made = report.assumptions?.find(({ kind, amount }) => amount != null && (kind === "sheets_thickened" || kind === "bases_added"));
+  if (made) return { is: made.kind === "bases_added" ? "base" : "thick", mm: made.amount! * inMillimetres(unitOf(report)) };
+  if (isOpenSheet(report)) return { is: "open", mm: null };
+  const asked = own(job);
+  const isAsked = asked["open_sheets"] === "thicken" && typeof asked["thickness"] === "number" && !report.verdict?.printable;
+  return isAsked ? { is: "thick", mm: Number(asked["thickness"]) * inMillimetres(unitOfOptions(report, asked)) } : null;
+}
+
+/** A job's options with open surfaces made so thick, in millimetres. */
+export function withThickness(job: Job, report: Report, mm: number): Options {
+  const options = own(job);
+  const kind = openSurfaceOf(job)?.is === "base" ? "base" : "thicken";
+  return { ...options, open_sheets: kind, thickness: lengthIn(mm, unitOfOptions(report, options)) };
+}
+
+/** A length in a unit, without the digits that only come from the division. */
+export function lengthIn(mm: number, unit: string): number {
+  return Number((mm / inMillimetres(unit)).toPrecision(9));
+}

@@ -1,0 +1,82 @@
+import { useEffect, useState } from "preact/hooks";
+import type { Job, Options, Report } from "meshmend-client";
+import { LEAST_WALL_MM } from "../report/remarks";
+import { lengthIn, openSurfaceOf, withThickness } from "../report/settings";
+import { unitOf } from "../report/plain";
+import type { Viewer } from "../viewer/viewer";
+import { useWords } from "../words/words";
+
+/** Thicknesses that common printers make: two, three and five lines of a 0.4 mm nozzle. */
+const PRESETS_MM = [0.8, 1.2, 2];
+const [LEAST_MM, MOST_MM] = [0.4, 6];
+
+interface Props {
+  job: Job;
+  report: Report;
+  /** Where the preview is drawn, once there is a viewer. */
+  viewer: Viewer | null;
+  retry: (options: Options) => void;
+  heading?: "h2" | "h3";
+}
+
+/** How thick an open surface was made or may be made, with a preview, and another run with another thickness. */
+export function Thickness({ job, report, viewer, retry, heading: Heading = "h2" }: Props) {
+  const { words, figures } = useWords();
+  const surface = openSurfaceOf(job);
+  const isPrintable = (surface?.mm ?? 0) >= LEAST_WALL_MM;
+  const [text, setText] = useState(() => String(isPrintable ? Number(surface!.mm!.toPrecision(3)) : 1.2));
+  const [isPreviewed, preview] = useState(surface?.is === "open");
+  const [isMissing, setMissing] = useState(false);
+  const mm = Number(text.replace(",", "."));
+  const isValid = Number.isFinite(mm) && mm > 0 && mm <= 1000;
+  const told = (length: number): string => figures.length(length, "mm", 2);
+  useEffect(() => {
+    if (!viewer || !surface) return;
+    const length = isPreviewed && isValid ? lengthIn(mm, unitOf(report)) : null;
+    setMissing(!viewer.setShell(length) && length !== null);
+    return () => void viewer.setShell(null);
+  }, [viewer, mm, isPreviewed]);
+  if (!surface) return null;
+  const send = (event: Event): void => {
+    event.preventDefault();
+    if (isValid) retry(withThickness(job, report, mm));
+  };
+  const change = (next: string): void => {
+    setText(next);
+    preview(true);
+  };
+  return (
+    <form class="thickness" onSubmit={send} noValidate>
+      <Heading>{words.thickness}</Heading>
+      <p>{surface.mm === null ? words.notThickYet : (surface.is === "base" ? words.basedBy : words.thickenedBy)(told(surface.mm))}</p>
+      {surface.mm !== null && !isPrintable && <p class="wrong">{words.thinnerThan(told(LEAST_WALL_MM))}</p>}
+      <div class="segments" role="group" aria-label={words.thicknessPresets}>
+        {PRESETS_MM.map((it) => (
+          <button key={it} type="button" aria-pressed={mm === it} onClick={() => change(String(it))}>
+            {told(it)}
+          </button>
+        ))}
+      </div>
+      <div class="amount">
+        <input type="range" min={LEAST_MM} max={MOST_MM} step={0.1} value={isValid ? mm : LEAST_MM} aria-label={words.thicknessIn} onInput={(event) => change(event.currentTarget.value)} />
+        <label>
+          <span class="hidden">{words.thicknessIn}</span>
+          <input type="number" min={0} step={0.1} inputMode="decimal" value={text} aria-invalid={!isValid} onInput={(event) => change(event.currentTarget.value)} /> mm
+        </label>
+      </div>
+      {isValid && mm < LEAST_WALL_MM && <p class="aside">{words.thinnerThan(told(LEAST_WALL_MM))}</p>}
+      {!isValid && <p class="wrong">{words.noSize}</p>}
+      <label class="check">
+        <input type="checkbox" checked={isPreviewed} onChange={(event) => preview(event.currentTarget.checked)} /> {words.thicknessPreview}
+      </label>
+      {isMissing && (
+        <p class="aside" role="status">
+          {words.noThicknessPreview}
+        </p>
+      )}
+      <button type="submit" class="primary" disabled={!isValid || surface.mm !== null && Math.abs(surface.mm - mm) < 1e-6}>
+        {words.makeThick(isValid ? told(mm) : "–")}
+      </button>
+    </form>
+  );
+}
