@@ -34,7 +34,7 @@ test("a dropped model is repaired, shown and downloaded as the API has it", { ti
   await drop(page, [["ring.stl", brokenRing()]]);
   await shown(page);
   const stages = await page.evaluate(() => window.stages);
-  const order = ["Upload", "Queue", "Read the file", "Look for what is wrong", "Mend", "Prove the result", "Draw and hand over"];
+  const order = ["Upload", "Queue", "Read the file", "Look for what is wrong", "Repair", "Prove the result", "Draw and hand over"];
   assert.ok(stages.length >= 3 && stages[0] === "Upload", `stages seen: ${stages}`);
   assert.deepEqual(stages, order.filter((stage) => stages.includes(stage)), "they come in their order");
   await page.getByRole("heading", { name: "Repaired and printable" }).waitFor();
@@ -169,7 +169,7 @@ test("what could not be repaired says what to do, and a click does it", { timeou
   const upload = await saved(page, () => page.getByRole("button", { name: "Your file as it came" }).click());
   assert.deepEqual([upload.name, upload.bytes.equals(Buffer.from(sheet()))], ["sheet.obj", true]);
   assert.ok((await pixels(page, LOOKS, [0.51, 1])).orange > 100, "what remains is shown on the result");
-  await page.getByRole("button", { name: /Give the open surface a thickness/ }).click();
+  await page.getByRole("button", { name: "Make it 1.2 mm thick" }).click();
   await page.getByRole("heading", { name: "Repaired and printable" }).waitFor({ timeout: 60_000 });
   assert.deepEqual(faults, []);
   await close();

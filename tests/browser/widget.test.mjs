@@ -97,10 +97,13 @@ test("what could not be repaired says what to do, and a click does it", { timeou
   const [failed] = await told(page, "failed");
   assert.deepEqual([failed.status, failed.outcome, failed.code], ["succeeded", "unrepairable", "unrepairable"]);
   assert.equal(await page.getByRole("button", { name: "Order" }).isDisabled(), true);
-  await page.getByRole("button", { name: /Give the open surface a thickness/ }).click();
+  await page.getByRole("button", { name: "2 mm", exact: true }).click();
+  await page.getByRole("button", { name: "Make it 2 mm thick" }).click();
   const [repaired] = await told(page, "repaired");
   assert.equal(repaired.outcome, "repaired");
-  assert.equal((await jobOf(repaired.jobId)).options.open_sheets, "thicken");
+  const { options } = await jobOf(repaired.jobId);
+  assert.deepEqual([options.open_sheets, options.thickness], ["thicken", 2]);
+  await page.getByText("This open surface was given a thickness of 2 mm.").waitFor();
   // The shop prints none that thin.
   assert.deepEqual(faults.filter((it) => !/status of 422/.test(it)), []);
   await close();

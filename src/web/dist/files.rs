@@ -5,8 +5,8 @@ pub(super) const WIDGET: &str = include_str!("widget.js");
 #[rustfmt::skip]
 pub(super) const ASSETS: [(&str, &[u8]); 5] = [
     ("icon-70B5C160.svg", include_bytes!("icon-70B5C160.svg")),
-    ("manual-U4WGFUJN.css", include_bytes!("manual-U4WGFUJN.css")),
-    ("page-LBZ3S4XY.js", include_bytes!("page-LBZ3S4XY.js")),
-    ("style-SITLIM6H.css", include_bytes!("style-SITLIM6H.css")),
-    ("viewer-LRWP7PXD.js", include_bytes!("viewer-LRWP7PXD.js")),
+    ("manual-2QAXMAJ5.css", include_bytes!("manual-2QAXMAJ5.css")),
+    ("page-L25AT63G.js", include_bytes!("page-L25AT63G.js")),
+    ("style-W56LPURZ.css", include_bytes!("style-W56LPURZ.css")),
+    ("viewer-LULR6BKY.js", include_bytes!("viewer-LULR6BKY.js")),
 ];

@@ -2,7 +2,8 @@ import { useLayoutEffect, useMemo } from "preact/hooks";
 import { route } from "../state/route";
 import { known } from "../state/server";
 import { settings } from "../state/settings";
-import { Spoken, speech, useWords } from "../words/words";
+import { PageSpoken, pageSpeech, usePageWords } from "../words/page-words";
+import { Spoken } from "../words/words";
 import { AskForKey, Away } from "./gate";
 import { Header } from "./header";
 import { JobPage } from "./job";
@@ -13,15 +14,18 @@ import { useStore } from "./use-store";
 /** The page in the language that was chosen. */
 export function Page() {
   const { language } = useStore(settings);
+  const said = useMemo(() => pageSpeech(language), [language]);
   return (
-    <Spoken.Provider value={useMemo(() => speech(language), [language])}>
-      <App />
+    <Spoken.Provider value={said}>
+      <PageSpoken.Provider value={said}>
+        <App />
+      </PageSpoken.Provider>
     </Spoken.Provider>
   );
 }
 
 function App() {
-  const { words } = useWords();
+  const { words } = usePageWords();
   const { language, theme } = useStore(settings);
   useLayoutEffect(() => {
     document.documentElement.lang = language;

@@ -1,16 +1,16 @@
 import type { Job, Outcome } from "meshmend-client";
 import { isPrintable } from "../report/verdict";
-import { useWords } from "../words/words";
+import { usePageWords } from "../words/page-words";
 
 /** What became of a model, in a word and a colour. */
 export function OutcomeChip({ outcome }: { outcome: Outcome }) {
-  const { words } = useWords();
+  const { words } = usePageWords();
   return <span class={`chip ${isPrintable(outcome) ? "good" : "fair"}`}>{words.outcomes[outcome]}</span>;
 }
 
 /** Where a job stands, in a word and a colour. */
 export function StatusChip({ job }: { job: Job }) {
-  const { words } = useWords();
+  const { words } = usePageWords();
   if (job.status === "succeeded" && job.outcome) return <OutcomeChip outcome={job.outcome} />;
   const tone = job.status === "failed" ? "bad" : job.status === "running" || job.status === "queued" ? "busy" : "";
   const text = job.problem?.code === "not_printable" ? words.outcomes["not_printable"] : words.statuses[job.status];

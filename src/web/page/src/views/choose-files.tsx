@@ -1,12 +1,12 @@
 import { useRef } from "preact/hooks";
 import type { Capabilities } from "meshmend-client";
 import { endings, isModel } from "../state/files";
-import { useWords } from "../words/words";
+import { usePageWords } from "../words/page-words";
 import { Icon } from "./icons";
 
 /** Buttons that open the system's dialogs for files and for a folder. */
 export function ChooseFiles({ can, take, compact = false }: { can: Capabilities | null; take: (files: File[]) => void; compact?: boolean }) {
-  const { words } = useWords();
+  const { words } = usePageWords();
   const files = useRef<HTMLInputElement>(null);
   const folder = useRef<HTMLInputElement>(null);
   const formats = can?.input_formats ?? [];

@@ -3,13 +3,13 @@ import { type Capabilities, type Job, Problem } from "meshmend-client";
 import { claimsOf } from "../report/verdict";
 import { convert, save } from "../state/download";
 import { noticed } from "../state/server";
-import { useWords } from "../words/words";
+import { usePageWords } from "../words/page-words";
 import { Icon } from "./icons";
 import { ProblemNote } from "./problem-note";
 
 /** The result to take away, in its format or in any other. */
 export function Download({ job, can }: { job: Job; can: Capabilities | null }) {
-  const { words, figures } = useWords();
+  const { words, figures } = usePageWords();
   const [making, setMaking] = useState("");
   const [problem, setProblem] = useState<Problem | null>(null);
   const stop = useRef(new AbortController());

@@ -1,12 +1,12 @@
 import type { Capabilities } from "meshmend-client";
 import { brokenSample } from "../sample";
-import { useWords } from "../words/words";
+import { usePageWords } from "../words/page-words";
 import { ChooseFiles } from "./choose-files";
 import { Icon } from "./icons";
 
 /** The first thing seen: what this is, and where to drop a model. */
 export function Dropzone({ can, over, take }: { can: Capabilities | null; over: boolean; take: (files: File[]) => void }) {
-  const { words, figures } = useWords();
+  const { words, figures } = usePageWords();
   const limits = can?.limits;
   const formats = can?.input_formats.map((format) => format.toUpperCase()).join(", ") ?? "";
   return (

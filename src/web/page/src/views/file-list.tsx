@@ -1,7 +1,7 @@
 import type { Capabilities } from "meshmend-client";
 import { claimsOf } from "../report/verdict";
 import { type Piece, pauseUpload, remove, resume, selected } from "../state/work";
-import { useWords } from "../words/words";
+import { usePageWords } from "../words/page-words";
 import { ChooseFiles } from "./choose-files";
 import { Icon, type IconName } from "./icons";
 
@@ -14,7 +14,7 @@ interface Props {
 
 /** All files of this visit, each with its state. */
 export function FileList({ pieces, chosen, take, can }: Props) {
-  const { words } = useWords();
+  const { words } = usePageWords();
   return (
     <aside class="files" aria-label={words.files}>
       <ul>
@@ -28,7 +28,7 @@ export function FileList({ pieces, chosen, take, can }: Props) {
 }
 
 function Row({ piece, isChosen }: { piece: Piece; isChosen: boolean }) {
-  const { words, figures } = useWords();
+  const { words, figures } = usePageWords();
   const { tone, icon, text, share } = stateOf(piece, words, figures);
   return (
     <li class={isChosen ? `file chosen ${tone}` : `file ${tone}`}>
@@ -66,7 +66,7 @@ interface State {
   share: number | null;
 }
 
-type Said = ReturnType<typeof useWords>;
+type Said = ReturnType<typeof usePageWords>;
 
 function stateOf(piece: Piece, words: Said["words"], figures: Said["figures"]): State {
   const busy = (text: string, share: number | null): State => ({ tone: "busy", icon: null, text, share });

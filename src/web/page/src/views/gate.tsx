@@ -1,13 +1,13 @@
 import { useState } from "preact/hooks";
 import type { Problem } from "meshmend-client";
 import { key, meet } from "../state/server";
-import { useWords } from "../words/words";
+import { usePageWords } from "../words/page-words";
 import { Icon } from "./icons";
 import { ProblemNote } from "./problem-note";
 
 /** Asks for the API key of a service that wants one. */
 export function AskForKey({ refused }: { refused: boolean }) {
-  const { words } = useWords();
+  const { words } = usePageWords();
   const [text, set] = useState("");
   const send = (event: Event): void => {
     event.preventDefault();
@@ -38,7 +38,7 @@ export function AskForKey({ refused }: { refused: boolean }) {
 }
 
 export function Away({ problem }: { problem: Problem }) {
-  const { words } = useWords();
+  const { words } = usePageWords();
   return (
     <section class="gate card">
       <h1>{words.away}</h1>

@@ -1,7 +1,8 @@
 import { route } from "../state/route";
 import { key, meet } from "../state/server";
 import { type Theme, choose, settings } from "../state/settings";
-import { LANGUAGES, type Language, useWords } from "../words/words";
+import { usePageWords } from "../words/page-words";
+import { LANGUAGES, type Language } from "../words/words";
 import { Icon, type IconName, Logo } from "./icons";
 import { useStore } from "./use-store";
 
@@ -12,7 +13,7 @@ const THEMES: [Theme, IconName][] = [
 ];
 
 export function Header() {
-  const { words } = useWords();
+  const { words } = usePageWords();
   const where = useStore(route);
   const { language, theme } = useStore(settings);
   const secret = useStore(key);

@@ -2,7 +2,7 @@ import { useEffect, useState } from "preact/hooks";
 import { type Capabilities, type Readiness, Problem, metrics, readiness } from "meshmend-client";
 import { readMetrics, valueOf } from "../report/metrics";
 import { server } from "../state/server";
-import { useWords } from "../words/words";
+import { usePageWords } from "../words/page-words";
 import { Facts } from "./facts";
 import { Icon } from "./icons";
 
@@ -31,7 +31,7 @@ async function look(): Promise<Seen> {
 
 /** How the service, its queue and its tiers are. */
 export function Health({ can }: { can: Capabilities | null }) {
-  const { words, figures } = useWords();
+  const { words, figures } = usePageWords();
   const [seen, setSeen] = useState<Seen | null>(null);
   useEffect(() => {
     let timer = 0;

@@ -1,12 +1,12 @@
 import { useState } from "preact/hooks";
 import { type Job, Problem, fetchArtifact } from "meshmend-client";
 import { server } from "../state/server";
-import { useWords } from "../words/words";
+import { usePageWords } from "../words/page-words";
 import { ProblemNote } from "./problem-note";
 
 /** What the job's process and its Blender said, read when it is opened. */
 export function JobLog({ job }: { job: Job }) {
-  const { words } = useWords();
+  const { words } = usePageWords();
   const [text, setText] = useState<string | null>(null);
   const [problem, setProblem] = useState<Problem | null>(null);
   const artifact = job.artifacts["log.txt"];

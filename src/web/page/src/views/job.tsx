@@ -5,7 +5,7 @@ import { save } from "../state/download";
 import { followJob, readJob } from "../state/job";
 import { weightOf } from "../report/files";
 import { noticed, server } from "../state/server";
-import { useWords } from "../words/words";
+import { usePageWords } from "../words/page-words";
 import { StatusChip } from "./chips";
 import { Facts } from "./facts";
 import { Icon } from "./icons";
@@ -16,7 +16,7 @@ import { StepsTable } from "./steps-table";
 
 /** One job for whoever runs the service: its steps and timings, its log, its files, and what can be done with it. */
 export function JobPage({ id, can }: { id: string; can: Capabilities | null }) {
-  const { words, figures } = useWords();
+  const { words, figures } = usePageWords();
   const [job, setJob] = useState<Job | null>(null);
   const [progress, setProgress] = useState<Progress | null>(null);
   const [problem, setProblem] = useState<Problem | null>(null);
@@ -107,7 +107,7 @@ export function JobPage({ id, can }: { id: string; can: Capabilities | null }) {
 
 /** When a job waited, ran and ended, and what it was asked for. */
 function Times({ job }: { job: Job }) {
-  const { words, figures } = useWords();
+  const { words, figures } = usePageWords();
   const time = (iso: string | null): number => (iso ? Date.parse(iso) : Number.NaN);
   const span = (from: string | null, to: string | null): string => (from && to ? figures.seconds(time(to) - time(from)) : "–");
   const list: [string, string][] = [
@@ -121,7 +121,7 @@ function Times({ job }: { job: Job }) {
 }
 
 function Files({ job, save, bytes }: { job: Job; save: (name: string) => void; bytes: (n: number) => string }) {
-  const { words } = useWords();
+  const { words } = usePageWords();
   const names = Object.keys(job.artifacts);
   if (names.length === 0) return null;
   return (
@@ -143,7 +143,7 @@ function Files({ job, save, bytes }: { job: Job; save: (name: string) => void; b
 
 /** Deletes only when asked twice. */
 function Purge({ purge }: { purge: () => void }) {
-  const { words } = useWords();
+  const { words } = usePageWords();
   const dialog = useRef<HTMLDialogElement>(null);
   return (
     <>

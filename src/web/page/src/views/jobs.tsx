@@ -1,7 +1,7 @@
 import { useEffect, useState } from "preact/hooks";
 import { type Capabilities, type Job, Problem, type Status, listJobs } from "meshmend-client";
 import { noticed, server } from "../state/server";
-import { useWords } from "../words/words";
+import { usePageWords } from "../words/page-words";
 import { StatusChip } from "./chips";
 import { Health } from "./health";
 import { ProblemNote } from "./problem-note";
@@ -13,7 +13,7 @@ const AGAIN_MS = 3000;
 
 /** All jobs that the key may see, newest first, and how the service is. */
 export function JobsPage({ can }: { can: Capabilities | null }) {
-  const { words } = useWords();
+  const { words } = usePageWords();
   const [status, setStatus] = useState<Status | "">("");
   const [jobs, setJobs] = useState<Job[] | null>(null);
   const [next, setNext] = useState<string | null>(null);
@@ -75,7 +75,7 @@ export function JobsPage({ can }: { can: Capabilities | null }) {
 }
 
 function JobTable({ jobs }: { jobs: Job[] | null }) {
-  const { words, figures } = useWords();
+  const { words, figures } = usePageWords();
   if (jobs === null) return <p class="nothing">{words.loading}</p>;
   if (jobs.length === 0) return <p class="nothing">{words.noJobs}</p>;
   const took = (job: Job): string =>

@@ -6,7 +6,7 @@ import { inMillimetres } from "../units";
 import { settings } from "../state/settings";
 import { unitOfJob } from "../report/plain";
 import { claimsOf } from "../report/verdict";
-import { useWords } from "../words/words";
+import { usePageWords } from "../words/page-words";
 import { Icon } from "./icons";
 import { ThinWalls } from "./thin-walls";
 import { useStore } from "./use-store";
@@ -34,7 +34,7 @@ export function layersOf(shown: Shown | null): Layer[] {
 
 /** Every kind of thing that was found or changed: its colour and pattern, how often, and the way there. */
 export function Layers({ job, shown }: { job: Job; shown: Shown | null }) {
-  const { words } = useWords();
+  const { words } = usePageWords();
   const layers = useMemo(() => layersOf(shown), [shown]);
   const found = new Set(layers.map(({ kind }) => lookOf(kind).family));
   // Where the time was over before the file was inspected, nothing was looked for.
@@ -60,7 +60,7 @@ export function Layers({ job, shown }: { job: Job; shown: Shown | null }) {
 }
 
 function LayerRow({ layer, shown }: { layer: Layer; shown: Shown | null }) {
-  const { words, figures } = useWords();
+  const { words, figures } = usePageWords();
   const [isOn, setOn] = useState(isShownAtFirst(layer.kind));
   const viewer = shown?.viewer;
   useEffect(() => viewer?.showKind(layer.kind, isOn), [viewer, layer.kind, isOn]);
@@ -85,7 +85,7 @@ function LayerRow({ layer, shown }: { layer: Layer; shown: Shown | null }) {
 
 /** Goes to the first place, and then from one to the next. */
 export function GoThere({ label, places, shown }: { label: string; places: () => Place[]; shown: Shown | null }) {
-  const { words, figures } = useWords();
+  const { words, figures } = usePageWords();
   const [at, setAt] = useState<{ i: number; of: Place[] } | null>(null);
   useEffect(() => setAt(null), [shown]);
   const go = (): void => {
@@ -112,7 +112,7 @@ export function Swatch({ kind, colour }: { kind: string; colour: string }) {
 
 /** The length in millimetres of 1 in the numbers of a job's model. */
 export function useLength(job: Job): { tell: (own: number) => string; own: (mm: number) => number } {
-  const { figures } = useWords();
+  const { figures } = usePageWords();
   const { unit } = useStore(settings);
   const factor = inMillimetres(unitOfJob(job));
   return { tell: (length) => figures.length(length * factor, unit, 3), own: (mm) => mm / factor };

@@ -2,8 +2,8 @@ import type { Inspection, Report } from "meshmend-client";
 import { unitOf } from "../report/plain";
 import { settings } from "../state/settings";
 import { type Figures, type Unit, inMillimetres } from "../units";
-import type { Words } from "../words/en";
-import { useWords } from "../words/words";
+import type { PageWords as Words } from "../words/page-words";
+import { usePageWords } from "../words/page-words";
 import { Facts } from "./facts";
 import { StepsTable } from "./steps-table";
 import { useStore } from "./use-store";
@@ -12,7 +12,7 @@ type Row = [string, string, string];
 
 /** Everything that was measured, for those who want it. */
 export function Numbers({ report }: { report: Report }) {
-  const { words, figures } = useWords();
+  const { words, figures } = usePageWords();
   const { unit } = useStore(settings);
   const own = inMillimetres(unitOf(report));
   return (
@@ -72,7 +72,7 @@ function rows(before: Inspection, after: Inspection | null, words: Words, figure
 }
 
 function Changes({ report, own }: { report: Report; own: number }) {
-  const { words, figures } = useWords();
+  const { words, figures } = usePageWords();
   const { unit } = useStore(settings);
   const changes = report.changes;
   if (!changes) return null;

@@ -1,13 +1,13 @@
 import type { ObjectReport } from "meshmend-client";
 import { inWords } from "../report/plain";
 import { settings } from "../state/settings";
-import { useWords } from "../words/words";
+import { usePageWords } from "../words/page-words";
 import { OutcomeChip } from "./chips";
 import { useStore } from "./use-store";
 
 /** What became of each object of a file that has several. */
 export function Objects({ objects }: { objects: ObjectReport[] }) {
-  const { words, figures } = useWords();
+  const { words, figures } = usePageWords();
   const { unit } = useStore(settings);
   return (
     <details class="numbers card" open>

@@ -1,14 +1,14 @@
 import { useRef } from "preact/hooks";
 import type { Capabilities } from "meshmend-client";
 import { type Piece, isGone, resume, stop } from "../state/work";
-import { useWords } from "../words/words";
+import { usePageWords } from "../words/page-words";
 import { ProblemNote } from "./problem-note";
 import { Result } from "./result";
 import { Stages } from "./stages";
 
 /** One file: on its way, or what became of it. */
 export function PieceView({ piece, can }: { piece: Piece; can: Capabilities | null }) {
-  const { words } = useWords();
+  const { words } = usePageWords();
   const input = useRef<HTMLInputElement>(null);
   if (piece.phase === "ended" && piece.job) return <Result job={piece.job} file={piece.file} can={can} />;
   if (piece.phase === "refused" && piece.problem) {

@@ -3,7 +3,7 @@ import type { Job } from "meshmend-client";
 import { unitOf, upOfJob } from "../report/plain";
 import { choose, settings } from "../state/settings";
 import { fit, inMillimetres } from "../units";
-import { useWords } from "../words/words";
+import { usePageWords } from "../words/page-words";
 import { useStore } from "./use-store";
 import type { Shown } from "./viewer-pane";
 
@@ -21,7 +21,7 @@ const PRINTERS: [string, [number, number, number]][] = [
 
 /** How large the result is, and whether it fits into a printer. */
 export function Printing({ job, shown }: { job: Job; shown: Shown | null }) {
-  const { words, figures } = useWords();
+  const { words, figures } = usePageWords();
   const { unit, printer, room: mine } = useStore(settings);
   const report = job.report?.mode === "repair" ? job.report : null;
   const print = report?.after?.print ?? report?.before.print ?? null;

@@ -2,7 +2,7 @@ import { useEffect, useState } from "preact/hooks";
 import type { Capabilities } from "meshmend-client";
 import { MOST_FILES, dropped } from "../state/files";
 import { add, open, pieces, selected } from "../state/work";
-import { useWords } from "../words/words";
+import { usePageWords } from "../words/page-words";
 import { Dropzone } from "./dropzone";
 import { FileList } from "./file-list";
 import { PieceView } from "./piece";
@@ -10,7 +10,7 @@ import { useStore } from "./use-store";
 
 /** From a dropped file to its repaired one. */
 export function RepairPage({ job, can }: { job: string | null; can: Capabilities | null }) {
-  const { words, figures } = useWords();
+  const { words, figures } = usePageWords();
   const all = useStore(pieces);
   const chosen = useStore(selected);
   const [note, tell] = useState("");

@@ -2,7 +2,7 @@ import { useRef, useState } from "preact/hooks";
 import { type Capabilities, type Job, type Options, Problem } from "meshmend-client";
 import { settings } from "../state/settings";
 import { again, sendFile } from "../state/work";
-import { useWords } from "../words/words";
+import { usePageWords } from "../words/page-words";
 import { Download } from "./download";
 import { Layers } from "./layers";
 import { Numbers } from "./numbers";
@@ -19,7 +19,7 @@ import { WhatToDo } from "./what-to-do";
 
 /** What became of a model: the verdict in words, both models to look at, the files, and all numbers. */
 export function Result({ job, file, can }: { job: Job; file: File | null; can: Capabilities | null }) {
-  const { words } = useWords();
+  const { words } = usePageWords();
   const report = job.report?.mode === "repair" ? job.report : null;
   const { unit } = useStore(settings);
   const [shown, setShown] = useState<Shown | null>(null);
@@ -76,7 +76,7 @@ export function Result({ job, file, can }: { job: Job; file: File | null; can: C
 
 /** Where there is no 3D: the pictures that the service drew. */
 export function Pictures({ job }: { job: Job }) {
-  const { words } = useWords();
+  const { words } = usePageWords();
   const drawn = ["before.png", "after.png", "defects.png"].filter((name) => name in job.artifacts);
   return (
     <div class="pictures">

@@ -2,7 +2,7 @@ import { useState } from "preact/hooks";
 import { type Capabilities, type FieldError, type Job, Problem } from "meshmend-client";
 import { isRepair, own } from "../report/advice";
 import { again } from "../state/work";
-import { useWords } from "../words/words";
+import { usePageWords } from "../words/page-words";
 import { ProblemNote } from "./problem-note";
 
 /** The service's defaults, where a job does not list its options. */
@@ -10,7 +10,7 @@ const DEFAULTS = { preset: "auto", output: "auto", open_sheets: "auto", max_tier
 
 /** Makes another job of the same file, with some options changed. */
 export function RetryForm({ job, can }: { job: Job; can: Capabilities | null }) {
-  const { words } = useWords();
+  const { words } = usePageWords();
   const [options, change] = useState(() => ({ ...DEFAULTS, ...own(job) }) as Record<string, unknown>);
   const [problem, setProblem] = useState<Problem | null>(null);
   if (!isRepair(job) || job.status === "expired" || !can) return null;

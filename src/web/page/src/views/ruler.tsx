@@ -3,7 +3,7 @@ import { useEffect, useState } from "preact/hooks";
 import { type Unit, inMillimetres } from "../units";
 import { type Point, distance } from "../viewer/distance";
 import type { Viewer } from "../viewer/viewer";
-import { useWords } from "../words/words";
+import { usePageWords } from "../words/page-words";
 import { Icon } from "./icons";
 
 /** A pointer that moves farther between down and up turns the model rather than picking a point; in pixels. */
@@ -20,7 +20,7 @@ interface Props {
 
 /** Measures between two points of the model that are picked with a mouse, a finger or the keyboard. */
 export function Ruler({ viewer, canvas, unit, own, close }: Props) {
-  const { words, figures } = useWords();
+  const { words, figures } = usePageWords();
   const [points, setPoints] = useState<Point[]>([]);
   const [isMissed, setMissed] = useState(false);
   const length = (value: number): string => figures.length(value * inMillimetres(own), unit, 4);

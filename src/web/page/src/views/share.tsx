@@ -1,7 +1,7 @@
 import { useRef, useState } from "preact/hooks";
 import type { Job } from "meshmend-client";
 import { key } from "../state/server";
-import { useWords } from "../words/words";
+import { usePageWords } from "../words/page-words";
 import { Icon } from "./icons";
 import { useStore } from "./use-store";
 
@@ -12,7 +12,7 @@ export function linkTo(job: Job): string {
 
 /** A link to the result, to copy, and who can open it. */
 export function Share({ job }: { job: Job }) {
-  const { words, figures } = useWords();
+  const { words, figures } = usePageWords();
   const secret = useStore(key);
   const field = useRef<HTMLInputElement>(null);
   const [note, setNote] = useState("");

@@ -1,9 +1,9 @@
 import type { Report } from "meshmend-client";
-import { useWords } from "../words/words";
+import { usePageWords } from "../words/page-words";
 
 /** What ran, in order, with its time; steps that changed nothing are only counted unless they took long. */
 export function StepsTable({ report, heading: Heading = "h3", all = false }: { report: Report; heading?: "h2" | "h3"; all?: boolean }) {
-  const { words, figures } = useWords();
+  const { words, figures } = usePageWords();
   const isTelling = (step: Report["steps"][number]): boolean => all || step.changed.length > 0 || Boolean(step.note) || step.milliseconds > 200;
   const telling = report.steps.filter(isTelling);
   const idle = report.steps.length - telling.length;

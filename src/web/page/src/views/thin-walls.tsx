@@ -1,6 +1,6 @@
 import { useEffect, useMemo, useState } from "preact/hooks";
 import type { Job, ThinPlace, ThinnestWall } from "meshmend-client";
-import { useWords } from "../words/words";
+import { usePageWords } from "../words/page-words";
 import { GoThere, Swatch, useLength } from "./layers";
 import { Icon } from "./icons";
 import type { Shown } from "./viewer-pane";
@@ -19,7 +19,7 @@ function wallOf(job: Job): ThinnestWall | null {
 
 /** The layer of walls thinner than somebody's printer can make. */
 export function ThinWalls({ job, shown }: { job: Job; shown: Shown | null }) {
-  const { words, figures } = useWords();
+  const { words, figures } = usePageWords();
   const { tell, own } = useLength(job);
   const [least, setLeast] = useState(USUAL_MM);
   const [isOn, setOn] = useState(true);

@@ -1,3 +1,4 @@
+import type { ComponentChildren } from "preact";
 import type { Job, Options, Report } from "meshmend-client";
 import { isOpenSheet, own } from "../report/advice";
 import { inWords, stillWrong } from "../report/plain";
@@ -9,8 +10,18 @@ import { Icon } from "./icons";
 
 type Retry = (options: Options) => void;
 
+interface Props {
+  job: Job;
+  unit: Unit;
+  heading: "h1" | "h2";
+  /** Makes another job with other options, where people may. */
+  retry?: Retry;
+  /** What comes right after the heading. */
+  children?: ComponentChildren;
+}
+
 /** The verdict and what was done, in plain words. */
-export function Verdict({ job, unit, heading: Heading, retry }: { job: Job; unit: Unit; heading: "h1" | "h2"; retry?: Retry }) {
+export function Verdict({ job, unit, heading: Heading, retry, children }: Props) {
   const { words, figures } = useWords();
   const report = job.report?.mode === "repair" ? job.report : null;
   const claims = claimsOf(job);
@@ -25,6 +36,7 @@ export function Verdict({ job, unit, heading: Heading, retry }: { job: Job; unit
         </span>
         {words.outcomes[claims.title]}
       </Heading>
+      {children}
       {report && isOpenSheet(report) && <p>{words.openSurface}</p>}
       {report && !claims.isRefused && (
         <ul class="deeds">

@@ -4,7 +4,7 @@ import { type Unit, UNITS, inMillimetres } from "../units";
 import { choose, settings } from "../state/settings";
 import type { Mode } from "../viewer/layout";
 import type { Axis } from "../viewer/viewer";
-import { useWords } from "../words/words";
+import { usePageWords } from "../words/page-words";
 import { Icon } from "./icons";
 import { useStore } from "./use-store";
 import type { Shown } from "./viewer-pane";
@@ -25,7 +25,7 @@ interface Props {
 
 /** What is seen of the model, and how. */
 export function ViewerBar({ shown, mode, setMode, hasAfter, box, unit: own, hasColours, isMeasuring, setMeasuring }: Props) {
-  const { words, figures } = useWords();
+  const { words, figures } = usePageWords();
   const { unit } = useStore(settings);
   const [wire, setWire] = useState(false);
   const [sizes, setSizes] = useState(false);

@@ -10,7 +10,7 @@ import type { ColouredMesh } from "../viewer/glb";
 import { pressed } from "../viewer/keys";
 import type { Mode } from "../viewer/layout";
 import type { Viewer } from "../viewer/viewer";
-import { useWords } from "../words/words";
+import { usePageWords } from "../words/page-words";
 import { Pictures } from "./result";
 import { Ruler } from "./ruler";
 import { useStore } from "./use-store";
@@ -38,7 +38,7 @@ interface Props {
 
 /** Both models on a canvas, with the tools that belong to it. */
 export function ViewerPane({ job, file, shown, setShown }: Props) {
-  const { words, figures } = useWords();
+  const { words, figures } = usePageWords();
   const canvas = useRef<HTMLCanvasElement>(null);
   const over = useRef<HTMLDivElement>(null);
   const box = useRef<HTMLElement>(null);

@@ -1,5 +1,8 @@
 import { useEffect, useRef, useState } from "preact/hooks";
 import { type Artifact, type Job, type Server, fetchArtifact } from "meshmend-client";
+import { isRemark, upOfJob } from "../report/plain";
+import { claimsOf } from "../report/verdict";
+import { colouredFiles } from "../state/colours";
 import type { ColouredMesh } from "../viewer/glb";
 import { pressed } from "../viewer/keys";
 import type { Mode } from "../viewer/layout";
@@ -15,8 +18,17 @@ declare const VIEWER: string;
 
 const MODES: Mode[] = ["wipe", "before", "after"];
 
+interface Props {
+  job: Job;
+  server: Server;
+  /** The uploaded file, for its colours. */
+  file: File | null;
+  /** Is told of the viewer once it shows the model. */
+  shown: (viewer: Viewer | null) => void;
+}
+
 /** Both models in 3D, or where there is no WebGL the pictures that the service drew. */
-export function Look({ job, server }: { job: Job; server: Server }) {
+export function Look({ job, server, file, shown }: Props) {
   const { words } = useWords();
   const canvas = useRef<HTMLCanvasElement>(null);
   const over = useRef<HTMLDivElement>(null);
@@ -31,26 +43,37 @@ export function Look({ job, server }: { job: Job; server: Server }) {
     const at = (name: string): Artifact | undefined => job.artifacts[`${name}-preview.glb`] ?? job.artifacts[`${name}.glb`];
     const load = async (): Promise<void> => {
       // By its whole address: plain scripts of another origin have no address of their own that a short one could be beside.
-      const { Viewer, readColouredMesh } = (await import(new URL(VIEWER, ORIGIN).href)) as typeof ViewerModule;
+      const { Viewer, readAppearance, readColouredMesh } = (await import(new URL(VIEWER, ORIGIN).href)) as typeof ViewerModule;
       const read = async (artifact: Artifact | undefined): Promise<ColouredMesh | null> =>
         artifact ? readColouredMesh(await fetchArtifact(server, artifact, stop.signal)) : null;
       const [before, change, remaining] = await Promise.all([read(at("defects")), read(at("change")), read(at("remaining"))]);
       if (stop.signal.aborted || !canvas.current || !over.current) return;
-      const viewer = new Viewer(canvas.current, over.current);
+      const viewer = new Viewer(canvas.current, over.current, upOfJob(job));
       stop.signal.addEventListener("abort", () => viewer.dispose());
       viewer.setMode("wipe");
       viewer.compare(before, change, "fine");
-      if (remaining) viewer.lay("after", remaining, "fine", (kind) => kind !== "sound");
+      // The result shows what the verdict complains of, and nothing else.
+      if (remaining && !claimsOf(job).isPrintable) viewer.lay("after", remaining, "fine", (kind) => kind !== "sound" && !isRemark(kind));
       setViewer(viewer);
+      shown(viewer);
       setState("ready");
       canvas.current.dataset["ready"] = "true";
+      for (const { side, bytes } of colouredFiles(server, job, file, stop.signal)) {
+        const appearance = await readAppearance(await bytes());
+        if (stop.signal.aborted) return;
+        if (appearance) viewer.setAppearance(side, appearance);
+      }
+      canvas.current.dataset["coloured"] = "true";
     };
     load().catch((error: unknown) => {
       if (stop.signal.aborted) return;
       console.warn("meshmend-upload shows no 3D:", error);
       setState("missing");
     });
-    return () => stop.abort();
+    return () => {
+      stop.abort();
+      shown(null);
+    };
   }, [job.id]);
 
   if (state === "missing") return <Picture job={job} server={server} />;

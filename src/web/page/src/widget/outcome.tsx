@@ -1,9 +1,13 @@
-import type { Capabilities, Job } from "meshmend-client";
+import { useState } from "preact/hooks";
+import type { Capabilities, Job, Options } from "meshmend-client";
 import type { Unit } from "../units";
 import { Facts } from "../views/facts";
 import { ProblemNote } from "../views/problem-note";
+import { Thickness } from "../views/thickness";
+import { UnitAndSize } from "../views/unit-and-size";
 import { Verdict } from "../views/verdict";
 import { WhatToDo } from "../views/what-to-do";
+import type { Viewer } from "../viewer/viewer";
 import { useWords } from "../words/words";
 import { Look } from "./look";
 import { metricsOf } from "./metrics";
@@ -13,18 +17,31 @@ import { useTexts } from "./texts";
 /** What became of the model: to look at, in words and in numbers, and what may help where it can't be printed. */
 export function Outcome({ session, job, can, unit }: { session: Session; job: Job; can: Capabilities | null; unit: Unit }) {
   const texts = useTexts();
+  const { words } = useWords();
   const server = session.server;
+  const report = job.report?.mode === "repair" ? job.report : null;
+  const [viewer, setViewer] = useState<Viewer | null>(null);
+  const retry = (options: Options): void => session.again(options);
+  const hasThickness = report !== null && session.isFree("thickness") && session.isFree("open_sheets");
   return (
     <section class={isSeen(job) ? "outcome" : "outcome alone"}>
-      {server && isSeen(job) && <Look job={job} server={server} />}
+      {server && isSeen(job) && <Look job={job} server={server} file={session.file} shown={setViewer} />}
       <div class="side">
         <div class="told" role="region" aria-label={texts.result} tabIndex={0}>
           <div part="verdict">
-            <Verdict job={job} unit={unit} heading="h2" />
+            <Verdict job={job} unit={unit} heading="h2">
+              <Measures job={job} unit={unit} />
+            </Verdict>
           </div>
           {job.problem && <ProblemNote problem={job.problem} />}
-          <WhatToDo job={job} can={can} retry={(options) => session.again(options)} />
-          <Measures job={job} unit={unit} />
+          {hasThickness && <Thickness job={job} report={report} viewer={viewer} retry={retry} heading="h3" />}
+          <WhatToDo job={job} can={can} retry={retry} />
+          {report && session.isFree("unit") && session.isFree("scale_to") && (
+            <details class="settings">
+              <summary>{words.unitAndSize}</summary>
+              <UnitAndSize job={job} report={report} file={session.file} retry={retry} send={(file, options) => session.take(file, options)} heading="h3" />
+            </details>
+          )}
         </div>
         <div class="actions">
           <button type="button" class="plain" part="button" onClick={() => session.reset()}>

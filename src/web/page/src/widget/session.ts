@@ -48,9 +48,24 @@ export class Session {
     return this.#server;
   }
 
-  take(file: File): void {
+  /** The file of the present job. */
+  get file(): File | null {
+    return this.#file;
+  }
+
+  /** Uploads a file and makes a job of it, with the shop's options or with others. */
+  take(file: File, options: Options | null = null): void {
     this.#file = file;
-    void this.#run({ ...EMPTY, phase: "uploading", name: file.name, bytes: file.size }, (signal) => this.#send(file, null, signal));
+    void this.#run({ ...EMPTY, phase: "uploading", name: file.name, bytes: file.size }, (signal) => this.#send(file, options, signal));
+  }
+
+  /** Whether the shop leaves an option to its customers. */
+  isFree(option: string): boolean {
+    try {
+      return !(option in this.wishes().options);
+    } catch {
+      return false;
+    }
   }
 
   /** Sends the file anew: one request takes the whole of it. */
@@ -85,8 +100,9 @@ export class Session {
     void this.#run({ ...EMPTY, phase: "submitting", name, bytes, sent: bytes }, async (signal) => {
       const asked: NewJob = { source: { job_id: job.id }, options, metadata: this.wishes().metadata };
       const made = await submitSurely(server, asked, signal).catch((error: unknown) => {
-        // The token has expired, and with another one the earlier job is not seen.
-        if (error instanceof Problem && error.code === "unauthorized") return null;
+        // With another token the earlier job is not seen, and the service keeps its file for a while only.
+        const isLost = ["unauthorized", "job_expired", "job_deleted", "job_not_found"];
+        if (error instanceof Problem && isLost.includes(error.code)) return null;
         throw error;
       });
       await (made ? this.#made(made, server, signal) : this.#send(file, options, signal));

@@ -1,4 +1,5 @@
-// Every text of the page in English. Another language is another file of this shape, listed in words.ts.
+// The texts of the page and the widget in English, but those that only the page has (en-page.ts). Another language has two files of the
+// same shape, listed in words.ts and page-words.ts.
 
 const s = (n: number, one: string, many: string): string => (n === 1 ? one : many);
 
@@ -19,37 +20,9 @@ export interface AssumptionFigures {
 
 export const en = {
   name: "English",
-  // Frame
-  skip: "Skip to the content",
-  nav: "Pages",
-  repair: "Repair",
-  jobs: "Jobs",
-  docs: "Docs",
-  language: "Language",
-  theme: "Appearance",
-  themes: { auto: "As the system", light: "Light", dark: "Dark" },
-  title: "meshmend – repair 3D models for printing",
   retry: "Try again",
   loading: "Loading…",
-
-  // Dropping
-  hero: "Drop a 3D model. Get one that prints.",
-  heroMore: "Holes, cracks, flipped faces, parts that overlap: meshmend mends them as gently as it can, proves that the result is printable, and shows you what changed.",
-  dropHere: "Drop models or folders here",
-  letGo: "Let go to repair them",
-  orChoose: "or choose them from your computer",
-  chooseFiles: "Choose files",
-  chooseFolder: "Choose a folder",
   trySample: "Try a broken sample",
-  addMore: "Add models",
-  accepts: (formats: string, size: string, faces: string) => `${formats} · up to ${size} and ${faces} faces each`,
-  privacy: "Files stay on this service and are deleted after a while.",
-  tooLarge: (name: string, size: string) => `${name} is larger than the ${size} that this service takes. Save it as binary STL, or with fewer faces.`,
-  noModels: "No models were among these. Look at the formats below, and drop files of one of them.",
-  tooMany: (n: number) => `Only the first ${n} files were taken. Drop the others afterwards, or use the API.`,
-
-  // Files
-  files: "Your models",
   states: {
     waiting: "Waits to be sent",
     uploading: "Uploading",
@@ -64,7 +37,6 @@ export const en = {
   pauseNote: "An upload is one request: paused, it begins anew when you go on.",
   resume: "Go on",
   cancel: "Cancel",
-  remove: "Remove from the list",
   uploaded: (sent: string, all: string) => `${sent} of ${all} sent`,
   queuePlace: (n: number) => (n === 0 ? "next in the queue" : `${n} ${s(n, "job", "jobs")} before it`),
   stages: {
@@ -79,8 +51,6 @@ export const en = {
   },
   tiers: ["", "cleaning up", "closing and joining", "with Blender"],
   percent: "Progress",
-
-  // Verdict
   outcomes: {
     already_printable: "It was printable already",
     repaired: "Repaired and printable",
@@ -94,15 +64,6 @@ export const en = {
     canceled: "Cancelled",
     expired: "The files of this job are no longer kept",
   } as Record<string, string>,
-  statuses: {
-    queued: "queued",
-    running: "running",
-    succeeded: "succeeded",
-    failed: "failed",
-    canceled: "cancelled",
-    expired: "expired",
-  } as Record<string, string>,
-  expiredMore: "Results are kept for a while only. Send the model again to have it repaired anew.",
   untouched: "Nothing had to be changed; the geometry is as you sent it.",
   handedBack: "It is handed back as it came.",
   openSurface: "The model is an open surface: it encloses nothing, so that there is nothing solid to print.",
@@ -174,11 +135,10 @@ export const en = {
   decideOtherwiseWith: (option: string) => `Run again with ${option}`,
   notes: (n: string, k: number) => `${n} ${s(k, "note", "notes")} from the service`,
   notApplied: (option: string) => `The option ${option} was not applied.`,
-
-  // Unit and size
   unitAndSize: "Unit and size",
   unitSource: {
-      file: (unit: string) => `The file says that its lengths are in ${unit}.`,
+    assumed: (unit: string) => `The file names no unit; ${unit} is assumed.`,
+    file: (unit: string) => `The file says that its lengths are in ${unit}.`,
     declared: (unit: string) => `The lengths of the file are read as ${unit}, as asked.`,
   } as Record<string, (unit: string) => string>,
   fileUnit: "Unit of the file",
@@ -188,10 +148,8 @@ export const en = {
   chooseAgain: "Choose the file again",
   chooseAgainMore: (name: string) => `The page does not have ${name} any more. Choose it again, and the job runs with these settings.`,
   otherFile: (name: string) => `This is another file. Choose ${name}.`,
-  runWithSize: "Run again with this size",
+  runWithSize: "Run again with these settings",
   noSize: "Enter a size greater than 0.",
-
-  // Thickness
   thickness: "Thickness of the open surface",
   thickenedBy: (amount: string) => `This open surface was given a thickness of ${amount}.`,
   basedBy: (amount: string) => `This open surface was given a base of ${amount}.`,
@@ -202,30 +160,6 @@ export const en = {
   thicknessPreview: "Show a preview in the viewer",
   noThicknessPreview: "There is no preview for this model: it is too large, or it has no open part.",
   makeThick: (amount: string) => `Make it ${amount} thick`,
-
-  // Measuring
-  ruler: "Measure a distance",
-  rulerHelp: "Pick two points on the model.",
-  rulerKeys: "With the keyboard: turn the model with the arrows and press Enter to pick the point under the cross.",
-  rulerSecond: "Pick the second point.",
-  rulerMissed: "There is no model at this point.",
-  rulerIs: (length: string) => `Distance: ${length}`,
-  rulerAlong: (axis: string, length: string) => `${axis}: ${length}`,
-  close: "Close",
-  rulerClear: "Clear",
-  ownColours: "Colours of the file",
-
-  // Sharing
-  share: "Share this result",
-  shareLink: "Link to this result",
-  copy: "Copy the link",
-  copied: "The link is copied.",
-  copyByHand: "The browser did not allow the page to copy. The link is selected: copy it with Ctrl+C.",
-  shareOpen: "Everyone who can reach this service can open the link.",
-  shareKey: "The link contains no key. The service asks whoever opens it for an API key of the same account.",
-  shareUntil: (time: string) => `The files are kept until ${time}.`,
-
-  // What to do
   whatToDo: "What you can do",
   tryBase: "Put a base under it",
   tryBaseMore: "For terrain and reliefs.",
@@ -267,16 +201,6 @@ export const en = {
   } as Record<string, string>,
   problem: "Something went wrong",
   problemCode: (code: string) => `Code: ${code}`,
-
-  // Download
-  download: (format: string) => `Download ${format}`,
-  otherFormat: "Other format",
-  converting: (format: string) => `Making ${format}…`,
-  downloadOriginal: "Your file as it came",
-  downloadReport: "Report",
-  downloadLog: "Log",
-
-  // Viewer
   viewer: "Before and after",
   viewerHelp: "Drag to turn, scroll to zoom, right-drag to move. With the keyboard: arrows turn, plus and minus zoom, 0 shows all.",
   canvas: (name: string) => `3D view of ${name}. Arrow keys turn it, plus and minus zoom, 0 shows all of it.`,
@@ -284,33 +208,7 @@ export const en = {
   after: "After",
   modes: { both: "Side by side", wipe: "Slider", before: "Before", after: "After" },
   wipe: "Where before ends and after begins",
-  wire: "Wireframe",
-  section: "Section",
-  sectionAt: "Place of the cut",
-  sizes: "Dimensions",
   home: "Show all",
-  fullscreen: "Full screen",
-  unit: "Unit",
-  viewerMissing: "This browser shows no 3D (WebGL). The pictures below were drawn by the service.",
-  noPreview: "The service made no preview of this model.",
-  coarse: "A coarse preview is shown.",
-  loadFine: (size: string) => `Load every face (${size})`,
-  loadingModel: (size: string) => `Loading ${size}…`,
-
-  // Layers
-  layers: "What was found",
-  layersNone: "Nothing is wrong with it.",
-  layersClean: "Looked for and not found",
-  families: {
-    open: "Open edges",
-    non_manifold: "Non-manifold",
-    crossing: "Intersections",
-    flipped: "Flipped",
-    needless: "Needless faces",
-    parts: "Parts",
-    thin: "Thin walls",
-    change: "Changes",
-  },
   kinds: {
     hole: ["hole", "holes"],
     slit: ["slit", "slits"],
@@ -337,26 +235,9 @@ export const en = {
     added: ["face added", "faces added"],
     moved: ["face moved", "faces moved"],
   } as Record<string, [string, string]>,
-  goThere: (kind: string) => `Take me there: ${kind}`,
-  placeOf: (i: number, n: number) => `${i} of ${n}`,
-  thinBelow: "Walls thinner than",
-  thinnest: (length: string) => `Thinnest wall: ${length}`,
-
-  // Printing
-  printing: "Will it fit?",
-  printer: "Printer",
-  printers: { none: "None", own: "My own" },
-  room: "Room of the printer in mm",
-  fits: { as_is: "It fits.", turned: "It fits when turned.", no: "It does not fit." },
   size: "Size",
   volume: "Volume",
   area: "Surface",
-
-  // Numbers
-  objects: (n: string) => `The ${n} objects of this file`,
-  object: "Object",
-  numbers: "All numbers",
-  measure: "Measure",
   measures: {
     faces: "Faces",
     vertices: "Vertices",
@@ -377,79 +258,6 @@ export const en = {
     volume: "Volume",
     thinnest: "Thinnest wall",
   },
-  changesTitle: "What changed",
-  changes: {
-    moved: "Surface moved, at most",
-    kept: "Surface kept",
-    added: "Surface added",
-    removed: "Surface removed",
-    volume: "Change of the volume",
-    box: "Change of the box",
-  },
-  yes: "yes",
-  no: "no",
-  steps: "Steps and timings",
-  step: "Step",
-  tier: "Tier",
-  time: "Time",
-  changed: "Changed",
-  stepsIdle: (n: number) => `${n} further ${s(n, "step", "steps")} changed nothing`,
-  planReason: "Plan",
-
-  // Jobs
-  jobsTitle: "Jobs",
-  filter: "Status",
-  all: "All",
-  refresh: "Refresh",
-  more: "Older jobs",
-  noJobs: "No jobs here yet. Repair a model, or choose another status.",
-  file: "File",
-  status: "Status",
-  created: "Created",
-  took: "Took",
-  backToJobs: "All jobs",
-  showResult: "Show the result",
-  purge: "Delete",
-  purgeAsk: "Delete this job with all its files? This can't be undone.",
-  purgeYes: "Delete it",
-  purgeNo: "Keep it",
-  purged: "The job and its files are deleted.",
-  retryWith: "Run again with other options",
-  runAgain: "Run again",
-  preset: "Preset",
-  output: "Format",
-  maxTier: "Highest tier",
-  deadline: "Seconds",
-  openSheets: "Open surface",
-  attempt: "Attempt",
-  waited: "Waited",
-  ran: "Ran",
-  log: "Log of the job and of Blender",
-  noLog: "This job left no log.",
-  filesTitle: "Files",
-
-  // Health
-  health: "Health",
-  ready: "The service works",
-  notReady: "The service can't do its work",
-  tierNames: ["", "Clean", "Mend", "Blender"],
-  available: "works",
-  unavailable: "does not work",
-  checks: "Checks",
-  queue: "Queue",
-  waitingJobs: "waiting",
-  runningJobs: "running",
-  longestWait: "longest wait",
-  noMetrics: "Metrics need a key with the scope metrics.",
-
-  // Keys
-  keyTitle: "This service asks for a key",
-  keyMore: "Whoever runs it makes one with `meshmend keys create`. The key stays in this tab and is forgotten when you close it.",
-  keyLabel: "API key",
-  keySend: "Go on",
-  keyWrong: "The service does not know this key, or it has expired. Look whether it was copied whole.",
-  keyForget: "Forget the key",
-  away: "The service does not answer",
 };
 
 export type Words = typeof en;
