@@ -98,9 +98,9 @@ test("the camera goes to a place, and all tools of the viewer work", { timeout: 
   await page.getByRole("button", { name: "After", exact: true }).click();
   await page.getByRole("button", { name: "Dimensions" }).click();
   await page.getByText("80 mm", { exact: true }).first().waitFor();
-  await page.getByLabel("Unit").selectOption("in");
+  await page.getByLabel("Unit", { exact: true }).selectOption("in");
   await page.getByText("3.15 in", { exact: true }).first().waitFor();
-  await page.getByLabel("Unit").selectOption("mm");
+  await page.getByLabel("Unit", { exact: true }).selectOption("mm");
 
   await settled(page);
   const whole = await pixels(page, LOOKS);

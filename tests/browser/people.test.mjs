@@ -99,6 +99,42 @@ test("on a phone nothing is wider than the screen, and the slider is what one se
   }
 });
 
+test("a phone has links to all pages of the service", { timeout: 60_000 }, async () => {
+  for (const [locale, names] of [["en-US", ["Repair", "Jobs", "Docs"]], ["de-DE", ["Reparieren", "Aufträge", "Doku"]]]) {
+    const { page, close } = await open(browser, service.url, { locale, viewport: { width: 360, height: 740 }, hasTouch: true, isMobile: true });
+    for (const name of names) {
+      const box = await page.getByRole("link", { name, exact: true }).boundingBox();
+      assert.ok(box && box.x >= 0 && box.x + box.width <= 360 && box.height >= 36, `${name}: ${JSON.stringify(box)}`);
+    }
+    await close();
+  }
+});
+
+test("the viewer has no empty column beside or below it", { timeout: 60_000 }, async () => {
+  for (const locale of ["en-US", "de-DE"]) {
+    const { page, close } = await open(browser, service.url, { path: `/#/result/${ring.id}`, locale });
+    await shown(page);
+    const box = (part) => page.locator(part).evaluate((it) => it.getBoundingClientRect().toJSON());
+    const [viewer, tools, side] = [await box(".viewer"), await box(".tools-of-viewer"), await box(".side")];
+    assert.ok(tools.top - viewer.bottom < 40 && tools.left === viewer.left && Math.abs(tools.right - viewer.right) < 1, JSON.stringify({ viewer, tools }));
+    assert.ok(side.left - viewer.right < 40, JSON.stringify({ viewer, side }));
+    const wide = await page.evaluate(() =>
+      [...document.querySelectorAll("main *")].filter((it) => !it.closest("canvas, .over, .hidden, pre") && it.scrollWidth > it.clientWidth + 1 && getComputedStyle(it).overflowX === "visible" && it.clientWidth > 0).map((it) => it.outerHTML.slice(0, 120)),
+    );
+    assert.deepEqual(wide, [], `nothing is wider than its place in ${locale}`);
+    await close();
+  }
+});
+
+test("the handle between before and after has arrows and not the strokes of a pause", { timeout: 60_000 }, async () => {
+  const { page, close } = await open(browser, service.url, { path: `/#/result/${ring.id}` });
+  await shown(page);
+  await page.getByRole("button", { name: "Slider" }).click();
+  const turned = await page.locator(".grip").evaluate((it) => ["::before", "::after"].map((part) => getComputedStyle(it, part).transform));
+  assert.ok(turned.every((it) => it.startsWith("matrix")) && turned[0] !== turned[1], `${turned}`);
+  await close();
+});
+
 test("nothing moves under a person's hands while the page loads", { timeout: 60_000 }, async () => {
   for (const path of ["/", "/#/jobs", `/#/result/${ring.id}`]) {
     const { page, close } = await open(browser, service.url, { path: "/livez" });
@@ -150,6 +186,8 @@ test("where the service asks for a key the page does, and keeps it no longer tha
     await shown(page);
     const [download] = await Promise.all([page.waitForEvent("download"), page.getByRole("button", { name: "Download STL" }).click()]);
     assert.equal(download.suggestedFilename(), "ring-repaired.stl");
+    await page.getByText("The link contains no key.").waitFor();
+    assert.ok(!(await page.getByLabel("Link to this result").inputValue()).includes(secret));
     assert.ok(readFileSync(await download.path()).length > 1000);
     const kept = await page.evaluate(() => [JSON.stringify(sessionStorage), JSON.stringify(localStorage), document.cookie]);
     assert.ok(kept[0].includes(secret) && !kept[1].includes(secret) && kept[2] === "", "in the tab's memory only");

@@ -83,35 +83,53 @@ export async function settled(page) {
   });
 }
 
-/** Counts the pixels of the canvas by what they look like; a part of it by shares from 0 to 1. */
-export async function pixels(page, looks, [left, right] = [0, 1]) {
+/** Reads the pixels of the canvas, a part of it by shares from 0 to 1, as one of two summaries. */
+async function read(page, summary, looks, [left, right]) {
   const picture = (await page.locator("canvas").screenshot()).toString("base64");
   // A page without a policy, since data is read here.
   const reader = await page.context().newPage();
   try {
     return await reader.evaluate(
-      async ({ picture, looks, left, right }) => {
+      async ({ picture, summary, looks, left, right }) => {
         const bytes = Uint8Array.from(atob(picture), (letter) => letter.charCodeAt(0));
         const image = await createImageBitmap(new Blob([bytes]));
         const canvas = new OffscreenCanvas(image.width, image.height);
         const context = canvas.getContext("2d");
         context.drawImage(image, 0, 0);
         const from = Math.round(image.width * left);
-        const { data } = context.getImageData(from, 0, Math.round(image.width * right) - from, image.height);
+        const width = Math.round(image.width * right) - from;
+        const { data } = context.getImageData(from, 0, width, image.height);
         const counts = Object.fromEntries(looks.map(([name]) => [name, 0]));
+        const ends = Object.fromEntries(looks.map(([name]) => [name, null]));
         for (let i = 0; i < data.length; i += 4) {
           const [r, g, b] = [data[i], data[i + 1], data[i + 2]];
+          const [x, y] = [from + ((i / 4) % width), Math.floor(i / 4 / width)];
           for (const [name, [low, high]] of looks) {
-            if (r >= low[0] && r <= high[0] && g >= low[1] && g <= high[1] && b >= low[2] && b <= high[2]) counts[name] += 1;
+            if (r < low[0] || r > high[0] || g < low[1] || g > high[1] || b < low[2] || b > high[2]) continue;
+            counts[name] += 1;
+            const now = (ends[name] ??= { left: [x, y], right: [x, y], top: [x, y], bottom: [x, y] });
+            if (x < now.left[0]) now.left = [x, y];
+            if (x > now.right[0]) now.right = [x, y];
+            if (y > now.bottom[1]) now.bottom = [x, y];
           }
         }
-        return counts;
+        return summary === "counts" ? counts : ends;
       },
-      { picture, looks, left, right },
+      { picture, summary, looks, left, right },
     );
   } finally {
     await reader.close();
   }
+}
+
+/** Counts the pixels of the canvas by what they look like; a part of it by shares from 0 to 1. */
+export function pixels(page, looks, part = [0, 1]) {
+  return read(page, "counts", looks, part);
+}
+
+/** The outermost pixels of each look: the first at the left, right, top and bottom, as places on the canvas. */
+export function ends(page, looks, part = [0, 1]) {
+  return read(page, "ends", looks, part);
 }
 
 /** Ranges of colours on the canvas, lit and in shade. */
@@ -121,4 +139,13 @@ export const LOOKS = [
   ["blue", [[0, 60, 100], [40, 140, 215]]],
   ["grey", [[110, 110, 110], [215, 215, 215]]],
   ["pink", [[190, 60, 140], [255, 120, 200]]],
+  ["teal", [[10, 90, 80], [95, 190, 180]]],
+];
+
+/** The colours of the models of coloured.mjs, lit and in shade. */
+export const PAINTS = [
+  ["red", [[90, 0, 0], [255, 50, 50]]],
+  ["blue", [[0, 20, 90], [50, 90, 255]]],
+  ["yellow", [[130, 110, 0], [255, 245, 90]]],
+  ["grey", [[110, 110, 110], [215, 215, 215]]],
 ];

@@ -49,6 +49,19 @@ export function soundBox() {
   return stl(box([0, 0, 0], [40, 30, 20]));
 }
 
+/** The same without half of its lid, which is a large hole. */
+export function openBox() {
+  return stl(box([0, 0, 0], [40, 30, 20]).filter((_, i) => i !== 2));
+}
+
+/** An OBJ file of that box with a vertex on the lid that is so near to an edge that one face has almost no area; it is printable all the same. */
+export function flatFace() {
+  const points = [[0, 0, 0], [40, 0, 0], [40, 30, 0], [0, 30, 0], [0, 0, 20], [40, 0, 20], [40, 30, 20], [0, 30, 20], [20, 1e-6, 20]];
+  const sides = [[1, 3, 2], [1, 4, 3], [1, 2, 6], [1, 6, 5], [2, 3, 7], [2, 7, 6], [3, 4, 8], [3, 8, 7], [4, 1, 5], [4, 5, 8]];
+  const lid = [[5, 6, 9], [6, 7, 9], [7, 8, 9], [8, 5, 9]];
+  return Buffer.from([...points.map((point) => `v ${point.join(" ")}`), ...[...sides, ...lid].map((face) => `f ${face.join(" ")}`), ""].join("\n"));
+}
+
 /** A glTF file of two objects side by side: a box, and one whose smallest side, a lid, is missing. */
 export function twoObjects() {
   const whole = box([0, 0, 0], [0.08, 0.03, 0.04]);

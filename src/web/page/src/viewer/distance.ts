@@ -1,8 +1,12 @@
 /** A point in the model's unit. */
 export type Point = [number, number, number];
 
+/** A smaller share of a length is rounding. */
+const NOTHING = 1e-5;
+
 /** The length between two points, and its share along each axis. */
 export function distance(a: Point, b: Point): { length: number; along: Point } {
-  const along = a.map((x, k) => Math.abs(b[k]! - x)) as Point;
-  return { length: Math.hypot(...along), along };
+  const along = a.map((x, k) => Math.abs(b[k]! - x));
+  const length = Math.hypot(...along);
+  return { length, along: along.map((part) => (part < NOTHING * length ? 0 : part)) as Point };
 }

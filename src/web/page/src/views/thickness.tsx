@@ -25,7 +25,7 @@ export function Thickness({ job, report, viewer, retry, heading: Heading = "h2" 
   const surface = openSurfaceOf(job);
   const isPrintable = (surface?.mm ?? 0) >= LEAST_WALL_MM;
   const [text, setText] = useState(() => String(isPrintable ? Number(surface!.mm!.toPrecision(3)) : 1.2));
-  const [isPreviewed, preview] = useState(surface?.is === "open");
+  const [isPreviewed, preview] = useState(false);
   const [isMissing, setMissing] = useState(false);
   const mm = Number(text.replace(",", "."));
   const isValid = Number.isFinite(mm) && mm > 0 && mm <= 1000;

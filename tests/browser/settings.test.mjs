@@ -1,0 +1,221 @@
+// What a person decides about a model: its unit, its size, and the thickness of an open surface; and what becomes of refused settings.
+import assert from "node:assert/strict";
+import { test } from "node:test";
+import { LOOKS, drop, open, pixels, settled, shown } from "./support/browser.mjs";
+import { browser, service } from "./support/desk.mjs";
+import { colouredGlb, coloured3mf } from "./support/coloured.mjs";
+import { sheet, soundBox, thinWall } from "./support/models.mjs";
+import { repaired } from "./support/service.mjs";
+
+/** The newest job. */
+async function newest() {
+  const { jobs } = await (await fetch(`${service.url}/v1/jobs?limit=1`)).json();
+  return (await fetch(`${service.url}/v1/jobs/${jobs[0].id}`)).json();
+}
+
+const uploads = (asked) => asked.filter((url) => /\/v1\/uploads$/.test(url)).length;
+
+test("a file is read in another unit without another upload", { timeout: 120_000 }, async () => {
+  const { page, faults, asked, close } = await open(browser, service.url);
+  await drop(page, [["box.stl", soundBox()]]);
+  await shown(page);
+  await page.getByText("The file names no unit; mm is assumed.").waitFor();
+  await page.getByLabel("Unit of the file").selectOption("in");
+  await page.getByRole("button", { name: "Run again with these settings" }).click();
+  await page.getByText("The lengths of the file are read as in, as asked.").waitFor({ timeout: 60_000 });
+  await page.locator(".printing").getByText("1,016 × 762 × 508 mm").waitFor();
+  const job = await newest();
+  assert.deepEqual([job.options.unit, job.options.scale_to], ["in", "mm"], "the numbers of an STL file are millimetres for other programs");
+  assert.deepEqual(job.report.after.print.size_mm, [1016, 762, 508]);
+  assert.equal(uploads(asked), 1);
+  assert.equal(await page.getByText("The file names no unit.").count(), 0, "it is not assumed any more");
+  assert.deepEqual(faults, []);
+  await close();
+});
+
+for (const [name, bytes, size] of [
+  ["box.stl", soundBox, [100, 75, 50]],
+  ["boxes.glb", colouredGlb, [500 / 6, 100, 200 / 6]],
+]) {
+  test(`${name} is scaled to another size`, { timeout: 120_000 }, async () => {
+    const { page, faults, asked, close } = await open(browser, service.url);
+    await drop(page, [[name, bytes()]]);
+    await shown(page);
+    await page.getByLabel("Longest side in mm").fill("0");
+    await page.getByText("Enter a size greater than 0.").waitFor();
+    assert.ok(await page.getByRole("button", { name: "Run again with these settings" }).isDisabled());
+    await page.getByLabel("Longest side in mm").fill("100");
+    await page.getByRole("button", { name: "Run again with these settings" }).click();
+    await page.waitForFunction(() => document.querySelectorAll(".file.good").length === 2, null, { timeout: 60_000 });
+    const job = await newest();
+    const found = job.report.before.print.size_mm;
+    assert.ok(found.every((side, k) => Math.abs(side - size[k]) < 1e-3), `${found}`);
+    assert.equal(job.outcome, "already_printable");
+    assert.equal(uploads(asked), 2);
+    assert.deepEqual(faults, []);
+    await close();
+  });
+}
+
+test("where the page has no file it asks for it, and takes no other", { timeout: 120_000 }, async () => {
+  const job = await repaired(service.url, "box.stl", soundBox());
+  const { page, faults, close } = await open(browser, service.url, { path: `/#/result/${job.id}` });
+  await shown(page);
+  await page.getByLabel("Longest side in mm").fill("80");
+  await page.getByText("The page does not have box.stl any more.").waitFor();
+  const choose = async (buffer) => {
+    const dialog = page.waitForEvent("filechooser");
+    await page.getByRole("button", { name: "Choose the file again" }).click();
+    await (await dialog).setFiles({ name: "box.stl", mimeType: "model/stl", buffer });
+  };
+  await choose(thinWall());
+  await page.getByText("This is another file. Choose box.stl.").waitFor();
+  await choose(soundBox());
+  await page.getByRole("button", { name: "Run again with these settings" }).click();
+  await page.locator(".printing").getByText("80 × 60 × 40 mm").waitFor({ timeout: 60_000 });
+  assert.deepEqual(faults, []);
+  await close();
+});
+
+test("a format that the page can't scale says so", { timeout: 60_000 }, async () => {
+  const { page, close } = await open(browser, service.url);
+  await drop(page, [["boxes.3mf", coloured3mf()]]);
+  await shown(page);
+  await page.getByText("The file says that its lengths are in mm.").waitFor();
+  await page.getByLabel("Longest side in mm").fill("80");
+  await page.getByText("The page can't scale a file of the format 3MF.").waitFor();
+  assert.ok(await page.getByRole("button", { name: "Run again with these settings" }).isDisabled());
+  await close();
+});
+
+test("an open surface gets the thickness that was chosen, after a preview of it", { timeout: 120_000 }, async () => {
+  const { page, faults, asked, close } = await open(browser, service.url);
+  await drop(page, [["sheet.obj", sheet()]]);
+  await shown(page);
+  await page.getByText("This model is an open surface without a thickness.").waitFor();
+  const teal = async () => (await settled(page), (await pixels(page, LOOKS, [0.51, 1])).teal);
+  assert.equal(await teal(), 0);
+  await page.getByRole("button", { name: "2 mm", exact: true }).click();
+  const seen = await teal();
+  assert.ok(seen > 3000, `${seen} pixels of the preview`);
+  assert.ok(await page.getByLabel("Show a preview in the viewer").isChecked());
+  await page.getByRole("slider", { name: "Thickness in mm" }).fill("4");
+  assert.ok((await teal()) > 1.1 * seen, "a thicker one is larger");
+  await page.getByRole("spinbutton", { name: "Thickness in mm" }).fill("0.4");
+  await page.getByText("Most printers need at least 0.8 mm.").waitFor();
+  await page.getByLabel("Show a preview in the viewer").uncheck();
+  assert.equal(await teal(), 0);
+  await page.getByRole("spinbutton", { name: "Thickness in mm" }).fill("1.5");
+  await page.getByRole("button", { name: "Make it 1.5 mm thick" }).click();
+  await page.getByText("This open surface was given a thickness of 1.5 mm.").waitFor({ timeout: 60_000 });
+  await page.getByText("1 open surface was given a thickness of 1.5 mm.").waitFor();
+  const job = await newest();
+  assert.deepEqual([job.options.open_sheets, job.options.thickness, job.outcome], ["thicken", 1.5, "repaired"]);
+  assert.equal(uploads(asked), 1);
+  // What was made can be made again, thicker.
+  await shown(page);
+  await page.getByRole("button", { name: "2 mm", exact: true }).click();
+  await page.getByRole("button", { name: "Make it 2 mm thick" }).click();
+  await page.getByText("This open surface was given a thickness of 2 mm.").waitFor({ timeout: 60_000 });
+  assert.deepEqual(faults, []);
+  await close();
+});
+
+test("a thickness that the service chose itself is told, with what printers need", { timeout: 60_000 }, async () => {
+  const job = await repaired(service.url, "sheet.obj", sheet(), { open_sheets: "thicken" });
+  const { page, faults, close } = await open(browser, service.url, { path: `/#/result/${job.id}`, locale: "de-DE" });
+  await shown(page);
+  await page.getByText("Diese offene Fläche bekam eine Dicke von 0,086 mm.").waitFor();
+  await page.getByText("Die meisten Drucker brauchen mindestens 0,8 mm.").first().waitFor();
+  await page.getByRole("button", { name: "1,2 mm dick machen" }).waitFor();
+  assert.deepEqual(faults, []);
+  await close();
+});
+
+test("a thickness in the unit of a file that was read as inches is the same in millimetres", { timeout: 120_000 }, async () => {
+  const job = await repaired(service.url, "sheet.obj", sheet(), { unit: "in" });
+  const { page, faults, close } = await open(browser, service.url, { path: `/#/result/${job.id}` });
+  await shown(page);
+  await page.getByRole("button", { name: "2 mm", exact: true }).click();
+  await page.getByRole("button", { name: "Make it 2 mm thick" }).click();
+  await page.getByText("This open surface was given a thickness of 2 mm.").waitFor({ timeout: 60_000 });
+  assert.ok(Math.abs((await newest()).options.thickness - 2 / 25.4) < 1e-6);
+  assert.deepEqual(faults, []);
+  await close();
+});
+
+test("a wall that most printers can't make is named", { timeout: 60_000 }, async () => {
+  const { page, close } = await open(browser, service.url);
+  await drop(page, [["wall.stl", thinWall()]]);
+  await page.getByText("The thinnest wall is 0.5 mm. Most printers need at least 0.8 mm.").waitFor({ timeout: 60_000 });
+  await close();
+});
+
+test("another decision than the assumed one is a click away", { timeout: 120_000 }, async () => {
+  const { page, faults, close } = await open(browser, service.url);
+  await page.getByRole("button", { name: "Try a broken sample" }).click();
+  await page.getByText("Where surfaces cross, the direction of the faces decided what is solid.").waitFor({ timeout: 60_000 });
+  await page.getByRole("button", { name: "Decide otherwise" }).click();
+  await page.waitForFunction(() => document.querySelectorAll(".file.good, .file.fair").length === 2, null, { timeout: 60_000 });
+  assert.equal((await newest()).options.inside, "nonzero");
+  assert.deepEqual(faults, []);
+  await close();
+});
+
+test("an option that the service refuses says so beside its field, whether errors are texts or objects", { timeout: 120_000 }, async () => {
+  const job = await repaired(service.url, "box.stl", soundBox());
+  const { page, faults, close } = await open(browser, service.url, { path: `/#/jobs/${job.id}` });
+  const problem = (errors) => ({ type: "/problems/invalid_options", title: "Invalid options", status: 400, code: "invalid_options", detail: "Two options are wrong.", errors });
+  let errors = [{ field: "deadline_s", message: "`deadline_s` must be 1 to 3600." }, { field: "weld", message: "There is no option `weld`." }];
+  await page.route("**/v1/jobs", (route) => route.fulfill({ status: 400, contentType: "application/problem+json", body: JSON.stringify(problem(errors)) }));
+  await page.getByRole("button", { name: "Run again" }).click();
+  await page.locator("label", { hasText: "Seconds" }).getByText("`deadline_s` must be 1 to 3600.").waitFor();
+  const note = page.locator(".retry .problem");
+  await note.getByText("There is no option `weld`.").waitFor();
+  assert.equal(await note.getByText("deadline_s").count(), 0, "it is said once");
+  errors = ["The first text.", "The second text."];
+  await page.getByRole("button", { name: "Run again" }).click();
+  for (const text of errors) await note.getByText(text).waitFor();
+  assert.deepEqual(faults.filter((it) => !/status of 400/.test(it)), []);
+  await close();
+});
+
+test("a job that carries a quote and no report is shown as one with its report", { timeout: 120_000 }, async () => {
+  const job = await repaired(service.url, "wall.stl", thinWall());
+  const { page, faults, asked, close } = await open(browser, service.url, { path: "/livez" });
+  // The service to come: no report, only the options that were set, and no sizes of pictures.
+  await page.route(`**/v1/jobs/${job.id}`, async (route) => {
+    const { report: _, ...it } = await (await route.fetch()).json();
+    for (const [name, artifact] of Object.entries(it.artifacts)) {
+      if (/\.(png|glb|ply)$/.test(name)) it.artifacts[name] = { href: artifact.href, filename: artifact.filename, media_type: artifact.media_type };
+    }
+    await route.fulfill({ json: { ...it, options: { mode: "repair" }, quote: { printable: true } } });
+  });
+  await page.route(`**/v1/jobs/${job.id}/events`, (route) => route.abort());
+  await page.goto(`${service.url}/#/result/${job.id}`);
+  await page.getByText("The thinnest wall is 0.5 mm. Most printers need at least 0.8 mm.").waitFor({ timeout: 60_000 });
+  await page.locator(".printing").getByText("40 × 30 × 30 mm").waitFor();
+  assert.ok(asked.some((url) => url.endsWith("/artifacts/report.json")));
+  await page.goto(`${service.url}/#/jobs/${job.id}`);
+  await page.getByRole("heading", { name: "Run again with other options" }).waitFor();
+  assert.ok((await page.locator("table.steps tbody tr").count()) > 0);
+  assert.deepEqual(faults.filter((it) => !/ERR_FAILED/.test(it)), []);
+  await close();
+});
+
+test("a link to the result is copied, and opens it for somebody else", { timeout: 60_000 }, async () => {
+  const { page, faults, close } = await open(browser, service.url, { permissions: ["clipboard-read", "clipboard-write"] });
+  await drop(page, [["box.stl", soundBox()]]);
+  await shown(page);
+  await page.getByText("Everyone who can reach this service can open the link.").waitFor();
+  await page.getByRole("button", { name: "Copy the link" }).click();
+  await page.getByText("The link is copied.").waitFor();
+  const link = await page.evaluate(() => navigator.clipboard.readText());
+  assert.match(link, new RegExp(`^${service.url}/#/result/job_\\w+$`));
+  assert.equal(await page.getByLabel("Link to this result").inputValue(), link);
+  assert.deepEqual(faults, []);
+  await close();
+  const other = await open(browser, service.url, { path: link.slice(service.url.length) });
+  await other.page.getByRole("heading", { name: "It was printable already" }).waitFor();
+  await other.close();
+});
