@@ -34,7 +34,7 @@ test("a dropped model is repaired, shown and downloaded as the API has it", { ti
   await drop(page, [["ring.stl", brokenRing()]]);
   await shown(page);
   const stages = await page.evaluate(() => window.stages);
-  const order = ["Upload", "Queue", "Read the file", "Look for what is wrong", "Repair", "Prove the result", "Draw and hand over"];
+  const order = ["Upload", "Queue", "Read the file", "Look for defects", "Repair", "Check the result", "Draw pictures and save"];
   assert.ok(stages.length >= 3 && stages[0] === "Upload", `stages seen: ${stages}`);
   assert.deepEqual(stages, order.filter((stage) => stages.includes(stage)), "they come in their order");
   await page.getByRole("heading", { name: "Repaired and printable" }).waitFor();

@@ -94,7 +94,7 @@ test("an open surface gets the thickness that was chosen, after a preview of it"
   await shown(page);
   await page.getByText("This model is an open surface without a thickness.").waitFor();
   const teal = async () => (await settled(page), (await pixels(page, LOOKS, [0.51, 1])).teal);
-  assert.equal(await teal(), 0);
+  assert.ok((await teal()) < 50, "there is no preview");
   await page.getByRole("button", { name: "2 mm", exact: true }).click();
   const seen = await teal();
   assert.ok(seen > 3000, `${seen} pixels of the preview`);
@@ -104,7 +104,7 @@ test("an open surface gets the thickness that was chosen, after a preview of it"
   await page.getByRole("spinbutton", { name: "Thickness in mm" }).fill("0.4");
   await page.getByText("Most printers need at least 0.8 mm.").waitFor();
   await page.getByLabel("Show a preview in the viewer").uncheck();
-  assert.equal(await teal(), 0);
+  assert.ok((await teal()) < 50, "there is no preview");
   await page.getByRole("spinbutton", { name: "Thickness in mm" }).fill("1.5");
   await page.getByRole("button", { name: "Make it 1.5 mm thick" }).click();
   await page.getByText("This open surface was given a thickness of 1.5 mm.").waitFor({ timeout: 60_000 });
@@ -194,7 +194,7 @@ test("a job that carries a quote and no report is shown as one with its report",
   await page.route(`**/v1/jobs/${job.id}/events`, (route) => route.abort());
   await page.goto(`${service.url}/#/result/${job.id}`);
   await page.getByText("The thinnest wall is 0.5 mm. Most printers need at least 0.8 mm.").waitFor({ timeout: 60_000 });
-  await page.locator(".printing").getByText("40 × 30 × 30 mm").waitFor();
+  await page.locator(".printing").getByText("40 × 30 × 27 mm").waitFor();
   assert.ok(asked.some((url) => url.endsWith("/artifacts/report.json")));
   await page.goto(`${service.url}/#/jobs/${job.id}`);
   await page.getByRole("heading", { name: "Run again with other options" }).waitFor();

@@ -90,8 +90,7 @@ test("two points are measured along each axis, and cleared", { timeout: 60_000 }
   await page.locator(".over").evaluate((over) => (over.style.display = "none"));
   const { grey } = await ends(page, LOOKS);
   await page.locator(".over").evaluate((over) => (over.style.display = ""));
-  const box = await page.locator("canvas").boundingBox();
-  const click = ([x, y], dx, dy) => page.mouse.click(box.x + x + dx, box.y + y + dy);
+  const click = ([x, y], dx, dy) => page.locator("canvas").click({ position: { x: x + dx, y: y + dy } });
   await page.getByRole("button", { name: "Measure a distance" }).click();
   await page.getByText("Pick two points on the model.").waitFor();
   await click(grey.bottom, 0, -4);
@@ -105,6 +104,7 @@ test("two points are measured along each axis, and cleared", { timeout: 60_000 }
   await click([10, 10], 0, 0);
   await page.getByText("There is no model at this point.").waitFor();
   // A drag turns the model and picks nothing.
+  const box = await page.locator("canvas").boundingBox();
   await page.mouse.move(box.x + box.width / 2, box.y + box.height / 2);
   await page.mouse.down();
   await page.mouse.move(box.x + box.width / 2 + 60, box.y + box.height / 2, { steps: 4 });

@@ -6,7 +6,7 @@ pub(super) const WIDGET: &str = include_str!("widget.js");
 pub(super) const ASSETS: [(&str, &[u8]); 5] = [
     ("icon-70B5C160.svg", include_bytes!("icon-70B5C160.svg")),
     ("manual-2QAXMAJ5.css", include_bytes!("manual-2QAXMAJ5.css")),
-    ("page-L25AT63G.js", include_bytes!("page-L25AT63G.js")),
-    ("style-W56LPURZ.css", include_bytes!("style-W56LPURZ.css")),
+    ("page-SOHO4DHR.js", include_bytes!("page-SOHO4DHR.js")),
+    ("style-M7UNKRBY.css", include_bytes!("style-M7UNKRBY.css")),
     ("viewer-LULR6BKY.js", include_bytes!("viewer-LULR6BKY.js")),
 ];

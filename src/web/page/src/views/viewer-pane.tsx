@@ -121,6 +121,7 @@ export function ViewerPane({ job, file, shown, setShown }: Props) {
   return (
     <section class="viewer" data-mode={hasAfter ? mode : "before"} aria-label={words.viewer} ref={box}>
       <ViewerBar shown={shown} mode={mode} setMode={change} hasAfter={hasAfter} box={box} unit={unitOfJob(job)} hasColours={hasColours} isMeasuring={isMeasuring} setMeasuring={setMeasuring} />
+      {isMeasuring && shown && <Ruler viewer={shown.viewer} canvas={canvas} unit={unit} own={unitOfJob(job)} close={() => setMeasuring(false)} />}
       <div class="canvas-box">
         <canvas key={job.id} ref={canvas} tabIndex={0} role="img" aria-label={words.canvas(job.input.name)} title={words.viewerHelp} onKeyDown={(event) => pressed(shown?.viewer, event)} />
         <div class="over" ref={over}>
@@ -128,7 +129,6 @@ export function ViewerPane({ job, file, shown, setShown }: Props) {
           {hasAfter && mode !== "before" && <span class="tag after">{words.after}</span>}
           {hasAfter && mode === "wipe" && <Wipe viewer={shown?.viewer ?? null} />}
         </div>
-        {isMeasuring && shown && <Ruler viewer={shown.viewer} canvas={canvas} unit={unit} own={unitOfJob(job)} close={() => setMeasuring(false)} />}
         {state === "loading" && (
           <p class="loading" role="status">
             <span class="spinner" /> {loading}

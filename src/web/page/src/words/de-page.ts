@@ -35,7 +35,7 @@ export const dePage: typeof enPage = {
     canceled: "abgebrochen",
     expired: "abgelaufen",
   },
-  expiredMore: "Ergebnisse werden nur eine Zeit lang aufbewahrt. Das Modell noch einmal senden, um es neu reparieren zu lassen.",
+  expiredMore: "Der Dienst bewahrt Ergebnisse nur für begrenzte Zeit auf. Das Modell noch einmal senden, um es noch einmal zu reparieren.",
   ruler: "Abstand messen",
   rulerHelp: "Zwei Punkte auf dem Modell wählen.",
   rulerKeys: "Mit der Tastatur: das Modell mit den Pfeilen drehen und mit Enter den Punkt unter dem Kreuz wählen.",

@@ -35,7 +35,7 @@ export const enPage = {
     canceled: "cancelled",
     expired: "expired",
   } as Record<string, string>,
-  expiredMore: "Results are kept for a while only. Send the model again to have it repaired anew.",
+  expiredMore: "The service keeps results for a limited time. Send the model again to repair it again.",
   ruler: "Measure a distance",
   rulerHelp: "Pick two points on the model.",
   rulerKeys: "With the keyboard: turn the model with the arrows and press Enter to pick the point under the cross.",
