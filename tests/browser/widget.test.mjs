@@ -5,7 +5,8 @@ import { readFileSync, readdirSync } from "node:fs";
 import { createServer } from "node:http";
 import { join } from "node:path";
 import { test } from "node:test";
-import { LOOKS, drop, open, pixels, settled, shown } from "./support/browser.mjs";
+import { LOOKS, PAINTS, drop, open, pixels, settled, shown } from "./support/browser.mjs";
+import { colouredGlb } from "./support/coloured.mjs";
 import { brokenRing, sheet, soundBox } from "./support/models.mjs";
 import { run } from "./support/service.mjs";
 import { BOX, CUT, browser, jobOf, shop, told, visit, widget } from "./support/shop-desk.mjs";
@@ -105,6 +106,63 @@ test("what could not be repaired says what to do, and a click does it", { timeou
   assert.deepEqual([options.open_sheets, options.thickness], ["thicken", 2]);
   await page.getByText("This open surface was given a thickness of 2 mm.").waitFor();
   // The shop prints none that thin.
+  assert.deepEqual(faults.filter((it) => !/status of 422/.test(it)), []);
+  await close();
+});
+
+test("a customer reads the size first, and all of it fits into the widget", { timeout: 120_000 }, async () => {
+  for (const viewport of [{ width: 1360, height: 900 }, { width: 360, height: 740 }]) {
+    const { page, faults, close } = await visit({ viewport });
+    await drop(page, [["ring.stl", brokenRing()]], BOX);
+    await shown(page);
+    const [facts, room] = await page.evaluate(() => {
+      const { shadowRoot } = document.querySelector("meshmend-upload");
+      return [".facts", ".told"].map((part) => shadowRoot.querySelector(part).getBoundingClientRect().toJSON());
+    });
+    assert.ok(facts.top >= room.top && facts.bottom <= room.bottom && facts.left >= room.left && facts.right <= room.right, JSON.stringify({ viewport, facts, room }));
+    for (const text of ["80 × 80 × 26 mm", "60.73 cm³"]) await widget(page).getByText(text, { exact: true }).waitFor();
+    assert.deepEqual(faults, []);
+    await close();
+  }
+});
+
+test("a customer sets the unit and the size, unless the shop does", { timeout: 120_000 }, async () => {
+  const { page, faults, asked, close } = await visit();
+  await drop(page, [["box.stl", soundBox()]], BOX);
+  await told(page, "repaired");
+  await widget(page).getByText("The file names no unit. Its lengths were read as mm.").waitFor();
+  await widget(page).getByText("Unit and size").first().click();
+  await widget(page).getByLabel("Unit of the file").selectOption("cm");
+  await page.getByRole("button", { name: "Run again with these settings" }).click();
+  await page.waitForFunction(() => told.filter(([name]) => name === "repaired").length === 2, null, { timeout: 60_000 });
+  const metrics = (await told(page, "repaired"))[1].metrics;
+  assert.deepEqual([metrics.sizeMm, metrics.unitSource], [[400, 300, 200], "declared"]);
+  assert.equal(asked.filter((url) => /\/v1\/uploads$/.test(url)).length, 1, "the service still has the file");
+  await widget(page).getByText("Unit and size").first().click();
+  await widget(page).getByLabel("Longest side in mm").fill("50");
+  await page.getByRole("button", { name: "Run again with these settings" }).click();
+  await page.waitForFunction(() => told.filter(([name]) => name === "repaired").length === 3, null, { timeout: 60_000 });
+  const [length, width, height] = (await told(page, "repaired"))[2].metrics.sizeMm;
+  assert.ok(Math.abs(length - 50) < 1e-4 && Math.abs(width - 37.5) < 1e-4 && Math.abs(height - 25) < 1e-4, `${[length, width, height]}`);
+  await page.getByRole("button", { name: "Upload another model" }).click();
+  await widget(page).evaluate((it) => (it.setAttribute("unit", "mm"), it.setAttribute("options", JSON.stringify({ open_sheets: "thicken", thickness: 1 }))));
+  await drop(page, [["sheet.obj", sheet()]], BOX);
+  await page.getByRole("heading", { name: "Repaired and printable" }).waitFor({ timeout: 60_000 });
+  await widget(page).getByText("1 open surface was given a thickness of 1 mm.").waitFor();
+  assert.equal(await widget(page).getByText("Unit and size").count(), 0);
+  assert.equal(await widget(page).getByText("Thickness of the open surface").count(), 0);
+  // The shop prints none that large, and none that thin.
+  assert.deepEqual(faults.filter((it) => !/status of 422/.test(it)), []);
+  await close();
+});
+
+test("a model is shown in its own colours", { timeout: 120_000 }, async () => {
+  const { page, faults, close } = await visit();
+  await drop(page, [["boxes.glb", colouredGlb()]], BOX);
+  await page.locator("canvas[data-coloured]").waitFor({ timeout: 60_000 });
+  await settled(page);
+  const seen = await pixels(page, PAINTS);
+  assert.ok(seen.red > 2000 && seen.yellow > 2000 && seen.blue > 2000, JSON.stringify(seen));
   assert.deepEqual(faults.filter((it) => !/status of 422/.test(it)), []);
   await close();
 });
