@@ -219,3 +219,25 @@ test("a link to the result is copied, and opens it for somebody else", { timeout
   await other.page.getByRole("heading", { name: "It was printable already" }).waitFor();
   await other.close();
 });
+
+test("where the service has deleted the file, the page asks for it and goes on", { timeout: 120_000 }, async () => {
+  const job = await repaired(service.url, "box.stl", soundBox());
+  const { page, faults, close } = await open(browser, service.url, { path: `/#/result/${job.id}` });
+  await shown(page);
+  const gone = { type: "/problems/job_expired", title: "Expired", status: 410, code: "job_expired", detail: "The files of the job have expired." };
+  let isAsked = false;
+  await page.route("**/v1/jobs", (route) => {
+    if (isAsked) return route.continue();
+    isAsked = true;
+    return route.fulfill({ status: 410, contentType: "application/problem+json", body: JSON.stringify(gone) });
+  });
+  await page.getByLabel("Unit of the file").selectOption("cm");
+  await page.getByRole("button", { name: "Run again with these settings" }).click();
+  await page.getByText("The page does not have box.stl any more. Choose it again").waitFor();
+  const dialog = page.waitForEvent("filechooser");
+  await page.getByRole("button", { name: "Choose the file again" }).click();
+  await (await dialog).setFiles({ name: "box.stl", mimeType: "model/stl", buffer: soundBox() });
+  await page.locator(".printing").getByText("400 × 300 × 200 mm").waitFor({ timeout: 60_000 });
+  assert.deepEqual(faults.filter((it) => !/status of 410/.test(it)), []);
+  await close();
+});

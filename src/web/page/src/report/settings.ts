@@ -48,8 +48,8 @@ export interface OpenSurface {
 export function openSurfaceOf(job: Job): OpenSurface | null {
   const report = job.report?.mode === "repair" ? job.report : null;
   if (!report) return null;
-  const made = report.assumptions?.find(({ kind, amount }) => amount != null && (kind === "sheets_thickened" || kind === "bases_added"));
-  if (made) return { is: made.kind === "bases_added" ? "base" : "thick", mm: made.amount! * inMillimetres(unitOf(report)) };
+  const solidified = report.assumptions?.find(({ kind, amount }) => amount != null && (kind === "sheets_thickened" || kind === "bases_added"));
+  if (solidified) return { is: solidified.kind === "bases_added" ? "base" : "thick", mm: solidified.amount! * inMillimetres(unitOf(report)) };
   if (isOpenSheet(report)) return { is: "open", mm: null };
   const asked = own(job);
   const isAsked = asked["open_sheets"] === "thicken" && typeof asked["thickness"] === "number" && !report.verdict?.printable;

@@ -64,7 +64,7 @@ export function open(id: string): void {
 
 /** Codes of an earlier job whose file the service no longer has. */
 const FILE_IS_GONE = ["job_expired", "job_deleted", "job_not_found"];
-/** How the service answers where it does not take options. */
+/** The HTTP statuses of refused options. */
 const REFUSED_OPTIONS = [400, 422];
 
 /**
@@ -73,15 +73,15 @@ const REFUSED_OPTIONS = [400, 422];
  */
 export async function again(earlier: Job, options: Options): Promise<void> {
   const file = fileOf(earlier);
-  const made: Piece = { ...piece(earlier.input.name, earlier.input.bytes, file), options, phase: "submitting" };
+  const next: Piece = { ...piece(earlier.input.name, earlier.input.bytes, file), options, phase: "submitting" };
   const show = (change: Partial<Piece>): void => {
-    pieces.change((all) => [...all, { ...made, ...change }]);
-    selected.set(made.id);
+    pieces.change((all) => [...all, { ...next, ...change }]);
+    selected.set(next.id);
   };
   try {
     const job = await submitSurely(server, { source: { job_id: earlier.id }, options });
     show({});
-    void run(made.id, (signal) => heard(made.id, job, signal));
+    void run(next.id, (signal) => heard(next.id, job, signal));
   } catch (error) {
     const problem = Problem.from(error);
     noticed(problem);
@@ -93,15 +93,15 @@ export async function again(earlier: Job, options: Options): Promise<void> {
 
 /** Makes a job of a file that the page made itself, such as a scaled copy, or that a person chose again. */
 export function sendFile(file: File, options: Options): void {
-  const made: Piece = { ...piece(file.name, file.size, file), options };
-  pieces.change((all) => [...all, made]);
-  selected.set(made.id);
+  const next: Piece = { ...piece(file.name, file.size, file), options };
+  pieces.change((all) => [...all, next]);
+  selected.set(next.id);
   pump();
 }
 
 /** The file of a job that was uploaded during this visit. */
 export function fileOf(job: Job): File | null {
-  return pieces.value.find((it) => it.job?.id === job.id)?.file ?? null;
+  return pieces.value.find((piece) => piece.job?.id === job.id)?.file ?? null;
 }
 
 /** Whether a job could not be made because the service has deleted the file of the earlier one. */

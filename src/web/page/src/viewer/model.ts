@@ -24,14 +24,14 @@ export function turned([x, y, z]: readonly [number, number, number], up: Frame["
 
 /** A point in the model's unit in the world. */
 export function toWorld(frame: Frame, point: readonly number[]): [number, number, number] {
-  const [x, y, z] = point.map((it, k) => (it - frame.centre[k]!) / frame.radius);
+  const [x, y, z] = point.map((part, k) => (part - frame.centre[k]!) / frame.radius);
   return turned([x!, y!, z!], frame.up);
 }
 
 /** The same the other way. */
 export function fromWorld(frame: Frame, [x, y, z]: readonly [number, number, number]): [number, number, number] {
   const own = frame.up === "y" ? [x, z, -y] : [x, y, z];
-  return own.map((it, k) => it * frame.radius + frame.centre[k]!) as [number, number, number];
+  return own.map((part, k) => part * frame.radius + frame.centre[k]!) as [number, number, number];
 }
 
 /** The kinds whose surface is what most of a model is. */

@@ -68,7 +68,7 @@ function sheetOf(points: Float64Array, all: number[]): Sheet {
     for (const f of part) {
       for (let k = 0; k < 3; k += 1) {
         const [a, b] = [all[f + k]!, all[f + ((k + 1) % 3)]!];
-        const others = edges.get(key(a, b))!.filter((it) => it !== f);
+        const others = edges.get(key(a, b))!.filter((other) => other !== f);
         if (others.length === 0) own.push([a, b]);
         for (const other of others) {
           if (seen[other / 3]) continue;

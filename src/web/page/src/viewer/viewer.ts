@@ -155,7 +155,7 @@ export class Viewer {
   showColours(shown: boolean): void {
     this.#hasColours = shown;
     for (const { fine, coarse, overlays, appearance } of Object.values(this.#sides)) {
-      for (const model of [fine, coarse, ...overlays.map((it) => it.model)]) model?.showOnlyMarked(shown && appearance !== null);
+      for (const model of [fine, coarse, ...overlays.map((overlay) => overlay.model)]) model?.showOnlyMarked(shown && appearance !== null);
     }
     this.invalidate();
   }

@@ -25,7 +25,7 @@ export function Ruler({ viewer, canvas, unit, own, close }: Props) {
   const [isMissed, setMissed] = useState(false);
   const length = (value: number): string => figures.length(value * inMillimetres(own), unit, 4);
   const [a, b] = points;
-  const told = a && b ? distance(a, b) : null;
+  const measured = a && b ? distance(a, b) : null;
 
   const pick = (pointer: PointerEvent | null): void => {
     const point = viewer.pick(pointer);
@@ -71,18 +71,18 @@ export function Ruler({ viewer, canvas, unit, own, close }: Props) {
     };
   }, [viewer]);
   useEffect(() => {
-    viewer.setRuler(points, told ? length(told.length) : "");
+    viewer.setRuler(points, measured ? length(measured.length) : "");
     return () => viewer.setRuler([], "");
   }, [viewer, points, unit, own, figures]);
 
   return (
     <div class="ruler" role="group" aria-label={words.ruler}>
       <div role="status">
-        {told ? (
+        {measured ? (
           <>
-            <p class="whole">{words.rulerIs(length(told.length))}</p>
+            <p class="whole">{words.rulerIs(length(measured.length))}</p>
             <p class="along">
-              {told.along.map((part, k) => (
+              {measured.along.map((part, k) => (
                 <span key={k}>{words.rulerAlong("XYZ"[k]!, length(part))}</span>
               ))}
             </p>

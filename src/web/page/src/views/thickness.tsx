@@ -29,7 +29,7 @@ export function Thickness({ job, report, viewer, retry, heading: Heading = "h2" 
   const [isMissing, setMissing] = useState(false);
   const mm = Number(text.replace(",", "."));
   const isValid = Number.isFinite(mm) && mm > 0 && mm <= 1000;
-  const told = (length: number): string => figures.length(length, "mm", 2);
+  const inMm = (length: number): string => figures.length(length, "mm", 2);
   useEffect(() => {
     if (!viewer || !surface) return;
     const length = isPreviewed && isValid ? lengthIn(mm, unitOf(report)) : null;
@@ -48,12 +48,12 @@ export function Thickness({ job, report, viewer, retry, heading: Heading = "h2" 
   return (
     <form class="thickness" onSubmit={send} noValidate>
       <Heading>{words.thickness}</Heading>
-      <p>{surface.mm === null ? words.notThickYet : (surface.is === "base" ? words.basedBy : words.thickenedBy)(told(surface.mm))}</p>
-      {surface.mm !== null && !isPrintable && <p class="wrong">{words.thinnerThan(told(LEAST_WALL_MM))}</p>}
+      <p>{surface.mm === null ? words.notThickYet : (surface.is === "base" ? words.basedBy : words.thickenedBy)(inMm(surface.mm))}</p>
+      {surface.mm !== null && !isPrintable && <p class="wrong">{words.thinnerThan(inMm(LEAST_WALL_MM))}</p>}
       <div class="segments" role="group" aria-label={words.thicknessPresets}>
-        {PRESETS_MM.map((it) => (
-          <button key={it} type="button" aria-pressed={mm === it} onClick={() => change(String(it))}>
-            {told(it)}
+        {PRESETS_MM.map((preset) => (
+          <button key={preset} type="button" aria-pressed={mm === preset} onClick={() => change(String(preset))}>
+            {inMm(preset)}
           </button>
         ))}
       </div>
@@ -64,7 +64,7 @@ export function Thickness({ job, report, viewer, retry, heading: Heading = "h2" 
           <input type="number" min={0} step={0.1} inputMode="decimal" value={text} aria-invalid={!isValid} onInput={(event) => change(event.currentTarget.value)} /> mm
         </label>
       </div>
-      {isValid && mm < LEAST_WALL_MM && <p class="aside">{words.thinnerThan(told(LEAST_WALL_MM))}</p>}
+      {isValid && mm < LEAST_WALL_MM && <p class="aside">{words.thinnerThan(inMm(LEAST_WALL_MM))}</p>}
       {!isValid && <p class="wrong">{words.noSize}</p>}
       <label class="check">
         <input type="checkbox" checked={isPreviewed} onChange={(event) => preview(event.currentTarget.checked)} /> {words.thicknessPreview}
@@ -75,7 +75,7 @@ export function Thickness({ job, report, viewer, retry, heading: Heading = "h2" 
         </p>
       )}
       <button type="submit" class="primary" disabled={!isValid || surface.mm !== null && Math.abs(surface.mm - mm) < 1e-6}>
-        {words.makeThick(isValid ? told(mm) : "–")}
+        {words.makeThick(isValid ? inMm(mm) : "–")}
       </button>
     </form>
   );

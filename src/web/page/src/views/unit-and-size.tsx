@@ -65,9 +65,9 @@ export function UnitAndSize({ job, report, file, retry, send, heading: Heading =
       <label class="field">
         {words.fileUnit}
         <select value={unit} onChange={(event) => setUnit(event.currentTarget.value)} aria-invalid={errors.length > 0}>
-          {FILE_UNITS.map((it) => (
-            <option key={it} value={it}>
-              {it} · {figures.box(sizeIn(report, it)!.map((length) => Number(length.toPrecision(3))), "mm")}
+          {FILE_UNITS.map((name) => (
+            <option key={name} value={name}>
+              {name} · {figures.box(sizeIn(report, name)!.map((length) => Number(length.toPrecision(3))), "mm")}
             </option>
           ))}
         </select>

@@ -23,7 +23,7 @@ interface Props {
   server: Server;
   /** The uploaded file, for its colours. */
   file: File | null;
-  /** Is told of the viewer once it shows the model. */
+  /** Called with the viewer once it shows the model. */
   shown: (viewer: Viewer | null) => void;
 }
 

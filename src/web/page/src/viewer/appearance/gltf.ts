@@ -100,11 +100,11 @@ class File {
   ) {}
 
   view(number: number | undefined): { bytes: Uint8Array; stride: number | undefined } | null {
-    const it = number === undefined ? undefined : this.document.bufferViews?.[number];
-    const buffer = it && this.buffers[it.buffer];
-    if (!it || !buffer) return null;
-    const start = it.byteOffset ?? 0;
-    return { bytes: buffer.subarray(start, start + it.byteLength), stride: it.byteStride };
+    const view = number === undefined ? undefined : this.document.bufferViews?.[number];
+    const buffer = view && this.buffers[view.buffer];
+    if (!view || !buffer) return null;
+    const start = view.byteOffset ?? 0;
+    return { bytes: buffer.subarray(start, start + view.byteLength), stride: view.byteStride };
   }
 
   /** All numbers of an accessor, normalized ones from 0 to 1. */

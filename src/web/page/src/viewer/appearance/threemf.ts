@@ -19,8 +19,8 @@ interface Part {
 }
 
 const inside = (element: Element | Document, name: string): Element[] => [...element.getElementsByTagNameNS("*", name)];
-const given = (element: Element, name: string): string | null => [...element.attributes].find((it) => it.localName === name)?.value ?? null;
-const children = (element: Element, name: string): Element[] => [...element.children].filter((it) => it.localName === name);
+const given = (element: Element, name: string): string | null => [...element.attributes].find((attribute) => attribute.localName === name)?.value ?? null;
+const children = (element: Element, name: string): Element[] => [...element.children].filter((child) => child.localName === name);
 
 /** Reads the looks of a 3MF file: base materials, colour groups and textures (3MF core specification and its materials extension). */
 export async function read3mf(archive: ZipArchive): Promise<Appearance> {
@@ -75,19 +75,19 @@ async function readPart(document: Document, archive: ZipArchive): Promise<Part> 
   const plain = (colour: Colour): Property => ({ colour, uv: null, image: null });
   for (const [group, member, attribute] of [["basematerials", "base", "displaycolor"], ["colorgroup", "color", "color"]] as const) {
     for (const element of inside(document, group)) {
-      properties.set(given(element, "id") ?? "", children(element, member).map((it) => plain(colourOf(given(it, attribute)))));
+      properties.set(given(element, "id") ?? "", children(element, member).map((entry) => plain(colourOf(given(entry, attribute)))));
     }
   }
   for (const element of inside(document, "texture2dgroup")) {
     const image = images.get(given(element, "texid") ?? "") ?? null;
     // Pictures begin at their lower edge in 3MF files.
-    const property = (it: Element): Property => ({ colour: WHITE, image, uv: [Number(given(it, "u")), 1 - Number(given(it, "v"))] });
+    const property = (place: Element): Property => ({ colour: WHITE, image, uv: [Number(given(place, "u")), 1 - Number(given(place, "v"))] });
     properties.set(given(element, "id") ?? "", children(element, "tex2coord").map(property));
   }
   for (const element of inside(document, "multiproperties")) {
     // Only the first layer is shown.
     const layer = properties.get((given(element, "pids") ?? "").split(/\s+/)[0] ?? "") ?? [];
-    const members = children(element, "multi").map((it) => layer[Number((given(it, "pindices") ?? "").split(/\s+/)[0])] ?? plain(WHITE));
+    const members = children(element, "multi").map((multi) => layer[Number((given(multi, "pindices") ?? "").split(/\s+/)[0])] ?? plain(WHITE));
     properties.set(given(element, "id") ?? "", members);
   }
   const objects = new Map(inside(document, "object").map((object) => [given(object, "id") ?? "", object]));
@@ -100,7 +100,7 @@ function colourOf(text: string | null): Colour {
 }
 
 function patchesOf(mesh: Element, object: Element, properties: Map<string, Property[]>, matrix: Matrix4): Patch[] {
-  const points = inside(mesh, "vertex").map((it) => new Vector3(...(["x", "y", "z"] as const).map((k) => Number(it.getAttribute(k)))).applyMatrix4(matrix).toArray());
+  const points = inside(mesh, "vertex").map((vertex) => new Vector3(...(["x", "y", "z"] as const).map((k) => Number(vertex.getAttribute(k)))).applyMatrix4(matrix).toArray());
   const builders = new Map<string, PatchBuilder>();
   const [ownGroup, ownIndex] = [given(object, "pid"), given(object, "pindex")];
   for (const triangle of inside(mesh, "triangle")) {

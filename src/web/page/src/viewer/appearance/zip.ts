@@ -30,7 +30,7 @@ export class ZipArchive {
   /** A file by its path, or by the end of its path, whatever the case of its letters. */
   async read(path: string): Promise<Uint8Array | null> {
     const wanted = path.replaceAll("\\", "/").replace(/^\.?\//, "").toLowerCase();
-    const name = this.names.find((it) => it.toLowerCase() === wanted) ?? this.names.find((it) => it.toLowerCase().endsWith(`/${wanted.split("/").pop()}`));
+    const name = this.names.find((other) => other.toLowerCase() === wanted) ?? this.names.find((other) => other.toLowerCase().endsWith(`/${wanted.split("/").pop()}`));
     const entry = name === undefined ? undefined : this.#entries.get(name);
     if (!entry || entry.size > MOST_BYTES) return null;
     const start = entry.at + 30 + this.#view.getUint16(entry.at + 26, true) + this.#view.getUint16(entry.at + 28, true);
