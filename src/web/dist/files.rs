@@ -6,7 +6,7 @@ pub(super) const WIDGET: &str = include_str!("widget.js");
 pub(super) const ASSETS: [(&str, &[u8]); 5] = [
     ("icon-70B5C160.svg", include_bytes!("icon-70B5C160.svg")),
     ("manual-2QAXMAJ5.css", include_bytes!("manual-2QAXMAJ5.css")),
-    ("page-SOHO4DHR.js", include_bytes!("page-SOHO4DHR.js")),
-    ("style-M7UNKRBY.css", include_bytes!("style-M7UNKRBY.css")),
-    ("viewer-LULR6BKY.js", include_bytes!("viewer-LULR6BKY.js")),
+    ("page-TV2TSAKK.js", include_bytes!("page-TV2TSAKK.js")),
+    ("style-OUYCIQSX.css", include_bytes!("style-OUYCIQSX.css")),
+    ("viewer-AYQMSFJT.js", include_bytes!("viewer-AYQMSFJT.js")),
 ];

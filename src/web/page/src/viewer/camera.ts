@@ -61,6 +61,7 @@ export class Eye {
 
   /** Turns around the model by so many radians, or nears it by a factor: for the keyboard. */
   turn(around: number, up: number, nearer: number): void {
+    cancelAnimationFrame(this.#flight);
     const arm = this.camera.position.clone().sub(this.controls.target);
     const length = arm.length() * nearer;
     const flat = Math.atan2(arm.y, arm.x) + around;

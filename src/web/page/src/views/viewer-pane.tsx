@@ -59,8 +59,13 @@ export function ViewerPane({ job, file, shown, setShown }: Props) {
       const viewer = new Viewer(canvas.current, over.current, upOfJob(job));
       stop.signal.addEventListener("abort", () => viewer.dispose());
       viewer.setMode(mode);
-      const read = async (artifact: Artifact | undefined): Promise<ColouredMesh | null> =>
-        artifact ? readColouredMesh(await fetchArtifact(server, artifact, stop.signal)) : null;
+      const fetched = async (artifact: Artifact): Promise<ColouredMesh> => readColouredMesh(await fetchArtifact(server, artifact, stop.signal));
+      const read = (artifact: Artifact | undefined): Promise<ColouredMesh | null> => {
+        const mesh = artifact ? fetched(artifact) : Promise.resolve(null);
+        // Where one fails, nobody waits for the others.
+        mesh.catch(() => undefined);
+        return mesh;
+      };
       const at = (name: string): Artifact | undefined => job.artifacts[name];
       const place = (before: ColouredMesh | null, change: ColouredMesh | null, level: "fine" | "coarse"): void => {
         if (!stop.signal.aborted) viewer.compare(before, change, level);

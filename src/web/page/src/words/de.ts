@@ -132,7 +132,7 @@ export const de: Words = {
   chooseAgain: "Datei noch einmal wählen",
   chooseAgainMore: (name) => `Die Seite hat ${name} nicht mehr. Die Datei noch einmal wählen, dann läuft der Auftrag mit diesen Einstellungen.`,
   otherFile: (name) => `Das ist eine andere Datei. Bitte ${name} wählen.`,
-  runWithSize: "Mit diesen Einstellungen noch einmal",
+  runWithSize: "Noch einmal ausführen",
   noSize: "Eine Größe über 0 eingeben.",
   thickness: "Dicke der offenen Fläche",
   thickenedBy: (amount) => `Diese offene Fläche bekam eine Dicke von ${amount}.`,
