@@ -129,9 +129,8 @@ pub(super) struct ArtifactView {
     pub filename: String,
     /// Its media type.
     pub media_type: String,
-    /// Its size; left out of pictures and coloured meshes.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub bytes: Option<u64>,
+    /// Its size.
+    pub bytes: u64,
     /// SHA-256 of its bytes, in hexadecimal; left out of pictures and coloured meshes.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sha256: Option<String>,
@@ -170,7 +169,7 @@ impl JobView {
         let link = |(name, artifact): (String, crate::jobs::Artifact)| {
             let href = format!("/v1/jobs/{}/artifacts/{name}", job.id);
             let crate::jobs::Artifact { filename, media_type, bytes, sha256, .. } = artifact;
-            let (bytes, sha256) = if is_picture(&name) { (None, None) } else { (Some(bytes), Some(sha256)) };
+            let sha256 = (!is_picture(&name)).then_some(sha256);
             (name, ArtifactView { href, filename, media_type, bytes, sha256 })
         };
         let problem = job.problem.map(|problem| JobProblemView {

@@ -80,7 +80,7 @@ async fn a_receiver_is_told_of_a_jobs_end_and_can_verify_it() {
     assert_eq!(data["input"], json!({"name": "box.stl", "sha256": job["input"]["sha256"]}));
     for (name, file) in job["artifacts"].as_object().expect("files") {
         for field in ["href", "bytes", "sha256"] {
-            // The job leaves size and hash of pictures out.
+            // The job leaves the hash of pictures out.
             assert!(file[field].is_null() || data["artifacts"][name][field] == file[field], "{name}");
         }
     }

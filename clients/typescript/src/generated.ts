@@ -253,6 +253,100 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/v1/keys": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * List API keys.
+         * @description Of all tenants or of one, newest first, without their secrets. Browser tokens are not listed. The key needs the scope `admin`.
+         */
+        get: operations["list_keys"];
+        put?: never;
+        /**
+         * Make an API key.
+         * @description Of any tenant. The `secret` is shown here and never again. The key that asks needs the scope `admin`.
+         */
+        post: operations["create_key"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/keys/{id}": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * One API key.
+         * @description Without its secret. The key that asks needs the scope `admin`.
+         */
+        get: operations["get_key"];
+        put?: never;
+        post?: never;
+        /**
+         * Revoke an API key.
+         * @description It is refused from then on, and so are the browser tokens made with it. Its record stays in the list. The key that asks needs the scope
+         *     `admin`.
+         */
+        delete: operations["revoke_key"];
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/tenants": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * List the tenants.
+         * @description Every tenant that has an API key or settings, by name. The key needs the scope `admin`.
+         */
+        get: operations["list_tenants"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/tenants/{id}": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * One tenant.
+         * @description The key needs the scope `admin`.
+         */
+        get: operations["get_tenant"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        /**
+         * Change the settings of a tenant.
+         * @description A field that is left out stays, and null clears it: then the service's own limit holds. A tenant without settings gets its first. The
+         *     key needs the scope `admin`.
+         */
+        patch: operations["change_tenant"];
+        trace?: never;
+    };
     "/v1/uploads": {
         parameters: {
             query?: never;
@@ -575,13 +669,56 @@ export interface components {
          * @enum {string}
          */
         Answer: "yes" | "no" | "not_measurable";
+        /** @description An API key. */
+        ApiKey: {
+            /**
+             * Format: date-time
+             * @description When it was made.
+             */
+            created_at: string;
+            /**
+             * Format: date-time
+             * @description When it expires; null where it does not.
+             */
+            expires_at: string | null;
+            /**
+             * @description Its name.
+             * @example key_019a3c5e7b1f7c3e8d2a4b6c8d0e2f4a
+             */
+            id: string;
+            /** @description What it is for. */
+            label: string;
+            /**
+             * Format: date-time
+             * @description When it was last used, to within five minutes; null where it never was.
+             */
+            last_used_at: string | null;
+            /**
+             * Format: date-time
+             * @description When it was revoked; null where it was not.
+             */
+            revoked_at: string | null;
+            /** @description What it allows. */
+            scopes: components["schemas"]["Scope"][];
+            /** @description The secret, to be sent as `Authorization: Bearer`; only in the answer that makes the key. */
+            secret?: string | null;
+            /** @description The tenant that it belongs to. */
+            tenant: string;
+        };
+        /** @description A page of keys. */
+        ApiKeys: {
+            /** @description The keys, newest first, revoked and expired ones among them. */
+            keys: components["schemas"]["ApiKey"][];
+            /** @description The cursor of the next page; none on the last. */
+            next: string | null;
+        };
         /** @description A file to download. */
         ArtifactLink: {
             /**
              * Format: int64
-             * @description Its size; left out of pictures and coloured meshes.
+             * @description Its size.
              */
-            bytes?: number | null;
+            bytes: number;
             /** @description The name to save it under. */
             filename: string;
             /** @description Its address, relative to the service's. */
@@ -1608,6 +1745,23 @@ export interface components {
          * @enum {string}
          */
         Nested: "keep" | "alternate";
+        /** @description A key to make. */
+        NewApiKey: {
+            /**
+             * Format: int64
+             * @description Seconds until it expires; never where it is left out.
+             */
+            expires_in_s?: number | null;
+            /** @description What it is for, in your own words: at most 200 characters on one line. */
+            label?: string;
+            /** @description What it allows; everything of one tenant, but neither `metrics` nor `admin`, where it is left out. */
+            scopes?: components["schemas"]["Scope"][] | null;
+            /**
+             * @description The tenant that it belongs to: lower-case letters, digits and hyphens. A tenant is made by its first key.
+             * @example shop
+             */
+            tenant: string;
+        };
         /** @description What a token for a page is to allow. */
         NewBrowserToken: {
             /**
@@ -2147,7 +2301,7 @@ export interface components {
          * @description Every problem that a request can meet, for programs.
          * @enum {string}
          */
-        ProblemCode: "unauthorized" | "forbidden" | "origin_not_allowed" | "rate_limited" | "route_not_found" | "method_not_allowed" | "invalid_request" | "invalid_options" | "missing_file" | "payload_too_large" | "too_many_files" | "unsupported_media_type" | "unsupported_model" | "upload_timeout" | "upload_interrupted" | "upload_not_found" | "upload_missing" | "upload_used" | "job_not_found" | "job_deleted" | "job_expired" | "job_finished" | "artifact_not_found" | "range_not_satisfiable" | "idempotency_key_in_use" | "idempotency_key_reused" | "webhook_not_found" | "webhook_disabled" | "too_many_webhooks" | "queue_full" | "storage_full" | "unavailable" | "internal";
+        ProblemCode: "unauthorized" | "forbidden" | "origin_not_allowed" | "rate_limited" | "route_not_found" | "method_not_allowed" | "invalid_request" | "invalid_options" | "missing_file" | "payload_too_large" | "too_many_files" | "unsupported_media_type" | "unsupported_model" | "upload_timeout" | "upload_interrupted" | "upload_not_found" | "upload_missing" | "upload_used" | "job_not_found" | "job_deleted" | "job_expired" | "job_finished" | "artifact_not_found" | "range_not_satisfiable" | "idempotency_key_in_use" | "idempotency_key_reused" | "webhook_not_found" | "webhook_disabled" | "too_many_webhooks" | "key_not_found" | "tenant_not_found" | "queue_full" | "storage_full" | "unavailable" | "internal";
         /** @description A code with its meaning, for the documentation. */
         ProblemDoc: {
             /** @description What to do. */
@@ -2411,7 +2565,7 @@ export interface components {
          * @description What a key allows.
          * @enum {string}
          */
-        Scope: "jobs:read" | "jobs:write" | "webhooks" | "tokens" | "metrics";
+        Scope: "jobs:read" | "jobs:write" | "webhooks" | "tokens" | "metrics" | "admin";
         /**
          * @description Pairs of faces that intersect, counted exactly: they have a point in common beside a vertex or an edge that they
          *     share. Left out are faces whose corners are on a line and pairs with the same three vertices, which are counted as
@@ -2778,6 +2932,61 @@ export interface components {
             moved: components["schemas"]["SurfaceShare"];
             /** @description Surface of the input without a counterpart in the result. */
             removed: components["schemas"]["SurfaceShare"];
+        };
+        /** @description A tenant and its settings. A limit that is null is the service's own. */
+        Tenant: {
+            /** @description The class that the metrics count its jobs under; `standard` where none is set. */
+            class: string;
+            /**
+             * @description The tenant's name.
+             * @example shop
+             */
+            id: string;
+            /**
+             * Format: int32
+             * @description Most of its jobs that may wait.
+             */
+            max_queued: number | null;
+            /**
+             * Format: int32
+             * @description Most of its jobs that may run at the same time.
+             */
+            max_running: number | null;
+            /**
+             * Format: int32
+             * @description Most of its requests in a minute, on each process that serves.
+             */
+            requests_per_minute: number | null;
+        };
+        /** @description Settings of a tenant to change. A field that is left out stays, and null clears it. */
+        TenantChange: {
+            /**
+             * @description The class that the metrics count its jobs under: lower-case letters, digits and hyphens.
+             * @example gold
+             */
+            class?: string | null;
+            /**
+             * Format: int32
+             * @description Most of its jobs that may wait.
+             */
+            max_queued?: number | null;
+            /**
+             * Format: int32
+             * @description Most of its jobs that may run at the same time.
+             */
+            max_running?: number | null;
+            /**
+             * Format: int32
+             * @description Most of its requests in a minute, on each process that serves.
+             */
+            requests_per_minute?: number | null;
+        };
+        /** @description A page of tenants. */
+        Tenants: {
+            /** @description The cursor of the next page; none on the last. */
+            next: string | null;
+            /** @description The tenants, by name. */
+            tenants: components["schemas"]["Tenant"][];
         };
         /** @description The thinnest point of a thin region. */
         ThinPlace: {
@@ -3245,6 +3454,8 @@ export type AnalyzeJobOptions = components['schemas']['AnalyzeJobOptions'];
 export type AnalyzeOptions = components['schemas']['AnalyzeOptions'];
 export type AnalyzeReport = components['schemas']['AnalyzeReport'];
 export type Answer = components['schemas']['Answer'];
+export type ApiKey = components['schemas']['ApiKey'];
+export type ApiKeys = components['schemas']['ApiKeys'];
 export type ArtifactLink = components['schemas']['ArtifactLink'];
 export type Assumption = components['schemas']['Assumption'];
 export type AssumptionKind = components['schemas']['AssumptionKind'];
@@ -3305,6 +3516,7 @@ export type MeshSpacing = components['schemas']['MeshSpacing'];
 export type Mode = components['schemas']['Mode'];
 export type Nearest = components['schemas']['Nearest'];
 export type Nested = components['schemas']['Nested'];
+export type NewApiKey = components['schemas']['NewApiKey'];
 export type NewBrowserToken = components['schemas']['NewBrowserToken'];
 export type NewWebhookEndpoint = components['schemas']['NewWebhookEndpoint'];
 export type NoWall = components['schemas']['NoWall'];
@@ -3366,6 +3578,9 @@ export type SubmitForm = components['schemas']['SubmitForm'];
 export type SubmitUpload = components['schemas']['SubmitUpload'];
 export type SurfaceShare = components['schemas']['SurfaceShare'];
 export type SurfaceShares = components['schemas']['SurfaceShares'];
+export type Tenant = components['schemas']['Tenant'];
+export type TenantChange = components['schemas']['TenantChange'];
+export type Tenants = components['schemas']['Tenants'];
 export type ThinPlace = components['schemas']['ThinPlace'];
 export type ThinnestWall = components['schemas']['ThinnestWall'];
 export type TierStatus = components['schemas']['TierStatus'];
@@ -4656,6 +4871,637 @@ export interface operations {
             };
             /** @description The job was deleted */
             410: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Too many requests came */
+            429: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description A fault of the service */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The database does not answer now */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    list_keys: {
+        parameters: {
+            query?: {
+                /** @description Only keys of this tenant. */
+                tenant?: string;
+                /** @description Where to go on: `next` of the page before. */
+                cursor?: string;
+                /** @description Keys on the page, 1 to 200. */
+                limit?: number;
+            };
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description A page of keys */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ApiKeys"];
+                };
+            };
+            /** @description A query that can't be understood */
+            400: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description No key, or one that is worth nothing */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The key lacks a scope, or the page is of another origin */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Too many requests came */
+            429: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description A fault of the service */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The database does not answer now */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    create_key: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["NewApiKey"];
+            };
+        };
+        responses: {
+            /** @description The key with its secret */
+            201: {
+                headers: {
+                    /** @description Its address */
+                    Location?: string;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ApiKey"];
+                };
+            };
+            /** @description A body that can't be understood */
+            400: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description No key, or one that is worth nothing */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The key lacks a scope, or the page is of another origin */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The body stopped coming */
+            408: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The body is too large */
+            413: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description A value that is out of its range */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Too many requests came */
+            429: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description A fault of the service */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The database does not answer now */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    get_key: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                /** @description The key's id */
+                id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description The key */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ApiKey"];
+                };
+            };
+            /** @description A path that can't be understood */
+            400: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description No key, or one that is worth nothing */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The key lacks a scope, or the page is of another origin */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description No such key */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Too many requests came */
+            429: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description A fault of the service */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The database does not answer now */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    revoke_key: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                /** @description The key's id */
+                id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description The key is revoked, by this request or an earlier one */
+            204: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content?: never;
+            };
+            /** @description A path that can't be understood */
+            400: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description No key, or one that is worth nothing */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The key lacks a scope, or the page is of another origin */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description No such key */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Too many requests came */
+            429: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description A fault of the service */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The database does not answer now */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    list_tenants: {
+        parameters: {
+            query?: {
+                /** @description Where to go on: `next` of the page before. */
+                cursor?: string;
+                /** @description Tenants on the page, 1 to 200. */
+                limit?: number;
+            };
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description A page of tenants */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Tenants"];
+                };
+            };
+            /** @description A query that can't be understood */
+            400: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description No key, or one that is worth nothing */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The key lacks a scope, or the page is of another origin */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Too many requests came */
+            429: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description A fault of the service */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The database does not answer now */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    get_tenant: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                /** @description The tenant's name */
+                id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description The tenant */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Tenant"];
+                };
+            };
+            /** @description A path that can't be understood */
+            400: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description No key, or one that is worth nothing */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The key lacks a scope, or the page is of another origin */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description No such tenant */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Too many requests came */
+            429: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description A fault of the service */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The database does not answer now */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    change_tenant: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                /** @description The tenant's name */
+                id: string;
+            };
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["TenantChange"];
+            };
+        };
+        responses: {
+            /** @description The tenant with all its settings */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Tenant"];
+                };
+            };
+            /** @description A body or a path that can't be understood */
+            400: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description No key, or one that is worth nothing */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The key lacks a scope, or the page is of another origin */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The body stopped coming */
+            408: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The body is too large */
+            413: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description A name or a value that is out of its range */
+            422: {
                 headers: {
                     [name: string]: unknown;
                 };

@@ -42,8 +42,8 @@ pub struct RemoteProgress {
 #[derive(Debug, Deserialize)]
 pub struct RemoteFile {
     pub filename: String,
-    /// None of pictures, as with the hash.
-    pub bytes: Option<u64>,
+    pub bytes: u64,
+    /// None of pictures.
     pub sha256: Option<String>,
 }
 

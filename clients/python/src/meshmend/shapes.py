@@ -18,8 +18,8 @@ Answer: TypeAlias = Literal['yes', 'no', 'not_measurable']
 class ArtifactLink(TypedDict):
     """A file to download."""
 
-    bytes: NotRequired[int | None]
-    """Its size; left out of pictures and coloured meshes."""
+    bytes: int
+    """Its size."""
     filename: str
     """The name to save it under."""
     href: str
@@ -413,7 +413,7 @@ Preset: TypeAlias = Literal['auto', 'basic-cleanup', 'fill-holes', 'full-repair'
 """A named plan, after the MeshPrep repair strategy guide ("Filter Scripts & When to Use Them")."""
 
 
-ProblemCode: TypeAlias = Literal['unauthorized', 'forbidden', 'origin_not_allowed', 'rate_limited', 'route_not_found', 'method_not_allowed', 'invalid_request', 'invalid_options', 'missing_file', 'payload_too_large', 'too_many_files', 'unsupported_media_type', 'unsupported_model', 'upload_timeout', 'upload_interrupted', 'upload_not_found', 'upload_missing', 'upload_used', 'job_not_found', 'job_deleted', 'job_expired', 'job_finished', 'artifact_not_found', 'range_not_satisfiable', 'idempotency_key_in_use', 'idempotency_key_reused', 'webhook_not_found', 'webhook_disabled', 'too_many_webhooks', 'queue_full', 'storage_full', 'unavailable', 'internal']
+ProblemCode: TypeAlias = Literal['unauthorized', 'forbidden', 'origin_not_allowed', 'rate_limited', 'route_not_found', 'method_not_allowed', 'invalid_request', 'invalid_options', 'missing_file', 'payload_too_large', 'too_many_files', 'unsupported_media_type', 'unsupported_model', 'upload_timeout', 'upload_interrupted', 'upload_not_found', 'upload_missing', 'upload_used', 'job_not_found', 'job_deleted', 'job_expired', 'job_finished', 'artifact_not_found', 'range_not_satisfiable', 'idempotency_key_in_use', 'idempotency_key_reused', 'webhook_not_found', 'webhook_disabled', 'too_many_webhooks', 'key_not_found', 'tenant_not_found', 'queue_full', 'storage_full', 'unavailable', 'internal']
 """Every problem that a request can meet, for programs."""
 
 
@@ -485,7 +485,7 @@ SandboxMode: TypeAlias = Literal['auto', 'require', 'off']
 """What to do where the kernel can't give every wall."""
 
 
-Scope: TypeAlias = Literal['jobs:read', 'jobs:write', 'webhooks', 'tokens', 'metrics']
+Scope: TypeAlias = Literal['jobs:read', 'jobs:write', 'webhooks', 'tokens', 'metrics', 'admin']
 """What a key allows."""
 
 
@@ -619,6 +619,39 @@ class SurfaceShares(TypedDict):
     """Surface of the result whose counterpart in the input is near, but away by more than rounding."""
     removed: SurfaceShare
     """Surface of the input without a counterpart in the result."""
+
+
+Tenant = TypedDict(
+    'Tenant',
+    {
+        'class': str,
+        'id': str,
+        'max_queued': int | None,
+        'max_running': int | None,
+        'requests_per_minute': int | None,
+    },
+)
+
+
+TenantChange = TypedDict(
+    'TenantChange',
+    {
+        'class': NotRequired[str | None],
+        'max_queued': NotRequired[int | None],
+        'max_running': NotRequired[int | None],
+        'requests_per_minute': NotRequired[int | None],
+    },
+    closed=True,
+)
+
+
+class Tenants(TypedDict):
+    """A page of tenants."""
+
+    next: str | None
+    """The cursor of the next page; none on the last."""
+    tenants: list[Tenant]
+    """The tenants, by name."""
 
 
 class ThinPlace(TypedDict):
@@ -938,6 +971,38 @@ When: TypeAlias = Literal['nothing_good', 'sheets_left', 'nothing_whole']
 """When a rung runs, given that none before it was good."""
 
 
+class ApiKey(TypedDict):
+    """An API key."""
+
+    created_at: str
+    """When it was made."""
+    expires_at: str | None
+    """When it expires; null where it does not."""
+    id: str
+    """Its name."""
+    label: str
+    """What it is for."""
+    last_used_at: str | None
+    """When it was last used, to within five minutes; null where it never was."""
+    revoked_at: str | None
+    """When it was revoked; null where it was not."""
+    scopes: list[Scope]
+    """What it allows."""
+    secret: NotRequired[str | None]
+    """The secret, to be sent as `Authorization: Bearer`; only in the answer that makes the key."""
+    tenant: str
+    """The tenant that it belongs to."""
+
+
+class ApiKeys(TypedDict):
+    """A page of keys."""
+
+    keys: list[ApiKey]
+    """The keys, newest first, revoked and expired ones among them."""
+    next: str | None
+    """The cursor of the next page; none on the last."""
+
+
 class Assumption(TypedDict):
     """
     A decision that the input does not prove: what was decided, how much of the model it concerns, and the option that decides
@@ -1230,6 +1295,19 @@ class MeshSpacing(TypedDict):
     """Whether every vertex was measured."""
     distances: NotRequired[Distribution | None]
     nearest: NotRequired[Nearest | None]
+
+
+class NewApiKey(TypedDict, closed=True):
+    """A key to make."""
+
+    expires_in_s: NotRequired[int | None]
+    """Seconds until it expires; never where it is left out."""
+    label: NotRequired[str]
+    """What it is for, in your own words: at most 200 characters on one line."""
+    scopes: NotRequired[list[Scope] | None]
+    """What it allows; everything of one tenant, but neither `metrics` nor `admin`, where it is left out."""
+    tenant: str
+    """The tenant that it belongs to: lower-case letters, digits and hyphens. A tenant is made by its first key."""
 
 
 Options = TypedDict(

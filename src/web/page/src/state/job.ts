@@ -16,7 +16,7 @@ async function withReport(server: Server, job: Job, signal?: AbortSignal): Promi
   if (job.report || !artifact || !hasEnded(job)) return job;
   try {
     const bytes = await fetchArtifact(server, artifact, signal);
-    return { ...job, report: JSON.parse(new TextDecoder().decode(bytes)) as Job["report"] };
+    return { ...job, report: JSON.parse(new TextDecoder().decode(bytes)) as NonNullable<Job["report"]> };
   } catch (error) {
     signal?.throwIfAborted();
     console.warn("The report of the job could not be read:", error);
