@@ -32,3 +32,9 @@ test("German is not English left as it was", () => {
   const same = texts([de, dePage, TEXTS.de]).filter(([name, text]) => text.length > 14 && english.get(name) === text);
   assert.deepEqual(same, []);
 });
+
+test("what a repair is doing is not the name of its stage again", () => {
+  for (const { stages, tiers } of [en, de]) {
+    for (const tier of tiers) assert.ok(tier === "" || !tier.toLowerCase().includes(stages.repair.toLowerCase()), tier);
+  }
+});

@@ -102,7 +102,7 @@ function RemarkLine({ remark: { text, isEnglish, option }, retry }: { remark: Re
   const { words } = useWords();
   return (
     <li>
-      <span {...(isEnglish && { lang: "en" })}>{text}</span>
+      <span {...(isEnglish && { lang: "en" })}>{text}</span>{" "}
       {option && retry && !HAS_FORM.test(option) && (
         <button type="button" class="link" title={words.decideOtherwiseWith(option)} onClick={() => retry(option)}>
           {words.decideOtherwise}
