@@ -121,6 +121,7 @@ test("the ruler works with the keyboard", { timeout: 60_000 }, async () => {
   await drop(page, [["box.stl", soundBox()]]);
   await shown(page);
   await page.getByRole("button", { name: "Measure a distance" }).press("Enter");
+  await page.getByText("Pick two points on the model.").waitFor();
   const canvas = page.locator("canvas");
   await canvas.press("Enter");
   await page.getByText("Pick the second point.").waitFor();
@@ -143,6 +144,7 @@ test("the ruler works with a finger", { timeout: 60_000 }, async () => {
   await shown(page);
   await page.getByRole("button", { name: "Before", exact: true }).tap();
   await page.getByRole("button", { name: "Measure a distance" }).tap();
+  await page.getByText("Pick two points on the model.").waitFor();
   await page.locator("canvas").scrollIntoViewIfNeeded();
   const box = await page.locator("canvas").boundingBox();
   await page.touchscreen.tap(box.x + box.width * 0.3, box.y + box.height * 0.5);

@@ -1,5 +1,5 @@
 import { type RefObject } from "preact";
-import { useEffect, useState } from "preact/hooks";
+import { useEffect, useLayoutEffect, useState } from "preact/hooks";
 import { type Unit, inMillimetres } from "../units";
 import { type Point, distance } from "../viewer/distance";
 import type { Viewer } from "../viewer/viewer";
@@ -36,7 +36,8 @@ export function Ruler({ viewer, canvas, unit, own, close }: Props) {
     setPoints([]);
     setMissed(false);
   };
-  useEffect(() => {
+  // Before the ruler is painted, so that the first key or click after it counts.
+  useLayoutEffect(() => {
     const element = canvas.current;
     if (!element) return;
     let down: PointerEvent | null = null;
