@@ -3,6 +3,7 @@
 //! [`repair`] is the way in. A plan ([`make_plan`]) is a list of rungs, a rung a list of actions, an action a list of
 //! [`operators`]; those work on a [`crate::mesh::Surface`] and answer what they changed as [`Change`]s.
 
+mod abridge;
 mod agreement;
 mod apart;
 mod assumed;
@@ -41,6 +42,7 @@ mod verdict;
 
 pub use crate::context::{Cancelled, Context, NoProgress, Progress, Stage, monotonic_clock};
 pub use crate::inspect::OptionsError;
+pub use abridge::ReportedOptions;
 pub use assumptions::{Assumption, AssumptionKind};
 pub use category::categorise;
 pub use drawings::{DrawError, draw};

@@ -34,7 +34,7 @@ const PLACES: [Place; 6] = [
 const CLAIMED: usize = 0;
 const COMPLETE: usize = 5;
 /// A job's files: the upload, the model, the report, the log.
-const FILES: usize = 4;
+const FILES: usize = 5;
 /// Room on the disk of each process, in MiB.
 const DISK: u32 = 24;
 

@@ -228,7 +228,7 @@ async fn nobody_is_told_of_anything_inside_unless_the_operator_allows_it() {
     let program = Start::serve(data.path()).env("MESHMEND_NO_WORKERS", "true").arg("--webhook-retry-s", "0.05").start();
     let api = Api::new(&program);
     let failed = settled(&api, &endpoint, "failed").await;
-    assert_eq!(failed["attempts"][0]["error"], "The address may not be reached: it must begin with https://.");
+    assert_eq!(failed["attempts"][0]["error"], "The address must begin with https://.");
     for wrong in [
         receiver.url.as_str(),
         "https://127.0.0.1/",
