@@ -22,8 +22,9 @@ export async function browserToken() {
   return (await ask("/v1/browser-tokens", { method: "POST", json: asked })).json();
 }
 
+/** A job with its quote, and with its report for what the repair had to assume. */
 export async function job(id) {
-  return (await ask(`/v1/jobs/${encodeURIComponent(id)}`)).json();
+  return (await ask(`/v1/jobs/${encodeURIComponent(id)}?include=report`)).json();
 }
 
 /** Downloads a job's model to a file, which is there only if it is what meshmend says it is. */

@@ -149,6 +149,9 @@ test("walls thinner than a printer makes are marked", { timeout: 60_000 }, async
   await drop(page, [["wall.stl", thinWall()]]);
   await shown(page);
   const layer = page.locator(".layer.thin");
+  // More than the first places that the job itself tells.
+  await layer.getByText(/^\d{2,}$/).waitFor();
+  await settled(page);
   assert.match(await layer.textContent(), /places with thin walls/);
   assert.ok((await pixels(page, LOOKS)).pink > 100);
   await page.getByLabel("Walls thinner than").selectOption("0.4");

@@ -10,7 +10,7 @@ import { repaired } from "./support/service.mjs";
 /** The newest job. */
 async function newest() {
   const { jobs } = await (await fetch(`${service.url}/v1/jobs?limit=1`)).json();
-  return (await fetch(`${service.url}/v1/jobs/${jobs[0].id}`)).json();
+  return (await fetch(`${service.url}/v1/jobs/${jobs[0].id}?include=report`)).json();
 }
 
 const uploads = (asked) => asked.filter((url) => /\/v1\/uploads$/.test(url)).length;
@@ -177,29 +177,6 @@ test("an option that the service refuses says so beside its field, whether error
   await page.getByRole("button", { name: "Run again" }).click();
   for (const text of errors) await note.getByText(text).waitFor();
   assert.deepEqual(faults.filter((it) => !/status of 400/.test(it)), []);
-  await close();
-});
-
-test("a job that carries a quote and no report is shown as one with its report", { timeout: 120_000 }, async () => {
-  const job = await repaired(service.url, "wall.stl", thinWall());
-  const { page, faults, asked, close } = await open(browser, service.url, { path: "/livez" });
-  // The service to come: no report, only the options that were set, and no sizes of pictures.
-  await page.route(`**/v1/jobs/${job.id}`, async (route) => {
-    const { report: _, ...it } = await (await route.fetch()).json();
-    for (const [name, artifact] of Object.entries(it.artifacts)) {
-      if (/\.(png|glb|ply)$/.test(name)) it.artifacts[name] = { href: artifact.href, filename: artifact.filename, media_type: artifact.media_type };
-    }
-    await route.fulfill({ json: { ...it, options: { mode: "repair" }, quote: { printable: true } } });
-  });
-  await page.route(`**/v1/jobs/${job.id}/events`, (route) => route.abort());
-  await page.goto(`${service.url}/#/result/${job.id}`);
-  await page.getByText("The thinnest wall is 0.5 mm. Most printers need at least 0.8 mm.").waitFor({ timeout: 60_000 });
-  await page.locator(".printing").getByText("40 × 30 × 27 mm").waitFor();
-  assert.ok(asked.some((url) => url.endsWith("/artifacts/report.json")));
-  await page.goto(`${service.url}/#/jobs/${job.id}`);
-  await page.getByRole("heading", { name: "Run again with other options" }).waitFor();
-  assert.ok((await page.locator("table.steps tbody tr").count()) > 0);
-  assert.deepEqual(faults.filter((it) => !/ERR_FAILED/.test(it)), []);
   await close();
 });
 

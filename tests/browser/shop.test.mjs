@@ -47,10 +47,10 @@ test("nobody acts for a customer but pages of the shop", { timeout: 60_000 }, as
 
 test("an ordered model is fetched once however often the shop is told, and none that arrived damaged", async () => {
   const model = Buffer.from("a model");
-  const print = { unit: "mm", size_mm: [10, 10, 10], volume: 1000, area: 600, thinnest_wall: { thickness: 10 } };
+  const figures = { printable: true, size_mm: [10, 10, 10], volume_mm3: 1000, area_mm2: 600, thinnest_wall_mm: 10 };
   const href = "/v1/jobs/job_1/artifacts/model";
-  const report = { verdict: { printable: true }, after: { print }, assumptions: [] };
-  const job = { status: "succeeded", outcome: "repaired", report, artifacts: { model: { href, filename: "a-repaired.stl" } } };
+  const report = { assumptions: [] };
+  const job = { status: "succeeded", outcome: "repaired", quote: figures, report, artifacts: { model: { href, filename: "a-repaired.stl" } } };
   let downloads = 0;
   const service = createServer((request, response) => {
     assert.equal(request.headers.authorization, "Bearer key");
@@ -64,7 +64,15 @@ test("an ordered model is fetched once however often the shop is told, and none 
   Object.assign(process.env, { MESHMEND_URL: meshmend, MESHMEND_API_KEY: "key", MESHMEND_WEBHOOK_SECRET: "whsec_AAAA", SHOP_FOLDER: folder });
   const { find, order, quote, told } = await import(new URL("orders.mjs", SHOP));
   try {
-    for (const change of [{ status: "failed" }, { report: { ...report, verdict: { printable: false } } }, { artifacts: { original: {} } }, { report: { ...report, after: { print: { ...print, volume: null } } } }]) {
+    const refused = [
+      { status: "failed" },
+      { artifacts: { original: {} } },
+      { quote: { ...figures, printable: false } },
+      { quote: { ...figures, volume_mm3: null } },
+      { quote: { ...figures, size_mm: [10, 10, 300] } },
+      { quote: { ...figures, thinnest_wall_mm: 0.2 } },
+    ];
+    for (const change of refused) {
       const kept = { ...job };
       Object.assign(job, change);
       assert.ok((await quote("ann", "job_1")).refusal, JSON.stringify(change));

@@ -53,11 +53,11 @@ for (const colorScheme of ["light", "dark"]) {
     assert.deepEqual(await violations(page), []);
     const ground = await page.locator(BOX).evaluate((it) => getComputedStyle(it).backgroundColor);
     assert.equal(ground === "rgb(255, 255, 255)", colorScheme === "light", ground);
-    await page.route("**/v1/jobs/*/events", () => {});
+    await page.route("**/v1/jobs/*/events*", () => {});
     await drop(page, [["ring.stl", brokenRing()]], BOX);
     await page.getByRole("button", { name: "Cancel" }).waitFor();
     assert.deepEqual(await violations(page), [], "on its way");
-    await page.unroute("**/v1/jobs/*/events");
+    await page.unroute("**/v1/jobs/*/events*");
     await page.reload();
     await page.getByText("Drop your 3D model here").waitFor();
     for (const [name, bytes] of [["ring.stl", brokenRing()], ["sheet.obj", sheet()]]) {

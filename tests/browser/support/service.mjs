@@ -53,14 +53,15 @@ export function run(...args) {
   });
 }
 
-/** Submits a file straight to the API and waits for its end. */
+/** Submits a file straight to the API, waits for its end, and answers the job with its report. */
 export async function repaired(url, name, bytes, options = {}) {
   const form = new FormData();
   form.set("options", JSON.stringify(options));
   form.set("file", new Blob([bytes]), name);
-  let job = await (await fetch(`${url}/v1/jobs`, { method: "POST", body: form })).json();
-  while (!["succeeded", "failed", "canceled"].includes(job.status)) {
-    job = await (await fetch(`${url}/v1/jobs/${job.id}?wait=20`)).json();
-  }
+  const { id } = await (await fetch(`${url}/v1/jobs`, { method: "POST", body: form })).json();
+  let job;
+  do {
+    job = await (await fetch(`${url}/v1/jobs/${id}?include=report&wait=20`)).json();
+  } while (!["succeeded", "failed", "canceled"].includes(job.status));
   return job;
 }

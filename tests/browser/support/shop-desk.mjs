@@ -31,7 +31,7 @@ export async function told(page, name) {
   return page.evaluate((name) => told.filter(([it]) => it === name).map(([, detail]) => detail), name);
 }
 
-/** A job as the shop's backend sees it. */
+/** A job with its report, as the shop's backend sees it. */
 export async function jobOf(id) {
-  return (await shop.ask(`/v1/jobs/${id}`)).json();
+  return (await shop.ask(`/v1/jobs/${id}?include=report`)).json();
 }

@@ -1,10 +1,10 @@
 import assert from "node:assert/strict";
 import { createServer } from "node:http";
 import { test } from "node:test";
-import { Problem, fieldErrors } from "meshmend-client";
+import { type Job, Problem, fieldErrors } from "meshmend-client";
 import { isRepair } from "../src/report/advice";
 import { weightOf } from "../src/report/files";
-import { readJob } from "../src/state/job";
+import { fullReport } from "../src/state/job";
 
 test("errors of a problem are texts or objects with fields, and both are read alike", () => {
   assert.deepEqual(fieldErrors(["a", { field: "thickness", message: "b" }, { message: "c" }]), [
@@ -17,36 +17,25 @@ test("errors of a problem are texts or objects with fields, and both are read al
   assert.deepEqual(Problem.of(400, body, null).errors, [{ field: "unit", message: "`unit` must be a unit." }]);
 });
 
-test("a job that carries no report is read with its file report.json, and one that carries it is taken as it is", async () => {
-  const asked: string[] = [];
-  const jobs: Record<string, object> = {
-    "/v1/jobs/short": { status: "succeeded", artifacts: { "report.json": { href: "/report" } }, quote: {} },
-    "/v1/jobs/whole": { status: "succeeded", artifacts: { "report.json": { href: "/report" } }, report: { mode: "repair", outcome: "here" } },
-    "/v1/jobs/busy": { status: "running", artifacts: {} },
-    "/v1/jobs/broken": { status: "succeeded", artifacts: { "report.json": { href: "/nowhere" } } },
-    "/report": { mode: "repair", outcome: "fetched" },
-  };
+test("the whole report is a file of the job, and a job of before has its own report", async () => {
   const service = createServer((request, response) => {
-    const path = request.url!.replace(/\?.*/, "");
-    asked.push(path);
-    response.writeHead(path in jobs ? 200 : 404, { "content-type": "application/json" }).end(JSON.stringify(jobs[path] ?? { code: "artifact_not_found" }));
+    const isThere = request.url === "/full";
+    response.writeHead(isThere ? 200 : 404, { "content-type": "application/json" });
+    response.end(JSON.stringify(isThere ? { mode: "repair", outcome: "whole" } : { code: "artifact_not_found" }));
   });
   await new Promise<void>((resolve) => service.listen(0, "127.0.0.1", resolve));
   const { port } = service.address() as { port: number };
   const server = { base: `http://127.0.0.1:${port}`, key: () => null };
+  // The artifacts have no hash here.
   const { subtle } = globalThis.crypto;
   Object.defineProperty(globalThis.crypto, "subtle", { value: undefined, configurable: true });
-  const { warn } = console;
-  console.warn = () => undefined;
+  const job = (artifacts: object): Job => ({ id: "job_1", artifacts, report: { mode: "repair", outcome: "short" } }) as never;
   try {
-    const outcome = async (id: string): Promise<unknown> => ((await readJob(server, id)).report as { outcome?: unknown } | null)?.outcome;
-    assert.equal(await outcome("short"), "fetched");
-    assert.equal(await outcome("whole"), "here");
-    assert.equal((await readJob(server, "busy")).report, undefined);
-    assert.equal((await readJob(server, "broken")).status, "succeeded", "what else is known of it is shown");
-    assert.equal(asked.filter((path) => path === "/report").length, 1);
+    const outcome = async (artifacts: object): Promise<unknown> => ((await fullReport(server, job(artifacts))) as { outcome?: unknown }).outcome;
+    assert.equal(await outcome({ "report-full.json": { href: "/full" } }), "whole");
+    assert.equal(await outcome({ "report.json": { href: "/report" } }), "short");
+    await assert.rejects(outcome({ "report-full.json": { href: "/nowhere" } }));
   } finally {
-    console.warn = warn;
     Object.defineProperty(globalThis.crypto, "subtle", { value: subtle, configurable: true });
     service.close();
   }

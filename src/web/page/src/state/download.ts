@@ -1,7 +1,6 @@
-import { type Artifact, type Job, Problem, fetchArtifact, newKey, submit } from "meshmend-client";
+import { type Artifact, type Job, Problem, fetchArtifact, follow, newKey, submit } from "meshmend-client";
 import { own } from "../report/advice";
 import { claimsOf } from "../report/verdict";
-import { followJob } from "./job";
 import { server } from "./server";
 
 /** Has the browser save a file of a job. Where a key is needed the file passes through the page, since links send none. */
@@ -36,7 +35,7 @@ export async function convert(job: Job, format: string, signal: AbortSignal): Pr
     newKey(),
     signal,
   );
-  const ended = await followJob(server, made.id, () => undefined, signal);
+  const ended = await follow(server, made.id, () => undefined, signal);
   const model = ended.artifacts["model"];
   if (!model) throw new Problem(0, ended.problem?.code ?? "unexplained", ended.problem?.title ?? "", ended.problem?.detail ?? "");
   return model;

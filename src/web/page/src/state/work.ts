@@ -1,5 +1,4 @@
-import { type Job, type NewJob, type Options, type ProgressEvent, Problem, announce, cancelJob, send, standing, submitSurely } from "meshmend-client";
-import { followJob, readJob } from "./job";
+import { type Job, type NewJob, type Options, type ProgressEvent, Problem, announce, cancelJob, follow, getJob, send, standing, submitSurely } from "meshmend-client";
 import { noticed, server } from "./server";
 import { Store } from "./store";
 
@@ -59,7 +58,7 @@ export function open(id: string): void {
   const opened: Piece = { ...piece(id, 0, null), phase: "submitting" };
   pieces.change((all) => [...all, opened]);
   selected.set(opened.id);
-  void run(opened.id, async (signal) => heard(opened.id, await readJob(server, id, signal), signal));
+  void run(opened.id, async (signal) => heard(opened.id, await getJob(server, id, signal), signal));
 }
 
 /** Codes of an earlier job whose file the service no longer has. */
@@ -177,6 +176,6 @@ async function make(id: number, asked: NewJob, signal: AbortSignal): Promise<voi
 
 async function heard(id: number, job: Job, signal: AbortSignal): Promise<void> {
   update(id, { phase: "following", job, name: job.input.name, bytes: job.input.bytes, progress: standing(job) });
-  const ended = await followJob(server, job.id, (progress) => update(id, { progress }), signal);
+  const ended = await follow(server, job.id, (progress) => update(id, { progress }), signal);
   update(id, { phase: "ended", job: ended, progress: null });
 }

@@ -1,8 +1,7 @@
 import { useEffect, useRef, useState } from "preact/hooks";
-import { type Capabilities, type Job, type Progress, Problem, cancelJob, deleteJob, hasEnded } from "meshmend-client";
+import { type Capabilities, type Job, type Progress, Problem, cancelJob, deleteJob, follow, getJob, hasEnded } from "meshmend-client";
 import { isRepair, own } from "../report/advice";
 import { save } from "../state/download";
-import { followJob, readJob } from "../state/job";
 import { weightOf } from "../report/files";
 import { noticed, server } from "../state/server";
 import { usePageWords } from "../words/page-words";
@@ -37,10 +36,10 @@ export function JobPage({ id, can }: { id: string; can: Capabilities | null }) {
     setJob(null);
     setGone(false);
     const load = async (): Promise<void> => {
-      const now = await readJob(server, id, stop.signal);
+      const now = await getJob(server, id, stop.signal);
       setJob(now);
       setProgress(now.progress);
-      if (!hasEnded(now)) setJob(await followJob(server, id, setProgress, stop.signal));
+      if (!hasEnded(now)) setJob(await follow(server, id, setProgress, stop.signal));
     };
     void trying(async () => {
       await load().catch((error: unknown) => {

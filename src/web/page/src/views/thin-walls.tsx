@@ -1,5 +1,7 @@
 import { useEffect, useMemo, useState } from "preact/hooks";
 import type { Job, ThinPlace, ThinnestWall } from "meshmend-client";
+import { fullReport } from "../state/job";
+import { server } from "../state/server";
 import { usePageWords } from "../words/page-words";
 import { GoThere, Swatch, useLength } from "./layers";
 import { Icon } from "./icons";
@@ -12,9 +14,26 @@ const MOST = 100;
 const CHOICES_MM = [0.4, 0.8, 1.2, 2, 3];
 export const THIN_COLOUR = "#e45fb4";
 
-function wallOf(job: Job): ThinnestWall | null {
-  if (job.report?.mode !== "repair") return null;
-  return job.report.after?.print?.thinnest_wall ?? job.report.before.print?.thinnest_wall ?? null;
+function wallOf(report: Job["report"]): ThinnestWall | null {
+  if (report?.mode !== "repair") return null;
+  return report.after?.print?.thinnest_wall ?? report.before.print?.thinnest_wall ?? null;
+}
+
+/** The thinnest wall of the job's model, first as the job tells it and then with all its thin places. */
+function useWall(job: Job): ThinnestWall | null {
+  const [whole, setWhole] = useState<ThinnestWall | null>(null);
+  useEffect(() => {
+    setWhole(null);
+    const stop = new AbortController();
+    if (wallOf(job.report)) {
+      fullReport(server, job, stop.signal).then(
+        (report) => setWhole(wallOf(report)),
+        (error: unknown) => stop.signal.aborted || console.warn("The thin walls could not be read:", error),
+      );
+    }
+    return () => stop.abort();
+  }, [job.id]);
+  return whole ?? wallOf(job.report);
 }
 
 /** The layer of walls thinner than somebody's printer can make. */
@@ -23,7 +42,7 @@ export function ThinWalls({ job, shown }: { job: Job; shown: Shown | null }) {
   const { tell, own } = useLength(job);
   const [least, setLeast] = useState(USUAL_MM);
   const [isOn, setOn] = useState(true);
-  const wall = wallOf(job);
+  const wall = useWall(job);
   const thin = useMemo((): ThinPlace[] => {
     const all = wall ? (wall.places ?? [{ at: wall.at, thickness: wall.thickness }]) : [];
     return all.filter(({ thickness }) => thickness < own(least));

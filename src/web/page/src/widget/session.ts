@@ -1,6 +1,5 @@
-import { type Capabilities, type Job, type NewJob, type Options, type ProgressEvent, type Server, Problem, announce, cancelJob, capabilities, send, standing, submitSurely } from "meshmend-client";
+import { type Capabilities, type Job, type NewJob, type Options, type ProgressEvent, type Server, Problem, announce, cancelJob, capabilities, follow, send, standing, submitSurely } from "meshmend-client";
 import { claimsOf } from "../report/verdict";
-import { followJob } from "../state/job";
 import { Store } from "../state/store";
 import { type Teller, tellOfEnd, tellOfProgress, tellOfRefusal, tellOfUpload } from "./telling";
 import type { Tokens } from "./tokens";
@@ -161,7 +160,7 @@ export class Session {
   }
 
   async #follow(job: Job, server: Server, signal: AbortSignal): Promise<void> {
-    const ended = await followJob(server, job.id, (progress) => this.#change({ progress }), signal);
+    const ended = await follow(server, job.id, (progress) => this.#change({ progress }), signal);
     signal.throwIfAborted();
     const can = claimsOf(ended).isPrintable ? null : await capabilities(server).catch(() => null);
     signal.throwIfAborted();
