@@ -147,7 +147,7 @@ fn is_printable(result: &[u8]) -> bool {
     with_context(|context| {
         let mut analyst = Analyst::new(&options, &limits, 1, context).expect("it can begin");
         analyst.add("result", None, result).expect("a model");
-        analyst.finish().expect("a report").report.printable == Some(true)
+        analyst.finish().expect("a report").printable == Some(true)
     })
 }
 

@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 use meshmend::context::Stage;
 use meshmend::format::Format;
 use meshmend::jobs::{
-    Artifact, Artifacts, Completion, Input, JobId, JobOptions, JobProgress, JobReport, NewJob, Store,
+    Artifact, Artifacts, Completion, Input, JobId, JobOptions, JobProgress, JobReport, NewJob, Store, StoredFile,
 };
 
 const LEASE: Duration = Duration::from_secs(60);
@@ -31,7 +31,8 @@ pub async fn times(store: &dyn Store, jobs: usize, report: &JobReport) -> Vec<Du
         let artifacts = ["model", "report.json", "log.txt"].map(|name| {
             let key = format!("jobs/{id}/{}/{name}", claim.lease.token);
             let (filename, media_type) = (name.to_owned(), "application/octet-stream".to_owned());
-            (name.to_owned(), Artifact { key, filename, media_type, bytes: 684, sha256: "0".repeat(64) })
+            let file = Some(StoredFile { key, bytes: 684, sha256: "0".repeat(64) });
+            (name.to_owned(), Artifact { filename, media_type, file })
         });
         let completion = Completion { report: report.clone(), artifacts: Artifacts::from(artifacts) };
         store.complete(&claim.lease, completion).await.expect("ours");

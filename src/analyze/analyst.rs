@@ -3,8 +3,10 @@ use std::time::Duration;
 use super::{ANALYSIS_VERSION, AnalysisReport, AnalyzeOptions, FileAnalysis};
 use crate::context::{Cancelled, Context, Stage};
 use crate::format::{self, Limits, ReadError, ReadMesh, ReadOptions};
-use crate::inspect::{Findings, OptionsError, SetReport, Subject, inspect};
+use crate::inspect::{OptionsError, SetReport, Subject, inspect};
+use crate::mesh::Soup;
 use crate::render::{Drawing, Marked, RenderError, draw_inspected};
+use crate::scene::LengthUnit;
 
 /// Why there is no analysis. A model with defects is no error.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -34,30 +36,6 @@ fn naming(index: usize, name: &str, of: usize) -> String {
     if of > 1 { format!("file {} of {of}, '{name}': ", index + 1) } else { String::new() }
 }
 
-/// A file that was looked at: its mesh and what was found on it.
-pub struct Looked {
-    mesh: ReadMesh,
-    findings: Findings,
-}
-
-impl Looked {
-    /// Draws what was found.
-    ///
-    /// # Errors
-    /// The first [`RenderError`].
-    pub fn draw(&self, context: &Context<'_>) -> Result<Vec<Drawing>, RenderError> {
-        draw_inspected(Marked { soup: &self.mesh.soup, findings: &self.findings }, context)
-    }
-}
-
-/// All files looked at.
-pub struct Analyzed {
-    /// The account.
-    pub report: AnalysisReport,
-    /// The files themselves, in order, for pictures.
-    pub looked: Vec<Looked>,
-}
-
 /// Looks at one file after the other, and then at all together.
 pub struct Analyst<'a> {
     options: &'a AnalyzeOptions,
@@ -66,7 +44,7 @@ pub struct Analyst<'a> {
     start: Duration,
     of: usize,
     files: Vec<FileAnalysis>,
-    looked: Vec<Looked>,
+    meshes: Vec<Soup>,
 }
 
 impl<'a> Analyst<'a> {
@@ -83,7 +61,7 @@ impl<'a> Analyst<'a> {
         options.validate()?;
         let context = context.limited_to(Duration::from_secs_f64(options.deadline_s));
         let start = context.now();
-        Ok(Self { options, limits, context, start, of, files: Vec::with_capacity(of), looked: Vec::with_capacity(of) })
+        Ok(Self { options, limits, context, start, of, files: Vec::with_capacity(of), meshes: Vec::with_capacity(of) })
     }
 
     /// Reads a file and looks at it.
@@ -93,20 +71,11 @@ impl<'a> Analyst<'a> {
     pub fn add(&mut self, name: &str, sha256: Option<&str>, bytes: &[u8]) -> Result<(), AnalyzeError> {
         let index = self.files.len();
         self.report(Stage::Read, 0);
-        let read = format::read_shape(bytes, &ReadOptions::within(*self.limits));
-        let mut file = read.map_err(|error| AnalyzeError::Read { index, name: name.to_owned(), of: self.of, error })?;
-        let unit = file.settle_unit(self.options.inspect.unit, self.options.scale_to);
-        let mesh = file.mesh;
+        let read = read(bytes, self.options, self.limits);
+        let (mesh, unit) =
+            read.map_err(|error| AnalyzeError::Read { index, name: name.to_owned(), of: self.of, error })?;
         self.report(Stage::Inspect, 20);
-        let subject = Subject {
-            soup: &mesh.soup,
-            normals: mesh.normals.as_ref(),
-            numbering: mesh.numbering.as_ref(),
-            materials: mesh.materials.as_deref(),
-            is_indexed: mesh.format.is_indexed(),
-            unit: Some(&unit),
-        };
-        let (inspection, findings) = inspect(subject, &self.options.inspect, &self.context)?;
+        let (inspection, _) = inspect(subject(&mesh, &unit), &self.options.inspect, &self.context)?;
         let measures = &inspection.measures;
         let warnings = mesh.warnings.iter().cloned().chain(measures.left_out()).collect();
         self.context.log(&format!("{}{}: {}", naming(index, name, self.of), mesh.dialect, measures.in_short()));
@@ -121,7 +90,7 @@ impl<'a> Analyst<'a> {
             inspection,
             warnings,
         });
-        self.looked.push(Looked { mesh, findings });
+        self.meshes.push(mesh.soup);
         Ok(())
     }
 
@@ -129,8 +98,8 @@ impl<'a> Analyst<'a> {
     ///
     /// # Errors
     /// [`AnalyzeError::Cancelled`].
-    pub fn finish(self) -> Result<Analyzed, AnalyzeError> {
-        let meshes: Vec<_> = self.looked.iter().map(|looked| &looked.mesh.soup).collect();
+    pub fn finish(self) -> Result<AnalysisReport, AnalyzeError> {
+        let meshes: Vec<_> = self.meshes.iter().collect();
         let (intersections, spacing) = (self.options.intersections, self.options.spacing);
         let set = SetReport::of(&meshes, intersections, spacing, &self.context)?;
         let verdicts = || self.files.iter().map(|file| file.printable);
@@ -140,7 +109,7 @@ impl<'a> Analyst<'a> {
             verdicts().collect::<Option<Vec<_>>>().map(|_| true)
         };
         self.context.report(Stage::Finish, None, 100);
-        let report = AnalysisReport {
+        Ok(AnalysisReport {
             version: ANALYSIS_VERSION,
             abridged: false,
             engine: crate::ENGINE.to_owned(),
@@ -149,8 +118,7 @@ impl<'a> Analyst<'a> {
             files: self.files,
             set,
             milliseconds: self.context.now().saturating_sub(self.start).as_secs_f64() * 1e3,
-        };
-        Ok(Analyzed { report, looked: self.looked })
+        })
     }
 
     /// Tells how far the whole is when `percent` of the present file is done; a file's size says little about its time,
@@ -159,4 +127,52 @@ impl<'a> Analyst<'a> {
         let done = (self.files.len() * 100 + percent) / self.of.max(1);
         self.context.report(stage, None, u8::try_from(done.min(99)).unwrap_or(99));
     }
+}
+
+/// Reads a file, with its lengths in the unit that the options say.
+fn read(bytes: &[u8], options: &AnalyzeOptions, limits: &Limits) -> Result<(ReadMesh, LengthUnit), ReadError> {
+    let mut file = format::read_shape(bytes, &ReadOptions::within(*limits))?;
+    let unit = file.settle_unit(options.inspect.unit, options.scale_to);
+    Ok((file.mesh, unit))
+}
+
+fn subject<'a>(mesh: &'a ReadMesh, unit: &'a LengthUnit) -> Subject<'a> {
+    Subject {
+        soup: &mesh.soup,
+        normals: mesh.normals.as_ref(),
+        numbering: mesh.numbering.as_ref(),
+        materials: mesh.materials.as_deref(),
+        is_indexed: mesh.format.is_indexed(),
+        unit: Some(unit),
+    }
+}
+
+/// Why a file could not be drawn.
+#[derive(Debug, thiserror::Error)]
+pub enum DrawError {
+    /// It can't be read, which should not be once it was looked at.
+    #[error(transparent)]
+    Read(#[from] ReadError),
+    /// The work was asked to stop, or its time ran out.
+    #[error(transparent)]
+    Cancelled(#[from] Cancelled),
+    /// The drawing itself.
+    #[error(transparent)]
+    Render(#[from] RenderError),
+}
+
+/// Draws what is found on a file. It may take as long as the analysis.
+///
+/// # Errors
+/// [`DrawError`].
+pub fn draw(
+    bytes: &[u8],
+    options: &AnalyzeOptions,
+    limits: &Limits,
+    context: &Context<'_>,
+) -> Result<Vec<Drawing>, DrawError> {
+    let context = &context.limited_to(Duration::from_secs_f64(options.deadline_s));
+    let (mesh, unit) = read(bytes, options, limits)?;
+    let (_, findings) = inspect(subject(&mesh, &unit), &options.inspect, context)?;
+    Ok(draw_inspected(Marked { soup: &mesh.soup, findings: &findings }, context)?)
 }

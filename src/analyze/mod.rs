@@ -7,6 +7,6 @@ mod analyst;
 mod options;
 mod report;
 
-pub use analyst::{Analyst, AnalyzeError, Analyzed, Looked};
+pub use analyst::{Analyst, AnalyzeError, DrawError, draw};
 pub use options::AnalyzeOptions;
 pub use report::{ANALYSIS_VERSION, AnalysisReport, FileAnalysis};

@@ -16,8 +16,8 @@ pub struct AnalyzeOptions {
     pub intersections: bool,
     /// Whether to measure the distance from each vertex to the nearest surface of another file.
     pub spacing: bool,
-    /// Whether to draw what was found: `defects.png`, `defects.glb` and `defects.ply` for the first file, `2-defects.png`
-    /// and so on for the others.
+    /// Whether what was found can be had as pictures: `defects.png`, `defects.glb` and `defects.ply` for the first file, `2-defects.png`
+    /// and so on for the others. They are drawn when somebody asks for one of them first.
     pub pictures: bool,
     /// The unit that lengths are brought into; without it they stay as they are. Lengths among these options are in it.
     #[serde(skip_serializing_if = "Option::is_none")]

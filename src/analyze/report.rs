@@ -4,6 +4,7 @@ use utoipa::ToSchema;
 use super::AnalyzeOptions;
 use crate::format::Format;
 use crate::inspect::{Inspection, SetReport};
+use crate::render::names_of_inspection;
 use crate::scene::LengthUnit;
 
 /// The version of [`AnalysisReport`]'s structure. 2: adds the unit of each file. 3: adds `abridged`, and histograms of `set` may be left out.
@@ -63,4 +64,12 @@ pub struct FileAnalysis {
     pub inspection: Inspection,
     /// What a person should know.
     pub warnings: Vec<String>,
+}
+
+impl FileAnalysis {
+    /// The names of the drawings that [`draw`](super::draw) makes of the file.
+    #[must_use]
+    pub fn drawings(&self) -> Vec<&'static str> {
+        names_of_inspection(self.inspection.measures.faces)
+    }
 }

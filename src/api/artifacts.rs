@@ -13,20 +13,24 @@ use super::incoming::RawModel;
 use super::jobs::names;
 use super::problem::{Problem, ProblemCode, shown};
 use super::state::ApiState;
+use super::wait::Watch;
 use crate::blobs::BlobError;
-use crate::jobs::{Artifact, JobReport, Status};
+use crate::jobs::{Artifact, Job, JobReport, Status, StoreError};
 
+/// How long a request waits for pictures that are drawn for it.
+const DRAWING_WAIT: Duration = Duration::from_secs(30);
 /// How long the address is good to which a download is sent on.
 const REDIRECT_LIFE: Duration = Duration::from_secs(300);
 
 /// Download a file of a job.
 ///
 /// `model` is the result, or where nothing made the model better `original` is the upload. `report.json` is the account, `log.txt` what
-/// the tiers said. Unless `pictures` is false, `before.png` and `after.png` show the input and the result with what is wrong in colour,
-/// and `defects.glb` and `defects.ply` are the input as coloured meshes with a legend. `change.png`, `change.glb` and `change.ply` show
-/// the surface that was kept, moved, added and removed. What is still wrong with a result is in `remaining.glb`; models of more than
-/// 400,000 faces have
-/// coarse previews, `defects-preview.glb` and `change-preview.glb`. Single ranges, If-Range and If-None-Match are honoured; the entity tag is the file's SHA-256.
+/// the tiers said. Unless `pictures` is false there are pictures, which are drawn when one of them is asked for first: `before.png` and
+/// `after.png` show the input and the result with what is wrong in colour, and `defects.glb` and `defects.ply` are the input as coloured
+/// meshes with a legend. `change.png`, `change.glb` and `change.ply` show the surface that was kept, moved, added and removed. What is
+/// still wrong with a result that is not printable is in `remaining.glb`; models of more than 400,000 faces have coarse previews,
+/// `defects-preview.glb` and `change-preview.glb`. Single ranges, If-Range and If-None-Match are honoured; the entity tag is the file's
+/// SHA-256.
 #[utoipa::path(
     get, path = "/v1/jobs/{id}/artifacts/{name}", tag = "jobs",
     params(
@@ -59,7 +63,7 @@ const REDIRECT_LIFE: Duration = Duration::from_secs(300);
         (status = 404, description = "No such job, or no such file of it yet", body = Problem, content_type = "application/problem+json"),
         (status = 410, description = "The job was deleted, or its results have expired", body = Problem, content_type = "application/problem+json"),
         (status = 416, description = "The range lies outside the file", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "The database or the file store does not answer now", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "The pictures are still being drawn, or the database or the file store does not answer now", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub(super) async fn get_artifact(
@@ -76,7 +80,11 @@ pub(super) async fn get_artifact(
             format!("The files of the job '{}' were kept as long as they are.", job.id),
         ));
     }
-    let Some(artifact) = job.artifacts.get(&name) else {
+    let is_waiting = |job: &Job| job.artifacts.get(&name).is_some_and(|artifact| artifact.file.is_none());
+    let job = if is_waiting(&job) { drawn(&state, job, is_waiting).await? } else { job };
+    let Some((artifact, file)) =
+        job.artifacts.get(&name).and_then(|artifact| Some((artifact, artifact.file.as_ref()?)))
+    else {
         let shown = shown(&name);
         let detail = if job.status.is_final() {
             let known: Vec<&str> = job.artifacts.keys().map(String::as_str).collect();
@@ -89,50 +97,73 @@ pub(super) async fn get_artifact(
         };
         return Err(Problem::new(ProblemCode::ArtifactNotFound, detail));
     };
-    let etag = format!("\"{}\"", artifact.sha256);
+    let etag = format!("\"{}\"", file.sha256);
     let tagged = [(header::ETAG, etag.clone()), (header::CACHE_CONTROL, "private, no-cache".to_owned())];
     if text_header(&headers, &header::IF_NONE_MATCH).is_some_and(|known| names(known, &etag)) {
         return Ok((StatusCode::NOT_MODIFIED, tagged).into_response());
     }
     // Ranges are defined for GET only (RFC 9110, 14.2).
-    let asked = if method == Method::GET { asked_range(&headers, &etag, artifact.bytes) } else { Asked::Whole };
+    let asked = if method == Method::GET { asked_range(&headers, &etag, file.bytes) } else { Asked::Whole };
     let range = match asked {
         Asked::Whole => None,
         Asked::Part(range) => Some(range),
         Asked::Outside => {
-            let detail = format!("The range lies outside the file of {} bytes.", artifact.bytes);
+            let detail = format!("The range lies outside the file of {} bytes.", file.bytes);
             return Err(Problem::new(ProblemCode::RangeNotSatisfiable, detail)
-                .with_header(header::CONTENT_RANGE, format!("bytes */{}", artifact.bytes)));
+                .with_header(header::CONTENT_RANGE, format!("bytes */{}", file.bytes)));
         }
     };
     // A bucket knows only what it is asked with, so that all but plain downloads are answered here.
     if method == Method::GET && state.config.presigned_downloads {
         let (disposition, media_type) = (disposition(&artifact.filename), &artifact.media_type);
-        let address = state.blobs.presigned_get(&artifact.key, REDIRECT_LIFE, &disposition, media_type).await?;
+        let address = state.blobs.presigned_get(&file.key, REDIRECT_LIFE, &disposition, media_type).await?;
         if let Some(address) = address {
             let headers = [(header::LOCATION, address), (header::CACHE_CONTROL, "no-store".to_owned())];
             return Ok((StatusCode::TEMPORARY_REDIRECT, headers).into_response());
         }
     }
     let body = match &range {
-        Some(range) => state.blobs.get(&artifact.key, Some(range.clone())).await,
+        Some(range) => state.blobs.get(&file.key, Some(range.clone())).await,
         // The last bytes come only if all are what was stored, so that a damaged file is a download that breaks off.
-        None => state.blobs.get_whole(&artifact.key, &artifact.sha256).await,
+        None => state.blobs.get_whole(&file.key, &file.sha256).await,
     };
     let body = body.map_err(|error| match error {
         BlobError::NotFound => Problem::new(ProblemCode::ArtifactNotFound, "The file was deleted meanwhile."),
         other => other.into(),
     })?;
     let body = Body::from_stream(body);
-    let length = range.as_ref().map_or(artifact.bytes, |r| r.end - r.start);
+    let length = range.as_ref().map_or(file.bytes, |r| r.end - r.start);
     let mut response = (StatusCode::OK, tagged, body).into_response();
     describe(response.headers_mut(), artifact, length);
     if let Some(range) = range {
         *response.status_mut() = StatusCode::PARTIAL_CONTENT;
-        let value = format!("bytes {}-{}/{}", range.start, range.end - 1, artifact.bytes);
+        let value = format!("bytes {}-{}/{}", range.start, range.end - 1, file.bytes);
         insert(response.headers_mut(), header::CONTENT_RANGE, &value);
     }
     Ok(response)
+}
+
+/// Has a job's pictures drawn, and answers the job when none `is_waiting` any more.
+async fn drawn(state: &ApiState, mut job: Job, is_waiting: impl Fn(&Job) -> bool) -> Result<Job, Problem> {
+    let mut watch = Watch::new(state, job.id);
+    state.store.ask_for_drawings(job.id).await?;
+    let waiting = async {
+        while is_waiting(&job) {
+            match watch.past(job.version).await? {
+                Some(newer) => job = newer,
+                None => return Ok(None),
+            }
+        }
+        Ok::<_, StoreError>(Some(job))
+    };
+    match tokio::time::timeout(DRAWING_WAIT, waiting).await {
+        Ok(Ok(Some(job))) => Ok(job),
+        Ok(Err(error)) => Err(error.into()),
+        Ok(Ok(None)) | Err(_) => {
+            let detail = "The pictures of this job are still being drawn. Ask again in a few seconds.";
+            Err(Problem::new(ProblemCode::NotDrawnYet, detail).retry_after(3))
+        }
+    }
 }
 
 fn describe(headers: &mut HeaderMap, artifact: &Artifact, length: u64) {

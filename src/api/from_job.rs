@@ -39,11 +39,12 @@ pub(super) async fn from_job(
             job.inputs.into_iter().map(|it| (it.key, it.sha256, if one { given(&it.name) } else { it.name })).collect()
         }
         JobFile::Model => {
-            let model = job.artifacts.get("model").ok_or_else(|| {
+            let model = job.artifacts.get("model").and_then(|model| Some((model.file.as_ref()?, &model.filename)));
+            let (file, filename) = model.ok_or_else(|| {
                 let detail = format!("The job '{}' has no result to make a job of.", job.id);
                 Problem::new(ProblemCode::ArtifactNotFound, detail)
             })?;
-            vec![(model.key.clone(), model.sha256.clone(), given(&model.filename))]
+            vec![(file.key.clone(), file.sha256.clone(), given(filename))]
         }
     };
     if mode == Mode::Repair && files.len() > 1 {

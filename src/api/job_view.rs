@@ -129,8 +129,9 @@ pub(super) struct ArtifactView {
     pub filename: String,
     /// Its media type.
     pub media_type: String,
-    /// Its size.
-    pub bytes: u64,
+    /// Its size; left out of a picture that is drawn when it is first asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub bytes: Option<u64>,
     /// SHA-256 of its bytes, in hexadecimal; left out of pictures and coloured meshes.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sha256: Option<String>,
@@ -168,8 +169,9 @@ impl JobView {
         });
         let link = |(name, artifact): (String, crate::jobs::Artifact)| {
             let href = format!("/v1/jobs/{}/artifacts/{name}", job.id);
-            let crate::jobs::Artifact { filename, media_type, bytes, sha256, .. } = artifact;
-            let sha256 = (!is_picture(&name)).then_some(sha256);
+            let crate::jobs::Artifact { filename, media_type, file } = artifact;
+            let bytes = file.as_ref().map(|file| file.bytes);
+            let sha256 = file.map(|file| file.sha256).filter(|_| !is_picture(&name));
             (name, ArtifactView { href, filename, media_type, bytes, sha256 })
         };
         let problem = job.problem.map(|problem| JobProblemView {

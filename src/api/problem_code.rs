@@ -54,6 +54,8 @@ pub enum ProblemCode {
     JobFinished,
     /// The job has no such file, or not yet.
     ArtifactNotFound,
+    /// The job's pictures are still being drawn.
+    NotDrawnYet,
     /// The range lies outside the file.
     RangeNotSatisfiable,
     /// A request with the same Idempotency-Key is under way.
@@ -82,7 +84,7 @@ pub enum ProblemCode {
 
 impl ProblemCode {
     /// Every code.
-    pub const ALL: [Self; 35] = [
+    pub const ALL: [Self; 36] = [
         Self::Unauthorized,
         Self::Forbidden,
         Self::OriginNotAllowed,
@@ -106,6 +108,7 @@ impl ProblemCode {
         Self::JobExpired,
         Self::JobFinished,
         Self::ArtifactNotFound,
+        Self::NotDrawnYet,
         Self::RangeNotSatisfiable,
         Self::IdempotencyKeyInUse,
         Self::IdempotencyKeyReused,
@@ -212,6 +215,11 @@ impl ProblemCode {
                 StatusCode::NOT_FOUND,
                 "No such file",
                 "The job's 'artifacts' list its files; a job that has not ended has none yet.",
+            ),
+            Self::NotDrawnYet => (
+                StatusCode::SERVICE_UNAVAILABLE,
+                "Pictures still being drawn",
+                "Ask again after the seconds that the Retry-After header names.",
             ),
             Self::RangeNotSatisfiable => (
                 StatusCode::RANGE_NOT_SATISFIABLE,

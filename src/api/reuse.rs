@@ -72,9 +72,11 @@ async fn copy(blobs: &Blobs, id: JobId, earlier: &Job, inputs: &[Input]) -> Resu
     let mut artifacts = Artifacts::new();
     for (name, artifact) in &earlier.artifacts {
         let mut artifact = artifact.clone();
-        let key = Blobs::artifact_key(id, COPIED, name);
-        blobs.copy(&artifact.key, &key).await?;
-        artifact.key = key;
+        if let Some(file) = &mut artifact.file {
+            let key = Blobs::artifact_key(id, COPIED, name);
+            blobs.copy(&file.key, &key).await?;
+            file.key = key;
+        }
         if let Some(rest) = artifact.filename.strip_prefix(old) {
             artifact.filename = format!("{new}{rest}");
         }

@@ -39,7 +39,7 @@ pub struct SubmitArgs {
     /// Where the report of one file goes, as JSON.
     #[arg(long, env = "MESHMEND_REPORT", value_name = "FILE")]
     report: Option<PathBuf>,
-    /// Folder for pictures of what was found and changed. It is made. Without it none are drawn, which is quicker.
+    /// Folder for pictures of what was found and changed. It is made. Without it none are downloaded.
     #[arg(long, env = "MESHMEND_PICTURES", value_name = "FOLDER")]
     pictures: Option<PathBuf>,
     /// What to do with the models.
@@ -147,7 +147,7 @@ impl SubmitArgs {
             (Some(output), _) if self.mode == Task::Repair => format_named(output)?,
             (_, format) => format.unwrap_or_default(),
         };
-        let options = self.repair.options(output, self.pictures.is_some())?;
+        let options = self.repair.options(output)?;
         let fields = |options: &Options| match serde_json::to_value(options) {
             Ok(Value::Object(fields)) => fields,
             _ => Map::new(),
@@ -243,13 +243,13 @@ mod tests {
     #[test]
     fn only_options_that_are_not_the_usual_ones_are_sent_as_the_api_calls_them() {
         for (line, expected) in [
-            ("a.stl", "mode=repair&pictures=false"),
+            ("a.stl", "mode=repair"),
             ("a.stl --max-tier 3 --pictures seen", "mode=repair"),
-            ("a.stl -o out.3MF --scale-to in", "mode=repair&output=3mf&pictures=false&scale_to=in"),
-            ("a.stl --output-format same", "mode=repair&output=same&pictures=false"),
-            ("a.stl --without sew,stitch", "mode=repair&pictures=false&without=[\"sew\",\"stitch\"]"),
-            ("a.stl --max-tier 1 --option max-tier=2;inside=odd", "inside=odd&max_tier=2&mode=repair&pictures=false"),
-            ("a.stl --mode analyze -o r.json --option level=basic", "level=basic&mode=analyze&pictures=false"),
+            ("a.stl -o out.3MF --scale-to in", "mode=repair&output=3mf&scale_to=in"),
+            ("a.stl --output-format same", "mode=repair&output=same"),
+            ("a.stl --without sew,stitch", "mode=repair&without=[\"sew\",\"stitch\"]"),
+            ("a.stl --max-tier 1 --option max-tier=2;inside=odd", "inside=odd&max_tier=2&mode=repair"),
+            ("a.stl --mode analyze -o r.json --option level=basic", "level=basic&mode=analyze"),
         ] {
             assert_eq!(fields(line).as_deref(), Ok(expected), "{line}");
         }

@@ -1,6 +1,6 @@
 use glam::DAffine3;
 
-use super::ReadFile;
+use super::{ReadFile, ReadMesh};
 use crate::math::Box3;
 use crate::mesh::Soup;
 use crate::scene::{LengthUnit, Unit, UnitSource, Up};
@@ -45,18 +45,19 @@ impl ReadFile {
         self.unit.insert(LengthUnit { used, source, scaled_from: scaled.then_some(own), up, note }).clone()
     }
 
-    /// All its triangles with lengths in another unit and with another axis up; as they are where the file says neither.
+    /// All its triangles with lengths in another unit and with another axis up, without the file's normals; as they are where the file
+    /// says neither.
     #[must_use]
-    pub fn mesh_in(self, unit: Unit, up: Option<Up>) -> Soup {
-        let mut soup = self.mesh.soup;
+    pub fn mesh_in(self, unit: Unit, up: Option<Up>) -> ReadMesh {
+        let mut mesh = ReadMesh { normals: None, ..self.mesh };
         if let Some(scene) = self.scene {
             let factor = scene.unit.map_or(1.0, |own| own.to(unit));
             let turn = up.map_or(DAffine3::IDENTITY, |up| scene.stood(up, DAffine3::IDENTITY));
             if factor != 1.0 || turn != DAffine3::IDENTITY {
-                soup.positions.iter_mut().for_each(|p| *p = turn.transform_point3(*p * factor));
+                mesh.soup.positions.iter_mut().for_each(|p| *p = turn.transform_point3(*p * factor));
             }
         }
-        soup
+        mesh
     }
 }
 

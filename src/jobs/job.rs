@@ -154,16 +154,23 @@ pub struct JobProgress {
     pub percent: u8,
 }
 
-/// A stored result file.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+/// A result file.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Artifact {
-    /// Key in the blob store.
-    #[schema(ignore)]
-    pub key: String,
     /// The name to save it under.
     pub filename: String,
     /// Its media type.
     pub media_type: String,
+    /// What is stored; none of a picture that is drawn when somebody asks for it.
+    #[serde(flatten)]
+    pub file: Option<StoredFile>,
+}
+
+/// A file in the blob store.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct StoredFile {
+    /// Its key there.
+    pub key: String,
     /// Its size.
     pub bytes: u64,
     /// SHA-256 of its bytes, in hexadecimal.

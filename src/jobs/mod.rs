@@ -7,6 +7,7 @@
 mod access;
 mod bell;
 mod clock;
+mod drawings;
 mod job;
 mod keys;
 mod opening;
@@ -25,8 +26,10 @@ mod webhooks;
 pub use access::AccessStore;
 pub use bell::Bell;
 pub use clock::{Clock, SystemClock};
+pub use drawings::DrawingStore;
 pub use job::{
     Artifact, Artifacts, Input, Job, JobId, JobIdError, JobProblem, JobProgress, Metadata, ProblemKind, Status,
+    StoredFile,
 };
 pub use keys::{KEY_HOLD, KEY_LIFE, KeyState, RequestKey};
 pub use opening::OpenFailure;
@@ -48,6 +51,6 @@ pub use webhooks::{
 };
 
 /// All that a service keeps in its database.
-pub trait Store: JobStore + AccessStore + WebhookStore {}
+pub trait Store: JobStore + DrawingStore + AccessStore + WebhookStore {}
 
-impl<T: JobStore + AccessStore + WebhookStore> Store for T {}
+impl<T: JobStore + DrawingStore + AccessStore + WebhookStore> Store for T {}

@@ -123,6 +123,15 @@ impl JobOptions {
         }
     }
 
+    /// Whether pictures can be had of the job.
+    #[must_use]
+    pub fn pictures(&self) -> bool {
+        match self {
+            Self::Repair(options) => options.pictures,
+            Self::Analyze(options) => options.pictures,
+        }
+    }
+
     /// The mode and the options that differ from their defaults, as JSON.
     #[must_use]
     pub fn to_changed_fields(&self) -> Map<String, Value> {

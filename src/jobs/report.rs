@@ -3,7 +3,7 @@ use serde_json::value::RawValue;
 use utoipa::ToSchema;
 
 use super::{JobProblem, ProblemKind};
-use crate::analyze::AnalysisReport;
+use crate::analyze::{AnalysisReport, FileAnalysis};
 use crate::format::Format;
 use crate::repair::{AssumptionKind, HandedOut, Outcome, RedFlagCode, Report, Step};
 use crate::scene::LengthUnit;
@@ -135,6 +135,20 @@ impl JobReport {
         match self {
             Self::Repair(report) => (report.verdict.file, report.output.as_ref().map(|output| output.format)),
             Self::Analyze(_) => (HandedOut::None, None),
+        }
+    }
+
+    /// The pictures that can be drawn of the job's files: the number of the file, counted from 0, with the picture's name.
+    #[must_use]
+    pub fn drawings(&self) -> Vec<(usize, &'static str)> {
+        match self {
+            Self::Repair(report) => report.drawings().into_iter().map(|name| (0, name)).collect(),
+            Self::Analyze(report) => {
+                let of_file = |(number, file): (usize, &FileAnalysis)| {
+                    file.drawings().into_iter().map(move |name| (number, name))
+                };
+                report.files.iter().enumerate().flat_map(of_file).collect()
+            }
         }
     }
 

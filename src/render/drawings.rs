@@ -1,13 +1,13 @@
 use super::{RenderError, Scene, write_glb, write_picture, write_ply};
 use crate::context::Context;
-use crate::inspect::{DefectKind, Fates, Findings};
+use crate::inspect::{Fates, Findings};
 use crate::mesh::Soup;
 
 /// A mesh of more faces gets a coarse preview too, of at most so many.
-const LARGE: usize = 400_000;
+const LARGE: u64 = 400_000;
 const PREVIEW: usize = 150_000;
-/// What is no fault by itself.
-const REMARKS: [DefectKind; 3] = [DefectKind::Disjoint, DefectKind::InnerShell, DefectKind::TinyPart];
+/// The drawing of what is wrong with a result.
+pub const REMAINING: &str = "remaining.glb";
 
 /// A mesh and what was found on it.
 #[derive(Debug, Clone, Copy)]
@@ -36,7 +36,7 @@ pub fn draw_inspected(marked: Marked<'_>, context: &Context<'_>) -> Result<Vec<D
 }
 
 /// The drawings of a repair: `before.png`, `defects.glb` and `defects.ply` of the input, and `after.png` of the result,
-/// where there is one; of a large input `defects-preview.glb`, and of a result that something is still wrong with `remaining.glb`.
+/// where there is one; of a large input `defects-preview.glb`.
 ///
 /// # Errors
 /// The first [`RenderError`].
@@ -49,12 +49,17 @@ pub fn draw_repaired(
     if let Some(after) = after {
         let scene = Scene::new(after.soup, after.findings, context)?;
         drawings.push(Drawing { name: "after.png", bytes: write_picture(&scene, "after", context)? });
-        let is_faulty = |&kind: &DefectKind| !REMARKS.contains(&kind) && after.findings.count(kind) > 0;
-        if DefectKind::ALL.iter().any(is_faulty) {
-            drawings.push(Drawing { name: "remaining.glb", bytes: write_glb(&scene, context)? });
-        }
     }
     Ok(drawings)
+}
+
+/// The drawing of what is wrong with a result that is not printable: `remaining.glb`.
+///
+/// # Errors
+/// [`RenderError`].
+pub fn draw_remaining(after: Marked<'_>, context: &Context<'_>) -> Result<Drawing, RenderError> {
+    let scene = Scene::new(after.soup, after.findings, context)?;
+    Ok(Drawing { name: REMAINING, bytes: write_glb(&scene, context)? })
 }
 
 /// The drawings of what became of a mesh: `change.png`, `change.glb` and `change.ply`, and of a large one `change-preview.glb`. `after`
@@ -69,7 +74,9 @@ pub fn draw_change(after: &Soup, fates: &Fates, context: &Context<'_>) -> Result
         Drawing { name: "change.glb", bytes: write_glb(&scene, context)? },
         Drawing { name: "change.ply", bytes: write_ply(&scene, context)? },
     ];
-    drawings.extend(preview("change-preview.glb", &scene, context)?);
+    if is_large(after.faces.len() as u64) {
+        drawings.push(preview("change-preview.glb", &scene, context)?);
+    }
     Ok(drawings)
 }
 
@@ -85,14 +92,41 @@ fn draw_input(
         Drawing { name: "defects.glb", bytes: write_glb(&scene, context)? },
         Drawing { name: "defects.ply", bytes: write_ply(&scene, context)? },
     ];
-    drawings.extend(preview("defects-preview.glb", &scene, context)?);
+    if is_large(marked.soup.faces.len() as u64) {
+        drawings.push(preview("defects-preview.glb", &scene, context)?);
+    }
     Ok(drawings)
 }
 
 /// A coarse mesh of a scene that is large.
-fn preview(name: &'static str, scene: &Scene, context: &Context<'_>) -> Result<Option<Drawing>, RenderError> {
-    if scene.surface.faces.len() <= LARGE {
-        return Ok(None);
+fn preview(name: &'static str, scene: &Scene, context: &Context<'_>) -> Result<Drawing, RenderError> {
+    Ok(Drawing { name, bytes: write_glb(&scene.coarse(PREVIEW, context)?, context)? })
+}
+
+/// Whether a mesh of so many faces gets a preview.
+fn is_large(faces: u64) -> bool {
+    faces > LARGE
+}
+
+/// The names of the drawings of an inspection of a mesh of so many faces.
+#[must_use]
+pub fn names_of_inspection(faces: u64) -> Vec<&'static str> {
+    names_of_input("defects.png", faces)
+}
+
+/// The names of the drawings of a repair and of what became of the mesh, by the faces of the input and of the result, where there is one.
+#[must_use]
+pub fn names_of_repair(before: u64, after: Option<u64>) -> Vec<&'static str> {
+    let mut names = names_of_input("before.png", before);
+    if let Some(faces) = after {
+        names.extend(["after.png", "change.png", "change.glb", "change.ply"]);
+        names.extend(is_large(faces).then_some("change-preview.glb"));
     }
-    Ok(Some(Drawing { name, bytes: write_glb(&scene.coarse(PREVIEW, context)?, context)? }))
+    names
+}
+
+fn names_of_input(picture: &'static str, faces: u64) -> Vec<&'static str> {
+    let mut names = vec![picture, "defects.glb", "defects.ply"];
+    names.extend(is_large(faces).then_some("defects-preview.glb"));
+    names
 }

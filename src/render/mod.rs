@@ -15,7 +15,10 @@ mod ply;
 mod raster;
 mod scene;
 
-pub use drawings::{Drawing, Marked, draw_change, draw_inspected, draw_repaired};
+pub use drawings::{
+    Drawing, Marked, REMAINING, draw_change, draw_inspected, draw_remaining, draw_repaired, names_of_inspection,
+    names_of_repair,
+};
 pub use glb::write_glb;
 pub use palette::{Colour, LegendEntry};
 pub use picture::write_picture;

@@ -8,7 +8,7 @@ use super::one_object::{RepairedObject, Share, name_of, repair_object};
 use super::overlaps::{CutBody, cut_body};
 use super::repaint::repaint;
 use super::unite::{UnitedScene, connected, contacts_of, instance_of, instances_of};
-use super::verdict::fates;
+use super::verdict::surface_shares;
 use super::{
     Assumption, AssumptionKind, Changes, Context, Merge, ObjectReport, Options, Outcome, Remesher, RepairError, Report,
 };
@@ -259,8 +259,7 @@ impl ApartRepair<'_> {
         if is_untouched {
             let (scene, after) = (united.scene.clone(), input.before.clone());
             let (contacts, contained) = self.meetings(&united, &scene, input.analysis, &after)?;
-            let fates = fates(input.original, input.analysis, context)?;
-            let told = Told { bytes: bytes.to_vec(), dialect: input.mesh.dialect.clone(), fates, ..Told::default() };
+            let told = Told { bytes: bytes.to_vec(), dialect: input.mesh.dialect.clone(), ..Told::default() };
             return Ok(Round { united, scene, results, told, after, changes: None, contacts, contained });
         }
         let mut scene = united.scene.clone();
@@ -274,13 +273,12 @@ impl ApartRepair<'_> {
         }
         let Dressed { bytes, mesh, .. } = dress(&scene, self.format)?;
         let analysis = Analysis::new(subject(&mesh, input.analysis.subject.unit), verification)?;
-        let (after, found) = inspect_measured(&analysis, context)?;
+        let (after, _) = inspect_measured(&analysis, context)?;
         let (contacts, contained) = self.meetings(&united, &scene, &analysis, &after)?;
         let changes = input.original.changes(&analysis, &after.measures, None, verification)?;
-        let fates = fates(input.original, &analysis, context)?;
-        let surface = fates.as_ref().map(|fates| fates.shares);
+        let surface = surface_shares(input.original, &analysis, context)?;
         let changes = Some(Changes { surface, ..changes });
-        let told = Told { bytes, dialect: mesh.dialect.clone(), found: Some(found), fates, ..Told::default() };
+        let told = Told { bytes, dialect: mesh.dialect.clone(), ..Told::default() };
         Ok(Round { united, scene, results, told, after, changes, contacts, contained })
     }
 

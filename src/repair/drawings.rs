@@ -1,9 +1,11 @@
 use std::time::Duration;
 
-use super::Repaired;
+use super::input::{inspect_measured, subject};
+use super::{HandedOut, Options, Report};
 use crate::context::{Cancelled, Context};
 use crate::format::{self, Limits, ReadError, ReadOptions};
-use crate::render::{Drawing, Marked, RenderError, draw_change, draw_repaired};
+use crate::inspect::{Analysis, CompareOptions, Original};
+use crate::render::{self, Drawing, Marked, RenderError, draw_change, draw_remaining, draw_repaired};
 
 /// Why a repair could not be drawn.
 #[derive(Debug, thiserror::Error)]
@@ -19,40 +21,61 @@ pub enum DrawError {
     Render(#[from] RenderError),
 }
 
-/// Draws what was wrong with a file, what is wrong with its repaired one, and what became of its surface, all read from the
-/// bytes of both, so that the drawings show what those hold.
+impl Report {
+    /// The names of the drawings that [`draw`] makes of the input and the file that is handed out.
+    #[must_use]
+    pub fn drawings(&self) -> Vec<&'static str> {
+        let handed_out = match self.verdict.file {
+            HandedOut::Model => self.after.as_ref(),
+            HandedOut::Original => Some(self.after.as_ref().unwrap_or(&self.before)),
+            HandedOut::None => None,
+        };
+        let mut names =
+            render::names_of_repair(self.before.measures.faces, handed_out.map(|after| after.measures.faces));
+        if handed_out.is_some() && !self.verdict.printable {
+            names.push(render::REMAINING);
+        }
+        names
+    }
+}
+
+/// Draws what is wrong with a file, what is wrong with its repaired one, and what became of its surface, all read from the
+/// bytes of both, so that the drawings show what those hold. They may take as long as the repair.
 ///
 /// # Errors
 /// [`DrawError`]; the repaired file is good all the same.
 pub fn draw(
     input: &[u8],
-    repaired: &Repaired,
+    repaired: Option<&[u8]>,
+    options: &Options,
     limits: &Limits,
     context: &Context<'_>,
 ) -> Result<Vec<Drawing>, DrawError> {
-    // The deadline of the repair is that of its drawings too.
-    let left = Duration::from_secs_f64(repaired.report.options.deadline_s)
-        .saturating_sub(Duration::try_from_secs_f64(repaired.report.milliseconds / 1e3).unwrap_or_default());
-    let context = &context.limited_to(left);
+    let context = &context.limited_to(Duration::from_secs_f64(options.deadline_s));
     context.check()?;
-    let (unit, up) = (&repaired.report.unit, repaired.report.unit.up);
-    let reading = |limits| ReadOptions { limits, twist_angle_deg: repaired.report.options.twist_angle_deg };
+    let reading = |limits| ReadOptions { limits, twist_angle_deg: options.twist_angle_deg };
     let mut file = format::read_shape(input, &reading(*limits))?;
-    file.settle_unit(repaired.report.options.unit, repaired.report.options.scale_to);
-    let read = file.mesh.soup;
-    let before = Marked { soup: &read, findings: &repaired.found_before };
-    let after = match &repaired.found_after {
-        Some(findings) => {
-            Some((format::read_shape(&repaired.bytes, &reading(Limits::NONE))?.mesh_in(unit.used, up), findings))
+    let unit = file.settle_unit(options.unit, options.scale_to);
+    let analysis = Analysis::new(subject(&file.mesh, Some(&unit)), context)?;
+    let (inspection, findings) = inspect_measured(&analysis, context)?;
+    let before = Marked { soup: &file.mesh.soup, findings: &findings };
+    let original = Original::new(&analysis, &inspection.measures, CompareOptions::BRIEF);
+    let draw_both = |after: &Analysis<'_>, found: Marked<'_>, is_printable: bool| {
+        let mut drawings = draw_repaired(before, Some(found), context)?;
+        drawings.extend(draw_change(found.soup, &original.fates(after, context)?, context)?);
+        if !is_printable {
+            drawings.push(draw_remaining(found, context)?);
         }
-        None => None,
+        Ok(drawings)
     };
-    let unchanged = (repaired.bytes == input).then_some(before);
-    let after = after.as_ref().map(|(soup, findings)| Marked { soup, findings });
-    let shown = after.or(unchanged);
-    let mut drawings = draw_repaired(before, shown, context)?;
-    if let (Some(shown), Some(fates)) = (shown, &repaired.fates) {
-        drawings.extend(draw_change(shown.soup, fates, context)?);
+    match repaired {
+        None => Ok(draw_repaired(before, None, context)?),
+        Some(bytes) if bytes == input => draw_both(&analysis, before, inspection.measures.printable()),
+        Some(bytes) => {
+            let mesh = format::read_shape(bytes, &reading(Limits::NONE))?.mesh_in(unit.used, unit.up);
+            let after = Analysis::new(subject(&mesh, Some(&unit)), context)?;
+            let (inspection, findings) = inspect_measured(&after, context)?;
+            draw_both(&after, Marked { soup: &mesh.soup, findings: &findings }, inspection.measures.printable())
+        }
     }
-    Ok(drawings)
 }

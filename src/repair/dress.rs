@@ -2,12 +2,10 @@
 
 use glam::DVec3;
 
-use super::input::{Input, Told, inspect_measured, read_own, subject};
+use super::input::{Input, Told, read_own};
 use super::repaint::repaint;
-use super::verdict::fates;
 use super::{Context, LeftOut, RepairError};
 use crate::format::{self, Format, Limits, ReadFile, ReadMesh, ReadOptions, WriteError};
-use crate::inspect::Analysis;
 use crate::mesh::{Soup, Surface, position_key};
 use crate::scene::{Item, Object, PaintedMesh, Scene, Shape, Unit};
 
@@ -52,18 +50,8 @@ pub(super) fn dress_one(
     });
     scene.objects = vec![Object::of_mesh(file.only_name(), PaintedMesh { soup, paint })];
     scene.items = vec![Item::of(0)];
-    let Dressed { bytes, mesh, in_order } = dress(&scene, format)?;
-    if in_order {
-        return Ok(Told { bytes, dialect: mesh.dialect, ..told });
-    }
-    // What was found is told of faces by their order.
-    let found = || {
-        let analysis = Analysis::new(subject(&mesh, input.analysis.subject.unit), context)?;
-        let (_, found) = inspect_measured(&analysis, context)?;
-        Ok((found, fates(input.original, &analysis, context)?))
-    };
-    let (found, fates) = context.unless_late(found())?.unzip();
-    Ok(Told { bytes, dialect: mesh.dialect, found, fates: fates.flatten(), ..told })
+    let Dressed { bytes, mesh } = dress(&scene, format)?;
+    Ok(Told { bytes, dialect: mesh.dialect, ..told })
 }
 
 /// A file that holds just what was judged.
@@ -71,8 +59,6 @@ pub(super) struct Dressed {
     pub bytes: Vec<u8>,
     /// What was read back from them, in the places and the unit in which it was judged.
     pub mesh: ReadMesh,
-    /// Whether faces stand in the order in which they were judged.
-    pub in_order: bool,
 }
 
 /// Writes a scene, reads the written bytes back, and sees that each of its meshes in use has just the faces that it had.
@@ -82,12 +68,12 @@ pub(super) fn dress(scene: &Scene, format: Format) -> Result<Dressed, RepairErro
     let Some(again) = read.scene.as_ref().filter(|_| format.has_objects()) else {
         // One mesh, whatever the scene is made of.
         let whole = scene.placed(u64::MAX).map_err(|_| WriteError::TooLarge)?;
-        let in_order = compare(&[&whole.soup], &[&read.mesh.soup]).ok_or(RepairError::Unfaithful)?;
-        return Ok(Dressed { bytes, mesh: read.mesh, in_order });
+        require_same(&[&whole.soup], &[&read.mesh.soup])?;
+        return Ok(Dressed { bytes, mesh: read.mesh });
     };
     let (ours, theirs) = (meshes(scene), meshes(again));
     let (before, after): (Vec<_>, Vec<_>) = (soups(scene, &ours), soups(again, &theirs));
-    let in_order = compare(&before, &after).ok_or(RepairError::Unfaithful)?;
+    require_same(&before, &after)?;
     // In their places as they were judged: the file may have turned and scaled these.
     let mut stand = scene.clone();
     for (&own, soup) in ours.iter().zip(after) {
@@ -96,7 +82,7 @@ pub(super) fn dress(scene: &Scene, format: Format) -> Result<Dressed, RepairErro
     let soup = stand.placed(u64::MAX).map_err(|_| WriteError::TooLarge)?.soup;
     let materials = read.mesh.materials.clone().filter(|materials| materials.len() == soup.faces.len());
     let mesh = ReadMesh { materials, ..read.mesh.of_same_file(soup) };
-    Ok(Dressed { bytes, mesh, in_order })
+    Ok(Dressed { bytes, mesh })
 }
 
 /// The objects that are meshes with faces and stand somewhere, in their order.
@@ -109,27 +95,20 @@ fn soups<'s>(scene: &'s Scene, meshes: &[usize]) -> Vec<&'s Soup> {
     meshes.iter().filter_map(|&object| scene.objects[object].mesh()).map(|mesh| &mesh.soup).collect()
 }
 
-/// Whether meshes have the same faces, and if so whether in the same order; none if they don't.
-fn compare(a: &[&Soup], b: &[&Soup]) -> Option<bool> {
-    let mut in_order = a.len() == b.len();
-    for (a, b) in a.iter().zip(b) {
-        if a.faces.len() != b.faces.len() {
-            return None;
-        }
+/// Sees that meshes have the same faces, in whatever order.
+fn require_same(a: &[&Soup], b: &[&Soup]) -> Result<(), RepairError> {
+    let sorted = |soup: &Soup| {
+        let mut order: Vec<usize> = (0..soup.faces.len()).collect();
+        order.sort_unstable_by_key(|&face| key(soup, face));
+        order
+    };
+    let is_same = |(a, b): (&&Soup, &&Soup)| {
         let faces = 0..a.faces.len();
-        if !faces.clone().all(|face| key(a, face) == key(b, face)) {
-            let sorted = |soup: &Soup| {
-                let mut order: Vec<usize> = faces.clone().collect();
-                order.sort_unstable_by_key(|&face| key(soup, face));
-                order
-            };
-            if !sorted(a).into_iter().zip(sorted(b)).all(|(x, y)| key(a, x) == key(b, y)) {
-                return None;
-            }
-            in_order = false;
-        }
-    }
-    (a.len() == b.len()).then_some(in_order)
+        a.faces.len() == b.faces.len()
+            && (faces.clone().all(|face| key(a, face) == key(b, face))
+                || sorted(a).into_iter().zip(sorted(b)).all(|(x, y)| key(a, x) == key(b, y)))
+    };
+    if a.len() == b.len() && a.iter().zip(b).all(is_same) { Ok(()) } else { Err(RepairError::Unfaithful) }
 }
 
 /// The same for a face from whichever corner it is told, and another one if it is turned over.

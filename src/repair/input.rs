@@ -3,14 +3,14 @@ use std::time::Duration;
 use super::RepairError;
 use super::invented::Invented;
 use super::time_budget::{TimeBudget, for_details};
-use super::verdict::{JudgeError, Judged, Patches, fates, judge};
+use super::verdict::{JudgeError, Judged, Patches, judge, surface_shares};
 use super::{
     Cancelled, Category, Changes, Context, FileSummary, LeftOut, Options, Outcome, Plan, Preset, REPORT_VERSION,
     Report, Verdict, summary,
 };
 use crate::format::{self, Format, Limits, ReadError, ReadMesh};
 use crate::inspect::{
-    Analysis, DefectKind, Fates, Findings, InspectOptions, Inspection, Ledger, Level, Measures, Original, Subject,
+    Analysis, DefectKind, Findings, InspectOptions, Inspection, Ledger, Level, Measures, Original, Subject,
     inspect_analysis, measure_analysis,
 };
 use crate::scene::LengthUnit;
@@ -33,8 +33,6 @@ pub(super) struct Told {
     pub bytes: Vec<u8>,
     pub dialect: String,
     pub source: Vec<u32>,
-    pub found: Option<Findings>,
-    pub fates: Option<Fates>,
 }
 
 impl Input<'_> {
@@ -119,7 +117,7 @@ impl Input<'_> {
             looked: None,
             counts: Some(Inspection { measures: measures.clone(), ..self.before.clone() }),
             measures,
-            fates: None,
+            surface: None,
             ledger: None,
             assumptions: Vec::new(),
             cavities: Vec::new(),
@@ -134,40 +132,36 @@ impl Input<'_> {
 
     /// Looks at a result as at the input: at its own bytes, read back, and at what became of the input. What the input's bytes
     /// say is known already.
-    pub fn after(
-        &self,
-        judged: &mut Judged,
-        context: &Context<'_>,
-    ) -> Result<(Inspection, Option<Findings>), RepairError> {
+    pub fn after(&self, judged: &mut Judged, context: &Context<'_>) -> Result<Inspection, RepairError> {
         if self.bytes == Some(judged.bytes.as_slice()) {
-            judged.fates = fates(self.original, self.analysis, context)?;
-            return Ok((self.before.clone(), None));
+            judged.surface = surface_shares(self.original, self.analysis, context)?;
+            return Ok(self.before.clone());
         }
-        if let Some((inspection, findings)) = judged.looked.take() {
-            return Ok((inspection, Some(findings)));
+        if let Some(inspection) = judged.looked.take() {
+            return Ok(inspection);
         }
         let inspected = || {
             context.check()?;
             let read = read_own(&judged.bytes)?;
             let analysis = Analysis::new(subject(&read, self.analysis.subject.unit), context)?;
-            let found = inspect_analysis(&analysis, &InspectOptions::default(), context)?;
-            Ok((found, fates(self.original, &analysis, context)?))
+            let (inspection, _) = inspect_analysis(&analysis, &InspectOptions::default(), context)?;
+            Ok((inspection, surface_shares(self.original, &analysis, context)?))
         };
         match inspected() {
-            Ok(((inspection, findings), fates)) => {
-                judged.fates = fates;
-                Ok((inspection, Some(findings)))
+            Ok((inspection, surface)) => {
+                judged.surface = surface;
+                Ok(inspection)
             }
             Err(RepairError::Cancelled(_)) if !context.is_cancelled() => {
                 self.time.leave_out(LeftOut::ResultDetails);
                 let counts = judged.counts.take().unwrap_or_else(|| self.before.clone());
-                Ok((Inspection { measures: judged.measures.clone(), ..counts }, None))
+                Ok(Inspection { measures: judged.measures.clone(), ..counts })
             }
             Err(error) => Err(error),
         }
     }
 
-    /// Puts down how it ended. Answers what was found on the result, where it is not the input.
+    /// Puts down how it ended. Answers the bytes to hand out.
     pub fn tell(
         &self,
         report: &mut Report,
@@ -179,23 +173,22 @@ impl Input<'_> {
         report.left_out = self.time.left_out();
         report.summary = summary::in_words(outcome, report, judged.as_ref().map(|j| &j.measures));
         let Some(mut judged) = judged else { return Ok(Told::default()) };
-        let (after, found) = self.after(&mut judged, context)?;
+        let after = self.after(&mut judged, context)?;
         if after.level == Level::None {
             self.time.leave_out(LeftOut::ResultDetails);
         }
-        if judged.fates.is_none() {
+        if judged.surface.is_none() {
             self.time.leave_out(LeftOut::SurfaceChanges);
         }
         report.left_out = self.time.left_out();
         report.summary.push_str(&summary::what_remains(&after));
         report.after = Some(after);
-        let surface = judged.fates.as_ref().map(|fates| fates.shares);
-        report.changes = Some(Changes { surface, ..judged.changes });
+        report.changes = Some(Changes { surface: judged.surface, ..judged.changes });
         // The reasons part by part are for the program alone.
         report.ledger = judged.ledger.map(|ledger| Ledger { certified: Vec::new(), ..ledger });
         report.red_flags = judged.red_flags;
         report.verified_from_output_bytes = true;
-        Ok(Told { bytes: judged.bytes, dialect: judged.dialect, source: judged.source, found, fates: judged.fates })
+        Ok(Told { bytes: judged.bytes, dialect: judged.dialect, source: judged.source })
     }
 
     /// The account as far as it is known before anything was run.
@@ -272,10 +265,10 @@ pub(super) fn inspect_input(
     analysis: &Analysis<'_>,
     began: Duration,
     context: &Context<'_>,
-) -> Result<(Inspection, Findings, TimeBudget), Cancelled> {
+) -> Result<(Inspection, TimeBudget), Cancelled> {
     let is_measured = context.unless_late(measure_analysis(analysis, context))?.is_some();
     let time = TimeBudget::new(analysis.surface.faces.len(), context.now().saturating_sub(began));
-    let (inspection, findings) = if is_measured {
+    let (inspection, _) = if is_measured {
         inspect_measured(analysis, &for_details(context))?
     } else {
         time.leave_out(LeftOut::InputVerification);
@@ -284,7 +277,7 @@ pub(super) fn inspect_input(
     if inspection.level == Level::None {
         time.leave_out(LeftOut::InputDetails);
     }
-    Ok((inspection, findings, time))
+    Ok((inspection, time))
 }
 
 /// Inspects a mesh that was measured. When the deadline has passed, nothing but what results are judged by is there.

@@ -35,7 +35,7 @@ pub(super) fn repair_object(
     let began = context.now();
     let mesh = file.mesh.of_same_file(object.mesh().map(|mesh| mesh.soup.clone()).unwrap_or_default());
     let analysis = Analysis::new(subject(&mesh, file.unit.as_ref()), &context.for_verification())?;
-    let (before, _, time) = inspect_input(&analysis, began, context)?;
+    let (before, time) = inspect_input(&analysis, began, context)?;
     let settled = settle_orientation(&analysis, &before.measures, options, context)?;
     let settled = analyse_settled(settled.as_ref(), context)?;
     let original = Original::new(&analysis, &before.measures, CompareOptions::BRIEF).with_settled(settled.as_ref());

@@ -257,8 +257,8 @@ pub struct Options {
     /// Most faces a remesh may have; the voxel size is made larger until the estimate is below.
     #[schema(minimum = 1000, maximum = 20000000)]
     pub max_remesh_faces: u64,
-    /// Whether to draw what was found and what was changed: `before.png`, `after.png`, `defects.glb`, `defects.ply`,
-    /// `change.png`, `change.glb` and `change.ply`.
+    /// Whether what was found and what was changed can be had as pictures: `before.png`, `after.png`, `defects.glb`, `defects.ply`,
+    /// `change.png`, `change.glb` and `change.ply`. They are drawn when somebody asks for one of them first.
     pub pictures: bool,
 }
 

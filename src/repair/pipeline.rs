@@ -4,7 +4,7 @@ use super::apart::{ApartRepair, keeps_apart};
 use super::assumed::assumptions;
 use super::climb::Climb;
 use super::dress::{carrier, dress_one};
-use super::input::{Input, Told, inspect_input, read_own, subject};
+use super::input::{Input, inspect_input, read_own, subject};
 use super::limited_options::limited_options;
 use super::options_not_applied::{Ending, of_file, options_not_applied};
 use super::plan::{make_plan, name};
@@ -18,7 +18,7 @@ use super::{
     Options, OptionsError, Outcome, Preset, Remesher, Report, Stage, Verdict, categorise, summary,
 };
 use crate::format::{self, Format, Limits, ReadError, ReadOptions, WriteError};
-use crate::inspect::{Analysis, CompareOptions, Fates, Findings, Original};
+use crate::inspect::{Analysis, CompareOptions, Original};
 use crate::scene::UnitSource;
 
 /// A repaired file and its account.
@@ -30,12 +30,6 @@ pub struct Repaired {
     pub format: Format,
     /// The account.
     pub report: Report,
-    /// What was found on the input.
-    pub found_before: Findings,
-    /// What was found on the result, where there is one that is not the input.
-    pub found_after: Option<Findings>,
-    /// What became of every piece of surface, where there is a result and there was time to ask.
-    pub fates: Option<Fates>,
 }
 
 /// Why there is no result at all. A model that can't be repaired is no error: see [`Outcome::Unrepairable`].
@@ -113,7 +107,7 @@ fn repair_in_time(
     context.report(Stage::Inspect, None, 3);
     let began = context.now();
     let analysis = Analysis::new(subject(&file.mesh, file.unit.as_ref()), &context.for_verification())?;
-    let (before, found_before, time) = inspect_input(&analysis, began, context)?;
+    let (before, time) = inspect_input(&analysis, began, context)?;
     context.log(&format!("read {}: {}", file.mesh.dialect, before.measures.in_short()));
     let settled = settle_orientation(&analysis, &before.measures, options, context)?;
     let settled = analyse_settled(settled.as_ref(), context)?;
@@ -166,8 +160,7 @@ fn repair_in_time(
     report.milliseconds = context.now().saturating_sub(start).as_secs_f64() * 1e3;
     context.log(&report.summary);
     context.report(Stage::Finish, None, 100);
-    let Told { bytes, found: found_after, fates, .. } = result;
-    Ok(Repaired { bytes, format, report, found_before, found_after, fates })
+    Ok(Repaired { bytes: result.bytes, format, report })
 }
 
 /// How the repair of one mesh ended.

@@ -7,9 +7,7 @@ use super::{
     Assumption, Cancelled, Changes, Context, Options, OutputFormat, RedFlag, RedFlagCode, Standing, red_flags,
 };
 use crate::format::{self, Format, ReadError, WriteError};
-use crate::inspect::{
-    Analysis, Certificate, Fates, Findings, Inspection, Ledger, Measures, Original, measure_analysis,
-};
+use crate::inspect::{Analysis, Certificate, Inspection, Ledger, Measures, Original, SurfaceShares, measure_analysis};
 use crate::mesh::{OPENED_SKIN_SOURCE, Parts, Surface, is_made};
 use crate::scene::{LengthUnit, UnitSource};
 
@@ -34,11 +32,11 @@ pub(super) struct Judged {
     /// What of its surface was invented.
     pub invented: Invented,
     /// Its inspection, where it is good: then nothing better will come, and what its bytes say is at hand.
-    pub looked: Option<(Inspection, Findings)>,
+    pub looked: Option<Inspection>,
     /// What was counted of it, where there is no inspection: what is told of it if there is no time for one.
     pub counts: Option<Inspection>,
-    /// What became of every piece of surface, where it is good and there was time to ask.
-    pub fates: Option<Fates>,
+    /// What became of the input's surface, where it is good and there was time to ask.
+    pub surface: Option<SurfaceShares>,
 }
 
 /// Why a result could not be judged.
@@ -99,9 +97,9 @@ pub(super) fn judge(
     red_flags.extend(surface_invented(&invented, options));
     let good = is_final(&measures, &red_flags);
     // Of other results it is found out when they are handed out, if there is time.
-    let looked = if good { Some(inspect_measured(&analysis, context)?) } else { None };
+    let looked = if good { Some(inspect_measured(&analysis, context)?.0) } else { None };
     let counts = if good { None } else { Some(inspect_counts(&analysis, verification)?.0) };
-    let fates = if good { fates(input, &analysis, context)? } else { None };
+    let shares = if good { surface_shares(input, &analysis, context)? } else { None };
     let cavities = analysis.solids.iter().filter(|it| measures.printable() && it.closed && it.volume < 0.0);
     let cavities = cavities.map(|it| (it.volume.abs(), it.bounds.centre().to_array())).collect();
     let mut judged = Judged {
@@ -117,7 +115,7 @@ pub(super) fn judge(
         invented,
         looked,
         counts,
-        fates,
+        surface: shares,
     };
     judged.assumptions.extend(same_inside(&judged, options.max_volume_change_pct));
     Ok(judged)
@@ -130,13 +128,13 @@ fn unit_for_readers(unit: &LengthUnit, output: OutputFormat) -> LengthUnit {
     LengthUnit { source, ..unit.clone() }
 }
 
-/// What became of every piece of surface; none where the time was over.
-pub(super) fn fates(
+/// What became of the input's surface; none where the time was over.
+pub(super) fn surface_shares(
     input: &Original<'_>,
     result: &Analysis<'_>,
     context: &Context<'_>,
-) -> Result<Option<Fates>, Cancelled> {
-    context.unless_late(input.fates(result, context))
+) -> Result<Option<SurfaceShares>, Cancelled> {
+    Ok(context.unless_late(input.fates(result, context))?.map(|fates| fates.shares))
 }
 
 /// What of the input is in a surface. Where every part is accounted for, none is gone by becoming one with others.

@@ -16,7 +16,7 @@ use tracing::Instrument;
 
 use super::crash;
 use super::failpoint::pause_alone_at;
-use super::files::{Offered, names, offered};
+use super::files::{names, offered, pictures};
 use super::inside;
 use super::patience::patiently;
 use super::pool::{Pool, Shutdown};
@@ -25,18 +25,17 @@ use super::scratch::tame;
 use super::stages::{Stages, record_end, record_steps};
 use super::task::{ProgressLine, Task};
 use super::usage::Excess;
-use crate::blobs::{BlobError, Blobs, Stored};
+use crate::blobs::{BlobError, Blobs};
 use crate::jobs::{
-    Artifact, Artifacts, Claim, Completion, Failure, FailureKind, Job, JobProblem, JobProgress, JobReport, Lease,
-    ProblemKind, Status, StoreError,
+    Artifacts, Claim, Completion, Failure, FailureKind, Job, JobProblem, JobProgress, JobReport, Lease, ProblemKind,
+    Status, StoreError,
 };
-use crate::repair::promised_overrun;
 use crate::telemetry::{self, label};
 
 /// Progress is written to the store no more often than this.
 const PROGRESS_EVERY: Duration = Duration::from_millis(250);
 /// How often to look at what a job has taken.
-const USAGE_EVERY: Duration = Duration::from_millis(500);
+pub(super) const USAGE_EVERY: Duration = Duration::from_millis(500);
 /// Longest line of progress that is read.
 const LINE_BYTES: usize = 4 << 10;
 
@@ -65,7 +64,7 @@ enum Ended {
 
 /// Why an attempt can't go on.
 #[derive(Debug, thiserror::Error)]
-enum AttemptError {
+pub(super) enum AttemptError {
     #[error(transparent)]
     Io(#[from] io::Error),
     #[error(transparent)]
@@ -119,7 +118,7 @@ impl<'a> Attempt<'a> {
         let scratch = self.pool.scratch.attempt()?;
         let folder = scratch.path();
         tokio::select! {
-            fetched = self.fetch_inputs(folder) => fetched?,
+            fetched = self.pool.fetch_inputs(&self.job, folder) => fetched?,
             () = lost.cancelled() => return Err(StoreError::LeaseLost.into()),
             () = shutdown.now.cancelled() => {
                 self.pool.store.hand_back(&self.lease).await?;
@@ -128,7 +127,7 @@ impl<'a> Attempt<'a> {
         }
         pause_alone_at("worker-spawn").await;
         let (program, first) = (&self.pool.config.program, self.lease.attempt == 1);
-        let mut process = JobProcess::start(program, inside::JOB, folder, first, &self.task())?;
+        let mut process = JobProcess::start(program, inside::JOB, folder, first, &self.pool.task(&self.job, None))?;
         tracing::info!(process = process.group().as_raw_nonzero(), "started");
         let ended = self.watch(&mut process, folder, &shutdown.now, lost).instrument(tracing::info_span!("run")).await;
         let (status, said) = process.end(self.pool.loose()).await?;
@@ -153,7 +152,7 @@ impl<'a> Attempt<'a> {
                 self.pool.store.hand_back(&self.lease).await?;
                 Ok(None)
             }
-            // The result was there before the process went down, so that at most pictures are missing.
+            // The result was there before the process went down.
             Ended::Exited(_) | Ended::Deadline if !matches!(report, Ok(None)) => {
                 self.conclude(folder, report?).await.map(Some)
             }
@@ -185,34 +184,6 @@ impl<'a> Attempt<'a> {
                 self.fail(folder, kind, problem).await.map(Some)
             }
         }
-    }
-
-    /// Copies the job's files into the scratch folder.
-    async fn fetch_inputs(&self, folder: &Path) -> Result<(), BlobError> {
-        for (number, input) in self.job.inputs.iter().enumerate() {
-            let path = folder.join(Task::input(number));
-            let fetch = patiently(None, || self.pool.blobs.fetch(&input.key, &input.sha256, &path));
-            fetch.instrument(tracing::info_span!("fetch", bytes = input.bytes)).await?;
-        }
-        Ok(())
-    }
-
-    fn task(&self) -> Task {
-        let config = &self.pool.config;
-        Task {
-            inputs: self.job.inputs.clone(),
-            options: self.job.options.clone(),
-            limits: config.limits,
-            confinement: self.pool.confinement(self.deadline()),
-            remesher: config.remesher.clone(),
-            blender: config.blender.clone(),
-        }
-    }
-
-    /// The time after which the job's processes are killed: later than a repair takes by itself to keep its deadline.
-    fn deadline(&self) -> Duration {
-        let deadline = Duration::from_secs_f64(self.job.options.deadline_s().clamp(1.0, 3600.0));
-        deadline + promised_overrun(deadline) + self.pool.config.deadline_grace
     }
 
     /// Extends the lease from the claim to the end of the attempt, whatever the attempt is doing. When the job is no
@@ -259,7 +230,7 @@ impl<'a> Attempt<'a> {
     ) -> Result<Ended, AttemptError> {
         let stdout = process.stdout().ok_or_else(|| io::Error::other("the child process has no standard output"))?;
         let mut lines = FramedRead::new(stdout, LinesCodec::new_with_max_length(LINE_BYTES)).fuse();
-        let deadline = tokio::time::sleep(self.deadline());
+        let deadline = tokio::time::sleep(self.pool.deadline(&self.job));
         tokio::pin!(deadline);
         let allowance = self.pool.allowance(self.job.inputs.iter().map(|input| input.bytes).sum());
         let mut usage = tokio::time::interval_at(Instant::now() + USAGE_EVERY, USAGE_EVERY);
@@ -342,12 +313,16 @@ impl<'a> Attempt<'a> {
         let report = report.abridged();
         let json = serde_json::to_vec(&report).map_err(|e| AttemptError::Json(Task::REPORT, e))?;
         tokio::fs::write(folder.join(Task::REPORT), json).await?;
-        let artifacts = self.store_files(folder, offered(&self.job.inputs, Some(&report))).await?;
+        let mut artifacts =
+            self.pool.store_files(&self.lease, folder, offered(&self.job.inputs, Some(&report)), &self.over).await?;
+        if self.job.options.pictures() {
+            artifacts.extend(pictures(&self.job.inputs, &report));
+        }
         Ok(Completion { report, artifacts })
     }
 
     async fn fail(&self, folder: &Path, kind: FailureKind, problem: JobProblem) -> Result<Job, AttemptError> {
-        let artifacts = self.store_files(folder, offered(&self.job.inputs, None)).await?;
+        let artifacts = self.pool.store_files(&self.lease, folder, offered(&self.job.inputs, None), &self.over).await?;
         let failure = Failure { kind, problem, report: None, artifacts };
         Ok(self.note_failure(failure).await?)
     }
@@ -375,24 +350,9 @@ impl<'a> Attempt<'a> {
         self.note_failure(failure).await
     }
 
-    /// Stores those files that are there under this attempt's own keys, where nobody sees them yet.
-    async fn store_files(&self, folder: &Path, files: Vec<Offered>) -> Result<Artifacts, AttemptError> {
-        let key = |name: &str| Blobs::artifact_key(self.lease.id, &self.lease.token, name);
-        let places: Vec<_> = files.iter().map(|file| (key(&file.name), folder.join(&file.source))).collect();
-        let stored = patiently(Some(&self.over), || self.pool.blobs.put_files(&places)).await?;
-        let artifact = |(Offered { name, filename, media_type, .. }, stored): (Offered, Option<Stored>)| {
-            let (key, media_type, Stored { bytes, sha256, .. }) = (key(&name), media_type.to_owned(), stored?);
-            Some((name, Artifact { key, filename, media_type, bytes, sha256 }))
-        };
-        Ok(files.into_iter().zip(stored).filter_map(artifact).collect())
-    }
-
     /// Removes what this attempt stored, after it lost the job.
     async fn drop_files(&self) {
-        let keys = names(self.job.inputs.len())
-            .into_iter()
-            .map(|name| Blobs::artifact_key(self.lease.id, &self.lease.token, &name));
-        for key in keys {
+        for key in names().map(|name| Blobs::artifact_key(self.lease.id, &self.lease.token, name)) {
             if let Err(error) = self.pool.blobs.delete(&key).await {
                 tracing::warn!(%error, key, "a file of a lost attempt was left");
             }

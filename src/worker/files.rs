@@ -1,6 +1,14 @@
+use std::path::Path;
+
+use tokio_util::sync::CancellationToken;
+use tracing::Instrument;
+
+use super::patience::patiently;
+use super::pool::Pool;
 use super::task::Task;
+use crate::blobs::{BlobError, Blobs, Stored};
 use crate::format::Format;
-use crate::jobs::{Input, JobReport};
+use crate::jobs::{Artifact, Artifacts, Input, Job, JobReport, Lease, StoredFile};
 use crate::repair::HandedOut;
 
 /// A file that a child may leave and a job then offers.
@@ -12,7 +20,7 @@ pub(super) struct Offered {
     pub source: String,
     /// The name to save it under.
     pub filename: String,
-    pub media_type: &'static str,
+    pub media_type: String,
 }
 
 /// What a job may offer once, whatever its mode, but for the file that it hands out, which the report's verdict says.
@@ -43,14 +51,34 @@ pub(super) fn of_file(number: usize, name: &str) -> String {
     if number == 0 { name.to_owned() } else { format!("{}-{name}", number + 1) }
 }
 
-/// Every name that an attempt at a job of so many files may have stored a file under.
-pub(super) fn names(files: usize) -> Vec<String> {
-    let once = [Task::MODEL, Task::ORIGINAL].into_iter().chain(OF_THE_JOB.map(|(name, _)| name)).map(str::to_owned);
-    let each = (0..files).flat_map(|number| OF_EACH_FILE.map(|(name, _)| of_file(number, name)));
-    once.chain(each).collect()
+/// The pictures of a job on these files, which are drawn when somebody asks for them.
+pub(super) fn pictures(inputs: &[Input], report: &JobReport) -> Artifacts {
+    let picture = |(number, name): (usize, &'static str)| {
+        let (_, media_type) = OF_EACH_FILE.into_iter().find(|&(known, _)| known == name)?;
+        let filename = format!("{}-{name}", inputs.get(number)?.stem());
+        Some((of_file(number, name), Artifact { filename, media_type: media_type.to_owned(), file: None }))
+    };
+    report.drawings().into_iter().filter_map(picture).collect()
 }
 
-/// What a job on these files offers, as far as the child left it: after a failure the log only.
+/// The pictures of a job that are not drawn yet, as a child may leave them.
+pub(super) fn undrawn(job: &Job) -> Vec<Offered> {
+    let waiting = job.artifacts.iter().filter(|(_, artifact)| artifact.file.is_none());
+    let offered = |(name, artifact): (&String, &Artifact)| Offered {
+        name: name.clone(),
+        source: name.clone(),
+        filename: artifact.filename.clone(),
+        media_type: artifact.media_type.clone(),
+    };
+    waiting.map(offered).collect()
+}
+
+/// Every name that an attempt may have stored a file under.
+pub(super) fn names() -> impl Iterator<Item = &'static str> {
+    [Task::MODEL, Task::ORIGINAL].into_iter().chain(OF_THE_JOB.map(|(name, _)| name))
+}
+
+/// What a job on these files offers beside its pictures, as far as the child left it: after a failure the log only.
 pub(super) fn offered(inputs: &[Input], report: Option<&JobReport>) -> Vec<Offered> {
     let first = inputs.first().map_or("model", Input::stem);
     let once = OF_THE_JOB
@@ -66,21 +94,17 @@ pub(super) fn offered(inputs: &[Input], report: Option<&JobReport>) -> Vec<Offer
             name: Task::ORIGINAL.to_owned(),
             source: Task::input(0),
             filename: input.name.clone(),
-            media_type: media_type(input.format),
+            media_type: media_type(input.format).to_owned(),
         }),
         (HandedOut::None, _) => None,
     });
-    let drawn = inputs.iter().enumerate().filter(|_| report.is_some()).flat_map(|(number, input)| {
-        let stem = input.stem();
-        OF_EACH_FILE.map(|(name, media_type)| Offered::new(of_file(number, name), format!("{stem}-{name}"), media_type))
-    });
-    once.chain(handed_out).chain(drawn).collect()
+    once.chain(handed_out).collect()
 }
 
 impl Offered {
     /// A file that the child leaves under the artifact's name.
-    fn new(name: String, filename: String, media_type: &'static str) -> Self {
-        Self { source: name.clone(), name, filename, media_type }
+    fn new(name: String, filename: String, media_type: &str) -> Self {
+        Self { source: name.clone(), name, filename, media_type: media_type.to_owned() }
     }
 }
 
@@ -92,5 +116,36 @@ fn media_type(format: Format) -> &'static str {
         Format::ThreeMf => "model/3mf",
         Format::Zip => "application/zip",
         Format::Ply | Format::Off | Format::Mesh => "application/octet-stream",
+    }
+}
+
+impl Pool {
+    /// Copies a job's files into the scratch folder.
+    pub(super) async fn fetch_inputs(&self, job: &Job, folder: &Path) -> Result<(), BlobError> {
+        for (number, input) in job.inputs.iter().enumerate() {
+            let path = folder.join(Task::input(number));
+            let fetch = patiently(None, || self.blobs.fetch(&input.key, &input.sha256, &path));
+            fetch.instrument(tracing::info_span!("fetch", bytes = input.bytes)).await?;
+        }
+        Ok(())
+    }
+
+    /// Stores those files that are there under the hold's own keys, where nobody sees them yet.
+    pub(super) async fn store_files(
+        &self,
+        held: &Lease,
+        folder: &Path,
+        files: Vec<Offered>,
+        over: &CancellationToken,
+    ) -> Result<Artifacts, BlobError> {
+        let key = |name: &str| Blobs::artifact_key(held.id, &held.token, name);
+        let places: Vec<_> = files.iter().map(|file| (key(&file.name), folder.join(&file.source))).collect();
+        let stored = patiently(Some(over), || self.blobs.put_files(&places)).await?;
+        let artifact = |(Offered { name, filename, media_type, .. }, stored): (Offered, Option<Stored>)| {
+            let Stored { bytes, sha256, .. } = stored?;
+            let file = Some(StoredFile { key: key(&name), bytes, sha256 });
+            Some((name, Artifact { filename, media_type, file }))
+        };
+        Ok(files.into_iter().zip(stored).filter_map(artifact).collect())
     }
 }

@@ -7,6 +7,7 @@
 mod attempt;
 mod child;
 mod crash;
+mod drawing;
 mod errand;
 mod failpoint;
 mod files;

@@ -9,17 +9,18 @@ use tracing::{Instrument, Span};
 
 use super::ProcessLimits;
 use super::attempt::Attempt;
+use super::drawing::draw;
 use super::probe::probe;
 use super::scratch::Scratch;
 use super::sweep::{EVERY, Retention, sweep};
-use super::task::Confinement;
+use super::task::{Confinement, Task};
 use super::usage::Allowance;
 use super::warm_up::warm_blender_up;
 use crate::blender::{BlenderConfig, installation};
 use crate::blobs::{Blobs, free_bytes};
 use crate::format::Limits;
-use crate::jobs::{Claim, Store};
-use crate::repair::RemesherInfo;
+use crate::jobs::{Claim, Job, Store};
+use crate::repair::{HandedOut, RemesherInfo, promised_overrun};
 use crate::sandbox::{Protection, Sandbox, SandboxMode, SandboxStatus};
 use crate::telemetry;
 
@@ -177,6 +178,26 @@ impl Pool {
         }
     }
 
+    /// What a job's child process is told to do: the job, or to draw the pictures of what it handed out.
+    pub(super) fn task(&self, job: &Job, draw: Option<HandedOut>) -> Task {
+        let config = &self.config;
+        Task {
+            inputs: job.inputs.clone(),
+            options: job.options.clone(),
+            draw,
+            limits: config.limits,
+            confinement: self.confinement(self.deadline(job)),
+            remesher: config.remesher.clone().filter(|_| draw.is_none()),
+            blender: config.blender.clone(),
+        }
+    }
+
+    /// The time after which a job's processes are killed: later than a repair takes by itself to keep its deadline.
+    pub(super) fn deadline(&self, job: &Job) -> Duration {
+        let deadline = Duration::from_secs_f64(job.options.deadline_s().clamp(1.0, 3600.0));
+        deadline + promised_overrun(deadline) + self.config.deadline_grace
+    }
+
     /// Whether a job's processes may leave its process group.
     pub(super) fn loose(&self) -> bool {
         self.status.as_ref().is_none_or(|it| !it.walls.system_calls.in_force)
@@ -218,7 +239,7 @@ impl Pool {
 
 /// Claims and runs one job after the other.
 async fn slot(pool: Arc<Pool>, shutdown: Shutdown) {
-    let mut had_room = true;
+    let (mut had_room, mut drew) = (true, false);
     while !shutdown.drain.is_cancelled() {
         // What waits stays in the queue, where it is safe, rather than fail for want of room.
         let room = pool.room();
@@ -238,6 +259,16 @@ async fn slot(pool: Arc<Pool>, shutdown: Shutdown) {
             }
             continue;
         }
+        // Somebody waits for pictures; but those who wait for jobs get their turns.
+        if !drew && let Some(claim) = claim_drawings(&pool).await {
+            drew = true;
+            let span = attempt_span(&claim);
+            let busy = Busy::begin();
+            draw(&pool, claim, &shutdown).instrument(span).await;
+            drop(busy);
+            continue;
+        }
+        let just_drew = std::mem::take(&mut drew);
         match pool.store.claim(&pool.name, pool.config.lease, pool.config.max_running).await {
             Ok(Some(claim)) => {
                 let span = attempt_span(&claim);
@@ -250,6 +281,7 @@ async fn slot(pool: Arc<Pool>, shutdown: Shutdown) {
                 drop(busy);
                 continue;
             }
+            Ok(None) if just_drew => continue,
             Ok(None) => {}
             Err(error) => tracing::error!(%error, "could not look for work"),
         }
@@ -257,6 +289,16 @@ async fn slot(pool: Arc<Pool>, shutdown: Shutdown) {
             () = pool.store.bell().work() => {}
             () = tokio::time::sleep(pool.config.poll) => {}
             () = shutdown.drain.cancelled() => {}
+        }
+    }
+}
+
+async fn claim_drawings(pool: &Pool) -> Option<Claim> {
+    match pool.store.claim_drawings(pool.config.lease).await {
+        Ok(claim) => claim,
+        Err(error) => {
+            tracing::error!(%error, "could not look for pictures to draw");
+            None
         }
     }
 }

@@ -101,7 +101,8 @@ async fn remove_orphans(store: &dyn Store, blobs: &Blobs) -> Result<(), SweepErr
 /// Whether a job ended otherwise than by this claim, so that nobody sees what that made. One that runs may be about to end by it.
 fn is_lost(job: &Job, claim: &str) -> bool {
     let folder = Blobs::artifact_key(job.id, claim, "");
-    job.finished_at.is_some() && !job.artifacts.values().any(|artifact| artifact.key.starts_with(&folder))
+    let mut files = job.artifacts.values().filter_map(|artifact| artifact.file.as_ref());
+    job.finished_at.is_some() && !files.any(|file| file.key.starts_with(&folder))
 }
 
 /// Counts what was swept away.

@@ -4,19 +4,21 @@ use super::ProcessLimits;
 use crate::blender::BlenderConfig;
 use crate::format::Limits;
 use crate::jobs::{Input, JobOptions, JobProgress};
-use crate::repair::RemesherInfo;
+use crate::repair::{HandedOut, RemesherInfo};
 use crate::sandbox::Sandbox;
 
 /// What a worker tells its child process: a line of JSON on its standard input. That is then a lifeline: when it closes, the worker is
 /// gone, and the child ends its process group.
 ///
 /// The [`input`](Self::input) files lie in the scratch folder. The child leaves its files there too: [`MODEL`](Self::MODEL) where there is one, then
-/// [`FULL_REPORT`](Self::FULL_REPORT), which says that the work is done, then pictures; [`LOG`](Self::LOG), and [`PROBLEM`](Self::PROBLEM) where
-/// the input is to blame. On standard output it writes one [`JobProgress`] a line.
+/// [`FULL_REPORT`](Self::FULL_REPORT), which says that the work is done; [`LOG`](Self::LOG), and [`PROBLEM`](Self::PROBLEM) where
+/// the input is to blame. Where pictures are all that it is to make, [`MODEL`](Self::MODEL) lies there too, and it leaves nothing but them. On standard output it writes one [`JobProgress`] a line.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(super) struct Task {
     pub inputs: Vec<Input>,
     pub options: JobOptions,
+    /// Where the job was done before and its pictures are to be drawn: the file that it handed out.
+    pub draw: Option<HandedOut>,
     pub limits: Limits,
     pub confinement: Confinement,
     pub remesher: Option<RemesherInfo>,

@@ -1,19 +1,17 @@
-use std::fmt::Display;
 use std::fs;
 use std::io;
-use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 
 use super::files::of_file;
 use super::pause_at;
 use super::task::Task;
-use crate::analyze::{Analyst, AnalyzeError, AnalyzeOptions, Analyzed};
+use crate::analyze::{self, Analyst, AnalyzeError, AnalyzeOptions};
 use crate::blender::{BlenderConfig, BlenderRemesher};
 use crate::context::Context;
 use crate::format::{ReadError, ReadErrorKind};
 use crate::jobs::{JobOptions, JobProblem, JobReport, ProblemKind};
 use crate::render::Drawing;
-use crate::repair::{HandedOut, Options, Remesher, RepairError, draw, repair};
+use crate::repair::{self, HandedOut, Options, Remesher, RepairError, repair};
 
 /// Why it makes nothing.
 pub(super) enum Failed {
@@ -24,11 +22,13 @@ pub(super) enum Failed {
 }
 
 /// Does the work of a task whose files lie in `folder`, and leaves the result there: the model if one is handed out, then the report,
-/// which says that the work is done, then pictures.
+/// which says that the work is done; or pictures, where those are the task.
 pub(super) fn work(folder: &Path, task: &Task, context: &Context<'_>) -> Result<(), Failed> {
-    match &task.options {
-        JobOptions::Repair(options) => run_repair(folder, task, options, context),
-        JobOptions::Analyze(options) => run_analysis(folder, task, options, context),
+    match (&task.options, task.draw) {
+        (JobOptions::Repair(options), None) => run_repair(folder, task, options, context),
+        (JobOptions::Analyze(options), None) => run_analysis(folder, task, options, context),
+        (JobOptions::Repair(options), Some(handed_out)) => draw_repair(folder, task, options, handed_out, context),
+        (JobOptions::Analyze(options), Some(_)) => draw_files(folder, task, options, context),
     }
 }
 
@@ -42,11 +42,7 @@ fn run_repair(folder: &Path, task: &Task, options: &Options, context: &Context<'
     if repaired.report.verdict.file == HandedOut::Model {
         fs::write(folder.join(Task::MODEL), &repaired.bytes)?;
     }
-    write_report(folder, &JobReport::Repair(Box::new(repaired.report.clone())))?;
-    if options.pictures {
-        leave_drawings(folder, 0, || draw(&bytes, &repaired, &task.limits, context), context);
-    }
-    Ok(())
+    write_report(folder, &JobReport::Repair(Box::new(repaired.report)))
 }
 
 fn run_analysis(folder: &Path, task: &Task, options: &AnalyzeOptions, context: &Context<'_>) -> Result<(), Failed> {
@@ -54,14 +50,45 @@ fn run_analysis(folder: &Path, task: &Task, options: &AnalyzeOptions, context: &
     for (number, input) in task.inputs.iter().enumerate() {
         analyst.add(&input.name, Some(&input.sha256), &fs::read(folder.join(Task::input(number)))?)?;
     }
-    let Analyzed { report, looked } = analyst.finish()?;
-    write_report(folder, &JobReport::Analyze(Box::new(report)))?;
-    if options.pictures {
-        for (number, looked) in looked.iter().enumerate() {
-            leave_drawings(folder, number, || looked.draw(context), context);
+    write_report(folder, &JobReport::Analyze(Box::new(analyst.finish()?)))
+}
+
+fn draw_repair(
+    folder: &Path,
+    task: &Task,
+    options: &Options,
+    handed_out: HandedOut,
+    context: &Context<'_>,
+) -> Result<(), Failed> {
+    pause_at("child-draw");
+    let input = fs::read(folder.join(Task::input(0)))?;
+    let model;
+    let repaired = match handed_out {
+        HandedOut::None => None,
+        HandedOut::Original => Some(input.as_slice()),
+        HandedOut::Model => {
+            model = fs::read(folder.join(Task::MODEL))?;
+            Some(model.as_slice())
         }
+    };
+    let drawings = repair::draw(&input, repaired, options, &task.limits, context);
+    leave_drawings(folder, 0, drawings.map_err(io::Error::other)?)
+}
+
+fn draw_files(folder: &Path, task: &Task, options: &AnalyzeOptions, context: &Context<'_>) -> Result<(), Failed> {
+    pause_at("child-draw");
+    for number in 0..task.inputs.len() {
+        let bytes = fs::read(folder.join(Task::input(number)))?;
+        let drawings = analyze::draw(&bytes, options, &task.limits, context);
+        leave_drawings(folder, number, drawings.map_err(io::Error::other)?)?;
     }
     Ok(())
+}
+
+/// Leaves pictures of the job's file `number`.
+fn leave_drawings(folder: &Path, number: usize, drawings: Vec<Drawing>) -> Result<(), Failed> {
+    let write = |drawing: &Drawing| write_whole(folder, &of_file(number, drawing.name), &drawing.bytes);
+    Ok(drawings.iter().try_for_each(write)?)
 }
 
 fn write_report(folder: &Path, report: &JobReport) -> Result<(), Failed> {
@@ -72,28 +99,6 @@ fn write_report(folder: &Path, report: &JobReport) -> Result<(), Failed> {
         return Err(problem(ProblemKind::FileLimit, detail, None).into());
     }
     Ok(write_whole(folder, Task::FULL_REPORT, &report)?)
-}
-
-/// Leaves pictures of the job's file `number` beside the result. The job has its result already, so that nothing that
-/// goes wrong here, be it a panic, is more than a line in the log.
-fn leave_drawings<E: Display>(
-    folder: &Path,
-    number: usize,
-    draw: impl FnOnce() -> Result<Vec<Drawing>, E>,
-    context: &Context<'_>,
-) {
-    pause_at("child-draw");
-    let why = match catch_unwind(AssertUnwindSafe(draw)) {
-        Ok(Ok(drawings)) => {
-            let write = |drawing: &Drawing| write_whole(folder, &of_file(number, drawing.name), &drawing.bytes);
-            drawings.iter().try_for_each(write).err().map(|error| error.to_string())
-        }
-        Ok(Err(error)) => Some(error.to_string()),
-        Err(_) => Some("the drawing crashed".to_owned()),
-    };
-    if let Some(why) = why {
-        context.log(&format!("without all pictures: {why}"));
-    }
 }
 
 /// Writes a file so that it is there as a whole or not at all, should the process end meanwhile.

@@ -25,7 +25,7 @@ fn analyse(
     for (name, bytes) in files {
         analyst.add(name, None, bytes)?;
     }
-    Ok(analyst.finish()?.report)
+    analyst.finish()
 }
 
 /// A box and an open ball, in two formats.

@@ -167,6 +167,11 @@ fn a_change_is_drawn_in_four_colours_with_the_legend_in_the_file() {
     assert_eq!(faces, after.faces.len() + found.removed.len());
 }
 
+fn sorted(mut names: Vec<&str>) -> Vec<&str> {
+    names.sort_unstable();
+    names
+}
+
 #[test]
 fn a_repair_reports_the_areas_and_draws_them() {
     let input = format::write(&join(&without_top(&cube(DVec3::ZERO, 1.0, 3)), &Soup::default()), Format::Stl).unwrap();
@@ -174,12 +179,17 @@ fn a_repair_reports_the_areas_and_draws_them() {
         let options = Options { max_surface_added_pct: 20.0, ..Options::default() };
         let repaired = repair(&input, &options, &Limits::default(), None, context).unwrap();
         assert_eq!(repaired.report.outcome, Outcome::Repaired);
-        let surface = repaired.report.changes.unwrap().surface.unwrap();
+        let surface = repaired.report.changes.as_ref().unwrap().surface.unwrap();
         assert!((surface.kept.area - 5.0).abs() < 1e-6 && (surface.added.area - 1.0).abs() < 1e-6, "{surface:?}");
         assert_eq!((surface.kept.faces, surface.removed.faces), (90, 0));
-        let names: Vec<_> =
-            draw(&input, &repaired, &Limits::default(), context).unwrap().iter().map(|it| it.name).collect();
-        assert_eq!(names[4..], ["change.png", "change.glb", "change.ply"]);
+        let drawn = |result| draw(&input, result, &options, &Limits::default(), context).unwrap();
+        let names: Vec<_> = drawn(Some(&repaired.bytes)).iter().map(|it| it.name).collect();
+        assert_eq!(names[3..], ["after.png", "change.png", "change.glb", "change.ply"]);
+        let mut told = repaired.report.drawings();
+        told.sort_unstable();
+        assert_eq!(told, sorted(names), "the report knows them before they are drawn");
+        assert_eq!(drawn(Some(&input)).last().unwrap().name, "remaining.glb", "a hole is left");
+        assert_eq!(drawn(None).len(), 3);
     });
 }
 

@@ -609,5 +609,5 @@ fn run_inspection(bytes: &[u8]) -> bool {
     let limits = Limits::default();
     let mut analyst = Analyst::new(&options, &limits, 1, &context).unwrap();
     analyst.add("file", None, bytes).unwrap();
-    analyst.finish().unwrap().report.files[0].printable == Some(true)
+    analyst.finish().unwrap().files[0].printable == Some(true)
 }

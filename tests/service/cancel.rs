@@ -74,6 +74,7 @@ async fn deleting_a_job_deletes_its_files_and_leaves_nothing_to_read() {
     let api = Api::new(&program);
     let id = api.submit(files::broken_box(), json!({"max_tier": 1})).await;
     api.finished(&id).await;
+    api.artifact(&id, "before.png").await;
     assert_eq!(
         stored_files(data.path(), &id).len(),
         12,

@@ -45,31 +45,6 @@ async fn a_broken_model_goes_in_and_a_printable_one_with_its_account_comes_out()
 }
 
 #[tokio::test]
-async fn what_was_found_is_drawn_and_each_drawing_is_listed_typed_and_served() {
-    let data = tempfile::tempdir().expect("a folder");
-    let program = Start::serve(data.path()).start();
-    let api = Api::new(&program);
-    let id = api.submit(files::broken_box(), json!({"max_tier": 1})).await;
-    let job = api.finished(&id).await;
-    for (name, media_type, magic) in [
-        ("before.png", "image/png", b"\x89PNG".as_slice()),
-        ("after.png", "image/png", b"\x89PNG"),
-        ("defects.glb", "model/gltf-binary", b"glTF"),
-        ("defects.ply", "application/octet-stream", b"ply\n"),
-        ("change.png", "image/png", b"\x89PNG"),
-        ("change.glb", "model/gltf-binary", b"glTF"),
-        ("change.ply", "application/octet-stream", b"ply\n"),
-    ] {
-        assert_eq!(job["artifacts"][name]["media_type"], media_type, "{job}");
-        let answer = api.get(&format!("/v1/jobs/{id}/artifacts/{name}")).send().await.expect("an answer");
-        assert_eq!(answer.headers()["content-type"], media_type);
-        assert!(answer.headers()["content-disposition"].to_str().expect("text").contains(&format!("-{name}\"")));
-        assert!(answer.bytes().await.expect("bytes").starts_with(magic), "{name}");
-    }
-    assert_ne!(api.artifact(&id, "before.png").await, api.artifact(&id, "after.png").await);
-}
-
-#[tokio::test]
 async fn without_pictures_a_job_has_its_result_its_report_and_its_log_only() {
     let data = tempfile::tempdir().expect("a folder");
     let program = Start::serve(data.path()).start();

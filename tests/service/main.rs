@@ -18,6 +18,7 @@ mod commands;
 mod contract;
 mod database;
 mod disk;
+mod drawings;
 mod faults;
 mod idempotency;
 mod jobs;

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::time::Duration;
 
 use meshmend::jobs::{
-    Artifact, Artifacts, Completion, FailureKind, JobId, ListQuery, NewJob, Reused, Status, StoredReport,
+    Artifact, Artifacts, Completion, FailureKind, JobId, ListQuery, NewJob, Reused, Status, StoredFile, StoredReport,
 };
 use serde_json::{Value, json};
 
@@ -22,11 +22,9 @@ const DAY: Duration = Duration::from_secs(24 * 3600);
 
 fn artifacts(id: JobId) -> Artifacts {
     let artifact = Artifact {
-        key: format!("jobs/{id}/t/report.json"),
         filename: "a-report.json".into(),
         media_type: "application/json".into(),
-        bytes: 2,
-        sha256: "00".into(),
+        file: Some(StoredFile { key: format!("jobs/{id}/t/report.json"), bytes: 2, sha256: "00".into() }),
     };
     BTreeMap::from([("report.json".to_owned(), artifact)])
 }

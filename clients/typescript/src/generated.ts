@@ -197,11 +197,12 @@ export interface paths {
         /**
          * Download a file of a job.
          * @description `model` is the result, or where nothing made the model better `original` is the upload. `report.json` is the account, `log.txt` what
-         *     the tiers said. Unless `pictures` is false, `before.png` and `after.png` show the input and the result with what is wrong in colour,
-         *     and `defects.glb` and `defects.ply` are the input as coloured meshes with a legend. `change.png`, `change.glb` and `change.ply` show
-         *     the surface that was kept, moved, added and removed. What is still wrong with a result is in `remaining.glb`; models of more than
-         *     400,000 faces have
-         *     coarse previews, `defects-preview.glb` and `change-preview.glb`. Single ranges, If-Range and If-None-Match are honoured; the entity tag is the file's SHA-256.
+         *     the tiers said. Unless `pictures` is false there are pictures, which are drawn when one of them is asked for first: `before.png` and
+         *     `after.png` show the input and the result with what is wrong in colour, and `defects.glb` and `defects.ply` are the input as coloured
+         *     meshes with a legend. `change.png`, `change.glb` and `change.ply` show the surface that was kept, moved, added and removed. What is
+         *     still wrong with a result that is not printable is in `remaining.glb`; models of more than 400,000 faces have coarse previews,
+         *     `defects-preview.glb` and `change-preview.glb`. Single ranges, If-Range and If-None-Match are honoured; the entity tag is the file's
+         *     SHA-256.
          */
         get: operations["get_artifact"];
         put?: never;
@@ -646,8 +647,8 @@ export interface components {
              */
             intersections?: boolean;
             /**
-             * @description Whether to draw what was found: `defects.png`, `defects.glb` and `defects.ply` for the first file, `2-defects.png`
-             *     and so on for the others.
+             * @description Whether what was found can be had as pictures: `defects.png`, `defects.glb` and `defects.ply` for the first file, `2-defects.png`
+             *     and so on for the others. They are drawn when somebody asks for one of them first.
              * @default true
              */
             pictures?: boolean;
@@ -716,9 +717,9 @@ export interface components {
         ArtifactLink: {
             /**
              * Format: int64
-             * @description Its size.
+             * @description Its size; left out of a picture that is drawn when it is first asked for.
              */
-            bytes: number;
+            bytes?: number | null;
             /** @description The name to save it under. */
             filename: string;
             /** @description Its address, relative to the service's. */
@@ -2042,8 +2043,8 @@ export interface components {
              */
             overlaps?: components["schemas"]["Overlaps"];
             /**
-             * @description Whether to draw what was found and what was changed: `before.png`, `after.png`, `defects.glb`, `defects.ply`,
-             *     `change.png`, `change.glb` and `change.ply`.
+             * @description Whether what was found and what was changed can be had as pictures: `before.png`, `after.png`, `defects.glb`, `defects.ply`,
+             *     `change.png`, `change.glb` and `change.ply`. They are drawn when somebody asks for one of them first.
              * @default true
              */
             pictures?: boolean;
@@ -2301,7 +2302,7 @@ export interface components {
          * @description Every problem that a request can meet, for programs.
          * @enum {string}
          */
-        ProblemCode: "unauthorized" | "forbidden" | "origin_not_allowed" | "rate_limited" | "route_not_found" | "method_not_allowed" | "invalid_request" | "invalid_options" | "missing_file" | "payload_too_large" | "too_many_files" | "unsupported_media_type" | "unsupported_model" | "upload_timeout" | "upload_interrupted" | "upload_not_found" | "upload_missing" | "upload_used" | "job_not_found" | "job_deleted" | "job_expired" | "job_finished" | "artifact_not_found" | "range_not_satisfiable" | "idempotency_key_in_use" | "idempotency_key_reused" | "webhook_not_found" | "webhook_disabled" | "too_many_webhooks" | "key_not_found" | "tenant_not_found" | "queue_full" | "storage_full" | "unavailable" | "internal";
+        ProblemCode: "unauthorized" | "forbidden" | "origin_not_allowed" | "rate_limited" | "route_not_found" | "method_not_allowed" | "invalid_request" | "invalid_options" | "missing_file" | "payload_too_large" | "too_many_files" | "unsupported_media_type" | "unsupported_model" | "upload_timeout" | "upload_interrupted" | "upload_not_found" | "upload_missing" | "upload_used" | "job_not_found" | "job_deleted" | "job_expired" | "job_finished" | "artifact_not_found" | "not_drawn_yet" | "range_not_satisfiable" | "idempotency_key_in_use" | "idempotency_key_reused" | "webhook_not_found" | "webhook_disabled" | "too_many_webhooks" | "key_not_found" | "tenant_not_found" | "queue_full" | "storage_full" | "unavailable" | "internal";
         /** @description A code with its meaning, for the documentation. */
         ProblemDoc: {
             /** @description What to do. */
@@ -3257,13 +3258,13 @@ export interface components {
         WebhookArtifact: {
             /**
              * Format: int64
-             * @description Its size.
+             * @description Its size; left out of a picture that is drawn when it is first asked for.
              */
-            bytes: number;
+            bytes?: number | null;
             /** @description Its address, relative to the service's. */
             href: string;
-            /** @description SHA-256 of its bytes, in hexadecimal. */
-            sha256: string;
+            /** @description SHA-256 of its bytes, in hexadecimal; left out of such a picture too. */
+            sha256?: string | null;
         };
         /** @description A page of deliveries. */
         WebhookDeliveries: {
@@ -4190,8 +4191,8 @@ export interface operations {
                 /** @description Most faces a remesh may have; the voxel size is made larger until the estimate is below. */
                 max_remesh_faces?: number;
                 /**
-                 * @description Whether to draw what was found and what was changed: `before.png`, `after.png`, `defects.glb`, `defects.ply`,
-                 *     `change.png`, `change.glb` and `change.ply`.
+                 * @description Whether what was found and what was changed can be had as pictures: `before.png`, `after.png`, `defects.glb`, `defects.ply`,
+                 *     `change.png`, `change.glb` and `change.ply`. They are drawn when somebody asks for one of them first.
                  */
                 pictures?: boolean;
                 /** @description How closely. */
@@ -4694,7 +4695,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The database or the file store does not answer now */
+            /** @description The pictures are still being drawn, or the database or the file store does not answer now */
             503: {
                 headers: {
                     [name: string]: unknown;

@@ -79,7 +79,7 @@ async fn fetch(
     row: &Row,
 ) -> Result<(), RemoteError> {
     let failed = |error: std::io::Error| RemoteError::local(path.display(), error);
-    row.moves("fetching", file.bytes);
+    row.moves("fetching", file.bytes.unwrap_or_default());
     let mut chunks = Box::pin(service.file(id, name).await?);
     let mut beside = temporary_beside(path).map_err(failed)?;
     let mut digest = Sha256::new();

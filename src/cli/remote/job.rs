@@ -42,7 +42,8 @@ pub struct RemoteProgress {
 #[derive(Debug, Deserialize)]
 pub struct RemoteFile {
     pub filename: String,
-    pub bytes: u64,
+    /// None of pictures that are not drawn yet.
+    pub bytes: Option<u64>,
     /// None of pictures.
     pub sha256: Option<String>,
 }

@@ -46,7 +46,7 @@ pub struct RepairArgs {
 
 /// Runs `meshmend repair`.
 pub fn run(args: &RepairArgs) -> ExitCode {
-    let options = format_named(&args.output).and_then(|format| args.options.options(format, args.pictures.is_some()));
+    let options = format_named(&args.output).and_then(|format| args.options.options(format));
     let prepared = options.and_then(|options| {
         let limits = args.limits.limits();
         read_file(&args.input, &limits).map(|bytes| (options, limits, bytes))
@@ -73,7 +73,8 @@ pub fn run(args: &RepairArgs) -> ExitCode {
         return exit::fail(exit::INTERNAL, message);
     }
     if let Some(folder) = &args.pictures {
-        match draw(&bytes, &repaired, &limits, &context) {
+        let result = (repaired.report.verdict.file != HandedOut::None).then_some(repaired.bytes.as_slice());
+        match draw(&bytes, result, &options, &limits, &context) {
             Ok(drawings) => {
                 if let Err(message) = write_drawings(folder, "", &drawings) {
                     return exit::fail(exit::INTERNAL, message);

@@ -154,7 +154,7 @@ impl RepairOptionArgs {
     ///
     /// # Errors
     /// The first that is out of its range.
-    pub fn options(&self, output: OutputFormat, pictures: bool) -> Result<Options, String> {
+    pub fn options(&self, output: OutputFormat) -> Result<Options, String> {
         let options = Options {
             preset: self.preset,
             category: self.category,
@@ -201,7 +201,7 @@ impl RepairOptionArgs {
             voxel_size: self.voxel_size,
             voxel_resolution: self.voxel_resolution,
             max_remesh_faces: self.max_remesh_faces,
-            pictures,
+            pictures: true,
         };
         options.validate().map_err(|e| e.to_string())?;
         Ok(options)

@@ -9,6 +9,8 @@ use crate::jobs::{Bell, Status};
 const CHANNEL: &str = "meshmend_jobs";
 /// The news that there is something to deliver.
 const DELIVERIES: &str = "webhooks";
+/// The news that there is something to draw.
+const DRAWINGS: &str = "drawings";
 /// How long to wait after the connection was lost.
 const PAUSE: Duration = Duration::from_secs(1);
 
@@ -30,8 +32,10 @@ async fn listen(pool: &PgPool, bell: &Bell) -> Result<(), sqlx::Error> {
     bell.ring_for_deliveries();
     // None where the connection was lost.
     while let Some(told) = listener.try_recv().await? {
-        if told.payload() == DELIVERIES {
-            bell.ring_for_deliveries();
+        match told.payload() {
+            DELIVERIES => bell.ring_for_deliveries(),
+            DRAWINGS => bell.ring_for_work(),
+            _ => {}
         }
         let Some((id, status)) = told.payload().split_once(' ') else { continue };
         if let Ok(id) = id.parse() {

@@ -1,4 +1,5 @@
 mod access;
+mod drawings;
 mod keys;
 mod listen;
 mod outbox;

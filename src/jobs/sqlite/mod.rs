@@ -1,5 +1,6 @@
 mod access;
 mod backup;
+mod drawings;
 mod keys;
 mod outbox;
 mod queue;

@@ -73,10 +73,12 @@ struct FileMessage {
 struct ArtifactMessage {
     /// Its address, relative to the service's.
     href: String,
-    /// Its size.
-    bytes: u64,
-    /// SHA-256 of its bytes, in hexadecimal.
-    sha256: String,
+    /// Its size; left out of a picture that is drawn when it is first asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    bytes: Option<u64>,
+    /// SHA-256 of its bytes, in hexadecimal; left out of such a picture too.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    sha256: Option<String>,
 }
 
 /// Why a job failed as receivers are told of it.
@@ -107,9 +109,11 @@ impl JobMessage {
     fn new(event: JobEvent, job: &Job) -> Self {
         let input = job.inputs.first();
         let input = input.map(|input| FileMessage { name: input.name.clone(), sha256: input.sha256.clone() });
-        let link = |(name, file): (&String, &crate::jobs::Artifact)| {
+        let link = |(name, artifact): (&String, &crate::jobs::Artifact)| {
             let href = format!("/v1/jobs/{}/artifacts/{name}", job.id);
-            (name.clone(), ArtifactMessage { href, bytes: file.bytes, sha256: file.sha256.clone() })
+            let file = artifact.file.as_ref();
+            let (bytes, sha256) = (file.map(|file| file.bytes), file.map(|file| file.sha256.clone()));
+            (name.clone(), ArtifactMessage { href, bytes, sha256 })
         };
         let problem = job.problem.as_ref();
         let (red_flags, assumptions) = job.report.as_ref().map(StoredReport::remarks).unwrap_or_default();

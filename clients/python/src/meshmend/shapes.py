@@ -18,8 +18,8 @@ Answer: TypeAlias = Literal['yes', 'no', 'not_measurable']
 class ArtifactLink(TypedDict):
     """A file to download."""
 
-    bytes: int
-    """Its size."""
+    bytes: NotRequired[int | None]
+    """Its size; left out of a picture that is drawn when it is first asked for."""
     filename: str
     """The name to save it under."""
     href: str
@@ -413,7 +413,7 @@ Preset: TypeAlias = Literal['auto', 'basic-cleanup', 'fill-holes', 'full-repair'
 """A named plan, after the MeshPrep repair strategy guide ("Filter Scripts & When to Use Them")."""
 
 
-ProblemCode: TypeAlias = Literal['unauthorized', 'forbidden', 'origin_not_allowed', 'rate_limited', 'route_not_found', 'method_not_allowed', 'invalid_request', 'invalid_options', 'missing_file', 'payload_too_large', 'too_many_files', 'unsupported_media_type', 'unsupported_model', 'upload_timeout', 'upload_interrupted', 'upload_not_found', 'upload_missing', 'upload_used', 'job_not_found', 'job_deleted', 'job_expired', 'job_finished', 'artifact_not_found', 'range_not_satisfiable', 'idempotency_key_in_use', 'idempotency_key_reused', 'webhook_not_found', 'webhook_disabled', 'too_many_webhooks', 'key_not_found', 'tenant_not_found', 'queue_full', 'storage_full', 'unavailable', 'internal']
+ProblemCode: TypeAlias = Literal['unauthorized', 'forbidden', 'origin_not_allowed', 'rate_limited', 'route_not_found', 'method_not_allowed', 'invalid_request', 'invalid_options', 'missing_file', 'payload_too_large', 'too_many_files', 'unsupported_media_type', 'unsupported_model', 'upload_timeout', 'upload_interrupted', 'upload_not_found', 'upload_missing', 'upload_used', 'job_not_found', 'job_deleted', 'job_expired', 'job_finished', 'artifact_not_found', 'not_drawn_yet', 'range_not_satisfiable', 'idempotency_key_in_use', 'idempotency_key_reused', 'webhook_not_found', 'webhook_disabled', 'too_many_webhooks', 'key_not_found', 'tenant_not_found', 'queue_full', 'storage_full', 'unavailable', 'internal']
 """Every problem that a request can meet, for programs."""
 
 
@@ -860,12 +860,12 @@ class Walls(TypedDict):
 class WebhookArtifact(TypedDict):
     """A file to download as receivers are told of it."""
 
-    bytes: int
-    """Its size."""
+    bytes: NotRequired[int | None]
+    """Its size; left out of a picture that is drawn when it is first asked for."""
     href: str
     """Its address, relative to the service's."""
-    sha256: str
-    """SHA-256 of its bytes, in hexadecimal."""
+    sha256: NotRequired[str | None]
+    """SHA-256 of its bytes, in hexadecimal; left out of such a picture too."""
 
 
 class WebhookDelivery(TypedDict):
@@ -1684,8 +1684,8 @@ class AnalyzeOptions(InspectOptions):
     """Whether to count the faces of each file that intersect those of another."""
     pictures: NotRequired[bool]
     """
-    Whether to draw what was found: `defects.png`, `defects.glb` and `defects.ply` for the first file, `2-defects.png`
-    and so on for the others.
+    Whether what was found can be had as pictures: `defects.png`, `defects.glb` and `defects.ply` for the first file, `2-defects.png`
+    and so on for the others. They are drawn when somebody asks for one of them first.
     """
     scale_to: NotRequired[Unit | None]
     spacing: NotRequired[bool]

@@ -1,0 +1,100 @@
+use std::time::Duration;
+
+use async_trait::async_trait;
+use uuid::Uuid;
+
+use super::SqliteStore;
+use crate::jobs::drawings::{can_be_drawn, with_drawings};
+use crate::jobs::row::{count, job_columns, millis, read_job, to_json};
+use crate::jobs::{Artifacts, Claim, DrawingStore, Job, JobId, JobStore, Lease, StoreError};
+
+#[async_trait]
+impl DrawingStore for SqliteStore {
+    async fn ask_for_drawings(&self, job: JobId) -> Result<(), StoreError> {
+        sqlx::query(
+            "INSERT INTO drawings (job_id, tenant, asked_at) SELECT id, tenant, ?2 FROM jobs WHERE id = ?1 \
+             ON CONFLICT (job_id) DO NOTHING",
+        )
+        .bind(job.to_string())
+        .bind(self.clock.now_ms())
+        .execute(&self.writer)
+        .await?;
+        self.bell.ring_for_work();
+        Ok(())
+    }
+
+    async fn claim_drawings(&self, lease: Duration) -> Result<Option<Claim>, StoreError> {
+        let now = self.clock.now_ms();
+        // Mostly there is nothing, and no need to take the write lock to see that.
+        let waits: bool = sqlx::query_scalar(
+            "SELECT EXISTS (SELECT 1 FROM drawings WHERE lease_expires_at IS NULL OR lease_expires_at <= ?)",
+        )
+        .bind(now)
+        .fetch_one(&self.reader)
+        .await?;
+        if !waits {
+            return Ok(None);
+        }
+        let token = Uuid::new_v4().simple().to_string();
+        let claimed: Option<(String, i64)> = sqlx::query_as(
+            "UPDATE drawings SET attempt = attempt + 1, lease_token = ?1, lease_expires_at = ?2 + ?3 \
+             WHERE job_id = ( \
+                 SELECT job_id FROM drawings AS next WHERE lease_expires_at IS NULL OR lease_expires_at <= ?2 \
+                 ORDER BY (SELECT count(*) FROM drawings AS held WHERE held.tenant = next.tenant AND held.lease_expires_at > ?2), \
+                          asked_at, job_id LIMIT 1) \
+             RETURNING job_id, attempt",
+        )
+        .bind(&token)
+        .bind(now)
+        .bind(millis(lease))
+        .fetch_all(&self.writer)
+        .await?
+        .pop();
+        let Some((id, attempt)) = claimed else { return Ok(None) };
+        let job = match id.parse() {
+            Ok(id) => self.get(id).await?.filter(can_be_drawn),
+            Err(_) => None,
+        };
+        let Some(job) = job else {
+            sqlx::query("DELETE FROM drawings WHERE job_id = ?").bind(id).execute(&self.writer).await?;
+            return Ok(None);
+        };
+        // Another one may wait for another idle worker.
+        self.bell.ring_for_work();
+        Ok(Some(Claim { lease: Lease { id: job.id, attempt: count(attempt), token }, job }))
+    }
+
+    async fn hold_drawings(&self, held: &Lease, lease: Duration) -> Result<(), StoreError> {
+        let done = sqlx::query("UPDATE drawings SET lease_expires_at = ?1 WHERE job_id = ?2 AND lease_token = ?3")
+            .bind(self.clock.now_ms() + millis(lease))
+            .bind(held.id.to_string())
+            .bind(&held.token)
+            .execute(&self.writer)
+            .await?;
+        if done.rows_affected() == 1 { Ok(()) } else { Err(StoreError::LeaseLost) }
+    }
+
+    async fn finish_drawings(&self, held: &Lease, drawn: Artifacts) -> Result<Job, StoreError> {
+        let mut transaction = self.begin().await?;
+        let ours = sqlx::query("DELETE FROM drawings WHERE job_id = ? AND lease_token = ?")
+            .bind(held.id.to_string())
+            .bind(&held.token)
+            .execute(&mut *transaction)
+            .await?;
+        let row = sqlx::query(concat!("SELECT ", job_columns!(), " FROM jobs WHERE id = ?"))
+            .bind(held.id.to_string())
+            .fetch_optional(&mut *transaction)
+            .await?;
+        let job = row.as_ref().map(read_job).transpose()?.filter(|job| ours.rows_affected() == 1 && can_be_drawn(job));
+        let job = job.ok_or(StoreError::LeaseLost)?;
+        let artifacts = with_drawings(job.artifacts.clone(), drawn);
+        sqlx::query("UPDATE jobs SET artifacts = ?, version = version + 1 WHERE id = ?")
+            .bind(to_json(&artifacts))
+            .bind(held.id.to_string())
+            .execute(&mut *transaction)
+            .await?;
+        transaction.commit().await?;
+        self.bell.ring(held.id);
+        Ok(Job { artifacts, version: job.version + 1, ..job })
+    }
+}
