@@ -12,7 +12,7 @@ use glam::DVec3;
 use meshmend::context::{Context, NoProgress, monotonic_clock};
 use meshmend::format::{Format, Limits, read, write};
 use meshmend::inspect::{Analysis, measures};
-use meshmend::mesh::{Edges, Fans, HalfEdgeMesh, Parts, Soup, Surface};
+use meshmend::mesh::{ClosedSurface, Edges, Fans, Parts, Soup, Surface};
 
 /// A rippled torus of `2 * around * across` faces.
 #[expect(clippy::cast_possible_truncation, reason = "a made mesh is small")]
@@ -51,8 +51,8 @@ fn topology(criterion: &mut Criterion) {
         group.bench_function(BenchmarkId::new("edges", faces), |b| b.iter(|| Edges::new(black_box(&surface.faces))));
         group.bench_function(BenchmarkId::new("parts", faces), |b| b.iter(|| Parts::new(black_box(&surface), &edges)));
         group.bench_function(BenchmarkId::new("fans", faces), |b| b.iter(|| Fans::new(black_box(&surface), &edges)));
-        group.bench_function(BenchmarkId::new("half_edges", faces), |b| {
-            b.iter(|| HalfEdgeMesh::try_from(black_box(&surface)));
+        group.bench_function(BenchmarkId::new("closed", faces), |b| {
+            b.iter(|| ClosedSurface::try_from(black_box(&surface)).is_ok());
         });
         group.bench_function(BenchmarkId::new("bytes_to_measures", faces), |b| {
             b.iter(|| {

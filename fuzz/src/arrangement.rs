@@ -7,7 +7,7 @@ use glam::{DVec3, IVec3};
 use meshmend::arrange::{ArrangeError, Arrangement, Exact, Inside};
 use meshmend::context::{Context, NoProgress};
 use meshmend::math::{collinear, winding_exact};
-use meshmend::mesh::{Edges, Soup, Surface};
+use meshmend::mesh::{ClosedSurface, Edges, Soup, Surface};
 
 /// Most solids: what each meets may be all others.
 const MOST: usize = 12;
@@ -34,8 +34,9 @@ pub fn arrange(bytes: &[u8]) {
     let (surface, _) = Surface::from_soup(&soup);
     let (cancel, clock) = (AtomicBool::new(false), || Duration::ZERO);
     let context = Context::new(&NoProgress, &cancel, &clock, Duration::MAX);
+    let closed = ClosedSurface::try_from(&surface).expect("boxes and tetrahedra are closed");
     for inside in [Inside::Positive, Inside::Nonzero, Inside::Odd] {
-        match Exact.solid(&surface, inside.into(), &context) {
+        match Exact.solid(closed, inside.into(), &context) {
             Ok(made) => hold_to_its_word(&soup, &made.surface, inside),
             Err(ArrangeError::Empty) => hold_to_its_word(&soup, &Surface::default(), inside),
             Err(error) => panic!("{error}"),

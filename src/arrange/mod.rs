@@ -7,7 +7,7 @@
 mod exact;
 
 use crate::context::{Cancelled, Context};
-use crate::mesh::Surface;
+use crate::mesh::{ClosedSurface, NotClosed, Surface};
 
 pub use exact::Exact;
 
@@ -42,9 +42,9 @@ impl From<Inside> for Rule {
 /// Why there is no arrangement.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum ArrangeError {
-    /// An edge is not used as often in one direction as in the other.
-    #[error("the surface is not closed and consistently wound, so what it encloses is not defined")]
-    NotClosed,
+    /// The surface is not closed.
+    #[error(transparent)]
+    NotClosed(#[from] NotClosed),
     /// It could not be done.
     #[error("the faces that intersect could not be resolved: {0}")]
     Failed(String),
@@ -76,6 +76,6 @@ pub trait Arrangement {
     /// inside is all `opened`.
     ///
     /// # Errors
-    /// [`ArrangeError`]; `surface` must be closed and consistently wound, but faces may intersect and overlap.
-    fn solid(&self, surface: &Surface, rule: Rule, context: &Context<'_>) -> Result<Solid, ArrangeError>;
+    /// [`ArrangeError`].
+    fn solid(&self, surface: ClosedSurface<'_>, rule: Rule, context: &Context<'_>) -> Result<Solid, ArrangeError>;
 }

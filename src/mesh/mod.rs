@@ -1,18 +1,15 @@
-//! Meshes, as a ladder of types with growing guarantees.
+//! Meshes, as types with growing guarantees.
 //!
 //! [`Soup`] is what a file says and promises nothing. [`Surface`] is finite, indexed and welded at equal positions,
 //! and remembers which input face each face comes from; it may still be non-manifold, open or wrongly turned. What
-//! holds beyond that is asked of its [`Edges`], [`Parts`] and [`Fans`]. [`HalfEdgeMesh`] is oriented and manifold but
-//! may have boundary; [`Manifold`] is closed. Those two are entered by `TryFrom`, which names the first edge or vertex
-//! in the way, and edited by operations that keep what they promise.
+//! holds beyond that is asked of its [`Edges`], [`Parts`] and [`Fans`]. [`ClosedSurface`] encloses something; it is checked once,
+//! where it is made.
 
+mod closed;
 mod edges;
 mod extras;
-mod fan_walk;
 mod fans;
-mod ids;
 mod loops;
-mod manifold;
 mod parts;
 mod soup;
 mod stars;
@@ -20,13 +17,11 @@ mod surface;
 mod union_find;
 mod weld;
 
+pub use closed::{ClosedSurface, NotClosed};
 pub use edges::Edges;
 pub use extras::{CornerNormals, LeftOutFace, Numbering};
-pub use fan_walk::FanWalk;
 pub use fans::Fans;
-pub use ids::{EdgeId, FaceId, HalfEdgeId, VertexId};
 pub use loops::{BoundaryLoops, boundary_chains, boundary_loops, count_boundary_chains};
-pub use manifold::{HalfEdgeMesh, Manifold, NotManifold, Refused};
 pub use parts::Parts;
 pub use soup::Soup;
 pub use stars::Stars;

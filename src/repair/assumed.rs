@@ -2,7 +2,7 @@
 
 use super::operators::thicken::THICKNESS;
 use super::verdict::Judged;
-use super::{Assumption, AssumptionKind, InsideRule, Operator, Options, Report, Step, StepStatus};
+use super::{Assumption, AssumptionKind, ChangeKind, InsideRule, Operator, Options, Report, Step, StepStatus};
 use crate::inspect::{Analysis, Certificate, Solid};
 
 /// The assumptions behind the result of the strategy with index `rung`.
@@ -25,7 +25,7 @@ pub(super) fn assumptions(
 }
 
 /// How much of one kind the operator changed.
-fn changed(steps: &[&Step], operator: Operator, what: &str) -> u64 {
+fn changed(steps: &[&Step], operator: Operator, what: ChangeKind) -> u64 {
     let of_operator = steps.iter().filter(|step| step.operator == Some(operator));
     of_operator.flat_map(|step| &step.changed).filter(|change| change.what == what).map(|change| change.count).sum()
 }
@@ -40,7 +40,7 @@ fn invented(steps: &[&Step], judged: &Judged, options: &Options, diagonal: f64) 
     let (it, mut all) = (&judged.invented, Vec::new());
     let places = || it.places.iter().map(|at| at.to_array());
     let thickness = options.thickness.unwrap_or(THICKNESS * diagonal);
-    let sheets = changed(steps, Operator::ThickenSheets, "sheets_thickened");
+    let sheets = changed(steps, Operator::ThickenSheets, ChangeKind::SheetsThickened);
     if sheets > 0 {
         let share = it.share_pct(it.skins);
         let detail = format!(
@@ -50,7 +50,7 @@ fn invented(steps: &[&Step], judged: &Judged, options: &Options, diagonal: f64) 
         let told = Assumption::new(AssumptionKind::SheetsThickened, sheets, detail).with_amount(thickness);
         all.push(told.with_share(share).at(places()).unless("open_sheets=leave"));
     }
-    let faces = changed(steps, Operator::Resolve, "faces_around_open_rooms_thickened");
+    let faces = changed(steps, Operator::Resolve, ChangeKind::FacesAroundOpenRoomsThickened);
     if faces > 0 {
         let share = it.share_pct(it.opened_skins);
         let detail = format!(
@@ -61,7 +61,7 @@ fn invented(steps: &[&Step], judged: &Judged, options: &Options, diagonal: f64) 
         let told = Assumption::new(AssumptionKind::SheetsThickened, faces, detail).with_amount(thickness);
         all.push(told.with_share(share).at(places()).unless("open_sheets=leave"));
     }
-    let bases = changed(steps, Operator::AddBase, "bases_added");
+    let bases = changed(steps, Operator::AddBase, ChangeKind::BasesAdded);
     if bases > 0 {
         let share = it.share_pct(it.bases);
         let detail = format!(
@@ -71,7 +71,7 @@ fn invented(steps: &[&Step], judged: &Judged, options: &Options, diagonal: f64) 
         let told = Assumption::new(AssumptionKind::BasesAdded, bases, detail).with_amount(thickness);
         all.push(told.with_share(share).at(places()).unless("open_sheets=leave"));
     }
-    let joined = changed(steps, Operator::JoinParts, "parts_joined");
+    let joined = changed(steps, Operator::JoinParts, ChangeKind::PartsJoined);
     if joined > 0 {
         let detail = format!("{joined} bands of surface join parts that were apart.");
         all.push(Assumption::new(AssumptionKind::PartsJoined, joined, detail).unless("without=join_parts"));
@@ -124,7 +124,7 @@ fn certified<'a>(
 
 /// The pieces that were dropped as the options ask, with the area of the input's parts among them.
 fn small_parts_dropped(steps: &[&Step], judged: &Judged, input: &Analysis<'_>) -> Option<Assumption> {
-    let count = changed(steps, Operator::DropSmallParts, "small_parts_dropped");
+    let count = changed(steps, Operator::DropSmallParts, ChangeKind::SmallPartsDropped);
     let words = if count == 1 { "1 closed part was".to_owned() } else { format!("{count} closed parts were") };
     let certified = judged.ledger.iter().flat_map(|ledger| &ledger.certified);
     let dropped = certified.filter(|(_, certificate)| *certificate == Certificate::Dropped);

@@ -4,6 +4,7 @@ use std::time::Duration;
 use super::agreement::{Method, Testimony, explain_by_agreement};
 use super::checkpoints::{Checkpoints, START};
 use super::input::Input;
+use super::operators::Failure;
 use super::presets::{planned, remesh_action, tier_of};
 use super::sheets::{SHEET_SHARE, open_sheet_share};
 use super::tiers::{End, Key, Place, Runner, Task};
@@ -12,7 +13,6 @@ use super::{
     Action, Cancelled, Candidate, Context, LeftOut, Operator, Options, PlannedAction, Preset, RedFlag, RedFlagCode,
     Remesher, Rung, Stage, Step, StepStatus, When, summary,
 };
-use crate::arrange::ArrangeError;
 
 /// The way up a plan's rungs: what was done so far, and the best that came of it.
 pub(super) struct Climb<'a> {
@@ -239,7 +239,7 @@ impl<'a> Climb<'a> {
                     None if changed => self.checkpoints.fresh(),
                     None => number,
                 };
-                self.steps.push(step);
+                self.steps.push(Step { failure: None, ..step });
             }
             if turnings.contains(&(at + 1)) {
                 self.checkpoints.keep(number, at + 1, &place);
@@ -383,7 +383,7 @@ impl Crossings {
             Some(Operator::Resolve) => {
                 let failed = step.status == StepStatus::Failed;
                 // Sheets that are cut apart may be closed.
-                let open = step.note.as_ref().is_some_and(|note| *note == ArrangeError::NotClosed.to_string());
+                let open = matches!(step.failure, Some(Failure::NotClosed(_)));
                 if failed && !open { Self::Given } else { Self::Resolved }
             }
             Some(Operator::Separate) if self == Self::Given => self,
@@ -417,7 +417,7 @@ fn patches_of(rung: &Rung) -> Patches {
 
 fn taken_over(step: &Step, rung: u32, action: Action) -> Step {
     let note = step.note.clone().unwrap_or_else(|| TAKEN_OVER.to_owned());
-    Step { rung, action, tier: tier_of(action), milliseconds: 0.0, note: Some(note), ..step.clone() }
+    Step { rung, action, tier: tier_of(action), milliseconds: 0.0, note: Some(note), failure: None, ..step.clone() }
 }
 
 fn validation(rung: u32, start: Duration, context: &Context<'_>) -> Step {

@@ -371,11 +371,9 @@ impl Account<'_> {
 
 /// Whether a step changed something for an option.
 fn has_acted(step: &Step, name: &str) -> bool {
-    let only_counts = |what: &str| what.ends_with("_left") || what.ends_with("_kept") || what.starts_with("solids_");
-    let for_thickness = |what: &str| what.contains("thickened") || what == "bases_added";
     step.changed.iter().any(|change| match name {
-        "thickness" => for_thickness(&change.what),
-        _ => !only_counts(&change.what),
+        "thickness" => change.what.gives_thickness(),
+        _ => !change.what.is_only_counted(),
     })
 }
 

@@ -2,7 +2,10 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::abridge::ReportedOptions;
-use super::{Assumption, ObjectReport, Operator, OptionNotApplied, Options, Outcome, Preset, RemesherInfo, Verdict};
+use super::operators::Failure;
+use super::{
+    Assumption, Change, ObjectReport, Operator, OptionNotApplied, Options, Outcome, Preset, RemesherInfo, Verdict,
+};
 use crate::format::Format;
 use crate::inspect::Inspection;
 pub use crate::inspect::{Certificate, Changes, Ledger, LostPart, PartCertificate};
@@ -270,6 +273,9 @@ pub struct Step {
     pub moved: f64,
     /// Why it failed or was skipped, or what it left, in words.
     pub note: Option<String>,
+    /// Why the operator did nothing, for the strategies after it; not in reports, which have the note.
+    #[serde(skip)]
+    pub(super) failure: Option<Failure>,
     /// Options that it could follow only in part.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub options_not_applied: Vec<OptionNotApplied>,
@@ -296,15 +302,6 @@ pub struct UnfixedFaces {
     pub faces: Vec<u32>,
 }
 
-/// One kind of change that an operator made, such as 12 `duplicate_faces_removed`.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
-pub struct Change {
-    /// What was changed, as a name for programs.
-    pub what: String,
-    /// How many.
-    pub count: u64,
-}
-
 fn is_zero(count: &u32) -> bool {
     *count == 0
 }
@@ -322,20 +319,13 @@ impl Step {
             changed: Vec::new(),
             moved: 0.0,
             note: None,
+            failure: None,
             options_not_applied: Vec::new(),
             unfixed: None,
             program: None,
             runs: 0,
             voxel_size: None,
         }
-    }
-}
-
-impl Change {
-    /// A list of the given changes without those that count nothing.
-    pub(super) fn list<const N: usize>(changes: [(&str, u64); N]) -> Vec<Self> {
-        let some = changes.into_iter().filter(|&(_, count)| count > 0);
-        some.map(|(what, count)| Self { what: what.to_owned(), count }).collect()
     }
 }
 

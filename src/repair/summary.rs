@@ -1,7 +1,7 @@
 use super::assumed::counted;
 use super::requests::ask_of_printable;
 use super::verdict::Judged;
-use super::{Category, LeftOut, Operator, Outcome, Report, Step, StepStatus};
+use super::{Category, ChangeKind, LeftOut, Operator, Outcome, Report, Step, StepStatus};
 use crate::inspect::{DefectKind, Inspection, Measures};
 
 /// What a printable result keeps though it is not ideal, in words; empty where there is nothing of the kind.
@@ -90,7 +90,7 @@ pub(super) fn in_words(outcome: Outcome, report: &Report, after: Option<&Measure
 /// The holes that the options leave open, with what to do.
 fn left_open_by_options(steps: &[Step]) -> Option<String> {
     let changes = steps.iter().filter(|step| step.status == StepStatus::Done).flat_map(|step| &step.changed);
-    let most = changes.filter(|it| it.what == "holes_over_limit").map(|it| it.count).max()?;
+    let most = changes.filter(|it| it.what == ChangeKind::HolesOverLimit).map(|it| it.count).max()?;
     let plural = if most == 1 { "hole was" } else { "holes were" };
     Some(format!(
         " {most} {plural} left open by max_hole_edges, max_hole_size or max_holes: raise them, or set open_sheets=thicken for a \

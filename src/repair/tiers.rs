@@ -8,8 +8,8 @@ use super::options_not_applied::limits_of;
 use super::presets::{remesh_action, tier_of};
 use super::time_budget::TimeBudget;
 use super::{
-    Action, Cancelled, Change, Context, InsideRule, LeftOut, NotAppliedCause, OptionNotApplied, Options, RemeshAction,
-    RemeshError, RemeshRequest, Remeshed, Remesher, Rung, Stage, Step, StepStatus, UnfixedFaces,
+    Action, Cancelled, Change, ChangeKind, Context, InsideRule, LeftOut, NotAppliedCause, OptionNotApplied, Options,
+    RemeshAction, RemeshError, RemeshRequest, Remeshed, Remesher, Rung, Stage, Step, StepStatus, UnfixedFaces,
 };
 use crate::arrange::Inside;
 use crate::format::Format;
@@ -89,7 +89,8 @@ impl Place {
     /// Notes which holes a step left open, also one that was reused from an earlier strategy.
     pub fn note_holes(&mut self, step: &Step) {
         if step.operator == Some(Operator::FillHoles) {
-            self.over_limit = step.changed.iter().find(|it| it.what == "holes_over_limit").map_or(0, |it| it.count);
+            self.over_limit =
+                step.changed.iter().find(|it| it.what == ChangeKind::HolesOverLimit).map_or(0, |it| it.count);
         }
     }
 
@@ -279,7 +280,8 @@ impl Runner<'_> {
         }
         if let Some(why) = failed {
             step.status = StepStatus::Failed;
-            step.note = Some(why);
+            step.note = Some(why.to_string());
+            step.failure = Some(why);
         }
         if surface.faces.is_empty() {
             step.status = StepStatus::Failed;
@@ -337,7 +339,7 @@ impl Runner<'_> {
                 made.source.fill(NO_SOURCE);
                 step.voxel_size = voxel_size.or(step.voxel_size);
                 step.note = note;
-                step.changed = Change::list([("faces_made", made.faces.len() as u64)]);
+                step.changed = Change::list([(ChangeKind::FacesMade, made.faces.len() as u64)]);
                 if let Some(voxel) = step.voxel_size.filter(|_| !self.options.without.contains(&Operator::Simplify)) {
                     let to_f32 = self.format.is_single();
                     // What it makes has faces along the axes everywhere; the same lines, with as few faces as they need.

@@ -6,11 +6,11 @@ use std::time::Duration;
 use glam::DVec3;
 use meshmend::format::{self, Format, Limits, ReadOptions};
 use meshmend::inspect::{Measures, measure};
-use meshmend::mesh::{HalfEdgeMesh, Soup, Surface};
+use meshmend::mesh::{Soup, Surface};
 use meshmend::repair::operators::foldovers::UnfoldFoldovers;
 use meshmend::repair::operators::overlaps::RemoveOverlappingNeighbours;
 use meshmend::repair::operators::slivers::RemoveSlivers;
-use meshmend::repair::{Context, NoProgress, Operator, Options, Outcome, OutputFormat, Repaired, repair};
+use meshmend::repair::{ChangeKind, Context, NoProgress, Operator, Options, Outcome, OutputFormat, Repaired, repair};
 use proptest::prelude::*;
 
 use crate::meshes::{cube, join, push, sphere, torus};
@@ -97,8 +97,6 @@ proptest! {
         prop_assume!(thinnest(&mesh) > 0.0);
         let applied = with_context(|c| SLIVERS.apply(&mut mesh, c)).unwrap();
         prop_assert_eq!(applied.left, None);
-        let half_edges = HalfEdgeMesh::try_from(&mesh).unwrap();
-        prop_assert_eq!(half_edges.boundary_loops().len(), 0);
         let after = measured(&mesh.to_soup());
         prop_assert!(after.closed && after.manifold && after.consistent);
         prop_assert!((after.volume.value - before.volume.value).abs() < 1e-4);
@@ -359,7 +357,7 @@ fn operators_that_are_switched_off_do_not_run() {
     mesh.source.remove(3);
     let ran = |options: &Options| {
         let steps = mended(&mesh.to_soup(), options).report.steps;
-        steps.iter().flat_map(|s| s.changed.clone()).any(|c| c.what == "short_edges_collapsed")
+        steps.iter().flat_map(|s| s.changed.clone()).any(|c| c.what == ChangeKind::ShortEdgesCollapsed)
     };
     assert!(ran(&Options::default()));
     assert!(!ran(&Options { without: vec![Operator::RemoveSlivers], ..Options::default() }));

@@ -4,7 +4,7 @@ use glam::DVec3;
 use meshmend::arrange::{ArrangeError, Exact, Inside};
 use meshmend::format::{Format, Limits, read, write};
 use meshmend::inspect::{Measures, measure};
-use meshmend::mesh::{Soup, Surface};
+use meshmend::mesh::{NotClosed, Soup, Surface};
 use meshmend::repair::operators::cut::{Pairing, Pinches, cut_apart};
 use meshmend::repair::operators::debris::remove_debris;
 use meshmend::repair::operators::resolve::{Resolve, Resolved};
@@ -240,7 +240,7 @@ fn what_does_not_intersect_or_is_not_closed_is_left_bit_for_bit() {
     open.faces.pop();
     let (before, _) = Surface::from_soup(&open);
     let (after, it) = resolved(&open);
-    assert_eq!((after, it.error), (before, Some(ArrangeError::NotClosed)));
+    assert_eq!((after, it.error), (before, Some(ArrangeError::NotClosed(NotClosed))));
 }
 
 #[test]

@@ -34,7 +34,7 @@ fn surface(soup: &Soup) -> Surface {
 }
 
 pub fn count(changes: &[Change], what: &str) -> u64 {
-    changes.iter().find(|c| c.what == what).map_or(0, |c| c.count)
+    changes.iter().find(|c| c.what.as_str() == what).map_or(0, |c| c.count)
 }
 
 #[test]

@@ -6,8 +6,8 @@ use meshmend::mesh::Soup;
 use meshmend::repair::operators::orient::Nested;
 use meshmend::repair::operators::stitch::StitchPosition;
 use meshmend::repair::{
-    AssumptionKind, Category, InsideRule, NotAppliedCause, OpenSheets, Operator, Options, Outcome, OutputFormat,
-    Preset, RedFlagCode, Repaired, Standing, red_flags,
+    AssumptionKind, Category, ChangeKind, InsideRule, NotAppliedCause, OpenSheets, Operator, Options, Outcome,
+    OutputFormat, Preset, RedFlagCode, Repaired, Standing, red_flags,
 };
 
 use crate::meshes::{as_f32, cube, join, push, sphere, torus};
@@ -348,7 +348,7 @@ fn neighbours_that_overlap_go_up_to_the_angle_that_is_asked_for() {
     let with = vec![Operator::RemoveOverlappingNeighbours];
     let removed = |it: &Repaired| {
         let steps = it.report.steps.iter().filter(|it| it.operator == Some(Operator::RemoveOverlappingNeighbours));
-        steps.flat_map(|step| &step.changed).any(|change| change.what == "overlapping_faces_removed")
+        steps.flat_map(|step| &step.changed).any(|change| change.what == ChangeKind::OverlappingFacesRemoved)
     };
     let usual = Options { preset: Preset::ConservativeRepair, max_tier: 2, ..Options::default() };
     let run_with =

@@ -361,7 +361,7 @@ fn the_operator_keeps_what_would_move_too_far_and_what_has_no_inside() {
     assert_eq!(count("faces_made") - count("faces_removed"), surface.faces.len() as u64);
     let (mut open, _) =
         Surface::from_soup(&Soup { positions: vec![DVec3::ZERO, DVec3::X, DVec3::Y], faces: vec![[0, 1, 2]] });
-    assert!(run(&mut open, f64::INFINITY).failed.unwrap().contains("nothing is inside"));
+    assert!(run(&mut open, f64::INFINITY).failed.unwrap().to_string().contains("nothing is inside"));
 }
 
 proptest! {

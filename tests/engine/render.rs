@@ -10,7 +10,7 @@ use meshmend::format::{Limits, read};
 use meshmend::inspect::{Defect, DefectKind, Findings};
 use meshmend::mesh::{Soup, Surface};
 use meshmend::render::{
-    Drawing, Marked, Paint, RenderError, Scene, draw_inspected, draw_repaired, write_glb, write_ply,
+    Drawing, Marked, Paint, RenderError, Scene, draw_inspected, draw_remaining, draw_repaired, write_glb, write_ply,
 };
 use serde_json::Value;
 
@@ -248,17 +248,12 @@ fn a_repair_is_drawn_before_and_after_and_without_a_result_only_before() {
 }
 
 #[test]
-fn a_result_that_something_is_wrong_with_is_drawn_with_that() {
+fn what_remains_of_a_result_is_drawn_as_the_defects_of_the_same_mesh_are() {
     let (soup, findings) = marked_cube(DVec3::ZERO, 1.0);
     let marked = Marked { soup: &soup, findings: &findings };
-    let drawn = with_context(|context| draw_repaired(marked, Some(marked), context)).unwrap();
-    assert_eq!(drawn.last().unwrap().name, "remaining.glb");
-    assert_eq!(drawn.last().unwrap().bytes, drawn[1].bytes, "it is what the defects of the same mesh are");
-    let mut remarks = Findings::new(soup.faces.len(), 1);
-    remarks.push(DefectKind::Disjoint, defect(&[0], DVec3::ZERO, &[]));
-    let fine = Marked { soup: &soup, findings: &remarks };
-    let drawn = with_context(|context| draw_repaired(marked, Some(fine), context)).unwrap();
-    assert_eq!(drawn.last().unwrap().name, "after.png", "a second part is no fault");
+    let defects = with_context(|context| draw_repaired(marked, None, context)).unwrap();
+    let remaining = with_context(|context| draw_remaining(marked, context)).unwrap();
+    assert_eq!((remaining.name, &remaining.bytes), ("remaining.glb", &defects[1].bytes));
 }
 
 #[test]

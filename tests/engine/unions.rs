@@ -2,7 +2,7 @@
 //! random and with holes. What comes back is printable and fills the same space.
 
 use glam::{DMat3, DVec3};
-use meshmend::arrange::{Arrangement, Inside};
+use meshmend::arrange::Inside;
 use meshmend::format::{Format, Limits, read, write};
 use meshmend::inspect::measure;
 use meshmend::mesh::{Soup, Surface};
@@ -10,6 +10,7 @@ use meshmend::repair::Outcome;
 use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
 
+use crate::arrange::arranged;
 use crate::arrange::oracle::ManifoldRust;
 use crate::damage::Random;
 use crate::damaged::mend;
@@ -19,7 +20,7 @@ use crate::operators::with_context;
 /// The space that a surface winds around outward, by another engine than ours.
 fn filled(soup: &Soup) -> f64 {
     let (surface, _) = Surface::from_soup(soup);
-    let solid = with_context(|c| ManifoldRust.solid(&surface, Inside::Positive.into(), c)).unwrap();
+    let solid = arranged(&ManifoldRust, &surface, Inside::Positive.into()).unwrap();
     with_context(|c| measure(&solid.surface.to_soup(), c)).unwrap().volume.value
 }
 

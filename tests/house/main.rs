@@ -15,7 +15,7 @@ const ROOMS: [(&str, &[&str]); 24] = [
     ("format", &["math", "mesh", "scene"]),
     ("inspect", &["math", "mesh", "context", "scene"]),
     ("render", &["math", "mesh", "context", "inspect"]),
-    ("analyze", &["context", "format", "inspect", "render", "scene"]),
+    ("analyze", &["mesh", "context", "format", "inspect", "render", "scene"]),
     ("arrange", &["math", "mesh", "context"]),
     ("simplify", &["math", "mesh", "context"]),
     ("remesh", &["math", "mesh", "context"]),

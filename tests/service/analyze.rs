@@ -103,7 +103,7 @@ async fn several_files_are_analysed_in_their_order_and_deleted_together() {
         assert_eq!((&file["sha256"], &file["bytes"]), (&input["sha256"], &input["bytes"]));
     }
     assert_eq!(stored_files(data.path(), &id).len(), 6, "three uploads, both reports and the log");
-    assert_eq!(job["artifacts"]["3-defects.png"]["filename"], "a-3-defects.png");
+    assert_eq!(job["artifacts"]["3-defects.png"]["filename"], "a-defects.png");
     assert!(api.artifact(&id, "3-defects.png").await.starts_with(b"\x89PNG"));
     assert_eq!(stored_files(data.path(), &id).len(), 15, "and three drawings of each");
     assert_eq!(api.delete(&format!("/v1/jobs/{id}")).send().await.expect("an answer").status(), 204);

@@ -43,6 +43,13 @@ export interface ClientOptions {
 /** What to send: a file of a page, of a disk (`fileAt`), or bytes. */
 export type Model = File | Blob | ArrayBuffer | Uint8Array<ArrayBuffer>;
 
+/** A job, or its id. */
+export type JobRef = string | Pick<Job, "id">;
+
+function idOf(job: JobRef): string {
+  return typeof job === "string" ? job : job.id;
+}
+
 /** How one call is done. */
 export interface Call {
   /** Ends the call. */
@@ -136,18 +143,18 @@ export class Client implements Server {
     return place;
   }
 
-  get(id: string, how: Call = {}): Promise<Job> {
-    return this.#patiently(() => getJob(this, id, how.signal), how);
+  get(job: JobRef, how: Call = {}): Promise<Job> {
+    return this.#patiently(() => getJob(this, idOf(job), how.signal), how);
   }
 
   /** Waits for a job's end, however it ends. Giving up (a `TimeoutError`, or the signal's reason) leaves it running. */
-  async wait(id: string, { onProgress, signal, timeout = RUN }: Wait = {}): Promise<Job> {
-    return follow(this, id, onProgress ?? (() => undefined), withTimeout(signal, timeout));
+  async wait(job: JobRef, { onProgress, signal, timeout = RUN }: Wait = {}): Promise<Job> {
+    return follow(this, idOf(job), onProgress ?? (() => undefined), withTimeout(signal, timeout));
   }
 
   /** A job's progress as it comes, and at last the job; a connection that breaks is made again. */
-  events(id: string, how: Pick<Call, "signal"> = {}): AsyncGenerator<JobEvent, void, undefined> {
-    return events(this, id, how.signal);
+  events(job: JobRef, how: Pick<Call, "signal"> = {}): AsyncGenerator<JobEvent, void, undefined> {
+    return events(this, idOf(job), how.signal);
   }
 
   /** All jobs, the newest first; without their reports. */
@@ -160,13 +167,13 @@ export class Client implements Server {
     }
   }
 
-  cancel(id: string, how: Call = {}): Promise<Job> {
-    return this.#patiently(() => cancelJob(this, id, how.signal), how);
+  cancel(job: JobRef, how: Call = {}): Promise<Job> {
+    return this.#patiently(() => cancelJob(this, idOf(job), how.signal), how);
   }
 
   /** Deletes a job's files and its report. */
-  delete(id: string, how: Call = {}): Promise<void> {
-    return this.#patiently(() => deleteJob(this, id, how.signal), how);
+  delete(job: JobRef, how: Call = {}): Promise<void> {
+    return this.#patiently(() => deleteJob(this, idOf(job), how.signal), how);
   }
 
   /** A file of a job, compared with the hash that the job names: the model, or by name another such as `report.json` or `after.png`. */

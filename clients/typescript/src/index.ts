@@ -1,4 +1,4 @@
-export { Client, type Call, type ClientOptions, type Model, type Submit, type Wait, artifactOf } from "./client.js";
+export { Client, type Call, type ClientOptions, type JobRef, type Model, type Submit, type Wait, artifactOf } from "./client.js";
 export { EventParser, type JobEvent, events, follow, hasEnded, standing } from "./events.js";
 export { type Asked, type Server, ask, askJson } from "./http.js";
 export * from "./jobs.js";

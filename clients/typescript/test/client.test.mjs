@@ -139,9 +139,9 @@ test("a file is uploaded first, although the answer is lost, and its model is wr
   const proxy = await through(t, service.url, (request) => request.method === "PUT", ["drop", "lose"]);
   const lossy = new Client(proxy.url);
   const upload = await lossy.upload(soundBox(), { name: "box.stl" });
-  const job = await client.wait((await lossy.submitFrom({ upload_id: upload.id }, QUICK)).id);
+  const job = await client.wait(await lossy.submitFrom({ upload_id: upload.id }, QUICK));
   assert.deepEqual([job.status, job.input.name], ["succeeded", "box.stl"]);
-  const again = await client.wait((await client.submitFrom({ job_id: job.id, file: "model" }, { ...QUICK, output: "off" })).id);
+  const again = await client.wait(await client.submitFrom({ job_id: job.id, file: "model" }, { ...QUICK, output: "off" }));
   assert.equal(new TextDecoder().decode(await client.download(again)).slice(0, 3), "OFF");
 });
 

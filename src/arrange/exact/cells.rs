@@ -7,7 +7,7 @@ use super::plane::Plane;
 use crate::arrange::ArrangeError;
 use crate::context::Context;
 use crate::math::{Dipoles, Sign, sort_by_angle, winding_exact};
-use crate::mesh::{Edges, UnionFind};
+use crate::mesh::{Edges, NotClosed, UnionFind};
 
 /// How far from a whole number a winding number may be measured before it is measured again more exactly, and then before the
 /// surface is taken for open.
@@ -145,7 +145,7 @@ fn spread(
                         number[other as usize] = Some(there);
                         stack.push(other);
                     }
-                    Some(known) if known != there => return Err(ArrangeError::NotClosed),
+                    Some(known) if known != there => return Err(NotClosed.into()),
                     Some(_) => {}
                 }
             }
@@ -186,7 +186,7 @@ impl<'a> Ruler<'a> {
             fast
         };
         if unsure(number) {
-            return Err(ArrangeError::NotClosed);
+            return Err(NotClosed.into());
         }
         #[expect(clippy::cast_possible_truncation, reason = "no more than there are faces")]
         Ok(number.round() as i32)

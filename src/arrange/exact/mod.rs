@@ -14,7 +14,7 @@ use complex::Complex;
 
 use super::{ArrangeError, Arrangement, Inside, Rule, Solid};
 use crate::context::Context;
-use crate::mesh::{Surface, is_made};
+use crate::mesh::{ClosedSurface, Surface, is_made};
 
 /// An exact arrangement of faces, and the boundary of the cells that are inside.
 ///
@@ -29,8 +29,8 @@ use crate::mesh::{Surface, is_made};
 pub struct Exact;
 
 impl Arrangement for Exact {
-    fn solid(&self, surface: &Surface, rule: Rule, context: &Context<'_>) -> Result<Solid, ArrangeError> {
-        let complex = Complex::new(surface, context)?;
+    fn solid(&self, surface: ClosedSurface<'_>, rule: Rule, context: &Context<'_>) -> Result<Solid, ArrangeError> {
+        let complex = Complex::new(&surface, context)?;
         let cells = Cells::new(&complex, context)?;
         let inside: Vec<bool> = cells.number.iter().map(|&number| is_inside(rule.inside, number)).collect();
         let opened = if rule.doubts_patches {
@@ -38,7 +38,7 @@ impl Arrangement for Exact {
         } else {
             None
         };
-        let solid = extract(&complex, &cells, &inside, opened.as_deref(), surface);
+        let solid = extract(&complex, &cells, &inside, opened.as_deref(), &surface);
         if solid.surface.faces.is_empty() && solid.opened.faces.is_empty() {
             return Err(ArrangeError::Empty);
         }

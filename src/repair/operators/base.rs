@@ -3,10 +3,10 @@
 use glam::DVec3;
 
 use super::thicken::THICKNESS;
-use super::{Applied, open_parts};
+use super::{Applied, Counter, Operation, Scope, open_parts};
 use crate::math::{Sign, orient2d, to_single, to_unit_range};
 use crate::mesh::{BASE_SOURCE, Edges, Surface};
-use crate::repair::{Cancelled, Change, Context};
+use crate::repair::{Cancelled, Change, ChangeKind, Context};
 
 /// Extrudes open sheets down to a plane.
 #[derive(Debug, Clone, Copy)]
@@ -92,7 +92,7 @@ impl AddBase {
             (too_far, "were left, since the base would be too far away or too thin"),
         ];
         let why: Vec<_> = why.into_iter().filter(|w| w.0 > 0).map(|(n, why)| format!("{n} open parts {why}")).collect();
-        let changes = Change::list([("bases_added", based), ("open_parts_turned", turned)]);
+        let changes = Change::list([(ChangeKind::BasesAdded, based), (ChangeKind::OpenPartsTurned, turned)]);
         Ok(Applied { changes, left: (!why.is_empty()).then(|| why.join("; ")), ..Applied::default() })
     }
 }
@@ -170,4 +170,17 @@ fn extrude(surface: &mut Surface, faces: &[u32], view: &View, plane: f64) -> boo
         }
     }
     true
+}
+
+impl Operation for AddBase {
+    const FIXES: &'static [Counter] = &[Counter::BoundaryEdges];
+    const MAY_RAISE: &'static [Counter] = &[Counter::NonmanifoldEdges, Counter::PinchedVertices];
+
+    fn with_scope(scope: &Scope<'_>, _surface: &Surface) -> Self {
+        Self { thickness: scope.options.thickness, most: scope.reach, to_f32: scope.format.is_single() }
+    }
+
+    fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
+        self.apply(surface, context)
+    }
 }

@@ -2,9 +2,10 @@
 
 use glam::DVec3;
 
+use super::{Applied, Counter, Operation, Scope};
 use crate::math::{order_around, to_unit_range};
 use crate::mesh::{Edges, Parts, Surface, UnionFind};
-use crate::repair::{Cancelled, Change, Context};
+use crate::repair::{Cancelled, Change, ChangeKind, Context};
 
 /// No half-edge.
 pub(super) const NONE: u32 = u32::MAX;
@@ -94,9 +95,9 @@ pub fn cut_apart(
         surface.faces[face][i] = of_fan[root];
     }
     Ok(Change::list([
-        ("non_manifold_edges_cut", cut),
-        ("vertices_copied", copies),
-        ("faces_without_partner", unpaired),
+        (ChangeKind::NonManifoldEdgesCut, cut),
+        (ChangeKind::VerticesCopied, copies),
+        (ChangeKind::FacesWithoutPartner, unpaired),
     ]))
 }
 
@@ -244,5 +245,24 @@ fn join_boundary_fans(surface: &Surface, edges: &Edges, mates: &[u32], sets: &mu
                 sets.unite(first[v], corner);
             }
         }
+    }
+}
+
+/// Cuts apart what meets in non-manifold edges and vertices.
+#[derive(Debug, Clone, Copy)]
+pub struct CutApart {
+    pairing: Pairing,
+}
+
+impl Operation for CutApart {
+    const FIXES: &'static [Counter] = &[Counter::NonmanifoldEdges, Counter::PinchedVertices];
+    const MAY_RAISE: &'static [Counter] = &[Counter::BoundaryEdges, Counter::DuplicateFaces];
+
+    fn with_scope(scope: &Scope<'_>, _surface: &Surface) -> Self {
+        Self { pairing: scope.pairing }
+    }
+
+    fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
+        Ok(cut_apart(surface, self.pairing, Pinches::KeepAtBoundaries, context)?.into())
     }
 }

@@ -1,10 +1,11 @@
 //! Open bits of surface that enclose nothing and that no printer could make.
 
 use super::walls::Walls;
+use super::{Applied, Counter, Operation, Scope};
 use crate::inspect::{Solid, solids};
 use crate::math::{Box3, ray_direction};
 use crate::mesh::{Edges, Parts, Surface, position_key};
-use crate::repair::{Cancelled, Change, Context};
+use crate::repair::{Cancelled, Change, ChangeKind, Context};
 
 /// An open part no larger than this share of the model's diagonal is debris: on a print of 200 mm less than half the width of a
 /// nozzle.
@@ -62,9 +63,9 @@ pub fn remove_debris(surface: &mut Surface, context: &Context<'_>) -> Result<Vec
     }
     let faces = parts.remove(&goes, surface);
     Ok(Change::list([
-        ("debris_parts_removed", count as u64 - hidden),
-        ("sheets_inside_solids_removed", hidden),
-        ("debris_faces_removed", faces),
+        (ChangeKind::DebrisPartsRemoved, count as u64 - hidden),
+        (ChangeKind::SheetsInsideSolidsRemoved, hidden),
+        (ChangeKind::DebrisFacesRemoved, faces),
     ]))
 }
 
@@ -133,4 +134,21 @@ fn hold(walls: &mut Walls, surface: &Surface, faces: &[u32]) -> bool {
         let count = (0..RAYS).find_map(|ray| walls.crossings(from, from + ray_direction(ray) * 8.0, None));
         count.is_some_and(|n| n % 2 == 1)
     })
+}
+
+/// Removes open bits that enclose nothing and that no printer could make.
+#[derive(Debug, Clone, Copy)]
+pub struct RemoveDebris;
+
+impl Operation for RemoveDebris {
+    const FIXES: &'static [Counter] = &[Counter::BoundaryEdges];
+    const MAY_RAISE: &'static [Counter] = &[Counter::PinchedVertices];
+
+    fn with_scope(_scope: &Scope<'_>, _surface: &Surface) -> Self {
+        Self
+    }
+
+    fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
+        Ok(remove_debris(surface, context)?.into())
+    }
 }

@@ -2,11 +2,11 @@
 
 use std::collections::HashSet;
 
-use super::Applied;
 use super::slivers::RemoveSlivers;
+use super::{Applied, Counter, Operation, Scope};
 use crate::math::{area_vanishes, collinear, midmost, to_unit_range};
 use crate::mesh::{Edges, Surface};
-use crate::repair::{Cancelled, Change, Context};
+use crate::repair::{Cancelled, Change, ChangeKind, Context};
 
 /// Height, as a share of the diagonal of the bounding box, below which faces lie whose area f64 does not find: the cross product of
 /// their sides is off by a few units of its last place, which is 2^-52 of it, at most.
@@ -18,7 +18,7 @@ const MOST_PASSES: usize = 64;
 /// Drops faces with a repeated vertex. Their half-edges cancel, so that nothing opens. Answers how many went.
 pub fn remove_collapsed(surface: &mut Surface) -> Vec<Change> {
     let keep: Vec<bool> = surface.faces.iter().map(|&[a, b, c]| a != b && b != c && c != a).collect();
-    Change::list([("collapsed_faces_removed", surface.retain_faces(&keep))])
+    Change::list([(ChangeKind::CollapsedFacesRemoved, surface.retain_faces(&keep))])
 }
 
 /// Removes faces without area: those whose corners lie on a line by [`remove_caps`], and if there are such of which only f64
@@ -130,8 +130,45 @@ pub fn remove_caps(surface: &mut Surface, context: &Context<'_>) -> Result<Vec<C
     }
     surface.retain_faces(&keep);
     Ok(Change::list([
-        ("degenerate_faces_flipped", flipped),
-        ("degenerate_faces_removed", dropped),
-        ("degenerate_faces_left", caps.len() as u64),
+        (ChangeKind::DegenerateFacesFlipped, flipped),
+        (ChangeKind::DegenerateFacesRemoved, dropped),
+        (ChangeKind::DegenerateFacesLeft, caps.len() as u64),
     ]))
+}
+
+/// Drops faces with the same vertex twice.
+#[derive(Debug, Clone, Copy)]
+pub struct RemoveCollapsedFaces;
+
+impl Operation for RemoveCollapsedFaces {
+    const FIXES: &'static [Counter] = &[Counter::DegenerateFaces];
+    const MAY_RAISE: &'static [Counter] = &[];
+
+    fn with_scope(_scope: &Scope<'_>, _surface: &Surface) -> Self {
+        Self
+    }
+
+    fn run(&self, surface: &mut Surface, _context: &Context<'_>) -> Result<Applied, Cancelled> {
+        Ok(remove_collapsed(surface).into())
+    }
+}
+
+/// Removes faces without area, whose corners lie on a line or nearly.
+#[derive(Debug, Clone, Copy)]
+pub struct RemoveCaps {
+    most: f64,
+}
+
+impl Operation for RemoveCaps {
+    const FIXES: &'static [Counter] = &[Counter::DegenerateFaces];
+    // A cap on the boundary goes, and the two edges behind it are open instead of its one.
+    const MAY_RAISE: &'static [Counter] = &[Counter::BoundaryEdges];
+
+    fn with_scope(scope: &Scope<'_>, _surface: &Surface) -> Self {
+        Self { most: scope.reach }
+    }
+
+    fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
+        remove_without_area(surface, self.most, context)
+    }
 }

@@ -3,10 +3,11 @@
 use std::collections::HashSet;
 
 use super::walls::Walls;
+use super::{Applied, Counter, Operation, Scope};
 use crate::inspect::group_faces;
 use crate::math::ray_direction;
 use crate::mesh::{Edges, Surface, UnionFind};
-use crate::repair::Change;
+use crate::repair::{Cancelled, Change, ChangeKind, Context};
 
 /// Walls over this share of the whole area stay as one sheet where they can be seen.
 const LARGE: f64 = 5e-3;
@@ -53,7 +54,7 @@ pub fn remove_duplicates(surface: &mut Surface) -> Vec<Change> {
     }
     let walls = drop_walls(surface, &mut keep, &cancelling);
     let gone = surface.retain_faces(&keep);
-    Change::list([("duplicate_faces_removed", gone - walls), ("cancelling_faces_removed", walls)])
+    Change::list([(ChangeKind::DuplicateFacesRemoved, gone - walls), (ChangeKind::CancellingFacesRemoved, walls)])
 }
 
 /// Takes back the sheets of those walls that are better gone. `cancelling` are the kept faces of groups of even
@@ -202,4 +203,22 @@ impl Choice<'_> {
 /// Whether the face's vertices are an even permutation of their sorted order.
 fn is_even([a, b, c]: [u32; 3]) -> bool {
     (a < b) == ((b < c) == (a < c))
+}
+
+/// Drops faces with the same three vertices, and walls of no thickness.
+#[derive(Debug, Clone, Copy)]
+pub struct RemoveDuplicates;
+
+impl Operation for RemoveDuplicates {
+    const FIXES: &'static [Counter] = &[Counter::DuplicateFaces];
+    const MAY_RAISE: &'static [Counter] =
+        &[Counter::BoundaryEdges, Counter::MisorientedEdges, Counter::NonmanifoldEdges, Counter::PinchedVertices];
+
+    fn with_scope(_scope: &Scope<'_>, _surface: &Surface) -> Self {
+        Self
+    }
+
+    fn run(&self, surface: &mut Surface, _context: &Context<'_>) -> Result<Applied, Cancelled> {
+        Ok(remove_duplicates(surface).into())
+    }
 }

@@ -2,8 +2,9 @@
 
 use super::cut::{NONE, Pairing, mates};
 use super::quantise::written;
+use super::{Applied, Counter, Operation, Scope};
 use crate::mesh::{Edges, Surface};
-use crate::repair::{Cancelled, Change, Context};
+use crate::repair::{Cancelled, Change, ChangeKind, Context};
 
 /// Rounds over the mesh: a face may hang on three edges.
 const MOST_ROUNDS: usize = 3;
@@ -41,7 +42,7 @@ impl FreeFins {
                 break;
             }
         }
-        Ok(Change::list([("fins_freed", freed)]))
+        Ok(Change::list([(ChangeKind::FinsFreed, freed)]))
     }
 
     fn round(self, surface: &mut Surface, context: &Context<'_>) -> Result<u64, Cancelled> {
@@ -79,5 +80,18 @@ impl FreeFins {
         surface.faces.push([m, v, w]);
         surface.source.push(surface.source[f]);
         true
+    }
+}
+
+impl Operation for FreeFins {
+    const FIXES: &'static [Counter] = &[Counter::NonmanifoldEdges];
+    const MAY_RAISE: &'static [Counter] = &[Counter::BoundaryEdges, Counter::PinchedVertices];
+
+    fn with_scope(scope: &Scope<'_>, _surface: &Surface) -> Self {
+        Self { to_f32: scope.format.is_single() }
+    }
+
+    fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
+        Ok(self.apply(surface, context)?.into())
     }
 }

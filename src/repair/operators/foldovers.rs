@@ -2,11 +2,12 @@
 
 use std::collections::VecDeque;
 
-use super::Applied;
 use super::local::{Hinge, Local, Shape};
+use super::{Applied, Counter, Operation, Scope};
+use crate::inspect::Tolerances;
 use crate::math::{Box3, to_unit_range, unit_scale};
 use crate::mesh::{Edges, Surface};
-use crate::repair::{Cancelled, Change, Context};
+use crate::repair::{Cancelled, Change, ChangeKind, Context};
 
 /// Looks at faces around vertices, beside so many for each face of the surface.
 const WORK: u64 = 50_000_000;
@@ -88,7 +89,7 @@ impl UnfoldFoldovers {
         let left =
             (local.spent > budget).then(|| "so many folds hang together that they were not all tried".to_owned());
         local.finish();
-        let changes = Change::list([("folds_flipped", flipped)]);
+        let changes = Change::list([(ChangeKind::FoldsFlipped, flipped)]);
         Ok(Applied { changes, moved: moved / scale, left, ..Applied::default() })
     }
 }
@@ -158,4 +159,18 @@ impl Limits {
 fn around(hinge: Hinge) -> [[u32; 2]; 4] {
     let ([a, b], [m, d]) = (hinge.ends, hinge.apexes);
     [[a, m], [m, b], [b, d], [d, a]]
+}
+
+impl Operation for UnfoldFoldovers {
+    const FIXES: &'static [Counter] = &[Counter::NonmanifoldEdges, Counter::BoundaryEdges];
+    const MAY_RAISE: &'static [Counter] = &[];
+
+    fn with_scope(scope: &Scope<'_>, _surface: &Surface) -> Self {
+        let angle = Tolerances::default().foldover_angle;
+        Self { angle, height: scope.options.degenerate_tolerance, most: scope.reach }
+    }
+
+    fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
+        self.apply(surface, context)
+    }
 }

@@ -2,9 +2,9 @@
 
 use glam::DVec3;
 
-use super::{Applied, open_parts};
+use super::{Applied, Counter, Operation, Scope, open_parts};
 use crate::mesh::{Edges, Surface};
-use crate::repair::{Cancelled, Change, Context};
+use crate::repair::{Cancelled, Change, ChangeKind, Context};
 
 /// Most boundary edges that are compared with one another; of more, every so many is.
 const MOST_EDGES: usize = 4096;
@@ -97,7 +97,10 @@ impl JoinParts {
             band.into_iter().for_each(|face| surface.push_patch(face));
         }
         let left = (too_far > 0).then(|| format!("{too_far} open parts are too far from all others to be joined"));
-        let changes = Change::list([("parts_joined", joins.len() as u64), ("faces_added", 2 * joins.len() as u64)]);
+        let changes = Change::list([
+            (ChangeKind::PartsJoined, joins.len() as u64),
+            (ChangeKind::FacesAdded, 2 * joins.len() as u64),
+        ]);
         Ok(Applied { changes, left, ..Applied::default() })
     }
 }
@@ -145,5 +148,21 @@ fn nearest_outside(
             .filter(|&i| inside[borders[i].part as usize] && !borders[i].used)
             .map(|i| (cost(&borders[i], &borders[found]), i))
             .fold((f64::INFINITY, 0), |best, it| if it.0 < best.0 { it } else { best });
+    }
+}
+
+impl Operation for JoinParts {
+    const FIXES: &'static [Counter] = &[Counter::BoundaryEdges];
+    // A band between parts that touch.
+    const MAY_RAISE: &'static [Counter] =
+        &[Counter::DegenerateFaces, Counter::NonmanifoldEdges, Counter::PinchedVertices];
+    const IS_ON_REQUEST: bool = true;
+
+    fn with_scope(scope: &Scope<'_>, _surface: &Surface) -> Self {
+        Self { most: scope.reach }
+    }
+
+    fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
+        self.apply(surface, context)
     }
 }

@@ -1,10 +1,10 @@
 //! Walls of one sheet within a solid.
 
-use super::Applied;
 use super::cut::{Turn, turn, without_inner_sheets};
+use super::{Applied, Counter, Operation, Scope};
 use crate::math::to_unit_range;
 use crate::mesh::{Edges, Parts, Surface};
-use crate::repair::{Cancelled, Change, Context};
+use crate::repair::{Cancelled, Change, ChangeKind, Context};
 
 /// Removes sheets that part a solid, or a cavity, in two without having a thickness.
 ///
@@ -58,5 +58,23 @@ pub fn remove_membranes(surface: &mut Surface, context: &Context<'_>) -> Result<
     let goes: Vec<bool> = is_wall.iter().zip(&is_other).map(|(&wall, &other)| wall && !other).collect();
     let walls = goes.iter().filter(|&&goes| goes).count() as u64;
     let gone = patches.remove(&goes, surface);
-    Ok(Change::list([("membranes_removed", walls), ("membrane_faces_removed", gone)]).into())
+    Ok(Change::list([(ChangeKind::MembranesRemoved, walls), (ChangeKind::MembraneFacesRemoved, gone)]).into())
+}
+
+/// Removes walls of one sheet within solids.
+#[derive(Debug, Clone, Copy)]
+pub struct RemoveMembranes;
+
+impl Operation for RemoveMembranes {
+    const FIXES: &'static [Counter] = &[Counter::NonmanifoldEdges];
+    // Faces that the wall kept apart may wind against one another.
+    const MAY_RAISE: &'static [Counter] = &[Counter::MisorientedEdges, Counter::PinchedVertices];
+
+    fn with_scope(_scope: &Scope<'_>, _surface: &Surface) -> Self {
+        Self
+    }
+
+    fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
+        remove_membranes(surface, context)
+    }
 }

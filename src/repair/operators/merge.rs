@@ -3,10 +3,10 @@
 use glam::DVec3;
 use rustc_hash::FxHashMap;
 
-use super::Applied;
 use super::degenerate::remove_collapsed;
+use super::{Applied, Counter, Operation, Scope};
 use crate::mesh::Surface;
-use crate::repair::{Cancelled, Change, Context};
+use crate::repair::{Cancelled, Change, ChangeKind, Context};
 
 /// Merges vertices, on the boundary or not.
 #[derive(Debug, Clone, Copy)]
@@ -64,7 +64,7 @@ impl MergeVertices {
         for v in surface.faces.iter_mut().flatten() {
             *v = target[*v as usize];
         }
-        let mut changes = Change::list([("vertices_merged", merged)]);
+        let mut changes = Change::list([(ChangeKind::VerticesMerged, merged)]);
         changes.extend(remove_collapsed(surface));
         surface.drop_unreferenced();
         Ok(Applied { changes, moved, ..Applied::default() })
@@ -84,4 +84,17 @@ fn neighbours([x, y, z]: [i64; 3]) -> impl Iterator<Item = [i64; 3]> {
 #[expect(clippy::cast_possible_truncation, reason = "a float to integer cast saturates")]
 fn to_cell(x: f64) -> i64 {
     (x as i64).clamp(i64::MIN / 4, i64::MAX / 4)
+}
+
+impl Operation for MergeVertices {
+    const FIXES: &'static [Counter] = &[];
+    const MAY_RAISE: &'static [Counter] = &Counter::ALL;
+
+    fn with_scope(scope: &Scope<'_>, _surface: &Surface) -> Self {
+        Self { distance: scope.options.merge_distance.unwrap_or_default(), most: scope.reach }
+    }
+
+    fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
+        self.apply(surface, context)
+    }
 }

@@ -1,15 +1,10 @@
-//! The operators: one file each, each with its parameters, precondition, result and what it leaves unfixed.
-//!
-//! [`Operator`] names them, says what each claims to fix and may do on the way, and runs one by its name with the parameters
-//! that the options give it.
+//! The operators: one file each, with its parameters, precondition, result and what it leaves unfixed, and with its
+//! [`Operation`]: what it claims to fix, and how its parameters follow from the options. [`Operator`] is the list of them.
 
 mod border;
-mod claims;
 mod clear;
 mod counts;
-mod name;
 mod rounding;
-mod run;
 
 pub mod base;
 pub mod clean_and_patch;
@@ -22,6 +17,7 @@ pub mod fins;
 pub mod foldovers;
 pub mod holes;
 pub mod join;
+mod list;
 mod local;
 pub mod membranes;
 pub mod merge;
@@ -46,12 +42,51 @@ mod walls;
 pub mod weld;
 
 pub use counts::{Counter, Counts};
-pub use name::Operator;
+pub use list::Operator;
 pub(super) use open_parts::OpenParts;
 use open_parts::open_parts;
-pub(super) use run::Scope;
 
-use super::Change;
+use super::{Cancelled, Change, Context, Options};
+use crate::arrange::{ArrangeError, Inside};
+use crate::format::Format;
+use crate::mesh::{NotClosed, Surface};
+use crate::remesh::RemeshError;
+use cut::Pairing;
+
+/// What an operator's parameters follow from.
+#[derive(Debug, Clone, Copy)]
+pub(in crate::repair) struct Scope<'a> {
+    pub options: &'a Options,
+    /// The format of the result.
+    pub format: Format,
+    /// How faces are paired around edges of more than two.
+    pub pairing: Pairing,
+    /// What is inside where parts are turned inside out.
+    pub inside: Inside,
+    /// Whether open sheets are made solid.
+    pub closes_sheets: bool,
+    /// How far a vertex may still move, in the model's unit, after what operators before it used up.
+    pub reach: f64,
+}
+
+/// An operator as the pipeline runs it.
+pub(in crate::repair) trait Operation: Sized {
+    /// What it claims to fix. None of these may rise by it.
+    const FIXES: &'static [Counter];
+    /// What may rise by it, since a later operator takes it up or since it is the lesser evil.
+    const MAY_RAISE: &'static [Counter];
+    /// Whether a plan leaves it out unless the options ask for it with `with`.
+    const IS_ON_REQUEST: bool = false;
+
+    /// The operator with the parameters that follow from the scope, for a surface.
+    fn with_scope(scope: &Scope<'_>, surface: &Surface) -> Self;
+
+    /// Runs it.
+    ///
+    /// # Errors
+    /// [`Cancelled`]; the surface may then be half done.
+    fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled>;
+}
 
 /// What an operator did.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -63,7 +98,7 @@ pub struct Applied {
     /// What it left and why, in words.
     pub left: Option<String>,
     /// Why it did nothing at all, where it should have.
-    pub failed: Option<String>,
+    pub failed: Option<Failure>,
     /// What kept it from following an option to the full: the option's name and the reason.
     pub limited: Vec<(&'static str, String)>,
     /// Faces that it could not fix, of the surface as it left it.
@@ -72,6 +107,35 @@ pub struct Applied {
     pub voxel_size: Option<f64>,
     /// Whether the time was over before it had done all that it could.
     pub is_late: bool,
+}
+
+/// Why an operator did nothing.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum Failure {
+    /// The surface that it needs closed is not.
+    #[error(transparent)]
+    NotClosed(#[from] NotClosed),
+    /// What overlaps could not be resolved.
+    #[error(transparent)]
+    Arrange(ArrangeError),
+    /// The surface could not be made anew.
+    #[error(transparent)]
+    Remesh(#[from] RemeshError),
+    /// What it made is farther from what was there than it may be.
+    #[error("the result would be {away:.6} away from what was there")]
+    TooFar {
+        /// How far, in the model's unit.
+        away: f64,
+    },
+}
+
+impl From<ArrangeError> for Failure {
+    fn from(error: ArrangeError) -> Self {
+        match error {
+            ArrangeError::NotClosed(open) => Self::NotClosed(open),
+            error => Self::Arrange(error),
+        }
+    }
 }
 
 impl From<Vec<Change>> for Applied {

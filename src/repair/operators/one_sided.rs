@@ -2,13 +2,13 @@
 
 use glam::DVec3;
 
-use super::Applied;
 use super::orient::{agree, turn_faces};
 use super::places::Places;
+use super::{Applied, Counter, Operation, Scope};
 use crate::inspect::doubled_areas;
 use crate::math::collinear;
 use crate::mesh::{Edges, Surface, UnionFind};
-use crate::repair::{Cancelled, Change, Context};
+use crate::repair::{Cancelled, Change, ChangeKind, Context};
 
 const NONE: u32 = u32::MAX;
 /// neighbouring f32 numbers.
@@ -72,11 +72,11 @@ impl CutOneSided {
         let after = Edges::new(&surface.faces);
         let left = after.iter().filter(|h| in_conflict(&surface.faces, h)).count() as u64;
         let changes = Change::list([
-            ("one_sided_parts_cut", if copies.is_empty() { 0 } else { agreement.one_sided }),
-            ("edges_cut", agreement.conflicts.saturating_sub(left)),
-            ("vertices_copied", copies.len() as u64),
-            ("coincident_vertices_left", coincident),
-            ("orientation_conflicts_left", left),
+            (ChangeKind::OneSidedPartsCut, if copies.is_empty() { 0 } else { agreement.one_sided }),
+            (ChangeKind::EdgesCut, agreement.conflicts.saturating_sub(left)),
+            (ChangeKind::VerticesCopied, copies.len() as u64),
+            (ChangeKind::CoincidentVerticesLeft, coincident),
+            (ChangeKind::OrientationConflictsLeft, left),
         ]);
         let why = || {
             format!("edges between faces turned against one another that run into edges of more than two faces: {left}")
@@ -218,5 +218,18 @@ impl Fans {
             }
         }
         None
+    }
+}
+
+impl Operation for CutOneSided {
+    const FIXES: &'static [Counter] = &[Counter::MisorientedEdges];
+    const MAY_RAISE: &'static [Counter] = &[Counter::BoundaryEdges];
+
+    fn with_scope(scope: &Scope<'_>, _surface: &Surface) -> Self {
+        Self { most: scope.reach, to_f32: scope.format.is_single() }
+    }
+
+    fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
+        self.apply(surface, context)
     }
 }

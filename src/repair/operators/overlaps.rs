@@ -1,9 +1,9 @@
 //! Neighbouring faces that lie on one another.
 
-use super::Applied;
+use super::{Applied, Counter, Operation, Scope};
 use crate::math::{Box3, nearest_on_triangle, to_unit_range};
 use crate::mesh::{Edges, Surface};
-use crate::repair::{Cancelled, Change, Context};
+use crate::repair::{Cancelled, Change, ChangeKind, Context};
 
 /// Faces that lie on a neighbour.
 #[derive(Debug, Clone, Copy)]
@@ -95,7 +95,10 @@ impl RemoveOverlappingNeighbours {
         let dangling = drop_dangling(&edges, &mut keep);
         surface.retain_faces(&keep);
         surface.drop_unreferenced();
-        let changes = Change::list([("overlapping_faces_removed", overlapping), ("dangling_faces_removed", dangling)]);
+        let changes = Change::list([
+            (ChangeKind::OverlappingFacesRemoved, overlapping),
+            (ChangeKind::DanglingFacesRemoved, dangling),
+        ]);
         Ok(Applied { changes, left, ..Applied::default() })
     }
 }
@@ -121,4 +124,21 @@ fn drop_dangling(edges: &Edges, keep: &mut [bool]) -> u64 {
         }
     }
     gone
+}
+
+impl Operation for RemoveOverlappingNeighbours {
+    const FIXES: &'static [Counter] = &[Counter::NonmanifoldEdges];
+    const MAY_RAISE: &'static [Counter] = &[Counter::BoundaryEdges, Counter::PinchedVertices];
+    const IS_ON_REQUEST: bool = true;
+
+    fn with_scope(scope: &Scope<'_>, _surface: &Surface) -> Self {
+        let (usual, asked) = (Self::default(), scope.options.overlap_angle_deg);
+        // An angle that was asked for is the only limit.
+        let reach = if asked.is_some() { f64::INFINITY } else { usual.reach };
+        Self { angle_deg: asked.unwrap_or(usual.angle_deg), reach }
+    }
+
+    fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
+        self.apply(surface, context)
+    }
 }

@@ -1,10 +1,12 @@
 //! The last way natively: the surface made anew from what is inside of it.
 
-use super::Applied;
 use super::simplify::reduce_remeshed;
+use super::{Applied, Counter, Failure, Operation, Operator, Scope};
+use crate::arrange::Inside;
 use crate::mesh::Surface;
+use crate::remesh;
 use crate::remesh::{Remesh, RemeshError};
-use crate::repair::{Cancelled, Change, Context};
+use crate::repair::{Cancelled, Change, ChangeKind, Context};
 
 /// Makes a closed, manifold surface without intersections around whatever is inside.
 #[derive(Debug, Clone, Copy)]
@@ -39,15 +41,15 @@ impl RemeshInside {
         let made = match self.remesh.apply(surface, context) {
             Ok(made) => made,
             Err(RemeshError::Cancelled(cancelled)) => return Err(cancelled),
-            Err(error) => return Ok(Applied { failed: Some(error.to_string()), ..Applied::default() }),
+            Err(error) => return Ok(Applied { failed: Some(error.into()), ..Applied::default() }),
         };
         let (lost, added) = (made.deviation.lost, made.deviation.made);
         if lost.max > self.most {
-            let failed = format!("the result would be {:.6} away from what was there", lost.max);
-            return Ok(Applied { failed: Some(failed), ..Applied::default() });
+            return Ok(Applied { failed: Some(Failure::TooFar { away: lost.max }), ..Applied::default() });
         }
         let faces = made.surface.faces.len() as u64;
-        let mut changes = Change::list([("faces_made", faces), ("thin_places_thickened", made.made_inside)]);
+        let mut changes =
+            Change::list([(ChangeKind::FacesMade, faces), (ChangeKind::ThinPlacesThickened, made.made_inside)]);
         let mut result = made.surface;
         let mut reduced = Applied::default();
         if self.reduce {
@@ -65,5 +67,31 @@ impl RemeshInside {
         }
         let (moved, voxel_size, is_late) = (lost.max + reduced.moved, Some(made.cell), reduced.is_late);
         Ok(Applied { changes, moved, left: Some(left), voxel_size, is_late, ..Applied::default() })
+    }
+}
+
+impl Operation for RemeshInside {
+    const FIXES: &'static [Counter] = &Counter::ALL;
+    const MAY_RAISE: &'static [Counter] = &[];
+
+    fn with_scope(scope: &Scope<'_>, surface: &Surface) -> Self {
+        let options = scope.options;
+        let usual = || surface.bounds().diagonal() / f64::from(options.voxel_resolution);
+        let remesh = Remesh {
+            cell: Some(options.voxel_size.unwrap_or_else(usual)),
+            max_faces: options.max_remesh_faces,
+            inside: match scope.inside {
+                Inside::Positive => remesh::Inside::Outward,
+                Inside::Nonzero => remesh::Inside::EitherWay,
+                Inside::Odd => remesh::Inside::Odd,
+            },
+            to_f32: scope.format.is_single(),
+            ..Remesh::default()
+        };
+        Self { remesh, most: scope.reach, reduce: !options.without.contains(&Operator::Simplify) }
+    }
+
+    fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
+        self.apply(surface, context)
     }
 }

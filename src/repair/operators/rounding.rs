@@ -6,11 +6,13 @@ use smallvec::SmallVec;
 
 use super::clear::{Clear, NEW};
 use super::places::spacing;
+use super::quantise::quantise;
 use super::separate::NEIGHBOURS;
+use super::{Applied, Counter, Operation, Scope};
 use crate::inspect::Decimals;
 use crate::math::to_single;
 use crate::mesh::{Surface, position_key};
-use crate::repair::{Cancelled, Context};
+use crate::repair::{Cancelled, Change, ChangeKind, Context};
 
 /// Times that all vertices that are left are tried again, since the move of one may make room for another.
 const ROUNDS: usize = 4;
@@ -297,6 +299,33 @@ impl Lattice {
         }
         all.sort_by(|a, b| a.distance_squared(p).total_cmp(&b.distance_squared(p)));
         all
+    }
+}
+
+/// Rounds coordinates to those that the result's format can hold, and merges vertices that readers take for one.
+#[derive(Debug, Clone, Copy)]
+pub struct RoundCoordinates {
+    to_f32: bool,
+    most: f64,
+}
+
+impl Operation for RoundCoordinates {
+    const FIXES: &'static [Counter] = &[];
+    const MAY_RAISE: &'static [Counter] = &Counter::ALL;
+
+    fn with_scope(scope: &Scope<'_>, _surface: &Surface) -> Self {
+        Self { to_f32: scope.format.is_single(), most: scope.reach }
+    }
+
+    fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
+        let rounded = if self.to_f32 { quantise(surface) } else { 0 };
+        let limits = TellApart { most: self.most, moves: false };
+        let joined = tell_apart(surface, limits, |_| true, context)?;
+        Ok(Change::list([
+            (ChangeKind::VerticesRoundedToF32, rounded),
+            (ChangeKind::NearCoincidentVerticesMerged, joined),
+        ])
+        .into())
     }
 }
 

@@ -2,14 +2,14 @@
 
 use glam::DVec3;
 
-use super::Applied;
 use super::clear::{Clear, NEW};
 use super::cut::{NONE, Pairing, Pinches, cut_apart, mates};
 use super::places::{Places, key, spacing};
 use super::rounding::{TellApart, tell_apart};
+use super::{Applied, Counter, Operation, Scope};
 use crate::math::{collinear, to_single};
 use crate::mesh::{Edges, Stars, Surface};
-use crate::repair::{Cancelled, Change, Context};
+use crate::repair::{Cancelled, Change, ChangeKind, Context};
 
 /// The directions to the corners, edges and sides of a cube.
 pub(super) const NEIGHBOURS: [DVec3; 26] = {
@@ -74,10 +74,10 @@ impl Separate {
         let (moved, left) = spread(surface, &mut places, context)?;
         let merged = tell_apart(surface, TellApart { most: self.most, moves: true }, |_| true, context)?;
         changes.extend(Change::list([
-            ("near_coincident_vertices_merged", merged),
-            ("doubled_edges_split", split),
-            ("coincident_vertices_separated", moved),
-            ("coincident_vertices_left", left),
+            (ChangeKind::NearCoincidentVerticesMerged, merged),
+            (ChangeKind::DoubledEdgesSplit, split),
+            (ChangeKind::CoincidentVerticesSeparated, moved),
+            (ChangeKind::CoincidentVerticesLeft, left),
         ]));
         let left = (left > 0).then(|| format!("{left} vertices stand on others and could not be moved aside"));
         Ok(Applied { changes, moved: places.moved(), left, ..Applied::default() })
@@ -241,4 +241,17 @@ fn aside(surface: &Surface, v: u32, star: &[u32], places: &mut Aside, clear: &mu
         around.sort_by(|x, y| y.dot(ahead).total_cmp(&x.dot(ahead)));
         around.into_iter().find_map(|direction| places.find(p, direction, &mut fits))
     })
+}
+
+impl Operation for Separate {
+    const FIXES: &'static [Counter] = &[Counter::NonmanifoldEdges];
+    const MAY_RAISE: &'static [Counter] = &[Counter::BoundaryEdges, Counter::DuplicateFaces];
+
+    fn with_scope(scope: &Scope<'_>, _surface: &Surface) -> Self {
+        Self { most: scope.reach }
+    }
+
+    fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
+        self.apply(surface, context)
+    }
 }

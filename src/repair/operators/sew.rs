@@ -1,9 +1,9 @@
 //! Sewing: merging boundary vertices that are close for the size of what is around them.
 
-use super::Applied;
 use super::border::{Border, Near};
+use super::{Applied, Counter, Operation, Scope};
 use crate::mesh::Surface;
-use crate::repair::{Cancelled, Change, Context};
+use crate::repair::{Cancelled, Change, ChangeKind, Context};
 
 /// How far boundary vertices may be apart to be merged.
 #[derive(Debug, Clone, Copy)]
@@ -72,7 +72,12 @@ impl Sew {
         if merged > 0 {
             surface.drop_unreferenced();
         }
-        Ok(Applied { changes: Change::list([("boundary_vertices_sewn", merged)]), moved, left, ..Applied::default() })
+        Ok(Applied {
+            changes: Change::list([(ChangeKind::BoundaryVerticesSewn, merged)]),
+            moved,
+            left,
+            ..Applied::default()
+        })
     }
 }
 
@@ -97,4 +102,21 @@ fn pairs(border: &mut Border<'_>, reach: &[f64], context: &Context<'_>) -> Resul
     pairs.sort_unstable_by(|x, y| x.0.total_cmp(&y.0).then((x.1, x.2).cmp(&(y.1, y.2))));
     pairs.dedup();
     Ok(pairs)
+}
+
+impl Operation for Sew {
+    const FIXES: &'static [Counter] =
+        &[Counter::BoundaryEdges, Counter::MisorientedEdges, Counter::NonmanifoldEdges, Counter::DuplicateFaces];
+    const MAY_RAISE: &'static [Counter] = &[Counter::PinchedVertices];
+
+    fn with_scope(scope: &Scope<'_>, _surface: &Surface) -> Self {
+        let (usual, asked) = (Self::default(), scope.options.sew_ratio);
+        // A ratio that was asked for is the only limit.
+        let tolerance = if asked.is_some() { f64::INFINITY } else { usual.tolerance };
+        Self { ratio: asked.unwrap_or(usual.ratio), tolerance, most: scope.reach }
+    }
+
+    fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
+        self.apply(surface, context)
+    }
 }

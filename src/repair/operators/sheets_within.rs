@@ -1,10 +1,10 @@
 //! Open sheets within a solid.
 
-use super::Applied;
 use super::walls::Walls;
+use super::{Applied, Counter, Operation, Scope};
 use crate::math::ray_direction;
 use crate::mesh::{Edges, Parts, Surface};
-use crate::repair::{Cancelled, Change, Context};
+use crate::repair::{Cancelled, Change, ChangeKind, Context};
 
 /// Faces of a sheet that are asked whether they are within a solid.
 const ASKED: usize = 16;
@@ -61,7 +61,7 @@ pub fn remove_sheets_within(surface: &mut Surface, context: &Context<'_>) -> Res
         return Ok(Applied::default());
     }
     let faces = patches.remove(&goes, surface);
-    Ok(Change::list([("sheets_within_removed", count), ("sheet_faces_removed", faces)]).into())
+    Ok(Change::list([(ChangeKind::SheetsWithinRemoved, count), (ChangeKind::SheetFacesRemoved, faces)]).into())
 }
 
 /// The patches with a boundary that have one face at each other edge where several meet, if any; where some are to go, those of
@@ -117,4 +117,22 @@ fn is_within(walls: &mut Walls, surface: &Surface, of_face: &[u32], faces: &[u32
         missed += missed_here;
     }
     true
+}
+
+/// Removes open sheets within solids that part nothing.
+#[derive(Debug, Clone, Copy)]
+pub struct RemoveSheetsWithin;
+
+impl Operation for RemoveSheetsWithin {
+    const FIXES: &'static [Counter] = &[Counter::BoundaryEdges, Counter::NonmanifoldEdges];
+    // Faces that the wall kept apart may wind against one another.
+    const MAY_RAISE: &'static [Counter] = &[Counter::MisorientedEdges, Counter::PinchedVertices];
+
+    fn with_scope(_scope: &Scope<'_>, _surface: &Surface) -> Self {
+        Self
+    }
+
+    fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
+        remove_sheets_within(surface, context)
+    }
 }

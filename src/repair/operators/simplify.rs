@@ -1,8 +1,8 @@
 //! Fewer faces, where that is asked for.
 
-use super::Applied;
+use super::{Applied, Counter, Operation, Scope};
 use crate::mesh::Surface;
-use crate::repair::{Cancelled, Change, Context};
+use crate::repair::{Cancelled, Change, ChangeKind, Context, Options};
 use crate::simplify::Simplify;
 
 /// The largest error where only a number of faces is asked for, as a share of the bounding box's diagonal: what is within
@@ -66,7 +66,7 @@ pub(in crate::repair) fn reduce_remeshed(
             error += done.map_or(0.0, |done| done.error);
         }
     }
-    let changes = Change::list([("faces_removed", faces_before - surface.faces.len() as u64)]);
+    let changes = Change::list([(ChangeKind::FacesRemoved, faces_before - surface.faces.len() as u64)]);
     let left = is_late.then(|| LATE.to_owned());
     Ok(Applied { changes, moved: error, left, is_late, ..Applied::default() })
 }
@@ -89,8 +89,22 @@ impl ReduceFaces {
             toward: None,
         };
         let done = simplify.apply(surface, context)?;
-        let changes = Change::list([("faces_removed", done.faces_before - done.faces_after)]);
+        let changes = Change::list([(ChangeKind::FacesRemoved, done.faces_before - done.faces_after)]);
         let is_late = done.is_late;
         Ok(Applied { changes, moved: done.error, left: done.left, is_late, ..Applied::default() })
+    }
+}
+
+impl Operation for ReduceFaces {
+    const FIXES: &'static [Counter] = &Counter::ALL;
+    const MAY_RAISE: &'static [Counter] = &[];
+
+    fn with_scope(scope: &Scope<'_>, _surface: &Surface) -> Self {
+        let Options { max_faces, max_error, .. } = *scope.options;
+        Self { max_faces, max_error, most: scope.reach, to_f32: scope.format.is_single() }
+    }
+
+    fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
+        self.apply(surface, context)
     }
 }

@@ -2,11 +2,11 @@
 
 use std::collections::VecDeque;
 
-use super::Applied;
 use super::local::{Local, Shape};
+use super::{Applied, Counter, Operation, Scope};
 use crate::math::{Box3, unit_scale};
 use crate::mesh::Surface;
-use crate::repair::{Cancelled, Change, Context};
+use crate::repair::{Cancelled, Change, ChangeKind, Context};
 
 /// Times that one face is looked at: each follows an edit beside it, and where there are so many they go in circles.
 const MOST_TRIES: u8 = 32;
@@ -100,10 +100,10 @@ impl RemoveSlivers {
         let moved = work.moved / scale;
         work.local.finish();
         let changes = Change::list([
-            ("short_edges_collapsed", collapsed),
-            ("caps_flipped", flipped),
-            ("caps_removed", dropped),
-            ("slivers_left", left.len() as u64),
+            (ChangeKind::ShortEdgesCollapsed, collapsed),
+            (ChangeKind::CapsFlipped, flipped),
+            (ChangeKind::CapsRemoved, dropped),
+            (ChangeKind::SliversLeft, left.len() as u64),
         ]);
         let left = (!left.is_empty()).then(|| {
             format!(
@@ -277,5 +277,19 @@ impl Work<'_> {
         self.moved = self.moved.max(height);
         self.queue.extend(beside.into_iter().flatten().filter(|&f| f != cap));
         Some(Edit::Dropped)
+    }
+}
+
+impl Operation for RemoveSlivers {
+    const FIXES: &'static [Counter] = &[Counter::DegenerateFaces];
+    // Where an edge on the boundary is collapsed, those behind it are open.
+    const MAY_RAISE: &'static [Counter] = &[Counter::BoundaryEdges];
+
+    fn with_scope(scope: &Scope<'_>, _surface: &Surface) -> Self {
+        Self { tolerance: scope.options.degenerate_tolerance, most: scope.reach }
+    }
+
+    fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
+        self.apply(surface, context)
     }
 }

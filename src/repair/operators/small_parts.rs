@@ -1,9 +1,9 @@
 //! Closed parts that are smaller than the options keep.
 
-use super::Applied;
+use super::{Applied, Counter, Operation, Scope};
 use crate::inspect::{nesting, solids};
 use crate::mesh::{Edges, Parts, Surface};
-use crate::repair::{Cancelled, Change, Context};
+use crate::repair::{Cancelled, Change, ChangeKind, Context};
 
 /// Drops small parts.
 #[derive(Debug, Clone, Copy)]
@@ -43,6 +43,19 @@ impl DropSmallParts {
         let count = (0..parts.count).filter(|&part| goes[part] && is_solid(part)).count() as u64;
         let faces = parts.remove(&goes, surface);
         surface.drop_unreferenced();
-        Ok(Change::list([("small_parts_dropped", count), ("small_part_faces_dropped", faces)]).into())
+        Ok(Change::list([(ChangeKind::SmallPartsDropped, count), (ChangeKind::SmallPartFacesDropped, faces)]).into())
+    }
+}
+
+impl Operation for DropSmallParts {
+    const FIXES: &'static [Counter] = &[];
+    const MAY_RAISE: &'static [Counter] = &[];
+
+    fn with_scope(scope: &Scope<'_>, _surface: &Surface) -> Self {
+        Self { min_volume_pct: scope.options.min_part_volume_pct }
+    }
+
+    fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
+        self.apply(surface, context)
     }
 }

@@ -2,10 +2,10 @@
 
 use glam::DVec3;
 
-use super::Applied;
 use super::border::{Border, Near};
+use super::{Applied, Counter, Operation, Scope};
 use crate::mesh::Surface;
-use crate::repair::{Cancelled, Change, Context};
+use crate::repair::{Cancelled, Change, ChangeKind, Context};
 
 /// The rounding of coordinates to f32, of which a few may add up where a vertex was put on an edge.
 const ROUNDING: f64 = 4.0 * f32::EPSILON as f64;
@@ -66,7 +66,7 @@ impl SplitTJunctions {
             }
         }
         let left = border.gave_up();
-        Ok(Applied { changes: Change::list([("t_junctions_split", cut)]), moved, left, ..Applied::default() })
+        Ok(Applied { changes: Change::list([(ChangeKind::TJunctionsSplit, cut)]), moved, left, ..Applied::default() })
     }
 }
 
@@ -102,4 +102,18 @@ fn vertices_on_edges(border: &mut Border<'_>, reach: f64, context: &Context<'_>)
         }
     }
     Ok(on_edges)
+}
+
+impl Operation for SplitTJunctions {
+    const FIXES: &'static [Counter] = &[Counter::MisorientedEdges, Counter::NonmanifoldEdges, Counter::DuplicateFaces];
+    // A cut edge is two for a while, where only one of them finds its counterpart; joined at one end only, it is pinched.
+    const MAY_RAISE: &'static [Counter] = &[Counter::BoundaryEdges, Counter::PinchedVertices];
+
+    fn with_scope(scope: &Scope<'_>, _surface: &Surface) -> Self {
+        Self { most: scope.reach, ..Self::default() }
+    }
+
+    fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
+        self.apply(surface, context)
+    }
 }

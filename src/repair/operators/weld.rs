@@ -2,9 +2,10 @@
 
 use glam::DVec3;
 
-use super::Applied;
+use super::degenerate::remove_collapsed;
+use super::{Applied, Counter, Operation, Scope};
 use crate::mesh::{Edges, Surface};
-use crate::repair::{Cancelled, Change, Context, Options};
+use crate::repair::{Cancelled, Change, ChangeKind, Context, Options};
 
 /// Vertices looked at in one cell of the grid: more can't lie in a cell further apart than the tolerance unless their
 /// own edges are shorter still, and then they are not merged.
@@ -81,7 +82,7 @@ impl Weld {
                 ),
             ));
         }
-        let changes = Change::list([("boundary_vertices_merged", merged)]);
+        let changes = Change::list([(ChangeKind::BoundaryVerticesMerged, merged)]);
         Ok(Applied { changes, moved, limited, ..Applied::default() })
     }
 }
@@ -140,4 +141,21 @@ fn nearest_kept(
 #[expect(clippy::cast_possible_truncation, reason = "a float to integer cast saturates")]
 fn to_cell(x: f64) -> i64 {
     (x as i64).clamp(i64::MIN / 4, i64::MAX / 4)
+}
+
+impl Operation for Weld {
+    const FIXES: &'static [Counter] = &[Counter::BoundaryEdges];
+    // Where several sheets meet, what was open becomes an edge of several faces.
+    const MAY_RAISE: &'static [Counter] =
+        &[Counter::NonmanifoldEdges, Counter::MisorientedEdges, Counter::PinchedVertices, Counter::DuplicateFaces];
+
+    fn with_scope(scope: &Scope<'_>, _surface: &Surface) -> Self {
+        Self { tolerance: scope.options.weld_tolerance, most: scope.reach }
+    }
+
+    fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
+        let mut applied = self.apply(surface, context)?;
+        applied.changes.extend(remove_collapsed(surface));
+        Ok(applied)
+    }
 }

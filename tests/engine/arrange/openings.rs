@@ -1,13 +1,12 @@
 //! Patches doubted: rooms that can be looked into are not filled.
 
 use glam::DVec3;
-use meshmend::arrange::{Arrangement, Exact, Inside, Rule, Solid};
+use meshmend::arrange::{Exact, Inside, Rule, Solid};
 use meshmend::mesh::{NO_SOURCE, Soup, Surface};
 use meshmend::repair::{Options, Outcome};
 
-use super::measured;
+use super::{arranged, measured};
 use crate::meshes::{as_f32, cube, inside_out, join};
-use crate::operators::with_context;
 use crate::pipeline::run;
 
 /// A box of side 4 whose lid at `z = 4` is the patch of a hole.
@@ -27,7 +26,7 @@ fn solid(soup: &Soup, rule: Rule) -> Solid {
             surface.source[f] = NO_SOURCE;
         }
     }
-    with_context(|c| Exact.solid(&surface, rule, c)).unwrap()
+    arranged(&Exact, &surface, rule).unwrap()
 }
 
 fn doubting(inside: Inside) -> Rule {

@@ -8,7 +8,7 @@ use manifold_rust::types::{Error, MeshGL64, WindingRule};
 
 use meshmend::arrange::{ArrangeError, Arrangement, Inside, Rule, Solid};
 use meshmend::context::Context;
-use meshmend::mesh::{NO_SOURCE, Soup, Surface};
+use meshmend::mesh::{ClosedSurface, NO_SOURCE, NotClosed, Soup, Surface};
 
 /// How often the context is asked whether to go on.
 const LOOK: Duration = Duration::from_millis(5);
@@ -21,9 +21,9 @@ const STACK: usize = 64 << 20;
 pub struct ManifoldRust;
 
 impl Arrangement for ManifoldRust {
-    fn solid(&self, surface: &Surface, rule: Rule, context: &Context<'_>) -> Result<Solid, ArrangeError> {
+    fn solid(&self, surface: ClosedSurface<'_>, rule: Rule, context: &Context<'_>) -> Result<Solid, ArrangeError> {
         let token = CancelToken::new();
-        let mesh = to_mesh(surface);
+        let mesh = to_mesh(&surface);
         let rule = match rule.inside {
             Inside::Positive => WindingRule::Positive,
             Inside::Nonzero => WindingRule::Nonzero,
@@ -58,9 +58,9 @@ impl Arrangement for ManifoldRust {
         }
         match answer {
             None => Err(ArrangeError::Failed("the engine gave up".to_owned())),
-            Some((Error::NotClosed | Error::NotManifold, _)) => Err(ArrangeError::NotClosed),
+            Some((Error::NotClosed | Error::NotManifold, _)) => Err(NotClosed.into()),
             Some((Error::NoError, mesh)) if mesh.tri_verts.is_empty() => Err(ArrangeError::Empty),
-            Some((Error::NoError, mesh)) => Ok(Solid { surface: from_mesh(&mesh, surface), ..Solid::default() }),
+            Some((Error::NoError, mesh)) => Ok(Solid { surface: from_mesh(&mesh, &surface), ..Solid::default() }),
             Some((error, _)) => Err(ArrangeError::Failed(error.to_str().to_owned())),
         }
     }

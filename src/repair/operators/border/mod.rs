@@ -1,7 +1,7 @@
 //! The boundary of a surface while cracks in it are closed.
 //!
-//! [`HalfEdgeMesh`](crate::mesh::HalfEdgeMesh) has one fan at each vertex; a crack that is closed vertex by vertex has
-//! two at those that are done and whose neighbours are not. So the faces at boundary vertices are kept here as lists,
+//! A half-edge mesh has one fan at each vertex; a crack that is closed vertex by vertex has two at those that are done and whose
+//! neighbours are not. So the faces at boundary vertices are kept here as lists,
 //! and boundary edges by their half-edges; the surface may be anything elsewhere. Both edits re-index faces where they are:
 //! no face is removed, and no position is made or changed but where vertices meet halfway.
 

@@ -9,9 +9,9 @@ use bad::Bad;
 use patch::Patching;
 use regions::{Limits, Regions};
 
-use super::{Applied, Counts};
+use super::{Applied, Counter, Counts, Operation, Scope};
 use crate::mesh::Surface;
-use crate::repair::{Cancelled, Change, Context};
+use crate::repair::{Cancelled, Change, ChangeKind, Context};
 
 /// Rings of faces around what is bad that go with it, round by round.
 const RINGS: std::ops::RangeInclusive<u32> = 0..=3;
@@ -130,13 +130,33 @@ impl CleanAndPatch {
         }
         let added = patching.origin.iter().filter(|&&o| o == patch::NEW).count() as u64;
         let changes = Change::list([
-            ("places_patched", tally.regions),
-            ("faces_removed", tally.removed),
-            ("faces_added", added),
-            ("defects_gone", first - bad.total()),
+            (ChangeKind::PlacesPatched, tally.regions),
+            (ChangeKind::FacesRemoved, tally.removed),
+            (ChangeKind::FacesAdded, added),
+            (ChangeKind::DefectsGone, first - bad.total()),
         ]);
         *surface = patching.surface;
         surface.drop_unreferenced();
         Ok(Applied { changes, moved: tally.moved, left, ..Applied::default() })
+    }
+}
+
+impl Operation for CleanAndPatch {
+    const FIXES: &'static [Counter] = &[Counter::BoundaryEdges, Counter::NonmanifoldEdges];
+    const MAY_RAISE: &'static [Counter] = &[];
+
+    fn with_scope(scope: &Scope<'_>, _surface: &Surface) -> Self {
+        let options = scope.options;
+        Self {
+            max_hole_edges: options.max_hole_edges,
+            max_hole_size: options.max_hole_size,
+            max_face_loss_pct: options.max_face_loss_pct,
+            max_deviation: scope.reach,
+            ..Self::default()
+        }
+    }
+
+    fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
+        self.apply(surface, context)
     }
 }

@@ -12,11 +12,12 @@ mod sharp;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+use super::{Applied, Counter, Operation, Scope};
 use crate::inspect::solids;
 use crate::math::Box3;
 use crate::mesh::{Edges, Fans, Parts, Surface, UnionFind, boundary_loops};
 use crate::repair::sheets::encloses;
-use crate::repair::{Cancelled, Change, Context};
+use crate::repair::{Cancelled, Change, ChangeKind, Context};
 use choose::{Chosen, Filler, face_normal};
 use group::{Hole, group};
 
@@ -209,13 +210,13 @@ impl FillHoles {
         let patches = filler.clearance.patches().to_vec();
         let positions = filler.positions;
         filled.changes = Change::list([
-            ("holes_closed", closed),
-            ("islands_joined", joined),
-            ("faces_added", patches.len() as u64),
-            ("vertices_added", (positions.len() - surface.positions.len()) as u64),
-            ("holes_left", filled.holes_left),
-            ("holes_over_limit", filled.over_limit),
-            ("open_sheets_left", filled.open_sheets),
+            (ChangeKind::HolesClosed, closed),
+            (ChangeKind::IslandsJoined, joined),
+            (ChangeKind::FacesAdded, patches.len() as u64),
+            (ChangeKind::VerticesAdded, (positions.len() - surface.positions.len()) as u64),
+            (ChangeKind::HolesLeft, filled.holes_left),
+            (ChangeKind::HolesOverLimit, filled.over_limit),
+            (ChangeKind::OpenSheetsLeft, filled.open_sheets),
         ]);
         surface.positions = positions;
         for face in patches {
@@ -267,4 +268,28 @@ fn put(filler: &mut Filler<'_>, chosen: &Chosen, own_edges: &mut Vec<(u32, u32)>
         }
     }
     filler.clearance.put(&chosen.faces);
+}
+
+impl Operation for FillHoles {
+    const FIXES: &'static [Counter] = &[Counter::BoundaryEdges];
+    // A crack whose border lies on a line is closed by faces without area.
+    const MAY_RAISE: &'static [Counter] = &[Counter::DegenerateFaces];
+
+    fn with_scope(scope: &Scope<'_>, _surface: &Surface) -> Self {
+        let options = scope.options;
+        Self {
+            max_edges: options.max_hole_edges,
+            max_size: options.max_hole_size,
+            max_holes: options.max_holes,
+            filling: options.hole_filling,
+            refine: options.refine_patches,
+            fair: options.fair_patches,
+            to_f32: scope.format.is_single(),
+        }
+    }
+
+    fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
+        let filled = self.apply(surface, context)?;
+        Ok(Applied { left: filled.in_words(), changes: filled.changes, ..Applied::default() })
+    }
 }

@@ -6,10 +6,10 @@ mod balance;
 mod nested;
 mod outside;
 
-use super::Applied;
+use super::{Applied, Counter, Operation, Scope};
 use crate::inspect::{doubled_areas, nesting, solids};
 use crate::mesh::{Edges, Parts, Surface};
-use crate::repair::{Cancelled, Change, Context};
+use crate::repair::{Cancelled, Change, ChangeKind, Context};
 
 pub use nested::Nested;
 
@@ -105,12 +105,12 @@ impl Orient {
             unfixed.extend(in_conflict(surface, &edges));
         }
         let changes = Change::list([
-            ("faces_turned", turned),
-            ("closed_parts_turned", closed_turned),
-            ("open_parts_turned", open_turned),
-            ("cavities_kept", layers.cavities_kept),
-            ("solids_inside_solids", layers.solids_inside_solids),
-            ("orientation_conflicts_left", agreement.conflicts),
+            (ChangeKind::FacesTurned, turned),
+            (ChangeKind::ClosedPartsTurned, closed_turned),
+            (ChangeKind::OpenPartsTurned, open_turned),
+            (ChangeKind::CavitiesKept, layers.cavities_kept),
+            (ChangeKind::SolidsInsideSolids, layers.solids_inside_solids),
+            (ChangeKind::OrientationConflictsLeft, agreement.conflicts),
         ]);
         let left = in_words(&[
             (agreement.one_sided, "one-sided", "no winding suits all neighbours"),
@@ -149,4 +149,17 @@ pub(super) fn turn_faces(surface: &mut Surface, turn: &[bool]) -> u64 {
         turned += 1;
     }
     turned
+}
+
+impl Operation for Orient {
+    const FIXES: &'static [Counter] = &[Counter::MisorientedEdges];
+    const MAY_RAISE: &'static [Counter] = &[];
+
+    fn with_scope(scope: &Scope<'_>, _surface: &Surface) -> Self {
+        Self { nested: scope.options.nested }
+    }
+
+    fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
+        self.apply(surface, context)
+    }
 }

@@ -8,14 +8,6 @@ use crate::inspect::{Analysis, Intersections, intersections};
 use crate::mesh::{Edges, Surface, position_key, weld_exactly};
 use crate::repair::{Cancelled, Context};
 
-/// Whether each edge is used as often in one direction as in the other, which every arrangement asks for.
-pub(super) fn is_balanced(surface: &Surface) -> bool {
-    let forward = |h: &&u32| Edges::is_forward(&surface.faces, **h);
-    Edges::new(&surface.faces)
-        .iter()
-        .all(|half_edges| 2 * half_edges.iter().filter(forward).count() == half_edges.len())
-}
-
 /// Whether a reader of STL would find every edge between two faces that agree, and one fan at every vertex.
 pub(super) fn is_manifold_by_position(surface: &Surface) -> bool {
     let mut welded = surface.clone();

@@ -5,7 +5,7 @@ mod snap;
 
 use rustc_hash::FxHashSet;
 
-use self::checks::{count, crossings, is_balanced, is_manifold_by_position, mark_pinched};
+use self::checks::{count, crossings, is_manifold_by_position, mark_pinched};
 use self::snap::{dense_faces, grid_step, snap};
 use super::cut::{Pairing, Pinches, cut_apart};
 use super::degenerate::{remove_caps, remove_collapsed};
@@ -13,10 +13,11 @@ use super::duplicates;
 use super::orient::Orient;
 use super::rounding::{TellApart, round_apart, tell_apart};
 use super::separate::Separate;
-use super::thicken::{Skins, ThickenSheets};
-use crate::arrange::{ArrangeError, Arrangement, Inside, Rule, Solid};
-use crate::mesh::{Edges, OPENED_SKIN_SOURCE, Parts, SKIN_SOURCE, Surface, is_made, position_key};
-use crate::repair::{Cancelled, Change, Context};
+use super::thicken::{Skins, THICKNESS, ThickenSheets};
+use super::{Applied, Counter, Operation, Scope};
+use crate::arrange::{ArrangeError, Arrangement, Exact, Inside, Rule, Solid};
+use crate::mesh::{ClosedSurface, Edges, OPENED_SKIN_SOURCE, Parts, SKIN_SOURCE, Surface, is_made, position_key};
+use crate::repair::{Cancelled, Change, ChangeKind, Context, InsideRule, Overlaps};
 
 /// Bits of the grid, over the largest coordinate, to which the vertices of faces that still intersect after rounding are
 /// moved, round by round.
@@ -63,6 +64,11 @@ pub struct Resolved {
     pub pairs_left: u64,
     /// Why nothing was done.
     pub error: Option<ArrangeError>,
+}
+
+/// The boundary of what a surface encloses.
+fn arranged(by: &dyn Arrangement, surface: &Surface, rule: Rule, context: &Context<'_>) -> Result<Solid, ArrangeError> {
+    by.solid(ClosedSurface::try_from(surface)?, rule, context)
 }
 
 /// The best that the rounds have come to.
@@ -117,8 +123,8 @@ impl Resolve {
         context: &Context<'_>,
     ) -> Result<Resolved, Cancelled> {
         let undone = |pairs_left, error| Resolved { pairs_left, error: Some(error), ..Resolved::default() };
-        if !is_balanced(surface) {
-            return Ok(undone(0, ArrangeError::NotClosed));
+        if let Err(open) = ClosedSurface::try_from(&*surface) {
+            return Ok(undone(0, open.into()));
         }
         let found = crossings(surface, context)?;
         let before = count(&found);
@@ -153,14 +159,14 @@ impl Resolve {
         }
         *surface = best.surface;
         let changes = Change::list([
-            ("parts_united", parts_before.saturating_sub(parts(surface))),
-            ("intersecting_pairs_resolved", before.saturating_sub(best.pairs)),
-            ("faces_cut", faces_before),
-            ("faces_made", surface.faces.len() as u64),
-            ("vertices_snapped", done.snapped),
-            ("vertices_merged", done.merged),
-            ("faces_without_thickness_thickened", done.thickened),
-            ("faces_around_open_rooms_thickened", done.opened),
+            (ChangeKind::PartsUnited, parts_before.saturating_sub(parts(surface))),
+            (ChangeKind::IntersectingPairsResolved, before.saturating_sub(best.pairs)),
+            (ChangeKind::FacesCut, faces_before),
+            (ChangeKind::FacesMade, surface.faces.len() as u64),
+            (ChangeKind::VerticesSnapped, done.snapped),
+            (ChangeKind::VerticesMerged, done.merged),
+            (ChangeKind::FacesWithoutThicknessThickened, done.thickened),
+            (ChangeKind::FacesAroundOpenRoomsThickened, done.opened),
         ]);
         Ok(Resolved { changes, moved: done.moved + best.aside, pairs_left: best.pairs, error: None })
     }
@@ -183,7 +189,7 @@ impl Resolve {
             let first = best.is_none() && crossing.is_none();
             let known: FxHashSet<[u64; 3]> = work.positions.iter().map(|&p| position_key(p)).collect();
             let rule = Rule { inside: self.inside, doubts_patches: first && self.sheets.is_some() };
-            let mut made = by.solid(&work, rule, context);
+            let mut made = arranged(by, &work, rule, context);
             if let (Some(thickness), true, Ok(with_sheets)) = (self.sheets, first, &mut made)
                 && !(with_sheets.flaps.faces.is_empty() && with_sheets.opened.faces.is_empty())
             {
@@ -196,7 +202,7 @@ impl Resolve {
                     }
                     append(&mut work, thick);
                 }
-                made = by.solid(&work, self.inside.into(), context);
+                made = arranged(by, &work, self.inside.into(), context);
             }
             work = match made {
                 Ok(made) if made.surface.faces.len() > tangle => {
@@ -308,7 +314,7 @@ impl Resolve {
             }
             append(&mut whole, part);
         }
-        all.changes = Change::list([("faces_cut", cut), ("faces_made", made)]);
+        all.changes = Change::list([(ChangeKind::FacesCut, cut), (ChangeKind::FacesMade, made)]);
         if cut > 0 {
             *surface = whole;
         }
@@ -383,4 +389,44 @@ fn settle(surface: &mut Surface, context: &Context<'_>) -> Result<(), Cancelled>
     remove_caps(surface, context)?;
     surface.drop_unreferenced();
     Ok(())
+}
+
+/// Unites what overlaps, or resolves each part alone where parts are to be kept apart.
+#[derive(Debug, Clone, Copy)]
+pub struct ResolveOverlaps {
+    resolve: Resolve,
+    overlaps: Overlaps,
+}
+
+impl Operation for ResolveOverlaps {
+    const FIXES: &'static [Counter] = &[Counter::NonmanifoldEdges];
+    const MAY_RAISE: &'static [Counter] = &[
+        Counter::BoundaryEdges,
+        Counter::MisorientedEdges,
+        Counter::PinchedVertices,
+        Counter::DegenerateFaces,
+        Counter::DuplicateFaces,
+    ];
+
+    fn with_scope(scope: &Scope<'_>, surface: &Surface) -> Self {
+        let options = scope.options;
+        let thickness = || options.thickness.unwrap_or(THICKNESS * surface.bounds().diagonal()).min(scope.reach);
+        let resolve = Resolve {
+            inside: scope.inside,
+            most: scope.reach,
+            sheets: scope.closes_sheets.then(thickness),
+            always: options.inside != InsideRule::Auto,
+        };
+        Self { resolve, overlaps: options.overlaps }
+    }
+
+    fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
+        let it = match self.overlaps {
+            Overlaps::Union => self.resolve.apply(surface, &Exact, context)?,
+            Overlaps::Keep => self.resolve.apply_to_parts(surface, &Exact, context)?,
+        };
+        let left = (it.pairs_left > 0).then(|| format!("{} pairs of faces still intersect", it.pairs_left));
+        let failed = it.error.map(Into::into);
+        Ok(Applied { changes: it.changes, moved: it.moved, left, failed, ..Applied::default() })
+    }
 }

@@ -9,10 +9,10 @@ use feature::{Feature, Search};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::Applied;
 use super::border::{Border, Meeting};
+use super::{Applied, Counter, Operation, Scope};
 use crate::mesh::Surface;
-use crate::repair::{Cancelled, Change, Context};
+use crate::repair::{Cancelled, Change, ChangeKind, Context};
 
 /// Cuts for each boundary edge: a vertex is on few edges, unless the input is crafted.
 const MOST_CUTS: usize = 4;
@@ -153,7 +153,30 @@ impl Stitch {
         if merged > 0 {
             surface.drop_unreferenced();
         }
-        let changes = Change::list([("crack_vertices_merged", merged), ("crack_edges_split", cut)]);
+        let changes = Change::list([(ChangeKind::CrackVerticesMerged, merged), (ChangeKind::CrackEdgesSplit, cut)]);
         Ok(Applied { changes, moved, left, limited, ..Applied::default() })
+    }
+}
+
+impl Operation for Stitch {
+    const FIXES: &'static [Counter] =
+        &[Counter::BoundaryEdges, Counter::MisorientedEdges, Counter::NonmanifoldEdges, Counter::DuplicateFaces];
+    const MAY_RAISE: &'static [Counter] = &[Counter::PinchedVertices];
+
+    fn with_scope(scope: &Scope<'_>, _surface: &Surface) -> Self {
+        let (usual, options) = (Self::default(), scope.options);
+        Self {
+            threshold: options.stitch_threshold.unwrap_or(usual.threshold),
+            distance: options.stitch_distance,
+            position: options.stitch_position,
+            to_f32: scope.format.is_single(),
+            counts_left: options.stitch_threshold.is_some() || options.stitch_distance.is_some(),
+            snap: options.stitch_epsilon,
+            most: scope.reach,
+        }
+    }
+
+    fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
+        self.apply(surface, context)
     }
 }

@@ -9,10 +9,10 @@ use offset::Offsets;
 
 use super::open_parts::OpenParts;
 use super::quantise::written;
-use super::{Applied, open_parts};
+use super::{Applied, Counter, Operation, Scope, open_parts};
 use crate::mesh::{Edges, SKIN_SOURCE, Surface};
 use crate::repair::sheets::almost_closed;
-use crate::repair::{Cancelled, Change, Context};
+use crate::repair::{Cancelled, Change, ChangeKind, Context, OpenSheets};
 
 /// The thickness that a sheet gets where none is asked for, as a share of the model's diagonal: on a print of 200 mm it is
 /// 0.6 mm, wider than the usual nozzle of 0.4 mm, and less than anyone sees on the whole.
@@ -77,7 +77,11 @@ impl ThickenSheets {
         };
         if open.count == 0 {
             let left = (spared > 0).then(|| told(spared));
-            return Ok(Applied { changes: Change::list([("solids_left_open", spared)]), left, ..Applied::default() });
+            return Ok(Applied {
+                changes: Change::list([(ChangeKind::SolidsLeftOpen, spared)]),
+                left,
+                ..Applied::default()
+            });
         }
         let bounds = surface.bounds();
         let wanted = self.thickness.unwrap_or(THICKNESS * bounds.diagonal());
@@ -105,8 +109,11 @@ impl ThickenSheets {
         });
         let rim = cover.boundary.len() as u64;
         put(surface, &cover, &ids);
-        let changes =
-            Change::list([("sheets_thickened", open.count), ("rim_edges_closed", rim), ("solids_left_open", spared)]);
+        let changes = Change::list([
+            (ChangeKind::SheetsThickened, open.count),
+            (ChangeKind::RimEdgesClosed, rim),
+            (ChangeKind::SolidsLeftOpen, spared),
+        ]);
         let moved = if front > 0.0 { front * offset::MITER } else { 0.0 };
         let mut left = format!("at a thickness of {thickness:.6}");
         if spared > 0 {
@@ -176,5 +183,27 @@ fn put(surface: &mut Surface, cover: &Cover, ids: &Ids) {
         let (u, v) = (h as usize, Edges::next(h) as usize);
         surface.push_made([id(v, 0), id(u, 0), id(u, 1)], SKIN_SOURCE);
         surface.push_made([id(v, 0), id(u, 1), id(v, 1)], SKIN_SOURCE);
+    }
+}
+
+impl Operation for ThickenSheets {
+    const FIXES: &'static [Counter] = &[Counter::BoundaryEdges, Counter::MisorientedEdges];
+    // What was one edge of several faces is so on both skins.
+    const MAY_RAISE: &'static [Counter] =
+        &[Counter::NonmanifoldEdges, Counter::PinchedVertices, Counter::DegenerateFaces, Counter::DuplicateFaces];
+
+    fn with_scope(scope: &Scope<'_>, _surface: &Surface) -> Self {
+        let asked = scope.options.open_sheets == OpenSheets::Thicken;
+        Self {
+            thickness: scope.options.thickness,
+            skins: if asked { Skins::BothSides } else { Skins::Behind },
+            spares_solids: !asked,
+            most: scope.reach,
+            to_f32: scope.format.is_single(),
+        }
+    }
+
+    fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
+        self.apply(surface, context)
     }
 }
