@@ -6,12 +6,13 @@ use crate::server::files_below;
 /// What is said of each variant of an enum, in the order of the code.
 pub fn variants(name: &str) -> Vec<String> {
     let before = format!("pub enum {name} {{\n");
+    // An enum that a macro makes is indented.
     let code =
         files_below(&root().join("src")).into_iter().filter(|path| path.extension().is_some_and(|it| it == "rs"));
     let texts = code.map(|path| std::fs::read_to_string(path).unwrap());
     let found: Vec<_> = texts.filter_map(|text| Some(text.split_once(&before)?.1.to_owned())).collect();
     assert_eq!(found.len(), 1, "enums {name}");
-    let body = found[0].split("\n}").next().unwrap();
+    let body = found[0].split("\n}").next().and_then(|body| body.split("\n    }").next()).unwrap();
     let mut docs = Vec::new();
     let mut said = String::new();
     for line in body.lines().map(str::trim) {
