@@ -22,7 +22,7 @@ pub struct Capabilities {
     pub output_formats: Vec<Format>,
     /// What a job can do.
     pub modes: Vec<Mode>,
-    /// Presets of a repair, apart from `auto`.
+    /// Presets of a repair.
     pub presets: Vec<Preset>,
     /// Levels of an analysis.
     pub levels: Vec<Level>,
@@ -64,9 +64,9 @@ pub struct UploadLimits {
     /// Most files of an analysis.
     pub max_files: usize,
     /// Most triangles of a file.
-    pub max_faces: u64,
+    pub max_file_faces: u64,
     /// Most vertices of a file.
-    pub max_vertices: u64,
+    pub max_file_vertices: u64,
 }
 
 impl Capabilities {
@@ -90,6 +90,7 @@ impl Capabilities {
             output_formats: formats,
             modes: Mode::ALL.to_vec(),
             presets: vec![
+                Preset::Auto,
                 Preset::BasicCleanup,
                 Preset::FillHoles,
                 Preset::FullRepair,
@@ -106,8 +107,8 @@ impl Capabilities {
             limits: UploadLimits {
                 max_bytes: limits.max_bytes,
                 max_files,
-                max_faces: limits.max_faces,
-                max_vertices: limits.max_vertices,
+                max_file_faces: limits.max_faces,
+                max_file_vertices: limits.max_vertices,
             },
             sandbox,
             default_options: Options::default(),

@@ -205,12 +205,12 @@ fn read_metadata(text: &str) -> Result<Metadata, Problem> {
 
 /// Stop a job.
 ///
-/// A job that runs is stopped with all its processes. Cancelling a cancelled job changes nothing.
+/// A job that runs is stopped with all its processes. Canceling a canceled job changes nothing.
 #[utoipa::path(
     post, path = "/v1/jobs/{id}/cancel", tag = "jobs",
     params(("id" = String, Path, description = "The job's id")),
     responses(
-        (status = 200, description = "The job is cancelled", body = JobView),
+        (status = 200, description = "The job is canceled", body = JobView),
         (status = 400, description = "A path that can't be understood", body = Problem, content_type = "application/problem+json"),
         (status = 404, description = "No such job", body = Problem, content_type = "application/problem+json"),
         (status = 409, description = "The job has ended", body = Problem, content_type = "application/problem+json"),
@@ -229,7 +229,7 @@ pub(super) async fn cancel_job(
             Ok(answer(&state, StatusCode::OK, *job, None, [(header::ETAG, etag)]))
         }
         Some(Cancelled::TooLate(job)) => {
-            let detail = format!("The job '{}' has {}; it can't be cancelled any more.", job.id, job.status.as_str());
+            let detail = format!("The job '{}' has {}; it can't be canceled any more.", job.id, job.status.as_str());
             Err(Problem::new(ProblemCode::JobFinished, detail))
         }
         None => Err(Problem::new(ProblemCode::JobNotFound, format!("There is no job '{}'.", job.id))),
@@ -238,7 +238,7 @@ pub(super) async fn cancel_job(
 
 /// Delete a job and its files.
 ///
-/// A job that has not ended is cancelled first. The upload, the results and the report are deleted, and so is what webhooks have told
+/// A job that has not ended is canceled first. The upload, the results and the report are deleted, and so is what webhooks have told
 /// of it or still had to tell.
 #[utoipa::path(
     delete, path = "/v1/jobs/{id}", tag = "jobs",

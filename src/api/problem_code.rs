@@ -50,7 +50,7 @@ pub enum ProblemCode {
     JobDeleted,
     /// The job's results were kept as long as they are, and are gone.
     JobExpired,
-    /// The job has ended, so it can't be cancelled.
+    /// The job has ended, so it can't be canceled.
     JobFinished,
     /// The job has no such file, or not yet.
     ArtifactNotFound,

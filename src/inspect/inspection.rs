@@ -61,7 +61,7 @@ pub struct InspectOptions {
     pub up: [f64; 3],
     /// An angle from the vertical, in degrees from 0 to 90, for which the area of overhangs is told beside 30, 45 and 60.
     #[schema(minimum = 0.0, maximum = 90.0)]
-    pub overhang_degrees: f64,
+    pub overhang_deg: f64,
     /// Sides of the printer's build volume, in millimetres.
     #[schema(min_items = 3, max_items = 3)]
     pub build_volume: Option<[f64; 3]>,
@@ -75,7 +75,7 @@ impl Default for InspectOptions {
             tolerances: Tolerances::default(),
             unit: None,
             up: [0.0, 0.0, 1.0],
-            overhang_degrees: 45.0,
+            overhang_deg: 45.0,
             build_volume: None,
         }
     }
@@ -96,7 +96,7 @@ impl InspectOptions {
             expected: "a finite number that is not negative",
         })?;
         let degrees = "between 0 and 90 degrees from the vertical";
-        OptionsError::unless_within("overhang_degrees", self.overhang_degrees, (0.0, 90.0), degrees)?;
+        OptionsError::unless_within("overhang_deg", self.overhang_deg, (0.0, 90.0), degrees)?;
         let up: f64 = self.up.iter().map(|x| x.abs()).sum();
         OptionsError::unless_within("up", up, (f64::MIN_POSITIVE, f64::MAX), "a direction that is not zero")?;
         let smallest = self.build_volume.map_or(1.0, |sides| sides.into_iter().fold(f64::MAX, f64::min));

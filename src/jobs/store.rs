@@ -36,7 +36,7 @@ pub enum StoreError {
     /// Another job was made of the upload, or its time is over.
     #[error("the upload is another job's now, or gone")]
     UploadTaken,
-    /// The lease is no longer this worker's: it ran out, or the job was cancelled or deleted.
+    /// The lease is no longer this worker's: it ran out, or the job was canceled or deleted.
     #[error("the lease on this job was lost")]
     LeaseLost,
 }
@@ -211,7 +211,7 @@ pub struct Failure {
 /// What a request to cancel found.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Cancelled {
-    /// It is cancelled now, or was before.
+    /// It is canceled now, or was before.
     Yes(Box<Job>),
     /// It had ended otherwise.
     TooLate(Box<Job>),
@@ -424,7 +424,7 @@ pub trait JobStore: UploadStore {
     /// Forgets jobs that ended `age` ago and are expired or were purged. Answers how many.
     async fn forget_jobs(&self, age: Duration) -> Result<u64, StoreError>;
 
-    /// Empties a job's row, cancelling it first if need be. The caller then deletes its files. False if there is none.
+    /// Empties a job's row, canceling it first if need be. The caller then deletes its files. False if there is none.
     async fn purge(&self, id: JobId) -> Result<bool, StoreError>;
 
     /// Asks the database for a sign of life.

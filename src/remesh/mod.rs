@@ -104,8 +104,8 @@ enum Stop {
 }
 
 impl From<Cancelled> for Stop {
-    fn from(cancelled: Cancelled) -> Self {
-        Self::Cancelled(cancelled)
+    fn from(canceled: Cancelled) -> Self {
+        Self::Cancelled(canceled)
     }
 }
 
@@ -158,7 +158,7 @@ impl Remesh {
                     return Ok(made);
                 }
                 Ok(None) => return Err(RemeshError::Empty),
-                Err(Stop::Cancelled(cancelled)) => return Err(cancelled.into()),
+                Err(Stop::Cancelled(canceled)) => return Err(canceled.into()),
                 Err(_) if cell * COARSEST > diagonal => return Err(RemeshError::Limits),
                 Err(Stop::Budget) => cell *= LARGER,
                 Err(Stop::Faces(faces)) => {
@@ -256,7 +256,7 @@ impl Remesh {
                 let steps = (STEPS - sampled.limits.steps) as f64 / STEPS as f64;
                 Ok(cell.max(coarse * faces.max(steps).sqrt()))
             }
-            Err(Stop::Cancelled(cancelled)) => Err(cancelled),
+            Err(Stop::Cancelled(canceled)) => Err(canceled),
             Err(_) => Ok(coarse),
         }
     }

@@ -77,7 +77,7 @@ change_kinds! {
     DegenerateFacesLeft = "degenerate_faces_left",
     /// Duplicate faces removed.
     DuplicateFacesRemoved = "duplicate_faces_removed",
-    /// Cancelling faces removed.
+    /// Canceling faces removed.
     CancellingFacesRemoved = "cancelling_faces_removed",
     /// Fins freed.
     FinsFreed = "fins_freed",

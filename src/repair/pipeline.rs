@@ -41,7 +41,7 @@ pub enum RepairError {
     /// An option is out of range.
     #[error(transparent)]
     Options(#[from] OptionsError),
-    /// The job was cancelled.
+    /// The job was canceled.
     #[error(transparent)]
     Cancelled(#[from] Cancelled),
     /// The deadline came before there was anything to hand out: not even the input could be verified in the output's format.

@@ -85,8 +85,8 @@ pub enum RemeshError {
         /// How long it waited.
         waited: Duration,
     },
-    /// The job was cancelled.
-    #[error("cancelled")]
+    /// The job was canceled.
+    #[error("canceled")]
     Cancelled,
     /// It ended with an error; the job's log has its output.
     #[error("{0}")]

@@ -9,7 +9,7 @@ use crate::mesh::Soup;
 /// the time was over.
 ///
 /// # Errors
-/// [`Cancelled`] when the job was cancelled.
+/// [`Cancelled`] when the job was canceled.
 pub(super) fn settle_orientation(
     analysis: &Analysis<'_>,
     before: &Measures,
@@ -33,7 +33,7 @@ pub(super) fn settle_orientation(
 /// The structure of settled faces; none where there are none, or where the time was over.
 ///
 /// # Errors
-/// [`Cancelled`] when the job was cancelled.
+/// [`Cancelled`] when the job was canceled.
 pub(super) fn analyse_settled<'a>(
     soup: Option<&'a Soup>,
     context: &Context<'_>,

@@ -159,7 +159,7 @@ impl Runner<'_> {
     /// it changed the surface.
     ///
     /// # Errors
-    /// [`Cancelled`] when the job was cancelled; the end of time is no error here.
+    /// [`Cancelled`] when the job was canceled; the end of time is no error here.
     pub fn run(
         &self,
         index: u32,

@@ -50,7 +50,7 @@ metrics! {
     WORKER_SLOTS: Gauge "meshmend_worker_slots" ["state"] "Jobs that this process can run at once, `busy` and `idle`.";
     ATTEMPT: Histogram "meshmend_attempt_seconds" [] "Time from a claim to the attempt's end.";
     ATTEMPTS: Counter "meshmend_attempts_total" ["status", "outcome"] "Attempts that ended, by the job's status then (`queued` where it is tried again) and what became of the model; that is empty where nothing was found out.";
-    ATTEMPTS_DROPPED: Counter "meshmend_attempts_dropped_total" [] "Attempts whose job was cancelled, deleted or given to another worker meanwhile.";
+    ATTEMPTS_DROPPED: Counter "meshmend_attempts_dropped_total" [] "Attempts whose job was canceled, deleted or given to another worker meanwhile.";
     LEASES_LOST: Counter "meshmend_leases_lost_total" [] "Jobs whose worker was lost, and which this process made claimable again or set aside.";
     STEP: Histogram "meshmend_step_seconds" ["tier", "action"] "Time of a repair's step, by tier (0 validates) and action.";
     STEPS: Counter "meshmend_steps_total" ["tier", "action", "status"] "Steps of repairs by how they ended: `done`, `failed`, `undone`, `skipped`.";

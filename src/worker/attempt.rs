@@ -56,7 +56,7 @@ enum Ended {
     Deadline,
     /// Killed because it took too much.
     Excess(Excess),
-    /// Killed because the job is no longer ours: cancelled, deleted, or given to another worker.
+    /// Killed because the job is no longer ours: canceled, deleted, or given to another worker.
     LeaseLost,
     /// Killed because this process stops.
     Shutdown,

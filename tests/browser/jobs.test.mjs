@@ -51,7 +51,7 @@ test("a job has its steps, its log and its files, and is run again with other op
   await close();
 });
 
-test("a job that runs is followed and cancelled, and one that ended is deleted after a question", { timeout: 120_000 }, async () => {
+test("a job that runs is followed and canceled, and one that ended is deleted after a question", { timeout: 120_000 }, async () => {
   // Nobody takes jobs here, so that one waits as long as the test likes.
   const waiting = await serve("--no-workers");
   try {
@@ -61,7 +61,7 @@ test("a job that runs is followed and cancelled, and one that ended is deleted a
     const { page, faults, close } = await open(browser, waiting.url, { path: `/#/jobs/${job.id}` });
     await page.getByText("next in the queue").waitFor();
     await page.getByRole("button", { name: "Cancel", exact: true }).click();
-    await page.locator(".chip", { hasText: "cancelled" }).waitFor();
+    await page.locator(".chip", { hasText: "canceled" }).waitFor();
     await page.getByRole("button", { name: "Delete", exact: true }).click();
     await page.getByRole("button", { name: "Keep it" }).click();
     assert.equal((await fetch(`${waiting.url}/v1/jobs/${job.id}`)).status, 200);

@@ -277,7 +277,7 @@ test("without WebGL the picture is seen that the service drew, under the same po
   await close();
 });
 
-test("an upload is paused, goes on, and is cancelled", { timeout: 120_000 }, async () => {
+test("an upload is paused, goes on, and is canceled", { timeout: 120_000 }, async () => {
   const { page, faults, close } = await visit();
   const session = await page.context().newCDPSession(page);
   await session.send("Network.enable");

@@ -225,6 +225,6 @@ async fn the_autoscalers_query_counts_the_jobs_that_wait_and_run() {
     let claim =
         store.claim("worker", std::time::Duration::from_secs(60), u32::MAX).await.expect("an answer").expect("a job");
     assert_eq!(count().await, 3);
-    store.cancel(claim.lease.id).await.expect("cancelled");
+    store.cancel(claim.lease.id).await.expect("canceled");
     assert_eq!(count().await, 2);
 }

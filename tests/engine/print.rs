@@ -138,7 +138,7 @@ fn an_arm_hangs_over_by_its_underside_and_the_foot_does_not() {
 fn a_slope_hangs_over_by_more_than_the_limits_below_its_angle() {
     // A block sheared by 45 degrees: its underside lies down, one side hangs over at 45 degrees.
     let sheared = mapped(&cube(DVec3::ZERO, 1.0, 2), |p| p + DVec3::X * p.z);
-    let options = InspectOptions { overhang_degrees: 40.0, ..InspectOptions::default() };
+    let options = InspectOptions { overhang_deg: 40.0, ..InspectOptions::default() };
     let it = with(&sheared, &options).unwrap();
     let degrees: Vec<f64> = it.overhang.beyond.iter().map(|area| area.degrees).collect();
     assert_eq!(degrees, [30.0, 40.0, 45.0, 60.0]);
@@ -196,7 +196,7 @@ fn no_input_is_too_broken_and_level_none_measures_nothing_for_print() {
         assert_eq!(serde_json::from_str::<PrintMeasures>(&text).unwrap(), it, "{size}");
         assert!(it.thinnest_wall.unwrap().thickness / size > 1.5);
     }
-    let options = InspectOptions { up: [0.0, f64::NAN, 0.0], overhang_degrees: f64::NAN, ..InspectOptions::default() };
+    let options = InspectOptions { up: [0.0, f64::NAN, 0.0], overhang_deg: f64::NAN, ..InspectOptions::default() };
     assert_eq!(with(&cube(DVec3::ZERO, 1.0, 1), &options).unwrap().overhang.up, [0.0, 0.0, 1.0]);
 }
 

@@ -206,10 +206,10 @@ async fn an_analysis_is_cancelled_with_its_process_and_run_again_when_its_proces
     let program = Start::serve(data.path()).env("FAILPOINTS", "child-inspect=sleep(600000)").start();
     let api = Api::new(&program);
     let two = || vec![("a.stl", files::whole_box()), ("b.stl", files::open_box())];
-    let cancelled = accepted(&api, two(), analyze()).await;
-    api.reaches(&cancelled, "inspect", None).await;
+    let canceled = accepted(&api, two(), analyze()).await;
+    api.reaches(&canceled, "inspect", None).await;
     let child = until("the child runs", async || program.job_children().first().copied()).await;
-    let answer = api.post(&format!("/v1/jobs/{cancelled}/cancel")).send().await.expect("an answer");
+    let answer = api.post(&format!("/v1/jobs/{canceled}/cancel")).send().await.expect("an answer");
     assert_eq!(answer.json::<Value>().await.expect("a job")["status"], "canceled");
     until("the child is gone", async || (!crate::server::is_alive(child)).then_some(())).await;
 

@@ -22,4 +22,4 @@ except Problem as problem:
 except JobFailed as failed:
     sys.exit(f"failed: {failed}")
 except JobTimeout:
-    sys.exit("it took too long, and was cancelled")
+    sys.exit("it took too long, and was canceled")

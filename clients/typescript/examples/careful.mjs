@@ -15,7 +15,7 @@ try {
 } catch (error) {
   if (error instanceof Problem) console.error(`refused: ${error.code}: ${error.detail} (request ${error.requestId})`);
   else if (error instanceof JobFailed) console.error(`failed: ${error.job.problem?.code}: ${error.message}`);
-  else if (error.name === "TimeoutError") console.error("it took too long, and was cancelled");
+  else if (error.name === "TimeoutError") console.error("it took too long, and was canceled");
   else throw error;
   process.exitCode = 1;
 }

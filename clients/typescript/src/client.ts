@@ -78,7 +78,7 @@ export interface Wait extends Call {
 
 /** Milliseconds for a job from its submission to its end, where the call says nothing. */
 const RUN = 900_000;
-/** Milliseconds for cancelling a job that nobody waits for any more. */
+/** Milliseconds for canceling a job that nobody waits for any more. */
 const FAREWELL = 5_000;
 
 /** A service, and who asks it. */

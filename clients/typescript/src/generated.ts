@@ -178,7 +178,7 @@ export interface paths {
         post?: never;
         /**
          * Delete a job and its files.
-         * @description A job that has not ended is cancelled first. The upload, the results and the report are deleted, and so is what webhooks have told
+         * @description A job that has not ended is canceled first. The upload, the results and the report are deleted, and so is what webhooks have told
          *     of it or still had to tell.
          */
         delete: operations["delete_job"];
@@ -224,7 +224,7 @@ export interface paths {
         put?: never;
         /**
          * Stop a job.
-         * @description A job that runs is stopped with all its processes. Cancelling a cancelled job changes nothing.
+         * @description A job that runs is stopped with all its processes. Canceling a canceled job changes nothing.
          */
         post: operations["cancel_job"];
         delete?: never;
@@ -864,7 +864,7 @@ export interface components {
             modes: components["schemas"]["Mode"][];
             /** @description Formats that can be asked for. */
             output_formats: components["schemas"]["Format"][];
-            /** @description Presets of a repair, apart from `auto`. */
+            /** @description Presets of a repair. */
             presets: components["schemas"]["Preset"][];
             sandbox?: components["schemas"]["SandboxStatus"] | null;
             /** @description The tiers and whether they work. */
@@ -1289,7 +1289,7 @@ export interface components {
              * @description An angle from the vertical, in degrees from 0 to 90, for which the area of overhangs is told beside 30, 45 and 60.
              * @default 45
              */
-            overhang_degrees?: number;
+            overhang_deg?: number;
             /**
              * @description Places of each kind of defect that the report lists.
              * @default 20
@@ -3169,14 +3169,14 @@ export interface components {
              * Format: int64
              * @description Most triangles of a file.
              */
-            max_faces: number;
-            /** @description Most files of an analysis. */
-            max_files: number;
+            max_file_faces: number;
             /**
              * Format: int64
              * @description Most vertices of a file.
              */
-            max_vertices: number;
+            max_file_vertices: number;
+            /** @description Most files of an analysis. */
+            max_files: number;
         };
         /** @description A request to send. */
         UploadPut: {
@@ -4204,7 +4204,7 @@ export interface operations {
                 /** @description The direction in which the model is built, of any length but zero. */
                 up?: string;
                 /** @description An angle from the vertical, in degrees from 0 to 90, for which the area of overhangs is told beside 30, 45 and 60. */
-                overhang_degrees?: number;
+                overhang_deg?: number;
                 /** @description Sides of the printer's build volume, in millimetres. */
                 build_volume?: string;
             };
@@ -4718,7 +4718,7 @@ export interface operations {
         };
         requestBody?: never;
         responses: {
-            /** @description The job is cancelled */
+            /** @description The job is canceled */
             200: {
                 headers: {
                     [name: string]: unknown;

@@ -69,7 +69,7 @@ export class Problem extends Error {
 }
 
 /**
- * That a job ended without a result: it failed, was cancelled, or its files are gone. With the option `require` it also fails where its
+ * That a job ended without a result: it failed, was canceled, or its files are gone. With the option `require` it also fails where its
  * result is not what was required; then `job.report` says what is left.
  */
 export class JobFailed extends Error {

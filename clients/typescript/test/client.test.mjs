@@ -155,7 +155,7 @@ test("jobs are listed over all pages, and deleted", async () => {
   await refused(client.get(made[0]), 410, "job_deleted");
 });
 
-test("jobs are cancelled: when asked, and when nobody waits for them any more", async (t) => {
+test("jobs are canceled: when asked, and when nobody waits for them any more", async (t) => {
   const idle = await begun(t, serve("--no-workers"));
   const there = new Client(idle.url);
   const job = await there.submit(soundBox());

@@ -13,7 +13,7 @@ pub struct MeasureArgs {
     #[arg(long, env = "MESHMEND_UP", value_name = "X,Y,Z", value_parser = three_numbers, default_value = "0,0,1", allow_hyphen_values = true)]
     up: [f64; 3],
     /// An angle from the vertical for which the area of overhangs is told, beside 30, 45 and 60 degrees.
-    #[arg(long, env = "MESHMEND_OVERHANG", value_name = "DEGREES", default_value_t = InspectOptions::default().overhang_degrees, allow_negative_numbers = true)]
+    #[arg(long, env = "MESHMEND_OVERHANG", value_name = "DEGREES", default_value_t = InspectOptions::default().overhang_deg, allow_negative_numbers = true)]
     overhang: f64,
     /// Sides of the printer's build volume, in mm: tell whether the model fits.
     #[arg(long, env = "MESHMEND_BUILD_VOLUME", value_name = "X,Y,Z", value_parser = three_numbers, allow_hyphen_values = true)]
@@ -36,7 +36,7 @@ impl MeasureArgs {
             tolerances: tolerances(&self.tolerance)?,
             unit: self.unit,
             up: self.up,
-            overhang_degrees: self.overhang,
+            overhang_deg: self.overhang,
             build_volume: self.build_volume,
             ..InspectOptions::default()
         };

@@ -100,7 +100,7 @@ impl RemoteJob {
         let report = self.report.as_ref();
         let head = match (&self.problem, self.status) {
             (Some(problem), _) => format!("{}: {}", problem.title, problem.detail),
-            (None, Status::Canceled) => "the job was cancelled".to_owned(),
+            (None, Status::Canceled) => "the job was canceled".to_owned(),
             (None, Status::Expired) => "the job ended so long ago that its files are deleted".to_owned(),
             (None, _) => match (report.and_then(|report| report.summary.clone()), self.outcome) {
                 (Some(summary), _) => summary,

@@ -90,7 +90,7 @@ pub fn print_measures(
         solids: count_solids(analysis, context)?,
         no_wall: wall.as_ref().err().copied(),
         thinnest_wall: wall.ok(),
-        overhang: overhang(analysis, options.up, options.overhang_degrees),
+        overhang: overhang(analysis, options.up, options.overhang_deg),
         fit: options.build_volume.map(|build_volume| fit(size_mm, build_volume)),
     }))
 }

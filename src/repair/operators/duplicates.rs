@@ -39,7 +39,7 @@ pub fn remove_duplicates(surface: &mut Surface) -> Vec<Change> {
         return Vec::new();
     }
     let mut keep = vec![true; surface.faces.len()];
-    let mut cancelling = Vec::new();
+    let mut canceling = Vec::new();
     for group in groups.iter().filter(|g| g.len() > 1) {
         let even = group.iter().filter(|&&f| is_even(surface.faces[f as usize])).count();
         let majority = 2 * even >= group.len();
@@ -49,29 +49,29 @@ pub fn remove_duplicates(surface: &mut Surface) -> Vec<Change> {
         }
         // By number and not by winding, which says little before faces are turned.
         if group.len() % 2 == 0 {
-            cancelling.extend(first.copied());
+            canceling.extend(first.copied());
         }
     }
-    let walls = drop_walls(surface, &mut keep, &cancelling);
+    let walls = drop_walls(surface, &mut keep, &canceling);
     let gone = surface.retain_faces(&keep);
     Change::list([(ChangeKind::DuplicateFacesRemoved, gone - walls), (ChangeKind::CancellingFacesRemoved, walls)])
 }
 
-/// Takes back the sheets of those walls that are better gone. `cancelling` are the kept faces of groups of even
+/// Takes back the sheets of those walls that are better gone. `canceling` are the kept faces of groups of even
 /// number. Answers how many faces that is.
-fn drop_walls(surface: &Surface, keep: &mut [bool], cancelling: &[u32]) -> u64 {
-    if cancelling.is_empty() {
+fn drop_walls(surface: &Surface, keep: &mut [bool], canceling: &[u32]) -> u64 {
+    if canceling.is_empty() {
         return 0;
     }
     let mut wall_of = vec![u32::MAX; surface.faces.len()];
-    for (&f, i) in cancelling.iter().zip(0u32..) {
+    for (&f, i) in canceling.iter().zip(0u32..) {
         wall_of[f as usize] = i;
     }
     let edges = Edges::new(&surface.faces);
-    let mut sets = UnionFind::new(cancelling.len());
-    let mut attached = vec![false; cancelling.len()];
+    let mut sets = UnionFind::new(canceling.len());
+    let mut attached = vec![false; canceling.len()];
     // Of each sheet that may stay the edges, and for each edge the faces that stay.
-    let mut edges_of = vec![[u32::MAX; 3]; cancelling.len()];
+    let mut edges_of = vec![[u32::MAX; 3]; canceling.len()];
     let mut staying = vec![0u32; edges.len()];
     for ((half_edges, e), staying) in edges.iter().zip(0u32..).zip(&mut staying) {
         let kept = half_edges.iter().copied().filter(|&h| keep[h as usize / 3]);
@@ -87,12 +87,12 @@ fn drop_walls(surface: &Surface, keep: &mut [bool], cancelling: &[u32]) -> u64 {
         }
         *staying = u32::try_from(walls.len() + others.len()).unwrap_or(u32::MAX);
     }
-    let mut walls: Vec<Vec<u32>> = vec![Vec::new(); cancelling.len()];
-    for i in (0u32..).take(cancelling.len()) {
+    let mut walls: Vec<Vec<u32>> = vec![Vec::new(); canceling.len()];
+    for i in (0u32..).take(canceling.len()) {
         walls[sets.root(i) as usize].push(i);
     }
     walls.retain(|wall| wall.iter().any(|&i| attached[i as usize]));
-    let mut stays = vec![true; cancelling.len()];
+    let mut stays = vec![true; canceling.len()];
     let mut choice = Choice { edges_of: &edges_of, staying, stays: &mut stays };
     for _ in 0..PASSES {
         // Any that changes alters what is best for those next to it.
@@ -108,9 +108,9 @@ fn drop_walls(surface: &Surface, keep: &mut [bool], cancelling: &[u32]) -> u64 {
             break;
         }
     }
-    keep_boards(surface, cancelling, &mut stays, |i| sets.root(i));
+    keep_boards(surface, canceling, &mut stays, |i| sets.root(i));
     let mut gone = 0;
-    for (&f, stays) in cancelling.iter().zip(stays) {
+    for (&f, stays) in canceling.iter().zip(stays) {
         if !stays {
             keep[f as usize] = false;
             gone += 2;

@@ -40,7 +40,7 @@ impl RemeshInside {
     pub fn apply(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
         let made = match self.remesh.apply(surface, context) {
             Ok(made) => made,
-            Err(RemeshError::Cancelled(cancelled)) => return Err(cancelled),
+            Err(RemeshError::Cancelled(canceled)) => return Err(canceled),
             Err(error) => return Ok(Applied { failed: Some(error.into()), ..Applied::default() }),
         };
         let (lost, added) = (made.deviation.lost, made.deviation.made);

@@ -48,7 +48,7 @@ async fn a_job_that_fails_or_is_cancelled_says_so_in_words_and_code() {
     let mut running = client.start(&["watch", &id]);
     running.says("waits for its turn").await;
     api.post(&format!("/v1/jobs/{id}/cancel")).send().await.expect("an answer");
-    running.ended().await.ended_with(1).told("cancelled");
+    running.ended().await.ended_with(1).told("canceled");
 }
 
 #[tokio::test]
@@ -62,7 +62,7 @@ async fn without_jobs_all_that_come_are_watched_until_it_is_interrupted() {
     let second = api.submit(files::broken_box(), json!({})).await;
     running.says(&format!("{second} model.stl: waits for its turn")).await;
     api.post(&format!("/v1/jobs/{first}/cancel")).send().await.expect("an answer");
-    running.says(&format!("{first} model.stl: the job was cancelled")).await;
+    running.says(&format!("{first} model.stl: the job was canceled")).await;
     running.interrupt();
     running.ended().await.ended_with(130).told(&second);
 }

@@ -25,7 +25,7 @@ JobOptions: TypeAlias = shapes.Options | shapes.AnalyzeOptions | Mapping[str, ob
 
 #: Seconds for a job from its submission to its end, where the call says nothing.
 RUN = 900.0
-#: Seconds for cancelling a job that nobody waits for any more.
+#: Seconds for canceling a job that nobody waits for any more.
 FAREWELL = 5.0
 
 
@@ -75,7 +75,7 @@ class Client:
         """Sends a file, waits for the end of its repair, and returns the job.
 
         That a model could be repaired in part only, or not at all, is the job's ``outcome``. `JobFailed` is raised
-        where it ends without one, `JobTimeout` where the time is over before; then the job is cancelled.
+        where it ends without one, `JobTimeout` where the time is over before; then the job is canceled.
         """
         asked = {**(options or {}), "mode": "repair"}
         deadline = Deadline(timeout)

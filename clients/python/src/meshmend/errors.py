@@ -77,7 +77,7 @@ class Problem(MeshmendError):
 
 
 class JobFailed(MeshmendError):
-    """That a job ended without a result: it failed, was cancelled, or its files are gone.
+    """That a job ended without a result: it failed, was canceled, or its files are gone.
 
     With the option ``require`` it also fails where its result is not what was required;
     then ``job.report`` says what is left.

@@ -782,12 +782,12 @@ class UploadLimits(TypedDict):
 
     max_bytes: int
     """Largest upload in bytes: one file, or all files of a job together."""
-    max_faces: int
+    max_file_faces: int
     """Most triangles of a file."""
+    max_file_vertices: int
+    """Most vertices of a file."""
     max_files: int
     """Most files of an analysis."""
-    max_vertices: int
-    """Most vertices of a file."""
 
 
 class UploadPut(TypedDict):
@@ -1144,7 +1144,7 @@ class InspectOptions(TypedDict):
     """Sides of the printer's build volume, in millimetres."""
     level: NotRequired[Level]
     """How closely."""
-    overhang_degrees: NotRequired[float]
+    overhang_deg: NotRequired[float]
     """An angle from the vertical, in degrees from 0 to 90, for which the area of overhangs is told beside 30, 45 and 60."""
     places: NotRequired[int]
     """Places of each kind of defect that the report lists."""
@@ -1729,7 +1729,7 @@ class Capabilities(TypedDict):
     output_formats: list[Format]
     """Formats that can be asked for."""
     presets: list[Preset]
-    """Presets of a repair, apart from `auto`."""
+    """Presets of a repair."""
     sandbox: NotRequired[SandboxStatus | None]
     tiers: list[TierStatus]
     """The tiers and whether they work."""

@@ -22,7 +22,7 @@ export function Dropzone({ can, over, take }: { can: Capabilities | null; over: 
           <Icon name="sparkle" size={16} /> {words.trySample}
         </button>
       </div>
-      <p class="limits">{limits ? words.accepts(formats, figures.bytes(limits.max_bytes), figures.count(limits.max_faces)) : "\u00a0"}</p>
+      <p class="limits">{limits ? words.accepts(formats, figures.bytes(limits.max_bytes), figures.count(limits.max_file_faces)) : "\u00a0"}</p>
       <p class="limits">{words.privacy}</p>
     </section>
   );

@@ -44,7 +44,7 @@ export function RetryForm({ job, can }: { job: Job; can: Capabilities | null }) 
     <form class="retry" onSubmit={send}>
       <h2>{words.retryWith}</h2>
       <div class="fields">
-        {choice("preset", words.preset, ["auto", ...can.presets])}
+        {choice("preset", words.preset, can.presets)}
         {choice("output", words.output, ["auto", ...can.output_formats, "same"])}
         {choice("open_sheets", words.openSheets, ["auto", "leave", "thicken", "base"])}
         <label class="field">

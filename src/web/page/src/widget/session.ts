@@ -77,7 +77,7 @@ export class Session {
     this.#change({ phase: "paused", sent: 0 });
   }
 
-  /** Stops what goes on; a job that is made already is cancelled, and its end is told as any other's. */
+  /** Stops what goes on; a job that is made already is canceled, and its end is told as any other's. */
   async cancel(): Promise<void> {
     const { phase, job } = this.state.value;
     if (phase === "following" && job && this.#server) {

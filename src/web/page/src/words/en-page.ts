@@ -32,7 +32,7 @@ export const enPage = {
     running: "running",
     succeeded: "succeeded",
     failed: "failed",
-    canceled: "cancelled",
+    canceled: "canceled",
     expired: "expired",
   } as Record<string, string>,
   expiredMore: "The service keeps results for a limited time. Send the model again to repair it again.",
