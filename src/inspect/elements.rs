@@ -10,6 +10,7 @@ pub struct Elements {
     pub vertices: u64,
     /// Used vertices of the file that can't be told from another one, since they stand at its position. None where no
     /// vertex of the file is used twice, as in STL, which has no numbers: there, it is the rule.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub indistinguishable_vertices: Option<u64>,
     /// Faces that name a vertex more than once, by its number or by its position.
     pub repeated_vertex_faces: u64,
@@ -17,12 +18,16 @@ pub struct Elements {
     pub collinear_faces: u64,
     /// Vertices that a face names and the file does not give. None where the format can't have them, or its reader refuses
     /// them.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub missing_vertices: Option<u64>,
     /// Faces that name such a vertex; nothing else counts them.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub faces_without_vertex: Option<u64>,
     /// Whether vertices are numbered 1, 2, 3 and so on; none where the format has no numbers.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub vertices_contiguous: Option<bool>,
     /// Whether faces are numbered 1, 2, 3 and so on; none where the format has no numbers.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub faces_contiguous: Option<bool>,
 }
 

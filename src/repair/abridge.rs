@@ -44,9 +44,12 @@ impl Report {
         self.abridged = true;
         self.options.only_changed = true;
         self.before.abridge(most);
-        // The thin walls of the input are not those of the result.
-        if let Some(wall) = self.before.print.as_mut().and_then(|print| print.thinnest_wall.as_mut()) {
-            wall.places.clear();
+        // What is printed is the result, where there is one: of the input its size is enough.
+        if self.after.as_ref().is_some_and(|after| after.print.is_some())
+            && let Some(print) = &mut self.before.print
+        {
+            print.thinnest_wall = None;
+            print.overhang.beyond.clear();
         }
         self.after.iter_mut().for_each(|after| after.abridge(most));
         self.ledger.iter_mut().for_each(|ledger| abridge_ledger(ledger, most));

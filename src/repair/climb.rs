@@ -4,7 +4,7 @@ use std::time::Duration;
 use super::agreement::{Method, Testimony, explain_by_agreement};
 use super::checkpoints::{Checkpoints, START};
 use super::input::Input;
-use super::operators::Failure;
+use super::operators::{Counter, Counts, Failure};
 use super::presets::{planned, remesh_action, tier_of};
 use super::sheets::{SHEET_SHARE, open_sheet_share};
 use super::tiers::{End, Key, Place, Runner, Task};
@@ -13,6 +13,7 @@ use super::{
     Action, Cancelled, Candidate, Context, LeftOut, Operator, Options, PlannedAction, Preset, RedFlag, RedFlagCode,
     Remesher, Rung, Stage, Step, StepStatus, When, summary,
 };
+use crate::mesh::Surface;
 
 /// The way up a plan's rungs: what was done so far, and the best that came of it.
 pub(super) struct Climb<'a> {
@@ -173,6 +174,9 @@ impl<'a> Climb<'a> {
             When::NothingWhole if whole() => "the best result before it is closed and whole",
             _ if self.agreed && Method::of(rung) == Some(Method::Blender) => {
                 "methods of different kind agree on the red flags, so the input is their cause"
+            }
+            _ if remesh_of(rung) == Some(Action::BooleanUnion) && has_boundary(&self.opened.surface) => {
+                "parts with holes enclose nothing that could be united"
             }
             _ if self.encloses_other_room() && matches!(Method::of(rung), Some(Method::Grid | Method::Blender)) => {
                 "it starts from the same closed holes, so it encloses the same room"
@@ -360,6 +364,10 @@ fn not_runnable(index: u32, rung: &Rung, remesher: Option<&dyn Remesher>) -> Opt
     let missing = remesher.map_or(Err("Blender is not installed on this server"), |r| r.info().map(drop)).err()?;
     let why = format!("{missing}; the best result without tier 3 is handed out");
     Some(Step { status: StepStatus::Skipped, note: Some(why), ..Step::new(index, 3, action, None) })
+}
+
+fn has_boundary(surface: &Surface) -> bool {
+    Counts::of(surface).get(Counter::BoundaryEdges) > 0
 }
 
 /// The action of a rung that Blender does, if there is one.

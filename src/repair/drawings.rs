@@ -32,7 +32,7 @@ impl Report {
         };
         let mut names =
             render::names_of_repair(self.before.measures.faces, handed_out.map(|after| after.measures.faces));
-        if handed_out.is_some() && !self.verdict.printable {
+        if handed_out.is_some() && !self.verdict.passes {
             names.push(render::REMAINING);
         }
         names

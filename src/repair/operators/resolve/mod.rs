@@ -36,6 +36,8 @@ const MANY: u64 = 10_000;
 /// minutes, and nobody could use it.
 const TANGLE: usize = 1_000_000;
 const TANGLE_A_FACE: usize = 5;
+/// Pairs of faces that intersect from which on it is a tangle for sure: each pair cuts at least one piece off, and mostly two.
+const TANGLED_PAIRS: u64 = 500_000;
 /// So few that come back take no time.
 const FEW: u64 = 200;
 
@@ -64,6 +66,11 @@ pub struct Resolved {
     pub pairs_left: u64,
     /// Why nothing was done.
     pub error: Option<ArrangeError>,
+}
+
+/// Whether so many pairs of faces intersect that cutting them would make a tangle, and take minutes to find that out.
+fn is_tangled(pairs: u64, surface: &Surface) -> bool {
+    pairs > TANGLED_PAIRS.max(TANGLE_A_FACE as u64 * surface.faces.len() as u64 / 2)
 }
 
 /// The boundary of what a surface encloses.
@@ -138,11 +145,17 @@ impl Resolve {
         let parts_before = parts(surface);
         let mut done = Done::default();
         let mut work = surface.clone();
+        let mut pairs = before;
         if let Some(dense) = dense_faces(&found) {
             let step = grid_step(&work, DENSE_GRID);
             if step <= self.most {
                 (done.snapped, done.moved) = snap(&mut work, &dense, step);
+                pairs = if is_tangled(before, &work) { count(&crossings(&work, context)?) } else { before };
             }
+        }
+        if is_tangled(pairs, &work) {
+            let error = format!("{pairs} pairs of them do, too many to be cut apart");
+            return Ok(undone(before, ArrangeError::Failed(error)));
         }
         let best = match self.in_rounds(work, &mut done, by, context) {
             Ok(best) => best,
