@@ -65,6 +65,12 @@ pub struct InspectOptions {
     /// Sides of the printer's build volume, in millimetres.
     #[schema(min_items = 3, max_items = 3)]
     pub build_volume: Option<[f64; 3]>,
+    /// Whether walls are measured of a printable mesh only. A repair asks for that of its input: what is printed is the result, and
+    /// walls of a mesh with faults take winding numbers, which is half of the time of a small repair.
+    #[serde(skip)]
+    #[schema(ignore)]
+    #[param(ignore)]
+    pub walls_of_printable_only: bool,
 }
 
 impl Default for InspectOptions {
@@ -77,6 +83,7 @@ impl Default for InspectOptions {
             up: [0.0, 0.0, 1.0],
             overhang_deg: 45.0,
             build_volume: None,
+            walls_of_printable_only: false,
         }
     }
 }

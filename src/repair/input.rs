@@ -269,7 +269,11 @@ pub(super) fn inspect_input(
     let is_measured = context.unless_late(measure_analysis(analysis, context))?.is_some();
     let time = TimeBudget::new(analysis.surface.faces.len(), context.now().saturating_sub(began));
     let (inspection, _) = if is_measured {
-        inspect_measured(analysis, &for_details(context))?
+        inspect_in_time(
+            analysis,
+            &InspectOptions { walls_of_printable_only: true, ..InspectOptions::default() },
+            &for_details(context),
+        )?
     } else {
         time.leave_out(LeftOut::InputVerification);
         inspect_counts(analysis, &context.for_verification())?
@@ -285,7 +289,15 @@ pub(super) fn inspect_measured(
     analysis: &Analysis<'_>,
     context: &Context<'_>,
 ) -> Result<(Inspection, Findings), Cancelled> {
-    if let Some(whole) = context.unless_late(inspect_analysis(analysis, &InspectOptions::default(), context))? {
+    inspect_in_time(analysis, &InspectOptions::default(), context)
+}
+
+fn inspect_in_time(
+    analysis: &Analysis<'_>,
+    options: &InspectOptions,
+    context: &Context<'_>,
+) -> Result<(Inspection, Findings), Cancelled> {
+    if let Some(whole) = context.unless_late(inspect_analysis(analysis, options, context))? {
         return Ok(whole);
     }
     let verification = &context.for_verification();

@@ -1804,7 +1804,7 @@ export interface components {
          * @description Why no wall was measured.
          * @enum {string}
          */
-        NoWall: "no_surface" | "open_surface" | "no_opposite_sides";
+        NoWall: "no_surface" | "open_surface" | "no_opposite_sides" | "not_printable";
         /**
          * @description The kinds of reason why an option was not applied.
          * @enum {string}

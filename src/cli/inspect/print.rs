@@ -59,6 +59,7 @@ fn printing(it: &PrintMeasures, scale: &Scale) -> Vec<Row> {
         ),
         (None, Some(NoWall::NoSurface)) => "not measurable: no surface".to_owned(),
         (None, Some(NoWall::NoOppositeSides)) => "not measurable: no two sides face away from each other".to_owned(),
+        (None, Some(NoWall::NotPrintable)) => "not measured: the mesh is not printable".to_owned(),
         (None, Some(NoWall::OpenSurface) | None) => "not measurable: too open to have an inside, or a sheet".to_owned(),
     };
     let mut list = vec![row("centre of mass", centre), row("solids", it.solids), row("thinnest wall", wall)];

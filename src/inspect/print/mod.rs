@@ -78,7 +78,11 @@ pub fn print_measures(
     };
     let size = [0, 1, 2].map(|k| finite(bounds.max[k] - bounds.min[k]));
     let size_mm = size.map(|side| finite(side * unit.millimetres()));
-    let wall = thinnest_wall(analysis, measures, context)?;
+    let wall = if options.walls_of_printable_only && !measures.printable() {
+        Err(NoWall::NotPrintable)
+    } else {
+        thinnest_wall(analysis, measures, context)?
+    };
     Ok(Some(PrintMeasures {
         unit,
         unit_source,

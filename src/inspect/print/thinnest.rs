@@ -14,7 +14,7 @@ const THIN: f64 = 0.02;
 const TIMES_THINNEST: f64 = 1.25;
 /// Most regions that the report lists.
 const MOST_REGIONS: usize = 100;
-/// Points spread by area: half as many as faces, but at least and at most so many.
+/// Points spread by area: an eighth as many as faces, but at least and at most so many.
 const SPREAD: [usize; 2] = [2048, 100_000];
 /// Points between two updates of what is known to be thin, at first and at most: rays search for thinner walls only.
 const BLOCK: [usize; 2] = [256, 16_384];
@@ -99,7 +99,7 @@ impl<'a> Search<'a> {
     /// [`Cancelled`] when the context says stop.
     pub fn run(&mut self, prober: &Prober<'_>, context: &Context<'_>) -> Result<(), Cancelled> {
         let faces = self.analysis.surface.faces.len();
-        let spread = samples(self.analysis, u32::try_from((faces / 2).clamp(SPREAD[0], SPREAD[1])).unwrap_or(u32::MAX));
+        let spread = samples(self.analysis, u32::try_from((faces / 8).clamp(SPREAD[0], SPREAD[1])).unwrap_or(u32::MAX));
         let points = (faces + spread.len()) as u64;
         let budget = if prober.is_costly() {
             COSTLY_BUDGET + COSTLY_BUDGET_A_POINT * points

@@ -78,6 +78,8 @@ pub enum NoWall {
     OpenSurface,
     /// No two sides face away from each other.
     NoOppositeSides,
+    /// It is the input of a repair and not printable: the walls that are measured are those of the result.
+    NotPrintable,
 }
 
 /// What is at one sample.

@@ -315,7 +315,7 @@ class NewWebhookEndpoint(TypedDict, closed=True):
     """An https address, to which messages are posted."""
 
 
-NoWall: TypeAlias = Literal['no_surface', 'open_surface', 'no_opposite_sides']
+NoWall: TypeAlias = Literal['no_surface', 'open_surface', 'no_opposite_sides', 'not_printable']
 """Why no wall was measured."""
 
 
