@@ -45,7 +45,7 @@ export function Download({ job, can }: { job: Job; can: Capabilities | null }) {
       {model && (
         <>
           <button type="button" class={isPrintable ? "primary large" : "plain large"} onClick={() => void doing(() => save(model))}>
-            <Icon name="download" /> {words.download(format)} <span class="size">{figures.bytes(model.bytes)}</span>
+            <Icon name="download" /> {words.download(format)} <span class="size">{figures.bytes(model.bytes ?? 0)}</span>
           </button>
           <label class="other">
             <span class="hidden">{words.otherFormat}</span>
