@@ -393,10 +393,11 @@ proptest! {
         let cancel = AtomicBool::new(false);
         let clock = || Duration::ZERO;
         let context = Context::new(&NoProgress, &cancel, &clock, Duration::from_secs(600));
-        let look = |soup: &Soup| inspect(soup.into(), &InspectOptions::default(), &context).unwrap().0;
-        let seen = look(&read(&a.bytes));
+        let look = |soup: &Soup, options: &InspectOptions| inspect(soup.into(), options, &context).unwrap().0;
+        let seen = look(&read(&a.bytes), &InspectOptions::default());
         prop_assert_eq!(Some(&seen), a.report.after.as_ref());
-        prop_assert_eq!(&look(&read(&format::write(&soup, Format::Stl).unwrap())), &a.report.before);
+        let input = InspectOptions { walls_of_printable_only: true, ..InspectOptions::default() };
+        prop_assert_eq!(&look(&read(&format::write(&soup, Format::Stl).unwrap()), &input), &a.report.before);
         prop_assert_eq!(seen.measures.printable(), matches!(a.report.outcome, Outcome::Repaired | Outcome::AlreadyPrintable));
     }
 }
