@@ -67,7 +67,7 @@ test("a printable result has no marks for what the verdict does not name", { tim
   await shown(page);
   await page.getByRole("heading", { name: "It was printable already" }).waitFor();
   const { jobs } = await (await fetch(`${service.url}/v1/jobs?limit=1`)).json();
-  assert.ok("remaining.glb" in jobs[0].artifacts, "the service found a face without area in the result");
+  assert.ok("defects.glb" in jobs[0].artifacts && !("remaining.glb" in jobs[0].artifacts), "nothing that the verdict names remains");
   const colour = await page.locator(".layer .swatch").first().evaluate((it) => getComputedStyle(it).backgroundColor.match(/\d+/g).map(Number));
   const marks = [["marks", [colour.map((part) => part - 25), colour.map((part) => part + 25)]]];
   await page.getByRole("button", { name: "Before", exact: true }).click();
