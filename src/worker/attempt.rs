@@ -16,7 +16,7 @@ use tracing::Instrument;
 
 use super::crash;
 use super::failpoint::pause_alone_at;
-use super::files::{names, offered, pictures};
+use super::files::{offered, pictures};
 use super::inside;
 use super::patience::patiently;
 use super::pool::{Pool, Shutdown};
@@ -25,7 +25,7 @@ use super::scratch::tame;
 use super::stages::{Stages, record_end, record_steps};
 use super::task::{ProgressLine, Task};
 use super::usage::Excess;
-use crate::blobs::{BlobError, Blobs};
+use crate::blobs::BlobError;
 use crate::jobs::{
     Artifacts, Claim, Completion, Failure, FailureKind, Job, JobProblem, JobProgress, JobReport, Lease, ProblemKind,
     Status, StoreError,
@@ -34,8 +34,6 @@ use crate::telemetry::{self, label};
 
 /// Progress is written to the store no more often than this.
 const PROGRESS_EVERY: Duration = Duration::from_millis(250);
-/// How often to look at what a job has taken.
-pub(super) const USAGE_EVERY: Duration = Duration::from_millis(500);
 /// Longest line of progress that is read.
 const LINE_BYTES: usize = 4 << 10;
 
@@ -106,7 +104,7 @@ impl<'a> Attempt<'a> {
             Err(StoreError::LeaseLost) => {
                 tracing::warn!(milliseconds, "the job is no longer ours; its result is dropped");
                 metrics::counter!(telemetry::ATTEMPTS_DROPPED).increment(1);
-                self.drop_files().await;
+                self.pool.drop_files(&self.lease).await;
             }
             // The lease will run out, and the job be rescued.
             Err(error) => tracing::error!(%error, milliseconds, "could not note how the attempt ended"),
@@ -230,10 +228,8 @@ impl<'a> Attempt<'a> {
     ) -> Result<Ended, AttemptError> {
         let stdout = process.stdout().ok_or_else(|| io::Error::other("the child process has no standard output"))?;
         let mut lines = FramedRead::new(stdout, LinesCodec::new_with_max_length(LINE_BYTES)).fuse();
-        let deadline = tokio::time::sleep(self.pool.deadline(&self.job));
-        tokio::pin!(deadline);
-        let allowance = self.pool.allowance(self.job.inputs.iter().map(|input| input.bytes).sum());
-        let mut usage = tokio::time::interval_at(Instant::now() + USAGE_EVERY, USAGE_EVERY);
+        let overrun = self.pool.overrun(&self.job, folder, process.group());
+        tokio::pin!(overrun);
         let mut progress: Option<JobProgress> = None;
         let mut written: Option<JobProgress> = None;
         let mut stages = Stages::default();
@@ -250,18 +246,11 @@ impl<'a> Attempt<'a> {
                     }
                     return Ok(Ended::Exited(status?));
                 }
-                () = &mut deadline => return Ok(Ended::Deadline),
+                excess = &mut overrun => return Ok(excess?.map_or(Ended::Deadline, Ended::Excess)),
                 () = stop.cancelled() => return Ok(Ended::Shutdown),
                 () = lost.cancelled() => return Ok(Ended::LeaseLost),
                 Some(line) = lines.next() => {
                     progress = read(line).or(progress);
-                }
-                _ = usage.tick() => {
-                    let (folder, group) = (folder.to_owned(), process.group());
-                    let look = tokio::task::spawn_blocking(move || allowance.exceeded(&folder, group));
-                    if let Some(excess) = look.await.map_err(io::Error::from)? {
-                        return Ok(Ended::Excess(excess));
-                    }
                 }
                 _ = news.tick(), if progress != written => {
                     match self.pool.store.heartbeat(&self.lease, self.pool.config.lease, progress).await {
@@ -348,15 +337,6 @@ impl<'a> Attempt<'a> {
         let problem = problem(ProblemKind::Internal, detail.to_owned());
         let failure = Failure { kind: FailureKind::Passing, problem, report: None, artifacts: Artifacts::new() };
         self.note_failure(failure).await
-    }
-
-    /// Removes what this attempt stored, after it lost the job.
-    async fn drop_files(&self) {
-        for key in names().map(|name| Blobs::artifact_key(self.lease.id, &self.lease.token, name)) {
-            if let Err(error) = self.pool.blobs.delete(&key).await {
-                tracing::warn!(%error, key, "a file of a lost attempt was left");
-            }
-        }
     }
 }
 

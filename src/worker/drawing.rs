@@ -2,13 +2,13 @@
 
 use std::convert::Infallible;
 use std::io;
-use std::path::Path;
+use std::time::Duration;
 
 use tokio::io::{copy, sink};
 use tokio::time::Instant;
 use tokio_util::sync::CancellationToken;
 
-use super::attempt::{AttemptError, USAGE_EVERY};
+use super::attempt::AttemptError;
 use super::files::undrawn;
 use super::inside;
 use super::patience::patiently;
@@ -38,9 +38,9 @@ pub(super) async fn draw(pool: &Pool, claim: Claim, shutdown: &Shutdown) {
         Ok(drawn) => patiently(None, || pool.store.finish_drawings(&lease, drawn.clone())).await.map(|_| drawn.len()),
         Err(error) => {
             tracing::warn!(%error, "the pictures were not drawn");
-            drop_files(pool, &lease).await;
+            pool.drop_files(&lease).await;
             // For another worker, or this one, to try again; where that fails the hold runs out.
-            let _ = pool.store.hold_drawings(&lease, std::time::Duration::ZERO).await;
+            let _ = pool.store.hold_drawings(&lease, Duration::ZERO).await;
             return;
         }
     };
@@ -49,7 +49,7 @@ pub(super) async fn draw(pool: &Pool, claim: Claim, shutdown: &Shutdown) {
         Ok(pictures) => tracing::info!(pictures, milliseconds, "drawn"),
         Err(error) => {
             tracing::warn!(%error, milliseconds, "the pictures are dropped");
-            drop_files(pool, &lease).await;
+            pool.drop_files(&lease).await;
         }
     }
 }
@@ -71,7 +71,16 @@ async fn try_draw(pool: &Pool, held: &Lease, job: &Job, over: &CancellationToken
     };
     let task = pool.task(job, Some(handed_out));
     let mut process = JobProcess::start(&pool.config.program, inside::JOB, folder, held.attempt == 1, &task)?;
-    let ended = watch(pool, job, &mut process, folder, over).await;
+    // Nobody hears how far it is, but it must be able to say so.
+    if let Some(mut progress) = process.stdout() {
+        tokio::spawn(async move { copy(&mut progress, &mut sink()).await });
+    }
+    let group = process.group();
+    let ended = tokio::select! {
+        status = process.wait() => status.map(drop),
+        excess = pool.overrun(job, folder, group) => excess.map(drop),
+        () = over.cancelled() => Ok(()),
+    };
     let (status, said) = process.end(pool.loose()).await?;
     ended?;
     if over.is_cancelled() {
@@ -89,42 +98,6 @@ async fn try_draw(pool: &Pool, held: &Lease, job: &Job, over: &CancellationToken
     Ok(drawn)
 }
 
-/// Waits until the child ends or must be killed.
-async fn watch(
-    pool: &Pool,
-    job: &Job,
-    process: &mut JobProcess,
-    folder: &Path,
-    over: &CancellationToken,
-) -> io::Result<()> {
-    // Nobody is told how far it is, but it must be able to say so.
-    if let Some(mut said) = process.stdout() {
-        tokio::spawn(async move { copy(&mut said, &mut sink()).await });
-    }
-    let deadline = tokio::time::sleep(pool.deadline(job));
-    tokio::pin!(deadline);
-    let given = job
-        .inputs
-        .iter()
-        .map(|input| input.bytes)
-        .chain(job.artifacts.values().filter_map(|it| Some(it.file.as_ref()?.bytes)));
-    let allowance = pool.allowance(given.sum());
-    let mut usage = tokio::time::interval_at(Instant::now() + USAGE_EVERY, USAGE_EVERY);
-    loop {
-        tokio::select! {
-            status = process.wait() => return status.map(drop),
-            () = &mut deadline => return Ok(()),
-            () = over.cancelled() => return Ok(()),
-            _ = usage.tick() => {
-                let (folder, group) = (folder.to_owned(), process.group());
-                if tokio::task::spawn_blocking(move || allowance.exceeded(&folder, group)).await?.is_some() {
-                    return Ok(());
-                }
-            }
-        }
-    }
-}
-
 /// Extends the hold until it is lost, and then waits for the drawing to end itself.
 async fn keep_hold(pool: &Pool, held: &Lease, over: &CancellationToken) -> Infallible {
     let lease = pool.config.lease;
@@ -134,11 +107,5 @@ async fn keep_hold(pool: &Pool, held: &Lease, over: &CancellationToken) -> Infal
             over.cancel();
             return std::future::pending().await;
         }
-    }
-}
-
-async fn drop_files(pool: &Pool, held: &Lease) {
-    if let Err(error) = pool.blobs.delete_claim(held.id, &held.token).await {
-        tracing::warn!(%error, "pictures of a lost hold were left");
     }
 }

@@ -73,11 +73,6 @@ pub(super) fn undrawn(job: &Job) -> Vec<Offered> {
     waiting.map(offered).collect()
 }
 
-/// Every name that an attempt may have stored a file under.
-pub(super) fn names() -> impl Iterator<Item = &'static str> {
-    [Task::MODEL, Task::ORIGINAL].into_iter().chain(OF_THE_JOB.map(|(name, _)| name))
-}
-
 /// What a job on these files offers beside its pictures, as far as the child left it: after a failure the log only.
 pub(super) fn offered(inputs: &[Input], report: Option<&JobReport>) -> Vec<Offered> {
     let first = inputs.first().map_or("model", Input::stem);
@@ -147,5 +142,12 @@ impl Pool {
             Some((name, Artifact { filename, media_type, file }))
         };
         Ok(files.into_iter().zip(stored).filter_map(artifact).collect())
+    }
+
+    /// Removes what was stored under a hold that was lost.
+    pub(super) async fn drop_files(&self, held: &Lease) {
+        if let Err(error) = self.blobs.delete_claim(held.id, &held.token).await {
+            tracing::warn!(%error, "files of a lost hold were left");
+        }
     }
 }

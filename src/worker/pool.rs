@@ -1,7 +1,9 @@
-use std::path::PathBuf;
+use std::io;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use rustix::process::Pid;
 use tokio::task::JoinSet;
 use tokio_util::sync::CancellationToken;
 use tracing::field::Empty;
@@ -14,7 +16,7 @@ use super::probe::probe;
 use super::scratch::Scratch;
 use super::sweep::{EVERY, Retention, sweep};
 use super::task::{Confinement, Task};
-use super::usage::Allowance;
+use super::usage::{Allowance, Excess};
 use super::warm_up::warm_blender_up;
 use crate::blender::{BlenderConfig, installation};
 use crate::blobs::{Blobs, free_bytes};
@@ -169,16 +171,20 @@ impl Pool {
         Confinement { limits, sandbox: self.sandbox.clone() }
     }
 
-    /// What all processes of a job may use together, beside the `given` bytes that are in their folder from the start.
-    pub(super) fn allowance(&self, given: u64) -> Allowance {
+    /// Waits until a job's processes take too much, and answers what of; none where they ran longer than they may. The files that are in
+    /// `folder` from the start are not counted.
+    pub(super) async fn overrun(&self, job: &Job, folder: &Path, group: Pid) -> io::Result<Option<Excess>> {
+        let model = job.artifacts.get(Task::MODEL).and_then(|model| Some(model.file.as_ref()?.bytes));
+        let given = job.inputs.iter().map(|input| input.bytes).chain(model).sum();
         let counts = self.status.as_ref().is_some_and(|it| it.walls.processes.by == [COUNTED_HERE]);
-        Allowance {
+        let allowance = Allowance {
             scratch_bytes: self.config.job_scratch.saturating_add(given),
             processes: counts.then_some(self.config.job_processes),
-        }
+        };
+        allowance.overrun(self.deadline(job), folder, group).await
     }
 
-    /// What a job's child process is told to do: the job, or to draw the pictures of what it handed out.
+    /// The task of a job's child process: to do the job, or to draw the pictures of what it handed out.
     pub(super) fn task(&self, job: &Job, draw: Option<HandedOut>) -> Task {
         let config = &self.config;
         Task {

@@ -2,13 +2,17 @@ use std::fs::{read_dir, symlink_metadata};
 use std::io;
 use std::os::unix::fs::MetadataExt;
 use std::path::Path;
+use std::time::Duration;
 
 use rustix::process::Pid;
+use tokio::time::Instant;
 
 use crate::sandbox::processes::count_group;
 
 /// What a file or folder takes beside its content.
 const ENTRY_BYTES: u64 = 4096;
+/// How often to look at what a job has taken.
+const LOOK_EVERY: Duration = Duration::from_millis(500);
 /// `st_blocks` counts in these.
 const BLOCK_BYTES: u64 = 512;
 
@@ -39,6 +43,27 @@ impl Excess {
 }
 
 impl Allowance {
+    /// Waits until a job's processes are beyond it, and answers what they took too much of; none once `longest` has passed.
+    ///
+    /// # Errors
+    /// When the look at them crashed.
+    pub async fn overrun(self, longest: Duration, folder: &Path, group: Pid) -> io::Result<Option<Excess>> {
+        let watch = async {
+            let mut looks = tokio::time::interval_at(Instant::now() + LOOK_EVERY, LOOK_EVERY);
+            loop {
+                looks.tick().await;
+                let folder = folder.to_owned();
+                if let Some(excess) = tokio::task::spawn_blocking(move || self.exceeded(&folder, group)).await? {
+                    return Ok(excess);
+                }
+            }
+        };
+        match tokio::time::timeout(longest, watch).await {
+            Ok(excess) => excess.map(Some),
+            Err(_) => Ok(None),
+        }
+    }
+
     /// Whether the job with this folder and process group is beyond it.
     pub fn exceeded(&self, folder: &Path, group: Pid) -> Option<Excess> {
         if taken(folder, self.scratch_bytes).is_none_or(|bytes| bytes > self.scratch_bytes) {
