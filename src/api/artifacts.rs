@@ -15,7 +15,7 @@ use super::problem::{Problem, ProblemCode, shown};
 use super::state::ApiState;
 use super::wait::Watch;
 use crate::blobs::BlobError;
-use crate::jobs::{Artifact, Job, JobReport, Status, StoreError};
+use crate::jobs::{Artifact, Job, JobReport, Status};
 
 /// How long a request waits for pictures that are drawn for it.
 const DRAWING_WAIT: Duration = Duration::from_secs(30);
@@ -144,26 +144,15 @@ pub(super) async fn get_artifact(
 }
 
 /// Has a job's pictures drawn, and answers the job when none `is_waiting` any more.
-async fn drawn(state: &ApiState, mut job: Job, is_waiting: impl Fn(&Job) -> bool) -> Result<Job, Problem> {
+async fn drawn(state: &ApiState, job: Job, is_waiting: impl Fn(&Job) -> bool) -> Result<Job, Problem> {
     let mut watch = Watch::new(state, job.id);
     state.store.ask_for_drawings(job.id).await?;
-    let waiting = async {
-        while is_waiting(&job) {
-            match watch.past(job.version).await? {
-                Some(newer) => job = newer,
-                None => return Ok(None),
-            }
-        }
-        Ok::<_, StoreError>(Some(job))
-    };
-    match tokio::time::timeout(DRAWING_WAIT, waiting).await {
-        Ok(Ok(Some(job))) => Ok(job),
-        Ok(Err(error)) => Err(error.into()),
-        Ok(Ok(None)) | Err(_) => {
-            let detail = "The pictures of this job are still being drawn. Ask again in a few seconds.";
-            Err(Problem::new(ProblemCode::NotDrawnYet, detail).retry_after(3))
-        }
+    let job = watch.until(job, DRAWING_WAIT, |job| !is_waiting(job)).await?;
+    if is_waiting(&job) {
+        let detail = "The pictures of this job are still being drawn. Ask again in a few seconds.";
+        return Err(Problem::new(ProblemCode::NotDrawnYet, detail).retry_after(3));
     }
+    Ok(job)
 }
 
 fn describe(headers: &mut HeaderMap, artifact: &Artifact, length: u64) {

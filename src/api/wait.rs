@@ -36,10 +36,20 @@ impl Watch {
     }
 
     /// The job once its status is another than that of `job`, or as it is when `longest` has passed.
-    pub async fn status_change(&mut self, mut job: Job, longest: Duration) -> Result<Job, StoreError> {
+    pub async fn status_change(&mut self, job: Job, longest: Duration) -> Result<Job, StoreError> {
         let status = job.status;
+        self.until(job, longest, |job| job.status != status || status.is_final()).await
+    }
+
+    /// The job once `is_done` says so of it, or as it is when `longest` has passed, the service stops or the job is gone.
+    pub async fn until(
+        &mut self,
+        mut job: Job,
+        longest: Duration,
+        is_done: impl Fn(&Job) -> bool,
+    ) -> Result<Job, StoreError> {
         let waiting = async {
-            while job.status == status && !status.is_final() {
+            while !is_done(&job) {
                 match self.past(job.version).await? {
                     Some(newer) => job = newer,
                     None => break,
