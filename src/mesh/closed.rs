@@ -15,15 +15,24 @@ pub struct ClosedSurface<'a>(&'a Surface);
 #[error("the surface is not closed and consistently wound, so what it encloses is not defined")]
 pub struct NotClosed;
 
+impl<'a> ClosedSurface<'a> {
+    /// Checks every edge of the surface, whose `edges` they are. Linear.
+    ///
+    /// # Errors
+    /// [`NotClosed`].
+    pub fn new(surface: &'a Surface, edges: &Edges) -> Result<Self, NotClosed> {
+        let is_forward = |&&half_edge: &&u32| Edges::is_forward(&surface.faces, half_edge);
+        let is_closed = edges.iter().all(|of_edge| 2 * of_edge.iter().filter(is_forward).count() == of_edge.len());
+        if is_closed { Ok(Self(surface)) } else { Err(NotClosed) }
+    }
+}
+
 impl<'a> TryFrom<&'a Surface> for ClosedSurface<'a> {
     type Error = NotClosed;
 
-    /// Checks every edge once. O(n log n) in the faces.
+    /// Finds the edges and checks them. O(n log n) in the faces.
     fn try_from(surface: &'a Surface) -> Result<Self, NotClosed> {
-        let is_forward = |&&half_edge: &&u32| Edges::is_forward(&surface.faces, half_edge);
-        let edges = Edges::new(&surface.faces);
-        let is_closed = edges.iter().all(|of_edge| 2 * of_edge.iter().filter(is_forward).count() == of_edge.len());
-        if is_closed { Ok(Self(surface)) } else { Err(NotClosed) }
+        Self::new(surface, &Edges::new(&surface.faces))
     }
 }
 

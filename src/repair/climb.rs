@@ -13,6 +13,7 @@ use super::{
     Action, Cancelled, Candidate, Context, LeftOut, Operator, Options, PlannedAction, Preset, RedFlag, RedFlagCode,
     Remesher, Rung, Stage, Step, StepStatus, When, summary,
 };
+use crate::arrange::ArrangeError;
 use crate::mesh::Surface;
 
 /// The way up a plan's rungs: what was done so far, and the best that came of it.
@@ -391,7 +392,7 @@ impl Crossings {
             Some(Operator::Resolve) => {
                 let failed = step.status == StepStatus::Failed;
                 // Sheets that are cut apart may be closed.
-                let open = matches!(step.failure, Some(Failure::NotClosed(_)));
+                let open = matches!(step.failure, Some(Failure::Arrange(ArrangeError::NotClosed(_))));
                 if failed && !open { Self::Given } else { Self::Resolved }
             }
             Some(Operator::Separate) if self == Self::Given => self,

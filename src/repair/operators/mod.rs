@@ -49,7 +49,7 @@ use open_parts::open_parts;
 use super::{Cancelled, Change, Context, Options};
 use crate::arrange::{ArrangeError, Inside};
 use crate::format::Format;
-use crate::mesh::{NotClosed, Surface};
+use crate::mesh::Surface;
 use crate::remesh::RemeshError;
 use cut::Pairing;
 
@@ -112,13 +112,10 @@ pub struct Applied {
 /// Why an operator did nothing.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum Failure {
-    /// The surface that it needs closed is not.
-    #[error(transparent)]
-    NotClosed(#[from] NotClosed),
     /// What overlaps could not be resolved.
     #[error(transparent)]
-    Arrange(ArrangeError),
-    /// The surface could not be made anew.
+    Arrange(#[from] ArrangeError),
+    /// The surface could not be remeshed.
     #[error(transparent)]
     Remesh(#[from] RemeshError),
     /// What it made is farther from what was there than it may be.
@@ -127,15 +124,6 @@ pub enum Failure {
         /// How far, in the model's unit.
         away: f64,
     },
-}
-
-impl From<ArrangeError> for Failure {
-    fn from(error: ArrangeError) -> Self {
-        match error {
-            ArrangeError::NotClosed(open) => Self::NotClosed(open),
-            error => Self::Arrange(error),
-        }
-    }
 }
 
 impl From<Vec<Change>> for Applied {

@@ -130,7 +130,8 @@ impl Resolve {
         context: &Context<'_>,
     ) -> Result<Resolved, Cancelled> {
         let undone = |pairs_left, error| Resolved { pairs_left, error: Some(error), ..Resolved::default() };
-        if let Err(open) = ClosedSurface::try_from(&*surface) {
+        let edges = Edges::new(&surface.faces);
+        if let Err(open) = ClosedSurface::new(surface, &edges) {
             return Ok(undone(0, open.into()));
         }
         let found = crossings(surface, context)?;
@@ -141,8 +142,8 @@ impl Resolve {
             return Ok(Resolved::default());
         }
         let faces_before = surface.faces.len() as u64;
-        let parts = |surface: &Surface| Parts::new(surface, &Edges::new(&surface.faces)).count as u64;
-        let parts_before = parts(surface);
+        let parts = |surface: &Surface, edges: &Edges| Parts::new(surface, edges).count as u64;
+        let parts_before = parts(surface, &edges);
         let mut done = Done::default();
         let mut work = surface.clone();
         let mut pairs = before;
@@ -172,7 +173,7 @@ impl Resolve {
         }
         *surface = best.surface;
         let changes = Change::list([
-            (ChangeKind::PartsUnited, parts_before.saturating_sub(parts(surface))),
+            (ChangeKind::PartsUnited, parts_before.saturating_sub(parts(surface, &Edges::new(&surface.faces)))),
             (ChangeKind::IntersectingPairsResolved, before.saturating_sub(best.pairs)),
             (ChangeKind::FacesCut, faces_before),
             (ChangeKind::FacesMade, surface.faces.len() as u64),
