@@ -149,7 +149,7 @@ test("walls thinner than a printer makes are marked", { timeout: 60_000 }, async
   await drop(page, [["wall.stl", thinWall()]]);
   await shown(page);
   const layer = page.locator(".layer.thin");
-  // More than the first places that the job itself tells.
+  // More than the first places, which the job itself has.
   await layer.getByText(/^\d{2,}$/).waitFor();
   await settled(page);
   assert.match(await layer.textContent(), /places with thin walls/);

@@ -1,5 +1,6 @@
 import { useEffect, useRef, useState } from "preact/hooks";
 import { type Capabilities, type Job, Problem } from "meshmend-client";
+import { weightOf } from "../report/files";
 import { claimsOf } from "../report/verdict";
 import { convert, save } from "../state/download";
 import { noticed } from "../state/server";
@@ -45,7 +46,7 @@ export function Download({ job, can }: { job: Job; can: Capabilities | null }) {
       {model && (
         <>
           <button type="button" class={isPrintable ? "primary large" : "plain large"} onClick={() => void doing(() => save(model))}>
-            <Icon name="download" /> {words.download(format)} <span class="size">{figures.bytes(model.bytes ?? 0)}</span>
+            <Icon name="download" /> {words.download(format)} <span class="size">{figures.bytes(weightOf(job, "model"))}</span>
           </button>
           <label class="other">
             <span class="hidden">{words.otherFormat}</span>

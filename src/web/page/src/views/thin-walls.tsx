@@ -19,7 +19,7 @@ function wallOf(report: Job["report"]): ThinnestWall | null {
   return report.after?.print?.thinnest_wall ?? report.before.print?.thinnest_wall ?? null;
 }
 
-/** The thinnest wall of the job's model, first as the job tells it and then with all its thin places. */
+/** The thinnest wall of the job's model, first from the job and then from its full report, which has all thin places. */
 function useWall(job: Job): ThinnestWall | null {
   const [whole, setWhole] = useState<ThinnestWall | null>(null);
   useEffect(() => {
