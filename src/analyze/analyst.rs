@@ -75,7 +75,7 @@ impl<'a> Analyst<'a> {
         let (mesh, unit) =
             read.map_err(|error| AnalyzeError::Read { index, name: name.to_owned(), of: self.of, error })?;
         self.report(Stage::Inspect, 20);
-        let (inspection, _) = inspect(subject(&mesh, &unit), &self.options.inspect, &self.context)?;
+        let (inspection, _) = inspect(subject(&mesh, Some(&unit)), &self.options.inspect, &self.context)?;
         let measures = &inspection.measures;
         let warnings = mesh.warnings.iter().cloned().chain(measures.left_out()).collect();
         self.context.log(&format!("{}{}: {}", naming(index, name, self.of), mesh.dialect, measures.in_short()));
@@ -136,21 +136,22 @@ fn read(bytes: &[u8], options: &AnalyzeOptions, limits: &Limits) -> Result<(Read
     Ok((file.mesh, unit))
 }
 
-fn subject<'a>(mesh: &'a ReadMesh, unit: &'a LengthUnit) -> Subject<'a> {
+/// All that a file says of its mesh, with lengths in a unit.
+pub fn subject<'a>(mesh: &'a ReadMesh, unit: Option<&'a LengthUnit>) -> Subject<'a> {
     Subject {
         soup: &mesh.soup,
         normals: mesh.normals.as_ref(),
         numbering: mesh.numbering.as_ref(),
         materials: mesh.materials.as_deref(),
         is_indexed: mesh.format.is_indexed(),
-        unit: Some(unit),
+        unit,
     }
 }
 
 /// Why a file could not be drawn.
 #[derive(Debug, thiserror::Error)]
 pub enum DrawError {
-    /// It can't be read, which should not be once it was looked at.
+    /// It can't be read, though it could be when it was inspected.
     #[error(transparent)]
     Read(#[from] ReadError),
     /// The work was asked to stop, or its time ran out.
@@ -173,6 +174,6 @@ pub fn draw(
 ) -> Result<Vec<Drawing>, DrawError> {
     let context = &context.limited_to(Duration::from_secs_f64(options.deadline_s));
     let (mesh, unit) = read(bytes, options, limits)?;
-    let (_, findings) = inspect(subject(&mesh, &unit), &options.inspect, context)?;
+    let (_, findings) = inspect(subject(&mesh, Some(&unit)), &options.inspect, context)?;
     Ok(draw_inspected(Marked { soup: &mesh.soup, findings: &findings }, context)?)
 }

@@ -7,6 +7,6 @@ mod analyst;
 mod options;
 mod report;
 
-pub use analyst::{Analyst, AnalyzeError, DrawError, draw};
+pub use analyst::{Analyst, AnalyzeError, DrawError, draw, subject};
 pub use options::AnalyzeOptions;
 pub use report::{ANALYSIS_VERSION, AnalysisReport, FileAnalysis};

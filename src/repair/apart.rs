@@ -2,7 +2,7 @@
 //! they stand are united first, unless the options keep them apart.
 
 use super::dress::{Dressed, dress};
-use super::input::{Input, Told, inspect_measured, subject};
+use super::input::{Input, Told, inspect_measured};
 use super::objects::{MAX_NAMED, objects_intersect, outcome_of, sum_up};
 use super::one_object::{RepairedObject, Share, name_of, repair_object};
 use super::overlaps::{CutBody, cut_body};
@@ -12,6 +12,7 @@ use super::verdict::surface_shares;
 use super::{
     Assumption, AssumptionKind, Changes, Context, Merge, ObjectReport, Options, Outcome, Remesher, RepairError, Report,
 };
+use crate::analyze::subject;
 use crate::format::{Format, ReadFile, WriteError};
 use crate::inspect::{Analysis, Inspection, InstanceContact};
 use crate::math::Box3;

@@ -1,25 +1,12 @@
 use std::time::Duration;
 
-use super::input::{inspect_measured, subject};
+use super::input::inspect_measured;
 use super::{HandedOut, Options, Report};
-use crate::context::{Cancelled, Context};
-use crate::format::{self, Limits, ReadError, ReadOptions};
+use crate::analyze::{DrawError, subject};
+use crate::context::Context;
+use crate::format::{self, Limits, ReadOptions};
 use crate::inspect::{Analysis, CompareOptions, Original};
-use crate::render::{self, Drawing, Marked, RenderError, draw_change, draw_remaining, draw_repaired};
-
-/// Why a repair could not be drawn.
-#[derive(Debug, thiserror::Error)]
-pub enum DrawError {
-    /// A file can't be read, which should not be once it was repaired.
-    #[error(transparent)]
-    Read(#[from] ReadError),
-    /// The work was asked to stop, or its time ran out.
-    #[error(transparent)]
-    Cancelled(#[from] Cancelled),
-    /// The drawing itself.
-    #[error(transparent)]
-    Render(#[from] RenderError),
-}
+use crate::render::{self, Drawing, Marked, draw_change, draw_remaining, draw_repaired};
 
 impl Report {
     /// The names of the drawings that [`draw`] makes of the input and the file that is handed out.

@@ -8,12 +8,12 @@ use super::{
     Cancelled, Category, Changes, Context, FileSummary, LeftOut, Options, Outcome, Plan, Preset, REPORT_VERSION,
     Report, Verdict, summary,
 };
+use crate::analyze::subject;
 use crate::format::{self, Format, Limits, ReadError, ReadMesh};
 use crate::inspect::{
-    Analysis, DefectKind, Findings, InspectOptions, Inspection, Ledger, Level, Measures, Original, Subject,
-    inspect_analysis, measure_analysis,
+    Analysis, DefectKind, Findings, InspectOptions, Inspection, Ledger, Level, Measures, Original, inspect_analysis,
+    measure_analysis,
 };
-use crate::scene::LengthUnit;
 
 /// What came in.
 pub(super) struct Input<'a> {
@@ -243,19 +243,6 @@ impl Input<'_> {
 /// Reads what we have written, however large it is.
 pub(super) fn read_own(bytes: &[u8]) -> Result<ReadMesh, ReadError> {
     format::read(bytes, &Limits::NONE)
-}
-
-/// All that a file says, with lengths in a unit.
-pub(super) fn subject<'a>(mesh: &'a ReadMesh, unit: Option<&'a LengthUnit>) -> Subject<'a> {
-    let (normals, numbering) = (mesh.normals.as_ref(), mesh.numbering.as_ref());
-    Subject {
-        soup: &mesh.soup,
-        normals,
-        numbering,
-        materials: mesh.materials.as_deref(),
-        is_indexed: mesh.format.is_indexed(),
-        unit,
-    }
 }
 
 /// Inspects the input. `began` is when the finding of its structure began; what took long then will take long again.

@@ -47,7 +47,7 @@ pub use abridge::ReportedOptions;
 pub use assumptions::{Assumption, AssumptionKind};
 pub use category::categorise;
 pub use change::{Change, ChangeKind};
-pub use drawings::{DrawError, draw};
+pub use drawings::draw;
 pub use ledger::ledger;
 pub use objects::ObjectReport;
 pub use operators::Operator;

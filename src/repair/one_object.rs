@@ -1,10 +1,11 @@
 //! The repair of one object of a file, in its own coordinates.
 
 use super::dress::{carried, carrier};
-use super::input::{Input, Told, inspect_input, subject};
+use super::input::{Input, Told, inspect_input};
 use super::pipeline::{Mended, mend};
 use super::settled::{analyse_settled, settle_orientation};
 use super::{Context, Options, Progress, Remesher, RepairError, Report, Stage};
+use crate::analyze::subject;
 use crate::format::{Format, ReadFile};
 use crate::inspect::{Analysis, CompareOptions, Original};
 use crate::mesh::{Soup, Surface};

@@ -4,7 +4,7 @@ use super::apart::{ApartRepair, keeps_apart};
 use super::assumed::assumptions;
 use super::climb::Climb;
 use super::dress::{carrier, dress_one};
-use super::input::{Input, inspect_input, read_own, subject};
+use super::input::{Input, inspect_input, read_own};
 use super::limited_options::limited_options;
 use super::options_not_applied::{Ending, of_file, options_not_applied};
 use super::plan::{make_plan, name};
@@ -17,6 +17,7 @@ use super::{
     Assumption, AssumptionKind, Cancelled, Candidate, Category, Context, FileSummary, LeftOut, OptionNotApplied,
     Options, OptionsError, Outcome, Preset, Remesher, Report, Stage, Verdict, categorise, summary,
 };
+use crate::analyze::subject;
 use crate::format::{self, Format, Limits, ReadError, ReadOptions, WriteError};
 use crate::inspect::{Analysis, CompareOptions, Original};
 use crate::scene::UnitSource;

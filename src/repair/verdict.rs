@@ -1,11 +1,12 @@
 use super::agreement::same_inside;
-use super::input::{inspect_counts, inspect_measured, read_own, subject};
+use super::input::{inspect_counts, inspect_measured, read_own};
 use super::invented::{Invented, surface_invented};
 use super::ledger::ledger;
 use super::red_flags::part_lost;
 use super::{
     Assumption, Cancelled, Changes, Context, Options, OutputFormat, RedFlag, RedFlagCode, Standing, red_flags,
 };
+use crate::analyze::subject;
 use crate::format::{self, Format, ReadError, WriteError};
 use crate::inspect::{Analysis, Certificate, Inspection, Ledger, Measures, Original, SurfaceShares, measure_analysis};
 use crate::mesh::{OPENED_SKIN_SOURCE, Parts, Surface, is_made};

@@ -19,7 +19,13 @@ const ROOMS: [(&str, &[&str]); 24] = [
     ("arrange", &["math", "mesh", "context"]),
     ("simplify", &["math", "mesh", "context"]),
     ("remesh", &["math", "mesh", "context"]),
-    ("repair", &["math", "mesh", "scene", "context", "format", "inspect", "render", "arrange", "simplify", "remesh"]),
+    (
+        "repair",
+        &[
+            "math", "mesh", "scene", "context", "format", "inspect", "render", "analyze", "arrange", "simplify",
+            "remesh",
+        ],
+    ),
     ("sandbox", &[]),
     ("blender", &["math", "mesh", "context", "repair", "sandbox"]),
     ("access", &[]),

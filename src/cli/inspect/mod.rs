@@ -16,9 +16,10 @@ use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
 use clap::Args;
+use meshmend::analyze::subject;
 use meshmend::format::{self, Limits, ReadFile, ReadMesh, ReadOptions};
 use meshmend::inspect::{
-    Analysis, Findings, Goodness, InspectOptions, Inspection, Level, SetReport, Subject, Thresholds, goodness, inspect,
+    Analysis, Findings, Goodness, InspectOptions, Inspection, Level, SetReport, Thresholds, goodness, inspect,
 };
 use meshmend::mesh::Soup;
 use meshmend::render::{Marked, draw_inspected};
@@ -222,16 +223,8 @@ impl<'a> Run<'a> {
     fn one(&mut self, path: &Path, name: String, mut file: ReadFile) -> Result<(), Failure> {
         let unit = file.settle_unit(self.options.unit, None);
         let mesh = file.mesh;
-        let subject = Subject {
-            soup: &mesh.soup,
-            normals: mesh.normals.as_ref(),
-            numbering: mesh.numbering.as_ref(),
-            materials: mesh.materials.as_deref(),
-            is_indexed: mesh.format.is_indexed(),
-            unit: Some(&unit),
-        };
-        let (inspection, findings) =
-            in_context(|context| inspect(subject, &self.options, context)).map_err(|e| (exit::INTERNAL, e))?;
+        let (inspection, findings) = in_context(|context| inspect(subject(&mesh, Some(&unit)), &self.options, context))
+            .map_err(|e| (exit::INTERNAL, e))?;
         let goodness = self.args.good.map(|thresholds| goodness(&inspection, thresholds));
         let look = Look { name, mesh, inspection, findings, goodness };
         self.code = self.code.max(look.code());
