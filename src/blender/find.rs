@@ -1,5 +1,6 @@
 use std::ffi::OsStr;
 use std::fmt;
+use std::io::ErrorKind;
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -227,6 +228,7 @@ fn ask(program: &Path, arguments: &[&str], config: &BlenderConfig) -> Result<Vec
         &mut || if clock() < config.probe_time { Ok(()) } else { Err(()) },
     );
     match ended {
+        Err(error) if error.kind() == ErrorKind::NotFound => Err("does not exist".to_owned()),
         Err(error) => Err(format!("could not be started ({error})")),
         Ok(Err(())) => Err(format!("did not tell its version within {} s", config.probe_time.as_secs_f64())),
         Ok(Ok(status)) if !status.success() => Err(format!("failed when asked ({status}: {})", last(&lines))),
@@ -299,7 +301,7 @@ mod tests {
     fn a_missing_program_is_named_together_with_what_to_do() {
         let config = BlenderConfig { program: Some("/nowhere/blender".into()), ..BlenderConfig::default() };
         let message = find(&config).unwrap_err().to_string();
-        assert!(message.contains("/nowhere/blender could not be started"), "{message}");
+        assert!(message.contains("/nowhere/blender does not exist"), "{message}");
         assert!(message.contains("MESHMEND_BLENDER"), "{message}");
     }
 
