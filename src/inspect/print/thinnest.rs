@@ -20,12 +20,10 @@ const SPREAD: [usize; 2] = [2048, 100_000];
 const BLOCK: [usize; 2] = [256, 16_384];
 /// Fewest points for one thread.
 const TASK: usize = 64;
-/// Boxes and triangles that the search may look at: so many, and so many more for each point. Where winding numbers must tell material
-/// from air, which take most of it, it is less: such a mesh is not printable yet, and a repair measures its result again.
-const BUDGET: u64 = 10_000_000;
-const BUDGET_A_POINT: u64 = 200;
-const COSTLY_BUDGET: u64 = 1_000_000;
-const COSTLY_BUDGET_A_POINT: u64 = 30;
+/// Boxes and triangles that the search may look at: so many, and so many more for each point. A mesh that is not printable has less,
+/// since a repair measures its result again.
+const BUDGET: [u64; 2] = [10_000_000, 200];
+const UNPRINTABLE_BUDGET: [u64; 2] = [1_000_000, 30];
 /// Moves towards where a wall is thinner still, and how far each goes, as shares of the way to the thinnest point of the two
 /// faces.
 const MOVES: usize = 16;
@@ -97,15 +95,12 @@ impl<'a> Search<'a> {
     ///
     /// # Errors
     /// [`Cancelled`] when the context says stop.
-    pub fn run(&mut self, prober: &Prober<'_>, context: &Context<'_>) -> Result<(), Cancelled> {
+    pub fn run(&mut self, prober: &Prober<'_>, is_printable: bool, context: &Context<'_>) -> Result<(), Cancelled> {
         let faces = self.analysis.surface.faces.len();
         let spread = samples(self.analysis, u32::try_from((faces / 8).clamp(SPREAD[0], SPREAD[1])).unwrap_or(u32::MAX));
         let points = (faces + spread.len()) as u64;
-        let budget = if prober.is_costly() {
-            COSTLY_BUDGET + COSTLY_BUDGET_A_POINT * points
-        } else {
-            BUDGET + BUDGET_A_POINT * points
-        };
+        let [base, a_point] = if is_printable { BUDGET } else { UNPRINTABLE_BUDGET };
+        let budget = base + a_point * points;
         let left =
             self.ask(spread.len(), budget, context, |i, search, steps| search.probe(prober, &spread[i], steps))?;
         self.ask(faces, left, context, |face, search, steps| {

@@ -112,7 +112,7 @@ pub(super) fn thinnest_wall(
     };
     let mut search = Search::new(analysis, prober.reach);
     sampled.iter().for_each(|wall| search.add(*wall));
-    search.run(&prober, context)?;
+    search.run(&prober, measures.printable(), context)?;
     let scale = analysis.scale();
     let at = |wall: &Wall| wall.point.to_array().map(|x| finite(x / scale));
     let thickness = |wall: &Wall| finite(wall.thickness / scale);
@@ -217,11 +217,6 @@ impl<'a> Prober<'a> {
         let beside = (BESIDE[0] * diagonal).max(BESIDE[1]);
         let inside = (!simple).then(|| Inside::new(analysis));
         Self { analysis, inside, reach: 2.0 * diagonal, beside, touching: TOUCHING * diagonal }
-    }
-
-    /// Whether winding numbers must tell material from air.
-    pub fn is_costly(&self) -> bool {
-        self.inside.is_some()
     }
 
     /// The wall behind a sample by the ray inward, where it is at most `longest`. Whether the surface parts material from air is
