@@ -1,16 +1,17 @@
 //! Objects stay objects: each is repaired by itself, in its own coordinates, and stands in its places again. Objects that intersect where
 //! they stand are united first, unless the options keep them apart.
 
+use super::account::{Account, RepairedBody};
 use super::dress::{Dressed, dress};
-use super::input::{Input, Told, inspect_measured};
-use super::objects::{MAX_NAMED, objects_intersect, outcome_of, sum_up};
-use super::one_object::{RepairedObject, Share, name_of, repair_object};
+use super::input::{Input, inspect_measured};
+use super::objects::{MAX_NAMED, ObjectPlace, objects_intersect, outcome_of};
+use super::one_object::{ObjectRepair, RepairedObject, Share, name_of};
 use super::overlaps::{CutBody, cut_body};
 use super::repaint::repaint;
 use super::unite::{UnitedScene, connected, contacts_of, instance_of, instances_of};
 use super::verdict::surface_shares;
 use super::{
-    Assumption, AssumptionKind, Changes, Context, Merge, ObjectReport, Options, Outcome, Remesher, RepairError, Report,
+    Assumption, AssumptionKind, Changes, Context, Merge, ObjectReport, Options, Outcome, Remesher, RepairError,
 };
 use crate::analyze::subject;
 use crate::format::{Format, ReadFile, WriteError};
@@ -71,13 +72,28 @@ struct ObjectResult {
     is_untouched: bool,
 }
 
+/// A file whose objects were repaired apart.
+pub(super) struct RepairedObjects {
+    pub account: Account,
+    pub sections: Vec<ObjectReport>,
+    pub bytes: Vec<u8>,
+    pub dialect: String,
+}
+
+impl From<RepairedBody> for RepairedObjects {
+    fn from(body: RepairedBody) -> Self {
+        Self { account: body.account, sections: Vec::new(), bytes: body.bytes, dialect: body.dialect }
+    }
+}
+
 /// The objects of a round, repaired and judged where they stand.
 struct Round {
     united: UnitedScene,
     /// The scene with its results.
     scene: Scene,
     results: Vec<Option<ObjectResult>>,
-    told: Told,
+    bytes: Vec<u8>,
+    dialect: String,
     after: Inspection,
     changes: Option<Changes>,
     /// The instances that still meet, with the names of their objects.
@@ -86,12 +102,18 @@ struct Round {
     contained: Vec<usize>,
 }
 
+/// A scene whose bodies give way to later ones of another material.
+struct Cut {
+    united: UnitedScene,
+    assumptions: Vec<Assumption>,
+}
+
 impl ApartRepair<'_> {
-    /// Repairs each object of a scene that is to be printed, and writes what came of the file into the report.
-    pub fn run(&self, scene: &Scene, bytes: &[u8], report: &mut Report) -> Result<Told, RepairError> {
+    /// Repairs each object of a scene that is to be printed.
+    pub fn run(&self, scene: &Scene, bytes: &[u8]) -> Result<RepairedObjects, RepairError> {
         let start = instances_of(scene).map_err(|_| WriteError::TooLarge)?;
         let mut united = UnitedScene::of(scene);
-        let mut met = Vec::new();
+        let (mut met, mut cuts) = (Vec::new(), Vec::new());
         if self.options.merge == Merge::Auto {
             met = contacts_of(&start, self.input.analysis, &self.whole.for_verification())?;
             let materials = self.materials_of(scene, &start);
@@ -111,17 +133,17 @@ impl ApartRepair<'_> {
             let judged = self.judge(united, results, &palettes, bytes)?;
             let is_last = round == MAX_ROUNDS || self.context.is_late();
             if self.options.merge != Merge::Auto || judged.after.measures.printable() || is_last {
-                return Ok(self.record(judged, &met, report));
+                return Ok(self.conclude(judged, &met, cuts));
             }
             let instances = instances_of(&judged.scene).map_err(|_| WriteError::TooLarge)?;
             let materials = self.materials_of(&judged.scene, &instances);
             let groups = next_groups(&judged, &instances, materials.as_deref());
             united = if groups.is_empty() {
-                let Some(cut) = self.cut_overlaps(&judged, &instances, materials.as_deref(), &mut palettes, report)?
-                else {
-                    return Ok(self.record(judged, &met, report));
+                let Some(cut) = self.cut_overlaps(&judged, &instances, materials.as_deref(), &mut palettes)? else {
+                    return Ok(self.conclude(judged, &met, cuts));
                 };
-                cut
+                cuts.extend(cut.assumptions);
+                cut.united
             } else {
                 met.extend(judged.contacts.iter().map(|(contact, _)| *contact));
                 judged.united.unite(&instances, &groups)
@@ -144,8 +166,7 @@ impl ApartRepair<'_> {
         instances: &[Instance],
         materials: Option<&[u32]>,
         palettes: &mut [Palette],
-        report: &mut Report,
-    ) -> Result<Option<UnitedScene>, RepairError> {
+    ) -> Result<Option<Cut>, RepairError> {
         let Some(materials) = materials else { return Ok(None) };
         let patient = &self.whole.for_verification();
         let overlaps = |a: usize, b: usize| {
@@ -154,7 +175,7 @@ impl ApartRepair<'_> {
             instances[b].is_printed && materials[a] != materials[b] && (is_within || round.contacts.iter().any(is_met))
         };
         let placed = |instance: usize| round.scene.placed_instances([&instances[instance]]);
-        let (mut groups, mut bodies) = (Vec::new(), Vec::new());
+        let (mut groups, mut bodies, mut assumptions) = (Vec::new(), Vec::new(), Vec::new());
         for a in (0..instances.len()).filter(|&a| instances[a].is_printed) {
             let later: Vec<usize> = (a + 1..instances.len()).filter(|&b| overlaps(a, b)).collect();
             if later.is_empty() {
@@ -172,7 +193,7 @@ impl ApartRepair<'_> {
             let cut = Assumption::new(AssumptionKind::OverlapRemoved, later.len() as u64, detail);
             let is_met = |(contact, _): &&(InstanceContact, _)| contact.instances[0] as usize == a;
             let places = round.contacts.iter().filter(is_met).map(|(contact, _)| contact.at);
-            report.assumptions.push(cut.with_amount(removed).at(places).unless("merge=objects"));
+            assumptions.push(cut.with_amount(removed).at(places).unless("merge=objects"));
             groups.push(vec![a]);
             bodies.push(mesh);
         }
@@ -184,7 +205,7 @@ impl ApartRepair<'_> {
             united.scene.objects[object].shape = Shape::Mesh(body);
         }
         united.scene.palettes = palettes.to_vec();
-        Ok(Some(united))
+        Ok(Some(Cut { united, assumptions }))
     }
 
     /// The name of an instance's object as the file has it.
@@ -209,6 +230,7 @@ impl ApartRepair<'_> {
         let missing: Vec<usize> = numbers.into_iter().filter(|&number| results[number].is_none()).collect();
         let mut left: usize = missing.iter().map(|&number| faces(&scene.objects[number])).sum();
         let total = left;
+        let repair = ObjectRepair { file: self.file, format: self.format, remesher: self.remesher };
         for (index, &number) in missing.iter().enumerate() {
             let object = &scene.objects[number];
             let own = faces(object);
@@ -221,10 +243,10 @@ impl ApartRepair<'_> {
             let around = context.with_progress(&progress).limited_to(context.remaining().mul_f64(share));
             let share = |most: u64| ((most as f64 * own as f64 / all.max(1) as f64) as u64).max(4);
             let options = Options { max_faces: options.max_faces.map(share), ..(*options).clone() };
-            let start = context.now();
-            let made = repair_object(self.file, object, self.format, &options, self.remesher, &around)?;
-            let RepairedObject { mut report, before, soup, source, welded } = made;
-            report.milliseconds = context.now().saturating_sub(start).as_secs_f64() * 1e3;
+            let index = united.members[number].first().copied().unwrap_or(number);
+            let place = ObjectPlace { name: object.name.clone(), index, places: places[number] };
+            let RepairedObject { report, before, soup, source, welded } =
+                repair.run(object, place, &options, &around)?;
             let is_untouched = match report.outcome {
                 Outcome::AlreadyPrintable => !welded,
                 outcome => outcome == Outcome::Unrepairable,
@@ -238,9 +260,7 @@ impl ApartRepair<'_> {
                     Some((soup, paint))
                 }
             };
-            let first = united.members[number].first().copied().unwrap_or(number);
-            let section = ObjectReport::new(object.name.clone(), first, places[number], report);
-            results[number] = Some(ObjectResult { section, mesh, is_untouched });
+            results[number] = Some(ObjectResult { section: report, mesh, is_untouched });
             left -= own;
         }
         Ok(())
@@ -260,8 +280,8 @@ impl ApartRepair<'_> {
         if is_untouched {
             let (scene, after) = (united.scene.clone(), input.before.clone());
             let (contacts, contained) = self.meetings(&united, &scene, input.analysis, &after)?;
-            let told = Told { bytes: bytes.to_vec(), dialect: input.mesh.dialect.clone(), ..Told::default() };
-            return Ok(Round { united, scene, results, told, after, changes: None, contacts, contained });
+            let (bytes, dialect) = (bytes.to_vec(), input.mesh.dialect.clone());
+            return Ok(Round { united, scene, results, bytes, dialect, after, changes: None, contacts, contained });
         }
         let mut scene = united.scene.clone();
         scene.palettes = palettes.to_vec();
@@ -279,8 +299,8 @@ impl ApartRepair<'_> {
         let changes = input.original.changes(&analysis, &after.measures, None, verification)?;
         let surface = surface_shares(input.original, &analysis, context)?;
         let changes = Some(Changes { surface, ..changes });
-        let told = Told { bytes, dialect: mesh.dialect.clone(), ..Told::default() };
-        Ok(Round { united, scene, results, told, after, changes, contacts, contained })
+        let dialect = mesh.dialect.clone();
+        Ok(Round { united, scene, results, bytes, dialect, after, changes, contacts, contained })
     }
 
     /// The contacts between the instances of a scene by the names of their objects, and the instances that lie in other materials. A
@@ -308,33 +328,35 @@ impl ApartRepair<'_> {
         Ok((named, contained))
     }
 
-    /// Writes how the file as a whole ended into its report.
-    fn record(&self, round: Round, met: &[InstanceContact], report: &mut Report) -> Told {
-        let Round { united, scene, results, told, after, changes, contacts, contained } = round;
+    /// How the file as a whole ended.
+    fn conclude(&self, round: Round, met: &[InstanceContact], cuts: Vec<Assumption>) -> RepairedObjects {
+        let Round { united, scene, results, bytes, dialect, after, changes, contacts, contained } = round;
         let instances = instances_of(&scene).unwrap_or_default();
         let contained: Vec<String> =
             contained.iter().take(MAX_NAMED).map(|&it| self.instance_name(&united, &instances[it])).collect();
         let unions = (0..united.members.len()).filter(|&object| united.is_union(object));
-        let assumptions: Vec<Assumption> = unions.map(|union| self.assumed_union(&united, union, met)).collect();
+        let unions: Vec<Assumption> = unions.map(|union| self.assumed_union(&united, union, met)).collect();
         let sections: Vec<ObjectReport> = results.into_iter().flatten().map(|result| result.section).collect();
-        report.warnings.extend(left_out(&united.scene));
-        report.verified_from_output_bytes = true;
-        report.outcome = outcome_of(&sections, after.measures.printable(), united.is_changed);
-        sum_up(report, sections);
-        report.assumptions.extend(assumptions);
-        report.changes = changes.or(report.changes);
+        let mut account = Account::of_objects(&sections);
+        account.outcome = outcome_of(&sections, after.measures.printable(), united.is_changed);
+        account.warnings.splice(0..0, left_out(&united.scene));
+        account.assumptions = [cuts, account.assumptions, unions].concat();
+        account.changes = changes.or(account.changes);
+        account.left_out.extend(self.input.time.left_out());
+        account.left_out.sort_unstable();
+        account.left_out.dedup();
         if let Some(flag) = objects_intersect(&contacts, &contained) {
-            if report.objects.iter().all(|section| section.outcome.is_printable()) {
+            if sections.iter().all(|section| section.outcome.is_printable()) {
                 let advice = match self.options.merge {
                     Merge::None => " Set merge=auto to unite them.",
                     Merge::Auto | Merge::Objects => "",
                 };
-                report.summary = format!("The file is not printable as it stands: {}.{advice}", flag.detail);
+                account.summary = format!("The file is not printable as it stands: {}.{advice}", flag.detail);
             }
-            report.red_flags.push(flag);
+            account.red_flags.push(flag);
         }
-        report.after = Some(after);
-        told
+        account.after = Some(after);
+        RepairedObjects { account, sections, bytes, dialect }
     }
 
     /// The assumption that some objects are one solid.

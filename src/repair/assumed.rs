@@ -1,24 +1,24 @@
 //! What was decided without proof on the way to a result.
 
+use super::account::Ended;
+use super::input::Input;
 use super::operators::thicken::THICKNESS;
 use super::verdict::Judged;
-use super::{Assumption, AssumptionKind, ChangeKind, InsideRule, Operator, Options, Report, Step, StepStatus};
-use crate::inspect::{Analysis, Certificate, Solid};
+use super::{Assumption, AssumptionKind, ChangeKind, InsideRule, Operator, Options, Rung, Step, StepStatus};
+use crate::inspect::{Analysis, Certificate, Measures, Solid};
 
-/// The assumptions behind the result of the strategy with index `rung`.
-pub(super) fn assumptions(
-    report: &Report,
-    judged: &Judged,
-    rung: Option<u32>,
-    input: &Analysis<'_>,
-) -> Vec<Assumption> {
-    let of_rung = |step: &&Step| Some(step.rung) == rung && step.status == StepStatus::Done;
-    let steps: Vec<&Step> = report.steps.iter().filter(of_rung).collect();
+/// The assumptions behind the result of a strategy.
+pub(super) fn assumptions(ended: &Ended, judged: &Judged, input: &Input<'_>, options: &Options) -> Vec<Assumption> {
+    let of_strategy = |step: &&Step| Some(step.rung) == ended.strategy && step.status == StepStatus::Done;
+    let steps: Vec<&Step> = ended.steps.iter().filter(of_strategy).collect();
+    let (before, input) = (&input.before.measures, input.analysis);
     let diagonal = input.surface.bounds().diagonal();
-    let mut all: Vec<Assumption> = small_parts_dropped(&steps, judged, input).into_iter().collect();
-    all.extend(invented(&steps, judged, &report.options, diagonal));
+    let mut all = judged.assumptions.clone();
+    all.extend(small_parts_dropped(&steps, judged, input));
+    all.extend(invented(&steps, judged, options, diagonal));
     all.extend(large_holes(judged, diagonal));
-    all.extend(winding_rule(&steps, report, rung));
+    let strategy = ended.strategy.and_then(|index| ended.plan.rungs.get(index as usize));
+    all.extend(strategy.and_then(|strategy| winding_rule(&steps, strategy, before, options)));
     all.extend(pieces_dropped(judged, input));
     all.extend(cavities(judged, input));
     all
@@ -95,15 +95,13 @@ fn large_holes(judged: &Judged, diagonal: f64) -> Option<Assumption> {
 }
 
 /// The winding rule that `auto` chose, where intersecting surface looks in different ways.
-fn winding_rule(steps: &[&Step], report: &Report, rung: Option<u32>) -> Option<Assumption> {
+fn winding_rule(steps: &[&Step], strategy: &Rung, before: &Measures, options: &Options) -> Option<Assumption> {
     let resolved = steps.iter().any(|step| step.operator == Some(Operator::Resolve) && !step.changed.is_empty());
-    let before = &report.before.measures;
     let is_open_question = before.inverted_parts > 0 || before.misoriented_edges > 0;
-    if report.options.inside != InsideRule::Auto || !resolved || !is_open_question {
+    if options.inside != InsideRule::Auto || !resolved || !is_open_question {
         return None;
     }
-    let rung = report.plan.rungs.get(rung? as usize)?;
-    let (detail, other) = match super::tiers::takes_inverted_for_solid(rung, &report.options) {
+    let (detail, other) = match super::tiers::takes_inverted_for_solid(strategy, options) {
         true => ("Where faces intersect, parts that are inside out were taken for solid too.", "inside=positive"),
         false => {
             ("Where faces intersect, only what the surface winds around outward was taken for solid.", "inside=nonzero")

@@ -1,6 +1,8 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+use crate::scene::{LengthUnit, UnitSource};
+
 /// Most places that an assumption lists.
 const MAX_PLACES: usize = 5;
 
@@ -60,6 +62,13 @@ pub enum AssumptionKind {
 }
 
 impl Assumption {
+    /// The assumption that lengths are millimetres, where the file and the request name no unit.
+    pub(super) fn of_unit(unit: &LengthUnit) -> Option<Self> {
+        let detail = "The file names no unit; lengths were taken to be millimetres.";
+        let is_assumed = unit.source == UnitSource::Assumed;
+        is_assumed.then(|| Self::new(AssumptionKind::Unit, 1, detail).unless("unit=in"))
+    }
+
     /// An assumption of a kind about `count` things, with its sentence.
     #[must_use]
     pub fn new(kind: AssumptionKind, count: u64, detail: impl Into<String>) -> Self {

@@ -2,12 +2,13 @@
 
 use glam::DVec3;
 
-use super::input::{Input, Told, read_own};
+use super::account::RepairedBody;
+use super::input::{Input, read_own};
 use super::repaint::repaint;
 use super::{Context, LeftOut, RepairError};
 use crate::format::{self, Format, Limits, ReadFile, ReadMesh, ReadOptions, WriteError};
 use crate::mesh::{Soup, Surface, position_key};
-use crate::scene::{Item, Object, PaintedMesh, Scene, Shape, Unit};
+use crate::scene::{Item, Object, PaintedMesh, Scene, Shape};
 
 /// The format that results are judged in: it says the same coordinates as `format`, and nothing but triangles.
 pub(super) fn carrier(format: Format) -> Format {
@@ -25,33 +26,33 @@ pub(super) fn carried(bytes: &[u8]) -> Result<Soup, RepairError> {
 
 /// The file of one mesh: with its colours, where the format can say them.
 pub(super) fn dress_one(
-    told: Told,
+    mut body: RepairedBody,
     input: &Input<'_>,
     file: &ReadFile,
     format: Format,
-    unit: Unit,
     context: &Context<'_>,
-) -> Result<Told, RepairError> {
-    let is_input = input.bytes == Some(told.bytes.as_slice());
-    if told.bytes.is_empty()
+) -> Result<RepairedBody, RepairError> {
+    let is_input = input.bytes == Some(body.bytes.as_slice());
+    if body.bytes.is_empty()
         || is_input
         || (carrier(format) == format && (file.paint.is_empty() || !format.has_paint()))
     {
-        return Ok(told);
+        return Ok(body);
     }
     let verification = &context.for_verification();
-    let soup = carried(&told.bytes)?;
+    let soup = carried(&body.bytes)?;
     let mut scene = file.scene.as_ref().map(Scene::without_objects).unwrap_or_default();
-    scene.unit = Some(unit);
-    let paint = repaint(&input.analysis.surface, &file.paint, &soup, &told.source, &mut scene.palettes, verification);
+    scene.unit = file.unit.as_ref().map(|unit| unit.used);
+    let paint = repaint(&input.analysis.surface, &file.paint, &soup, &body.source, &mut scene.palettes, verification);
     let paint = verification.unless_late(paint)?.unwrap_or_else(|| {
         input.time.leave_out(LeftOut::Attributes);
+        body.account.left_out = input.time.left_out();
         Vec::new()
     });
     scene.objects = vec![Object::of_mesh(file.only_name(), PaintedMesh { soup, paint })];
     scene.items = vec![Item::of(0)];
     let Dressed { bytes, mesh } = dress(&scene, format)?;
-    Ok(Told { bytes, dialect: mesh.dialect, ..told })
+    Ok(RepairedBody { bytes, dialect: mesh.dialect, ..body })
 }
 
 /// A file that holds just what was judged.

@@ -2,18 +2,17 @@ use std::time::Duration;
 
 use super::RepairError;
 use super::invented::Invented;
+use super::settled::{analyse_settled, settle_orientation};
 use super::time_budget::{TimeBudget, for_details};
 use super::verdict::{JudgeError, Judged, Patches, judge, surface_shares};
-use super::{
-    Cancelled, Category, Changes, Context, FileSummary, LeftOut, Options, Outcome, Plan, Preset, REPORT_VERSION,
-    Report, Verdict, summary,
-};
+use super::{Cancelled, Changes, Context, LeftOut, Options};
 use crate::analyze::subject;
 use crate::format::{self, Format, Limits, ReadError, ReadMesh};
 use crate::inspect::{
-    Analysis, DefectKind, Findings, InspectOptions, Inspection, Ledger, Level, Measures, Original, inspect_analysis,
-    measure_analysis,
+    Analysis, CompareOptions, DefectKind, Findings, InspectOptions, Inspection, Level, Measures, Original,
+    inspect_analysis, measure_analysis,
 };
+use crate::scene::LengthUnit;
 
 /// What came in.
 pub(super) struct Input<'a> {
@@ -25,14 +24,6 @@ pub(super) struct Input<'a> {
     pub original: &'a Original<'a>,
     pub before: &'a Inspection,
     pub time: &'a TimeBudget,
-}
-
-/// What is left of a result when its account was written.
-#[derive(Default)]
-pub(super) struct Told {
-    pub bytes: Vec<u8>,
-    pub dialect: String,
-    pub source: Vec<u32>,
 }
 
 impl Input<'_> {
@@ -161,38 +152,8 @@ impl Input<'_> {
         }
     }
 
-    /// Puts down how it ended. Answers the bytes to hand out.
-    pub fn tell(
-        &self,
-        report: &mut Report,
-        outcome: Outcome,
-        judged: Option<Judged>,
-        context: &Context<'_>,
-    ) -> Result<Told, RepairError> {
-        report.outcome = outcome;
-        report.left_out = self.time.left_out();
-        report.summary = summary::in_words(outcome, report, judged.as_ref().map(|j| &j.measures));
-        let Some(mut judged) = judged else { return Ok(Told::default()) };
-        let after = self.after(&mut judged, context)?;
-        if after.level == Level::None {
-            self.time.leave_out(LeftOut::ResultDetails);
-        }
-        if judged.surface.is_none() {
-            self.time.leave_out(LeftOut::SurfaceChanges);
-        }
-        report.left_out = self.time.left_out();
-        report.summary.push_str(&summary::what_remains(&after));
-        report.after = Some(after);
-        report.changes = Some(Changes { surface: judged.surface, ..judged.changes });
-        // The reasons part by part are for the program alone.
-        report.ledger = judged.ledger.map(|ledger| Ledger { certified: Vec::new(), ..ledger });
-        report.red_flags = judged.red_flags;
-        report.verified_from_output_bytes = true;
-        Ok(Told { bytes: judged.bytes, dialect: judged.dialect, source: judged.source })
-    }
-
-    /// The account as far as it is known before anything was run.
-    pub fn report(&self, options: &Options, bytes: u64) -> Report {
+    /// What a person should know of the input.
+    pub fn warnings(&self) -> Vec<String> {
         let mut warnings = self.mesh.warnings.clone();
         warnings.extend(self.before.measures.left_out());
         let bad = self.bad_normals();
@@ -205,39 +166,33 @@ impl Input<'_> {
         if intersections.checked && !intersections.complete {
             warnings.push("so many faces overlap that they were not all counted".to_owned());
         }
-        Report {
-            version: REPORT_VERSION,
-            abridged: false,
-            engine: crate::ENGINE.to_owned(),
-            outcome: Outcome::Unrepairable,
-            verdict: Verdict::default(),
-            summary: String::new(),
-            input: FileSummary { format: self.mesh.format, dialect: self.mesh.dialect.clone(), bytes },
-            output: None,
-            options: options.clone().into(),
-            unit: self.analysis.subject.unit.cloned().unwrap_or_default(),
-            objects: Vec::new(),
-            before: self.before.clone(),
-            after: None,
-            verified_from_output_bytes: false,
-            changes: None,
-            ledger: None,
-            plan: Plan {
-                category: Category::Clean,
-                preset: Preset::BasicCleanup,
-                reason: String::new(),
-                rungs: Vec::new(),
-            },
-            steps: Vec::new(),
-            candidates: Vec::new(),
-            red_flags: Vec::new(),
-            assumptions: Vec::new(),
-            options_not_applied: Vec::new(),
-            left_out: self.time.left_out(),
-            warnings,
-            milliseconds: 0.0,
-        }
+        warnings
     }
+}
+
+/// A mesh of a file, before it is inspected.
+pub(super) struct Source<'a> {
+    /// Its bytes, where they may come back as they are.
+    pub bytes: Option<&'a [u8]>,
+    pub mesh: &'a ReadMesh,
+    pub unit: Option<&'a LengthUnit>,
+}
+
+/// Inspects a mesh, and repairs it by `repair` as the input that it is.
+pub(super) fn inspected<T>(
+    source: &Source<'_>,
+    options: &Options,
+    context: &Context<'_>,
+    repair: impl FnOnce(Input<'_>) -> Result<T, RepairError>,
+) -> Result<T, RepairError> {
+    let began = context.now();
+    let &Source { bytes, mesh, unit } = source;
+    let analysis = &Analysis::new(subject(mesh, unit), &context.for_verification())?;
+    let (before, time) = &inspect_input(analysis, began, context)?;
+    let settled = settle_orientation(analysis, &before.measures, options, context)?;
+    let settled = analyse_settled(settled.as_ref(), context)?;
+    let original = Original::new(analysis, &before.measures, CompareOptions::BRIEF).with_settled(settled.as_ref());
+    repair(Input { bytes, mesh, analysis, original: &original, before, time })
 }
 
 /// Reads what we have written, however large it is.
@@ -248,7 +203,7 @@ pub(super) fn read_own(bytes: &[u8]) -> Result<ReadMesh, ReadError> {
 /// Inspects the input. `began` is when the finding of its structure began; what took long then will take long again.
 ///
 /// Where the deadline comes before it is known which faces intersect, the inspection has nothing but counts, and says so.
-pub(super) fn inspect_input(
+fn inspect_input(
     analysis: &Analysis<'_>,
     began: Duration,
     context: &Context<'_>,

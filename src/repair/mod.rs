@@ -4,10 +4,12 @@
 //! [`operators`]; those work on a [`crate::mesh::Surface`] and answer what they changed as [`Change`]s.
 
 mod abridge;
+mod account;
 mod agreement;
 mod apart;
 mod assumed;
 mod assumptions;
+mod body;
 mod category;
 mod change;
 mod checkpoints;

@@ -1,9 +1,13 @@
+use std::time::Duration;
+
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+use super::account::Account;
+use super::input::Input;
 use super::{
     Assumption, Candidate, Category, Changes, LeftOut, NotAppliedCause, OptionNotApplied, Outcome, Plan, RedFlag,
-    RedFlagCode, Report, Step,
+    RedFlagCode, Step,
 };
 use crate::inspect::{Inspection, InstanceContact, Ledger};
 
@@ -59,31 +63,41 @@ pub struct ObjectReport {
     pub milliseconds: f64,
 }
 
+/// An object, and where it stands.
+pub(super) struct ObjectPlace {
+    pub name: Option<String>,
+    /// Its number among the file's objects, from 0.
+    pub index: usize,
+    /// In how many places it stands.
+    pub places: u64,
+}
+
 impl ObjectReport {
-    /// The account of an object, of which the account of its repair is the most.
-    pub(super) fn new(name: Option<String>, number: usize, places: u64, mut report: Report) -> Self {
-        for looked in std::iter::once(&mut report.before).chain(&mut report.after) {
-            looked.keep_places(PLACES);
+    /// The report of an object of its repair's account.
+    pub(super) fn new(place: ObjectPlace, input: &Input<'_>, account: Account, time: Duration) -> Self {
+        let (mut before, mut after) = (input.before.clone(), account.after);
+        for inspection in std::iter::once(&mut before).chain(&mut after) {
+            inspection.keep_places(PLACES);
         }
         Self {
-            name,
-            number: u32::try_from(number + 1).unwrap_or(u32::MAX),
-            places,
-            outcome: report.outcome,
-            summary: report.summary,
-            before: report.before,
-            after: report.after,
-            changes: report.changes,
-            ledger: report.ledger,
-            plan: report.plan,
-            steps: report.steps,
-            candidates: report.candidates,
-            red_flags: report.red_flags,
-            assumptions: report.assumptions,
-            options_not_applied: report.options_not_applied,
-            left_out: report.left_out,
-            warnings: report.warnings,
-            milliseconds: report.milliseconds,
+            name: place.name,
+            number: u32::try_from(place.index + 1).unwrap_or(u32::MAX),
+            places: place.places,
+            outcome: account.outcome,
+            summary: account.summary,
+            before,
+            after,
+            changes: account.changes,
+            ledger: account.ledger,
+            plan: account.plan,
+            steps: account.steps,
+            candidates: account.candidates,
+            red_flags: account.red_flags,
+            assumptions: account.assumptions,
+            options_not_applied: account.options_not_applied,
+            left_out: account.left_out,
+            warnings: [input.warnings(), account.warnings].concat(),
+            milliseconds: time.as_secs_f64() * 1e3,
         }
     }
 
@@ -111,38 +125,53 @@ pub(super) fn outcome_of(sections: &[ObjectReport], is_printable: bool, has_unio
     }
 }
 
-/// Puts the accounts of all objects together: what was planned and done for a single one is what was done to the file.
-pub(super) fn sum_up(report: &mut Report, sections: Vec<ObjectReport>) {
-    for section in &sections {
-        let told =
-            |text: &str| if sections.len() == 1 { text.to_owned() } else { format!("{}: {text}", section.title()) };
-        report
-            .red_flags
-            .extend(section.red_flags.iter().map(|flag| RedFlag { detail: told(&flag.detail), ..flag.clone() }));
-        report.warnings.extend(section.warnings.iter().map(|warning| told(warning)));
-        let assumed = section.assumptions.iter();
-        report.assumptions.extend(assumed.map(|it| Assumption { detail: told(&it.detail), ..it.clone() }));
-        report.left_out.extend(&section.left_out);
-    }
-    report.left_out.sort_unstable();
-    report.left_out.dedup();
-    match sections.as_slice() {
-        [] => report.summary = "The file has no object that is to be printed; it is handed back unchanged.".to_owned(),
-        [only] => {
-            report.summary.clone_from(&only.summary);
-            (report.plan, report.steps, report.candidates) =
-                (only.plan.clone(), only.steps.clone(), only.candidates.clone());
-            (report.changes, report.ledger) = (only.changes, only.ledger.clone());
+impl Account {
+    /// The account of a file by those of its objects: what was planned and done for a single one is what was done to the file.
+    pub(super) fn of_objects(sections: &[ObjectReport]) -> Self {
+        let mut whole = Self {
+            outcome: Outcome::Unrepairable,
+            summary: "The file has no object that is to be printed; it is handed back unchanged.".to_owned(),
+            after: None,
+            changes: None,
+            ledger: None,
+            plan: Plan::nothing(""),
+            steps: Vec::new(),
+            candidates: Vec::new(),
+            red_flags: Vec::new(),
+            assumptions: Vec::new(),
+            options_not_applied: options_of(sections),
+            left_out: Vec::new(),
+            warnings: Vec::new(),
+        };
+        for section in sections {
+            let titled =
+                |text: &str| if sections.len() == 1 { text.to_owned() } else { format!("{}: {text}", section.title()) };
+            let flags = section.red_flags.iter();
+            whole.red_flags.extend(flags.map(|flag| RedFlag { detail: titled(&flag.detail), ..flag.clone() }));
+            whole.warnings.extend(section.warnings.iter().map(|warning| titled(warning)));
+            let assumed = section.assumptions.iter();
+            whole.assumptions.extend(assumed.map(|it| Assumption { detail: titled(&it.detail), ..it.clone() }));
+            whole.left_out.extend(&section.left_out);
         }
-        several => {
-            report.summary = in_words(several);
-            report.plan.category = Category::MultipleComponents;
-            report.plan.preset = several[0].plan.preset;
-            report.plan.reason = "each object has a plan of its own".to_owned();
+        match sections {
+            [] => {}
+            [only] => {
+                whole.summary.clone_from(&only.summary);
+                (whole.plan, whole.steps, whole.candidates) =
+                    (only.plan.clone(), only.steps.clone(), only.candidates.clone());
+                (whole.changes, whole.ledger) = (only.changes, only.ledger.clone());
+            }
+            several => {
+                whole.summary = in_words(several);
+                whole.plan = Plan {
+                    category: Category::MultipleComponents,
+                    preset: several[0].plan.preset,
+                    ..Plan::nothing("each object has a plan of its own")
+                };
+            }
         }
+        whole
     }
-    report.options_not_applied = options_of(&sections);
-    report.objects = sections;
 }
 
 /// The options that some object's result does not follow; one that found nothing to do counts only where that is so of all objects.

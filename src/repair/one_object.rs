@@ -1,19 +1,17 @@
 //! The repair of one object of a file, in its own coordinates.
 
+use super::body::repair_body;
 use super::dress::{carried, carrier};
-use super::input::{Input, Told, inspect_input};
-use super::pipeline::{Mended, mend};
-use super::settled::{analyse_settled, settle_orientation};
-use super::{Context, Options, Progress, Remesher, RepairError, Report, Stage};
-use crate::analyze::subject;
+use super::input::{Source, inspected};
+use super::objects::ObjectPlace;
+use super::{Context, ObjectReport, Options, Progress, Remesher, RepairError, Stage};
 use crate::format::{Format, ReadFile};
-use crate::inspect::{Analysis, CompareOptions, Original};
 use crate::mesh::{Soup, Surface};
 use crate::scene::Object;
 
 /// A repaired object, before it is painted.
 pub(super) struct RepairedObject {
-    pub report: Report,
+    pub report: ObjectReport,
     /// The object as it was, welded.
     pub before: Surface,
     /// Its result; none where it has nothing that can be written.
@@ -24,30 +22,34 @@ pub(super) struct RepairedObject {
     pub welded: bool,
 }
 
-/// Repairs one object as a mesh of its own.
-pub(super) fn repair_object(
-    file: &ReadFile,
-    object: &Object,
-    format: Format,
-    options: &Options,
-    remesher: Option<&dyn Remesher>,
-    context: &Context<'_>,
-) -> Result<RepairedObject, RepairError> {
-    let began = context.now();
-    let mesh = file.mesh.of_same_file(object.mesh().map(|mesh| mesh.soup.clone()).unwrap_or_default());
-    let analysis = Analysis::new(subject(&mesh, file.unit.as_ref()), &context.for_verification())?;
-    let (before, time) = inspect_input(&analysis, began, context)?;
-    let settled = settle_orientation(&analysis, &before.measures, options, context)?;
-    let settled = analyse_settled(settled.as_ref(), context)?;
-    let original = Original::new(&analysis, &before.measures, CompareOptions::BRIEF).with_settled(settled.as_ref());
-    let input =
-        Input { bytes: None, mesh: &mesh, analysis: &analysis, original: &original, before: &before, time: &time };
-    let mut report = input.report(options, 0);
-    let Mended { outcome, judged } = mend(&input, carrier(format), &mut report, options, remesher, context)?;
-    let Told { bytes, source, .. } = input.tell(&mut report, outcome, judged, context)?;
-    let soup = if bytes.is_empty() { None } else { Some(carried(&bytes)?) };
-    let welded = analysis.ingest.merged_vertices > 0 && format == Format::ThreeMf;
-    Ok(RepairedObject { report, before: analysis.surface, soup, source, welded })
+/// What the repairs of a file's objects have in common.
+pub(super) struct ObjectRepair<'a> {
+    pub file: &'a ReadFile,
+    pub format: Format,
+    pub remesher: Option<&'a dyn Remesher>,
+}
+
+impl ObjectRepair<'_> {
+    /// Repairs one object as a mesh of its own.
+    pub fn run(
+        &self,
+        object: &Object,
+        place: ObjectPlace,
+        options: &Options,
+        context: &Context<'_>,
+    ) -> Result<RepairedObject, RepairError> {
+        let start = context.now();
+        let mesh = self.file.mesh.of_same_file(object.mesh().map(|mesh| mesh.soup.clone()).unwrap_or_default());
+        let source = Source { bytes: None, mesh: &mesh, unit: self.file.unit.as_ref() };
+        inspected(&source, options, context, |input| {
+            let body = repair_body(&input, carrier(self.format), options, self.remesher, context)?;
+            let soup = if body.bytes.is_empty() { None } else { Some(carried(&body.bytes)?) };
+            let welded = input.analysis.ingest.merged_vertices > 0 && self.format == Format::ThreeMf;
+            let time = context.now().saturating_sub(start);
+            let report = ObjectReport::new(place, &input, body.account, time);
+            Ok(RepairedObject { report, before: input.analysis.surface.clone(), soup, source: body.source, welded })
+        })
+    }
 }
 
 /// What an object is called in sentences: by its name, or by its number where it has none.

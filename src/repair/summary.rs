@@ -1,8 +1,10 @@
+use super::account::Ended;
 use super::assumed::counted;
+use super::input::Input;
 use super::requests::ask_of_printable;
 use super::verdict::Judged;
-use super::{Category, ChangeKind, LeftOut, Operator, Outcome, Report, Step, StepStatus};
-use crate::inspect::{DefectKind, Inspection, Measures};
+use super::{Category, ChangeKind, LeftOut, Operator, Options, Outcome, Step, StepStatus};
+use crate::inspect::{DefectKind, Inspection};
 
 /// What a printable result keeps though it is not ideal, in words; empty where there is nothing of the kind.
 pub(super) fn what_remains(after: &Inspection) -> String {
@@ -22,16 +24,20 @@ pub(super) fn what_remains(after: &Inspection) -> String {
 }
 
 /// The outcome in words, with what to do next where it is not good.
-pub(super) fn in_words(outcome: Outcome, report: &Report, after: Option<&Measures>) -> String {
-    let is_left_out = |what| report.left_out.contains(&what);
-    let deadline = report.options.deadline_s;
+pub(super) fn in_words(ended: &Ended, input: &Input<'_>, options: &Options) -> String {
+    let outcome = ended.outcome;
+    let after = ended.judged.as_ref().map(|judged| &judged.measures);
+    let out_of_time = input.time.left_out();
+    let is_left_out = |what| out_of_time.contains(&what);
+    let was_printable = input.before.measures.printable();
+    let deadline = options.deadline_s;
     let left = after.map_or_else(String::new, |after| after.faults().join(", "));
     let mut text = match outcome {
         Outcome::AlreadyPrintable => return "The model is printable already; its geometry was not touched.".to_owned(),
-        Outcome::Repaired if report.before.measures.printable() && report.options.asks_for_fewer_faces() => {
+        Outcome::Repaired if was_printable && options.asks_for_fewer_faces() => {
             return "The model was printable already; it has fewer faces now, as was asked for.".to_owned();
         }
-        Outcome::Repaired if report.before.measures.printable() && ask_of_printable(&report.options) => {
+        Outcome::Repaired if was_printable && ask_of_printable(options) => {
             return "The model was printable already; it was changed as the options ask.".to_owned();
         }
         Outcome::Repaired => return "The model was repaired and is printable.".to_owned(),
@@ -55,7 +61,7 @@ pub(super) fn in_words(outcome: Outcome, report: &Report, after: Option<&Measure
         Outcome::Unrepairable if after.is_none() => {
             "The file has no face that could be written: nothing is handed out. Export the model again.".to_owned()
         }
-        Outcome::Unrepairable if report.plan.category == Category::OpenSheet => {
+        Outcome::Unrepairable if ended.plan.category == Category::OpenSheet => {
             return "The model is an open surface that encloses nothing, so there is no solid to print; it is handed \
                     back unchanged. Ask for open_sheets thicken or base to have it made solid."
                 .to_owned();
@@ -67,21 +73,21 @@ pub(super) fn in_words(outcome: Outcome, report: &Report, after: Option<&Measure
             format!("Nothing that ran made the model better; it is handed back unchanged: {left}.")
         }
     };
-    if report.plan.category == Category::OpenSheet && outcome == Outcome::PartiallyRepaired {
+    if ended.plan.category == Category::OpenSheet && outcome == Outcome::PartiallyRepaired {
         text.push_str(
             " It is an open surface that encloses nothing: ask for open_sheets thicken or base to have it made solid.",
         );
     }
-    if let Some(left) = left_open_by_options(&report.steps) {
+    if let Some(left) = left_open_by_options(&ended.steps) {
         text.push_str(&left);
     }
     if is_left_out(LeftOut::Repair) || is_left_out(LeftOut::Verification) {
         text.push_str(&format!(" The deadline of {deadline} s came before everything was tried: raise deadline_s."));
     }
-    let skipped = report.steps.iter().any(|s| s.tier == 3 && s.status == StepStatus::Skipped);
+    let skipped = ended.steps.iter().any(|s| s.tier == 3 && s.status == StepStatus::Skipped);
     if skipped {
         text.push_str(" A remesh with Blender was planned and could not run.");
-    } else if report.options.max_tier < 3 {
+    } else if options.max_tier < 3 {
         text.push_str(" Raising max_tier to 3 lets Blender try.");
     }
     text
