@@ -10,6 +10,7 @@ use std::time::{Duration, Instant};
 
 use glam::DVec3;
 use meshmend::context::{Context, NoProgress, monotonic_clock};
+use meshmend::math::Precision;
 use meshmend::mesh::{Soup, Surface};
 use meshmend::simplify::Simplify;
 
@@ -48,7 +49,7 @@ fn run(what: &str, soup: &Soup, max_faces: Option<u64>, max_error: f64) {
     let (mut surface, _) = Surface::from_soup(soup);
     let (cancel, clock) = (AtomicBool::new(false), monotonic_clock());
     let context = Context::new(&NoProgress, &cancel, &clock, Duration::from_secs(3600));
-    let simplify = Simplify { max_faces, max_error, feature_angle_deg: 50.0, to_f32: true, toward: None };
+    let simplify = Simplify { max_faces, max_error, feature_angle_deg: 50.0, precision: Precision::F32, toward: None };
     let start = Instant::now();
     let done = simplify.apply(&mut surface, &context).expect("nobody cancels");
     let seconds = start.elapsed().as_secs_f64();

@@ -36,6 +36,7 @@ pub use limits::{Limits, ReadOptions};
 pub use losses::{Loss, losses, losses_in_words};
 pub use scenes::{ReadFile, ReadScene};
 
+use crate::math::Precision;
 use crate::mesh::{CornerNormals, Numbering, Soup};
 use crate::scene::{PaintedMesh, Scene};
 use content::Content;
@@ -84,10 +85,13 @@ impl Format {
         }
     }
 
-    /// Whether coordinates are rounded to f32 where they are written.
+    /// The precision in which coordinates are written.
     #[must_use]
-    pub fn is_single(self) -> bool {
-        matches!(self, Self::Stl | Self::Glb)
+    pub fn precision(self) -> Precision {
+        match self {
+            Self::Stl | Self::Glb => Precision::F32,
+            _ => Precision::F64,
+        }
     }
 
     /// Whether faces share vertices by their indices, so that a reader takes them as they are. STL has no indices, and glTF gives a vertex

@@ -24,7 +24,7 @@ mod samples;
 mod thin;
 
 use crate::context::{Cancelled, Context};
-use crate::math::{Box3, Rounding, to_unit_range, unit_scale};
+use crate::math::{Box3, Precision, Rounding, to_unit_range, unit_scale};
 use crate::mesh::{NO_SOURCE, Surface};
 use band::Limits;
 use field::Field;
@@ -57,12 +57,18 @@ pub struct Remesh {
     /// What is inside.
     pub inside: Inside,
     /// Whether positions are to be those that an STL file can hold.
-    pub to_f32: bool,
+    pub precision: Precision,
 }
 
 impl Default for Remesh {
     fn default() -> Self {
-        Self { cell: None, max_faces: 1_000_000, max_memory: 1 << 30, inside: Inside::Outward, to_f32: true }
+        Self {
+            cell: None,
+            max_faces: 1_000_000,
+            max_memory: 1 << 30,
+            inside: Inside::Outward,
+            precision: Precision::F32,
+        }
     }
 }
 
@@ -142,7 +148,7 @@ impl Remesh {
         }
         context.check()?;
         let field = Field::new(&points, &faces, self.inside);
-        let rounding = Rounding { scale, to_f32: self.to_f32 };
+        let rounding = Rounding { scale, precision: self.precision };
         let wanted = self.cell.map_or(diagonal / RESOLUTION, |cell| cell * scale);
         let wanted = wanted.clamp(diagonal / FINEST, diagonal / COARSEST);
         let mut cell = self.affordable(&field, &bounds, wanted, context)?;

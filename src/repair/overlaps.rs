@@ -38,7 +38,7 @@ pub(super) fn cut_body(
     }
     let mut surface = Surface::from_soup(&whole).0;
     // The turned bodies count against this one, so that only what is in no other counts as inside.
-    let resolve = Resolve { inside: Inside::Positive, most: f64::INFINITY, sheets: None, always: true };
+    let resolve = Resolve { inside: Inside::Positive, max_deviation: f64::INFINITY, sheets: None, always: true };
     let resolved = resolve.apply(&mut surface, &Exact, context)?;
     if resolved.error.is_some() || resolved.pairs_left > 0 || surface.faces.is_empty() {
         return Ok(None);

@@ -248,7 +248,7 @@ impl Runner<'_> {
         let applied = operator.run(&scope, surface, context);
         let Applied { changes, moved, left, failed, limited, unfixed, voxel_size, is_late } =
             applied.inspect_err(|_| surface.clone_from(&kept))?;
-        let limits = limits_of(operator, self.options, kept.bounds().diagonal(), scope.reach);
+        let limits = limits_of(operator, self.options, kept.bounds().diagonal(), scope.max_deviation);
         let limited = limited.into_iter().chain(limits);
         step.options_not_applied = limited
             .map(|(option, reason)| OptionNotApplied::new(self.options, option, NotAppliedCause::Limited, reason))
@@ -294,8 +294,15 @@ impl Runner<'_> {
     /// What the parameters of a rung's operators follow from, where vertices were moved so far already.
     fn scope(&self, rung: &Rung, moved: f64) -> Scope<'_> {
         let (pairing, inside) = ways_of(rung, self.options);
-        let reach = self.options.max_deviation.map_or(f64::INFINITY, |most| (most - moved).max(0.0));
-        Scope { options: self.options, format: self.format, pairing, inside, closes_sheets: closes_sheets(rung), reach }
+        let max_deviation = self.options.max_deviation.map_or(f64::INFINITY, |most| (most - moved).max(0.0));
+        Scope {
+            options: self.options,
+            format: self.format,
+            pairing,
+            inside,
+            closes_sheets: closes_sheets(rung),
+            max_deviation,
+        }
     }
 
     fn remesh(&self, action: Action, percent: u8, surface: &mut Surface, step: &mut Step) -> Result<End, Cancelled> {
@@ -341,10 +348,10 @@ impl Runner<'_> {
                 step.note = note;
                 step.changed = Change::list([(ChangeKind::FacesMade, made.faces.len() as u64)]);
                 if let Some(voxel) = step.voxel_size.filter(|_| !self.options.without.contains(&Operator::Simplify)) {
-                    let to_f32 = self.format.is_single();
+                    let precision = self.format.precision();
                     // What it makes has faces along the axes everywhere; the same lines, with as few faces as they need.
                     let context = &self.time.for_operators(made.faces.len(), self.context);
-                    let reduced = reduce_remeshed(&mut made, surface, voxel, to_f32, context)?;
+                    let reduced = reduce_remeshed(&mut made, surface, voxel, precision, context)?;
                     step.changed.extend(reduced.changes);
                     step.note = step.note.take().into_iter().chain(reduced.left).reduce(|a, b| format!("{a}; {b}"));
                     if reduced.is_late {

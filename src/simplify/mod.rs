@@ -25,7 +25,7 @@ mod witness;
 use glam::DVec3;
 
 use crate::context::{Cancelled, Context};
-use crate::math::{Rounding, Tree, to_unit_range, unit_scale};
+use crate::math::{Precision, Rounding, Tree, to_unit_range, unit_scale};
 use crate::mesh::{Edges, Surface, weld_exactly};
 use choice::choose;
 use collapse::{Attempt, Collapser, Why};
@@ -79,7 +79,7 @@ pub struct Simplify<'a> {
     /// vertex of a line moves. Ends and branches of lines stay. So it is with boundaries, whatever the angle.
     pub feature_angle_deg: f64,
     /// Whether every new position is one that f32 holds.
-    pub to_f32: bool,
+    pub precision: Precision,
     /// Another surface to stay near, such as the input before it was remeshed: the middles of new faces and of their edges
     /// are within `max_error` of it, or as near as the faces were that they stand for. The bound of `max_error` holds as well.
     pub toward: Option<Reference<'a>>,
@@ -145,7 +145,7 @@ impl Simplify<'_> {
             *slot = *v;
         }
         drop(welded);
-        let rounding = Rounding { scale, to_f32: self.to_f32 };
+        let rounding = Rounding { scale, precision: self.precision };
         let mut collapser = Collapser::new(it, bodies, self.max_error * scale, 1.0 / scale, self.toward);
         let ended = self.collapse_all(&mut collapser, rounding, context)?;
         let it = &collapser.it;

@@ -7,6 +7,7 @@ use std::time::Duration;
 use glam::DVec3;
 use meshmend::format::{self, Format, Limits};
 use meshmend::inspect::Level;
+use meshmend::math::Precision;
 use meshmend::mesh::{Soup, Surface};
 use meshmend::repair::{
     Action, Context, LeftOut, NoProgress, Operator, Options, Outcome, OutputFormat, Preset, Progress, RemeshAction,
@@ -243,8 +244,13 @@ fn a_blender_remesh_that_was_asked_for_is_the_one_that_runs() {
 #[test]
 fn a_simplification_that_a_deadline_ends_keeps_what_it_did() {
     let ball = sphere(DVec3::ZERO, 1.0, 96, 48);
-    let simplify =
-        Simplify { max_faces: Some(100), max_error: 1.0, feature_angle_deg: 50.0, to_f32: true, toward: None };
+    let simplify = Simplify {
+        max_faces: Some(100),
+        max_error: 1.0,
+        feature_angle_deg: 50.0,
+        precision: Precision::F32,
+        toward: None,
+    };
     let reduced = |looks: u32| {
         let clock = Clock { tick: Duration::from_secs(1), ..Clock::default() };
         let (cancel, look) = (AtomicBool::new(false), || clock.look());

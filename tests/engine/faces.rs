@@ -16,8 +16,8 @@ use proptest::prelude::*;
 use crate::meshes::{cube, join, push, sphere, torus};
 use crate::operators::{count, with_context};
 
-const SLIVERS: RemoveSlivers = RemoveSlivers { tolerance: 1e-6, most: f64::INFINITY };
-const FOLDS: UnfoldFoldovers = UnfoldFoldovers { angle: 0.01, height: 1e-7, most: f64::INFINITY };
+const SLIVERS: RemoveSlivers = RemoveSlivers { tolerance: 1e-6, max_deviation: f64::INFINITY };
+const FOLDS: UnfoldFoldovers = UnfoldFoldovers { angle: 0.01, height: 1e-7, max_deviation: f64::INFINITY };
 
 fn surface(soup: &Soup) -> Surface {
     Surface::from_soup(soup).0
@@ -110,7 +110,7 @@ fn no_vertex_moves_farther_than_it_may() {
     let mut mesh = surface(&sphere(DVec3::ZERO, 1.0, 12, 8));
     split(&mut mesh, 7, 0, 1e-7);
     let kept = mesh.clone();
-    let held = RemoveSlivers { most: 1e-9, ..SLIVERS };
+    let held = RemoveSlivers { max_deviation: 1e-9, ..SLIVERS };
     assert_eq!(with_context(|c| held.apply(&mut mesh, c)).unwrap().changes, []);
     assert_eq!(mesh, kept);
     assert_eq!(count(&with_context(|c| SLIVERS.apply(&mut mesh, c)).unwrap().changes, "short_edges_collapsed"), 1);

@@ -6,6 +6,7 @@ use std::time::Duration;
 use glam::DVec3;
 use meshmend::format::{self, Format, Limits};
 use meshmend::inspect::{Analysis, CompareOptions, compare};
+use meshmend::math::Precision;
 use meshmend::mesh::{Soup, Surface};
 use meshmend::repair::operators::thicken::{Skins, ThickenSheets};
 use meshmend::repair::{
@@ -94,8 +95,8 @@ fn a_comparison_calls_a_shell_unfaithful_to_the_open_solid() {
         thickness: Some(0.06),
         skins: Skins::Behind,
         spares_solids: false,
-        most: f64::INFINITY,
-        to_f32: true,
+        max_deviation: f64::INFINITY,
+        precision: Precision::F32,
     };
     with_context(|c| thicken.apply(&mut shell, c)).unwrap();
     let faithful = |after: &Soup| {
@@ -120,8 +121,8 @@ fn thickening_spares_parts_that_are_almost_closed_and_thickens_sheets_beside_the
         thickness: Some(0.1),
         skins: Skins::Behind,
         spares_solids: true,
-        most: f64::INFINITY,
-        to_f32: true,
+        max_deviation: f64::INFINITY,
+        precision: Precision::F32,
     };
     let applied = with_context(|c| thicken.apply(&mut surface, c)).unwrap();
     let count = |what: &str| applied.changes.iter().find(|it| it.what.as_str() == what).map_or(0, |it| it.count);

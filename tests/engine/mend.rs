@@ -190,7 +190,7 @@ proptest! {
 fn resolved(soup: &Soup) -> (Surface, Resolved) {
     let (mut surface, _) = Surface::from_soup(soup);
     let it = with_context(|c| {
-        Resolve { inside: Inside::Positive, most: f64::INFINITY, sheets: None, always: false }.apply(
+        Resolve { inside: Inside::Positive, max_deviation: f64::INFINITY, sheets: None, always: false }.apply(
             &mut surface,
             &Exact,
             c,
@@ -251,7 +251,7 @@ fn a_resolve_that_is_cancelled_leaves_the_surface_as_it_was() {
     let cancel = std::sync::atomic::AtomicBool::new(true);
     let clock = || std::time::Duration::ZERO;
     let context = Context::new(&NoProgress, &cancel, &clock, std::time::Duration::from_secs(1));
-    let it = Resolve { inside: Inside::Positive, most: f64::INFINITY, sheets: None, always: false };
+    let it = Resolve { inside: Inside::Positive, max_deviation: f64::INFINITY, sheets: None, always: false };
     assert!(it.apply(&mut surface, &Exact, &context).is_err());
     assert_eq!(surface, before);
 }

@@ -94,7 +94,7 @@ fn welding_closes_a_crack_narrower_than_the_tolerance_and_no_other() {
     }
     for (tolerance, open) in [(1e-6, 0), (1e-9, 6)] {
         let mut it = surface(&soup);
-        let changes = with_context(|c| Weld { tolerance, most: f64::INFINITY }.apply(&mut it, c)).unwrap();
+        let changes = with_context(|c| Weld { tolerance, max_deviation: f64::INFINITY }.apply(&mut it, c)).unwrap();
         assert_eq!(measured(&it.to_soup()).boundary_edges, open);
         assert_eq!(count(&changes.changes, "boundary_vertices_merged"), if open == 0 { 3 } else { 0 });
     }
@@ -106,7 +106,7 @@ fn welding_never_collapses_a_face_smaller_than_the_tolerance() {
     let tiny = 1e-4;
     push(&mut soup, [DVec3::ZERO, DVec3::X * tiny, DVec3::Y * tiny].map(|p| p + DVec3::new(9.0, 9.0, 0.0)));
     let mut it = surface(&soup);
-    with_context(|c| Weld { tolerance: 0.01, most: f64::INFINITY }.apply(&mut it, c)).unwrap();
+    with_context(|c| Weld { tolerance: 0.01, max_deviation: f64::INFINITY }.apply(&mut it, c)).unwrap();
     assert!(it.faces.iter().all(|&[a, b, c]| a != b && b != c && c != a));
     assert_eq!(it.faces.len(), soup.faces.len());
 }
@@ -120,7 +120,7 @@ fn welding_many_vertices_in_one_place_is_not_quadratic() {
     }
     push(&mut soup, [DVec3::ZERO, DVec3::X, DVec3::Y]);
     let mut it = surface(&soup);
-    with_context(|c| Weld { tolerance: 0.01, most: f64::INFINITY }.apply(&mut it, c)).unwrap();
+    with_context(|c| Weld { tolerance: 0.01, max_deviation: f64::INFINITY }.apply(&mut it, c)).unwrap();
     it.check().unwrap();
 }
 
@@ -365,7 +365,7 @@ proptest! {
         let mut it = surface(&soup);
         with_context(|c| {
             remove_collapsed(&mut it);
-            Weld { tolerance: 0.01, most: f64::INFINITY }.apply(&mut it, c).unwrap();
+            Weld { tolerance: 0.01, max_deviation: f64::INFINITY }.apply(&mut it, c).unwrap();
             remove_collapsed(&mut it);
             remove_duplicates(&mut it);
             let before = measured(&it.to_soup()).degenerate_faces;

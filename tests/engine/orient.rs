@@ -4,6 +4,7 @@ use std::f64::consts::TAU;
 
 use glam::DVec3;
 use meshmend::inspect::{Measures, measure};
+use meshmend::math::Precision;
 use meshmend::mesh::{NO_SOURCE, Soup, Surface};
 use meshmend::repair::operators::Applied;
 use meshmend::repair::operators::one_sided::CutOneSided;
@@ -295,7 +296,8 @@ fn a_klein_bottle_is_cut_into_a_part_with_two_sides() {
 fn a_cut_within_no_distance_is_left_and_told() {
     let mut surface = moebius_band(20, 2);
     with_context(|c| KEEP.apply(&mut surface, c)).unwrap();
-    let cut = with_context(|c| CutOneSided { most: 0.0, to_f32: true }.apply(&mut surface, c)).unwrap();
+    let cut =
+        with_context(|c| CutOneSided { max_deviation: 0.0, precision: Precision::F32 }.apply(&mut surface, c)).unwrap();
     assert_eq!((count(&cut.changes, "coincident_vertices_left"), cut.moved), (3, 0.0));
 }
 

@@ -350,7 +350,7 @@ fn the_operator_keeps_what_would_move_too_far_and_what_has_no_inside() {
     let (before, _) = Surface::from_soup(&sphere(DVec3::ZERO, 1.0, 16, 8));
     let remesh = Remesh { cell: Some(0.1), ..Remesh::default() };
     let run = |surface: &mut Surface, most: f64| {
-        with_context(|c| RemeshInside { remesh, most, reduce: true }.apply(surface, c)).unwrap()
+        with_context(|c| RemeshInside { remesh, max_deviation: most, reduce: true }.apply(surface, c)).unwrap()
     };
     let mut surface = before.clone();
     let kept = run(&mut surface, 0.0);

@@ -6,6 +6,7 @@ use std::time::Duration;
 use glam::DVec3;
 use meshmend::format::{self, Format, Limits};
 use meshmend::inspect::{Measures, measure};
+use meshmend::math::Precision;
 use meshmend::mesh::{Soup, Surface};
 use meshmend::repair::operators::base::AddBase;
 use meshmend::repair::operators::holes::FillHoles;
@@ -27,8 +28,13 @@ fn measured(surface: &Surface) -> Measures {
 
 fn thickened(soup: &Soup, thickness: f64, skins: Skins) -> (Surface, Applied) {
     let (mut surface, _) = Surface::from_soup(soup);
-    let thicken =
-        ThickenSheets { thickness: Some(thickness), skins, spares_solids: false, most: f64::INFINITY, to_f32: true };
+    let thicken = ThickenSheets {
+        thickness: Some(thickness),
+        skins,
+        spares_solids: false,
+        max_deviation: f64::INFINITY,
+        precision: Precision::F32,
+    };
     let applied = with_context(|c| thicken.apply(&mut surface, c)).unwrap();
     surface.drop_unreferenced();
     (surface, applied)
@@ -36,7 +42,7 @@ fn thickened(soup: &Soup, thickness: f64, skins: Skins) -> (Surface, Applied) {
 
 fn based(soup: &Soup, thickness: f64) -> (Surface, Applied) {
     let (mut surface, _) = Surface::from_soup(soup);
-    let base = AddBase { thickness: Some(thickness), most: f64::INFINITY, to_f32: true };
+    let base = AddBase { thickness: Some(thickness), max_deviation: f64::INFINITY, precision: Precision::F32 };
     let applied = with_context(|c| base.apply(&mut surface, c)).unwrap();
     (surface, applied)
 }
@@ -145,8 +151,13 @@ fn a_thickness_that_rounding_would_swallow_is_refused() {
 #[test]
 fn a_thickness_stays_within_what_may_be_moved() {
     let (mut surface, _) = Surface::from_soup(&as_f32(sheet(6)));
-    let thicken =
-        ThickenSheets { thickness: Some(1.0), skins: Skins::Behind, spares_solids: false, most: 0.02, to_f32: true };
+    let thicken = ThickenSheets {
+        thickness: Some(1.0),
+        skins: Skins::Behind,
+        spares_solids: false,
+        max_deviation: 0.02,
+        precision: Precision::F32,
+    };
     with_context(|c| thicken.apply(&mut surface, c)).unwrap();
     let flat = |p: &DVec3| p.z - 0.3 * p.x.sin();
     assert!(surface.positions.iter().all(|p| flat(p) > -0.03));
@@ -211,7 +222,7 @@ fn two_open_tubes_are_joined_and_their_holes_closed_around_both() {
         soup
     };
     let (mut surface, _) = Surface::from_soup(&join(&tube(0.0), &tube(1.5)));
-    let applied = with_context(|c| JoinParts { most: f64::INFINITY }.apply(&mut surface, c)).unwrap();
+    let applied = with_context(|c| JoinParts { max_deviation: f64::INFINITY }.apply(&mut surface, c)).unwrap();
     assert_eq!(count(&applied.changes, "parts_joined"), 1);
     let joined = Counts::of(&surface);
     assert_eq!(joined.get(Counter::MisorientedEdges) + joined.get(Counter::NonmanifoldEdges), 0);
@@ -226,7 +237,7 @@ fn parts_too_far_from_one_another_are_not_joined() {
     for p in surface.positions.iter_mut().skip(9) {
         p.z += 50.0;
     }
-    let applied = with_context(|c| JoinParts { most: 1.0 }.apply(&mut surface, c)).unwrap();
+    let applied = with_context(|c| JoinParts { max_deviation: 1.0 }.apply(&mut surface, c)).unwrap();
     assert!(applied.changes.is_empty());
 }
 

@@ -3,6 +3,7 @@
 use glam::DVec3;
 use meshmend::format::{Format, Limits, read, write};
 use meshmend::inspect::{Analysis, CompareOptions, Measures, compare, measure};
+use meshmend::math::Precision;
 use meshmend::math::Tree;
 use meshmend::mesh::{Soup, Surface};
 use meshmend::repair::{Context, NoProgress, Options, Outcome};
@@ -14,7 +15,7 @@ use crate::operators::with_context;
 use crate::pipeline::run;
 
 const EXACT: Simplify<'static> =
-    Simplify { max_faces: None, max_error: 1e-9, feature_angle_deg: 50.0, to_f32: true, toward: None };
+    Simplify { max_faces: None, max_error: 1e-9, feature_angle_deg: 50.0, precision: Precision::F32, toward: None };
 
 fn to(max_faces: u64) -> Simplify<'static> {
     Simplify { max_faces: Some(max_faces), max_error: f64::INFINITY, ..EXACT }
@@ -204,7 +205,7 @@ fn a_vertex_of_very_many_faces_does_not_take_all_day() {
         let (a, b) = (2 + i, 2 + (i + 1) % n);
         soup.faces.extend([[0, a, b], [1, b, a]]);
     }
-    let (_, done) = simplified(&soup, &Simplify { to_f32: false, ..to(100) });
+    let (_, done) = simplified(&soup, &Simplify { precision: Precision::F64, ..to(100) });
     assert!(done.left.unwrap().ends_with("the search was given up"));
 }
 

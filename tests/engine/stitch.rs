@@ -153,7 +153,7 @@ fn sewing_respects_the_ratio_and_the_cap() {
         (0.0, 1e-2, f64::INFINITY, false),
     ] {
         let mut it = open.clone();
-        let applied = with_context(|c| Sew { ratio, tolerance, most }.apply(&mut it, c)).unwrap();
+        let applied = with_context(|c| Sew { ratio, tolerance, max_deviation: most }.apply(&mut it, c)).unwrap();
         assert_eq!(measured(&it).boundary_edges, if closes { 0 } else { boundary }, "{ratio} {tolerance} {most}");
         assert!(applied.moved <= most);
         assert!(closes || it == open);
@@ -278,7 +278,7 @@ fn the_threshold_and_the_reach_bound_the_width_of_a_crack() {
     for (threshold, most, closes) in [(1e-2, 1.0, true), (1e-3, 1.0, false), (1e-2, 0.04, false), (0.0, 1.0, false)] {
         let open = slit(0.05, &[3.0, 7.0], &[5.0]);
         let mut it = open.clone();
-        let applied = stitched(&mut it, Stitch { threshold, most, ..Stitch::default() });
+        let applied = stitched(&mut it, Stitch { threshold, max_deviation: most, ..Stitch::default() });
         assert_eq!(measured(&it).boundary_edges == 4, closes, "{threshold} {most}");
         assert!(applied.moved <= most.min(threshold * 20.0));
         assert!(closes || it == open);

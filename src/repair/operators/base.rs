@@ -4,7 +4,7 @@ use glam::DVec3;
 
 use super::thicken::THICKNESS;
 use super::{Applied, Counter, Operation, Scope, open_parts};
-use crate::math::{Sign, orient2d, to_single, to_unit_range};
+use crate::math::{Precision, Sign, orient2d, to_unit_range};
 use crate::mesh::{BASE_SOURCE, Edges, Surface};
 use crate::repair::{Cancelled, Change, ChangeKind, Context};
 
@@ -14,9 +14,9 @@ pub struct AddBase {
     /// Distance from the lowest point to the plane, in the model's unit; without it [`THICKNESS`] of the diagonal.
     pub thickness: Option<f64>,
     /// The farthest that the base may be from the sheet, in the model's unit.
-    pub most: f64,
+    pub max_deviation: f64,
     /// Whether positions are to be those that an STL file can hold.
-    pub to_f32: bool,
+    pub precision: Precision,
 }
 
 /// A part seen along an axis.
@@ -45,7 +45,7 @@ impl AddBase {
     ///
     /// Precondition: consistent winding. Result: each part that was a height field is closed; no vertex moves; a part that
     /// looked down is turned. Leaves: parts of which some face is vertical or hangs over, and those whose base would be
-    /// farther away than `most`.
+    /// farther away than `max_deviation`.
     ///
     /// # Errors
     /// [`Cancelled`] when the work should stop; the surface is then unchanged.
@@ -72,11 +72,11 @@ impl AddBase {
             let heights = || faces.iter().flat_map(|&f| surface.corners(f as usize)).map(|p| p[view.axis] * view.up);
             let (lowest, highest) = heights().fold((f64::MAX, f64::MIN), |(l, h), x| (l.min(x), h.max(x)));
             let mut plane = DVec3::splat((lowest - thickness) * view.up);
-            if self.to_f32 {
-                plane = to_single(plane);
+            if self.precision == Precision::F32 {
+                plane = Precision::F32.round(plane);
             }
             let plane = plane.x;
-            if highest - plane * view.up > self.most || plane * view.up >= lowest || !plane.is_finite() {
+            if highest - plane * view.up > self.max_deviation || plane * view.up >= lowest || !plane.is_finite() {
                 too_far += 1;
                 continue;
             }
@@ -177,7 +177,11 @@ impl Operation for AddBase {
     const MAY_RAISE: &'static [Counter] = &[Counter::NonmanifoldEdges, Counter::PinchedVertices];
 
     fn with_scope(scope: &Scope<'_>, _surface: &Surface) -> Self {
-        Self { thickness: scope.options.thickness, most: scope.reach, to_f32: scope.format.is_single() }
+        Self {
+            thickness: scope.options.thickness,
+            max_deviation: scope.max_deviation,
+            precision: scope.format.precision(),
+        }
     }
 
     fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {

@@ -22,11 +22,15 @@ pub fn remove_collapsed(surface: &mut Surface) -> Vec<Change> {
 }
 
 /// Removes faces without area: those whose corners lie on a line by [`remove_caps`], and if there are such of which only f64
-/// finds no area, all that are as thin by [`RemoveSlivers`]. No vertex is moved farther than `most`, in the model's unit.
+/// finds no area, all that are as thin by [`RemoveSlivers`]. No vertex is moved farther than `max_deviation`, in the model's unit.
 ///
 /// # Errors
 /// [`Cancelled`] when the work should stop; the surface may then be half done.
-pub fn remove_without_area(surface: &mut Surface, most: f64, context: &Context<'_>) -> Result<Applied, Cancelled> {
+pub fn remove_without_area(
+    surface: &mut Surface,
+    max_deviation: f64,
+    context: &Context<'_>,
+) -> Result<Applied, Cancelled> {
     let mut applied = Applied::from(remove_caps(surface, context)?);
     let unit = to_unit_range(&surface.positions);
     let vanishes = |face: &[u32; 3]| {
@@ -34,7 +38,7 @@ pub fn remove_without_area(surface: &mut Surface, most: f64, context: &Context<'
         area_vanishes(a, b, c) && !collinear(a, b, c)
     };
     if surface.faces.iter().any(vanishes) {
-        let thin = RemoveSlivers { tolerance: LOWEST, most }.apply(surface, context)?;
+        let thin = RemoveSlivers { tolerance: LOWEST, max_deviation }.apply(surface, context)?;
         applied.changes.extend(thin.changes);
         (applied.moved, applied.left) = (thin.moved, thin.left);
     }
@@ -156,7 +160,7 @@ impl Operation for RemoveCollapsedFaces {
 /// Removes faces without area, whose corners lie on a line or nearly.
 #[derive(Debug, Clone, Copy)]
 pub struct RemoveCaps {
-    most: f64,
+    max_deviation: f64,
 }
 
 impl Operation for RemoveCaps {
@@ -165,10 +169,10 @@ impl Operation for RemoveCaps {
     const MAY_RAISE: &'static [Counter] = &[Counter::BoundaryEdges];
 
     fn with_scope(scope: &Scope<'_>, _surface: &Surface) -> Self {
-        Self { most: scope.reach }
+        Self { max_deviation: scope.max_deviation }
     }
 
     fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
-        remove_without_area(surface, self.most, context)
+        remove_without_area(surface, self.max_deviation, context)
     }
 }

@@ -1,8 +1,8 @@
 //! Fins: faces that hang on an edge of two others.
 
 use super::cut::{NONE, Pairing, mates};
-use super::quantise::written;
 use super::{Applied, Counter, Operation, Scope};
+use crate::math::Precision;
 use crate::mesh::{Edges, Surface};
 use crate::repair::{Cancelled, Change, ChangeKind, Context};
 
@@ -13,7 +13,7 @@ const MOST_ROUNDS: usize = 3;
 #[derive(Debug, Clone, Copy)]
 pub struct FreeFins {
     /// Whether the result is rounded to f32.
-    pub to_f32: bool,
+    pub precision: Precision,
 }
 
 impl FreeFins {
@@ -70,7 +70,7 @@ impl FreeFins {
         let [u, v] = Edges::ends(&surface.faces, h);
         let (w, f) = (Edges::opposite(&surface.faces, h), h as usize / 3);
         let [a, b] = [u, v].map(|v| surface.positions[v as usize]);
-        let middle = written((a + b) * 0.5, self.to_f32);
+        let middle = self.precision.round((a + b) * 0.5);
         let Ok(m) = u32::try_from(surface.positions.len()) else { return false };
         if middle == a || middle == b || !middle.is_finite() {
             return false;
@@ -88,7 +88,7 @@ impl Operation for FreeFins {
     const MAY_RAISE: &'static [Counter] = &[Counter::BoundaryEdges, Counter::PinchedVertices];
 
     fn with_scope(scope: &Scope<'_>, _surface: &Surface) -> Self {
-        Self { to_f32: scope.format.is_single() }
+        Self { precision: scope.format.precision() }
     }
 
     fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {

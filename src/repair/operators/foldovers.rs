@@ -21,7 +21,7 @@ pub struct UnfoldFoldovers {
     /// How far faces may stand off from those that they are folded on, as a share of the diagonal of the bounding box.
     pub height: f64,
     /// The same in the model's unit: the surface moves no farther.
-    pub most: f64,
+    pub max_deviation: f64,
 }
 
 impl UnfoldFoldovers {
@@ -47,7 +47,7 @@ impl UnfoldFoldovers {
     pub fn apply(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
         let unit = to_unit_range(&surface.positions);
         let scale = unit_scale(&surface.positions);
-        let height = (self.height * Box3::of(unit.iter().copied()).diagonal()).min(self.most * scale);
+        let height = (self.height * Box3::of(unit.iter().copied()).diagonal()).min(self.max_deviation * scale);
         if !(height > 0.0 && height.is_finite()) {
             return Ok(Applied::default());
         }
@@ -167,7 +167,7 @@ impl Operation for UnfoldFoldovers {
 
     fn with_scope(scope: &Scope<'_>, _surface: &Surface) -> Self {
         let angle = Tolerances::default().foldover_angle;
-        Self { angle, height: scope.options.degenerate_tolerance, most: scope.reach }
+        Self { angle, height: scope.options.degenerate_tolerance, max_deviation: scope.max_deviation }
     }
 
     fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {

@@ -17,7 +17,7 @@ const BUDGET: usize = 100_000_000;
 #[derive(Debug, Clone, Copy)]
 pub struct JoinParts {
     /// The farthest that a band may be from the parts that it joins, in the model's unit.
-    pub most: f64,
+    pub max_deviation: f64,
 }
 
 /// A boundary edge: its ends as its face runs, and its part.
@@ -40,7 +40,7 @@ impl JoinParts {
     /// This invents surface that the model does not describe, so it runs on request only, and the report warns.
     ///
     /// Precondition: consistent winding. Result: open parts are one, no vertex moves, no face goes. Leaves: closed parts,
-    /// which have nothing to be joined by, gaps wider than twice `most`, and everything where over 1024 parts are open. Of more than 4096 boundary edges only every
+    /// which have nothing to be joined by, gaps wider than twice `max_deviation`, and everything where over 1024 parts are open. Of more than 4096 boundary edges only every
     /// so many is looked at, so that the bands may not be the nearest ones.
     ///
     /// After the option `joincomp` of Attene 2010, "A lightweight approach to repairing digitized polygon meshes".
@@ -82,7 +82,7 @@ impl JoinParts {
             let Some(found) = nearest_outside(&borders, &inside, &mut nearest, &mut budget, cost) else { break };
             let (gap, from) = nearest[found];
             next = found;
-            if gap.is_finite() && gap / 2.0 <= self.most {
+            if gap.is_finite() && gap / 2.0 <= self.max_deviation {
                 borders[found].used = true;
                 borders[from].used = true;
                 joins.push((from, found));
@@ -159,7 +159,7 @@ impl Operation for JoinParts {
     const IS_ON_REQUEST: bool = true;
 
     fn with_scope(scope: &Scope<'_>, _surface: &Surface) -> Self {
-        Self { most: scope.reach }
+        Self { max_deviation: scope.max_deviation }
     }
 
     fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {

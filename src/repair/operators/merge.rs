@@ -14,7 +14,7 @@ pub struct MergeVertices {
     /// Vertices closer than this are merged, in the model's unit.
     pub distance: f64,
     /// No vertex is moved farther than this, in the model's unit.
-    pub most: f64,
+    pub max_deviation: f64,
 }
 
 impl MergeVertices {
@@ -29,7 +29,7 @@ impl MergeVertices {
     /// # Errors
     /// [`Cancelled`] when the work should stop; the surface is then unchanged.
     pub fn apply(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
-        let reach = self.distance.min(self.most);
+        let reach = self.distance.min(self.max_deviation);
         let usable = reach > 0.0 && reach.is_finite();
         // Only vertices that stay are in a cell, and those are at least the distance apart, so a cell holds few of them.
         let cell = |p: DVec3| (p / reach).floor().to_array().map(to_cell);
@@ -91,7 +91,7 @@ impl Operation for MergeVertices {
     const MAY_RAISE: &'static [Counter] = &Counter::ALL;
 
     fn with_scope(scope: &Scope<'_>, _surface: &Surface) -> Self {
-        Self { distance: scope.options.merge_distance.unwrap_or_default(), most: scope.reach }
+        Self { distance: scope.options.merge_distance.unwrap_or_default(), max_deviation: scope.max_deviation }
     }
 
     fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {

@@ -66,7 +66,7 @@ pub(in crate::repair) struct Scope<'a> {
     /// Whether open sheets are made solid.
     pub closes_sheets: bool,
     /// How far a vertex may still move, in the model's unit, after what operators before it used up.
-    pub reach: f64,
+    pub max_deviation: f64,
 }
 
 /// An operator as the pipeline runs it.

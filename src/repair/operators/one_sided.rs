@@ -6,7 +6,7 @@ use super::orient::{agree, turn_faces};
 use super::places::Places;
 use super::{Applied, Counter, Operation, Scope};
 use crate::inspect::doubled_areas;
-use crate::math::collinear;
+use crate::math::{Precision, collinear};
 use crate::mesh::{Edges, Surface, UnionFind};
 use crate::repair::{Cancelled, Change, ChangeKind, Context};
 
@@ -27,21 +27,21 @@ const NONE: u32 = u32::MAX;
 ///
 /// Precondition: oriented; what is not yet is turned here too. Result: no edge of two faces is in conflict; the cut is a
 /// boundary. Leaves: cuts that would run into edges of more than two faces, which have to be cut apart before, counted as
-/// `orientation_conflicts_left`, and copies that can't be moved without turning a face over or farther than `most`,
+/// `orientation_conflicts_left`, and copies that can't be moved without turning a face over or farther than `max_deviation`,
 /// counted as `coincident_vertices_left`.
 ///
 /// After Guéziec et al. 2001, "Cutting and Stitching: Converting Sets of Polygons to Manifold Surfaces".
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CutOneSided {
     /// How far a copy may be moved, in the model's unit. Default: as far as f32 asks for.
-    pub most: f64,
+    pub max_deviation: f64,
     /// Whether positions must be those that f32 can hold. Default: yes.
-    pub to_f32: bool,
+    pub precision: Precision,
 }
 
 impl Default for CutOneSided {
     fn default() -> Self {
-        Self { most: f64::INFINITY, to_f32: true }
+        Self { max_deviation: f64::INFINITY, precision: Precision::F32 }
     }
 }
 
@@ -61,7 +61,7 @@ impl CutOneSided {
         let copies = cut(surface, &edges);
         let (mut moved, mut coincident) = (0.0f64, 0u64);
         if !copies.is_empty() {
-            let mut fans = Fans::new(surface, &copies, self.to_f32);
+            let mut fans = Fans::new(surface, &copies, self.precision);
             for &v in &copies {
                 match fans.part(surface, v, self) {
                     Some(by) => moved = moved.max(by),
@@ -174,14 +174,14 @@ struct Fans {
 }
 
 impl Fans {
-    fn new(surface: &Surface, copies: &[u32], to_f32: bool) -> Self {
+    fn new(surface: &Surface, copies: &[u32], precision: Precision) -> Self {
         let first = copies[0];
         let mut corners: Vec<(u32, u32)> = Vec::new();
         for (face, f) in surface.faces.iter().zip(0u32..) {
             corners.extend(face.iter().filter(|&&v| v >= first).map(|&v| (v, f)));
         }
         corners.sort_unstable();
-        Self { corners, places: Places::new(surface, to_f32) }
+        Self { corners, places: Places::new(surface, precision) }
     }
 
     /// Moves a copy into its faces by the least that f32 can tell. Answers how far, unless it can't be.
@@ -212,7 +212,7 @@ impl Fans {
             DVec3::NEG_Z,
         ]);
         for direction in directions {
-            if let Some(q) = self.places.find(p, direction, how.most, fits) {
+            if let Some(q) = self.places.find(p, direction, how.max_deviation, fits) {
                 surface.positions[v as usize] = q;
                 return Some(p.distance(q));
             }
@@ -226,7 +226,7 @@ impl Operation for CutOneSided {
     const MAY_RAISE: &'static [Counter] = &[Counter::BoundaryEdges];
 
     fn with_scope(scope: &Scope<'_>, _surface: &Surface) -> Self {
-        Self { most: scope.reach, to_f32: scope.format.is_single() }
+        Self { max_deviation: scope.max_deviation, precision: scope.format.precision() }
     }
 
     fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {

@@ -4,8 +4,8 @@ use std::collections::HashSet;
 
 use glam::DVec3;
 
-use super::quantise::written;
 use super::rounding::TOLD_APART;
+use crate::math::Precision;
 use crate::mesh::Surface;
 
 /// Lengths that are tried, each twice the one before, beginning with the distance between neighbouring f32 numbers.
@@ -15,7 +15,7 @@ const STEPS: i32 = 12;
 pub(super) struct Places {
     taken: HashSet<[u32; 3]>,
     /// Whether positions are rounded to f32.
-    to_f32: bool,
+    precision: Precision,
     /// The least length that is tried.
     least: f64,
     /// The farthest that was gone so far.
@@ -24,11 +24,11 @@ pub(super) struct Places {
 
 impl Places {
     /// Those of a surface's vertices.
-    pub fn new(surface: &Surface, to_f32: bool) -> Self {
+    pub fn new(surface: &Surface, precision: Precision) -> Self {
         let largest = surface.positions.iter().fold(DVec3::ZERO, |most, p| most.max(p.abs()));
         // In a direction between the axes it is still above 1e-8 along one of them.
         let least = (2.0 * TOLD_APART).min(spacing(largest));
-        Self { taken: surface.positions.iter().map(|&p| key(p)).collect(), to_f32, least, moved: 0.0 }
+        Self { taken: surface.positions.iter().map(|&p| key(p)).collect(), precision, least, moved: 0.0 }
     }
 
     /// The nearest free position from `p` in a direction, no farther than `most`, for which `fits` holds; then it is taken.
@@ -41,7 +41,7 @@ impl Places {
     ) -> Option<DVec3> {
         let least = spacing(p).max(self.least);
         for k in 0..STEPS {
-            let q = written(p + direction * (least * 2f64.powi(k)), self.to_f32);
+            let q = self.precision.round(p + direction * (least * 2f64.powi(k)));
             let free = q.is_finite() && p.distance(q) <= most && !self.taken.contains(&key(q));
             if free && fits(q) {
                 self.taken.insert(key(q));

@@ -1,8 +1,6 @@
 //! Rounding to f32, as an STL file will.
 
-use glam::DVec3;
-
-use crate::math::to_single;
+use crate::math::Precision;
 use crate::mesh::{Surface, weld_exactly};
 
 /// Rounds every position to the nearest f32 and merges what then coincides, so that every operator after it works on
@@ -12,7 +10,7 @@ use crate::mesh::{Surface, weld_exactly};
 pub fn quantise(surface: &mut Surface) -> u64 {
     let mut moved = 0;
     for p in &mut surface.positions {
-        let rounded = to_single(*p);
+        let rounded = Precision::F32.round(*p);
         if rounded != *p {
             *p = rounded;
             moved += 1;
@@ -22,9 +20,4 @@ pub fn quantise(surface: &mut Surface) -> u64 {
         weld_exactly(surface);
     }
     moved
-}
-
-/// A position as the result's file will say it: in f32 where `to_f32` says so.
-pub(super) fn written(p: DVec3, to_f32: bool) -> DVec3 {
-    if to_f32 { to_single(p) } else { p }
 }

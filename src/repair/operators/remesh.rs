@@ -14,7 +14,7 @@ pub struct RemeshInside {
     /// How: size of cells, limits, what is inside, rounding.
     pub remesh: Remesh,
     /// The farthest that the surface as it was may be from the new one, in the model's unit.
-    pub most: f64,
+    pub max_deviation: f64,
     /// Whether faces that the new surface does not need are removed.
     pub reduce: bool,
 }
@@ -33,7 +33,7 @@ impl RemeshInside {
     /// Precondition: faces mostly wind outward around what is solid; holes, flips, overlaps and inner walls may be anywhere.
     /// Result: closed, oriented, manifold, free of intersections in the coordinates that the file will hold, and within about
     /// a cell of the input, as measured and told. Leaves: everything where nothing is inside, the limits allow no result,
-    /// or the result would be farther away than `most`. Source: see [`crate::remesh`].
+    /// or the result would be farther away than `max_deviation`. Source: see [`crate::remesh`].
     ///
     /// # Errors
     /// [`Cancelled`] when the work should stop; the surface is then unchanged.
@@ -44,7 +44,7 @@ impl RemeshInside {
             Err(error) => return Ok(Applied { failed: Some(error.into()), ..Applied::default() }),
         };
         let (lost, added) = (made.deviation.lost, made.deviation.made);
-        if lost.max > self.most {
+        if lost.max > self.max_deviation {
             return Ok(Applied { failed: Some(Failure::TooFar { away: lost.max }), ..Applied::default() });
         }
         let faces = made.surface.faces.len() as u64;
@@ -53,7 +53,7 @@ impl RemeshInside {
         let mut result = made.surface;
         let mut reduced = Applied::default();
         if self.reduce {
-            reduced = reduce_remeshed(&mut result, surface, made.cell, self.remesh.to_f32, context)?;
+            reduced = reduce_remeshed(&mut result, surface, made.cell, self.remesh.precision, context)?;
             changes.append(&mut reduced.changes);
         }
         *surface = result;
@@ -85,10 +85,10 @@ impl Operation for RemeshInside {
                 Inside::Nonzero => remesh::Inside::EitherWay,
                 Inside::Odd => remesh::Inside::Odd,
             },
-            to_f32: scope.format.is_single(),
+            precision: scope.format.precision(),
             ..Remesh::default()
         };
-        Self { remesh, most: scope.reach, reduce: !options.without.contains(&Operator::Simplify) }
+        Self { remesh, max_deviation: scope.max_deviation, reduce: !options.without.contains(&Operator::Simplify) }
     }
 
     fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {

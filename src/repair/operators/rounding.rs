@@ -10,7 +10,7 @@ use super::quantise::quantise;
 use super::separate::NEIGHBOURS;
 use super::{Applied, Counter, Operation, Scope};
 use crate::inspect::Decimals;
-use crate::math::to_single;
+use crate::math::Precision;
 use crate::mesh::{Surface, position_key};
 use crate::repair::{Cancelled, Change, ChangeKind, Context};
 
@@ -98,7 +98,7 @@ pub(super) fn round_apart(
 #[derive(Debug, Clone, Copy)]
 pub(super) struct TellApart {
     /// No vertex is moved farther than this, in the model's unit.
-    pub most: f64,
+    pub max_deviation: f64,
     /// Whether vertices may be moved that have no edge in common; else they stay near each other.
     pub moves: bool,
 }
@@ -141,12 +141,12 @@ pub(super) fn tell_apart(
         for v in group.clone() {
             let p = at(it.surface, v);
             let others: SmallVec<[u32; 8]> = group.iter().copied().filter(|&u| at(it.surface, u) != p).collect();
-            let near = others.iter().copied().filter(|&u| at(it.surface, u).distance(p) <= limits.most);
+            let near = others.iter().copied().filter(|&u| at(it.surface, u).distance(p) <= limits.max_deviation);
             let goes = it.merge_into(v, &near.collect::<SmallVec<[u32; 8]>>());
             merged += u64::from(goes);
             let places = asides.iter().map(|&aside| lattice.nearest(p + aside));
             let may_take =
-                |q: &DVec3| q.distance(p) <= limits.most && !taken.contains(&position_key(decimals.round(*q)));
+                |q: &DVec3| q.distance(p) <= limits.max_deviation && !taken.contains(&position_key(decimals.round(*q)));
             let moves = limits.moves && !others.is_empty();
             if goes || (moves && it.shift_to(v, places.filter(may_take))) {
                 taken.insert(position_key(decimals.round(at(it.surface, v))));
@@ -212,7 +212,7 @@ impl<'a> Rounding<'a> {
         let mut ends: Vec<u32> = self.stars[v as usize]
             .iter()
             .flat_map(|&f| self.surface.faces[f as usize])
-            .filter(|&w| w != v && at(w).distance(p) <= most && to_single(at(w)) == at(w))
+            .filter(|&w| w != v && at(w).distance(p) <= most && Precision::F32.round(at(w)) == at(w))
             .collect();
         ends.sort_unstable();
         ends.dedup();
@@ -305,8 +305,8 @@ impl Lattice {
 /// Rounds coordinates to those that the result's format can hold, and merges vertices that readers take for one.
 #[derive(Debug, Clone, Copy)]
 pub struct RoundCoordinates {
-    to_f32: bool,
-    most: f64,
+    precision: Precision,
+    max_deviation: f64,
 }
 
 impl Operation for RoundCoordinates {
@@ -314,12 +314,12 @@ impl Operation for RoundCoordinates {
     const MAY_RAISE: &'static [Counter] = &Counter::ALL;
 
     fn with_scope(scope: &Scope<'_>, _surface: &Surface) -> Self {
-        Self { to_f32: scope.format.is_single(), most: scope.reach }
+        Self { precision: scope.format.precision(), max_deviation: scope.max_deviation }
     }
 
     fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
-        let rounded = if self.to_f32 { quantise(surface) } else { 0 };
-        let limits = TellApart { most: self.most, moves: false };
+        let rounded = if self.precision == Precision::F32 { quantise(surface) } else { 0 };
+        let limits = TellApart { max_deviation: self.max_deviation, moves: false };
         let joined = tell_apart(surface, limits, |_| true, context)?;
         Ok(Change::list([
             (ChangeKind::VerticesRoundedToF32, rounded),
@@ -377,13 +377,15 @@ mod tests {
     fn corners_of_two_parts_that_eight_decimals_do_not_tell_apart_are_moved_where_they_may() {
         let surface = tetrahedra(2f64.powi(-30));
         assert!(joined_by_decimals(&surface).is_some());
-        let (moved, merged) = separated(surface.clone(), TellApart { most: f64::INFINITY, moves: true });
+        let (moved, merged) = separated(surface.clone(), TellApart { max_deviation: f64::INFINITY, moves: true });
         assert_eq!((merged, moved.faces.len(), joined_by_decimals(&moved)), (0, 8, None));
         let corners = |it: &Surface| (0..8).flat_map(|f| it.corners(f)).collect::<Vec<DVec3>>();
         let far = corners(&surface).into_iter().zip(corners(&moved)).map(|(p, q)| p.distance(q));
         let farthest = far.fold(0.0, f64::max);
         assert!(farthest > 0.0 && farthest < 1e-7, "{farthest}");
-        for limits in [TellApart { most: f64::INFINITY, moves: false }, TellApart { most: 1e-12, moves: true }] {
+        for limits in
+            [TellApart { max_deviation: f64::INFINITY, moves: false }, TellApart { max_deviation: 1e-12, moves: true }]
+        {
             let (same, merged) = separated(surface.clone(), limits);
             assert_eq!((corners(&same), merged), (corners(&surface), 0));
         }
@@ -398,7 +400,7 @@ mod tests {
         surface.faces[1] = [0, 8, 3];
         surface.faces.extend([[8, 2, 1], [8, 1, 3]]);
         surface.source.extend([0, 1]);
-        let (whole, merged) = separated(surface, TellApart { most: 1e-7, moves: false });
+        let (whole, merged) = separated(surface, TellApart { max_deviation: 1e-7, moves: false });
         assert_eq!((merged, whole.faces.len(), joined_by_decimals(&whole)), (1, 8, None));
         assert!(Edges::new(&whole.faces).iter().all(|half_edges| half_edges.len() == 2));
     }

@@ -7,7 +7,7 @@ use super::cut::{NONE, Pairing, Pinches, cut_apart, mates};
 use super::places::{Places, key, spacing};
 use super::rounding::{TellApart, tell_apart};
 use super::{Applied, Counter, Operation, Scope};
-use crate::math::{collinear, to_single};
+use crate::math::{Precision, collinear};
 use crate::mesh::{Edges, Stars, Surface};
 use crate::repair::{Cancelled, Change, ChangeKind, Context};
 
@@ -33,12 +33,12 @@ const MOST: f64 = 1e-4;
 #[derive(Debug, Clone, Copy)]
 pub struct Separate {
     /// No vertex is moved farther than this, in the model's unit; nor farther than 1e-4 of the diagonal.
-    pub most: f64,
+    pub max_deviation: f64,
 }
 
 impl Default for Separate {
     fn default() -> Self {
-        Self { most: f64::INFINITY }
+        Self { max_deviation: f64::INFINITY }
     }
 }
 
@@ -62,7 +62,7 @@ impl Separate {
     pub fn apply(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
         let mut changes = Vec::new();
         let mut split = 0;
-        let mut places = Aside::new(surface, self.most);
+        let mut places = Aside::new(surface, self.max_deviation);
         for _ in 0..MOST_ROUNDS {
             changes.extend(cut_apart(surface, Pairing::Angular, Pinches::Cut, context)?);
             let done = split_doubled_edges(surface, &mut places, context)?;
@@ -72,7 +72,8 @@ impl Separate {
             }
         }
         let (moved, left) = spread(surface, &mut places, context)?;
-        let merged = tell_apart(surface, TellApart { most: self.most, moves: true }, |_| true, context)?;
+        let merged =
+            tell_apart(surface, TellApart { max_deviation: self.max_deviation, moves: true }, |_| true, context)?;
         changes.extend(Change::list([
             (ChangeKind::NearCoincidentVerticesMerged, merged),
             (ChangeKind::DoubledEdgesSplit, split),
@@ -88,13 +89,17 @@ impl Separate {
 struct Aside {
     places: Places,
     reach: f64,
-    most: f64,
+    max_deviation: f64,
 }
 
 impl Aside {
-    fn new(surface: &Surface, most: f64) -> Self {
+    fn new(surface: &Surface, max_deviation: f64) -> Self {
         let diagonal = surface.bounds().diagonal();
-        Self { places: Places::new(surface, true), reach: (MOST * diagonal).min(most), most }
+        Self {
+            places: Places::new(surface, Precision::F32),
+            reach: (MOST * diagonal).min(max_deviation),
+            max_deviation,
+        }
     }
 
     /// The farthest that was gone so far.
@@ -104,7 +109,7 @@ impl Aside {
 
     /// The nearest free position from `p` in a direction for which `fits` holds, as f32 says it; then it is taken.
     fn find(&mut self, p: DVec3, direction: DVec3, fits: impl FnMut(DVec3) -> bool) -> Option<DVec3> {
-        self.places.find(p, direction, self.reach.max(4.0 * spacing(p)).min(self.most), fits)
+        self.places.find(p, direction, self.reach.max(4.0 * spacing(p)).min(self.max_deviation), fits)
     }
 }
 
@@ -149,7 +154,7 @@ fn split_pair(surface: &mut Surface, x: u32, y: u32, places: &mut Aside, clear: 
     let [f, g] = [x, y].map(|h| h as usize / 3);
     let at = |v: u32| surface.positions[v as usize];
     let [n, m] = [f, g].map(|f| surface.area_vector(f).normalize_or_zero());
-    let middle = to_single((at(a) + at(b)) * 0.5);
+    let middle = Precision::F32.round((at(a) + at(b)) * 0.5);
     let Some(direction) = (-(n + m)).try_normalize() else { return false };
     let new_faces = |w: DVec3| [[at(a), w, at(c), n], [w, at(b), at(c), n], [at(b), w, at(d), m], [w, at(a), at(d), m]];
     #[expect(clippy::cast_possible_truncation, reason = "faces are counted in u32")]
@@ -248,7 +253,7 @@ impl Operation for Separate {
     const MAY_RAISE: &'static [Counter] = &[Counter::BoundaryEdges, Counter::DuplicateFaces];
 
     fn with_scope(scope: &Scope<'_>, _surface: &Surface) -> Self {
-        Self { most: scope.reach }
+        Self { max_deviation: scope.max_deviation }
     }
 
     fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {

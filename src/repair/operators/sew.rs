@@ -13,12 +13,12 @@ pub struct Sew {
     /// Most of the distance over the bounding box's diagonal; 0.001 by default, infinite for none.
     pub tolerance: f64,
     /// No vertex is moved farther than this, in the model's unit.
-    pub most: f64,
+    pub max_deviation: f64,
 }
 
 impl Default for Sew {
     fn default() -> Self {
-        Self { ratio: 0.2, tolerance: 1e-3, most: f64::INFINITY }
+        Self { ratio: 0.2, tolerance: 1e-3, max_deviation: f64::INFINITY }
     }
 }
 
@@ -42,7 +42,7 @@ impl Sew {
     /// # Errors
     /// [`Cancelled`] when the work should stop; what is merged stays merged.
     pub fn apply(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
-        let cap = (self.tolerance * surface.bounds().diagonal()).min(self.most);
+        let cap = (self.tolerance * surface.bounds().diagonal()).min(self.max_deviation);
         let Some(mut border) = Border::new(surface).filter(|_| cap > 0.0) else { return Ok(Applied::default()) };
         let mut reach = vec![cap; border.vertices.len()];
         for ([a, b], length) in border.lengths().collect::<Vec<_>>() {
@@ -113,7 +113,7 @@ impl Operation for Sew {
         let (usual, asked) = (Self::default(), scope.options.sew_ratio);
         // A ratio that was asked for is the only limit.
         let tolerance = if asked.is_some() { f64::INFINITY } else { usual.tolerance };
-        Self { ratio: asked.unwrap_or(usual.ratio), tolerance, most: scope.reach }
+        Self { ratio: asked.unwrap_or(usual.ratio), tolerance, max_deviation: scope.max_deviation }
     }
 
     fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {

@@ -1,6 +1,7 @@
 //! Fewer faces, where that is asked for.
 
 use super::{Applied, Counter, Operation, Scope};
+use crate::math::Precision;
 use crate::mesh::Surface;
 use crate::repair::{Cancelled, Change, ChangeKind, Context, Options};
 use crate::simplify::Simplify;
@@ -19,9 +20,9 @@ pub struct ReduceFaces {
     /// The largest error, in the model's unit; none: 0.5 % of the bounding box's diagonal.
     pub max_error: Option<f64>,
     /// Nor may surface come farther than this from where it was, in the model's unit.
-    pub most: f64,
+    pub max_deviation: f64,
     /// Whether positions are rounded to f32.
-    pub to_f32: bool,
+    pub precision: Precision,
 }
 
 /// Most faces of a remeshed model: as many times those of the model before, but never fewer than the floor.
@@ -41,7 +42,7 @@ pub(in crate::repair) fn reduce_remeshed(
     surface: &mut Surface,
     before: &Surface,
     cell: f64,
-    to_f32: bool,
+    precision: Precision,
     context: &Context<'_>,
 ) -> Result<Applied, Cancelled> {
     let diagonal = surface.bounds().diagonal();
@@ -49,7 +50,7 @@ pub(in crate::repair) fn reduce_remeshed(
         max_faces: None,
         max_error: cell / 5.0,
         feature_angle_deg: REMESHED_ANGLE_DEG,
-        to_f32,
+        precision,
         toward: None,
     };
     let faces_before = surface.faces.len() as u64;
@@ -83,9 +84,9 @@ impl ReduceFaces {
         let diagonal = surface.bounds().diagonal();
         let simplify = Simplify {
             max_faces: self.max_faces,
-            max_error: self.max_error.unwrap_or(MOST_ERROR * diagonal).min(self.most),
+            max_error: self.max_error.unwrap_or(MOST_ERROR * diagonal).min(self.max_deviation),
             feature_angle_deg: FEATURE_ANGLE_DEG,
-            to_f32: self.to_f32,
+            precision: self.precision,
             toward: None,
         };
         let done = simplify.apply(surface, context)?;
@@ -101,7 +102,7 @@ impl Operation for ReduceFaces {
 
     fn with_scope(scope: &Scope<'_>, _surface: &Surface) -> Self {
         let Options { max_faces, max_error, .. } = *scope.options;
-        Self { max_faces, max_error, most: scope.reach, to_f32: scope.format.is_single() }
+        Self { max_faces, max_error, max_deviation: scope.max_deviation, precision: scope.format.precision() }
     }
 
     fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {

@@ -20,7 +20,7 @@ pub struct RemoveSlivers {
     /// Edges shorter than this and faces lower than this are removed, as a share of the diagonal of the bounding box. 0 for none.
     pub tolerance: f64,
     /// No vertex is moved farther than this, in the model's unit.
-    pub most: f64,
+    pub max_deviation: f64,
 }
 
 impl RemoveSlivers {
@@ -49,7 +49,7 @@ impl RemoveSlivers {
     pub fn apply(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
         let scale = unit_scale(&surface.positions);
         let diagonal = Box3::of(surface.positions.iter().map(|&p| p * scale)).diagonal();
-        let length = (self.tolerance * diagonal).min(self.most * scale);
+        let length = (self.tolerance * diagonal).min(self.max_deviation * scale);
         if !(length > 0.0 && length.is_finite()) {
             return Ok(Applied::default());
         }
@@ -286,7 +286,7 @@ impl Operation for RemoveSlivers {
     const MAY_RAISE: &'static [Counter] = &[Counter::BoundaryEdges];
 
     fn with_scope(scope: &Scope<'_>, _surface: &Surface) -> Self {
-        Self { tolerance: scope.options.degenerate_tolerance, most: scope.reach }
+        Self { tolerance: scope.options.degenerate_tolerance, max_deviation: scope.max_deviation }
     }
 
     fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {

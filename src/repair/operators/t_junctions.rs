@@ -16,12 +16,12 @@ pub struct SplitTJunctions {
     /// Share of the bounding box's diagonal; 1e-6 by default. What rounding to f32 may come to is always allowed.
     pub tolerance: f64,
     /// No edge is bent farther than this, in the model's unit.
-    pub most: f64,
+    pub max_deviation: f64,
 }
 
 impl Default for SplitTJunctions {
     fn default() -> Self {
-        Self { tolerance: 1e-6, most: f64::INFINITY }
+        Self { tolerance: 1e-6, max_deviation: f64::INFINITY }
     }
 }
 
@@ -46,7 +46,7 @@ impl SplitTJunctions {
     pub fn apply(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
         let bounds = surface.bounds();
         let rounding = ROUNDING * bounds.min.abs().max(bounds.max.abs()).max_element();
-        let reach = (self.tolerance * bounds.diagonal()).max(rounding).min(self.most.max(f64::MIN_POSITIVE));
+        let reach = (self.tolerance * bounds.diagonal()).max(rounding).min(self.max_deviation.max(f64::MIN_POSITIVE));
         let Some(mut border) = Border::new(surface) else { return Ok(Applied::default()) };
         let mut on_edges = vertices_on_edges(&mut border, reach, context)?;
         // By edge, and along each.
@@ -110,7 +110,7 @@ impl Operation for SplitTJunctions {
     const MAY_RAISE: &'static [Counter] = &[Counter::BoundaryEdges, Counter::PinchedVertices];
 
     fn with_scope(scope: &Scope<'_>, _surface: &Surface) -> Self {
-        Self { most: scope.reach, ..Self::default() }
+        Self { max_deviation: scope.max_deviation, ..Self::default() }
     }
 
     fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {

@@ -17,7 +17,7 @@ pub struct Weld {
     /// Share of the bounding box's diagonal.
     pub tolerance: f64,
     /// No vertex is moved farther than this, in the model's unit.
-    pub most: f64,
+    pub max_deviation: f64,
 }
 
 impl Weld {
@@ -42,7 +42,7 @@ impl Weld {
     pub fn apply(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
         let edges = Edges::new(&surface.faces);
         let diagonal = surface.bounds().diagonal();
-        let reach = (self.tolerance * diagonal).min(self.most);
+        let reach = (self.tolerance * diagonal).min(self.max_deviation);
         let radii = radii(surface, &edges, reach);
         let boundary: Vec<u32> = (0u32..).zip(&radii).filter(|(_, r)| **r > 0.0).map(|(v, _)| v).collect();
         if boundary.len() < 2 || !reach.is_finite() {
@@ -150,7 +150,7 @@ impl Operation for Weld {
         &[Counter::NonmanifoldEdges, Counter::MisorientedEdges, Counter::PinchedVertices, Counter::DuplicateFaces];
 
     fn with_scope(scope: &Scope<'_>, _surface: &Surface) -> Self {
-        Self { tolerance: scope.options.weld_tolerance, most: scope.reach }
+        Self { tolerance: scope.options.weld_tolerance, max_deviation: scope.max_deviation }
     }
 
     fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {

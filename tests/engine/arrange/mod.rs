@@ -160,7 +160,7 @@ fn a_cluster_of_fifty_thousand_intersections_is_resolved_in_seconds_at_the_same_
     let before = measured(&surface);
     assert!(before.self_intersections.pairs > Some(50_000), "{:?}", before.self_intersections);
     let start = Instant::now();
-    let resolve = Resolve { inside: Inside::Positive, most: 0.01, sheets: None, always: false };
+    let resolve = Resolve { inside: Inside::Positive, max_deviation: 0.01, sheets: None, always: false };
     let done = with_context(|c| resolve.apply(&mut surface, &Exact, c)).unwrap();
     let it = as_stl(&surface);
     assert!(it.printable(), "{done:?} {it:?}");
@@ -189,7 +189,7 @@ proptest! {
         let axis = DVec3::new(turn.0, turn.1, turn.2 + 0.1).normalize();
         let soup = as_f32(turned(soup, DQuat::from_axis_angle(axis, 1.0 + turn.0), DVec3::ZERO));
         let (mut surface, _) = Surface::from_soup(&soup);
-        let resolve = Resolve { inside: Inside::Positive, most: f64::INFINITY, sheets: None, always: false };
+        let resolve = Resolve { inside: Inside::Positive, max_deviation: f64::INFINITY, sheets: None, always: false };
         let done = with_context(|c| resolve.apply(&mut surface, &Exact, c)).unwrap();
         with_context(|c| Separate::default().apply(&mut surface, c)).unwrap();
         let it = as_stl(&surface);

@@ -151,7 +151,7 @@ impl Operation for CleanAndPatch {
             max_hole_edges: options.max_hole_edges,
             max_hole_size: options.max_hole_size,
             max_face_loss_pct: options.max_face_loss_pct,
-            max_deviation: scope.reach,
+            max_deviation: scope.max_deviation,
             ..Self::default()
         }
     }

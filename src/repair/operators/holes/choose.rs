@@ -13,7 +13,6 @@ use super::sharp::sharp;
 use super::{FillHoles, HoleFilling};
 use crate::math::{Sign, collinear, orient3d};
 use crate::mesh::Edges;
-use crate::repair::operators::quantise::written;
 use crate::repair::{Cancelled, Context};
 
 /// Longest loop for the cubic triangulation: about 0.03 s.
@@ -151,7 +150,7 @@ impl<'a> Filler<'a> {
         let n = points.len();
         let middle = points.iter().sum::<DVec3>() / n as f64;
         let length = (0..n).map(|i| points[i].distance(points[(i + 1) % n])).sum::<f64>() / n as f64;
-        let apex = written(middle - corners.normal.normalize_or_zero() * (CONE * length), self.params.to_f32);
+        let apex = self.params.precision.round(middle - corners.normal.normalize_or_zero() * (CONE * length));
         let new = u32::try_from(self.positions.len()).ok().filter(|_| apex.is_finite())?;
         let faces: Vec<[u32; 3]> = (0..n).map(|i| [corners.vertices[i], corners.vertices[(i + 1) % n], new]).collect();
         self.positions.push(apex);
@@ -288,7 +287,7 @@ impl<'a> Filler<'a> {
             })
             .collect();
         let taken = |i: usize, j: usize| self.edges.find(vertices[i], vertices[j]).is_some();
-        let round = |p: DVec3| written(p, self.params.to_f32);
+        let round = |p: DVec3| self.params.precision.round(p);
         let mut refined = Patch { fixed: points.len(), points, triangles };
         refined.refine(&scale, taken, round);
         let mut candidates = vec![refined];

@@ -14,7 +14,7 @@ use utoipa::ToSchema;
 
 use super::{Applied, Counter, Operation, Scope};
 use crate::inspect::solids;
-use crate::math::Box3;
+use crate::math::{Box3, Precision};
 use crate::mesh::{Edges, Fans, Parts, Surface, UnionFind, boundary_loops};
 use crate::repair::sheets::encloses;
 use crate::repair::{Cancelled, Change, ChangeKind, Context};
@@ -52,7 +52,7 @@ pub struct FillHoles {
     /// Whether patches are refined and go on smoothly from the surface.
     pub fair: bool,
     /// Whether new positions are rounded to f32.
-    pub to_f32: bool,
+    pub precision: Precision,
 }
 
 impl Default for FillHoles {
@@ -64,7 +64,7 @@ impl Default for FillHoles {
             filling: HoleFilling::Auto,
             refine: false,
             fair: false,
-            to_f32: false,
+            precision: Precision::F64,
         }
     }
 }
@@ -284,7 +284,7 @@ impl Operation for FillHoles {
             filling: options.hole_filling,
             refine: options.refine_patches,
             fair: options.fair_patches,
-            to_f32: scope.format.is_single(),
+            precision: scope.format.precision(),
         }
     }
 

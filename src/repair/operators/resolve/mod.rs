@@ -16,6 +16,7 @@ use super::separate::Separate;
 use super::thicken::{Skins, THICKNESS, ThickenSheets};
 use super::{Applied, Counter, Operation, Scope};
 use crate::arrange::{ArrangeError, Arrangement, Exact, Inside, Rule, Solid};
+use crate::math::Precision;
 use crate::mesh::{ClosedSurface, Edges, OPENED_SKIN_SOURCE, Parts, SKIN_SOURCE, Surface, is_made, position_key};
 use crate::repair::{Cancelled, Change, ChangeKind, Context, InsideRule, Overlaps};
 
@@ -47,7 +48,7 @@ pub struct Resolve {
     /// What is inside.
     pub inside: Inside,
     /// No vertex is moved farther than this, in the model's unit, to stay clear of others after rounding.
-    pub most: f64,
+    pub max_deviation: f64,
     /// The thickness that sheets get, in the model's unit: walls of no thickness, and what is the skin of a room that would be
     /// filled only because holes were closed, and hide what can be seen in there. Without it such walls go, and rooms are filled.
     pub sheets: Option<f64>,
@@ -149,7 +150,7 @@ impl Resolve {
         let mut pairs = before;
         if let Some(dense) = dense_faces(&found) {
             let step = grid_step(&work, DENSE_GRID);
-            if step <= self.most {
+            if step <= self.max_deviation {
                 (done.snapped, done.moved) = snap(&mut work, &dense, step);
                 pairs = if is_tangled(before, &work) { count(&crossings(&work, context)?) } else { before };
             }
@@ -231,7 +232,8 @@ impl Resolve {
             let is_new = |p| !known.contains(&position_key(p));
             done.merged += round_apart(&mut work, is_new, context)?.merged;
             settle(&mut work, context)?;
-            done.merged += tell_apart(&mut work, TellApart { most: self.most, moves: true }, is_new, context)?;
+            done.merged +=
+                tell_apart(&mut work, TellApart { max_deviation: self.max_deviation, moves: true }, is_new, context)?;
             let found = crossings(&work, context)?;
             let pairs = count(&found);
             let grown = [pairs, work.faces.len() as u64];
@@ -257,7 +259,7 @@ impl Resolve {
             }
             let Some(step) = grid.map(|bits| grid_step(&work, bits)) else { break };
             // Rounding to a grid moves by at most half a step along each axis.
-            if step > self.most {
+            if step > self.max_deviation {
                 break;
             }
             let (count, far) = snap(&mut work, &takes_part, step);
@@ -282,7 +284,7 @@ impl Resolve {
         context: &Context<'_>,
     ) -> Result<Best, Cancelled> {
         let mut surface = work.clone();
-        let aside = Separate { most: self.most }.apply(&mut surface, context)?.moved;
+        let aside = Separate { max_deviation: self.max_deviation }.apply(&mut surface, context)?.moved;
         let pairs = if surface == *work { pairs } else { count(&crossings(&surface, context)?) };
         let pinched = mark_pinched(&surface, work, takes_part);
         Ok(Best { pairs, pinched, surface, aside })
@@ -382,8 +384,8 @@ fn thickened(solid: &Solid, thickness: f64, context: &Context<'_>) -> Result<Opt
             thickness: Some(thickness),
             skins,
             spares_solids: false,
-            most: f64::INFINITY,
-            to_f32: true,
+            max_deviation: f64::INFINITY,
+            precision: Precision::F32,
         };
         if !thicken.apply(&mut thick, context)?.changes.is_empty() {
             if skins == Skins::Behind {
@@ -424,10 +426,11 @@ impl Operation for ResolveOverlaps {
 
     fn with_scope(scope: &Scope<'_>, surface: &Surface) -> Self {
         let options = scope.options;
-        let thickness = || options.thickness.unwrap_or(THICKNESS * surface.bounds().diagonal()).min(scope.reach);
+        let thickness =
+            || options.thickness.unwrap_or(THICKNESS * surface.bounds().diagonal()).min(scope.max_deviation);
         let resolve = Resolve {
             inside: scope.inside,
-            most: scope.reach,
+            max_deviation: scope.max_deviation,
             sheets: scope.closes_sheets.then(thickness),
             always: options.inside != InsideRule::Auto,
         };

@@ -6,7 +6,7 @@ use rustc_hash::FxHashSet;
 use super::super::degenerate::remove_collapsed;
 use super::super::places::key;
 use crate::inspect::Intersections;
-use crate::math::to_single;
+use crate::math::Precision;
 use crate::mesh::{Surface, weld_exactly};
 
 /// So many others a face of a dense cluster intersects.
@@ -35,7 +35,7 @@ pub(super) fn snap(surface: &mut Surface, takes_part: &[bool], step: f64) -> (u6
         }
     }
     let on_grid = |p: DVec3, pins: [bool; 3]| {
-        let q = to_single((p / step).round() * step);
+        let q = Precision::F32.round((p / step).round() * step);
         DVec3::from_array([0, 1, 2].map(|k| if pins[k] { p[k] } else { q[k] }))
     };
     let mut cells: FxHashSet<[u32; 3]> = FxHashSet::default();

@@ -11,6 +11,7 @@ use utoipa::ToSchema;
 
 use super::border::{Border, Meeting};
 use super::{Applied, Counter, Operation, Scope};
+use crate::math::Precision;
 use crate::mesh::Surface;
 use crate::repair::{Cancelled, Change, ChangeKind, Context};
 
@@ -41,7 +42,7 @@ pub struct Stitch {
     /// Where two vertices meet.
     pub position: StitchPosition,
     /// Whether positions that are made are rounded to f32.
-    pub to_f32: bool,
+    pub precision: Precision,
     /// Whether to count the vertices that are left though a feature is near enough, since the gap is too wide for the edges
     /// beside it.
     pub counts_left: bool,
@@ -49,7 +50,7 @@ pub struct Stitch {
     /// by default.
     pub snap: f64,
     /// No vertex is moved and no edge bent farther than this, in the model's unit.
-    pub most: f64,
+    pub max_deviation: f64,
 }
 
 impl Default for Stitch {
@@ -58,10 +59,10 @@ impl Default for Stitch {
             threshold: 1e-3,
             distance: None,
             position: StitchPosition::Kept,
-            to_f32: true,
+            precision: Precision::F32,
             counts_left: false,
             snap: 0.2,
-            most: f64::INFINITY,
+            max_deviation: f64::INFINITY,
         }
     }
 }
@@ -91,10 +92,10 @@ impl Stitch {
     /// # Errors
     /// [`Cancelled`] when the work should stop; what is stitched stays stitched.
     pub fn apply(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
-        let limit = self.distance.unwrap_or(self.threshold * surface.bounds().diagonal()).min(self.most);
+        let limit = self.distance.unwrap_or(self.threshold * surface.bounds().diagonal()).min(self.max_deviation);
         let Some(mut border) = Border::new(surface).filter(|_| limit > 0.0) else { return Ok(Applied::default()) };
         if self.position == StitchPosition::Average {
-            border.meeting = if self.to_f32 { Meeting::HalfwayInF32 } else { Meeting::Halfway };
+            border.meeting = if self.precision == Precision::F32 { Meeting::HalfwayInF32 } else { Meeting::Halfway };
         }
         let mut search = Search::new(&border, limit, self.snap.clamp(0.0, 0.5));
         // Distances are never negative, so that their bits are in their order.
@@ -169,10 +170,10 @@ impl Operation for Stitch {
             threshold: options.stitch_threshold.unwrap_or(usual.threshold),
             distance: options.stitch_distance,
             position: options.stitch_position,
-            to_f32: scope.format.is_single(),
+            precision: scope.format.precision(),
             counts_left: options.stitch_threshold.is_some() || options.stitch_distance.is_some(),
             snap: options.stitch_epsilon,
-            most: scope.reach,
+            max_deviation: scope.max_deviation,
         }
     }
 

@@ -8,8 +8,8 @@ use glam::DVec3;
 use offset::Offsets;
 
 use super::open_parts::OpenParts;
-use super::quantise::written;
 use super::{Applied, Counter, Operation, Scope, open_parts};
+use crate::math::Precision;
 use crate::mesh::{Edges, SKIN_SOURCE, Surface};
 use crate::repair::sheets::almost_closed;
 use crate::repair::{Cancelled, Change, ChangeKind, Context, OpenSheets};
@@ -39,9 +39,9 @@ pub struct ThickenSheets {
     /// Whether parts that are almost closed ([`almost_closed`]) are left open: a shell is not the solid that they are the surface of.
     pub spares_solids: bool,
     /// The farthest that a skin may be from the sheet, in the model's unit.
-    pub most: f64,
+    pub max_deviation: f64,
     /// Whether positions are to be those that an STL file can hold.
-    pub to_f32: bool,
+    pub precision: Precision,
 }
 
 impl ThickenSheets {
@@ -63,7 +63,7 @@ impl ThickenSheets {
     /// no part has a boundary; with [`Skins::Behind`] every face stays but those at the seam of a one-sided part. Skins may
     /// cross one another and other parts where the sheet bends sharply or parts touch, which is for
     /// [`super::resolve`] to unite. Leaves: everything where the thickness would vanish by rounding or be more than
-    /// `most`.
+    /// `max_deviation`.
     ///
     /// # Errors
     /// [`Cancelled`] when the work should stop; the surface is then unchanged.
@@ -86,7 +86,7 @@ impl ThickenSheets {
         let bounds = surface.bounds();
         let wanted = self.thickness.unwrap_or(THICKNESS * bounds.diagonal());
         let farthest = if self.skins == Skins::Behind { offset::MITER } else { offset::MITER / 2.0 };
-        let thickness = wanted.min(self.most / farthest);
+        let thickness = wanted.min(self.max_deviation / farthest);
         let largest = bounds.min.abs().max(bounds.max.abs()).max_element();
         let least = LEAST_STEPS * f64::from(f32::EPSILON) * largest;
         if !thickness.is_finite() || thickness <= least {
@@ -104,7 +104,7 @@ impl ThickenSheets {
         let ids = place(surface, &cover, |fan, side| {
             let step = offsets.of(fan) * if side == 0 { front } else { -back };
             let p = surface.positions[cover.vertex(fan) as usize] + step;
-            let q = written(p, self.to_f32);
+            let q = self.precision.round(p);
             if q.is_finite() { q } else { p }
         });
         let rim = cover.boundary.len() as u64;
@@ -198,8 +198,8 @@ impl Operation for ThickenSheets {
             thickness: scope.options.thickness,
             skins: if asked { Skins::BothSides } else { Skins::Behind },
             spares_solids: !asked,
-            most: scope.reach,
-            to_f32: scope.format.is_single(),
+            max_deviation: scope.max_deviation,
+            precision: scope.format.precision(),
         }
     }
 
