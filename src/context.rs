@@ -25,7 +25,7 @@ pub enum Stage {
 }
 
 /// Where a repair tells how far it is.
-pub trait Progress {
+pub trait Progress: Sync {
     /// `tier` is set while a tier runs; `percent` (0 to 100) is of the whole repair and never falls.
     fn report(&self, stage: Stage, tier: Option<u8>, percent: u8);
     /// A line for the job's log, in words.
@@ -51,7 +51,7 @@ pub struct Cancelled;
 pub struct Context<'a> {
     progress: &'a dyn Progress,
     cancel: &'a AtomicBool,
-    clock: &'a dyn Fn() -> Duration,
+    clock: &'a (dyn Fn() -> Duration + Sync),
     deadline: Duration,
     /// When verification ends; never before the deadline.
     end: Duration,
@@ -62,7 +62,7 @@ impl<'a> Context<'a> {
     pub fn new(
         progress: &'a dyn Progress,
         cancel: &'a AtomicBool,
-        clock: &'a dyn Fn() -> Duration,
+        clock: &'a (dyn Fn() -> Duration + Sync),
         deadline: Duration,
     ) -> Self {
         Self { progress, cancel, clock, deadline, end: deadline }

@@ -1,7 +1,6 @@
 //! The whole pipeline on any bytes.
 
-use std::cell::Cell;
-use std::sync::atomic::AtomicBool;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 use meshmend::context::{Context, NoProgress};
@@ -43,15 +42,17 @@ pub fn repair(bytes: &[u8]) {
 /// Repairs, and says whether there was enough time for it, so that another run must answer the same. The clock ticks
 /// whenever it is looked at, so that the given time is over at the same place in each run.
 fn within(ticks: u64, bytes: &[u8], options: &Options) -> (Result<Repaired, RepairError>, bool) {
-    let (cancel, looks, begin) = (AtomicBool::new(false), Cell::new(0), Instant::now());
-    let late = Cell::new(false);
+    let (cancel, looks, begin) = (AtomicBool::new(false), AtomicU64::new(0), Instant::now());
+    let late = AtomicBool::new(false);
     let clock = || {
-        late.set(late.get() || begin.elapsed() > LONGEST);
-        if late.get() { Duration::from_secs(u64::MAX) } else { Duration::from_nanos(looks.replace(looks.get() + 1)) }
+        if late.fetch_or(begin.elapsed() > LONGEST, Ordering::Relaxed) {
+            return Duration::from_secs(u64::MAX);
+        }
+        Duration::from_nanos(looks.fetch_add(1, Ordering::Relaxed))
     };
     let context = Context::new(&NoProgress, &cancel, &clock, Duration::from_nanos(ticks));
     let answer = run(bytes, options, &LIMITS, None, &context);
-    (answer, !late.get())
+    (answer, !late.into_inner())
 }
 
 fn hold_to_its_word(repaired: &Repaired) {

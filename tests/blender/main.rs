@@ -7,7 +7,7 @@ mod fake;
 mod models;
 mod real;
 
-use std::cell::RefCell;
+use std::sync::Mutex;
 use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
@@ -17,18 +17,18 @@ use meshmend::repair::{Context, Progress, RemeshAction, RemeshError, RemeshReque
 
 /// Keeps the log.
 #[derive(Default)]
-struct Log(RefCell<Vec<String>>);
+struct Log(Mutex<Vec<String>>);
 
 impl Progress for Log {
     fn report(&self, _stage: Stage, _tier: Option<u8>, _percent: u8) {}
     fn log(&self, line: &str) {
-        self.0.borrow_mut().push(line.to_owned());
+        self.0.lock().unwrap().push(line.to_owned());
     }
 }
 
 impl Log {
     fn text(&self) -> String {
-        self.0.borrow().join("\n")
+        self.0.lock().unwrap().join("\n")
     }
 }
 

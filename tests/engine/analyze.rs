@@ -1,7 +1,7 @@
 //! Files in, one report out.
 
-use std::cell::RefCell;
-use std::sync::atomic::AtomicBool;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Duration;
 
 use glam::DVec3;
@@ -88,11 +88,11 @@ fn what_is_left_out_is_told_as_a_warning() {
 }
 
 #[derive(Default)]
-struct Heard(RefCell<Vec<(Stage, u8)>>);
+struct Heard(Mutex<Vec<(Stage, u8)>>);
 
 impl Progress for Heard {
     fn report(&self, stage: Stage, _: Option<u8>, percent: u8) {
-        self.0.borrow_mut().push((stage, percent));
+        self.0.lock().unwrap().push((stage, percent));
     }
 
     fn log(&self, _: &str) {}
@@ -102,7 +102,7 @@ impl Progress for Heard {
 fn progress_goes_from_file_to_file_and_never_falls() {
     let heard = Heard::default();
     analyse(&two_files(), &AnalyzeOptions::default(), &heard).unwrap();
-    let heard = heard.0.into_inner();
+    let heard = heard.0.into_inner().unwrap();
     let stages: Vec<Stage> = heard.iter().map(|(stage, _)| *stage).collect();
     assert_eq!(stages, [Stage::Read, Stage::Inspect, Stage::Read, Stage::Inspect, Stage::Finish]);
     let percents: Vec<u8> = heard.iter().map(|(_, percent)| *percent).collect();
@@ -112,11 +112,8 @@ fn progress_goes_from_file_to_file_and_never_falls() {
 #[test]
 fn an_analysis_stops_at_its_deadline() {
     let cancel = AtomicBool::new(false);
-    let now = std::cell::Cell::new(0);
-    let clock = || {
-        now.set(now.get() + 1);
-        Duration::from_secs(now.get())
-    };
+    let now = AtomicU64::new(0);
+    let clock = || Duration::from_secs(now.fetch_add(1, Ordering::Relaxed) + 1);
     let context = Context::new(&NoProgress, &cancel, &clock, Duration::MAX);
     let options = AnalyzeOptions { deadline_s: 1.0, ..AnalyzeOptions::default() };
     let limits = Limits::default();

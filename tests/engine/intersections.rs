@@ -1,7 +1,6 @@
 //! Faces that intersect, on whole meshes.
 
-use std::cell::Cell;
-use std::sync::atomic::AtomicBool;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Duration;
 
 use glam::DVec3;
@@ -214,16 +213,16 @@ fn a_search_stops_when_its_time_is_over() {
         let angle = f64::from(i) * 1e-3;
         push(&mut soup, [DVec3::Z * -1.0, DVec3::Z * (1.0 + angle), DVec3::new(angle.cos(), angle.sin(), 0.5)]);
     }
-    let asked = Cell::new(0u64);
-    let (cancel, clock) = (AtomicBool::new(false), || Duration::from_secs(asked.replace(asked.get() + 1)));
+    let asked = AtomicU64::new(0);
+    let (cancel, clock) = (AtomicBool::new(false), || Duration::from_secs(asked.fetch_add(1, Ordering::Relaxed)));
     let patient = Context::new(&NoProgress, &cancel, &clock, Duration::MAX);
     let analysis = Analysis::new((&soup).into(), &patient).unwrap();
     let all = intersections(&analysis, &patient).unwrap();
     assert!(all.counts.pairs > Some(1_000_000));
-    asked.set(0);
+    asked.store(0, Ordering::Relaxed);
     let hurried = Context::new(&NoProgress, &cancel, &clock, Duration::from_secs(6));
     assert!(intersections(&analysis, &hurried).is_err());
-    assert!(asked.get() < 8, "asked {} times after the end", asked.get());
+    assert!(asked.load(Ordering::Relaxed) < 8, "asked {asked:?} times after the end");
 }
 
 #[test]
