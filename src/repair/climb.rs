@@ -36,6 +36,8 @@ pub(super) struct Climb<'a> {
     testimonies: Vec<Testimony>,
     /// Whether two methods of different kind found the same.
     agreed: bool,
+    /// Whether the native remesh made something printable.
+    remeshed: bool,
 }
 
 /// What a rung made.
@@ -100,6 +102,7 @@ impl<'a> Climb<'a> {
             left_sheets: false,
             testimonies: Vec::new(),
             agreed: false,
+            remeshed: false,
         })
     }
 
@@ -175,6 +178,9 @@ impl<'a> Climb<'a> {
             When::NothingWhole if whole() => "the best result before it is closed and whole",
             _ if self.agreed && Method::of(rung) == Some(Method::Blender) => {
                 "methods of different kind agree on the red flags, so the input is their cause"
+            }
+            _ if remesh_of(rung) == Some(Action::VoxelRemesh) && self.remeshed => {
+                "the native remesh made a printable solid of the same inside, so its red flags would come back"
             }
             _ if remesh_of(rung) == Some(Action::BooleanUnion) && has_boundary(&self.opened.surface) => {
                 "parts with holes enclose nothing that could be united"
@@ -297,6 +303,7 @@ impl<'a> Climb<'a> {
             Ok(mut judged) => {
                 time.note_verification(result.surface.faces.len(), context.now().saturating_sub(start));
                 self.hear(rung, &mut judged);
+                self.remeshed |= Method::of(rung) == Some(Method::Grid) && judged.measures.printable();
                 step.note = Some(summary::verdict_in_words(&judged));
                 self.candidates.push(Candidate::new(Some(index), &judged, false));
                 let lost = judged.red_flags.iter().any(|flag| flag.code == RedFlagCode::SurfaceLost);
@@ -343,19 +350,6 @@ impl<'a> Climb<'a> {
     fn note(&mut self, step: Step) {
         self.runner.log(&step);
         self.steps.push(step);
-    }
-}
-
-impl Candidate {
-    pub(super) fn new(rung: Option<u32>, judged: &Judged, chosen: bool) -> Self {
-        Self {
-            rung,
-            printable: judged.measures.printable(),
-            defects: judged.measures.defects(),
-            faces: judged.measures.faces,
-            red_flags: judged.red_flags.clone(),
-            chosen,
-        }
     }
 }
 

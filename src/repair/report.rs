@@ -3,6 +3,7 @@ use utoipa::ToSchema;
 
 use super::abridge::ReportedOptions;
 use super::operators::Failure;
+use super::verdict::Judged;
 use super::{
     Assumption, Change, ObjectReport, Operator, OptionNotApplied, Options, Outcome, Preset, RemesherInfo, Verdict,
 };
@@ -345,6 +346,20 @@ pub struct Candidate {
     pub red_flags: Vec<RedFlag>,
     /// Whether it is the one handed out.
     pub chosen: bool,
+}
+
+impl Candidate {
+    /// A result, and the index of the strategy that made it.
+    pub(super) fn new(rung: Option<u32>, judged: &Judged, chosen: bool) -> Self {
+        Self {
+            rung,
+            printable: judged.measures.printable(),
+            defects: judged.measures.defects(),
+            faces: judged.measures.faces,
+            red_flags: judged.red_flags.clone(),
+            chosen,
+        }
+    }
 }
 
 /// A sign that a repair destroyed something, after the MeshPrep repair strategy guide (lessons 3 and 4).
