@@ -1,9 +1,64 @@
+use glam::DVec3;
+
 use super::complex::Complex;
 use crate::math::{Box3, GrowingTree, Tree, contact};
 
 /// Faces near new ones, for each face at the start and in all, that may be looked at: many times what a usual model needs.
 const NEAR_A_FACE: u64 = 400;
 const NEAR: u64 = 10_000_000;
+
+/// How far beyond a plane a vertex is, as a share of the lengths concerned, for floating point to say so for certain.
+const CERTAIN: f64 = 1e-10;
+
+/// A face with planes that part it from others: its own, and those that stand on its edges, with normals outward.
+struct Fenced {
+    face: [u32; 3],
+    bounds: Box3,
+    corners: [DVec3; 3],
+    /// Its normal, of unit length.
+    normal: DVec3,
+    /// For the edge from each corner to the next the normal of the plane on it, of unit length.
+    outward: [DVec3; 3],
+}
+
+impl Fenced {
+    fn new(it: &Complex, face: [u32; 3]) -> Self {
+        let corners = face.map(|v| it.at[v as usize]);
+        let [a, b, c] = corners;
+        let edges = [b - a, c - b, a - c];
+        let normal = edges[0].cross(edges[1]).normalize_or_zero();
+        let mut outward = edges.map(|edge| edge.cross(normal).normalize_or_zero());
+        for (i, outward) in outward.iter_mut().enumerate() {
+            // The third corner must be inside for certain.
+            let third = corners[(i + 2) % 3] - corners[i];
+            if outward.dot(third) > -CERTAIN {
+                *outward = DVec3::ZERO;
+            }
+        }
+        Self { face, bounds: Box3::of(corners), corners, normal, outward }
+    }
+
+    /// Whether one of the planes parts it from another face for certain, so that they have nothing in common but the vertices that they
+    /// share by their numbers, and the edge between those. Where it is not, they may still be apart.
+    ///
+    /// A plane on an edge has the face on its inner side, with nothing but the edge on the plane. Where every vertex of the other face is
+    /// an end of the edge or beyond the plane, the two have only those ends in common. The same holds for the face's own
+    /// plane and all its corners. The normals are rounded, but a plane through the same points that does the same is near enough.
+    fn is_parted_from(&self, it: &Complex, other: [u32; 3]) -> bool {
+        let beyond = |normal: DVec3, from: DVec3, ends: &[u32]| {
+            other.iter().all(|v| ends.contains(v) || normal.dot(it.at[*v as usize] - from) > CERTAIN)
+        };
+        let [a, b, c] = self.face;
+        let is_thick = self.outward.iter().all(|outward| *outward != DVec3::ZERO);
+        (is_thick
+            && (beyond(self.normal, self.corners[0], &self.face) || beyond(-self.normal, self.corners[0], &self.face)))
+            || [[a, b], [b, c], [c, a]]
+                .iter()
+                .zip(self.outward)
+                .zip(self.corners)
+                .any(|((ends, outward), from)| outward != DVec3::ZERO && beyond(outward, from, ends))
+    }
+}
 
 /// The faces as a tree, to find those that new faces may intersect.
 pub(super) struct Clearance {
@@ -44,27 +99,25 @@ impl Clearance {
     /// Faces that `passes_over` names are not asked. Faces without area have no inside and are not asked either.
     pub fn is_clear(&mut self, it: &Complex, new: &[[u32; 3]], passes_over: impl Fn(u32) -> bool) -> bool {
         let mut slow = 0;
-        let mut apart = |a: [u32; 3], b: [u32; 3]| contact(&it.at, a, b, &mut slow).is_apart();
-        for (i, &a) in new.iter().enumerate() {
-            if !new[i + 1..].iter().all(|&b| apart(a, b)) {
+        let new: Vec<Fenced> = new.iter().map(|&face| Fenced::new(it, face)).collect();
+        let mut apart =
+            |a: &Fenced, b: [u32; 3]| a.is_parted_from(it, b) || contact(&it.at, a.face, b, &mut slow).is_apart();
+        for (i, a) in new.iter().enumerate() {
+            if !new[i + 1..].iter().all(|b| apart(a, b.face)) {
                 return false;
             }
         }
-        let bounds = Box3::of(new.iter().flatten().map(|&v| it.at[v as usize]));
+        let bounds = Box3::of(new.iter().flat_map(|it| it.corners));
         let (near, face) = (&mut self.near, &self.face);
         near.clear();
         self.tree.overlapping(&bounds, &mut self.stack, |triangle| near.push(face[triangle as usize]));
         self.near_left = self.near_left.saturating_sub(near.len() as u64);
         near.retain(|&f| it.is_alive(f as usize) && !it.flat[f as usize] && !passes_over(f));
-        let boxed = |face: [u32; 3]| Box3::of(face.map(|v| it.at[v as usize]));
-        let boxes: Vec<([u32; 3], Box3)> = new.iter().map(|&a| (a, boxed(a))).collect();
         for &f in &*near {
             let face = it.faces[f as usize];
-            let around = boxed(face);
-            for (a, own) in &boxes {
-                if own.meets(&around) && !apart(*a, face) {
-                    return false;
-                }
+            let around = Box3::of(face.map(|v| it.at[v as usize]));
+            if new.iter().any(|own| own.bounds.meets(&around) && !apart(own, face)) {
+                return false;
             }
         }
         true

@@ -140,7 +140,7 @@ impl<'a> Collapser<'a> {
         }
         if !error.measured {
             self.gather(gone, kept, moved);
-            self.witnesses.farthest(&self.new.faces);
+            self.witnesses.assign(&self.new.faces, at);
         }
         let old = self.changed.iter().map(|(f, _)| *f).chain(self.vanishing_faces.iter().copied());
         self.witnesses.settle(old, |i| self.changed[i as usize].0);

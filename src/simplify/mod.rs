@@ -19,6 +19,7 @@ mod deviation;
 mod quadric;
 mod queue;
 mod shape;
+mod slabs;
 mod start;
 mod witness;
 
@@ -31,6 +32,7 @@ use choice::choose;
 use collapse::{Attempt, Collapser, Why};
 use complex::{Complex, LINE, NONE, OPEN, corner};
 use queue::{Queue, Waiting};
+use slabs::Held;
 use start::prepare;
 
 /// Edges between two looks at whether the work should stop.
@@ -125,6 +127,14 @@ impl Simplify<'_> {
     /// [`Cancelled`] when the work was asked to stop, or the deadline came before the first edge went; the surface is then unchanged.
     /// A deadline that comes later ends it there: what is gone by then is gone, and all that is said above holds.
     pub fn apply(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Simplified, Cancelled> {
+        if self.max_faces.is_none() && self.max_error.is_finite() && slabs::is_large(surface) {
+            return slabs::simplify_in_slabs(self, surface, context);
+        }
+        self.apply_held(surface, &Held::default(), context)
+    }
+
+    /// The same, in which some of the surface must stay.
+    fn apply_held(&self, surface: &mut Surface, held: &Held, context: &Context<'_>) -> Result<Simplified, Cancelled> {
         let faces_before = surface.faces.len() as u64;
         let untouched = Simplified { faces_before, faces_after: faces_before, ..Simplified::default() };
         if self.max_faces.is_some_and(|most| faces_before <= most) || self.max_error.is_nan() {
@@ -141,13 +151,13 @@ impl Simplify<'_> {
         let mut own = vec![NONE; welded.positions.len()];
         for (v, w) in surface.faces.iter().flatten().zip(welded.faces.iter().flatten()) {
             let slot = &mut own[*w as usize];
-            it.fixed[*w as usize] |= *slot != NONE && slot != v;
+            it.fixed[*w as usize] |= (*slot != NONE && slot != v) || held.fixed.get(*v as usize) == Some(&true);
             *slot = *v;
         }
         drop(welded);
         let rounding = Rounding { scale, precision: self.precision };
         let mut collapser = Collapser::new(it, bodies, self.max_error * scale, 1.0 / scale, self.toward);
-        let ended = self.collapse_all(&mut collapser, rounding, context)?;
+        let ended = self.collapse_all(&mut collapser, rounding, held, context)?;
         let it = &collapser.it;
         if it.alive == surface.faces.len() {
             return Ok(Simplified { left: self.left(it.alive, &ended), is_late: ended.is_late, ..untouched });
@@ -186,6 +196,7 @@ impl Simplify<'_> {
         &self,
         collapser: &mut Collapser<'_>,
         rounding: Rounding,
+        held: &Held,
         context: &Context<'_>,
     ) -> Result<Ended, Cancelled> {
         let enough = |it: &Complex| self.max_faces.is_some_and(|most| it.alive as u64 <= most);
@@ -215,6 +226,10 @@ impl Simplify<'_> {
                 let Some(choice) = choose(&collapser.it, [a, b], waiting.along_line, |p| rounding.of(p)) else {
                     continue;
                 };
+                if !held.allows(choice.at * collapser.unscale) {
+                    ended.refused[Why::Clearance as usize] += 1;
+                    continue;
+                }
                 match collapser.attempt(choice, waiting.patient) {
                     Attempt::Done => push_around(&mut queue, &mut collapser.it, choice.kept, &mut around, rounding),
                     Attempt::Later => queue.push(waiting.patient(PATIENCE)),

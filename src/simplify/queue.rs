@@ -30,8 +30,10 @@ impl Waiting {
         Self { patient: true, ..self.with_cost(f64::from_bits(self.cost) * times) }
     }
 
-    fn key(&self) -> (u64, [u32; 2]) {
-        (self.cost, self.ends)
+    /// One number that is ordered by cost, then by vertices.
+    fn key(&self) -> u128 {
+        let [a, b] = self.ends.map(u128::from);
+        u128::from(self.cost) << 64 | a << 32 | b
     }
 }
 

@@ -57,6 +57,32 @@ impl Witnesses {
         most
     }
 
+    /// Chooses for each of those the new face that it is nearest above, or the nearest where it is above none. The faces are those of one fan.
+    pub fn assign(&mut self, new: &[[DVec3; 3]], centre: DVec3) {
+        if self.asked.len() > MOST {
+            self.farthest(new);
+            return;
+        }
+        let wedges: Vec<[DVec3; 3]> = new.iter().map(|face| wedge(face, centre)).collect();
+        for (v, chosen, _) in &mut self.asked {
+            let p = self.at[*v as usize];
+            let way = p - centre;
+            let heights = wedges.iter().zip(0u32..).filter_map(|([normal, from, to], face)| {
+                let is_over = from.dot(way) >= 0.0 && to.dot(way) >= 0.0;
+                is_over.then(|| (normal.dot(way).abs(), face))
+            });
+            let over = heights.fold(None, |best: Option<(f64, u32)>, it| match best {
+                Some(best) if best.0 <= it.0 => Some(best),
+                _ => Some(it),
+            });
+            let nearest = || {
+                let squares = new.iter().map(|&face| p.distance_squared(nearest_on_triangle(p, face)));
+                squares.zip(0..).fold((f64::INFINITY, 0), |best, it| if it.0 < best.0 { it } else { best }).1
+            };
+            *chosen = over.map_or_else(nearest, |(_, face)| face);
+        }
+    }
+
     /// How far a point is from the surface at the start, where that is within a bound.
     pub fn distance(&self, p: DVec3, bound: f64) -> Option<f64> {
         let tree = self.tree.get_or_init(|| Tree::new(&self.at, &self.faces));
@@ -78,4 +104,14 @@ impl Witnesses {
             self.next[v as usize] = std::mem::replace(first, v);
         }
     }
+}
+
+/// The unit normal of a face with a corner at `centre`, and the normals, inward, of the planes that stand on its two edges there.
+fn wedge(face: &[DVec3; 3], centre: DVec3) -> [DVec3; 3] {
+    let first = face.iter().position(|corner| *corner == centre).unwrap_or(0);
+    let [from, to] = [face[(first + 1) % 3] - centre, face[(first + 2) % 3] - centre];
+    let normal = from.cross(to).normalize_or_zero();
+    // A face without area is over nothing.
+    let inward = |edge: DVec3| if normal == DVec3::ZERO { DVec3::NAN } else { edge };
+    [normal, inward(normal.cross(from)), inward(to.cross(normal))]
 }

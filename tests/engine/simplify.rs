@@ -272,3 +272,21 @@ proptest! {
         prop_assert!(apart <= done.bound + 1e-9 && apart <= 1.5 * share && done.error <= share, "{} {:?}", apart, done);
     }
 }
+
+#[test]
+fn a_large_shell_is_simplified_in_slabs_with_the_same_result_for_any_number_of_threads() {
+    // Two spheres nearer to each other than their faces are long in the end, and over 80,000 faces.
+    let shell = as_f32(join(&sphere(DVec3::ZERO, 10.0, 240, 100), &inside_out(sphere(DVec3::ZERO, 9.8, 240, 100))));
+    assert!(shell.faces.len() > 80_000);
+    let how = Simplify { max_error: 0.05, ..EXACT };
+    let on = |threads| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| simplified(&shell, &how))
+    };
+    let ((surface, done), (again, _)) = (on(1), on(3));
+    assert_eq!(surface, again);
+    assert!(done.faces_after < 5_000 && done.error <= 0.05, "{done:?}");
+    assert!(apart(&shell, &surface) <= 2.0 * 0.05);
+    let it = as_stl(&surface);
+    assert!(it.printable() && it.parts == 2, "{it:?}");
+}
