@@ -10,23 +10,22 @@ pub trait AccessStore: Send + Sync {
     /// Makes a key that is found by `token` from now on.
     async fn create_key(&self, key: NewKey, token: &Token) -> Result<AccessKey, StoreError>;
 
-    /// The key of that token, if it is worth something: known, neither revoked nor expired, and nor is the one it was made with. With
-    /// it what is set for its tenant.
+    /// The key of that token and the limits of its tenant; none if the key is unknown, revoked or expired, or if its parent key is.
     async fn find_key(&self, token: &Token) -> Result<Option<(AccessKey, TenantLimits)>, StoreError>;
 
-    /// Notes that a key was used.
+    /// Records that a key was used.
     async fn touch_key(&self, id: &str) -> Result<(), StoreError>;
 
     /// One page of API keys, newest first, revoked ones too. Browser tokens are not listed.
     async fn keys(&self, query: KeyQuery) -> Result<Page<AccessKey, String>, StoreError>;
 
-    /// Revokes a key, and with it the tokens made with it. False if there is none that was worth something.
+    /// Revokes a key, and with it the tokens made with it. False if there is no such key or it was revoked before.
     async fn revoke_key(&self, id: &str) -> Result<bool, StoreError>;
 
-    /// Forgets browser tokens that expired. Answers how many.
+    /// Deletes expired browser tokens. Returns how many.
     async fn forget_tokens(&self) -> Result<u64, StoreError>;
 
-    /// What is set for a tenant.
+    /// The limits that are set for a tenant.
     async fn limits(&self, tenant: &str) -> Result<TenantLimits, StoreError>;
 
     /// Changes the settings of a tenant that `change` names, and returns all of them. A tenant without settings gets its first.
@@ -72,19 +71,6 @@ macro_rules! limit_columns {
     };
 }
 pub(super) use limit_columns;
-
-/// Selects every tenant that has settings or an API key, for [`read_tenant`]. `$holder` is the column that names a key's tenant.
-macro_rules! tenants_and_key_holders {
-    ($holder:literal) => {
-        concat!(
-            "SELECT names.name AS id, t.class, t.max_queued, t.max_running, t.requests_per_minute \
-             FROM (SELECT name FROM tenants UNION SELECT ",
-            $holder,
-            " FROM access_keys WHERE kind = 'api') AS names LEFT JOIN tenants t ON t.name = names.name"
-        )
-    };
-}
-pub(super) use tenants_and_key_holders;
 
 /// Reads a tenant's limits from a row of [`limit_columns`].
 pub(super) fn read_limits(row: &impl Columns) -> Result<TenantLimits, StoreError> {

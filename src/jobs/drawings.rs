@@ -4,8 +4,8 @@ use async_trait::async_trait;
 
 use super::{Artifacts, Claim, Job, JobId, Lease, Status, StoreError};
 
-/// Where pictures of ended jobs are asked for and claimed. They are drawn when somebody asks first, so that a job at whose pictures nobody
-/// looks costs no more than one without.
+/// Where drawings of ended jobs are requested and claimed. A worker draws them at the first request, so that a job whose drawings nobody
+/// requests costs no more than a job without.
 #[async_trait]
 pub trait DrawingStore: Send + Sync {
     /// Asks for the pictures of a job that has ended. Asked again before they are drawn it does nothing.

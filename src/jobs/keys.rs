@@ -1,6 +1,8 @@
 use std::time::Duration;
 
-use super::row::corrupt;
+use async_trait::async_trait;
+
+use super::row::{Columns, corrupt};
 use super::{JobId, StoreError};
 
 /// How long a request that is under way holds its key; it asks again in time.
@@ -34,10 +36,26 @@ pub enum KeyState {
 }
 
 impl KeyState {
-    /// What the row of a key says, its fingerprint and its job, to who could not get hold of it.
-    pub(super) fn of_another(row: Option<(Option<String>, String)>) -> Result<Self, StoreError> {
-        let Some((Some(fingerprint), id)) = row else { return Ok(Self::InUse) };
+    /// The state of a key that another request holds or used, by the key's row, its `fingerprint` and its `job_id`.
+    pub(super) fn of_another(row: Option<&impl Columns>) -> Result<Self, StoreError> {
+        let Some(row) = row else { return Ok(Self::InUse) };
+        let Some(fingerprint) = row.text("fingerprint")? else { return Ok(Self::InUse) };
+        let id = row.text("job_id")?.unwrap_or_default();
         let job = id.parse().map_err(|_| corrupt(&id, "job_id", "no job id"))?;
         Ok(Self::Used { fingerprint, job })
     }
+}
+
+/// Where idempotency keys are kept: the keys of requests that may be repeated and must make only one job.
+#[async_trait]
+pub trait IdempotencyStore: Send + Sync {
+    /// Holds the key of a request for the job that the request is to make, or returns who has the key. A second call for the same job
+    /// extends the hold.
+    async fn hold_key(&self, tenant: &str, key: &str, job: JobId) -> Result<KeyState, StoreError>;
+
+    /// Releases the key of a request that was refused.
+    async fn release_key(&self, tenant: &str, key: &str, job: JobId) -> Result<(), StoreError>;
+
+    /// Deletes expired keys. Returns how many.
+    async fn forget_keys(&self) -> Result<u64, StoreError>;
 }

@@ -2,7 +2,7 @@ use std::io;
 
 use sqlx::migrate::MigrateError;
 
-use super::store::{StoreError, sqlite_code};
+use super::error::{StoreError, sqlite_code};
 
 /// Why a database could not be opened, told apart by what its operator has to do.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

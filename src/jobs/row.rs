@@ -39,8 +39,8 @@ pub(super) fn corrupt(id: &str, column: &'static str, reason: impl ToString) -> 
     StoreError::Corrupt { id: id.to_owned(), column, reason: reason.to_string() }
 }
 
-/// What a row of either database has in its columns, none where that is null.
-pub(super) trait Columns {
+/// The columns of a row of either database; none where a column is null.
+pub trait Columns {
     fn text(&self, column: &str) -> Result<Option<String>, sqlx::Error>;
     fn number(&self, column: &str) -> Result<Option<i64>, sqlx::Error>;
 }
@@ -60,10 +60,10 @@ where
     }
 }
 
-/// Reads columns of one row, and says which one can't be read.
+/// Reads the columns of one row, and names a column that can't be read in its error.
 pub(super) struct Reader<'a, R> {
     row: &'a R,
-    /// What the row is called in its column `id`.
+    /// The value of the row's column `id`.
     pub id: String,
 }
 
@@ -124,8 +124,7 @@ impl<'a, R: Columns> Reader<'a, R> {
     }
 }
 
-/// The columns of a job in the order that does not matter, for `SELECT` and `RETURNING`; with something else in place of its
-/// report where that is not wanted.
+/// The columns of a job, for `SELECT` and `RETURNING`; with another expression in place of the report where a caller does not need it.
 macro_rules! job_columns {
     () => {
         job_columns!("report")

@@ -6,7 +6,7 @@ use async_trait::async_trait;
 use time::OffsetDateTime;
 use uuid::Uuid;
 
-use super::row::{corrupt, time};
+use super::row::{Columns, Reader};
 use super::{JobId, StoreError};
 
 /// How long an upload may be sent to its address.
@@ -78,29 +78,29 @@ pub struct PendingUpload {
     pub job: Option<JobId>,
 }
 
-/// A row of an upload: its id, tenant, name, token, time, age in milliseconds and job.
-pub(super) type Row = (String, String, Option<String>, Option<String>, i64, i64, Option<String>);
-
-impl PendingUpload {
-    pub(super) fn of_row((id, tenant, name, token_sha256, created_at, age, job): Row) -> Result<Self, StoreError> {
-        let created_at = time(&id, "created_at", created_at)?;
-        let job = job.map(|job| job.parse().map_err(|_| corrupt(&id, "job_id", "no job id"))).transpose()?;
-        let is_open = u128::try_from(age).is_ok_and(|age| age < UPLOAD_OPEN.as_millis()) && job.is_none();
-        let id = id.parse().map_err(|_| corrupt(&id, "id", "no upload id"))?;
-        Ok(Self { upload: NewUpload { id, tenant, name, token_sha256 }, created_at, is_open, job })
-    }
+/// Reads an upload from a row of its columns and its `age` in milliseconds.
+pub(super) fn read_upload(row: &impl Columns) -> Result<PendingUpload, StoreError> {
+    let from = Reader::new(row)?;
+    let job: Option<JobId> = from.some_parsed("job_id")?;
+    let is_open = u128::try_from(from.number("age")?).is_ok_and(|age| age < UPLOAD_OPEN.as_millis()) && job.is_none();
+    let upload = NewUpload {
+        id: from.parsed("id")?,
+        tenant: from.text("tenant")?,
+        name: from.some_text("name")?,
+        token_sha256: from.some_text("token_sha256")?,
+    };
+    Ok(PendingUpload { upload, created_at: from.time("created_at")?, is_open, job })
 }
 
-/// Where files are noted that clients send before they ask for a job.
+/// Where uploads are kept: files that clients send before they ask for a job.
 #[async_trait]
 pub trait UploadStore: Send + Sync {
-    /// Notes an upload, unless as many as `most` wait for a job already: then none.
+    /// Adds an upload; none if `most` uploads wait for a job already.
     async fn add_upload(&self, upload: NewUpload, most: u64) -> Result<Option<PendingUpload>, StoreError>;
 
-    /// One upload of which a job may still be made, or was made not long ago.
+    /// One upload that may still become a job, or became one not long ago.
     async fn upload(&self, id: UploadId) -> Result<Option<PendingUpload>, StoreError>;
 
-    /// Forgets uploads whose time is over. Those of which a job was made are known as long as that request's key may be. Answers how
-    /// many.
+    /// Deletes expired uploads. An upload that became a job is kept as long as the key of that job's request may be. Returns how many.
     async fn forget_uploads(&self) -> Result<u64, StoreError>;
 }

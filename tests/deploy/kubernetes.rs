@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use meshmend::format::Format;
-use meshmend::jobs::{Input, JobId, JobOptions, JobStore, NewJob, PostgresStore, RetryPolicy};
+use meshmend::jobs::{Input, JobId, JobOptions, JobStore, NewJob, PostgresStore, QueueStore, RetryPolicy};
 use serde_json::Value;
 use sqlx::Connection;
 

@@ -4,7 +4,9 @@ use std::path::Path;
 use std::time::Duration;
 
 use meshmend::format::Format;
-use meshmend::jobs::{Artifacts, Completion, Input, JobId, JobOptions, JobStore, NewJob, PostgresStore, RetryPolicy};
+use meshmend::jobs::{
+    Artifacts, Completion, Input, JobId, JobOptions, JobStore, NewJob, PostgresStore, QueueStore, RetryPolicy, Store,
+};
 use serde_json::{Value, json};
 use sqlx::PgPool;
 

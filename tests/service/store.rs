@@ -7,8 +7,8 @@ use std::time::Duration;
 use meshmend::context::Stage;
 use meshmend::jobs::{
     Artifacts, Cancelled, Clock, Completion, Connections, FailureKind, JobId, JobOptions, JobProgress, JobStore,
-    KEY_HOLD, KEY_LIFE, KeyState, ListQuery, NewJob, NewUpload, ProblemKind, RequestKey, RetryPolicy, SqliteStore,
-    Status, StoreError, UPLOAD_LIFE, UPLOAD_OPEN, UploadId,
+    KEY_HOLD, KEY_LIFE, KeyState, ListQuery, NewJob, NewUpload, ProblemKind, QueueStore, RequestKey, RetentionStore,
+    RetryPolicy, SqliteStore, Status, StoreError, UPLOAD_LIFE, UPLOAD_OPEN, UploadId,
 };
 use sqlx::sqlite::SqliteConnectOptions;
 

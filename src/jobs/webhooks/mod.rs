@@ -7,7 +7,7 @@ mod store;
 pub use message::JobMessage;
 pub(super) use message::{Message, Receiver};
 pub(super) use row::{delivery_columns, endpoint_columns, names, read_delivery, read_due, read_endpoint, read_secrets};
-pub use store::{Redelivered, WebhookStore};
+pub use store::{DeliveryStore, EndpointStore, Redelivered};
 
 use std::fmt;
 use std::str::FromStr;

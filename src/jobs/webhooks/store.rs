@@ -8,7 +8,7 @@ use super::{
 };
 use crate::jobs::{Page, StoreError};
 
-/// What became of the wish to send something again.
+/// The result of a request to send a delivery again.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Redelivered {
     /// It is due now.
@@ -19,13 +19,10 @@ pub enum Redelivered {
     Unknown,
 }
 
-/// Where webhook endpoints and the outbox are kept.
-///
-/// The messages about a job are written by the statements of [`JobStore`](crate::jobs::JobStore) that end it, in their transactions. A
-/// delivery is claimed under a lease; when that runs out it is due again, so each arrives at least once.
+/// Where webhook endpoints and the secrets of callbacks are kept.
 #[async_trait]
-pub trait WebhookStore: Send + Sync {
-    /// Makes an endpoint; none if the tenant has `most` of them already.
+pub trait EndpointStore: Send + Sync {
+    /// Adds an endpoint; none if the tenant has `most` endpoints already.
     async fn create_endpoint(&self, new: NewEndpoint, most: u32) -> Result<Option<Endpoint>, StoreError>;
 
     /// The tenant's endpoints, oldest first.
@@ -34,7 +31,7 @@ pub trait WebhookStore: Send + Sync {
     /// One of the tenant's endpoints.
     async fn endpoint(&self, tenant: &str, id: &str) -> Result<Option<Endpoint>, StoreError>;
 
-    /// Changes an endpoint. Disabling it gives up what waits for it.
+    /// Changes an endpoint. Disabling it gives up its pending deliveries.
     async fn change_endpoint(
         &self,
         tenant: &str,
@@ -54,7 +51,7 @@ pub trait WebhookStore: Send + Sync {
     /// Removes an endpoint with its deliveries. False if there is none.
     async fn delete_endpoint(&self, tenant: &str, id: &str) -> Result<bool, StoreError>;
 
-    /// The secret of the tenant's callbacks, which is `fresh` from now on if there was none.
+    /// The secrets of the tenant's callbacks. A tenant without a secret gets `fresh`.
     async fn callback_secrets(&self, tenant: &str, fresh: &SigningSecret) -> Result<Secrets, StoreError>;
 
     /// Gives the tenant's callbacks a new secret; the old one signs beside it for `keep`.
@@ -64,27 +61,34 @@ pub trait WebhookStore: Send + Sync {
         secret: &SigningSecret,
         keep: Duration,
     ) -> Result<Secrets, StoreError>;
+}
 
-    /// Sends an endpoint a message of no consequence, and gives the delivery's name; none if it is not there or disabled.
+/// Where webhook messages and their deliveries are kept: the outbox.
+///
+/// The transaction that ends a job writes the messages about it. A delivery is claimed under a lease and is due again when the lease
+/// expires, so each message arrives at least once.
+#[async_trait]
+pub trait DeliveryStore: Send + Sync {
+    /// Sends an endpoint a test message, and returns the delivery's name; none if the endpoint does not exist or is disabled.
     async fn send_ping(&self, tenant: &str, endpoint: &str) -> Result<Option<String>, StoreError>;
 
     /// The tenant's deliveries, newest first.
     async fn deliveries(&self, query: DeliveryQuery) -> Result<Page<Delivery, String>, StoreError>;
 
-    /// Makes a delivery due now, whatever became of it; one that was given up gets all of its tries anew.
+    /// Makes a delivery due now, whatever its status. A delivery that is not pending gets all of its tries again.
     async fn redeliver(&self, tenant: &str, id: &str) -> Result<Redelivered, StoreError>;
 
-    /// Takes a delivery that is due, if one is, and holds it for `lease`. Tenants take turns: the one with the fewest under way, of
-    /// its deliveries the one that has been due longest. A tenant of which `most` are under way is passed over.
+    /// Claims a delivery that is due, if there is one, under a lease of `lease`. Tenants take turns: first the tenant with the fewest
+    /// deliveries under way; of its deliveries the one that has been due longest. Tenants with `most` under way are passed over.
     async fn claim_delivery(&self, lease: Duration, most: u32) -> Result<Option<DueDelivery>, StoreError>;
 
-    /// Notes how a claimed delivery went, unless the claim is lost. True if its endpoint was disabled by that: because the receiver
-    /// is gone, or since nothing was delivered to it for [`FAILING`](super::FAILING).
+    /// Records the result of a claimed delivery, unless the claim is lost. Returns whether this disabled the endpoint: because the
+    /// receiver is gone, or because nothing was delivered to it for [`FAILING`](super::FAILING).
     async fn settle_delivery(&self, due: &DueDelivery, attempt: Attempt, verdict: Verdict) -> Result<bool, StoreError>;
 
-    /// What waits to be delivered.
+    /// How many deliveries are pending.
     async fn backlog(&self) -> Result<Backlog, StoreError>;
 
-    /// Forgets messages that were made `age` ago, with their deliveries. Answers how many.
+    /// Deletes messages that were made `age` ago, with their deliveries. Returns how many.
     async fn forget_messages(&self, age: Duration) -> Result<u64, StoreError>;
 }
