@@ -9,11 +9,9 @@ mod object;
 mod paint;
 mod placed;
 mod unit;
-mod up;
 
 pub use length_unit::{LengthUnit, UnitSource};
-pub use object::{Component, Item, Note, Object, ObjectKind, Scene, SceneError, Shape};
+pub use object::{Component, Item, Note, Object, ObjectKind, Scene, SceneError, Shape, Up};
 pub use paint::{Material, PAINTLESS, Paint, PaintedMesh, Palette, Texture, Wrap};
 pub use placed::Instance;
 pub use unit::Unit;
-pub use up::Up;
