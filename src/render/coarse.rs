@@ -5,7 +5,7 @@ use std::collections::hash_map::Entry;
 use glam::DVec3;
 use rustc_hash::{FxHashMap, FxHashSet};
 
-use super::scene::Paint;
+use super::palette::Paint;
 use super::{RenderError, Scene};
 use crate::context::Context;
 use crate::mesh::{NO_SOURCE, Surface};

@@ -1,8 +1,8 @@
 use glam::DVec3;
 use serde_json::{Value, json};
 
-use super::palette::{SOUND, colour};
-use super::scene::{Compactor, Paint, Shows};
+use super::palette::{Paint, SOUND, colour};
+use super::scene::{Compactor, Shows};
 use super::{Colour, RenderError, Scene};
 use crate::context::Context;
 

@@ -20,10 +20,10 @@ pub use drawings::{
     names_of_repair,
 };
 pub use glb::write_glb;
-pub use palette::{Colour, LegendEntry};
+pub use palette::{Colour, LegendEntry, Paint};
 pub use picture::write_picture;
 pub use ply::write_ply;
-pub use scene::{Dot, Frame, Paint, Scene, Segment, Shows};
+pub use scene::{Dot, Frame, Scene, Segment, Shows};
 
 /// Why a picture or a coloured mesh could not be made.
 #[derive(Debug, thiserror::Error)]

@@ -4,7 +4,6 @@ use std::fmt;
 
 use serde::{Serialize, Serializer};
 
-use super::scene::Paint;
 use crate::inspect::{DefectKind, Fate, Findings, SurfaceShares};
 
 /// A colour in sRGB.
@@ -203,6 +202,61 @@ pub fn gravest(marks: u32) -> Option<DefectKind> {
         return None;
     }
     BY_GRAVITY.into_iter().find(|kind| marks & kind.bit() != 0)
+}
+
+/// What a face is shown as.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Paint {
+    /// Surface with nothing wrong.
+    Sound,
+    /// Part of a defect.
+    Defect(DefectKind),
+    /// Surface of which it is told what became of it.
+    Fate(Fate),
+}
+
+impl Paint {
+    /// Its colour.
+    #[must_use]
+    pub fn colour(self) -> Colour {
+        match self {
+            Self::Sound => SOUND,
+            Self::Defect(kind) => face_colour(kind),
+            Self::Fate(fate) => fate_colour(fate),
+        }
+    }
+
+    /// Its name in files and reports.
+    #[must_use]
+    pub fn id(self) -> String {
+        match self {
+            Self::Sound => "sound".to_owned(),
+            Self::Defect(kind) => id(kind),
+            Self::Fate(fate) => fate_id(fate),
+        }
+    }
+
+    /// Whether it is what most surface is, of which a part tells enough.
+    #[must_use]
+    pub fn is_plain(self) -> bool {
+        matches!(self, Self::Sound | Self::Fate(Fate::Kept))
+    }
+
+    /// Its number in files: 0 for sound surface, then the kinds of defect; fates from 0.
+    #[must_use]
+    pub fn number(self) -> u8 {
+        match self {
+            Self::Sound => 0,
+            Self::Defect(kind) => 1 + kind as u8,
+            Self::Fate(fate) => fate as u8,
+        }
+    }
+}
+
+impl Serialize for Paint {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.serialize_str(&self.id())
+    }
 }
 
 /// One line of a legend.

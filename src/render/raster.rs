@@ -3,8 +3,7 @@ use std::ops::Range;
 use glam::{Vec3, Vec4};
 
 use super::camera::{Camera, Projected, SAMPLES, STEPS};
-use super::palette::{BY_GRAVITY, INSIDE};
-use super::scene::Paint;
+use super::palette::{BY_GRAVITY, INSIDE, Paint};
 use super::{Colour, Scene};
 use crate::inspect::DefectKind;
 

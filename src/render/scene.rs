@@ -1,12 +1,7 @@
 use glam::DVec3;
 
-use serde::{Serialize, Serializer};
-
-use super::palette::{
-    BY_GRAVITY, LegendEntry, SOUND, Shape, face_colour, fate_colour, fate_id, gravest, id, legend, legend_of_change,
-    shape,
-};
-use super::{Colour, RenderError};
+use super::RenderError;
+use super::palette::{BY_GRAVITY, LegendEntry, Paint, Shape, gravest, legend, legend_of_change, shape};
 use crate::context::Context;
 use crate::inspect::{Defect, DefectKind, Fate, Fates, Findings};
 use crate::math::{Box3, to_unit_range};
@@ -42,61 +37,6 @@ pub enum Shows {
     Defects,
     /// What became of one mesh in another.
     Change,
-}
-
-/// What a face is shown as.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Paint {
-    /// Surface with nothing wrong.
-    Sound,
-    /// Part of a defect.
-    Defect(DefectKind),
-    /// Surface of which it is told what became of it.
-    Fate(Fate),
-}
-
-impl Paint {
-    /// Its colour.
-    #[must_use]
-    pub fn colour(self) -> Colour {
-        match self {
-            Self::Sound => SOUND,
-            Self::Defect(kind) => face_colour(kind),
-            Self::Fate(fate) => fate_colour(fate),
-        }
-    }
-
-    /// Its name in files and reports.
-    #[must_use]
-    pub fn id(self) -> String {
-        match self {
-            Self::Sound => "sound".to_owned(),
-            Self::Defect(kind) => id(kind),
-            Self::Fate(fate) => fate_id(fate),
-        }
-    }
-
-    /// Whether it is what most surface is, of which a part tells enough.
-    #[must_use]
-    pub fn is_plain(self) -> bool {
-        matches!(self, Self::Sound | Self::Fate(Fate::Kept))
-    }
-
-    /// Its number in files: 0 for sound surface, then the kinds of defect; fates from 0.
-    #[must_use]
-    pub fn number(self) -> u8 {
-        match self {
-            Self::Sound => 0,
-            Self::Defect(kind) => 1 + kind as u8,
-            Self::Fate(fate) => fate as u8,
-        }
-    }
-}
-
-impl Serialize for Paint {
-    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        serializer.serialize_str(&self.id())
-    }
 }
 
 /// One straight piece of a defect's line, in the model's unit.
