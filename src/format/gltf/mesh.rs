@@ -8,7 +8,7 @@ use super::file::File;
 use super::json::Whole;
 use super::paint::Painter;
 use super::pose::{Pose, Posed};
-use super::primitive::{self, Mode};
+use super::primitive::{self, Mode, Used};
 use super::source::Source;
 use crate::mesh::Soup;
 use crate::scene::{PAINTLESS, PaintedMesh};
@@ -125,51 +125,4 @@ fn alike(parts: &[Part<'_, '_>]) -> Vec<Vec<usize>> {
         }
     }
     groups
-}
-
-/// The vertices that faces name, renumbered in ascending order.
-pub(super) enum Used {
-    /// All of so many.
-    All(u32),
-    /// Few.
-    Some(Vec<u32>),
-}
-
-impl Used {
-    /// Of `vertices`, those that corners name; all where there are as many corners, so that hardly one can be unused.
-    pub fn of<I: Iterator<Item = u32>>(corners: impl Fn() -> I, vertices: usize) -> Self {
-        match u32::try_from(vertices) {
-            Ok(all) if corners().take(vertices).count() == vertices => Self::All(all),
-            _ => {
-                let mut some: Vec<u32> = corners().collect();
-                some.sort_unstable();
-                some.dedup();
-                Self::Some(some)
-            }
-        }
-    }
-
-    pub fn len(&self) -> usize {
-        match self {
-            Self::All(all) => *all as usize,
-            Self::Some(some) => some.len(),
-        }
-    }
-
-    pub fn iter(&self) -> impl Iterator<Item = u32> {
-        let (all, some) = match self {
-            Self::All(all) => (0..*all, &[][..]),
-            Self::Some(some) => (0..0, &some[..]),
-        };
-        all.chain(some.iter().copied())
-    }
-
-    /// The new number of a vertex that is used.
-    pub fn rank(&self, vertex: u32) -> u32 {
-        match self {
-            Self::All(_) => vertex,
-            #[expect(clippy::cast_possible_truncation, reason = "no longer than 32 bits can number")]
-            Self::Some(some) => some.binary_search(&vertex).unwrap_or_default() as u32,
-        }
-    }
 }

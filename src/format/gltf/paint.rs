@@ -12,7 +12,7 @@ use super::document::{AlphaMode, Attributes, Material, Surface, TextureTransform
 use super::file::{File, entry};
 use super::images::Images;
 use super::json::Whole;
-use super::mesh::Used;
+use super::primitive::Used;
 use super::source::Source;
 use crate::scene::{self, PAINTLESS, Paint, Palette};
 
