@@ -1,10 +1,9 @@
 use glam::DVec3;
 
-use super::Reference;
 use super::choice::Choice;
 use super::clearance::Clearance;
 use super::complex::{Complex, LINE, NONE, OPEN};
-use super::deviation::{Patch, deviation, line_deviation};
+use super::deviation::{Patch, Reference, deviation, line_deviation};
 use super::shape::{Shape, shape};
 use super::start::Bodies;
 use super::witness::Witnesses;

@@ -1,11 +1,31 @@
 use glam::{DVec2, DVec3};
 
-use crate::math::{nearest_on_segment, nearest_on_triangle};
+use crate::math::{Tree, nearest_on_segment, nearest_on_triangle};
 
 /// Cosine below which a face is taken to stand upright in the projection.
 const UPRIGHT: f64 = 1e-3;
 /// How far beyond its ends, as a share of its length, an edge is taken to reach, so that rounding misses no crossing.
 const OVERREACH: f64 = 1e-9;
+
+/// A surface from which distances are measured.
+#[derive(Clone, Copy)]
+pub struct Reference<'a> {
+    /// The tree of these triangles.
+    pub tree: &'a Tree,
+    /// Vertex positions.
+    pub positions: &'a [DVec3],
+    /// Triangles as numbers in `positions`.
+    pub faces: &'a [[u32; 3]],
+}
+
+impl Reference<'_> {
+    /// The distance of a point, where it is within a bound.
+    pub(super) fn distance(&self, p: DVec3, bound: f64) -> Option<f64> {
+        let corners = |f: u32| self.faces[f as usize].map(|v| self.positions[v as usize]);
+        let mut steps = u64::MAX;
+        self.tree.nearest(p, bound, &mut steps, corners).map(|nearest| nearest.distance)
+    }
+}
 
 /// Faces around one or two vertices, before or after a collapse.
 #[derive(Default)]

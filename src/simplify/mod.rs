@@ -23,10 +23,8 @@ mod slabs;
 mod start;
 mod witness;
 
-use glam::DVec3;
-
 use crate::context::{Cancelled, Context};
-use crate::math::{Precision, Rounding, Tree, to_unit_range, unit_scale};
+use crate::math::{Precision, Rounding, to_unit_range, unit_scale};
 use crate::mesh::{Edges, Surface, weld_exactly};
 use choice::choose;
 use collapse::{Attempt, Collapser, Why};
@@ -34,6 +32,8 @@ use complex::{Complex, LINE, NONE, OPEN, corner};
 use queue::{Queue, Waiting};
 use slabs::Held;
 use start::prepare;
+
+pub use deviation::Reference;
 
 /// Edges between two looks at whether the work should stop.
 const BETWEEN_CHECKS: u64 = 1024;
@@ -43,26 +43,6 @@ const MOST_PASSES: usize = 12;
 const WORTH_A_PASS: f64 = 1e-3;
 /// By how much what makes slender faces is put back in the queue.
 const PATIENCE: f64 = 16.0;
-
-/// A surface from which distances are measured.
-#[derive(Clone, Copy)]
-pub struct Reference<'a> {
-    /// The tree of these triangles.
-    pub tree: &'a Tree,
-    /// Vertex positions.
-    pub positions: &'a [DVec3],
-    /// Triangles as numbers in `positions`.
-    pub faces: &'a [[u32; 3]],
-}
-
-impl Reference<'_> {
-    /// The distance of a point, where it is within a bound.
-    fn distance(&self, p: DVec3, bound: f64) -> Option<f64> {
-        let corners = |f: u32| self.faces[f as usize].map(|v| self.positions[v as usize]);
-        let mut steps = u64::MAX;
-        self.tree.nearest(p, bound, &mut steps, corners).map(|nearest| nearest.distance)
-    }
-}
 
 /// Removes faces by collapsing edges.
 #[derive(Clone, Copy)]
