@@ -211,7 +211,7 @@ pub enum Paint {
     Sound,
     /// Part of a defect.
     Defect(DefectKind),
-    /// Surface of which it is told what became of it.
+    /// Surface of a comparison, by what happened to it.
     Fate(Fate),
 }
 
@@ -236,13 +236,13 @@ impl Paint {
         }
     }
 
-    /// Whether it is what most surface is, of which a part tells enough.
+    /// Whether it marks unchanged or sound surface, which is most of it; a sample of such faces is enough.
     #[must_use]
     pub fn is_plain(self) -> bool {
         matches!(self, Self::Sound | Self::Fate(Fate::Kept))
     }
 
-    /// Its number in files: 0 for sound surface, then the kinds of defect; fates from 0.
+    /// Its number in files: 0 for sound surface and from 1 for the kinds of defect; in a comparison, from 0 for each [`Fate`].
     #[must_use]
     pub fn number(self) -> u8 {
         match self {

@@ -155,7 +155,7 @@ impl Item {
     }
 }
 
-/// Which axis points up, where a format says so: z in 3MF, y in glTF. Others leave it to whoever reads them.
+/// The axis that points up: z in 3MF, y in glTF. Other formats name none.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Up {
@@ -166,10 +166,10 @@ pub enum Up {
 }
 
 impl Up {
-    /// A transform, and after it the quarter turn from these axes to `other`: (x, y, z) -> (x, -z, y) from y to z. Nothing is rounded.
+    /// Applies `transform`, then the quarter turn from these axes to `other`: (x, y, z) -> (x, -z, y) from y to z. Exact.
     #[must_use]
     pub fn turned_to(self, other: Self, transform: DAffine3) -> DAffine3 {
-        // A zero is to have no sign.
+        // Adding zero turns -0.0 into 0.0.
         let turn = |v: DVec3| match (self, other) {
             (Self::Y, Self::Z) => DVec3::new(v.x, -v.z, v.y) + DVec3::ZERO,
             (Self::Z, Self::Y) => DVec3::new(v.x, v.z, -v.y) + DVec3::ZERO,
@@ -184,7 +184,7 @@ impl Up {
 }
 
 impl Scene {
-    /// Where an item stands when `up` points up; as it is where nothing says how it stands now.
+    /// The transform of an item in a frame in which `up` points up; unchanged where the scene names no up axis.
     #[must_use]
     pub fn stood(&self, up: Up, transform: DAffine3) -> DAffine3 {
         self.up.map_or(transform, |own| own.turned_to(up, transform))

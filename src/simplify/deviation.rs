@@ -19,7 +19,7 @@ pub struct Reference<'a> {
 }
 
 impl Reference<'_> {
-    /// The distance of a point, where it is within a bound.
+    /// The distance from `p` to the surface; none where it is over `bound`.
     pub(super) fn distance(&self, p: DVec3, bound: f64) -> Option<f64> {
         let corners = |f: u32| self.faces[f as usize].map(|v| self.positions[v as usize]);
         let mut steps = u64::MAX;

@@ -3134,7 +3134,7 @@ export interface components {
          */
         Unmeasurable: "not_closed" | "not_manifold" | "not_consistent" | "no_element";
         /**
-         * @description Which axis points up, where a format says so: z in 3MF, y in glTF. Others leave it to whoever reads them.
+         * @description The axis that points up: z in 3MF, y in glTF. Other formats name none.
          * @enum {string}
          */
         Up: "y" | "z";

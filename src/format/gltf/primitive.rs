@@ -94,14 +94,14 @@ fn out_of_range(indices: &Accessor<'_>, number: usize, vertex: u32, vertices: us
 
 /// The vertices that faces name, renumbered in ascending order.
 pub(super) enum Used {
-    /// All of so many.
+    /// Every vertex; the value is their count.
     All(u32),
-    /// Few.
+    /// These vertices, in ascending order.
     Some(Vec<u32>),
 }
 
 impl Used {
-    /// Of `vertices`, those that corners name; all where there are as many corners, so that hardly one can be unused.
+    /// Finds those of `vertices` that `corners` name. With at least as many corners as vertices, it takes all of them.
     pub fn of<I: Iterator<Item = u32>>(corners: impl Fn() -> I, vertices: usize) -> Self {
         match u32::try_from(vertices) {
             Ok(all) if corners().take(vertices).count() == vertices => Self::All(all),
@@ -129,7 +129,7 @@ impl Used {
         all.chain(some.iter().copied())
     }
 
-    /// The new number of a vertex that is used.
+    /// The new number of a used vertex.
     pub fn rank(&self, vertex: u32) -> u32 {
         match self {
             Self::All(_) => vertex,

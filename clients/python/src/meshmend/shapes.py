@@ -774,7 +774,7 @@ Unmeasurable: TypeAlias = Literal['not_closed', 'not_manifold', 'not_consistent'
 
 
 Up: TypeAlias = Literal['y', 'z']
-"""Which axis points up, where a format says so: z in 3MF, y in glTF. Others leave it to whoever reads them."""
+"""The axis that points up: z in 3MF, y in glTF. Other formats name none."""
 
 
 class UploadLimits(TypedDict):
