@@ -101,10 +101,13 @@ impl<'a> Search<'a> {
         let points = (faces + spread.len()) as u64;
         let [base, a_point] = if is_printable { BUDGET } else { UNPRINTABLE_BUDGET };
         let budget = base + a_point * points;
-        let left =
-            self.ask(spread.len(), budget, context, |i, search, steps| search.probe(prober, &spread[i], steps))?;
+        let may_have_wall = prober.may_have_wall(self.limit());
+        let left = self.ask(spread.len(), budget, context, |i, search, steps| {
+            let sample = may_have_wall[spread[i].face as usize].then_some(&spread[i])?;
+            search.probe(prober, sample, steps)
+        })?;
         self.ask(faces, left, context, |face, search, steps| {
-            let sample = search.centre(u32::try_from(face).ok()?)?;
+            let sample = may_have_wall[face].then(|| search.centre(u32::try_from(face).ok()?)).flatten()?;
             search.probe(prober, &sample, steps)
         })?;
         self.descend(prober);

@@ -219,6 +219,18 @@ impl<'a> Prober<'a> {
         Self { analysis, inside, reach: 2.0 * diagonal, beside, touching: TOUCHING * diagonal }
     }
 
+    /// For each face whether a wall of at most `longest` may be behind it. Where parts may be inside out, it may be behind any.
+    pub fn may_have_wall(&self, longest: f64) -> Vec<bool> {
+        let faces = self.analysis.surface.faces.len();
+        if self.inside.is_some() {
+            return vec![true; faces];
+        }
+        self.analysis.tree().may_have_opposite(faces, longest.min(self.reach), OPPOSITE, |face| {
+            let [a, b, c] = self.analysis.unit_corners(face);
+            (b - a).cross(c - a).normalize_or_zero()
+        })
+    }
+
     /// The wall behind a sample by the ray inward, where it is at most `longest`. Whether the surface parts material from air is
     /// asked only where a ray meets something within that length, or where it is as long as any wall.
     pub fn probe(&self, sample: &Sample, longest: f64, steps: &mut u64) -> Probe {

@@ -3,6 +3,7 @@ mod ball;
 mod frame;
 mod growing;
 mod nearest;
+mod opposite;
 mod pairs;
 mod winding;
 
@@ -65,6 +66,21 @@ impl Tree {
         let indices = (0..faces.len() as u32).collect();
         let bvh = PlocBuilder::new().build(PlocSearchDistance::Minimum, &boxes, indices, SortPrecision::U64, 0);
         Self { bvh: Some(bvh), frame }
+    }
+
+    /// All nodes, each after its children. They need not stand in any such order in the array.
+    fn children_first(&self) -> impl Iterator<Item = u32> {
+        let nodes = self.bvh.as_ref().map_or(&[][..], |bvh| &bvh.nodes);
+        let (mut order, mut stack) = (Vec::with_capacity(nodes.len()), Vec::new());
+        stack.extend((!nodes.is_empty()).then_some(0u32));
+        while let Some(at) = stack.pop() {
+            order.push(at);
+            let node = &nodes[at as usize];
+            if !node.is_leaf() {
+                stack.extend([node.first_index, node.first_index + 1]);
+            }
+        }
+        order.into_iter().rev()
     }
 
     /// Calls `visit` with every triangle whose box comes within `reach` of a point along each axis, until it answers

@@ -37,16 +37,7 @@ impl Tree {
     pub fn dipoles(&self, triangle: impl Fn(u32) -> [DVec3; 3]) -> Dipoles {
         let Some(bvh) = &self.bvh else { return Dipoles { nodes: Vec::new() } };
         let mut nodes = vec![Dipole::default(); bvh.nodes.len()];
-        // Children need not stand after their parents in the array, so the order is that of a walk, backwards.
-        let (mut order, mut stack) = (Vec::with_capacity(bvh.nodes.len()), vec![0u32]);
-        while let Some(at) = stack.pop() {
-            order.push(at);
-            let node = &bvh.nodes[at as usize];
-            if !node.is_leaf() {
-                stack.extend([node.first_index, node.first_index + 1]);
-            }
-        }
-        for at in order.into_iter().rev() {
+        for at in self.children_first() {
             let node = &bvh.nodes[at as usize];
             let (mut moment, mut sum) = (DVec3::ZERO, Dipole::default());
             let mut add = |area: DVec3, weight: f64, centre: DVec3| {

@@ -1,0 +1,159 @@
+//! Which faces may have another behind them that is turned the other way. Most faces of a thick model have none within reach, and whole
+//! neighbourhoods are told so by one walk.
+
+use glam::{DVec3, Vec3A};
+use obvhs::bvh2::Bvh2;
+use rayon::prelude::*;
+
+use super::{Tree, vec3a};
+
+/// Most faces of a neighbourhood, which is asked about as one.
+const NEIGHBOURS: usize = 16;
+/// Nodes that one question may look at. Where it does not end, the answer is yes.
+const STEPS: usize = 512;
+/// What f32 may lose of a length or of a cosine, and more.
+const SLACK: f32 = 1e-4;
+
+/// A box around vectors.
+#[derive(Clone, Copy)]
+struct Range {
+    min: Vec3A,
+    max: Vec3A,
+}
+
+impl Range {
+    const EMPTY: Self = Self { min: Vec3A::INFINITY, max: Vec3A::NEG_INFINITY };
+
+    fn of(vector: Vec3A) -> Self {
+        Self { min: vector, max: vector }
+    }
+
+    fn and(self, other: Self) -> Self {
+        Self { min: self.min.min(other.min), max: self.max.max(other.max) }
+    }
+
+    fn meets(&self, other: &Self) -> bool {
+        self.min.cmple(other.max).all() && other.min.cmple(self.max).all()
+    }
+
+    /// The least dot product of a vector in one box and one in the other.
+    fn least_dot(&self, other: &Self) -> f32 {
+        let low = (self.min * other.min).min(self.min * other.max);
+        let high = (self.max * other.min).min(self.max * other.max);
+        low.min(high).element_sum()
+    }
+}
+
+/// What is below a node: its box and its faces' normals.
+#[derive(Clone, Copy)]
+struct Below {
+    bounds: Range,
+    normals: Range,
+    faces: usize,
+}
+
+impl Tree {
+    /// For each of `faces` faces whether one that is turned the other way, to within the angle of which `cosine` is the cosine, may be
+    /// within `reach` behind it: a ray of that length from the face against its normal may meet one. It may also say so of a face
+    /// that has none, but never the contrary. `normal` gives a face's unit normal, or zero for one without area; such a face is
+    /// opposite to none.
+    ///
+    /// The time is linear in the faces, whatever their shape.
+    #[must_use]
+    pub fn may_have_opposite(
+        &self,
+        faces: usize,
+        reach: f64,
+        cosine: f64,
+        normal: impl Fn(u32) -> DVec3 + Sync,
+    ) -> Vec<bool> {
+        let mut answers = vec![false; faces];
+        let Some(bvh) = &self.bvh else { return answers };
+        #[expect(clippy::cast_possible_truncation, reason = "rounded, with slack for it")]
+        let (reach, limit) = ((reach * self.frame.scale()) as f32 * (1.0 + SLACK) + SLACK * SLACK, SLACK - cosine as f32);
+        let below = self.below(bvh, &normal);
+        let yes: Vec<u32> = neighbourhoods(bvh, &below)
+            .into_par_iter()
+            .filter(|&node| meets_opposite(bvh, &below, &below[node as usize], reach, limit))
+            .collect();
+        for node in yes {
+            for face in faces_below(bvh, node) {
+                answers[face as usize] = true;
+            }
+        }
+        answers
+    }
+
+    fn below(&self, bvh: &Bvh2, normal: impl Fn(u32) -> DVec3) -> Vec<Below> {
+        let nothing = Below { bounds: Range::EMPTY, normals: Range::EMPTY, faces: 0 };
+        let mut below = vec![nothing; bvh.nodes.len()];
+        for at in self.children_first() {
+            let node = &bvh.nodes[at as usize];
+            let (normals, faces) = if node.is_leaf() {
+                let own = (0..node.prim_count).map(|i| bvh.primitive_indices[(node.first_index + i) as usize]);
+                let normals = own.map(|face| vec3a(normal(face))).filter(|n| *n != Vec3A::ZERO).map(Range::of);
+                (normals.fold(Range::EMPTY, Range::and), node.prim_count as usize)
+            } else {
+                let [a, b] = [node.first_index, node.first_index + 1].map(|child| below[child as usize]);
+                (a.normals.and(b.normals), a.faces + b.faces)
+            };
+            let aabb = node.aabb();
+            below[at as usize] = Below { bounds: Range { min: aabb.min, max: aabb.max }, normals, faces };
+        }
+        below
+    }
+}
+
+/// The nodes nearest to the root that have few faces. Together they have all faces.
+fn neighbourhoods(bvh: &Bvh2, below: &[Below]) -> Vec<u32> {
+    let (mut found, mut stack) = (Vec::new(), vec![0u32]);
+    while let Some(at) = stack.pop() {
+        let node = &bvh.nodes[at as usize];
+        if node.is_leaf() || below[at as usize].faces <= NEIGHBOURS {
+            found.push(at);
+        } else {
+            stack.extend([node.first_index + 1, node.first_index]);
+        }
+    }
+    found
+}
+
+fn faces_below(bvh: &Bvh2, root: u32) -> Vec<u32> {
+    let (mut found, mut stack) = (Vec::new(), vec![root]);
+    while let Some(at) = stack.pop() {
+        let node = &bvh.nodes[at as usize];
+        if node.is_leaf() {
+            found.extend((0..node.prim_count).map(|i| bvh.primitive_indices[(node.first_index + i) as usize]));
+        } else {
+            stack.extend([node.first_index + 1, node.first_index]);
+        }
+    }
+    found
+}
+
+/// Whether the volume that faces sweep on their way against their normals meets the box of a leaf with a face turned the other way.
+fn meets_opposite(bvh: &Bvh2, below: &[Below], faces: &Below, reach: f32, limit: f32) -> bool {
+    let normals = faces.normals;
+    if normals.min.cmpgt(normals.max).any() {
+        return false;
+    }
+    let swept = Range {
+        min: faces.bounds.min - normals.max.max(Vec3A::ZERO) * reach,
+        max: faces.bounds.max - normals.min.min(Vec3A::ZERO) * reach,
+    };
+    let wanted = |at: u32| {
+        let node = &below[at as usize];
+        // Negated, so that a node whose numbers can't be compared is looked at.
+        node.bounds.meets(&swept) && !(node.normals.least_dot(&normals) > limit)
+    };
+    let (mut stack, mut steps) = (vec![0u32], 0);
+    while let Some(at) = stack.pop() {
+        let node = &bvh.nodes[at as usize];
+        steps += 1;
+        if node.is_leaf() || steps > STEPS {
+            return true;
+        }
+        stack.extend([node.first_index + 1, node.first_index].into_iter().filter(|&child| wanted(child)));
+    }
+    false
+}
