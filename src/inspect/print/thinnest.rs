@@ -15,15 +15,15 @@ const TIMES_THINNEST: f64 = 1.25;
 /// Most regions that the report lists.
 const MOST_REGIONS: usize = 100;
 /// Points spread by area: an eighth as many as faces, but at least and at most so many.
-const SPREAD: [usize; 2] = [2048, 100_000];
+const SPREAD: [usize; 2] = [512, 100_000];
 /// Points between two updates of what is known to be thin, at first and at most: rays search for thinner walls only.
 const BLOCK: [usize; 2] = [256, 16_384];
 /// Fewest points for one thread.
 const TASK: usize = 64;
 /// Boxes and triangles that the search may look at: so many, and so many more for each point. A mesh that is not printable has less,
-/// since a repair measures its result again.
+/// since its walls are not those that will be printed, and it costs more to tell where its material is.
 const BUDGET: [u64; 2] = [10_000_000, 200];
-const UNPRINTABLE_BUDGET: [u64; 2] = [1_000_000, 30];
+const UNPRINTABLE_BUDGET: [u64; 2] = [100_000, 3];
 /// Moves towards where a wall is thinner still, and how far each goes, as shares of the way to the thinnest point of the two
 /// faces.
 const MOVES: usize = 16;

@@ -9,10 +9,12 @@ use crate::inspect::queries::ask;
 use crate::inspect::{Analysis, Measures, Solid, finite};
 use crate::math::hit;
 
-/// Points from which the wall is measured whatever its thickness: five on each hundredth of the area.
-const SAMPLES: u32 = 512;
+/// Points from which the wall is measured whatever its thickness.
+const SAMPLES: u32 = 256;
 /// The same where winding numbers must tell material from air, which costs more.
-const COSTLY_SAMPLES: u32 = 256;
+const COSTLY_SAMPLES: u32 = 64;
+/// Points from which it is measured how much of the surface is thin.
+const THIN_SAMPLES: u32 = 256;
 /// Boxes and triangles that these points together may look at.
 const BUDGET: u64 = 10_000_000;
 /// Winding numbers from which on a point is in material, and up to which it is in air. In between the surface is too open to
@@ -45,7 +47,7 @@ pub struct ThinnestWall {
     pub at: [f64; 3],
     /// The faces of the file on both sides of it.
     pub faces: [u32; 2],
-    /// The median of the thickness over the area that is part of a wall, from at most 512 points.
+    /// The median of the thickness over the area that is part of a wall, from at most 256 points.
     pub median: f64,
     /// Points from which a thinner wall was searched: every face's centre, and points spread by area.
     pub samples: u64,
@@ -140,7 +142,7 @@ fn median(walls: &[Wall]) -> f64 {
 /// # Errors
 /// [`Cancelled`] when the context says stop.
 pub fn thin_walls(analysis: &Analysis<'_>, context: &Context<'_>) -> Result<Option<f64>, Cancelled> {
-    let samples = samples(analysis, COSTLY_SAMPLES);
+    let samples = samples(analysis, THIN_SAMPLES);
     let prober = Prober::new(analysis, false);
     let walls = walls(&samples, context, |sample, steps| prober.probe_by_ball(sample, steps))?.unwrap_or_default();
     let thickness = percentile(&sorted(&walls), THIN) / analysis.scale();

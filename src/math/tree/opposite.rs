@@ -70,7 +70,8 @@ impl Tree {
         let mut answers = vec![false; faces];
         let Some(bvh) = &self.bvh else { return answers };
         #[expect(clippy::cast_possible_truncation, reason = "rounded, with slack for it")]
-        let (reach, limit) = ((reach * self.frame.scale()) as f32 * (1.0 + SLACK) + SLACK * SLACK, SLACK - cosine as f32);
+        let (reach, limit) =
+            ((reach * self.frame.scale()) as f32 * (1.0 + SLACK) + SLACK * SLACK, SLACK - cosine as f32);
         let below = self.below(bvh, &normal);
         let yes: Vec<u32> = neighbourhoods(bvh, &below)
             .into_par_iter()
@@ -156,4 +157,66 @@ fn meets_opposite(bvh: &Bvh2, below: &[Below], faces: &Below, reach: f32, limit:
         stack.extend([node.first_index + 1, node.first_index].into_iter().filter(|&child| wanted(child)));
     }
     false
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::{hit, r3};
+
+    const COSINE: f64 = 0.866;
+
+    fn may_have_opposite(positions: &[DVec3], faces: &[[u32; 3]], reach: f64) -> Vec<bool> {
+        Tree::new(positions, faces).may_have_opposite(faces.len(), reach, COSINE, |face| {
+            unit_normal(faces[face as usize].map(|v| positions[v as usize]))
+        })
+    }
+
+    fn unit_normal([a, b, c]: [DVec3; 3]) -> DVec3 {
+        (b - a).cross(c - a).normalize_or_zero()
+    }
+
+    #[test]
+    fn a_face_with_an_opposite_one_within_reach_is_never_ruled_out() {
+        let corner = |i: u32| DVec3::from(r3(f64::from(i / 3))) + DVec3::from(r3(f64::from(i + 7000))) * 0.1;
+        let positions: Vec<DVec3> = (0..6000).map(corner).collect();
+        let faces: Vec<[u32; 3]> = (0..2000).map(|t| [3 * t, 3 * t + 1, 3 * t + 2]).collect();
+        let corners = |face: usize| faces[face].map(|v| positions[v as usize]);
+        let (mut with, mut ruled_out) = (0, 0);
+        for reach in [0.01, 0.1, 0.4] {
+            let answers = may_have_opposite(&positions, &faces, reach);
+            for (face, &answer) in answers.iter().enumerate() {
+                let [a, b, c] = corners(face);
+                let normal = unit_normal([a, b, c]);
+                let meets = (0..faces.len()).any(|other| {
+                    unit_normal(corners(other)).dot(normal) <= -COSINE
+                        && hit((a + b + c) / 3.0, -normal * reach, corners(other)).is_some()
+                });
+                assert!(answer || !meets, "face {face} within {reach}");
+                with += u32::from(meets);
+                ruled_out += u32::from(!answer);
+            }
+        }
+        assert!(with > 100 && ruled_out > 100, "{with} with an opposite face, {ruled_out} ruled out");
+    }
+
+    #[test]
+    fn two_plates_rule_each_other_out_beyond_their_distance_only() {
+        let row = |z: f64| (0..64).map(move |i| DVec3::new(f64::from(i / 2), f64::from(i % 2), z));
+        let positions: Vec<DVec3> = row(0.0).chain(row(1.0)).collect();
+        let strip = |from: u32, up: bool| {
+            (0..62).map(move |i| {
+                let [a, b, c] = [from + i, from + i + 1, from + i + 2];
+                if up == (i % 2 == 1) { [a, b, c] } else { [a, c, b] }
+            })
+        };
+        // The lower plate faces down and the upper one up: material is between them.
+        let outward: Vec<[u32; 3]> = strip(0, false).chain(strip(64, true)).collect();
+        assert!(outward[62..].iter().all(|face| unit_normal(face.map(|v| positions[v as usize])) == DVec3::Z));
+        assert!(may_have_opposite(&positions, &outward, 1.01).iter().all(|&may| may));
+        assert!(may_have_opposite(&positions, &outward, 0.99).iter().all(|&may| !may));
+        // Turned the other way, air is between them, and behind each plate is nothing.
+        let inward: Vec<[u32; 3]> = outward.iter().map(|&[a, b, c]| [a, c, b]).collect();
+        assert!(may_have_opposite(&positions, &inward, 1.01).iter().all(|&may| !may));
+    }
 }
