@@ -144,8 +144,8 @@ fn meets_opposite(bvh: &Bvh2, below: &[Below], faces: &Below, reach: f32, limit:
     };
     let wanted = |at: u32| {
         let node = &below[at as usize];
-        // Negated, so that a node whose numbers can't be compared is looked at.
-        node.bounds.meets(&swept) && !(node.normals.least_dot(&normals) > limit)
+        let dot = node.normals.least_dot(&normals);
+        node.bounds.meets(&swept) && (dot <= limit || dot.is_nan())
     };
     let (mut stack, mut steps) = (vec![0u32], 0);
     while let Some(at) = stack.pop() {
