@@ -5,7 +5,7 @@ use glam::DVec3;
 
 use super::compare::FaceKeys;
 use super::intersections::faces_in_other_materials;
-use super::{Intersections, Measures, Solid, intersections, measure, nesting_depths, solids};
+use super::{Intersections, Measures, Solid, depths_of, intersections, measure, nesting, solids};
 use crate::context::{Cancelled, Context};
 use crate::math::{Box3, Dipoles, Tree, area_vanishes, collinear, to_unit_range, unit_scale};
 use crate::mesh::{CornerNormals, Edges, Fans, Ingest, Numbering, Parts, Soup, Surface};
@@ -57,6 +57,7 @@ pub struct Analysis<'a> {
     unit: OnceLock<Vec<DVec3>>,
     flat: OnceLock<Vec<bool>>,
     extent: OnceLock<Box3>,
+    containers: OnceLock<Vec<Option<Vec<u32>>>>,
     depths: OnceLock<Vec<Option<u32>>>,
     tree: OnceLock<Tree>,
     dipoles: OnceLock<Dipoles>,
@@ -98,6 +99,7 @@ impl<'a> Analysis<'a> {
             unit: OnceLock::new(),
             flat: OnceLock::new(),
             extent: OnceLock::new(),
+            containers: OnceLock::new(),
             depths: OnceLock::new(),
             tree: OnceLock::new(),
             dipoles: OnceLock::new(),
@@ -151,17 +153,26 @@ impl<'a> Analysis<'a> {
         })
     }
 
-    /// How many other closed parts each part lies in, as [`nesting_depths`] tells of all of them.
+    /// The other closed parts that each part lies in, as [`nesting`] finds them for all parts.
+    ///
+    /// # Errors
+    /// [`Cancelled`] when the work should stop.
+    pub(super) fn containers(&self, context: &Context<'_>) -> Result<&[Option<Vec<u32>>], Cancelled> {
+        if let Some(known) = self.containers.get() {
+            return Ok(known);
+        }
+        let all = vec![true; self.solids.len()];
+        let containers = nesting(&self.surface, &self.parts, &self.solids, &all, context)?;
+        Ok(self.containers.get_or_init(|| containers))
+    }
+
+    /// How many other closed parts each part lies in; none where it can't be found out.
     ///
     /// # Errors
     /// [`Cancelled`] when the work should stop.
     pub fn depths(&self, context: &Context<'_>) -> Result<&[Option<u32>], Cancelled> {
-        if let Some(known) = self.depths.get() {
-            return Ok(known);
-        }
-        let all = vec![true; self.solids.len()];
-        let depths = nesting_depths(&self.surface, &self.parts, &self.solids, &all, context)?;
-        Ok(self.depths.get_or_init(|| depths))
+        let containers = self.containers(context)?;
+        Ok(self.depths.get_or_init(|| depths_of(containers)))
     }
 
     /// The faces that intersect, as [`intersections`] finds them.

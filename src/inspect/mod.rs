@@ -49,6 +49,7 @@ pub use inspection::{INSPECTION_VERSION, InspectOptions, Inspection, Level, insp
 pub use intersections::{IntersectingPair, Intersections, intersections, intersections_between};
 pub use measure::{measure, measure_analysis, measures};
 pub use measures::{BoundingBox, Measures, SelfIntersections, Volume};
+use nesting::depths_of;
 pub use nesting::{nesting, nesting_depths};
 pub use options::{OptionsError, changed_fields};
 pub use print::{

@@ -23,9 +23,13 @@ pub fn nesting_depths(
     wanted: &[bool],
     context: &Context<'_>,
 ) -> Result<Vec<Option<u32>>, Cancelled> {
-    let containers = nesting(surface, parts, solids, wanted, context)?;
+    Ok(depths_of(&nesting(surface, parts, solids, wanted, context)?))
+}
+
+/// The count of each part's containers.
+pub(super) fn depths_of(containers: &[Option<Vec<u32>>]) -> Vec<Option<u32>> {
     #[expect(clippy::cast_possible_truncation, reason = "parts are counted in u32")]
-    Ok(containers.into_iter().map(|c| c.map(|c| c.len() as u32)).collect())
+    containers.iter().map(|of_part| of_part.as_ref().map(|of_part| of_part.len() as u32)).collect()
 }
 
 /// The other closed parts that each closed part lies in, in order, where `wanted` asks for it; none where it is not asked

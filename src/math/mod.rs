@@ -20,5 +20,5 @@ pub use precision::{Precision, Rounding};
 pub use predicates::{Sign, area_vanishes, collinear, midmost, orient2d, orient3d, to_unit_range, unit_scale};
 pub use ray::{Crossing, crossing, hit, ray_direction};
 pub use sequence::{r2, r3};
-pub use tree::{Ball, Dipoles, Frame, GrowingTree, Hit, Nearest, PairSearch, Tree, winding_exact};
+pub use tree::{Ball, Dipoles, Frame, GrowingTree, Hit, Nearest, OppositeFaces, PairSearch, Tree, winding_exact};
 pub use triangle_pair::{Contact, common_point, contact};

@@ -51,10 +51,13 @@ pub fn hit(origin: DVec3, step: DVec3, [a, b, c]: [DVec3; 3]) -> Option<f64> {
     }
     let s = origin - a;
     let u = s.dot(p) / determinant;
+    if !(-EDGE..=1.0 + 3.0 * EDGE).contains(&u) {
+        return None;
+    }
     let q = s.cross(e);
     let v = step.dot(q) / determinant;
     let t = f.dot(q) / determinant;
-    (u >= -EDGE && v >= -EDGE && u + v <= 1.0 + EDGE && (0.0..=1.0).contains(&t)).then_some(t)
+    (v >= -EDGE && u + v <= 1.0 + EDGE && (0.0..=1.0).contains(&t)).then_some(t)
 }
 
 /// The directions in which rays are tried, one after another: unit vectors that no designed surface is aligned with.

@@ -7,7 +7,7 @@ use crate::context::{Cancelled, Context};
 use crate::inspect::compare::{Inside, Sample, percentile, samples, unit_diagonal};
 use crate::inspect::queries::ask;
 use crate::inspect::{Analysis, Measures, Solid, finite};
-use crate::math::hit;
+use crate::math::{OppositeFaces, hit};
 
 /// Points from which the wall is measured whatever its thickness.
 const SAMPLES: u32 = 256;
@@ -105,9 +105,9 @@ pub(super) fn thinnest_wall(
     measures: &Measures,
     context: &Context<'_>,
 ) -> Result<Result<ThinnestWall, NoWall>, Cancelled> {
-    let simple = parts_material_from_air(analysis, measures, context)?;
-    let samples = samples(analysis, if simple { SAMPLES } else { COSTLY_SAMPLES });
-    let prober = Prober::new(analysis, simple);
+    let bounding = bounding_parts(analysis, measures, context)?;
+    let samples = samples(analysis, if bounding.is_some() { SAMPLES } else { COSTLY_SAMPLES });
+    let prober = Prober::new(analysis, bounding);
     let sampled = match walls(&samples, context, |sample, steps| prober.probe(sample, prober.reach, steps))? {
         Ok(walls) => walls,
         Err(why) => return Ok(Err(why)),
@@ -143,7 +143,7 @@ fn median(walls: &[Wall]) -> f64 {
 /// [`Cancelled`] when the context says stop.
 pub fn thin_walls(analysis: &Analysis<'_>, context: &Context<'_>) -> Result<Option<f64>, Cancelled> {
     let samples = samples(analysis, THIN_SAMPLES);
-    let prober = Prober::new(analysis, false);
+    let prober = Prober::new(analysis, None);
     let walls = walls(&samples, context, |sample, steps| prober.probe_by_ball(sample, steps))?.unwrap_or_default();
     let thickness = percentile(&sorted(&walls), THIN) / analysis.scale();
     Ok((!walls.is_empty() && thickness > 0.0 && thickness.is_finite()).then_some(thickness))
@@ -184,59 +184,83 @@ fn walls(
     Ok(Ok(walls))
 }
 
-/// Whether each face has material behind it and air in front of it for certain: nothing intersects, and parts within others
-/// are cavities and solids by turns.
-fn parts_material_from_air(
+/// Which parts bound the material: their faces have material behind them and air in front. Each other part is wholly within material, or
+/// encloses air only. None where nesting does not tell: the mesh is not printable, or parts touch.
+fn bounding_parts(
     analysis: &Analysis<'_>,
     measures: &Measures,
     context: &Context<'_>,
-) -> Result<bool, Cancelled> {
+) -> Result<Option<Vec<bool>>, Cancelled> {
     if !measures.printable() {
-        return Ok(false);
+        return Ok(None);
     }
-    let depths = analysis.depths(context)?;
-    let by_turns = |(solid, depth): (&Solid, &Option<u32>)| {
-        depth.is_some_and(|depth| (solid.volume > 0.0) == (depth % 2 == 0)) && solid.volume != 0.0
+    // What a part adds to the winding numbers within it.
+    let own = |solid: &Solid| if solid.volume > 0.0 { 1 } else { -1 };
+    let bounds = |(solid, containers): (&Solid, &Option<Vec<u32>>)| {
+        let around: i32 = containers.as_ref()?.iter().map(|&part| own(&analysis.solids[part as usize])).sum();
+        (solid.volume != 0.0).then(|| around == i32::from(solid.volume < 0.0))
     };
-    Ok(analysis.solids.iter().zip(depths).all(by_turns))
+    Ok(analysis.solids.iter().zip(analysis.containers(context)?).map(bounds).collect())
 }
 
 /// Measures the wall behind single points.
 pub(super) struct Prober<'a> {
     analysis: &'a Analysis<'a>,
-    /// What tells material from air; none where every face parts them, with the air in front of it.
-    inside: Option<Inside<'a>>,
+    material: Material<'a>,
     /// Longer than any wall.
     reach: f64,
     beside: f64,
     touching: f64,
 }
 
+/// What tells on which side of a face the material is.
+enum Material<'a> {
+    /// Every face of these parts has material behind it and air in front, and other faces are not between the two. With the faces by
+    /// the way they are turned.
+    Bounded(Vec<bool>, OppositeFaces<'a>),
+    /// Winding numbers at points beside the face.
+    Measured(Inside<'a>),
+}
+
 impl<'a> Prober<'a> {
-    /// `simple` says that every face parts material from air, with the air in front.
-    fn new(analysis: &'a Analysis<'a>, simple: bool) -> Self {
+    /// `bounding` as [`bounding_parts`] finds it.
+    fn new(analysis: &'a Analysis<'a>, bounding: Option<Vec<bool>>) -> Self {
         let diagonal = unit_diagonal(analysis);
         let beside = (BESIDE[0] * diagonal).max(BESIDE[1]);
-        let inside = (!simple).then(|| Inside::new(analysis));
-        Self { analysis, inside, reach: 2.0 * diagonal, beside, touching: TOUCHING * diagonal }
+        let material = match bounding {
+            Some(parts) => {
+                let normal = |face: u32| {
+                    let bounds = is_bounding(analysis, &parts, face);
+                    if bounds { unit_normal(analysis, face) } else { DVec3::ZERO }
+                };
+                let opposite = analysis.tree().opposite_faces(OPPOSITE, normal);
+                Material::Bounded(parts, opposite)
+            }
+            None => Material::Measured(Inside::new(analysis)),
+        };
+        Self { analysis, material, reach: 2.0 * diagonal, beside, touching: TOUCHING * diagonal }
     }
 
-    /// For each face whether a wall of at most `longest` may be behind it. Where parts may be inside out, it may be behind any.
+    /// For each face whether a wall of at most `longest` may be behind it.
     pub fn may_have_wall(&self, longest: f64) -> Vec<bool> {
         let faces = self.analysis.surface.faces.len();
-        if self.inside.is_some() {
-            return vec![true; faces];
+        match &self.material {
+            Material::Bounded(_, opposite) => opposite.may_be_within(longest.min(self.reach), faces),
+            // Parts may be inside out.
+            Material::Measured(_) => vec![true; faces],
         }
-        self.analysis.tree().may_have_opposite(faces, longest.min(self.reach), OPPOSITE, |face| {
-            let [a, b, c] = self.analysis.unit_corners(face);
-            (b - a).cross(c - a).normalize_or_zero()
-        })
     }
 
     /// The wall behind a sample by the ray inward, where it is at most `longest`. Whether the surface parts material from air is
     /// asked only where a ray meets something within that length, or where it is as long as any wall.
     pub fn probe(&self, sample: &Sample, longest: f64, steps: &mut u64) -> Probe {
-        if self.inside.is_some() && longest < self.reach && !self.meets_anything(sample, longest, steps) {
+        let has_none = match &self.material {
+            Material::Bounded(parts, opposite) => {
+                is_bounding(self.analysis, parts, sample.face) && !self.meets_opposite(opposite, sample, longest, steps)
+            }
+            Material::Measured(_) => longest < self.reach && !self.meets_anything(sample, longest, steps),
+        };
+        if has_none {
             return Probe::NoWall;
         }
         let Some(inward) = self.inward(sample, steps) else { return Probe::NotSolid };
@@ -256,10 +280,22 @@ impl<'a> Prober<'a> {
     }
 
     fn is_opposite(&self, face: u32, inward: DVec3, cosine: f64) -> bool {
-        let [a, b, c] = self.analysis.unit_corners(face);
-        let along = (b - a).cross(c - a).normalize_or_zero().dot(inward);
+        let along = unit_normal(self.analysis, face).dot(inward);
         // A part turned inside out has its faces' normals inward.
-        (if self.inside.is_some() { along.abs() } else { along }) >= cosine
+        (if self.is_measured() { along.abs() } else { along }) >= cosine
+    }
+
+    fn is_measured(&self) -> bool {
+        matches!(self.material, Material::Measured(_))
+    }
+
+    /// Whether a ray from a sample against its normal meets an opposite face within a length.
+    fn meets_opposite(&self, opposite: &OppositeFaces<'_>, sample: &Sample, longest: f64, steps: &mut u64) -> bool {
+        let (ray, least) = (-sample.normal * longest, self.touching / longest);
+        opposite.any_along([sample.point, sample.point + ray], sample.normal, steps, |face| {
+            let share = hit(sample.point, ray, self.analysis.unit_corners(face));
+            face != sample.face && share.is_some_and(|share| share > least)
+        })
     }
 
     /// Whether a face is within a length of a sample along its normal, to either side.
@@ -271,7 +307,7 @@ impl<'a> Prober<'a> {
     fn first(&self, sample: &Sample, ray: DVec3, after: Option<(f64, u32)>, steps: &mut u64) -> Option<(f64, u32)> {
         let least = self.touching / ray.length();
         self.analysis.tree().first_along([sample.point, sample.point + ray], after, steps, |face| {
-            let other = face != sample.face;
+            let other = face != sample.face && self.may_end_material(face);
             let share = other.then(|| hit(sample.point, ray, self.analysis.unit_corners(face))).flatten();
             share.filter(|&share| share > least)
         })
@@ -279,7 +315,12 @@ impl<'a> Prober<'a> {
 
     /// The direction from a sample into the material, if there is material on one side and air on the other.
     fn inward(&self, sample: &Sample, steps: &mut u64) -> Option<DVec3> {
-        let Some(inside) = &self.inside else { return Some(-sample.normal) };
+        let inside = match &self.material {
+            Material::Bounded(parts, _) => {
+                return is_bounding(self.analysis, parts, sample.face).then_some(-sample.normal);
+            }
+            Material::Measured(inside) => inside,
+        };
         let [front, back] = inside.windings(sample.point, sample.normal * self.beside, steps);
         if front < AIR && back > MATERIAL {
             Some(-sample.normal)
@@ -288,9 +329,20 @@ impl<'a> Prober<'a> {
         }
     }
 
+    /// Whether air may begin behind a face that is met from the material.
+    fn may_end_material(&self, face: u32) -> bool {
+        match &self.material {
+            Material::Bounded(parts, _) => is_bounding(self.analysis, parts, face),
+            Material::Measured(_) => true,
+        }
+    }
+
     /// Whether a point just behind a face that was met from the material is in air.
     fn is_air(&self, beyond: DVec3, steps: &mut u64) -> bool {
-        self.inside.as_ref().is_none_or(|inside| inside.winding(beyond, steps) < AIR)
+        match &self.material {
+            Material::Bounded(..) => true,
+            Material::Measured(inside) => inside.winding(beyond, steps) < AIR,
+        }
     }
 
     /// How far it is inward to where the air begins, if at most `longest`, and the face there.
@@ -318,4 +370,14 @@ impl<'a> Prober<'a> {
         let wall = outward.dot(inward) >= BALL_OPPOSITE && self.is_air(beyond, steps);
         wall.then_some(Probe::Wall(2.0 * ball.radius, contact.face))
     }
+}
+
+fn is_bounding(analysis: &Analysis<'_>, parts: &[bool], face: u32) -> bool {
+    parts.get(analysis.parts.of_face[face as usize] as usize).copied().unwrap_or(false)
+}
+
+/// The unit normal of a face in unit coordinates; zero where it has no area.
+fn unit_normal(analysis: &Analysis<'_>, face: u32) -> DVec3 {
+    let [a, b, c] = analysis.unit_corners(face);
+    (b - a).cross(c - a).normalize_or_zero()
 }

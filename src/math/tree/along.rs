@@ -29,39 +29,55 @@ impl Tree {
     ) -> Option<(f64, u32)> {
         let bvh = self.bvh.as_ref()?;
         let segment = self.segment(from, to);
-        let enters = |node: u32| segment.enters(bvh.nodes[node as usize].aabb()).map(|share| (share, node));
+        // How far along the segment a node's box is; nothing is farther than where it misses the box.
+        let entry = |node: u32| segment.enters(bvh.nodes[node as usize].aabb()).unwrap_or(f32::INFINITY);
         let mut first: Option<(f64, u32)> = None;
+        // What is farther along than this is not looked at.
+        let mut limit = f64::MAX;
         let mut stack: SmallVec<[(f32, u32); DEPTH]> = SmallVec::new();
-        stack.extend(enters(0));
-        while let Some((share, at)) = stack.pop() {
-            if first.is_some_and(|first| first.0 < f64::from(share)) {
+        stack.push((entry(0), 0));
+        while let Some((share, mut at)) = stack.pop() {
+            if f64::from(share) > limit {
                 continue;
             }
-            let node = &bvh.nodes[at as usize];
-            let cost = 1 + u64::from(node.prim_count);
-            if *steps < cost {
-                *steps = 0;
-                break;
-            }
-            *steps -= cost;
-            if node.is_leaf() {
-                for i in 0..node.prim_count {
-                    let face = bvh.primitive_indices[(node.first_index + i) as usize];
-                    let found = hit(face).map(|share| (share, face));
-                    let found = found.filter(|&it| after.is_none_or(|after| after < it));
-                    first = [first, found].into_iter().flatten().reduce(|a, b| if b < a { b } else { a });
+            // Down to a leaf, always into the nearer child; the other one is kept for later.
+            loop {
+                let node = &bvh.nodes[at as usize];
+                let cost = 1 + u64::from(node.prim_count);
+                if *steps < cost {
+                    *steps = 0;
+                    return first;
                 }
-                continue;
+                *steps -= cost;
+                if node.is_leaf() {
+                    for i in 0..node.prim_count {
+                        let face = bvh.primitive_indices[(node.first_index + i) as usize];
+                        let Some(found) = hit(face).map(|share| (share, face)) else { continue };
+                        if after.is_none_or(|after| after < found) && first.is_none_or(|first| found < first) {
+                            first = Some(found);
+                            limit = found.0;
+                        }
+                    }
+                    break;
+                }
+                let (mut near, mut far) = (node.first_index, node.first_index + 1);
+                let (mut near_share, mut far_share) = (entry(near), entry(far));
+                if far_share < near_share {
+                    (near, far, near_share, far_share) = (far, near, far_share, near_share);
+                }
+                if f64::from(far_share) <= limit {
+                    stack.push((far_share, far));
+                }
+                if f64::from(near_share) > limit {
+                    break;
+                }
+                at = near;
             }
-            let [left, right] = [enters(node.first_index), enters(node.first_index + 1)];
-            let left_first = left.zip(right).is_none_or(|(left, right)| left.0 <= right.0);
-            let ordered = if left_first { [right, left] } else { [left, right] };
-            ordered.into_iter().flatten().for_each(|child| stack.push(child));
         }
         first
     }
 
-    fn segment(&self, from: DVec3, to: DVec3) -> Segment {
+    pub(super) fn segment(&self, from: DVec3, to: DVec3) -> Segment {
         let origin = self.frame.to_tree(from);
         let step = self.frame.to_tree(to) - origin;
         if !origin.abs().max(step.abs()).cmplt(DVec3::splat(FAR)).all() {
@@ -77,7 +93,7 @@ impl Tree {
 }
 
 /// A segment in the frame of a tree.
-struct Segment {
+pub(super) struct Segment {
     /// Its start, rounded up for the low sides of boxes and down for the high ones: boxes get larger by what f32 rounds of it.
     low: Vec3A,
     high: Vec3A,
@@ -89,7 +105,7 @@ impl Segment {
     /// How far along it enters a box, as a share of it, where it meets the box: the slab test (Kay and Kajiya 1986), never too
     /// late and never missed by rounding (Ize 2013, "Robust BVH Ray Traversal").
     #[inline]
-    fn enters(&self, aabb: &Aabb) -> Option<f32> {
+    pub(super) fn enters(&self, aabb: &Aabb) -> Option<f32> {
         let (a, b) = ((aabb.min - self.low) * self.share, (aabb.max - self.high) * self.share);
         let (enter, leave) = (a.min(b).max_element().max(0.0), a.max(b).min_element().min(1.0));
         let enter = enter * (1.0 - ROUNDING);

@@ -18,6 +18,7 @@ pub use ball::Ball;
 pub use frame::Frame;
 pub use growing::GrowingTree;
 pub use nearest::Nearest;
+pub use opposite::OppositeFaces;
 pub use pairs::{Hit, PairSearch};
 pub use winding::{Dipoles, winding_exact};
 

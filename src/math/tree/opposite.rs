@@ -1,11 +1,12 @@
-//! Which faces may have another behind them that is turned the other way. Most faces of a thick model have none within reach, and whole
-//! neighbourhoods are told so by one walk.
+//! Which faces have another behind them that is turned the other way. Most faces of a thick model have none within reach: one walk through
+//! the tree rules out whole neighbourhoods, and a ray passes over what is not turned the other way.
 
 use glam::{DVec3, Vec3A};
 use obvhs::bvh2::Bvh2;
 use rayon::prelude::*;
+use smallvec::SmallVec;
 
-use super::{Tree, vec3a};
+use super::{DEPTH, Tree, vec3a};
 
 /// Most faces of a neighbourhood, which is asked about as one.
 const NEIGHBOURS: usize = 16;
@@ -26,6 +27,10 @@ impl Range {
 
     fn of(vector: Vec3A) -> Self {
         Self { min: vector, max: vector }
+    }
+
+    fn is_empty(&self) -> bool {
+        self.min.cmpgt(self.max).any()
     }
 
     fn and(self, other: Self) -> Self {
@@ -52,40 +57,26 @@ struct Below {
     faces: usize,
 }
 
+/// The faces of a tree and the ways they are turned, to find those that are turned the other way than a given face: those whose
+/// unit normals have a dot product of at most minus a cosine.
+pub struct OppositeFaces<'a> {
+    tree: &'a Tree,
+    below: Vec<Below>,
+    /// The dot product from which on two faces are not opposite, for certain.
+    limit: f32,
+}
+
 impl Tree {
-    /// For each of `faces` faces whether one that is turned the other way, to within the angle of which `cosine` is the cosine, may be
-    /// within `reach` behind it: a ray of that length from the face against its normal may meet one. It may also say so of a face
-    /// that has none, but never the contrary. `normal` gives a face's unit normal, or zero for one without area; such a face is
-    /// opposite to none.
-    ///
-    /// The time is linear in the faces, whatever their shape.
+    /// Prepares the search for opposite faces. `normal` gives a face's unit normal, or zero for a face that is opposite to none.
     #[must_use]
-    pub fn may_have_opposite(
-        &self,
-        faces: usize,
-        reach: f64,
-        cosine: f64,
-        normal: impl Fn(u32) -> DVec3 + Sync,
-    ) -> Vec<bool> {
-        let mut answers = vec![false; faces];
-        let Some(bvh) = &self.bvh else { return answers };
+    pub fn opposite_faces(&self, cosine: f64, normal: impl Fn(u32) -> DVec3) -> OppositeFaces<'_> {
         #[expect(clippy::cast_possible_truncation, reason = "rounded, with slack for it")]
-        let (reach, limit) =
-            ((reach * self.frame.scale()) as f32 * (1.0 + SLACK) + SLACK * SLACK, SLACK - cosine as f32);
-        let below = self.below(bvh, &normal);
-        let yes: Vec<u32> = neighbourhoods(bvh, &below)
-            .into_par_iter()
-            .filter(|&node| meets_opposite(bvh, &below, &below[node as usize], reach, limit))
-            .collect();
-        for node in yes {
-            for face in faces_below(bvh, node) {
-                answers[face as usize] = true;
-            }
-        }
-        answers
+        let limit = SLACK - cosine as f32;
+        OppositeFaces { tree: self, below: self.below(normal), limit }
     }
 
-    fn below(&self, bvh: &Bvh2, normal: impl Fn(u32) -> DVec3) -> Vec<Below> {
+    fn below(&self, normal: impl Fn(u32) -> DVec3) -> Vec<Below> {
+        let Some(bvh) = &self.bvh else { return Vec::new() };
         let nothing = Below { bounds: Range::EMPTY, normals: Range::EMPTY, faces: 0 };
         let mut below = vec![nothing; bvh.nodes.len()];
         for at in self.children_first() {
@@ -102,6 +93,99 @@ impl Tree {
             below[at as usize] = Below { bounds: Range { min: aabb.min, max: aabb.max }, normals, faces };
         }
         below
+    }
+}
+
+impl OppositeFaces<'_> {
+    /// For each of `faces` faces whether an opposite one may be within `reach` behind it: a ray of that length from the face against
+    /// its normal may meet one. It may also say so of a face that has none, but never the contrary.
+    ///
+    /// The time is linear in the faces, whatever their shape.
+    #[must_use]
+    pub fn may_be_within(&self, reach: f64, faces: usize) -> Vec<bool> {
+        let mut answers = vec![false; faces];
+        let Some(bvh) = &self.tree.bvh else { return answers };
+        #[expect(clippy::cast_possible_truncation, reason = "rounded, with slack for it")]
+        let reach = (reach * self.tree.frame.scale()) as f32 * (1.0 + SLACK) + SLACK * SLACK;
+        let yes: Vec<u32> = neighbourhoods(bvh, &self.below)
+            .into_par_iter()
+            .filter(|&node| self.meets_swept(bvh, &self.below[node as usize], reach))
+            .collect();
+        for node in yes {
+            for face in faces_below(bvh, node) {
+                answers[face as usize] = true;
+            }
+        }
+        answers
+    }
+
+    /// Whether the volume that faces sweep on their way against their normals meets the box of a leaf with an opposite face.
+    fn meets_swept(&self, bvh: &Bvh2, faces: &Below, reach: f32) -> bool {
+        let normals = faces.normals;
+        if normals.is_empty() {
+            return false;
+        }
+        let swept = Range {
+            min: faces.bounds.min - normals.max.max(Vec3A::ZERO) * reach,
+            max: faces.bounds.max - normals.min.min(Vec3A::ZERO) * reach,
+        };
+        let wanted = |at: u32| self.may_be_opposite(at, &normals) && self.below[at as usize].bounds.meets(&swept);
+        let (mut stack, mut steps) = (vec![0u32], 0);
+        while let Some(at) = stack.pop() {
+            let node = &bvh.nodes[at as usize];
+            steps += 1;
+            if node.is_leaf() || steps > STEPS {
+                return true;
+            }
+            stack.extend([node.first_index + 1, node.first_index].into_iter().filter(|&child| wanted(child)));
+        }
+        false
+    }
+
+    /// Whether `is_met` says yes to a face that is opposite to one with the unit normal `normal` and whose box the segment from `from`
+    /// to `to` meets. It is asked about others too. `steps` as in [`Tree::nearest`]; where it reaches 0 the answer is yes.
+    pub fn any_along(
+        &self,
+        [from, to]: [DVec3; 2],
+        normal: DVec3,
+        steps: &mut u64,
+        is_met: impl Fn(u32) -> bool,
+    ) -> bool {
+        let Some(bvh) = &self.tree.bvh else { return false };
+        let (segment, normals) = (self.tree.segment(from, to), Range::of(vec3a(normal)));
+        let wanted =
+            |at: u32| self.may_be_opposite(at, &normals) && segment.enters(bvh.nodes[at as usize].aabb()).is_some();
+        let mut stack: SmallVec<[u32; DEPTH]> = SmallVec::new();
+        stack.extend(wanted(0).then_some(0));
+        while let Some(at) = stack.pop() {
+            let node = &bvh.nodes[at as usize];
+            let cost = 1 + u64::from(node.prim_count);
+            if *steps < cost {
+                *steps = 0;
+                return true;
+            }
+            *steps -= cost;
+            if node.is_leaf() {
+                let mut faces = (0..node.prim_count).map(|i| bvh.primitive_indices[(node.first_index + i) as usize]);
+                if faces.any(&is_met) {
+                    return true;
+                }
+                continue;
+            }
+            for child in [node.first_index + 1, node.first_index] {
+                if wanted(child) {
+                    stack.push(child);
+                }
+            }
+        }
+        false
+    }
+
+    /// Whether a face below a node may be opposite to one whose normal is in a box.
+    fn may_be_opposite(&self, node: u32, normals: &Range) -> bool {
+        let below = &self.below[node as usize].normals;
+        let dot = below.least_dot(normals);
+        !below.is_empty() && (dot <= self.limit || dot.is_nan())
     }
 }
 
@@ -132,33 +216,6 @@ fn faces_below(bvh: &Bvh2, root: u32) -> Vec<u32> {
     found
 }
 
-/// Whether the volume that faces sweep on their way against their normals meets the box of a leaf with a face turned the other way.
-fn meets_opposite(bvh: &Bvh2, below: &[Below], faces: &Below, reach: f32, limit: f32) -> bool {
-    let normals = faces.normals;
-    if normals.min.cmpgt(normals.max).any() {
-        return false;
-    }
-    let swept = Range {
-        min: faces.bounds.min - normals.max.max(Vec3A::ZERO) * reach,
-        max: faces.bounds.max - normals.min.min(Vec3A::ZERO) * reach,
-    };
-    let wanted = |at: u32| {
-        let node = &below[at as usize];
-        let dot = node.normals.least_dot(&normals);
-        node.bounds.meets(&swept) && (dot <= limit || dot.is_nan())
-    };
-    let (mut stack, mut steps) = (vec![0u32], 0);
-    while let Some(at) = stack.pop() {
-        let node = &bvh.nodes[at as usize];
-        steps += 1;
-        if node.is_leaf() || steps > STEPS {
-            return true;
-        }
-        stack.extend([node.first_index + 1, node.first_index].into_iter().filter(|&child| wanted(child)));
-    }
-    false
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -167,9 +224,8 @@ mod tests {
     const COSINE: f64 = 0.866;
 
     fn may_have_opposite(positions: &[DVec3], faces: &[[u32; 3]], reach: f64) -> Vec<bool> {
-        Tree::new(positions, faces).may_have_opposite(faces.len(), reach, COSINE, |face| {
-            unit_normal(faces[face as usize].map(|v| positions[v as usize]))
-        })
+        let normal = |face: u32| unit_normal(faces[face as usize].map(|v| positions[v as usize]));
+        Tree::new(positions, faces).opposite_faces(COSINE, normal).may_be_within(reach, faces.len())
     }
 
     fn unit_normal([a, b, c]: [DVec3; 3]) -> DVec3 {
@@ -182,17 +238,22 @@ mod tests {
         let positions: Vec<DVec3> = (0..6000).map(corner).collect();
         let faces: Vec<[u32; 3]> = (0..2000).map(|t| [3 * t, 3 * t + 1, 3 * t + 2]).collect();
         let corners = |face: usize| faces[face].map(|v| positions[v as usize]);
+        let tree = Tree::new(&positions, &faces);
+        let opposite = tree.opposite_faces(COSINE, |face| unit_normal(corners(face as usize)));
         let (mut with, mut ruled_out) = (0, 0);
         for reach in [0.01, 0.1, 0.4] {
             let answers = may_have_opposite(&positions, &faces, reach);
             for (face, &answer) in answers.iter().enumerate() {
                 let [a, b, c] = corners(face);
                 let normal = unit_normal([a, b, c]);
-                let meets = (0..faces.len()).any(|other| {
-                    unit_normal(corners(other)).dot(normal) <= -COSINE
-                        && hit((a + b + c) / 3.0, -normal * reach, corners(other)).is_some()
-                });
+                let (from, step) = ((a + b + c) / 3.0, -normal * reach);
+                let is_met = |other: u32| {
+                    let other = corners(other as usize);
+                    unit_normal(other).dot(normal) <= -COSINE && hit(from, step, other).is_some()
+                };
+                let meets = (0u32..).take(faces.len()).any(is_met);
                 assert!(answer || !meets, "face {face} within {reach}");
+                assert_eq!(opposite.any_along([from, from + step], normal, &mut u64::MAX.clone(), is_met), meets);
                 with += u32::from(meets);
                 ruled_out += u32::from(!answer);
             }
