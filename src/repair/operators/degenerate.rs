@@ -2,8 +2,9 @@
 
 use std::collections::HashSet;
 
+use super::operator::{Applied, Operation, Scope};
 use super::slivers::RemoveSlivers;
-use super::{Applied, Counter, Operation, Scope};
+use super::topology::Counter;
 use crate::math::{area_vanishes, collinear, midmost, to_unit_range};
 use crate::mesh::{Edges, Surface};
 use crate::repair::{Cancelled, Change, ChangeKind, Context};

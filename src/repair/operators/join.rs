@@ -2,7 +2,8 @@
 
 use glam::DVec3;
 
-use super::{Applied, Counter, Operation, Scope, open_parts};
+use super::operator::{Applied, Operation, Scope};
+use super::topology::{Counter, open_parts};
 use crate::mesh::{Edges, Surface};
 use crate::repair::{Cancelled, Change, ChangeKind, Context};
 

@@ -1,7 +1,9 @@
 //! The last way natively: the surface made anew from what is inside of it.
 
+use super::names::Operator;
+use super::operator::{Applied, Failure, Operation, Scope};
 use super::simplify::reduce_remeshed;
-use super::{Applied, Counter, Failure, Operation, Operator, Scope};
+use super::topology::Counter;
 use crate::arrange::Inside;
 use crate::mesh::Surface;
 use crate::remesh;

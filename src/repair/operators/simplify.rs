@@ -1,6 +1,7 @@
 //! Fewer faces, where that is asked for.
 
-use super::{Applied, Counter, Operation, Scope};
+use super::operator::{Applied, Operation, Scope};
+use super::topology::Counter;
 use crate::math::Precision;
 use crate::mesh::Surface;
 use crate::repair::{Cancelled, Change, ChangeKind, Context, Options};
@@ -38,7 +39,7 @@ const REMESHED_ANGLE_DEG: f64 = 30.0;
 ///
 /// # Errors
 /// [`Cancelled`] when the work was asked to stop; the surface is then unchanged.
-pub(in crate::repair) fn reduce_remeshed(
+pub(crate) fn reduce_remeshed(
     surface: &mut Surface,
     before: &Surface,
     cell: f64,

@@ -2,8 +2,9 @@
 
 use std::collections::VecDeque;
 
-use super::local::{Local, Shape};
-use super::{Applied, Counter, Operation, Scope};
+use super::local_edits::{LocalEdits, Shape};
+use super::operator::{Applied, Operation, Scope};
+use super::topology::Counter;
 use crate::math::{Box3, unit_scale};
 use crate::mesh::Surface;
 use crate::repair::{Cancelled, Change, ChangeKind, Context};
@@ -69,7 +70,7 @@ impl RemoveSlivers {
         let budget = WORK + WORK_PER_FACE * surface.faces.len() as u64;
         let mut tries = vec![0u8; surface.faces.len()];
         let drift = vec![0.0; surface.positions.len()];
-        let mut work = Work { local: Local::new(surface), length, drift, moved: 0.0, queue: slivers };
+        let mut work = Work { local: LocalEdits::new(surface), length, drift, moved: 0.0, queue: slivers };
         let (mut collapsed, mut flipped, mut dropped) = (0u64, 0u64, 0u64);
         let mut steps = 0u32;
         let mut left = Vec::new();
@@ -123,7 +124,7 @@ enum Edit {
 }
 
 struct Work<'a> {
-    local: Local<'a>,
+    local: LocalEdits<'a>,
     /// The tolerance on the unit scale.
     length: f64,
     /// How far vertices that were drawn into this one stood from it, at most.

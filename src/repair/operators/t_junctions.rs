@@ -3,7 +3,8 @@
 use glam::DVec3;
 
 use super::border::{Border, Near};
-use super::{Applied, Counter, Operation, Scope};
+use super::operator::{Applied, Operation, Scope};
+use super::topology::Counter;
 use crate::mesh::Surface;
 use crate::repair::{Cancelled, Change, ChangeKind, Context};
 

@@ -1,9 +1,11 @@
-//! A patch with faces as large as those around it.
+//! A patch with faces as large as those around it, that goes on smoothly from the surface.
 
 use std::collections::HashMap;
 use std::f64::consts::{PI, SQRT_2};
 
 use glam::DVec3;
+
+use crate::math::Box3;
 
 /// Rounds of splitting, and of relaxing within each: both end by themselves long before on what is no crafted input.
 const ROUNDS: usize = 24;
@@ -12,6 +14,13 @@ const RELAXATIONS: usize = 12;
 const MOST_VERTICES: usize = 100_000;
 /// Two angles across an edge must exceed a half turn by this to be worth a flip.
 const MARGIN: f64 = 1e-9;
+
+/// Sweeps for the membrane and the thin plate, and moves that all sweeps of one patch may make.
+const MEMBRANE: usize = 40;
+const PLATE: usize = 400;
+const MOVES: usize = 4_000_000;
+/// The sweeps end when no point moves by more than this share of the patch's size.
+const STILL: f64 = 1e-7;
 
 /// A patch over points, of which the first `fixed` are on its border.
 #[derive(Debug, Clone)]
@@ -97,6 +106,77 @@ impl Patch {
     }
 }
 
+impl Patch {
+    /// Moves the inner points to where the patch bends least: sweeps of the umbrella operator, first once for a membrane
+    /// as a start, then twice for a thin plate (Kobbelt et al. 1998). The border stays where it is.
+    ///
+    /// `beyond` gives for each border point its neighbours on the surface outside the patch, by which the plate goes on in
+    /// the surface's direction.
+    pub fn fair(&mut self, beyond: &[Vec<DVec3>]) {
+        let inner = self.points.len() - self.fixed;
+        if inner == 0 {
+            return;
+        }
+        let around = self.neighbours();
+        let size = Box3::of(self.points.iter().copied()).diagonal();
+        let sweeps = (MOVES / inner).max(1);
+        self.sweep(MEMBRANE.min(sweeps), size, |points, v| umbrella(points, &around[v], &[], v));
+        let none = Vec::new();
+        let outside = |v: usize| beyond.get(v).unwrap_or(&none).as_slice();
+        self.sweep(PLATE.min(sweeps / 8 + 1), size, |points, v| {
+            let own = umbrella(points, &around[v], &[], v);
+            let (mut sum, mut share) = (DVec3::ZERO, 0.0);
+            for &w in &around[v] {
+                sum += umbrella(points, &around[w], outside(w), w);
+                share += 1.0 / count(around[w].len() + outside(w).len());
+            }
+            let n = count(around[v].len());
+            // The second umbrella, over what it changes when the point moves by one.
+            (own - sum / n) / (1.0 + share / n)
+        });
+    }
+
+    /// Moves every inner point by what `step` says, until they are still or so many times.
+    fn sweep(&mut self, sweeps: usize, size: f64, step: impl Fn(&[DVec3], usize) -> DVec3) {
+        for _ in 0..sweeps {
+            let mut farthest = 0.0f64;
+            for v in self.fixed..self.points.len() {
+                let by = step(&self.points, v);
+                self.points[v] += by;
+                farthest = farthest.max(by.length());
+            }
+            if farthest <= STILL * size {
+                break;
+            }
+        }
+    }
+
+    fn neighbours(&self) -> Vec<Vec<usize>> {
+        let mut around = vec![Vec::new(); self.points.len()];
+        for &[a, b, c] in &self.triangles {
+            for [v, w] in [[a, b], [b, c], [c, a]] {
+                around[v].push(w);
+                around[w].push(v);
+            }
+        }
+        for list in &mut around {
+            list.sort_unstable();
+            list.dedup();
+        }
+        around
+    }
+}
+
+/// From a point to the middle of its neighbours.
+fn umbrella(points: &[DVec3], around: &[usize], outside: &[DVec3], v: usize) -> DVec3 {
+    let sum = around.iter().map(|&w| points[w]).sum::<DVec3>() + outside.iter().sum::<DVec3>();
+    sum / count(around.len() + outside.len()) - points[v]
+}
+
+fn count(n: usize) -> f64 {
+    f64::from(u32::try_from(n.max(1)).unwrap_or(u32::MAX))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -106,7 +186,7 @@ mod tests {
         let side = |from: DVec3, to: DVec3| (0..8).map(move |i| from.lerp(to, f64::from(i) / 8.0));
         let [a, b, c, d] = [DVec3::ZERO, DVec3::X, DVec3::new(1.0, 1.0, 0.0), DVec3::Y];
         let points: Vec<DVec3> = side(a, b).chain(side(b, c)).chain(side(c, d)).chain(side(d, a)).collect();
-        let triangles = super::super::planar::planar(&points, &[32], DVec3::Z).unwrap_or_default();
+        let triangles = super::super::triangulate::planar(&points, &[32], DVec3::Z).unwrap_or_default();
         let mut patch = Patch { fixed: 32, points, triangles };
         patch.refine(&[0.125; 32], |_, _| false, |p| p);
         let area = |t: &[usize; 3]| {

@@ -1,3 +1,5 @@
+//! Which faces to turn so that neighbours agree.
+
 use glam::DVec3;
 
 use crate::mesh::{Edges, Surface};
@@ -11,7 +13,7 @@ const FLAT: f64 = 255.0;
 const TURNS_A_FACE: usize = 64;
 
 /// Which faces to turn so that neighbours agree.
-pub(in super::super) struct Agreement {
+pub(crate) struct Agreement {
     pub turn: Vec<bool>,
     /// Edges of two faces that still disagree: those along which one-sided patches would have to be cut.
     pub conflicts: u64,
@@ -24,7 +26,7 @@ pub(in super::super) struct Agreement {
 /// A one-sided patch can't agree everywhere. Of two ways to turn its faces, by carrying the winding from face to face
 /// and by leaving all as they are, each first bettered by turning single faces, the one with fewer edges in conflict is
 /// taken, and of equals the one whose conflicts lie on the sharper folds. So there are never more than before.
-pub(in super::super) fn agree(
+pub(crate) fn agree(
     surface: &Surface,
     edges: &Edges,
     areas: &[f64],
@@ -148,4 +150,14 @@ impl Across {
         };
         Ok(patch.iter().map(|&f| left(f)).sum())
     }
+}
+
+/// Turns the faces that are marked. Answers how many.
+pub(crate) fn turn_faces(surface: &mut Surface, turn: &[bool]) -> u64 {
+    let mut turned = 0;
+    for (face, _) in surface.faces.iter_mut().zip(turn).filter(|(_, t)| **t) {
+        face.swap(1, 2);
+        turned += 1;
+    }
+    turned
 }

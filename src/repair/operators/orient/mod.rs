@@ -1,22 +1,18 @@
 //! Consistent and outward winding.
 
 mod agree;
-mod around;
-mod balance;
-mod nested;
+mod layers;
 mod outside;
 
-use super::{Applied, Counter, Operation, Scope};
 use crate::inspect::{doubled_areas, nesting, solids};
 use crate::mesh::{Edges, Parts, Surface};
+use crate::repair::operators::operator::{Applied, Operation, Scope};
+use crate::repair::operators::topology::Counter;
 use crate::repair::{Cancelled, Change, ChangeKind, Context};
 
-pub use nested::Nested;
-
-pub(super) use agree::agree;
-use around::keep_what_is_surrounded;
-use balance::keep_what_was_balanced;
-use nested::Layers;
+pub use super::names::Nested;
+pub(super) use agree::{agree, turn_faces};
+use layers::{Layers, Nest, keep_what_is_surrounded, keep_what_was_balanced};
 use outside::{Looks, Outside};
 
 /// Turns faces so that neighbours agree and solids look outward.
@@ -43,7 +39,7 @@ use outside::{Looks, Outside};
 /// Precondition: none. Result: every edge of two faces is crossed once in each direction, unless the patch is
 /// one-sided like a Möbius band. No vertex moves and no face goes. Leaves: edges of more than two faces as they are,
 /// and the conflicts of one-sided patches, of which there are never more than before and which are counted as
-/// `orientation_conflicts_left` (see [`super::one_sided`]).
+/// `orientation_conflicts_left` (see [`super::cut_non_orientable`]).
 ///
 /// After *recalc normals* of Mesh Heal, with votes by area as Takayama et al. 2014, "A Simple Method for Correcting Facet
 /// Orientations in Polygon Meshes Based on Ray Casting", have them.
@@ -68,15 +64,16 @@ impl Orient {
         let solids = solids(surface, &edges, &patches);
         let all = vec![true; solids.len()];
         let containers = nesting(surface, &patches, &solids, &all, context)?;
-        let mut layers = Layers::new(&solids, &containers, self.nested);
+        let nest = Nest { solids: &solids, containers: &containers };
+        let mut layers = Layers::new(nest, self.nested);
         let asked: Vec<bool> = solids.iter().zip(&containers).map(|(s, c)| !s.closed || c.is_none()).collect();
         let (mut untold, mut sheets) = (0u64, 0u64);
         let mut is_untold = vec![false; solids.len()];
         if asked.contains(&true) {
             let closed: Vec<bool> = solids.iter().map(|s| s.closed).collect();
             let outside = Outside { surface, patches: &patches, asked: &asked, closed: &closed, areas: &areas };
-            let mut walls = outside.walls();
-            let looks = outside.looks(self.nested, &mut walls, context)?;
+            let mut rays = outside.rays();
+            let looks = outside.looks(self.nested, &mut rays, context)?;
             for (patch, looks) in looks.into_iter().enumerate().filter(|&(patch, _)| asked[patch]) {
                 layers.turn[patch] = looks == Looks::Inward;
                 if looks == Looks::Untold {
@@ -85,7 +82,7 @@ impl Orient {
                 }
             }
             if self.nested == Nested::Keep && layers.turn.contains(&true) {
-                keep_what_is_surrounded(&outside, &mut walls, &solids, &containers, &mut layers, context)?;
+                keep_what_is_surrounded(&outside, &mut rays, nest, &mut layers, context)?;
                 keep_what_was_balanced(surface, &edges, &patches, &solids, &mut layers);
             }
         }
@@ -139,16 +136,6 @@ fn in_words(kinds: &[(u64, &str, &str)]) -> Option<String> {
         .map(|(count, kind, why)| format!("{count} {kind} {}: {why}", if *count == 1 { "part" } else { "parts" }))
         .collect();
     (!told.is_empty()).then(|| told.join("; "))
-}
-
-/// Turns the faces that are marked. Answers how many.
-pub(super) fn turn_faces(surface: &mut Surface, turn: &[bool]) -> u64 {
-    let mut turned = 0;
-    for (face, _) in surface.faces.iter_mut().zip(turn).filter(|(_, t)| **t) {
-        face.swap(1, 2);
-        turned += 1;
-    }
-    turned
 }
 
 impl Operation for Orient {

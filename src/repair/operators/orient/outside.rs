@@ -1,9 +1,11 @@
+//! Which patches look outward, as rays from their faces tell.
+
 use glam::DVec3;
 
-use super::Nested;
 use crate::math::ray_direction;
 use crate::mesh::{Parts, Surface};
-use crate::repair::operators::walls::Walls;
+use crate::repair::operators::inside::RayCaster;
+use crate::repair::operators::names::Nested;
 use crate::repair::{Cancelled, Context};
 
 /// Faces that vote for a patch.
@@ -50,9 +52,9 @@ struct Sight {
 
 impl Outside<'_> {
     /// The faces of all patches, for the rays of all that is asked.
-    pub fn walls(&self) -> Walls {
+    pub fn rays(&self) -> RayCaster {
         let faces = &self.surface.faces;
-        Walls::new(self.surface, faces.clone(), BUDGET + BUDGET_A_FACE * faces.len() as u64)
+        RayCaster::new(self.surface, faces.clone(), BUDGET + BUDGET_A_FACE * faces.len() as u64)
     }
 
     /// How each patch that is asked about looks.
@@ -61,7 +63,7 @@ impl Outside<'_> {
     /// around the face count as its surroundings. Of what else is met, the side that meets nothing is outside, and where both
     /// meet something the one that meets an even number; the faces' areas are the votes. What lies in a solid has no vote
     /// unless layers are to alternate, and then the opposite one.
-    pub fn looks(&self, nested: Nested, walls: &mut Walls, context: &Context<'_>) -> Result<Vec<Looks>, Cancelled> {
+    pub fn looks(&self, nested: Nested, rays: &mut RayCaster, context: &Context<'_>) -> Result<Vec<Looks>, Cancelled> {
         let mut voters = self.voters(self.asked);
         let mut votes = vec![0.0; self.patches.count];
         for round in 0..ROUNDS {
@@ -72,7 +74,7 @@ impl Outside<'_> {
                 let (mut all, mut covered) = (0.0, false);
                 for &f in &*faces {
                     all += self.areas[f as usize];
-                    let Some(Sight { within, met }) = self.sight(walls, f, round) else {
+                    let Some(Sight { within, met }) = self.sight(rays, f, round) else {
                         covered = true;
                         continue;
                     };
@@ -96,7 +98,7 @@ impl Outside<'_> {
                     faces.clear();
                 }
             }
-            if walls.is_spent() {
+            if rays.is_spent() {
                 break;
             }
         }
@@ -129,8 +131,8 @@ impl Outside<'_> {
     }
 
     /// What a face sees, in the first round along its normal; none where that can't be told.
-    fn sight(&self, walls: &mut Walls, f: u32, round: u32) -> Option<Sight> {
-        let [a, b, c] = self.surface.faces[f as usize].map(|v| walls.unit[v as usize]);
+    fn sight(&self, rays: &mut RayCaster, f: u32, round: u32) -> Option<Sight> {
+        let [a, b, c] = self.surface.faces[f as usize].map(|v| rays.unit[v as usize]);
         // The smallest cross product of numbers around 1 may underflow; such a face has no say.
         let normal = (b - a).cross(c - a).try_normalize()?;
         let from = (a + b + c) / 3.0;
@@ -140,7 +142,7 @@ impl Outside<'_> {
         let own = of_face[f as usize];
         let mut look = |direction: DVec3| {
             let mut met = Vec::new();
-            let clear = walls.each_crossing(from, from + direction * 8.0, Some(f), |g| met.push(of_face[g as usize]));
+            let clear = rays.each_crossing(from, from + direction * 8.0, Some(f), |g| met.push(of_face[g as usize]));
             met.sort_unstable();
             clear.then_some(met)
         };

@@ -2,16 +2,17 @@
 
 use glam::DVec3;
 
+use super::free_positions::FreePositions;
+use super::operator::{Applied, Operation, Scope};
 use super::orient::{agree, turn_faces};
-use super::places::Places;
-use super::{Applied, Counter, Operation, Scope};
+use super::topology::Counter;
 use crate::inspect::doubled_areas;
 use crate::math::{Precision, collinear};
 use crate::mesh::{Edges, Surface, UnionFind};
 use crate::repair::{Cancelled, Change, ChangeKind, Context};
 
 const NONE: u32 = u32::MAX;
-/// neighbouring f32 numbers.
+
 /// Cuts patches that have only one side, like a Möbius band, along the edges where their winding is in conflict, so that
 /// each has a front and a back.
 ///
@@ -170,7 +171,7 @@ fn cut(surface: &mut Surface, edges: &Edges) -> Vec<u32> {
 struct Fans {
     /// Copies and their faces, in order.
     corners: Vec<(u32, u32)>,
-    places: Places,
+    places: FreePositions,
 }
 
 impl Fans {
@@ -181,7 +182,7 @@ impl Fans {
             corners.extend(face.iter().filter(|&&v| v >= first).map(|&v| (v, f)));
         }
         corners.sort_unstable();
-        Self { corners, places: Places::new(surface, precision) }
+        Self { corners, places: FreePositions::new(surface, precision) }
     }
 
     /// Moves a copy into its faces by the least that f32 can tell. Answers how far, unless it can't be.
