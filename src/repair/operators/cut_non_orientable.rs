@@ -90,12 +90,10 @@ fn in_conflict(faces: &[[u32; 3]], half_edges: &[u32]) -> bool {
     matches!(*half_edges, [x, y] if Edges::is_forward(faces, x) == Edges::is_forward(faces, y))
 }
 
-/// Copies the vertices along edges in conflict, for each fan beside them but the one with the most faces. Fans that do
-/// not touch such an edge stay with that one. A run of such edges that meets an edge of more than two faces is left whole,
-/// since it would part no faces there. Answers the copies.
-fn cut(surface: &mut Surface, edges: &Edges) -> Vec<u32> {
+/// Which vertices are on a cut along edges in conflict, and the corners of faces beside it. A run of such edges that meets an edge
+/// of more than two faces is left whole, since it would part no faces there.
+fn cuts(surface: &Surface, edges: &Edges) -> (Vec<bool>, Vec<u32>) {
     let faces = &surface.faces;
-    let corner_of = |h: u32, v: u32| if Edges::ends(faces, h)[0] == v { h } else { Edges::next(h) };
     let mut cuts = UnionFind::new(surface.positions.len());
     for (e, _) in edges.iter().enumerate().filter(|(_, h)| in_conflict(faces, h)) {
         let [a, b] = edges.vertices(e);
@@ -116,14 +114,27 @@ fn cut(surface: &mut Surface, edges: &Edges) -> Vec<u32> {
         }
         for v in ends {
             on_cut[v as usize] = true;
-            beside.extend(half_edges.iter().map(|&h| corner_of(h, v)));
+            beside.extend(half_edges.iter().map(|&h| corner_of(faces, h, v)));
         }
     }
+    (on_cut, beside)
+}
+
+/// The corner at a vertex of the face of a half-edge there.
+fn corner_of(faces: &[[u32; 3]], h: u32, v: u32) -> u32 {
+    if Edges::ends(faces, h)[0] == v { h } else { Edges::next(h) }
+}
+
+/// Copies the vertices along edges in conflict, for each fan beside them but the one with the most faces. Fans that do
+/// not touch such an edge stay with that one. Answers the copies.
+fn cut(surface: &mut Surface, edges: &Edges) -> Vec<u32> {
+    let faces = &surface.faces;
+    let (on_cut, beside) = cuts(surface, edges);
     let mut sets = UnionFind::new(faces.len() * 3);
     for (e, half_edges) in edges.iter().enumerate().filter(|(_, h)| !in_conflict(faces, h)) {
         for v in edges.vertices(e).into_iter().filter(|&v| on_cut[v as usize]) {
             for pair in half_edges.windows(2) {
-                sets.unite(corner_of(pair[0], v), corner_of(pair[1], v));
+                sets.unite(corner_of(faces, pair[0], v), corner_of(faces, pair[1], v));
             }
         }
     }

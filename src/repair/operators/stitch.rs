@@ -92,16 +92,13 @@ impl Stitch {
             border.meeting = if self.precision == Precision::F32 { Meeting::HalfwayInF32 } else { Meeting::Halfway };
         }
         let mut search = Search::new(&border, limit, self.snap.clamp(0.0, 0.5));
-        // Distances are never negative, so that their bits are in their order.
-        let mut queue: BinaryHeap<Reverse<(u64, u32)>> = BinaryHeap::new();
+        let mut queue = Queue::new();
         for at in 0..border.vertices.len() {
             if at % 4096 == 0 {
                 context.check()?;
             }
             let v = border.vertices[at];
-            if let Some((distance, _)) = search.nearest(&mut border, v) {
-                queue.push(Reverse((distance.to_bits(), v)));
-            }
+            search.enqueue(&mut border, v, &mut queue);
         }
         let (mut merged, mut cut, mut bent, mut count) = (0u64, 0u64, 0.0f64, 0u64);
         let most_cuts = (MOST_CUTS * border.edges_before()) as u64;
@@ -130,9 +127,7 @@ impl Stitch {
             // Around what was joined there may be nearer features now, and others may be allowed.
             let around: Vec<u32> = border.neighbours(kept).collect();
             for v in around.into_iter().chain([kept]) {
-                if let Some((distance, _)) = search.nearest(&mut border, v) {
-                    queue.push(Reverse((distance.to_bits(), v)));
-                }
+                search.enqueue(&mut border, v, &mut queue);
             }
         }
         let mut limited = Vec::new();
@@ -185,6 +180,10 @@ enum Feature {
     Edge { half_edge: u32 },
 }
 
+/// Vertices by the distance of the feature to which they may be joined, the nearest first. Distances are never negative, so that
+/// their bits are in their order.
+type Queue = BinaryHeap<Reverse<(u64, u32)>>;
+
 /// The search for the feature nearest to a vertex.
 struct Search {
     limit: f64,
@@ -216,6 +215,13 @@ impl Search {
         let found = if near.is_empty() { None } else { self.choose(border, v, &near) };
         self.near = near;
         found
+    }
+
+    /// Puts a vertex into the queue, where there is a feature to which it may be joined.
+    fn enqueue(&mut self, border: &mut Border<'_>, v: u32, queue: &mut Queue) {
+        if let Some((distance, _)) = self.nearest(border, v) {
+            queue.push(Reverse((distance.to_bits(), v)));
+        }
     }
 
     /// How many vertices still have the other side of a crack within the limit, at a width that the edges there do not allow.

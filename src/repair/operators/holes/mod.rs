@@ -123,12 +123,7 @@ impl FillHoles {
                 closed += body.closed;
                 joined += body.islands;
             } else {
-                filler.clearance.take_out(start.0);
-                filler.clearance.drop_vertices(start.1);
-                filler.positions.truncate(start.1);
-                for edge in body.edges {
-                    filler.new_edges.remove(&edge);
-                }
+                body.take_back(start, &mut filler);
                 filled.open_sheets += 1;
             }
         }
@@ -234,6 +229,16 @@ impl BodyPatches {
             }
         }
         filler.clearance.put(&chosen.faces);
+    }
+
+    /// Takes back all patches: those from a number of faces and of positions on.
+    fn take_back(self, (faces, positions): (usize, usize), filler: &mut Filler<'_>) {
+        filler.clearance.take_out(faces);
+        filler.clearance.drop_vertices(positions);
+        filler.positions.truncate(positions);
+        for edge in self.edges {
+            filler.new_edges.remove(&edge);
+        }
     }
 }
 
