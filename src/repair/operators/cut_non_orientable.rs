@@ -3,9 +3,8 @@
 use glam::DVec3;
 
 use super::free_positions::FreePositions;
-use super::operator::{Applied, Operation, Scope};
+use super::operator::{Applied, Counter, Operation, Scope};
 use super::orient::{agree, turn_faces};
-use super::topology::Counter;
 use crate::inspect::doubled_areas;
 use crate::math::{Precision, collinear};
 use crate::mesh::{Edges, Surface, UnionFind};

@@ -1,8 +1,7 @@
 //! Parts that are too small: open bits that enclose nothing and that no printer could make, and closed parts that the options drop.
 
 use super::inside::RayCaster;
-use super::operator::{Applied, Operation, Scope};
-use super::topology::Counter;
+use super::operator::{Applied, Counter, Operation, Scope};
 use crate::inspect::{Solid, nesting, solids};
 use crate::math::{Box3, ray_direction};
 use crate::mesh::{Edges, Parts, Surface, position_key};

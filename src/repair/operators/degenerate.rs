@@ -4,9 +4,8 @@ use std::collections::HashSet;
 
 use glam::DVec3;
 
-use super::operator::{Applied, Operation, Scope};
+use super::operator::{Applied, Counter, Operation, Scope};
 use super::slivers::RemoveSlivers;
-use super::topology::Counter;
 use crate::math::{area_vanishes, collinear, midmost, to_unit_range};
 use crate::mesh::{Edges, Surface};
 use crate::repair::{Cancelled, Change, ChangeKind, Context};

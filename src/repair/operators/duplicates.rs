@@ -3,8 +3,7 @@
 use std::collections::HashSet;
 
 use super::inside::RayCaster;
-use super::operator::{Applied, Operation, Scope};
-use super::topology::Counter;
+use super::operator::{Applied, Counter, Operation, Scope};
 use crate::inspect::group_faces;
 use crate::math::ray_direction;
 use crate::mesh::{Edges, Surface, UnionFind};

@@ -3,8 +3,7 @@
 use std::collections::VecDeque;
 
 use super::local_edits::{Hinge, LocalEdits, Shape};
-use super::operator::{Applied, Operation, Scope};
-use super::topology::Counter;
+use super::operator::{Applied, Counter, Operation, Scope};
 use crate::inspect::Tolerances;
 use crate::math::{Box3, nearest_on_triangle, to_unit_range, unit_scale};
 use crate::mesh::{Edges, Surface};

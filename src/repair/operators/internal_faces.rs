@@ -1,8 +1,7 @@
 //! Surface within a solid that bounds nothing: faces that part it in two, and open sheets.
 
 use super::inside::{AroundEdge, RayCaster, around_edge, without_inner_sheets};
-use super::operator::{Applied, Operation, Scope};
-use super::topology::Counter;
+use super::operator::{Applied, Counter, Operation, Scope};
 use crate::math::{ray_direction, to_unit_range};
 use crate::mesh::{Edges, Parts, Surface};
 use crate::repair::{Cancelled, Change, ChangeKind, Context};

@@ -1,12 +1,10 @@
 //! The list of all operators: what each claims, and how it is run.
 
 use super::names::Operator;
-use super::operator::{Applied, Operation, Scope};
-use super::topology::{Counter, Counts};
+use super::operator::{Applied, Counter, Counts, Operation, Scope};
 use super::{
     base, clean_and_patch, cut_non_orientable, debris, degenerate, duplicates, foldovers, holes, internal_faces, join,
-    orient, perturb, remesh, resolve, rounding, simplify, slivers, split_non_manifold, stitch, t_junctions, thicken,
-    weld,
+    orient, perturb, remesh, resolve, rounding, slivers, split_non_manifold, stitch, t_junctions, thicken, weld,
 };
 use crate::mesh::Surface;
 use crate::repair::{Cancelled, Context};
@@ -86,7 +84,7 @@ operations! {
     RemoveDebris => debris::RemoveDebris,
     Separate => perturb::Separate,
     DropSmallParts => debris::DropSmallParts,
-    Simplify => simplify::ReduceFaces,
+    Simplify => remesh::ReduceFaces,
 }
 
 impl Operator {

@@ -9,7 +9,6 @@ mod local_edits;
 mod names;
 mod operator;
 mod rounding;
-mod topology;
 
 pub mod base;
 pub mod clean_and_patch;
@@ -25,7 +24,6 @@ pub mod orient;
 pub mod perturb;
 pub mod remesh;
 pub mod resolve;
-pub mod simplify;
 pub mod slivers;
 pub mod split_non_manifold;
 pub mod stitch;
@@ -33,9 +31,9 @@ pub mod t_junctions;
 pub mod thicken;
 pub mod weld;
 
+pub(super) use border::OpenParts;
 pub use names::Operator;
 pub(super) use operator::Scope;
-pub use operator::{Applied, Failure};
+pub use operator::{Applied, Counter, Counts, Failure};
+pub use remesh as simplify;
 pub use split_non_manifold as cut;
-pub(super) use topology::OpenParts;
-pub use topology::{Counter, Counts};

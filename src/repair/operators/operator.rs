@@ -1,10 +1,11 @@
-//! What an operator is: what its parameters follow from, what it claims to fix, and what it answers.
+//! What an operator is: what its parameters follow from, which counters it claims to lower, and what it answers.
 
 use super::inside::Pairing;
-use super::topology::Counter;
 use crate::arrange::{ArrangeError, Inside};
 use crate::format::Format;
-use crate::mesh::Surface;
+use crate::inspect::group_faces;
+use crate::math::{collinear, to_unit_range};
+use crate::mesh::{Edges, Fans, Surface};
 use crate::remesh::RemeshError;
 use crate::repair::{Cancelled, Change, Context, Options};
 
@@ -84,5 +85,90 @@ pub enum Failure {
 impl From<Vec<Change>> for Applied {
     fn from(changes: Vec<Change>) -> Self {
         Self { changes, ..Self::default() }
+    }
+}
+
+/// What can be wrong with a mesh as far as its faces' indices tell.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Counter {
+    /// Edges of one face.
+    BoundaryEdges,
+    /// Edges of more than two faces.
+    NonmanifoldEdges,
+    /// Edges of two faces that run along them in the same direction.
+    MisorientedEdges,
+    /// Vertices whose faces form more than one fan.
+    PinchedVertices,
+    /// Faces whose corners lie on a line.
+    DegenerateFaces,
+    /// Faces with the same three vertices as an earlier one.
+    DuplicateFaces,
+}
+
+impl Counter {
+    /// All of them, in the order of [`Counts`].
+    pub const ALL: [Self; 6] = [
+        Self::BoundaryEdges,
+        Self::NonmanifoldEdges,
+        Self::MisorientedEdges,
+        Self::PinchedVertices,
+        Self::DegenerateFaces,
+        Self::DuplicateFaces,
+    ];
+
+    /// In words, for many.
+    #[must_use]
+    pub fn in_words(self) -> &'static str {
+        match self {
+            Self::BoundaryEdges => "open edges",
+            Self::NonmanifoldEdges => "non-manifold edges",
+            Self::MisorientedEdges => "edges between faces that are turned against one another",
+            Self::PinchedVertices => "pinched vertices",
+            Self::DegenerateFaces => "faces without area",
+            Self::DuplicateFaces => "duplicate faces",
+        }
+    }
+}
+
+/// How much of each is wrong.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Counts([u64; Counter::ALL.len()]);
+
+impl Counts {
+    /// Counts by index: what stands at one position with indices of its own is apart here. Linear but for sorting.
+    #[must_use]
+    pub fn of(surface: &Surface) -> Self {
+        let faces = &surface.faces;
+        let edges = Edges::new(faces);
+        let mut counts = Self::default();
+        for half_edges in edges.iter() {
+            let counter = match *half_edges {
+                [_] => Counter::BoundaryEdges,
+                [x, y] if Edges::is_forward(faces, x) == Edges::is_forward(faces, y) => Counter::MisorientedEdges,
+                [_, _] => continue,
+                _ => Counter::NonmanifoldEdges,
+            };
+            counts.0[counter as usize] += 1;
+        }
+        let unit = to_unit_range(&surface.positions);
+        let flat = |face: &&[u32; 3]| {
+            let [a, b, c] = face.map(|v| unit[v as usize]);
+            collinear(a, b, c)
+        };
+        counts.0[Counter::PinchedVertices as usize] = Fans::new(surface, &edges).nonmanifold_vertices;
+        counts.0[Counter::DegenerateFaces as usize] = faces.iter().filter(flat).count() as u64;
+        counts.0[Counter::DuplicateFaces as usize] = (faces.len() - group_faces(faces).len()) as u64;
+        counts
+    }
+
+    /// Whether there is more of any kind than before.
+    pub(super) fn rose_from(&self, before: &Self) -> bool {
+        self.0.iter().zip(&before.0).any(|(now, before)| now > before)
+    }
+
+    /// How much of one kind.
+    #[must_use]
+    pub fn get(&self, counter: Counter) -> u64 {
+        self.0[counter as usize]
     }
 }

@@ -4,10 +4,9 @@ use glam::DVec3;
 
 use super::free_positions::{FreePositions, MoveClearance, NEIGHBOURS, NEW, key, spacing};
 use super::inside::{NONE, Pairing, pair_faces};
-use super::operator::{Applied, Operation, Scope};
+use super::operator::{Applied, Counter, Operation, Scope};
 use super::rounding::{TellApart, tell_apart};
 use super::split_non_manifold::{Pinches, cut_apart};
-use super::topology::Counter;
 use crate::math::{Precision, collinear};
 use crate::mesh::{Edges, Stars, Surface};
 use crate::repair::{Cancelled, Change, ChangeKind, Context};

@@ -5,8 +5,7 @@ use rustc_hash::{FxHashMap, FxHashSet};
 use smallvec::SmallVec;
 
 use super::free_positions::{MoveClearance, NEIGHBOURS, NEW, TOLD_APART, round_to_f32, spacing};
-use super::operator::{Applied, Operation, Scope};
-use super::topology::Counter;
+use super::operator::{Applied, Counter, Operation, Scope};
 use crate::inspect::Decimals;
 use crate::math::Precision;
 use crate::mesh::{Surface, position_key};

@@ -5,8 +5,7 @@ use std::collections::VecDeque;
 use glam::DVec3;
 
 use super::local_edits::{LocalEdits, Shape};
-use super::operator::{Applied, Operation, Scope};
-use super::topology::Counter;
+use super::operator::{Applied, Counter, Operation, Scope};
 use crate::math::{Box3, unit_scale};
 use crate::mesh::Surface;
 use crate::repair::{Cancelled, Change, ChangeKind, Context};

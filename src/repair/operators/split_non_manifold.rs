@@ -1,8 +1,7 @@
 //! Splitting a surface where it is not a surface: fans of faces get vertices of their own, and fins are detached.
 
 use super::inside::{FacePairs, NONE, pair_faces};
-use super::operator::{Applied, Operation, Scope};
-use super::topology::Counter;
+use super::operator::{Applied, Counter, Operation, Scope};
 use crate::math::Precision;
 use crate::mesh::{Edges, Surface, UnionFind};
 use crate::repair::{Cancelled, Change, ChangeKind, Context};

@@ -4,8 +4,7 @@ use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
 use super::border::{Border, Meeting, Near};
-use super::operator::{Applied, Operation, Scope};
-use super::topology::Counter;
+use super::operator::{Applied, Counter, Operation, Scope};
 use crate::math::Precision;
 use crate::mesh::Surface;
 use crate::repair::{Cancelled, Change, ChangeKind, Context};

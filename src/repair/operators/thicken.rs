@@ -2,9 +2,9 @@
 
 use glam::DVec3;
 
+use super::border::{OpenParts, open_parts};
 use super::inside::{NONE, Pairing, pair_faces};
-use super::operator::{Applied, Operation, Scope};
-use super::topology::{Counter, OpenParts, open_parts};
+use super::operator::{Applied, Counter, Operation, Scope};
 use crate::math::Precision;
 use crate::mesh::{Edges, SKIN_SOURCE, Surface, UnionFind};
 use crate::repair::sheets::almost_closed;

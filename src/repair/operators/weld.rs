@@ -6,8 +6,7 @@ use rustc_hash::FxHashMap;
 
 use super::border::{Border, Near};
 use super::degenerate::remove_collapsed;
-use super::operator::{Applied, Operation, Scope};
-use super::topology::Counter;
+use super::operator::{Applied, Counter, Operation, Scope};
 use crate::mesh::{Edges, Surface};
 use crate::repair::{Cancelled, Change, ChangeKind, Context, Options};
 

@@ -7,8 +7,7 @@ use glam::DVec3;
 use crate::math::{Box3, Tree};
 use crate::mesh::{Edges, Parts, Surface, UnionFind};
 use crate::repair::operators::holes::FillHoles;
-use crate::repair::operators::operator::{Applied, Operation, Scope};
-use crate::repair::operators::topology::{Counter, Counts};
+use crate::repair::operators::operator::{Applied, Counter, Counts, Operation, Scope};
 use crate::repair::{Cancelled, Change, ChangeKind, Context};
 use regions::{Bad, Limits, NEW, NONE, Patching, Regions};
 

@@ -4,9 +4,8 @@ use std::collections::{HashMap, HashSet};
 
 use glam::DVec3;
 
-use super::clearance::{Clearance, Faults};
 use super::group::{Hole, newell};
-use super::refine::Patch;
+use super::patch::{Clearance, Faults, Patch};
 use super::triangulate::{Weigh, least_weight, planar, sharp, shortest_cut};
 use crate::math::{Precision, Sign, collinear, orient3d};
 use crate::mesh::Edges;

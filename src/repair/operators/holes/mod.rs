@@ -1,16 +1,14 @@
 //! Closing boundary loops.
 
 mod choose;
-mod clearance;
 mod group;
-mod refine;
+mod patch;
 mod triangulate;
 
 use crate::inspect::{Solid, solids};
 use crate::math::Box3;
 use crate::mesh::{Edges, Fans, Parts, Surface, UnionFind, boundary_loops};
-use crate::repair::operators::operator::{Applied, Operation, Scope};
-use crate::repair::operators::topology::Counter;
+use crate::repair::operators::operator::{Applied, Counter, Operation, Scope};
 use crate::repair::sheets::encloses;
 use crate::repair::{Cancelled, Change, ChangeKind, Context};
 pub use choose::FillHoles;

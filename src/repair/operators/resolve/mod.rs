@@ -4,9 +4,8 @@ mod rounds;
 
 use crate::arrange::{ArrangeError, Arrangement, Exact};
 use crate::mesh::{ClosedSurface, Edges, Parts, Surface, is_made, position_key};
-use crate::repair::operators::operator::{Applied, Operation, Scope};
+use crate::repair::operators::operator::{Applied, Counter, Operation, Scope};
 use crate::repair::operators::thicken::THICKNESS;
-use crate::repair::operators::topology::Counter;
 use crate::repair::{Cancelled, Change, ChangeKind, Context, InsideRule, Overlaps};
 pub use rounds::Resolve;
 use rounds::{

@@ -11,12 +11,12 @@ use crate::repair::operators::degenerate::{remove_caps, remove_collapsed};
 use crate::repair::operators::duplicates::remove_duplicates;
 use crate::repair::operators::free_positions::{key, round_to_f32};
 use crate::repair::operators::inside::Pairing;
+use crate::repair::operators::operator::{Counter, Counts};
 use crate::repair::operators::orient::Orient;
 use crate::repair::operators::perturb::Separate;
 use crate::repair::operators::rounding::{TellApart, round_apart, tell_apart};
 use crate::repair::operators::split_non_manifold::{Pinches, cut_apart};
 use crate::repair::operators::thicken::{Skins, ThickenSheets};
-use crate::repair::operators::topology::{Counter, Counts};
 use crate::repair::{Cancelled, Context};
 
 /// Bits of the grid, over the largest coordinate, to which the vertices of faces that still intersect after rounding are
