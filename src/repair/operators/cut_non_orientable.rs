@@ -2,11 +2,11 @@
 
 use glam::DVec3;
 
-use super::free_positions::FreePositions;
+use super::free_positions::{FreePositions, keep_facing};
 use super::operator::{Applied, Counter, Operation, Scope};
 use super::orient::{agree, turn_faces};
 use crate::inspect::doubled_areas;
-use crate::math::{Precision, collinear};
+use crate::math::Precision;
 use crate::mesh::{Edges, Surface, UnionFind};
 use crate::repair::{Cancelled, Change, ChangeKind, Context};
 
@@ -207,13 +207,7 @@ impl Fans {
             .flat_map(|&(_, f)| others(f))
             .map(|w| (surface.positions[w as usize] - p).normalize_or_zero())
             .sum();
-        let fits = |q: DVec3| {
-            fan.iter().all(|&(_, f)| {
-                let place = |w: u32| if w == v { q } else { surface.positions[w as usize] };
-                let [a, b, c] = surface.faces[f as usize].map(place);
-                (b - a).cross(c - a).dot(surface.area_vector(f as usize)) > 0.0 && !collinear(a, b, c)
-            })
-        };
+        let fits = |q: DVec3| keep_facing(surface, fan.iter().map(|&(_, f)| f), v, q);
         let directions = [inward.try_normalize()].into_iter().flatten().chain([
             DVec3::X,
             DVec3::NEG_X,

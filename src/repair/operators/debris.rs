@@ -45,13 +45,13 @@ pub fn remove_debris(surface: &mut Surface, context: &Context<'_>) -> Result<Vec
     let diagonal = surface.bounds().diagonal();
     let area: f64 = solids.iter().map(|s| s.area).sum();
     let fins = fins(surface, &edges, &parts, &solids);
-    let mut walls = walls(surface, &parts, &solids);
+    let mut closed = closed_parts(surface, &parts, &solids);
     let (mut goes, mut hidden) = (vec![false; parts.count], vec![false; parts.count]);
     for (part, faces) in parts.faces().iter().enumerate().filter(|&(part, _)| open[part]) {
         context.check()?;
         let little = if fins[part] { FIN_AREA } else { LITTLE_AREA };
         goes[part] = is_small(&solids[part], faces.len(), little * area, diagonal);
-        if !goes[part] && hold(&mut walls, surface, faces) {
+        if !goes[part] && hold(&mut closed, surface, faces) {
             (goes[part], hidden[part]) = (true, true);
         }
     }
@@ -120,18 +120,18 @@ fn fins(surface: &Surface, edges: &Edges, parts: &Parts, solids: &[Solid]) -> Ve
 }
 
 /// The closed parts' faces.
-fn walls(surface: &Surface, parts: &Parts, solids: &[Solid]) -> RayCaster {
+fn closed_parts(surface: &Surface, parts: &Parts, solids: &[Solid]) -> RayCaster {
     let closed = |p: u32| p != Parts::NONE && solids[p as usize].closed;
     let of_closed = surface.faces.iter().zip(&parts.of_face).filter(|&(_, &p)| closed(p));
     RayCaster::new(surface, of_closed.map(|(&face, _)| face).collect(), BUDGET)
 }
 
-/// Whether the middle of each face that is asked is inside the walls.
-fn hold(walls: &mut RayCaster, surface: &Surface, faces: &[u32]) -> bool {
+/// Whether the middle of each face that is asked is inside closed parts.
+fn hold(closed: &mut RayCaster, surface: &Surface, faces: &[u32]) -> bool {
     let stride = faces.len().div_ceil(ASKED);
     faces.iter().step_by(stride).all(|&f| {
-        let from = walls.middle(surface.faces[f as usize]);
-        let count = (0..RAYS).find_map(|ray| walls.crossings(from, from + ray_direction(ray) * 8.0, None));
+        let from = closed.middle(surface.faces[f as usize]);
+        let count = (0..RAYS).find_map(|ray| closed.crossings(from, from + ray_direction(ray) * 8.0, None));
         count.is_some_and(|n| n % 2 == 1)
     })
 }

@@ -336,3 +336,17 @@ impl MoveClearance {
         }
     }
 }
+
+/// Faces at a vertex with another vertex in its place, as [`MoveClearance::is_clear`] asks for them.
+pub(super) fn with_vertex(surface: &Surface, star: &[u32], v: u32, new: u32) -> Vec<([u32; 3], u32)> {
+    star.iter().map(|&f| (surface.faces[f as usize].map(|w| if w == v { new } else { w }), f)).collect()
+}
+
+/// Whether faces at a vertex keep some area, and the side to which they look, when it moves to `q`.
+pub(super) fn keep_facing(surface: &Surface, mut faces: impl Iterator<Item = u32>, v: u32, q: DVec3) -> bool {
+    faces.all(|f| {
+        let place = |w: u32| if w == v { q } else { surface.positions[w as usize] };
+        let [a, b, c] = surface.faces[f as usize].map(place);
+        (b - a).cross(c - a).dot(surface.area_vector(f as usize)) > 0.0 && !collinear(a, b, c)
+    })
+}

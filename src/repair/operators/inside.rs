@@ -76,7 +76,7 @@ pub enum Pairing {
 
 /// Of each half-edge the one across which the surface goes on, or [`NONE`] at a boundary.
 pub(super) struct FacePairs {
-    pub of: Vec<u32>,
+    pub mate: Vec<u32>,
     /// Edges of more than two faces.
     pub cut: u64,
     /// Half-edges of those that have no partner.
@@ -94,15 +94,15 @@ pub(super) fn pair_faces(
     context: &Context<'_>,
 ) -> Result<FacePairs, Cancelled> {
     let faces = &surface.faces;
-    let mut pairs_of = FacePairs { of: vec![NONE; faces.len() * 3], cut: 0, unpaired: 0 };
+    let mut found = FacePairs { mate: vec![NONE; faces.len() * 3], cut: 0, unpaired: 0 };
     let mut unit = Vec::new();
     let mut fins: Option<Vec<bool>> = None;
     for (e, half_edges) in edges.iter().enumerate() {
         match *half_edges {
             [_] => {}
             [x, y] => {
-                pairs_of.of[x as usize] = y;
-                pairs_of.of[y as usize] = x;
+                found.mate[x as usize] = y;
+                found.mate[y as usize] = x;
             }
             _ => {
                 context.check()?;
@@ -123,15 +123,15 @@ pub(super) fn pair_faces(
                 }
                 for &(i, j) in &pairs {
                     let (x, y) = (half_edges[i], half_edges[j]);
-                    pairs_of.of[x as usize] = y;
-                    pairs_of.of[y as usize] = x;
+                    found.mate[x as usize] = y;
+                    found.mate[y as usize] = x;
                 }
-                pairs_of.cut += 1;
-                pairs_of.unpaired += (half_edges.len() - 2 * pairs.len()) as u64;
+                found.cut += 1;
+                found.unpaired += (half_edges.len() - 2 * pairs.len()) as u64;
             }
         }
     }
-    Ok(pairs_of)
+    Ok(found)
 }
 
 /// The faces around an edge, by their places among its half-edges.

@@ -1,5 +1,6 @@
-//! The operators: one file or folder each, with its parameters, precondition, result and what it leaves unfixed, and with its
-//! [`operator::Operation`]: what it claims to fix, and how its parameters follow from the options. [`Operator`] is the list of them.
+//! The operators: a file or folder for each or for a few of one idea, with parameters, precondition, result and what is left
+//! unfixed, and with each one's `Operation`: what it claims to fix, and how its parameters follow from the options.
+//! [`Operator`] names them, and `list.rs` runs them by name. No operator imports `list.rs` or this file.
 
 mod border;
 mod free_positions;
@@ -35,5 +36,7 @@ pub(super) use border::OpenParts;
 pub use names::Operator;
 pub(super) use operator::Scope;
 pub use operator::{Applied, Counter, Counts, Failure};
+
+// Paths by which other modules still name these two.
 pub use remesh as simplify;
 pub use split_non_manifold as cut;

@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use super::free_positions::{FreePositions, MoveClearance, NEIGHBOURS, NEW, key, spacing};
+use super::free_positions::{FreePositions, MoveClearance, NEIGHBOURS, NEW, keep_facing, key, spacing, with_vertex};
 use super::inside::{NONE, Pairing, pair_faces};
 use super::operator::{Applied, Counter, Operation, Scope};
 use super::rounding::{TellApart, tell_apart};
@@ -108,12 +108,12 @@ fn split_doubled_edges(surface: &mut Surface, places: &mut Aside, context: &Cont
         return Ok(0);
     }
     let mut clear = MoveClearance::new(surface);
-    let pairs_of = pair_faces(surface, &edges, Pairing::Angular, context)?.of;
+    let mates = pair_faces(surface, &edges, Pairing::Angular, context)?.mate;
     let mut busy = vec![false; surface.faces.len()];
     let mut split = 0;
     for half_edges in edges.iter().filter(|h| h.len() > 2) {
         let mut pairs: Vec<(u32, u32)> =
-            half_edges.iter().map(|&h| (h, pairs_of[h as usize])).filter(|&(h, m)| m != NONE && h < m).collect();
+            half_edges.iter().map(|&h| (h, mates[h as usize])).filter(|&(h, m)| m != NONE && h < m).collect();
         // One pair may keep the edge; where one can't be moved, that is the one.
         while pairs.len() > 1 && !clear.is_spent() {
             let Some(at) = (0..pairs.len()).rev().find(|&i| {
@@ -217,16 +217,8 @@ fn aside(surface: &Surface, v: u32, star: &[u32], places: &mut Aside, clear: &mu
         normal += surface.area_vector(f as usize).normalize_or_zero() * q.angle_between(r);
         middle += (q.normalize_or_zero() + r.normalize_or_zero()) * 0.5;
     }
-    let new: Vec<([u32; 3], u32)> =
-        star.iter().map(|&f| (surface.faces[f as usize].map(|w| if w == v { NEW } else { w }), f)).collect();
-    let mut fits = |q: DVec3| {
-        let keeps_turn = star.iter().all(|&f| {
-            let before = surface.area_vector(f as usize);
-            let [a, b, c] = surface.faces[f as usize].map(|w| if w == v { q } else { surface.positions[w as usize] });
-            (b - a).cross(c - a).dot(before) > 0.0 && !collinear(a, b, c)
-        });
-        keeps_turn && clear.is_clear(surface, &new, &[], q)
-    };
+    let new = with_vertex(surface, star, v, NEW);
+    let mut fits = |q: DVec3| keep_facing(surface, star.iter().copied(), v, q) && clear.is_clear(surface, &new, &[], q);
     let ahead = (-normal).try_normalize().or_else(|| middle.try_normalize())?;
     places.find(p, ahead, &mut fits).or_else(|| {
         let mut around: Vec<DVec3> = NEIGHBOURS.iter().map(|d| d.normalize()).collect();

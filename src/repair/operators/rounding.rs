@@ -4,7 +4,8 @@ use glam::{DVec3, Vec3Swizzles};
 use rustc_hash::{FxHashMap, FxHashSet};
 use smallvec::SmallVec;
 
-use super::free_positions::{MoveClearance, NEIGHBOURS, NEW, TOLD_APART, round_to_f32, spacing};
+use super::degenerate::remove_collapsed;
+use super::free_positions::{MoveClearance, NEIGHBOURS, NEW, TOLD_APART, round_to_f32, spacing, with_vertex};
 use super::operator::{Applied, Counter, Operation, Scope};
 use crate::inspect::Decimals;
 use crate::math::Precision;
@@ -154,8 +155,7 @@ pub(super) fn tell_apart(
 
 /// Drops the faces that merging left without area, and the vertices that no face uses.
 fn drop_merged(surface: &mut Surface) {
-    let live: Vec<bool> = surface.faces.iter().map(|&[a, b, c]| a != b && b != c && c != a).collect();
-    surface.retain_faces(&live);
+    remove_collapsed(surface);
     surface.drop_unreferenced();
 }
 
@@ -186,10 +186,7 @@ impl<'a> Rounding<'a> {
 
     /// Moves a vertex to the first of some places at which no faces meet.
     fn shift_to(&mut self, v: u32, places: impl IntoIterator<Item = DVec3>) -> bool {
-        let new: Vec<([u32; 3], u32)> = self.stars[v as usize]
-            .iter()
-            .map(|&f| (self.surface.faces[f as usize].map(|w| if w == v { NEW } else { w }), f))
-            .collect();
+        let new = with_vertex(self.surface, &self.stars[v as usize], v, NEW);
         let found = places.into_iter().find(|&q| self.clear.is_clear(self.surface, &new, &[], q));
         if let Some(q) = found {
             self.clear.moved(v, q);
@@ -222,8 +219,7 @@ impl<'a> Rounding<'a> {
             if gone.is_empty() || gone.len() == self.left {
                 continue;
             }
-            let new: Vec<([u32; 3], u32)> =
-                kept.iter().map(|&f| (self.surface.faces[f as usize].map(|w| if w == v { u } else { w }), f)).collect();
+            let new = with_vertex(self.surface, &kept, v, u);
             let to = self.surface.positions[u as usize];
             if !self.clear.is_clear(self.surface, &new, &gone, to) {
                 continue;

@@ -45,10 +45,10 @@ pub fn cut_apart(
     context: &Context<'_>,
 ) -> Result<Vec<Change>, Cancelled> {
     let edges = Edges::new(&surface.faces);
-    let FacePairs { of, cut, unpaired } = pair_faces(surface, &edges, pairing, context)?;
+    let FacePairs { mate, cut, unpaired } = pair_faces(surface, &edges, pairing, context)?;
     let faces = &surface.faces;
     let mut sets = UnionFind::new(faces.len() * 3);
-    for (h, &mate) in (0u32..).zip(&of).filter(|&(h, &mate)| mate != NONE && mate > h) {
+    for (h, &mate) in (0u32..).zip(&mate).filter(|&(h, &mate)| mate != NONE && mate > h) {
         if Edges::ends(faces, h) == Edges::ends(faces, mate) {
             sets.unite(h, mate);
             sets.unite(Edges::next(h), Edges::next(mate));
@@ -58,7 +58,7 @@ pub fn cut_apart(
         }
     }
     if pinches == Pinches::KeepAtBoundaries {
-        join_boundary_fans(surface, &edges, &of, &mut sets);
+        join_boundary_fans(surface, &edges, &mate, &mut sets);
     }
     let (mut first_fan, mut of_fan) = (vec![NONE; surface.positions.len()], vec![NONE; faces.len() * 3]);
     let mut copies = 0;
@@ -177,11 +177,11 @@ impl FreeFins {
         if edges.iter().all(|h| h.len() <= 2) {
             return Ok(0);
         }
-        let pairs_of = pair_faces(surface, &edges, Pairing::FinsLast, context)?.of;
+        let mates = pair_faces(surface, &edges, Pairing::FinsLast, context)?.mate;
         let mut busy = vec![false; surface.faces.len()];
         let mut freed = 0;
         for half_edges in edges.iter().filter(|h| h.len() > 2) {
-            let (pairs, fins): (Vec<u32>, Vec<u32>) = half_edges.iter().partition(|&&h| pairs_of[h as usize] != NONE);
+            let (pairs, fins): (Vec<u32>, Vec<u32>) = half_edges.iter().partition(|&&h| mates[h as usize] != NONE);
             // Where there is no pair one of them may keep the edge.
             for h in fins.into_iter().skip(usize::from(pairs.is_empty())) {
                 if !std::mem::replace(&mut busy[h as usize / 3], true) && self.split(surface, h) {

@@ -230,11 +230,11 @@ impl Cover {
             source: vec![0; faces.len()],
         };
         let edges = Edges::new(&part.faces);
-        let pairs_of = pair_faces(&part, &edges, Pairing::Angular, context)?.of;
+        let mates = pair_faces(&part, &edges, Pairing::Angular, context)?.mate;
         let node = |corner: u32, side: u32| 2 * corner + side;
         let mut sets = UnionFind::new(part.faces.len() * 6);
         let mut boundary = Vec::new();
-        for (h, &mate) in (0u32..).zip(&pairs_of) {
+        for (h, &mate) in (0u32..).zip(&mates) {
             if mate == NONE {
                 boundary.push(h);
             } else if mate > h {
@@ -249,7 +249,7 @@ impl Cover {
         }
         let roots = sets.into_roots();
         let mut number = vec![NONE; roots.len()];
-        let (mut of_corner, mut vertices) = (Vec::with_capacity(pairs_of.len()), Vec::new());
+        let (mut of_corner, mut vertices) = (Vec::with_capacity(mates.len()), Vec::new());
         for (corner, sides) in roots.as_chunks::<2>().0.iter().enumerate() {
             // The smaller root is the front of the fan's first corner.
             let [front, back] = *sides;
