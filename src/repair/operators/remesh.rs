@@ -1,5 +1,4 @@
-//! The surface remeshed from what is inside of it, and surface with fewer faces: what a remesh does not need, and where that is asked
-//! for.
+//! The surface remeshed from what is inside of it; and fewer faces, after a remesh or where that is asked for.
 
 use super::names::Operator;
 use super::operator::{Applied, Counter, Failure, Operation, Scope};
