@@ -5,10 +5,10 @@ use meshmend::arrange::{ArrangeError, Exact, Inside};
 use meshmend::format::{Format, Limits, read, write};
 use meshmend::inspect::{Measures, measure};
 use meshmend::mesh::{NotClosed, Soup, Surface};
-use meshmend::repair::operators::cut::{Pairing, Pinches, cut_apart};
 use meshmend::repair::operators::debris::remove_debris;
+use meshmend::repair::operators::perturb::Separate;
 use meshmend::repair::operators::resolve::{Resolve, Resolved};
-use meshmend::repair::operators::separate::Separate;
+use meshmend::repair::operators::split_non_manifold::{Pairing, Pinches, cut_apart};
 use meshmend::repair::{Context, NoProgress};
 use proptest::prelude::*;
 

@@ -7,7 +7,7 @@ use meshmend::inspect::{Measures, measure};
 use meshmend::math::Precision;
 use meshmend::mesh::{NO_SOURCE, Soup, Surface};
 use meshmend::repair::operators::Applied;
-use meshmend::repair::operators::one_sided::CutOneSided;
+use meshmend::repair::operators::cut_non_orientable::CutOneSided;
 use meshmend::repair::operators::orient::{Nested, Orient};
 use proptest::prelude::*;
 use proptest::test_runner::RngSeed;

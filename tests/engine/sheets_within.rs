@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 use meshmend::mesh::{Soup, Surface, weld_exactly};
-use meshmend::repair::operators::sheets_within::remove_sheets_within;
+use meshmend::repair::operators::internal_faces::remove_sheets_within;
 
 use crate::meshes::{cube, inside_out, join, push};
 use crate::operators::{count, with_context};

@@ -2,8 +2,9 @@
 
 use glam::DVec3;
 
+use super::border::open_parts;
+use super::operator::{Applied, Counter, Operation, Scope};
 use super::thicken::THICKNESS;
-use super::{Applied, Counter, Operation, Scope, open_parts};
 use crate::math::{Precision, Sign, orient2d, to_unit_range};
 use crate::mesh::{BASE_SOURCE, Edges, Surface};
 use crate::repair::{Cancelled, Change, ChangeKind, Context};

@@ -1,8 +1,8 @@
-//! Open bits of surface that enclose nothing and that no printer could make.
+//! Parts that are too small: open bits that enclose nothing and that no printer could make, and closed parts that the options drop.
 
-use super::walls::Walls;
-use super::{Applied, Counter, Operation, Scope};
-use crate::inspect::{Solid, solids};
+use super::inside::RayCaster;
+use super::operator::{Applied, Counter, Operation, Scope};
+use crate::inspect::{Solid, nesting, solids};
 use crate::math::{Box3, ray_direction};
 use crate::mesh::{Edges, Parts, Surface, position_key};
 use crate::repair::{Cancelled, Change, ChangeKind, Context};
@@ -45,13 +45,13 @@ pub fn remove_debris(surface: &mut Surface, context: &Context<'_>) -> Result<Vec
     let diagonal = surface.bounds().diagonal();
     let area: f64 = solids.iter().map(|s| s.area).sum();
     let fins = fins(surface, &edges, &parts, &solids);
-    let mut walls = walls(surface, &parts, &solids);
+    let mut closed = closed_parts(surface, &parts, &solids);
     let (mut goes, mut hidden) = (vec![false; parts.count], vec![false; parts.count]);
     for (part, faces) in parts.faces().iter().enumerate().filter(|&(part, _)| open[part]) {
         context.check()?;
         let little = if fins[part] { FIN_AREA } else { LITTLE_AREA };
         goes[part] = is_small(&solids[part], faces.len(), little * area, diagonal);
-        if !goes[part] && hold(&mut walls, surface, faces) {
+        if !goes[part] && hold(&mut closed, surface, faces) {
             (goes[part], hidden[part]) = (true, true);
         }
     }
@@ -75,7 +75,7 @@ fn is_small(part: &Solid, faces: usize, little: f64, diagonal: f64) -> bool {
 }
 
 /// The same of a part of a model with so much area.
-pub(in crate::repair) fn is_debris(part: &Solid, faces: usize, area: f64, diagonal: f64) -> bool {
+pub(crate) fn is_debris(part: &Solid, faces: usize, area: f64, diagonal: f64) -> bool {
     is_small(part, faces, LITTLE_AREA * area, diagonal)
 }
 
@@ -120,18 +120,18 @@ fn fins(surface: &Surface, edges: &Edges, parts: &Parts, solids: &[Solid]) -> Ve
 }
 
 /// The closed parts' faces.
-fn walls(surface: &Surface, parts: &Parts, solids: &[Solid]) -> Walls {
+fn closed_parts(surface: &Surface, parts: &Parts, solids: &[Solid]) -> RayCaster {
     let closed = |p: u32| p != Parts::NONE && solids[p as usize].closed;
     let of_closed = surface.faces.iter().zip(&parts.of_face).filter(|&(_, &p)| closed(p));
-    Walls::new(surface, of_closed.map(|(&face, _)| face).collect(), BUDGET)
+    RayCaster::new(surface, of_closed.map(|(&face, _)| face).collect(), BUDGET)
 }
 
-/// Whether the middle of each face that is asked is inside the walls.
-fn hold(walls: &mut Walls, surface: &Surface, faces: &[u32]) -> bool {
+/// Whether the middle of each face that is asked is inside closed parts.
+fn hold(closed: &mut RayCaster, surface: &Surface, faces: &[u32]) -> bool {
     let stride = faces.len().div_ceil(ASKED);
     faces.iter().step_by(stride).all(|&f| {
-        let from = walls.middle(surface.faces[f as usize]);
-        let count = (0..RAYS).find_map(|ray| walls.crossings(from, from + ray_direction(ray) * 8.0, None));
+        let from = closed.middle(surface.faces[f as usize]);
+        let count = (0..RAYS).find_map(|ray| closed.crossings(from, from + ray_direction(ray) * 8.0, None));
         count.is_some_and(|n| n % 2 == 1)
     })
 }
@@ -150,5 +150,60 @@ impl Operation for RemoveDebris {
 
     fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
         Ok(remove_debris(surface, context)?.into())
+    }
+}
+
+/// Drops small parts.
+#[derive(Debug, Clone, Copy)]
+pub struct DropSmallParts {
+    /// A part with a smaller share of the volume of all parts goes, in percent.
+    pub min_volume_pct: f64,
+}
+
+impl DropSmallParts {
+    /// Drops the closed parts with less than a share of the volume of all parts, and what lies in them. The cavities of a part that
+    /// stays are no parts of their own and stay with it.
+    ///
+    /// Precondition: consistent and outward winding; what overlaps is united. Result: what is left is as it was. Leaves: open parts of
+    /// any size, and the largest part.
+    ///
+    /// # Errors
+    /// [`Cancelled`] when the work should stop; the surface is then unchanged.
+    pub fn apply(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
+        let edges = Edges::new(&surface.faces);
+        let parts = Parts::new(surface, &edges);
+        let solids = solids(surface, &edges, &parts);
+        let is_solid = |part: usize| solids[part].closed && solids[part].volume > 0.0;
+        let total: f64 = solids.iter().filter(|it| it.closed).map(|it| it.volume).sum();
+        let largest = solids.iter().map(|it| it.volume).fold(0.0, f64::max);
+        let least = (self.min_volume_pct / 100.0 * total).min(largest);
+        let mut goes: Vec<bool> = (0..parts.count).map(|part| is_solid(part) && solids[part].volume < least).collect();
+        if !goes.contains(&true) {
+            return Ok(Applied::default());
+        }
+        let wanted: Vec<bool> = solids.iter().map(|it| it.volume < 0.0).collect();
+        let containers = nesting(surface, &parts, &solids, &wanted, context)?;
+        let within = |part: usize| containers[part].iter().flatten().any(|&around| goes[around as usize]);
+        let cavities: Vec<usize> = (0..parts.count).filter(|&part| wanted[part] && within(part)).collect();
+        for part in cavities {
+            goes[part] = true;
+        }
+        let count = (0..parts.count).filter(|&part| goes[part] && is_solid(part)).count() as u64;
+        let faces = parts.remove(&goes, surface);
+        surface.drop_unreferenced();
+        Ok(Change::list([(ChangeKind::SmallPartsDropped, count), (ChangeKind::SmallPartFacesDropped, faces)]).into())
+    }
+}
+
+impl Operation for DropSmallParts {
+    const FIXES: &'static [Counter] = &[];
+    const MAY_RAISE: &'static [Counter] = &[];
+
+    fn with_scope(scope: &Scope<'_>, _surface: &Surface) -> Self {
+        Self { min_volume_pct: scope.options.min_part_volume_pct }
+    }
+
+    fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
+        self.apply(surface, context)
     }
 }

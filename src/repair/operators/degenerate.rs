@@ -2,8 +2,10 @@
 
 use std::collections::HashSet;
 
+use glam::DVec3;
+
+use super::operator::{Applied, Counter, Operation, Scope};
 use super::slivers::RemoveSlivers;
-use super::{Applied, Counter, Operation, Scope};
 use crate::math::{area_vanishes, collinear, midmost, to_unit_range};
 use crate::mesh::{Edges, Surface};
 use crate::repair::{Cancelled, Change, ChangeKind, Context};
@@ -68,67 +70,36 @@ pub fn remove_without_area(
 /// [`Cancelled`] when the work should stop; flips that are done stay done.
 pub fn remove_caps(surface: &mut Surface, context: &Context<'_>) -> Result<Vec<Change>, Cancelled> {
     let unit = to_unit_range(&surface.positions);
-    let flat = |face: [u32; 3]| {
-        let [a, b, c] = face.map(|v| unit[v as usize]);
-        collinear(a, b, c)
-    };
     let (mut flipped, mut dropped) = (0u64, 0u64);
-    let mut caps: Vec<u32> = (0u32..).zip(&surface.faces).filter(|&(_, &f)| flat(f)).map(|(i, _)| i).collect();
+    let is_cap = |&(_, &face): &(u32, &[u32; 3])| is_flat(&unit, face);
+    let mut caps: Vec<u32> = (0u32..).zip(&surface.faces).filter(is_cap).map(|(i, _)| i).collect();
     let mut keep = vec![true; surface.faces.len()];
     for _ in 0..MOST_PASSES {
         context.check()?;
         if caps.is_empty() {
             break;
         }
-        // Only edges at the caps' corners matter, and few faces have any of those.
-        let mut at_cap = vec![false; surface.positions.len()];
-        caps.iter().for_each(|&cap| surface.faces[cap as usize].iter().for_each(|&v| at_cap[v as usize] = true));
-        let is_near = |&(f, face): &(u32, &[u32; 3])| keep[f as usize] && face.iter().any(|&v| at_cap[v as usize]);
-        let (near, faces): (Vec<u32>, Vec<[u32; 3]>) = (0u32..).zip(&surface.faces).filter(is_near).unzip();
-        let edges = Edges::new(&faces);
-        let mut touched = HashSet::new();
-        let mut made = HashSet::new();
+        let mut pass = Pass::new(surface, &unit, &keep, &caps);
         let before = (flipped, dropped);
         for &cap in &caps {
             let face = surface.faces[cap as usize];
             let middle = midmost(face.map(|v| unit[v as usize]));
             let [m, a, b] = [face[middle], face[(middle + 1) % 3], face[(middle + 2) % 3]];
-            let Some(long) = edges.find(a, b) else { continue };
-            match *edges.half_edges(long) {
-                [_] if touched.insert(cap) => {
+            let Some(long) = pass.edges.find(a, b) else { continue };
+            match *pass.edges.half_edges(long) {
+                [_] if pass.touched.insert(cap) => {
                     keep[cap as usize] = false;
                     dropped += 1;
                 }
-                [x, y] => {
-                    let [f, g] = [x, y].map(|h| near[h as usize / 3]);
-                    let beyond = if f == cap { g } else { f };
-                    let other = surface.faces[beyond as usize];
-                    let Some(d) = other.into_iter().find(|&v| v != a && v != b) else { continue };
-                    let new_edge = (m.min(d), m.max(d));
-                    if d == m
-                        || touched.contains(&cap)
-                        || touched.contains(&beyond)
-                        || (flat(other) && other[midmost(other.map(|v| unit[v as usize]))] != d)
-                        || edges.find(m, d).is_some()
-                        || !made.insert(new_edge)
-                    {
-                        continue;
-                    }
-                    touched.extend([cap, beyond]);
-                    let with_m_for = |gone: u32| other.map(|v| if v == gone { m } else { v });
-                    surface.faces[beyond as usize] = with_m_for(a);
-                    surface.faces[cap as usize] = with_m_for(b);
-                    surface.source[cap as usize] = surface.source[beyond as usize];
-                    flipped += 1;
-                }
+                [x, y] => flipped += u64::from(pass.flip(surface, cap, [x, y], [m, a, b])),
                 _ => {}
             }
         }
         if (flipped, dropped) == before {
             break;
         }
-        caps.extend(touched);
-        caps.retain(|&f| keep[f as usize] && flat(surface.faces[f as usize]));
+        caps.extend(pass.touched);
+        caps.retain(|&f| keep[f as usize] && is_flat(&unit, surface.faces[f as usize]));
         caps.sort_unstable();
         caps.dedup();
     }
@@ -138,6 +109,58 @@ pub fn remove_caps(surface: &mut Surface, context: &Context<'_>) -> Result<Vec<C
         (ChangeKind::DegenerateFacesRemoved, dropped),
         (ChangeKind::DegenerateFacesLeft, caps.len() as u64),
     ]))
+}
+
+/// Whether the corners lie on a line, exactly.
+fn is_flat(unit: &[DVec3], face: [u32; 3]) -> bool {
+    let [a, b, c] = face.map(|v| unit[v as usize]);
+    collinear(a, b, c)
+}
+
+/// One pass over the caps, in which each face is changed at most once.
+struct Pass<'a> {
+    unit: &'a [DVec3],
+    /// The faces at the caps' corners: only edges there matter, and few faces have any of those.
+    near: Vec<u32>,
+    /// Their edges.
+    edges: Edges,
+    touched: HashSet<u32>,
+    /// Edges that flips made, the smaller vertex first.
+    made: HashSet<(u32, u32)>,
+}
+
+impl<'a> Pass<'a> {
+    fn new(surface: &Surface, unit: &'a [DVec3], keep: &[bool], caps: &[u32]) -> Self {
+        let mut at_cap = vec![false; surface.positions.len()];
+        caps.iter().for_each(|&cap| surface.faces[cap as usize].iter().for_each(|&v| at_cap[v as usize] = true));
+        let is_near = |&(f, face): &(u32, &[u32; 3])| keep[f as usize] && face.iter().any(|&v| at_cap[v as usize]);
+        let (near, faces): (Vec<u32>, Vec<[u32; 3]>) = (0u32..).zip(&surface.faces).filter(is_near).unzip();
+        Self { unit, near, edges: Edges::new(&faces), touched: HashSet::new(), made: HashSet::new() }
+    }
+
+    /// Flips the long edge `a`, `b` of a cap with the middle corner `m`, where it may be; `pair` are its half-edges.
+    fn flip(&mut self, surface: &mut Surface, cap: u32, pair: [u32; 2], [m, a, b]: [u32; 3]) -> bool {
+        let [f, g] = pair.map(|h| self.near[h as usize / 3]);
+        let beyond = if f == cap { g } else { f };
+        let other = surface.faces[beyond as usize];
+        let Some(d) = other.into_iter().find(|&v| v != a && v != b) else { return false };
+        let new_edge = (m.min(d), m.max(d));
+        if d == m
+            || self.touched.contains(&cap)
+            || self.touched.contains(&beyond)
+            || (is_flat(self.unit, other) && other[midmost(other.map(|v| self.unit[v as usize]))] != d)
+            || self.edges.find(m, d).is_some()
+            || !self.made.insert(new_edge)
+        {
+            return false;
+        }
+        self.touched.extend([cap, beyond]);
+        let with_m_for = |gone: u32| other.map(|v| if v == gone { m } else { v });
+        surface.faces[beyond as usize] = with_m_for(a);
+        surface.faces[cap as usize] = with_m_for(b);
+        surface.source[cap as usize] = surface.source[beyond as usize];
+        true
+    }
 }
 
 /// Drops faces with the same vertex twice.

@@ -2,8 +2,8 @@
 
 use std::collections::HashSet;
 
-use super::walls::Walls;
-use super::{Applied, Counter, Operation, Scope};
+use super::inside::RayCaster;
+use super::operator::{Applied, Counter, Operation, Scope};
 use crate::inspect::group_faces;
 use crate::math::ray_direction;
 use crate::mesh::{Edges, Surface, UnionFind};
@@ -127,11 +127,11 @@ fn seen_from_outside(surface: &Surface, faces: &[u32], asked: &[u32]) -> Vec<(u3
     // The faces themselves, and their doubles, are no hindrance: rays begin within them.
     let own: HashSet<[u32; 3]> = asked.iter().map(|&i| sorted(surface.faces[faces[i as usize] as usize])).collect();
     let others = surface.faces.iter().copied().filter(|&face| !own.contains(&sorted(face))).collect();
-    let mut walls = Walls::new(surface, others, BUDGET);
+    let mut rays = RayCaster::new(surface, others, BUDGET);
     let stride = asked.len().div_ceil(ASKED);
     let see = |&i: &u32| {
-        let from = walls.middle(surface.faces[faces[i as usize] as usize]);
-        let free = (0..RAYS).any(|ray| walls.crossings(from, from + ray_direction(ray) * 8.0, None) == Some(0));
+        let from = rays.middle(surface.faces[faces[i as usize] as usize]);
+        let free = (0..RAYS).any(|ray| rays.crossings(from, from + ray_direction(ray) * 8.0, None) == Some(0));
         (i, free)
     };
     asked.iter().step_by(stride).map(see).collect()

@@ -2,7 +2,8 @@
 
 use glam::DVec3;
 
-use super::{Applied, Counter, Operation, Scope, open_parts};
+use super::border::open_parts;
+use super::operator::{Applied, Counter, Operation, Scope};
 use crate::mesh::{Edges, Surface};
 use crate::repair::{Cancelled, Change, ChangeKind, Context};
 

@@ -1,133 +1,42 @@
-//! The operators: one file each, with its parameters, precondition, result and what it leaves unfixed, and with its
-//! [`Operation`]: what it claims to fix, and how its parameters follow from the options. [`Operator`] is the list of them.
+//! The operators: a file or folder for each or for a few of one idea, with parameters, precondition, result and what is left
+//! unfixed, and with each one's `Operation`: what it claims to fix, and how its parameters follow from the options.
+//! [`Operator`] names them, and `list.rs` runs them by name. No operator imports `list.rs` or this file.
 
 mod border;
-mod clear;
-mod counts;
+mod free_positions;
+mod inside;
+mod list;
+mod local_edits;
+mod names;
+mod operator;
 mod rounding;
 
 pub mod base;
 pub mod clean_and_patch;
-pub mod cut;
+pub mod cut_non_orientable;
 pub mod debris;
 pub mod degenerate;
 pub mod duplicates;
-pub mod fins;
-
 pub mod foldovers;
 pub mod holes;
+pub mod internal_faces;
 pub mod join;
-mod list;
-mod local;
-pub mod membranes;
-pub mod merge;
-pub mod one_sided;
-mod open_parts;
 pub mod orient;
-pub mod overlaps;
-mod places;
-pub mod quantise;
+pub mod perturb;
 pub mod remesh;
 pub mod resolve;
-pub mod separate;
-pub mod sew;
-pub mod sheets_within;
-pub mod simplify;
 pub mod slivers;
-pub mod small_parts;
+pub mod split_non_manifold;
 pub mod stitch;
 pub mod t_junctions;
 pub mod thicken;
-mod walls;
 pub mod weld;
 
-pub use counts::{Counter, Counts};
-pub use list::Operator;
-pub(super) use open_parts::OpenParts;
-use open_parts::open_parts;
+pub(super) use border::OpenParts;
+pub use names::Operator;
+pub(super) use operator::Scope;
+pub use operator::{Applied, Counter, Counts, Failure};
 
-use super::{Cancelled, Change, Context, Options};
-use crate::arrange::{ArrangeError, Inside};
-use crate::format::Format;
-use crate::mesh::Surface;
-use crate::remesh::RemeshError;
-use cut::Pairing;
-
-/// What an operator's parameters follow from.
-#[derive(Debug, Clone, Copy)]
-pub(in crate::repair) struct Scope<'a> {
-    pub options: &'a Options,
-    /// The format of the result.
-    pub format: Format,
-    /// How faces are paired around edges of more than two.
-    pub pairing: Pairing,
-    /// What is inside where parts are turned inside out.
-    pub inside: Inside,
-    /// Whether open sheets are made solid.
-    pub closes_sheets: bool,
-    /// How far a vertex may still move, in the model's unit, after what operators before it used up.
-    pub max_deviation: f64,
-}
-
-/// An operator as the pipeline runs it.
-pub(in crate::repair) trait Operation: Sized {
-    /// What it claims to fix. None of these may rise by it.
-    const FIXES: &'static [Counter];
-    /// What may rise by it, since a later operator takes it up or since it is the lesser evil.
-    const MAY_RAISE: &'static [Counter];
-    /// Whether a plan leaves it out unless the options ask for it with `with`.
-    const IS_ON_REQUEST: bool = false;
-
-    /// The operator with the parameters that follow from the scope, for a surface.
-    fn with_scope(scope: &Scope<'_>, surface: &Surface) -> Self;
-
-    /// Runs it.
-    ///
-    /// # Errors
-    /// [`Cancelled`]; the surface may then be half done.
-    fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled>;
-}
-
-/// What an operator did.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub struct Applied {
-    /// What it changed, counted.
-    pub changes: Vec<Change>,
-    /// The farthest that it moved a vertex, in the model's unit, hole patches apart; 0 where every vertex is where it was.
-    pub moved: f64,
-    /// What it left and why, in words.
-    pub left: Option<String>,
-    /// Why it did nothing at all, where it should have.
-    pub failed: Option<Failure>,
-    /// What kept it from following an option to the full: the option's name and the reason.
-    pub limited: Vec<(&'static str, String)>,
-    /// Faces that it could not fix, of the surface as it left it.
-    pub unfixed: Vec<u32>,
-    /// The edge of the cells of a remesh, in the model's unit.
-    pub voxel_size: Option<f64>,
-    /// Whether the time was over before it had done all that it could.
-    pub is_late: bool,
-}
-
-/// Why an operator did nothing.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum Failure {
-    /// What overlaps could not be resolved.
-    #[error(transparent)]
-    Arrange(#[from] ArrangeError),
-    /// The surface could not be remeshed.
-    #[error(transparent)]
-    Remesh(#[from] RemeshError),
-    /// What it made is farther from what was there than it may be.
-    #[error("the result would be {away:.6} away from what was there")]
-    TooFar {
-        /// How far, in the model's unit.
-        away: f64,
-    },
-}
-
-impl From<Vec<Change>> for Applied {
-    fn from(changes: Vec<Change>) -> Self {
-        Self { changes, ..Self::default() }
-    }
-}
+// Paths by which other modules still name these two.
+pub use remesh as simplify;
+pub use split_non_manifold as cut;

@@ -4,11 +4,9 @@ use glam::{DVec3, Vec3Swizzles};
 use rustc_hash::{FxHashMap, FxHashSet};
 use smallvec::SmallVec;
 
-use super::clear::{Clear, NEW};
-use super::places::spacing;
-use super::quantise::quantise;
-use super::separate::NEIGHBOURS;
-use super::{Applied, Counter, Operation, Scope};
+use super::degenerate::remove_collapsed;
+use super::free_positions::{MoveClearance, NEIGHBOURS, NEW, TOLD_APART, round_to_f32, spacing, with_vertex};
+use super::operator::{Applied, Counter, Operation, Scope};
 use crate::inspect::Decimals;
 use crate::math::Precision;
 use crate::mesh::{Surface, position_key};
@@ -20,9 +18,6 @@ const ROUNDS: usize = 4;
 const MERGE: f64 = 64.0;
 /// The least step beside zero, in units of the last place of the model's largest coordinate.
 const FINEST: f64 = 1.0 / (1 << 20) as f64;
-
-/// The least step between positions that readers tell apart which round to eight decimals: a power of two above 1e-8.
-pub(super) const TOLD_APART: f64 = 1.0 / (1 << 26) as f64;
 
 /// How far a vertex is moved so that such a reader tells it from another: this many of its steps, the nearest first.
 const STEPS_APART: [f64; 3] = [1.5, 3.0, 6.0];
@@ -160,14 +155,13 @@ pub(super) fn tell_apart(
 
 /// Drops the faces that merging left without area, and the vertices that no face uses.
 fn drop_merged(surface: &mut Surface) {
-    let live: Vec<bool> = surface.faces.iter().map(|&[a, b, c]| a != b && b != c && c != a).collect();
-    surface.retain_faces(&live);
+    remove_collapsed(surface);
     surface.drop_unreferenced();
 }
 
 struct Rounding<'a> {
     surface: &'a mut Surface,
-    clear: Clear,
+    clear: MoveClearance,
     lattice: Lattice,
     /// The faces at each vertex.
     stars: Vec<SmallVec<[u32; 8]>>,
@@ -181,7 +175,7 @@ impl<'a> Rounding<'a> {
         for (face, f) in surface.faces.iter().zip(0u32..) {
             face.iter().for_each(|&v| stars[v as usize].push(f));
         }
-        Self { clear: Clear::new(surface), lattice, stars, left: surface.faces.len(), surface }
+        Self { clear: MoveClearance::new(surface), lattice, stars, left: surface.faces.len(), surface }
     }
 
     /// Moves a vertex to a position of f32 near it.
@@ -192,10 +186,7 @@ impl<'a> Rounding<'a> {
 
     /// Moves a vertex to the first of some places at which no faces meet.
     fn shift_to(&mut self, v: u32, places: impl IntoIterator<Item = DVec3>) -> bool {
-        let new: Vec<([u32; 3], u32)> = self.stars[v as usize]
-            .iter()
-            .map(|&f| (self.surface.faces[f as usize].map(|w| if w == v { NEW } else { w }), f))
-            .collect();
+        let new = with_vertex(self.surface, &self.stars[v as usize], v, NEW);
         let found = places.into_iter().find(|&q| self.clear.is_clear(self.surface, &new, &[], q));
         if let Some(q) = found {
             self.clear.moved(v, q);
@@ -228,8 +219,7 @@ impl<'a> Rounding<'a> {
             if gone.is_empty() || gone.len() == self.left {
                 continue;
             }
-            let new: Vec<([u32; 3], u32)> =
-                kept.iter().map(|&f| (self.surface.faces[f as usize].map(|w| if w == v { u } else { w }), f)).collect();
+            let new = with_vertex(self.surface, &kept, v, u);
             let to = self.surface.positions[u as usize];
             if !self.clear.is_clear(self.surface, &new, &gone, to) {
                 continue;
@@ -318,7 +308,7 @@ impl Operation for RoundCoordinates {
     }
 
     fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
-        let rounded = if self.precision == Precision::F32 { quantise(surface) } else { 0 };
+        let rounded = if self.precision == Precision::F32 { round_to_f32(surface) } else { 0 };
         let limits = TellApart { max_deviation: self.max_deviation, moves: false };
         let joined = tell_apart(surface, limits, |_| true, context)?;
         Ok(Change::list([
@@ -330,7 +320,6 @@ impl Operation for RoundCoordinates {
 }
 
 #[cfg(test)]
-#[allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 mod tests {
     use std::sync::atomic::AtomicBool;
     use std::time::Duration;

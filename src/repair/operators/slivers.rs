@@ -2,8 +2,10 @@
 
 use std::collections::VecDeque;
 
-use super::local::{Local, Shape};
-use super::{Applied, Counter, Operation, Scope};
+use glam::DVec3;
+
+use super::local_edits::{LocalEdits, Shape};
+use super::operator::{Applied, Counter, Operation, Scope};
 use crate::math::{Box3, unit_scale};
 use crate::mesh::Surface;
 use crate::repair::{Cancelled, Change, ChangeKind, Context};
@@ -53,13 +55,9 @@ impl RemoveSlivers {
         if !(length > 0.0 && length.is_finite()) {
             return Ok(Applied::default());
         }
-        let is_sliver = |corners: [glam::DVec3; 3]| {
-            let shape = Shape::of(corners);
-            shape.height < length || shape.shortest() < length
-        };
         let mut slivers = VecDeque::new();
         for (face, f) in surface.faces.iter().zip(0u32..) {
-            if is_sliver(face.map(|v| surface.positions[v as usize] * scale)) {
+            if is_sliver(face.map(|v| surface.positions[v as usize] * scale), length) {
                 slivers.push_back(f);
             }
         }
@@ -67,36 +65,9 @@ impl RemoveSlivers {
             return Ok(Applied::default());
         }
         let budget = WORK + WORK_PER_FACE * surface.faces.len() as u64;
-        let mut tries = vec![0u8; surface.faces.len()];
         let drift = vec![0.0; surface.positions.len()];
-        let mut work = Work { local: Local::new(surface), length, drift, moved: 0.0, queue: slivers };
-        let (mut collapsed, mut flipped, mut dropped) = (0u64, 0u64, 0u64);
-        let mut steps = 0u32;
-        let mut left = Vec::new();
-        while let Some(f) = work.queue.pop_front() {
-            steps = steps.wrapping_add(1);
-            if steps.is_multiple_of(1024) {
-                context.check()?;
-            }
-            if !work.local.is_alive(f) || !is_sliver(work.local.points(work.local.face(f))) {
-                continue;
-            }
-            let tried = &mut tries[f as usize];
-            if *tried == MOST_TRIES || work.local.spent > budget {
-                left.push(f);
-                continue;
-            }
-            *tried += 1;
-            match work.mend(f) {
-                Some(Edit::Collapsed) => collapsed += 1,
-                Some(Edit::Flipped) => flipped += 1,
-                Some(Edit::Dropped) => dropped += 1,
-                None => left.push(f),
-            }
-        }
-        left.sort_unstable();
-        left.dedup();
-        left.retain(|&f| work.local.is_alive(f) && is_sliver(work.local.points(work.local.face(f))));
+        let mut work = Work { local: LocalEdits::new(surface), length, drift, moved: 0.0, queue: slivers };
+        let Mended { collapsed, flipped, dropped, left } = work.mend_all(budget, context)?;
         let moved = work.moved / scale;
         work.local.finish();
         let changes = Change::list([
@@ -116,14 +87,29 @@ impl RemoveSlivers {
     }
 }
 
+/// Whether a face has an edge or a height below a length.
+fn is_sliver(corners: [DVec3; 3], length: f64) -> bool {
+    let shape = Shape::of(corners);
+    shape.height < length || shape.shortest() < length
+}
+
 enum Edit {
     Collapsed,
     Flipped,
     Dropped,
 }
 
+/// The edits that were made, and the faces for which there was none.
+#[derive(Default)]
+struct Mended {
+    collapsed: u64,
+    flipped: u64,
+    dropped: u64,
+    left: Vec<u32>,
+}
+
 struct Work<'a> {
-    local: Local<'a>,
+    local: LocalEdits<'a>,
     /// The tolerance on the unit scale.
     length: f64,
     /// How far vertices that were drawn into this one stood from it, at most.
@@ -133,6 +119,43 @@ struct Work<'a> {
 }
 
 impl Work<'_> {
+    /// Goes through the queue until it is empty.
+    fn mend_all(&mut self, budget: u64, context: &Context<'_>) -> Result<Mended, Cancelled> {
+        let mut tries = vec![0u8; self.local.surface.faces.len()];
+        let mut mended = Mended::default();
+        let mut steps = 0u32;
+        while let Some(f) = self.queue.pop_front() {
+            steps = steps.wrapping_add(1);
+            if steps.is_multiple_of(1024) {
+                context.check()?;
+            }
+            if !self.is_left(f) {
+                continue;
+            }
+            let tried = &mut tries[f as usize];
+            if *tried == MOST_TRIES || self.local.spent > budget {
+                mended.left.push(f);
+                continue;
+            }
+            *tried += 1;
+            match self.mend(f) {
+                Some(Edit::Collapsed) => mended.collapsed += 1,
+                Some(Edit::Flipped) => mended.flipped += 1,
+                Some(Edit::Dropped) => mended.dropped += 1,
+                None => mended.left.push(f),
+            }
+        }
+        mended.left.sort_unstable();
+        mended.left.dedup();
+        mended.left.retain(|&f| self.is_left(f));
+        Ok(mended)
+    }
+
+    /// Whether a face is there and a sliver.
+    fn is_left(&self, f: u32) -> bool {
+        self.local.is_alive(f) && is_sliver(self.local.points(self.local.face(f)), self.length)
+    }
+
     /// Tries all ways to be rid of a sliver, and queues what that touches.
     fn mend(&mut self, f: u32) -> Option<Edit> {
         let (face, shape) = (self.local.face(f), self.local.shape(f));

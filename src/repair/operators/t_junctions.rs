@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use super::border::{Border, Near};
-use super::{Applied, Counter, Operation, Scope};
+use super::operator::{Applied, Counter, Operation, Scope};
 use crate::mesh::Surface;
 use crate::repair::{Cancelled, Change, ChangeKind, Context};
 

@@ -1,11 +1,99 @@
-//! Merging boundary vertices that almost coincide.
+//! Vertices merged by distance: any ([`MergeVertices`]), those on the boundary that almost coincide ([`Weld`]), and those on the
+//! boundary that are close for the size of what is around them ([`Sew`]).
 
 use glam::DVec3;
+use rustc_hash::FxHashMap;
 
+use super::border::{Border, Near};
 use super::degenerate::remove_collapsed;
-use super::{Applied, Counter, Operation, Scope};
+use super::operator::{Applied, Counter, Operation, Scope};
 use crate::mesh::{Edges, Surface};
 use crate::repair::{Cancelled, Change, ChangeKind, Context, Options};
+
+/// Merges vertices, on the boundary or not.
+#[derive(Debug, Clone, Copy)]
+pub struct MergeVertices {
+    /// Vertices closer than this are merged, in the model's unit.
+    pub distance: f64,
+    /// No vertex is moved farther than this, in the model's unit.
+    pub max_deviation: f64,
+}
+
+impl MergeVertices {
+    /// Merges each vertex into the nearest earlier one within the distance that stays, and drops the faces that collapse.
+    ///
+    /// Precondition: none. Result: vertices that are left stand where they were and farther apart than the distance; no vertex moves
+    /// farther than it. Leaves: whatever merging makes of the surface, such as edges of several faces where a wall is thinner than the
+    /// distance.
+    ///
+    /// After *Merge by Distance* of Blender and *Simple Clean* of Mesh Heal.
+    ///
+    /// # Errors
+    /// [`Cancelled`] when the work should stop; the surface is then unchanged.
+    pub fn apply(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
+        let reach = self.distance.min(self.max_deviation);
+        let usable = reach > 0.0 && reach.is_finite();
+        // Only vertices that stay are in a cell, and those are at least the distance apart, so a cell holds few of them.
+        let cell = |p: DVec3| (p / reach).floor().to_array().map(to_cell);
+        let mut kept: FxHashMap<[i64; 3], Vec<u32>> = FxHashMap::default();
+        let mut target: Vec<u32> = (0u32..).zip(&surface.positions).map(|(v, _)| v).collect();
+        let (mut merged, mut moved) = (0u64, 0.0f64);
+        let mut used = vec![false; surface.positions.len()];
+        surface.faces.iter().flatten().for_each(|&v| used[v as usize] = true);
+        for v in (0..target.len()).filter(|&v| usable && used[v]) {
+            if v % 4096 == 0 {
+                context.check()?;
+            }
+            let at = surface.positions[v];
+            let nearest = neighbours(cell(at))
+                .filter_map(|cell| kept.get(&cell))
+                .flatten()
+                .map(|&other| (at.distance(surface.positions[other as usize]), other))
+                .filter(|&(distance, _)| distance <= reach)
+                .min_by(|x, y| x.0.total_cmp(&y.0).then(x.1.cmp(&y.1)));
+            match nearest {
+                Some((distance, other)) => {
+                    merged += 1;
+                    moved = moved.max(distance);
+                    target[v] = other;
+                }
+                None => kept.entry(cell(at)).or_default().push(target[v]),
+            }
+        }
+        if merged == 0 {
+            return Ok(Applied::default());
+        }
+        for v in surface.faces.iter_mut().flatten() {
+            *v = target[*v as usize];
+        }
+        let mut changes = Change::list([(ChangeKind::VerticesMerged, merged)]);
+        changes.extend(remove_collapsed(surface));
+        surface.drop_unreferenced();
+        Ok(Applied { changes, moved, ..Applied::default() })
+    }
+}
+
+/// A cell and those around it.
+fn neighbours([x, y, z]: [i64; 3]) -> impl Iterator<Item = [i64; 3]> {
+    let steps = -1..=1;
+    steps.clone().flat_map(move |i| {
+        let steps = steps.clone();
+        steps.clone().flat_map(move |j| steps.clone().map(move |k| [x + i, y + j, z + k]))
+    })
+}
+
+impl Operation for MergeVertices {
+    const FIXES: &'static [Counter] = &[];
+    const MAY_RAISE: &'static [Counter] = &Counter::ALL;
+
+    fn with_scope(scope: &Scope<'_>, _surface: &Surface) -> Self {
+        Self { distance: scope.options.merge_distance.unwrap_or_default(), max_deviation: scope.max_deviation }
+    }
+
+    fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
+        self.apply(surface, context)
+    }
+}
 
 /// Vertices looked at in one cell of the grid: more can't lie in a cell further apart than the tolerance unless their
 /// own edges are shorter still, and then they are not merged.
@@ -48,18 +136,14 @@ impl Weld {
         if boundary.len() < 2 || !reach.is_finite() {
             return Ok(Applied::default());
         }
-        // Cells twice as wide as the reach are few enough to count in i64 for every tolerance above 2^-60.
-        let cell = |p: DVec3| (p / (2.0 * reach)).floor().to_array().map(to_cell);
-        let mut grid: Vec<([i64; 3], u32)> =
-            boundary.iter().map(|&v| (cell(surface.positions[v as usize]), v)).collect();
-        grid.sort_unstable();
+        let grid = Grid::new(surface, &boundary, reach);
         let mut target: Vec<u32> = (0u32..).zip(&surface.positions).map(|(v, _)| v).collect();
         let (mut merged, mut moved) = (0u64, 0.0f64);
         for (count, &v) in boundary.iter().enumerate() {
             if count % 4096 == 0 {
                 context.check()?;
             }
-            if let Some(other) = nearest_kept(v, surface, &grid, &radii, &target, cell) {
+            if let Some(other) = grid.nearest_kept(v, surface, &radii, &target) {
                 target[v as usize] = other;
                 merged += 1;
                 moved = moved.max(surface.positions[v as usize].distance(surface.positions[other as usize]));
@@ -105,36 +189,49 @@ fn radii(surface: &Surface, edges: &Edges, reach: f64) -> Vec<f64> {
     radii
 }
 
-/// The nearest vertex before `v` that stays where it is and within whose reach `v` lies.
-fn nearest_kept(
-    v: u32,
-    surface: &Surface,
-    grid: &[([i64; 3], u32)],
-    radii: &[f64],
-    target: &[u32],
-    cell: impl Fn(DVec3) -> [i64; 3],
-) -> Option<u32> {
-    let at = surface.positions[v as usize];
-    let reach = radii[v as usize];
-    let (low, high) = (cell(at - reach), cell(at + reach));
-    let mut best: Option<(f64, u32)> = None;
-    for x in low[0]..=high[0] {
-        for y in low[1]..=high[1] {
-            for z in low[2]..=high[2] {
-                let from = grid.partition_point(|&(c, _)| c < [x, y, z]);
-                for &(_, other) in grid[from..].iter().take_while(|&&(c, _)| c == [x, y, z]).take(MOST_PER_CELL) {
-                    if other >= v || target[other as usize] != other {
-                        continue;
-                    }
-                    let distance = at.distance(surface.positions[other as usize]);
-                    if distance < reach.min(radii[other as usize]) && best.is_none_or(|b| (distance, other) < b) {
-                        best = Some((distance, other));
+/// Boundary vertices by the cells that they are in.
+struct Grid {
+    size: f64,
+    vertices: Vec<([i64; 3], u32)>,
+}
+
+impl Grid {
+    /// Cells twice as wide as the reach are few enough to count in i64 for every tolerance above 2^-60.
+    fn new(surface: &Surface, boundary: &[u32], reach: f64) -> Self {
+        let mut grid = Self { size: 2.0 * reach, vertices: Vec::new() };
+        grid.vertices = boundary.iter().map(|&v| (grid.cell(surface.positions[v as usize]), v)).collect();
+        grid.vertices.sort_unstable();
+        grid
+    }
+
+    fn cell(&self, p: DVec3) -> [i64; 3] {
+        (p / self.size).floor().to_array().map(to_cell)
+    }
+
+    /// The nearest vertex before `v` that stays where it is and within whose reach `v` lies.
+    fn nearest_kept(&self, v: u32, surface: &Surface, radii: &[f64], target: &[u32]) -> Option<u32> {
+        let at = surface.positions[v as usize];
+        let reach = radii[v as usize];
+        let (low, high) = (self.cell(at - reach), self.cell(at + reach));
+        let mut best: Option<(f64, u32)> = None;
+        for x in low[0]..=high[0] {
+            for y in low[1]..=high[1] {
+                for z in low[2]..=high[2] {
+                    let from = &self.vertices[self.vertices.partition_point(|&(c, _)| c < [x, y, z])..];
+                    for &(_, other) in from.iter().take_while(|&&(c, _)| c == [x, y, z]).take(MOST_PER_CELL) {
+                        if other >= v || target[other as usize] != other {
+                            continue;
+                        }
+                        let distance = at.distance(surface.positions[other as usize]);
+                        if distance < reach.min(radii[other as usize]) && best.is_none_or(|b| (distance, other) < b) {
+                            best = Some((distance, other));
+                        }
                     }
                 }
             }
         }
+        best.map(|(_, other)| other)
     }
-    best.map(|(_, other)| other)
 }
 
 /// Saturates, so that a cell beyond the range is some cell and not a panic.
@@ -157,5 +254,121 @@ impl Operation for Weld {
         let mut applied = self.apply(surface, context)?;
         applied.changes.extend(remove_collapsed(surface));
         Ok(applied)
+    }
+}
+
+/// How far boundary vertices may be apart to be merged.
+#[derive(Debug, Clone, Copy)]
+pub struct Sew {
+    /// Most of the distance over the shortest boundary edge at either vertex; 0.2 by default.
+    pub ratio: f64,
+    /// Most of the distance over the bounding box's diagonal; 0.001 by default, infinite for none.
+    pub tolerance: f64,
+    /// No vertex is moved farther than this, in the model's unit.
+    pub max_deviation: f64,
+}
+
+impl Default for Sew {
+    fn default() -> Self {
+        Self { ratio: 0.2, tolerance: 1e-3, max_deviation: f64::INFINITY }
+    }
+}
+
+impl Sew {
+    /// Merges the boundary vertices whose distance is below a share of the shortest boundary edge at either, the nearest
+    /// pair first. Of a pair the first vertex stays where it is, or the second where the first may not be moved into.
+    ///
+    /// ```text
+    ///   ---a-------b---         ---a-------b---
+    ///   ---c-------d---   ->    ---'-------'---     |ac| < ratio * |ab|
+    /// ```
+    ///
+    /// Both vertices must have boundary edges that run along one another, as the sides of a crack do, so that what only
+    /// touches is not joined.
+    ///
+    /// Precondition: none. Result: no face goes, loses its area or turns over, and no edge has more faces than two that
+    /// had one. Leaves: pairs that share an edge, and those for which that would not hold.
+    ///
+    /// After *Sew* of the Blender add-on Mesh Heal.
+    ///
+    /// # Errors
+    /// [`Cancelled`] when the work should stop; what is merged stays merged.
+    pub fn apply(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
+        let cap = (self.tolerance * surface.bounds().diagonal()).min(self.max_deviation);
+        let Some(mut border) = Border::new(surface).filter(|_| cap > 0.0) else { return Ok(Applied::default()) };
+        let mut reach = vec![cap; border.vertices.len()];
+        for ([a, b], length) in border.lengths().collect::<Vec<_>>() {
+            for v in [a, b] {
+                let reach = &mut reach[border.place(v)];
+                *reach = reach.min(self.ratio * length);
+            }
+        }
+        let pairs = pairs(&mut border, &reach, context)?;
+        let mut merged = 0;
+        for (count, &(_, a, b)) in pairs.iter().enumerate() {
+            if count % 4096 == 0 {
+                context.check()?;
+            }
+            let (a, b) = (border.now(a), border.now(b));
+            let most = reach[border.place(a)].min(reach[border.place(b)]);
+            if a == b || border.position(a).distance(border.position(b)) >= most {
+                continue;
+            }
+            let [one, other] = [a, b].map(|v| border.courses(v));
+            if Border::run_along(&one, &other) && (border.merge(b, a, cap) || border.merge(a, b, cap)) {
+                merged += 1;
+            }
+        }
+        let left = border.gave_up();
+        let moved = border.farthest();
+        if merged > 0 {
+            surface.drop_unreferenced();
+        }
+        Ok(Applied {
+            changes: Change::list([(ChangeKind::BoundaryVerticesSewn, merged)]),
+            moved,
+            left,
+            ..Applied::default()
+        })
+    }
+}
+
+/// The pairs of vertices within reach of one another, the nearest first.
+fn pairs(border: &mut Border<'_>, reach: &[f64], context: &Context<'_>) -> Result<Vec<(f64, u32, u32)>, Cancelled> {
+    let mut pairs = Vec::new();
+    let mut near: Vec<Near> = Vec::new();
+    for (at, within) in reach.iter().enumerate() {
+        if at % 4096 == 0 {
+            context.check()?;
+        }
+        let v = border.vertices[at];
+        near.clear();
+        border.near(v, *within, &mut near);
+        for other in near.iter().flat_map(|found| found.ends).filter(|&other| other > v) {
+            let distance = border.position(v).distance(border.position(other));
+            if distance < within.min(reach[border.place(other)]) {
+                pairs.push((distance, v, other));
+            }
+        }
+    }
+    pairs.sort_unstable_by(|x, y| x.0.total_cmp(&y.0).then((x.1, x.2).cmp(&(y.1, y.2))));
+    pairs.dedup();
+    Ok(pairs)
+}
+
+impl Operation for Sew {
+    const FIXES: &'static [Counter] =
+        &[Counter::BoundaryEdges, Counter::MisorientedEdges, Counter::NonmanifoldEdges, Counter::DuplicateFaces];
+    const MAY_RAISE: &'static [Counter] = &[Counter::PinchedVertices];
+
+    fn with_scope(scope: &Scope<'_>, _surface: &Surface) -> Self {
+        let (usual, asked) = (Self::default(), scope.options.sew_ratio);
+        // A ratio that was asked for is the only limit.
+        let tolerance = if asked.is_some() { f64::INFINITY } else { usual.tolerance };
+        Self { ratio: asked.unwrap_or(usual.ratio), tolerance, max_deviation: scope.max_deviation }
+    }
+
+    fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
+        self.apply(surface, context)
     }
 }

@@ -9,8 +9,8 @@ use glam::{DMat3, DQuat, DVec3};
 use meshmend::arrange::{ArrangeError, Arrangement, Exact, Inside, Rule, Solid};
 use meshmend::inspect::{Analysis, Measures, intersections, measure};
 use meshmend::mesh::{ClosedSurface, NotClosed, Soup, Surface};
+use meshmend::repair::operators::perturb::Separate;
 use meshmend::repair::operators::resolve::Resolve;
-use meshmend::repair::operators::separate::Separate;
 use proptest::prelude::*;
 
 use crate::damage::Random;

@@ -4,15 +4,12 @@ use std::collections::{HashMap, HashSet};
 
 use glam::DVec3;
 
-use super::clearance::{Clearance, Faults};
 use super::group::{Hole, newell};
-use super::least_weight::{Weigh, least_weight, shortest_cut};
-use super::planar::planar;
-use super::refine::Patch;
-use super::sharp::sharp;
-use super::{FillHoles, HoleFilling};
-use crate::math::{Sign, collinear, orient3d};
+use super::patch::{Clearance, Faults, Patch};
+use super::triangulate::{Weigh, least_weight, planar, sharp, shortest_cut};
+use crate::math::{Precision, Sign, collinear, orient3d};
 use crate::mesh::Edges;
+use crate::repair::operators::names::HoleFilling;
 use crate::repair::{Cancelled, Context};
 
 /// Longest loop for the cubic triangulation: about 0.03 s.
@@ -27,6 +24,39 @@ const SHARP_STEPS: u64 = 2_000_000;
 
 /// How far behind the middle of its hole the corner of a cone stands, in edges around it.
 const CONE: f64 = 0.05;
+
+/// Which holes are closed, and how.
+#[derive(Debug, Clone, Copy)]
+pub struct FillHoles {
+    /// Most edges around a hole, those around islands in it counted; a million by default.
+    pub max_edges: u32,
+    /// Largest extent of a hole, as a share of the model's diagonal; 1, which is any, by default.
+    pub max_size: f64,
+    /// Most holes; of more the smallest are closed. A million by default.
+    pub max_holes: u32,
+    /// How patches are chosen.
+    pub filling: HoleFilling,
+    /// Whether patches that are not plane get inner vertices, as close as those around.
+    pub refine: bool,
+    /// Whether patches are refined and go on smoothly from the surface.
+    pub fair: bool,
+    /// Whether new positions are rounded to f32.
+    pub precision: Precision,
+}
+
+impl Default for FillHoles {
+    fn default() -> Self {
+        Self {
+            max_edges: 1_000_000,
+            max_size: 1.0,
+            max_holes: 1_000_000,
+            filling: HoleFilling::Auto,
+            refine: false,
+            fair: false,
+            precision: Precision::F64,
+        }
+    }
+}
 
 /// A way to triangulate a hole.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -1,73 +1,21 @@
 //! Closing boundary loops.
 
 mod choose;
-mod clearance;
-mod fair;
 mod group;
-mod least_weight;
-mod planar;
-mod refine;
-mod sharp;
+mod patch;
+mod triangulate;
 
-use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
-
-use super::{Applied, Counter, Operation, Scope};
-use crate::inspect::solids;
-use crate::math::{Box3, Precision};
+use crate::inspect::{Solid, solids};
+use crate::math::Box3;
 use crate::mesh::{Edges, Fans, Parts, Surface, UnionFind, boundary_loops};
+use crate::repair::operators::operator::{Applied, Counter, Operation, Scope};
 use crate::repair::sheets::encloses;
 use crate::repair::{Cancelled, Change, ChangeKind, Context};
+pub use choose::FillHoles;
 use choose::{Chosen, Filler, face_normal};
 use group::{Hole, group};
 
-/// How the triangles of a hole's patch are chosen.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize, ToSchema, clap::ValueEnum)]
-#[serde(rename_all = "kebab-case")]
-pub enum HoleFilling {
-    /// The first that intersects nothing of: least fold, planar, least area, sharp.
-    #[default]
-    Auto,
-    /// The least fold against the faces around and within the patch (Liepa 2003).
-    Smooth,
-    /// Constrained Delaunay in the hole's best plane; where its picture there is not simple, the least area.
-    Planar,
-    /// The sharpest corner first, never by a face that would intersect another (Mesh Heal's *fill holes (sharp)*).
-    Sharp,
-}
-
-/// Which holes are closed, and how.
-#[derive(Debug, Clone, Copy)]
-pub struct FillHoles {
-    /// Most edges around a hole, those around islands in it counted; a million by default.
-    pub max_edges: u32,
-    /// Largest extent of a hole, as a share of the model's diagonal; 1, which is any, by default.
-    pub max_size: f64,
-    /// Most holes; of more the smallest are closed. A million by default.
-    pub max_holes: u32,
-    /// How patches are chosen.
-    pub filling: HoleFilling,
-    /// Whether patches that are not plane get inner vertices, as close as those around.
-    pub refine: bool,
-    /// Whether patches are refined and go on smoothly from the surface.
-    pub fair: bool,
-    /// Whether new positions are rounded to f32.
-    pub precision: Precision,
-}
-
-impl Default for FillHoles {
-    fn default() -> Self {
-        Self {
-            max_edges: 1_000_000,
-            max_size: 1.0,
-            max_holes: 1_000_000,
-            filling: HoleFilling::Auto,
-            refine: false,
-            fair: false,
-            precision: Precision::F64,
-        }
-    }
-}
+pub use super::names::HoleFilling;
 
 /// What filling did and left.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
@@ -154,56 +102,26 @@ impl FillHoles {
         for of_body in by_body.chunk_by(|a, b| a.0 == b.0) {
             let solid = &solids[of_body[0].0 as usize];
             let start = (filler.clearance.patches().len(), filler.positions.len());
-            let (mut left, mut over, mut intersecting, mut unchecked, mut islands) = (0u64, 0u64, 0u64, 0u64, 0u64);
-            let mut own_edges: Vec<(u32, u32)> = Vec::new();
+            let mut body = BodyPatches::default();
             let mut work: Vec<Hole> = Vec::new();
             for &(_, i) in of_body.iter().rev() {
                 if within[i] {
                     work.push(holes[i].clone());
                 } else {
-                    over += holes[i].loops.len() as u64;
+                    body.over += holes[i].loops.len() as u64;
                 }
             }
-            let mut done = 0u64;
-            while let Some(hole) = work.pop() {
-                context.check()?;
-                let Some(chosen) = filler.choose(&hole)? else {
-                    if hole.loops.len() > 1 {
-                        // Islands that cannot be joined are holes of their own.
-                        work.extend(hole.apart());
-                    } else {
-                        left += 1;
-                    }
-                    continue;
-                };
-                done += hole.loops.len() as u64;
-                islands += hole.loops.len() as u64 - 1;
-                left += u64::from(chosen.open > 0);
-                intersecting += u64::from(chosen.faults.is_some_and(|f| f.crossings > 0));
-                unchecked += u64::from(chosen.faults.is_none());
-                put(&mut filler, &chosen, &mut own_edges);
-            }
-            let about = solid.bounds.centre();
-            let (mut patch_area, mut volume) = (0.0, solid.volume);
-            for t in &filler.clearance.patches()[start.0..] {
-                let [a, b, c] = t.map(|v| filler.positions[v as usize] - about);
-                patch_area += (b - a).cross(c - a).length() / 2.0;
-                volume += a.dot(b.cross(c)) / 6.0;
-            }
-            if encloses(solid.area, patch_area, (left + over == 0).then_some(volume)) {
-                filled.holes_left += left + over;
-                filled.over_limit += over;
-                filled.intersecting += intersecting;
-                filled.unchecked += unchecked;
-                closed += done;
-                joined += islands;
+            body.close(work, &mut filler)?;
+            let (patch_area, volume) = with_patches(solid, &filler, start.0);
+            if encloses(solid.area, patch_area, (body.left + body.over == 0).then_some(volume)) {
+                filled.holes_left += body.left + body.over;
+                filled.over_limit += body.over;
+                filled.intersecting += body.intersecting;
+                filled.unchecked += body.unchecked;
+                closed += body.closed;
+                joined += body.islands;
             } else {
-                filler.clearance.take_out(start.0);
-                filler.clearance.drop_vertices(start.1);
-                filler.positions.truncate(start.1);
-                for edge in own_edges {
-                    filler.new_edges.remove(&edge);
-                }
+                body.take_back(start, &mut filler);
                 filled.open_sheets += 1;
             }
         }
@@ -257,17 +175,81 @@ fn bodies(parts: &Parts, holes: &[Hole]) -> (Parts, Vec<(u32, usize)>) {
     (Parts { of_face, count: parts.count }, by_body)
 }
 
-/// Takes a patch over.
-fn put(filler: &mut Filler<'_>, chosen: &Chosen, own_edges: &mut Vec<(u32, u32)>) {
-    for &[a, b, c] in &chosen.faces {
-        for (u, v) in [(a, b), (b, c), (c, a)] {
-            let edge = (u.min(v), u.max(v));
-            if filler.edges.find(u, v).is_none() && filler.new_edges.insert(edge) {
-                own_edges.push(edge);
+/// What became of the holes of one body.
+#[derive(Default)]
+struct BodyPatches {
+    /// Loops that were closed.
+    closed: u64,
+    /// Of these, those of islands.
+    islands: u64,
+    /// Loops that could not be closed, or not wholly.
+    left: u64,
+    /// Loops over a limit.
+    over: u64,
+    intersecting: u64,
+    unchecked: u64,
+    /// Edges that its patches added.
+    edges: Vec<(u32, u32)>,
+}
+
+impl BodyPatches {
+    /// Closes holes, the last of them first.
+    fn close(&mut self, mut work: Vec<Hole>, filler: &mut Filler<'_>) -> Result<(), Cancelled> {
+        while let Some(hole) = work.pop() {
+            filler.context.check()?;
+            let Some(chosen) = filler.choose(&hole)? else {
+                if hole.loops.len() > 1 {
+                    // Islands that cannot be joined are holes of their own.
+                    work.extend(hole.apart());
+                } else {
+                    self.left += 1;
+                }
+                continue;
+            };
+            self.closed += hole.loops.len() as u64;
+            self.islands += hole.loops.len() as u64 - 1;
+            self.left += u64::from(chosen.open > 0);
+            self.intersecting += u64::from(chosen.faults.is_some_and(|f| f.crossings > 0));
+            self.unchecked += u64::from(chosen.faults.is_none());
+            self.put(&chosen, filler);
+        }
+        Ok(())
+    }
+
+    /// Takes a patch over.
+    fn put(&mut self, chosen: &Chosen, filler: &mut Filler<'_>) {
+        for &[a, b, c] in &chosen.faces {
+            for (u, v) in [(a, b), (b, c), (c, a)] {
+                let edge = (u.min(v), u.max(v));
+                if filler.edges.find(u, v).is_none() && filler.new_edges.insert(edge) {
+                    self.edges.push(edge);
+                }
             }
         }
+        filler.clearance.put(&chosen.faces);
     }
-    filler.clearance.put(&chosen.faces);
+
+    /// Takes back all patches: those from a number of faces and of positions on.
+    fn take_back(self, (faces, positions): (usize, usize), filler: &mut Filler<'_>) {
+        filler.clearance.take_out(faces);
+        filler.clearance.drop_vertices(positions);
+        filler.positions.truncate(positions);
+        for edge in self.edges {
+            filler.new_edges.remove(&edge);
+        }
+    }
+}
+
+/// The area of the patches from a number on, and the volume of a body with them.
+fn with_patches(body: &Solid, filler: &Filler<'_>, start: usize) -> (f64, f64) {
+    let about = body.bounds.centre();
+    let (mut patch_area, mut volume) = (0.0, body.volume);
+    for t in &filler.clearance.patches()[start..] {
+        let [a, b, c] = t.map(|v| filler.positions[v as usize] - about);
+        patch_area += (b - a).cross(c - a).length() / 2.0;
+        volume += a.dot(b.cross(c)) / 6.0;
+    }
+    (patch_area, volume)
 }
 
 impl Operation for FillHoles {

@@ -1,16 +1,12 @@
 //! Open sheets made solid.
 
-mod cover;
-mod offset;
-
-use cover::Cover;
 use glam::DVec3;
-use offset::Offsets;
 
-use super::open_parts::OpenParts;
-use super::{Applied, Counter, Operation, Scope, open_parts};
+use super::border::{OpenParts, open_parts};
+use super::inside::{NONE, Pairing, pair_faces};
+use super::operator::{Applied, Counter, Operation, Scope};
 use crate::math::Precision;
-use crate::mesh::{Edges, SKIN_SOURCE, Surface};
+use crate::mesh::{Edges, SKIN_SOURCE, Surface, UnionFind};
 use crate::repair::sheets::almost_closed;
 use crate::repair::{Cancelled, Change, ChangeKind, Context, OpenSheets};
 
@@ -19,6 +15,9 @@ use crate::repair::{Cancelled, Change, ChangeKind, Context, OpenSheets};
 pub const THICKNESS: f64 = 3e-3;
 /// A thickness must be so many steps of f32 at the largest coordinate, or the two skins would fall together by rounding.
 const LEAST_STEPS: f64 = 64.0;
+
+/// A vertex is moved by no more than this many times the thickness to keep it on all faces around.
+const MITER: f64 = 2.0;
 
 /// Where the two skins of a thickened sheet lie.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -85,7 +84,7 @@ impl ThickenSheets {
         }
         let bounds = surface.bounds();
         let wanted = self.thickness.unwrap_or(THICKNESS * bounds.diagonal());
-        let farthest = if self.skins == Skins::Behind { offset::MITER } else { offset::MITER / 2.0 };
+        let farthest = if self.skins == Skins::Behind { MITER } else { MITER / 2.0 };
         let thickness = wanted.min(self.max_deviation / farthest);
         let largest = bounds.min.abs().max(bounds.max.abs()).max_element();
         let least = LEAST_STEPS * f64::from(f32::EPSILON) * largest;
@@ -114,7 +113,7 @@ impl ThickenSheets {
             (ChangeKind::RimEdgesClosed, rim),
             (ChangeKind::SolidsLeftOpen, spared),
         ]);
-        let moved = if front > 0.0 { front * offset::MITER } else { 0.0 };
+        let moved = if front > 0.0 { front * MITER } else { 0.0 };
         let mut left = format!("at a thickness of {thickness:.6}");
         if spared > 0 {
             left = format!("{left}; {}", told(spared));
@@ -205,5 +204,134 @@ impl Operation for ThickenSheets {
 
     fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
         self.apply(surface, context)
+    }
+}
+
+/// The double cover of a part of a surface, by corners: two sides of each corner, joined to those of its neighbours across
+/// edges. Corners that follow one another are a fan, and a fan has two sides, since the faces around one vertex are a disc
+/// whatever the whole is.
+struct Cover {
+    /// The faces that are covered. A corner is `3 * i + c` for the `i`-th of them.
+    pub faces: Vec<u32>,
+    /// The half-edges across which nothing goes on, as corners.
+    pub boundary: Vec<u32>,
+    /// For each corner its fan, and above it whether the corner's front is the fan's back.
+    of_corner: Vec<u32>,
+    /// The vertex of each fan.
+    vertices: Vec<u32>,
+}
+
+impl Cover {
+    pub fn new(surface: &Surface, faces: &[u32], context: &Context<'_>) -> Result<Self, Cancelled> {
+        let of = |f: &u32| surface.faces[*f as usize];
+        let part = Surface {
+            positions: surface.positions.clone(),
+            faces: faces.iter().map(of).collect(),
+            source: vec![0; faces.len()],
+        };
+        let edges = Edges::new(&part.faces);
+        let mates = pair_faces(&part, &edges, Pairing::Angular, context)?.mate;
+        let node = |corner: u32, side: u32| 2 * corner + side;
+        let mut sets = UnionFind::new(part.faces.len() * 6);
+        let mut boundary = Vec::new();
+        for (h, &mate) in (0u32..).zip(&mates) {
+            if mate == NONE {
+                boundary.push(h);
+            } else if mate > h {
+                let same_way = Edges::ends(&part.faces, h) == Edges::ends(&part.faces, mate);
+                let (start, end) = if same_way { (mate, Edges::next(mate)) } else { (Edges::next(mate), mate) };
+                for side in 0..2 {
+                    let other = side ^ u32::from(same_way);
+                    sets.unite(node(h, side), node(start, other));
+                    sets.unite(node(Edges::next(h), side), node(end, other));
+                }
+            }
+        }
+        let roots = sets.into_roots();
+        let mut number = vec![NONE; roots.len()];
+        let (mut of_corner, mut vertices) = (Vec::with_capacity(mates.len()), Vec::new());
+        for (corner, sides) in roots.as_chunks::<2>().0.iter().enumerate() {
+            // The smaller root is the front of the fan's first corner.
+            let [front, back] = *sides;
+            let (root, turned) = if front <= back { (front, false) } else { (back, true) };
+            let fan = &mut number[root as usize];
+            if *fan == NONE {
+                #[expect(clippy::cast_possible_truncation, reason = "no more fans than corners")]
+                {
+                    *fan = vertices.len() as u32;
+                }
+                vertices.push(part.faces[corner / 3][corner % 3]);
+            }
+            of_corner.push(*fan << 1 | u32::from(turned));
+        }
+        Ok(Self { faces: faces.to_vec(), boundary, of_corner, vertices })
+    }
+
+    /// How many fans there are.
+    pub fn fans(&self) -> usize {
+        self.vertices.len()
+    }
+
+    /// The fan of a corner, and whether the front of the corner's face is at the fan's back.
+    pub fn at(&self, corner: usize) -> (usize, bool) {
+        let packed = self.of_corner[corner];
+        ((packed >> 1) as usize, packed & 1 == 1)
+    }
+
+    /// The vertex that a fan is at.
+    pub fn vertex(&self, fan: usize) -> u32 {
+        self.vertices[fan]
+    }
+}
+
+/// Of each fan, where its vertex goes for a thickness of 1 before its front.
+struct Offsets(Vec<DVec3>);
+
+impl Offsets {
+    pub fn new(surface: &Surface, cover: &Cover) -> Self {
+        let mut sums = vec![DVec3::ZERO; cover.fans()];
+        let mut any = vec![DVec3::ZERO; cover.fans()];
+        each_corner(surface, cover, |fan, normal, angle| {
+            sums[fan] += normal * angle;
+            if any[fan] == DVec3::ZERO {
+                any[fan] = normal;
+            }
+        });
+        // Where normals cancel, the front of one face is as good as another; a vertex of faces without area goes anywhere.
+        let mut ahead: Vec<DVec3> = sums
+            .iter()
+            .zip(&any)
+            .map(|(sum, any)| if sum.length() > 1e-6 { sum.normalize() } else { *any })
+            .map(|n| if n == DVec3::ZERO { DVec3::Z } else { n })
+            .collect();
+        let mut least = vec![1.0f64; cover.fans()];
+        each_corner(surface, cover, |fan, normal, _| least[fan] = least[fan].min(ahead[fan].dot(normal)));
+        for (ahead, least) in ahead.iter_mut().zip(least) {
+            *ahead /= least.max(1.0 / MITER);
+        }
+        Self(ahead)
+    }
+
+    pub fn of(&self, fan: usize) -> DVec3 {
+        self.0[fan]
+    }
+}
+
+/// Calls `each` for every corner of a face with area: the fan, the unit normal on the fan's front, and the angle.
+fn each_corner(surface: &Surface, cover: &Cover, mut each: impl FnMut(usize, DVec3, f64)) {
+    for (i, &f) in cover.faces.iter().enumerate() {
+        let corners = surface.corners(f as usize);
+        // Scaled, so that the area of the smallest face does not vanish.
+        let size = corners[1].distance(corners[0]).max(corners[2].distance(corners[0]));
+        let [p, q] = [(corners[1] - corners[0]) / size, (corners[2] - corners[0]) / size];
+        let Some(normal) = p.cross(q).try_normalize() else { continue };
+        for c in 0..3 {
+            let (to, from) = (corners[(c + 1) % 3] - corners[c], corners[(c + 2) % 3] - corners[c]);
+            let (fan, turned) = cover.at(3 * i + c);
+            let angle = to.normalize_or_zero().angle_between(from.normalize_or_zero());
+            if angle.is_finite() {
+                each(fan, if turned { -normal } else { normal }, angle);
+            }
+        }
     }
 }

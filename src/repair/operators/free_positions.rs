@@ -1,10 +1,106 @@
-//! Whether faces whose vertices are moved meet others, exactly.
+//! Where a vertex may be moved: positions that f32 can hold and no vertex has yet, and whether faces moved there meet others.
+
+use std::collections::HashSet;
 
 use glam::DVec3;
 use rustc_hash::FxHashMap;
 
-use crate::math::{Box3, Contact, Tree, area_vanishes, collinear, contact, unit_scale};
-use crate::mesh::{Surface, position_key};
+use crate::math::{Box3, Contact, Precision, Tree, area_vanishes, collinear, contact, unit_scale};
+use crate::mesh::{Surface, position_key, weld_exactly};
+
+/// The least step between positions that readers tell apart which round to eight decimals: a power of two above 1e-8.
+pub(super) const TOLD_APART: f64 = 1.0 / (1 << 26) as f64;
+
+/// The directions to the corners, edges and sides of a cube.
+pub(super) const NEIGHBOURS: [DVec3; 26] = {
+    let mut all = [DVec3::ZERO; 26];
+    let (mut at, mut i) = (0, 0);
+    while i < 27 {
+        if i != 13 {
+            all[at] = DVec3::new((i / 9) as f64 - 1.0, (i / 3 % 3) as f64 - 1.0, (i % 3) as f64 - 1.0);
+            at += 1;
+        }
+        i += 1;
+    }
+    all
+};
+
+/// Rounds every position to the nearest f32 and merges what then coincides, so that every operator after it works on
+/// the coordinates that an STL file will hold. Answers how many vertices moved.
+///
+/// Leaves coordinates that do not fit an f32 as they are: the writer refuses them with their index.
+pub fn round_to_f32(surface: &mut Surface) -> u64 {
+    let mut moved = 0;
+    for p in &mut surface.positions {
+        let rounded = Precision::F32.round(*p);
+        if rounded != *p {
+            *p = rounded;
+            moved += 1;
+        }
+    }
+    if moved > 0 {
+        weld_exactly(surface);
+    }
+    moved
+}
+
+/// Lengths that are tried, each twice the one before, beginning with the distance between neighbouring f32 numbers.
+const STEPS: i32 = 12;
+
+/// The positions that are taken, as f32.
+pub(super) struct FreePositions {
+    taken: HashSet<[u32; 3]>,
+    /// Whether positions are rounded to f32.
+    precision: Precision,
+    /// The least length that is tried.
+    least: f64,
+    /// The farthest that was gone so far.
+    pub moved: f64,
+}
+
+impl FreePositions {
+    /// Those of a surface's vertices.
+    pub fn new(surface: &Surface, precision: Precision) -> Self {
+        let largest = surface.positions.iter().fold(DVec3::ZERO, |most, p| most.max(p.abs()));
+        // In a direction between the axes it is still above 1e-8 along one of them.
+        let least = (2.0 * TOLD_APART).min(spacing(largest));
+        Self { taken: surface.positions.iter().map(|&p| key(p)).collect(), precision, least, moved: 0.0 }
+    }
+
+    /// The nearest free position from `p` in a direction, no farther than `most`, for which `fits` holds; then it is taken.
+    pub fn find(
+        &mut self,
+        p: DVec3,
+        direction: DVec3,
+        most: f64,
+        mut fits: impl FnMut(DVec3) -> bool,
+    ) -> Option<DVec3> {
+        let least = spacing(p).max(self.least);
+        for k in 0..STEPS {
+            let q = self.precision.round(p + direction * (least * 2f64.powi(k)));
+            let free = q.is_finite() && p.distance(q) <= most && !self.taken.contains(&key(q));
+            if free && fits(q) {
+                self.taken.insert(key(q));
+                self.moved = self.moved.max(p.distance(q));
+                return Some(q);
+            }
+        }
+        None
+    }
+}
+
+/// A position as an STL file would hold it, to be compared.
+#[expect(clippy::cast_possible_truncation, reason = "compared as an STL file would hold them")]
+pub(super) fn key(p: DVec3) -> [u32; 3] {
+    p.to_array().map(|x| (x as f32 + 0.0).to_bits())
+}
+
+/// The distance between f32 numbers as large as the largest coordinate, and where that is too large for one, as the largest number.
+#[expect(clippy::cast_possible_truncation, reason = "asked about f32")]
+pub(super) fn spacing(p: DVec3) -> f64 {
+    let largest = (p.abs().max_element() as f32).clamp(f32::MIN_POSITIVE, f32::MAX.next_down());
+    f64::from(largest.next_up() - largest)
+}
 
 /// Faces that all questions together may look at: this many, and as many more for each face.
 const MOST: u64 = 5_000_000;
@@ -18,7 +114,7 @@ const NEIGHBOURS_A_STEP: u64 = 4;
 pub(super) const NEW: u32 = u32::MAX;
 
 /// The surface as its positions say it: vertices at one position are one, until one of them is moved.
-pub(super) struct Clear {
+pub(super) struct MoveClearance {
     /// Positions in the range of the exact predicates, by slot.
     unit: Vec<DVec3>,
     scale: f64,
@@ -59,7 +155,7 @@ enum Other {
     Old(u32),
 }
 
-impl Clear {
+impl MoveClearance {
     pub fn new(surface: &Surface) -> Self {
         let scale = unit_scale(&surface.positions);
         let unit: Vec<DVec3> = surface.positions.iter().map(|&p| p * scale).collect();
@@ -239,4 +335,18 @@ impl Clear {
             self.unit.len() as u32 - 1
         }
     }
+}
+
+/// Faces at a vertex with another vertex in its place, as [`MoveClearance::is_clear`] asks for them.
+pub(super) fn with_vertex(surface: &Surface, star: &[u32], v: u32, new: u32) -> Vec<([u32; 3], u32)> {
+    star.iter().map(|&f| (surface.faces[f as usize].map(|w| if w == v { new } else { w }), f)).collect()
+}
+
+/// Whether faces at a vertex keep some area, and the side to which they look, when it moves to `q`.
+pub(super) fn keep_facing(surface: &Surface, mut faces: impl Iterator<Item = u32>, v: u32, q: DVec3) -> bool {
+    faces.all(|f| {
+        let place = |w: u32| if w == v { q } else { surface.positions[w as usize] };
+        let [a, b, c] = surface.faces[f as usize].map(place);
+        (b - a).cross(c - a).dot(surface.area_vector(f as usize)) > 0.0 && !collinear(a, b, c)
+    })
 }

@@ -2,16 +2,16 @@
 
 use glam::DVec3;
 
+use super::free_positions::{FreePositions, keep_facing};
+use super::operator::{Applied, Counter, Operation, Scope};
 use super::orient::{agree, turn_faces};
-use super::places::Places;
-use super::{Applied, Counter, Operation, Scope};
 use crate::inspect::doubled_areas;
-use crate::math::{Precision, collinear};
+use crate::math::Precision;
 use crate::mesh::{Edges, Surface, UnionFind};
 use crate::repair::{Cancelled, Change, ChangeKind, Context};
 
 const NONE: u32 = u32::MAX;
-/// neighbouring f32 numbers.
+
 /// Cuts patches that have only one side, like a Möbius band, along the edges where their winding is in conflict, so that
 /// each has a front and a back.
 ///
@@ -89,12 +89,10 @@ fn in_conflict(faces: &[[u32; 3]], half_edges: &[u32]) -> bool {
     matches!(*half_edges, [x, y] if Edges::is_forward(faces, x) == Edges::is_forward(faces, y))
 }
 
-/// Copies the vertices along edges in conflict, for each fan beside them but the one with the most faces. Fans that do
-/// not touch such an edge stay with that one. A run of such edges that meets an edge of more than two faces is left whole,
-/// since it would part no faces there. Answers the copies.
-fn cut(surface: &mut Surface, edges: &Edges) -> Vec<u32> {
+/// Which vertices are on a cut along edges in conflict, and the corners of faces beside it. A run of such edges that meets an edge
+/// of more than two faces is left whole, since it would part no faces there.
+fn cuts(surface: &Surface, edges: &Edges) -> (Vec<bool>, Vec<u32>) {
     let faces = &surface.faces;
-    let corner_of = |h: u32, v: u32| if Edges::ends(faces, h)[0] == v { h } else { Edges::next(h) };
     let mut cuts = UnionFind::new(surface.positions.len());
     for (e, _) in edges.iter().enumerate().filter(|(_, h)| in_conflict(faces, h)) {
         let [a, b] = edges.vertices(e);
@@ -115,14 +113,27 @@ fn cut(surface: &mut Surface, edges: &Edges) -> Vec<u32> {
         }
         for v in ends {
             on_cut[v as usize] = true;
-            beside.extend(half_edges.iter().map(|&h| corner_of(h, v)));
+            beside.extend(half_edges.iter().map(|&h| corner_of(faces, h, v)));
         }
     }
+    (on_cut, beside)
+}
+
+/// The corner at a vertex of the face of a half-edge there.
+fn corner_of(faces: &[[u32; 3]], h: u32, v: u32) -> u32 {
+    if Edges::ends(faces, h)[0] == v { h } else { Edges::next(h) }
+}
+
+/// Copies the vertices along edges in conflict, for each fan beside them but the one with the most faces. Fans that do
+/// not touch such an edge stay with that one. Answers the copies.
+fn cut(surface: &mut Surface, edges: &Edges) -> Vec<u32> {
+    let faces = &surface.faces;
+    let (on_cut, beside) = cuts(surface, edges);
     let mut sets = UnionFind::new(faces.len() * 3);
     for (e, half_edges) in edges.iter().enumerate().filter(|(_, h)| !in_conflict(faces, h)) {
         for v in edges.vertices(e).into_iter().filter(|&v| on_cut[v as usize]) {
             for pair in half_edges.windows(2) {
-                sets.unite(corner_of(pair[0], v), corner_of(pair[1], v));
+                sets.unite(corner_of(faces, pair[0], v), corner_of(faces, pair[1], v));
             }
         }
     }
@@ -170,7 +181,7 @@ fn cut(surface: &mut Surface, edges: &Edges) -> Vec<u32> {
 struct Fans {
     /// Copies and their faces, in order.
     corners: Vec<(u32, u32)>,
-    places: Places,
+    places: FreePositions,
 }
 
 impl Fans {
@@ -181,7 +192,7 @@ impl Fans {
             corners.extend(face.iter().filter(|&&v| v >= first).map(|&v| (v, f)));
         }
         corners.sort_unstable();
-        Self { corners, places: Places::new(surface, precision) }
+        Self { corners, places: FreePositions::new(surface, precision) }
     }
 
     /// Moves a copy into its faces by the least that f32 can tell. Answers how far, unless it can't be.
@@ -196,13 +207,7 @@ impl Fans {
             .flat_map(|&(_, f)| others(f))
             .map(|w| (surface.positions[w as usize] - p).normalize_or_zero())
             .sum();
-        let fits = |q: DVec3| {
-            fan.iter().all(|&(_, f)| {
-                let place = |w: u32| if w == v { q } else { surface.positions[w as usize] };
-                let [a, b, c] = surface.faces[f as usize].map(place);
-                (b - a).cross(c - a).dot(surface.area_vector(f as usize)) > 0.0 && !collinear(a, b, c)
-            })
-        };
+        let fits = |q: DVec3| keep_facing(surface, fan.iter().map(|&(_, f)| f), v, q);
         let directions = [inward.try_normalize()].into_iter().flatten().chain([
             DVec3::X,
             DVec3::NEG_X,

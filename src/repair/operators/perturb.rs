@@ -2,28 +2,15 @@
 
 use glam::DVec3;
 
-use super::clear::{Clear, NEW};
-use super::cut::{NONE, Pairing, Pinches, cut_apart, mates};
-use super::places::{Places, key, spacing};
+use super::free_positions::{FreePositions, MoveClearance, NEIGHBOURS, NEW, keep_facing, key, spacing, with_vertex};
+use super::inside::{NONE, Pairing, pair_faces};
+use super::operator::{Applied, Counter, Operation, Scope};
 use super::rounding::{TellApart, tell_apart};
-use super::{Applied, Counter, Operation, Scope};
+use super::split_non_manifold::{Pinches, cut_apart};
 use crate::math::{Precision, collinear};
 use crate::mesh::{Edges, Stars, Surface};
 use crate::repair::{Cancelled, Change, ChangeKind, Context};
 
-/// The directions to the corners, edges and sides of a cube.
-pub(super) const NEIGHBOURS: [DVec3; 26] = {
-    let mut all = [DVec3::ZERO; 26];
-    let (mut at, mut i) = (0, 0);
-    while i < 27 {
-        if i != 13 {
-            all[at] = DVec3::new((i / 9) as f64 - 1.0, (i / 3 % 3) as f64 - 1.0, (i % 3) as f64 - 1.0);
-            at += 1;
-        }
-        i += 1;
-    }
-    all
-};
 /// Rounds of cutting and splitting; an edge that is still doubled after them is left.
 const MOST_ROUNDS: usize = 4;
 /// No vertex is moved farther than this share of the diagonal.
@@ -87,7 +74,7 @@ impl Separate {
 
 /// Places beside vertices, each within its reach.
 struct Aside {
-    places: Places,
+    places: FreePositions,
     reach: f64,
     max_deviation: f64,
 }
@@ -96,7 +83,7 @@ impl Aside {
     fn new(surface: &Surface, max_deviation: f64) -> Self {
         let diagonal = surface.bounds().diagonal();
         Self {
-            places: Places::new(surface, Precision::F32),
+            places: FreePositions::new(surface, Precision::F32),
             reach: (MOST * diagonal).min(max_deviation),
             max_deviation,
         }
@@ -120,8 +107,8 @@ fn split_doubled_edges(surface: &mut Surface, places: &mut Aside, context: &Cont
     if edges.iter().all(|h| h.len() <= 2) {
         return Ok(0);
     }
-    let mut clear = Clear::new(surface);
-    let mates = mates(surface, &edges, Pairing::Angular, context)?.of;
+    let mut clear = MoveClearance::new(surface);
+    let mates = pair_faces(surface, &edges, Pairing::Angular, context)?.mate;
     let mut busy = vec![false; surface.faces.len()];
     let mut split = 0;
     for half_edges in edges.iter().filter(|h| h.len() > 2) {
@@ -148,7 +135,7 @@ fn split_doubled_edges(surface: &mut Surface, places: &mut Aside, context: &Cont
 }
 
 /// Puts a vertex near the middle of the edge along which the faces of half-edges `x` and `y` meet.
-fn split_pair(surface: &mut Surface, x: u32, y: u32, places: &mut Aside, clear: &mut Clear) -> bool {
+fn split_pair(surface: &mut Surface, x: u32, y: u32, places: &mut Aside, clear: &mut MoveClearance) -> bool {
     let [a, b] = Edges::ends(&surface.faces, x);
     let (c, d) = (Edges::opposite(&surface.faces, x), Edges::opposite(&surface.faces, y));
     let [f, g] = [x, y].map(|h| h as usize / 3);
@@ -190,7 +177,7 @@ fn spread(surface: &mut Surface, places: &mut Aside, context: &Context<'_>) -> R
         return Ok((0, 0));
     }
     let stars = Stars::new(surface.positions.len(), &surface.faces);
-    let mut clear = Clear::new(surface);
+    let mut clear = MoveClearance::new(surface);
     let (mut moved, mut left) = (0, 0);
     for (count, group) in groups.into_iter().enumerate() {
         if count % 16 == 0 {
@@ -219,7 +206,7 @@ fn spread(surface: &mut Surface, places: &mut Aside, context: &Context<'_>) -> R
 }
 
 /// A free position beside a vertex, into the solid that its faces bound.
-fn aside(surface: &Surface, v: u32, star: &[u32], places: &mut Aside, clear: &mut Clear) -> Option<DVec3> {
+fn aside(surface: &Surface, v: u32, star: &[u32], places: &mut Aside, clear: &mut MoveClearance) -> Option<DVec3> {
     let p = surface.positions[v as usize];
     let mut normal = DVec3::ZERO;
     let mut middle = DVec3::ZERO;
@@ -230,16 +217,8 @@ fn aside(surface: &Surface, v: u32, star: &[u32], places: &mut Aside, clear: &mu
         normal += surface.area_vector(f as usize).normalize_or_zero() * q.angle_between(r);
         middle += (q.normalize_or_zero() + r.normalize_or_zero()) * 0.5;
     }
-    let new: Vec<([u32; 3], u32)> =
-        star.iter().map(|&f| (surface.faces[f as usize].map(|w| if w == v { NEW } else { w }), f)).collect();
-    let mut fits = |q: DVec3| {
-        let keeps_turn = star.iter().all(|&f| {
-            let before = surface.area_vector(f as usize);
-            let [a, b, c] = surface.faces[f as usize].map(|w| if w == v { q } else { surface.positions[w as usize] });
-            (b - a).cross(c - a).dot(before) > 0.0 && !collinear(a, b, c)
-        });
-        keeps_turn && clear.is_clear(surface, &new, &[], q)
-    };
+    let new = with_vertex(surface, star, v, NEW);
+    let mut fits = |q: DVec3| keep_facing(surface, star.iter().copied(), v, q) && clear.is_clear(surface, &new, &[], q);
     let ahead = (-normal).try_normalize().or_else(|| middle.try_normalize())?;
     places.find(p, ahead, &mut fits).or_else(|| {
         let mut around: Vec<DVec3> = NEIGHBOURS.iter().map(|d| d.normalize()).collect();

@@ -5,8 +5,8 @@ use glam::DVec3;
 use crate::math::{collinear, to_unit_range};
 use crate::mesh::Surface;
 
-/// A surface under local edits. What was removed is left out by [`Local::finish`].
-pub(super) struct Local<'a> {
+/// A surface under local edits. What was removed is left out by [`LocalEdits::finish`].
+pub(super) struct LocalEdits<'a> {
     pub surface: &'a mut Surface,
     /// The positions in the range of [`to_unit_range`].
     pub unit: Vec<DVec3>,
@@ -60,7 +60,7 @@ impl Hinge {
     }
 }
 
-impl<'a> Local<'a> {
+impl<'a> LocalEdits<'a> {
     pub fn new(surface: &'a mut Surface) -> Self {
         let unit = to_unit_range(&surface.positions);
         let mut degree = vec![0usize; unit.len()];

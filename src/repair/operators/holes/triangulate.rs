@@ -1,0 +1,364 @@
+//! Triangulations of a hole: of least weight, by constrained Delaunay in a plane, and grown from the sharpest corners.
+
+use std::cmp::Reverse;
+use std::collections::BinaryHeap;
+
+use glam::DVec3;
+use spade::handles::FixedVertexHandle;
+use spade::{ConstrainedDelaunayTriangulation, HasPosition, Point2, Triangulation};
+
+/// Dihedral angles are compared in steps of this many degrees; what is equal then goes by area.
+const STEP_DEGREES: f64 = 5.0;
+/// The step of a triangle without area: worse than any fold.
+const NO_AREA: u16 = 60;
+
+/// The weight of a triangulation: its worst dihedral angle in steps, then its area (Liepa 2003, section 3).
+#[derive(Debug, Clone, Copy, PartialEq, PartialOrd)]
+struct Weight(u16, f64);
+
+const NEVER: Weight = Weight(u16::MAX, f64::INFINITY);
+
+/// What a triangulation is weighed by.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Weigh {
+    /// By its worst fold, then by its area.
+    Fold,
+    /// By its area alone.
+    Area,
+}
+
+/// The triangulation of a closed polygon in space with the least worst fold and the least area, or the least area alone.
+///
+/// `normals[i]` is the unit normal of the face across the side from corner `i` to corner `i + 1`, or zero where there
+/// is none; `forbidden(i, j)` says which diagonals may not be used. Triangles run the way the polygon runs.
+/// None where every triangulation needs a forbidden diagonal. O(n^3) time, O(n^2) memory.
+///
+/// Liepa 2003, "Filling Holes in Meshes"; the recurrence is that of Barequet and Sharir 1995.
+pub(super) fn least_weight(
+    points: &[DVec3],
+    normals: &[DVec3],
+    weigh: Weigh,
+    forbidden: impl Fn(usize, usize) -> bool,
+    mut go_on: impl FnMut() -> bool,
+) -> Option<Vec<[usize; 3]>> {
+    let n = points.len();
+    let at = |i: usize, j: usize| i * n + j;
+    let mut weight = vec![Weight(0, 0.0); n * n];
+    let mut apex = vec![0usize; n * n];
+    let mut normal = vec![DVec3::ZERO; n * n];
+    for i in 0..n {
+        normal[at(i, (i + 1) % n)] = normals[i];
+    }
+    for span in 2..n {
+        if !go_on() {
+            return None;
+        }
+        for i in 0..n - span {
+            let j = i + span;
+            let mut best = NEVER;
+            if !(forbidden(i, j) && span < n - 1) {
+                for k in i + 1..j {
+                    let (left, right) = (weight[at(i, k)], weight[at(k, j)]);
+                    if left == NEVER || right == NEVER || left.0.max(right.0) > best.0 {
+                        continue;
+                    }
+                    let cross = (points[k] - points[i]).cross(points[j] - points[i]);
+                    let length = cross.length();
+                    let own = if length > 0.0 { cross / length } else { DVec3::ZERO };
+                    let mut fold = if length > 0.0 { 0 } else { NO_AREA };
+                    if weigh == Weigh::Fold {
+                        fold = fold.max(step(own, normal[at(i, k)])).max(step(own, normal[at(k, j)]));
+                    }
+                    if weigh == Weigh::Fold && span == n - 1 {
+                        fold = fold.max(step(own, normal[at(n - 1, 0)]));
+                    }
+                    let it = Weight(fold.max(left.0).max(right.0), left.1 + right.1 + length);
+                    if it < best {
+                        best = it;
+                        apex[at(i, j)] = k;
+                        if span < n - 1 {
+                            normal[at(i, j)] = own;
+                        }
+                    }
+                }
+            }
+            weight[at(i, j)] = best;
+        }
+    }
+    if weight[at(0, n - 1)] == NEVER {
+        return None;
+    }
+    let mut triangles = Vec::with_capacity(n - 2);
+    let mut stack = vec![(0, n - 1)];
+    while let Some((i, j)) = stack.pop() {
+        if j - i < 2 {
+            continue;
+        }
+        let k = apex[at(i, j)];
+        triangles.push([i, k, j]);
+        stack.push((k, j));
+        stack.push((i, k));
+    }
+    Some(triangles)
+}
+
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "an angle of at most 180 degrees")]
+fn step(a: DVec3, b: DVec3) -> u16 {
+    if a == DVec3::ZERO || b == DVec3::ZERO {
+        return 0;
+    }
+    (a.dot(b).clamp(-1.0, 1.0).acos().to_degrees() / STEP_DEGREES) as u16
+}
+
+/// A diagonal that cuts a long polygon into two of at least a quarter of its corners each, as short as can be found
+/// among about a thousand corners.
+pub(super) fn shortest_cut(points: &[DVec3], forbidden: impl Fn(usize, usize) -> bool) -> Option<(usize, usize)> {
+    let n = points.len();
+    let stride = n.div_ceil(1000);
+    let mut best: Option<(f64, usize, usize)> = None;
+    for i in (0..n).step_by(stride) {
+        let last = (i + n - n / 4).min(n - 1);
+        for j in (i + (n / 4).max(2)..=last).step_by(stride) {
+            let length = points[i].distance_squared(points[j]);
+            if best.is_none_or(|b| length < b.0) && !forbidden(i, j) {
+                best = Some((length, i, j));
+            }
+        }
+    }
+    best.map(|(_, i, j)| (i, j))
+}
+
+/// A coordinate plane is tried while the normal's component across it is at least this share of the largest.
+const LEAST_TILT: f64 = 0.3;
+
+/// A corner as it is seen along an axis.
+#[derive(Debug, Clone, Copy)]
+struct Corner(Point2<f64>);
+
+impl HasPosition for Corner {
+    type Scalar = f64;
+
+    fn position(&self) -> Point2<f64> {
+        self.0
+    }
+}
+
+/// The constrained Delaunay triangulation of what lies left of closed polygons, seen from where `normal` points: one
+/// that is counter-clockwise, and any number in it that are clockwise. `ends` says where each polygon ends in `points`.
+///
+/// The polygons are seen along an axis, so that no coordinate is rounded: their picture is simple exactly or not at all,
+/// and a patch whose picture covers it once does not intersect itself. None where no picture is simple. O(n log n).
+pub(super) fn planar(points: &[DVec3], ends: &[usize], normal: DVec3) -> Option<Vec<[usize; 3]>> {
+    let mut next: Vec<usize> = (1..=points.len()).collect();
+    let mut start = 0;
+    for &end in ends {
+        *next.get_mut(end.checked_sub(1)?)? = start;
+        start = end;
+    }
+    let size = normal.abs();
+    let mut axes = [0, 1, 2];
+    axes.sort_by(|&i, &j| size[j].total_cmp(&size[i]));
+    axes.into_iter().filter(|&k| size[k] > 0.0 && size[k] >= LEAST_TILT * size[axes[0]]).find_map(|k| {
+        let (x, y) = if normal[k] > 0.0 { ((k + 1) % 3, (k + 2) % 3) } else { ((k + 2) % 3, (k + 1) % 3) };
+        inside(points.iter().map(|p| Corner(Point2::new(p[x], p[y]))).collect(), &next, ends.len())
+    })
+}
+
+/// Triangles of the picture left of its constraints.
+fn inside(corners: Vec<Corner>, next: &[usize], polygons: usize) -> Option<Vec<[usize; 3]>> {
+    let n = corners.len();
+    let sides = next.iter().enumerate().map(|(i, &j)| [i, j]).collect();
+    let mut simple = true;
+    let cdt = ConstrainedDelaunayTriangulation::<Corner>::try_bulk_load_cdt(corners, sides, |_| simple = false).ok()?;
+    // Corners that coincide are merged, and a side that passes through a corner is parted there.
+    if !simple || cdt.num_vertices() != n || cdt.num_constraints() != n {
+        return None;
+    }
+    let mut taken = vec![false; cdt.num_all_faces()];
+    let mut stack = Vec::new();
+    for (i, &j) in next.iter().enumerate() {
+        let side = cdt.get_edge_from_neighbors(FixedVertexHandle::from_index(i), FixedVertexHandle::from_index(j))?;
+        let face = side.face();
+        if !std::mem::replace(&mut taken[face.fix().index()], true) {
+            stack.push(face);
+        }
+    }
+    let mut triangles = Vec::with_capacity(n);
+    while let Some(face) = stack.pop() {
+        let face = face.as_inner()?;
+        for edge in face.adjacent_edges() {
+            let beyond = edge.rev().face();
+            if !edge.is_constraint_edge() && !std::mem::replace(&mut taken[beyond.fix().index()], true) {
+                stack.push(beyond);
+            }
+        }
+        triangles.push(face.vertices().map(|v| v.fix().index()));
+    }
+    (triangles.len() + 4 == n + 2 * polygons).then_some(triangles)
+}
+
+/// The triangles over a loop, and how many corners of it are not closed.
+pub(super) struct Grown {
+    pub triangles: Vec<[usize; 3]>,
+    pub open: usize,
+}
+
+/// Joins two neighbouring sides of a polygon by a triangle, the sharpest corner first, until none is left or none can be.
+///
+/// `may(triangle, last)` says whether a triangle can be: of the last one no side is new. Corners that are reflex seen from
+/// where `normal` points are the bluntest. A corner that cannot be joined is asked again when a neighbour of it went.
+/// After *fill holes (sharp)* of Mesh Heal. O(n log n) besides what is asked, which is at most three times a corner.
+pub(super) fn sharp(points: &[DVec3], normal: DVec3, mut may: impl FnMut([usize; 3], bool) -> bool) -> Grown {
+    let n = points.len();
+    let mut around: Vec<[usize; 2]> = (0..n).map(|i| [(i + n - 1) % n, (i + 1) % n]).collect();
+    let mut turn = vec![0u32; n];
+    let key = |i: usize, [before, after]: [usize; 2]| {
+        let (u, v) = (points[after] - points[i], points[before] - points[i]);
+        let cross = u.cross(v);
+        let angle = cross.length().atan2(u.dot(v));
+        // Positive numbers stand in the order of their bits.
+        (if cross.dot(normal) < 0.0 { std::f64::consts::TAU - angle } else { angle }).to_bits()
+    };
+    let mut heap: BinaryHeap<_> = (0..n).map(|i| Reverse((key(i, around[i]), i, 0u32))).collect();
+    let mut grown = Grown { triangles: Vec::with_capacity(n.saturating_sub(2)), open: n };
+    while let Some(Reverse((_, i, of_turn))) = heap.pop() {
+        if turn[i] != of_turn {
+            continue;
+        }
+        let [before, after] = around[i];
+        let triangle = [before, i, after];
+        if !may(triangle, grown.open == 3) {
+            continue;
+        }
+        grown.triangles.push(triangle);
+        if grown.open == 3 {
+            grown.open = 0;
+            break;
+        }
+        grown.open -= 1;
+        turn[i] = u32::MAX;
+        around[before][1] = after;
+        around[after][0] = before;
+        for j in [before, after] {
+            turn[j] += 1;
+            heap.push(Reverse((key(j, around[j]), j, turn[j])));
+        }
+    }
+    grown
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn circle(n: u32, radius: f64, z: impl Fn(f64) -> f64) -> Vec<DVec3> {
+        let at = |i: u32| f64::from(i) / f64::from(n) * std::f64::consts::TAU;
+        (0..n).map(|i| DVec3::new(radius * at(i).cos(), radius * at(i).sin(), z(at(i)))).collect()
+    }
+
+    fn area(points: &[DVec3], triangles: &[[usize; 3]]) -> f64 {
+        let of = |t: &[usize; 3]| (points[t[1]] - points[t[0]]).cross(points[t[2]] - points[t[0]]).z / 2.0;
+        triangles.iter().map(of).inspect(|&a| assert!(a > 0.0)).sum()
+    }
+
+    #[test]
+    fn a_polygon_is_covered_once() {
+        let points = circle(400, 1.0, |u| 0.1 * (3.0 * u).sin());
+        let triangles = planar(&points, &[400], DVec3::Z).unwrap();
+        assert_eq!(triangles.len(), 398);
+        assert!((area(&points, &triangles) - 200.0 * (std::f64::consts::TAU / 400.0).sin()).abs() < 1e-9);
+        assert_eq!(planar(&points, &[400], -DVec3::Z), None, "the other way round it is outside");
+    }
+
+    #[test]
+    fn polygons_in_a_polygon_are_left_out() {
+        let mut points = circle(40, 2.0, |_| 0.0);
+        points.extend(circle(20, 0.5, |_| 0.0).iter().rev().map(|p| *p + DVec3::X));
+        points.extend(circle(20, 0.5, |_| 0.0).iter().rev().map(|p| *p - DVec3::X));
+        let triangles = planar(&points, &[40, 60, 80], DVec3::Z).unwrap();
+        assert_eq!(triangles.len(), 82);
+        let ring = |n: f64, r: f64| n / 2.0 * r * r * (std::f64::consts::TAU / n).sin();
+        assert!((area(&points, &triangles) - ring(40.0, 2.0) + 2.0 * ring(20.0, 0.5)).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_polygon_whose_picture_crosses_or_touches_itself_has_none() {
+        // Twice around the axis, rising and falling once.
+        let coil: Vec<DVec3> = (0..48)
+            .map(|i| {
+                let u = f64::from(i) / 24.0 * std::f64::consts::TAU;
+                let r = 2.0 + (u / 2.0 + 0.1).cos();
+                DVec3::new(r * u.cos(), r * u.sin(), (u / 2.0).sin())
+            })
+            .collect();
+        assert_eq!(planar(&coil, &[48], DVec3::Z), None);
+        let at = |x: f64, y: f64| DVec3::new(x, y, 0.0);
+        let touching = [at(0.0, 0.0), at(4.0, 0.0), at(4.0, 4.0), at(2.0, 0.0), at(0.0, 4.0)];
+        assert_eq!(planar(&touching, &[5], DVec3::Z), None);
+    }
+
+    #[test]
+    fn sides_on_one_line_give_no_triangle_without_area() {
+        let mut points: Vec<DVec3> = (0..=10).map(|i| DVec3::new(f64::from(i), 0.0, 0.0)).collect();
+        points.extend((0..=10).rev().map(|i| DVec3::new(f64::from(i), 1.0, 0.0)));
+        let triangles = planar(&points, &[22], DVec3::Z).unwrap();
+        assert!((area(&points, &triangles) - 10.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_bent_quad_is_cut_along_the_diagonal_that_folds_less() {
+        let points = [DVec3::ZERO, DVec3::X, DVec3::new(1.0, 1.0, 0.9), DVec3::Y];
+        // The faces around lie flat except at the raised corner.
+        let normals = [DVec3::Z, DVec3::ZERO, DVec3::ZERO, DVec3::Z];
+        let cut = least_weight(&points, &normals, Weigh::Fold, |_, _| false, || true).unwrap();
+        assert!(cut.contains(&[0, 1, 3]), "{cut:?}");
+        let other = least_weight(&points, &normals, Weigh::Fold, |i, j| (i, j) == (1, 3), || true).unwrap();
+        assert!(other.contains(&[0, 1, 2]), "{other:?}");
+        assert_eq!(least_weight(&points, &normals, Weigh::Fold, |_, _| true, || true), None);
+    }
+
+    #[test]
+    fn the_least_area_may_fold_more() {
+        // A long roof: the ridge is the longer diagonal.
+        let points = [DVec3::ZERO, DVec3::new(1.0, 0.0, 1.0), DVec3::new(4.0, 0.0, 0.0), DVec3::new(1.0, 0.5, 1.0)];
+        let area = |t: &[[usize; 3]]| -> f64 {
+            t.iter().map(|t| (points[t[1]] - points[t[0]]).cross(points[t[2]] - points[t[0]]).length()).sum()
+        };
+        let least = least_weight(&points, &[DVec3::ZERO; 4], Weigh::Area, |_, _| false, || true).unwrap();
+        for other in [[[0, 1, 2], [0, 2, 3]], [[0, 1, 3], [1, 2, 3]]] {
+            assert!(area(&least) <= area(&other));
+        }
+    }
+
+    #[test]
+    fn a_flat_polygon_is_covered_once() {
+        let points = circle(40, 1.0, |_| 0.0);
+        let area = |t: &[[usize; 3]]| -> f64 {
+            t.iter().map(|t| (points[t[1]] - points[t[0]]).cross(points[t[2]] - points[t[0]]).z / 2.0).sum()
+        };
+        let whole = 20.0 * (std::f64::consts::TAU / 40.0).sin();
+        let t = least_weight(&points, &[DVec3::ZERO; 40], Weigh::Fold, |_, _| false, || true).unwrap();
+        assert_eq!(t.len(), 38);
+        assert!((area(&t) - whole).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_long_polygon_is_cut_where_it_is_narrow_and_not_at_its_end() {
+        let mut points = circle(400, 1.0, |u| u.sin());
+        points.iter_mut().for_each(|p| p.y *= 0.1);
+        let (i, j) = shortest_cut(&points, |_, _| false).unwrap();
+        assert!(j - i >= 100 && j - i <= 300);
+        assert!(points[i].distance(points[j]) < 2.1);
+    }
+
+    #[test]
+    fn the_sharpest_corner_goes_first_and_a_reflex_one_last() {
+        // A spearhead: its tip is the sharpest corner, and the notch is reflex.
+        let spear = [DVec3::new(10.0, 0.0, 0.0), DVec3::Y, DVec3::new(2.0, 0.0, 0.0), -DVec3::Y];
+        let grown = sharp(&spear, DVec3::Z, |_, _| true);
+        assert_eq!((grown.triangles[0], grown.open), ([3, 0, 1], 0));
+        let kept = sharp(&spear, DVec3::Z, |t, _| t != [3, 0, 1]);
+        assert_eq!((kept.open, kept.triangles.len()), (0, 2));
+        assert_eq!(sharp(&spear, DVec3::Z, |_, _| false).open, 4);
+    }
+}

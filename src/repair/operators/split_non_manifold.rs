@@ -1,0 +1,224 @@
+//! Splitting a surface where it is not a surface: fans of faces get vertices of their own, and fins are detached.
+
+use super::inside::{FacePairs, NONE, pair_faces};
+use super::operator::{Applied, Counter, Operation, Scope};
+use crate::math::Precision;
+use crate::mesh::{Edges, Surface, UnionFind};
+use crate::repair::{Cancelled, Change, ChangeKind, Context};
+
+pub use super::inside::Pairing;
+
+/// Which fans of a vertex become vertices of their own.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Pinches {
+    /// All of them.
+    Cut,
+    /// Fans with a boundary stay together where no edge of more than two faces ends, so that whoever closes the holes
+    /// may join them.
+    KeepAtBoundaries,
+}
+
+/// Gives each sheet that meets others in an edge or a vertex vertices of its own.
+///
+/// Around an edge of more than two faces, faces are paired in angular order so that each pair bounds the solid between
+/// them, as brackets are matched: where the way around enters a solid it opens, where it leaves it closes.
+///
+/// ```text
+///    solid 1 |                       solid 1 |
+///    --------+--------      ->       --------+  +--------
+///            | solid 2                          | solid 2
+/// ```
+///
+/// Precondition: faces are consistently wound and outward as far as that goes. Result: copies stand at the same
+/// positions, no face goes, no vertex moves; edges have one or two faces, but where both ends of an edge are in one fan.
+/// Leaves: those edges, and faces without a partner, whose edges become boundary. See [`super::perturb`] for keeping the
+/// sheets apart in formats without indices.
+///
+/// Guéziec et al. 2001, "Cutting and Stitching: Converting Sets of Polygons to Manifold Surfaces".
+///
+/// # Errors
+/// [`Cancelled`] when the work should stop; the surface is then unchanged.
+pub fn cut_apart(
+    surface: &mut Surface,
+    pairing: Pairing,
+    pinches: Pinches,
+    context: &Context<'_>,
+) -> Result<Vec<Change>, Cancelled> {
+    let edges = Edges::new(&surface.faces);
+    let FacePairs { mate, cut, unpaired } = pair_faces(surface, &edges, pairing, context)?;
+    let faces = &surface.faces;
+    let mut sets = UnionFind::new(faces.len() * 3);
+    for (h, &mate) in (0u32..).zip(&mate).filter(|&(h, &mate)| mate != NONE && mate > h) {
+        if Edges::ends(faces, h) == Edges::ends(faces, mate) {
+            sets.unite(h, mate);
+            sets.unite(Edges::next(h), Edges::next(mate));
+        } else {
+            sets.unite(h, Edges::next(mate));
+            sets.unite(Edges::next(h), mate);
+        }
+    }
+    if pinches == Pinches::KeepAtBoundaries {
+        join_boundary_fans(surface, &edges, &mate, &mut sets);
+    }
+    let (mut first_fan, mut of_fan) = (vec![NONE; surface.positions.len()], vec![NONE; faces.len() * 3]);
+    let mut copies = 0;
+    for corner in 0..of_fan.len() {
+        let (face, i) = (corner / 3, corner % 3);
+        #[expect(clippy::cast_possible_truncation, reason = "corners are counted in u32")]
+        let root = sets.root(corner as u32) as usize;
+        if root == corner {
+            let v = surface.faces[face][i];
+            if first_fan[v as usize] == NONE {
+                first_fan[v as usize] = v;
+                of_fan[root] = v;
+            } else {
+                #[expect(clippy::cast_possible_truncation, reason = "no more vertices than corners")]
+                {
+                    of_fan[root] = surface.positions.len() as u32;
+                }
+                surface.positions.push(surface.positions[v as usize]);
+                copies += 1;
+            }
+        }
+        surface.faces[face][i] = of_fan[root];
+    }
+    Ok(Change::list([
+        (ChangeKind::NonManifoldEdgesCut, cut),
+        (ChangeKind::VerticesCopied, copies),
+        (ChangeKind::FacesWithoutPartner, unpaired),
+    ]))
+}
+
+/// Joins the fans with a boundary at each vertex where no edge of more than two faces ends.
+fn join_boundary_fans(surface: &Surface, edges: &Edges, mates: &[u32], sets: &mut UnionFind) {
+    let mut joins = vec![true; surface.positions.len()];
+    for (e, _) in edges.iter().enumerate().filter(|(_, h)| h.len() > 2) {
+        for v in edges.vertices(e) {
+            joins[v as usize] = false;
+        }
+    }
+    let mut first = vec![NONE; surface.positions.len()];
+    for half_edges in edges.iter() {
+        for &h in half_edges.iter().filter(|&&h| mates[h as usize] == NONE) {
+            for corner in [h, Edges::next(h)] {
+                let v = surface.faces[corner as usize / 3][corner as usize % 3] as usize;
+                if !joins[v] {
+                    continue;
+                }
+                if first[v] == NONE {
+                    first[v] = corner;
+                }
+                sets.unite(first[v], corner);
+            }
+        }
+    }
+}
+
+/// Cuts apart what meets in non-manifold edges and vertices.
+#[derive(Debug, Clone, Copy)]
+pub struct CutApart {
+    pairing: Pairing,
+}
+
+impl Operation for CutApart {
+    const FIXES: &'static [Counter] = &[Counter::NonmanifoldEdges, Counter::PinchedVertices];
+    const MAY_RAISE: &'static [Counter] = &[Counter::BoundaryEdges, Counter::DuplicateFaces];
+
+    fn with_scope(scope: &Scope<'_>, _surface: &Surface) -> Self {
+        Self { pairing: scope.pairing }
+    }
+
+    fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
+        Ok(cut_apart(surface, self.pairing, Pinches::KeepAtBoundaries, context)?.into())
+    }
+}
+
+/// Rounds over the mesh: a face may hang on three edges.
+const MOST_ROUNDS: usize = 3;
+
+/// Frees the faces without a partner from edges that could not be cut apart, since the faces at both ends are one fan.
+#[derive(Debug, Clone, Copy)]
+pub struct FreeFins {
+    /// Whether the result is rounded to f32.
+    pub precision: Precision,
+}
+
+impl FreeFins {
+    /// Puts a vertex on the middle of the edge for such a face alone, so that what was one edge of three faces is an edge of
+    /// two and an open border that can be walked.
+    ///
+    /// ```text
+    ///    u---------v           u---------v      two faces of the wall keep the edge
+    ///     \       /      ->     \---m---/       the fin has the two edges at m
+    ///      \ fin /               \  |  /
+    ///       \   /                 \ | /
+    /// ```
+    ///
+    /// Precondition: cut apart, so that edges of more than two faces are only those whose ends are in one fan. Result: no
+    /// vertex moves; where the middle is not a number of f32 it is off the edge by what rounding takes. Leaves: edges that
+    /// several pairs of faces share.
+    ///
+    /// # Errors
+    /// [`Cancelled`] when the work should stop.
+    pub fn apply(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Vec<Change>, Cancelled> {
+        let mut freed = 0;
+        for _ in 0..MOST_ROUNDS {
+            let done = self.round(surface, context)?;
+            freed += done;
+            if done == 0 {
+                break;
+            }
+        }
+        Ok(Change::list([(ChangeKind::FinsFreed, freed)]))
+    }
+
+    fn round(self, surface: &mut Surface, context: &Context<'_>) -> Result<u64, Cancelled> {
+        let edges = Edges::new(&surface.faces);
+        if edges.iter().all(|h| h.len() <= 2) {
+            return Ok(0);
+        }
+        let mates = pair_faces(surface, &edges, Pairing::FinsLast, context)?.mate;
+        let mut busy = vec![false; surface.faces.len()];
+        let mut freed = 0;
+        for half_edges in edges.iter().filter(|h| h.len() > 2) {
+            let (pairs, fins): (Vec<u32>, Vec<u32>) = half_edges.iter().partition(|&&h| mates[h as usize] != NONE);
+            // Where there is no pair one of them may keep the edge.
+            for h in fins.into_iter().skip(usize::from(pairs.is_empty())) {
+                if !std::mem::replace(&mut busy[h as usize / 3], true) && self.split(surface, h) {
+                    freed += 1;
+                }
+            }
+        }
+        Ok(freed)
+    }
+
+    /// Cuts the face of a half-edge in two at the edge's middle.
+    fn split(self, surface: &mut Surface, h: u32) -> bool {
+        let [u, v] = Edges::ends(&surface.faces, h);
+        let (w, f) = (Edges::opposite(&surface.faces, h), h as usize / 3);
+        let [a, b] = [u, v].map(|v| surface.positions[v as usize]);
+        let middle = self.precision.round((a + b) * 0.5);
+        let Ok(m) = u32::try_from(surface.positions.len()) else { return false };
+        if middle == a || middle == b || !middle.is_finite() {
+            return false;
+        }
+        surface.positions.push(middle);
+        surface.faces[f] = [u, m, w];
+        surface.faces.push([m, v, w]);
+        surface.source.push(surface.source[f]);
+        true
+    }
+}
+
+impl Operation for FreeFins {
+    const FIXES: &'static [Counter] = &[Counter::NonmanifoldEdges];
+    const MAY_RAISE: &'static [Counter] = &[Counter::BoundaryEdges, Counter::PinchedVertices];
+
+    fn with_scope(scope: &Scope<'_>, _surface: &Surface) -> Self {
+        Self { precision: scope.format.precision() }
+    }
+
+    fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
+        Ok(self.apply(surface, context)?.into())
+    }
+}
