@@ -7,13 +7,11 @@ use axum::http::{HeaderMap, HeaderValue, Method, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use http_range_header::StartPosition;
 
-use super::caller::MayRead;
-use super::extract::{ApiPath, find_job, job_id, text_header};
-use super::incoming::RawModel;
-use super::jobs::names;
+use super::authenticate::MayRead;
+use super::extract::{ApiPath, RawModel, names_etag, text_header};
+use super::job::{Watch, find_job, job_id};
 use super::problem::{Problem, ProblemCode, shown};
 use super::state::ApiState;
-use super::wait::Watch;
 use crate::blobs::BlobError;
 use crate::jobs::{Artifact, Job, JobReport, Status};
 
@@ -99,7 +97,7 @@ pub(super) async fn get_artifact(
     };
     let etag = format!("\"{}\"", file.sha256);
     let tagged = [(header::ETAG, etag.clone()), (header::CACHE_CONTROL, "private, no-cache".to_owned())];
-    if text_header(&headers, &header::IF_NONE_MATCH).is_some_and(|known| names(known, &etag)) {
+    if text_header(&headers, &header::IF_NONE_MATCH).is_some_and(|known| names_etag(known, &etag)) {
         return Ok((StatusCode::NOT_MODIFIED, tagged).into_response());
     }
     // Ranges are defined for GET only (RFC 9110, 14.2).

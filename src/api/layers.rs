@@ -1,11 +1,19 @@
+//! What every request passes through: request id, trace, compression, draining, panics, and the rendering of problems.
+
 use std::any::Any;
+use std::future::poll_fn;
+use std::pin::Pin;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::task::{Context, Poll};
 use std::time::{Duration, Instant};
 
 use axum::Router;
+use axum::body::{Body, Bytes, HttpBody};
 use axum::extract::{MatchedPath, Request};
 use axum::http::{Extensions, HeaderMap, HeaderName, HeaderValue, StatusCode, Version, header};
 use axum::middleware::{Next, from_fn, map_response};
 use axum::response::{IntoResponse, Response};
+use http_body::{Frame, SizeHint};
 use tower_http::catch_panic::CatchPanicLayer;
 use tower_http::compression::CompressionLayer;
 use tower_http::compression::predicate::{Predicate, SizeAbove};
@@ -14,7 +22,6 @@ use tower_http::request_id::{MakeRequestUuid, PropagateRequestIdLayer, RequestId
 use tracing::Instrument;
 use tracing::field::Empty;
 
-use super::linger::linger;
 use super::problem::{PROBLEM_JSON, Problem, ProblemCode};
 use crate::telemetry;
 
@@ -180,4 +187,60 @@ async fn weaken_etag(mut response: Response) -> Response {
         response.headers_mut().insert(header::ETAG, weak);
     }
     response
+}
+
+/// Most bytes of a refused body that are drained, and the longest time.
+const DRAIN_BYTES: usize = 4 << 20;
+const DRAIN_TIME: Duration = Duration::from_secs(2);
+
+/// Lingering close: drains a rejected body briefly, since otherwise the reset discards our response.
+async fn linger(request: Request, next: Next) -> Response {
+    // A client that asks first whether to send sends nothing after a refusal.
+    if request.body().is_end_stream() || request.headers().contains_key(header::EXPECT) {
+        return next.run(request).await;
+    }
+    let (parts, body) = request.into_parts();
+    let body = SharedBody(Arc::new(Mutex::new(body)));
+    let response = next.run(Request::from_parts(parts, Body::new(body.clone()))).await;
+    let refused = response.status().is_client_error() || response.status().is_server_error();
+    // A client that stopped sending sends nothing more.
+    if refused && response.status() != StatusCode::REQUEST_TIMEOUT {
+        let _ = tokio::time::timeout(DRAIN_TIME, drain(body)).await;
+    }
+    response
+}
+
+async fn drain(mut body: SharedBody) {
+    let mut left = DRAIN_BYTES;
+    while let Some(Ok(frame)) = poll_fn(|context| Pin::new(&mut body).poll_frame(context)).await {
+        let Some(rest) = left.checked_sub(frame.data_ref().map_or(0, Bytes::len)) else { break };
+        left = rest;
+    }
+}
+
+/// A body that can be drained after its reader has dropped it.
+#[derive(Clone)]
+struct SharedBody(Arc<Mutex<Body>>);
+
+impl SharedBody {
+    fn with<T>(&self, act: impl FnOnce(&mut Body) -> T) -> T {
+        act(&mut self.0.lock().unwrap_or_else(PoisonError::into_inner))
+    }
+}
+
+impl HttpBody for SharedBody {
+    type Data = Bytes;
+    type Error = axum::Error;
+
+    fn poll_frame(self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<Option<Result<Frame<Bytes>, axum::Error>>> {
+        self.with(|body| Pin::new(body).poll_frame(context))
+    }
+
+    fn is_end_stream(&self) -> bool {
+        self.with(|body| body.is_end_stream())
+    }
+
+    fn size_hint(&self) -> SizeHint {
+        self.with(|body| body.size_hint())
+    }
 }

@@ -5,7 +5,7 @@ use sha2::{Digest, Sha256};
 
 use super::extract::text_header;
 use crate::blobs::{BlobError, Blobs};
-use crate::jobs::{Artifacts, Input, Job, JobId, JobOptions, JobOutcome, JobStore, Mode, Reused};
+use crate::jobs::{Artifacts, Input, Job, JobId, JobOptions, JobOutcome, JobStore, Mode, NewJob, Reused};
 
 /// What stands for an attempt's token in the keys of files that no attempt made.
 const COPIED: &str = "reused";
@@ -25,17 +25,11 @@ pub(super) fn is_refused(headers: &HeaderMap) -> bool {
         .is_some_and(|value| value.split(',').any(|word| ["no-cache", "no-store"].contains(&word.trim())))
 }
 
-/// The result of an earlier job for the new job `id`, its files copied. None where there is none that will do; the job is then
+/// The result of an earlier job for the new job, its files copied. None where there is none that will do; the job is then
 /// done as if there were none.
-pub(super) async fn find(
-    store: &dyn JobStore,
-    blobs: &Blobs,
-    id: JobId,
-    tenant: &str,
-    fingerprint: &str,
-    inputs: &[Input],
-) -> Option<Reused> {
-    let earlier = match store.find_result(tenant, fingerprint).await {
+pub(super) async fn find(store: &dyn JobStore, blobs: &Blobs, new: &NewJob) -> Option<Reused> {
+    let NewJob { id, inputs, .. } = new;
+    let earlier = match store.find_result(&new.tenant, &new.fingerprint).await {
         Ok(earlier) => earlier?,
         Err(error) => {
             tracing::warn!(%error, "earlier results could not be looked up");
@@ -46,11 +40,11 @@ pub(super) async fn find(
     if !is_final(outcome) {
         return None;
     }
-    match copy(blobs, id, &earlier, inputs).await {
+    match copy(blobs, *id, &earlier, inputs).await {
         Ok(artifacts) => Some(Reused { from: earlier.id, outcome, report, artifacts }),
         Err(error) => {
             tracing::info!(%error, from = %earlier.id, "an earlier result is gone; doing the work again");
-            if let Err(error) = blobs.delete_attempts(id, None).await {
+            if let Err(error) = blobs.delete_attempts(*id, None).await {
                 tracing::warn!(%error, "copies of an earlier result were left");
             }
             None

@@ -8,28 +8,29 @@ use axum::{Json, Router};
 use tower::ServiceExt;
 use utoipa_swagger_ui::SwaggerUi;
 
-use super::admit::{admit, preflight, refuse_while_draining};
+use super::authenticate::{authenticate, preflight, refuse_while_draining};
+use super::check;
 use super::layers;
-use super::manual;
 use super::openapi;
-use super::page;
+use super::pages;
 use super::problem::{Problem, ProblemCode};
 use super::state::ApiState;
 
 /// The whole HTTP surface.
 pub fn router(state: ApiState) -> Router {
-    let admitted = openapi::guarded()
-        // Within `admit`, which lets pages read the answer.
+    let authenticated = openapi::guarded()
+        // Within `authenticate`, which lets pages read the answer.
         .route_layer(from_fn_with_state(state.clone(), refuse_while_draining))
-        .route_layer(from_fn_with_state(state.clone(), admit));
-    let (routes, document) = admitted.merge(openapi::open()).split_for_parts();
+        .route_layer(from_fn_with_state(state.clone(), authenticate));
+    let (routes, document) = authenticated.merge(openapi::open()).split_for_parts();
+    let document = openapi::complete(document);
+    check::use_document(&document);
     let router = routes
-        .merge(page::routes())
-        .merge(manual::routes())
+        .merge(pages::routes())
         .route("/openapi-3.0.json", get(openapi_3_0))
         .with_state(state)
         // Its scripts and styles are in the binary too: it works offline.
-        .merge(SwaggerUi::new("/docs/api").url("/openapi.json", openapi::complete(document)))
+        .merge(SwaggerUi::new("/docs/api").url("/openapi.json", document))
         .fallback(no_route)
         .method_not_allowed_fallback(wrong_method)
         // Uploads are counted as they stream in, and other bodies by `ApiJson`.

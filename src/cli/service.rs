@@ -13,7 +13,7 @@ use meshmend::blender::BlenderRemesher;
 use meshmend::blobs::Blobs;
 use meshmend::jobs::{PostgresStore, RetryPolicy, SqliteStore, Store, SystemClock};
 use meshmend::repair::{Remesher, RemesherInfo};
-use meshmend::webhooks::Courier;
+use meshmend::webhooks::{Dispatcher, SystemRandom};
 use meshmend::worker::{Pool, Shutdown, WorkerConfig};
 use tokio::signal::unix::{SignalKind, signal};
 use tokio_util::sync::CancellationToken;
@@ -252,6 +252,8 @@ async fn serve_until_stopped(args: &ServeArgs) -> Result<(), ServiceError> {
         },
         capabilities: Arc::new(Capabilities::new(limits, max_files, blender, pool.sandbox().cloned())),
         health,
+        clock: Arc::new(SystemClock),
+        random: Arc::new(SystemRandom),
         stopping: stopping.clone(),
     };
     let listener = args.listen.bind("--listen", &addresses).await?;
@@ -266,9 +268,10 @@ async fn serve_until_stopped(args: &ServeArgs) -> Result<(), ServiceError> {
     }
     let grace = seconds(args.work.shutdown_grace_s);
     tokio::spawn(stop_on_signal(shutdown.clone(), grace));
-    let courier = delivery.map(|(poster, config)| {
-        let courier = Courier::new(Arc::clone(&room.store), poster, config);
-        tokio::spawn(courier.run(shutdown.drain.clone(), shutdown.now.clone()))
+    let dispatcher = delivery.map(|(poster, config)| {
+        let (clock, random) = (Arc::new(SystemClock), Arc::new(SystemRandom));
+        let dispatcher = Dispatcher::new(Arc::clone(&room.store), poster, config, clock, random);
+        tokio::spawn(dispatcher.run(shutdown.drain.clone(), shutdown.now.clone()))
     });
     let workers = tokio::spawn(pool.run(shutdown.clone()));
     let (counted, in_flight) = InFlightRequestsLayer::pair();
@@ -276,7 +279,7 @@ async fn serve_until_stopped(args: &ServeArgs) -> Result<(), ServiceError> {
     if let Err(error) = workers.await {
         tracing::error!(%error, "the workers ended");
     }
-    if let Some(Err(error)) = futures::future::OptionFuture::from(courier).await {
+    if let Some(Err(error)) = futures::future::OptionFuture::from(dispatcher).await {
         tracing::error!(%error, "the delivery of webhooks ended");
     }
     // Reads are served until the jobs have ended; then requests that wait for jobs end, and the rest are finished.

@@ -1,7 +1,7 @@
 use std::time::Duration;
 
 use clap::Args;
-use meshmend::webhooks::{CourierConfig, Poster, PosterError, Reach, Schedule};
+use meshmend::webhooks::{DispatcherConfig, Poster, PosterError, Reach, Schedule};
 
 /// Whom the service may tell of jobs, and how often it tries.
 #[derive(Debug, Args)]
@@ -27,14 +27,14 @@ impl WebhookArgs {
     }
 
     /// How to deliver; none where that is left to others.
-    pub fn delivery(&self, poll: Duration) -> Result<Option<(Poster, CourierConfig)>, PosterError> {
+    pub fn delivery(&self, poll: Duration) -> Result<Option<(Poster, DispatcherConfig)>, PosterError> {
         if self.no_webhooks {
             return Ok(None);
         }
         let timeout = super::service::seconds(self.webhook_timeout_s);
         // Time enough to note how it went.
         let lease = 2 * timeout + Duration::from_secs(1);
-        let config = CourierConfig { lease, schedule: self.webhook_retry_s.clone(), poll };
+        let config = DispatcherConfig { lease, schedule: self.webhook_retry_s.clone(), poll };
         Ok(Some((Poster::new(self.reach(), timeout)?, config)))
     }
 }

@@ -9,10 +9,26 @@ use crate::jobs::{Secrets, SigningSecret};
 /// What secrets begin with, so that programs that search for leaked secrets find them.
 const PREFIX: &str = "whsec_";
 
-/// A new secret of 32 bytes, 244 bits of them from the operating system's random numbers.
+/// Random numbers, passed in so that tests can hold them.
+pub trait Random: Send + Sync {
+    /// 128 bits in the form of a random UUID: 122 of them are random.
+    fn bits(&self) -> u128;
+}
+
+/// The operating system's random numbers.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct SystemRandom;
+
+impl Random for SystemRandom {
+    fn bits(&self) -> u128 {
+        Uuid::new_v4().as_u128()
+    }
+}
+
+/// A new secret of 32 bytes, 244 bits of them random.
 #[must_use]
-pub fn new_secret() -> SigningSecret {
-    let bytes = [Uuid::new_v4().into_bytes(), Uuid::new_v4().into_bytes()].concat();
+pub fn new_secret(random: &dyn Random) -> SigningSecret {
+    let bytes = [random.bits().to_be_bytes(), random.bits().to_be_bytes()].concat();
     SigningSecret::new(format!("{PREFIX}{}", STANDARD.encode(bytes)))
 }
 
@@ -53,7 +69,7 @@ mod tests {
     #[test]
     fn both_secrets_sign_while_the_old_one_is_in_force_and_only_the_new_one_afterwards() {
         let now = SystemClock.now_ms() / 1000;
-        let (old, new) = (new_secret(), new_secret());
+        let (old, new) = (new_secret(&SystemRandom), new_secret(&SystemRandom));
         assert_ne!(old, new);
         assert!(!format!("{new:?}").contains(&new.reveal()[6..]));
         let until = OffsetDateTime::from_unix_timestamp(now).expect("a time") + Duration::seconds(60);
@@ -69,7 +85,7 @@ mod tests {
             Webhook::new(secret.reveal()).expect("a secret").verify(b"{}", &headers).is_ok()
         };
         assert!(verifies(&old, now) && verifies(&new, now));
-        assert!(!verifies(&new_secret(), now));
+        assert!(!verifies(&new_secret(&SystemRandom), now));
         assert!(!verifies(&old, now + 60) && verifies(&new, now + 60));
     }
 }

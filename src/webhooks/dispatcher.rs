@@ -1,3 +1,6 @@
+//! Deliveries that are due: claimed, signed, sent, and tried again by a schedule.
+
+use std::str::FromStr;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -5,12 +8,10 @@ use time::OffsetDateTime;
 use tokio::sync::Semaphore;
 use tokio::task::JoinSet;
 use tokio_util::sync::CancellationToken;
-use uuid::Uuid;
 
-use super::post::{Answer, Envelope};
-use super::sign::{new_secret, signatures};
-use super::{Poster, Schedule};
-use crate::jobs::{Attempt, Clock, DueDelivery, Store, StoreError, SystemClock, Verdict};
+use super::post::{Answer, Envelope, Poster};
+use super::sign::{Random, new_secret, signatures};
+use crate::jobs::{Attempt, Clock, DueDelivery, Store, StoreError, Verdict};
 use crate::telemetry;
 
 /// Deliveries under way at the same time, in one process.
@@ -18,35 +19,79 @@ const AT_ONCE: usize = 16;
 /// Of them those of one tenant, on all processes together, so that one whose receivers hang holds nobody else up.
 const OF_ONE_TENANT: u32 = 4;
 
+/// How long to wait before each further try to deliver a message.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Schedule(Vec<Duration>);
+
+/// A text that is no schedule.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[error("a schedule is 1 to 50 numbers of seconds with commas between, each at most 30 days")]
+pub struct ScheduleError;
+
+/// Most waits, and the longest, in seconds.
+const MAX_WAITS: usize = 50;
+const LONGEST_WAIT_S: f64 = 30.0 * 24.0 * 3600.0;
+
+impl Schedule {
+    /// The wait after try number `tries` (1 for the first) failed; none when it was the last. Up to a fifth is added, so that messages
+    /// which failed together don't come back together. `random` is any 64 random bits.
+    #[must_use]
+    pub fn wait(&self, tries: u32, random: u64) -> Option<Duration> {
+        let wait = *self.0.get(usize::try_from(tries).ok()?.checked_sub(1)?)?;
+        let fifth = u64::try_from(wait.as_millis() / 5).unwrap_or(u64::MAX);
+        Some(wait + Duration::from_millis(if fifth == 0 { 0 } else { random % fifth }))
+    }
+}
+
+impl FromStr for Schedule {
+    type Err = ScheduleError;
+
+    fn from_str(text: &str) -> Result<Self, ScheduleError> {
+        let seconds =
+            |text: &str| text.trim().parse::<f64>().ok().filter(|seconds| (0.0..=LONGEST_WAIT_S).contains(seconds));
+        let waits = text.split(',').map(|text| seconds(text).map(Duration::from_secs_f64));
+        let waits = waits.collect::<Option<Vec<_>>>().ok_or(ScheduleError)?;
+        if waits.len() <= MAX_WAITS { Ok(Self(waits)) } else { Err(ScheduleError) }
+    }
+}
+
 /// How deliveries are made.
 #[derive(Debug, Clone)]
-pub struct CourierConfig {
+pub struct DispatcherConfig {
     /// How long a claim holds; longer than any delivery takes.
     pub lease: Duration,
     /// When failed deliveries are tried again.
     pub schedule: Schedule,
-    /// How long to wait before looking for deliveries that no bell told of.
+    /// How long to wait before polling for deliveries that no notification came for.
     pub poll: Duration,
 }
 
 /// Makes the deliveries that are due, as one of any number of processes that do.
-pub struct Courier {
+pub struct Dispatcher {
     store: Arc<dyn Store>,
     poster: Poster,
-    config: CourierConfig,
+    config: DispatcherConfig,
+    clock: Arc<dyn Clock>,
+    random: Arc<dyn Random>,
 }
 
-impl Courier {
+impl Dispatcher {
     /// Sends by `poster` what waits in `store`.
     #[must_use]
-    pub fn new(store: Arc<dyn Store>, poster: Poster, config: CourierConfig) -> Self {
-        Self { store, poster, config }
+    pub fn new(
+        store: Arc<dyn Store>,
+        poster: Poster,
+        config: DispatcherConfig,
+        clock: Arc<dyn Clock>,
+        random: Arc<dyn Random>,
+    ) -> Self {
+        Self { store, poster, config, clock, random }
     }
 
     /// Runs until told to `drain`. What is under way then may finish until told to stop `now`; what does not is delivered again by
     /// whoever claims it when its lease ends.
     pub async fn run(self, drain: CancellationToken, now: CancellationToken) {
-        let courier = Arc::new(self);
+        let dispatcher = Arc::new(self);
         let places = Arc::new(Semaphore::new(AT_ONCE));
         let mut under_way = JoinSet::new();
         while !drain.is_cancelled() {
@@ -54,11 +99,11 @@ impl Courier {
                 place = Arc::clone(&places).acquire_owned() => place,
                 () = drain.cancelled() => break,
             };
-            match courier.store.claim_delivery(courier.config.lease, OF_ONE_TENANT).await {
+            match dispatcher.store.claim_delivery(dispatcher.config.lease, OF_ONE_TENANT).await {
                 Ok(Some(due)) => {
-                    let courier = Arc::clone(&courier);
+                    let dispatcher = Arc::clone(&dispatcher);
                     under_way.spawn(async move {
-                        courier.deliver(due).await;
+                        dispatcher.deliver(due).await;
                         drop(place);
                     });
                     while under_way.try_join_next().is_some() {}
@@ -69,10 +114,10 @@ impl Courier {
             }
             drop(place);
             tokio::select! {
-                () = courier.store.bell().deliveries() => {}
+                () = dispatcher.store.bell().deliveries() => {}
                 // A tenant may have as many under way as it may, and more that is due.
                 Some(_) = under_way.join_next(), if !under_way.is_empty() => {}
-                () = tokio::time::sleep(courier.config.poll) => {}
+                () = tokio::time::sleep(dispatcher.config.poll) => {}
                 () = drain.cancelled() => {}
             }
         }
@@ -97,9 +142,9 @@ impl Courier {
     async fn try_deliver(&self, due: &DueDelivery) -> Result<bool, StoreError> {
         let secrets = match &due.secrets {
             Some(secrets) => secrets.clone(),
-            None => self.store.callback_secrets(&due.tenant, &new_secret()).await?,
+            None => self.store.callback_secrets(&due.tenant, &new_secret(self.random.as_ref())).await?,
         };
-        let at = SystemClock.now_ms() / 1000;
+        let at = self.clock.now_ms() / 1000;
         let signatures = signatures(&secrets, &due.message, at, &due.payload);
         let DueDelivery { url, message, payload, .. } = due;
         let answer = self.poster.post(Envelope { url, message, timestamp: at, signatures: &signatures, payload }).await;
@@ -123,13 +168,36 @@ impl Courier {
     }
 
     fn judge(&self, answer: &Answer, tries: u32) -> Verdict {
+        let random = (self.random.bits() >> 64) as u64;
         match answer.status {
             Some(200..300) => Verdict::Delivered,
             Some(410) => Verdict::Gone,
-            _ => match self.config.schedule.wait(tries, Uuid::new_v4().as_u64_pair().0) {
+            _ => match self.config.schedule.wait(tries, random) {
                 Some(wait) => Verdict::Again(wait),
                 None => Verdict::Failed,
             },
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn waits_are_as_given_with_up_to_a_fifth_more_and_end_with_the_last() {
+        let schedule: Schedule = "5, 300,0.5".parse().expect("a schedule");
+        for (tries, low, high) in [(1, 5000, 6000), (2, 300_000, 360_000), (3, 500, 600)] {
+            for random in [0, 1, u64::MAX / 3, u64::MAX] {
+                let wait = schedule.wait(tries, random).expect("a wait").as_millis();
+                assert!((low..high).contains(&wait), "try {tries}: {wait} ms");
+            }
+        }
+        assert_ne!(schedule.wait(2, 1), schedule.wait(2, 59_999));
+        assert_eq!((schedule.wait(0, 0), schedule.wait(4, 0), schedule.wait(u32::MAX, 0)), (None, None, None));
+        let many = vec!["1"; 51].join(",");
+        for wrong in ["", "1,", "a", "-1", "NaN", "inf", "1e9", &many] {
+            assert_eq!(wrong.parse::<Schedule>(), Err(ScheduleError), "{wrong}");
         }
     }
 }

@@ -1,3 +1,7 @@
+//! Webhook endpoints and their secrets, and the secret of callbacks.
+
+use std::time::Duration;
+
 use axum::Json;
 use axum::extract::State;
 use axum::http::{StatusCode, header};
@@ -6,16 +10,17 @@ use serde::{Deserialize, Serialize};
 use time::OffsetDateTime;
 use utoipa::ToSchema;
 
-use super::{OVERLAP, is_name};
-use crate::api::caller::{Caller, MayManageWebhooks};
-use crate::api::extract::{ApiJson, ApiPath};
-use crate::api::problem::{Problem, ProblemCode, shown};
-use crate::api::state::ApiState;
-use crate::jobs::{Endpoint, EndpointChange, JobEvent, NewEndpoint};
+use super::authenticate::{Caller, MayManageWebhooks};
+use super::extract::{ApiJson, ApiPath, is_name};
+use super::problem::{Problem, ProblemCode, shown};
+use super::state::ApiState;
+use crate::jobs::{Endpoint, EndpointChange, JobEvent, NewEndpoint, Secrets};
 use crate::webhooks::{Reach, new_secret};
 
+/// How long an old secret signs beside a new one.
+const OVERLAP: Duration = Duration::from_secs(24 * 3600);
 /// Most endpoints of a tenant.
-const MOST: u32 = 20;
+const MAX_ENDPOINTS: u32 = 20;
 /// Longest description, in characters.
 const DESCRIPTION_CHARS: usize = 200;
 
@@ -23,7 +28,7 @@ const DESCRIPTION_CHARS: usize = 200;
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 #[schema(as = NewWebhookEndpoint)]
-pub(in crate::api) struct NewView {
+pub(super) struct NewView {
     /// An https address, to which messages are posted.
     #[schema(format = "uri", max_length = 2048, example = "https://shop.example/hooks/meshmend")]
     url: String,
@@ -40,7 +45,7 @@ pub(in crate::api) struct NewView {
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 #[schema(as = WebhookEndpointChange)]
-pub(in crate::api) struct ChangeView {
+pub(super) struct ChangeView {
     /// An https address, to which messages are posted.
     #[schema(format = "uri", max_length = 2048)]
     url: Option<String>,
@@ -57,7 +62,7 @@ pub(in crate::api) struct ChangeView {
 /// Somebody who is told of your jobs.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = WebhookEndpoint)]
-pub(in crate::api) struct EndpointView {
+pub(super) struct EndpointView {
     /// Its name.
     #[schema(example = "we_019a3c5e7b1f7c3e8d2a4b6c8d0e2f4a")]
     id: String,
@@ -91,7 +96,7 @@ pub(in crate::api) struct EndpointView {
 /// A tenant's endpoints.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = WebhookEndpoints)]
-pub(in crate::api) struct EndpointsView {
+pub(super) struct EndpointsView {
     /// The endpoints, oldest first.
     endpoints: Vec<EndpointView>,
 }
@@ -174,7 +179,7 @@ pub(super) async fn find(state: &ApiState, caller: &Caller, id: &str) -> Result<
         (status = 422, description = "An address that can't be used, or a value out of its range", body = Problem, content_type = "application/problem+json"),
     )
 )]
-pub(in crate::api) async fn create_endpoint(
+pub(super) async fn create_endpoint(
     State(state): State<ApiState>,
     MayManageWebhooks(caller): MayManageWebhooks,
     ApiJson(asked): ApiJson<NewView>,
@@ -184,10 +189,11 @@ pub(in crate::api) async fn create_endpoint(
         url: clean_url(state.config.webhook_reach, &asked.url)?,
         description: clean_description(asked.description)?,
         events: clean_events(asked.events.unwrap_or_else(|| JobEvent::ALL.to_vec()))?,
-        secret: new_secret(),
+        secret: new_secret(state.random.as_ref()),
     };
-    let Some(endpoint) = state.store.create_endpoint(new, MOST).await? else {
-        let detail = format!("There are {MOST} webhook endpoints, which is as many as may be. Delete one first.");
+    let Some(endpoint) = state.store.create_endpoint(new, MAX_ENDPOINTS).await? else {
+        let detail =
+            format!("There are {MAX_ENDPOINTS} webhook endpoints, which is as many as may be. Delete one first.");
         return Err(Problem::new(ProblemCode::TooManyWebhooks, detail));
     };
     tracing::info!(id = endpoint.id, "a webhook endpoint was made");
@@ -202,7 +208,7 @@ pub(in crate::api) async fn create_endpoint(
         (status = 200, description = "The endpoints", body = EndpointsView),
     )
 )]
-pub(in crate::api) async fn list_endpoints(
+pub(super) async fn list_endpoints(
     State(state): State<ApiState>,
     MayManageWebhooks(caller): MayManageWebhooks,
 ) -> Result<Json<EndpointsView>, Problem> {
@@ -220,7 +226,7 @@ pub(in crate::api) async fn list_endpoints(
         (status = 404, description = "No such endpoint", body = Problem, content_type = "application/problem+json"),
     )
 )]
-pub(in crate::api) async fn get_endpoint(
+pub(super) async fn get_endpoint(
     State(state): State<ApiState>,
     MayManageWebhooks(caller): MayManageWebhooks,
     ApiPath(id): ApiPath<String>,
@@ -242,7 +248,7 @@ pub(in crate::api) async fn get_endpoint(
         (status = 422, description = "An address that can't be used, or a value out of its range", body = Problem, content_type = "application/problem+json"),
     )
 )]
-pub(in crate::api) async fn change_endpoint(
+pub(super) async fn change_endpoint(
     State(state): State<ApiState>,
     MayManageWebhooks(caller): MayManageWebhooks,
     ApiPath(id): ApiPath<String>,
@@ -269,7 +275,7 @@ pub(in crate::api) async fn change_endpoint(
         (status = 404, description = "No such endpoint", body = Problem, content_type = "application/problem+json"),
     )
 )]
-pub(in crate::api) async fn delete_endpoint(
+pub(super) async fn delete_endpoint(
     State(state): State<ApiState>,
     MayManageWebhooks(caller): MayManageWebhooks,
     ApiPath(id): ApiPath<String>,
@@ -291,12 +297,63 @@ pub(in crate::api) async fn delete_endpoint(
         (status = 404, description = "No such endpoint", body = Problem, content_type = "application/problem+json"),
     )
 )]
-pub(in crate::api) async fn rotate_endpoint(
+pub(super) async fn rotate_endpoint(
     State(state): State<ApiState>,
     MayManageWebhooks(caller): MayManageWebhooks,
     ApiPath(id): ApiPath<String>,
 ) -> Result<Response, Problem> {
     check_name(&id)?;
-    let rotated = state.store.rotate_endpoint(caller.tenant.as_str(), &id, &new_secret(), OVERLAP).await?;
+    let rotated =
+        state.store.rotate_endpoint(caller.tenant.as_str(), &id, &new_secret(state.random.as_ref()), OVERLAP).await?;
     rotated.map(|endpoint| with_secret(StatusCode::OK, endpoint)).ok_or_else(|| not_found(&id))
+}
+
+/// What calls to the jobs' own callback addresses are signed with.
+#[derive(Debug, Serialize, ToSchema)]
+pub(super) struct WebhookSecret {
+    /// The secret, as libraries for Standard Webhooks take it.
+    secret: String,
+    /// Until when the secret before this one signs too.
+    #[serde(with = "crate::jobs::timestamp::option")]
+    previous_until: Option<OffsetDateTime>,
+}
+
+fn secret_answer(secrets: Secrets) -> Response {
+    let secret = secrets.current.reveal().to_owned();
+    let body = WebhookSecret { secret, previous_until: secrets.previous.map(|(_, until)| until) };
+    ([(header::CACHE_CONTROL, "no-store")], Json(body)).into_response()
+}
+
+/// The secret of callbacks.
+///
+/// What is sent to the `callback_url` of a job is signed with it. It is made when it is first asked for, or first needed.
+#[utoipa::path(
+    get, path = "/v1/webhook-secret", tag = "webhooks",
+    responses(
+        (status = 200, description = "The secret", body = WebhookSecret),
+    )
+)]
+pub(super) async fn get_secret(
+    State(state): State<ApiState>,
+    MayManageWebhooks(caller): MayManageWebhooks,
+) -> Result<Response, Problem> {
+    Ok(secret_answer(state.store.callback_secrets(caller.tenant.as_str(), &new_secret(state.random.as_ref())).await?))
+}
+
+/// A new secret for callbacks.
+///
+/// For 24 hours both sign: each message then has two signatures, and a receiver takes it if one is right.
+#[utoipa::path(
+    post, path = "/v1/webhook-secret/rotate", tag = "webhooks",
+    responses(
+        (status = 200, description = "The new secret", body = WebhookSecret),
+    )
+)]
+pub(super) async fn rotate_secret(
+    State(state): State<ApiState>,
+    MayManageWebhooks(caller): MayManageWebhooks,
+) -> Result<Response, Problem> {
+    Ok(secret_answer(
+        state.store.rotate_callback_secret(caller.tenant.as_str(), &new_secret(state.random.as_ref()), OVERLAP).await?,
+    ))
 }

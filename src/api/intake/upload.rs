@@ -10,22 +10,21 @@ use serde::{Deserialize, Serialize};
 use time::OffsetDateTime;
 use utoipa::{IntoParams, ToSchema};
 
-use super::caller::MayWrite;
-use super::extract::{ApiPath, ApiQuery, parse, read_small, text_header, whole};
-use super::file_name::clean_name;
-use super::incoming::RawModel;
-use super::problem::{Problem, ProblemCode, shown};
-use super::state::ApiState;
-use super::submit::{busy, has_room};
-use super::upload::{Room, too_large, with_patience};
+use super::submission::clean_name;
 use crate::access::{Token, random_hex};
+use crate::api::authenticate::MayWrite;
+use crate::api::extract::{
+    ApiPath, ApiQuery, RawModel, UploadBudget, parse, read_small, text_header, too_large, whole, with_idle_limit,
+};
+use crate::api::problem::{Problem, ProblemCode, shown};
+use crate::api::state::{ApiState, busy};
 use crate::blobs::{BlobError, Blobs};
 use crate::jobs::{NewUpload, PendingUpload, UPLOAD_LIFE, UPLOAD_OPEN, UploadId};
 
 /// What is known of a file before it is sent.
 #[derive(Debug, Default, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, default)]
-pub(super) struct UploadRequest {
+pub struct UploadRequest {
     /// The file's name.
     #[schema(example = "bracket.stl")]
     name: Option<String>,
@@ -37,7 +36,7 @@ pub(super) struct UploadRequest {
 /// Where to send a file.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = Upload)]
-pub(super) struct UploadView {
+pub struct UploadView {
     /// The upload's name, for the `source` of a job.
     #[schema(example = "upl_019a3c5e7b1f7c3e8d2a4b6c8d0e2f4a")]
     id: String,
@@ -53,7 +52,7 @@ pub(super) struct UploadView {
 /// A request to send.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = UploadPut)]
-pub(super) struct PutView {
+pub struct PutView {
     /// Its method.
     #[schema(example = "PUT")]
     method: &'static str,
@@ -84,7 +83,7 @@ pub(super) struct PutView {
         (status = 503, description = "The database or the file store does not answer now, or the disk is full", body = Problem, content_type = "application/problem+json"),
     )
 )]
-pub(super) async fn announce_upload(
+pub async fn announce_upload(
     State(state): State<ApiState>,
     MayWrite(caller): MayWrite,
     request: Request,
@@ -103,7 +102,7 @@ pub(super) async fn announce_upload(
     if asked.bytes.is_some_and(|bytes| bytes > max_bytes) {
         return Err(too_large(max_bytes));
     }
-    has_room(&state, asked.bytes.unwrap_or(0))?;
+    state.has_room(asked.bytes.unwrap_or(0))?;
     let id = UploadId::new();
     let signed = match state.config.presigned_uploads {
         true => state.blobs.presigned_put(&Blobs::incoming_key(id), UPLOAD_OPEN).await?,
@@ -137,7 +136,7 @@ pub(super) async fn announce_upload(
 #[derive(Debug, Deserialize, IntoParams)]
 #[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
-pub(super) struct TokenQuery {
+pub struct TokenQuery {
     /// As the upload's address has it.
     token: String,
 }
@@ -160,7 +159,7 @@ pub(super) struct TokenQuery {
         (status = 503, description = "The database or the file store does not answer now, or the disk is full", body = Problem, content_type = "application/problem+json"),
     )
 )]
-pub(super) async fn put_upload(
+pub async fn put_upload(
     State(state): State<ApiState>,
     ApiPath(id): ApiPath<String>,
     ApiQuery(query): ApiQuery<TokenQuery>,
@@ -183,24 +182,24 @@ pub(super) async fn put_upload(
     if declared.is_some_and(|length: u64| length > limit) {
         return Err(too_large(limit));
     }
-    has_room(&state, declared.unwrap_or(0))?;
-    let source = with_patience(request.into_body().into_data_stream(), state.config.upload_idle);
-    Room::new(limit).store(&state.blobs, &key, source).await?;
+    state.has_room(declared.unwrap_or(0))?;
+    let source = with_idle_limit(request.into_body().into_data_stream(), state.config.upload_idle);
+    UploadBudget::new(limit).store(&state.blobs, &key, source).await?;
     Ok(StatusCode::NO_CONTENT.into_response())
 }
 
 /// The upload of that id, if it is there and may still be used.
-pub(super) async fn find_upload(state: &ApiState, id: &str) -> Result<PendingUpload, Problem> {
+pub async fn find_upload(state: &ApiState, id: &str) -> Result<PendingUpload, Problem> {
     let known: UploadId = id.parse().map_err(|_| no_upload(id))?;
     state.store.upload(known).await?.ok_or_else(|| no_upload(id))
 }
 
-pub(super) fn no_upload(id: &str) -> Problem {
+pub fn no_upload(id: &str) -> Problem {
     Problem::new(ProblemCode::UploadNotFound, format!("There is no upload '{}', or its time is over.", shown(id)))
 }
 
 /// How many bytes were sent to the address of an upload; none if none were.
-pub(super) async fn sent_bytes(state: &ApiState, key: &str) -> Result<Option<u64>, Problem> {
+pub async fn sent_bytes(state: &ApiState, key: &str) -> Result<Option<u64>, Problem> {
     match state.blobs.bytes(key).await {
         Ok(bytes) => Ok(Some(bytes)),
         Err(BlobError::NotFound) => Ok(None),

@@ -1,7 +1,8 @@
-use std::collections::{BTreeMap, BTreeSet};
+//! How the service is and what it can do: probes, metrics, capabilities, and the problem codes.
+
+use std::collections::BTreeMap;
 use std::io::Write;
-use std::path::PathBuf;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::PoisonError;
 use std::time::Duration;
 
 use axum::extract::State;
@@ -9,43 +10,20 @@ use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use axum::routing::get;
 use axum::{Json, Router};
-use metrics_exporter_prometheus::PrometheusHandle;
 use serde::Serialize;
-use tokio_util::sync::CancellationToken;
 use utoipa::ToSchema;
 
-use super::caller::MayReadMetrics;
-use super::catalogue::{ProblemDoc, catalogue};
+use super::authenticate::MayReadMetrics;
 use super::extract::ApiPath;
 use super::problem::{Problem, ProblemCode};
-use super::state::ApiState;
-use crate::blobs::{Blobs, free_bytes};
-use crate::jobs::{Status, Store};
+use super::problem_code::{ProblemDoc, catalogue};
+use super::state::{ApiState, Capabilities, Health};
+use crate::blobs::free_bytes;
+use crate::jobs::Status;
 use crate::telemetry;
 
 /// Longest time one check may take.
 const CHECK_TIME: Duration = Duration::from_secs(5);
-
-/// How a process is: what its probes and metrics say.
-#[derive(Clone)]
-pub struct Health {
-    /// The jobs.
-    pub store: Arc<dyn Store>,
-    /// The files.
-    pub blobs: Blobs,
-    /// Where jobs get their scratch folders.
-    pub scratch: PathBuf,
-    /// Bytes that must stay free on the disks of the files and the scratch folders.
-    pub min_free: u64,
-    /// What was found at the start that does not make the process unready, such as whether there is a Blender.
-    pub found: BTreeMap<&'static str, String>,
-    /// Cancelled by the first signal to stop: from then on the process is not ready, serves reads and refuses the rest.
-    pub draining: CancellationToken,
-    /// Where the metrics are rendered.
-    pub metrics: PrometheusHandle,
-    /// Classes of tenants that the metrics have told of.
-    pub classes: Arc<Mutex<BTreeSet<String>>>,
-}
 
 /// Probes and metrics alone, for a listener that only operators reach.
 pub fn probes(health: Health) -> Router {
@@ -120,9 +98,9 @@ impl Health {
         let loads = check(self.store.class_loads()).await;
         let mut classes = self.classes.lock().unwrap_or_else(PoisonError::into_inner);
         let none = if loads.is_ok() { 0.0 } else { f64::NAN };
-        classes.iter().for_each(|class| tell_class(class, none, none, none));
+        classes.iter().for_each(|class| record_class(class, none, none, none));
         for load in loads.unwrap_or_default() {
-            tell_class(&load.class, load.queued as f64, load.running as f64, load.wait.as_secs_f64());
+            record_class(&load.class, load.queued as f64, load.running as f64, load.wait.as_secs_f64());
             classes.insert(load.class);
         }
     }
@@ -159,7 +137,7 @@ impl Health {
 }
 
 /// One class of tenants, in the metrics.
-fn tell_class(class: &str, queued: f64, running: f64, wait: f64) {
+fn record_class(class: &str, queued: f64, running: f64, wait: f64) {
     metrics::gauge!(telemetry::CLASS_JOBS, "class" => class.to_owned(), "status" => "queued").set(queued);
     metrics::gauge!(telemetry::CLASS_JOBS, "class" => class.to_owned(), "status" => "running").set(running);
     metrics::gauge!(telemetry::CLASS_QUEUE_WAIT, "class" => class.to_owned()).set(wait);
@@ -219,4 +197,16 @@ pub(super) async fn list_problems() -> Json<Vec<ProblemDoc>> {
 pub(super) async fn get_problem(ApiPath(code): ApiPath<String>) -> Result<Json<ProblemDoc>, Problem> {
     let found = catalogue().into_iter().find(|doc| doc.code == code);
     found.map(Json).ok_or_else(|| Problem::new(ProblemCode::RouteNotFound, "There is no such problem code."))
+}
+
+/// What this service can do.
+///
+/// Formats, modes, presets, levels, limits, every option with its default, the tiers that work right now with Blender's version, and
+/// the sandbox that jobs run in.
+#[utoipa::path(
+    get, path = "/v1/capabilities", tag = "service",
+    responses((status = 200, description = "What can be asked for", body = Capabilities))
+)]
+pub(super) async fn get_capabilities(State(state): State<ApiState>) -> Json<Capabilities> {
+    Json(state.capabilities.as_ref().clone())
 }

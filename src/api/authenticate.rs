@@ -1,48 +1,128 @@
 //! Who is let in, on whose behalf, how often, and from which pages.
 
 use std::num::NonZeroU32;
-use std::time::Duration;
 
-use axum::extract::{Request, State};
+use axum::extract::{FromRequestParts, Request, State};
+use axum::http::request::Parts;
 use axum::http::{HeaderMap, HeaderValue, Method, StatusCode, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 use time::OffsetDateTime;
 
-use super::caller::Caller;
 use super::extract::text_header;
 use super::problem::{Problem, ProblemCode};
-use super::state::ApiState;
-use crate::access::{AccessKey, DEFAULT_TENANT, KeyKind, TenantLimits, TenantName, Token};
-use crate::jobs::SystemClock;
+use super::state::{ApiState, Auth};
+use crate::access::{AccessKey, DEFAULT_TENANT, KeyKind, Scope, TenantLimits, TenantName, Token};
+use crate::jobs::Job;
 use crate::telemetry;
 
 /// Longest secret that is looked at, in bytes.
 const SECRET_BYTES: usize = 256;
-/// How old the note of a key's last use may become.
-const TOUCH_AFTER: Duration = Duration::from_secs(300);
+/// How old the record of a key's last use may become.
+const TOUCH_AFTER_MS: i128 = 300_000;
 /// What a page may send, and may read of an answer.
 const PAGE_SENDS: &str = "authorization, content-type, content-disposition, idempotency-key, if-none-match, if-range, prefer, range, cache-control";
 const PAGE_READS: &str = "content-disposition, content-range, etag, idempotency-replayed, location, ratelimit, ratelimit-policy, \
                           retry-after, x-request-id";
 
-/// Whether the service asks for keys.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Auth {
-    /// Whoever asks without a key is the tenant `default` and may do everything.
-    Open,
-    /// Nothing without a key.
-    Keys,
+/// Who asks: made by `authenticate` for every request that needs one.
+#[derive(Debug, Clone)]
+pub(super) struct Caller {
+    /// On whose behalf.
+    pub tenant: TenantName,
+    /// With which key; none where the service is open.
+    pub key: Option<AccessKey>,
+    /// What the tenant may use.
+    pub limits: TenantLimits,
+}
+
+impl Caller {
+    /// Whether the caller may do what the scope is for.
+    pub fn may(&self, scope: Scope) -> bool {
+        self.key.as_ref().is_none_or(|key| key.scopes.has(scope))
+    }
+
+    /// Whether the job exists for the caller: a page sees what was submitted with its own token and nothing else.
+    pub fn sees(&self, job: &Job) -> bool {
+        job.tenant == self.tenant.as_str()
+            && self.only_made_by().is_none_or(|key| job.made_by.as_deref() == Some(key.as_str()))
+    }
+
+    /// The key with which a job must have been submitted for the caller to see it.
+    pub fn only_made_by(&self) -> Option<String> {
+        self.key.as_ref().filter(|key| key.kind == KeyKind::Browser).map(|key| key.id.clone())
+    }
+
+    /// The largest upload that the caller may send, where the service takes `most` bytes.
+    pub fn max_bytes(&self, most: u64) -> u64 {
+        self.key.as_ref().and_then(|key| key.max_bytes).map_or(most, |own| own.min(most))
+    }
+
+    fn must(self, scope: Scope) -> Result<Self, Problem> {
+        if self.may(scope) {
+            return Ok(self);
+        }
+        let detail = format!("The key does not allow this: it lacks the scope '{scope}'.");
+        Err(Problem::new(ProblemCode::Forbidden, detail))
+    }
+}
+
+/// Extractors that give the caller to handlers which need a scope, and answer for those who lack it.
+macro_rules! callers {
+    ($($(#[$doc:meta])* $name:ident: $scope:expr;)*) => {$(
+        $(#[$doc])*
+        pub(super) struct $name(pub Caller);
+
+        impl FromRequestParts<ApiState> for $name {
+            type Rejection = Problem;
+
+            async fn from_request_parts(parts: &mut Parts, _: &ApiState) -> Result<Self, Problem> {
+                let caller = parts.extensions.get::<Caller>().cloned();
+                // Nobody comes here but through `authenticate`; who does is not let in.
+                let caller = caller.ok_or_else(|| Problem::new(ProblemCode::Unauthorized, "Nobody asked."))?;
+                caller.must($scope).map(Self)
+            }
+        }
+    )*};
+}
+
+/// Who may manage tenants and keys. A key is needed even where the service is open: keys made meanwhile would outlast that.
+pub(super) struct MayAdminister(pub Caller);
+
+impl FromRequestParts<ApiState> for MayAdminister {
+    type Rejection = Problem;
+
+    async fn from_request_parts(parts: &mut Parts, _: &ApiState) -> Result<Self, Problem> {
+        let caller = parts.extensions.get::<Caller>().cloned().filter(|caller| caller.key.is_some());
+        let caller = caller.ok_or_else(|| {
+            let detail = "This address needs a key with the scope 'admin', also on a service that asks for no keys.";
+            Problem::new(ProblemCode::Unauthorized, detail).with_header(header::WWW_AUTHENTICATE, "Bearer")
+        })?;
+        caller.must(Scope::Admin).map(Self)
+    }
+}
+
+callers! {
+    /// Who may look at jobs.
+    MayRead: Scope::JobsRead;
+    /// Who may submit, cancel and delete jobs.
+    MayWrite: Scope::JobsWrite;
+    /// Who may manage webhook endpoints.
+    MayManageWebhooks: Scope::Webhooks;
+    /// Who may make tokens for browsers.
+    MayMakeTokens: Scope::Tokens;
+    /// Who may read the service's metrics.
+    MayReadMetrics: Scope::Metrics;
 }
 
 /// Lets a request in with its [`Caller`], or answers it.
-pub(super) async fn admit(State(state): State<ApiState>, request: Request, next: Next) -> Response {
+pub(super) async fn authenticate(State(state): State<ApiState>, request: Request, next: Next) -> Response {
     let shown = bearer(request.headers());
     // The page has shown its secret, so whatever the answer is may be read by it.
     let page = shown.filter(|secret| KeyKind::of_secret(secret) == Some(KeyKind::Browser));
     let page = page.and_then(|_| request.headers().get(header::ORIGIN).cloned());
     let has_body = ![Method::GET, Method::HEAD, Method::DELETE].contains(request.method());
-    let mut response = match let_in(&state, request.headers(), shown).await {
+    let mut response = match find_caller(&state, request.headers(), shown).await {
         Err(problem) => problem.into_response(),
         Ok(caller) => {
             tracing::Span::current().record("tenant", caller.tenant.as_str());
@@ -122,7 +202,7 @@ fn bearer(headers: &HeaderMap) -> Option<&str> {
     scheme.eq_ignore_ascii_case("bearer").then(|| secret.trim())
 }
 
-async fn let_in(state: &ApiState, headers: &HeaderMap, shown: Option<&str>) -> Result<Caller, Problem> {
+async fn find_caller(state: &ApiState, headers: &HeaderMap, shown: Option<&str>) -> Result<Caller, Problem> {
     let origin = headers.get(header::ORIGIN);
     let known = match shown {
         Some(secret) => Some(find_key(state, secret).await?),
@@ -165,7 +245,8 @@ async fn find_key(state: &ApiState, secret: &str) -> Result<(AccessKey, TenantLi
         metrics::counter!(telemetry::KEYS_REFUSED).increment(1);
         return Err(unauthorized("The key is unknown, revoked or expired."));
     };
-    let is_stale = |last: OffsetDateTime| SystemClock.now() - last > TOUCH_AFTER;
+    let now_ms = i128::from(state.clock.now_ms());
+    let is_stale = |last: OffsetDateTime| now_ms - last.unix_timestamp_nanos() / 1_000_000 > TOUCH_AFTER_MS;
     if key.last_used_at.is_none_or(is_stale) {
         let (store, id) = (state.store.clone(), key.id.clone());
         tokio::spawn(async move {

@@ -1,24 +1,29 @@
-//! The page that people see, and the widget that shops embed. They ask the API like anybody else, so nothing here needs a key.
+//! The page that people see, the widget that shops embed, and the documentation, as pages and as Markdown. They ask the API like anybody
+//! else, so nothing here needs a key.
 
 use axum::Router;
 use axum::extract::{Path, State};
 use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode, header};
-use axum::response::{IntoResponse, Response};
+use axum::response::{IntoResponse, Redirect, Response};
 use axum::routing::get;
 
-use super::extract::text_header;
-use super::jobs::names;
+use super::extract::{names_etag, text_header};
 use super::problem::{Problem, ProblemCode, shown};
 use super::state::ApiState;
+use crate::manual;
 use crate::web::{self, File};
 
 /// For what keeps its name: a browser asks each time whether it is still this one.
-pub(super) const ASK: &str = "no-cache";
+const ASK: &str = "no-cache";
 /// For what has a hash in its name: it never changes.
 const FOREVER: &str = "public, max-age=31536000, immutable";
 
 pub(super) fn routes() -> Router<ApiState> {
-    Router::new().route("/", get(document)).route("/widget.js", get(widget)).route("/assets/{name}", get(asset))
+    Router::new()
+        .route("/", get(document))
+        .route("/widget.js", get(widget))
+        .route("/assets/{name}", get(asset))
+        .merge(manual_routes())
 }
 
 async fn document(State(state): State<ApiState>, headers: HeaderMap) -> Response {
@@ -53,9 +58,49 @@ fn policy(bucket: Option<&str>) -> String {
     )
 }
 
+/// What a page may do: show what is of this service, and run nothing.
+const MANUAL_POLICY: HeaderValue = HeaderValue::from_static(
+    "default-src 'none'; style-src 'self'; img-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
+);
+
+fn manual_routes() -> Router<ApiState> {
+    Router::new()
+        .route("/docs", get(async || Redirect::permanent("/docs/")))
+        .route("/docs/", get(async |headers: HeaderMap| html(manual::index(), &headers)))
+        .route("/docs/{name}", get(text))
+        .route("/docs/pictures/{name}", get(picture))
+        .route("/llms.txt", get(async |headers: HeaderMap| manual_file(manual::llms(), &headers)))
+        .route("/llms-full.txt", get(async |headers: HeaderMap| manual_file(manual::llms_full(), &headers)))
+}
+
+async fn text(Path(name): Path<String>, headers: HeaderMap) -> Result<Response, Problem> {
+    let markdown = name.strip_suffix(".md").and_then(manual::page).map(|page| manual_file(&page.markdown, &headers));
+    let page = || manual::page(&name).filter(|page| !page.is_index()).map(|page| html(page, &headers));
+    markdown.or_else(page).ok_or_else(|| missing(&name))
+}
+
+async fn picture(Path(name): Path<String>, headers: HeaderMap) -> Result<Response, Problem> {
+    manual::picture(&name).map(|file| manual_file(file, &headers)).ok_or_else(|| missing(&name))
+}
+
+fn manual_file(file: &'static File, headers: &HeaderMap) -> Response {
+    answer(file, headers, ASK, For::Ourselves)
+}
+
+fn html(page: &'static manual::Page, headers: &HeaderMap) -> Response {
+    let mut response = manual_file(&page.html, headers);
+    response.headers_mut().insert(header::CONTENT_SECURITY_POLICY, MANUAL_POLICY);
+    response
+}
+
+fn missing(name: &str) -> Problem {
+    let detail = format!("The documentation has no '{}'. See /docs.", shown(name));
+    Problem::new(ProblemCode::RouteNotFound, detail)
+}
+
 /// Whose pages may load a file.
 #[derive(Clone, Copy, PartialEq, Eq)]
-pub(super) enum For {
+enum For {
     /// The service's own.
     Ourselves,
     /// Those of shops too, also where they are isolated from other origins.
@@ -63,7 +108,7 @@ pub(super) enum For {
 }
 
 /// A file, packed where that is asked for, or that it is still the one that is known.
-pub(super) fn answer(file: &'static File, headers: &HeaderMap, cache: &'static str, whose: For) -> Response {
+fn answer(file: &'static File, headers: &HeaderMap, cache: &'static str, whose: For) -> Response {
     let common = [
         (header::CACHE_CONTROL, cache),
         (header::ETAG, file.etag()),
@@ -80,15 +125,16 @@ pub(super) fn answer(file: &'static File, headers: &HeaderMap, cache: &'static s
             (HeaderName::from_static("cross-origin-resource-policy"), "cross-origin"),
         ],
     };
-    let mut response = if text_header(headers, &header::IF_NONE_MATCH).is_some_and(|known| names(known, file.etag())) {
-        (StatusCode::NOT_MODIFIED, common).into_response()
-    } else {
-        let kind = [(header::CONTENT_TYPE, file.media_type)];
-        match file.gzip().filter(|_| takes_gzip(headers)) {
-            Some(packed) => (common, kind, [(header::CONTENT_ENCODING, "gzip")], packed).into_response(),
-            None => (common, kind, file.plain()).into_response(),
-        }
-    };
+    let mut response =
+        if text_header(headers, &header::IF_NONE_MATCH).is_some_and(|known| names_etag(known, file.etag())) {
+            (StatusCode::NOT_MODIFIED, common).into_response()
+        } else {
+            let kind = [(header::CONTENT_TYPE, file.media_type)];
+            match file.gzip().filter(|_| takes_gzip(headers)) {
+                Some(packed) => (common, kind, [(header::CONTENT_ENCODING, "gzip")], packed).into_response(),
+                None => (common, kind, file.plain()).into_response(),
+            }
+        };
     for &(ref name, value) in reach {
         response.headers_mut().insert(name.clone(), HeaderValue::from_static(value));
     }

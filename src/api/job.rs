@@ -1,18 +1,128 @@
+//! One job, as requests find it, wait for it and show it.
+
 use std::collections::BTreeMap;
 use std::time::Duration;
 
+use axum::Json;
+use axum::extract::FromRequestParts;
+use axum::http::request::Parts;
+use axum::http::{HeaderName, StatusCode, header};
+use axum::response::{IntoResponse, Response};
 use serde::Serialize;
 use serde_json::{Map, Value};
 use time::OffsetDateTime;
+use tokio::sync::broadcast::Receiver;
+use tokio::sync::broadcast::error::RecvError;
 use utoipa::ToSchema;
 
-use super::catalogue::describe_job_problem;
+use super::authenticate::Caller;
+use super::extract::ApiPath;
+use super::problem::{Problem, ProblemCode, shown};
+use super::problem_code::describe_job_problem;
+use super::state::ApiState;
 use crate::context::Stage;
 use crate::format::{Format, Place};
 use crate::jobs::{
-    Input, Job, JobId, JobOptions, JobOutcome, JobReport, Metadata, ProblemKind, Quote, Status, StoredReport,
+    Input, Job, JobId, JobOptions, JobOutcome, JobReport, Metadata, ProblemKind, Quote, Status, StoreError,
+    StoredReport,
 };
 use crate::scene::{LengthUnit, Unit, UnitSource};
+
+/// The id of a job in a path. A text that is no id names no job.
+pub(super) fn job_id(text: &str) -> Result<JobId, Problem> {
+    text.parse()
+        .map_err(|error| Problem::new(ProblemCode::JobNotFound, format!("There is no job '{}': {error}.", shown(text))))
+}
+
+/// The job of that id, if it is there for the caller and not deleted.
+pub(super) async fn find_job(state: &ApiState, caller: &Caller, id: JobId) -> Result<Job, Problem> {
+    match state.store.get(id).await?.filter(|job| caller.sees(job)) {
+        None => Err(Problem::new(ProblemCode::JobNotFound, format!("There is no job '{id}'."))),
+        Some(job) if job.purged => Err(Problem::new(ProblemCode::JobDeleted, format!("The job '{id}' was deleted."))),
+        Some(job) => Ok(job),
+    }
+}
+
+/// Axum's path extractor for the id of a job.
+pub(super) struct PathJobId(pub JobId);
+
+impl FromRequestParts<ApiState> for PathJobId {
+    type Rejection = Problem;
+
+    async fn from_request_parts(parts: &mut Parts, state: &ApiState) -> Result<Self, Problem> {
+        let ApiPath(id) = ApiPath::<String>::from_request_parts(parts, state).await?;
+        job_id(&id).map(Self)
+    }
+}
+
+/// Sees every change of one job: woken by the notifier, and polling now and then in case another process made it.
+pub(super) struct Watch {
+    state: ApiState,
+    id: JobId,
+    changes: Receiver<JobId>,
+}
+
+impl Watch {
+    /// Begins to listen. Read the job after this, so that no change falls between.
+    pub fn new(state: &ApiState, id: JobId) -> Self {
+        Self { state: state.clone(), id, changes: state.store.bell().listen() }
+    }
+
+    /// The job once its version is past `version`; none when the service stops or the job is gone.
+    pub async fn past(&mut self, version: i64) -> Result<Option<Job>, StoreError> {
+        loop {
+            match self.state.store.get(self.id).await? {
+                None => return Ok(None),
+                Some(job) if job.version > version => return Ok(Some(job)),
+                Some(_) => {}
+            }
+            tokio::select! {
+                () = changed(&mut self.changes, self.id) => {}
+                () = tokio::time::sleep(self.state.config.poll) => {}
+                () = self.state.stopping.cancelled() => return Ok(None),
+            }
+        }
+    }
+
+    /// The job once its status is another than that of `job`, or as it is when `longest` has passed.
+    pub async fn status_change(&mut self, job: Job, longest: Duration) -> Result<Job, StoreError> {
+        let status = job.status;
+        self.until(job, longest, |job| job.status != status || status.is_final()).await
+    }
+
+    /// The job once `is_done` says so of it, or as it is when `longest` has passed, the service stops or the job is gone.
+    pub async fn until(
+        &mut self,
+        mut job: Job,
+        longest: Duration,
+        is_done: impl Fn(&Job) -> bool,
+    ) -> Result<Job, StoreError> {
+        let waiting = async {
+            while !is_done(&job) {
+                match self.past(job.version).await? {
+                    Some(newer) => job = newer,
+                    None => break,
+                }
+            }
+            Ok::<(), StoreError>(())
+        };
+        match tokio::time::timeout(longest, waiting).await {
+            Ok(Err(error)) => Err(error),
+            Ok(Ok(())) | Err(_) => Ok(job),
+        }
+    }
+}
+
+/// Waits until the notifier names the job.
+async fn changed(changes: &mut Receiver<JobId>, id: JobId) {
+    loop {
+        match changes.recv().await {
+            Ok(other) if other != id => {}
+            Ok(_) | Err(RecvError::Lagged(_)) => return,
+            Err(RecvError::Closed) => std::future::pending().await,
+        }
+    }
+}
 
 /// A job as clients see it.
 #[derive(Debug, Serialize, ToSchema)]
@@ -219,4 +329,32 @@ impl JobView {
 /// Whether an artifact shows a result: a picture or a coloured mesh.
 fn is_picture(name: &str) -> bool {
     !matches!(name, "model" | "original") && !name.ends_with(".json") && !name.ends_with(".txt")
+}
+
+/// The answer with a job in it, and when to ask again.
+pub(super) fn answer<const N: usize>(
+    state: &ApiState,
+    status: StatusCode,
+    job: Job,
+    position: Option<u64>,
+    headers: [(HeaderName, String); N],
+) -> Response {
+    answer_view(status, JobView::new(job, position, state.config.retention), headers)
+}
+
+pub(super) fn answer_view<const N: usize>(
+    status: StatusCode,
+    view: JobView,
+    headers: [(HeaderName, String); N],
+) -> Response {
+    let more = (!view.status.is_final()).then_some([(header::RETRY_AFTER, "1")]);
+    (status, headers, [(header::CACHE_CONTROL, "no-cache")], more, Json(view)).into_response()
+}
+
+/// The entity tag of a job in its present state.
+pub(super) fn etag(job: &Job, position: Option<u64>) -> String {
+    match position {
+        Some(position) => format!("W/\"{}-{position}\"", job.version),
+        None => format!("W/\"{}\"", job.version),
+    }
 }

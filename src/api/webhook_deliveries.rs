@@ -6,18 +6,18 @@ use serde::{Deserialize, Serialize};
 use time::OffsetDateTime;
 use utoipa::{IntoParams, ToSchema};
 
-use super::endpoints::find;
-use super::is_name;
-use crate::api::caller::{Caller, MayManageWebhooks};
-use crate::api::extract::{ApiPath, ApiQuery, job_id, page_limit, unknown_cursor};
-use crate::api::problem::{Problem, ProblemCode, shown};
-use crate::api::state::ApiState;
+use super::authenticate::{Caller, MayManageWebhooks};
+use super::extract::{ApiPath, ApiQuery, is_name, page_limit, unknown_cursor};
+use super::job::job_id;
+use super::problem::{Problem, ProblemCode, shown};
+use super::state::ApiState;
+use super::webhook_endpoints::find;
 use crate::jobs::{Attempt, Delivery, DeliveryQuery, DeliveryStatus, JobId, Page, Redelivered};
 
 /// A message on its way to one receiver.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = WebhookDelivery)]
-pub(in crate::api) struct DeliveryView {
+pub(super) struct DeliveryView {
     /// Its name.
     #[schema(example = "whd_019a3c5e7b1f7c3e8d2a4b6c8d0e2f4a")]
     id: String,
@@ -47,7 +47,7 @@ pub(in crate::api) struct DeliveryView {
 /// A page of deliveries.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = WebhookDeliveries)]
-pub(in crate::api) struct DeliveriesView {
+pub(super) struct DeliveriesView {
     /// The deliveries, newest first.
     deliveries: Vec<DeliveryView>,
     /// The cursor of the next page; none on the last.
@@ -75,7 +75,7 @@ impl From<Delivery> for DeliveryView {
 #[derive(Debug, Deserialize, IntoParams)]
 #[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
-pub(in crate::api) struct PageQuery {
+pub(super) struct PageQuery {
     /// Where to go on: `next` of the page before.
     cursor: Option<String>,
     /// Deliveries on the page, 1 to 200.
@@ -86,7 +86,7 @@ pub(in crate::api) struct PageQuery {
 #[derive(Debug, Deserialize, IntoParams)]
 #[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
-pub(in crate::api) struct DeliveriesQuery {
+pub(super) struct DeliveriesQuery {
     /// Only those that tell of this job.
     job: Option<String>,
     /// Where to go on: `next` of the page before.
@@ -124,7 +124,7 @@ async fn page(
         (status = 404, description = "No such endpoint", body = Problem, content_type = "application/problem+json"),
     )
 )]
-pub(in crate::api) async fn list_of_endpoint(
+pub(super) async fn list_of_endpoint(
     State(state): State<ApiState>,
     MayManageWebhooks(caller): MayManageWebhooks,
     ApiPath(id): ApiPath<String>,
@@ -146,7 +146,7 @@ pub(in crate::api) async fn list_of_endpoint(
         (status = 404, description = "No such job", body = Problem, content_type = "application/problem+json"),
     )
 )]
-pub(in crate::api) async fn list_deliveries(
+pub(super) async fn list_deliveries(
     State(state): State<ApiState>,
     MayManageWebhooks(caller): MayManageWebhooks,
     ApiQuery(query): ApiQuery<DeliveriesQuery>,
@@ -169,7 +169,7 @@ pub(in crate::api) async fn list_deliveries(
         (status = 409, description = "Its endpoint is disabled", body = Problem, content_type = "application/problem+json"),
     )
 )]
-pub(in crate::api) async fn redeliver(
+pub(super) async fn redeliver(
     State(state): State<ApiState>,
     MayManageWebhooks(caller): MayManageWebhooks,
     ApiPath(id): ApiPath<String>,
@@ -197,7 +197,7 @@ pub(in crate::api) async fn redeliver(
         (status = 409, description = "The endpoint is disabled", body = Problem, content_type = "application/problem+json"),
     )
 )]
-pub(in crate::api) async fn test_endpoint(
+pub(super) async fn test_endpoint(
     State(state): State<ApiState>,
     MayManageWebhooks(caller): MayManageWebhooks,
     ApiPath(id): ApiPath<String>,
