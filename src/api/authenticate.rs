@@ -131,13 +131,13 @@ pub(super) async fn authenticate(State(state): State<ApiState>, request: Request
                 Some(per_minute) => match state.rates.take(&caller.tenant, per_minute) {
                     Ok(left) => {
                         let mut response = run(caller, request, next).await;
-                        left.tell(&mut response);
+                        left.write_headers(&mut response);
                         response
                     }
                     Err(left) => {
                         metrics::counter!(telemetry::RATE_LIMITED).increment(1);
                         let mut response = left.refused().into_response();
-                        left.tell(&mut response);
+                        left.write_headers(&mut response);
                         response
                     }
                 },

@@ -1,7 +1,7 @@
 //! The HTTP surface: one file a resource, errors as problem+json everywhere, and an OpenAPI document made from the code.
 //!
 //! ```text
-//! request -> layers (request id, trace, panic, problem) -> router -> authenticate (who asks, how often) -> resource -> blobs + jobs
+//! request -> router (request id, trace, panic, problem) -> authenticate (who asks, how often) -> resource -> blobs + jobs
 //! ```
 
 mod artifacts;
@@ -13,13 +13,10 @@ mod intake;
 mod job;
 mod jobs;
 mod keys;
-mod layers;
 mod openapi;
 mod pages;
 mod problem;
 mod problem_code;
-mod rates;
-mod reuse;
 mod router;
 mod service;
 mod state;
@@ -31,7 +28,6 @@ mod webhook_endpoints;
 pub use openapi::{document, document_3_0};
 pub use problem::{FieldError, Problem};
 pub use problem_code::{ProblemCode, ProblemDoc, catalogue};
-pub use rates::Rates;
 pub use router::router;
 pub use service::probes;
-pub use state::{ApiConfig, ApiState, Auth, Capabilities, Health, TierStatus};
+pub use state::{ApiConfig, ApiState, Auth, Capabilities, Health, Rates, TierStatus};

@@ -1,19 +1,24 @@
 //! What every handler can reach: the stores, limits and clock of the service, and what it can do.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
+use std::num::NonZeroU32;
 use std::path::PathBuf;
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
-use axum::http::header;
+use axum::http::{HeaderName, HeaderValue, header};
+use axum::response::Response;
+use governor::clock::{Clock as _, DefaultClock};
+use governor::middleware::StateInformationMiddleware;
+use governor::state::{InMemoryState, NotKeyed};
+use governor::{Quota, RateLimiter};
 use metrics_exporter_prometheus::PrometheusHandle;
 use serde::Serialize;
 use tokio_util::sync::CancellationToken;
 use utoipa::ToSchema;
 
 use super::problem::{Problem, ProblemCode};
-use super::rates::Rates;
-use crate::access::TenantLimits;
+use crate::access::{TenantLimits, TenantName};
 use crate::analyze::AnalyzeOptions;
 use crate::blobs::Blobs;
 use crate::format::{Format, Limits};
@@ -211,6 +216,86 @@ impl Capabilities {
     }
 }
 
+/// Header fields of the IETF draft `ratelimit-headers`.
+const RATE_POLICY: HeaderName = HeaderName::from_static("ratelimit-policy");
+const RATE_STATE: HeaderName = HeaderName::from_static("ratelimit");
+/// The window of a policy, in seconds.
+const WINDOW_S: u32 = 60;
+
+type Bucket = RateLimiter<NotKeyed, InMemoryState, DefaultClock, StateInformationMiddleware>;
+
+/// A bucket of requests for each tenant that asked, refilled evenly.
+#[derive(Default)]
+pub struct Rates {
+    buckets: Mutex<HashMap<TenantName, (NonZeroU32, Arc<Bucket>)>>,
+}
+
+/// What is left to a tenant after a request.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct RateState {
+    /// Requests in a window.
+    of: u32,
+    /// Requests that may still come at once.
+    requests: u32,
+    /// Seconds until all of them are there again, or after a refusal until the next.
+    seconds: u64,
+}
+
+impl Rates {
+    /// Takes one request out of the tenant's `per_minute`.
+    ///
+    /// # Errors
+    /// What is left, where that is nothing.
+    pub(super) fn take(&self, tenant: &TenantName, per_minute: NonZeroU32) -> Result<RateState, RateState> {
+        let bucket = {
+            let mut buckets = self.buckets.lock().unwrap_or_else(PoisonError::into_inner);
+            let new = || {
+                let bucket = RateLimiter::direct(Quota::per_minute(per_minute));
+                (per_minute, Arc::new(bucket.with_middleware::<StateInformationMiddleware>()))
+            };
+            let known = buckets.entry(tenant.clone()).or_insert_with(new);
+            if known.0 != per_minute {
+                *known = new();
+            }
+            Arc::clone(&known.1)
+        };
+        let of = per_minute.get();
+        match bucket.check() {
+            Ok(state) => {
+                let requests = state.remaining_burst_capacity();
+                let used = u64::from(of.saturating_sub(requests));
+                Ok(RateState { of, requests, seconds: (used * u64::from(WINDOW_S)).div_ceil(u64::from(of)) })
+            }
+            Err(refused) => {
+                let wait = refused.wait_time_from(DefaultClock::default().now());
+                Err(RateState { of, requests: 0, seconds: wait.as_secs() + 1 })
+            }
+        }
+    }
+}
+
+impl RateState {
+    /// Writes it into the header of an answer.
+    pub fn write_headers(self, response: &mut Response) {
+        let fields = [
+            (RATE_POLICY, format!("\"tenant\";q={};w={WINDOW_S}", self.of)),
+            (RATE_STATE, format!("\"tenant\";r={};t={}", self.requests, self.seconds)),
+        ];
+        for (name, value) in fields {
+            if let Ok(value) = HeaderValue::from_str(&value) {
+                response.headers_mut().insert(name, value);
+            }
+        }
+    }
+
+    /// The problem that nothing is left.
+    pub fn refused(self) -> Problem {
+        let detail = format!("More than {} requests came within a minute. Ask again in {} s.", self.of, self.seconds);
+        let seconds = u32::try_from(self.seconds).unwrap_or(WINDOW_S);
+        Problem::new(ProblemCode::RateLimited, detail).retry_after(seconds)
+    }
+}
+
 /// Seconds after which to send a request again that a stopping process refused. Mostly another process answers it then.
 const RETRY_AFTER_S: u32 = 5;
 /// Seconds after which a client may try again where there was no room.
@@ -241,4 +326,23 @@ impl ApiState {
 /// That a job may be taken later. The upload is not read.
 pub(super) fn busy(code: ProblemCode, detail: impl Into<String>) -> Problem {
     Problem::new(code, detail).retry_after(BUSY_RETRY_AFTER_S).with_header(header::CONNECTION, "close")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_tenant_that_asks_too_often_is_refused_and_others_are_not() {
+        let rates = Rates::default();
+        let (busy, calm): (TenantName, TenantName) = ("busy".parse().expect("a name"), "calm".parse().expect("a name"));
+        let three = NonZeroU32::new(3).expect("three");
+        for left in [2, 1, 0] {
+            assert_eq!(rates.take(&busy, three).map(|state| state.requests), Ok(left));
+        }
+        let refused = rates.take(&busy, three).expect_err("nothing is left");
+        assert!((1..=21).contains(&refused.seconds), "{refused:?}");
+        assert!(rates.take(&calm, three).is_ok());
+        assert!(rates.take(&busy, NonZeroU32::new(100).expect("a hundred")).is_ok(), "a new limit holds at once");
+    }
 }

@@ -1,6 +1,9 @@
+//! A new job: its submission is read, its place in the queue held, the result of an earlier job taken where there is one, and it is recorded.
+
 use axum::extract::{Request, State};
-use axum::http::{StatusCode, header};
+use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::Response;
+use sha2::{Digest, Sha256};
 use tracing::{Instrument, Span};
 
 use super::authenticate::{Caller, MayWrite};
@@ -9,12 +12,11 @@ use super::idempotency::{self, KeyUse, REPLAYED};
 use super::intake::{self, FORM_BYTES, Intake, Submission, SubmitForm, SubmitUpload};
 use super::job::{answer, etag};
 use super::problem::{Problem, ProblemCode};
-use super::reuse;
 use super::state::{ApiState, busy};
 use crate::access::Scope;
-use crate::blobs::Blobs;
+use crate::blobs::{BlobError, Blobs};
 use crate::inspect::InspectOptions;
-use crate::jobs::{Job, JobId, JobStore, Mode, NewJob};
+use crate::jobs::{Artifacts, Input, Job, JobId, JobOptions, JobOutcome, JobStore, Mode, NewJob, Reused};
 use crate::repair::Options;
 use crate::telemetry;
 
@@ -76,7 +78,7 @@ pub(super) async fn submit_job(
         has_place(&state, &caller).await?;
     }
     let files = UnclaimedFiles::new(&state.blobs, id);
-    let may_reuse = !reuse::is_refused(request.headers());
+    let may_reuse = !refuses_reuse(request.headers());
     let submission = intake::read(Intake { state: &state, caller: &caller, id }, request, &key).await;
     let traceparent = telemetry::traceparent(&Span::current());
     let acceptance = Acceptance { state: state.clone(), caller: caller.clone(), id, key, may_reuse, traceparent };
@@ -228,7 +230,7 @@ impl Acceptance {
             id,
             tenant: caller.tenant.to_string(),
             made_by: caller.key.map(|key| key.id),
-            fingerprint: reuse::fingerprint(&inputs, &options),
+            fingerprint: work_fingerprint(&inputs, &options),
             inputs,
             options,
             metadata: notes.metadata,
@@ -239,7 +241,7 @@ impl Acceptance {
             traceparent,
         };
         if may_reuse {
-            new.result = reuse::find(store, &state.blobs, &new).await;
+            new.result = find_result(store, &state.blobs, &new).await;
         }
         let submitted = record(store, new).await;
         if let (Ok(_), Some(held)) = (&submitted, held) {
@@ -267,4 +269,81 @@ struct Refused {
     problem: Problem,
     /// Whether it is known that the store has nothing of it.
     is_certain: bool,
+}
+
+/// What stands for an attempt's token in the keys of files that no attempt made.
+const COPIED: &str = "reused";
+
+/// A hash of all that a job's result depends on. The reports of analyses name their files.
+fn work_fingerprint(inputs: &[Input], options: &JobOptions) -> String {
+    let named = options.mode() == Mode::Analyze;
+    let files: Vec<_> =
+        inputs.iter().map(|input| (input.format, input.bytes, &input.sha256, named.then_some(&input.name))).collect();
+    let bytes = serde_json::to_vec(&(crate::ENGINE, files, options)).unwrap_or_default();
+    hex::encode(Sha256::digest(&bytes))
+}
+
+/// Whether the client wants the work done again (RFC 9111, 5.2.1.4).
+fn refuses_reuse(headers: &HeaderMap) -> bool {
+    text_header(headers, &header::CACHE_CONTROL)
+        .is_some_and(|value| value.split(',').any(|word| ["no-cache", "no-store"].contains(&word.trim())))
+}
+
+/// The result of an earlier job for the new job, its files copied. None where there is none that will do; the job is then
+/// done as if there were none.
+async fn find_result(store: &dyn JobStore, blobs: &Blobs, new: &NewJob) -> Option<Reused> {
+    let NewJob { id, inputs, .. } = new;
+    let earlier = match store.find_result(&new.tenant, &new.fingerprint).await {
+        Ok(earlier) => earlier?,
+        Err(error) => {
+            tracing::warn!(%error, "earlier results could not be looked up");
+            return None;
+        }
+    };
+    let (outcome, report) = (earlier.outcome?, earlier.report.clone()?);
+    if !is_final(outcome) {
+        return None;
+    }
+    match copy_artifacts(blobs, *id, &earlier, inputs).await {
+        Ok(artifacts) => Some(Reused { from: earlier.id, outcome, report, artifacts }),
+        Err(error) => {
+            tracing::info!(%error, from = %earlier.id, "an earlier result is gone; doing the work again");
+            if let Err(error) = blobs.delete_attempts(*id, None).await {
+                tracing::warn!(%error, "copies of an earlier result were left");
+            }
+            None
+        }
+    }
+}
+
+/// Whether another try would give the same: less than a whole repair may have been for want of time, or of a Blender that is there now.
+fn is_final(outcome: JobOutcome) -> bool {
+    match outcome {
+        JobOutcome::AlreadyPrintable | JobOutcome::Repaired | JobOutcome::Printable | JobOutcome::NotPrintable => true,
+        JobOutcome::PartiallyRepaired | JobOutcome::Unrepairable | JobOutcome::Undecided => false,
+    }
+}
+
+/// Copies the files of a job for another one, under names that fit its inputs.
+async fn copy_artifacts(blobs: &Blobs, id: JobId, earlier: &Job, inputs: &[Input]) -> Result<Artifacts, BlobError> {
+    let (old, new) = (stem(&earlier.inputs), stem(inputs));
+    let mut artifacts = Artifacts::new();
+    for (name, artifact) in &earlier.artifacts {
+        let mut artifact = artifact.clone();
+        if let Some(file) = &mut artifact.file {
+            let key = Blobs::artifact_key(id, COPIED, name);
+            blobs.copy(&file.key, &key).await?;
+            file.key = key;
+        }
+        if let Some(rest) = artifact.filename.strip_prefix(old) {
+            artifact.filename = format!("{new}{rest}");
+        }
+        artifacts.insert(name.clone(), artifact);
+    }
+    Ok(artifacts)
+}
+
+/// What the names of a repair's files begin with.
+fn stem(inputs: &[Input]) -> &str {
+    inputs.first().map_or("model", Input::stem)
 }
