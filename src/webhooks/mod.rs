@@ -7,10 +7,8 @@
 
 mod dispatcher;
 mod post;
-mod sign;
 mod target;
 
-pub use dispatcher::{Dispatcher, DispatcherConfig, Schedule, ScheduleError};
+pub use dispatcher::{Dispatcher, DispatcherConfig, Random, Schedule, ScheduleError, SystemRandom, new_secret};
 pub use post::{Poster, PosterError};
-pub use sign::{Random, SystemRandom, new_secret};
 pub use target::{Reach, TargetError};
