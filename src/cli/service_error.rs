@@ -1,13 +1,40 @@
-use std::path::{Path, PathBuf};
+//! Why the service could not start or go on, with the setting that is to blame and what to do.
+
+use std::io;
+use std::path::Path;
 
 use meshmend::jobs::{OpenFailure, StoreError};
+use url::Url;
 
-use super::config::shown;
-use super::service::ServiceError;
+/// What stands for what is not shown.
+const HIDDEN: &str = "***";
 
-/// The file of the SQLite database in a data folder.
-pub(super) fn file(data_dir: &Path) -> PathBuf {
-    data_dir.join("meshmend.db")
+/// Why a service could not start or go on.
+#[derive(Debug, thiserror::Error)]
+pub(super) enum ServiceError {
+    #[error("{0}: {1}")]
+    Io(String, io::Error),
+    #[error(transparent)]
+    Store(#[from] meshmend::jobs::StoreError),
+    #[error(transparent)]
+    Blobs(#[from] meshmend::blobs::BlobError),
+    #[error(transparent)]
+    Pool(#[from] meshmend::worker::PoolError),
+    /// A setting that can't be used.
+    #[error("{0}")]
+    Refused(String),
+    /// Something that the service needs and that does not answer.
+    #[error("{0}")]
+    Unavailable(String),
+    #[error(transparent)]
+    Webhooks(#[from] meshmend::webhooks::PosterError),
+    #[error("metrics: {0}")]
+    Metrics(#[from] metrics_exporter_prometheus::BuildError),
+}
+
+/// An input or output error, with what it concerns.
+pub(super) fn io_error(what: impl Into<String>) -> impl FnOnce(io::Error) -> ServiceError {
+    move |error| ServiceError::Io(what.into(), error)
 }
 
 /// Why the PostgreSQL database at `url` can't be opened, with the setting and what to do.
@@ -80,5 +107,49 @@ fn of(failure: OpenFailure, message: String) -> ServiceError {
     match failure {
         OpenFailure::Unreachable | OpenFailure::Other => ServiceError::Unavailable(message),
         _ => ServiceError::Refused(message),
+    }
+}
+
+/// A value as it may be seen. Of a secret, only where it leads to, if it is an address; of any other address, all but
+/// who asks there and with what.
+pub(super) fn shown(value: &str, secret: bool) -> String {
+    let Some(mut url) = Url::parse(value).ok().filter(Url::has_host) else {
+        return if secret { HIDDEN.to_owned() } else { value.to_owned() };
+    };
+    if secret {
+        let port = url.port().map(|port| format!(":{port}")).unwrap_or_default();
+        return format!("{}://{HIDDEN}@{}{port}/{HIDDEN}", url.scheme(), url.host_str().unwrap_or_default());
+    }
+    let asks_as = !url.username().is_empty() || url.password().is_some();
+    if !asks_as && url.query().is_none() {
+        return value.to_owned();
+    }
+    if asks_as && (url.set_username(HIDDEN).is_err() || url.set_password(None).is_err()) {
+        return HIDDEN.to_owned();
+    }
+    url.set_query(url.query().map(|_| HIDDEN));
+    url.into()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_secret_is_never_shown_and_an_address_without_who_asks_there() {
+        for (value, secret, seen) in [
+            ("plain", false, "plain"),
+            ("plain", true, "***"),
+            ("127.0.0.1:8080", false, "127.0.0.1:8080"),
+            ("key:with:colons", true, "***"),
+            ("postgres://me:pass@db:5432/jobs?password=pass", true, "postgres://***@db:5432/***"),
+            ("postgres://me:p%40ss@db/jobs", true, "postgres://***@db/***"),
+            ("http://collector:4318", false, "http://collector:4318"),
+            ("http://token@collector:4318/x", false, "http://***@collector:4318/x"),
+            ("http://collector:4318/x?key=token", false, "http://collector:4318/x?***"),
+            ("s3://bucket/prefix", false, "s3://bucket/prefix"),
+        ] {
+            assert_eq!(shown(value, secret), seen, "{value}");
+        }
     }
 }

@@ -1,21 +1,26 @@
-use std::collections::BTreeMap;
+//! `meshmend submit` and `meshmend watch`: jobs of a service, sent and followed.
+
+use std::collections::{BTreeMap, BTreeSet};
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use std::time::Duration;
 
 use clap::{Args, ValueEnum};
 use futures::StreamExt;
-use meshmend::jobs::Mode;
+use futures::stream::FuturesUnordered;
+use meshmend::jobs::{JobId, Mode, Status};
 use meshmend::repair::{Options, OutputFormat};
 use serde_json::{Map, Value, json};
+use tokio::time::Instant;
 use uuid::Uuid;
 
 use super::exit;
 use super::remote::{Desk, RemoteError, RemoteJob, Row, ServiceArgs, Submission, Target, TellArgs, Wanted};
-use super::repair::options::{RepairOptionArgs, format_named};
+use super::repair::{RepairOptionArgs, format_named};
 
 /// Files that are on their way at the same time.
-const AT_ONCE: usize = 4;
+const MAX_SENT: usize = 4;
 
 /// Arguments of `meshmend submit`.
 #[derive(Debug, Args)]
@@ -88,14 +93,14 @@ fn option(text: &str) -> Result<(String, Value), String> {
 }
 
 /// Runs `meshmend submit`.
-pub fn run(args: &SubmitArgs) -> ExitCode {
+pub fn submit(args: &SubmitArgs) -> ExitCode {
     let prepared = args.prepare().and_then(|prepared| Ok((prepared, args.service.open()?)));
     let ((options, wanted), service) = match prepared {
         Ok(prepared) => prepared,
         Err(error) => return exit::fail(error.code(), error),
     };
     let desk = Desk::new(service, &args.tell, wanted);
-    desk.run(submit(args, &desk, &options))
+    desk.run(submit_all(args, &desk, &options))
 }
 
 impl SubmitArgs {
@@ -163,7 +168,7 @@ impl SubmitArgs {
 }
 
 /// Submits all files, a few at a time, and gives the worst code.
-async fn submit(args: &SubmitArgs, desk: &Desk<'_>, options: &[(String, String)]) -> u8 {
+async fn submit_all(args: &SubmitArgs, desk: &Desk<'_>, options: &[(String, String)]) -> u8 {
     let first = desk.board.row(desk.service.address());
     first.rests("asks what it takes");
     let most =
@@ -186,7 +191,7 @@ async fn submit(args: &SubmitArgs, desk: &Desk<'_>, options: &[(String, String)]
         }
     });
     futures::stream::iter(each)
-        .buffer_unordered(AT_ONCE)
+        .buffer_unordered(MAX_SENT)
         .fold(exit::PRINTABLE, async |worst, code| worst.max(code))
         .await
 }
@@ -220,6 +225,75 @@ async fn send(
     desk.opened(job.id);
     row.line(&format!("submitted as {}", job.id));
     Ok(job)
+}
+
+/// Jobs that are followed at the same time.
+const MAX_FOLLOWED: usize = 16;
+/// How often to look for jobs that came.
+const POLL: Duration = Duration::from_secs(2);
+
+/// Arguments of `meshmend watch`.
+#[derive(Debug, Args)]
+pub struct WatchArgs {
+    /// The jobs' ids, as `submit` tells them. Without any, all that run and wait, and those that come, until it is interrupted.
+    jobs: Vec<JobId>,
+    #[command(flatten)]
+    service: ServiceArgs,
+    /// Folder that the results go into, under the names that the service gives them. It is made. Without it nothing is downloaded.
+    #[arg(long, env = "MESHMEND_DOWNLOAD", value_name = "FOLDER")]
+    download: Option<PathBuf>,
+    #[command(flatten)]
+    tell: TellArgs,
+}
+
+/// Runs `meshmend watch`.
+pub fn watch(args: &WatchArgs) -> ExitCode {
+    let result = args.download.clone().map(Target::Folder);
+    let checked = result.as_ref().map_or(Ok(()), |target| target.check(args.tell.force));
+    let service = match checked.and_then(|()| args.service.open()) {
+        Ok(service) => service,
+        Err(error) => return exit::fail(error.code(), error),
+    };
+    let desk = Desk::new(service, &args.tell, Wanted { result, ..Wanted::default() });
+    if args.jobs.is_empty() {
+        return desk.run(watch_all(&desk));
+    }
+    let each = args.jobs.iter().map(|id| watch_job(&desk, id.to_string(), *id));
+    let codes = futures::stream::iter(each).buffer_unordered(MAX_FOLLOWED);
+    desk.run(codes.fold(exit::PRINTABLE, async |worst, code| worst.max(code)))
+}
+
+async fn watch_job(desk: &Desk<'_>, name: String, id: JobId) -> u8 {
+    let row = desk.board.row(&name);
+    desk.see_to_the_end(&row, &name, id).await
+}
+
+/// Follows what runs and what waits, the oldest first, until the service can't be asked any more.
+async fn watch_all(desk: &Desk<'_>) -> u8 {
+    let (mut seen, mut followed) = (BTreeSet::new(), FuturesUnordered::new());
+    let row = desk.board.row(desk.service.address());
+    loop {
+        row.rests("looks for jobs");
+        let look = async || Ok([desk.service.jobs(Status::Running).await?, desk.service.jobs(Status::Queued).await?]);
+        let found = match desk.service.persist(|error, delay| row.waits(error, delay), look).await {
+            Ok(found) => found,
+            Err(error) => {
+                desk.board.say(&format!("meshmend: {error}"));
+                return error.code();
+            }
+        };
+        for job in found.iter().flat_map(|jobs| jobs.iter().rev()) {
+            if followed.len() < MAX_FOLLOWED && seen.insert(job.id) {
+                followed.push(watch_job(desk, format!("{} {}", job.id, job.input.name), job.id));
+            }
+        }
+        let next_poll = Instant::now() + POLL;
+        while let Ok(ended) = tokio::time::timeout_at(next_poll, followed.next()).await {
+            if ended.is_none() {
+                tokio::time::sleep_until(next_poll).await;
+            }
+        }
+    }
 }
 
 #[cfg(test)]

@@ -1,3 +1,5 @@
+//! Numbers, places and histograms in words.
+
 use std::fmt::Write as _;
 
 use meshmend::inspect::{Distribution, Histogram};
@@ -103,6 +105,11 @@ fn bar(count: u64, most: u64, style: Style) -> String {
     } else {
         "#".repeat(share(WIDTH))
     }
+}
+
+/// A place in words.
+pub fn point([x, y, z]: [f64; 3]) -> String {
+    format!("({}, {}, {})", figure(x), figure(y), figure(z))
 }
 
 #[cfg(test)]

@@ -10,7 +10,7 @@ use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
 use meshmend::jobs::Status;
 
 use super::error::RemoteError;
-use super::job::RemoteProgress;
+use super::service::RemoteProgress;
 use crate::cli::engine::stage_in_words;
 
 /// How a row looks while bytes are moved, while a job waits or nothing is known, and while it is worked on. Names come last, since they
