@@ -61,8 +61,8 @@ impl Health {
     async fn readiness(&self) -> Readiness {
         let store = check(self.store.ping()).await;
         let blobs = check(self.blobs.probe()).await;
-        let disk = self.blobs.free_bytes().map_err(|error| error.to_string()).and_then(|free| self.is_room(free));
-        let scratch = self.scratch_works().await.and_then(|free| self.is_room(Some(free)));
+        let disk = self.blobs.free_bytes().map_err(|error| error.to_string()).and_then(|free| self.check_free(free));
+        let scratch = self.scratch_works().await.and_then(|free| self.check_free(Some(free)));
         let needed = [("store", store), ("blobs", blobs), ("disk", disk), ("scratch", scratch)];
         let draining = self.draining.is_cancelled();
         let ready = !draining && needed.iter().all(|(_, result)| result.is_ok());
@@ -74,7 +74,7 @@ impl Health {
         Readiness { ready, checks }
     }
 
-    fn is_room(&self, free: Option<u64>) -> Result<(), String> {
+    fn check_free(&self, free: Option<u64>) -> Result<(), String> {
         match free {
             Some(free) if free < self.min_free => {
                 Err(format!("no room: {} MiB are free, and {} must be", free >> 20, self.min_free >> 20))

@@ -313,7 +313,7 @@ impl ApiState {
             .with_header(header::CONNECTION, "close"))
     }
     /// Whether the disk has room for so many bytes more.
-    pub(super) fn has_room(&self, bytes: u64) -> Result<(), Problem> {
+    pub(super) fn check_free_space(&self, bytes: u64) -> Result<(), Problem> {
         let free = self.blobs.free_bytes().map_err(|error| Problem::internal(&error))?;
         if free.is_some_and(|free| free < self.config.min_free.saturating_add(bytes)) {
             let detail = "The service has no room for more files now. Send the model again later.";

@@ -70,7 +70,7 @@ pub(super) async fn submit_job(
     request: Request,
 ) -> Result<Response, Problem> {
     let bytes = declared_bytes(&state, &caller, &request)?;
-    state.has_room(bytes)?;
+    state.check_free_space(bytes)?;
     let id = JobId::new();
     let key = idempotency::hold(&state.store, &caller.tenant, request.headers(), id).await?;
     // A request that made its job already takes no place in the queue.

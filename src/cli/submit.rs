@@ -16,7 +16,7 @@ use tokio::time::Instant;
 use uuid::Uuid;
 
 use super::exit;
-use super::remote::{Desk, RemoteError, RemoteJob, Row, ServiceArgs, Submission, Target, TellArgs, Wanted};
+use super::remote::{DisplayArgs, RemoteError, RemoteJob, Row, ServiceArgs, Session, Submission, Target, Wanted};
 use super::repair::{RepairOptionArgs, format_named};
 
 /// Files that are on their way at the same time.
@@ -57,7 +57,7 @@ pub struct SubmitArgs {
     #[arg(long, env = "MESHMEND_NO_WAIT", conflicts_with_all = ["output", "output_dir", "report", "pictures"])]
     no_wait: bool,
     #[command(flatten)]
-    tell: TellArgs,
+    display: DisplayArgs,
     #[command(flatten, next_help_heading = "Options of a repair")]
     repair: RepairOptionArgs,
 }
@@ -99,8 +99,8 @@ pub fn submit(args: &SubmitArgs) -> ExitCode {
         Ok(prepared) => prepared,
         Err(error) => return exit::fail(error.code(), error),
     };
-    let desk = Desk::new(service, &args.tell, wanted);
-    desk.run(submit_all(args, &desk, &options))
+    let session = Session::new(service, &args.display, wanted);
+    session.run(submit_all(args, &session, &options))
 }
 
 impl SubmitArgs {
@@ -127,7 +127,7 @@ impl SubmitArgs {
         wanted.result = Some(result);
         let pictures = self.pictures.clone().map(Target::Folder);
         for target in [&wanted.result, &wanted.report, &pictures].into_iter().flatten() {
-            target.check(self.tell.force)?;
+            target.check(self.display.force)?;
         }
         Ok((options, wanted))
     }
@@ -168,26 +168,29 @@ impl SubmitArgs {
 }
 
 /// Submits all files, a few at a time, and gives the worst code.
-async fn submit_all(args: &SubmitArgs, desk: &Desk<'_>, options: &[(String, String)]) -> u8 {
-    let first = desk.board.row(desk.service.address());
-    first.rests("asks what it takes");
-    let most =
-        match desk.service.persist(|e, delay| first.waits(e, delay), async || desk.service.most_bytes().await).await {
-            Ok(most) => most,
-            Err(error) => {
-                drop(first);
-                desk.board.say(&format!("meshmend: {error}"));
-                return error.code();
-            }
-        };
+async fn submit_all(args: &SubmitArgs, session: &Session<'_>, options: &[(String, String)]) -> u8 {
+    let first = session.console.row(session.service.address());
+    first.show_waiting("asks what it takes");
+    let most = match session
+        .service
+        .persist(|e, delay| first.show_retry(e, delay), async || session.service.most_bytes().await)
+        .await
+    {
+        Ok(most) => most,
+        Err(error) => {
+            drop(first);
+            session.console.print_note(&format!("meshmend: {error}"));
+            return error.code();
+        }
+    };
     drop(first);
     let each = args.files.iter().map(|path| async move {
         let name = path.display().to_string();
-        let row = desk.board.row(&name);
-        match send(desk, path, options, most, &row).await {
-            Ok(job) if args.no_wait => desk.left(&name, &job),
-            Ok(job) => desk.see_to_the_end(&row, &name, job.id).await,
-            Err(error) => desk.failed(&row, &name, None, &error),
+        let row = session.console.row(&name);
+        match send(session, path, options, most, &row).await {
+            Ok(job) if args.no_wait => session.print_submitted(&name, &job),
+            Ok(job) => session.follow_to_end(&row, &name, job.id).await,
+            Err(error) => session.failed(&row, &name, None, &error),
         }
     });
     futures::stream::iter(each)
@@ -198,7 +201,7 @@ async fn submit_all(args: &SubmitArgs, desk: &Desk<'_>, options: &[(String, Stri
 
 /// Makes one job of a file, however often it has to be sent.
 async fn send(
-    desk: &Desk<'_>,
+    session: &Session<'_>,
     path: &Path,
     options: &[(String, String)],
     most: u64,
@@ -214,15 +217,15 @@ async fn send(
     let name = path.file_name().unwrap_or_default().to_string_lossy();
     let key = Uuid::new_v4().to_string();
     let submission = Submission { path, name: &name, options, key: &key };
-    let waits = |error: &RemoteError, delay| row.waits(error, delay);
-    let job = desk
+    let waits = |error: &RemoteError, delay| row.show_retry(error, delay);
+    let job = session
         .service
         .persist(waits, async || {
-            row.moves("sending", found.len());
-            desk.service.submit(&submission, row.meter()).await
+            row.start_transfer("sending", found.len());
+            session.service.submit(&submission, row.meter()).await
         })
         .await?;
-    desk.opened(job.id);
+    session.mark_open(job.id);
     row.line(&format!("submitted as {}", job.id));
     Ok(job)
 }
@@ -243,48 +246,49 @@ pub struct WatchArgs {
     #[arg(long, env = "MESHMEND_DOWNLOAD", value_name = "FOLDER")]
     download: Option<PathBuf>,
     #[command(flatten)]
-    tell: TellArgs,
+    display: DisplayArgs,
 }
 
 /// Runs `meshmend watch`.
 pub fn watch(args: &WatchArgs) -> ExitCode {
     let result = args.download.clone().map(Target::Folder);
-    let checked = result.as_ref().map_or(Ok(()), |target| target.check(args.tell.force));
+    let checked = result.as_ref().map_or(Ok(()), |target| target.check(args.display.force));
     let service = match checked.and_then(|()| args.service.open()) {
         Ok(service) => service,
         Err(error) => return exit::fail(error.code(), error),
     };
-    let desk = Desk::new(service, &args.tell, Wanted { result, ..Wanted::default() });
+    let session = Session::new(service, &args.display, Wanted { result, ..Wanted::default() });
     if args.jobs.is_empty() {
-        return desk.run(watch_all(&desk));
+        return session.run(watch_all(&session));
     }
-    let each = args.jobs.iter().map(|id| watch_job(&desk, id.to_string(), *id));
+    let each = args.jobs.iter().map(|id| watch_job(&session, id.to_string(), *id));
     let codes = futures::stream::iter(each).buffer_unordered(MAX_FOLLOWED);
-    desk.run(codes.fold(exit::PRINTABLE, async |worst, code| worst.max(code)))
+    session.run(codes.fold(exit::PRINTABLE, async |worst, code| worst.max(code)))
 }
 
-async fn watch_job(desk: &Desk<'_>, name: String, id: JobId) -> u8 {
-    let row = desk.board.row(&name);
-    desk.see_to_the_end(&row, &name, id).await
+async fn watch_job(session: &Session<'_>, name: String, id: JobId) -> u8 {
+    let row = session.console.row(&name);
+    session.follow_to_end(&row, &name, id).await
 }
 
 /// Follows what runs and what waits, the oldest first, until the service can't be asked any more.
-async fn watch_all(desk: &Desk<'_>) -> u8 {
+async fn watch_all(session: &Session<'_>) -> u8 {
     let (mut seen, mut followed) = (BTreeSet::new(), FuturesUnordered::new());
-    let row = desk.board.row(desk.service.address());
+    let row = session.console.row(session.service.address());
     loop {
-        row.rests("looks for jobs");
-        let look = async || Ok([desk.service.jobs(Status::Running).await?, desk.service.jobs(Status::Queued).await?]);
-        let found = match desk.service.persist(|error, delay| row.waits(error, delay), look).await {
+        row.show_waiting("looks for jobs");
+        let look =
+            async || Ok([session.service.jobs(Status::Running).await?, session.service.jobs(Status::Queued).await?]);
+        let found = match session.service.persist(|error, delay| row.show_retry(error, delay), look).await {
             Ok(found) => found,
             Err(error) => {
-                desk.board.say(&format!("meshmend: {error}"));
+                session.console.print_note(&format!("meshmend: {error}"));
                 return error.code();
             }
         };
         for job in found.iter().flat_map(|jobs| jobs.iter().rev()) {
             if followed.len() < MAX_FOLLOWED && seen.insert(job.id) {
-                followed.push(watch_job(desk, format!("{} {}", job.id, job.input.name), job.id));
+                followed.push(watch_job(session, format!("{} {}", job.id, job.input.name), job.id));
             }
         }
         let next_poll = Instant::now() + POLL;

@@ -102,7 +102,7 @@ pub async fn announce_upload(
     if asked.bytes.is_some_and(|bytes| bytes > max_bytes) {
         return Err(too_large(max_bytes));
     }
-    state.has_room(asked.bytes.unwrap_or(0))?;
+    state.check_free_space(asked.bytes.unwrap_or(0))?;
     let id = UploadId::new();
     let signed = match state.config.presigned_uploads {
         true => state.blobs.presigned_put(&Blobs::incoming_key(id), UPLOAD_OPEN).await?,
@@ -182,7 +182,7 @@ pub async fn put_upload(
     if declared.is_some_and(|length: u64| length > limit) {
         return Err(too_large(limit));
     }
-    state.has_room(declared.unwrap_or(0))?;
+    state.check_free_space(declared.unwrap_or(0))?;
     let source = with_idle_limit(request.into_body().into_data_stream(), state.config.upload_idle);
     UploadBudget::new(limit).store(&state.blobs, &key, source).await?;
     Ok(StatusCode::NO_CONTENT.into_response())

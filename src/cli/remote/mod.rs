@@ -21,7 +21,7 @@ use sse_stream::SseStream;
 
 pub use self::error::RemoteError;
 pub use self::service::{REPORT, RemoteJob, Service, ServiceArgs, Submission};
-pub use self::show::{Board, Row};
+pub use self::show::{Console, Row};
 
 use self::service::{RemoteFile, RemoteProgress};
 use super::engine::temporary_beside;
@@ -32,7 +32,7 @@ const PICTURES: [&str; 3] = [".png", ".glb", ".ply"];
 
 /// How results are told.
 #[derive(Debug, Args)]
-pub struct TellArgs {
+pub struct DisplayArgs {
     /// Replace files that are there already.
     #[arg(long, env = "MESHMEND_FORCE")]
     pub force: bool,
@@ -56,10 +56,10 @@ pub struct Wanted {
 }
 
 /// One conversation with a service: who is asked, what is wanted, and what is shown.
-pub struct Desk<'a> {
+pub struct Session<'a> {
     pub service: Service,
-    pub board: Board,
-    tell: &'a TellArgs,
+    pub console: Console,
+    args: &'a DisplayArgs,
     wanted: Wanted,
     /// Jobs that were submitted or are followed and whose end was not told of yet.
     open: Mutex<BTreeSet<JobId>>,
@@ -80,9 +80,9 @@ struct Line<'a> {
     exit_code: u8,
 }
 
-impl<'a> Desk<'a> {
-    pub fn new(service: Service, tell: &'a TellArgs, wanted: Wanted) -> Self {
-        Self { service, board: Board::new(tell.quiet), tell, wanted, open: Mutex::default() }
+impl<'a> Session<'a> {
+    pub fn new(service: Service, args: &'a DisplayArgs, wanted: Wanted) -> Self {
+        Self { service, console: Console::new(args.quiet), args, wanted, open: Mutex::default() }
     }
 
     /// Does the work of a verb until it is done or interrupted, and gives its exit code. Jobs go on without whoever follows them.
@@ -100,51 +100,53 @@ impl<'a> Desk<'a> {
     }
 
     /// Notes that a job was accepted.
-    pub fn opened(&self, id: JobId) {
+    pub fn mark_open(&self, id: JobId) {
         self.open.lock().unwrap_or_else(PoisonError::into_inner).insert(id);
     }
 
     /// Gives a job's id and leaves it alone.
-    pub fn left(&self, name: &str, job: &RemoteJob) -> u8 {
+    pub fn print_submitted(&self, name: &str, job: &RemoteJob) -> u8 {
         let line =
             Line { name, job: Some(job.id), status: Some(job.status), message: "submitted".into(), ..Line::default() };
-        self.give(&job.id.to_string(), &line)
+        self.print_result(&job.id.to_string(), &line)
     }
 
     /// Follows a job to its end, and gives what it left.
-    pub async fn see_to_the_end(&self, row: &Row, name: &str, id: JobId) -> u8 {
-        self.opened(id);
+    pub async fn follow_to_end(&self, row: &Row, name: &str, id: JobId) -> u8 {
+        self.mark_open(id);
         match follow(&self.service, id, row).await {
-            Ok(job) => self.ended(row, name, &job).await,
+            Ok(job) => self.finish_job(row, name, &job).await,
             Err(error) => self.failed(row, name, Some(id), &error),
         }
     }
 
     /// Downloads what is wanted of a job that has ended, and says what became of it.
-    async fn ended(&self, row: &Row, name: &str, job: &RemoteJob) -> u8 {
+    async fn finish_job(&self, row: &Row, name: &str, job: &RemoteJob) -> u8 {
         let files = match self.fetch(job, row).await {
             Ok(files) => files,
             Err(error) => return self.failed(row, name, Some(job.id), &error),
         };
         self.open.lock().unwrap_or_else(PoisonError::into_inner).remove(&job.id);
-        let (code, tale) = (job.code(), job.tale());
+        let (code, summary) = (job.code(), job.summary_lines());
         let lost = matches!(code, exit::BAD_INPUT | exit::INTERNAL | exit::NOT_PRINTABLE);
-        row.ends(&tale, self.tell.quiet && !lost);
+        row.finish(&summary, self.args.quiet && !lost);
         let line = Line {
             name,
             job: Some(job.id),
             status: Some(job.status),
             outcome: job.outcome,
             reused_from: job.reused_from,
-            message: tale.into_iter().next().unwrap_or_default(),
+            message: summary.into_iter().next().unwrap_or_default(),
             exit_code: code,
             files,
             problem: None,
         };
         let result = job.result().and_then(|result| line.files.get(result));
-        match (result, self.tell.json) {
+        match (result, self.args.json) {
             (None, false) => code,
-            (path, _) => code.max(self.give(&path.map(|it| it.display().to_string()).unwrap_or_default(), &line)),
+            (path, _) => {
+                code.max(self.print_result(&path.map(|it| it.display().to_string()).unwrap_or_default(), &line))
+            }
         }
     }
 
@@ -152,13 +154,13 @@ impl<'a> Desk<'a> {
     pub fn failed(&self, row: &Row, name: &str, job: Option<JobId>, error: &RemoteError) -> u8 {
         let mut text = vec![error.to_string()];
         text.extend(job.filter(|_| !error.is_gone()).map(|id| format!("  To go on: {}", self.watch_command(&[id]))));
-        row.ends(&text, false);
+        row.finish(&text, false);
         if let Some(id) = job {
             self.open.lock().unwrap_or_else(PoisonError::into_inner).remove(&id);
         }
         let (problem, exit_code) = (error.problem(), error.code());
         let line = Line { name, job, problem, exit_code, message: error.to_string(), ..Line::default() };
-        if self.tell.json { exit_code.max(self.give("", &line)) } else { exit_code }
+        if self.args.json { exit_code.max(self.print_result("", &line)) } else { exit_code }
     }
 
     async fn fetch(&self, job: &RemoteJob, row: &Row) -> Result<BTreeMap<String, PathBuf>, RemoteError> {
@@ -190,28 +192,28 @@ impl<'a> Desk<'a> {
     ) -> Result<Option<PathBuf>, RemoteError> {
         let Some(file) = job.artifacts.get(name) else { return Ok(None) };
         let path = target.path(file);
-        if !self.tell.force && path.exists() {
+        if !self.args.force && path.exists() {
             return Err(exists(&path));
         }
         if let Target::Folder(folder) = target {
             create_dir_all(folder).map_err(|error| RemoteError::local(folder.display(), error))?;
         }
-        let waits = |error: &RemoteError, delay| row.waits(error, delay);
+        let waits = |error: &RemoteError, delay| row.show_retry(error, delay);
         let fetch = async || {
-            row.moves("fetching", file.bytes.unwrap_or_default());
+            row.start_transfer("fetching", file.bytes.unwrap_or_default());
             let chunks = self.service.file(job.id, name).await?;
-            store(chunks, file, &path, self.tell.force, row).await
+            store(chunks, file, &path, self.args.force, row).await
         };
         self.service.persist(waits, fetch).await?;
         Ok(Some(path))
     }
 
-    fn give(&self, result: &str, line: &Line<'_>) -> u8 {
-        let text = if self.tell.json { serde_json::to_string(line) } else { Ok(result.to_owned()) };
-        match text.map_err(std::io::Error::from).and_then(|text| self.board.give(&text)) {
+    fn print_result(&self, result: &str, line: &Line<'_>) -> u8 {
+        let text = if self.args.json { serde_json::to_string(line) } else { Ok(result.to_owned()) };
+        match text.map_err(std::io::Error::from).and_then(|text| self.console.print_result(&text)) {
             Ok(()) => exit::PRINTABLE,
             Err(error) => {
-                self.board.say(&format!("meshmend: standard output: {error}"));
+                self.console.print_note(&format!("meshmend: standard output: {error}"));
                 exit::INTERNAL
             }
         }
@@ -224,7 +226,7 @@ impl<'a> Desk<'a> {
         } else {
             format!("what was submitted goes on. To follow it: {}", self.watch_command(&open))
         };
-        self.board.say(&format!("meshmend: interrupted; {open}"));
+        self.console.print_note(&format!("meshmend: interrupted; {open}"));
         ExitCode::from(exit::INTERRUPTED)
     }
 
@@ -257,12 +259,13 @@ async fn follow(service: &Service, id: JobId, row: &Row) -> Result<RemoteJob, Re
             Err(error) if error.may_pass() || matches!(error, RemoteError::Strange { .. }) => {}
             Err(error) => return Err(error),
         }
-        let job = service.persist(|error, delay| row.waits(error, delay), async || service.job(id, true).await).await?;
+        let job =
+            service.persist(|error, delay| row.show_retry(error, delay), async || service.job(id, true).await).await?;
         if job.status.is_final() {
             return Ok(job);
         }
         if let Some(progress) = job.progress {
-            row.stands(job.status, progress);
+            row.show_progress(job.status, progress);
         }
     }
 }
@@ -276,7 +279,7 @@ async fn listen(events: impl Stream<Item = Result<bytes::Bytes, RemoteError>>, r
             Some("done") => return serde_json::from_str(&data).ok(),
             Some("progress") => {
                 if let Ok(ProgressEvent { status, progress }) = serde_json::from_str(&data) {
-                    row.stands(status, progress);
+                    row.show_progress(status, progress);
                 }
             }
             _ => {}
@@ -334,7 +337,7 @@ async fn store(
         let chunk = chunk?;
         digest.update(&chunk);
         beside.write_all(&chunk).map_err(failed)?;
-        row.moved(chunk.len() as u64);
+        row.advance(chunk.len() as u64);
     }
     if file.sha256.as_ref().is_some_and(|expected| *expected != hex::encode(digest.finalize())) {
         return Err(RemoteError::Damaged { name: path.display().to_string() });

@@ -359,7 +359,7 @@ impl RemoteJob {
     }
 
     /// What became of it, in words, and then what a person should know.
-    pub fn tale(&self) -> Vec<String> {
+    pub fn summary_lines(&self) -> Vec<String> {
         let report = self.report.as_ref();
         let head = match (&self.problem, self.status) {
             (Some(problem), _) => format!("{}: {}", problem.title, problem.detail),
