@@ -51,7 +51,7 @@ pub struct ApiConfig {
     pub presigned_uploads: bool,
     /// Whether downloads are sent on to the store, where that is a bucket.
     pub presigned_downloads: bool,
-    /// How long to wait before looking for a change that no bell told of.
+    /// How long to wait before polling for a change that no notification came for.
     pub poll: Duration,
 }
 
