@@ -14,7 +14,7 @@ use meshmend::api::{ApiConfig, ApiState, Auth, Capabilities, Health, Rates, rout
 use meshmend::blobs::Blobs;
 use meshmend::format::Limits;
 use meshmend::jobs::{RetryPolicy, SqliteStore, Store, SystemClock};
-use meshmend::webhooks::Reach;
+use meshmend::webhooks::{Reach, SystemRandom};
 use metrics_exporter_prometheus::PrometheusBuilder;
 use tempfile::TempDir;
 use tokio::runtime::Runtime;
@@ -178,6 +178,8 @@ async fn state(data: &Path) -> ApiState {
         },
         capabilities: Arc::new(Capabilities::new(limits, max_files, Err("none is asked for".to_owned()), None)),
         health,
+        clock: Arc::new(SystemClock),
+        random: Arc::new(SystemRandom),
         stopping,
     }
 }

@@ -7,15 +7,13 @@ use axum::http::{HeaderMap, HeaderValue, Method, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use http_range_header::StartPosition;
 
-use super::caller::MayRead;
-use super::extract::{ApiPath, find_job, job_id, text_header};
-use super::incoming::RawModel;
-use super::jobs::names;
+use super::authenticate::MayRead;
+use super::extract::{ApiPath, RawModel, names_etag, text_header};
+use super::job::{Watch, find_job, job_id};
 use super::problem::{Problem, ProblemCode, shown};
 use super::state::ApiState;
-use super::wait::Watch;
 use crate::blobs::BlobError;
-use crate::jobs::{Artifact, Job, JobReport, Status};
+use crate::jobs::{Artifact, Job, JobReport, Status, StoredFile};
 
 /// How long a request waits for pictures that are drawn for it.
 const DRAWING_WAIT: Duration = Duration::from_secs(30);
@@ -82,24 +80,14 @@ pub(super) async fn get_artifact(
     }
     let is_waiting = |job: &Job| job.artifacts.get(&name).is_some_and(|artifact| artifact.file.is_none());
     let job = if is_waiting(&job) { drawn(&state, job, is_waiting).await? } else { job };
-    let Some((artifact, file)) =
-        job.artifacts.get(&name).and_then(|artifact| Some((artifact, artifact.file.as_ref()?)))
-    else {
-        let shown = shown(&name);
-        let detail = if job.status.is_final() {
-            let known: Vec<&str> = job.artifacts.keys().map(String::as_str).collect();
-            format!(
-                "The job has no file '{shown}'. It has: {}.",
-                if known.is_empty() { "none".into() } else { known.join(", ") }
-            )
-        } else {
-            format!("The job is {}; its files come when it has ended.", job.status.as_str())
-        };
-        return Err(Problem::new(ProblemCode::ArtifactNotFound, detail));
-    };
+    let (artifact, file) = job
+        .artifacts
+        .get(&name)
+        .and_then(|artifact| Some((artifact, artifact.file.as_ref()?)))
+        .ok_or_else(|| no_artifact(&job, &name))?;
     let etag = format!("\"{}\"", file.sha256);
     let tagged = [(header::ETAG, etag.clone()), (header::CACHE_CONTROL, "private, no-cache".to_owned())];
-    if text_header(&headers, &header::IF_NONE_MATCH).is_some_and(|known| names(known, &etag)) {
+    if text_header(&headers, &header::IF_NONE_MATCH).is_some_and(|known| names_etag(known, &etag)) {
         return Ok((StatusCode::NOT_MODIFIED, tagged).into_response());
     }
     // Ranges are defined for GET only (RFC 9110, 14.2).
@@ -114,24 +102,12 @@ pub(super) async fn get_artifact(
         }
     };
     // A bucket knows only what it is asked with, so that all but plain downloads are answered here.
-    if method == Method::GET && state.config.presigned_downloads {
-        let (disposition, media_type) = (disposition(&artifact.filename), &artifact.media_type);
-        let address = state.blobs.presigned_get(&file.key, REDIRECT_LIFE, &disposition, media_type).await?;
-        if let Some(address) = address {
-            let headers = [(header::LOCATION, address), (header::CACHE_CONTROL, "no-store".to_owned())];
-            return Ok((StatusCode::TEMPORARY_REDIRECT, headers).into_response());
-        }
+    if method == Method::GET
+        && let Some(redirect) = redirect(&state, artifact, file).await?
+    {
+        return Ok(redirect);
     }
-    let body = match &range {
-        Some(range) => state.blobs.get(&file.key, Some(range.clone())).await,
-        // The last bytes come only if all are what was stored, so that a damaged file is a download that breaks off.
-        None => state.blobs.get_whole(&file.key, &file.sha256).await,
-    };
-    let body = body.map_err(|error| match error {
-        BlobError::NotFound => Problem::new(ProblemCode::ArtifactNotFound, "The file was deleted meanwhile."),
-        other => other.into(),
-    })?;
-    let body = Body::from_stream(body);
+    let body = body(&state, file, range.as_ref()).await?;
     let length = range.as_ref().map_or(file.bytes, |r| r.end - r.start);
     let mut response = (StatusCode::OK, tagged, body).into_response();
     describe(response.headers_mut(), artifact, length);
@@ -141,6 +117,48 @@ pub(super) async fn get_artifact(
         insert(response.headers_mut(), header::CONTENT_RANGE, &value);
     }
     Ok(response)
+}
+
+/// The problem that a job has no file of that name, or not yet.
+fn no_artifact(job: &Job, name: &str) -> Problem {
+    let detail = if job.status.is_final() {
+        let known: Vec<&str> = job.artifacts.keys().map(String::as_str).collect();
+        format!(
+            "The job has no file '{}'. It has: {}.",
+            shown(name),
+            if known.is_empty() { "none".into() } else { known.join(", ") }
+        )
+    } else {
+        format!("The job is {}; its files come when it has ended.", job.status.as_str())
+    };
+    Problem::new(ProblemCode::ArtifactNotFound, detail)
+}
+
+/// Sends a download on to the bucket, where the operator wants that and there is one.
+async fn redirect(state: &ApiState, artifact: &Artifact, file: &StoredFile) -> Result<Option<Response>, Problem> {
+    if !state.config.presigned_downloads {
+        return Ok(None);
+    }
+    let (disposition, media_type) = (disposition(&artifact.filename), &artifact.media_type);
+    let address = state.blobs.presigned_get(&file.key, REDIRECT_LIFE, &disposition, media_type).await?;
+    Ok(address.map(|address| {
+        let headers = [(header::LOCATION, address), (header::CACHE_CONTROL, "no-store".to_owned())];
+        (StatusCode::TEMPORARY_REDIRECT, headers).into_response()
+    }))
+}
+
+/// The bytes of a file, or of a range of it.
+async fn body(state: &ApiState, file: &StoredFile, range: Option<&Range<u64>>) -> Result<Body, Problem> {
+    let body = match range {
+        Some(range) => state.blobs.get(&file.key, Some(range.clone())).await,
+        // The last bytes come only if all are what was stored, so that a damaged file is a download that breaks off.
+        None => state.blobs.get_whole(&file.key, &file.sha256).await,
+    };
+    let body = body.map_err(|error| match error {
+        BlobError::NotFound => Problem::new(ProblemCode::ArtifactNotFound, "The file was deleted meanwhile."),
+        other => other.into(),
+    })?;
+    Ok(Body::from_stream(body))
 }
 
 /// Has a job's pictures drawn, and answers the job when none `is_waiting` any more.

@@ -4,12 +4,26 @@
 use std::sync::OnceLock;
 
 use serde_json::{Map, Number, Value};
+use utoipa::openapi::OpenApi;
 
-use super::openapi;
 use super::problem::FieldError;
 
 /// Characters of a wrong value that a message repeats.
 const SHOWN: usize = 40;
+
+static SCHEMAS: OnceLock<Map<String, Value>> = OnceLock::new();
+
+/// Takes the schemas of the OpenAPI document, which is the same at each call. Nothing is found wrong before the first.
+pub(super) fn use_document(document: &OpenApi) {
+    SCHEMAS.get_or_init(|| {
+        let document = serde_json::to_value(document).unwrap_or_default();
+        document.pointer("/components/schemas").and_then(Value::as_object).cloned().unwrap_or_default()
+    });
+}
+
+fn named_schema(name: &str) -> Option<&'static Value> {
+    SCHEMAS.get()?.get(name)
+}
 
 /// The schema of a field of an object, which the document names, such as `max_tier` of `Options`.
 pub(super) fn field_schema(object: &str, field: &str) -> Option<&'static Value> {
@@ -20,13 +34,13 @@ pub(super) fn field_schema(object: &str, field: &str) -> Option<&'static Value> 
             .and_then(|fields| fields.get(field))
             .or_else(|| parts().find_map(|part| find(part, field)))
     }
-    find(resolve(schemas().get(object)?), field)
+    find(resolve(named_schema(object)?), field)
 }
 
 /// What is wrong with an object, field by field.
-pub(super) fn object_errors(schema: &str, object: &Map<String, Value>) -> Vec<FieldError> {
+pub(super) fn object_errors(name: &str, object: &Map<String, Value>) -> Vec<FieldError> {
     let mut errors = Vec::new();
-    if let Some(schema) = schemas().get(schema) {
+    if let Some(schema) = named_schema(name) {
         check_object("", resolve(schema), object, &mut errors);
     }
     errors
@@ -50,18 +64,10 @@ pub(super) fn unknown_field<'a>(field: &str, known: impl Iterator<Item = &'a str
     FieldError::new(field, format!("There is no {kind} `{}`.{hint}", shown(field)))
 }
 
-fn schemas() -> &'static Map<String, Value> {
-    static SCHEMAS: OnceLock<Map<String, Value>> = OnceLock::new();
-    SCHEMAS.get_or_init(|| {
-        let document = serde_json::to_value(openapi::document()).unwrap_or_default();
-        document.pointer("/components/schemas").and_then(Value::as_object).cloned().unwrap_or_default()
-    })
-}
-
 /// The schema that a reference names, or the schema itself.
 fn resolve(schema: &Value) -> &Value {
     let name = schema.get("$ref").and_then(Value::as_str).and_then(|path| path.rsplit('/').next());
-    name.and_then(|name| schemas().get(name)).unwrap_or(schema)
+    name.and_then(named_schema).unwrap_or(schema)
 }
 
 fn check(field: &str, schema: &Value, value: &Value, errors: &mut Vec<FieldError>) {
@@ -280,6 +286,7 @@ mod tests {
     use super::*;
 
     fn of_options(options: &Value) -> Vec<String> {
+        use_document(&crate::api::document());
         let options = options.as_object().expect("an object").iter();
         let errors = options
             .flat_map(|(name, value)| value_errors(name, field_schema("Options", name).expect("an option"), value));
@@ -315,6 +322,7 @@ mod tests {
 
     #[test]
     fn errors_within_an_object_are_named_by_their_path() {
+        use_document(&crate::api::document());
         let schema = field_schema("AnalyzeOptions", "tolerances").expect("an option");
         let messages = |value: Value| {
             value_errors("tolerances", schema, &value).into_iter().map(|error| error.message).collect::<Vec<_>>()

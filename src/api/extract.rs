@@ -1,21 +1,26 @@
-use std::collections::BTreeMap;
+//! What a request carries: path, query, headers and body. Bodies are bounded in size, in silence and in memory.
 
+use std::collections::BTreeMap;
+use std::error::Error;
+use std::io::{self, ErrorKind};
+use std::time::Duration;
+
+use axum::body::Bytes;
+use axum::extract::multipart::MultipartError;
 use axum::extract::{FromRequest, FromRequestParts, Path, Request};
-use axum::http::header;
 use axum::http::request::Parts;
-use futures::StreamExt;
-use serde::de::{DeserializeOwned, Error};
+use axum::http::{HeaderMap, HeaderName, header};
+use futures::{Stream, StreamExt};
+use serde::de::{DeserializeOwned, Error as _};
 use serde::{Deserialize, Deserializer};
 use serde_json::{Map, Number, Value};
-
 use utoipa::{IntoParams, ToSchema};
 
-use super::caller::Caller;
 use super::check::{object_errors, unknown_field, value_errors};
-use super::problem::{FieldError, Problem, ProblemCode, shown};
+use super::problem::{FieldError, Problem, ProblemCode};
 use super::state::ApiState;
-use super::upload::{source_problem, with_patience};
-use crate::jobs::{Job, JobId, whole_number};
+use crate::blobs::{BlobError, Blobs, Stored, UploadError};
+use crate::jobs::whole_number;
 
 /// The fields of a query, each compared with its documented schema.
 pub(super) struct ApiQuery<T>(pub T);
@@ -86,7 +91,7 @@ impl<T: DeserializeOwned + ToSchema> FromRequest<ApiState> for ApiJson<T> {
 
 /// A body of bounded size that does not stop coming.
 pub(super) async fn read_small(state: &ApiState, request: Request) -> Result<Vec<u8>, Problem> {
-    let source = with_patience(request.into_body().into_data_stream(), state.config.upload_idle);
+    let source = with_idle_limit(request.into_body().into_data_stream(), state.config.upload_idle);
     let mut source = std::pin::pin!(source);
     let mut text = Vec::new();
     while let Some(chunk) = source.next().await {
@@ -142,21 +147,6 @@ pub(super) fn whole<'de, D: Deserializer<'de>>(from: D) -> Result<Option<u64>, D
     found.map(Some).ok_or_else(|| D::Error::custom(format!("{number} is not a whole number from 0 to {}", i64::MAX)))
 }
 
-/// The id of a job in a path. A text that is no id names no job.
-pub(super) fn job_id(text: &str) -> Result<JobId, Problem> {
-    text.parse()
-        .map_err(|error| Problem::new(ProblemCode::JobNotFound, format!("There is no job '{}': {error}.", shown(text))))
-}
-
-/// The job of that id, if it is there for the caller and not deleted.
-pub(super) async fn find_job(state: &ApiState, caller: &Caller, id: JobId) -> Result<Job, Problem> {
-    match state.store.get(id).await?.filter(|job| caller.sees(job)) {
-        None => Err(Problem::new(ProblemCode::JobNotFound, format!("There is no job '{id}'."))),
-        Some(job) if job.purged => Err(Problem::new(ProblemCode::JobDeleted, format!("The job '{id}' was deleted."))),
-        Some(job) => Ok(job),
-    }
-}
-
 /// How many items a page is to have: as many as were asked for, 50 where nothing was said, at most 200.
 pub(super) fn page_limit(asked: Option<u32>) -> Result<u32, Problem> {
     match asked.unwrap_or(50) {
@@ -175,18 +165,138 @@ pub(super) fn unknown_cursor() -> Problem {
 }
 
 /// A header as text, if it is there and is text.
-pub(super) fn text_header<'a>(parts: &'a axum::http::HeaderMap, name: &axum::http::HeaderName) -> Option<&'a str> {
-    parts.get(name).and_then(|value| value.to_str().ok())
+pub(super) fn text_header<'a>(headers: &'a HeaderMap, name: &HeaderName) -> Option<&'a str> {
+    headers.get(name).and_then(|value| value.to_str().ok())
 }
 
-/// Axum's path extractor for the id of a job.
-pub(super) struct PathJobId(pub JobId);
+/// Whether a text has the form of an id: `prefix`, an underscore and a UUID in hexadecimal.
+pub(super) fn is_name(text: &str, prefix: &str) -> bool {
+    let digits = text.strip_prefix(prefix).and_then(|rest| rest.strip_prefix('_'));
+    digits.is_some_and(|digits| digits.len() == 32 && digits.bytes().all(|byte| byte.is_ascii_hexdigit()))
+}
 
-impl FromRequestParts<ApiState> for PathJobId {
-    type Rejection = Problem;
+/// Whether a list of entity tags names this one, compared weakly (RFC 9110, 8.8.3.2).
+pub(super) fn names_etag(list: &str, etag: &str) -> bool {
+    let bare = |tag: &str| tag.trim().trim_start_matches("W/").to_owned();
+    list.trim() == "*" || list.split(',').any(|tag| bare(tag) == bare(etag))
+}
 
-    async fn from_request_parts(parts: &mut Parts, state: &ApiState) -> Result<Self, Problem> {
-        let ApiPath(id) = ApiPath::<String>::from_request_parts(parts, state).await?;
-        job_id(&id).map(Self)
+/// A model's bytes.
+#[derive(ToSchema)]
+#[schema(value_type = String, format = Binary)]
+#[expect(dead_code, reason = "it describes the body in the OpenAPI document")]
+pub(super) struct RawModel(Vec<u8>);
+
+/// The bytes that one upload may have, all its files together.
+pub(super) struct UploadBudget {
+    most: u64,
+    left: u64,
+}
+
+impl UploadBudget {
+    pub fn new(most: u64) -> Self {
+        Self { most, left: most }
+    }
+
+    /// Stores a file of at most the bytes that are left.
+    pub async fn store<E: Error + 'static>(
+        &mut self,
+        blobs: &Blobs,
+        key: &str,
+        source: impl Stream<Item = Result<Bytes, E>>,
+    ) -> Result<Stored, Problem> {
+        let stored = blobs.put_stream(key, source, self.left).await.map_err(|error| match error {
+            UploadError::TooLarge(_) => too_large(self.most),
+            UploadError::Source(error) => source_problem(&error),
+            UploadError::Store(error) => error.into(),
+        })?;
+        self.left -= stored.bytes;
+        Ok(stored)
+    }
+}
+
+pub(super) fn too_large(limit: u64) -> Problem {
+    let detail = format!("The upload is larger than the {} MiB that this service takes.", limit >> 20);
+    // The rest of the body is not read, so the connection can't be used again.
+    Problem::new(ProblemCode::PayloadTooLarge, detail).with_header(header::CONNECTION, "close")
+}
+
+/// What can go wrong while bytes come in.
+#[derive(Debug, thiserror::Error)]
+pub(super) enum SourceError {
+    #[error("no bytes came for too long")]
+    Idle,
+    #[error("the form's headers are too long")]
+    Form,
+    #[error(transparent)]
+    Body(#[from] axum::Error),
+}
+
+/// The stream, but ended by an error when nothing comes for `longest`.
+pub(super) fn with_idle_limit(
+    source: impl Stream<Item = Result<Bytes, axum::Error>> + Send + 'static,
+    longest: Duration,
+) -> impl Stream<Item = Result<Bytes, SourceError>> + Send + 'static {
+    futures::stream::unfold(Some(Box::pin(source)), move |source| async move {
+        let mut source = source?;
+        match tokio::time::timeout(longest, source.next()).await {
+            Err(_) => Some((Err(SourceError::Idle), None)),
+            Ok(None) => None,
+            Ok(Some(Err(error))) => Some((Err(error.into()), None)),
+            Ok(Some(Ok(chunk))) => Some((Ok(chunk), Some(source))),
+        }
+    })
+}
+
+/// The problem behind an error of the incoming bytes, however deep libraries wrapped it.
+pub(super) fn source_problem(error: &(dyn Error + 'static)) -> Problem {
+    let mut cause = Some(error);
+    let mut is_form = false;
+    while let Some(e) = cause {
+        match e.downcast_ref() {
+            Some(SourceError::Idle) => {
+                let detail = "No bytes came for too long, so the upload was given up.";
+                return Problem::new(ProblemCode::UploadTimeout, detail).with_header(header::CONNECTION, "close");
+            }
+            Some(SourceError::Form) => {
+                return Problem::invalid_request("The form's headers are too long.")
+                    .with_header(header::CONNECTION, "close");
+            }
+            _ => {}
+        }
+        if let Some(error) = e.downcast_ref::<BlobError>() {
+            return error.into();
+        }
+        if e.downcast_ref::<io::Error>()
+            .is_some_and(|e| matches!(e.kind(), ErrorKind::InvalidData | ErrorKind::InvalidInput | ErrorKind::Other))
+        {
+            return Problem::invalid_request(
+                "The body can't be decoded as its `Content-Encoding` says. Send it again.",
+            )
+            .with_header(header::CONNECTION, "close");
+        }
+        if e.is::<MultipartError>() {
+            is_form = true;
+        }
+        cause = e.source();
+    }
+    if is_form {
+        let detail = "The form can't be read: it ends too early, or a part is not formed as RFC 7578 says.";
+        return Problem::invalid_request(detail);
+    }
+    Problem::new(ProblemCode::UploadInterrupted, "The upload broke off before its end. Send it again.")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn entity_tags_are_compared_weakly_and_one_by_one() {
+        assert!(names_etag("W/\"3\"", "W/\"3\""));
+        assert!(names_etag("\"1\", \"3\"", "W/\"3\""));
+        assert!(names_etag("*", "W/\"3\""));
+        assert!(!names_etag("W/\"33\"", "W/\"3\""));
+        assert!(!names_etag("", "W/\"3\""));
     }
 }

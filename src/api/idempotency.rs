@@ -3,15 +3,13 @@
 use std::sync::Arc;
 
 use axum::http::{HeaderMap, HeaderName};
-use sha2::{Digest, Sha256};
 use tokio::task::JoinHandle;
 use tracing::Instrument;
 
 use super::extract::text_header;
-use super::incoming::Upload;
 use super::problem::{Problem, ProblemCode};
 use crate::access::TenantName;
-use crate::jobs::{JobId, KEY_HOLD, KeyState, RequestKey, Store};
+use crate::jobs::{Job, JobId, JobStore, KEY_HOLD, KeyState, RequestKey, Store};
 
 /// The request's header.
 const IDEMPOTENCY_KEY: HeaderName = HeaderName::from_static("idempotency-key");
@@ -19,11 +17,9 @@ const IDEMPOTENCY_KEY: HeaderName = HeaderName::from_static("idempotency-key");
 pub(super) const REPLAYED: HeaderName = HeaderName::from_static("idempotency-replayed");
 /// Longest key, in bytes.
 const KEY_BYTES: usize = 255;
-/// Seconds to wait for a request that is under way.
-const RETRY_AFTER_S: u32 = 2;
 
-/// What a request's key says.
-pub(super) enum Asked {
+/// How a request's key was used before.
+pub(super) enum KeyUse {
     /// The request has none.
     NoKey,
     /// It is new.
@@ -37,7 +33,7 @@ pub(super) enum Asked {
     },
 }
 
-/// A key that is held while its request is under way, and given back if that comes to nothing.
+/// A key that is held while its request is under way, and released if that makes no job.
 pub(super) struct HeldKey {
     store: Arc<dyn Store>,
     tenant: TenantName,
@@ -47,13 +43,13 @@ pub(super) struct HeldKey {
 }
 
 /// Looks the request's key up, and holds it.
-pub(super) async fn ask(
+pub(super) async fn hold(
     store: &Arc<dyn Store>,
     tenant: &TenantName,
     headers: &HeaderMap,
     job: JobId,
-) -> Result<Asked, Problem> {
-    let Some(given) = headers.get(IDEMPOTENCY_KEY) else { return Ok(Asked::NoKey) };
+) -> Result<KeyUse, Problem> {
+    let Some(given) = headers.get(IDEMPOTENCY_KEY) else { return Ok(KeyUse::NoKey) };
     // A string in quotes, says the draft; many clients send none.
     let key = text_header(headers, &IDEMPOTENCY_KEY).unwrap_or_default().trim();
     let key = key.strip_prefix('"').and_then(|key| key.strip_suffix('"')).unwrap_or(key);
@@ -64,16 +60,16 @@ pub(super) async fn ask(
         );
         return Err(Problem::invalid_request(detail));
     }
-    // Before it is, so that it is given back too where the answer is lost, or the client hangs up meanwhile.
+    // Made before the key is held, so that the key is released too where the answer is lost, or the client hangs up meanwhile.
     let held = HeldKey::new(Arc::clone(store), tenant.clone(), key.to_owned(), job);
     let state = store.hold_key(tenant.as_str(), key, job).await?;
     if state == KeyState::Held {
-        return Ok(Asked::Held(held));
+        return Ok(KeyUse::Held(held));
     }
-    held.leave();
+    held.forget();
     match state {
-        KeyState::Used { fingerprint, job } => Ok(Asked::Before { fingerprint, job }),
-        KeyState::InUse | KeyState::Held => Err(in_use()),
+        KeyState::Used { fingerprint, job } => Ok(KeyUse::Before { fingerprint, job }),
+        KeyState::InUse | KeyState::Held => Err(Problem::key_in_use()),
     }
 }
 
@@ -96,41 +92,34 @@ impl HeldKey {
         self.key.clone().map(|key| RequestKey { key, fingerprint })
     }
 
-    /// Gives it back, and waits until that is done, so that whoever hears the answer can send a better request with it.
-    pub async fn give_back(mut self) {
+    /// Releases it, and waits until that is done, so that a client that has the answer can send a better request with the key.
+    pub async fn release(mut self) {
         self.renewal.abort();
         if let Some(key) = self.key.take() {
-            release(self.store.as_ref(), &self.tenant, &key, self.job).await;
+            release_key(self.store.as_ref(), &self.tenant, &key, self.job).await;
         }
     }
 
-    /// Lets the key be, for it is known with the job that the request made, or was never held.
-    pub fn leave(mut self) {
+    /// Does not release the key, for it is known with the job that the request made, or was never held.
+    pub fn forget(mut self) {
         self.key = None;
     }
 }
 
-/// Gives it back, if it is held: never one that is known with a job, though nobody may have heard that it is.
+/// Releases it, if it is held: never one that is known with a job, though nobody may have heard that it is.
 impl Drop for HeldKey {
     fn drop(&mut self) {
         self.renewal.abort();
         let Some(key) = self.key.take() else { return };
         let (store, tenant, job) = (Arc::clone(&self.store), self.tenant.clone(), self.job);
-        tokio::spawn(async move { release(store.as_ref(), &tenant, &key, job).await }.in_current_span());
+        tokio::spawn(async move { release_key(store.as_ref(), &tenant, &key, job).await }.in_current_span());
     }
 }
 
-async fn release(store: &dyn Store, tenant: &TenantName, key: &str, job: JobId) {
+async fn release_key(store: &dyn Store, tenant: &TenantName, key: &str, job: JobId) {
     if let Err(error) = store.release_key(tenant.as_str(), key, job).await {
         tracing::warn!(%error, "an idempotency key was not given back and will be free in a while");
     }
-}
-
-/// What tells one request from another: its files, its options, and what else it says.
-pub(super) fn fingerprint(upload: &Upload) -> String {
-    let files: Vec<_> = upload.inputs.iter().map(|input| (&input.name, input.bytes, &input.sha256)).collect();
-    let bytes = serde_json::to_vec(&(files, &upload.options, &upload.notes)).unwrap_or_default();
-    hex::encode(Sha256::digest(&bytes))
 }
 
 /// That the key came with another request before.
@@ -139,8 +128,13 @@ pub(super) fn reused() -> Problem {
     Problem::new(ProblemCode::IdempotencyKeyReused, detail)
 }
 
-/// That a request with the key is under way.
-pub(super) fn in_use() -> Problem {
-    let detail = "A request with this Idempotency-Key is under way. Ask again when it may have ended.";
-    Problem::new(ProblemCode::IdempotencyKeyInUse, detail).retry_after(RETRY_AFTER_S)
+/// The job that the same request made before.
+pub(super) async fn job_of_key(store: &dyn JobStore, id: JobId) -> Result<Job, Problem> {
+    match store.get(id).await? {
+        Some(job) if !job.purged => Ok(job),
+        _ => {
+            let detail = format!("The job {id}, which this request made, was deleted.");
+            Err(Problem::new(ProblemCode::JobDeleted, detail))
+        }
+    }
 }

@@ -1,21 +1,23 @@
+use std::convert::Infallible;
 use std::time::Duration;
 
 use axum::Json;
 use axum::extract::State;
 use axum::http::{HeaderMap, HeaderName, StatusCode, header};
+use axum::response::sse::{Event, KeepAlive, Sse};
 use axum::response::{IntoResponse, Response};
+use futures::Stream;
 use serde::{Deserialize, Serialize};
 use time::OffsetDateTime;
 use time::format_description::well_known::Rfc3339;
 use tracing::Instrument;
 use utoipa::{IntoParams, ToSchema};
 
-use super::caller::{MayRead, MayWrite};
-use super::extract::{ApiQuery, PathJobId, find_job, page_limit, text_header, unknown_cursor};
-use super::job_view::JobView;
+use super::authenticate::{MayRead, MayWrite};
+use super::extract::{ApiQuery, names_etag, page_limit, text_header, unknown_cursor};
+use super::job::{JobView, PathJobId, ProgressView, Watch, answer, answer_view, etag, find_job};
 use super::problem::{FieldError, Problem, ProblemCode, shown};
 use super::state::ApiState;
-use super::wait::Watch;
 use crate::jobs::{Cancelled, Job, JobOutcome, ListQuery, Metadata, Status};
 
 /// Longest time a request is held, in seconds.
@@ -76,41 +78,12 @@ pub(super) async fn get_job(
     let position = state.store.queue_position(&job).await?;
     let report = query.include.and_then(|Include::Report| job.report.clone());
     let etag = etag(&job, position);
-    if text_header(&headers, &header::IF_NONE_MATCH).is_some_and(|known| names(known, &etag)) {
+    if text_header(&headers, &header::IF_NONE_MATCH).is_some_and(|known| names_etag(known, &etag)) {
         let headers = [(header::ETAG, etag), (header::CACHE_CONTROL, "no-cache".to_owned())];
         return Ok((StatusCode::NOT_MODIFIED, headers).into_response());
     }
     let view = JobView::new(job, position, state.config.retention).with_report(report);
     Ok(answer_view(StatusCode::OK, view, [(header::ETAG, etag)]))
-}
-
-/// The answer with a job in it, and when to ask again.
-pub(super) fn answer<const N: usize>(
-    state: &ApiState,
-    status: StatusCode,
-    job: Job,
-    position: Option<u64>,
-    headers: [(HeaderName, String); N],
-) -> Response {
-    answer_view(status, JobView::new(job, position, state.config.retention), headers)
-}
-
-fn answer_view<const N: usize>(status: StatusCode, view: JobView, headers: [(HeaderName, String); N]) -> Response {
-    let more = (!view.status.is_final()).then_some([(header::RETRY_AFTER, "1")]);
-    (status, headers, [(header::CACHE_CONTROL, "no-cache")], more, Json(view)).into_response()
-}
-
-pub(super) fn etag(job: &Job, position: Option<u64>) -> String {
-    match position {
-        Some(position) => format!("W/\"{}-{position}\"", job.version),
-        None => format!("W/\"{}\"", job.version),
-    }
-}
-
-/// Whether a list of entity tags names this one, compared weakly (RFC 9110, 8.8.3.2).
-pub(super) fn names(list: &str, etag: &str) -> bool {
-    let bare = |tag: &str| tag.trim().trim_start_matches("W/").to_owned();
-    list.trim() == "*" || list.split(',').any(|tag| bare(tag) == bare(etag))
 }
 
 /// The seconds of `Prefer: wait=N` (RFC 7240).
@@ -271,18 +244,91 @@ pub(super) async fn delete_job(
     found.map(|()| StatusCode::NO_CONTENT)
 }
 
+/// One event of a job's stream.
+#[derive(ToSchema)]
+#[expect(dead_code, reason = "it describes the events in the OpenAPI document")]
+pub(super) struct StreamEvent {
+    /// `progress`, or at the end `done`.
+    event: String,
+    /// JSON: of `progress` the status, stage, tier, percent and queue position, of `done` the job.
+    data: String,
+    /// The job's version.
+    id: String,
+}
+
+#[derive(Debug, Deserialize, IntoParams)]
+#[into_params(parameter_in = Query)]
+#[serde(deny_unknown_fields)]
+pub(super) struct IncludeQuery {
+    /// What the job of `done` is to include.
+    #[param(inline)]
+    include: Option<Include>,
+}
+
+/// Listen to a job.
+///
+/// Server-sent events: `progress` with stage, tier, percent and queue position each time the job changes, and at the end
+/// `done` with the job. A client that reconnects hears the present state first.
+#[utoipa::path(
+    get, path = "/v1/jobs/{id}/events", tag = "jobs",
+    params(("id" = String, Path, description = "The job's id"), IncludeQuery),
+    responses(
+        (status = 200, description = "The events", body = StreamEvent, content_type = "text/event-stream"),
+        (status = 400, description = "A path that can't be understood", body = Problem, content_type = "application/problem+json"),
+        (status = 404, description = "No such job", body = Problem, content_type = "application/problem+json"),
+        (status = 410, description = "The job was deleted", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub(super) async fn job_events(
+    State(state): State<ApiState>,
+    MayRead(caller): MayRead,
+    PathJobId(id): PathJobId,
+    ApiQuery(IncludeQuery { include }): ApiQuery<IncludeQuery>,
+) -> Result<Sse<impl Stream<Item = Result<Event, Infallible>>>, Problem> {
+    find_job(&state, &caller, id).await?;
+    let watch = Watch::new(&state, id);
+    let stream = futures::stream::unfold((watch, 0, false), move |(mut watch, seen, done)| {
+        let state = state.clone();
+        async move {
+            if done {
+                return None;
+            }
+            let job = match watch.past(seen).await {
+                Ok(job) => job?,
+                Err(error) => {
+                    tracing::error!(%error, "a listener was lost");
+                    return None;
+                }
+            };
+            let (seen, done) = (job.version, job.status.is_final() || job.purged);
+            Some((Ok(event(&state, job, include).await), (watch, seen, done)))
+        }
+    });
+    Ok(Sse::new(stream).keep_alive(KeepAlive::new().interval(Duration::from_secs(15))))
+}
+
+async fn event(state: &ApiState, job: Job, include: Option<Include>) -> Event {
+    let position = state.store.queue_position(&job).await.unwrap_or(None);
+    let id = job.version.to_string();
+    let (status, done) = (job.status, job.status.is_final());
+    let report = include.and_then(|Include::Report| job.report.clone());
+    let view = JobView::new(job, position, state.config.retention).with_report(report);
+    let event = if done {
+        Event::default().event("done").json_data(view)
+    } else {
+        let ProgressView { stage, tier, percent, queue_position } =
+            view.progress.unwrap_or(ProgressView { stage: None, tier: None, percent: 0, queue_position: None });
+        let data = serde_json::json!({
+            "status": status, "stage": stage, "tier": tier, "percent": percent, "queue_position": queue_position,
+        });
+        Event::default().event("progress").json_data(data)
+    };
+    event.unwrap_or_default().id(id)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn entity_tags_are_compared_weakly_and_one_by_one() {
-        assert!(names("W/\"3\"", "W/\"3\""));
-        assert!(names("\"1\", \"3\"", "W/\"3\""));
-        assert!(names("*", "W/\"3\""));
-        assert!(!names("W/\"33\"", "W/\"3\""));
-        assert!(!names("", "W/\"3\""));
-    }
 
     #[test]
     fn the_prefer_header_gives_the_seconds_to_wait() {

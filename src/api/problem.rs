@@ -9,13 +9,6 @@ pub use super::problem_code::ProblemCode;
 use crate::blobs::BlobError;
 use crate::jobs::StoreError;
 
-pub(super) fn code_name<T: Serialize>(code: &T) -> String {
-    match serde_json::to_value(code) {
-        Ok(serde_json::Value::String(name)) => name,
-        _ => String::new(),
-    }
-}
-
 /// An error answer after RFC 9457, `application/problem+json`.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct Problem {
@@ -68,6 +61,8 @@ pub(super) fn shown(text: &str) -> &str {
 
 /// Seconds to wait while the database or the file store does not answer.
 const RETRY_AFTER_S: u32 = 5;
+/// Seconds to wait for a request with the same Idempotency-Key.
+const KEY_RETRY_AFTER_S: u32 = 2;
 
 /// The media type of a [`Problem`].
 pub(super) const PROBLEM_JSON: HeaderValue = HeaderValue::from_static("application/problem+json");
@@ -114,6 +109,12 @@ impl Problem {
     /// A request with one wrong value of an option or field.
     pub(super) fn invalid_field(field: &str, message: impl Into<String>) -> Self {
         Self::of_fields(ProblemCode::InvalidOptions, vec![FieldError::new(field, message)])
+    }
+
+    /// A request with the same Idempotency-Key is under way.
+    pub(super) fn key_in_use() -> Self {
+        let detail = "A request with this Idempotency-Key is under way. Ask again when it may have ended.";
+        Self::new(ProblemCode::IdempotencyKeyInUse, detail).retry_after(KEY_RETRY_AFTER_S)
     }
 
     /// Adds a header to the answer.
@@ -175,7 +176,7 @@ fn storage_full(error: &dyn std::error::Error) -> Problem {
 impl From<StoreError> for Problem {
     fn from(error: StoreError) -> Self {
         if matches!(error, StoreError::KeyLost) {
-            return super::idempotency::in_use();
+            return Self::key_in_use();
         }
         if matches!(error, StoreError::UploadTaken) {
             return Self::new(ProblemCode::UploadUsed, "Another job was made of this upload meanwhile.");

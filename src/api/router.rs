@@ -1,42 +1,69 @@
-use std::sync::OnceLock;
+//! The routes, and what every request passes through: request id, trace, compression, draining, panics, and the rendering of problems.
 
-use axum::extract::{DefaultBodyLimit, Request};
-use axum::http::Uri;
-use axum::middleware::{from_fn, from_fn_with_state};
+use std::any::Any;
+use std::future::poll_fn;
+use std::pin::Pin;
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+use std::task::{Context, Poll};
+use std::time::{Duration, Instant};
+
+use axum::body::{Body, Bytes, HttpBody};
+use axum::extract::{DefaultBodyLimit, MatchedPath, Request};
+use axum::http::{Extensions, HeaderMap, HeaderName, HeaderValue, StatusCode, Uri, Version, header};
+use axum::middleware::{Next, from_fn, from_fn_with_state, map_response};
+use axum::response::{IntoResponse, Response};
 use axum::routing::get;
 use axum::{Json, Router};
+use http_body::{Frame, SizeHint};
 use tower::ServiceExt;
+use tower_http::catch_panic::CatchPanicLayer;
+use tower_http::compression::CompressionLayer;
+use tower_http::compression::predicate::{Predicate, SizeAbove};
+use tower_http::decompression::RequestDecompressionLayer;
+use tower_http::request_id::{MakeRequestUuid, PropagateRequestIdLayer, RequestId, SetRequestIdLayer};
+use tracing::Instrument;
+use tracing::field::Empty;
 use utoipa_swagger_ui::SwaggerUi;
 
-use super::admit::{admit, preflight, refuse_while_draining};
-use super::layers;
-use super::manual;
+use super::authenticate::{authenticate, preflight, refuse_while_draining};
+use super::check;
 use super::openapi;
-use super::page;
-use super::problem::{Problem, ProblemCode};
+use super::pages;
+use super::problem::{PROBLEM_JSON, Problem, ProblemCode};
 use super::state::ApiState;
+use crate::telemetry;
+
+const REQUEST_ID: HeaderName = HeaderName::from_static("x-request-id");
+/// Longest request id taken from a client.
+const ID_CHARS: usize = 64;
+
+/// Content codings of requests that are decoded.
+const CODINGS: [&str; 4] = ["gzip", "br", "zstd", "deflate"];
+/// Bytes from which on an answer is compressed.
+const WORTH_COMPRESSING: u64 = 512;
 
 /// The whole HTTP surface.
 pub fn router(state: ApiState) -> Router {
-    let admitted = openapi::guarded()
-        // Within `admit`, which lets pages read the answer.
+    let authenticated = openapi::guarded()
+        // Within `authenticate`, which lets pages read the answer.
         .route_layer(from_fn_with_state(state.clone(), refuse_while_draining))
-        .route_layer(from_fn_with_state(state.clone(), admit));
-    let (routes, document) = admitted.merge(openapi::open()).split_for_parts();
+        .route_layer(from_fn_with_state(state.clone(), authenticate));
+    let (routes, document) = authenticated.merge(openapi::open()).split_for_parts();
+    let document = openapi::complete(document);
+    check::use_document(&document);
     let router = routes
-        .merge(page::routes())
-        .merge(manual::routes())
+        .merge(pages::routes())
         .route("/openapi-3.0.json", get(openapi_3_0))
         .with_state(state)
         // Its scripts and styles are in the binary too: it works offline.
-        .merge(SwaggerUi::new("/docs/api").url("/openapi.json", openapi::complete(document)))
+        .merge(SwaggerUi::new("/docs/api").url("/openapi.json", document))
         .fallback(no_route)
         .method_not_allowed_fallback(wrong_method)
         // Uploads are counted as they stream in, and other bodies by `ApiJson`.
         .layer(DefaultBodyLimit::disable())
         .layer(from_fn(preflight));
     // Paths are rewritten before any route is chosen.
-    Router::new().fallback_service(layers::add(router).map_request(trim_trailing_slash))
+    Router::new().fallback_service(add_layers(router).map_request(trim_trailing_slash))
 }
 
 /// Serves `/v1/jobs/` like `/v1/jobs`. Pages such as `/docs/` keep the slash, which their relative links need.
@@ -74,10 +101,219 @@ async fn openapi_3_0() -> Result<Json<&'static serde_json::Value>, Problem> {
     Ok(Json(DOCUMENT.get_or_init(|| document)))
 }
 
+/// What every request passes through, outermost last.
+fn add_layers(router: Router) -> Router {
+    router
+        .layer(CatchPanicLayer::custom(panicked))
+        .layer(from_fn(linger))
+        .layer(RequestDecompressionLayer::new())
+        .layer(from_fn(check_coding))
+        .layer(from_fn(observe))
+        .layer(CompressionLayer::new().no_deflate().compress_when(SizeAbove::new(WORTH_COMPRESSING).and(is_text)))
+        .layer(map_response(weaken_etag))
+        .layer(PropagateRequestIdLayer::new(REQUEST_ID))
+        .layer(SetRequestIdLayer::new(REQUEST_ID, MakeRequestUuid))
+        .layer(from_fn(distrust_request_id))
+}
+
+/// Drops a request id that could not stand in a log line.
+async fn distrust_request_id(mut request: Request, next: Next) -> Response {
+    let fine = |id: &HeaderValue| {
+        id.len() <= ID_CHARS && id.as_bytes().iter().all(|b| b.is_ascii_alphanumeric() || b"-_.".contains(b))
+    };
+    if request.headers().get(&REQUEST_ID).is_some_and(|id| !fine(id)) {
+        request.headers_mut().remove(&REQUEST_ID);
+    }
+    next.run(request).await
+}
+
+/// Traces and counts the request, and renders a problem with the request's id and address in it.
+async fn observe(request: Request, next: Next) -> Response {
+    let id = request.extensions().get::<RequestId>().and_then(|id| id.header_value().to_str().ok());
+    let id = id.unwrap_or_default().to_owned();
+    // A client may invent methods, and each label's value is kept for ever.
+    let known = ["GET", "HEAD", "POST", "PUT", "PATCH", "DELETE", "OPTIONS"];
+    let method = known.into_iter().find(|known| request.method() == *known).unwrap_or("other");
+    let path = request.uri().path().to_owned();
+    let route = request.extensions().get::<MatchedPath>().map_or("none", MatchedPath::as_str).to_owned();
+    let traceparent = request.headers().get(telemetry::TRACEPARENT).and_then(|value| value.to_str().ok());
+    // Of the highest level, so that lines have it whatever level is logged.
+    let span = tracing::error_span!(
+        "request",
+        otel.kind = "server",
+        otel.name = format!("{method} {route}"),
+        request_id = id,
+        method,
+        path,
+        tenant = Empty,
+        key_id = Empty,
+        trace_id = Empty
+    );
+    telemetry::continue_from(&span, traceparent);
+    let started = Instant::now();
+    let mut response = next.run(request).instrument(span.clone()).await;
+    let mut code = None;
+    if let Some(mut problem) = response.extensions_mut().remove::<Problem>() {
+        problem.request_id = id;
+        problem.instance = path;
+        code = Some(problem.code);
+        response = problem.render(response);
+    } else if unexplained(&response) {
+        let found = match response.status() {
+            StatusCode::NOT_FOUND => ProblemCode::RouteNotFound,
+            StatusCode::METHOD_NOT_ALLOWED => ProblemCode::MethodNotAllowed,
+            StatusCode::PAYLOAD_TOO_LARGE => ProblemCode::PayloadTooLarge,
+            status if status.is_server_error() => ProblemCode::Internal,
+            _ => ProblemCode::InvalidRequest,
+        };
+        code = Some(found);
+        let mut problem = Problem::new(found, "The request could not be handled. See /docs.");
+        problem.status = response.status().as_u16();
+        problem.title = response.status().canonical_reason().unwrap_or("Error").to_owned();
+        problem.request_id = id;
+        problem.instance = path;
+        response = problem.render(response);
+    }
+    response.headers_mut().insert(header::X_CONTENT_TYPE_OPTIONS, HeaderValue::from_static("nosniff"));
+    let status = response.status().as_u16();
+    let elapsed = started.elapsed();
+    telemetry::answered(&span, &route, status);
+    span.in_scope(|| log(status, code, elapsed));
+    let labels = [("method", method.to_owned()), ("route", route), ("status", status.to_string())];
+    metrics::histogram!(telemetry::HTTP_REQUEST, &labels).record(elapsed);
+    response
+}
+
+/// Logs how a request ended. Lines have the request's id, method, path, tenant and key by its span.
+fn log(status: u16, code: Option<ProblemCode>, elapsed: Duration) {
+    let milliseconds = elapsed.as_secs_f64() * 1000.0;
+    let code_name = code.map(ProblemCode::name);
+    let code_name = code_name.as_deref();
+    match (status, code) {
+        // Away or full is the operator's to mend; the client may send the request again.
+        (503, _) => tracing::warn!(status, code = code_name, milliseconds, "request failed"),
+        (500.., _) => tracing::error!(status, code = code_name, milliseconds, "request failed"),
+        // Programs that scan the network for weak servers would fill the log.
+        (_, Some(ProblemCode::RouteNotFound)) => {
+            tracing::debug!(status, code = code_name, milliseconds, "request refused");
+        }
+        (400.., _) => tracing::info!(status, code = code_name, milliseconds, "request refused"),
+        _ => tracing::debug!(status, milliseconds, "answered"),
+    }
+}
+
+/// Whether some library answered an error in its own words.
+fn unexplained(response: &Response) -> bool {
+    let error = response.status().is_client_error() || response.status().is_server_error();
+    let media_type = response.headers().get(header::CONTENT_TYPE);
+    let explained = media_type.is_some_and(|m| *m == PROBLEM_JSON || m.as_bytes().starts_with(b"application/json"));
+    error && !explained
+}
+
+/// A panic in a handler is a fault of ours; the request ends, the service goes on.
+fn panicked(panic: Box<dyn Any + Send + 'static>) -> Response {
+    let message = panic.downcast_ref::<String>().map(String::as_str);
+    let message = message.or_else(|| panic.downcast_ref::<&str>().copied()).unwrap_or("no message");
+    tracing::error!(message, "a handler panicked");
+    Problem::new(ProblemCode::Internal, "The service could not do this. Try again later.").into_response()
+}
+
+/// Refuses a request whose body can't be decoded.
+async fn check_coding(request: Request, next: Next) -> Response {
+    let mut codings = request.headers().get_all(header::CONTENT_ENCODING).iter();
+    let (coding, more) = (codings.next(), codings.next());
+    let known = |coding: &HeaderValue| {
+        coding
+            .to_str()
+            .is_ok_and(|coding| CODINGS.iter().chain(&["identity"]).any(|it| coding.eq_ignore_ascii_case(it)))
+    };
+    if more.is_none() && coding.is_none_or(known) {
+        return next.run(request).await;
+    }
+    let detail = format!(
+        "`Content-Encoding` must be one of {}. Send the body in one of these, or uncompressed.",
+        CODINGS.join(", ")
+    );
+    Problem::new(ProblemCode::UnsupportedMediaType, detail).with_header(header::CONNECTION, "close").into_response()
+}
+
+/// Whether an answer is text, which compresses well. Models and pictures keep their bytes, so that ranges of them can be asked for.
+fn is_text(_: StatusCode, _: Version, headers: &HeaderMap, _: &Extensions) -> bool {
+    let media_type = headers.get(header::CONTENT_TYPE).and_then(|value| value.to_str().ok()).unwrap_or_default();
+    let kinds = ["application/json", "application/problem+json", "text/", "application/javascript", "image/svg+xml"];
+    kinds.iter().any(|kind| media_type.starts_with(kind)) && !media_type.starts_with("text/event-stream")
+}
+
+/// Marks the entity tag of a compressed answer as weak: a strong one names the exact bytes (RFC 9110, 8.8.3).
+async fn weaken_etag(mut response: Response) -> Response {
+    if response.headers().contains_key(header::CONTENT_ENCODING)
+        && let Some(tag) = response.headers().get(header::ETAG).and_then(|tag| tag.to_str().ok())
+        && !tag.starts_with("W/")
+        && let Ok(weak) = HeaderValue::from_str(&format!("W/{tag}"))
+    {
+        response.headers_mut().insert(header::ETAG, weak);
+    }
+    response
+}
+
+/// Most bytes of a refused body that are drained, and the longest time.
+const DRAIN_BYTES: usize = 4 << 20;
+const DRAIN_TIME: Duration = Duration::from_secs(2);
+
+/// Lingering close: drains a rejected body briefly, since otherwise the reset discards our response.
+async fn linger(request: Request, next: Next) -> Response {
+    // A client that asks first whether to send sends nothing after a refusal.
+    if request.body().is_end_stream() || request.headers().contains_key(header::EXPECT) {
+        return next.run(request).await;
+    }
+    let (parts, body) = request.into_parts();
+    let body = SharedBody(Arc::new(Mutex::new(body)));
+    let response = next.run(Request::from_parts(parts, Body::new(body.clone()))).await;
+    let refused = response.status().is_client_error() || response.status().is_server_error();
+    // A client that stopped sending sends nothing more.
+    if refused && response.status() != StatusCode::REQUEST_TIMEOUT {
+        let _ = tokio::time::timeout(DRAIN_TIME, drain(body)).await;
+    }
+    response
+}
+
+async fn drain(mut body: SharedBody) {
+    let mut left = DRAIN_BYTES;
+    while let Some(Ok(frame)) = poll_fn(|context| Pin::new(&mut body).poll_frame(context)).await {
+        let Some(rest) = left.checked_sub(frame.data_ref().map_or(0, Bytes::len)) else { break };
+        left = rest;
+    }
+}
+
+/// A body that can be drained after its reader has dropped it.
+#[derive(Clone)]
+struct SharedBody(Arc<Mutex<Body>>);
+
+impl SharedBody {
+    fn with<T>(&self, act: impl FnOnce(&mut Body) -> T) -> T {
+        act(&mut self.0.lock().unwrap_or_else(PoisonError::into_inner))
+    }
+}
+
+impl HttpBody for SharedBody {
+    type Data = Bytes;
+    type Error = axum::Error;
+
+    fn poll_frame(self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<Option<Result<Frame<Bytes>, axum::Error>>> {
+        self.with(|body| Pin::new(body).poll_frame(context))
+    }
+
+    fn is_end_stream(&self) -> bool {
+        self.with(|body| body.is_end_stream())
+    }
+
+    fn size_hint(&self) -> SizeHint {
+        self.with(|body| body.size_hint())
+    }
+}
+
 #[cfg(test)]
 mod tests {
-    use axum::body::Body;
-
     use super::*;
 
     #[test]

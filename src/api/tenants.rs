@@ -4,7 +4,7 @@ use serde::de::Error;
 use serde::{Deserialize, Deserializer, Serialize};
 use utoipa::{IntoParams, ToSchema};
 
-use super::caller::MayAdminister;
+use super::authenticate::MayAdminister;
 use super::extract::{ApiJson, ApiPath, ApiQuery, page_limit, unknown_cursor, whole};
 use super::problem::{Problem, ProblemCode, shown};
 use super::state::ApiState;

@@ -1,3 +1,6 @@
+//! `meshmend config`: the settings that are in force, and variables that look like settings and that no command reads.
+
+use std::collections::BTreeSet;
 use std::ffi::OsString;
 use std::io::Write;
 use std::path::PathBuf;
@@ -5,18 +8,16 @@ use std::process::ExitCode;
 
 use clap::parser::ValueSource;
 use clap::{Arg, ArgMatches, Args, Command, ValueEnum};
+use comfy_table::{Table, presets};
 use meshmend::blender::BlenderConfig;
 use serde::Serialize;
-use url::Url;
 
-use super::settings::default_workers;
-use super::table::table;
-use super::{blobs, database, exit, variables};
+use super::exit;
+use super::service_error::shown;
+use super::settings::{database_file, default_workers, files_folder};
 
 /// The region of a bucket where neither a flag nor `AWS_REGION` names one.
 const AWS_REGION: &str = "us-east-1";
-/// What stands for what is not shown.
-const HIDDEN: &str = "***";
 
 /// Arguments of `meshmend config`.
 #[derive(Debug, Args)]
@@ -87,7 +88,7 @@ pub fn run(args: &ConfigArgs, mut program: Command) -> ExitCode {
         Err(error) => exit::fail(exit::INTERNAL, error),
     };
     // Commands that run the service refuse this environment too.
-    variables::refusal(&program).map_or(printed, |message| exit::fail(exit::BAD_INPUT, message))
+    refusal(&program).map_or(printed, |message| exit::fail(exit::BAD_INPUT, message))
 }
 
 impl Config {
@@ -104,7 +105,7 @@ impl Config {
         Self {
             command: names.join(" "),
             settings: flags.map(|flag| Setting::of(flag, matches)).collect(),
-            unknown_variables: variables::unknown(program),
+            unknown_variables: unknown_variables(program),
         }
     }
 
@@ -160,8 +161,8 @@ fn computed(id: &str, matches: &ArgMatches) -> Option<String> {
         "workers" if matches.try_get_one::<bool>("no_workers").ok().flatten() == Some(&true) => Some("0".to_owned()),
         "workers" => Some(default_workers().to_string()),
         "tenant_max_queued" => matches.get_one::<u64>("max_queued").map(ToString::to_string),
-        "database_url" => Some(format!("sqlite:{}", database::file(&data_dir()).display())),
-        "blob_url" => Some(blobs::folder(&data_dir()).display().to_string()),
+        "database_url" => Some(format!("sqlite:{}", database_file(&data_dir()).display())),
+        "blob_url" => Some(files_folder(&data_dir()).display().to_string()),
         "s3_region" if is_given("blob_url") => {
             Some(std::env::var("AWS_REGION").unwrap_or_else(|_| AWS_REGION.to_owned()))
         }
@@ -176,46 +177,133 @@ fn is_setting(flag: &Arg) -> bool {
     !flag.is_positional() && flag.get_env().is_some()
 }
 
-/// A value as it may be seen. Of a secret, only where it leads to, if it is an address; of any other address, all but
-/// who asks there and with what.
-pub(super) fn shown(value: &str, secret: bool) -> String {
-    let Some(mut url) = Url::parse(value).ok().filter(Url::has_host) else {
-        return if secret { HIDDEN.to_owned() } else { value.to_owned() };
-    };
-    if secret {
-        let port = url.port().map(|port| format!(":{port}")).unwrap_or_default();
-        return format!("{}://{HIDDEN}@{}{port}/{HIDDEN}", url.scheme(), url.host_str().unwrap_or_default());
+/// How the environment variables of this program begin.
+const VARIABLE_PREFIX: &str = "MESHMEND_";
+
+/// Variables that begin so and that other programs of this repository read: the clients, the example of a shop, scripts and tests. They
+/// may stand in the same environment.
+const COMPANION_VARIABLES: [&str; 16] = [
+    "MESHMEND_BROWSER",
+    "MESHMEND_BUCKET",
+    "MESHMEND_CHECK_API_SECONDS",
+    "MESHMEND_CHECK_API_SEED",
+    "MESHMEND_FUZZ_FILE",
+    "MESHMEND_FUZZ_SECONDS",
+    "MESHMEND_FUZZ_SEED",
+    "MESHMEND_FUZZ_TARGET",
+    "MESHMEND_KILLS",
+    "MESHMEND_KILL_SEED",
+    "MESHMEND_LIB3MF_PYTHON",
+    "MESHMEND_LOAD_S",
+    "MESHMEND_PEER_PYTHON",
+    "MESHMEND_PROGRAM",
+    "MESHMEND_URL",
+    "MESHMEND_WEBHOOK_SECRET",
+];
+
+/// How alike a known name must be to be suggested; 1 is equal (Jaro-Winkler).
+const MIN_SIMILARITY: f64 = 0.92;
+
+/// Why commands that run the service refuse this environment: variables that look like settings and that no command reads. None where
+/// there are no such variables. A misspelt setting would silently have no effect.
+pub(super) fn refusal(program: &Command) -> Option<String> {
+    let unknown = unknown_variables(program);
+    if unknown.is_empty() {
+        return None;
     }
-    let asks_as = !url.username().is_empty() || url.password().is_some();
-    if !asks_as && url.query().is_none() {
-        return value.to_owned();
+    let known = variables_of(program);
+    let lines: Vec<String> = unknown.iter().map(|name| describe_unknown(name, &known)).collect();
+    Some(lines.join("\n"))
+}
+
+/// The variables that are set, begin like settings, and are read by no command.
+fn unknown_variables(program: &Command) -> Vec<String> {
+    let set = std::env::vars_os().filter_map(|(name, _)| name.into_string().ok());
+    let in_kubernetes = std::env::var_os("KUBERNETES_SERVICE_HOST").is_some();
+    unknown_among(set, &variables_of(program), in_kubernetes)
+}
+
+fn unknown_among(set: impl Iterator<Item = String>, known: &BTreeSet<String>, in_kubernetes: bool) -> Vec<String> {
+    let is_known_elsewhere =
+        |name: &String| COMPANION_VARIABLES.contains(&name.as_str()) || (in_kubernetes && is_service_link(name));
+    let is_unknown =
+        |name: &String| name.starts_with(VARIABLE_PREFIX) && !known.contains(name) && !is_known_elsewhere(name);
+    let unknown: BTreeSet<String> = set.filter(is_unknown).collect();
+    unknown.into_iter().collect()
+}
+
+fn describe_unknown(name: &str, known: &BTreeSet<String>) -> String {
+    let alike = known.iter().map(|other| (strsim::jaro_winkler(name, other), other));
+    let best = alike.filter(|(alike, _)| *alike > MIN_SIMILARITY).max_by(|(a, _), (b, _)| a.total_cmp(b));
+    let hint = best.map_or_else(String::new, |(_, other)| format!(" Did you mean {other}?"));
+    format!("{name} is set, but no command of this version reads it. Correct the name or unset it.{hint}")
+}
+
+/// Whether Kubernetes sets such a variable for a Service named `meshmend` (its documentation, "Service", "Environment variables").
+fn is_service_link(name: &str) -> bool {
+    let is_of_port =
+        |rest: &str| rest.is_empty() || ["_TCP", "_UDP", "_SCTP"].iter().any(|protocol| rest.contains(protocol));
+    name.ends_with("_SERVICE_HOST")
+        || name.contains("_SERVICE_PORT")
+        || name.find("_PORT").is_some_and(|at| is_of_port(&name[at + "_PORT".len()..]))
+}
+
+/// Every variable that a command reads.
+fn variables_of(command: &Command) -> BTreeSet<String> {
+    let own = command.get_arguments().filter_map(|flag| Some(flag.get_env()?.to_string_lossy().into_owned()));
+    own.chain(command.get_subcommands().flat_map(variables_of)).collect()
+}
+
+/// Rows under a header, in columns that are aligned by spaces, for people and for tools such as `awk`.
+pub(super) fn table<const N: usize>(header: [&str; N], rows: impl IntoIterator<Item = [String; N]>) -> String {
+    let mut table = Table::new();
+    table.load_style(presets::NOTHING).set_header(header).add_rows(rows);
+    for column in table.column_iter_mut() {
+        column.set_padding((0, 2));
     }
-    if asks_as && (url.set_username(HIDDEN).is_err() || url.set_password(None).is_err()) {
-        return HIDDEN.to_owned();
-    }
-    url.set_query(url.query().map(|_| HIDDEN));
-    url.into()
+    table.trim_fmt()
 }
 
 #[cfg(test)]
 mod tests {
-    use super::shown;
+    use super::*;
+
+    fn known() -> BTreeSet<String> {
+        BTreeSet::from(["MESHMEND_WORKERS".to_owned(), "MESHMEND_LISTEN".to_owned()])
+    }
+
+    fn unknown(set: &[&str], in_kubernetes: bool) -> Vec<String> {
+        unknown_among(set.iter().map(|name| (*name).to_owned()), &known(), in_kubernetes)
+    }
 
     #[test]
-    fn a_secret_is_never_shown_and_an_address_without_who_asks_there() {
-        for (value, secret, seen) in [
-            ("plain", false, "plain"),
-            ("plain", true, "***"),
-            ("127.0.0.1:8080", false, "127.0.0.1:8080"),
-            ("key:with:colons", true, "***"),
-            ("postgres://me:pass@db:5432/jobs?password=pass", true, "postgres://***@db:5432/***"),
-            ("postgres://me:p%40ss@db/jobs", true, "postgres://***@db/***"),
-            ("http://collector:4318", false, "http://collector:4318"),
-            ("http://token@collector:4318/x", false, "http://***@collector:4318/x"),
-            ("http://collector:4318/x?key=token", false, "http://collector:4318/x?***"),
-            ("s3://bucket/prefix", false, "s3://bucket/prefix"),
-        ] {
-            assert_eq!(shown(value, secret), seen, "{value}");
-        }
+    fn a_variable_that_no_command_reads_is_named_with_the_one_that_was_probably_meant() {
+        let set = ["PATH", "MESHMEND_WORKERS", "MESHMEND_WORKRES", "MESHMEND_URL"];
+        assert_eq!(unknown(&set, false), ["MESHMEND_WORKRES"]);
+        let text = describe_unknown("MESHMEND_WORKRES", &known());
+        assert!(text.starts_with("MESHMEND_WORKRES is set, but no command of this version reads it."), "{text}");
+        assert!(text.ends_with("Did you mean MESHMEND_WORKERS?"), "{text}");
+        assert!(describe_unknown("MESHMEND_COLOUR", &known()).ends_with("unset it."));
+    }
+
+    #[test]
+    fn variables_of_a_kubernetes_service_named_meshmend_are_no_settings() {
+        let links = [
+            "MESHMEND_SERVICE_HOST",
+            "MESHMEND_SERVICE_PORT",
+            "MESHMEND_SERVICE_PORT_HTTP",
+            "MESHMEND_PORT",
+            "MESHMEND_PORT_80_TCP",
+            "MESHMEND_PORT_80_TCP_ADDR",
+        ];
+        assert_eq!(unknown(&links, true), [""; 0]);
+        assert_eq!(unknown(&links, false).len(), links.len());
+        assert_eq!(unknown(&["MESHMEND_PORTS"], true), ["MESHMEND_PORTS"]);
+    }
+
+    #[test]
+    fn the_columns_of_a_table_begin_below_one_another_and_lines_end_without_spaces() {
+        let rows = [["a", "1"], ["long name", "22"]].map(|row| row.map(str::to_owned));
+        assert_eq!(table(["NAME", "N"], rows), "NAME       N\na          1\nlong name  22");
     }
 }

@@ -1,5 +1,8 @@
+//! What commands that work on files here share: limits, Blender, files, progress, and remarks on a result.
+
 use std::fs::File;
-use std::io::Read;
+use std::io::{Read, Write};
+use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
@@ -7,6 +10,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use meshmend::blender::BlenderConfig;
 use meshmend::format::Limits;
 use meshmend::repair::{Progress, Stage};
+use tempfile::NamedTempFile;
 
 /// What a reader may spend.
 #[derive(Debug, Clone, Args)]
@@ -75,6 +79,24 @@ pub fn read_file(path: &Path, limits: &Limits) -> Result<Vec<u8>, String> {
     Ok(bytes)
 }
 
+/// A file beside a place, which goes unless it is moved there, so that no half file is ever seen.
+pub fn temporary_beside(path: &Path) -> std::io::Result<NamedTempFile> {
+    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    tempfile::Builder::new()
+        .prefix(".meshmend-")
+        .permissions(std::fs::Permissions::from_mode(0o644))
+        .tempfile_in(folder)
+}
+
+/// Writes beside the place and then moves.
+pub fn write_file(path: &Path, bytes: &[u8]) -> Result<(), String> {
+    let name = path.display();
+    let mut file = temporary_beside(path).map_err(|e| format!("{name}: {e}"))?;
+    file.write_all(bytes).map_err(|e| format!("{name}: {e}"))?;
+    file.persist(path).map_err(|e| format!("{name}: {}", e.error))?;
+    Ok(())
+}
+
 /// Progress as a bar on a terminal; nothing where there is none.
 pub struct Bar {
     bar: ProgressBar,
@@ -105,7 +127,7 @@ impl Progress for Bar {
     fn log(&self, line: &str) {
         if self.verbose {
             self.bar.suspend(|| {
-                let _ = std::io::Write::write_all(&mut std::io::stderr(), format!("{line}\n").as_bytes());
+                let _ = writeln!(std::io::stderr(), "{line}");
             });
         }
     }

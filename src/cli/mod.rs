@@ -1,33 +1,24 @@
-mod address;
-mod auth;
-mod backup;
-mod blobs;
+mod administration;
 mod compare;
-mod completions;
 mod config;
-mod database;
 mod engine;
 mod exit;
-mod files;
 mod inspect;
-mod keys;
 mod listen;
-mod openapi;
 mod remote;
 mod repair;
 mod service;
+mod service_error;
 mod settings;
 mod submit;
-mod table;
 mod telemetry;
-mod tenants;
-mod variables;
-mod watch;
-mod webhooks;
 
+use std::io::Write;
+use std::path::PathBuf;
 use std::process::ExitCode;
 
-use clap::{CommandFactory, Parser, Subcommand};
+use clap::{Args, CommandFactory, Parser, Subcommand};
+use clap_complete::Shell;
 
 /// Repairs broken 3D models, proves that the result is printable, and gives an honest account of what changed.
 #[derive(Debug, Parser)]
@@ -55,24 +46,24 @@ enum Command {
     /// leaves jobs running, and the last line says how to go on.
     Submit(submit::SubmitArgs),
     /// Follow jobs of a service until they have ended.
-    Watch(watch::WatchArgs),
+    Watch(submit::WatchArgs),
     /// Make or update the database's tables and stop.
     Migrate(settings::MigrateArgs),
     /// Make, list and revoke API keys.
-    Keys(keys::KeysArgs),
+    Keys(administration::KeysArgs),
     /// Set what single tenants may use, and list them.
-    Tenants(tenants::TenantsArgs),
+    Tenants(administration::TenantsArgs),
     /// Copy the SQLite database while the service runs.
     ///
     /// The copy is whole and of one moment. Only this user may read it. It has no files of jobs: copy those after it, since files that the
     /// copy does not know are removed, while files that it misses are lost. Copy a PostgreSQL database with `pg_dump`.
-    Backup(backup::BackupArgs),
+    Backup(administration::BackupArgs),
     /// Print the settings of a command and where each is from, with secrets hidden.
     Config(config::ConfigArgs),
     /// Print the OpenAPI document, or check a file against it.
-    Openapi(openapi::OpenapiArgs),
+    Openapi(OpenapiArgs),
     /// Print a script that completes commands and flags in a shell, such as `meshmend completions bash`.
-    Completions(completions::CompletionsArgs),
+    Completions(CompletionsArgs),
 }
 
 impl Command {
@@ -89,7 +80,7 @@ impl Command {
 pub fn run() -> ExitCode {
     let command = Cli::parse().command;
     if command.runs_the_service()
-        && let Some(message) = variables::refusal(&Cli::command())
+        && let Some(message) = config::refusal(&Cli::command())
     {
         return exit::fail(exit::BAD_INPUT, message);
     }
@@ -99,15 +90,76 @@ pub fn run() -> ExitCode {
         Command::Repair(args) => repair::run(&args),
         Command::Inspect(args) => inspect::run(&args),
         Command::Compare(args) => compare::run(&args),
-        Command::Submit(args) => submit::run(&args),
-        Command::Watch(args) => watch::run(&args),
+        Command::Submit(args) => submit::submit(&args),
+        Command::Watch(args) => submit::watch(&args),
         Command::Migrate(args) => service::migrate(&args),
-        Command::Keys(args) => keys::keys(args),
-        Command::Tenants(args) => tenants::tenants(args),
-        Command::Backup(args) => backup::run(&args),
+        Command::Keys(args) => administration::keys(args),
+        Command::Tenants(args) => administration::tenants(args),
+        Command::Backup(args) => administration::backup(&args),
         Command::Config(args) => config::run(&args, Cli::command()),
-        Command::Openapi(args) => openapi::run(&args),
-        Command::Completions(args) => completions::run(&args, Cli::command()),
+        Command::Openapi(args) => openapi(&args),
+        Command::Completions(args) => completions(&args, Cli::command()),
+    }
+}
+
+/// Arguments of `meshmend openapi`.
+#[derive(Debug, Args)]
+struct OpenapiArgs {
+    /// Instead of printing, say whether this file is the document; exit code 1 where it is stale.
+    #[arg(long, env = "MESHMEND_OPENAPI_CHECK", value_name = "FILE")]
+    check: Option<PathBuf>,
+    /// Version of the OpenAPI specification that the document follows. `3.0` is for code generators that don't read 3.1: each body
+    /// has one media type, and a job is submitted as raw bytes.
+    #[arg(long, env = "MESHMEND_OPENAPI_SPEC", default_value = "3.1")]
+    spec: Spec,
+}
+
+#[derive(Debug, Clone, Copy, clap::ValueEnum)]
+enum Spec {
+    #[value(name = "3.0")]
+    V3_0,
+    #[value(name = "3.1")]
+    V3_1,
+}
+
+/// Runs `meshmend openapi`.
+fn openapi(args: &OpenapiArgs) -> ExitCode {
+    let document = match args.spec {
+        Spec::V3_0 => meshmend::api::document_3_0().and_then(|document| serde_json::to_string_pretty(&document)),
+        Spec::V3_1 => meshmend::api::document().to_pretty_json(),
+    };
+    let document = match document {
+        Ok(document) => document + "\n",
+        Err(error) => return exit::fail(exit::INTERNAL, error),
+    };
+    let Some(path) = &args.check else {
+        return match std::io::stdout().write_all(document.as_bytes()) {
+            Ok(()) => ExitCode::SUCCESS,
+            Err(error) => exit::fail(exit::INTERNAL, error),
+        };
+    };
+    match std::fs::read_to_string(path) {
+        Ok(kept) if kept == document => ExitCode::SUCCESS,
+        Ok(_) => exit::fail(exit::PARTIAL, format!("{} is stale; run 'make openapi'", path.display())),
+        Err(error) => exit::fail(exit::BAD_INPUT, format!("{}: {error}", path.display())),
+    }
+}
+
+/// Arguments of `meshmend completions`.
+#[derive(Debug, Args)]
+struct CompletionsArgs {
+    /// The shell that is to complete commands and flags.
+    #[arg(value_enum)]
+    shell: Shell,
+}
+
+/// Runs `meshmend completions` for this `program`.
+fn completions(args: &CompletionsArgs, mut program: clap::Command) -> ExitCode {
+    let mut script = Vec::new();
+    clap_complete::generate(args.shell, &mut program, "meshmend", &mut script);
+    match std::io::stdout().write_all(&script) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => exit::fail(exit::INTERNAL, error),
     }
 }
 

@@ -1,6 +1,7 @@
 use std::collections::BTreeMap;
 use std::fs::DirBuilder;
 use std::io::{self, Write};
+use std::net::SocketAddr;
 use std::os::unix::fs::DirBuilderExt;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -13,52 +14,25 @@ use meshmend::blender::BlenderRemesher;
 use meshmend::blobs::Blobs;
 use meshmend::jobs::{PostgresStore, RetryPolicy, SqliteStore, Store, SystemClock};
 use meshmend::repair::{Remesher, RemesherInfo};
-use meshmend::webhooks::Courier;
+use meshmend::webhooks::{Dispatcher, SystemRandom};
 use meshmend::worker::{Pool, Shutdown, WorkerConfig};
 use tokio::signal::unix::{SignalKind, signal};
+use tokio::task::JoinHandle;
 use tokio_util::sync::CancellationToken;
 use tower_http::metrics::InFlightRequestsLayer;
 use tower_http::metrics::in_flight_requests::InFlightRequestsCounter;
 
-use super::auth::is_of_this_machine;
-use super::database;
 use super::engine::BlenderArgs;
 use super::exit;
-use super::listen::listen;
-use super::settings::{DataArgs, MigrateArgs, ServeArgs, WorkArgs, default_workers};
+use super::listen::{is_of_this_machine, listen};
+use super::service_error::{ServiceError, io_error, postgres_error, sqlite_error};
+use super::settings::{DataArgs, MigrateArgs, ServeArgs, WorkArgs, database_file, default_workers, seconds};
 use super::telemetry::install_metrics;
 
-/// How long to wait before looking for what no bell told of.
+/// How long to wait before polling for what no notification came for.
 const POLL: Duration = Duration::from_millis(500);
 /// How often to look whether requests are left when the process stops.
 const IDLE_POLL: Duration = Duration::from_millis(20);
-
-/// Why a service could not start or go on.
-#[derive(Debug, thiserror::Error)]
-pub(super) enum ServiceError {
-    #[error("{0}: {1}")]
-    Io(String, io::Error),
-    #[error(transparent)]
-    Store(#[from] meshmend::jobs::StoreError),
-    #[error(transparent)]
-    Blobs(#[from] meshmend::blobs::BlobError),
-    #[error(transparent)]
-    Pool(#[from] meshmend::worker::PoolError),
-    /// A setting that can't be used.
-    #[error("{0}")]
-    Refused(String),
-    /// Something that the service needs and that does not answer.
-    #[error("{0}")]
-    Unavailable(String),
-    #[error(transparent)]
-    Webhooks(#[from] meshmend::webhooks::PosterError),
-    #[error("metrics: {0}")]
-    Metrics(#[from] metrics_exporter_prometheus::BuildError),
-}
-
-fn io_error(what: impl Into<String>) -> impl FnOnce(io::Error) -> ServiceError {
-    move |error| ServiceError::Io(what.into(), error)
-}
 
 /// Runs `meshmend serve`.
 pub fn serve(args: ServeArgs) -> ExitCode {
@@ -68,11 +42,11 @@ pub fn serve(args: ServeArgs) -> ExitCode {
 /// Runs `meshmend work`.
 pub fn work(args: WorkArgs) -> ExitCode {
     start(&args.data, async {
-        let room = Room::open(&args.data).await?;
+        let data = ServiceData::open(&args.data).await?;
         let blender = find_blender(&args.blender).await;
-        let pool = room.pool(&args, args.workers, blender.clone().ok()).await?;
+        let pool = data.pool(&args, args.workers, blender.clone().ok()).await?;
         let shutdown = Shutdown::default();
-        watch(&args, room.health(&args, &blender, shutdown.drain.clone())?).await?;
+        watch(&args, data.health(&args, &blender, shutdown.drain.clone())?).await?;
         let stopping = tokio::spawn(stop_on_signal(shutdown.clone(), seconds(args.shutdown_grace_s)));
         pool.run(shutdown).await;
         stopping.abort();
@@ -83,7 +57,7 @@ pub fn work(args: WorkArgs) -> ExitCode {
 /// Runs `meshmend migrate`.
 pub fn migrate(args: &MigrateArgs) -> ExitCode {
     start(&args.data, async {
-        Room::open(&args.data).await?;
+        ServiceData::open(&args.data).await?;
         tracing::info!("the database is up to date");
         Ok(())
     })
@@ -92,9 +66,9 @@ pub fn migrate(args: &MigrateArgs) -> ExitCode {
 /// Does something with what the service keeps, beside it or without it.
 pub(super) fn run<F: Future<Output = Result<(), ServiceError>>>(
     data: &DataArgs,
-    work: impl FnOnce(Room) -> F,
+    work: impl FnOnce(ServiceData) -> F,
 ) -> ExitCode {
-    start(data, async { work(Room::open(data).await?).await })
+    start(data, async { work(ServiceData::open(data).await?).await })
 }
 
 /// Prints a line for people or scripts.
@@ -132,26 +106,26 @@ fn open_data_dir(path: &Path) -> Result<PathBuf, ServiceError> {
     })
 }
 
-/// The data folder, opened.
-pub(super) struct Room {
+/// What the service keeps, opened.
+pub(super) struct ServiceData {
     data_dir: PathBuf,
     pub store: Arc<dyn Store>,
     blobs: Blobs,
 }
 
-impl Room {
+impl ServiceData {
     async fn open(args: &DataArgs) -> Result<Self, ServiceError> {
         let data_dir = open_data_dir(&args.data_dir)?;
         let retry = RetryPolicy::default();
         let store: Arc<dyn Store> = match &args.database_url {
             Some(url) => {
                 let opened = PostgresStore::open(url, args.database_connections, None, retry).await;
-                Arc::new(opened.map_err(|error| database::postgres_error(url, &error))?)
+                Arc::new(opened.map_err(|error| postgres_error(url, &error))?)
             }
             None => {
-                let path = database::file(&data_dir);
+                let path = database_file(&data_dir);
                 let opened = SqliteStore::open(&path, Arc::new(SystemClock), retry).await;
-                Arc::new(opened.map_err(|error| database::sqlite_error(&path, &error))?)
+                Arc::new(opened.map_err(|error| sqlite_error(&path, &error))?)
             }
         };
         let blobs = args.blobs.open(&data_dir)?;
@@ -212,63 +186,64 @@ impl Room {
         };
         Ok(Pool::new(Arc::clone(&self.store), self.blobs.clone(), config).await?)
     }
+
+    fn api_state(&self, args: &ServeArgs, auth: Auth, capabilities: Capabilities, health: Health) -> ApiState {
+        ApiState {
+            store: Arc::clone(&self.store),
+            blobs: self.blobs.clone(),
+            auth,
+            rates: Arc::new(Rates::default()),
+            config: ApiConfig {
+                limits: args.work.limits.limits(),
+                max_files: usize::from(args.max_files),
+                max_queued: args.max_queued,
+                tenant_limits: TenantLimits {
+                    max_queued: args.tenant_max_queued,
+                    max_running: args.work.tenant_max_running,
+                    requests_per_minute: args.tenant_requests_per_minute,
+                },
+                retention: args.work.retention().results,
+                min_free: args.work.min_free_mib << 20,
+                webhook_reach: args.webhooks.reach(),
+                upload_idle: Duration::from_secs(args.upload_idle_s),
+                presigned_uploads: args.presigned_uploads,
+                presigned_downloads: args.presigned_downloads,
+                poll: POLL,
+            },
+            capabilities: Arc::new(capabilities),
+            health,
+            clock: Arc::new(SystemClock),
+            random: Arc::new(SystemRandom),
+            stopping: CancellationToken::new(),
+        }
+    }
 }
 
 async fn serve_until_stopped(args: &ServeArgs) -> Result<(), ServiceError> {
     let addresses = args.listen.resolve("--listen").await?;
     let auth = args.auth.on(&addresses);
-    let room = Room::open(&args.work.data).await?;
+    let data = ServiceData::open(&args.work.data).await?;
     let blender = find_blender(&args.work.blender).await;
     let slots = if args.no_workers { Some(0) } else { args.work.workers };
-    let pool = room.pool(&args.work, slots, blender.clone().ok()).await?;
+    let pool = data.pool(&args.work, slots, blender.clone().ok()).await?;
     let delivery = args.webhooks.delivery(POLL)?;
-    let (limits, max_files) = (args.work.limits.limits(), usize::from(args.max_files));
     let shutdown = Shutdown::default();
-    // Requests that wait, and then the listener, go on until there are no jobs to finish here.
-    let (stopping, closing) = (CancellationToken::new(), CancellationToken::new());
-    let health = room.health(&args.work, &blender, shutdown.drain.clone())?;
+    let health = data.health(&args.work, &blender, shutdown.drain.clone())?;
     watch(&args.work, health.clone()).await?;
-    let state = ApiState {
-        store: Arc::clone(&room.store),
-        blobs: room.blobs.clone(),
-        auth,
-        rates: Arc::new(Rates::default()),
-        config: ApiConfig {
-            limits,
-            max_files,
-            max_queued: args.max_queued,
-            tenant_limits: TenantLimits {
-                max_queued: args.tenant_max_queued,
-                max_running: args.work.tenant_max_running,
-                requests_per_minute: args.tenant_requests_per_minute,
-            },
-            retention: args.work.retention().results,
-            min_free: args.work.min_free_mib << 20,
-            webhook_reach: args.webhooks.reach(),
-            upload_idle: Duration::from_secs(args.upload_idle_s),
-            presigned_uploads: args.presigned_uploads,
-            presigned_downloads: args.presigned_downloads,
-            poll: POLL,
-        },
-        capabilities: Arc::new(Capabilities::new(limits, max_files, blender, pool.sandbox().cloned())),
-        health,
-        stopping: stopping.clone(),
-    };
+    let (limits, max_files) = (args.work.limits.limits(), usize::from(args.max_files));
+    let capabilities = Capabilities::new(limits, max_files, blender, pool.sandbox().cloned());
+    let state = data.api_state(args, auth, capabilities, health);
+    // Requests that wait, and then the listener, go on until there are no jobs to finish here.
+    let (stopping, closing) = (state.stopping.clone(), CancellationToken::new());
     let listener = args.listen.bind("--listen", &addresses).await?;
     let address = listener.local_addr().map_err(io_error("the address to listen on"))?;
-    let keys = if auth == Auth::Open { "no request needs a key" } else { "each request needs a key" };
-    tracing::info!("listening on http://{address}, documentation at http://{address}/docs/, {keys}");
-    if auth == Auth::Open && !is_of_this_machine(&[address]) {
-        tracing::warn!(
-            "--auth is open, and other machines reach {address}: anyone there may submit, read and delete jobs. Use --auth keys, or \
-             listen on 127.0.0.1"
-        );
-    }
+    announce(address, auth);
     let grace = seconds(args.work.shutdown_grace_s);
     tokio::spawn(stop_on_signal(shutdown.clone(), grace));
-    let courier = delivery.map(|(poster, config)| {
-        let courier = Courier::new(Arc::clone(&room.store), poster, config);
-        tokio::spawn(courier.run(shutdown.drain.clone(), shutdown.now.clone()))
+    let dispatcher = delivery.map(|(poster, config)| {
+        let (clock, random) = (Arc::new(SystemClock), Arc::new(SystemRandom));
+        let dispatcher = Dispatcher::new(Arc::clone(&data.store), poster, config, clock, random);
+        tokio::spawn(dispatcher.run(shutdown.drain.clone(), shutdown.now.clone()))
     });
     let workers = tokio::spawn(pool.run(shutdown.clone()));
     let (counted, in_flight) = InFlightRequestsLayer::pair();
@@ -276,7 +251,7 @@ async fn serve_until_stopped(args: &ServeArgs) -> Result<(), ServiceError> {
     if let Err(error) = workers.await {
         tracing::error!(%error, "the workers ended");
     }
-    if let Some(Err(error)) = futures::future::OptionFuture::from(courier).await {
+    if let Some(Err(error)) = futures::future::OptionFuture::from(dispatcher).await {
         tracing::error!(%error, "the delivery of webhooks ended");
     }
     // Reads are served until the jobs have ended; then requests that wait for jobs end, and the rest are finished.
@@ -287,7 +262,25 @@ async fn serve_until_stopped(args: &ServeArgs) -> Result<(), ServiceError> {
         () = shutdown.now.cancelled() => {}
     }
     closing.cancel();
-    // Connections that are still open, such as a slow download, get the rest of the grace and no more.
+    finish_connections(served, &shutdown).await;
+    tracing::info!("stopped");
+    Ok(())
+}
+
+/// Logs where the service listens, and warns where anybody may use it.
+fn announce(address: SocketAddr, auth: Auth) {
+    let keys = if auth == Auth::Open { "no request needs a key" } else { "each request needs a key" };
+    tracing::info!("listening on http://{address}, documentation at http://{address}/docs/, {keys}");
+    if auth == Auth::Open && !is_of_this_machine(&[address]) {
+        tracing::warn!(
+            "--auth is open, and other machines reach {address}: anyone there may submit, read and delete jobs. Use --auth keys, or \
+             listen on 127.0.0.1"
+        );
+    }
+}
+
+/// Waits for connections that are still open, such as a slow download; they get the rest of the grace and no more.
+async fn finish_connections(served: JoinHandle<()>, shutdown: &Shutdown) {
     tokio::select! {
         served = served => {
             if let Err(error) = served {
@@ -298,8 +291,6 @@ async fn serve_until_stopped(args: &ServeArgs) -> Result<(), ServiceError> {
             tracing::warn!("connections were still open");
         }
     }
-    tracing::info!("stopped");
-    Ok(())
 }
 
 /// Opens the listener for operators, if there is to be one. It answers until the process ends, while it drains too.
@@ -311,10 +302,6 @@ async fn watch(args: &WorkArgs, health: Health) -> Result<(), ServiceError> {
     tracing::info!("probes and metrics on http://{address}");
     tokio::spawn(listen(listener, probes(health), CancellationToken::new()));
     Ok(())
-}
-
-pub(super) fn seconds(seconds: f64) -> Duration {
-    Duration::try_from_secs_f64(seconds).unwrap_or_default().max(Duration::from_millis(10))
 }
 
 /// Tier 3, or why there is none.

@@ -1,18 +1,17 @@
 //! What `serve`, `work` and `migrate` can be told.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use clap::{Args, ValueEnum};
+use clap::{ArgAction, Args, ValueEnum};
+use meshmend::blobs::{BlobError, Blobs, S3Config};
 use meshmend::sandbox::SandboxMode;
+use meshmend::webhooks::{DispatcherConfig, Poster, PosterError, Reach, Schedule};
 use meshmend::worker::Retention;
 
-use super::address::ListenAddress;
-use super::auth::AuthMode;
-use super::blobs::BlobArgs;
 use super::engine::{BlenderArgs, LimitArgs};
+use super::listen::{AuthMode, ListenAddress};
 use super::telemetry::TelemetryArgs;
-use super::webhooks::WebhookArgs;
 
 /// Arguments of `meshmend serve`.
 #[derive(Debug, Args)]
@@ -41,11 +40,11 @@ pub struct ServeArgs {
     #[arg(long, env = "MESHMEND_MAX_QUEUED", default_value_t = 10_000)]
     pub(super) max_queued: u64,
     /// Let clients send files that they announce straight to the S3 store; without, or with a folder, they pass through this service.
-    #[arg(long, env = "MESHMEND_PRESIGNED_UPLOADS", default_value_t = true, action = clap::ArgAction::Set)]
+    #[arg(long, env = "MESHMEND_PRESIGNED_UPLOADS", default_value_t = true, action = ArgAction::Set)]
     pub(super) presigned_uploads: bool,
     /// Send clients on to the S3 store for their downloads, by addresses that are good for minutes; without, or with a folder, they
     /// pass through this service, which sees that they are sound.
-    #[arg(long, env = "MESHMEND_PRESIGNED_DOWNLOADS", default_value_t = false, action = clap::ArgAction::Set)]
+    #[arg(long, env = "MESHMEND_PRESIGNED_DOWNLOADS", default_value_t = false, action = ArgAction::Set)]
     pub(super) presigned_downloads: bool,
     /// Take jobs and answer for them, and leave the work to other processes (`meshmend work`).
     #[arg(long, env = "MESHMEND_NO_WORKERS", conflicts_with = "workers")]
@@ -112,7 +111,7 @@ pub struct WorkArgs {
     pub(super) metrics_listen: Option<ListenAddress>,
     /// Run Blender once on a small model when the worker starts, so that the first job does not wait for what it loads, and so
     /// that the log says whether it works.
-    #[arg(long, env = "MESHMEND_BLENDER_WARM_UP", default_value_t = true, action = clap::ArgAction::Set)]
+    #[arg(long, env = "MESHMEND_BLENDER_WARM_UP", default_value_t = true, action = ArgAction::Set)]
     pub(super) blender_warm_up: bool,
     #[command(flatten)]
     pub(super) limits: LimitArgs,
@@ -187,6 +186,99 @@ impl From<SandboxChoice> for SandboxMode {
             SandboxChoice::Require => Self::Require,
             SandboxChoice::Off => Self::Off,
         }
+    }
+}
+
+/// A length of time of at least 10 ms; the shortest where it is no number.
+pub(super) fn seconds(seconds: f64) -> Duration {
+    Duration::try_from_secs_f64(seconds).unwrap_or_default().max(Duration::from_millis(10))
+}
+
+/// The file of the SQLite database in a data folder.
+pub(super) fn database_file(data_dir: &Path) -> PathBuf {
+    data_dir.join("meshmend.db")
+}
+
+/// Where the service keeps files.
+#[derive(Debug, Args)]
+pub struct BlobArgs {
+    /// Bucket of an S3-compatible store that keeps the files, as s3://bucket or s3://bucket/prefix; without it, the data folder. Any
+    /// number of processes may share one.
+    #[arg(long, env = "MESHMEND_BLOB_URL")]
+    blob_url: Option<String>,
+    /// Address of a store that is not AWS, such as https://s3.example.com.
+    #[arg(long, env = "MESHMEND_S3_ENDPOINT", requires = "blob_url")]
+    s3_endpoint: Option<String>,
+    /// Address at which clients reach the store, where it is not the one at which this service does.
+    #[arg(long, env = "MESHMEND_S3_PUBLIC_ENDPOINT", requires = "blob_url")]
+    s3_public_endpoint: Option<String>,
+    /// Region of the bucket; without it AWS_REGION, or us-east-1.
+    #[arg(long, env = "MESHMEND_S3_REGION", requires = "blob_url")]
+    s3_region: Option<String>,
+    /// Access key id; without it, whatever credentials the environment offers in AWS' ways.
+    #[arg(long, env = "MESHMEND_S3_ACCESS_KEY_ID", hide_env_values = true, requires = "s3_secret_access_key")]
+    s3_access_key_id: Option<String>,
+    /// Secret of the access key.
+    #[arg(long, env = "MESHMEND_S3_SECRET_ACCESS_KEY", hide_env_values = true, requires = "s3_access_key_id")]
+    s3_secret_access_key: Option<String>,
+    /// Talk to the store without TLS, where its address says http and the network can be trusted.
+    #[arg(long, env = "MESHMEND_S3_ALLOW_HTTP", default_value_t = false, action = ArgAction::Set)]
+    s3_allow_http: bool,
+}
+
+/// The folder of the files where no bucket keeps them.
+pub fn files_folder(data_dir: &Path) -> PathBuf {
+    data_dir.join("files")
+}
+
+impl BlobArgs {
+    pub fn open(&self, data_dir: &Path) -> Result<Blobs, BlobError> {
+        let Some(url) = &self.blob_url else { return Blobs::local(&files_folder(data_dir)) };
+        Blobs::s3(&S3Config {
+            url: url.clone(),
+            endpoint: self.s3_endpoint.clone(),
+            public_endpoint: self.s3_public_endpoint.clone(),
+            region: self.s3_region.clone(),
+            credentials: self.s3_access_key_id.clone().zip(self.s3_secret_access_key.clone()),
+            allow_http: self.s3_allow_http,
+            spool: data_dir.join("spool"),
+        })
+    }
+}
+
+/// Whom the service may tell of jobs, and how often it tries.
+#[derive(Debug, Args)]
+pub struct WebhookArgs {
+    /// Leave the delivery of webhooks to other processes that serve.
+    #[arg(long, env = "MESHMEND_NO_WEBHOOKS")]
+    no_webhooks: bool,
+    /// Let webhooks go to this machine and to private networks, by http too, at any port. Only where every tenant is trusted.
+    #[arg(long, env = "MESHMEND_WEBHOOK_ALLOW_PRIVATE")]
+    webhook_allow_private: bool,
+    /// Seconds that a receiver has to answer a webhook.
+    #[arg(long, env = "MESHMEND_WEBHOOK_TIMEOUT_S", default_value_t = 15.0)]
+    webhook_timeout_s: f64,
+    /// Seconds to wait before each further try to deliver a webhook, with commas between; after the last it is given up.
+    #[arg(long, env = "MESHMEND_WEBHOOK_RETRY_S", default_value = "5,300,1800,7200,18000,36000,50400,72000,86400")]
+    webhook_retry_s: Schedule,
+}
+
+impl WebhookArgs {
+    /// Which addresses may be named and reached.
+    pub fn reach(&self) -> Reach {
+        if self.webhook_allow_private { Reach::Anything } else { Reach::Public }
+    }
+
+    /// How to deliver; none where that is left to others.
+    pub fn delivery(&self, poll: Duration) -> Result<Option<(Poster, DispatcherConfig)>, PosterError> {
+        if self.no_webhooks {
+            return Ok(None);
+        }
+        let timeout = seconds(self.webhook_timeout_s);
+        // Time enough to note how it went.
+        let lease = 2 * timeout + Duration::from_secs(1);
+        let config = DispatcherConfig { lease, schedule: self.webhook_retry_s.clone(), poll };
+        Ok(Some((Poster::new(self.reach(), timeout)?, config)))
     }
 }
 

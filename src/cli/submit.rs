@@ -1,21 +1,26 @@
-use std::collections::BTreeMap;
+//! `meshmend submit` and `meshmend watch`: jobs of a service, sent and followed.
+
+use std::collections::{BTreeMap, BTreeSet};
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use std::time::Duration;
 
 use clap::{Args, ValueEnum};
 use futures::StreamExt;
-use meshmend::jobs::Mode;
+use futures::stream::FuturesUnordered;
+use meshmend::jobs::{JobId, Mode, Status};
 use meshmend::repair::{Options, OutputFormat};
 use serde_json::{Map, Value, json};
+use tokio::time::Instant;
 use uuid::Uuid;
 
 use super::exit;
-use super::remote::{Desk, RemoteError, RemoteJob, Row, ServiceArgs, Submission, Target, TellArgs, Wanted};
-use super::repair::options::{RepairOptionArgs, format_named};
+use super::remote::{DisplayArgs, RemoteError, RemoteJob, Row, ServiceArgs, Session, Submission, Target, Wanted};
+use super::repair::{RepairOptionArgs, format_named};
 
 /// Files that are on their way at the same time.
-const AT_ONCE: usize = 4;
+const MAX_SENT: usize = 4;
 
 /// Arguments of `meshmend submit`.
 #[derive(Debug, Args)]
@@ -52,7 +57,7 @@ pub struct SubmitArgs {
     #[arg(long, env = "MESHMEND_NO_WAIT", conflicts_with_all = ["output", "output_dir", "report", "pictures"])]
     no_wait: bool,
     #[command(flatten)]
-    tell: TellArgs,
+    display: DisplayArgs,
     #[command(flatten, next_help_heading = "Options of a repair")]
     repair: RepairOptionArgs,
 }
@@ -88,14 +93,14 @@ fn option(text: &str) -> Result<(String, Value), String> {
 }
 
 /// Runs `meshmend submit`.
-pub fn run(args: &SubmitArgs) -> ExitCode {
+pub fn submit(args: &SubmitArgs) -> ExitCode {
     let prepared = args.prepare().and_then(|prepared| Ok((prepared, args.service.open()?)));
     let ((options, wanted), service) = match prepared {
         Ok(prepared) => prepared,
         Err(error) => return exit::fail(error.code(), error),
     };
-    let desk = Desk::new(service, &args.tell, wanted);
-    desk.run(submit(args, &desk, &options))
+    let session = Session::new(service, &args.display, wanted);
+    session.run(submit_all(args, &session, &options))
 }
 
 impl SubmitArgs {
@@ -122,7 +127,7 @@ impl SubmitArgs {
         wanted.result = Some(result);
         let pictures = self.pictures.clone().map(Target::Folder);
         for target in [&wanted.result, &wanted.report, &pictures].into_iter().flatten() {
-            target.check(self.tell.force)?;
+            target.check(self.display.force)?;
         }
         Ok((options, wanted))
     }
@@ -163,37 +168,40 @@ impl SubmitArgs {
 }
 
 /// Submits all files, a few at a time, and gives the worst code.
-async fn submit(args: &SubmitArgs, desk: &Desk<'_>, options: &[(String, String)]) -> u8 {
-    let first = desk.board.row(desk.service.address());
-    first.rests("asks what it takes");
-    let most =
-        match desk.service.persist(|e, delay| first.waits(e, delay), async || desk.service.most_bytes().await).await {
-            Ok(most) => most,
-            Err(error) => {
-                drop(first);
-                desk.board.say(&format!("meshmend: {error}"));
-                return error.code();
-            }
-        };
+async fn submit_all(args: &SubmitArgs, session: &Session<'_>, options: &[(String, String)]) -> u8 {
+    let first = session.console.row(session.service.address());
+    first.show_waiting("asks what it takes");
+    let most = match session
+        .service
+        .persist(|e, delay| first.show_retry(e, delay), async || session.service.most_bytes().await)
+        .await
+    {
+        Ok(most) => most,
+        Err(error) => {
+            drop(first);
+            session.console.print_note(&format!("meshmend: {error}"));
+            return error.code();
+        }
+    };
     drop(first);
     let each = args.files.iter().map(|path| async move {
         let name = path.display().to_string();
-        let row = desk.board.row(&name);
-        match send(desk, path, options, most, &row).await {
-            Ok(job) if args.no_wait => desk.left(&name, &job),
-            Ok(job) => desk.see_to_the_end(&row, &name, job.id).await,
-            Err(error) => desk.failed(&row, &name, None, &error),
+        let row = session.console.row(&name);
+        match send(session, path, options, most, &row).await {
+            Ok(job) if args.no_wait => session.print_submitted(&name, &job),
+            Ok(job) => session.follow_to_end(&row, &name, job.id).await,
+            Err(error) => session.failed(&row, &name, None, &error),
         }
     });
     futures::stream::iter(each)
-        .buffer_unordered(AT_ONCE)
+        .buffer_unordered(MAX_SENT)
         .fold(exit::PRINTABLE, async |worst, code| worst.max(code))
         .await
 }
 
 /// Makes one job of a file, however often it has to be sent.
 async fn send(
-    desk: &Desk<'_>,
+    session: &Session<'_>,
     path: &Path,
     options: &[(String, String)],
     most: u64,
@@ -209,17 +217,87 @@ async fn send(
     let name = path.file_name().unwrap_or_default().to_string_lossy();
     let key = Uuid::new_v4().to_string();
     let submission = Submission { path, name: &name, options, key: &key };
-    let waits = |error: &RemoteError, delay| row.waits(error, delay);
-    let job = desk
+    let waits = |error: &RemoteError, delay| row.show_retry(error, delay);
+    let job = session
         .service
         .persist(waits, async || {
-            row.moves("sending", found.len());
-            desk.service.submit(&submission, row.meter()).await
+            row.start_transfer("sending", found.len());
+            session.service.submit(&submission, row.meter()).await
         })
         .await?;
-    desk.opened(job.id);
+    session.mark_open(job.id);
     row.line(&format!("submitted as {}", job.id));
     Ok(job)
+}
+
+/// Jobs that are followed at the same time.
+const MAX_FOLLOWED: usize = 16;
+/// How often to look for jobs that came.
+const POLL: Duration = Duration::from_secs(2);
+
+/// Arguments of `meshmend watch`.
+#[derive(Debug, Args)]
+pub struct WatchArgs {
+    /// The jobs' ids, as `submit` tells them. Without any, all that run and wait, and those that come, until it is interrupted.
+    jobs: Vec<JobId>,
+    #[command(flatten)]
+    service: ServiceArgs,
+    /// Folder that the results go into, under the names that the service gives them. It is made. Without it nothing is downloaded.
+    #[arg(long, env = "MESHMEND_DOWNLOAD", value_name = "FOLDER")]
+    download: Option<PathBuf>,
+    #[command(flatten)]
+    display: DisplayArgs,
+}
+
+/// Runs `meshmend watch`.
+pub fn watch(args: &WatchArgs) -> ExitCode {
+    let result = args.download.clone().map(Target::Folder);
+    let checked = result.as_ref().map_or(Ok(()), |target| target.check(args.display.force));
+    let service = match checked.and_then(|()| args.service.open()) {
+        Ok(service) => service,
+        Err(error) => return exit::fail(error.code(), error),
+    };
+    let session = Session::new(service, &args.display, Wanted { result, ..Wanted::default() });
+    if args.jobs.is_empty() {
+        return session.run(watch_all(&session));
+    }
+    let each = args.jobs.iter().map(|id| watch_job(&session, id.to_string(), *id));
+    let codes = futures::stream::iter(each).buffer_unordered(MAX_FOLLOWED);
+    session.run(codes.fold(exit::PRINTABLE, async |worst, code| worst.max(code)))
+}
+
+async fn watch_job(session: &Session<'_>, name: String, id: JobId) -> u8 {
+    let row = session.console.row(&name);
+    session.follow_to_end(&row, &name, id).await
+}
+
+/// Follows what runs and what waits, the oldest first, until the service can't be asked any more.
+async fn watch_all(session: &Session<'_>) -> u8 {
+    let (mut seen, mut followed) = (BTreeSet::new(), FuturesUnordered::new());
+    let row = session.console.row(session.service.address());
+    loop {
+        row.show_waiting("looks for jobs");
+        let look =
+            async || Ok([session.service.jobs(Status::Running).await?, session.service.jobs(Status::Queued).await?]);
+        let found = match session.service.persist(|error, delay| row.show_retry(error, delay), look).await {
+            Ok(found) => found,
+            Err(error) => {
+                session.console.print_note(&format!("meshmend: {error}"));
+                return error.code();
+            }
+        };
+        for job in found.iter().flat_map(|jobs| jobs.iter().rev()) {
+            if followed.len() < MAX_FOLLOWED && seen.insert(job.id) {
+                followed.push(watch_job(session, format!("{} {}", job.id, job.input.name), job.id));
+            }
+        }
+        let next_poll = Instant::now() + POLL;
+        while let Ok(ended) = tokio::time::timeout_at(next_poll, followed.next()).await {
+            if ended.is_none() {
+                tokio::time::sleep_until(next_poll).await;
+            }
+        }
+    }
 }
 
 #[cfg(test)]

@@ -2,17 +2,13 @@
 //! when they are sent again.
 //!
 //! ```text
-//! jobs (the outbox, written with a job's end) -> courier -> target (may it be reached?) -> sign -> post -> jobs (how it went)
+//! jobs (the outbox, written with a job's end) -> dispatcher -> target (may it be reached?) -> sign -> post -> jobs (how it went)
 //! ```
 
-mod courier;
+mod dispatcher;
 mod post;
-mod schedule;
-mod sign;
 mod target;
 
-pub use courier::{Courier, CourierConfig};
+pub use dispatcher::{Dispatcher, DispatcherConfig, Random, Schedule, ScheduleError, SystemRandom, new_secret};
 pub use post::{Poster, PosterError};
-pub use schedule::{Schedule, ScheduleError};
-pub use sign::new_secret;
 pub use target::{Reach, TargetError};

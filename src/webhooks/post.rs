@@ -10,7 +10,7 @@ use reqwest::dns::{Addrs, Name, Resolve, Resolving};
 use reqwest::redirect::Policy;
 use reqwest::{Client, header};
 
-use super::{Reach, TargetError};
+use super::target::{Reach, TargetError};
 use crate::tls::use_ring;
 
 /// Longest time for a connection to be made; never more than the time for everything.

@@ -15,12 +15,11 @@ use utoipa_axum::routes;
 
 mod version_3_0;
 
-pub use version_3_0::document_3_0;
-
-use super::admit::readable;
+use super::authenticate::readable;
+use super::intake::upload;
+use super::problem::Problem;
 use super::state::ApiState;
-use super::webhooks::{deliveries, endpoints, secrets};
-use super::{artifacts, capabilities, events, health, jobs, keys, submit, tenants, tokens, uploads};
+use super::{artifacts, jobs, keys, service, submit, tenants, webhook_deliveries, webhook_endpoints};
 
 #[derive(OpenApi)]
 #[openapi(
@@ -37,7 +36,7 @@ use super::{artifacts, capabilities, events, health, jobs, keys, submit, tenants
         (name = "access", description = "Tokens for the pages of a storefront, and the keys and tenants of the service"),
         (name = "service", description = "What the service can do and how it is"),
     ),
-    components(schemas(super::Problem, crate::jobs::JobReport, crate::jobs::JobMessage)),
+    components(schemas(Problem, crate::jobs::JobReport, crate::jobs::JobMessage)),
 )]
 struct Document;
 
@@ -47,25 +46,29 @@ pub(super) fn guarded() -> OpenApiRouter<ApiState> {
         .routes(routes!(submit::submit_job, jobs::list_jobs))
         .routes(routes!(jobs::get_job, jobs::delete_job))
         .routes(routes!(jobs::cancel_job))
-        .routes(routes!(events::job_events))
+        .routes(routes!(jobs::job_events))
         .routes(routes!(artifacts::get_artifact))
-        .routes(routes!(uploads::announce_upload))
-        .routes(routes!(endpoints::create_endpoint, endpoints::list_endpoints))
-        .routes(routes!(endpoints::get_endpoint, endpoints::change_endpoint, endpoints::delete_endpoint))
-        .routes(routes!(endpoints::rotate_endpoint))
-        .routes(routes!(deliveries::test_endpoint))
-        .routes(routes!(deliveries::list_of_endpoint))
-        .routes(routes!(deliveries::list_deliveries))
-        .routes(routes!(deliveries::redeliver))
-        .routes(routes!(secrets::get_secret))
-        .routes(routes!(secrets::rotate_secret))
-        .routes(routes!(tokens::make_token))
+        .routes(routes!(upload::announce_upload))
+        .routes(routes!(webhook_endpoints::create_endpoint, webhook_endpoints::list_endpoints))
+        .routes(routes!(
+            webhook_endpoints::get_endpoint,
+            webhook_endpoints::change_endpoint,
+            webhook_endpoints::delete_endpoint
+        ))
+        .routes(routes!(webhook_endpoints::rotate_endpoint))
+        .routes(routes!(webhook_deliveries::test_endpoint))
+        .routes(routes!(webhook_deliveries::list_of_endpoint))
+        .routes(routes!(webhook_deliveries::list_deliveries))
+        .routes(routes!(webhook_deliveries::redeliver))
+        .routes(routes!(webhook_endpoints::get_secret))
+        .routes(routes!(webhook_endpoints::rotate_secret))
+        .routes(routes!(keys::make_token))
         .routes(routes!(keys::create_key, keys::list_keys))
         .routes(routes!(keys::get_key, keys::revoke_key))
         .routes(routes!(tenants::list_tenants))
         .routes(routes!(tenants::get_tenant, tenants::change_tenant))
-        .routes(routes!(capabilities::get_capabilities))
-        .routes(routes!(health::get_metrics));
+        .routes(routes!(service::get_capabilities))
+        .routes(routes!(service::get_metrics));
     document_admission(routes.get_openapi_mut());
     document_submission(routes.get_openapi_mut());
     routes
@@ -75,17 +78,26 @@ pub(super) fn guarded() -> OpenApiRouter<ApiState> {
 pub(super) fn open() -> OpenApiRouter<ApiState> {
     OpenApiRouter::new()
         // Whoever has the address may send the file, from any page.
-        .routes(routes!(uploads::put_upload).layer(map_response(readable)))
-        .routes(routes!(health::livez))
-        .routes(routes!(health::readyz))
-        .routes(routes!(health::list_problems))
-        .routes(routes!(health::get_problem))
+        .routes(routes!(upload::put_upload).layer(map_response(readable)))
+        .routes(routes!(service::livez))
+        .routes(routes!(service::readyz))
+        .routes(routes!(service::list_problems))
+        .routes(routes!(service::get_problem))
 }
 
 /// The OpenAPI document (3.1), as kept in `openapi/openapi.json`.
 #[must_use]
 pub fn document() -> OpenApiDocument {
     complete(guarded().merge(open()).into_openapi())
+}
+
+/// The OpenAPI document in version 3.0.3, narrowed to what generators of that version take: each body has one media type (a job is
+/// submitted as raw bytes with its options in the query), parameters written as JSON are texts, and redirects and webhooks are left out.
+///
+/// # Errors
+/// When the document can't be written as JSON.
+pub fn document_3_0() -> serde_json::Result<serde_json::Value> {
+    serde_json::to_value(document()).map(version_3_0::narrow)
 }
 
 /// Adds what concerns the document as a whole: the server, the webhooks, the operations without a key, and names for schemas that
@@ -152,7 +164,7 @@ fn operations(document: &mut OpenApiDocument) -> impl Iterator<Item = &mut Opera
     })
 }
 
-/// Adds what `admit` and any handler may answer, and what is asked for.
+/// Adds what `authenticate` and any handler may answer, and what is asked for.
 fn document_admission(document: &mut OpenApiDocument) {
     let scheme = SecurityScheme::Http(
         HttpBuilder::new()

@@ -1,38 +1,30 @@
-mod bars;
+//! `meshmend inspect`: what is wrong with files, one after another, and what is measured between them.
+
 mod defects;
-mod files;
-mod good;
-mod offenders;
-mod options;
-mod pictures;
-mod print;
-mod set;
+mod figures;
+mod subject;
 mod text;
 
+use std::fmt::Write as _;
 use std::io::{IsTerminal, Write};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use std::sync::atomic::AtomicBool;
-use std::time::Duration;
 
 use clap::Args;
 use meshmend::analyze::subject;
 use meshmend::format::{self, Limits, ReadFile, ReadMesh, ReadOptions};
-use meshmend::inspect::{
-    Analysis, Findings, Goodness, InspectOptions, Inspection, Level, SetReport, Thresholds, goodness, inspect,
-};
+use meshmend::inspect::{Analysis, InspectOptions, Level, SetReport, Thresholds, goodness, inspect};
 use meshmend::mesh::Soup;
-use meshmend::render::{Marked, draw_inspected};
-use meshmend::repair::{Cancelled, Context, monotonic_clock};
+use meshmend::repair::{Cancelled, Context};
 use serde_json::{Value, json};
 
-use super::engine::{Bar, LimitArgs, read_file};
+use self::figures::{Style, distribution, figure, figures, point};
+use self::subject::{
+    Failure, Input, Inspected, MeasureArgs, Prefixes, SOUND, in_context, inputs, reasons, verdict_in_words,
+    verdict_line,
+};
+use super::engine::{LimitArgs, read_file};
 use super::exit;
-use super::repair::write_drawings;
-use bars::Style;
-use files::{Input, inputs};
-use options::MeasureArgs;
-use pictures::Prefixes;
 
 /// The version of the JSON that `--json` prints.
 const JSON_VERSION: u32 = 1;
@@ -53,7 +45,7 @@ pub struct InspectArgs {
     /// Tell only whether the mesh is good, 1 or 0: nothing wrong with it, every aspect ratio (longest edge over
     /// shortest altitude) below the first number, every edge angle above the second, in radians, and every edge longer
     /// than the third. It is then the exit code, too.
-    #[arg(short, long, env = "MESHMEND_GOOD", value_name = "RATIO,ANGLE,LENGTH", value_parser = good::thresholds)]
+    #[arg(short, long, env = "MESHMEND_GOOD", value_name = "RATIO,ANGLE,LENGTH", value_parser = subject::thresholds)]
     good: Option<Thresholds>,
     /// List every offending element with its place.
     #[arg(short = 'p', long, env = "MESHMEND_OFFENDERS")]
@@ -106,41 +98,6 @@ impl InspectArgs {
     }
 }
 
-/// One file looked at.
-struct Look {
-    name: String,
-    mesh: ReadMesh,
-    inspection: Inspection,
-    findings: Findings,
-    goodness: Option<Goodness>,
-}
-
-impl Look {
-    fn code(&self) -> u8 {
-        // What the level does not look for is not held against the mesh.
-        let measures = &self.inspection.measures;
-        let looks_fine = || measures.verdict().unwrap_or(!measures.self_intersections.checked);
-        let fine = self.goodness.as_ref().map_or_else(looks_fine, |it| it.good);
-        if fine { exit::PRINTABLE } else { exit::PARTIAL }
-    }
-
-    /// Draws what was found.
-    fn draw(&self, folder: &Path, prefix: &str) -> Result<(), Failure> {
-        let marked = Marked { soup: &self.mesh.soup, findings: &self.findings };
-        let drawings = in_context(|context| draw_inspected(marked, context));
-        let written = drawings.and_then(|drawings| write_drawings(folder, prefix, &drawings));
-        written.map_err(|message| (exit::INTERNAL, format!("{}: no pictures: {message}", self.name)))
-    }
-
-    fn to_json(&self) -> Value {
-        json!({
-            "path": self.name, "format": self.mesh.format, "dialect": self.mesh.dialect,
-            "warnings": self.mesh.warnings, "printable": self.inspection.measures.verdict(),
-            "goodness": self.goodness, "inspection": self.inspection,
-        })
-    }
-}
-
 /// Runs `meshmend inspect`.
 pub fn run(args: &InspectArgs) -> ExitCode {
     match Run::new(args).and_then(Run::all) {
@@ -148,8 +105,6 @@ pub fn run(args: &InspectArgs) -> ExitCode {
         Err((code, message)) => exit::fail(code, message),
     }
 }
-
-type Failure = (u8, String);
 
 /// The files one after another.
 struct Run<'a> {
@@ -214,7 +169,7 @@ impl<'a> Run<'a> {
             self.print(&format!("{value:#}\n"))?;
         } else if let Some(set) = set {
             let names: Vec<&str> = self.kept.iter().map(|(name, _)| name.as_str()).collect();
-            let text = set::text(&set, &names, self.style);
+            let text = set_text(&set, &names, self.style);
             self.print(&text)?;
         }
         Ok(self.code)
@@ -226,51 +181,51 @@ impl<'a> Run<'a> {
         let (inspection, findings) = in_context(|context| inspect(subject(&mesh, Some(&unit)), &self.options, context))
             .map_err(|e| (exit::INTERNAL, e))?;
         let goodness = self.args.good.map(|thresholds| goodness(&inspection, thresholds));
-        let look = Look { name, mesh, inspection, findings, goodness };
-        self.code = self.code.max(look.code());
+        let inspected = Inspected { name, mesh, inspection, findings, goodness };
+        self.code = self.code.max(inspected.code());
         if self.args.json {
-            self.json.push(look.to_json());
+            self.json.push(inspected.to_json());
         } else {
-            let text = self.text(&look);
+            let text = self.text(&inspected);
             self.print(&text)?;
         }
         if let Some(folder) = &self.args.pictures {
             let prefix = self.prefixes.as_mut().map_or_else(String::new, |prefixes| prefixes.of(path));
-            look.draw(folder, &prefix)?;
+            inspected.draw(folder, &prefix)?;
         }
         if self.args.wants_spacing() {
-            let sound = meshmend::inspect::goodness(&look.inspection, good::SOUND);
+            let sound = meshmend::inspect::goodness(&inspected.inspection, SOUND);
             if !sound.good {
-                self.not_good.push((look.name.clone(), good::reasons(&sound)));
+                self.not_good.push((inspected.name.clone(), reasons(&sound)));
             }
         }
         if self.args.wants_intersections() || self.args.wants_spacing() {
-            self.kept.push((look.name, look.mesh));
+            self.kept.push((inspected.name, inspected.mesh));
         }
         Ok(())
     }
 
-    fn text(&self, look: &Look) -> String {
+    fn text(&self, file: &Inspected) -> String {
         let apart = if self.printed { "\n" } else { "" };
         let all = self.args.offenders;
-        let mut places = if all { defects::section(look, true) } else { String::new() };
+        let mut places = if all { defects::section(file, true) } else { String::new() };
         if all {
-            places += &self.offenders(look);
+            places += &self.offenders(file);
         }
-        match &look.goodness {
-            Some(it) if all => format!("{apart}{}{places}", good::in_words(&look.name, it)),
-            Some(it) => good::line(&look.name, it),
-            None if self.args.attributes => format!("{apart}{}{places}", text::attributes_only(look)),
-            None if all => format!("{apart}{}{}", text::report(look, self.style, all), self.offenders(look)),
-            None => format!("{apart}{}", text::report(look, self.style, all)),
+        match &file.goodness {
+            Some(it) if all => format!("{apart}{}{places}", verdict_in_words(&file.name, it)),
+            Some(it) => verdict_line(&file.name, it),
+            None if self.args.attributes => format!("{apart}{}{places}", text::attributes_only(file)),
+            None if all => format!("{apart}{}{}", text::report(file, self.style, all), self.offenders(file)),
+            None => format!("{apart}{}", text::report(file, self.style, all)),
         }
     }
 
     /// Offending elements by number; nothing where their search was stopped.
-    fn offenders(&self, look: &Look) -> String {
+    fn offenders(&self, file: &Inspected) -> String {
         let of = |context: &Context<'_>| {
-            let analysis = Analysis::new((&look.mesh.soup).into(), context)?;
-            Ok::<_, Cancelled>(offenders::section(look, &analysis, self.args.good.as_ref()))
+            let analysis = Analysis::new((&file.mesh.soup).into(), context)?;
+            Ok::<_, Cancelled>(defects::offenders(file, &analysis, self.args.good.as_ref()))
         };
         in_context(of).unwrap_or_default()
     }
@@ -300,10 +255,49 @@ impl<'a> Run<'a> {
     }
 }
 
-/// Works with a bar on the terminal.
-fn in_context<T, E: ToString>(work: impl FnOnce(&Context<'_>) -> Result<T, E>) -> Result<T, String> {
-    let (clock, cancel, bar) = (monotonic_clock(), AtomicBool::new(false), Bar::new(false));
-    let done = work(&Context::new(&bar, &cancel, &clock, Duration::MAX));
-    bar.finish();
-    done.map_err(|e| e.to_string())
+/// Pairs of files that are listed; JSON has all.
+const MOST_PAIRS: usize = 20;
+
+/// What was measured between the files of these names.
+fn set_text(set: &SetReport, names: &[&str], style: Style) -> String {
+    let mut text = format!("\nSet of {} files\n", names.len());
+    let name = |i: u32| names.get(i as usize).copied().unwrap_or_default();
+    // Writing to a string can't fail.
+    if let Some(it) = &set.intersections {
+        let more = if it.complete { "" } else { " or more: not all were counted" };
+        let _ = writeln!(text, "  pairs of intersecting faces between files: {}{more}", it.total);
+        for pair in it.between.iter().take(MOST_PAIRS) {
+            let more = if pair.complete { "" } else { " or more" };
+            let [a, b] = pair.meshes;
+            let _ = writeln!(text, "    {} and {}: {}{more}", name(a), name(b), pair.pairs);
+        }
+        if it.between.len() > MOST_PAIRS {
+            let _ = writeln!(text, "    and {} more pairs of files", it.between.len() - MOST_PAIRS);
+        }
+    }
+    if let Some(it) = &set.spacing {
+        match &it.all {
+            Some(all) => text += &distribution("distance from each vertex to the nearest other file", all, style),
+            None => text += "  distance from each vertex to the nearest other file: no two files have a face\n",
+        }
+        for (i, of_mesh) in (0u32..).zip(&it.of_mesh) {
+            if let Some(distances) = &of_mesh.distances {
+                text += &figures(&format!("from {}", name(i)), distances);
+            }
+            if let Some(nearest) = &of_mesh.nearest {
+                let (from, to) = (point(nearest.from), point(nearest.to));
+                let _ = writeln!(
+                    text,
+                    "    nearest: {} from {from} to {to} on {}, face {}",
+                    figure(nearest.distance),
+                    name(nearest.mesh),
+                    nearest.face
+                );
+            }
+            if !of_mesh.complete {
+                text += "    not every vertex was measured\n";
+            }
+        }
+    }
+    text
 }

@@ -10,7 +10,7 @@ use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
 use meshmend::jobs::Status;
 
 use super::error::RemoteError;
-use super::job::RemoteProgress;
+use super::service::RemoteProgress;
 use crate::cli::engine::stage_in_words;
 
 /// How a row looks while bytes are moved, while a job waits or nothing is known, and while it is worked on. Names come last, since they
@@ -21,12 +21,12 @@ const WORK: &str = "[{bar:20}] {percent:>3} %  {msg:34}  {prefix}";
 
 /// Everything that is shown.
 #[derive(Debug, Clone)]
-pub struct Board {
+pub struct Console {
     bars: MultiProgress,
     lines: bool,
 }
 
-impl Board {
+impl Console {
     /// `quiet` shows what went wrong and nothing else.
     pub fn new(quiet: bool) -> Self {
         let bars = MultiProgress::new();
@@ -41,16 +41,16 @@ impl Board {
     pub fn row(&self, name: &str) -> Row {
         let bar = self.bars.add(ProgressBar::new_spinner()).with_prefix(name.to_owned());
         bar.enable_steady_tick(Duration::from_millis(200));
-        Row { bar, name: name.to_owned(), board: self.clone(), last: Arc::default() }
+        Row { bar, name: name.to_owned(), console: self.clone(), last: Arc::default() }
     }
 
     /// Says something on standard error, above the rows.
-    pub fn say(&self, text: &str) {
+    pub fn print_note(&self, text: &str) {
         self.bars.suspend(|| drop(writeln!(std::io::stderr(), "{text}")));
     }
 
     /// Gives a result on standard output.
-    pub fn give(&self, line: &str) -> std::io::Result<()> {
+    pub fn print_result(&self, line: &str) -> std::io::Result<()> {
         self.bars.suspend(|| writeln!(std::io::stdout(), "{line}"))
     }
 }
@@ -60,22 +60,22 @@ impl Board {
 pub struct Row {
     bar: ProgressBar,
     name: String,
-    board: Board,
+    console: Console,
     /// What the last line said, where there are lines.
     last: Arc<Mutex<String>>,
 }
 
 impl Row {
     /// So many bytes are about to be moved.
-    pub fn moves(&self, how: &str, bytes: u64) {
-        self.look(BYTES, how);
+    pub fn start_transfer(&self, how: &str, bytes: u64) {
+        self.set_style(BYTES, how);
         self.bar.set_length(bytes);
         self.bar.set_position(0);
         self.bar.reset_eta();
     }
 
     /// So many bytes more were.
-    pub fn moved(&self, bytes: u64) {
+    pub fn advance(&self, bytes: u64) {
         self.bar.inc(bytes);
     }
 
@@ -86,22 +86,22 @@ impl Row {
     }
 
     /// That nothing can be told but what it is about.
-    pub fn rests(&self, text: &str) {
-        self.look(WAITING, text);
+    pub fn show_waiting(&self, text: &str) {
+        self.set_style(WAITING, text);
     }
 
     /// How far the job is.
-    pub fn stands(&self, status: Status, progress: RemoteProgress) {
+    pub fn show_progress(&self, status: Status, progress: RemoteProgress) {
         let RemoteProgress { stage, tier, percent, queue_position } = progress;
         match (status, stage) {
             (Status::Running, Some(stage)) => {
-                self.look(WORK, &stage_in_words(stage, tier));
+                self.set_style(WORK, &stage_in_words(stage, tier));
                 self.bar.set_length(100);
                 self.bar.set_position(u64::from(percent));
                 self.line("running");
             }
             (Status::Running, None) => {
-                self.rests("running");
+                self.show_waiting("running");
                 self.line("running");
             }
             (Status::Queued, _) => {
@@ -110,7 +110,7 @@ impl Row {
                     Some(0) => "waits, next in turn".to_owned(),
                     Some(before) => format!("waits, {before} before it"),
                 };
-                self.rests(&before);
+                self.show_waiting(&before);
                 self.line("waits for its turn");
             }
             _ => {}
@@ -118,33 +118,33 @@ impl Row {
     }
 
     /// That something did not work and is tried again.
-    pub fn waits(&self, error: &RemoteError, delay: Duration) {
+    pub fn show_retry(&self, error: &RemoteError, delay: Duration) {
         let text = format!("{}; tried again in {} s", error.brief(), delay.as_secs_f64().ceil());
-        self.rests(&text);
+        self.show_waiting(&text);
         self.line(&text);
     }
 
     /// A line where there are no bars, unless it would say the same as the last.
     pub fn line(&self, text: &str) {
-        if !self.board.lines {
+        if !self.console.lines {
             return;
         }
         let mut last = self.last.lock().unwrap_or_else(PoisonError::into_inner);
         if *last != text {
-            self.board.say(&format!("{}: {text}", self.name));
+            self.console.print_note(&format!("{}: {text}", self.name));
             text.clone_into(&mut last);
         }
     }
 
     /// What became of it; nothing where all is to be quiet.
-    pub fn ends(&self, lines: &[String], quiet: bool) {
+    pub fn finish(&self, lines: &[String], quiet: bool) {
         self.bar.finish_and_clear();
         if !quiet {
-            self.board.say(&format!("{}: {}", self.name, lines.join("\n")));
+            self.console.print_note(&format!("{}: {}", self.name, lines.join("\n")));
         }
     }
 
-    fn look(&self, template: &str, message: &str) {
+    fn set_style(&self, template: &str, message: &str) {
         if let Ok(style) = ProgressStyle::with_template(template) {
             self.bar.set_style(style.progress_chars("=> "));
         }
@@ -155,6 +155,6 @@ impl Row {
 impl Drop for Row {
     fn drop(&mut self) {
         self.bar.finish_and_clear();
-        self.board.bars.remove(&self.bar);
+        self.console.bars.remove(&self.bar);
     }
 }

@@ -1,0 +1,369 @@
+//! `meshmend repair`, and the options of a repair, here or by a service.
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+use clap::Args;
+use meshmend::blender::OnDemandBlender;
+use meshmend::jobs::JobReport;
+use meshmend::render::Drawing;
+use meshmend::repair::operators::holes::HoleFilling;
+use meshmend::repair::operators::orient::Nested;
+use meshmend::repair::operators::stitch::StitchPosition;
+use meshmend::repair::{
+    Category, Context, HandedOut, InsideRule, Merge, OpenSheets, Operator, Options, OutputFormat, Overlaps, Preset,
+    RepairError, Repaired, Report, Require, draw, monotonic_clock, repair,
+};
+use meshmend::scene::Unit;
+
+use super::engine::{Bar, BlenderArgs, LimitArgs, read_file, remarks, write_file};
+use super::exit;
+
+/// Arguments of `meshmend repair`.
+#[derive(Debug, Args)]
+pub struct RepairArgs {
+    /// The model: STL, OBJ, PLY, OFF, 3MF, GLB, glTF, Vertex/Face text, or a ZIP archive of one of them, told by its content.
+    input: PathBuf,
+    /// Where the result goes; its ending (.stl, .obj, .ply, .off, .mesh, .glb, .3mf, .zip) is the format.
+    #[arg(short, long, env = "MESHMEND_OUTPUT")]
+    output: PathBuf,
+    /// Where the report goes, as JSON.
+    #[arg(long, env = "MESHMEND_REPORT", value_name = "FILE")]
+    report: Option<PathBuf>,
+    #[command(flatten)]
+    options: RepairOptionArgs,
+    /// Where to draw what was found and what was changed: before.png, after.png, defects.glb, defects.ply, change.png, change.glb
+    /// and change.ply. The folder is made.
+    #[arg(long, env = "MESHMEND_PICTURES", value_name = "FOLDER")]
+    pictures: Option<PathBuf>,
+    /// Show what each step does.
+    #[arg(short, long, env = "MESHMEND_VERBOSE")]
+    verbose: bool,
+    #[command(flatten)]
+    limits: LimitArgs,
+    #[command(flatten)]
+    blender: BlenderArgs,
+}
+
+/// Runs `meshmend repair`.
+pub fn run(args: &RepairArgs) -> ExitCode {
+    let options = format_named(&args.output).and_then(|format| args.options.options(format));
+    let prepared = options.and_then(|options| {
+        let limits = args.limits.limits();
+        read_file(&args.input, &limits).map(|bytes| (options, limits, bytes))
+    });
+    let (options, limits, bytes) = match prepared {
+        Ok(prepared) => prepared,
+        Err(message) => return exit::fail(exit::BAD_INPUT, message),
+    };
+    let cancel = stop_on_interrupt();
+    let clock = monotonic_clock();
+    let bar = Bar::new(args.verbose);
+    let context = Context::new(&bar, &cancel, &clock, Duration::from_secs_f64(options.deadline_s));
+    let blender = OnDemandBlender::new(args.blender.config());
+    let repaired = repair(&bytes, &options, &limits, Some(&blender), &context);
+    bar.finish();
+    let repaired = match repaired {
+        Ok(repaired) => repaired,
+        Err(error @ (RepairError::Read(_) | RepairError::Options(_))) => {
+            return exit::fail(exit::BAD_INPUT, format!("{}: {error}", args.input.display()));
+        }
+        Err(error) => return exit::fail(exit::INTERNAL, error),
+    };
+    if let Err(message) = write(args, &repaired) {
+        return exit::fail(exit::INTERNAL, message);
+    }
+    if let Some(folder) = &args.pictures {
+        let result = (repaired.report.verdict.file != HandedOut::None).then_some(repaired.bytes.as_slice());
+        match draw(&bytes, result, &options, &limits, &context) {
+            Ok(drawings) => {
+                if let Err(message) = write_drawings(folder, "", &drawings) {
+                    return exit::fail(exit::INTERNAL, message);
+                }
+            }
+            // The result is there, and how good it is does not hang on its pictures.
+            Err(error) => drop(writeln!(std::io::stderr(), "  note: without pictures: {error}")),
+        }
+    }
+    print_summary(&repaired.report, &args.output);
+    ExitCode::from(exit::of(&repaired.report))
+}
+
+/// Writes the model, where one is handed out, and the report, where it is wanted.
+fn write(args: &RepairArgs, repaired: &Repaired) -> Result<(), String> {
+    if repaired.report.verdict.file != HandedOut::None {
+        write_file(&args.output, &repaired.bytes)?;
+    }
+    let Some(path) = &args.report else { return Ok(()) };
+    let report = JobReport::Repair(Box::new(repaired.report.clone()));
+    serde_json::to_vec_pretty(&report).map_err(|e| e.to_string()).and_then(|json| write_file(path, &json))
+}
+
+/// Writes drawings into a folder, which is made where it is not there, under their names after a prefix.
+pub fn write_drawings(folder: &Path, prefix: &str, drawings: &[Drawing]) -> Result<(), String> {
+    std::fs::create_dir_all(folder).map_err(|e| format!("{}: {e}", folder.display()))?;
+    drawings
+        .iter()
+        .try_for_each(|drawing| write_file(&folder.join(format!("{prefix}{}", drawing.name)), &drawing.bytes))
+}
+
+/// The result in a few lines on standard error, so that standard output stays free. Where nothing was written, the last line says so.
+fn print_summary(report: &Report, output: &Path) {
+    let output = output.display();
+    let mut lines = vec![format!("{output}: {}", report.summary)];
+    let flags = report.red_flags.iter().map(|flag| flag.detail.as_str());
+    let assumptions = report.assumptions.iter().map(|it| (it.detail.as_str(), it.option.as_deref()));
+    lines.extend(remarks(flags, assumptions, &report.warnings));
+    if report.refusal().is_some() {
+        lines.push(format!(
+            "meshmend: {output} was not written: the result is not printable, which --require printable asks for"
+        ));
+    } else if report.verdict.file == HandedOut::None {
+        lines.push(format!("meshmend: {output} was not written: there is no model that could be"));
+    }
+    let _ = writeln!(std::io::stderr(), "{}", lines.join("\n"));
+}
+
+/// Cancels the repair at the first interrupt, so that Blender and its scratch folder are cleared away.
+fn stop_on_interrupt() -> Arc<AtomicBool> {
+    let cancel = Arc::new(AtomicBool::new(false));
+    let flag = Arc::clone(&cancel);
+    std::thread::spawn(move || {
+        let Ok(runtime) = tokio::runtime::Builder::new_current_thread().enable_all().build() else { return };
+        runtime.block_on(async {
+            while tokio::signal::ctrl_c().await.is_ok() {
+                if flag.swap(true, Ordering::Relaxed) {
+                    std::process::exit(exit::INTERRUPTED.into());
+                }
+            }
+        });
+    });
+    cancel
+}
+
+/// How a model is to be repaired, here or by a service.
+#[derive(Debug, Args)]
+pub struct RepairOptionArgs {
+    /// The plan to run.
+    #[arg(long, env = "MESHMEND_PRESET", value_enum, default_value_t)]
+    preset: Preset,
+    /// With the preset `auto`: the category of damage that the plan is chosen for, instead of the one that the inspection finds.
+    #[arg(long, env = "MESHMEND_CATEGORY", value_enum)]
+    category: Option<Category>,
+    /// What becomes of the file's objects, where its format and the result's have such.
+    #[arg(long, env = "MESHMEND_MERGE", value_enum, default_value_t)]
+    merge: Merge,
+    /// What the result must be for the repair to succeed.
+    #[arg(long, env = "MESHMEND_REQUIRE", value_enum, default_value_t)]
+    require: Require,
+    /// The unit of the file's lengths, whatever it says itself. Without it, and where the file says none: mm.
+    #[arg(long, env = "MESHMEND_UNIT", value_enum)]
+    unit: Option<Unit>,
+    /// The unit that lengths are brought into. Lengths among these options are in it.
+    #[arg(long, env = "MESHMEND_SCALE_TO", value_enum, value_name = "UNIT")]
+    scale_to: Option<Unit>,
+    /// Operators that run although they are left out by default.
+    #[arg(long, env = "MESHMEND_WITH", value_enum, value_delimiter = ',', value_name = "OPERATORS")]
+    with: Vec<Operator>,
+    /// Operators that do not run.
+    #[arg(long, env = "MESHMEND_WITHOUT", value_enum, value_delimiter = ',', value_name = "OPERATORS")]
+    without: Vec<Operator>,
+    /// The farthest that surface may be moved or made from where it was, hole patches apart, in the model's unit.
+    #[arg(long, env = "MESHMEND_MAX_DEVIATION")]
+    max_deviation: Option<f64>,
+    /// Most faces that the result should have.
+    #[arg(long, env = "MESHMEND_MAX_FACES")]
+    max_faces: Option<u64>,
+    /// The farthest that surface may be from where it was before faces were removed, in the model's unit; without --max-faces,
+    /// all faces go that may go within it.
+    #[arg(long, env = "MESHMEND_MAX_ERROR")]
+    max_error: Option<f64>,
+    /// Highest tier that may run: 1 cleans, 2 mends, 3 is Blender.
+    #[arg(long, env = "MESHMEND_MAX_TIER", default_value_t = Options::default().max_tier)]
+    max_tier: u8,
+    /// Seconds the repair may take; then the best result so far is written.
+    #[arg(long, env = "MESHMEND_DEADLINE_S", default_value_t = Options::default().deadline_s)]
+    deadline_s: f64,
+    /// Red flag: share of the faces lost, in percent.
+    #[arg(long, env = "MESHMEND_MAX_FACE_LOSS_PCT", default_value_t = Options::default().max_face_loss_pct)]
+    max_face_loss_pct: f64,
+    /// Red flag: share of the vertices lost, in percent.
+    #[arg(long, env = "MESHMEND_MAX_VERTEX_LOSS_PCT", default_value_t = Options::default().max_vertex_loss_pct)]
+    max_vertex_loss_pct: f64,
+    /// Red flag: change of the bounding box, in percent.
+    #[arg(long, env = "MESHMEND_MAX_BOX_CHANGE_PCT", default_value_t = Options::default().max_box_change_pct)]
+    max_box_change_pct: f64,
+    /// Red flag: change of the volume, in percent.
+    #[arg(long, env = "MESHMEND_MAX_VOLUME_CHANGE_PCT", default_value_t = Options::default().max_volume_change_pct)]
+    max_volume_change_pct: f64,
+    /// Red flag: share of the visible surface without a counterpart in the result, in percent.
+    #[arg(long, env = "MESHMEND_MAX_SURFACE_LOST_PCT", default_value_t = Options::default().max_surface_lost_pct)]
+    max_surface_lost_pct: f64,
+    /// Red flag: share of the result's surface that was invented, in percent.
+    #[arg(long, env = "MESHMEND_MAX_SURFACE_ADDED_PCT", default_value_t = Options::default().max_surface_added_pct)]
+    max_surface_added_pct: f64,
+    /// Boundary vertices closer than this share of the model's diagonal are merged.
+    #[arg(long, env = "MESHMEND_WELD_TOLERANCE", default_value_t = Options::default().weld_tolerance)]
+    weld_tolerance: f64,
+    /// Vertices closer than this are merged, on the boundary or not, in the model's unit.
+    #[arg(long, env = "MESHMEND_MERGE_DISTANCE")]
+    merge_distance: Option<f64>,
+    /// Boundary vertices closer than this share of the shortest boundary edge at either are merged. Without it 0.2, and vertices no
+    /// farther apart than 0.1 % of the model's diagonal.
+    #[arg(long, env = "MESHMEND_SEW_RATIO")]
+    sew_ratio: Option<f64>,
+    /// Widest crack that is stitched, as a share of the model's diagonal; without it 0.001.
+    #[arg(long, env = "MESHMEND_STITCH_THRESHOLD")]
+    stitch_threshold: Option<f64>,
+    /// Widest crack that is stitched, in the model's unit, instead of --stitch-threshold.
+    #[arg(long, env = "MESHMEND_STITCH_DISTANCE")]
+    stitch_distance: Option<f64>,
+    /// Share of an edge at either end within which stitching takes the end instead of cutting the edge.
+    #[arg(long, env = "MESHMEND_STITCH_EPSILON", default_value_t = Options::default().stitch_epsilon)]
+    stitch_epsilon: f64,
+    /// Where two vertices that are stitched meet.
+    #[arg(long, env = "MESHMEND_STITCH_POSITION", value_enum, default_value_t)]
+    stitch_position: StitchPosition,
+    /// Edges shorter and faces lower than this share of the model's diagonal are removed.
+    #[arg(long, env = "MESHMEND_DEGENERATE_TOLERANCE", default_value_t = Options::default().degenerate_tolerance)]
+    degenerate_tolerance: f64,
+    /// With `remove_overlapping_neighbours`: the angle in degrees up to which neighbours lie on one another. Without it 1 degree, and
+    /// faces no farther apart than 0.01 % of the model's diagonal.
+    #[arg(long, env = "MESHMEND_OVERLAP_ANGLE_DEG")]
+    overlap_angle_deg: Option<f64>,
+    /// Polygons twisted by more degrees than this are cut into triangles with the least fold.
+    #[arg(long, env = "MESHMEND_TWIST_ANGLE_DEG", default_value_t = Options::default().twist_angle_deg)]
+    twist_angle_deg: f64,
+    /// Most edges around a hole that is closed.
+    #[arg(long, env = "MESHMEND_MAX_HOLE_EDGES", default_value_t = Options::default().max_hole_edges)]
+    max_hole_edges: u32,
+    /// Closed parts with a smaller share of the volume of all parts are dropped, in percent; 0 keeps them.
+    #[arg(long, env = "MESHMEND_MIN_PART_VOLUME_PCT", default_value_t = Options::default().min_part_volume_pct)]
+    min_part_volume_pct: f64,
+    /// How closed parts that lie in others are wound.
+    #[arg(long, env = "MESHMEND_NESTED", value_enum, default_value_t)]
+    nested: Nested,
+    /// What becomes of parts that overlap.
+    #[arg(long, env = "MESHMEND_OVERLAPS", value_enum, default_value_t)]
+    overlaps: Overlaps,
+    /// What is solid where faces intersect, by how many times the surface winds around it.
+    #[arg(long, env = "MESHMEND_INSIDE", value_enum, default_value_t)]
+    inside: InsideRule,
+    /// What becomes of open sheets, which enclose nothing.
+    #[arg(long, env = "MESHMEND_OPEN_SHEETS", value_enum, default_value_t)]
+    open_sheets: OpenSheets,
+    /// Thickness of thickened sheets, and of a base at its lowest point, in the model's unit; without it 0.3 % of the diagonal.
+    #[arg(long, env = "MESHMEND_THICKNESS")]
+    thickness: Option<f64>,
+    /// Largest extent of a hole that is closed, as a share of the model's diagonal.
+    #[arg(long, env = "MESHMEND_MAX_HOLE_SIZE", default_value_t = Options::default().max_hole_size)]
+    max_hole_size: f64,
+    /// Most holes that are closed; of more, the smallest are.
+    #[arg(long, env = "MESHMEND_MAX_HOLES", default_value_t = Options::default().max_holes)]
+    max_holes: u32,
+    /// How the triangles over a hole are chosen.
+    #[arg(long, env = "MESHMEND_HOLE_FILLING", value_enum, default_value_t = HoleFilling::Auto)]
+    hole_filling: HoleFilling,
+    /// Give patches that are not plane inner vertices, as close together as those around.
+    #[arg(long, env = "MESHMEND_REFINE_PATCHES")]
+    refine_patches: bool,
+    /// Refine patches and bend them so that they go on smoothly from the surface around.
+    #[arg(long, env = "MESHMEND_FAIR_PATCHES")]
+    fair_patches: bool,
+    /// Blender's voxel edge, in the model's unit.
+    #[arg(long, env = "MESHMEND_VOXEL_SIZE")]
+    voxel_size: Option<f64>,
+    /// Blender's voxels along the model's diagonal.
+    #[arg(long, env = "MESHMEND_VOXEL_RESOLUTION", default_value_t = Options::default().voxel_resolution)]
+    voxel_resolution: u32,
+    /// Most faces a remesh may have.
+    #[arg(long, env = "MESHMEND_MAX_REMESH_FACES", default_value_t = Options::default().max_remesh_faces)]
+    max_remesh_faces: u64,
+}
+
+impl RepairOptionArgs {
+    /// The options, checked, for a result of this format.
+    ///
+    /// # Errors
+    /// The first that is out of its range.
+    pub fn options(&self, output: OutputFormat) -> Result<Options, String> {
+        let options = Options {
+            preset: self.preset,
+            category: self.category,
+            output,
+            merge: self.merge,
+            require: self.require,
+            unit: self.unit,
+            scale_to: self.scale_to,
+            with: self.with.clone(),
+            without: self.without.clone(),
+            max_deviation: self.max_deviation,
+            max_faces: self.max_faces,
+            max_error: self.max_error,
+            max_tier: self.max_tier,
+            deadline_s: self.deadline_s,
+            max_face_loss_pct: self.max_face_loss_pct,
+            max_vertex_loss_pct: self.max_vertex_loss_pct,
+            max_box_change_pct: self.max_box_change_pct,
+            max_volume_change_pct: self.max_volume_change_pct,
+            max_surface_lost_pct: self.max_surface_lost_pct,
+            max_surface_added_pct: self.max_surface_added_pct,
+            weld_tolerance: self.weld_tolerance,
+            merge_distance: self.merge_distance,
+            sew_ratio: self.sew_ratio,
+            stitch_threshold: self.stitch_threshold,
+            stitch_distance: self.stitch_distance,
+            stitch_epsilon: self.stitch_epsilon,
+            stitch_position: self.stitch_position,
+            degenerate_tolerance: self.degenerate_tolerance,
+            overlap_angle_deg: self.overlap_angle_deg,
+            twist_angle_deg: self.twist_angle_deg,
+            max_hole_edges: self.max_hole_edges,
+            min_part_volume_pct: self.min_part_volume_pct,
+            nested: self.nested,
+            overlaps: self.overlaps,
+            inside: self.inside,
+            open_sheets: self.open_sheets,
+            thickness: self.thickness,
+            max_hole_size: self.max_hole_size,
+            max_holes: self.max_holes,
+            hole_filling: self.hole_filling,
+            refine_patches: self.refine_patches,
+            fair_patches: self.fair_patches,
+            voxel_size: self.voxel_size,
+            voxel_resolution: self.voxel_resolution,
+            max_remesh_faces: self.max_remesh_faces,
+            pictures: true,
+        };
+        options.validate().map_err(|e| e.to_string())?;
+        Ok(options)
+    }
+}
+
+/// The format that the ending of a result's name asks for.
+///
+/// # Errors
+/// When it ends as no format does.
+pub fn format_named(output: &Path) -> Result<OutputFormat, String> {
+    let ending = output.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
+    Ok(match ending.as_str() {
+        "stl" => OutputFormat::Stl,
+        "obj" => OutputFormat::Obj,
+        "ply" => OutputFormat::Ply,
+        "off" => OutputFormat::Off,
+        "mesh" => OutputFormat::Mesh,
+        "glb" => OutputFormat::Glb,
+        "3mf" => OutputFormat::ThreeMf,
+        "zip" => OutputFormat::Zip,
+        _ => {
+            let name = output.display();
+            return Err(format!(
+                "{name}: the output's name must end in .stl, .obj, .ply, .off, .mesh, .glb, .3mf or .zip"
+            ));
+        }
+    })
+}
