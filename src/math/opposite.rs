@@ -5,7 +5,7 @@ use glam::{DVec3, Vec3A};
 use obvhs::bvh2::Bvh2;
 use rayon::prelude::*;
 
-use super::{Tree, vec3a};
+use super::tree::{Tree, triangles_of, vec3a};
 
 /// Most faces of a neighbourhood, which is asked about as one.
 const NEIGHBOURS: usize = 16;
@@ -91,8 +91,8 @@ impl Tree {
         for at in self.children_first() {
             let node = &bvh.nodes[at as usize];
             let (normals, faces) = if node.is_leaf() {
-                let own = (0..node.prim_count).map(|i| bvh.primitive_indices[(node.first_index + i) as usize]);
-                let normals = own.map(|face| vec3a(normal(face))).filter(|n| *n != Vec3A::ZERO).map(Range::of);
+                let own = triangles_of(bvh, node).iter();
+                let normals = own.map(|&face| vec3a(normal(face))).filter(|n| *n != Vec3A::ZERO).map(Range::of);
                 (normals.fold(Range::EMPTY, Range::and), node.prim_count as usize)
             } else {
                 let [a, b] = [node.first_index, node.first_index + 1].map(|child| below[child as usize]);
@@ -124,7 +124,7 @@ fn faces_below(bvh: &Bvh2, root: u32) -> Vec<u32> {
     while let Some(at) = stack.pop() {
         let node = &bvh.nodes[at as usize];
         if node.is_leaf() {
-            found.extend((0..node.prim_count).map(|i| bvh.primitive_indices[(node.first_index + i) as usize]));
+            found.extend(triangles_of(bvh, node));
         } else {
             stack.extend([node.first_index + 1, node.first_index]);
         }

@@ -1,39 +1,27 @@
-mod along;
-mod ball;
-mod frame;
-mod growing;
-mod nearest;
-mod opposite;
-mod pairs;
-mod winding;
-
 use glam::{DVec3, Vec3A};
 use obvhs::aabb::Aabb;
 use obvhs::bvh2::Bvh2;
+use obvhs::bvh2::node::Bvh2Node;
 use obvhs::ploc::{PlocBuilder, PlocSearchDistance, SortPrecision};
 
-use crate::math::Box3;
-
-pub use ball::Ball;
-pub use frame::Frame;
-pub use growing::GrowingTree;
-pub use nearest::Nearest;
-pub use pairs::{Hit, PairSearch};
-pub use winding::{Dipoles, winding_exact};
+use super::boxes::Box3;
 
 /// How far a box in the tree reaches beyond its triangle, as a share of half of the model's longest side: more than
 /// the rounding of the tree's own frame, and a spread that keeps equal boxes from being equal (see [`Tree::new`]).
 const PAD: f64 = 1e-6;
 
-/// Room for what a walk has yet to look at, as deep as trees usually are: questions are many and short.
-const DEPTH: usize = 64;
+/// Capacity of the stack of a walk, as deep as trees usually are: questions are many and short.
+pub(super) const DEPTH: usize = 64;
+
+/// Half-sides of the model from which on all its points are equally far, but for rounding.
+pub(super) const FAR: f64 = 1.152_921_504_606_847e18; // 2^60
 
 /// A tree of boxes over triangles, to find the few that a segment may meet or that are near a point.
 ///
 /// It answers candidates, never hits: boxes are f32 and rounded outward, and the exact predicates decide.
 pub struct Tree {
-    bvh: Option<Bvh2>,
-    frame: Frame,
+    pub(super) bvh: Option<Bvh2>,
+    pub(super) frame: Frame,
 }
 
 impl Tree {
@@ -69,7 +57,7 @@ impl Tree {
     }
 
     /// All nodes, each after its children. They need not stand in any such order in the array.
-    fn children_first(&self) -> impl Iterator<Item = u32> {
+    pub(super) fn children_first(&self) -> impl Iterator<Item = u32> {
         let nodes = self.bvh.as_ref().map_or(&[][..], |bvh| &bvh.nodes);
         let (mut order, mut stack) = (Vec::with_capacity(nodes.len()), Vec::new());
         stack.extend((!nodes.is_empty()).then_some(0u32));
@@ -104,7 +92,7 @@ impl Tree {
     }
 
     /// Visits the triangles of all boxes that `wanted` says yes to, and whose parents it says yes to.
-    fn walk(&self, wanted: impl Fn(&Aabb) -> bool, mut visit: impl FnMut(u32) -> bool) {
+    pub(super) fn walk(&self, wanted: impl Fn(&Aabb) -> bool, mut visit: impl FnMut(u32) -> bool) {
         let Some(bvh) = &self.bvh else { return };
         let wanted = |node: &u32| wanted(bvh.nodes[*node as usize].aabb());
         let mut stack = Vec::with_capacity(DEPTH);
@@ -112,8 +100,8 @@ impl Tree {
         while let Some(at) = stack.pop() {
             let node = &bvh.nodes[at as usize];
             if node.is_leaf() {
-                for i in 0..node.prim_count {
-                    if !visit(bvh.primitive_indices[(node.first_index + i) as usize]) {
+                for &triangle in triangles_of(bvh, node) {
+                    if !visit(triangle) {
                         return;
                     }
                 }
@@ -128,15 +116,134 @@ impl Tree {
     }
 }
 
+/// Where a tree's boxes are: the model's middle is the origin, and half of its longest side is 1, so that f32 holds
+/// as much as it can. Trees that are searched together have one frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Frame {
+    centre: DVec3,
+    scale: f64,
+}
+
+impl Frame {
+    /// The frame of triangles, given by numbers in `positions`. All positions that are used must be finite.
+    ///
+    /// # Panics
+    /// When a number is not one of `positions`.
+    #[must_use]
+    pub fn around(positions: &[DVec3], faces: &[[u32; 3]]) -> Self {
+        let bounds = Box3::of(faces.iter().flatten().map(|&v| positions[v as usize]));
+        let half = (bounds.max * 0.5 - bounds.min * 0.5).max_element();
+        let scale = if half > 0.0 && half.is_finite() && (1.0 / half).is_finite() { 1.0 / half } else { 1.0 };
+        Self { centre: bounds.centre(), scale }
+    }
+
+    /// A point in the frame. Along each axis the order of numbers is kept.
+    #[inline]
+    #[must_use]
+    pub fn to_tree(&self, p: DVec3) -> DVec3 {
+        (p - self.centre) * self.scale
+    }
+
+    /// The length in the frame of a length of 1.
+    #[must_use]
+    pub fn scale(&self) -> f64 {
+        self.scale
+    }
+}
+
+/// A tree whose triangles may change their corners: their boxes grow, and never shrink.
+///
+/// What a triangle has left stays in its boxes, so that a search may answer more candidates than it must, but none too few.
+/// After many changes a new tree is worth its price.
+pub struct GrowingTree {
+    tree: Tree,
+}
+
+impl GrowingTree {
+    /// The tree with what it takes to find the boxes of a triangle.
+    #[must_use]
+    pub fn new(mut tree: Tree) -> Self {
+        if let Some(bvh) = &mut tree.bvh {
+            bvh.init_parents_if_uninit();
+            bvh.init_primitives_to_nodes_if_uninit();
+        }
+        Self { tree }
+    }
+
+    /// Makes room for new corners of a triangle.
+    ///
+    /// # Panics
+    /// When the tree was built without this triangle.
+    pub fn grow(&mut self, triangle: u32, corners: [DVec3; 3]) {
+        let Some(bvh) = &mut self.tree.bvh else { return };
+        let bounds = Box3::of(corners.map(|p| self.tree.frame.to_tree(p)));
+        let pad = DVec3::splat(PAD);
+        let needed = Aabb::new(vec3a(bounds.min - pad), vec3a(bounds.max + pad));
+        let mut at = bvh.primitives_to_nodes[triangle as usize] as usize;
+        loop {
+            let node = &mut bvh.nodes[at];
+            let old = *node.aabb();
+            if old.min.cmple(needed.min).all() && old.max.cmpge(needed.max).all() {
+                return;
+            }
+            node.set_aabb(old.union(&needed));
+            if at == 0 {
+                return;
+            }
+            at = bvh.parents[at] as usize;
+        }
+    }
+
+    /// Calls `visit` with every triangle whose boxes meet `bounds`. `stack` is room for the walk.
+    pub fn overlapping(&self, bounds: &Box3, stack: &mut Vec<u32>, mut visit: impl FnMut(u32)) {
+        let Some(bvh) = &self.tree.bvh else { return };
+        // Rounding is far less than what the boxes are padded by.
+        let (low, high) = (vec3a(self.tree.frame.to_tree(bounds.min)), vec3a(self.tree.frame.to_tree(bounds.max)));
+        let meets = |aabb: &Aabb| -> bool {
+            let (min, max): (Vec3A, Vec3A) = (aabb.min, aabb.max);
+            (min.cmple(high) & max.cmpge(low)).all()
+        };
+        stack.clear();
+        stack.push(0);
+        while let Some(at) = stack.pop() {
+            let node = &bvh.nodes[at as usize];
+            if node.is_leaf() {
+                triangles_of(bvh, node).iter().for_each(|&triangle| visit(triangle));
+                continue;
+            }
+            for child in [node.first_index + 1, node.first_index] {
+                if meets(bvh.nodes[child as usize].aabb()) {
+                    stack.push(child);
+                }
+            }
+        }
+    }
+}
+
+/// The triangles of a leaf.
+#[inline]
+pub(super) fn triangles_of<'a>(bvh: &'a Bvh2, leaf: &Bvh2Node) -> &'a [u32] {
+    let first = leaf.first_index as usize;
+    &bvh.primitive_indices[first..first + leaf.prim_count as usize]
+}
+
+/// Counts the look at a node and its triangles. Answers whether there were steps enough; otherwise none are left.
+#[inline]
+pub(super) fn spend(steps: &mut u64, node: &Bvh2Node) -> bool {
+    let left = steps.checked_sub(1 + u64::from(node.prim_count));
+    *steps = left.unwrap_or(0);
+    left.is_some()
+}
+
 /// How far a point is from a box, squared; 0 in it.
 #[inline]
-fn box_distance_squared(aabb: &Aabb, point: DVec3) -> f64 {
+pub(super) fn box_distance_squared(aabb: &Aabb, point: DVec3) -> f64 {
     let outside = (aabb.min.as_dvec3() - point).max(point - aabb.max.as_dvec3());
     outside.max(DVec3::ZERO).length_squared()
 }
 
 #[expect(clippy::cast_possible_truncation, reason = "rounded to the nearest, which keeps the order of numbers")]
-fn vec3a(v: DVec3) -> Vec3A {
+pub(super) fn vec3a(v: DVec3) -> Vec3A {
     Vec3A::new(v.x as f32, v.y as f32, v.z as f32)
 }
 
@@ -152,6 +259,7 @@ fn jitter(index: usize) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::math::r3;
 
     fn grid(n: u32) -> (Vec<DVec3>, Vec<[u32; 3]>) {
         let positions = (0..n * 3)
@@ -187,5 +295,30 @@ mod tests {
             true
         });
         assert_eq!(hits, 50_000);
+    }
+
+    #[test]
+    fn triangles_are_found_where_they_went_and_by_chance_where_they_were() {
+        let corner = |i: u32| DVec3::from(r3(f64::from(i / 3))) + DVec3::from(r3(f64::from(i + 7000))) * 0.05;
+        let mut positions: Vec<DVec3> = (0..900).map(corner).collect();
+        let faces: Vec<[u32; 3]> = (0..300).map(|t| [3 * t, 3 * t + 1, 3 * t + 2]).collect();
+        let mut tree = GrowingTree::new(Tree::new(&positions, &faces));
+        for t in (0..300).step_by(7) {
+            let moved = DVec3::from(r3(f64::from(t) + 0.4)) * 1.2;
+            positions[3 * t as usize] = moved;
+            tree.grow(t, faces[t as usize].map(|v| positions[v as usize]));
+        }
+        let mut stack = Vec::new();
+        for i in 0..50 {
+            let low = DVec3::from(r3(f64::from(i) + 0.2));
+            let bounds = Box3 { min: low, max: low + 0.1 };
+            let mut found = Vec::new();
+            tree.overlapping(&bounds, &mut stack, |t| found.push(t));
+            for t in 0..300u32 {
+                let own = Box3::of(faces[t as usize].map(|v| positions[v as usize]));
+                assert!(!own.meets(&bounds) || found.contains(&t), "{t}");
+            }
+            assert!(found.len() < 150);
+        }
     }
 }

@@ -1,8 +1,13 @@
 use glam::DVec3;
 
+use super::predicates::{Sign, orient3d};
+
 /// Squared sine of the angle at the first corner below which weights within a triangle are rounded too much to be
 /// trusted alone: with it, they err by less than 1e-12 of the distance to that corner.
 const SLENDER: f64 = 1e-8;
+
+/// How far beside a triangle, as a share of it, a segment may pass and still meet it: more than weights are rounded.
+const EDGE: f64 = 1e-12;
 
 /// Whether a point lies within `reach` of a triangle. In f64: a measure, not a decision of topology.
 #[must_use]
@@ -66,6 +71,58 @@ pub fn nearest_on_segment(p: DVec3, [a, b]: [DVec3; 2]) -> DVec3 {
     }
 }
 
+/// How a segment meets a triangle.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Crossing {
+    /// Not at all.
+    Miss,
+    /// Through the inside, entering the solid: against the triangle's normal.
+    Enters,
+    /// Through the inside, leaving the solid: along the triangle's normal.
+    Leaves,
+    /// It touches the border, an end lies in the plane, or the triangle has no area: ask with another segment.
+    Touches,
+}
+
+/// How the segment from `p` to `q` meets the triangle, by the signs of five tetrahedra, exactly.
+///
+/// The points must be in the range of [`super::to_unit_range`].
+#[must_use]
+pub fn crossing(p: DVec3, q: DVec3, [a, b, c]: [DVec3; 3]) -> Crossing {
+    let (sp, sq) = (orient3d(a, b, c, p), orient3d(a, b, c, q));
+    if sp == sq && sp != Sign::Zero {
+        return Crossing::Miss;
+    }
+    let edges = [orient3d(p, q, a, b), orient3d(p, q, b, c), orient3d(p, q, c, a)];
+    if edges.contains(&Sign::Positive) && edges.contains(&Sign::Negative) {
+        return Crossing::Miss;
+    }
+    if edges.contains(&Sign::Zero) || !sp.opposes(sq) {
+        return Crossing::Touches;
+    }
+    // `orient3d` is positive behind the face.
+    if sp == Sign::Negative { Crossing::Enters } else { Crossing::Leaves }
+}
+
+/// How far along a segment from `origin` by `step` a triangle is, as a share of `step`, where it meets it (Moeller and
+/// Trumbore 1997). A segment through an edge that two triangles share meets at least one of them. In f64: a measure, not a
+/// decision of topology.
+#[must_use]
+pub fn hit(origin: DVec3, step: DVec3, [a, b, c]: [DVec3; 3]) -> Option<f64> {
+    let (e, f) = (b - a, c - a);
+    let p = step.cross(f);
+    let determinant = e.dot(p);
+    if determinant == 0.0 {
+        return None;
+    }
+    let s = origin - a;
+    let u = s.dot(p) / determinant;
+    let q = s.cross(e);
+    let v = step.dot(q) / determinant;
+    let t = f.dot(q) / determinant;
+    (u >= -EDGE && v >= -EDGE && u + v <= 1.0 + EDGE && (0.0..=1.0).contains(&t)).then_some(t)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -124,5 +181,39 @@ mod tests {
             }
         }
         assert_eq!(nearest_on_triangle(DVec3::X, [DVec3::Y; 3]), DVec3::Y);
+    }
+
+    const FACE: [DVec3; 3] = [DVec3::ZERO, DVec3::X, DVec3::Y];
+
+    #[test]
+    fn a_segment_through_the_inside_enters_against_the_normal() {
+        let (above, below) = (DVec3::new(0.25, 0.25, 1.0), DVec3::new(0.25, 0.25, -1.0));
+        assert_eq!(crossing(above, below, FACE), Crossing::Enters);
+        assert_eq!(crossing(below, above, FACE), Crossing::Leaves);
+    }
+
+    #[test]
+    fn a_segment_through_an_edge_touches() {
+        assert_eq!(crossing(DVec3::new(0.5, 0.0, 1.0), DVec3::new(0.5, 0.0, -1.0), FACE), Crossing::Touches);
+    }
+
+    #[test]
+    fn a_segment_that_passes_by_or_ends_before_misses() {
+        assert_eq!(crossing(DVec3::new(2.0, 2.0, 1.0), DVec3::new(2.0, 2.0, -1.0), FACE), Crossing::Miss);
+        assert_eq!(crossing(DVec3::new(0.25, 0.25, 2.0), DVec3::new(0.25, 0.25, 1.0), FACE), Crossing::Miss);
+    }
+
+    #[test]
+    fn a_segment_that_starts_on_the_face_touches() {
+        assert_eq!(crossing(DVec3::new(0.25, 0.25, 0.0), DVec3::new(0.25, 0.25, 1.0), FACE), Crossing::Touches);
+    }
+
+    #[test]
+    fn a_hit_tells_how_far_along_it_is() {
+        let above = DVec3::new(0.25, 0.25, 1.0);
+        assert_eq!(hit(above, DVec3::NEG_Z * 4.0, FACE), Some(0.25));
+        for miss in [DVec3::NEG_Z * 0.5, DVec3::Z, DVec3::X, DVec3::new(1.0, 1.0, -1.0)] {
+            assert_eq!(hit(above, miss, FACE), None, "{miss}");
+        }
     }
 }

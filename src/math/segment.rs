@@ -2,8 +2,7 @@ use glam::{DVec3, Vec3A};
 use obvhs::aabb::Aabb;
 use smallvec::SmallVec;
 
-use super::nearest::FAR;
-use super::{DEPTH, Tree, vec3a};
+use super::tree::{DEPTH, FAR, Tree, spend, triangles_of, vec3a};
 
 /// More than the slab test in f32 rounds, as a share: a subtraction, a reciprocal and a product, each by half of 2^-23.
 const ROUNDING: f32 = 1.0 / (1 << 20) as f32;
@@ -38,15 +37,11 @@ impl Tree {
                 continue;
             }
             let node = &bvh.nodes[at as usize];
-            let cost = 1 + u64::from(node.prim_count);
-            if *steps < cost {
-                *steps = 0;
+            if !spend(steps, node) {
                 break;
             }
-            *steps -= cost;
             if node.is_leaf() {
-                for i in 0..node.prim_count {
-                    let face = bvh.primitive_indices[(node.first_index + i) as usize];
+                for &face in triangles_of(bvh, node) {
                     let found = hit(face).map(|share| (share, face));
                     let found = found.filter(|&it| after.is_none_or(|after| after < it));
                     first = [first, found].into_iter().flatten().reduce(|a, b| if b < a { b } else { a });
@@ -98,7 +93,6 @@ impl Segment {
 }
 
 #[cfg(test)]
-#[allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 mod tests {
     use super::*;
     use crate::math::{hit, r3, ray_direction};

@@ -4,15 +4,16 @@
 //! intervals overlap: Guigue and Devillers 2003, "Fast and Robust Triangle-Triangle Overlap Test Using Orientation
 //! Predicates". Vertices that both have are known by their numbers, so their signs are known to be zero.
 
-mod place;
-mod plane;
-
 use glam::DVec3;
 
-use super::{Sign, orient2d};
-use plane::Plane;
+use super::predicates::{Sign, orient2d, orient3d};
 
-pub use place::common_point;
+/// Bound of the rounding error of a 3 by 3 determinant of differences, for each unit of its permanent: `O3DERRBOUND_A`
+/// of Shewchuk 1997, which holds for an expansion along any row or column.
+const ERROR: f64 = 7.771_561_172_376_103e-16;
+
+/// Heights below this are those of points that lie in a plane, rounded. It moves a place, and decides nothing else.
+const ROUNDED: f64 = 1e-13;
 
 /// What two triangles have in common. Of two closed triangles exactly one of these holds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -162,6 +163,61 @@ fn lone(sides: [Sign; 3]) -> (usize, bool) {
     (0, true)
 }
 
+/// The plane of a triangle, ready to tell sides of many points.
+struct Plane {
+    corners: [DVec3; 3],
+    /// The normal, rounded.
+    normal: DVec3,
+    /// For each component of the normal the sum of the magnitudes that it is a difference of.
+    magnitude: DVec3,
+}
+
+impl Plane {
+    #[inline]
+    fn through(&[a, b, c]: &[DVec3; 3]) -> Self {
+        let (u, v) = (b - a, c - a);
+        let left = DVec3::new(u.y * v.z, u.z * v.x, u.x * v.y);
+        let right = DVec3::new(u.z * v.y, u.x * v.z, u.y * v.x);
+        Self { corners: [a, b, c], normal: left - right, magnitude: left.abs() + right.abs() }
+    }
+
+    /// Positive where the normal points, exactly.
+    #[inline]
+    fn side(&self, p: DVec3, slow: &mut u64) -> Sign {
+        let d = p - self.corners[0];
+        let determinant = self.normal.x * d.x + self.normal.y * d.y + self.normal.z * d.z;
+        let permanent = self.magnitude.x * d.x.abs() + self.magnitude.y * d.y.abs() + self.magnitude.z * d.z.abs();
+        if determinant.abs() > ERROR * permanent {
+            return if determinant > 0.0 { Sign::Positive } else { Sign::Negative };
+        }
+        // A sum of zeros is no rounded number; so it is with points of one plane along the axes.
+        if permanent == 0.0 {
+            return Sign::Zero;
+        }
+        *slow += 1;
+        let [a, b, c] = self.corners;
+        // `orient3d` is positive behind the face.
+        orient3d(a, c, b, p)
+    }
+
+    /// The sides of three points, of which the one numbered `inside` is known to be in the plane.
+    #[inline]
+    fn sides(&self, points: &[DVec3; 3], inside: Option<usize>, slow: &mut u64) -> [Sign; 3] {
+        let mut sides = [Sign::Zero; 3];
+        for k in 0..3 {
+            if inside != Some(k) {
+                sides[k] = self.side(points[k], slow);
+            }
+        }
+        sides
+    }
+
+    /// The corners that the plane goes through.
+    fn corners(&self) -> [DVec3; 3] {
+        self.corners
+    }
+}
+
 /// A coordinate plane on which a plane is projected without losing a dimension.
 struct Flat {
     axes: [usize; 2],
@@ -247,6 +303,64 @@ impl Flat {
             })
         })
     }
+}
+
+/// A point that two triangles have in common, rounded: the middle of what they have in common. They should meet.
+///
+/// Positions should be in the range of [`crate::math::to_unit_range`].
+#[must_use]
+pub fn common_point(p: &[DVec3; 3], q: &[DVec3; 3], coplanar: bool) -> DVec3 {
+    let normal = (q[1] - q[0]).cross(q[2] - q[0]).normalize_or_zero();
+    let mut common = if coplanar { p.to_vec() } else { section(p, |x| normal.dot(x - q[0])) };
+    for k in 0..3 {
+        let inward = normal.cross(q[(k + 1) % 3] - q[k]).normalize_or_zero();
+        let part = inside(&common, |x| inward.dot(x - q[k]));
+        // What rounding leaves of a single point may lie outside; the point itself is near enough.
+        if !part.is_empty() {
+            common = part;
+        }
+    }
+    common.iter().sum::<DVec3>() / common.len() as f64
+}
+
+fn clean(height: f64) -> f64 {
+    if height.abs() < ROUNDED { 0.0 } else { height }
+}
+
+/// The ends of what a triangle has in a plane that `height` is measured from; its corner nearest to it where it has
+/// nothing.
+fn section(p: &[DVec3; 3], height: impl Fn(DVec3) -> f64) -> Vec<DVec3> {
+    let heights = p.map(|x| clean(height(x)));
+    let mut ends: Vec<DVec3> = Vec::with_capacity(3);
+    for k in 0..3 {
+        let (a, b) = (k, (k + 1) % 3);
+        if heights[a] == 0.0 {
+            ends.push(p[a]);
+        } else if heights[a] * heights[b] < 0.0 {
+            ends.push(p[a].lerp(p[b], heights[a] / (heights[a] - heights[b])));
+        }
+    }
+    if ends.is_empty() {
+        let nearest = (0..3).min_by(|&a, &b| heights[a].abs().total_cmp(&heights[b].abs())).unwrap_or(0);
+        ends.push(p[nearest]);
+    }
+    ends
+}
+
+/// The part of a convex polygon, or of a segment, where `height` is not negative (Sutherland and Hodgman 1974).
+fn inside(polygon: &[DVec3], height: impl Fn(DVec3) -> f64) -> Vec<DVec3> {
+    let mut part = Vec::with_capacity(polygon.len() + 1);
+    for (k, &a) in polygon.iter().enumerate() {
+        let b = polygon[(k + 1) % polygon.len()];
+        let (at_a, at_b) = (clean(height(a)), clean(height(b)));
+        if at_a >= 0.0 {
+            part.push(a);
+        }
+        if (at_a > 0.0 && at_b < 0.0) || (at_a < 0.0 && at_b > 0.0) {
+            part.push(a.lerp(b, at_a / (at_a - at_b)));
+        }
+    }
+    part
 }
 
 #[cfg(test)]
