@@ -104,6 +104,46 @@ impl Edges {
         let among = &self.ends[begin..end];
         among.binary_search_by_key(&high, |ends| ends[1]).ok().map(|at| begin + at)
     }
+
+    /// The corner after this one around its face, which is where the half-edge ends.
+    #[must_use]
+    pub fn next(half_edge: u32) -> u32 {
+        if half_edge % 3 == 2 { half_edge - 2 } else { half_edge + 1 }
+    }
+
+    /// The corner before this one around its face, whose half-edge ends where this one starts.
+    #[must_use]
+    pub fn previous(half_edge: u32) -> u32 {
+        if half_edge.is_multiple_of(3) { half_edge + 2 } else { half_edge - 1 }
+    }
+
+    /// The corner of its face that a half-edge does not touch.
+    ///
+    /// # Panics
+    /// When `half_edge` is not one of these faces.
+    #[must_use]
+    pub fn opposite(faces: &[[u32; 3]], half_edge: u32) -> u32 {
+        origin(faces, Self::previous(half_edge))
+    }
+
+    /// Where a half-edge starts and ends.
+    ///
+    /// # Panics
+    /// When `half_edge` is not one of these faces.
+    #[must_use]
+    pub fn ends(faces: &[[u32; 3]], half_edge: u32) -> [u32; 2] {
+        [origin(faces, half_edge), origin(faces, Self::next(half_edge))]
+    }
+
+    /// Whether a half-edge runs from the smaller vertex to the larger.
+    ///
+    /// # Panics
+    /// When `half_edge` is not one of these faces.
+    #[must_use]
+    pub fn is_forward(faces: &[[u32; 3]], half_edge: u32) -> bool {
+        let [a, b] = Self::ends(faces, half_edge);
+        a < b
+    }
 }
 
 /// Sorts what is mostly no more than a handful.
@@ -149,50 +189,47 @@ pub(super) fn origin(faces: &[[u32; 3]], half_edge: u32) -> u32 {
     faces[half_edge as usize / 3][half_edge as usize % 3]
 }
 
-impl Edges {
-    /// The corner after this one around its face, which is where the half-edge ends.
+/// The faces at each vertex, in their order.
+#[derive(Debug, Clone)]
+pub struct Stars {
+    /// For each vertex its first entry in `faces`, and the end.
+    start: Vec<u32>,
+    faces: Vec<u32>,
+}
+
+impl Stars {
+    /// Distributes `faces`, of which there must be fewer than 2^32 / 3, over `vertices` vertices by counting.
     #[must_use]
-    pub fn next(half_edge: u32) -> u32 {
-        if half_edge % 3 == 2 { half_edge - 2 } else { half_edge + 1 }
+    pub fn new(vertices: usize, faces: &[[u32; 3]]) -> Self {
+        let mut start = vec![0u32; vertices + 1];
+        for &v in faces.iter().flatten() {
+            start[v as usize] += 1;
+        }
+        let mut total = 0;
+        for count in &mut start {
+            total += std::mem::replace(count, total);
+        }
+        let (mut next, mut of_vertex) = (start.clone(), vec![0; total as usize]);
+        for (face, corners) in (0u32..).zip(faces) {
+            for &v in corners {
+                of_vertex[next[v as usize] as usize] = face;
+                next[v as usize] += 1;
+            }
+        }
+        Self { start, faces: of_vertex }
     }
 
-    /// The corner before this one around its face, whose half-edge ends where this one starts.
-    #[must_use]
-    pub fn previous(half_edge: u32) -> u32 {
-        if half_edge.is_multiple_of(3) { half_edge + 2 } else { half_edge - 1 }
-    }
-
-    /// The corner of its face that a half-edge does not touch.
+    /// The faces at a vertex; a face with a repeated vertex is there as often.
     ///
     /// # Panics
-    /// When `half_edge` is not one of these faces.
+    /// When there is no such vertex.
     #[must_use]
-    pub fn opposite(faces: &[[u32; 3]], half_edge: u32) -> u32 {
-        origin(faces, Self::previous(half_edge))
-    }
-
-    /// Where a half-edge starts and ends.
-    ///
-    /// # Panics
-    /// When `half_edge` is not one of these faces.
-    #[must_use]
-    pub fn ends(faces: &[[u32; 3]], half_edge: u32) -> [u32; 2] {
-        [origin(faces, half_edge), origin(faces, Self::next(half_edge))]
-    }
-
-    /// Whether a half-edge runs from the smaller vertex to the larger.
-    ///
-    /// # Panics
-    /// When `half_edge` is not one of these faces.
-    #[must_use]
-    pub fn is_forward(faces: &[[u32; 3]], half_edge: u32) -> bool {
-        let [a, b] = Self::ends(faces, half_edge);
-        a < b
+    pub fn of(&self, vertex: u32) -> &[u32] {
+        &self.faces[self.start[vertex as usize] as usize..self.start[vertex as usize + 1] as usize]
     }
 }
 
 #[cfg(test)]
-#[allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 mod tests {
     use super::*;
 
@@ -238,5 +275,12 @@ mod tests {
             assert_eq!((edges.find(a, b), edges.find(b, a)), (Some(e), Some(e)));
         }
         assert_eq!((edges.find(3, 3), edges.find(39, 77), edges.find(77, 78)), (None, None, None));
+    }
+
+    #[test]
+    fn each_vertex_has_its_faces_in_order() {
+        let stars = Stars::new(5, &[[0, 1, 2], [2, 1, 3], [1, 0, 3]]);
+        let of: Vec<&[u32]> = (0..5).map(|v| stars.of(v)).collect();
+        assert_eq!(of, [&[0, 2][..], &[0, 1, 2], &[0, 1], &[1, 2], &[]]);
     }
 }

@@ -1,4 +1,49 @@
-use super::{Edges, Surface, UnionFind};
+use super::adjacency::{Edges, origin};
+use super::surface::Surface;
+
+/// Disjoint sets over `0..n` (Tarjan 1975), the smallest member being each set's root, so that the answer does not
+/// depend on the order of unions.
+#[derive(Debug, Clone)]
+pub struct UnionFind {
+    parent: Vec<u32>,
+}
+
+impl UnionFind {
+    /// `n` sets of one member each.
+    #[must_use]
+    pub fn new(n: usize) -> Self {
+        #[expect(clippy::cast_possible_truncation, reason = "meshes are counted in u32")]
+        Self { parent: (0..n as u32).collect() }
+    }
+
+    /// The smallest member of the set that holds `x`.
+    pub fn root(&mut self, mut x: u32) -> u32 {
+        while self.parent[x as usize] != x {
+            let up = self.parent[self.parent[x as usize] as usize];
+            self.parent[x as usize] = up;
+            x = up;
+        }
+        x
+    }
+
+    /// Makes one set of the sets of `a` and `b`.
+    pub fn unite(&mut self, a: u32, b: u32) {
+        let (a, b) = (self.root(a), self.root(b));
+        if a != b {
+            self.parent[a.max(b) as usize] = a.min(b);
+        }
+    }
+
+    /// For each member the smallest member of its set.
+    #[must_use]
+    pub fn into_roots(mut self) -> Vec<u32> {
+        // A parent is never larger than its child, so that it has its root already.
+        for x in 0..self.parent.len() {
+            self.parent[x] = self.parent[self.parent[x] as usize];
+        }
+        self.parent
+    }
+}
 
 /// The edge-connected parts of a surface: faces belong together where a chain of shared edges joins them.
 ///
@@ -40,9 +85,8 @@ impl Parts {
         })
     }
 
-    /// Numbers sets of faces in the order of their first face; where `counts` says no, a face stands alone and is in
-    /// no part.
-    pub(super) fn numbered(sets: UnionFind, counts: impl Fn(usize) -> bool) -> Self {
+    /// Numbers sets of faces in the order of their first face; where `counts` says no, a face is in no part.
+    fn numbered(sets: UnionFind, counts: impl Fn(usize) -> bool) -> Self {
         let mut of_face = sets.into_roots();
         let mut count = 0u32;
         for f in 0..of_face.len() {
@@ -87,5 +131,90 @@ impl Parts {
             }
         }
         lists
+    }
+}
+
+/// The fans of a surface: at each vertex, the corners of faces that follow one another across shared edges.
+///
+/// A vertex is manifold where its corners form one fan.
+#[derive(Debug, Clone)]
+pub struct Fans {
+    /// For each corner `3 * face + i` the smallest corner of its fan.
+    pub of_corner: Vec<u32>,
+    /// Vertices with more than one fan.
+    pub nonmanifold_vertices: u64,
+}
+
+impl Fans {
+    /// Joins corners across every edge, however many faces it has.
+    #[must_use]
+    pub fn new(surface: &Surface, edges: &Edges) -> Self {
+        let faces = &surface.faces;
+        let mut sets = UnionFind::new(faces.len() * 3);
+        for (e, half_edges) in edges.iter().enumerate() {
+            let low = edges.vertices(e)[0];
+            for pair in half_edges.windows(2) {
+                let at_low = |h: u32| if origin(faces, h) == low { h } else { Edges::next(h) };
+                let at_high = |h: u32| if origin(faces, h) == low { Edges::next(h) } else { h };
+                sets.unite(at_low(pair[0]), at_low(pair[1]));
+                sets.unite(at_high(pair[0]), at_high(pair[1]));
+            }
+        }
+        let mut of_corner = sets.into_roots();
+        let mut fans_at = vec![0u8; surface.positions.len()];
+        for (corners, &[a, b, c]) in of_corner.as_chunks_mut::<3>().0.iter_mut().zip(faces) {
+            if a == b || b == c || c == a {
+                *corners = [u32::MAX; 3];
+            }
+        }
+        for (&root, corner) in of_corner.iter().zip(0u32..) {
+            if root == corner {
+                let count = &mut fans_at[origin(faces, corner) as usize];
+                *count = count.saturating_add(1);
+            }
+        }
+        Self { of_corner, nonmanifold_vertices: fans_at.iter().filter(|&&n| n > 1).count() as u64 }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::DVec3;
+
+    #[test]
+    fn every_member_of_a_set_has_its_smallest_as_root() {
+        let mut sets = UnionFind::new(7);
+        for (a, b) in [(6, 5), (5, 2), (4, 3), (3, 1), (6, 4)] {
+            sets.unite(a, b);
+        }
+        let one_by_one: Vec<u32> = (0..7).map(|x| sets.root(x)).collect();
+        assert_eq!(one_by_one, [0, 1, 1, 1, 1, 1, 1]);
+        let mut fresh = UnionFind::new(7);
+        for (a, b) in [(6, 5), (5, 2), (4, 3), (3, 1)] {
+            fresh.unite(a, b);
+        }
+        assert_eq!(fresh.into_roots(), [0, 1, 2, 1, 1, 2, 2]);
+    }
+
+    fn fans(faces: Vec<[u32; 3]>) -> Fans {
+        let n = faces.iter().flatten().max().map_or(0, |m| m + 1);
+        let source = vec![0; faces.len()];
+        let surface = Surface { positions: (0..n).map(|i| DVec3::splat(f64::from(i))).collect(), faces, source };
+        Fans::new(&surface, &Edges::new(&surface.faces))
+    }
+
+    #[test]
+    fn two_faces_that_touch_in_a_vertex_are_two_fans() {
+        let it = fans(vec![[0, 1, 2], [0, 3, 4]]);
+        assert_eq!(it.nonmanifold_vertices, 1);
+        assert_ne!(it.of_corner[0], it.of_corner[3]);
+    }
+
+    #[test]
+    fn faces_around_a_vertex_are_one_fan() {
+        let it = fans(vec![[0, 1, 2], [0, 2, 3], [0, 3, 1]]);
+        assert_eq!(it.nonmanifold_vertices, 0);
+        assert_eq!(it.of_corner[3], it.of_corner[6]);
     }
 }
