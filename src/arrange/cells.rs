@@ -2,9 +2,8 @@ use std::cmp::Ordering;
 
 use smallvec::SmallVec;
 
-use super::complex::{Complex, SolidFaces};
-use super::plane::Plane;
-use crate::arrange::ArrangeError;
+use super::complex::{ArrangeError, Complex, SolidFaces};
+use super::grid::Plane;
 use crate::context::Context;
 use crate::math::{Dipoles, Sign, sort_by_angle, winding_exact};
 use crate::mesh::{Edges, NotClosed, UnionFind};
@@ -15,14 +14,14 @@ const UNSURE: f64 = 0.2;
 /// Nodes and triangles that are looked at for one winding number.
 const STEPS: u64 = 1_000_000;
 
-/// The cells between the walls.
+/// The cells between the facets.
 pub(super) struct Cells {
-    /// The cell on each side of each wall: side `2 w` is before wall `w`, where its normal points, side `2 w + 1` behind it.
+    /// The cell on each side of each facet: side `2 w` is before facet `w`, where its normal points, side `2 w + 1` behind it.
     pub of_side: Vec<u32>,
     /// The winding number of each cell. Cells are numbered with gaps.
     pub number: Vec<i32>,
-    /// The connected piece that each wall is of. Cells of pieces that don't touch have different numbers, even where they are one
-    /// room.
+    /// The connected piece that each facet is of. Cells of pieces that don't touch have different numbers, even where they are one
+    /// region.
     pub piece_of: Vec<u32>,
 }
 
@@ -34,34 +33,34 @@ impl Cells {
         Ok(Self { of_side, number, piece_of })
     }
 
-    /// The cells before and behind a wall.
-    pub fn beside(&self, wall: usize) -> [usize; 2] {
-        [0, 1].map(|side| self.of_side[2 * wall + side] as usize)
+    /// The cells before and behind a facet.
+    pub fn beside(&self, facet: usize) -> [usize; 2] {
+        [0, 1].map(|side| self.of_side[2 * facet + side] as usize)
     }
 }
 
-/// The cell on each side of each wall, and the connected piece that each wall is of.
+/// The cell on each side of each facet, and the connected piece that each facet is of.
 fn find(complex: &Complex, context: &Context<'_>) -> Result<(Vec<u32>, Vec<u32>), ArrangeError> {
-    let walls = &complex.walls;
-    let corners: Vec<[u32; 3]> = walls.iter().map(|wall| wall.corners).collect();
+    let facets = &complex.facets;
+    let corners: Vec<[u32; 3]> = facets.iter().map(|facet| facet.corners).collect();
     let edges = Edges::new(&corners);
     context.check()?;
-    let mut sides = UnionFind::new(2 * walls.len());
-    let mut pieces = UnionFind::new(walls.len());
+    let mut sides = UnionFind::new(2 * facets.len());
+    let mut pieces = UnionFind::new(facets.len());
     for edge in 0..edges.len() {
         let around = order_around(complex, edges.half_edges(edge), &corners);
-        for (k, &(wall, forward)) in around.iter().enumerate() {
+        for (k, &(facet, forward)) in around.iter().enumerate() {
             let (next, next_forward) = around[(k + 1) % around.len()];
-            // Counter-clockwise of a wall that runs forward is what is before it.
-            sides.unite(2 * wall + u32::from(!forward), 2 * next + u32::from(next_forward));
-            pieces.unite(wall, next);
+            // Counter-clockwise of a facet that runs forward is what is before it.
+            sides.unite(2 * facet + u32::from(!forward), 2 * next + u32::from(next_forward));
+            pieces.unite(facet, next);
         }
     }
     context.check()?;
     Ok((sides.into_roots(), pieces.into_roots()))
 }
 
-/// The walls around an edge, counter-clockwise seen from its larger vertex, and whether each runs from the smaller vertex to the
+/// The facets around an edge, counter-clockwise seen from its larger vertex, and whether each runs from the smaller vertex to the
 /// larger.
 fn order_around(complex: &Complex, half_edges: &[u32], corners: &[[u32; 3]]) -> SmallVec<[(u32, bool); 4]> {
     let it = half_edges.iter().map(|&h| (h, Edges::is_forward(corners, h)));
@@ -70,7 +69,7 @@ fn order_around(complex: &Complex, half_edges: &[u32], corners: &[[u32; 3]]) -> 
     }
     let all: SmallVec<[(u32, bool); 4]> = it.collect();
     let planes: SmallVec<[Plane; 4]> =
-        all.iter().map(|&(h, _)| complex.plane(&complex.walls[h as usize / 3])).collect();
+        all.iter().map(|&(h, _)| complex.plane(&complex.facets[h as usize / 3])).collect();
     // Positive where `j` is less than half a turn on from `i`.
     let ahead = |i: usize, j: usize| {
         let ((_, forward), (g, _)) = (all[i], all[j]);
@@ -93,27 +92,27 @@ fn order_around(complex: &Complex, half_edges: &[u32], corners: &[[u32; 3]]) -> 
     order.into_iter().map(|i| (all[i].0 / 3, all[i].1)).collect()
 }
 
-/// Spreads winding numbers over the cells: in each piece of the surface from one wall, where it is measured.
+/// Spreads winding numbers over the cells: in each piece of the surface from one facet, where it is measured.
 fn spread(
     complex: &Complex,
     cell_of: &[u32],
     piece_of: &[u32],
     context: &Context<'_>,
 ) -> Result<Vec<i32>, ArrangeError> {
-    let walls = &complex.walls;
-    // The largest wall of each piece.
-    let area = |wall: usize| {
-        let [a, b, c] = walls[wall].corners.map(|p| complex.points.place(p));
+    let facets = &complex.facets;
+    // The largest facet of each piece.
+    let area = |facet: usize| {
+        let [a, b, c] = facets[facet].corners.map(|p| complex.points.place(p));
         (b - a).cross(c - a).length_squared()
     };
-    let mut largest: Vec<u32> = (0..walls.len() as u32).collect();
-    for wall in 0..walls.len() {
-        let best = &mut largest[piece_of[wall] as usize];
-        if area(wall) > area(*best as usize) {
-            *best = wall as u32;
+    let mut largest: Vec<u32> = (0..facets.len() as u32).collect();
+    for facet in 0..facets.len() {
+        let best = &mut largest[piece_of[facet] as usize];
+        if area(facet) > area(*best as usize) {
+            *best = facet as u32;
         }
     }
-    // The walls of each cell.
+    // The facets of each cell.
     let mut first = vec![0u32; cell_of.len() + 1];
     cell_of.iter().for_each(|&cell| first[cell as usize + 1] += 1);
     for cell in 0..cell_of.len() {
@@ -125,19 +124,19 @@ fn spread(
         sides_of[next[cell as usize] as usize] = side;
         next[cell as usize] += 1;
     }
-    let ruler = Ruler::new(complex);
+    let winding_numbers = WindingNumbers::new(complex);
     let mut number: Vec<Option<i32>> = vec![None; cell_of.len()];
     let mut stack = Vec::new();
-    for piece in (0..walls.len()).filter(|&wall| piece_of[wall] as usize == wall) {
+    for piece in (0..facets.len()).filter(|&facet| piece_of[facet] as usize == facet) {
         context.check()?;
         let start = largest[piece] as usize;
-        let before = ruler.before(start)?;
+        let before = winding_numbers.before(start)?;
         number[cell_of[2 * start] as usize] = Some(before);
         stack.push(cell_of[2 * start]);
         while let Some(cell) = stack.pop() {
             let here = number[cell as usize].unwrap_or(0);
             for &side in &sides_of[first[cell as usize] as usize..first[cell as usize + 1] as usize] {
-                let weight = walls[side as usize / 2].weight;
+                let weight = facets[side as usize / 2].weight;
                 let there = if side % 2 == 0 { here + weight } else { here - weight };
                 let other = cell_of[(side ^ 1) as usize];
                 match number[other as usize] {
@@ -155,21 +154,21 @@ fn spread(
 }
 
 /// Measures winding numbers of the whole surface.
-struct Ruler<'a> {
+struct WindingNumbers<'a> {
     complex: &'a Complex,
     dipoles: Dipoles,
 }
 
-impl<'a> Ruler<'a> {
+impl<'a> WindingNumbers<'a> {
     fn new(complex: &'a Complex) -> Self {
         let faces = &complex.solid_faces;
         Self { complex, dipoles: faces.tree.dipoles(|f| faces.triangle(f)) }
     }
 
-    /// The winding number before a wall. What lies in the wall itself winds around neither side of its middle, and the mean of
+    /// The winding number before a facet. What lies in the facet itself winds around neither side of its middle, and the mean of
     /// both sides is what the rest winds around it.
-    fn before(&self, wall: usize) -> Result<i32, ArrangeError> {
-        let it = &self.complex.walls[wall];
+    fn before(&self, facet: usize) -> Result<i32, ArrangeError> {
+        let it = &self.complex.facets[facet];
         let faces = &self.complex.solid_faces;
         let corners = it.corners.map(|p| SolidFaces::to_unit(self.complex.points.place(p)));
         let middle = (corners[0] + corners[1] + corners[2]) / 3.0;

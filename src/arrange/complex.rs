@@ -1,15 +1,14 @@
 use glam::DVec3;
+use rustc_hash::FxHashMap;
 use smallvec::SmallVec;
 
 use super::contacts::{Contacts, Cuts};
-use super::grid::{Grid, Whole};
-use super::plane::Plane;
+use super::grid::{Grid, Plane, Whole};
 use super::points::Points;
 use super::triangulation::{Line, Support, Triangulation};
-use crate::arrange::ArrangeError;
-use crate::context::Context;
+use crate::context::{Cancelled, Context};
 use crate::math::{Contact, PairSearch, Tree, contact};
-use crate::mesh::Surface;
+use crate::mesh::{NotClosed, Surface};
 
 /// Steps that the search for faces that meet may take, and as many more for each face.
 const STEPS: u64 = 512_000_000;
@@ -27,9 +26,26 @@ const MOST_COVERS: usize = 50_000_000;
 /// How far out the corners of the triangle are in which overlapping faces are laid, in steps of the grid.
 const OUT: i64 = 1 << 43;
 
-/// A piece of faces that no other face passes through: walls have nothing in common but whole edges and corners.
+/// Why there is no arrangement.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum ArrangeError {
+    /// The surface is not closed.
+    #[error(transparent)]
+    NotClosed(#[from] NotClosed),
+    /// It could not be done.
+    #[error("the faces that intersect could not be resolved: {0}")]
+    Failed(String),
+    /// Nothing is inside.
+    #[error("the surface encloses nothing")]
+    Empty,
+    /// The work was stopped.
+    #[error(transparent)]
+    Cancelled(#[from] Cancelled),
+}
+
+/// A piece of faces that no other face passes through: facets have nothing in common but whole edges and corners.
 #[derive(Debug, Clone)]
-pub(super) struct Wall {
+pub(super) struct Facet {
     /// Its corners, counter-clockwise seen against the normal of its plane.
     pub corners: [u32; 3],
     /// The faces that cover it, sorted.
@@ -44,7 +60,7 @@ pub(super) struct Wall {
 pub(super) struct Complex {
     pub grid: Grid,
     pub points: Points,
-    pub walls: Vec<Wall>,
+    pub facets: Vec<Facet>,
     /// The faces of the surface that have area, to be looked up.
     pub solid_faces: SolidFaces,
     /// For each point the vertex of the surface that it is.
@@ -111,14 +127,12 @@ impl Complex {
             }
             contacts.meet(f, g, overlap);
         }
-        let mut walls = Vec::with_capacity(solid.len() + 4 * contacts.cuts.len());
+        let mut facets = Vec::with_capacity(solid.len() + 4 * contacts.cuts.len());
         let groups = groups(&mut contacts);
         let planes: Vec<u32> = groups.iter().map(|group| contacts.plane(group[0])).collect();
         let cuts = std::mem::take(&mut contacts.cuts);
-        let work = Work {
-            context,
-            most: surface.positions.len() + (ENOUGH_POINTS + POINTS_A_FACE * solid.len()).min(MOST_POINTS),
-        };
+        let most = surface.positions.len() + (ENOUGH_POINTS + POINTS_A_FACE * solid.len()).min(MOST_POINTS);
+        let cutter = Cutter { faces: &solid, cuts: &cuts, limits: Limits { context, most } };
         let mut is_cut = vec![false; solid.len()];
         for (at, (group, plane)) in groups.iter().zip(planes).enumerate() {
             if at % 256 == 0 {
@@ -126,23 +140,23 @@ impl Complex {
             }
             group.iter().for_each(|&face| is_cut[face as usize] = true);
             match group.as_slice() {
-                &[face] => cut_one(&mut points, plane, face, solid[face as usize], &cuts[&face], &mut walls, &work)?,
-                _ => cut_many(&mut points, plane, group, &solid, &cuts, &mut walls, &work)?,
+                &[face] => cutter.cut_one(&mut points, plane, face, &mut facets)?,
+                _ => cutter.cut_many(&mut points, plane, group, &mut facets)?,
             }
         }
         for (face, corners) in (0u32..).zip(&faces) {
             if let Some(corners) = corners.filter(|_| !is_cut[face as usize]) {
-                walls.push(Wall { corners, faces: SmallVec::from_slice(&[face]), weight: 1, plane: None });
+                facets.push(Facet { corners, faces: SmallVec::from_slice(&[face]), weight: 1, plane: None });
             }
         }
-        Ok(Self { grid, points, walls, solid_faces, vertices })
+        Ok(Self { grid, points, facets, solid_faces, vertices })
     }
 
-    /// The plane of a wall, looking where its corners turn counter-clockwise.
-    pub fn plane(&self, wall: &Wall) -> Plane {
-        match wall.plane {
+    /// The plane of a facet, looking where its corners turn counter-clockwise.
+    pub fn plane(&self, facet: &Facet) -> Plane {
+        match facet.plane {
             Some(plane) => self.points.planes[plane as usize],
-            None => Plane::through(wall.corners.map(|corner| self.points.whole(corner))),
+            None => Plane::through(facet.corners.map(|corner| self.points.whole(corner))),
         }
     }
 }
@@ -151,7 +165,7 @@ impl Complex {
 fn vertices_on_grid(surface: &Surface, grid: &Grid) -> (Points, Vec<u32>, Vec<u32>) {
     let mut points = Points::default();
     let mut vertices = Vec::new();
-    let mut known: rustc_hash::FxHashMap<Whole, u32> = rustc_hash::FxHashMap::default();
+    let mut known: FxHashMap<Whole, u32> = FxHashMap::default();
     let point_of = (0u32..)
         .zip(&surface.positions)
         .map(|(v, &p)| {
@@ -197,7 +211,7 @@ fn pairs_that_meet(faces: &SolidFaces, context: &Context<'_>) -> Result<Vec<([u3
 fn groups(contacts: &mut Contacts<'_>) -> Vec<Vec<u32>> {
     let mut faces: Vec<u32> = contacts.cuts.keys().copied().collect();
     faces.sort_unstable();
-    let mut of_root: rustc_hash::FxHashMap<u32, usize> = rustc_hash::FxHashMap::default();
+    let mut of_root: FxHashMap<u32, usize> = FxHashMap::default();
     let mut groups: Vec<Vec<u32>> = Vec::new();
     for face in faces {
         let root = contacts.together.root(face);
@@ -211,13 +225,13 @@ fn groups(contacts: &mut Contacts<'_>) -> Vec<Vec<u32>> {
 }
 
 /// What holds an arrangement to its bounds.
-struct Work<'a, 'b> {
+struct Limits<'a, 'b> {
     context: &'a Context<'b>,
     /// Points that there may be.
     most: usize,
 }
 
-impl Work<'_, '_> {
+impl Limits<'_, '_> {
     fn check(&self, points: usize) -> Result<(), ArrangeError> {
         if points.is_multiple_of(256) {
             self.context.check()?;
@@ -230,81 +244,81 @@ fn too_many_points() -> ArrangeError {
     ArrangeError::Failed("the faces meet in too many points".to_owned())
 }
 
-/// Cuts a face that overlaps no other in its plane.
-fn cut_one(
-    points: &mut Points,
-    plane: u32,
-    face: u32,
-    corners: [u32; 3],
-    cuts: &Cuts,
-    walls: &mut Vec<Wall>,
-    work: &Work<'_, '_>,
-) -> Result<(), ArrangeError> {
-    let mut triangulation = Triangulation::new(points, plane, corners);
-    lay(&mut triangulation, cuts, work)?;
-    triangulation.improve();
-    walls.extend(triangulation.triangles().map(|corners| Wall {
-        corners,
-        faces: SmallVec::from_slice(&[face]),
-        weight: 1,
-        plane: Some(plane),
-    }));
-    Ok(())
+/// Cuts faces by what others left on them.
+struct Cutter<'a, 'b> {
+    faces: &'a [[u32; 3]],
+    cuts: &'a FxHashMap<u32, Cuts>,
+    limits: Limits<'a, 'b>,
 }
 
-/// Lays into a triangulation what other faces left on a face.
-fn lay(triangulation: &mut Triangulation<'_>, cuts: &Cuts, work: &Work<'_, '_>) -> Result<(), ArrangeError> {
-    for &point in &cuts.points {
-        triangulation.insert(point);
+impl Cutter<'_, '_> {
+    /// Cuts a face that overlaps no other in its plane.
+    fn cut_one(&self, points: &mut Points, plane: u32, face: u32, facets: &mut Vec<Facet>) -> Result<(), ArrangeError> {
+        let mut triangulation = Triangulation::new(points, plane, self.faces[face as usize]);
+        self.lay(&mut triangulation, face)?;
+        triangulation.improve();
+        facets.extend(triangulation.triangles().map(|corners| Facet {
+            corners,
+            faces: SmallVec::from_slice(&[face]),
+            weight: 1,
+            plane: Some(plane),
+        }));
+        Ok(())
     }
-    for &(ends, other) in &cuts.lines {
-        triangulation.insert_line(Line { ends, support: Support::Plane(other), bounds: None });
-        work.check(triangulation.count())?;
-    }
-    Ok(())
-}
 
-/// Cuts faces that overlap in one plane, all at once, so that they are cut in the same way where they do.
-fn cut_many(
-    points: &mut Points,
-    plane: u32,
-    group: &[u32],
-    faces: &[[u32; 3]],
-    cuts: &rustc_hash::FxHashMap<u32, Cuts>,
-    walls: &mut Vec<Wall>,
-    work: &Work<'_, '_>,
-) -> Result<(), ArrangeError> {
-    let axis = points.planes[plane as usize].axis();
-    let upward = points.planes[plane as usize].normal[axis] > 0;
-    let outer = points.outer(axis, upward, OUT);
-    // Which way each face looks, before the points are lent.
-    let normal = points.planes[plane as usize].normal;
-    let agrees: Vec<bool> = group
-        .iter()
-        .map(|&face| {
-            let it = Plane::through(faces[face as usize].map(|v| points.whole(v)));
-            (it.normal[axis] > 0) == (normal[axis] > 0)
-        })
-        .collect();
-    let mut triangulation = Triangulation::new(points, plane, outer);
-    for &face in group {
-        for i in 0..3 {
-            let ends = [faces[face as usize][i], faces[face as usize][(i + 1) % 3]];
-            triangulation.insert_line(Line { ends, support: Support::Edge(ends), bounds: Some(face) });
-            work.check(triangulation.count())?;
+    /// Lays into a triangulation what other faces left on a face.
+    fn lay(&self, triangulation: &mut Triangulation<'_>, face: u32) -> Result<(), ArrangeError> {
+        let cuts = &self.cuts[&face];
+        for &point in &cuts.points {
+            triangulation.insert(point);
         }
+        for &(ends, other) in &cuts.lines {
+            triangulation.insert_line(Line { ends, support: Support::Plane(other), bounds: None });
+            self.limits.check(triangulation.count())?;
+        }
+        Ok(())
     }
-    for face in group {
-        lay(&mut triangulation, &cuts[face], work)?;
+
+    /// Cuts faces that overlap in one plane, all at once, so that they are cut in the same way where they do.
+    fn cut_many(
+        &self,
+        points: &mut Points,
+        plane: u32,
+        group: &[u32],
+        facets: &mut Vec<Facet>,
+    ) -> Result<(), ArrangeError> {
+        let axis = points.planes[plane as usize].axis();
+        let upward = points.planes[plane as usize].normal[axis] > 0;
+        let outer = points.outer(axis, upward, OUT);
+        // Which way each face looks, before the points are lent.
+        let normal = points.planes[plane as usize].normal;
+        let agrees: Vec<bool> = group
+            .iter()
+            .map(|&face| {
+                let it = Plane::through(self.faces[face as usize].map(|v| points.whole(v)));
+                (it.normal[axis] > 0) == (normal[axis] > 0)
+            })
+            .collect();
+        let mut triangulation = Triangulation::new(points, plane, outer);
+        for &face in group {
+            for i in 0..3 {
+                let ends = [self.faces[face as usize][i], self.faces[face as usize][(i + 1) % 3]];
+                triangulation.insert_line(Line { ends, support: Support::Edge(ends), bounds: Some(face) });
+                self.limits.check(triangulation.count())?;
+            }
+        }
+        for &face in group {
+            self.lay(&mut triangulation, face)?;
+        }
+        triangulation.improve();
+        let covers = triangulation.covers(MOST_COVERS).ok_or_else(too_many_points)?;
+        facets.extend(triangulation.triangles().zip(covers).filter(|(_, cover)| !cover.is_empty()).map(
+            |(corners, cover)| {
+                let weight =
+                    cover.iter().map(|face| if group.binary_search(face).is_ok_and(|at| agrees[at]) { 1 } else { -1 });
+                Facet { corners, weight: weight.sum(), faces: cover, plane: Some(plane) }
+            },
+        ));
+        Ok(())
     }
-    triangulation.improve();
-    let covers = triangulation.covers(MOST_COVERS).ok_or_else(too_many_points)?;
-    walls.extend(triangulation.triangles().zip(covers).filter(|(_, cover)| !cover.is_empty()).map(
-        |(corners, cover)| {
-            let weight =
-                cover.iter().map(|face| if group.binary_search(face).is_ok_and(|at| agrees[at]) { 1 } else { -1 });
-            Wall { corners, weight: weight.sum(), faces: cover, plane: Some(plane) }
-        },
-    ));
-    Ok(())
 }

@@ -1,8 +1,7 @@
 use rustc_hash::FxHashMap;
 use smallvec::SmallVec;
 
-use super::grid::Whole;
-use super::plane::{Plane, side, turn};
+use super::grid::{Plane, Whole, side, turn};
 use super::points::Points;
 use crate::math::Sign;
 use crate::mesh::UnionFind;
@@ -27,7 +26,16 @@ pub(super) struct Contacts<'a> {
     pub together: UnionFind,
 }
 
-/// A point that two faces have in common.
+/// A face that meets another.
+struct Face {
+    ids: [u32; 3],
+    corners: [Whole; 3],
+    plane: u32,
+    /// The sides of its corners of the plane of the other.
+    sides: [Sign; 3],
+}
+
+/// The points that two faces have in common.
 type Common = SmallVec<[u32; 4]>;
 
 impl<'a> Contacts<'a> {
@@ -61,63 +69,43 @@ impl<'a> Contacts<'a> {
         let [a, b] = [f, g].map(|face| self.faces[face as usize]);
         let [p, q] = [a, b].map(|face| face.map(|v| self.points.whole(v)));
         let side_of = |plane: u32, it: &[Whole; 3]| it.map(|x| self.points.planes[plane as usize].side(x));
-        let (sides_a, sides_b) = (side_of(planes[1], &p), side_of(planes[0], &q));
+        let one = Face { ids: a, corners: p, plane: planes[0], sides: side_of(planes[1], &p) };
+        let two = Face { ids: b, corners: q, plane: planes[1], sides: side_of(planes[0], &q) };
         let mut common = Common::new();
-        self.corners_on(&a, &p, &sides_a, &q, planes[1], &mut common);
-        self.corners_on(&b, &q, &sides_b, &p, planes[0], &mut common);
-        self.edges_through(&a, &p, &sides_a, &b, &q, planes[1], &mut common);
-        self.edges_through(&b, &q, &sides_b, &a, &p, planes[0], &mut common);
-        for (face, corners, other) in [(f, a, planes[1]), (g, b, planes[0])] {
+        self.corners_on(&one, &two, &mut common);
+        self.corners_on(&two, &one, &mut common);
+        self.edges_through(&one, &two, &mut common);
+        self.edges_through(&two, &one, &mut common);
+        for (face, own, other) in [(f, &one, &two), (g, &two, &one)] {
             let cuts = self.cuts.entry(face).or_default();
-            cuts.points.extend(common.iter().filter(|point| !corners.contains(point)));
+            cuts.points.extend(common.iter().filter(|point| !own.ids.contains(point)));
             if let [from, to] = common.as_slice() {
-                cuts.lines.push(([*from, *to], other));
+                cuts.lines.push(([*from, *to], other.plane));
             }
         }
     }
 
     /// Adds the corners of one face that lie in the other.
-    fn corners_on(
-        &self,
-        ids: &[u32; 3],
-        corners: &[Whole; 3],
-        sides: &[Sign; 3],
-        other: &[Whole; 3],
-        plane: u32,
-        common: &mut Common,
-    ) {
-        let axis = self.points.planes[plane as usize].axis();
-        for i in (0..3).filter(|&i| sides[i] == Sign::Zero) {
-            let turns = [0, 1, 2].map(|k| turn(axis, other[k], other[(k + 1) % 3], corners[i]));
+    fn corners_on(&self, face: &Face, other: &Face, common: &mut Common) {
+        let axis = self.points.planes[other.plane as usize].axis();
+        for i in (0..3).filter(|&i| face.sides[i] == Sign::Zero) {
+            let turns = [0, 1, 2].map(|k| turn(axis, other.corners[k], other.corners[(k + 1) % 3], face.corners[i]));
             let within = !(turns.contains(&Sign::Positive) && turns.contains(&Sign::Negative));
-            if within && !common.contains(&ids[i]) {
-                common.push(ids[i]);
+            if within && !common.contains(&face.ids[i]) {
+                common.push(face.ids[i]);
             }
         }
     }
 
     /// Adds the points where edges of one face pass through the other.
-    #[expect(
-        clippy::too_many_arguments,
-        reason = "two faces, each by vertices and positions, and what is known of them"
-    )]
-    fn edges_through(
-        &mut self,
-        ids: &[u32; 3],
-        corners: &[Whole; 3],
-        sides: &[Sign; 3],
-        other_ids: &[u32; 3],
-        other: &[Whole; 3],
-        plane: u32,
-        common: &mut Common,
-    ) {
+    fn edges_through(&mut self, face: &Face, other: &Face, common: &mut Common) {
         for i in 0..3 {
             let j = (i + 1) % 3;
-            if !sides[i].opposes(sides[j]) {
+            if !face.sides[i].opposes(face.sides[j]) {
                 continue;
             }
-            let [u, v] = [corners[i], corners[j]];
-            let turns = [0, 1, 2].map(|k| side(u, v, other[k], other[(k + 1) % 3]));
+            let [u, v] = [face.corners[i], face.corners[j]];
+            let turns = [0, 1, 2].map(|k| side(u, v, other.corners[k], other.corners[(k + 1) % 3]));
             if turns.contains(&Sign::Positive) && turns.contains(&Sign::Negative) {
                 continue;
             }
@@ -125,9 +113,9 @@ impl<'a> Contacts<'a> {
             let point = if zeros == 2 {
                 // Through the corner that both edges share.
                 let k = (0..3).find(|&k| turns[k] == Sign::Zero && turns[(k + 2) % 3] == Sign::Zero).unwrap_or(0);
-                other_ids[k]
+                other.ids[k]
             } else {
-                self.points.on_edge([ids[i], ids[j]], plane)
+                self.points.on_edge([face.ids[i], face.ids[j]], other.plane)
             };
             if !common.contains(&point) {
                 common.push(point);

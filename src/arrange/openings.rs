@@ -1,7 +1,7 @@
 //! Patches doubted: what is inside only because holes were closed, and would hide what can be seen through them.
 //!
-//! Each sight line that reaches a hidden wall through patches alone speaks against the rooms that it passes. A minimum cut over them
-//! (Boykov and Kolmogorov 2004) weighs what would be hidden against the skin that would stand open, so that a room with a small
+//! Each sight line that reaches a hidden facet through patches alone speaks against the regions that it passes. A minimum cut over them
+//! (Boykov and Kolmogorov 2004) weighs what would be hidden against the skin that would stand open, so that a region with a small
 //! hole is filled, and a jar with something in it is not.
 
 use std::collections::{BTreeMap, VecDeque};
@@ -12,21 +12,20 @@ use petgraph::visit::EdgeRef;
 use petgraph::{Direction, Graph};
 
 use super::cells::Cells;
-use super::complex::{Complex, SolidFaces};
-use crate::arrange::ArrangeError;
+use super::complex::{ArrangeError, Complex, SolidFaces};
 use crate::context::Context;
 use crate::math::{Tree, hit, ray_direction};
 use crate::mesh::UnionFind;
 
-/// Directions in which a hidden wall may be seen.
+/// Directions in which a hidden facet may be seen.
 const DIRECTIONS: u32 = 32;
-/// Hidden walls that are looked at, the largest.
+/// Hidden facets that are looked at, the largest.
 const MOST_HIDDEN: usize = 20_000;
-/// Walls that all sight lines together may look at.
+/// Facets that all sight lines together may look at.
 const STEPS: u64 = 100_000_000;
 /// How far sight lines go, in the scale of the tree, in which the model is about 1 wide.
 const FAR: f64 = 8.0;
-/// How far from its farthest corner a piece is left to see what is around it, as a share of the way to the middle of its wall there.
+/// How far from its farthest corner a piece is left to see what is around it, as a share of the way to the middle of its facet there.
 const OFF_CORNER: f64 = 1e-3;
 /// The share of all surface that may be hidden before patches are doubted.
 const LEAST_HIDDEN: f64 = 0.005;
@@ -47,46 +46,44 @@ pub(super) fn seen_into(
     is_patch: impl Fn(u32) -> bool,
     context: &Context<'_>,
 ) -> Result<Option<Vec<bool>>, ArrangeError> {
-    let patch: Vec<bool> = complex.walls.iter().map(|wall| wall.faces.iter().all(|&f| is_patch(f))).collect();
+    let patch: Vec<bool> = complex.facets.iter().map(|facet| facet.faces.iter().all(|&f| is_patch(f))).collect();
     if !patch.contains(&true) {
         return Ok(None);
     }
-    let Some(look) = Look::new(complex, cells, inside, patch, context)? else { return Ok(None) };
-    let doubtful = look.behind_patches(|_| true);
+    let Some(regions) = Regions::new(complex, cells, inside, patch, context)? else { return Ok(None) };
+    let doubtful = regions.behind_patches(|_| true);
     if !doubtful.contains(&true) {
         return Ok(None);
     }
-    let Some(hidden) = look.hidden(&doubtful, context)? else { return Ok(None) };
+    let Some(hidden) = regions.hidden(&doubtful, context)? else { return Ok(None) };
     context.check()?;
-    let outside = look.cut(&hidden, &doubtful);
-    let rooms = look.behind_patches(|room| outside[room]);
-    let opened: Vec<bool> = look.room_of.iter().map(|&room| rooms[room as usize]).collect();
+    let outside = regions.cut(&hidden, &doubtful);
+    let opened_regions = regions.behind_patches(|region| outside[region]);
+    let opened: Vec<bool> = regions.region_of.iter().map(|&region| opened_regions[region as usize]).collect();
     Ok(opened.contains(&true).then_some(opened))
 }
 
-/// What is looked at.
-///
-/// A room is what cells are that have no wall between them: those of pieces of the surface that don't touch.
-struct Look<'a> {
+/// The regions of space. A region is the cells that have no facet between them, of pieces of the surface that don't touch.
+struct Regions<'a> {
     cells: &'a Cells,
-    /// Which cells are inside, and so are the rooms that they stand for.
+    /// Which cells are inside, and so are the regions that they stand for.
     inside: &'a [bool],
-    /// The room of each cell, by one of its cells.
-    room_of: Vec<u32>,
-    /// The pairs of rooms, either way and sorted, with a patch between them.
-    doors: Vec<(usize, usize)>,
+    /// The region of each cell, by one of its cells.
+    region_of: Vec<u32>,
+    /// The pairs of regions, either way and sorted, with a patch between them.
+    portals: Vec<(usize, usize)>,
     tree: Tree,
     /// The points.
     points: Vec<DVec3>,
-    /// The corners of each wall.
+    /// The corners of each facet.
     corners: Vec<[u32; 3]>,
-    /// Which walls are of patches alone.
+    /// Which facets are of patches alone.
     patch: Vec<bool>,
-    /// The area of each wall as a share of all that is no patch.
+    /// The area of each facet as a share of all that is no patch.
     area: Vec<f64>,
 }
 
-impl<'a> Look<'a> {
+impl<'a> Regions<'a> {
     fn new(
         complex: &Complex,
         cells: &'a Cells,
@@ -97,31 +94,31 @@ impl<'a> Look<'a> {
         #[expect(clippy::cast_possible_truncation, reason = "points are counted in u32")]
         let points: Vec<DVec3> =
             (0..complex.points.len() as u32).map(|p| SolidFaces::to_unit(complex.points.place(p))).collect();
-        let corners: Vec<[u32; 3]> = complex.walls.iter().map(|wall| wall.corners).collect();
+        let corners: Vec<[u32; 3]> = complex.facets.iter().map(|facet| facet.corners).collect();
         let mut area: Vec<f64> = corners.iter().map(|face| normal(face.map(|p| points[p as usize])).length()).collect();
         let all: f64 = area.iter().zip(&patch).filter(|(_, patch)| !**patch).map(|(area, _)| area).sum();
         area.iter_mut().for_each(|area| *area /= all.max(f64::MIN_POSITIVE));
         let tree = Tree::new(&points, &corners);
-        let mut look =
-            Self { cells, inside, room_of: Vec::new(), doors: Vec::new(), tree, points, corners, patch, area };
-        let Some(rooms) = look.rooms(context)? else { return Ok(None) };
-        look.room_of = rooms;
-        look.doors = look.doors();
-        Ok(Some(look))
+        let mut regions =
+            Self { cells, inside, region_of: Vec::new(), portals: Vec::new(), tree, points, corners, patch, area };
+        let Some(region_of) = regions.find(context)? else { return Ok(None) };
+        regions.region_of = region_of;
+        regions.portals = regions.find_portals();
+        Ok(Some(regions))
     }
 
-    fn doors(&self) -> Vec<(usize, usize)> {
-        let mut doors: Vec<(usize, usize)> = Vec::new();
-        for wall in (0..self.patch.len()).filter(|&wall| self.patch[wall]) {
-            let [a, b] = self.beside(wall);
-            doors.extend([(a, b), (b, a)]);
+    fn find_portals(&self) -> Vec<(usize, usize)> {
+        let mut portals: Vec<(usize, usize)> = Vec::new();
+        for facet in (0..self.patch.len()).filter(|&facet| self.patch[facet]) {
+            let [a, b] = self.beside(facet);
+            portals.extend([(a, b), (b, a)]);
         }
-        doors.sort_unstable();
-        doors.dedup();
-        doors
+        portals.sort_unstable();
+        portals.dedup();
+        portals
     }
 
-    /// Calls `visit` with every wall but the one that a line starts on, and how far along the line that is, until it answers
+    /// Calls `visit` with every facet but the one that a line starts on, and how far along the line that is, until it answers
     /// `false`. Whether there were steps enough.
     fn along(
         &self,
@@ -131,40 +128,40 @@ impl<'a> Look<'a> {
         mut visit: impl FnMut(f64, usize) -> bool,
     ) -> bool {
         let (from, start) = from;
-        self.tree.along(from, from + line, |wall| {
-            let wall = wall as usize;
+        self.tree.along(from, from + line, |facet| {
+            let facet = facet as usize;
             *steps = steps.saturating_sub(1);
-            let met = if wall == start { None } else { hit(from, line, self.triangle(wall)) };
-            met.is_none_or(|far| visit(far, wall)) && *steps > 0
+            let met = if facet == start { None } else { hit(from, line, self.triangle(facet)) };
+            met.is_none_or(|far| visit(far, facet)) && *steps > 0
         });
         *steps > 0
     }
 
-    /// The room of each cell: that around a piece is that of whatever is next to the piece's last wall in one direction. As all
+    /// The region of each cell: that around a piece is that of whatever is next to the piece's last facet in one direction. As all
     /// pieces look in the same direction, none looks back. None where it would take too long to know.
-    fn rooms(&self, context: &Context<'_>) -> Result<Option<Vec<u32>>, ArrangeError> {
+    fn find(&self, context: &Context<'_>) -> Result<Option<Vec<u32>>, ArrangeError> {
         let direction = ray_direction(0);
         let piece_of = &self.cells.piece_of;
-        // The wall of each piece that reaches farthest, and the corner with which it does.
+        // The facet of each piece that reaches farthest, and the corner with which it does.
         let mut last: BTreeMap<u32, (f64, usize, DVec3)> = BTreeMap::new();
-        for (wall, &piece) in piece_of.iter().enumerate() {
-            for corner in self.triangle(wall) {
+        for (facet, &piece) in piece_of.iter().enumerate() {
+            for corner in self.triangle(facet) {
                 let far = corner.dot(direction);
-                let best = last.entry(piece).or_insert((far, wall, corner));
+                let best = last.entry(piece).or_insert((far, facet, corner));
                 if far > best.0 {
-                    *best = (far, wall, corner);
+                    *best = (far, facet, corner);
                 }
             }
         }
-        let mut rooms = UnionFind::new(self.cells.number.len());
+        let mut regions = UnionFind::new(self.cells.number.len());
         let mut steps = STEPS;
-        for (piece, (_, wall, corner)) in last {
+        for (piece, (_, facet, corner)) in last {
             context.check()?;
-            let [a, b, c] = self.triangle(wall);
+            let [a, b, c] = self.triangle(facet);
             let from = corner.lerp((a + b + c) / 3.0, OFF_CORNER);
-            let mut own = (0.0, wall);
+            let mut own = (0.0, facet);
             let mut others: Vec<(f64, usize)> = Vec::new();
-            let in_time = self.along((from, wall), direction * FAR, &mut steps, |far, other| {
+            let in_time = self.along((from, facet), direction * FAR, &mut steps, |far, other| {
                 if piece_of[other] != piece {
                     others.push((far, other));
                 } else if far > own.0 {
@@ -181,36 +178,36 @@ impl<'a> Look<'a> {
                 let ends = [self.side(own.1, direction, true), self.side(next, direction, false)];
                 let [around, beside] = ends.map(|cell| self.cells.number[cell]);
                 if around == beside {
-                    rooms.unite(index(ends[0]), index(ends[1]));
+                    regions.unite(index(ends[0]), index(ends[1]));
                 }
             }
         }
-        Ok(Some(rooms.into_roots()))
+        Ok(Some(regions.into_roots()))
     }
 
-    /// The cell to which a line in a direction comes through a wall, or from which.
-    fn side(&self, wall: usize, direction: DVec3, to: bool) -> usize {
-        let looks_along = normal(self.triangle(wall)).dot(direction) > 0.0;
-        self.cells.beside(wall)[usize::from(looks_along != to)]
+    /// The cell to which a line in a direction comes through a facet, or from which.
+    fn side(&self, facet: usize, direction: DVec3, to: bool) -> usize {
+        let looks_along = normal(self.triangle(facet)).dot(direction) > 0.0;
+        self.cells.beside(facet)[usize::from(looks_along != to)]
     }
 
-    /// The rooms before and behind a wall.
-    fn beside(&self, wall: usize) -> [usize; 2] {
-        self.cells.beside(wall).map(|cell| self.room_of[cell] as usize)
+    /// The regions before and behind a facet.
+    fn beside(&self, facet: usize) -> [usize; 2] {
+        self.cells.beside(facet).map(|cell| self.region_of[cell] as usize)
     }
 
-    fn triangle(&self, wall: usize) -> [DVec3; 3] {
-        self.corners[wall].map(|p| self.points[p as usize])
+    fn triangle(&self, facet: usize) -> [DVec3; 3] {
+        self.corners[facet].map(|p| self.points[p as usize])
     }
 
     /// The cells that are inside, and to which one comes from outside through patches and other such cells that may be passed.
     fn behind_patches(&self, may_pass: impl Fn(usize) -> bool) -> Vec<bool> {
         let mut reached = vec![false; self.inside.len()];
         let mut next: VecDeque<usize> =
-            self.doors.iter().map(|&(from, _)| from).filter(|&it| !self.inside[it]).collect();
+            self.portals.iter().map(|&(from, _)| from).filter(|&it| !self.inside[it]).collect();
         while let Some(cell) = next.pop_front() {
-            let first = self.doors.partition_point(|&(from, _)| from < cell);
-            for &(_, to) in self.doors[first..].iter().take_while(|&&(from, _)| from == cell) {
+            let first = self.portals.partition_point(|&(from, _)| from < cell);
+            for &(_, to) in self.portals[first..].iter().take_while(|&&(from, _)| from == cell) {
                 if self.inside[to] && !reached[to] && may_pass(to) {
                     reached[to] = true;
                     next.push_back(to);
@@ -220,47 +217,47 @@ impl<'a> Look<'a> {
         reached
     }
 
-    /// How much of the hidden surface is seen through each room: its area, times the share of directions in which it is. None where that is little, or it would take too long to know.
+    /// How much of the hidden surface is seen through each region: its area, times the share of directions in which it is. None where that is little, or it would take too long to know.
     fn hidden(&self, doubtful: &[bool], context: &Context<'_>) -> Result<Option<Vec<f64>>, ArrangeError> {
-        let is_hidden = |&wall: &usize| {
-            let sides = self.beside(wall);
-            !self.patch[wall] && sides.iter().all(|&it| self.inside[it]) && sides.iter().any(|&it| doubtful[it])
+        let is_hidden = |&facet: &usize| {
+            let sides = self.beside(facet);
+            !self.patch[facet] && sides.iter().all(|&it| self.inside[it]) && sides.iter().any(|&it| doubtful[it])
         };
-        let mut walls: Vec<usize> = (0..self.area.len()).filter(is_hidden).collect();
-        if walls.iter().map(|&wall| self.area[wall]).sum::<f64>() <= LEAST_HIDDEN {
+        let mut facets: Vec<usize> = (0..self.area.len()).filter(is_hidden).collect();
+        if facets.iter().map(|&facet| self.area[facet]).sum::<f64>() <= LEAST_HIDDEN {
             return Ok(None);
         }
-        walls.sort_by(|&a, &b| self.area[b].total_cmp(&self.area[a]));
-        walls.truncate(MOST_HIDDEN);
+        facets.sort_by(|&a, &b| self.area[b].total_cmp(&self.area[a]));
+        facets.truncate(MOST_HIDDEN);
         let mut hidden = vec![0.0; self.inside.len()];
         let (mut all, mut steps) = (0.0, STEPS);
-        for wall in walls {
+        for facet in facets {
             context.check()?;
             let lines: Vec<Vec<usize>> =
-                (0..DIRECTIONS).filter_map(|number| self.sight(wall, ray_direction(number), &mut steps)).collect();
+                (0..DIRECTIONS).filter_map(|number| self.sight(facet, ray_direction(number), &mut steps)).collect();
             if steps == 0 {
                 return Ok(None);
             }
             if !lines.is_empty() {
-                all += self.area[wall];
+                all += self.area[facet];
             }
-            // A wall is passed on either side by half of the directions.
+            // A facet is passed on either side by half of the directions.
             let share = 2.0 / f64::from(DIRECTIONS);
-            for &room in lines.iter().flatten() {
-                hidden[room] += self.area[wall] * share;
+            for &region in lines.iter().flatten() {
+                hidden[region] += self.area[facet] * share;
             }
         }
         Ok((all > LEAST_HIDDEN).then_some(hidden))
     }
 
-    /// The cells inside that one looks through from the middle of a wall in a direction. None where a wall that is no patch is in
+    /// The cells inside that one looks through from the middle of a facet in a direction. None where a facet that is no patch is in
     /// the way, or the line runs so close along something that it can't be followed.
-    fn sight(&self, wall: usize, direction: DVec3, steps: &mut u64) -> Option<Vec<usize>> {
-        let corners = self.triangle(wall);
+    fn sight(&self, facet: usize, direction: DVec3, steps: &mut u64) -> Option<Vec<usize>> {
+        let corners = self.triangle(facet);
         let from = (corners[0] + corners[1] + corners[2]) / 3.0;
         let mut patches: Vec<(f64, usize)> = Vec::new();
         let mut free = true;
-        let in_time = self.along((from, wall), direction * FAR, steps, |far, other| {
+        let in_time = self.along((from, facet), direction * FAR, steps, |far, other| {
             patches.push((far, other));
             free = self.patch[other];
             free
@@ -269,20 +266,20 @@ impl<'a> Look<'a> {
             return None;
         }
         patches.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-        let room = |wall: usize, to: bool| self.room_of[self.side(wall, direction, to)] as usize;
-        let mut here = room(wall, true);
+        let region = |facet: usize, to: bool| self.region_of[self.side(facet, direction, to)] as usize;
+        let mut here = region(facet, true);
         let mut passed = vec![here];
         for (_, patch) in patches {
-            if room(patch, false) != here {
+            if region(patch, false) != here {
                 return None;
             }
-            here = room(patch, true);
+            here = region(patch, true);
             passed.push(here);
         }
         if self.inside[here] {
             return None;
         }
-        passed.retain(|&room| self.inside[room]);
+        passed.retain(|&region| self.inside[region]);
         passed.sort_unstable();
         passed.dedup();
         Some(passed)
@@ -294,16 +291,16 @@ impl<'a> Look<'a> {
         let whole = |share: f64| (share * WHOLE) as u64;
         let (mut skin, mut openings) = (vec![0.0; doubtful.len()], vec![0.0; doubtful.len()]);
         let mut between: BTreeMap<[usize; 2], u64> = BTreeMap::new();
-        for (wall, &area) in self.area.iter().enumerate() {
-            let [a, b] = self.beside(wall);
-            for (room, other) in [(a, b), (b, a)] {
-                if self.patch[wall] {
-                    openings[room] += area;
+        for (facet, &area) in self.area.iter().enumerate() {
+            let [a, b] = self.beside(facet);
+            for (region, other) in [(a, b), (b, a)] {
+                if self.patch[facet] {
+                    openings[region] += area;
                 } else if !self.inside[other] {
-                    skin[room] += area;
+                    skin[region] += area;
                 }
             }
-            if self.patch[wall] && a != b && doubtful[a] && doubtful[b] {
+            if self.patch[facet] && a != b && doubtful[a] && doubtful[b] {
                 *between.entry([a.min(b), a.max(b)]).or_default() += whole(PATCH * area);
             }
         }

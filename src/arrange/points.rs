@@ -5,16 +5,13 @@ use dashu_int::IBig;
 use glam::DVec3;
 use rustc_hash::FxHashMap;
 
-use super::grid::Whole;
-use super::plane::{Plane, minus, turn};
+use super::grid::{Plane, ULP, Whole, minus, turn};
 use crate::math::Sign;
 
 /// How far a point's rounded place may be from it along an axis, in steps of the grid.
 const ERROR: f64 = 1.0 / 256.0;
 /// Sides of the cells in which equal points are looked for, in steps.
 const CELL: f64 = 1.0 / 16.0;
-/// Half a unit in the last place of 1.
-const ULP: f64 = 1.0 / (1u64 << 53) as f64;
 
 /// What defines a point.
 #[derive(Debug, Clone, Copy)]

@@ -5,26 +5,8 @@ use std::collections::VecDeque;
 
 use smallvec::SmallVec;
 
-use super::{NONE, Triangle, Triangulation};
+use super::{Line, NONE, Support, Triangle, Triangulation};
 use crate::math::Sign;
-
-/// What a line in a face lies on.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(in super::super) enum Support {
-    /// Another face, by its plane.
-    Plane(u32),
-    /// The edge between two vertices, which is one of a face in the same plane.
-    Edge([u32; 2]),
-}
-
-/// A line that the triangles must not cross.
-#[derive(Debug, Clone, Copy)]
-pub(in super::super) struct Line {
-    pub ends: [u32; 2],
-    pub support: Support,
-    /// The face that it bounds, in the caller's numbers, if it bounds one.
-    pub bounds: Option<u32>,
-}
 
 impl Triangulation<'_> {
     /// For each triangle the faces that cover it, sorted, where the lines that bound faces are all in; a face is entered and left
@@ -78,7 +60,7 @@ impl Triangulation<'_> {
         }
     }
 
-    pub(super) fn set(&self, set: u32) -> &[u32] {
+    fn set(&self, set: u32) -> &[u32] {
         self.sets.get(set as usize).map_or(&[], SmallVec::as_slice)
     }
 
