@@ -1,16 +1,91 @@
+//! Where the surface passes the edges of the grid, and the vertex of each cell that it passes.
+
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 
-use super::crossings::Crossing;
-use super::grid::{Grid, Place};
-use super::samples::{Samples, around_edge};
+use super::band::Sampling;
+use super::field::{Field, Hit, LEVEL, Stop, ask};
+use super::grid::{Grid, Place, Samples, along, around_edge};
 use crate::math::{Box3, Rounding};
+
+/// Triangles closer together than this share of an edge are one.
+const SAME: f64 = 1e-9;
 
 /// Share of the largest eigenvalue below which a quadric says nothing along a direction. At an edge of angle `a` between
 /// normals the second is `tan(a / 2)^2` of the first where both sides count alike: 0.01 is 11 degrees.
 const LEAST: f64 = 0.01;
 /// How far beyond its cell a vertex may be wanted, in cells.
 pub(super) const BEYOND: f64 = 0.5;
+
+/// Where the surface passes an edge of the grid.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Crossing {
+    /// The lower end of the edge.
+    pub place: Place,
+    pub axis: usize,
+    /// Whether the lower end is inside.
+    pub inside_below: bool,
+    /// Where it passes.
+    pub point: DVec3,
+    /// The normal of the triangle that is there, turned any way; none where the input is open.
+    pub normal: Option<DVec3>,
+}
+
+/// An edge from a sample outside to one inside.
+struct MixedEdge {
+    from: DVec3,
+    to: DVec3,
+    /// How much each end is inside.
+    depths: [f64; 2],
+    /// Whether the end inside was put there.
+    made: bool,
+}
+
+impl Sampling<'_> {
+    /// Finds where the surface passes the edges that have one end inside: at a triangle, or where the inside ends without one.
+    ///
+    /// # Errors
+    /// [`Stop`] where a limit is met.
+    pub fn crossings(&mut self) -> Result<Vec<Crossing>, Stop> {
+        let (grid, samples) = (&self.grid, &self.samples);
+        let edges = samples.mixed_edges();
+        ask(&edges, &mut self.limits.steps, self.context, |&(place, axis), steps| {
+            let inside_below = samples.inside(place) == Some(true);
+            let ends = [place, along(place, axis)];
+            let [outer, inner] = if inside_below { [ends[1], ends[0]] } else { ends };
+            let [from, to] = [outer, inner].map(|place| grid.point(place));
+            let depths = [outer, inner].map(|place| samples.value(place).map_or(0.0, f64::from));
+            let edge = MixedEdge { from, to, depths, made: samples.is_made(inner) };
+            let (at, normal) = crossing(self.field, &edge, steps);
+            let least = grid.clearance() / grid.cell;
+            Crossing { place, axis, inside_below, point: from.lerp(to, at.clamp(least, 1.0 - least)), normal }
+        })
+    }
+}
+
+/// Where the way from outside to inside first passes into it, as a share of it, and the normal of the triangle there.
+fn crossing(field: &Field<'_>, edge: &MixedEdge, steps: &mut u64) -> (f64, Option<DVec3>) {
+    let &MixedEdge { from, to, depths, made } = edge;
+    let hits = field.hits(from, to, steps);
+    let inside = |at: f64, steps: &mut u64| field.depth(from.lerp(to, at), steps) > LEVEL;
+    let found = |hit: &Hit| (hit.at, Some(field.normal(hit.face)));
+    match hits.as_slice() {
+        [] => {}
+        // One sheet, perhaps of several faces on one another or where faces meet.
+        [first, .., last] if last.at - first.at > SAME => {
+            for pair in hits.windows(2) {
+                if pair[1].at - pair[0].at > SAME && inside(0.5 * (pair[0].at + pair[1].at), steps) {
+                    return found(&pair[0]);
+                }
+            }
+            // Its own end is the first place inside, unless that was put there.
+            return if made { found(first) } else { found(last) };
+        }
+        [first, ..] => return found(first),
+    }
+    // It changes evenly where no triangle is; what was put inside is as little as possible.
+    (if made { 1.0 } else { ((LEVEL - depths[0]) / (depths[1] - depths[0])).clamp(0.0, 1.0) }, None)
+}
 
 /// The vertex of a cell.
 #[derive(Debug, Clone, Copy)]
