@@ -74,11 +74,7 @@ fn order_around(complex: &Complex, half_edges: &[u32], corners: &[[u32; 3]]) -> 
     let ahead = |i: usize, j: usize| {
         let ((_, forward), (g, _)) = (all[i], all[j]);
         let sign = complex.points.side(&planes[i], Edges::opposite(corners, g));
-        match (forward, sign) {
-            (false, Sign::Positive) => Sign::Negative,
-            (false, Sign::Negative) => Sign::Positive,
-            (_, sign) => sign,
-        }
+        if forward { sign } else { -sign }
     };
     let quarter: SmallVec<[u8; 4]> = (0..all.len())
         .map(|j| match (j, ahead(0, j)) {

@@ -69,12 +69,8 @@ fn cross(u: Whole, v: Whole) -> [i128; 3] {
     [m(1, 2), m(2, 0), m(0, 1)]
 }
 
-pub(super) fn sign(value: i128) -> Sign {
-    match value.signum() {
-        -1 => Sign::Negative,
-        0 => Sign::Zero,
-        _ => Sign::Positive,
-    }
+fn sign(value: i128) -> Sign {
+    Sign::from(value.cmp(&0))
 }
 
 impl Plane {
@@ -111,7 +107,7 @@ impl Plane {
         let terms = [0, 1, 2].map(|k| self.rounded[k] * d[k] as f64);
         let (sum, size) = (terms[0] + terms[1] + terms[2], terms.iter().map(|t| t.abs()).sum::<f64>());
         if sum.abs() > 8.0 * ULP * size {
-            return if sum > 0.0 { Sign::Positive } else { Sign::Negative };
+            return Sign::of(sum);
         }
         sign(self.height(p))
     }
@@ -134,7 +130,7 @@ pub(super) fn side(a: Whole, b: Whole, c: Whole, d: Whole) -> Sign {
         size += (products[k].0.abs() + products[k].1.abs()) * z[k].abs();
     }
     if sum.abs() > 16.0 * ULP * size {
-        return if sum > 0.0 { Sign::Positive } else { Sign::Negative };
+        return Sign::of(sum);
     }
     let normal = cross(u, v);
     sign((0..3).map(|k| normal[k] * i128::from(w[k])).sum())

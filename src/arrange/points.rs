@@ -260,7 +260,7 @@ impl Points {
         let error = 3.0 * ERROR;
         let products = (u[0] * v[1]).abs() + (u[1] * v[0]).abs();
         if determinant.abs() > error * size + 2.0 * error * error + 8.0 * ULP * products {
-            return if determinant > 0.0 { Sign::Positive } else { Sign::Negative };
+            return Sign::of(determinant);
         }
         if let [Definition::Place(p), Definition::Place(q), Definition::Place(r)] =
             [a, b, c].map(|x| self.definitions[x as usize])
@@ -285,7 +285,7 @@ impl Points {
             error += it.rounded[k].abs() * (2.0 * ERROR + 8.0 * ULP * d[k].abs());
         }
         if sum.abs() > error {
-            return if sum > 0.0 { Sign::Positive } else { Sign::Negative };
+            return Sign::of(sum);
         }
         let p = self.homogeneous(point);
         let of = |k: usize| IBig::from(it.normal[k]) * (&p[k] - IBig::from(it.base[k]) * &p[3]);
@@ -309,11 +309,7 @@ fn cell(place: DVec3) -> [i64; 3] {
 }
 
 fn sign_of(value: &IBig) -> Sign {
-    match value.cmp(&IBig::ZERO) {
-        Ordering::Less => Sign::Negative,
-        Ordering::Equal => Sign::Zero,
-        Ordering::Greater => Sign::Positive,
-    }
+    Sign::from(value.cmp(&IBig::ZERO))
 }
 
 fn cross(u: &[IBig; 3], v: &[IBig; 3]) -> [IBig; 3] {

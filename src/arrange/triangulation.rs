@@ -155,11 +155,7 @@ impl<'a> Triangulation<'a> {
     fn turn(&self, a: u32, b: u32, c: u32) -> Sign {
         let ids = [a, b, c].map(|x| self.ids[x as usize]);
         let sign = self.points.turn(self.axis, ids);
-        match (self.turned, sign) {
-            (true, Sign::Positive) => Sign::Negative,
-            (true, Sign::Negative) => Sign::Positive,
-            (_, sign) => sign,
-        }
+        if self.turned { -sign } else { sign }
     }
 
     fn xy(&self, a: u32) -> [f64; 2] {

@@ -1,4 +1,5 @@
 use std::cmp::Ordering;
+use std::ops::Neg;
 
 use glam::DVec3;
 use robust::{Coord, Coord3D};
@@ -15,7 +16,9 @@ pub enum Sign {
 }
 
 impl Sign {
-    fn of(value: f64) -> Self {
+    /// The sign of a number; zero for one that is not a number.
+    #[must_use]
+    pub fn of(value: f64) -> Self {
         if value > 0.0 {
             Self::Positive
         } else if value < 0.0 {
@@ -29,6 +32,29 @@ impl Sign {
     #[must_use]
     pub fn opposes(self, other: Self) -> bool {
         matches!((self, other), (Self::Positive, Self::Negative) | (Self::Negative, Self::Positive))
+    }
+}
+
+impl Neg for Sign {
+    type Output = Self;
+
+    fn neg(self) -> Self {
+        match self {
+            Self::Negative => Self::Positive,
+            Self::Zero => Self::Zero,
+            Self::Positive => Self::Negative,
+        }
+    }
+}
+
+impl From<Ordering> for Sign {
+    /// The sign of a number from how it compares to zero.
+    fn from(order: Ordering) -> Self {
+        match order {
+            Ordering::Less => Self::Negative,
+            Ordering::Equal => Self::Zero,
+            Ordering::Greater => Self::Positive,
+        }
     }
 }
 
@@ -95,11 +121,7 @@ pub fn order_around(
         return None;
     }
     let quarters: Vec<u8> = points.iter().map(|&p| quarter(a, b, points[0], p)).collect();
-    let ahead = |i: usize, j: usize| match orient3d(a, b, points[i], points[j]) {
-        Sign::Negative => Sign::Positive,
-        Sign::Positive => Sign::Negative,
-        Sign::Zero => Sign::Zero,
-    };
+    let ahead = |i: usize, j: usize| -orient3d(a, b, points[i], points[j]);
     Some(sort_by_angle(&quarters, ahead, before))
 }
 

@@ -188,7 +188,7 @@ impl Plane {
         let determinant = self.normal.x * d.x + self.normal.y * d.y + self.normal.z * d.z;
         let permanent = self.magnitude.x * d.x.abs() + self.magnitude.y * d.y.abs() + self.magnitude.z * d.z.abs();
         if determinant.abs() > ERROR * permanent {
-            return if determinant > 0.0 { Sign::Positive } else { Sign::Negative };
+            return Sign::of(determinant);
         }
         // A sum of zeros is no rounded number; so it is with points of one plane along the axes.
         if permanent == 0.0 {
