@@ -3,22 +3,27 @@
 //! Where topology is decided, signs are exact (Shewchuk's adaptive predicates through the crate `robust`); boxes and
 //! the tree only ever narrow down what the predicates look at.
 
-mod angular;
 mod boxes;
-mod distance;
+mod nearest;
+mod opposite;
+mod pairs;
 mod precision;
 mod predicates;
-mod ray;
+mod segment;
 mod sequence;
 mod tree;
+mod triangle;
 mod triangle_pair;
+mod winding;
 
-pub use angular::{order_around, sort_by_angle};
 pub use boxes::Box3;
-pub use distance::{nearest_on_segment, nearest_on_triangle, nearest_within, within};
-pub use precision::{Precision, Rounding};
-pub use predicates::{Sign, area_vanishes, collinear, midmost, orient2d, orient3d, to_unit_range, unit_scale};
-pub use ray::{Crossing, crossing, hit, ray_direction};
-pub use sequence::{r2, r3};
-pub use tree::{Ball, Dipoles, Frame, GrowingTree, Hit, Nearest, OppositeFaces, PairSearch, Tree, winding_exact};
+pub use nearest::{Ball, Nearest};
+pub use opposite::OppositeFaces;
+pub use pairs::{Hit, PairSearch};
+pub use precision::{Precision, Rounding, to_unit_range, unit_scale};
+pub use predicates::{Sign, area_vanishes, collinear, midmost, order_around, orient2d, orient3d, sort_by_angle};
+pub use sequence::{r2, r3, ray_direction};
+pub use tree::{Frame, GrowingTree, Tree};
+pub use triangle::{Crossing, crossing, hit, nearest_on_segment, nearest_on_triangle, nearest_within, within};
 pub use triangle_pair::{Contact, common_point, contact};
+pub use winding::{Dipoles, winding_exact};

@@ -1,3 +1,6 @@
+use std::cmp::Ordering;
+use std::ops::Neg;
+
 use glam::DVec3;
 use robust::{Coord, Coord3D};
 
@@ -13,7 +16,9 @@ pub enum Sign {
 }
 
 impl Sign {
-    fn of(value: f64) -> Self {
+    /// The sign of a number; zero for one that is not a number.
+    #[must_use]
+    pub fn of(value: f64) -> Self {
         if value > 0.0 {
             Self::Positive
         } else if value < 0.0 {
@@ -30,50 +35,34 @@ impl Sign {
     }
 }
 
-/// The smallest magnitude that a coordinate keeps in [`to_unit_range`]. Three factors of it, each with 53 bits below,
-/// are still above the smallest subnormal number, so that the predicates' expansions do not underflow.
-const FLUSH: f64 = 4.909_093_465_297_727e-91; // 2^-300
+impl Neg for Sign {
+    type Output = Self;
 
-/// Scales coordinates by one power of two so that the largest magnitude is in `[1, 2)`.
-///
-/// Shewchuk's predicates are exact only while nothing underflows or overflows. A power of two changes no mantissa, so
-/// signs on the scaled points are the signs on the given ones. Points are not moved to the origin: a subtraction
-/// rounds, and a rounded input gets an exact answer to the wrong question. What is smaller than 2^-300 of the
-/// largest coordinate becomes 0; a file of f32 numbers holds nothing so small.
-///
-/// All coordinates must be finite.
-#[must_use]
-pub fn to_unit_range(positions: &[DVec3]) -> Vec<DVec3> {
-    let scale = unit_scale(positions);
-    let flush = |x: f64| if x.abs() < FLUSH { 0.0 } else { x };
-    positions
-        .iter()
-        .map(|&p| {
-            let q = p * scale;
-            DVec3::new(flush(q.x), flush(q.y), flush(q.z))
-        })
-        .collect()
+    fn neg(self) -> Self {
+        match self {
+            Self::Negative => Self::Positive,
+            Self::Zero => Self::Zero,
+            Self::Positive => Self::Negative,
+        }
+    }
 }
 
-/// The power of two by which [`to_unit_range`] scales.
-#[must_use]
-pub fn unit_scale(positions: &[DVec3]) -> f64 {
-    let largest = positions.iter().fold(0.0f64, |m, p| m.max(p.abs().max_element()));
-    if largest == 0.0 || !largest.is_finite() {
-        return 1.0;
+impl From<Ordering> for Sign {
+    /// The sign of a number from how it compares to zero.
+    fn from(order: Ordering) -> Self {
+        match order {
+            Ordering::Less => Self::Negative,
+            Ordering::Equal => Self::Zero,
+            Ordering::Greater => Self::Positive,
+        }
     }
-    #[expect(clippy::cast_possible_wrap, reason = "11 bits")]
-    let exponent = ((largest.to_bits() >> 52) & 0x7ff) as i64 - 1023;
-    let wanted = (-exponent).clamp(-1022, 1023);
-    #[expect(clippy::cast_sign_loss, reason = "at least 1 by the clamp")]
-    f64::from_bits(((wanted + 1023) as u64) << 52)
 }
 
 /// Which side of the plane `a`, `b`, `c` the point `d` is on: positive where `a`, `b`, `c` appear clockwise seen
 /// from `d`, that is, on the inner side of a face that is counter-clockwise seen from outside.
 ///
 /// Shewchuk 1997, "Adaptive Precision Floating-Point Arithmetic and Fast Robust Geometric Predicates".
-/// Exact for points in the range of [`to_unit_range`].
+/// Exact for points in the range of [`super::to_unit_range`].
 #[must_use]
 pub fn orient3d(a: DVec3, b: DVec3, c: DVec3, d: DVec3) -> Sign {
     let p = |v: DVec3| Coord3D { x: v.x, y: v.y, z: v.z };
@@ -81,7 +70,7 @@ pub fn orient3d(a: DVec3, b: DVec3, c: DVec3, d: DVec3) -> Sign {
 }
 
 /// Whether three points of a plane turn counter-clockwise (positive), clockwise (negative) or not at all.
-/// Exact for points in the range of [`to_unit_range`].
+/// Exact for points in the range of [`super::to_unit_range`].
 #[must_use]
 pub fn orient2d(a: [f64; 2], b: [f64; 2], c: [f64; 2]) -> Sign {
     let p = |v: [f64; 2]| Coord { x: v[0], y: v[1] };
@@ -116,25 +105,77 @@ pub fn midmost(points: [DVec3; 3]) -> usize {
     order[1]
 }
 
+/// Points sorted by their angle around the axis from `a` to `b`, counter-clockwise seen from `b`, beginning with the
+/// direction of the first point. `before` orders points at the same angle.
+///
+/// Decided by exact signs for points in the range of [`super::to_unit_range`]. None where a point lies on the axis,
+/// since it has no angle.
+#[must_use]
+pub fn order_around(
+    a: DVec3,
+    b: DVec3,
+    points: &[DVec3],
+    before: impl Fn(usize, usize) -> Ordering,
+) -> Option<Vec<usize>> {
+    if points.iter().any(|&p| collinear(a, b, p)) {
+        return None;
+    }
+    let quarters: Vec<u8> = points.iter().map(|&p| quarter(a, b, points[0], p)).collect();
+    let ahead = |i: usize, j: usize| -orient3d(a, b, points[i], points[j]);
+    Some(sort_by_angle(&quarters, ahead, before))
+}
+
+/// Directions around an axis sorted by angle. `quarters` tells for each where it is as seen from the first: 0 at its angle, 1 less
+/// than half a turn on, 2 opposite, 3 beyond. `ahead(i, j)` is positive where `j` is less than half a turn on from `i`, and zero
+/// where both are on one line. `before` orders directions at the same angle.
+#[must_use]
+pub fn sort_by_angle(
+    quarters: &[u8],
+    ahead: impl Fn(usize, usize) -> Sign,
+    before: impl Fn(usize, usize) -> Ordering,
+) -> Vec<usize> {
+    let mut order: Vec<usize> = (0..quarters.len()).collect();
+    order.sort_by(|&i, &j| {
+        let within_half = || match ahead(i, j) {
+            Sign::Positive => Ordering::Less,
+            Sign::Negative => Ordering::Greater,
+            Sign::Zero => Ordering::Equal,
+        };
+        let angle = match quarters[i].cmp(&quarters[j]) {
+            Ordering::Equal if i != j && quarters[i] % 2 == 1 => within_half(),
+            other => other,
+        };
+        angle.then_with(|| before(i, j)).then(i.cmp(&j))
+    });
+    order
+}
+
+/// Where `p` is as seen from the half-plane of `first`: 0 in it, 1 less than half a turn on, 2 opposite, 3 beyond.
+fn quarter(a: DVec3, b: DVec3, first: DVec3, p: DVec3) -> u8 {
+    match orient3d(a, b, first, p) {
+        Sign::Negative => 1,
+        Sign::Positive => 3,
+        Sign::Zero if same_side(a, b, first, p) => 0,
+        Sign::Zero => 2,
+    }
+}
+
+/// Whether two points in a plane with the line `a`, `b` lie on the same side of it.
+fn same_side(a: DVec3, b: DVec3, p: DVec3, q: DVec3) -> bool {
+    for k in 0..3 {
+        let flat = |v: DVec3| [v[(k + 1) % 3], v[(k + 2) % 3]];
+        let sign = orient2d(flat(a), flat(b), flat(p));
+        if sign != Sign::Zero {
+            return sign == orient2d(flat(a), flat(b), flat(q));
+        }
+    }
+    false
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn scaling_by_a_power_of_two_keeps_every_mantissa() {
-        let p = [DVec3::new(3.1e-30, -7.3e-31, 0.0)];
-        let q = to_unit_range(&p)[0];
-        assert!(q.x >= 1.0 && q.x < 2.0);
-        assert_eq!(q.x / q.y, p[0].x / p[0].y);
-        assert_eq!(q.x.to_bits() << 12, p[0].x.to_bits() << 12);
-    }
-
-    #[test]
-    fn scaling_stands_the_largest_and_the_smallest_numbers() {
-        for x in [f64::MAX, f64::MIN_POSITIVE, 5e-324, 0.0] {
-            assert!(to_unit_range(&[DVec3::splat(x)])[0].is_finite());
-        }
-    }
+    use crate::math::precision::to_unit_range;
 
     #[test]
     fn tiny_triangles_have_a_side_after_scaling() {
@@ -156,5 +197,31 @@ mod tests {
         assert_eq!(midmost([a, b, c]), 1);
         assert_eq!(midmost([b, c, a]), 0);
         assert_eq!(midmost([c, a, b]), 2);
+    }
+
+    #[test]
+    fn points_around_an_axis_stand_in_counter_clockwise_order() {
+        let at = |degrees: f64| DVec3::new(degrees.to_radians().cos(), degrees.to_radians().sin(), degrees / 100.0);
+        let angles = [10.0, 350.0, 100.0, 189.0, 11.0, 280.0];
+        let points: Vec<DVec3> = angles.iter().map(|&d| at(d)).collect();
+        let order = order_around(DVec3::ZERO, DVec3::Z, &points, |_, _| Ordering::Equal).unwrap();
+        let sorted: Vec<f64> = order.iter().map(|&i| angles[i]).collect();
+        assert_eq!(sorted, [10.0, 11.0, 100.0, 189.0, 280.0, 350.0]);
+        // Seen from the other end it is the other way round.
+        let order = order_around(DVec3::Z, DVec3::ZERO, &points, |_, _| Ordering::Equal).unwrap();
+        assert_eq!(order.iter().map(|&i| angles[i]).collect::<Vec<_>>(), [10.0, 350.0, 280.0, 189.0, 100.0, 11.0]);
+    }
+
+    #[test]
+    fn points_at_the_same_angle_stand_as_asked() {
+        let points = [DVec3::X, DVec3::new(3.0, 0.0, 2.0), -DVec3::X, DVec3::Y, DVec3::new(-0.1, 0.0, 9.0)];
+        let order = order_around(DVec3::ZERO, DVec3::Z, &points, |i, j| j.cmp(&i)).unwrap();
+        assert_eq!(order, [1, 0, 3, 4, 2]);
+    }
+
+    #[test]
+    fn a_point_on_the_axis_has_no_angle() {
+        let points = [DVec3::X, DVec3::new(0.0, 0.0, 5.0)];
+        assert_eq!(order_around(DVec3::ZERO, DVec3::Z, &points, |_, _| Ordering::Equal), None);
     }
 }

@@ -1,3 +1,5 @@
+use glam::DVec3;
+
 /// The point with number `i` of a sequence that fills the unit square evenly, whatever its length: R2 (Roberts 2018, "The
 /// Unreasonable Effectiveness of Quasirandom Sequences").
 #[must_use]
@@ -9,6 +11,17 @@ pub fn r2(i: f64) -> [f64; 2] {
 #[must_use]
 pub fn r3(i: f64) -> [f64; 3] {
     [0.819_172_513_396_164_5, 0.671_043_606_703_789_3, 0.549_700_477_901_970_2].map(|step| (0.5 + i * step).fract())
+}
+
+/// The directions in which rays are tried, one after another: unit vectors that no designed surface is aligned with.
+#[must_use]
+pub fn ray_direction(attempt: u32) -> DVec3 {
+    // Irrational steps spread points evenly on the sphere (the golden-angle spiral, with an irrational height).
+    let i = f64::from(attempt) + 1.0;
+    let z = (i * std::f64::consts::SQRT_2 + 0.123_456_789).fract() * 1.9 - 0.95;
+    let angle = i * 2.399_963_229_728_653;
+    let r = (1.0 - z * z).sqrt();
+    DVec3::new(r * angle.cos(), r * angle.sin(), z)
 }
 
 #[cfg(test)]
@@ -25,5 +38,13 @@ mod tests {
         assert!(shares.iter().all(|share| share.abs_diff(500) < 30), "{shares:?}");
         let low = (0..4000).filter(|&i| r2(f64::from(i)).iter().all(|&x| x < 0.5)).count();
         assert!(low.abs_diff(1000) < 20, "{low}");
+    }
+
+    #[test]
+    fn directions_have_unit_length_and_differ() {
+        for i in 0..32 {
+            assert!((ray_direction(i).length() - 1.0).abs() < 1e-12);
+            assert!(ray_direction(i).dot(ray_direction(i + 1)) < 0.999);
+        }
     }
 }

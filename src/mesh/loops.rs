@@ -1,4 +1,6 @@
-use super::{Edges, Fans, Surface, UnionFind};
+use super::adjacency::Edges;
+use super::connectivity::{Fans, UnionFind};
+use super::surface::Surface;
 
 /// The holes of a surface as closed walks along its boundary.
 ///

@@ -2,8 +2,8 @@ use std::collections::BTreeMap;
 
 use glam::DVec3;
 
-use super::surface::position_key;
-use super::{Ingest, Soup, Surface};
+use super::soup::Soup;
+use super::surface::{Ingest, Surface, position_key};
 
 /// Not used by any face yet.
 const UNUSED: u32 = u32::MAX;
@@ -284,7 +284,6 @@ pub fn weld_exactly(surface: &mut Surface) -> u64 {
 }
 
 #[cfg(test)]
-#[allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 mod tests {
     use super::*;
 

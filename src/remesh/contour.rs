@@ -1,18 +1,34 @@
+//! The surface as a contour of the samples, and its vertices moved to where they are best.
+
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::crossings::Crossing;
-use super::grid::Grid;
-use super::place::Vertex;
-use super::samples::{Samples, along, around_edge};
-use crate::math::{Crossing as Meeting, crossing, nearest_on_triangle};
+use super::band::Sampling;
+use super::field::Stop;
+use super::grid::{Grid, Samples, along, around_edge};
+use super::vertices::{BEYOND, Crossing, Vertex};
+use crate::math::{Box3, Crossing as Meeting, Rounding, collinear, contact, crossing, nearest_on_triangle};
+use crate::mesh::Stars;
 
 /// How far from the surface, in cells, two triangles may pass the edge that they stand for, before a vertex is put there.
 const NEAR: f64 = 0.05;
 /// Distances from it that differ by less, in cells, are the same.
 const SAME: f64 = 1e-3;
 /// The least height of a triangle, in cells, that is not taken for a part of a line.
-pub(super) const FLAT: f64 = 1.0 / 256.0;
+const FLAT: f64 = 1.0 / 256.0;
+
+/// Vertices that are wanted nearer to where they are than this share of a cell stay.
+const LEAST: f64 = 1e-3;
+/// Shares of the way that are tried.
+const SHARES: [f64; 3] = [1.0, 0.5, 0.25];
+/// Times that every vertex is tried; a neighbour's move may make way for it.
+const ROUNDS: usize = 2;
+/// Triangles that one try may look at.
+const MOST: usize = 4096;
+/// Vertices between two looks at the clock.
+const TOGETHER: usize = 1024;
+/// Cosine of the angle by which a face may turn in a move.
+const TURN: f64 = -0.25;
 
 /// The surface as vertices and faces. The first vertices are those of the cells, in their order.
 pub(super) struct Contour {
@@ -111,7 +127,147 @@ fn within_envelope([p, q]: [DVec3; 2], [a, b, c, d]: [DVec3; 4]) -> bool {
 }
 
 /// The least height of a triangle. In f64: a measure.
-pub(super) fn height([a, b, c]: [DVec3; 3]) -> f64 {
+fn height([a, b, c]: [DVec3; 3]) -> f64 {
     let longest = a.distance(b).max(b.distance(c)).max(c.distance(a));
     if longest > 0.0 { (b - a).cross(c - a).length() / longest } else { 0.0 }
+}
+
+/// Moves vertices that are wanted outside of their cells, such as those on sharp edges, where no triangle then meets another
+/// beside their common vertices and edges, exactly. So a surface without intersections stays one. Answers how many it
+/// moved.
+///
+/// # Errors
+/// [`Stop::Cancelled`] when the context says stop.
+pub(super) fn move_out(
+    sampling: &Sampling<'_>,
+    vertices: &[Vertex],
+    contour: &mut Contour,
+    rounding: Rounding,
+) -> Result<u64, Stop> {
+    let Sampling { grid, samples, context, .. } = sampling;
+    let least = LEAST * grid.cell;
+    let mut waiting: Vec<u32> = (0u32..)
+        .zip(vertices)
+        .filter(|(_, vertex)| vertex.point.distance(vertex.wanted) > least)
+        .map(|(v, _)| v)
+        .collect();
+    let around = Stars::new(contour.points.len(), &contour.faces);
+    let mut mover = Mover { grid, samples, contour, around };
+    let mut moved = 0;
+    for _ in 0..ROUNDS {
+        let mut left = Vec::new();
+        for (number, &v) in waiting.iter().enumerate() {
+            if number % TOGETHER == 0 {
+                context.check()?;
+            }
+            let (old, wanted) = (mover.contour.points[v as usize], vertices[v as usize].wanted);
+            let done = SHARES.iter().position(|&share| {
+                let to = rounding.of(old.lerp(wanted, share));
+                let valid = to != old && mover.is_valid(v, to);
+                if valid {
+                    mover.contour.points[v as usize] = to;
+                }
+                valid
+            });
+            moved += u64::from(done.is_some());
+            if done != Some(0) {
+                left.push(v);
+            }
+        }
+        waiting = left;
+    }
+    Ok(moved)
+}
+
+/// Tries moves of vertices.
+struct Mover<'a> {
+    grid: &'a Grid,
+    samples: &'a Samples,
+    contour: &'a mut Contour,
+    around: Stars,
+}
+
+impl Mover<'_> {
+    /// Whether the surface has no intersection with vertex `v` at `to`, where it had none before.
+    fn is_valid(&mut self, v: u32, to: DVec3) -> bool {
+        let star = self.around.of(v);
+        let old = self.contour.points[v as usize];
+        let normal = |contour: &Contour, face: u32| {
+            let [a, b, c] = contour.faces[face as usize].map(|v| contour.points[v as usize]);
+            (b - a).cross(c - a).normalize_or_zero()
+        };
+        let flat = |contour: &Contour| {
+            let of = |&face: &u32| height(contour.faces[face as usize].map(|v| contour.points[v as usize]));
+            star.iter().map(of).fold(f64::INFINITY, f64::min)
+        };
+        let before: Vec<DVec3> = star.iter().map(|&face| normal(self.contour, face)).collect();
+        let least = flat(self.contour).min(FLAT * self.grid.cell);
+        self.contour.points[v as usize] = to;
+        let turned = star.iter().zip(before).any(|(&face, before)| normal(self.contour, face).dot(before) < TURN);
+        let valid = !turned && flat(self.contour) >= least && self.star_is_clear(star);
+        self.contour.points[v as usize] = old;
+        valid
+    }
+
+    fn star_is_clear(&self, star: &[u32]) -> bool {
+        let contour = &*self.contour;
+        let points = &contour.points;
+        let corners = |face: u32| contour.faces[face as usize].map(|v| points[v as usize]);
+        let box_of = |face: u32| Box3::of(corners(face));
+        if star.iter().any(|&face| {
+            let [a, b, c] = corners(face);
+            collinear(a, b, c)
+        }) {
+            return false;
+        }
+        let mut slow = 0;
+        let mut apart = |a: u32, b: u32| {
+            let [a, b] = [a, b].map(|face| contour.faces[face as usize]);
+            contact(points, a, b, &mut slow).is_apart()
+        };
+        for (i, &a) in star.iter().enumerate() {
+            if star[..i].iter().any(|&b| !apart(a, b)) {
+                return false;
+            }
+        }
+        let bounds = Box3::of(star.iter().flat_map(|&face| corners(face)));
+        let Some(others) = self.faces_near(&bounds) else { return false };
+        let boxes: Vec<Box3> = star.iter().map(|&face| box_of(face)).collect();
+        others.into_iter().filter(|face| star.binary_search(face).is_err()).all(|other| {
+            let of_other = box_of(other);
+            star.iter().zip(&boxes).all(|(&face, of_face)| !of_face.meets(&of_other) || apart(face, other))
+        })
+    }
+
+    /// The faces that may meet a box: all whose cells, and what is within reach of them, come near it. None where they are very
+    /// many.
+    fn faces_near(&self, bounds: &Box3) -> Option<Vec<u32>> {
+        let Self { grid, samples, contour, around } = self;
+        // A face stays within BEYOND of the two by two cells around an edge, two of which are those of its vertices.
+        let reach = 1.0 + BEYOND;
+        let range = |axis: usize| {
+            let low = (grid.in_cells(axis, bounds.min[axis]) - reach).floor().max(0.0);
+            let high = (grid.in_cells(axis, bounds.max[axis]) + reach).floor().max(0.0);
+            #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates")]
+            (low as u32..=(high as u32).min(grid.size[axis] - 1))
+        };
+        let mut faces = Vec::new();
+        for z in range(2) {
+            for y in range(1) {
+                for x in range(0) {
+                    let Some(v) = samples.vertex([x, y, z]) else { continue };
+                    faces.extend(around.of(v).iter().copied().filter(|&face| {
+                        let corners = contour.faces[face as usize].map(|v| contour.points[v as usize]);
+                        Box3::of(corners).meets(bounds)
+                    }));
+                    if faces.len() > MOST {
+                        return None;
+                    }
+                }
+            }
+        }
+        faces.sort_unstable();
+        faces.dedup();
+        Some(faces)
+    }
 }

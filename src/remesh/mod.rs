@@ -5,44 +5,25 @@
 //! is made by dual contouring (Ju et al. 2002) in a form that keeps three promises by construction:
 //!
 //! - It is **closed**, since it parts the samples inside from those outside.
-//! - It is **manifold**, since the samples inside are made well-composed first (`compose`): every cell has one disc of it.
+//! - It is **manifold**, since the samples inside are made well-composed first (`corrections`): every cell has one disc of it.
 //! - It does **not intersect** itself, since every piece stays in the envelope of its own edge of the grid (`contour`). Later
 //!   moves are made only where exact tests say that this stays so.
 
 mod band;
-mod blockwise;
-mod compose;
 mod contour;
-mod crossings;
+mod corrections;
 mod field;
 mod grid;
-mod measure;
-mod moves;
-mod place;
-mod raster;
-mod samples;
-mod thin;
+mod vertices;
 
 use crate::context::{Cancelled, Context};
 use crate::math::{Box3, Precision, Rounding, to_unit_range, unit_scale};
 use crate::mesh::{NO_SOURCE, Surface};
-use band::Limits;
-use field::Field;
-use grid::{Grid, Place};
-pub use measure::{Deviation, Distances};
-use samples::Samples;
+use band::{Limits, Sampling, cells_met};
+use field::{Field, Stop, deviation};
+use grid::{Grid, Place, Samples};
 
-/// What of the space is inside, by its winding number `w`.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
-pub enum Inside {
-    /// `w > 1/2`: what the surface winds around outward.
-    #[default]
-    Outward,
-    /// `|w| > 1/2`: parts that are inside out are solid as well.
-    EitherWay,
-    /// `|w|` nearer to an odd number than to an even one: what is wound around twice is outside again.
-    Odd,
-}
+pub use field::{Deviation, Distances, Inside};
 
 /// Makes a surface anew, from what is inside of it.
 #[derive(Debug, Clone, Copy)]
@@ -99,22 +80,6 @@ pub enum RemeshError {
     Cancelled(#[from] Cancelled),
 }
 
-/// Why one try ended.
-#[derive(Debug, Clone, Copy, PartialEq)]
-enum Stop {
-    /// Too much work or memory.
-    Budget,
-    /// Too many faces: so many.
-    Faces(u64),
-    Cancelled(Cancelled),
-}
-
-impl From<Cancelled> for Stop {
-    fn from(canceled: Cancelled) -> Self {
-        Self::Cancelled(canceled)
-    }
-}
-
 /// Cells along the diagonal where nothing else is asked for, ...
 const RESOLUTION: f64 = 512.0;
 /// ... at most, ...
@@ -148,12 +113,12 @@ impl Remesh {
         }
         context.check()?;
         let field = Field::new(&points, &faces, self.inside);
-        let rounding = Rounding { scale, precision: self.precision };
+        let input = Input { field, bounds, rounding: Rounding { scale, precision: self.precision } };
         let wanted = self.cell.map_or(diagonal / RESOLUTION, |cell| cell * scale);
         let wanted = wanted.clamp(diagonal / FINEST, diagonal / COARSEST);
-        let mut cell = self.affordable(&field, &bounds, wanted, context)?;
+        let mut cell = self.affordable(&input, wanted, context)?;
         loop {
-            match self.attempt(&field, &bounds, cell, rounding, context) {
+            match self.attempt(&input, cell, context) {
                 Ok(Some(mut made)) => {
                     for p in &mut made.surface.positions {
                         *p /= scale;
@@ -175,15 +140,8 @@ impl Remesh {
     }
 
     /// One try with cells of one size; none where nothing is inside.
-    fn attempt(
-        &self,
-        field: &Field<'_>,
-        bounds: &Box3,
-        cell: f64,
-        rounding: Rounding,
-        context: &Context<'_>,
-    ) -> Result<Option<Remeshed>, Stop> {
-        let Sampled { grid, mut samples, cells, made, mut limits } = self.sampled(field, bounds, cell, context)?;
+    fn attempt(&self, input: &Input<'_>, cell: f64, context: &Context<'_>) -> Result<Option<Remeshed>, Stop> {
+        let Sampled { mut sampling, cells, made } = self.sampled(input, cell, context)?;
         if cells.is_empty() {
             return Ok(None);
         }
@@ -192,74 +150,54 @@ impl Remesh {
         if least > self.max_faces {
             return Err(Stop::Faces(least));
         }
-        let crossings = crossings::crossings(field, &grid, &samples, &mut limits.steps, context)?;
-        let vertices = place::place(&grid, &mut samples, &cells, &crossings, rounding);
+        let rounding = input.rounding;
+        let crossings = sampling.crossings()?;
+        let vertices = vertices::place(&sampling.grid, &mut sampling.samples, &cells, &crossings, rounding);
         let crossings: Vec<_> = crossings
             .into_iter()
-            .map(|crossing| crossings::Crossing { point: rounding.of(crossing.point), ..crossing })
+            .map(|crossing| vertices::Crossing { point: rounding.of(crossing.point), ..crossing })
             .collect();
-        let mut contour = contour::contour(&grid, &samples, &vertices, &crossings);
+        let mut contour = contour::contour(&sampling.grid, &sampling.samples, &vertices, &crossings);
         let faces = contour.faces.len() as u64;
         if faces > self.max_faces {
             return Err(Stop::Faces(faces));
         }
-        moves::move_out(&grid, &samples, &vertices, &mut contour, rounding, context)?;
-        let deviation = measure::deviation(field, grid.cell, &contour.points, &contour.faces, context)?;
+        contour::move_out(&sampling, &vertices, &mut contour, rounding)?;
+        let cell = sampling.grid.cell;
+        let deviation = deviation(&input.field, cell, &contour.points, &contour.faces, context)?;
         let source = vec![NO_SOURCE; contour.faces.len()];
         let mut surface = Surface { positions: contour.points, faces: contour.faces, source };
         surface.drop_unreferenced();
-        Ok(Some(Remeshed { surface, cell: grid.cell, deviation, made_inside: made }))
+        Ok(Some(Remeshed { surface, cell, deviation, made_inside: made }))
     }
 
-    /// Asks what is inside.
-    fn sampled(&self, field: &Field<'_>, bounds: &Box3, cell: f64, context: &Context<'_>) -> Result<Sampled, Stop> {
-        let grid = Grid::around(bounds, cell);
+    /// Samples what is inside.
+    fn sampled<'a>(&self, input: &'a Input<'a>, cell: f64, context: &'a Context<'a>) -> Result<Sampled<'a>, Stop> {
+        let grid = Grid::around(&input.bounds, cell);
         let blocks = self.max_memory / Samples::BLOCK_BYTES;
         let [most, blocks] = [blocks * Samples::BLOCK_CELLS, blocks].map(|n| usize::try_from(n).unwrap_or(usize::MAX));
-        let mut limits = Limits { steps: STEPS, blocks };
-        let mut samples = Samples::new(&grid);
-        let met = raster::cells(field, &grid, most, context)?;
-        band::reach(field, &grid, &mut samples, met.clone(), &mut limits, context)?;
-        let mut made = self.keep_thin_parts(field, &grid, &mut samples, &met, &mut limits, context)?;
-        made += compose::compose(field, &grid, &mut samples, &mut limits, context)?;
-        let cells = samples.mixed_cells();
-        Ok(Sampled { grid, samples, cells, made, limits })
-    }
-
-    /// Puts samples inside in parts that are thinner than a cell: first away from everything else, then towards what they
-    /// are joined to.
-    fn keep_thin_parts(
-        &self,
-        field: &Field<'_>,
-        grid: &Grid,
-        samples: &mut Samples,
-        met: &[Place],
-        limits: &mut Limits,
-        context: &Context<'_>,
-    ) -> Result<u64, Stop> {
-        let mut made = 0;
-        for beside_made in [false, true] {
-            let thin = thin::thin_parts(field, grid, samples, met, beside_made, &mut limits.steps, context)?;
-            for &place in &thin {
-                samples.make_inside(place);
-            }
-            compose::settle(field, grid, samples, &thin, limits, context)?;
-            made += thin.len() as u64;
-        }
-        Ok(made)
+        let samples = Samples::new(&grid);
+        let met = cells_met(&input.field, &grid, most, context)?;
+        let limits = Limits { steps: STEPS, blocks };
+        let mut sampling = Sampling { field: &input.field, grid, samples, limits, context };
+        sampling.reach(met.clone())?;
+        let mut made = sampling.keep_thin_parts(&met)?;
+        made += sampling.compose()?;
+        let cells = sampling.samples.mixed_cells();
+        Ok(Sampled { sampling, cells, made })
     }
 
     /// The size of cells for which a coarse try says that the limits of faces and work are kept.
-    fn affordable(&self, field: &Field<'_>, bounds: &Box3, cell: f64, context: &Context<'_>) -> Result<f64, Cancelled> {
-        let coarse = bounds.diagonal() / SCOUT;
+    fn affordable(&self, input: &Input<'_>, cell: f64, context: &Context<'_>) -> Result<f64, Cancelled> {
+        let coarse = input.bounds.diagonal() / SCOUT;
         if cell * 2.0 > coarse {
             return Ok(cell);
         }
-        match self.sampled(field, bounds, coarse, context) {
+        match self.sampled(input, coarse, context) {
             Ok(sampled) => {
                 // Both grow by the square of how much finer cells are.
                 let faces = 2.0 * sampled.cells.len() as f64 / self.max_faces as f64;
-                let steps = (STEPS - sampled.limits.steps) as f64 / STEPS as f64;
+                let steps = (STEPS - sampled.sampling.limits.steps) as f64 / STEPS as f64;
                 Ok(cell.max(coarse * faces.max(steps).sqrt()))
             }
             Err(Stop::Cancelled(canceled)) => Err(canceled),
@@ -268,11 +206,17 @@ impl Remesh {
     }
 }
 
+/// The input in the range of exact predicates.
+struct Input<'a> {
+    field: Field<'a>,
+    bounds: Box3,
+    rounding: Rounding,
+}
+
 /// Samples whose inside is well-composed, and the cells that the surface passes.
-struct Sampled {
-    grid: Grid,
-    samples: Samples,
+struct Sampled<'a> {
+    sampling: Sampling<'a>,
     cells: Vec<Place>,
+    /// Samples that were put inside.
     made: u64,
-    limits: Limits,
 }

@@ -1,12 +1,9 @@
 use glam::DVec3;
 
-use super::choice::Choice;
-use super::clearance::Clearance;
-use super::complex::{Complex, LINE, NONE, OPEN};
-use super::deviation::{Patch, Reference, deviation, line_deviation};
-use super::shape::{Shape, shape};
-use super::start::Bodies;
-use super::witness::Witnesses;
+use super::complex::{Bodies, Complex, LINE, NONE, OPEN};
+use super::deviation::{Patch, Reference, Witnesses, deviation, line_deviation};
+use super::queue::Choice;
+use super::validity::{Clearance, Shape, shape};
 use crate::mesh::{Edges, Parts};
 
 /// Most faces around the two ends of an edge that collapses, so that a vertex of very many faces does not make it quadratic.

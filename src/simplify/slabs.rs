@@ -5,7 +5,7 @@ use std::ops::Range;
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::{Simplified, Simplify};
+use super::decimate::{Held, Simplified, Simplify};
 use crate::context::{Cancelled, Context};
 use crate::mesh::Surface;
 
@@ -14,22 +14,6 @@ const FACES_A_SLAB: usize = 40_000;
 const MOST_SLABS: usize = 64;
 /// Share of the error that slabs may use up; the rest is for where they meet.
 const SHARE_OF_SLABS: f64 = 0.6;
-
-/// What of a surface must stay as it is, and where the rest must stay.
-#[derive(Debug, Default)]
-pub(super) struct Held {
-    /// Vertices that stay where they are with all their edges, by number; those beyond the list are free.
-    pub fixed: Vec<bool>,
-    /// The slab that no new position may leave, in the model's unit: an axis, and the coordinates from and below which it lies.
-    pub slab: Option<(usize, Range<f64>)>,
-}
-
-impl Held {
-    /// Whether a position is in the slab.
-    pub fn allows(&self, p: DVec3) -> bool {
-        self.slab.as_ref().is_none_or(|(axis, range)| range.contains(&p[*axis]))
-    }
-}
 
 /// A slab of a surface as a surface of its own, with the faces that cross its ends as obstacles.
 struct Slab {

@@ -1,0 +1,189 @@
+use std::cmp::Ordering;
+
+use smallvec::SmallVec;
+
+use super::complex::{ArrangeError, Complex, SolidFaces};
+use super::grid::Plane;
+use crate::context::Context;
+use crate::math::{Dipoles, Sign, sort_by_angle, winding_exact};
+use crate::mesh::{Edges, NotClosed, UnionFind};
+
+/// How far from a whole number a winding number may be measured before it is measured again more exactly, and then before the
+/// surface is taken for open.
+const UNSURE: f64 = 0.2;
+/// Nodes and triangles that are looked at for one winding number.
+const STEPS: u64 = 1_000_000;
+
+/// The cells between the facets.
+pub(super) struct Cells {
+    /// The cell on each side of each facet: side `2 w` is before facet `w`, where its normal points, side `2 w + 1` behind it.
+    pub of_side: Vec<u32>,
+    /// The winding number of each cell. Cells are numbered with gaps.
+    pub number: Vec<i32>,
+    /// The connected piece that each facet is of. Cells of pieces that don't touch have different numbers, even where they are one
+    /// region.
+    pub piece_of: Vec<u32>,
+}
+
+impl Cells {
+    /// Finds the cells, and how often the surface winds around each.
+    pub fn new(complex: &Complex, context: &Context<'_>) -> Result<Self, ArrangeError> {
+        let (of_side, piece_of) = find(complex, context)?;
+        let number = spread(complex, &of_side, &piece_of, context)?;
+        Ok(Self { of_side, number, piece_of })
+    }
+
+    /// The cells before and behind a facet.
+    pub fn beside(&self, facet: usize) -> [usize; 2] {
+        [0, 1].map(|side| self.of_side[2 * facet + side] as usize)
+    }
+}
+
+/// The cell on each side of each facet, and the connected piece that each facet is of.
+fn find(complex: &Complex, context: &Context<'_>) -> Result<(Vec<u32>, Vec<u32>), ArrangeError> {
+    let facets = &complex.facets;
+    let corners: Vec<[u32; 3]> = facets.iter().map(|facet| facet.corners).collect();
+    let edges = Edges::new(&corners);
+    context.check()?;
+    let mut sides = UnionFind::new(2 * facets.len());
+    let mut pieces = UnionFind::new(facets.len());
+    for edge in 0..edges.len() {
+        let around = order_around(complex, edges.half_edges(edge), &corners);
+        for (k, &(facet, forward)) in around.iter().enumerate() {
+            let (next, next_forward) = around[(k + 1) % around.len()];
+            // Counter-clockwise of a facet that runs forward is what is before it.
+            sides.unite(2 * facet + u32::from(!forward), 2 * next + u32::from(next_forward));
+            pieces.unite(facet, next);
+        }
+    }
+    context.check()?;
+    Ok((sides.into_roots(), pieces.into_roots()))
+}
+
+/// The facets around an edge, counter-clockwise seen from its larger vertex, and whether each runs from the smaller vertex to the
+/// larger.
+fn order_around(complex: &Complex, half_edges: &[u32], corners: &[[u32; 3]]) -> SmallVec<[(u32, bool); 4]> {
+    let it = half_edges.iter().map(|&h| (h, Edges::is_forward(corners, h)));
+    if half_edges.len() <= 2 {
+        return it.map(|(h, forward)| (h / 3, forward)).collect();
+    }
+    let all: SmallVec<[(u32, bool); 4]> = it.collect();
+    let planes: SmallVec<[Plane; 4]> =
+        all.iter().map(|&(h, _)| complex.plane(&complex.facets[h as usize / 3])).collect();
+    // Positive where `j` is less than half a turn on from `i`.
+    let ahead = |i: usize, j: usize| {
+        let ((_, forward), (g, _)) = (all[i], all[j]);
+        let sign = complex.points.side(&planes[i], Edges::opposite(corners, g));
+        if forward { sign } else { -sign }
+    };
+    let quarter: SmallVec<[u8; 4]> = (0..all.len())
+        .map(|j| match (j, ahead(0, j)) {
+            (0, _) => 0,
+            (_, Sign::Positive) => 1,
+            (_, Sign::Zero) => 2,
+            (_, Sign::Negative) => 3,
+        })
+        .collect();
+    let order = sort_by_angle(&quarter, ahead, |_, _| Ordering::Equal);
+    order.into_iter().map(|i| (all[i].0 / 3, all[i].1)).collect()
+}
+
+/// Spreads winding numbers over the cells: in each piece of the surface from one facet, where it is measured.
+fn spread(
+    complex: &Complex,
+    cell_of: &[u32],
+    piece_of: &[u32],
+    context: &Context<'_>,
+) -> Result<Vec<i32>, ArrangeError> {
+    let facets = &complex.facets;
+    // The largest facet of each piece.
+    let area = |facet: usize| {
+        let [a, b, c] = facets[facet].corners.map(|p| complex.points.place(p));
+        (b - a).cross(c - a).length_squared()
+    };
+    let mut largest: Vec<u32> = (0..facets.len() as u32).collect();
+    for facet in 0..facets.len() {
+        let best = &mut largest[piece_of[facet] as usize];
+        if area(facet) > area(*best as usize) {
+            *best = facet as u32;
+        }
+    }
+    // The facets of each cell.
+    let mut first = vec![0u32; cell_of.len() + 1];
+    cell_of.iter().for_each(|&cell| first[cell as usize + 1] += 1);
+    for cell in 0..cell_of.len() {
+        first[cell + 1] += first[cell];
+    }
+    let mut next = first.clone();
+    let mut sides_of = vec![0u32; cell_of.len()];
+    for (side, &cell) in (0u32..).zip(cell_of) {
+        sides_of[next[cell as usize] as usize] = side;
+        next[cell as usize] += 1;
+    }
+    let winding_numbers = WindingNumbers::new(complex);
+    let mut number: Vec<Option<i32>> = vec![None; cell_of.len()];
+    let mut stack = Vec::new();
+    for piece in (0..facets.len()).filter(|&facet| piece_of[facet] as usize == facet) {
+        context.check()?;
+        let start = largest[piece] as usize;
+        let before = winding_numbers.before(start)?;
+        number[cell_of[2 * start] as usize] = Some(before);
+        stack.push(cell_of[2 * start]);
+        while let Some(cell) = stack.pop() {
+            let here = number[cell as usize].unwrap_or(0);
+            for &side in &sides_of[first[cell as usize] as usize..first[cell as usize + 1] as usize] {
+                let weight = facets[side as usize / 2].weight;
+                let there = if side % 2 == 0 { here + weight } else { here - weight };
+                let other = cell_of[(side ^ 1) as usize];
+                match number[other as usize] {
+                    None => {
+                        number[other as usize] = Some(there);
+                        stack.push(other);
+                    }
+                    Some(known) if known != there => return Err(NotClosed.into()),
+                    Some(_) => {}
+                }
+            }
+        }
+    }
+    Ok(number.into_iter().map(|number| number.unwrap_or(0)).collect())
+}
+
+/// Measures winding numbers of the whole surface.
+struct WindingNumbers<'a> {
+    complex: &'a Complex,
+    dipoles: Dipoles,
+}
+
+impl<'a> WindingNumbers<'a> {
+    fn new(complex: &'a Complex) -> Self {
+        let faces = &complex.solid_faces;
+        Self { complex, dipoles: faces.tree.dipoles(|f| faces.triangle(f)) }
+    }
+
+    /// The winding number before a facet. What lies in the facet itself winds around neither side of its middle, and the mean of
+    /// both sides is what the rest winds around it.
+    fn before(&self, facet: usize) -> Result<i32, ArrangeError> {
+        let it = &self.complex.facets[facet];
+        let faces = &self.complex.solid_faces;
+        let corners = it.corners.map(|p| SolidFaces::to_unit(self.complex.points.place(p)));
+        let middle = (corners[0] + corners[1] + corners[2]) / 3.0;
+        let triangle = |f: u32| {
+            if it.faces.contains(&faces.numbers[f as usize]) { [middle; 3] } else { faces.triangle(f) }
+        };
+        let mean = |number: f64| number - f64::from(it.weight) / 2.0;
+        let mut steps = STEPS;
+        let fast = mean(faces.tree.winding(&self.dipoles, middle, &mut steps, triangle));
+        let unsure = |x: f64| (x - x.round()).abs() > UNSURE;
+        let number = if unsure(fast) || steps == 0 {
+            mean(winding_exact(middle, (0..faces.corners.len() as u32).map(triangle)))
+        } else {
+            fast
+        };
+        if unsure(number) {
+            return Err(NotClosed.into());
+        }
+        #[expect(clippy::cast_possible_truncation, reason = "no more than there are faces")]
+        Ok(number.round() as i32)
+    }
+}

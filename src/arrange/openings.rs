@@ -1,0 +1,346 @@
+//! Patches doubted: what is inside only because holes were closed, and would hide what can be seen through them.
+//!
+//! Each sight line that reaches a hidden facet through patches alone speaks against the regions that it passes. A minimum cut over them
+//! (Boykov and Kolmogorov 2004) weighs what would be hidden against the skin that would stand open, so that a region with a small
+//! hole is filled, and a jar with something in it is not.
+
+use std::collections::{BTreeMap, VecDeque};
+
+use glam::DVec3;
+use petgraph::algo::dinics;
+use petgraph::visit::EdgeRef;
+use petgraph::{Direction, Graph};
+
+use super::cells::Cells;
+use super::complex::{ArrangeError, Complex, SolidFaces};
+use crate::context::Context;
+use crate::math::{Tree, hit, ray_direction};
+use crate::mesh::UnionFind;
+
+/// Directions in which a hidden facet may be seen.
+const DIRECTIONS: u32 = 32;
+/// Hidden facets that are looked at, the largest.
+const MOST_HIDDEN: usize = 20_000;
+/// Facets that all sight lines together may look at.
+const STEPS: u64 = 100_000_000;
+/// How far sight lines go, in the scale of the tree, in which the model is about 1 wide.
+const FAR: f64 = 8.0;
+/// How far from its farthest corner a piece is left to see what is around it, as a share of the way to the middle of its facet there.
+const OFF_CORNER: f64 = 1e-3;
+/// The share of all surface that may be hidden before patches are doubted.
+const LEAST_HIDDEN: f64 = 0.005;
+/// What skin that would stand open weighs against as much hidden surface that is seen in all directions. It weighs the less the
+/// wider the openings: nothing where they are half of it.
+const SKIN: f64 = 0.01;
+const OPENING: f64 = 2.0;
+/// What a patch that would stay as the boundary weighs.
+const PATCH: f64 = 0.001;
+/// Weights are whole numbers, so many for all surface, so that sums don't depend on their order.
+const WHOLE: f64 = (1u64 << 40) as f64;
+
+/// The cells that are inside only because of patches through which hidden surface is seen; none where there are none.
+pub(super) fn seen_into(
+    complex: &Complex,
+    cells: &Cells,
+    inside: &[bool],
+    is_patch: impl Fn(u32) -> bool,
+    context: &Context<'_>,
+) -> Result<Option<Vec<bool>>, ArrangeError> {
+    let patch: Vec<bool> = complex.facets.iter().map(|facet| facet.faces.iter().all(|&f| is_patch(f))).collect();
+    if !patch.contains(&true) {
+        return Ok(None);
+    }
+    let Some(regions) = Regions::new(complex, cells, inside, patch, context)? else { return Ok(None) };
+    let doubtful = regions.behind_patches(|_| true);
+    if !doubtful.contains(&true) {
+        return Ok(None);
+    }
+    let Some(hidden) = regions.hidden(&doubtful, context)? else { return Ok(None) };
+    context.check()?;
+    let outside = regions.cut(&hidden, &doubtful);
+    let opened_regions = regions.behind_patches(|region| outside[region]);
+    let opened: Vec<bool> = regions.region_of.iter().map(|&region| opened_regions[region as usize]).collect();
+    Ok(opened.contains(&true).then_some(opened))
+}
+
+/// The regions of space. A region is the cells that have no facet between them, of pieces of the surface that don't touch.
+struct Regions<'a> {
+    cells: &'a Cells,
+    /// Which cells are inside, and so are the regions that they stand for.
+    inside: &'a [bool],
+    /// The region of each cell, by one of its cells.
+    region_of: Vec<u32>,
+    /// The pairs of regions, either way and sorted, with a patch between them.
+    portals: Vec<(usize, usize)>,
+    tree: Tree,
+    /// The points.
+    points: Vec<DVec3>,
+    /// The corners of each facet.
+    corners: Vec<[u32; 3]>,
+    /// Which facets are of patches alone.
+    patch: Vec<bool>,
+    /// The area of each facet as a share of all that is no patch.
+    area: Vec<f64>,
+}
+
+impl<'a> Regions<'a> {
+    fn new(
+        complex: &Complex,
+        cells: &'a Cells,
+        inside: &'a [bool],
+        patch: Vec<bool>,
+        context: &Context<'_>,
+    ) -> Result<Option<Self>, ArrangeError> {
+        #[expect(clippy::cast_possible_truncation, reason = "points are counted in u32")]
+        let points: Vec<DVec3> =
+            (0..complex.points.len() as u32).map(|p| SolidFaces::to_unit(complex.points.place(p))).collect();
+        let corners: Vec<[u32; 3]> = complex.facets.iter().map(|facet| facet.corners).collect();
+        let mut area: Vec<f64> = corners.iter().map(|face| normal(face.map(|p| points[p as usize])).length()).collect();
+        let all: f64 = area.iter().zip(&patch).filter(|(_, patch)| !**patch).map(|(area, _)| area).sum();
+        area.iter_mut().for_each(|area| *area /= all.max(f64::MIN_POSITIVE));
+        let tree = Tree::new(&points, &corners);
+        let mut regions =
+            Self { cells, inside, region_of: Vec::new(), portals: Vec::new(), tree, points, corners, patch, area };
+        let Some(region_of) = regions.find(context)? else { return Ok(None) };
+        regions.region_of = region_of;
+        regions.portals = regions.find_portals();
+        Ok(Some(regions))
+    }
+
+    fn find_portals(&self) -> Vec<(usize, usize)> {
+        let mut portals: Vec<(usize, usize)> = Vec::new();
+        for facet in (0..self.patch.len()).filter(|&facet| self.patch[facet]) {
+            let [a, b] = self.beside(facet);
+            portals.extend([(a, b), (b, a)]);
+        }
+        portals.sort_unstable();
+        portals.dedup();
+        portals
+    }
+
+    /// Calls `visit` with every facet but the one that a line starts on, and how far along the line that is, until it answers
+    /// `false`. Whether there were steps enough.
+    fn along(
+        &self,
+        from: (DVec3, usize),
+        line: DVec3,
+        steps: &mut u64,
+        mut visit: impl FnMut(f64, usize) -> bool,
+    ) -> bool {
+        let (from, start) = from;
+        self.tree.along(from, from + line, |facet| {
+            let facet = facet as usize;
+            *steps = steps.saturating_sub(1);
+            let met = if facet == start { None } else { hit(from, line, self.triangle(facet)) };
+            met.is_none_or(|far| visit(far, facet)) && *steps > 0
+        });
+        *steps > 0
+    }
+
+    /// The region of each cell: that around a piece is that of whatever is next to the piece's last facet in one direction. As all
+    /// pieces look in the same direction, none looks back. None where it would take too long to know.
+    fn find(&self, context: &Context<'_>) -> Result<Option<Vec<u32>>, ArrangeError> {
+        let direction = ray_direction(0);
+        let piece_of = &self.cells.piece_of;
+        // The facet of each piece that reaches farthest, and the corner with which it does.
+        let mut last: BTreeMap<u32, (f64, usize, DVec3)> = BTreeMap::new();
+        for (facet, &piece) in piece_of.iter().enumerate() {
+            for corner in self.triangle(facet) {
+                let far = corner.dot(direction);
+                let best = last.entry(piece).or_insert((far, facet, corner));
+                if far > best.0 {
+                    *best = (far, facet, corner);
+                }
+            }
+        }
+        let mut regions = UnionFind::new(self.cells.number.len());
+        let mut steps = STEPS;
+        for (piece, (_, facet, corner)) in last {
+            context.check()?;
+            let [a, b, c] = self.triangle(facet);
+            let from = corner.lerp((a + b + c) / 3.0, OFF_CORNER);
+            let mut own = (0.0, facet);
+            let mut others: Vec<(f64, usize)> = Vec::new();
+            let in_time = self.along((from, facet), direction * FAR, &mut steps, |far, other| {
+                if piece_of[other] != piece {
+                    others.push((far, other));
+                } else if far > own.0 {
+                    own = (far, other);
+                }
+                true
+            });
+            if !in_time {
+                return Ok(None);
+            }
+            let next =
+                others.into_iter().filter(|it| it.0 > own.0).min_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+            if let Some((_, next)) = next {
+                let ends = [self.side(own.1, direction, true), self.side(next, direction, false)];
+                let [around, beside] = ends.map(|cell| self.cells.number[cell]);
+                if around == beside {
+                    regions.unite(index(ends[0]), index(ends[1]));
+                }
+            }
+        }
+        Ok(Some(regions.into_roots()))
+    }
+
+    /// The cell to which a line in a direction comes through a facet, or from which.
+    fn side(&self, facet: usize, direction: DVec3, to: bool) -> usize {
+        let looks_along = normal(self.triangle(facet)).dot(direction) > 0.0;
+        self.cells.beside(facet)[usize::from(looks_along != to)]
+    }
+
+    /// The regions before and behind a facet.
+    fn beside(&self, facet: usize) -> [usize; 2] {
+        self.cells.beside(facet).map(|cell| self.region_of[cell] as usize)
+    }
+
+    fn triangle(&self, facet: usize) -> [DVec3; 3] {
+        self.corners[facet].map(|p| self.points[p as usize])
+    }
+
+    /// The cells that are inside, and to which one comes from outside through patches and other such cells that may be passed.
+    fn behind_patches(&self, may_pass: impl Fn(usize) -> bool) -> Vec<bool> {
+        let mut reached = vec![false; self.inside.len()];
+        let mut next: VecDeque<usize> =
+            self.portals.iter().map(|&(from, _)| from).filter(|&it| !self.inside[it]).collect();
+        while let Some(cell) = next.pop_front() {
+            let first = self.portals.partition_point(|&(from, _)| from < cell);
+            for &(_, to) in self.portals[first..].iter().take_while(|&&(from, _)| from == cell) {
+                if self.inside[to] && !reached[to] && may_pass(to) {
+                    reached[to] = true;
+                    next.push_back(to);
+                }
+            }
+        }
+        reached
+    }
+
+    /// How much of the hidden surface is seen through each region: its area, times the share of directions in which it is. None where that is little, or it would take too long to know.
+    fn hidden(&self, doubtful: &[bool], context: &Context<'_>) -> Result<Option<Vec<f64>>, ArrangeError> {
+        let is_hidden = |&facet: &usize| {
+            let sides = self.beside(facet);
+            !self.patch[facet] && sides.iter().all(|&it| self.inside[it]) && sides.iter().any(|&it| doubtful[it])
+        };
+        let mut facets: Vec<usize> = (0..self.area.len()).filter(is_hidden).collect();
+        if facets.iter().map(|&facet| self.area[facet]).sum::<f64>() <= LEAST_HIDDEN {
+            return Ok(None);
+        }
+        facets.sort_by(|&a, &b| self.area[b].total_cmp(&self.area[a]));
+        facets.truncate(MOST_HIDDEN);
+        let mut hidden = vec![0.0; self.inside.len()];
+        let (mut all, mut steps) = (0.0, STEPS);
+        for facet in facets {
+            context.check()?;
+            let lines: Vec<Vec<usize>> =
+                (0..DIRECTIONS).filter_map(|number| self.sight(facet, ray_direction(number), &mut steps)).collect();
+            if steps == 0 {
+                return Ok(None);
+            }
+            if !lines.is_empty() {
+                all += self.area[facet];
+            }
+            // A facet is passed on either side by half of the directions.
+            let share = 2.0 / f64::from(DIRECTIONS);
+            for &region in lines.iter().flatten() {
+                hidden[region] += self.area[facet] * share;
+            }
+        }
+        Ok((all > LEAST_HIDDEN).then_some(hidden))
+    }
+
+    /// The cells inside that one looks through from the middle of a facet in a direction. None where a facet that is no patch is in
+    /// the way, or the line runs so close along something that it can't be followed.
+    fn sight(&self, facet: usize, direction: DVec3, steps: &mut u64) -> Option<Vec<usize>> {
+        let corners = self.triangle(facet);
+        let from = (corners[0] + corners[1] + corners[2]) / 3.0;
+        let mut patches: Vec<(f64, usize)> = Vec::new();
+        let mut free = true;
+        let in_time = self.along((from, facet), direction * FAR, steps, |far, other| {
+            patches.push((far, other));
+            free = self.patch[other];
+            free
+        });
+        if !free || !in_time {
+            return None;
+        }
+        patches.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        let region = |facet: usize, to: bool| self.region_of[self.side(facet, direction, to)] as usize;
+        let mut here = region(facet, true);
+        let mut passed = vec![here];
+        for (_, patch) in patches {
+            if region(patch, false) != here {
+                return None;
+            }
+            here = region(patch, true);
+            passed.push(here);
+        }
+        if self.inside[here] {
+            return None;
+        }
+        passed.retain(|&region| self.inside[region]);
+        passed.sort_unstable();
+        passed.dedup();
+        Some(passed)
+    }
+
+    /// The cells on the outer side of the cut of least weight.
+    fn cut(&self, hidden: &[f64], doubtful: &[bool]) -> Vec<bool> {
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a share, and far below 2^64")]
+        let whole = |share: f64| (share * WHOLE) as u64;
+        let (mut skin, mut openings) = (vec![0.0; doubtful.len()], vec![0.0; doubtful.len()]);
+        let mut between: BTreeMap<[usize; 2], u64> = BTreeMap::new();
+        for (facet, &area) in self.area.iter().enumerate() {
+            let [a, b] = self.beside(facet);
+            for (region, other) in [(a, b), (b, a)] {
+                if self.patch[facet] {
+                    openings[region] += area;
+                } else if !self.inside[other] {
+                    skin[region] += area;
+                }
+            }
+            if self.patch[facet] && a != b && doubtful[a] && doubtful[b] {
+                *between.entry([a.min(b), a.max(b)]).or_default() += whole(PATCH * area);
+            }
+        }
+        let mut graph = Graph::<(), u64>::new();
+        let (outer, inner) = (graph.add_node(()), graph.add_node(()));
+        let mut node = vec![inner; doubtful.len()];
+        for cell in (0..doubtful.len()).filter(|&cell| doubtful[cell]) {
+            node[cell] = graph.add_node(());
+            graph.add_edge(outer, node[cell], whole(hidden[cell]));
+            graph.add_edge(node[cell], inner, whole(SKIN * (skin[cell] - OPENING * openings[cell]).max(0.0)));
+        }
+        for (cells, weight) in between {
+            let [a, b] = cells.map(|cell| node[cell]);
+            graph.add_edge(a, b, weight);
+            graph.add_edge(b, a, weight);
+        }
+        let (_, flow) = dinics(&graph, outer, inner);
+        let mut reached = vec![false; graph.node_count()];
+        reached[outer.index()] = true;
+        let mut next = VecDeque::from([outer]);
+        while let Some(at) = next.pop_front() {
+            let on = graph.edges(at).filter(|edge| flow[edge.id().index()] < *edge.weight()).map(|edge| edge.target());
+            let back = graph.edges_directed(at, Direction::Incoming);
+            let back = back.filter(|edge| flow[edge.id().index()] > 0).map(|edge| edge.source());
+            for to in on.chain(back) {
+                if !std::mem::replace(&mut reached[to.index()], true) {
+                    next.push_back(to);
+                }
+            }
+        }
+        node.iter().map(|node| reached[node.index()]).collect()
+    }
+}
+
+#[expect(clippy::cast_possible_truncation, reason = "sides are counted in u32")]
+fn index(cell: usize) -> u32 {
+    cell as u32
+}
+
+/// A triangle's normal, as long as twice its area.
+fn normal([a, b, c]: [DVec3; 3]) -> DVec3 {
+    (b - a).cross(c - a)
+}

@@ -1,0 +1,335 @@
+use std::cell::OnceCell;
+use std::cmp::Ordering;
+
+use dashu_int::IBig;
+use glam::DVec3;
+use rustc_hash::FxHashMap;
+
+use super::grid::{Plane, ULP, Whole, minus, turn};
+use crate::math::Sign;
+
+/// How far a point's rounded place may be from it along an axis, in steps of the grid.
+const ERROR: f64 = 1.0 / 256.0;
+/// Sides of the cells in which equal points are looked for, in steps.
+const CELL: f64 = 1.0 / 16.0;
+
+/// What defines a point.
+#[derive(Debug, Clone, Copy)]
+enum Definition {
+    /// A position on the grid.
+    Place(Whole),
+    /// Where the line through two positions meets a plane.
+    LineAndPlane([Whole; 2], u32),
+    /// Where three planes meet.
+    Planes([u32; 3]),
+}
+
+/// A point in whole numbers, `[x, y, z, w]` for `(x, y, z) / w`, with `w > 0`.
+type Homogeneous = [IBig; 4];
+
+/// The points of an arrangement, each once: positions on the grid, and points that faces have in common, which are kept as what
+/// defines them. All signs are exact: floating point where its error is small enough, whole numbers of any length elsewhere.
+///
+/// After Attene 2020, "Indirect Predicates for Geometric Constructions".
+#[derive(Default)]
+pub(super) struct Points {
+    definitions: Vec<Definition>,
+    /// Places in steps of the grid, rounded.
+    places: Vec<DVec3>,
+    exact: Vec<OnceCell<Box<Homogeneous>>>,
+    pub planes: Vec<Plane>,
+    /// Points by the cell that their rounded place is in.
+    cells: FxHashMap<[i64; 3], Vec<u32>>,
+    /// Points on edges by the edge's vertices and the plane.
+    on_edges: FxHashMap<[u32; 3], u32>,
+    /// Planes through edges and along an axis, by the edge and the axis.
+    uprights: FxHashMap<([u32; 2], usize), u32>,
+    /// The corners of the outermost triangle, by the axis.
+    outer: FxHashMap<usize, [u32; 3]>,
+}
+
+impl Points {
+    /// How many there are.
+    pub fn len(&self) -> usize {
+        self.places.len()
+    }
+
+    /// The place of a point in steps of the grid, rounded.
+    pub fn place(&self, point: u32) -> DVec3 {
+        self.places[point as usize]
+    }
+
+    /// The position of a point that is one of the grid.
+    ///
+    /// # Panics
+    /// Where it is not.
+    pub fn whole(&self, point: u32) -> Whole {
+        match self.definitions[point as usize] {
+            Definition::Place(p) => p,
+            _ => unreachable!("only vertices are asked for their position"),
+        }
+    }
+
+    /// Adds a position that is known to be new; it is found as equal to others only after [`Points::enter`].
+    pub fn push(&mut self, p: Whole) -> u32 {
+        self.add(Definition::Place(p), DVec3::from_array(p.map(|x| x as f64)))
+    }
+
+    /// Lets a vertex be found by others that are equal to it.
+    pub fn enter_once(&mut self, point: u32) {
+        let among = self.cells.entry(cell(self.places[point as usize])).or_default();
+        if !among.contains(&point) {
+            among.push(point);
+        }
+    }
+
+    /// Three corners, counter-clockwise seen from the end of an axis (or against it), of a triangle that holds all that is within
+    /// a quarter of `out` of the grid's origin.
+    pub fn outer(&mut self, axis: usize, upward: bool, out: i64) -> [u32; 3] {
+        if let Some(&known) = self.outer.get(&axis) {
+            let [a, b, c] = known;
+            return if upward { known } else { [a, c, b] };
+        }
+        let known = [[-1, -1], [1, -1], [0, 1]].map(|[x, y]| {
+            let mut corner = [0; 3];
+            corner[(axis + 1) % 3] = x * out;
+            corner[(axis + 2) % 3] = y * out;
+            self.push(corner)
+        });
+        self.outer.insert(axis, known);
+        let [a, b, c] = known;
+        if upward { known } else { [a, c, b] }
+    }
+
+    fn enter(&mut self, point: u32) {
+        self.cells.entry(cell(self.place(point))).or_default().push(point);
+    }
+
+    /// The point where the edge between two vertices meets a plane, which parts them or holds one of them.
+    pub fn on_edge(&mut self, [u, v]: [u32; 2], plane: u32) -> u32 {
+        let [u, v] = [u.min(v), u.max(v)];
+        if let Some(&known) = self.on_edges.get(&[u, v, plane]) {
+            return known;
+        }
+        let ends = [self.whole(u), self.whole(v)];
+        let along = self.planes[plane as usize];
+        // Both are exact, and their ratio is in [0, 1], so that the place errs by a few units of the last place.
+        let [from, to] = ends.map(|p| along.height(p));
+        let share = from as f64 / (from - to) as f64;
+        let [a, b] = [self.place(u), self.place(v)];
+        let point = self.intern(Definition::LineAndPlane(ends, plane), a + (b - a) * share);
+        self.on_edges.insert([u, v, plane], point);
+        point
+    }
+
+    /// The point where three planes meet.
+    pub fn of_planes(&mut self, planes: [u32; 3]) -> u32 {
+        let definition = Definition::Planes(planes);
+        let place = self.place_of_planes(planes).unwrap_or_else(|| rounded(&self.homogeneous_of(&definition)));
+        self.intern(definition, place)
+    }
+
+    /// The plane through the edge between two vertices and along an axis.
+    pub fn upright(&mut self, [u, v]: [u32; 2], axis: usize) -> u32 {
+        let ends = [self.whole(u.min(v)), self.whole(u.max(v))];
+        *self.uprights.entry(([u.min(v), u.max(v)], axis)).or_insert_with(|| {
+            self.planes.push(Plane::along_axis(ends, axis));
+            #[expect(clippy::cast_possible_truncation, reason = "fewer than there are pairs of faces")]
+            {
+                self.planes.len() as u32 - 1
+            }
+        })
+    }
+
+    fn add(&mut self, definition: Definition, place: DVec3) -> u32 {
+        #[expect(clippy::cast_possible_truncation, reason = "points are counted in u32")]
+        let point = self.places.len() as u32;
+        self.definitions.push(definition);
+        self.places.push(place);
+        self.exact.push(OnceCell::new());
+        point
+    }
+
+    /// The point that is defined so: an equal one that is known, or a new one.
+    fn intern(&mut self, definition: Definition, place: DVec3) -> u32 {
+        let near = [0, 1, 2].map(|k| {
+            let low = ((place[k] - 2.0 * ERROR) / CELL).floor();
+            let high = ((place[k] + 2.0 * ERROR) / CELL).floor();
+            (low as i64, high as i64)
+        });
+        let mut exact = None;
+        for x in near[0].0..=near[0].1 {
+            for y in near[1].0..=near[1].1 {
+                for z in near[2].0..=near[2].1 {
+                    for &other in self.cells.get(&[x, y, z]).map_or(&[][..], Vec::as_slice) {
+                        if (self.place(other) - place).abs().max_element() > 2.0 * ERROR {
+                            continue;
+                        }
+                        let it = exact.get_or_insert_with(|| self.homogeneous_of(&definition));
+                        if equal(it, self.homogeneous(other)) {
+                            return other;
+                        }
+                    }
+                }
+            }
+        }
+        let point = self.add(definition, place);
+        if let Some(exact) = exact {
+            let _ = self.exact[point as usize].set(Box::new(exact));
+        }
+        self.enter(point);
+        point
+    }
+
+    fn homogeneous(&self, point: u32) -> &Homogeneous {
+        self.exact[point as usize].get_or_init(|| Box::new(self.homogeneous_of(&self.definitions[point as usize])))
+    }
+
+    fn homogeneous_of(&self, definition: &Definition) -> Homogeneous {
+        match *definition {
+            Definition::Place(p) => {
+                let [x, y, z] = p.map(IBig::from);
+                [x, y, z, IBig::ONE]
+            }
+            Definition::LineAndPlane([a, b], plane) => {
+                let plane = &self.planes[plane as usize];
+                let [from, to] = [a, b].map(|p| plane.height(p));
+                // from - to = normal . (a - b), which fits as the normal times one difference does.
+                let (mut share, mut w) = (IBig::from(from), IBig::from(from - to));
+                if w < IBig::ZERO {
+                    (share, w) = (-share, -w);
+                }
+                let d = minus(b, a);
+                let [x, y, z] = [0, 1, 2].map(|k| IBig::from(a[k]) * &w + IBig::from(d[k]) * &share);
+                [x, y, z, w]
+            }
+            Definition::Planes(planes) => {
+                let [p, q, r] = planes.map(|plane| &self.planes[plane as usize]);
+                let big = |plane: &Plane| plane.normal.map(IBig::from);
+                let normals = [big(p), big(q), big(r)];
+                let base = p.base;
+                let heights = [p, q, r].map(|plane| IBig::from(-plane.height(base)));
+                let crosses = [[1, 2], [2, 0], [0, 1]].map(|[i, j]| cross(&normals[i], &normals[j]));
+                let mut w = dot(&normals[0], &crosses[0]);
+                let mut sum = [0, 1, 2].map(|k| (0..3).map(|i| &heights[i] * &crosses[i][k]).sum::<IBig>());
+                if w < IBig::ZERO {
+                    w = -w;
+                    sum = sum.map(|x| -x);
+                }
+                let [x, y, z] = sum;
+                let at = |x: IBig, k: usize| x + IBig::from(base[k]) * &w;
+                [at(x, 0), at(y, 1), at(z, 2), w]
+            }
+        }
+    }
+
+    /// Where three planes meet, in floating point; none where that may err too much.
+    fn place_of_planes(&self, planes: [u32; 3]) -> Option<DVec3> {
+        let [p, q, r] = planes.map(|plane| &self.planes[plane as usize]);
+        let base = p.base;
+        let heights = [p, q, r].map(|plane| -(plane.height(base) as f64));
+        let normals = [p, q, r].map(|plane| DVec3::from_array(plane.rounded));
+        let pairs = [[1, 2], [2, 0], [0, 1]];
+        let crosses = pairs.map(|[i, j]| normals[i].cross(normals[j]));
+        let sizes = pairs.map(|[i, j]| {
+            let (u, v) = (normals[i].abs(), normals[j].abs());
+            DVec3::new(u.y * v.z + u.z * v.y, u.z * v.x + u.x * v.z, u.x * v.y + u.y * v.x)
+        });
+        let w = normals[0].dot(crosses[0]);
+        let w_error = 16.0 * ULP * normals[0].abs().dot(sizes[0]);
+        let sum: DVec3 = (0..3).map(|i| crosses[i] * heights[i]).sum();
+        let sum_error: DVec3 = (0..3).map(|i| sizes[i] * (heights[i].abs() * 16.0 * ULP)).sum();
+        let left = w.abs() - w_error;
+        if left <= 0.0 {
+            return None;
+        }
+        let offset = sum / w;
+        let error = (sum_error + offset.abs() * w_error) / left;
+        let place = DVec3::from_array(base.map(|x| x as f64)) + offset;
+        (error.max_element() < ERROR / 4.0).then_some(place)
+    }
+
+    /// How three points turn seen against an axis, exactly.
+    pub fn turn(&self, axis: usize, [a, b, c]: [u32; 3]) -> Sign {
+        let (i, j) = ((axis + 1) % 3, (axis + 2) % 3);
+        let [p, q, r] = [self.place(a), self.place(b), self.place(c)];
+        let (u, v) = ([p[i] - r[i], p[j] - r[j]], [q[i] - r[i], q[j] - r[j]]);
+        let determinant = u[0] * v[1] - u[1] * v[0];
+        let size = u[0].abs() + u[1].abs() + v[0].abs() + v[1].abs();
+        // Each difference errs by twice a place's error and a rounding that is less.
+        let error = 3.0 * ERROR;
+        let products = (u[0] * v[1]).abs() + (u[1] * v[0]).abs();
+        if determinant.abs() > error * size + 2.0 * error * error + 8.0 * ULP * products {
+            return Sign::of(determinant);
+        }
+        if let [Definition::Place(p), Definition::Place(q), Definition::Place(r)] =
+            [a, b, c].map(|x| self.definitions[x as usize])
+        {
+            return turn(axis, p, q, r);
+        }
+        let [p, q, r] = [a, b, c].map(|x| self.homogeneous(x));
+        let minor = |s: &Homogeneous, t: &Homogeneous| &s[i] * &t[j] - &s[j] * &t[i];
+        let sum = minor(p, q) * &r[3] + minor(q, r) * &p[3] + minor(r, p) * &q[3];
+        sign_of(&sum)
+    }
+
+    /// Which side of a plane a point is on, exactly.
+    pub fn side(&self, it: &Plane, point: u32) -> Sign {
+        if let Definition::Place(p) = self.definitions[point as usize] {
+            return it.side(p);
+        }
+        let d = self.place(point) - DVec3::from_array(it.base.map(|x| x as f64));
+        let (mut sum, mut error) = (0.0, 0.0);
+        for k in 0..3 {
+            sum += it.rounded[k] * d[k];
+            error += it.rounded[k].abs() * (2.0 * ERROR + 8.0 * ULP * d[k].abs());
+        }
+        if sum.abs() > error {
+            return Sign::of(sum);
+        }
+        let p = self.homogeneous(point);
+        let of = |k: usize| IBig::from(it.normal[k]) * (&p[k] - IBig::from(it.base[k]) * &p[3]);
+        sign_of(&(of(0) + of(1) + of(2)))
+    }
+
+    /// The order of two points along an axis, exactly.
+    pub fn compare(&self, axis: usize, a: u32, b: u32) -> Ordering {
+        let (p, q) = (self.place(a)[axis], self.place(b)[axis]);
+        if (p - q).abs() > 3.0 * ERROR {
+            return p.total_cmp(&q);
+        }
+        let (p, q) = (self.homogeneous(a), self.homogeneous(b));
+        (&p[axis] * &q[3]).cmp(&(&q[axis] * &p[3]))
+    }
+}
+
+fn cell(place: DVec3) -> [i64; 3] {
+    #[expect(clippy::cast_possible_truncation, reason = "places are within 2^43 steps")]
+    place.to_array().map(|x| (x / CELL).floor() as i64)
+}
+
+fn sign_of(value: &IBig) -> Sign {
+    Sign::from(value.cmp(&IBig::ZERO))
+}
+
+fn cross(u: &[IBig; 3], v: &[IBig; 3]) -> [IBig; 3] {
+    let m = |i: usize, j: usize| &u[i] * &v[j] - &u[j] * &v[i];
+    [m(1, 2), m(2, 0), m(0, 1)]
+}
+
+fn dot(u: &[IBig; 3], v: &[IBig; 3]) -> IBig {
+    (0..3).map(|k| &u[k] * &v[k]).sum()
+}
+
+fn equal(p: &Homogeneous, q: &Homogeneous) -> bool {
+    (0..3).all(|k| &p[k] * &q[3] == &q[k] * &p[3])
+}
+
+/// A point's place within 2^-16 steps and half a unit of the last place.
+fn rounded([x, y, z, w]: &Homogeneous) -> DVec3 {
+    let at = |x: &IBig| {
+        let shifted: IBig = (x << 16) / w;
+        i128::try_from(shifted).map_or(f64::MAX, |x| x as f64) / f64::from(1u32 << 16)
+    };
+    DVec3::new(at(x), at(y), at(z))
+}

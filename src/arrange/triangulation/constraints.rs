@@ -1,0 +1,202 @@
+//! Lines that the triangles must not cross, and what they bound.
+
+use std::cmp::Ordering;
+use std::collections::VecDeque;
+
+use smallvec::SmallVec;
+
+use super::{Line, NONE, Support, Triangle, Triangulation};
+use crate::math::Sign;
+
+impl Triangulation<'_> {
+    /// For each triangle the faces that cover it, sorted, where the lines that bound faces are all in; a face is entered and left
+    /// across its lines, and nothing covers the outermost triangles.
+    /// None where there would be more than `most` entries in all.
+    pub fn covers(&self, most: usize) -> Option<Vec<SmallVec<[u32; 2]>>> {
+        let mut covers: Vec<Option<SmallVec<[u32; 2]>>> = vec![None; self.triangles.len()];
+        let mut queue = VecDeque::new();
+        let mut total = 0;
+        for (t, triangle) in (0u32..).zip(&self.triangles) {
+            if triangle.across.contains(&NONE) {
+                covers[t as usize] = Some(SmallVec::new());
+                queue.push_back(t);
+            }
+        }
+        while let Some(t) = queue.pop_front() {
+            let cover = covers[t as usize].clone().unwrap_or_default();
+            let Triangle { across, lines, .. } = self.triangles[t as usize];
+            for (next, set) in across.into_iter().zip(lines) {
+                if next == NONE || covers[next as usize].is_some() {
+                    continue;
+                }
+                let mut beyond = cover.clone();
+                let bounds = self.set(set).iter().filter_map(|&line| self.lines[line as usize].bounds);
+                for face in bounds {
+                    match beyond.binary_search(&face) {
+                        Ok(at) => drop(beyond.remove(at)),
+                        Err(at) => beyond.insert(at, face),
+                    }
+                }
+                total += beyond.len();
+                if total > most {
+                    return None;
+                }
+                covers[next as usize] = Some(beyond);
+                queue.push_back(next);
+            }
+        }
+        Some(covers.into_iter().map(Option::unwrap_or_default).collect())
+    }
+
+    /// Puts a line in, with its ends.
+    pub fn insert_line(&mut self, line: Line) {
+        let [a, b] = line.ends.map(|end| self.insert(end));
+        #[expect(clippy::cast_possible_truncation, reason = "fewer than there are pairs of faces")]
+        let index = self.lines.len() as u32;
+        self.lines.push(line);
+        let mut from = a;
+        while from != b {
+            from = self.advance(from, b, index);
+        }
+    }
+
+    fn set(&self, set: u32) -> &[u32] {
+        self.sets.get(set as usize).map_or(&[], SmallVec::as_slice)
+    }
+
+    /// Whether of points on a line `b` lies ahead of `a` as `c` does.
+    fn is_ahead(&self, a: u32, b: u32, c: u32) -> bool {
+        let [a, b, c] = [a, b, c].map(|x| self.ids[x as usize]);
+        for k in [(self.axis + 1) % 3, (self.axis + 2) % 3] {
+            let order = self.points.compare(k, a, c);
+            if order != Ordering::Equal {
+                return order == self.points.compare(k, a, b);
+            }
+        }
+        false
+    }
+
+    /// Lays the next piece of a line from `a` towards `b`. Answers where it ends.
+    fn advance(&mut self, a: u32, b: u32, line: u32) -> u32 {
+        let (mut t, mut i) = match self.direction(a, b) {
+            Direction::Along(x) => {
+                self.mark(a, x, line);
+                return x;
+            }
+            Direction::Across(t, i) => (t, i),
+        };
+        // The edges that lie across, up to the next corner on the line or the next line.
+        let mut across: VecDeque<[u32; 2]> = VecDeque::new();
+        let end = loop {
+            let corners = self.triangles[t as usize].corners;
+            let [x, y] = [corners[i], corners[(i + 1) % 3]];
+            let set = self.triangles[t as usize].lines[i];
+            if set != NONE {
+                let id = self.crossing(line, self.set(set)[0]);
+                if let Some(&known) = self.local.get(&id) {
+                    // Only where the ends of edges are the same, which no line crosses strictly.
+                    debug_assert!(false, "a line crosses another in a corner");
+                    break known;
+                }
+                let p = self.name(id);
+                self.split_edge(t, i, p);
+                break p;
+            }
+            across.push_back([x, y]);
+            let (s, j) = self.twin(t, i);
+            let far = self.triangles[s as usize].corners[(j + 2) % 3];
+            match self.turn(a, b, far) {
+                Sign::Zero => break far,
+                // The line leaves between `far` and the corner on its other side. Edge `j` runs from `y` to `x`, and `x` is right of
+                // the line.
+                Sign::Positive => (t, i) = (s, (j + 1) % 3),
+                Sign::Negative => (t, i) = (s, (j + 2) % 3),
+            }
+        };
+        self.clear(a, end, across);
+        self.mark(a, end, line);
+        end
+    }
+
+    /// Where a line from `a` to `b` leaves the triangles around `a`.
+    fn direction(&self, a: u32, b: u32) -> Direction {
+        for t in self.triangles_at(a) {
+            let corners = self.triangles[t as usize].corners;
+            let Some(k) = corners.iter().position(|&c| c == a) else { continue };
+            let [x, y] = [corners[(k + 1) % 3], corners[(k + 2) % 3]];
+            if x == b || y == b {
+                return Direction::Along(b);
+            }
+            let [right, left] = [self.turn(a, x, b), self.turn(a, y, b)];
+            if right == Sign::Zero && self.is_ahead(a, b, x) {
+                return Direction::Along(x);
+            }
+            if left == Sign::Zero && self.is_ahead(a, b, y) {
+                return Direction::Along(y);
+            }
+            if right == Sign::Positive && left == Sign::Negative {
+                return Direction::Across(t, (k + 1) % 3);
+            }
+        }
+        unreachable!("a line within the triangulation leaves its end somewhere")
+    }
+
+    /// Flips the edges that lie across the way from `a` to `b` until it is an edge.
+    fn clear(&mut self, a: u32, b: u32, mut across: VecDeque<[u32; 2]>) {
+        while let Some([x, y]) = across.pop_front() {
+            let Some((t, i)) = self.edge(x, y) else { continue };
+            if !self.can_flip(t, i) {
+                across.push_back([x, y]);
+                continue;
+            }
+            self.flip(t, i);
+            let corners = self.triangles[t as usize].corners;
+            let [c, d] = [corners[0], corners[1]];
+            if c != a && c != b && d != a && d != b && self.turn(a, b, c) != self.turn(a, b, d) {
+                across.push_back([c, d]);
+            }
+        }
+    }
+
+    /// Marks the edge between two corners as part of a line.
+    fn mark(&mut self, a: u32, b: u32, line: u32) {
+        let Some((t, i)) = self.edge(a, b).or_else(|| self.edge(b, a)) else {
+            debug_assert!(false, "there is an edge where a line was laid");
+            return;
+        };
+        let mut set: SmallVec<[u32; 2]> = self.set(self.triangles[t as usize].lines[i]).into();
+        if set.contains(&line) {
+            return;
+        }
+        set.push(line);
+        #[expect(clippy::cast_possible_truncation, reason = "fewer than there are edges and lines")]
+        let new = self.sets.len() as u32;
+        self.sets.push(set);
+        self.triangles[t as usize].lines[i] = new;
+        let (s, j) = self.twin(t, i);
+        if s != NONE {
+            self.triangles[s as usize].lines[j] = new;
+        }
+    }
+
+    /// The point where two lines cross.
+    fn crossing(&mut self, line: u32, other: u32) -> u32 {
+        let [one, two] = [line, other].map(|l| self.lines[l as usize].support);
+        match (one, two) {
+            (Support::Plane(p), Support::Plane(q)) => self.points.of_planes([self.plane, p, q]),
+            (Support::Plane(p), Support::Edge(e)) | (Support::Edge(e), Support::Plane(p)) => self.points.on_edge(e, p),
+            (Support::Edge(e), Support::Edge(f)) => {
+                let upright = self.points.upright(f, self.axis);
+                self.points.on_edge(e, upright)
+            }
+        }
+    }
+}
+
+/// The way of a line out of a corner.
+enum Direction {
+    /// Along the edge to this corner.
+    Along(u32),
+    /// Across this edge.
+    Across(u32, usize),
+}

@@ -1,0 +1,222 @@
+use glam::DVec3;
+
+use super::predicates::{Sign, orient3d};
+
+/// Squared sine of the angle at the first corner below which weights within a triangle are rounded too much to be
+/// trusted alone: with it, they err by less than 1e-12 of the distance to that corner.
+const SLENDER: f64 = 1e-8;
+
+/// How far beside a triangle, as a share of it, a segment may pass and still meet it: more than weights are rounded.
+const EDGE: f64 = 1e-12;
+
+/// Whether a point lies within `reach` of a triangle. In f64: a measure, not a decision of topology.
+#[must_use]
+pub fn within(p: DVec3, triangle: [DVec3; 3], reach: f64) -> bool {
+    p.distance_squared(nearest_on_triangle(p, triangle)) <= reach * reach
+}
+
+/// The point of a triangle that is nearest to `p`, where it is nearer than `reach`. The same as [`nearest_on_triangle`], but
+/// a triangle whose plane is farther away costs little.
+#[must_use]
+pub fn nearest_within(p: DVec3, triangle: [DVec3; 3], reach: f64) -> Option<DVec3> {
+    let [a, b, c] = triangle;
+    let (ab, ac) = (b - a, c - a);
+    let normal = ab.cross(ac);
+    let square = normal.length_squared();
+    let above = normal.dot(p - a);
+    // A needle's normal is noise.
+    if above * above >= reach * reach * square && square > SLENDER * ab.length_squared() * ac.length_squared() {
+        return None;
+    }
+    let found = nearest_on_triangle(p, triangle);
+    (p.distance_squared(found) < reach * reach).then_some(found)
+}
+
+/// The point of a triangle that is nearest to `p`: the foot of the perpendicular where that is in the triangle, otherwise
+/// the nearest point of its edges. A triangle without area is its edges.
+///
+/// Exact but for rounding, also for needles: there the foot's weights are noise, so the edges are asked too. Squares of
+/// the coordinates must not overflow.
+#[must_use]
+pub fn nearest_on_triangle(p: DVec3, [a, b, c]: [DVec3; 3]) -> DVec3 {
+    let (ab, ac, ap) = (b - a, c - a, p - a);
+    let normal = ab.cross(ac);
+    let square = normal.length_squared();
+    // p - a = v ab + w ac + the part along the normal.
+    let (v, w) = (ap.cross(ac).dot(normal), ab.cross(ap).dot(normal));
+    let foot =
+        (square > 0.0 && v >= 0.0 && w >= 0.0 && v + w <= square).then(|| a + ab * (v / square) + ac * (w / square));
+    if let Some(foot) = foot
+        && square > SLENDER * ab.length_squared() * ac.length_squared()
+    {
+        return foot;
+    }
+    let [first, rest @ ..] = [[a, b], [b, c], [c, a]].map(|edge| nearest_on_segment(p, edge));
+    rest.into_iter()
+        .chain(foot)
+        .fold(first, |best, q| if p.distance_squared(q) < p.distance_squared(best) { q } else { best })
+}
+
+/// The point of a segment that is nearest to `p`.
+#[must_use]
+pub fn nearest_on_segment(p: DVec3, [a, b]: [DVec3; 2]) -> DVec3 {
+    let ab = b - a;
+    let (along, whole) = ((p - a).dot(ab), ab.length_squared());
+    if along <= 0.0 || whole == 0.0 {
+        a
+    } else if along >= whole {
+        b
+    } else {
+        a + ab * (along / whole)
+    }
+}
+
+/// How a segment meets a triangle.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Crossing {
+    /// Not at all.
+    Miss,
+    /// Through the inside, entering the solid: against the triangle's normal.
+    Enters,
+    /// Through the inside, leaving the solid: along the triangle's normal.
+    Leaves,
+    /// It touches the border, an end lies in the plane, or the triangle has no area: ask with another segment.
+    Touches,
+}
+
+/// How the segment from `p` to `q` meets the triangle, by the signs of five tetrahedra, exactly.
+///
+/// The points must be in the range of [`super::to_unit_range`].
+#[must_use]
+pub fn crossing(p: DVec3, q: DVec3, [a, b, c]: [DVec3; 3]) -> Crossing {
+    let (sp, sq) = (orient3d(a, b, c, p), orient3d(a, b, c, q));
+    if sp == sq && sp != Sign::Zero {
+        return Crossing::Miss;
+    }
+    let edges = [orient3d(p, q, a, b), orient3d(p, q, b, c), orient3d(p, q, c, a)];
+    if edges.contains(&Sign::Positive) && edges.contains(&Sign::Negative) {
+        return Crossing::Miss;
+    }
+    if edges.contains(&Sign::Zero) || !sp.opposes(sq) {
+        return Crossing::Touches;
+    }
+    // `orient3d` is positive behind the face.
+    if sp == Sign::Negative { Crossing::Enters } else { Crossing::Leaves }
+}
+
+/// How far along a segment from `origin` by `step` a triangle is, as a share of `step`, where it meets it (Moeller and
+/// Trumbore 1997). A segment through an edge that two triangles share meets at least one of them. In f64: a measure, not a
+/// decision of topology.
+#[must_use]
+pub fn hit(origin: DVec3, step: DVec3, [a, b, c]: [DVec3; 3]) -> Option<f64> {
+    let (e, f) = (b - a, c - a);
+    let p = step.cross(f);
+    let determinant = e.dot(p);
+    if determinant == 0.0 {
+        return None;
+    }
+    let s = origin - a;
+    let u = s.dot(p) / determinant;
+    if !(-EDGE..=1.0 + 3.0 * EDGE).contains(&u) {
+        return None;
+    }
+    let q = s.cross(e);
+    let v = step.dot(q) / determinant;
+    let t = f.dot(q) / determinant;
+    (v >= -EDGE && u + v <= 1.0 + EDGE && (0.0..=1.0).contains(&t)).then_some(t)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::r3;
+
+    #[test]
+    fn the_distance_is_to_the_inside_an_edge_or_a_corner_whichever_is_nearest() {
+        let triangle = [DVec3::ZERO, DVec3::X, DVec3::Y];
+        for (p, distance) in [
+            (DVec3::new(0.25, 0.25, 0.5), 0.5),
+            (DVec3::new(0.5, -2.0, 0.0), 2.0),
+            (DVec3::new(-3.0, -4.0, 0.0), 5.0),
+            (DVec3::new(1.0, 1.0, 0.0), 0.5f64.sqrt()),
+            (DVec3::new(2.0, 0.0, 0.0), 1.0),
+            (DVec3::new(0.0, 3.0, 0.0), 2.0),
+            (DVec3::new(-1.0, 0.5, 0.0), 1.0),
+        ] {
+            for turn in 0..3 {
+                let mut triangle = triangle;
+                triangle.rotate_left(turn);
+                assert!(within(p, triangle, distance + 1e-12), "{p}");
+                assert!(!within(p, triangle, distance - 1e-12), "{p}");
+            }
+        }
+    }
+
+    #[test]
+    fn what_is_nearer_than_the_reach_is_found_and_nothing_else() {
+        let corner = |i: u32| DVec3::from(r3(f64::from(i)));
+        let (mut near, mut far) = (0, 0);
+        for i in 0..2000 {
+            let (p, reach) = (corner(i + 9000), 0.1 + f64::from(i % 7) * 0.1);
+            for height in [1.0, 1e-6, 0.0] {
+                let [a, b, c] = [0, 1, 2].map(|k| corner(3 * i + k));
+                let triangle = [a, b, b + (c - b) * height];
+                let nearest = nearest_on_triangle(p, triangle);
+                let expected = (p.distance(nearest) < reach).then_some(nearest);
+                assert_eq!(nearest_within(p, triangle, reach), expected, "{i} {height}");
+                *(if expected.is_some() { &mut near } else { &mut far }) += 1;
+            }
+        }
+        assert!(near > 500 && far > 500, "{near} {far}");
+    }
+
+    #[test]
+    fn needles_and_triangles_without_area_have_a_nearest_point_too() {
+        for height in [0.0, 1e-17, 1e-12, 1e-7] {
+            let (a, b, c) = (DVec3::ZERO, DVec3::new(0.7, 0.1, 0.3), DVec3::new(1.4, 0.2 + height, 0.6));
+            for (at, t) in [(a, 0.0), (b, 0.5), (c, 1.0), (c * 0.3, 0.3), (c * 0.9, 0.9)] {
+                let p = at + DVec3::new(0.1, -0.7, 0.0) * 1e-3;
+                for triangle in [[a, b, c], [b, c, a], [c, a, b], [c, b, a]] {
+                    let q = nearest_on_triangle(p, triangle);
+                    let direct = p.distance(nearest_on_segment(p, [a, c]));
+                    assert!((p.distance(q) - direct).abs() < 1e-12 + 2.0 * height, "{height} {t} {q}");
+                }
+            }
+        }
+        assert_eq!(nearest_on_triangle(DVec3::X, [DVec3::Y; 3]), DVec3::Y);
+    }
+
+    const FACE: [DVec3; 3] = [DVec3::ZERO, DVec3::X, DVec3::Y];
+
+    #[test]
+    fn a_segment_through_the_inside_enters_against_the_normal() {
+        let (above, below) = (DVec3::new(0.25, 0.25, 1.0), DVec3::new(0.25, 0.25, -1.0));
+        assert_eq!(crossing(above, below, FACE), Crossing::Enters);
+        assert_eq!(crossing(below, above, FACE), Crossing::Leaves);
+    }
+
+    #[test]
+    fn a_segment_through_an_edge_touches() {
+        assert_eq!(crossing(DVec3::new(0.5, 0.0, 1.0), DVec3::new(0.5, 0.0, -1.0), FACE), Crossing::Touches);
+    }
+
+    #[test]
+    fn a_segment_that_passes_by_or_ends_before_misses() {
+        assert_eq!(crossing(DVec3::new(2.0, 2.0, 1.0), DVec3::new(2.0, 2.0, -1.0), FACE), Crossing::Miss);
+        assert_eq!(crossing(DVec3::new(0.25, 0.25, 2.0), DVec3::new(0.25, 0.25, 1.0), FACE), Crossing::Miss);
+    }
+
+    #[test]
+    fn a_segment_that_starts_on_the_face_touches() {
+        assert_eq!(crossing(DVec3::new(0.25, 0.25, 0.0), DVec3::new(0.25, 0.25, 1.0), FACE), Crossing::Touches);
+    }
+
+    #[test]
+    fn a_hit_tells_how_far_along_it_is() {
+        let above = DVec3::new(0.25, 0.25, 1.0);
+        assert_eq!(hit(above, DVec3::NEG_Z * 4.0, FACE), Some(0.25));
+        for miss in [DVec3::NEG_Z * 0.5, DVec3::Z, DVec3::X, DVec3::new(1.0, 1.0, -1.0)] {
+            assert_eq!(hit(above, miss, FACE), None, "{miss}");
+        }
+    }
+}

@@ -1,0 +1,286 @@
+/// Half-edges of a vertex that are sorted by inserting one after the other.
+const FEW: usize = 16;
+
+/// The edges of a list of faces, in order of their vertices.
+///
+/// A half-edge is named by its corner `3 * face + i` and runs from corner `i` of the face to corner `i + 1`. Faces
+/// with a repeated vertex have no half-edges here.
+#[derive(Debug, Clone, Default)]
+pub struct Edges {
+    /// The vertices of each edge, the smaller first.
+    ends: Vec<[u32; 2]>,
+    /// For each vertex the first edge of which it is the smaller one, and the end.
+    from: Vec<u32>,
+    /// For each edge the first of its half-edges in `half_edges`, and the end.
+    start: Vec<u32>,
+    half_edges: Vec<u32>,
+}
+
+impl Edges {
+    /// Finds the edges of `faces`, of which there must be fewer than 2^32 / 3: distributes the half-edges over their
+    /// smaller vertices by counting, and sorts the few of each vertex.
+    #[must_use]
+    pub fn new(faces: &[[u32; 3]]) -> Self {
+        let vertices = faces.iter().flatten().max().map_or(0, |&v| v as usize + 1);
+        let mut from = vec![0u32; vertices + 1];
+        for_each_half_edge(faces, |_, a, b| from[a.min(b) as usize] += 1);
+        let mut total = 0;
+        for count in &mut from {
+            total += std::mem::replace(count, total);
+        }
+        // The larger vertex above the half-edge, so that sorting groups edges and orders their half-edges by face.
+        let mut sorted = vec![0u64; total as usize];
+        for_each_half_edge(faces, |half_edge, a, b| {
+            let next = &mut from[a.min(b) as usize];
+            sorted[*next as usize] = u64::from(a.max(b)) << 32 | u64::from(half_edge);
+            *next += 1;
+        });
+        // `from` now holds where each vertex ends, which is where the following one begins.
+        let mut edges = Self { half_edges: Vec::with_capacity(sorted.len()), ..Self::default() };
+        edges.ends.reserve(sorted.len() / 2);
+        edges.start.reserve(sorted.len() / 2 + 1);
+        let mut begin = 0;
+        for (low, end) in (0u32..).zip(&mut from) {
+            let of_low = &mut sorted[begin..*end as usize];
+            begin = *end as usize;
+            *end = index(edges.ends.len());
+            sort_few(of_low);
+            let mut last = None;
+            for &entry in &*of_low {
+                let [high, half_edge] = [(entry >> 32) as u32, low_half(entry)];
+                if last != Some(high) {
+                    last = Some(high);
+                    edges.start.push(index(edges.half_edges.len()));
+                    edges.ends.push([low, high]);
+                }
+                edges.half_edges.push(half_edge);
+            }
+        }
+        edges.start.push(total);
+        edges.from = from;
+        edges
+    }
+
+    /// How many different edges there are.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.ends.len()
+    }
+
+    /// Whether there is no edge.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.ends.is_empty()
+    }
+
+    /// The two vertices of an edge, the smaller first.
+    ///
+    /// # Panics
+    /// When there is no such edge.
+    #[must_use]
+    pub fn vertices(&self, edge: usize) -> [u32; 2] {
+        self.ends[edge]
+    }
+
+    /// The half-edges along an edge, in order of their faces.
+    ///
+    /// # Panics
+    /// When there is no such edge.
+    #[must_use]
+    pub fn half_edges(&self, edge: usize) -> &[u32] {
+        &self.half_edges[self.start[edge] as usize..self.start[edge + 1] as usize]
+    }
+
+    /// The half-edges of every edge, in order of the edges.
+    pub fn iter(&self) -> impl Iterator<Item = &[u32]> {
+        self.start.windows(2).map(|w| &self.half_edges[w[0] as usize..w[1] as usize])
+    }
+
+    /// The edge between two vertices, in either direction.
+    #[must_use]
+    pub fn find(&self, a: u32, b: u32) -> Option<usize> {
+        let (low, high) = (a.min(b) as usize, a.max(b));
+        let [begin, end] = [*self.from.get(low)? as usize, *self.from.get(low + 1)? as usize];
+        let among = &self.ends[begin..end];
+        among.binary_search_by_key(&high, |ends| ends[1]).ok().map(|at| begin + at)
+    }
+
+    /// The corner after this one around its face, which is where the half-edge ends.
+    #[must_use]
+    pub fn next(half_edge: u32) -> u32 {
+        if half_edge % 3 == 2 { half_edge - 2 } else { half_edge + 1 }
+    }
+
+    /// The corner before this one around its face, whose half-edge ends where this one starts.
+    #[must_use]
+    pub fn previous(half_edge: u32) -> u32 {
+        if half_edge.is_multiple_of(3) { half_edge + 2 } else { half_edge - 1 }
+    }
+
+    /// The corner of its face that a half-edge does not touch.
+    ///
+    /// # Panics
+    /// When `half_edge` is not one of these faces.
+    #[must_use]
+    pub fn opposite(faces: &[[u32; 3]], half_edge: u32) -> u32 {
+        origin(faces, Self::previous(half_edge))
+    }
+
+    /// Where a half-edge starts and ends.
+    ///
+    /// # Panics
+    /// When `half_edge` is not one of these faces.
+    #[must_use]
+    pub fn ends(faces: &[[u32; 3]], half_edge: u32) -> [u32; 2] {
+        [origin(faces, half_edge), origin(faces, Self::next(half_edge))]
+    }
+
+    /// Whether a half-edge runs from the smaller vertex to the larger.
+    ///
+    /// # Panics
+    /// When `half_edge` is not one of these faces.
+    #[must_use]
+    pub fn is_forward(faces: &[[u32; 3]], half_edge: u32) -> bool {
+        let [a, b] = Self::ends(faces, half_edge);
+        a < b
+    }
+}
+
+/// Sorts what is mostly no more than a handful.
+fn sort_few(entries: &mut [u64]) {
+    if entries.len() > FEW {
+        entries.sort_unstable();
+        return;
+    }
+    for end in 1..entries.len() {
+        let (entry, mut at) = (entries[end], end);
+        while at > 0 && entries[at - 1] > entry {
+            entries[at] = entries[at - 1];
+            at -= 1;
+        }
+        entries[at] = entry;
+    }
+}
+
+/// Calls `each` with every half-edge, where it starts and where it ends.
+fn for_each_half_edge(faces: &[[u32; 3]], mut each: impl FnMut(u32, u32, u32)) {
+    for (&[a, b, c], corner) in faces.iter().zip((0u32..).step_by(3)) {
+        if a != b && b != c && c != a {
+            each(corner, a, b);
+            each(corner + 1, b, c);
+            each(corner + 2, c, a);
+        }
+    }
+}
+
+#[expect(clippy::cast_possible_truncation, reason = "the lower half is meant")]
+fn low_half(entry: u64) -> u32 {
+    entry as u32
+}
+
+#[expect(clippy::cast_possible_truncation, reason = "there are fewer than 2^32 half-edges")]
+fn index(count: usize) -> u32 {
+    count as u32
+}
+
+/// Where a half-edge starts.
+#[must_use]
+pub(super) fn origin(faces: &[[u32; 3]], half_edge: u32) -> u32 {
+    faces[half_edge as usize / 3][half_edge as usize % 3]
+}
+
+/// The faces at each vertex, in their order.
+#[derive(Debug, Clone)]
+pub struct Stars {
+    /// For each vertex its first entry in `faces`, and the end.
+    start: Vec<u32>,
+    faces: Vec<u32>,
+}
+
+impl Stars {
+    /// Distributes `faces`, of which there must be fewer than 2^32 / 3, over `vertices` vertices by counting.
+    #[must_use]
+    pub fn new(vertices: usize, faces: &[[u32; 3]]) -> Self {
+        let mut start = vec![0u32; vertices + 1];
+        for &v in faces.iter().flatten() {
+            start[v as usize] += 1;
+        }
+        let mut total = 0;
+        for count in &mut start {
+            total += std::mem::replace(count, total);
+        }
+        let (mut next, mut of_vertex) = (start.clone(), vec![0; total as usize]);
+        for (face, corners) in (0u32..).zip(faces) {
+            for &v in corners {
+                of_vertex[next[v as usize] as usize] = face;
+                next[v as usize] += 1;
+            }
+        }
+        Self { start, faces: of_vertex }
+    }
+
+    /// The faces at a vertex; a face with a repeated vertex is there as often.
+    ///
+    /// # Panics
+    /// When there is no such vertex.
+    #[must_use]
+    pub fn of(&self, vertex: u32) -> &[u32] {
+        &self.faces[self.start[vertex as usize] as usize..self.start[vertex as usize + 1] as usize]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn two_faces_share_one_edge_of_five() {
+        let faces = [[0, 1, 2], [2, 1, 3]];
+        let edges = Edges::new(&faces);
+        assert_eq!(edges.len(), 5);
+        let shared = edges.find(2, 1).unwrap();
+        assert_eq!(edges.vertices(shared), [1, 2]);
+        assert_eq!(edges.half_edges(shared), [1, 3]);
+        assert!(Edges::is_forward(&faces, 1) && !Edges::is_forward(&faces, 3));
+        assert_eq!(edges.find(0, 3), None);
+    }
+
+    #[test]
+    fn a_face_with_a_repeated_vertex_has_no_edges() {
+        assert!(Edges::new(&[[4, 4, 1]]).is_empty());
+    }
+
+    #[test]
+    fn edges_and_their_half_edges_stand_in_the_order_of_a_sorted_list() {
+        let mut state = 1u32;
+        let mut random = |below: u32| {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            (state >> 16) % below
+        };
+        let faces: Vec<[u32; 3]> = (0..300).map(|_| [random(40), random(40), random(40)]).collect();
+        let mut sorted: Vec<([u32; 2], u32)> = Vec::new();
+        for (face, corner) in faces.iter().zip((0u32..).step_by(3)) {
+            let [a, b, c] = *face;
+            if a != b && b != c && c != a {
+                let ends = [[a, b], [b, c], [c, a]].map(|[p, q]| [p.min(q), p.max(q)]);
+                sorted.extend(ends.into_iter().zip(corner..));
+            }
+        }
+        sorted.sort_unstable();
+        let edges = Edges::new(&faces);
+        let found = (0..edges.len()).flat_map(|e| edges.half_edges(e).iter().map(move |&h| (e, h)));
+        assert!(found.map(|(e, h)| (edges.vertices(e), h)).eq(sorted.iter().copied()));
+        for e in 0..edges.len() {
+            let [a, b] = edges.vertices(e);
+            assert_eq!((edges.find(a, b), edges.find(b, a)), (Some(e), Some(e)));
+        }
+        assert_eq!((edges.find(3, 3), edges.find(39, 77), edges.find(77, 78)), (None, None, None));
+    }
+
+    #[test]
+    fn each_vertex_has_its_faces_in_order() {
+        let stars = Stars::new(5, &[[0, 1, 2], [2, 1, 3], [1, 0, 3]]);
+        let of: Vec<&[u32]> = (0..5).map(|v| stars.of(v)).collect();
+        assert_eq!(of, [&[0, 2][..], &[0, 1, 2], &[0, 1], &[1, 2], &[]]);
+    }
+}

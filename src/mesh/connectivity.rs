@@ -1,0 +1,220 @@
+use super::adjacency::{Edges, origin};
+use super::surface::Surface;
+
+/// Disjoint sets over `0..n` (Tarjan 1975), the smallest member being each set's root, so that the answer does not
+/// depend on the order of unions.
+#[derive(Debug, Clone)]
+pub struct UnionFind {
+    parent: Vec<u32>,
+}
+
+impl UnionFind {
+    /// `n` sets of one member each.
+    #[must_use]
+    pub fn new(n: usize) -> Self {
+        #[expect(clippy::cast_possible_truncation, reason = "meshes are counted in u32")]
+        Self { parent: (0..n as u32).collect() }
+    }
+
+    /// The smallest member of the set that holds `x`.
+    pub fn root(&mut self, mut x: u32) -> u32 {
+        while self.parent[x as usize] != x {
+            let up = self.parent[self.parent[x as usize] as usize];
+            self.parent[x as usize] = up;
+            x = up;
+        }
+        x
+    }
+
+    /// Makes one set of the sets of `a` and `b`.
+    pub fn unite(&mut self, a: u32, b: u32) {
+        let (a, b) = (self.root(a), self.root(b));
+        if a != b {
+            self.parent[a.max(b) as usize] = a.min(b);
+        }
+    }
+
+    /// For each member the smallest member of its set.
+    #[must_use]
+    pub fn into_roots(mut self) -> Vec<u32> {
+        // A parent is never larger than its child, so that it has its root already.
+        for x in 0..self.parent.len() {
+            self.parent[x] = self.parent[self.parent[x] as usize];
+        }
+        self.parent
+    }
+}
+
+/// The edge-connected parts of a surface: faces belong together where a chain of shared edges joins them.
+///
+/// Parts are numbered in the order of their first face. Faces with a repeated vertex belong to no part.
+#[derive(Debug, Clone)]
+pub struct Parts {
+    /// The part of each face, or [`Parts::NONE`].
+    pub of_face: Vec<u32>,
+    /// How many parts there are.
+    pub count: usize,
+}
+
+impl Parts {
+    /// The part of a face that belongs to none.
+    pub const NONE: u32 = u32::MAX;
+
+    /// Parts joined across every shared edge, however many faces it has.
+    #[must_use]
+    pub fn new(surface: &Surface, edges: &Edges) -> Self {
+        Self::joined_where(surface, edges, |_| true)
+    }
+
+    /// Patches: parts joined across edges of exactly two faces only.
+    #[must_use]
+    pub fn patches(surface: &Surface, edges: &Edges) -> Self {
+        Self::joined_where(surface, edges, |half_edges| half_edges.len() == 2)
+    }
+
+    fn joined_where(surface: &Surface, edges: &Edges, joins: impl Fn(&[u32]) -> bool) -> Self {
+        let mut sets = UnionFind::new(surface.faces.len());
+        for half_edges in edges.iter().filter(|h| joins(h)) {
+            for pair in half_edges.windows(2) {
+                sets.unite(pair[0] / 3, pair[1] / 3);
+            }
+        }
+        Self::numbered(sets, |f| {
+            let [a, b, c] = surface.faces[f];
+            a != b && b != c && c != a
+        })
+    }
+
+    /// Numbers sets of faces in the order of their first face; where `counts` says no, a face is in no part.
+    fn numbered(sets: UnionFind, counts: impl Fn(usize) -> bool) -> Self {
+        let mut of_face = sets.into_roots();
+        let mut count = 0u32;
+        for f in 0..of_face.len() {
+            of_face[f] = if !counts(f) {
+                Self::NONE
+            } else if of_face[f] as usize == f {
+                count += 1;
+                count - 1
+            } else {
+                // The root is smaller, so that it holds its number already.
+                of_face[of_face[f] as usize]
+            };
+        }
+        Self { of_face, count: count as usize }
+    }
+
+    /// For each part whether it has a boundary: an edge of one face.
+    #[must_use]
+    pub fn open(&self, edges: &Edges) -> Vec<bool> {
+        let mut open = vec![false; self.count];
+        for half_edges in edges.iter().filter(|h| h.len() == 1) {
+            open[self.of_face[half_edges[0] as usize / 3] as usize] = true;
+        }
+        open
+    }
+
+    /// Removes the faces of the parts that `goes` marks, and the vertices that none uses then. Answers how many faces went.
+    pub fn remove(&self, goes: &[bool], surface: &mut Surface) -> u64 {
+        let keep: Vec<bool> = self.of_face.iter().map(|&p| p == Self::NONE || !goes[p as usize]).collect();
+        let gone = surface.retain_faces(&keep);
+        surface.drop_unreferenced();
+        gone
+    }
+
+    /// The faces of each part, in order.
+    #[must_use]
+    pub fn faces(&self) -> Vec<Vec<u32>> {
+        let mut lists = vec![Vec::new(); self.count];
+        for (&part, f) in self.of_face.iter().zip(0u32..) {
+            if part != Self::NONE {
+                lists[part as usize].push(f);
+            }
+        }
+        lists
+    }
+}
+
+/// The fans of a surface: at each vertex, the corners of faces that follow one another across shared edges.
+///
+/// A vertex is manifold where its corners form one fan.
+#[derive(Debug, Clone)]
+pub struct Fans {
+    /// For each corner `3 * face + i` the smallest corner of its fan.
+    pub of_corner: Vec<u32>,
+    /// Vertices with more than one fan.
+    pub nonmanifold_vertices: u64,
+}
+
+impl Fans {
+    /// Joins corners across every edge, however many faces it has.
+    #[must_use]
+    pub fn new(surface: &Surface, edges: &Edges) -> Self {
+        let faces = &surface.faces;
+        let mut sets = UnionFind::new(faces.len() * 3);
+        for (e, half_edges) in edges.iter().enumerate() {
+            let low = edges.vertices(e)[0];
+            for pair in half_edges.windows(2) {
+                let at_low = |h: u32| if origin(faces, h) == low { h } else { Edges::next(h) };
+                let at_high = |h: u32| if origin(faces, h) == low { Edges::next(h) } else { h };
+                sets.unite(at_low(pair[0]), at_low(pair[1]));
+                sets.unite(at_high(pair[0]), at_high(pair[1]));
+            }
+        }
+        let mut of_corner = sets.into_roots();
+        let mut fans_at = vec![0u8; surface.positions.len()];
+        for (corners, &[a, b, c]) in of_corner.as_chunks_mut::<3>().0.iter_mut().zip(faces) {
+            if a == b || b == c || c == a {
+                *corners = [u32::MAX; 3];
+            }
+        }
+        for (&root, corner) in of_corner.iter().zip(0u32..) {
+            if root == corner {
+                let count = &mut fans_at[origin(faces, corner) as usize];
+                *count = count.saturating_add(1);
+            }
+        }
+        Self { of_corner, nonmanifold_vertices: fans_at.iter().filter(|&&n| n > 1).count() as u64 }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::DVec3;
+
+    #[test]
+    fn every_member_of_a_set_has_its_smallest_as_root() {
+        let mut sets = UnionFind::new(7);
+        for (a, b) in [(6, 5), (5, 2), (4, 3), (3, 1), (6, 4)] {
+            sets.unite(a, b);
+        }
+        let one_by_one: Vec<u32> = (0..7).map(|x| sets.root(x)).collect();
+        assert_eq!(one_by_one, [0, 1, 1, 1, 1, 1, 1]);
+        let mut fresh = UnionFind::new(7);
+        for (a, b) in [(6, 5), (5, 2), (4, 3), (3, 1)] {
+            fresh.unite(a, b);
+        }
+        assert_eq!(fresh.into_roots(), [0, 1, 2, 1, 1, 2, 2]);
+    }
+
+    fn fans(faces: Vec<[u32; 3]>) -> Fans {
+        let n = faces.iter().flatten().max().map_or(0, |m| m + 1);
+        let source = vec![0; faces.len()];
+        let surface = Surface { positions: (0..n).map(|i| DVec3::splat(f64::from(i))).collect(), faces, source };
+        Fans::new(&surface, &Edges::new(&surface.faces))
+    }
+
+    #[test]
+    fn two_faces_that_touch_in_a_vertex_are_two_fans() {
+        let it = fans(vec![[0, 1, 2], [0, 3, 4]]);
+        assert_eq!(it.nonmanifold_vertices, 1);
+        assert_ne!(it.of_corner[0], it.of_corner[3]);
+    }
+
+    #[test]
+    fn faces_around_a_vertex_are_one_fan() {
+        let it = fans(vec![[0, 1, 2], [0, 2, 3], [0, 3, 1]]);
+        assert_eq!(it.nonmanifold_vertices, 0);
+        assert_eq!(it.of_corner[3], it.of_corner[6]);
+    }
+}
