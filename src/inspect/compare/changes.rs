@@ -3,7 +3,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::{Deviation, FAITHFUL_PCT, SurfaceShares};
-use crate::inspect::{Measures, Solid, Volume};
+use crate::inspect::{Measures, Solid, Volume, percent};
 use crate::math::Box3;
 
 /// A volume below this share of area times diagonal is what rounding leaves of parts that cancel.
@@ -121,13 +121,6 @@ impl Changes {
 
 fn difference(after: u64, before: u64) -> i64 {
     after.cast_signed().saturating_sub(before.cast_signed())
-}
-
-/// A part in percent of a whole's size; none where that is no number.
-#[must_use]
-pub fn percent(part: f64, whole: f64) -> Option<f64> {
-    let value = part / whole.abs() * 100.0;
-    (whole != 0.0 && value.is_finite()).then_some(value)
 }
 
 /// Whether a volume is no more than what rounding leaves of parts that cancel.

@@ -1,10 +1,11 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::samples::Sample;
+use super::super::analysis::Pair;
+use super::super::distribution::percentile;
+use super::super::sampling::{Sample, ask};
+use super::super::{Analysis, finite};
 use crate::context::{Cancelled, Context};
-use crate::inspect::queries::ask;
-use crate::inspect::{Analysis, finite};
 
 /// Boxes and triangles that all searches of one direction together may look at: so many, and so many more for each point.
 const BUDGET: u64 = 10_000_000;
@@ -42,27 +43,6 @@ pub struct Spread {
     pub p95: f64,
     /// Not exceeded by 99 % of the area.
     pub p99: f64,
-}
-
-/// Two meshes in their own unit coordinates, and how one's become the other's.
-#[derive(Clone, Copy)]
-pub(in crate::inspect) struct Pair<'a> {
-    pub from: &'a Analysis<'a>,
-    pub to: &'a Analysis<'a>,
-    /// What makes unit coordinates of `from` such of `to`: a power of two, so it rounds nothing.
-    pub ratio: f64,
-}
-
-impl<'a> Pair<'a> {
-    pub fn new(from: &'a Analysis<'a>, to: &'a Analysis<'a>) -> Self {
-        Self::scaled([from, to], [from, to].map(|mesh| mesh.scale()))
-    }
-
-    /// The same with the scales of both known.
-    pub fn scaled([from, to]: [&'a Analysis<'a>; 2], [mine, theirs]: [f64; 2]) -> Self {
-        // Beyond that, the smaller mesh is a point to the larger, at the origin.
-        Self { from, to, ratio: (theirs / mine).clamp(2f64.powi(-1000), 2f64.powi(1000)) }
-    }
 }
 
 /// Distances from points of a mesh to another mesh, in the unit coordinates of the first.
@@ -176,19 +156,4 @@ pub(super) fn deviation(
         percent: spread(100.0, diagonal),
         farthest: at.to_array().map(|x| finite(x / scale)),
     })
-}
-
-/// The value below which a share of sorted values lies, between two of them in proportion; 0 where there is none.
-pub(in crate::inspect) fn percentile(sorted: &[f64], share: f64) -> f64 {
-    let at = share * (sorted.len().max(1) - 1) as f64;
-    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "an index")]
-    let below = at.floor() as usize;
-    let Some(&low) = sorted.get(below) else { return 0.0 };
-    let high = sorted.get(below + 1).copied().unwrap_or(low);
-    low + (high - low) * at.fract()
-}
-
-/// The diagonal of the box around a mesh's faces with an area, in its unit coordinates.
-pub(in crate::inspect) fn unit_diagonal(analysis: &Analysis<'_>) -> f64 {
-    analysis.extent().diagonal()
 }

@@ -2,11 +2,11 @@ use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::deviation::{Pair, unit_diagonal};
-use super::kept::Common;
 use super::{FAR, Original};
 use crate::context::{Cancelled, Context};
-use crate::inspect::queries::ask;
+use crate::inspect::analysis::Pair;
+use crate::inspect::matching::Common;
+use crate::inspect::sampling::ask;
 use crate::inspect::{Analysis, finite};
 use crate::math::Nearest;
 
@@ -96,7 +96,7 @@ impl Original<'_> {
         };
         context.check()?;
         let pieces = Pieces::of(before, &common.first);
-        let there = look(Pair::new(before, after), unit_diagonal(before), &pieces.middles, context)?;
+        let there = look(Pair::new(before, after), before.unit_diagonal(), &pieces.middles, context)?;
         // Half of a face that stands is enough for it to be no counterpart of what is near it.
         let mut standing = vec![0i64; before.surface.faces.len()];
         for (piece, found) in pieces.all.iter().zip(&there.places) {
@@ -207,7 +207,7 @@ fn of_result(
     };
     let points: Vec<DVec3> = open.iter().flat_map(places_in).collect();
     let pair = Pair::new(after, before);
-    let looked = look(pair, unit_diagonal(before) / pair.ratio, &points, context)?;
+    let looked = look(pair, before.unit_diagonal() / pair.ratio, &points, context)?;
     let mut fates = vec![Fate::Kept; verbatim.len()];
     for (&f, places) in open.iter().zip(looked.places.chunks(each)) {
         let on = |place: &Option<Place>| place.is_some_and(|it| matches!(it, Place::Unknown) || it.near(ROUNDING));

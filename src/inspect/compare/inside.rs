@@ -2,16 +2,25 @@ use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::deviation::Pair;
+use super::super::analysis::Pair;
+use super::super::percent;
+use super::super::sampling::{Inside, ask};
 use crate::context::{Cancelled, Context};
-use crate::inspect::Analysis;
-use crate::inspect::queries::ask;
-use crate::math::{Box3, Dipoles, r3};
+use crate::math::{Box3, r3};
 
 /// Nodes and triangles that all winding numbers of both meshes together may look at: so many, and so many more for each
 /// point.
 const BUDGET: u64 = 10_000_000;
 const BUDGET_A_POINT: u64 = 2000;
+
+/// Faces that are asked for, at most.
+const BURIED_FACES: usize = 1000;
+/// Nodes and triangles that all of them together may look at.
+const BURIED_BUDGET: u64 = 10_000_000;
+/// How far on both sides of a face is asked, in unit coordinates, which reach 2.
+const BESIDE: f64 = 1e-6;
+/// A winding number of at least this is inside.
+const MATERIAL: f64 = 0.9;
 
 /// Whether two meshes agree on what is inside, by generalized winding numbers (Jacobson et al. 2013) at points spread evenly
 /// in the box around both. Inside is where the number is at least a half, whichever way the mesh is turned.
@@ -83,26 +92,46 @@ pub(super) fn inside_agreement(
     }))
 }
 
-/// Tells what is inside a mesh.
-pub(in crate::inspect) struct Inside<'a> {
-    analysis: &'a Analysis<'a>,
-    dipoles: &'a Dipoles,
+/// Of the faces of `pair.from` that `stands` denies, the share with material of `pair.to` on both sides, in percent: walls that
+/// parts had inside one another, and that their union has no more. Faces spread evenly over all of them are asked. None where
+/// all stand, or none could be asked for.
+///
+/// # Errors
+/// [`Cancelled`] when the context says stop.
+pub(super) fn buried_pct(
+    pair: Pair<'_>,
+    stands: impl Fn(u32) -> bool,
+    context: &Context<'_>,
+) -> Result<Option<f64>, Cancelled> {
+    let gone: Vec<u32> = (0u32..).take(pair.from.surface.faces.len()).filter(|&f| !stands(f)).collect();
+    let asked: Vec<u32> = gone.iter().copied().step_by(gone.len().div_ceil(BURIED_FACES).max(1)).collect();
+    if asked.is_empty() || pair.to.surface.faces.is_empty() {
+        return Ok(None);
+    }
+    let points = asked.iter().map(|&f| {
+        let [a, b, c] = pair.from.unit_corners(f);
+        ((a + b + c) / 3.0, (b - a).cross(c - a).normalize_or_zero())
+    });
+    let known: Vec<bool> = are_buried(pair, &points.collect::<Vec<_>>(), context)?.into_iter().flatten().collect();
+    let buried = known.iter().filter(|&&buried| buried).count();
+    Ok(percent(buried as f64, known.len() as f64))
 }
 
-impl<'a> Inside<'a> {
-    /// Sums the faces, unless that was done for the same mesh before.
-    pub fn new(analysis: &'a Analysis<'a>) -> Self {
-        Self { analysis, dipoles: analysis.dipoles() }
-    }
-
-    /// The size of the winding number at a point in unit coordinates, whichever way the mesh is turned.
-    pub fn winding(&self, point: DVec3, steps: &mut u64) -> f64 {
-        self.analysis.tree().winding(self.dipoles, point, steps, |f| self.analysis.unit_corners(f)).abs()
-    }
-
-    /// The same on both sides of a point.
-    pub fn windings(&self, point: DVec3, aside: DVec3, steps: &mut u64) -> [f64; 2] {
-        let tree = self.analysis.tree();
-        tree.windings(self.dipoles, point, aside, steps, |f| self.analysis.unit_corners(f)).map(f64::abs)
-    }
+/// Which points of `pair.from`, each with the unit normal there, have material of `pair.to` on both sides; none for those that the
+/// budget did not reach.
+///
+/// # Errors
+/// [`Cancelled`] when the context says stop.
+pub(super) fn are_buried(
+    pair: Pair<'_>,
+    points: &[(DVec3, DVec3)],
+    context: &Context<'_>,
+) -> Result<Vec<Option<bool>>, Cancelled> {
+    let inside = Inside::new(pair.to);
+    let answers = ask(points.len(), BURIED_BUDGET, context, |i, steps| {
+        let (point, normal) = points[i];
+        let sides = inside.windings(point * pair.ratio, normal * BESIDE, steps);
+        (*steps > 0).then(|| sides.iter().all(|&number| number >= MATERIAL))
+    })?;
+    Ok(answers.values)
 }

@@ -1,37 +1,31 @@
 //! What changed from one mesh to another: counts, sizes, how far the surfaces are apart, and what is inside.
 
-mod buried;
 mod changes;
 mod deviation;
 mod fates;
 mod inside;
-mod kept;
 mod ledger;
-mod samples;
 
 use std::cell::{OnceCell, RefCell};
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::{Analysis, Measures, Volume, measures};
+use super::analysis::Pair;
+use super::matching::Common;
+use super::sampling::{Sample, samples, visible};
+use super::{Analysis, Measures, Volume, measures, percent};
 use crate::context::{Cancelled, Context};
 use crate::math::Box3;
-use buried::{are_buried, buried_pct};
 use changes::box_change_pct;
 use deviation::{Distances, deviation, distances};
-use inside::{INSIDE_WINDING, inside_agreement};
-use kept::Common;
-pub(super) use kept::FaceKeys;
+use inside::{INSIDE_WINDING, are_buried, buried_pct, inside_agreement};
 
-pub use changes::{Changes, percent};
+pub use changes::Changes;
 pub use deviation::{Deviation, Spread};
-pub(super) use deviation::{Pair, percentile, unit_diagonal};
 pub use fates::{Fate, Fates, SurfaceShare, SurfaceShares};
-pub(super) use inside::Inside;
 pub use inside::InsideAgreement;
 pub use ledger::{Certificate, Dispensable, Ledger, LostPart, PartCertificate};
-pub(super) use samples::{Sample, samples};
 
 /// The version of [`Comparison`]'s structure.
 pub const COMPARISON_VERSION: u32 = 1;
@@ -224,7 +218,7 @@ impl<'a> Original<'a> {
     ) -> Result<Comparison, Cancelled> {
         let Way { mut changes, distances } = self.way(after, measures, None, &[], context)?;
         changes.surface = Some(self.fates(after, context)?.shares);
-        let diagonal = unit_diagonal(self.analysis);
+        let diagonal = self.analysis.unit_diagonal();
         let apart = distances.samples.iter().any(|&distance| distance != Some(0.0));
         let all: Vec<usize> = if apart { (0..self.samples().len()).collect() } else { Vec::new() };
         let known: Vec<bool> = self.visible(&all, context)?.into_iter().flatten().collect();
@@ -254,7 +248,7 @@ impl<'a> Original<'a> {
         asked.resize(self.samples().len(), Asked::NotYet);
         let open: Vec<usize> = wanted.iter().copied().filter(|&i| matches!(asked[i], Asked::NotYet)).collect();
         let points: Vec<Sample> = open.iter().map(|&i| self.samples()[i]).collect();
-        for (&i, seen) in open.iter().zip(samples::visible(self.analysis, &points, context)?) {
+        for (&i, seen) in open.iter().zip(visible(self.analysis, &points, context)?) {
             asked[i] = Asked::Known(seen);
         }
         let answer = |&i: &usize| if let Asked::Known(seen) = asked[i] { seen } else { None };
@@ -290,7 +284,7 @@ impl<'a> Original<'a> {
                 *distance = None;
             }
         }
-        let diagonal = unit_diagonal(self.analysis);
+        let diagonal = self.analysis.unit_diagonal();
         self.lost(&found, diagonal, (after, measures), &mut changes, context)?;
         if !self.analysis.surface.faces.is_empty() {
             let points = samples(after, options.samples);

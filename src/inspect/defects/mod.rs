@@ -2,7 +2,6 @@
 //! beyond it. Self-intersections are found elsewhere.
 
 mod chains;
-mod check;
 mod corrupt;
 mod doubles;
 mod folds;
@@ -14,12 +13,8 @@ mod scan;
 mod seams;
 mod sheets;
 mod thin_faces;
-mod tolerances;
 
-pub use check::{CheckRule, CheckVerdict};
-pub use tolerances::{Tolerance, ToleranceError, Tolerances};
-
-use super::{Analysis, Findings, Level};
+use super::{Analysis, Findings, Level, Tolerances};
 use crate::context::{Cancelled, Context};
 use crate::mesh::Parts;
 use scan::Scan;

@@ -1,7 +1,7 @@
 use glam::DVec3;
 
-use super::super::{Analysis, Defect, DefectKind, Findings};
-use super::tolerances::{Lengths, Tolerances};
+use super::super::options::Lengths;
+use super::super::{Analysis, Defect, DefectKind, Findings, Tolerances};
 use crate::context::{Cancelled, Context};
 use crate::math::Box3;
 

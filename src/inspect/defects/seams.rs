@@ -15,7 +15,7 @@
 use glam::DVec3;
 
 use super::super::DefectKind;
-use super::super::readers::unshared_edges;
+use super::super::measure::unshared_edges;
 use super::chains::chains;
 use super::scan::Scan;
 use crate::context::Cancelled;

@@ -7,8 +7,8 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::Original;
-use super::kept::{NO_FACE, matched};
 use crate::context::{Cancelled, Context};
+use crate::inspect::matching::{NO_FACE, matched};
 use crate::inspect::{Analysis, finite};
 use crate::mesh::Parts;
 use places::{Place, Places, Probes};

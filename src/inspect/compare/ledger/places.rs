@@ -1,13 +1,12 @@
 use glam::DVec3;
 
 use super::super::FAR;
-use super::super::deviation::{Pair, unit_diagonal};
 use super::super::fates::ROUNDING;
-use super::super::inside::Inside;
-use super::super::kept::NO_FACE;
 use crate::context::{Cancelled, Context};
 use crate::inspect::Analysis;
-use crate::inspect::queries::ask;
+use crate::inspect::analysis::Pair;
+use crate::inspect::matching::NO_FACE;
+use crate::inspect::sampling::{Inside, ask};
 use crate::math::{nearest_on_triangle, r2};
 use crate::mesh::Parts;
 
@@ -51,7 +50,7 @@ impl Probes {
             let [a, b, c] = corners(f);
             (b - a).cross(c - a).length() / 2.0
         };
-        let far = FAR * unit_diagonal(analysis);
+        let far = FAR * analysis.unit_diagonal();
         let mut probes = Self { points: Vec::new(), part: Vec::new(), reach: Vec::new(), of_part: Vec::new() };
         for (&part, faces) in parts.iter().zip(&faces) {
             let begin = probes.points.len();

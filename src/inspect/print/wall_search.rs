@@ -1,12 +1,27 @@
+//! The wall behind a point, and the search for the thinnest of each region.
+
 use glam::DVec3;
 
-use super::walls::{Probe, Prober};
 use crate::context::{Cancelled, Context};
 use crate::inspect::Analysis;
-use crate::inspect::compare::{Sample, samples, unit_diagonal};
-use crate::inspect::queries::{SHARE, Spread, ask_each};
-use crate::math::Box3;
+use crate::inspect::sampling::{Inside, SHARE, Sample, Spread, ask_each, samples};
+use crate::math::{Box3, hit};
 
+/// Winding numbers from which on a point is in material, and up to which it is in air. In between the surface is too open to
+/// tell.
+const MATERIAL: f64 = 0.75;
+const AIR: f64 = 0.25;
+/// How far beside the surface is asked for material and air: a share of the diagonal, and what f64 tells apart.
+const BESIDE: [f64; 2] = [1e-9, 1e-13];
+/// A ray passes over faces nearer than this share of the diagonal: they touch the face from which it starts.
+const TOUCHING: f64 = 1e-6;
+/// Two sides make a wall where they face away from each other to within 30 degrees (its cosine). At the edges of a box the
+/// faces are near each other, but there is no thin wall.
+const OPPOSITE: f64 = 0.866_025_403_784_438_6;
+/// The same for a ball that touches both sides, which turns with the point: 37 degrees.
+const BALL_OPPOSITE: f64 = 0.8;
+/// Faces that a ray may pass through on its way to the air, as in overlapping parts.
+const MOST_PASSED: usize = 16;
 /// Regions along the longest side of the bounding box. Each keeps its thinnest wall.
 const REGIONS: f64 = 16.0;
 /// Walls up to this share of the diagonal are searched in every region, and so are those up to so many times the thinnest.
@@ -41,6 +56,135 @@ pub(super) struct Wall {
     pub faces: [u32; 2],
 }
 
+/// What is at one sample.
+pub(super) enum Probe {
+    /// The surface does not part material from air here.
+    NotSolid,
+    /// No opposite side within the length that was asked for.
+    NoWall,
+    /// The thickness in unit coordinates, and the opposite face.
+    Wall(f64, u32),
+}
+
+/// Measures the wall behind single points.
+pub(super) struct Prober<'a> {
+    analysis: &'a Analysis<'a>,
+    /// What tells material from air; none where every face parts them, with the air in front of it.
+    inside: Option<Inside<'a>>,
+    /// Longer than any wall.
+    pub reach: f64,
+    beside: f64,
+    touching: f64,
+}
+
+impl<'a> Prober<'a> {
+    /// `simple` says that every face parts material from air, with the air in front.
+    pub fn new(analysis: &'a Analysis<'a>, simple: bool) -> Self {
+        let diagonal = analysis.unit_diagonal();
+        let beside = (BESIDE[0] * diagonal).max(BESIDE[1]);
+        let inside = (!simple).then(|| Inside::new(analysis));
+        Self { analysis, inside, reach: 2.0 * diagonal, beside, touching: TOUCHING * diagonal }
+    }
+
+    /// For each face whether a wall of at most `longest` may be behind it. Where parts may be inside out, it may be behind any.
+    pub fn may_have_wall(&self, longest: f64) -> Vec<bool> {
+        let faces = self.analysis.surface.faces.len();
+        if self.inside.is_some() {
+            return vec![true; faces];
+        }
+        self.analysis.tree().may_have_opposite(faces, longest.min(self.reach), OPPOSITE, |face| {
+            let [a, b, c] = self.analysis.unit_corners(face);
+            (b - a).cross(c - a).normalize_or_zero()
+        })
+    }
+
+    /// The wall behind a sample by the ray inward, where it is at most `longest`. Whether the surface parts material from air is
+    /// asked only where a ray meets something within that length, or where it is as long as any wall.
+    pub fn probe(&self, sample: &Sample, longest: f64, steps: &mut u64) -> Probe {
+        if self.inside.is_some() && longest < self.reach && !self.meets_anything(sample, longest, steps) {
+            return Probe::NoWall;
+        }
+        let Some(inward) = self.inward(sample, steps) else { return Probe::NotSolid };
+        let Some((length, face)) = self.way_out(sample, inward, longest, steps) else { return Probe::NoWall };
+        if self.is_opposite(face, inward, OPPOSITE) { Probe::Wall(length, face) } else { Probe::NoWall }
+    }
+
+    /// The wall behind a sample by the ray inward or by the ball inside the material that touches the sample, shrunk until
+    /// nothing is in it (Ma et al. 2012): the thinner of both.
+    pub fn probe_by_ball(&self, sample: &Sample, steps: &mut u64) -> Probe {
+        let Some(inward) = self.inward(sample, steps) else { return Probe::NotSolid };
+        let Some((length, face)) = self.way_out(sample, inward, self.reach, steps) else { return Probe::NoWall };
+        if let Some(wall) = self.ball(sample.point, inward, length / 2.0, steps) {
+            return wall;
+        }
+        if self.is_opposite(face, inward, BALL_OPPOSITE) { Probe::Wall(length, face) } else { Probe::NoWall }
+    }
+
+    fn is_opposite(&self, face: u32, inward: DVec3, cosine: f64) -> bool {
+        let [a, b, c] = self.analysis.unit_corners(face);
+        let along = (b - a).cross(c - a).normalize_or_zero().dot(inward);
+        // A part turned inside out has its faces' normals inward.
+        (if self.inside.is_some() { along.abs() } else { along }) >= cosine
+    }
+
+    /// Whether a face is within a length of a sample along its normal, to either side.
+    fn meets_anything(&self, sample: &Sample, longest: f64, steps: &mut u64) -> bool {
+        [-sample.normal, sample.normal].into_iter().any(|way| self.first(sample, way * longest, None, steps).is_some())
+    }
+
+    /// The first face that a ray from a sample meets, as a share of the ray.
+    fn first(&self, sample: &Sample, ray: DVec3, after: Option<(f64, u32)>, steps: &mut u64) -> Option<(f64, u32)> {
+        let least = self.touching / ray.length();
+        self.analysis.tree().first_along([sample.point, sample.point + ray], after, steps, |face| {
+            let other = face != sample.face;
+            let share = other.then(|| hit(sample.point, ray, self.analysis.unit_corners(face))).flatten();
+            share.filter(|&share| share > least)
+        })
+    }
+
+    /// The direction from a sample into the material, if there is material on one side and air on the other.
+    fn inward(&self, sample: &Sample, steps: &mut u64) -> Option<DVec3> {
+        let Some(inside) = &self.inside else { return Some(-sample.normal) };
+        let [front, back] = inside.windings(sample.point, sample.normal * self.beside, steps);
+        if front < AIR && back > MATERIAL {
+            Some(-sample.normal)
+        } else {
+            (back < AIR && front > MATERIAL).then_some(sample.normal)
+        }
+    }
+
+    /// Whether a point just behind a face that was met from the material is in air.
+    fn is_air(&self, beyond: DVec3, steps: &mut u64) -> bool {
+        self.inside.as_ref().is_none_or(|inside| inside.winding(beyond, steps) < AIR)
+    }
+
+    /// How far it is inward to where the air begins, if at most `longest`, and the face there.
+    fn way_out(&self, sample: &Sample, inward: DVec3, longest: f64, steps: &mut u64) -> Option<(f64, u32)> {
+        let ray = inward * longest;
+        let mut passed = None;
+        for _ in 0..MOST_PASSED {
+            let first = self.first(sample, ray, passed, steps);
+            let (share, face) = first.filter(|_| *steps > 0)?;
+            let length = share * longest;
+            if self.is_air(sample.point + inward * (length + self.beside), steps) {
+                return Some((length, face)).filter(|_| *steps > 0);
+            }
+            passed = first;
+        }
+        None
+    }
+
+    /// The wall by the largest ball of at most `radius` that touches `point` from inside, where it touches an opposite side.
+    fn ball(&self, point: DVec3, inward: DVec3, radius: f64, steps: &mut u64) -> Option<Probe> {
+        let ball = self.analysis.tree().shrunk_ball(point, inward, radius, steps, |f| self.analysis.unit_corners(f))?;
+        let contact = ball.touches.filter(|_| *steps > 0)?;
+        let outward = (contact.point - (point + inward * ball.radius)) / ball.radius;
+        let beyond = contact.point + outward * self.beside;
+        let wall = outward.dot(inward) >= BALL_OPPOSITE && self.is_air(beyond, steps);
+        wall.then_some(Probe::Wall(2.0 * ball.radius, contact.face))
+    }
+}
+
 /// The search for the thinnest wall of each region, from every face's centre and from points spread by area.
 pub(super) struct Search<'a> {
     analysis: &'a Analysis<'a>,
@@ -73,7 +217,7 @@ impl<'a> Search<'a> {
             sides,
             thinnest: vec![None; sides.iter().product()],
             least: f64::INFINITY,
-            thin: THIN * unit_diagonal(analysis),
+            thin: THIN * analysis.unit_diagonal(),
             reach,
             asked: 0,
             complete: true,
