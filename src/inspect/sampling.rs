@@ -126,35 +126,39 @@ pub(super) struct Sample {
     pub normal: DVec3,
 }
 
-/// Points spread by area, in order of their faces: one in each of `count` equal shares of it, placed in its face by the R2
-/// sequence. None where the mesh has no area. The same for the same mesh.
+/// Points spread by area, in order of their faces. None where the mesh has no area. The same for the same mesh.
 pub(super) fn samples(analysis: &Analysis<'_>, count: u32) -> Vec<Sample> {
-    let unit = analysis.unit();
-    let corners = |face: &[u32; 3]| face.map(|v| unit[v as usize]);
-    let cross = |face: &[u32; 3]| {
-        let [a, b, c] = corners(face);
+    let cross = |face: u32| {
+        let [a, b, c] = analysis.unit_corners(face);
         (b - a).cross(c - a)
     };
-    let faces = &analysis.surface.faces;
-    let total: f64 = faces.iter().map(|face| cross(face).length()).sum();
-    if total <= 0.0 {
-        return Vec::new();
-    }
-    let mut samples = Vec::with_capacity(count as usize);
+    let faces = (0u32..).take(analysis.surface.faces.len());
+    let spread = spread_by_area(analysis, faces, count, |face| cross(face).length());
+    let sample = |(face, point)| Sample { face, point, normal: cross(face).normalize_or_zero() };
+    spread.into_iter().map(sample).collect()
+}
+
+/// Points on some faces, each with its face: one in each of `count` equal shares of their area, placed in its face by the R2 sequence.
+/// `area` may be any multiple of a face's area. None where there is no area.
+pub(super) fn spread_by_area(
+    analysis: &Analysis<'_>,
+    faces: impl Iterator<Item = u32> + Clone,
+    count: u32,
+    area: impl Fn(u32) -> f64,
+) -> Vec<(u32, DVec3)> {
+    let total: f64 = faces.clone().map(&area).sum();
+    let mut points = Vec::with_capacity(count as usize);
     let (mut passed, mut number) = (0.0, 0);
-    for (face, index) in faces.iter().zip(0u32..) {
-        let cross = cross(face);
-        passed += cross.length();
+    for face in faces {
+        passed += area(face);
         while number < count && (f64::from(number) + 0.5) / f64::from(count) * total < passed {
             let [u, v] = r2(f64::from(number));
-            let u = u.sqrt();
-            let [a, b, c] = corners(face);
-            let point = a * (1.0 - u) + b * (u * (1.0 - v)) + c * (u * v);
-            samples.push(Sample { face: index, point, normal: cross.normalize_or_zero() });
+            let (u, [a, b, c]) = (u.sqrt(), analysis.unit_corners(face));
+            points.push((face, a * (1.0 - u) + b * (u * (1.0 - v)) + c * (u * v)));
             number += 1;
         }
     }
-    samples
+    points
 }
 
 /// Which of the points can be seen from outside, in one of some fixed directions and from either side of their face, so

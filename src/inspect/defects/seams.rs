@@ -17,7 +17,7 @@ use glam::DVec3;
 use super::super::DefectKind;
 use super::super::measure::unshared_edges;
 use super::chains::chains;
-use super::scan::Scan;
+use super::scan::{Location, Scan};
 use crate::context::Cancelled;
 use crate::math::{Tree, collinear, midmost};
 use crate::mesh::Edges;
@@ -121,7 +121,7 @@ fn find_unshared(scan: &mut Scan<'_, '_>) -> Result<(), Cancelled> {
         let faces: Vec<u32> = beside.collect();
         let line = scan.points(chain.line);
         let Some(&at) = line.first() else { continue };
-        scan.put(DefectKind::Slit, at, faces, &line, Some(0.0));
+        scan.put(DefectKind::Slit, Location { at, line: &line }, faces, Some(0.0));
     }
     Ok(())
 }
@@ -154,7 +154,8 @@ impl Beside {
             let gap = chain.edges.iter().map(|&e| gaps[e as usize]).fold(0.0, f64::max);
             let line = scan.points(chain.line);
             let faces = chain.edges.iter().map(|&e| boundary.face(edges[e as usize]));
-            scan.put(kind, line[0], faces, &line, Some(scan.told_above_zero(gap)));
+            let location = Location { at: line[0], line: &line };
+            scan.put(kind, location, faces, Some(scan.in_model_unit_above_zero(gap)));
         }
         Ok(())
     }
@@ -264,10 +265,10 @@ fn find_t_junctions(scan: &mut Scan<'_, '_>, boundary: &Boundary, near: &mut Nea
         });
         if let Some((gap, e)) = nearest {
             let line = scan.points(boundary.ends[e as usize]);
-            let value = if gap == 0.0 { 0.0 } else { scan.told_above_zero(gap) };
+            let value = if gap == 0.0 { 0.0 } else { scan.in_model_unit_above_zero(gap) };
             let faces = of_vertex.iter().map(|&(_, e)| e).chain([e]).map(|e| boundary.face(e));
-            let at = scan.points([v])[0];
-            scan.put(DefectKind::TJunction, at, faces, &line, Some(value));
+            let location = Location { at: scan.points([v])[0], line: &line };
+            scan.put(DefectKind::TJunction, location, faces, Some(value));
         }
     }
     Ok(())

@@ -3,8 +3,8 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::super::{DefectKind, Level, Solid};
-use super::parts::Size;
+use super::super::{DefectKind, Level};
+use super::parts::{ROUNDING, report_parts};
 use super::scan::Scan;
 use crate::context::Cancelled;
 use crate::math::{Sign, Tree, orient3d, within};
@@ -20,18 +20,6 @@ const MOST_A_FACE: u64 = 64;
 const MOST_AT_LEAST: u64 = 4_000_000;
 /// Faces that are looked at between two looks at the clock.
 const BATCH: usize = 1 << 12;
-/// Thickness on the unit scale that rounding alone can give.
-const ROUNDING: f64 = 1e-13;
-
-/// The parts without thickness: closed, with a volume that is no more than a sheet of their area and of the tolerance's
-/// thickness has. Answers the thickness of each, none for all other parts.
-pub(super) fn parts_without_thickness(scan: &Scan<'_, '_>, sizes: &[Size]) -> Vec<Option<f64>> {
-    let thickness = |(size, solid): (&Size, &Solid)| {
-        let thin = solid.closed && size.volume.abs() <= scan.lengths.sheet.max(ROUNDING) * size.area / 2.0;
-        thin.then(|| if size.area > 0.0 { 2.0 * size.volume.abs() / size.area } else { 0.0 })
-    };
-    sizes.iter().zip(&scan.analysis.solids).map(thickness).collect()
-}
 
 /// What other searches found before.
 pub(super) struct Known<'a> {
@@ -66,8 +54,8 @@ pub(super) fn find(scan: &mut Scan<'_, '_>, level: Level, known: &Known<'_>) -> 
         }
         search(scan, &skip, &doubled, &mut pairs)?;
     }
-    tell_parts(scan, known.thin);
-    tell_regions(scan, &pairs)
+    report_parts(scan, known.thin);
+    report_regions(scan, &pairs)
 }
 
 /// Looks for a partner of every face but those in `known`.
@@ -159,26 +147,8 @@ impl Search<'_> {
     }
 }
 
-/// One defect for each part without thickness.
-fn tell_parts(scan: &mut Scan<'_, '_>, thin: &[Option<f64>]) {
-    if thin.iter().all(Option::is_none) {
-        return;
-    }
-    let mut faces: Vec<Vec<u32>> = vec![Vec::new(); thin.len()];
-    for (&part, f) in scan.analysis.parts.of_face.iter().zip(0u32..) {
-        if part != Parts::NONE && thin[part as usize].is_some() {
-            faces[part as usize].push(f);
-        }
-    }
-    for (thickness, faces) in thin.iter().zip(faces) {
-        if let (Some(thickness), Some(&first)) = (thickness, faces.first()) {
-            scan.put(DefectKind::Sheet, scan.middle(first), faces, &[], Some(scan.told(*thickness)));
-        }
-    }
-}
-
 /// One defect for each set of faces that are in pairs or share edges.
-fn tell_regions(scan: &mut Scan<'_, '_>, pairs: &[(u32, u32, f64)]) -> Result<(), Cancelled> {
+fn report_regions(scan: &mut Scan<'_, '_>, pairs: &[(u32, u32, f64)]) -> Result<(), Cancelled> {
     if pairs.is_empty() {
         return Ok(());
     }
@@ -207,8 +177,8 @@ fn tell_regions(scan: &mut Scan<'_, '_>, pairs: &[(u32, u32, f64)]) -> Result<()
     for (number, region) in members.chunk_by(|x, y| x.0 == y.0).enumerate() {
         scan.step(number)?;
         let (root, first) = region[0];
-        let gap = scan.told(gaps[root as usize]);
-        scan.put(DefectKind::Sheet, scan.middle(first), region.iter().map(|&(_, f)| f), &[], Some(gap));
+        let gap = scan.in_model_unit(gaps[root as usize]);
+        scan.put(DefectKind::Sheet, scan.middle(first), region.iter().map(|&(_, f)| f), Some(gap));
     }
     Ok(())
 }
