@@ -188,6 +188,23 @@ impl<'a> Analysis<'a> {
         let (unit, [a, b, c]) = (self.unit(), self.surface.faces[face as usize]);
         [unit[a as usize], unit[b as usize], unit[c as usize]]
     }
+
+    /// Twice the area of a face of `surface` times its unit normal, in the coordinates of [`Analysis::unit`].
+    pub(super) fn unit_area_vector(&self, face: u32) -> DVec3 {
+        let [a, b, c] = self.unit_corners(face);
+        (b - a).cross(c - a)
+    }
+
+    /// The unit normal of a face of `surface`; zero where it has no area.
+    pub(super) fn unit_normal(&self, face: u32) -> DVec3 {
+        self.unit_area_vector(face).normalize_or_zero()
+    }
+
+    /// The centre of a face of `surface` in the coordinates of [`Analysis::unit`].
+    pub(super) fn unit_centre(&self, face: u32) -> DVec3 {
+        let [a, b, c] = self.unit_corners(face);
+        (a + b + c) / 3.0
+    }
 }
 
 /// What a cell holds, found at its first use.

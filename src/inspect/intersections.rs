@@ -135,8 +135,7 @@ const TOUCHING_DEPTH: f64 = 1e-5;
 /// Whether the bodies behind two faces of different materials that meet so have more than their surface in common.
 fn overlap(analysis: &Analysis<'_>, faces: [u32; 2], meeting: Meeting) -> bool {
     let corners = faces.map(|face| analysis.unit_corners(face));
-    let normal = |[a, b, c]: [DVec3; 3]| (b - a).cross(c - a).normalize_or_zero();
-    let normals = corners.map(normal);
+    let normals = faces.map(|face| analysis.unit_normal(face));
     // How far a face lies on both sides of the other's plane: the lesser of the two.
     let depth = |one: usize| {
         let other = 1 - one;
@@ -190,8 +189,7 @@ fn faces_in_other_materials(analysis: &Analysis<'_>, context: &Context<'_>) -> R
         for some in others.chunks(4096) {
             context.check()?;
             for &face in some.iter().filter(|&&face| !analysis.flat()[face as usize]) {
-                let [a, b, c] = analysis.unit_corners(face);
-                let behind = (a + b + c) / 3.0 - (b - a).cross(c - a).normalize_or_zero() * (2.0 * TOUCHING_DEPTH);
+                let behind = analysis.unit_centre(face) - analysis.unit_normal(face) * (2.0 * TOUCHING_DEPTH);
                 if bounds.holds(behind) && tree.winding(&dipoles, behind, &mut u64::MAX.clone(), corners).abs() > 0.75 {
                     inside.push(analysis.surface.source[face as usize]);
                 }

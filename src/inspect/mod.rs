@@ -44,7 +44,7 @@ pub use options::{InspectOptions, Level, OptionsError, Tolerance, ToleranceError
 pub use print::{
     Fit, NoWall, Overhang, OverhangArea, PrintMeasures, ThinPlace, ThinnestWall, print_measures, thin_walls,
 };
-pub use set::{Gap, MeshPair, MeshSpacing, Nearest, SetIntersections, SetReport, SetSpacing, Spacing, spacing};
+pub use set::{MeshPair, MeshSpacing, Nearest, SetIntersections, SetReport, SetSpacing, Spacing, spacing};
 pub use shells::{Answer, Attributes, Shell, Shells, Turning, Unmeasurable, shells};
 pub use solids::{Solid, doubled_areas, nesting, nesting_depths, solids};
 pub use statistics::{EdgeAngles, Side, Statistics, aspect_ratio, statistics};

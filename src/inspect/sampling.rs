@@ -128,13 +128,9 @@ pub(super) struct Sample {
 
 /// Points spread by area, in order of their faces. None where the mesh has no area. The same for the same mesh.
 pub(super) fn samples(analysis: &Analysis<'_>, count: u32) -> Vec<Sample> {
-    let cross = |face: u32| {
-        let [a, b, c] = analysis.unit_corners(face);
-        (b - a).cross(c - a)
-    };
     let faces = (0u32..).take(analysis.surface.faces.len());
-    let spread = spread_by_area(analysis, faces, count, |face| cross(face).length());
-    let sample = |(face, point)| Sample { face, point, normal: cross(face).normalize_or_zero() };
+    let spread = spread_by_area(analysis, faces, count, |face| analysis.unit_area_vector(face).length());
+    let sample = |(face, point)| Sample { face, point, normal: analysis.unit_normal(face) };
     spread.into_iter().map(sample).collect()
 }
 

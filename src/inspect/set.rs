@@ -117,18 +117,9 @@ impl SetReport {
             })?);
         }
         if distances {
-            let measured = spacing(&all, context)?.into_iter().map(|it| {
-                #[expect(clippy::cast_possible_truncation, reason = "a list of files")]
-                let nearest = it.least.map(|gap| Nearest {
-                    distance: gap.distance,
-                    from: gap.from,
-                    to: gap.to,
-                    mesh: gap.mesh as u32,
-                    face: gap.face,
-                });
-                (it.distances, it.complete, nearest)
-            });
-            it.spacing = Some(SetSpacing::of(measured));
+            let measured = spacing(&all, context)?.into_iter();
+            it.spacing =
+                Some(SetSpacing::of(measured.map(|of_mesh| (of_mesh.distances, of_mesh.complete, of_mesh.least))));
         }
         Ok(Some(it))
     }
@@ -197,22 +188,7 @@ pub struct Spacing {
     /// Whether every vertex was measured to the end; not on meshes made to be slow, where some are left out.
     pub complete: bool,
     /// Where the mesh comes nearest to another.
-    pub least: Option<Gap>,
-}
-
-/// The shortest way from a vertex to another mesh.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Gap {
-    /// How long it is.
-    pub distance: f64,
-    /// The vertex.
-    pub from: [f64; 3],
-    /// The nearest point of the other mesh.
-    pub to: [f64; 3],
-    /// The other mesh, by its place in the set.
-    pub mesh: usize,
-    /// The face of its file that the point is on.
-    pub face: u32,
+    pub least: Option<Nearest>,
 }
 
 /// Measures the distance from every vertex of every mesh to the nearest surface of the other meshes. All are taken to be in
@@ -257,10 +233,10 @@ fn from_one(
     let answers = ask(unit.len(), budget, context, |v, steps| {
         let mut best: Option<(f64, Found)> = None;
         for &(_, other, pair) in &others {
-            let (theirs, faces) = (pair.to.unit(), &pair.to.surface.faces);
-            let corners = |f: u32| faces[f as usize].map(|v| theirs[v as usize]);
             let bound = best.map_or(f64::INFINITY, |(distance, _)| distance * pair.ratio);
-            if let Some(nearest) = pair.to.tree().nearest(unit[v] * pair.ratio, bound, steps, corners) {
+            if let Some(nearest) =
+                pair.to.tree().nearest(unit[v] * pair.ratio, bound, steps, |f| pair.to.unit_corners(f))
+            {
                 best = Some((nearest.distance / pair.ratio, Found { other, face: nearest.face, point: nearest.point }));
             }
         }
@@ -269,11 +245,12 @@ fn from_one(
     let scale = scales[own];
     let model = |p: DVec3, scale: f64| p.to_array().map(|x| finite(x / scale));
     let found = || answers.values.iter().enumerate().filter_map(|(v, found)| Some((v, (*found)?)));
-    let least = found().min_by(|(_, a), (_, b)| a.0.total_cmp(&b.0)).map(|(v, (distance, it))| Gap {
+    let least = found().min_by(|(_, a), (_, b)| a.0.total_cmp(&b.0)).map(|(v, (distance, it))| Nearest {
         distance: finite(distance / scale),
         from: model(unit[v], scale),
         to: model(it.point, scales[it.other]),
-        mesh: it.other,
+        #[expect(clippy::cast_possible_truncation, reason = "a list of files")]
+        mesh: it.other as u32,
         face: meshes[it.other].surface.source[it.face as usize],
     });
     let distances = found().map(|(_, (distance, _))| finite(distance / scale)).collect();

@@ -102,7 +102,7 @@ impl Changes {
     ///
     /// `settled` is the input's volume when its orientation is settled.
     pub(super) fn of(before: &Measures, settled: Volume, after: &Measures, faces_kept_pct: f64) -> Self {
-        let told = settled.reliable && after.volume.reliable && !is_rounding(settled.value, before);
+        let is_known = settled.reliable && after.volume.reliable && !is_rounding(settled.value, before);
         Self {
             faces: difference(after.faces, before.faces),
             vertices: difference(after.vertices, before.vertices),
@@ -117,7 +117,7 @@ impl Changes {
             surface: None,
             box_change_pct: None,
             area_change_pct: percent(after.area - before.area, before.area),
-            volume_change_pct: percent(after.volume.value - settled.value, settled.value).filter(|_| told),
+            volume_change_pct: percent(after.volume.value - settled.value, settled.value).filter(|_| is_known),
             inside_overlap_pct: None,
         }
     }

@@ -104,12 +104,12 @@ pub(super) fn distances(
         return Ok(all);
     }
     let mine = pair.from.unit();
-    let (unit, faces, tree) = (pair.to.unit(), &pair.to.surface.faces, pair.to.tree());
+    let tree = pair.to.tree();
     let count = missing.len() + apart.len();
     let answers = ask(count, BUDGET + BUDGET_A_POINT * count as u64, context, |i, steps| {
         let point = missing.get(i).map_or_else(|| mine[apart[i - missing.len()] as usize], |&i| samples[i].point);
-        let corners = |f: u32| faces[f as usize].map(|v| unit[v as usize]);
-        tree.nearest(point * pair.ratio, f64::INFINITY, steps, corners).map(|nearest| nearest.distance / pair.ratio)
+        let nearest = tree.nearest(point * pair.ratio, f64::INFINITY, steps, |f| pair.to.unit_corners(f));
+        nearest.map(|nearest| nearest.distance / pair.ratio)
     })?;
     all.complete = answers.complete;
     let (of_samples, of_vertices) = answers.values.split_at(missing.len());
@@ -135,7 +135,7 @@ impl Measured<'_> {
     pub fn deviation(&self, counts: impl Fn(usize) -> bool, vertices: impl Fn(u32) -> bool) -> Option<Deviation> {
         let &Self { analysis, samples, found, diagonal } = self;
         let mut farthest = (f64::NEG_INFINITY, None);
-        let mut look = |distance: f64, at: DVec3| {
+        let mut note = |distance: f64, at: DVec3| {
             if distance > farthest.0 {
                 farthest = (distance, Some(at));
             }
@@ -143,14 +143,14 @@ impl Measured<'_> {
         let mut sorted = Vec::with_capacity(samples.len());
         for (i, distance) in found.samples.iter().enumerate() {
             if let Some(distance) = distance.filter(|_| counts(i)) {
-                look(distance, samples[i].point);
+                note(distance, samples[i].point);
                 sorted.push(distance);
             }
         }
-        let mut looked = 0;
+        let mut vertex_count = 0;
         for &(v, distance) in found.vertices.iter().filter(|&&(v, _)| vertices(v)) {
-            look(distance, analysis.unit()[v as usize]);
-            looked += 1;
+            note(distance, analysis.unit()[v as usize]);
+            vertex_count += 1;
         }
         let (max, at) = (farthest.0, farthest.1?);
         sorted.sort_unstable_by(f64::total_cmp);
@@ -173,7 +173,7 @@ impl Measured<'_> {
         let scale = analysis.scale();
         Some(Deviation {
             samples: sorted.len() as u64,
-            vertices: looked,
+            vertices: vertex_count,
             complete: found.complete,
             distance: spread(1.0, scale),
             percent: spread(100.0, diagonal),
@@ -266,10 +266,7 @@ pub(super) fn buried_pct(
     if asked.is_empty() || pair.to.surface.faces.is_empty() {
         return Ok(None);
     }
-    let points = asked.iter().map(|&f| {
-        let [a, b, c] = pair.from.unit_corners(f);
-        ((a + b + c) / 3.0, (b - a).cross(c - a).normalize_or_zero())
-    });
+    let points = asked.iter().map(|&f| (pair.from.unit_centre(f), pair.from.unit_normal(f)));
     let known: Vec<bool> = are_buried(pair, &points.collect::<Vec<_>>(), context)?.into_iter().flatten().collect();
     let buried = known.iter().filter(|&&buried| buried).count();
     Ok(percent(buried as f64, known.len() as f64))

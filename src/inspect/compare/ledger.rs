@@ -137,7 +137,7 @@ impl Original<'_> {
             return Ok(accounting.close(&[]));
         }
         let probes = Probes::new(before, &gone);
-        let found = Places::new(before, after, &accounting.stands).look(&probes, context)?;
+        let found = Places::new(before, after, &accounting.stands).locate(&probes, context)?;
         let mut findings = Vec::with_capacity(gone.len());
         for (&part, range) in gone.iter().zip(&probes.of_part) {
             let finding = Finding::of(&found[range.clone()]);

@@ -44,10 +44,7 @@ impl Probes {
                 faces.push(f);
             }
         }
-        let area = |f: u32| {
-            let [a, b, c] = analysis.unit_corners(f);
-            (b - a).cross(c - a).length() / 2.0
-        };
+        let area = |f: u32| analysis.unit_area_vector(f).length() / 2.0;
         let far = FAR * analysis.unit_diagonal();
         let mut probes = Self { points: Vec::new(), part: Vec::new(), reach: Vec::new(), of_part: Vec::new() };
         for (&part, faces) in parts.iter().zip(&faces) {
@@ -97,7 +94,7 @@ impl<'a> Places<'a> {
         Self { before, after, stands, inside: Inside::new(after), ratio }
     }
 
-    pub fn look(&self, probes: &Probes, context: &Context<'_>) -> Result<Vec<Option<Place>>, Cancelled> {
+    pub fn locate(&self, probes: &Probes, context: &Context<'_>) -> Result<Vec<Option<Place>>, Cancelled> {
         let count = probes.points.len();
         let budget = BUDGET + BUDGET_A_POINT * count as u64;
         let found = ask(count, budget, context, |i, steps| {
@@ -119,14 +116,13 @@ impl<'a> Places<'a> {
     /// Whether a point is also on a part that stands, or on one before it: of parts on one another that were made anew the
     /// first is taken to be there.
     fn is_on_another(&self, point: DVec3, part: u32, reach: f64, steps: &mut u64) -> bool {
-        let Analysis { surface, parts, .. } = self.before;
+        let parts = &self.before.parts;
         let mut found = false;
         self.before.tree().around(point, reach, |f| {
             *steps = steps.saturating_sub(1);
             let other = parts.of_face[f as usize];
             if other != part && other != Parts::NONE && (other < part || self.stands[other as usize]) {
-                let corners = surface.faces[f as usize].map(|v| self.before.unit()[v as usize]);
-                found = nearest_on_triangle(point, corners).distance(point) <= reach;
+                found = nearest_on_triangle(point, self.before.unit_corners(f)).distance(point) <= reach;
             }
             !found && *steps > 0
         });

@@ -50,7 +50,7 @@ pub(super) fn find_flat(scan: &mut Scan<'_, '_>) -> Result<Vec<bool>, Cancelled>
     let mut flat = vec![false; faces.len()];
     for (&[u, v, w], f) in faces.iter().zip(0u32..) {
         scan.step(f as usize)?;
-        let [a, b, c] = scan.corners(f);
+        let [a, b, c] = scan.analysis.unit_corners(f);
         let sides = [(a, b), (b, c), (c, a)].map(|(p, q)| p.distance_squared(q));
         let longest = sides.into_iter().fold(0.0, f64::max).sqrt();
         let shortest = sides.into_iter().fold(f64::INFINITY, f64::min).sqrt();
@@ -209,7 +209,7 @@ struct Bad {
 /// Cosine of the angle between a normal of the file and that of a face; none where there is no angle.
 fn cosine(scan: &Scan<'_, '_>, face: u32, normal: [f32; 3]) -> Option<f64> {
     let of_file = DVec3::from_array(normal.map(f64::from)).try_normalize()?;
-    Some(of_file.dot(scan.area_vector(face).try_normalize()?))
+    Some(of_file.dot(scan.analysis.unit_area_vector(face).try_normalize()?))
 }
 
 fn of_faces(scan: &Scan<'_, '_>, opposed: &[(u32, [f32; 3])], flat: &[bool]) -> Result<Vec<Bad>, Cancelled> {

@@ -141,7 +141,7 @@ fn folded_over(scan: &Scan<'_, '_>, folds: &[(usize, Fold)], sets: &mut UnionFin
     #[expect(clippy::cast_possible_truncation, reason = "faces are counted in u32")]
     for f in 0..scan.analysis.surface.faces.len() as u32 {
         if let Ok(region) = roots.binary_search(&sets.root(f)) {
-            area[region] += scan.area_vector(f).length();
+            area[region] += scan.analysis.unit_area_vector(f).length();
         }
     }
     let mut by_area: Vec<usize> = (0..roots.len()).collect();

@@ -32,7 +32,7 @@ pub(super) fn sizes(scan: &Scan<'_, '_>) -> Vec<Size> {
     let mut sizes = vec![Size::default(); parts.count];
     let mut about: Vec<Option<DVec3>> = vec![None; parts.count];
     for (&part, f) in parts.of_face.iter().zip(0u32..).filter(|&(&part, _)| part != Parts::NONE) {
-        let corners = scan.corners(f);
+        let corners = scan.analysis.unit_corners(f);
         let about = *about[part as usize].get_or_insert(corners[0]);
         let [a, b, c] = corners.map(|p| p - about);
         let size = &mut sizes[part as usize];
@@ -42,7 +42,7 @@ pub(super) fn sizes(scan: &Scan<'_, '_>) -> Vec<Size> {
     sizes
 }
 
-/// Tells of the parts: those beside the largest, those too small to print, those inside out, and, where the level allows
+/// Reports the parts: those beside the largest, those too small to print, those inside out, and, where the level allows
 /// a search, those inside others.
 ///
 /// A closed part lies in as many others as a ray from it to the outside leaves (see

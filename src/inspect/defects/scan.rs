@@ -47,17 +47,6 @@ impl<'a, 'm> Scan<'a, 'm> {
         self.context
     }
 
-    /// The corners of a face, on the unit scale.
-    pub fn corners(&self, face: u32) -> [DVec3; 3] {
-        self.analysis.surface.faces[face as usize].map(|v| self.unit[v as usize])
-    }
-
-    /// Twice the area of a face times its unit normal, on the unit scale.
-    pub fn area_vector(&self, face: u32) -> DVec3 {
-        let [a, b, c] = self.corners(face);
-        (b - a).cross(c - a)
-    }
-
     /// A length on the unit scale in the model's unit, as a number that JSON has.
     pub fn in_model_unit(&self, length: f64) -> f64 {
         (length * self.scale).clamp(f64::MIN, f64::MAX)

@@ -108,7 +108,7 @@ pub(super) fn find(scan: &mut Scan<'_, '_>) -> Result<(), Cancelled> {
     Ok(())
 }
 
-/// Tells edges that only position joins as slits without a gap, in a format whose readers take vertices by index.
+/// Reports edges that only position joins as slits without a gap, in a format whose readers take vertices by index.
 fn find_unshared(scan: &mut Scan<'_, '_>) -> Result<(), Cancelled> {
     let analysis = scan.analysis;
     let edges: Vec<usize> = unshared_edges(analysis).collect();
@@ -134,8 +134,8 @@ struct Beside {
 }
 
 impl Beside {
-    /// Tells one defect for each set of edges that hang together or lie along one another.
-    fn tell(self, kind: DefectKind, scan: &mut Scan<'_, '_>, boundary: &Boundary) -> Result<(), Cancelled> {
+    /// Reports one defect for each set of edges that hang together or lie along one another.
+    fn report(self, kind: DefectKind, scan: &mut Scan<'_, '_>, boundary: &Boundary) -> Result<(), Cancelled> {
         let mut edges: Vec<u32> = self.pairs.iter().flat_map(|&(e, other, _)| [e, other]).collect();
         edges.sort_unstable();
         edges.dedup();
@@ -198,7 +198,7 @@ fn find_slits(scan: &mut Scan<'_, '_>, boundary: &Boundary) -> Result<Vec<bool>,
     if near.gave_up {
         scan.incomplete(DefectKind::Slit);
     }
-    slits.tell(DefectKind::Slit, scan, boundary)?;
+    slits.report(DefectKind::Slit, scan, boundary)?;
     Ok(found)
 }
 
@@ -230,7 +230,7 @@ fn find_cracks(
             cracks.pairs.push((e, nearest.1, nearest.0));
         }
     }
-    cracks.tell(DefectKind::Crack, scan, boundary)
+    cracks.report(DefectKind::Crack, scan, boundary)
 }
 
 /// Finds ends of boundary edges that lie on another boundary edge between its ends, each once, with the nearest.

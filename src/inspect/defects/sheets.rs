@@ -1,9 +1,8 @@
 //! Surface of no thickness.
 
-use glam::DVec3;
 use rayon::prelude::*;
 
-use super::super::{DefectKind, Level};
+use super::super::{Analysis, DefectKind, Level};
 use super::parts::{ROUNDING, report_parts};
 use super::scan::Scan;
 use crate::context::Cancelled;
@@ -66,13 +65,7 @@ fn search(
     pairs: &mut Vec<(u32, u32, f64)>,
 ) -> Result<(), Cancelled> {
     let analysis = scan.analysis;
-    let search = Search {
-        unit: scan.unit,
-        faces: &analysis.surface.faces,
-        tree: analysis.tree(),
-        skip,
-        tolerance: scan.lengths.sheet.max(ROUNDING),
-    };
+    let search = Search { analysis, tree: analysis.tree(), skip, tolerance: scan.lengths.sheet.max(ROUNDING) };
     let asked: Vec<u32> = (0u32..).zip(known).filter(|&(_, &known)| !known).map(|(f, _)| f).collect();
     let mut gave_up = false;
     // Shared out from batch to batch, so that the answer is the same for any number of threads.
@@ -97,8 +90,8 @@ fn search(
 }
 
 struct Search<'a> {
-    unit: &'a [DVec3],
-    faces: &'a [[u32; 3]],
+    analysis: &'a Analysis<'a>,
+    /// Built before threads ask it.
     tree: &'a Tree,
     skip: &'a [bool],
     tolerance: f64,
@@ -113,16 +106,10 @@ enum Found {
 }
 
 impl Search<'_> {
-    fn corners(&self, face: u32) -> [DVec3; 3] {
-        self.faces[face as usize].map(|v| self.unit[v as usize])
-    }
-
     /// A face turned the other way on which the middle of face `f` lies, among the first `most` near it; and how many were
     /// looked at.
     fn partner(&self, f: u32, most: u64) -> (Found, u64) {
-        let [a, b, c] = self.corners(f);
-        let normal = (b - a).cross(c - a).normalize_or_zero();
-        let middle = (a + b + c) / 3.0;
+        let (normal, middle) = (self.analysis.unit_normal(f), self.analysis.unit_centre(f));
         let (mut found, mut looks) = (Found::Nothing, 0);
         self.tree.around(middle, self.tolerance, |g| {
             if looks == most {
@@ -130,7 +117,7 @@ impl Search<'_> {
                 return false;
             }
             looks += 1;
-            let corners @ [p, q, r] = self.corners(g);
+            let corners @ [p, q, r] = self.analysis.unit_corners(g);
             let other = (q - p).cross(r - p);
             if g == f || self.skip[g as usize] || normal.dot(other) >= 0.0 {
                 return true;
@@ -139,7 +126,7 @@ impl Search<'_> {
             if normal.dot(other) > OPPOSITE || !within(middle, corners, self.tolerance) {
                 return true;
             }
-            let in_plane = [a, b, c].into_iter().all(|x| orient3d(p, q, r, x) == Sign::Zero);
+            let in_plane = self.analysis.unit_corners(f).into_iter().all(|x| orient3d(p, q, r, x) == Sign::Zero);
             found = Found::Partner(g, if in_plane { 0.0 } else { other.dot(middle - p).abs() });
             false
         });

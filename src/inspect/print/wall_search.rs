@@ -92,10 +92,9 @@ impl<'a> Prober<'a> {
         if self.inside.is_some() {
             return vec![true; faces];
         }
-        self.analysis.tree().may_have_opposite(faces, longest.min(self.reach), OPPOSITE, |face| {
-            let [a, b, c] = self.analysis.unit_corners(face);
-            (b - a).cross(c - a).normalize_or_zero()
-        })
+        self.analysis
+            .tree()
+            .may_have_opposite(faces, longest.min(self.reach), OPPOSITE, |face| self.analysis.unit_normal(face))
     }
 
     /// The wall behind a sample by the ray inward, where it is at most `longest`. Whether the surface parts material from air is
@@ -121,8 +120,7 @@ impl<'a> Prober<'a> {
     }
 
     fn is_opposite(&self, face: u32, inward: DVec3, cosine: f64) -> bool {
-        let [a, b, c] = self.analysis.unit_corners(face);
-        let along = (b - a).cross(c - a).normalize_or_zero().dot(inward);
+        let along = self.analysis.unit_normal(face).dot(inward);
         // A part turned inside out has its faces' normals inward.
         (if self.inside.is_some() { along.abs() } else { along }) >= cosine
     }
@@ -328,9 +326,8 @@ impl<'a> Search<'a> {
 
     /// The centre of a face; none where it has no area.
     fn centre(&self, face: u32) -> Option<Sample> {
-        let [a, b, c] = self.analysis.unit_corners(face);
-        let normal = (b - a).cross(c - a).normalize_or_zero();
-        (normal != DVec3::ZERO).then(|| Sample { face, point: (a + b + c) / 3.0, normal })
+        let normal = self.analysis.unit_normal(face);
+        (normal != DVec3::ZERO).then(|| Sample { face, point: self.analysis.unit_centre(face), normal })
     }
 
     /// The thickness from which on a wall at a point tells nothing new.
