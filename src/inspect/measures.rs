@@ -140,9 +140,7 @@ impl Measures {
             + self.faces_in_other_materials
             + self.self_intersections.pairs.unwrap_or(0)
     }
-}
 
-impl Measures {
     /// What keeps the mesh from being printable, each fault with its count in words.
     #[must_use]
     pub fn faults(&self) -> Vec<String> {

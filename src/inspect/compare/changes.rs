@@ -36,7 +36,7 @@ const SAME_INSIDE_PCT: f64 = 99.0;
 
 /// How one mesh, the result, differs from another, the input. Percentages are of the input's value; none where the input's
 /// value is zero or not reliable.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Changes {
     /// Faces after minus before.
     pub faces: i64,
@@ -109,16 +109,9 @@ impl Changes {
             parts: difference(after.parts, before.parts),
             face_loss_pct: percent(before.faces as f64 - after.faces as f64, before.faces as f64).unwrap_or(0.0),
             faces_kept_pct,
-            faces_buried_pct: None,
-            surface_lost_pct: None,
-            lost: None,
-            made: None,
-            moved: None,
-            surface: None,
-            box_change_pct: None,
             area_change_pct: percent(after.area - before.area, before.area),
             volume_change_pct: percent(after.volume.value - settled.value, settled.value).filter(|_| is_known),
-            inside_overlap_pct: None,
+            ..Self::default()
         }
     }
 

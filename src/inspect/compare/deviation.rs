@@ -18,14 +18,13 @@ const BUDGET_A_POINT: u64 = 500;
 /// point.
 const INSIDE_BUDGET: u64 = 10_000_000;
 const INSIDE_BUDGET_A_POINT: u64 = 2000;
-
-/// Faces that are asked for, at most.
+/// Faces of which is asked whether they are buried, at most.
 const BURIED_FACES: usize = 1000;
-/// Nodes and triangles that all of them together may look at.
+/// Nodes and triangles that the questions about them together may look at.
 const BURIED_BUDGET: u64 = 10_000_000;
-/// How far on both sides of a face is asked, in unit coordinates, which reach 2.
+/// How far on both sides of a face winding numbers are asked, in unit coordinates, which reach 2.
 const BESIDE: f64 = 1e-6;
-/// A winding number of at least this is inside.
+/// A winding number of at least this is material.
 const MATERIAL: f64 = 0.9;
 /// The winding number from which on a point counts as inside a closed mesh.
 pub(super) const INSIDE_WINDING: f64 = 0.5;

@@ -4,13 +4,11 @@ use glam::DVec3;
 
 use super::super::{DefectKind, group_faces};
 use super::chains::chains;
-use super::scan::{Location, Scan};
+use super::scan::{Location, ROUNDING, Scan};
 use crate::context::Cancelled;
 use crate::math::collinear;
 use crate::mesh::{CornerNormals, Edges};
 
-/// Heights on the unit scale that rounding alone can give to corners on a line, with room to spare.
-const ROUNDING: f64 = 1e-13;
 /// Cosine of the angle from which on a normal is opposed to that of a face: a little over a right angle, since files
 /// round normals.
 const OPPOSED: f64 = -0.01;

@@ -3,12 +3,9 @@
 use glam::DVec3;
 
 use super::super::{DefectKind, Level, Solid, nesting_depths};
-use super::scan::Scan;
+use super::scan::{ROUNDING, Scan};
 use crate::context::Cancelled;
 use crate::mesh::Parts;
-
-/// Thickness on the unit scale that rounding alone can give.
-pub(super) const ROUNDING: f64 = 1e-13;
 
 /// Area and signed volume of a part, on the unit scale: those of [`Solid`](super::super::Solid) leave the range of f64
 /// where coordinates are near its ends.

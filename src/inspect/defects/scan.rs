@@ -7,6 +7,8 @@ use crate::math::Box3;
 
 /// Faces that one defect names; the others have its mark.
 const MOST_FACES: usize = 1000;
+/// Lengths on the unit scale that rounding alone can give, with room to spare.
+pub(super) const ROUNDING: f64 = 1e-13;
 /// Steps of a loop between two looks at the clock.
 const STRIDE: usize = 4096;
 

@@ -17,7 +17,7 @@ use glam::DVec3;
 use super::super::DefectKind;
 use super::super::measure::unshared_edges;
 use super::chains::chains;
-use super::scan::{Location, Scan};
+use super::scan::{Location, ROUNDING, Scan};
 use crate::context::Cancelled;
 use crate::math::{Tree, collinear, midmost};
 use crate::mesh::Edges;
@@ -28,8 +28,6 @@ const MOST_A_BOX: u64 = 32;
 const MOST_AT_LEAST: u64 = 2_000_000;
 /// The widest gap beside an edge, as a share of its length: what is farther apart are two sides of something.
 const GAP_SHARE: f64 = 0.2;
-/// What rounding alone can make of a distance of 0 on the unit scale, with room to spare.
-const ROUNDING: f64 = 1e-13;
 
 /// A tree that is asked within a budget.
 struct Near {

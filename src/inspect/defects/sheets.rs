@@ -3,8 +3,8 @@
 use rayon::prelude::*;
 
 use super::super::{Analysis, DefectKind, Level};
-use super::parts::{ROUNDING, report_parts};
-use super::scan::Scan;
+use super::parts::report_parts;
+use super::scan::{ROUNDING, Scan};
 use crate::context::Cancelled;
 use crate::math::{Sign, Tree, orient3d, within};
 use crate::mesh::{Parts, UnionFind};
