@@ -3,9 +3,9 @@ use std::sync::OnceLock;
 
 use glam::DVec3;
 
-use super::compare::FaceKeys;
-use super::intersections::faces_in_other_materials;
-use super::{Intersections, Measures, Solid, depths_of, intersections, measure, nesting, solids};
+use super::matching::FaceKeys;
+use super::solids::depths_of;
+use super::{Intersections, Measures, Solid, nesting, solids};
 use crate::context::{Cancelled, Context};
 use crate::math::{Box3, Dipoles, Tree, area_vanishes, collinear, to_unit_range, unit_scale};
 use crate::mesh::{CornerNormals, Edges, Fans, Ingest, Numbering, Parts, Soup, Surface};
@@ -62,9 +62,9 @@ pub struct Analysis<'a> {
     tree: OnceLock<Tree>,
     dipoles: OnceLock<Dipoles>,
     keys: OnceLock<(f64, FaceKeys)>,
-    measures: OnceLock<Measures>,
-    intersections: OnceLock<Intersections>,
-    faces_in_other_materials: OnceLock<Vec<u32>>,
+    pub(super) measures: OnceLock<Measures>,
+    pub(super) intersections: OnceLock<Intersections>,
+    pub(super) faces_in_other_materials: OnceLock<Vec<u32>>,
 }
 
 impl<'a> Analysis<'a> {
@@ -153,17 +153,21 @@ impl<'a> Analysis<'a> {
         })
     }
 
+    /// The diagonal of [`Analysis::extent`].
+    pub(super) fn unit_diagonal(&self) -> f64 {
+        self.extent().diagonal()
+    }
+
     /// The other closed parts that each part lies in, as [`nesting`] finds them for all parts.
     ///
     /// # Errors
     /// [`Cancelled`] when the work should stop.
     pub(super) fn containers(&self, context: &Context<'_>) -> Result<&[Option<Vec<u32>>], Cancelled> {
-        if let Some(known) = self.containers.get() {
-            return Ok(known);
-        }
-        let all = vec![true; self.solids.len()];
-        let containers = nesting(&self.surface, &self.parts, &self.solids, &all, context)?;
-        Ok(self.containers.get_or_init(|| containers))
+        let find = || {
+            let all = vec![true; self.solids.len()];
+            nesting(&self.surface, &self.parts, &self.solids, &all, context)
+        };
+        get_or_find(&self.containers, find).map(Vec::as_slice)
     }
 
     /// How many other closed parts each part lies in; none where it can't be found out.
@@ -175,43 +179,10 @@ impl<'a> Analysis<'a> {
         Ok(self.depths.get_or_init(|| depths_of(containers)))
     }
 
-    /// The faces that intersect, as [`intersections`] finds them.
-    ///
-    /// # Errors
-    /// [`Cancelled`] when the work should stop.
-    pub fn intersections(&self, context: &Context<'_>) -> Result<&Intersections, Cancelled> {
-        if let Some(known) = self.intersections.get() {
-            return Ok(known);
-        }
-        let found = intersections(self, context)?;
-        Ok(self.intersections.get_or_init(|| found))
-    }
-
-    /// The faces of the file that lie inside bodies of another material.
-    ///
-    /// # Errors
-    /// [`Cancelled`] when the work should stop.
-    pub fn faces_in_other_materials(&self, context: &Context<'_>) -> Result<&[u32], Cancelled> {
-        if let Some(known) = self.faces_in_other_materials.get() {
-            return Ok(known);
-        }
-        let found = faces_in_other_materials(self, context)?;
-        Ok(self.faces_in_other_materials.get_or_init(|| found))
-    }
-
-    /// The measures, but for self-intersections.
-    pub(super) fn measures(&self, context: &Context<'_>) -> Result<&Measures, Cancelled> {
-        if let Some(known) = self.measures.get() {
-            return Ok(known);
-        }
-        let found = measure::count(self, context)?;
-        Ok(self.measures.get_or_init(|| found))
-    }
-
     /// The faces by where they are, when positions are multiplied by `scale`. Those of the first scale that is asked for are kept.
     pub(super) fn keys(&self, scale: f64) -> Cow<'_, FaceKeys> {
-        let (known, keys) = self.keys.get_or_init(|| (scale, FaceKeys::new(self, scale)));
-        if *known == scale { Cow::Borrowed(keys) } else { Cow::Owned(FaceKeys::new(self, scale)) }
+        let (known, keys) = self.keys.get_or_init(|| (scale, FaceKeys::new(&self.surface, self.unit(), scale)));
+        if *known == scale { Cow::Borrowed(keys) } else { Cow::Owned(FaceKeys::new(&self.surface, self.unit(), scale)) }
     }
 
     /// A tree over the faces of `surface` in the coordinates of [`Analysis::unit`].
@@ -228,6 +199,53 @@ impl<'a> Analysis<'a> {
     pub(super) fn unit_corners(&self, face: u32) -> [DVec3; 3] {
         let (unit, [a, b, c]) = (self.unit(), self.surface.faces[face as usize]);
         [unit[a as usize], unit[b as usize], unit[c as usize]]
+    }
+
+    /// Twice the area of a face of `surface` times its unit normal, in the coordinates of [`Analysis::unit`].
+    pub(super) fn unit_area_vector(&self, face: u32) -> DVec3 {
+        let [a, b, c] = self.unit_corners(face);
+        (b - a).cross(c - a)
+    }
+
+    /// The unit normal of a face of `surface`; zero where it has no area.
+    pub(super) fn unit_normal(&self, face: u32) -> DVec3 {
+        self.unit_area_vector(face).normalize_or_zero()
+    }
+
+    /// The centre of a face of `surface` in the coordinates of [`Analysis::unit`].
+    pub(super) fn unit_centre(&self, face: u32) -> DVec3 {
+        let [a, b, c] = self.unit_corners(face);
+        (a + b + c) / 3.0
+    }
+}
+
+/// What a cell holds, found at its first use.
+pub(super) fn get_or_find<T>(cell: &OnceLock<T>, find: impl FnOnce() -> Result<T, Cancelled>) -> Result<&T, Cancelled> {
+    if let Some(known) = cell.get() {
+        return Ok(known);
+    }
+    let found = find()?;
+    Ok(cell.get_or_init(|| found))
+}
+
+/// Two meshes in their own unit coordinates, and how one's become the other's.
+#[derive(Clone, Copy)]
+pub(super) struct Pair<'a> {
+    pub from: &'a Analysis<'a>,
+    pub to: &'a Analysis<'a>,
+    /// What makes unit coordinates of `from` such of `to`: a power of two, so it rounds nothing.
+    pub ratio: f64,
+}
+
+impl<'a> Pair<'a> {
+    pub fn new(from: &'a Analysis<'a>, to: &'a Analysis<'a>) -> Self {
+        Self::scaled([from, to], [from, to].map(|mesh| mesh.scale()))
+    }
+
+    /// The same with the scales of both known.
+    pub fn scaled([from, to]: [&'a Analysis<'a>; 2], [mine, theirs]: [f64; 2]) -> Self {
+        // Beyond that, the smaller mesh is a point to the larger, at the origin.
+        Self { from, to, ratio: (theirs / mine).clamp(2f64.powi(-1000), 2f64.powi(1000)) }
     }
 }
 

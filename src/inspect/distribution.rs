@@ -177,8 +177,24 @@ pub(super) fn finite(x: f64) -> f64 {
     if x.is_nan() { 0.0 } else { x.clamp(f64::MIN, f64::MAX) }
 }
 
+/// The value below which a share of sorted values lies, between two of them in proportion; 0 where there is none.
+pub(super) fn percentile(sorted: &[f64], share: f64) -> f64 {
+    let at = share * (sorted.len().max(1) - 1) as f64;
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "an index")]
+    let below = at.floor() as usize;
+    let Some(&low) = sorted.get(below) else { return 0.0 };
+    let high = sorted.get(below + 1).copied().unwrap_or(low);
+    low + (high - low) * at.fract()
+}
+
+/// A part in percent of a whole's size; none where that is no number.
+#[must_use]
+pub fn percent(part: f64, whole: f64) -> Option<f64> {
+    let value = part / whole.abs() * 100.0;
+    (whole != 0.0 && value.is_finite()).then_some(value)
+}
+
 #[cfg(test)]
-#[allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 mod tests {
     use super::*;
 

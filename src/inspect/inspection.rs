@@ -1,115 +1,19 @@
+//! Everything that is said of one mesh, and whether it is good.
+
 use serde::{Deserialize, Serialize};
-use utoipa::{IntoParams, ToSchema};
+use utoipa::ToSchema;
 
 use super::{
-    Analysis, Characteristics, CheckVerdict, DefectGroup, DefectKind, Findings, Measures, OptionsError, PrintMeasures,
-    Subject, Tolerances, characteristics, find_defects, measures, print_measures,
+    Analysis, Answer, Attributes, CheckVerdict, DefectGroup, DefectKind, Findings, InspectOptions, Level, Measures,
+    PrintMeasures, Shells, Statistics, Subject, find_defects, measures, print_measures, shells, statistics,
 };
 use crate::context::{Cancelled, Context};
-use crate::scene::Unit;
 
 /// The version of [`Inspection`]'s structure.
 pub const INSPECTION_VERSION: u32 = 1;
 
 /// Places kept of each kind of defect for pictures and lists.
 const MOST_PLACES: usize = 10_000;
-
-/// How closely a mesh is looked at, after Parasolid's `PK_check_mesh_*` (seed 002).
-#[derive(
-    Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default, Serialize, Deserialize, ToSchema, clap::ValueEnum,
-)]
-#[serde(rename_all = "snake_case")]
-pub enum Level {
-    /// Counts and attributes only; no defect is looked for.
-    None,
-    /// Without what needs a search in space: slits, self-intersections and other neighbours that do not share an edge.
-    Basic,
-    /// Everything.
-    #[default]
-    Full,
-}
-
-impl Level {
-    /// Whether a kind of defect is looked for. Sheets are at level basic as far as their two sides have the same faces.
-    #[must_use]
-    pub fn looks_for(self, kind: DefectKind) -> bool {
-        use DefectKind as K;
-        match self {
-            Self::None => false,
-            Self::Basic => !matches!(kind, K::Slit | K::SelfIntersection | K::TJunction | K::Crack | K::InnerShell),
-            Self::Full => true,
-        }
-    }
-}
-
-/// What to look for, and how. Every field has a default.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema, IntoParams)]
-#[serde(default)]
-#[into_params(parameter_in = Query)]
-pub struct InspectOptions {
-    /// How closely.
-    pub level: Level,
-    /// Places of each kind of defect that the report lists.
-    #[schema(minimum = 0, maximum = 1000)]
-    pub places: usize,
-    /// How closely things must agree to count as the same.
-    pub tolerances: Tolerances,
-    /// The unit of the file's lengths, whatever it says itself. Without it, and where the file says none, millimetres are assumed.
-    pub unit: Option<Unit>,
-    /// The direction in which the model is built, of any length but zero.
-    #[schema(min_items = 3, max_items = 3)]
-    pub up: [f64; 3],
-    /// An angle from the vertical, in degrees from 0 to 90, for which the area of overhangs is told beside 30, 45 and 60.
-    #[schema(minimum = 0.0, maximum = 90.0)]
-    pub overhang_deg: f64,
-    /// Sides of the printer's build volume, in millimetres.
-    #[schema(min_items = 3, max_items = 3)]
-    pub build_volume: Option<[f64; 3]>,
-    /// Whether walls are measured of a printable mesh only. A repair asks for that of its input: what is printed is the result, and
-    /// walls of a mesh with faults take winding numbers, which is half of the time of a small repair.
-    #[serde(skip)]
-    #[schema(ignore)]
-    #[param(ignore)]
-    pub walls_of_printable_only: bool,
-}
-
-impl Default for InspectOptions {
-    fn default() -> Self {
-        Self {
-            level: Level::Full,
-            places: 20,
-            tolerances: Tolerances::default(),
-            unit: None,
-            up: [0.0, 0.0, 1.0],
-            overhang_deg: 45.0,
-            build_volume: None,
-            walls_of_printable_only: false,
-        }
-    }
-}
-
-impl InspectOptions {
-    /// Checks every range.
-    ///
-    /// # Errors
-    /// The first option that is out of its range.
-    pub fn validate(&self) -> Result<(), OptionsError> {
-        #[expect(clippy::cast_precision_loss, reason = "compared with a small bound")]
-        let places = self.places as f64;
-        OptionsError::unless_within("places", places, (0.0, 1000.0), "between 0 and 1000 places of each kind")?;
-        self.tolerances.validate().map_err(|error| OptionsError {
-            option: error.name,
-            value: error.value.to_string(),
-            expected: "a finite number that is not negative",
-        })?;
-        let degrees = "between 0 and 90 degrees from the vertical";
-        OptionsError::unless_within("overhang_deg", self.overhang_deg, (0.0, 90.0), degrees)?;
-        let up: f64 = self.up.iter().map(|x| x.abs()).sum();
-        OptionsError::unless_within("up", up, (f64::MIN_POSITIVE, f64::MAX), "a direction that is not zero")?;
-        let smallest = self.build_volume.map_or(1.0, |sides| sides.into_iter().fold(f64::MAX, f64::min));
-        OptionsError::unless_within("build_volume", smallest, (f64::MIN_POSITIVE, f64::MAX), "three lengths above zero")
-    }
-}
 
 /// Everything that is to be said of one mesh: the `before` and `after` of a repair, and the answer of an analysis.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -212,4 +116,195 @@ pub fn inspect_analysis(
         measures,
     };
     Ok((inspection, findings))
+}
+
+/// What meshalyzer reports of a mesh (seed 004) beyond [`Measures`].
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct Characteristics {
+    /// The four attributes.
+    pub attributes: Attributes,
+    /// What the file itself says of its vertices and faces.
+    pub elements: Elements,
+    /// The edge-connected parts.
+    pub shells: Shells,
+    /// How faces and edges are shaped; none at level `none`.
+    pub statistics: Option<Statistics>,
+}
+
+/// Finds the characteristics of a mesh that was measured.
+///
+/// # Errors
+/// [`Cancelled`] when the work should stop.
+pub fn characteristics(
+    analysis: &Analysis<'_>,
+    measures: &Measures,
+    level: Level,
+    context: &Context<'_>,
+) -> Result<Characteristics, Cancelled> {
+    let (shells, turning) = shells(analysis, context)?;
+    let attributes = Attributes::new(measures, &turning);
+    let statistics = match level {
+        Level::None => None,
+        Level::Basic | Level::Full => Some(statistics(analysis, &attributes, &turning, context)?),
+    };
+    Ok(Characteristics { attributes, elements: Elements::new(analysis, measures), shells, statistics })
+}
+
+/// What the file itself says of its vertices and faces, before vertices are merged.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct Elements {
+    /// Vertices in the file.
+    pub vertices: u64,
+    /// Used vertices of the file that can't be told from another one, since they stand at its position. None where no
+    /// vertex of the file is used twice, as in STL, which has no numbers: there, it is the rule.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub indistinguishable_vertices: Option<u64>,
+    /// Faces that name a vertex more than once, by its number or by its position.
+    pub repeated_vertex_faces: u64,
+    /// Faces of three different vertices that lie on a line, or so near one that f64 finds no area.
+    pub collinear_faces: u64,
+    /// Vertices that a face names and the file does not give. None where the format can't have them, or its reader refuses
+    /// them.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub missing_vertices: Option<u64>,
+    /// Faces that name such a vertex; nothing else counts them.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub faces_without_vertex: Option<u64>,
+    /// Whether vertices are numbered 1, 2, 3 and so on; none where the format has no numbers.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub vertices_contiguous: Option<bool>,
+    /// Whether faces are numbered 1, 2, 3 and so on; none where the format has no numbers.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub faces_contiguous: Option<bool>,
+}
+
+impl Elements {
+    /// Counts, with the degenerate faces that `measures` has found. Linear.
+    #[must_use]
+    pub fn new(analysis: &Analysis<'_>, measures: &Measures) -> Self {
+        let (soup, numbering) = (analysis.subject.soup, analysis.subject.numbering);
+        let mut used = vec![false; soup.positions.len()];
+        let mut used_before = |v: u32| used.get_mut(v as usize).is_some_and(|it| std::mem::replace(it, true));
+        let shared = soup.faces.iter().flatten().any(|&v| used_before(v));
+        let faces = &analysis.surface.faces;
+        let repeated = faces.iter().filter(|[a, b, c]| a == b || b == c || c == a).count() as u64;
+        Self {
+            vertices: soup.positions.len() as u64,
+            indistinguishable_vertices: (shared || numbering.is_some()).then_some(analysis.ingest.merged_vertices),
+            repeated_vertex_faces: repeated,
+            collinear_faces: measures.degenerate_faces.saturating_sub(repeated),
+            missing_vertices: numbering.map(|it| it.missing_vertices),
+            faces_without_vertex: numbering.map(|it| it.faces_without_vertex),
+            vertices_contiguous: numbering.map(|it| it.vertices_contiguous),
+            faces_contiguous: numbering.map(|it| it.faces_contiguous),
+        }
+    }
+}
+
+/// What a good mesh must keep to beyond having nothing wrong, after meshalyzer's option `-g` (seed 004).
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct Thresholds {
+    /// Aspect ratios of faces must be less than this.
+    pub aspect_ratio: f64,
+    /// Edge angles must be greater than this, in radians.
+    pub edge_angle: f64,
+    /// Edges must be longer than this.
+    pub edge_length: f64,
+}
+
+/// Whether a mesh is good, and if not, why.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct Goodness {
+    /// No reason was found against it.
+    pub good: bool,
+    /// What it was held to.
+    pub thresholds: Thresholds,
+    /// Everything that it lacks.
+    pub reasons: Vec<Shortfall>,
+}
+
+/// One thing that keeps a mesh from being good.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct Shortfall {
+    /// What is lacking.
+    pub lack: Lack,
+    /// How many elements are at fault, or the worst value; none where there is no figure.
+    pub value: Option<f64>,
+}
+
+/// What a mesh can lack.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Lack {
+    /// There are boundary edges, or no face at all.
+    Closed,
+    /// There are non-manifold edges or vertices.
+    Manifold,
+    /// There are misoriented edges.
+    Consistent,
+    /// It is not turned outward, or that can't be told; the value counts the parts turned the wrong way.
+    Outward,
+    /// There are pairs of intersecting faces.
+    NoIntersectingFaces,
+    /// Intersecting faces were not looked for, or not to the end.
+    IntersectionsChecked,
+    /// There are vertices that no face uses.
+    NoOrphanVertices,
+    /// Faces name vertices that are not there.
+    NoMissingVertices,
+    /// There are degenerate faces.
+    NoDegenerateFaces,
+    /// There are faces with a corner that is not a finite number.
+    FiniteFaces,
+    /// Vertices are not numbered 1, 2, 3 and so on.
+    ContiguousVertices,
+    /// Faces are not numbered 1, 2, 3 and so on.
+    ContiguousFaces,
+    /// A face is too thin; the value is the largest aspect ratio.
+    AspectRatio,
+    /// Two faces are too close; the value is the smallest edge angle.
+    EdgeAngle,
+    /// An edge is too short; the value is the smallest length.
+    EdgeLength,
+}
+
+/// Holds a mesh to what meshalyzer calls good: closed, manifold, outward, no intersecting, degenerate or unreadable
+/// face, no orphaned or missing vertex, contiguous numbers where the format has numbers, and shapes within the thresholds.
+///
+/// It should have been looked at at level `full`, without which intersections are not known and it can't be good.
+#[must_use]
+pub fn goodness(inspection: &Inspection, thresholds: Thresholds) -> Goodness {
+    let (measures, it) = (&inspection.measures, &inspection.characteristics);
+    let mut reasons = Vec::new();
+    let mut lacks = |lack, when: bool, value: Option<f64>| {
+        if when {
+            reasons.push(Shortfall { lack, value });
+        }
+    };
+    #[expect(clippy::cast_precision_loss, reason = "a figure to show")]
+    let count = |n: u64| Some(n as f64);
+    lacks(Lack::Closed, it.attributes.closed != Answer::Yes, count(measures.boundary_edges));
+    let nonmanifold = measures.nonmanifold_edges + measures.nonmanifold_vertices;
+    lacks(Lack::Manifold, it.attributes.manifold != Answer::Yes, count(nonmanifold));
+    lacks(Lack::Consistent, it.attributes.consistent == Answer::No, count(measures.misoriented_edges));
+    let inward = count(it.shells.inward).filter(|_| it.shells.inward > 0);
+    lacks(Lack::Outward, it.attributes.outward != Answer::Yes, inward);
+    let pairs = measures.self_intersections.pairs;
+    lacks(Lack::NoIntersectingFaces, pairs.is_some_and(|n| n > 0), pairs.and_then(count));
+    lacks(Lack::IntersectionsChecked, pairs.is_none() || !measures.self_intersections.complete, None);
+    lacks(Lack::NoOrphanVertices, measures.unreferenced_vertices > 0, count(measures.unreferenced_vertices));
+    let missing = it.elements.missing_vertices.unwrap_or(0);
+    lacks(Lack::NoMissingVertices, missing > 0, count(missing));
+    lacks(Lack::NoDegenerateFaces, measures.degenerate_faces > 0, count(measures.degenerate_faces));
+    lacks(Lack::FiniteFaces, measures.nonfinite_faces > 0, count(measures.nonfinite_faces));
+    lacks(Lack::ContiguousVertices, it.elements.vertices_contiguous == Some(false), None);
+    lacks(Lack::ContiguousFaces, it.elements.faces_contiguous == Some(false), None);
+    let shapes = it.statistics.as_ref();
+    let ratio = shapes.and_then(|s| s.face_aspect_ratio.as_ref()).map(|d| d.max);
+    lacks(Lack::AspectRatio, ratio.is_none_or(|x| x >= thresholds.aspect_ratio), ratio);
+    let angle = shapes.and_then(|s| s.edge_angle.distribution.as_ref()).map(|d| d.min);
+    lacks(Lack::EdgeAngle, angle.is_none_or(|x| x <= thresholds.edge_angle), angle);
+    let length = shapes.and_then(|s| s.edge_length.as_ref()).map(|d| d.min);
+    lacks(Lack::EdgeLength, length.is_none_or(|x| x <= thresholds.edge_length), length);
+    Goodness { good: reasons.is_empty(), thresholds, reasons }
 }

@@ -1,7 +1,9 @@
+use std::collections::BTreeMap;
+
 use glam::DVec3;
 
-use super::analysis::flat_faces;
-use super::{Analysis, Defect, DefectKind, Findings, Meeting, SelfIntersections};
+use super::analysis::{flat_faces, get_or_find};
+use super::{Analysis, Defect, DefectKind, Findings, IntersectingPair, Intersections, Meeting, SelfIntersections};
 use crate::context::{Cancelled, Context};
 use crate::math::{Box3, Contact, Frame, Hit, PairSearch, Tree, common_point, contact, to_unit_range};
 use crate::mesh::Parts;
@@ -14,26 +16,22 @@ const STEPS_A_SLOW_SIGN: u64 = 8;
 /// Pairs that are listed.
 const MOST_PAIRS: usize = 1_000_000;
 
-/// Two faces that intersect other than in a shared vertex or edge.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub struct IntersectingPair {
-    /// The faces by index in the file, the smaller first; between two meshes, first that of the first mesh.
-    pub faces: [u32; 2],
-    /// How they meet.
-    pub meeting: Meeting,
-    /// Whether both are of one edge-connected part.
-    pub within_one_part: bool,
-}
+impl Analysis<'_> {
+    /// The faces that intersect, as [`intersections`] finds them.
+    ///
+    /// # Errors
+    /// [`Cancelled`] when the work should stop.
+    pub fn intersections(&self, context: &Context<'_>) -> Result<&Intersections, Cancelled> {
+        get_or_find(&self.intersections, || intersections(self, context))
+    }
 
-/// All faces of a mesh, or of two meshes, that intersect.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Intersections {
-    /// The pairs, sorted. Of more than a million those that were found first.
-    pub pairs: Vec<IntersectingPair>,
-    /// Exact counts of all pairs, listed or not.
-    pub counts: SelfIntersections,
-    /// For each face of the file whether it takes part; between two meshes, of the first and then of the second.
-    pub takes_part: [Vec<bool>; 2],
+    /// The faces of the file that lie inside bodies of another material.
+    ///
+    /// # Errors
+    /// [`Cancelled`] when the work should stop.
+    pub fn faces_in_other_materials(&self, context: &Context<'_>) -> Result<&[u32], Cancelled> {
+        get_or_find(&self.faces_in_other_materials, || faces_in_other_materials(self, context)).map(Vec::as_slice)
+    }
 }
 
 /// Finds all pairs of faces that intersect other than in a vertex or an edge that they share, exactly.
@@ -137,8 +135,7 @@ const TOUCHING_DEPTH: f64 = 1e-5;
 /// Whether the bodies behind two faces of different materials that meet so have more than their surface in common.
 fn overlap(analysis: &Analysis<'_>, faces: [u32; 2], meeting: Meeting) -> bool {
     let corners = faces.map(|face| analysis.unit_corners(face));
-    let normal = |[a, b, c]: [DVec3; 3]| (b - a).cross(c - a).normalize_or_zero();
-    let normals = corners.map(normal);
+    let normals = faces.map(|face| analysis.unit_normal(face));
     // How far a face lies on both sides of the other's plane: the lesser of the two.
     let depth = |one: usize| {
         let other = 1 - one;
@@ -169,7 +166,7 @@ pub(super) fn materials_in(of_face: &[u32]) -> Vec<u32> {
 ///
 /// # Errors
 /// [`Cancelled`] when the work should stop.
-pub(super) fn faces_in_other_materials(analysis: &Analysis<'_>, context: &Context<'_>) -> Result<Vec<u32>, Cancelled> {
+fn faces_in_other_materials(analysis: &Analysis<'_>, context: &Context<'_>) -> Result<Vec<u32>, Cancelled> {
     let Some(materials) = analysis.subject.materials else { return Ok(Vec::new()) };
     let unit = analysis.unit();
     let count = analysis.surface.faces.len();
@@ -192,8 +189,7 @@ pub(super) fn faces_in_other_materials(analysis: &Analysis<'_>, context: &Contex
         for some in others.chunks(4096) {
             context.check()?;
             for &face in some.iter().filter(|&&face| !analysis.flat()[face as usize]) {
-                let [a, b, c] = analysis.unit_corners(face);
-                let behind = (a + b + c) / 3.0 - (b - a).cross(c - a).normalize_or_zero() * (2.0 * TOUCHING_DEPTH);
+                let behind = analysis.unit_centre(face) - analysis.unit_normal(face) * (2.0 * TOUCHING_DEPTH);
                 if bounds.holds(behind) && tree.winding(&dipoles, behind, &mut u64::MAX.clone(), corners).abs() > 0.75 {
                     inside.push(analysis.surface.source[face as usize]);
                 }
@@ -280,7 +276,7 @@ impl Intersections {
 }
 
 /// A point that two faces have in common, in the model's unit.
-pub(super) fn place(analysis: &Analysis<'_>, pair: &IntersectingPair) -> DVec3 {
+fn place(analysis: &Analysis<'_>, pair: &IntersectingPair) -> DVec3 {
     let [p, q] = pair
         .faces
         .map(|f| analysis.subject.soup.faces[f as usize].map(|v| analysis.subject.soup.positions[v as usize]));
@@ -288,6 +284,86 @@ pub(super) fn place(analysis: &Analysis<'_>, pair: &IntersectingPair) -> DVec3 {
     let largest = p.iter().chain(&q).fold(0.0f64, |m, x| m.max(x.abs().max_element()));
     let down = |t: [DVec3; 3]| t.map(|x| x / largest);
     common_point(&down(p), &down(q), pair.meeting == Meeting::Coplanar) * largest
+}
+
+/// Two instances of objects that have points in common where they stand.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct InstanceContact {
+    /// The instances, the smaller number first.
+    pub instances: [u32; 2],
+    /// Pairs of faces, one of each, that intersect; 0 where the instances only share vertices.
+    pub pairs: u64,
+    /// A point that both have in common, in the model's unit.
+    pub at: [f64; 3],
+}
+
+/// Finds the instances that have points in common: a pair of faces that intersects, or a vertex at the same position.
+///
+/// `instance_of` tells for each face of the file which instance it belongs to. Where the search for intersecting faces was given up,
+/// instances also count as in contact when the boxes of their intersecting faces meet. The contacts are sorted.
+///
+/// # Errors
+/// [`Cancelled`] when the work should stop.
+pub fn instance_contacts(
+    analysis: &Analysis<'_>,
+    instance_of: impl Fn(u32) -> u32,
+    context: &Context<'_>,
+) -> Result<Vec<InstanceContact>, Cancelled> {
+    let found = analysis.intersections(context)?;
+    let mut contacts: BTreeMap<[u32; 2], (u64, DVec3)> = BTreeMap::new();
+    for pair in &found.pairs {
+        let [a, b] = pair.faces.map(&instance_of);
+        if a != b {
+            let at = || place(analysis, pair);
+            contacts.entry([a.min(b), a.max(b)]).or_insert_with(|| (0, at())).0 += 1;
+        }
+    }
+    let mut first = vec![u32::MAX; analysis.surface.positions.len()];
+    for (face, &source) in analysis.surface.faces.iter().zip(&analysis.surface.source) {
+        let own = instance_of(source);
+        for &v in face {
+            let other = &mut first[v as usize];
+            if *other == u32::MAX {
+                *other = own;
+            } else if *other != own {
+                let at = analysis.surface.positions[v as usize];
+                contacts.entry([own.min(*other), own.max(*other)]).or_insert((0, at));
+            }
+        }
+    }
+    if !found.counts.complete || (found.pairs.len() as u64) < found.counts.pairs.unwrap_or(0) {
+        add_meeting_boxes(analysis, &found.takes_part[0], &instance_of, &mut contacts);
+    }
+    let contact = |(instances, (pairs, at)): ([u32; 2], (u64, DVec3))| {
+        let at = at.to_array();
+        InstanceContact { instances, pairs, at }
+    };
+    Ok(contacts.into_iter().map(contact).collect())
+}
+
+fn add_meeting_boxes(
+    analysis: &Analysis<'_>,
+    takes_part: &[bool],
+    instance_of: &impl Fn(u32) -> u32,
+    contacts: &mut BTreeMap<[u32; 2], (u64, DVec3)>,
+) {
+    let mut boxes: BTreeMap<u32, Box3> = BTreeMap::new();
+    let surface = &analysis.surface;
+    for (face, &source) in surface.source.iter().enumerate().filter(|(_, source)| takes_part[**source as usize]) {
+        let own = Box3::of(surface.corners(face));
+        let bounds = boxes.entry(instance_of(source)).or_insert(own);
+        bounds.min = bounds.min.min(own.min);
+        bounds.max = bounds.max.max(own.max);
+    }
+    let all: Vec<(u32, Box3)> = boxes.into_iter().collect();
+    for (i, (a, own)) in all.iter().enumerate() {
+        for (b, other) in &all[i + 1..] {
+            if own.meets(other) {
+                let at = (own.min.max(other.min) + own.max.min(other.max)) / 2.0;
+                contacts.entry([*a, *b]).or_insert((0, at));
+            }
+        }
+    }
 }
 
 #[cfg(test)]

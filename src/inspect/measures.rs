@@ -1,6 +1,8 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+use super::Meeting;
+
 /// A mesh measured. Vertices are merged at exactly equal positions first, as every STL reader must, so that the
 /// counts say what a slicer sees; `-0.0` equals `0.0`.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, ToSchema)]
@@ -138,9 +140,7 @@ impl Measures {
             + self.faces_in_other_materials
             + self.self_intersections.pairs.unwrap_or(0)
     }
-}
 
-impl Measures {
     /// What keeps the mesh from being printable, each fault with its count in words.
     #[must_use]
     pub fn faults(&self) -> Vec<String> {
@@ -252,4 +252,26 @@ impl SelfIntersections {
     pub fn proven_none(&self) -> bool {
         self.checked && self.complete && self.pairs == Some(0)
     }
+}
+
+/// Two faces that intersect other than in a shared vertex or edge.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub struct IntersectingPair {
+    /// The faces by index in the file, the smaller first; between two meshes, first that of the first mesh.
+    pub faces: [u32; 2],
+    /// How they meet.
+    pub meeting: Meeting,
+    /// Whether both are of one edge-connected part.
+    pub within_one_part: bool,
+}
+
+/// All faces of a mesh, or of two meshes, that intersect.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Intersections {
+    /// The pairs, sorted. Of more than a million those that were found first.
+    pub pairs: Vec<IntersectingPair>,
+    /// Exact counts of all pairs, listed or not.
+    pub counts: SelfIntersections,
+    /// For each face of the file whether it takes part; between two meshes, of the first and then of the second.
+    pub takes_part: [Vec<bool>; 2],
 }

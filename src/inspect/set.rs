@@ -1,10 +1,17 @@
+use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::{Analysis, Bins, Distribution, Histogram, finite, intersections_between, spacing};
+use super::analysis::Pair;
+use super::sampling::ask;
+use super::{Analysis, Bins, Distribution, Histogram, finite, intersections_between};
 use crate::context::{Cancelled, Context};
 use crate::math::Box3;
 use crate::mesh::Soup;
+
+/// Boxes and triangles that the searches from one mesh may look at: so many, and so many more for each vertex.
+const BUDGET: u64 = 50_000_000;
+const BUDGET_A_VERTEX: u64 = 1000;
 
 /// What is measured of a set of meshes beyond each one: characteristics 13 and 14 of meshalyzer (seed 004).
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -110,18 +117,9 @@ impl SetReport {
             })?);
         }
         if distances {
-            let measured = spacing(&all, context)?.into_iter().map(|it| {
-                #[expect(clippy::cast_possible_truncation, reason = "a list of files")]
-                let nearest = it.least.map(|gap| Nearest {
-                    distance: gap.distance,
-                    from: gap.from,
-                    to: gap.to,
-                    mesh: gap.mesh as u32,
-                    face: gap.face,
-                });
-                (it.distances, it.complete, nearest)
-            });
-            it.spacing = Some(SetSpacing::of(measured));
+            let measured = spacing(&all, context)?.into_iter();
+            it.spacing =
+                Some(SetSpacing::of(measured.map(|of_mesh| (of_mesh.distances, of_mesh.complete, of_mesh.least))));
         }
         Ok(Some(it))
     }
@@ -181,8 +179,92 @@ impl SetSpacing {
     }
 }
 
+/// How far one mesh of a set is from the others: characteristic 14 of meshalyzer (seed 004).
+#[derive(Debug, Clone, PartialEq)]
+pub struct Spacing {
+    /// For each vertex, in order, the distance to the nearest point of another mesh's surface, in the model's unit. Empty
+    /// where no other mesh has a face.
+    pub distances: Vec<f64>,
+    /// Whether every vertex was measured to the end; not on meshes made to be slow, where some are left out.
+    pub complete: bool,
+    /// Where the mesh comes nearest to another.
+    pub least: Option<Nearest>,
+}
+
+/// Measures the distance from every vertex of every mesh to the nearest surface of the other meshes. All are taken to be in
+/// the same unit and place.
+///
+/// # Errors
+/// [`Cancelled`] when the context says stop.
+pub fn spacing(meshes: &[&Analysis<'_>], context: &Context<'_>) -> Result<Vec<Spacing>, Cancelled> {
+    let scales: Vec<f64> = meshes.iter().map(|mesh| mesh.scale()).collect();
+    let boxes: Vec<Box3> = meshes.iter().map(|mesh| Box3::of(mesh.unit().iter().copied())).collect();
+    (0..meshes.len()).map(|own| from_one(own, meshes, &scales, &boxes, context)).collect()
+}
+
+fn from_one(
+    own: usize,
+    meshes: &[&Analysis<'_>],
+    scales: &[f64],
+    boxes: &[Box3],
+    context: &Context<'_>,
+) -> Result<Spacing, Cancelled> {
+    let mesh = meshes[own];
+    let mut others: Vec<(f64, usize, Pair<'_>)> = (0..meshes.len())
+        .filter(|&other| other != own && !meshes[other].surface.faces.is_empty())
+        .map(|other| {
+            let pair = Pair::scaled([mesh, meshes[other]], [scales[own], scales[other]]);
+            let (low, high) = (boxes[other].min / pair.ratio, boxes[other].max / pair.ratio);
+            let gap = (low - boxes[own].max).max(boxes[own].min - high).max_element();
+            (gap, other, pair)
+        })
+        .collect();
+    if others.is_empty() {
+        return Ok(Spacing { distances: Vec::new(), complete: true, least: None });
+    }
+    // The nearest first, so that the others are mostly ruled out by their boxes.
+    others.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+    for (_, _, pair) in &others {
+        pair.to.tree();
+        context.check()?;
+    }
+    let unit = mesh.unit();
+    let budget = BUDGET + BUDGET_A_VERTEX * unit.len() as u64;
+    let answers = ask(unit.len(), budget, context, |v, steps| {
+        let mut best: Option<(f64, Found)> = None;
+        for &(_, other, pair) in &others {
+            let bound = best.map_or(f64::INFINITY, |(distance, _)| distance * pair.ratio);
+            if let Some(nearest) =
+                pair.to.tree().nearest(unit[v] * pair.ratio, bound, steps, |f| pair.to.unit_corners(f))
+            {
+                best = Some((nearest.distance / pair.ratio, Found { other, face: nearest.face, point: nearest.point }));
+            }
+        }
+        best
+    })?;
+    let scale = scales[own];
+    let model = |p: DVec3, scale: f64| p.to_array().map(|x| finite(x / scale));
+    let found = || answers.values.iter().enumerate().filter_map(|(v, found)| Some((v, (*found)?)));
+    let least = found().min_by(|(_, a), (_, b)| a.0.total_cmp(&b.0)).map(|(v, (distance, it))| Nearest {
+        distance: finite(distance / scale),
+        from: model(unit[v], scale),
+        to: model(it.point, scales[it.other]),
+        #[expect(clippy::cast_possible_truncation, reason = "a list of files")]
+        mesh: it.other as u32,
+        face: meshes[it.other].surface.source[it.face as usize],
+    });
+    let distances = found().map(|(_, (distance, _))| finite(distance / scale)).collect();
+    Ok(Spacing { distances, complete: answers.complete, least })
+}
+
+#[derive(Clone, Copy)]
+struct Found {
+    other: usize,
+    face: u32,
+    point: DVec3,
+}
+
 #[cfg(test)]
-#[allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 mod tests {
     use std::sync::atomic::AtomicBool;
     use std::time::Duration;

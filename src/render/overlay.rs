@@ -2,10 +2,10 @@ use std::ops::Range;
 
 use glam::DVec3;
 
-use super::camera::{Camera, Projected, STEPS};
-use super::palette::colour;
+use super::image::{Camera, Projected, STEPS};
+use super::palette::{Colour, colour};
 use super::raster::{Raster, Seen};
-use super::{Colour, Scene};
+use super::scene::Scene;
 
 /// Half widths in samples of a line, of a dot, and of the dark rim around both.
 #[derive(Clone, Copy)]

@@ -1,13 +1,11 @@
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::camera::{Camera, SAMPLES, VIEWS, View};
-use super::canvas::{Canvas, text_width};
+use super::image::{Camera, Canvas, SAMPLES, VIEWS, View, text_width};
 use super::overlay::Overlay;
-use super::palette::{INSIDE, Paint};
+use super::palette::{Colour, INSIDE, Paint};
 use super::raster::{Faces, Raster, Seen};
-use super::scene::Shows;
-use super::{Colour, RenderError, Scene};
+use super::scene::{RenderError, Scene, Shows};
 use crate::context::Context;
 use crate::inspect::Fate;
 
@@ -191,7 +189,6 @@ fn number(value: f64) -> String {
 }
 
 #[cfg(test)]
-#[allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 mod tests {
     use std::sync::atomic::AtomicBool;
     use std::time::Duration;

@@ -2,9 +2,9 @@ use std::ops::Range;
 
 use glam::{Vec3, Vec4};
 
-use super::camera::{Camera, Projected, SAMPLES, STEPS};
-use super::palette::{BY_GRAVITY, INSIDE, Paint};
-use super::{Colour, Scene};
+use super::image::{Camera, Projected, SAMPLES, STEPS};
+use super::palette::{BY_GRAVITY, Colour, INSIDE, Paint};
+use super::scene::Scene;
 use crate::inspect::DefectKind;
 
 /// Samples that the faces of one view may cover together. A mesh that covers more, which no real one does, is drawn

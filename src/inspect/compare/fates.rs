@@ -2,16 +2,13 @@ use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::deviation::{Pair, unit_diagonal};
-use super::kept::Common;
-use super::{FAR, Original};
+use super::original::{FAR, Original, ROUNDING};
 use crate::context::{Cancelled, Context};
-use crate::inspect::queries::ask;
+use crate::inspect::analysis::Pair;
+use crate::inspect::matching::Common;
+use crate::inspect::sampling::ask;
 use crate::inspect::{Analysis, finite};
 use crate::math::Nearest;
-
-/// What rounding to f32 and back moves at most, in coordinates of [`Analysis::unit`], which reach 2.
-pub(super) const ROUNDING: f64 = 1.0 / (1u64 << 20) as f64;
 
 /// Faces of a result up to which each is looked at in four places; of more, each in its middle.
 const FEW: usize = 60_000;
@@ -96,7 +93,7 @@ impl Original<'_> {
         };
         context.check()?;
         let pieces = Pieces::of(before, &common.first);
-        let there = look(Pair::new(before, after), unit_diagonal(before), &pieces.middles, context)?;
+        let there = find_nearby(Pair::new(before, after), before.unit_diagonal(), &pieces.middles, context)?;
         // Half of a face that stands is enough for it to be no counterpart of what is near it.
         let mut standing = vec![0i64; before.surface.faces.len()];
         for (piece, found) in pieces.all.iter().zip(&there.places) {
@@ -105,11 +102,10 @@ impl Original<'_> {
         let stands = |face: u32| common.first[face as usize] || standing[face as usize] > 0;
         let (of_face, complete) = of_result(before, after, &common.second, stands, context)?;
         let mut fates = Fates { of_face: vec![None; after.subject.soup.faces.len()], ..Fates::default() };
-        let mut sum =
-            Sum { shares: SurfaceShares { complete: there.complete && complete, ..SurfaceShares::default() } };
+        fates.shares.complete = there.complete && complete;
         for (f, &fate) in (0u32..).zip(&of_face) {
             fates.of_face[after.surface.source[f as usize] as usize] = Some(fate);
-            sum.add(fate, 1, area(after.unit_corners(f)) * after.unit_length().powi(2));
+            fates.shares.add(fate, 1, area(after.unit_corners(f)) * after.unit_length().powi(2));
         }
         let unit = before.unit_length();
         let mut last = None;
@@ -120,28 +116,22 @@ impl Original<'_> {
                 None => false,
             };
             if !counterpart {
-                sum.add(Fate::Removed, u64::from(last != Some(piece.face)), area(piece.corners) * unit * unit);
+                fates.shares.add(Fate::Removed, u64::from(last != Some(piece.face)), area(piece.corners) * unit * unit);
                 last = Some(piece.face);
                 fates.removed.push(piece.corners.map(|p| p * unit));
             }
         }
-        fates.shares = sum.shares;
         Ok(fates)
     }
 }
 
-struct Sum {
-    shares: SurfaceShares,
-}
-
-impl Sum {
+impl SurfaceShares {
     fn add(&mut self, fate: Fate, faces: u64, area: f64) {
-        let shares = &mut self.shares;
         let share = match fate {
-            Fate::Kept => &mut shares.kept,
-            Fate::Moved => &mut shares.moved,
-            Fate::Added => &mut shares.added,
-            Fate::Removed => &mut shares.removed,
+            Fate::Kept => &mut self.kept,
+            Fate::Moved => &mut self.moved,
+            Fate::Added => &mut self.added,
+            Fate::Removed => &mut self.removed,
         };
         share.faces += faces;
         share.area = finite(share.area + area);
@@ -163,17 +153,17 @@ impl Place {
     }
 }
 
-struct Looked {
+struct Nearby {
     /// None where nothing is within reach.
     places: Vec<Option<Place>>,
     complete: bool,
 }
 
 /// The nearest place of the other mesh for each point, within [`FAR`] of the diagonal.
-fn look(pair: Pair<'_>, diagonal: f64, points: &[DVec3], context: &Context<'_>) -> Result<Looked, Cancelled> {
+fn find_nearby(pair: Pair<'_>, diagonal: f64, points: &[DVec3], context: &Context<'_>) -> Result<Nearby, Cancelled> {
     let mut places = vec![Some(Place::Unknown); points.len()];
     if points.is_empty() {
-        return Ok(Looked { places, complete: true });
+        return Ok(Nearby { places, complete: true });
     }
     let (tree, ratio) = (pair.to.tree(), pair.ratio);
     let reach = (FAR * diagonal).max(ROUNDING);
@@ -186,7 +176,7 @@ fn look(pair: Pair<'_>, diagonal: f64, points: &[DVec3], context: &Context<'_>) 
     for (place, answer) in places.iter_mut().zip(answers.values) {
         *place = answer.unwrap_or(Some(Place::Unknown));
     }
-    Ok(Looked { places, complete: answers.complete })
+    Ok(Nearby { places, complete: answers.complete })
 }
 
 /// The fate of each face of the result's surface.
@@ -207,9 +197,9 @@ fn of_result(
     };
     let points: Vec<DVec3> = open.iter().flat_map(places_in).collect();
     let pair = Pair::new(after, before);
-    let looked = look(pair, unit_diagonal(before) / pair.ratio, &points, context)?;
+    let nearby = find_nearby(pair, before.unit_diagonal() / pair.ratio, &points, context)?;
     let mut fates = vec![Fate::Kept; verbatim.len()];
-    for (&f, places) in open.iter().zip(looked.places.chunks(each)) {
+    for (&f, places) in open.iter().zip(nearby.places.chunks(each)) {
         let on = |place: &Option<Place>| place.is_some_and(|it| matches!(it, Place::Unknown) || it.near(ROUNDING));
         let counterpart = |place: &Option<Place>| matches!(place, Some(Place::Found(it)) if !stands(it.face) && it.distance > ROUNDING);
         fates[f as usize] = if places.iter().all(on) {
@@ -220,7 +210,7 @@ fn of_result(
             Fate::Added
         };
     }
-    Ok((fates, looked.complete))
+    Ok((fates, nearby.complete))
 }
 
 /// The faces of the input that are not in the result as they were, the larger ones cut.

@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 
 use super::super::DefectKind;
 use super::chains::chains;
-use super::scan::Scan;
+use super::scan::{Location, Scan};
 use crate::context::Cancelled;
 use crate::math::{Sign, orient3d};
 use crate::mesh::{Edges, UnionFind};
@@ -75,8 +75,9 @@ pub(super) fn find(scan: &mut Scan<'_, '_>, flat: &[bool], skip: &[bool]) -> Res
         let line = chains(&ends, &[]).into_iter().map(|c| c.line).max_by_key(Vec::len).unwrap_or_default();
         let line = scan.points(line);
         let beside = border.iter().flat_map(|fold| fold.faces);
-        let at = scan.middle(faces[0]);
-        scan.put(DefectKind::Foldover, at, faces.iter().copied().chain(beside), &line, Some(scan.told(height)));
+        let location = Location { at: scan.middle(faces[0]), line: &line };
+        let faces = faces.iter().copied().chain(beside);
+        scan.put(DefectKind::Foldover, location, faces, Some(scan.in_model_unit(height)));
     }
     Ok(folded)
 }
@@ -140,7 +141,7 @@ fn folded_over(scan: &Scan<'_, '_>, folds: &[(usize, Fold)], sets: &mut UnionFin
     #[expect(clippy::cast_possible_truncation, reason = "faces are counted in u32")]
     for f in 0..scan.analysis.surface.faces.len() as u32 {
         if let Ok(region) = roots.binary_search(&sets.root(f)) {
-            area[region] += scan.area_vector(f).length();
+            area[region] += scan.analysis.unit_area_vector(f).length();
         }
     }
     let mut by_area: Vec<usize> = (0..roots.len()).collect();

@@ -2,24 +2,14 @@
 //! beyond it. Self-intersections are found elsewhere.
 
 mod chains;
-mod check;
-mod corrupt;
-mod doubles;
+mod elements;
 mod folds;
-mod holes;
-mod manifold;
-mod normals;
 mod parts;
 mod scan;
 mod seams;
 mod sheets;
-mod thin_faces;
-mod tolerances;
 
-pub use check::{CheckRule, CheckVerdict};
-pub use tolerances::{Tolerance, ToleranceError, Tolerances};
-
-use super::{Analysis, Findings, Level};
+use super::{Analysis, Findings, Level, Tolerances};
 use crate::context::{Cancelled, Context};
 use crate::mesh::Parts;
 use scan::Scan;
@@ -44,24 +34,24 @@ pub fn find_defects(
         return Ok(());
     }
     let scan = &mut Scan::new(analysis, tolerances, findings, context);
-    corrupt::find(scan)?;
+    elements::find_corrupt(scan)?;
     if analysis.surface.faces.is_empty() {
         return Ok(());
     }
-    let flat = thin_faces::find(scan)?;
-    manifold::find_edges(scan)?;
-    manifold::find_vertices(scan)?;
-    normals::find(scan, &flat)?;
-    holes::find(scan)?;
-    let opposed = doubles::find(scan)?;
+    let flat = elements::find_flat(scan)?;
+    elements::find_edges(scan)?;
+    elements::find_vertices(scan)?;
+    elements::find_bad_normals(scan, &flat)?;
+    elements::find_holes(scan)?;
+    let opposed = elements::find_doubles(scan)?;
     let sizes = parts::sizes(scan);
-    let thin = sheets::parts_without_thickness(scan, &sizes);
+    let thin = parts::parts_without_thickness(scan, &sizes);
     let in_thin_part: Vec<bool> =
         analysis.parts.of_face.iter().map(|&p| p != Parts::NONE && thin[p as usize].is_some()).collect();
     let folded = folds::find(scan, &flat, &in_thin_part)?;
     let known = sheets::Known { opposed: &opposed, flat: &flat, thin: &thin, folded: &folded };
     sheets::find(scan, level, &known)?;
-    parts::find(scan, level, &sizes, &thin)?;
+    parts::find_parts(scan, level, &sizes, &thin)?;
     if level >= Level::Full {
         seams::find(scan)?;
     }

@@ -1,7 +1,9 @@
+//! Parts: those apart from the largest, tiny, inside out, within others, or without thickness.
+
 use glam::DVec3;
 
-use super::super::{DefectKind, Level, nesting_depths};
-use super::scan::Scan;
+use super::super::{DefectKind, Level, Solid, nesting_depths};
+use super::scan::{ROUNDING, Scan};
 use crate::context::Cancelled;
 use crate::mesh::Parts;
 
@@ -13,13 +15,21 @@ pub(super) struct Size {
     pub area: f64,
 }
 
+/// What was found of a part.
+struct Found {
+    apart: bool,
+    tiny: Option<f64>,
+    inverted: bool,
+    depth: Option<u32>,
+}
+
 /// Measures every part, about its first corner.
 pub(super) fn sizes(scan: &Scan<'_, '_>) -> Vec<Size> {
     let parts = &scan.analysis.parts;
     let mut sizes = vec![Size::default(); parts.count];
     let mut about: Vec<Option<DVec3>> = vec![None; parts.count];
     for (&part, f) in parts.of_face.iter().zip(0u32..).filter(|&(&part, _)| part != Parts::NONE) {
-        let corners = scan.corners(f);
+        let corners = scan.analysis.unit_corners(f);
         let about = *about[part as usize].get_or_insert(corners[0]);
         let [a, b, c] = corners.map(|p| p - about);
         let size = &mut sizes[part as usize];
@@ -29,13 +39,13 @@ pub(super) fn sizes(scan: &Scan<'_, '_>) -> Vec<Size> {
     sizes
 }
 
-/// Tells of the parts: those beside the largest, those too small to print, those inside out, and, where the level allows
+/// Reports the parts: those beside the largest, those too small to print, those inside out, and, where the level allows
 /// a search, those inside others.
 ///
 /// A closed part lies in as many others as a ray from it to the outside leaves (see
 /// [`nesting_depths`](super::super::nesting_depths)). Turned inward in an odd number of others it is a cavity, and in an
 /// even number it is inside out. `thin` are the parts without thickness, which have no inside.
-pub(super) fn find(
+pub(super) fn find_parts(
     scan: &mut Scan<'_, '_>,
     level: Level,
     sizes: &[Size],
@@ -56,23 +66,23 @@ pub(super) fn find(
     let whole = analysis.surface.bounds().diagonal();
     let tiny = |part: usize| {
         let diagonal = solids[part].bounds.diagonal();
-        (diagonal <= scan.told(scan.lengths.tiny_part) && diagonal < whole).then_some(diagonal)
+        (diagonal <= scan.in_model_unit(scan.lengths.tiny_part) && diagonal < whole).then_some(diagonal)
     };
-    let tell = |(part, depth): (usize, Option<u32>)| Told {
+    let describe = |(part, depth): (usize, Option<u32>)| Found {
         apart: solids.len() > 1 && Some(part) != largest,
         tiny: tiny(part),
         inverted: inward(part) && depth.is_some_and(|depth| depth % 2 == 0),
         depth: depth.filter(|&depth| depth > 0 && level >= Level::Full),
     };
-    let told: Vec<Told> = depths.into_iter().enumerate().map(tell).collect();
-    if told.iter().all(|it| !it.apart && it.tiny.is_none() && !it.inverted && it.depth.is_none()) {
+    let found: Vec<Found> = depths.into_iter().enumerate().map(describe).collect();
+    if found.iter().all(|it| !it.apart && it.tiny.is_none() && !it.inverted && it.depth.is_none()) {
         return Ok(());
     }
-    for (part, (it, faces)) in told.into_iter().zip(analysis.parts.faces()).enumerate() {
+    for (part, (it, faces)) in found.into_iter().zip(analysis.parts.faces()).enumerate() {
         scan.step(part)?;
         let Some(&first) = faces.first() else { continue };
         let at = scan.points([analysis.surface.faces[first as usize][0]])[0];
-        let mut put = |kind, value| scan.put(kind, at, faces.iter().copied(), &[], value);
+        let mut put = |kind, value| scan.put(kind, at, faces.iter().copied(), value);
         if it.apart {
             #[expect(clippy::cast_precision_loss, reason = "faces are counted in u32")]
             put(DefectKind::Disjoint, Some(faces.len() as f64));
@@ -89,10 +99,30 @@ pub(super) fn find(
     Ok(())
 }
 
-/// What is to be said of a part.
-struct Told {
-    apart: bool,
-    tiny: Option<f64>,
-    inverted: bool,
-    depth: Option<u32>,
+/// The parts without thickness: closed, with a volume that is no more than a sheet of their area and of the tolerance's
+/// thickness has. Answers the thickness of each, none for all other parts.
+pub(super) fn parts_without_thickness(scan: &Scan<'_, '_>, sizes: &[Size]) -> Vec<Option<f64>> {
+    let thickness = |(size, solid): (&Size, &Solid)| {
+        let thin = solid.closed && size.volume.abs() <= scan.lengths.sheet.max(ROUNDING) * size.area / 2.0;
+        thin.then(|| if size.area > 0.0 { 2.0 * size.volume.abs() / size.area } else { 0.0 })
+    };
+    sizes.iter().zip(&scan.analysis.solids).map(thickness).collect()
+}
+
+/// One defect for each part without thickness.
+pub(super) fn report_parts(scan: &mut Scan<'_, '_>, thin: &[Option<f64>]) {
+    if thin.iter().all(Option::is_none) {
+        return;
+    }
+    let mut faces: Vec<Vec<u32>> = vec![Vec::new(); thin.len()];
+    for (&part, f) in scan.analysis.parts.of_face.iter().zip(0u32..) {
+        if part != Parts::NONE && thin[part as usize].is_some() {
+            faces[part as usize].push(f);
+        }
+    }
+    for (thickness, faces) in thin.iter().zip(faces) {
+        if let (Some(thickness), Some(&first)) = (thickness, faces.first()) {
+            scan.put(DefectKind::Sheet, scan.middle(first), faces, Some(scan.in_model_unit(*thickness)));
+        }
+    }
 }

@@ -1,12 +1,14 @@
 use glam::DVec3;
 
-use super::super::{Analysis, Defect, DefectKind, Findings};
-use super::tolerances::{Lengths, Tolerances};
+use super::super::options::Lengths;
+use super::super::{Analysis, Defect, DefectKind, Findings, Tolerances};
 use crate::context::{Cancelled, Context};
 use crate::math::Box3;
 
 /// Faces that one defect names; the others have its mark.
 const MOST_FACES: usize = 1000;
+/// Lengths on the unit scale that rounding alone can give, with room to spare.
+pub(super) const ROUNDING: f64 = 1e-13;
 /// Steps of a loop between two looks at the clock.
 const STRIDE: usize = 4096;
 
@@ -47,25 +49,14 @@ impl<'a, 'm> Scan<'a, 'm> {
         self.context
     }
 
-    /// The corners of a face, on the unit scale.
-    pub fn corners(&self, face: u32) -> [DVec3; 3] {
-        self.analysis.surface.faces[face as usize].map(|v| self.unit[v as usize])
-    }
-
-    /// Twice the area of a face times its unit normal, on the unit scale.
-    pub fn area_vector(&self, face: u32) -> DVec3 {
-        let [a, b, c] = self.corners(face);
-        (b - a).cross(c - a)
-    }
-
     /// A length on the unit scale in the model's unit, as a number that JSON has.
-    pub fn told(&self, length: f64) -> f64 {
+    pub fn in_model_unit(&self, length: f64) -> f64 {
         (length * self.scale).clamp(f64::MIN, f64::MAX)
     }
 
     /// A length above 0 on the unit scale; it stays above 0, since 0 says that something is exactly so.
-    pub fn told_above_zero(&self, length: f64) -> f64 {
-        self.told(length).max(f64::MIN_POSITIVE)
+    pub fn in_model_unit_above_zero(&self, length: f64) -> f64 {
+        self.in_model_unit(length).max(f64::MIN_POSITIVE)
     }
 
     /// The middle of a face, in the model's unit.
@@ -88,33 +79,44 @@ impl<'a, 'm> Scan<'a, 'm> {
         self.findings.count_more(kind, count);
     }
 
-    /// Adds a defect at a point in the model's unit, with faces of the surface.
-    pub fn put(
+    /// Adds a defect, with faces of the surface.
+    pub fn put<'l>(
         &mut self,
         kind: DefectKind,
-        at: DVec3,
+        location: impl Into<Location<'l>>,
         faces: impl IntoIterator<Item = u32>,
-        line: &[DVec3],
         value: Option<f64>,
     ) {
         let source = &self.analysis.surface.source;
-        self.put_as_read(kind, at, faces.into_iter().map(|f| source[f as usize]).collect(), line, value);
+        self.put_as_read(kind, location, faces.into_iter().map(|f| source[f as usize]).collect(), value);
     }
 
     /// Adds a defect with faces as the file counts them.
-    pub fn put_as_read(
+    pub fn put_as_read<'l>(
         &mut self,
         kind: DefectKind,
-        at: DVec3,
+        location: impl Into<Location<'l>>,
         mut faces: Vec<u32>,
-        line: &[DVec3],
         value: Option<f64>,
     ) {
         faces.sort_unstable();
         faces.dedup();
         self.findings.mark(kind, &faces);
         faces.truncate(MOST_FACES);
+        let Location { at, line } = location.into();
         let line = line.iter().map(|p| p.to_array()).collect();
         self.findings.push(kind, Defect { at: at.to_array(), faces, line, value, meeting: None });
+    }
+}
+
+/// Where a defect is, in the model's unit: a point of it, and the points of its line where it has one.
+pub(super) struct Location<'l> {
+    pub at: DVec3,
+    pub line: &'l [DVec3],
+}
+
+impl From<DVec3> for Location<'_> {
+    fn from(at: DVec3) -> Self {
+        Self { at, line: &[] }
     }
 }

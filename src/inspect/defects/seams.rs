@@ -15,9 +15,9 @@
 use glam::DVec3;
 
 use super::super::DefectKind;
-use super::super::readers::unshared_edges;
+use super::super::measure::unshared_edges;
 use super::chains::chains;
-use super::scan::Scan;
+use super::scan::{Location, ROUNDING, Scan};
 use crate::context::Cancelled;
 use crate::math::{Tree, collinear, midmost};
 use crate::mesh::Edges;
@@ -28,8 +28,6 @@ const MOST_A_BOX: u64 = 32;
 const MOST_AT_LEAST: u64 = 2_000_000;
 /// The widest gap beside an edge, as a share of its length: what is farther apart are two sides of something.
 const GAP_SHARE: f64 = 0.2;
-/// What rounding alone can make of a distance of 0 on the unit scale, with room to spare.
-const ROUNDING: f64 = 1e-13;
 
 /// A tree that is asked within a budget.
 struct Near {
@@ -108,7 +106,7 @@ pub(super) fn find(scan: &mut Scan<'_, '_>) -> Result<(), Cancelled> {
     Ok(())
 }
 
-/// Tells edges that only position joins as slits without a gap, in a format whose readers take vertices by index.
+/// Reports edges that only position joins as slits without a gap, in a format whose readers take vertices by index.
 fn find_unshared(scan: &mut Scan<'_, '_>) -> Result<(), Cancelled> {
     let analysis = scan.analysis;
     let edges: Vec<usize> = unshared_edges(analysis).collect();
@@ -121,7 +119,7 @@ fn find_unshared(scan: &mut Scan<'_, '_>) -> Result<(), Cancelled> {
         let faces: Vec<u32> = beside.collect();
         let line = scan.points(chain.line);
         let Some(&at) = line.first() else { continue };
-        scan.put(DefectKind::Slit, at, faces, &line, Some(0.0));
+        scan.put(DefectKind::Slit, Location { at, line: &line }, faces, Some(0.0));
     }
     Ok(())
 }
@@ -134,8 +132,8 @@ struct Beside {
 }
 
 impl Beside {
-    /// Tells one defect for each set of edges that hang together or lie along one another.
-    fn tell(self, kind: DefectKind, scan: &mut Scan<'_, '_>, boundary: &Boundary) -> Result<(), Cancelled> {
+    /// Reports one defect for each set of edges that hang together or lie along one another.
+    fn report(self, kind: DefectKind, scan: &mut Scan<'_, '_>, boundary: &Boundary) -> Result<(), Cancelled> {
         let mut edges: Vec<u32> = self.pairs.iter().flat_map(|&(e, other, _)| [e, other]).collect();
         edges.sort_unstable();
         edges.dedup();
@@ -154,7 +152,8 @@ impl Beside {
             let gap = chain.edges.iter().map(|&e| gaps[e as usize]).fold(0.0, f64::max);
             let line = scan.points(chain.line);
             let faces = chain.edges.iter().map(|&e| boundary.face(edges[e as usize]));
-            scan.put(kind, line[0], faces, &line, Some(scan.told_above_zero(gap)));
+            let location = Location { at: line[0], line: &line };
+            scan.put(kind, location, faces, Some(scan.in_model_unit_above_zero(gap)));
         }
         Ok(())
     }
@@ -197,7 +196,7 @@ fn find_slits(scan: &mut Scan<'_, '_>, boundary: &Boundary) -> Result<Vec<bool>,
     if near.gave_up {
         scan.incomplete(DefectKind::Slit);
     }
-    slits.tell(DefectKind::Slit, scan, boundary)?;
+    slits.report(DefectKind::Slit, scan, boundary)?;
     Ok(found)
 }
 
@@ -229,7 +228,7 @@ fn find_cracks(
             cracks.pairs.push((e, nearest.1, nearest.0));
         }
     }
-    cracks.tell(DefectKind::Crack, scan, boundary)
+    cracks.report(DefectKind::Crack, scan, boundary)
 }
 
 /// Finds ends of boundary edges that lie on another boundary edge between its ends, each once, with the nearest.
@@ -264,10 +263,10 @@ fn find_t_junctions(scan: &mut Scan<'_, '_>, boundary: &Boundary, near: &mut Nea
         });
         if let Some((gap, e)) = nearest {
             let line = scan.points(boundary.ends[e as usize]);
-            let value = if gap == 0.0 { 0.0 } else { scan.told_above_zero(gap) };
+            let value = if gap == 0.0 { 0.0 } else { scan.in_model_unit_above_zero(gap) };
             let faces = of_vertex.iter().map(|&(_, e)| e).chain([e]).map(|e| boundary.face(e));
-            let at = scan.points([v])[0];
-            scan.put(DefectKind::TJunction, at, faces, &line, Some(value));
+            let location = Location { at: scan.points([v])[0], line: &line };
+            scan.put(DefectKind::TJunction, location, faces, Some(value));
         }
     }
     Ok(())

@@ -1,11 +1,10 @@
 //! Surface of no thickness.
 
-use glam::DVec3;
 use rayon::prelude::*;
 
-use super::super::{DefectKind, Level, Solid};
-use super::parts::Size;
-use super::scan::Scan;
+use super::super::{Analysis, DefectKind, Level};
+use super::parts::report_parts;
+use super::scan::{ROUNDING, Scan};
 use crate::context::Cancelled;
 use crate::math::{Sign, Tree, orient3d, within};
 use crate::mesh::{Parts, UnionFind};
@@ -20,18 +19,6 @@ const MOST_A_FACE: u64 = 64;
 const MOST_AT_LEAST: u64 = 4_000_000;
 /// Faces that are looked at between two looks at the clock.
 const BATCH: usize = 1 << 12;
-/// Thickness on the unit scale that rounding alone can give.
-const ROUNDING: f64 = 1e-13;
-
-/// The parts without thickness: closed, with a volume that is no more than a sheet of their area and of the tolerance's
-/// thickness has. Answers the thickness of each, none for all other parts.
-pub(super) fn parts_without_thickness(scan: &Scan<'_, '_>, sizes: &[Size]) -> Vec<Option<f64>> {
-    let thickness = |(size, solid): (&Size, &Solid)| {
-        let thin = solid.closed && size.volume.abs() <= scan.lengths.sheet.max(ROUNDING) * size.area / 2.0;
-        thin.then(|| if size.area > 0.0 { 2.0 * size.volume.abs() / size.area } else { 0.0 })
-    };
-    sizes.iter().zip(&scan.analysis.solids).map(thickness).collect()
-}
 
 /// What other searches found before.
 pub(super) struct Known<'a> {
@@ -66,8 +53,8 @@ pub(super) fn find(scan: &mut Scan<'_, '_>, level: Level, known: &Known<'_>) -> 
         }
         search(scan, &skip, &doubled, &mut pairs)?;
     }
-    tell_parts(scan, known.thin);
-    tell_regions(scan, &pairs)
+    report_parts(scan, known.thin);
+    report_regions(scan, &pairs)
 }
 
 /// Looks for a partner of every face but those in `known`.
@@ -78,13 +65,7 @@ fn search(
     pairs: &mut Vec<(u32, u32, f64)>,
 ) -> Result<(), Cancelled> {
     let analysis = scan.analysis;
-    let search = Search {
-        unit: scan.unit,
-        faces: &analysis.surface.faces,
-        tree: analysis.tree(),
-        skip,
-        tolerance: scan.lengths.sheet.max(ROUNDING),
-    };
+    let search = Search { analysis, tree: analysis.tree(), skip, tolerance: scan.lengths.sheet.max(ROUNDING) };
     let asked: Vec<u32> = (0u32..).zip(known).filter(|&(_, &known)| !known).map(|(f, _)| f).collect();
     let mut gave_up = false;
     // Shared out from batch to batch, so that the answer is the same for any number of threads.
@@ -109,8 +90,8 @@ fn search(
 }
 
 struct Search<'a> {
-    unit: &'a [DVec3],
-    faces: &'a [[u32; 3]],
+    analysis: &'a Analysis<'a>,
+    /// Built before threads ask it.
     tree: &'a Tree,
     skip: &'a [bool],
     tolerance: f64,
@@ -125,16 +106,10 @@ enum Found {
 }
 
 impl Search<'_> {
-    fn corners(&self, face: u32) -> [DVec3; 3] {
-        self.faces[face as usize].map(|v| self.unit[v as usize])
-    }
-
     /// A face turned the other way on which the middle of face `f` lies, among the first `most` near it; and how many were
     /// looked at.
     fn partner(&self, f: u32, most: u64) -> (Found, u64) {
-        let [a, b, c] = self.corners(f);
-        let normal = (b - a).cross(c - a).normalize_or_zero();
-        let middle = (a + b + c) / 3.0;
+        let (normal, middle) = (self.analysis.unit_normal(f), self.analysis.unit_centre(f));
         let (mut found, mut looks) = (Found::Nothing, 0);
         self.tree.around(middle, self.tolerance, |g| {
             if looks == most {
@@ -142,7 +117,7 @@ impl Search<'_> {
                 return false;
             }
             looks += 1;
-            let corners @ [p, q, r] = self.corners(g);
+            let corners @ [p, q, r] = self.analysis.unit_corners(g);
             let other = (q - p).cross(r - p);
             if g == f || self.skip[g as usize] || normal.dot(other) >= 0.0 {
                 return true;
@@ -151,7 +126,7 @@ impl Search<'_> {
             if normal.dot(other) > OPPOSITE || !within(middle, corners, self.tolerance) {
                 return true;
             }
-            let in_plane = [a, b, c].into_iter().all(|x| orient3d(p, q, r, x) == Sign::Zero);
+            let in_plane = self.analysis.unit_corners(f).into_iter().all(|x| orient3d(p, q, r, x) == Sign::Zero);
             found = Found::Partner(g, if in_plane { 0.0 } else { other.dot(middle - p).abs() });
             false
         });
@@ -159,26 +134,8 @@ impl Search<'_> {
     }
 }
 
-/// One defect for each part without thickness.
-fn tell_parts(scan: &mut Scan<'_, '_>, thin: &[Option<f64>]) {
-    if thin.iter().all(Option::is_none) {
-        return;
-    }
-    let mut faces: Vec<Vec<u32>> = vec![Vec::new(); thin.len()];
-    for (&part, f) in scan.analysis.parts.of_face.iter().zip(0u32..) {
-        if part != Parts::NONE && thin[part as usize].is_some() {
-            faces[part as usize].push(f);
-        }
-    }
-    for (thickness, faces) in thin.iter().zip(faces) {
-        if let (Some(thickness), Some(&first)) = (thickness, faces.first()) {
-            scan.put(DefectKind::Sheet, scan.middle(first), faces, &[], Some(scan.told(*thickness)));
-        }
-    }
-}
-
 /// One defect for each set of faces that are in pairs or share edges.
-fn tell_regions(scan: &mut Scan<'_, '_>, pairs: &[(u32, u32, f64)]) -> Result<(), Cancelled> {
+fn report_regions(scan: &mut Scan<'_, '_>, pairs: &[(u32, u32, f64)]) -> Result<(), Cancelled> {
     if pairs.is_empty() {
         return Ok(());
     }
@@ -207,8 +164,8 @@ fn tell_regions(scan: &mut Scan<'_, '_>, pairs: &[(u32, u32, f64)]) -> Result<()
     for (number, region) in members.chunk_by(|x, y| x.0 == y.0).enumerate() {
         scan.step(number)?;
         let (root, first) = region[0];
-        let gap = scan.told(gaps[root as usize]);
-        scan.put(DefectKind::Sheet, scan.middle(first), region.iter().map(|&(_, f)| f), &[], Some(gap));
+        let gap = scan.in_model_unit(gaps[root as usize]);
+        scan.put(DefectKind::Sheet, scan.middle(first), region.iter().map(|&(_, f)| f), Some(gap));
     }
     Ok(())
 }

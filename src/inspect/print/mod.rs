@@ -1,22 +1,37 @@
 //! What a printer and its operator want to know of a model.
 
-mod overhang;
-mod thinnest;
-mod walls;
+mod wall_search;
 
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::{Analysis, InspectOptions, Measures, finite};
+use super::distribution::percentile;
+use super::sampling::{Sample, ask, samples};
+use super::{Analysis, InspectOptions, Measures, Solid, finite};
 use crate::context::{Cancelled, Context};
 use crate::math::Box3;
 use crate::scene::{Unit, UnitSource};
-use overhang::overhang;
-use walls::thinnest_wall;
+use wall_search::{Probe, Prober, Search, Wall};
 
-pub use overhang::{Overhang, OverhangArea};
-pub use walls::{NoWall, ThinPlace, ThinnestWall, thin_walls};
+/// Points from which the wall is measured whatever its thickness.
+const SAMPLES: u32 = 256;
+/// The same where winding numbers must tell material from air, which costs more.
+const COSTLY_SAMPLES: u32 = 64;
+/// Points from which it is measured how much of the surface is thin.
+const THIN_SAMPLES: u32 = 256;
+/// Boxes and triangles that these points together may look at.
+const BUDGET: u64 = 10_000_000;
+/// Share of the area that is part of a wall which the thin walls are.
+const THIN_SHARE: f64 = 0.05;
+/// Share of the samples that must have material on one side and air on the other for the mesh to have walls.
+const SOLID_SHARE: f64 = 0.5;
+/// Angles for which the area is always told, in degrees from the vertical.
+const DEGREES: [f64; 3] = [30.0, 45.0, 60.0];
+/// How high above the lowest point a face still lies on the build plate, as a share of the diagonal.
+const PLATE: f64 = 1e-6;
+/// What the sine of a face's angle must exceed that of the limit by, so that faces at just the limit do not count.
+const MORE: f64 = 1e-9;
 
 /// Measures for printing. Lengths, areas and volumes are in the model's unit where nothing else is said.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -130,4 +145,216 @@ fn fit(size: [f64; 3], build_volume: [f64; 3]) -> Fit {
     };
     let turned = within(sorted(size), sorted(build_volume));
     Fit { build_volume, as_is: within(size, build_volume), turned }
+}
+
+/// Surface that faces down and may need support.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct Overhang {
+    /// The direction in which the model is built, of length 1.
+    pub up: [f64; 3],
+    /// The area that hangs over by more than each of some angles, by rising angle. What lies on the build plate is left out.
+    pub beyond: Vec<OverhangArea>,
+}
+
+/// The area that hangs over by more than an angle.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct OverhangArea {
+    /// The angle from the vertical, in degrees: a wall has 0, a ceiling 90.
+    pub degrees: f64,
+    /// Area, in square units.
+    pub area: f64,
+    /// Share of the whole area, in percent.
+    pub percent: f64,
+}
+
+/// Measures overhangs for the build direction `up`, of any length, at some fixed angles and at `degrees`. A direction that is
+/// none counts as +z.
+fn overhang(analysis: &Analysis<'_>, up: [f64; 3], degrees: f64) -> Overhang {
+    let up = DVec3::from(up);
+    let largest = up.abs().max_element();
+    let up = if largest > 0.0 && largest.is_finite() { (up / largest).normalize() } else { DVec3::Z };
+    let mut limits = DEGREES.to_vec();
+    limits.push(if degrees.is_nan() { DEGREES[1] } else { degrees.clamp(0.0, 90.0) });
+    limits.sort_by(f64::total_cmp);
+    limits.dedup();
+    let unit = analysis.unit();
+    let lowest = unit.iter().map(|p| p.dot(up)).fold(f64::INFINITY, f64::min);
+    let plate = lowest + PLATE * analysis.unit_diagonal();
+    let (mut whole, mut areas) = (0.0, vec![0.0; limits.len()]);
+    let sines: Vec<f64> = limits.iter().map(|degrees| degrees.to_radians().sin() + MORE).collect();
+    for face in &analysis.surface.faces {
+        let [a, b, c] = face.map(|v| unit[v as usize]);
+        let area = (b - a).cross(c - a) * 0.5;
+        let size = area.length();
+        whole += size;
+        if size > 0.0 && [a, b, c].iter().any(|p| p.dot(up) > plate) {
+            let down = -area.dot(up) / size;
+            for (sum, _) in areas.iter_mut().zip(&sines).filter(|(_, sine)| down > **sine) {
+                *sum += size;
+            }
+        }
+    }
+    let scale = analysis.scale();
+    let beyond = limits.into_iter().zip(areas).map(|(degrees, area)| OverhangArea {
+        degrees,
+        area: finite(area / scale / scale),
+        percent: if whole > 0.0 { area / whole * 100.0 } else { 0.0 },
+    });
+    Overhang { up: up.to_array(), beyond: beyond.collect() }
+}
+
+/// The thinnest wall.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct ThinnestWall {
+    /// Its thickness, in the model's unit: the way from a face straight into the material to where it leaves through a face turned
+    /// the other way to within 30 degrees. The least over every face's centre and over points spread by area.
+    pub thickness: f64,
+    /// A point on one side of it.
+    pub at: [f64; 3],
+    /// The faces of the file on both sides of it.
+    pub faces: [u32; 2],
+    /// The median of the thickness over the area that is part of a wall, from at most 256 points.
+    pub median: f64,
+    /// Points from which a thinner wall was searched: every face's centre, and points spread by area.
+    pub samples: u64,
+    /// Whether the search looked at all of these points. A mesh made to be slow, or one with overlapping parts or holes, may
+    /// spend the search's budget first; then a thinner wall may have been missed.
+    #[serde(default)]
+    pub complete: bool,
+    /// The thinnest point of each thin region, at most 100, the thinnest first. A region is a sixteenth of the model's
+    /// longest side wide. Regions count that are at most a quarter thicker than the thinnest, or as thick as 2 % of the diagonal.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub places: Vec<ThinPlace>,
+}
+
+/// The thinnest point of a thin region.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct ThinPlace {
+    /// The point, on the surface.
+    pub at: [f64; 3],
+    /// The thickness there, in the model's unit.
+    pub thickness: f64,
+}
+
+/// Why no wall was measured.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum NoWall {
+    /// The mesh has no area.
+    NoSurface,
+    /// Most of the surface has no material on one side and air on the other: it is a sheet, or too open to tell.
+    OpenSurface,
+    /// No two sides face away from each other.
+    NoOppositeSides,
+    /// It is the input of a repair and not printable: the walls that are measured are those of the result.
+    NotPrintable,
+}
+
+/// Measures the thinnest wall by rays inward, from every face's centre and from points spread over the surface, to where the
+/// air begins. Where the mesh is not printable, winding numbers tell material from air, so parts may overlap, surfaces intersect,
+/// and parts be turned inside out.
+///
+/// # Errors
+/// [`Cancelled`] when the context says stop.
+fn thinnest_wall(
+    analysis: &Analysis<'_>,
+    measures: &Measures,
+    context: &Context<'_>,
+) -> Result<Result<ThinnestWall, NoWall>, Cancelled> {
+    let bounding = bounding_parts(analysis, measures, context)?;
+    let samples = samples(analysis, if bounding.is_some() { SAMPLES } else { COSTLY_SAMPLES });
+    let prober = Prober::new(analysis, bounding);
+    let sampled = match walls(&samples, context, |sample, steps| prober.probe(sample, prober.reach, steps))? {
+        Ok(walls) => walls,
+        Err(why) => return Ok(Err(why)),
+    };
+    let mut search = Search::new(analysis, prober.reach);
+    sampled.iter().for_each(|wall| search.add(*wall));
+    search.run(&prober, measures.printable(), context)?;
+    let scale = analysis.scale();
+    let at = |wall: &Wall| wall.point.to_array().map(|x| finite(x / scale));
+    let thickness = |wall: &Wall| finite(wall.thickness / scale);
+    let thin = search.regions();
+    let Some(least) = thin.first() else { return Ok(Err(NoWall::NoOppositeSides)) };
+    Ok(Ok(ThinnestWall {
+        thickness: thickness(least),
+        at: at(least),
+        faces: least.faces.map(|face| analysis.surface.source[face as usize]),
+        median: if sampled.is_empty() { thickness(least) } else { finite(median(&sampled) / scale) },
+        samples: search.asked + samples.len() as u64,
+        complete: search.complete,
+        places: thin.iter().map(|wall| ThinPlace { at: at(wall), thickness: thickness(wall) }).collect(),
+    }))
+}
+
+fn median(walls: &[Wall]) -> f64 {
+    percentile(&sorted(walls), 0.5)
+}
+
+/// The thickness, in the model's unit, below which the wall is on a twentieth of the area that is part of a wall: thin, and
+/// not the chance of a single point. None where there is no wall to measure. By balls inside the material, since a grid resolves
+/// a wall by the room that it leaves.
+///
+/// # Errors
+/// [`Cancelled`] when the context says stop.
+pub fn thin_walls(analysis: &Analysis<'_>, context: &Context<'_>) -> Result<Option<f64>, Cancelled> {
+    let samples = samples(analysis, THIN_SAMPLES);
+    let prober = Prober::new(analysis, None);
+    let walls = walls(&samples, context, |sample, steps| prober.probe_by_ball(sample, steps))?.unwrap_or_default();
+    let thickness = percentile(&sorted(&walls), THIN_SHARE) / analysis.scale();
+    Ok((!walls.is_empty() && thickness > 0.0 && thickness.is_finite()).then_some(thickness))
+}
+
+fn sorted(walls: &[Wall]) -> Vec<f64> {
+    let mut sorted: Vec<f64> = walls.iter().map(|wall| wall.thickness).collect();
+    sorted.sort_unstable_by(f64::total_cmp);
+    sorted
+}
+
+/// The wall behind each sample that has one.
+fn walls(
+    samples: &[Sample],
+    context: &Context<'_>,
+    probe: impl Fn(&Sample, &mut u64) -> Probe + Sync,
+) -> Result<Result<Vec<Wall>, NoWall>, Cancelled> {
+    if samples.is_empty() {
+        return Ok(Err(NoWall::NoSurface));
+    }
+    context.check()?;
+    let answers = ask(samples.len(), BUDGET, context, |i, steps| {
+        let probe = probe(&samples[i], steps);
+        (*steps > 0).then_some(probe)
+    })?;
+    let (mut asked, mut solid, mut walls) = (0u32, 0u32, Vec::new());
+    for (sample, probe) in samples.iter().zip(&answers.values) {
+        let Some(probe) = probe else { continue };
+        asked += 1;
+        solid += u32::from(!matches!(probe, Probe::NotSolid));
+        if let &Probe::Wall(thickness, face) = probe {
+            walls.push(Wall { thickness, point: sample.point, faces: [sample.face, face] });
+        }
+    }
+    if f64::from(solid) < SOLID_SHARE * f64::from(asked) || asked == 0 {
+        return Ok(Err(NoWall::OpenSurface));
+    }
+    Ok(Ok(walls))
+}
+
+/// Which parts bound the material: their faces have material behind them and air in front. Each other part is wholly within material, or
+/// encloses air only. None where nesting does not tell: the mesh is not printable, or parts touch.
+fn bounding_parts(
+    analysis: &Analysis<'_>,
+    measures: &Measures,
+    context: &Context<'_>,
+) -> Result<Option<Vec<bool>>, Cancelled> {
+    if !measures.printable() {
+        return Ok(None);
+    }
+    // What a part adds to the winding numbers within it.
+    let own = |solid: &Solid| if solid.volume > 0.0 { 1 } else { -1 };
+    let bounds = |(solid, containers): (&Solid, &Option<Vec<u32>>)| {
+        let around: i32 = containers.as_ref()?.iter().map(|&part| own(&analysis.solids[part as usize])).sum();
+        (solid.volume != 0.0).then(|| around == i32::from(solid.volume < 0.0))
+    };
+    Ok(analysis.solids.iter().zip(analysis.containers(context)?).map(bounds).collect())
 }

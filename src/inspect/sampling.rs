@@ -1,13 +1,25 @@
+//! Points spread over a mesh, and questions about points that are asked within a budget: what sees the outside, and what is inside.
+
 use std::ops::Range;
 
+use glam::DVec3;
 use rayon::prelude::*;
 
+use super::Analysis;
 use crate::context::{Cancelled, Context};
+use crate::math::{Dipoles, hit, r2, ray_direction};
 
 /// Share of a budget that one question may take.
 pub(super) const SHARE: u64 = 16;
 /// Questions asked at once before anything is known of what they cost, at least, and at most.
 const BLOCK: [usize; 3] = [64, 16, 4096];
+/// Directions in which a point may see the outside.
+const DIRECTIONS: u32 = 32;
+/// How far in front of its face a ray starts, as a share of the diagonal.
+const LIFT: f64 = 1e-5;
+/// Faces that all rays together may look at: so many, and so many more for each point.
+const BUDGET: u64 = 10_000_000;
+const BUDGET_A_POINT: u64 = 500;
 
 /// What many questions to a tree were answered.
 pub(super) struct Answers<T> {
@@ -103,8 +115,109 @@ fn coprime(mut a: usize, mut b: usize) -> bool {
     a == 1
 }
 
+/// A point on a face.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Sample {
+    /// The face of the analysis's surface.
+    pub face: u32,
+    /// Where it is, in the coordinates of [`Analysis::unit`].
+    pub point: DVec3,
+    /// The face's unit normal.
+    pub normal: DVec3,
+}
+
+/// Points spread by area, in order of their faces. None where the mesh has no area. The same for the same mesh.
+pub(super) fn samples(analysis: &Analysis<'_>, count: u32) -> Vec<Sample> {
+    let faces = (0u32..).take(analysis.surface.faces.len());
+    let spread = spread_by_area(analysis, faces, count, |face| analysis.unit_area_vector(face).length());
+    let sample = |(face, point)| Sample { face, point, normal: analysis.unit_normal(face) };
+    spread.into_iter().map(sample).collect()
+}
+
+/// Points on some faces, each with its face: one in each of `count` equal shares of their area, placed in its face by the R2 sequence.
+/// `area` may be any multiple of a face's area. None where there is no area.
+pub(super) fn spread_by_area(
+    analysis: &Analysis<'_>,
+    faces: impl Iterator<Item = u32> + Clone,
+    count: u32,
+    area: impl Fn(u32) -> f64,
+) -> Vec<(u32, DVec3)> {
+    let total: f64 = faces.clone().map(&area).sum();
+    let mut points = Vec::with_capacity(count as usize);
+    let (mut passed, mut number) = (0.0, 0);
+    for face in faces {
+        passed += area(face);
+        while number < count && (f64::from(number) + 0.5) / f64::from(count) * total < passed {
+            let [u, v] = r2(f64::from(number));
+            let (u, [a, b, c]) = (u.sqrt(), analysis.unit_corners(face));
+            points.push((face, a * (1.0 - u) + b * (u * (1.0 - v)) + c * (u * v)));
+            number += 1;
+        }
+    }
+    points
+}
+
+/// Which of the points can be seen from outside, in one of some fixed directions and from either side of their face, so
+/// that inner walls, which a union removes, are told from the rest. None for points that the budget did not reach.
+///
+/// # Errors
+/// [`Cancelled`] when the context says stop.
+pub(super) fn visible(
+    analysis: &Analysis<'_>,
+    samples: &[Sample],
+    context: &Context<'_>,
+) -> Result<Vec<Option<bool>>, Cancelled> {
+    let (unit, faces, tree) = (analysis.unit(), &analysis.surface.faces, analysis.tree());
+    let diagonal = analysis.extent().diagonal();
+    let sees_outside = |sample: &Sample, steps: &mut u64| {
+        for number in 0..DIRECTIONS {
+            let direction = ray_direction(number);
+            let from = sample.point + sample.normal * sample.normal.dot(direction).signum() * (LIFT * diagonal);
+            let ray = direction * (2.0 * diagonal);
+            let mut free = true;
+            tree.along(from, from + ray, |face| {
+                *steps = steps.saturating_sub(1);
+                free = hit(from, ray, faces[face as usize].map(|v| unit[v as usize])).is_none();
+                free && *steps > 0
+            });
+            if *steps == 0 {
+                return None;
+            }
+            if free {
+                return Some(true);
+            }
+        }
+        Some(false)
+    };
+    let budget = BUDGET + BUDGET_A_POINT * samples.len() as u64;
+    Ok(ask(samples.len(), budget, context, |i, steps| sees_outside(&samples[i], steps))?.values)
+}
+
+/// Tells what is inside a mesh.
+pub(super) struct Inside<'a> {
+    analysis: &'a Analysis<'a>,
+    dipoles: &'a Dipoles,
+}
+
+impl<'a> Inside<'a> {
+    /// Sums the faces, unless that was done for the same mesh before.
+    pub fn new(analysis: &'a Analysis<'a>) -> Self {
+        Self { analysis, dipoles: analysis.dipoles() }
+    }
+
+    /// The size of the winding number at a point in unit coordinates, whichever way the mesh is turned.
+    pub fn winding(&self, point: DVec3, steps: &mut u64) -> f64 {
+        self.analysis.tree().winding(self.dipoles, point, steps, |f| self.analysis.unit_corners(f)).abs()
+    }
+
+    /// The same on both sides of a point.
+    pub fn windings(&self, point: DVec3, aside: DVec3, steps: &mut u64) -> [f64; 2] {
+        let tree = self.analysis.tree();
+        tree.windings(self.dipoles, point, aside, steps, |f| self.analysis.unit_corners(f)).map(f64::abs)
+    }
+}
+
 #[cfg(test)]
-#[allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 mod tests {
     use std::sync::atomic::AtomicBool;
     use std::time::Duration;

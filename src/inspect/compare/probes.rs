@@ -1,19 +1,17 @@
 use glam::DVec3;
 
-use super::super::FAR;
-use super::super::deviation::{Pair, unit_diagonal};
-use super::super::fates::ROUNDING;
-use super::super::inside::Inside;
-use super::super::kept::NO_FACE;
+use super::original::{FAR, ROUNDING};
 use crate::context::{Cancelled, Context};
 use crate::inspect::Analysis;
-use crate::inspect::queries::ask;
-use crate::math::{nearest_on_triangle, r2};
+use crate::inspect::analysis::Pair;
+use crate::inspect::matching::NO_FACE;
+use crate::inspect::sampling::{Inside, ask, spread_by_area};
+use crate::math::nearest_on_triangle;
 use crate::mesh::Parts;
 
 /// Points on all parts of which no face stands, and on each of them at least and at most.
 const SAMPLES: usize = 60_000;
-const SAMPLES_EACH: [usize; 2] = [4, 64];
+const SAMPLES_EACH: [u32; 2] = [4, 64];
 /// Boxes, nodes and triangles that all searches together may look at: so many, and so many more for each point.
 const BUDGET: u64 = 10_000_000;
 const BUDGET_A_POINT: u64 = 1000;
@@ -34,7 +32,8 @@ pub(super) struct Probes {
 impl Probes {
     /// Points spread by area over each part.
     pub fn new(analysis: &Analysis<'_>, parts: &[u32]) -> Self {
-        let each = (SAMPLES / parts.len().max(1)).clamp(SAMPLES_EACH[0], SAMPLES_EACH[1]);
+        let each = u32::try_from(SAMPLES / parts.len().max(1)).unwrap_or(u32::MAX);
+        let each = each.clamp(SAMPLES_EACH[0], SAMPLES_EACH[1]);
         let mut of = vec![NO_FACE; analysis.parts.count];
         for (number, &part) in (0u32..).zip(parts) {
             of[part as usize] = number;
@@ -45,35 +44,20 @@ impl Probes {
                 faces.push(f);
             }
         }
-        let unit = analysis.unit();
-        let corners = |f: u32| analysis.surface.faces[f as usize].map(|v| unit[v as usize]);
-        let area = |f: u32| {
-            let [a, b, c] = corners(f);
-            (b - a).cross(c - a).length() / 2.0
-        };
-        let far = FAR * unit_diagonal(analysis);
+        let area = |f: u32| analysis.unit_area_vector(f).length() / 2.0;
+        let far = FAR * analysis.unit_diagonal();
         let mut probes = Self { points: Vec::new(), part: Vec::new(), reach: Vec::new(), of_part: Vec::new() };
         for (&part, faces) in parts.iter().zip(&faces) {
             let begin = probes.points.len();
-            let total: f64 = faces.iter().map(|&f| area(f)).sum();
             let solid = &analysis.solids[part as usize];
             let size = if solid.closed { 2.0 * (solid.volume / solid.area).abs() } else { solid.bounds.diagonal() };
             // NaN where there is no area: then what rounding moves.
             let reach = far.min(OF_SIZE * size * analysis.scale()).max(2.0 * ROUNDING);
-            let (mut passed, mut number) = (0.0, 0u32);
-            let count = each as f64;
-            for &f in faces {
-                passed += area(f);
-                while (number as usize) < each && (f64::from(number) + 0.5) / count * total < passed {
-                    let [u, v] = r2(f64::from(number));
-                    let (u, [a, b, c]) = (u.sqrt(), corners(f));
-                    probes.points.push(a * (1.0 - u) + b * (u * (1.0 - v)) + c * (u * v));
-                    number += 1;
-                }
-            }
+            let spread = spread_by_area(analysis, faces.iter().copied(), each, area);
+            probes.points.extend(spread.iter().map(|&(_, point)| point));
             // A part without area is where its first corner is.
-            if number == 0 {
-                probes.points.extend(faces.first().map(|&f| corners(f)[0]));
+            if spread.is_empty() {
+                probes.points.extend(faces.first().map(|&f| analysis.unit_corners(f)[0]));
             }
             probes.part.resize(probes.points.len(), part);
             probes.reach.resize(probes.points.len(), reach);
@@ -110,7 +94,7 @@ impl<'a> Places<'a> {
         Self { before, after, stands, inside: Inside::new(after), ratio }
     }
 
-    pub fn look(&self, probes: &Probes, context: &Context<'_>) -> Result<Vec<Option<Place>>, Cancelled> {
+    pub fn locate(&self, probes: &Probes, context: &Context<'_>) -> Result<Vec<Option<Place>>, Cancelled> {
         let count = probes.points.len();
         let budget = BUDGET + BUDGET_A_POINT * count as u64;
         let found = ask(count, budget, context, |i, steps| {
@@ -122,8 +106,7 @@ impl<'a> Places<'a> {
 
     fn place(&self, point: DVec3, part: u32, reach: f64, steps: &mut u64) -> Place {
         let there = point * self.ratio;
-        let corners = |f: u32| self.after.surface.faces[f as usize].map(|v| self.after.unit()[v as usize]);
-        match self.after.tree().nearest(there, reach * self.ratio, steps, corners) {
+        match self.after.tree().nearest(there, reach * self.ratio, steps, |f| self.after.unit_corners(f)) {
             Some(nearest) => Place::On { face: nearest.face, another: self.is_on_another(point, part, reach, steps) },
             None if self.inside.winding(there, steps) >= 0.5 => Place::In,
             None => Place::Off,
@@ -133,14 +116,13 @@ impl<'a> Places<'a> {
     /// Whether a point is also on a part that stands, or on one before it: of parts on one another that were made anew the
     /// first is taken to be there.
     fn is_on_another(&self, point: DVec3, part: u32, reach: f64, steps: &mut u64) -> bool {
-        let Analysis { surface, parts, .. } = self.before;
+        let parts = &self.before.parts;
         let mut found = false;
         self.before.tree().around(point, reach, |f| {
             *steps = steps.saturating_sub(1);
             let other = parts.of_face[f as usize];
             if other != part && other != Parts::NONE && (other < part || self.stands[other as usize]) {
-                let corners = surface.faces[f as usize].map(|v| self.before.unit()[v as usize]);
-                found = nearest_on_triangle(point, corners).distance(point) <= reach;
+                found = nearest_on_triangle(point, self.before.unit_corners(f)).distance(point) <= reach;
             }
             !found && *steps > 0
         });

@@ -1,17 +1,15 @@
 //! What became of each part of one mesh in another.
 
-mod places;
-
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::Original;
-use super::kept::{NO_FACE, matched};
+use super::original::Original;
+use super::probes::{Place, Places, Probes};
 use crate::context::{Cancelled, Context};
+use crate::inspect::matching::{NO_FACE, matched};
 use crate::inspect::{Analysis, finite};
 use crate::mesh::Parts;
-use places::{Place, Places, Probes};
 
 /// Parts that a ledger lists, of those with a certificate and of those without.
 const MOST_LISTED: usize = 1000;
@@ -132,40 +130,44 @@ impl Original<'_> {
         context: &Context<'_>,
     ) -> Result<Ledger, Cancelled> {
         let before = self.analysis;
-        let mut book = Book::new(before, after);
+        let mut accounting = Accounting::new(before, after);
         context.check()?;
-        let gone = book.gone();
+        let gone = accounting.gone();
         if gone.is_empty() {
-            return Ok(book.close(&[]));
+            return Ok(accounting.close(&[]));
         }
         let probes = Probes::new(before, &gone);
-        let found = Places::new(before, after, &book.stands).look(&probes, context)?;
-        let mut told = Vec::with_capacity(gone.len());
+        let found = Places::new(before, after, &accounting.stands).locate(&probes, context)?;
+        let mut findings = Vec::with_capacity(gone.len());
         for (&part, range) in gone.iter().zip(&probes.of_part) {
-            let told_of_it = Told::of(&found[range.clone()]);
-            if told_of_it == Told::Present {
+            let finding = Finding::of(&found[range.clone()]);
+            if finding == Finding::Present {
                 let in_result = |place: &Option<Place>| match place {
                     Some(Place::On { face, .. }) => Some(after.parts.of_face[*face as usize]),
                     _ => None,
                 };
-                book.links.extend(found[range.clone()].iter().filter_map(in_result).map(|of| (of, part)));
+                accounting.links.extend(found[range.clone()].iter().filter_map(in_result).map(|of| (of, part)));
             }
-            told.push(told_of_it);
+            findings.push(finding);
         }
-        let missed: Vec<u32> =
-            gone.iter().zip(&told).filter(|(_, told)| **told == Told::Missed).map(|(&part, _)| part).collect();
+        let missed: Vec<u32> = gone
+            .iter()
+            .zip(&findings)
+            .filter(|(_, finding)| **finding == Finding::Missed)
+            .map(|(&part, _)| part)
+            .collect();
         let mut answers = if missed.is_empty() { Vec::new() } else { dispensable(&missed)? }.into_iter();
         let entries: Vec<Entry> = gone
             .iter()
-            .zip(told)
+            .zip(findings)
             .zip(&probes.of_part)
-            .map(|((&part, told), range)| {
+            .map(|((&part, finding), range)| {
                 let samples = u32::try_from(range.len()).unwrap_or(u32::MAX);
-                let fate = match told {
-                    Told::Present => PartFate::Changed,
-                    Told::Unknown => PartFate::Unknown,
-                    Told::Certain(certificate) => PartFate::Certain(certificate, samples),
-                    Told::Missed => match answers.next().unwrap_or(Dispensable::No) {
+                let fate = match finding {
+                    Finding::Present => PartFate::Changed,
+                    Finding::Unknown => PartFate::Unknown,
+                    Finding::Certain(certificate) => PartFate::Certain(certificate, samples),
+                    Finding::Missed => match answers.next().unwrap_or(Dispensable::No) {
                         Dispensable::NoVolume => PartFate::Certain(Certificate::NoVolume, 0),
                         Dispensable::Debris => PartFate::Certain(Certificate::Debris, 0),
                         Dispensable::Dropped => PartFate::Certain(Certificate::Dropped, 0),
@@ -178,7 +180,7 @@ impl Original<'_> {
                 Entry { part, fate }
             })
             .collect();
-        Ok(book.close(&entries))
+        Ok(accounting.close(&entries))
     }
 }
 
@@ -197,7 +199,7 @@ enum PartFate {
 }
 
 /// What is known from the faces that stand as they were.
-struct Book<'a> {
+struct Accounting<'a> {
     before: &'a Analysis<'a>,
     /// Of each part the faces that have an area, and those of them that stand.
     faces: Vec<[u64; 2]>,
@@ -207,7 +209,7 @@ struct Book<'a> {
     links: Vec<(u32, u32)>,
 }
 
-impl<'a> Book<'a> {
+impl<'a> Accounting<'a> {
     fn new(before: &'a Analysis<'a>, after: &'a Analysis<'a>) -> Self {
         let scale = before.scale();
         let matched = matched(&before.keys(scale), &after.keys(scale));
@@ -300,14 +302,14 @@ impl<'a> Book<'a> {
 
 /// What the points of a part tell.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Told {
+enum Finding {
     Present,
     Certain(Certificate),
     Missed,
     Unknown,
 }
 
-impl Told {
+impl Finding {
     fn of(places: &[Option<Place>]) -> Self {
         let (mut own, mut another, mut inside, mut off) = (0u32, 0u32, 0u32, 0u32);
         for place in places.iter().flatten() {

@@ -1,12 +1,27 @@
+//! The wall behind a point, and the search for the thinnest of each region.
+
 use glam::DVec3;
 
-use super::walls::{Probe, Prober};
 use crate::context::{Cancelled, Context};
 use crate::inspect::Analysis;
-use crate::inspect::compare::{Sample, samples, unit_diagonal};
-use crate::inspect::queries::{SHARE, Spread, ask_each};
-use crate::math::Box3;
+use crate::inspect::sampling::{Inside, SHARE, Sample, Spread, ask_each, samples};
+use crate::math::{Box3, OppositeFaces, hit};
 
+/// Winding numbers from which on a point is in material, and up to which it is in air. In between the surface is too open to
+/// tell.
+const MATERIAL: f64 = 0.75;
+const AIR: f64 = 0.25;
+/// How far beside the surface is asked for material and air: a share of the diagonal, and what f64 tells apart.
+const BESIDE: [f64; 2] = [1e-9, 1e-13];
+/// A ray passes over faces nearer than this share of the diagonal: they touch the face from which it starts.
+const TOUCHING: f64 = 1e-6;
+/// Two sides make a wall where they face away from each other to within 30 degrees (its cosine). At the edges of a box the
+/// faces are near each other, but there is no thin wall.
+const OPPOSITE: f64 = 0.866_025_403_784_438_6;
+/// The same for a ball that touches both sides, which turns with the point: 37 degrees.
+const BALL_OPPOSITE: f64 = 0.8;
+/// Faces that a ray may pass through on its way to the air, as in overlapping parts.
+const MOST_PASSED: usize = 16;
 /// Regions along the longest side of the bounding box. Each keeps its thinnest wall.
 const REGIONS: f64 = 16.0;
 /// Walls up to this share of the diagonal are searched in every region, and so are those up to so many times the thinnest.
@@ -41,6 +56,189 @@ pub(super) struct Wall {
     pub faces: [u32; 2],
 }
 
+/// What is at one sample.
+pub(super) enum Probe {
+    /// The surface does not part material from air here.
+    NotSolid,
+    /// No opposite side within the length that was asked for.
+    NoWall,
+    /// The thickness in unit coordinates, and the opposite face.
+    Wall(f64, u32),
+}
+
+/// Measures the wall behind single points.
+pub(super) struct Prober<'a> {
+    analysis: &'a Analysis<'a>,
+    material: Material<'a>,
+    /// Longer than any wall.
+    pub reach: f64,
+    beside: f64,
+    touching: f64,
+}
+
+/// What tells on which side of a face the material is.
+enum Material<'a> {
+    /// Every face of these parts has material behind it and air in front, and other faces are not between the two. With the faces by
+    /// the way they are turned.
+    Bounded(Vec<bool>, OppositeFaces<'a>),
+    /// Winding numbers at points beside the face.
+    Measured(Inside<'a>),
+}
+
+impl<'a> Prober<'a> {
+    /// `bounding` as [`bounding_parts`](super::bounding_parts) finds it.
+    pub fn new(analysis: &'a Analysis<'a>, bounding: Option<Vec<bool>>) -> Self {
+        let diagonal = analysis.unit_diagonal();
+        let beside = (BESIDE[0] * diagonal).max(BESIDE[1]);
+        let material = match bounding {
+            Some(parts) => {
+                let normal = |face: u32| {
+                    let bounds = is_bounding(analysis, &parts, face);
+                    if bounds { analysis.unit_normal(face) } else { DVec3::ZERO }
+                };
+                let opposite = analysis.tree().opposite_faces(OPPOSITE, normal);
+                Material::Bounded(parts, opposite)
+            }
+            None => Material::Measured(Inside::new(analysis)),
+        };
+        Self { analysis, material, reach: 2.0 * diagonal, beside, touching: TOUCHING * diagonal }
+    }
+
+    /// For each face whether a wall of at most `longest` may be behind it.
+    pub fn may_have_wall(&self, longest: f64) -> Vec<bool> {
+        let faces = self.analysis.surface.faces.len();
+        match &self.material {
+            Material::Bounded(_, opposite) => opposite.may_be_within(longest.min(self.reach), faces),
+            // Parts may be inside out.
+            Material::Measured(_) => vec![true; faces],
+        }
+    }
+
+    /// The wall behind a sample by the ray inward, where it is at most `longest`. Whether the surface parts material from air is
+    /// asked only where a ray meets something within that length, or where it is as long as any wall.
+    pub fn probe(&self, sample: &Sample, longest: f64, steps: &mut u64) -> Probe {
+        let has_none = match &self.material {
+            Material::Bounded(parts, opposite) => {
+                is_bounding(self.analysis, parts, sample.face) && !self.meets_opposite(opposite, sample, longest, steps)
+            }
+            Material::Measured(_) => longest < self.reach && !self.meets_anything(sample, longest, steps),
+        };
+        if has_none {
+            return Probe::NoWall;
+        }
+        let Some(inward) = self.inward(sample, steps) else { return Probe::NotSolid };
+        let Some((length, face)) = self.way_out(sample, inward, longest, steps) else { return Probe::NoWall };
+        if self.is_opposite(face, inward, OPPOSITE) { Probe::Wall(length, face) } else { Probe::NoWall }
+    }
+
+    /// The wall behind a sample by the ray inward or by the ball inside the material that touches the sample, shrunk until
+    /// nothing is in it (Ma et al. 2012): the thinner of both.
+    pub fn probe_by_ball(&self, sample: &Sample, steps: &mut u64) -> Probe {
+        let Some(inward) = self.inward(sample, steps) else { return Probe::NotSolid };
+        let Some((length, face)) = self.way_out(sample, inward, self.reach, steps) else { return Probe::NoWall };
+        if let Some(wall) = self.ball(sample.point, inward, length / 2.0, steps) {
+            return wall;
+        }
+        if self.is_opposite(face, inward, BALL_OPPOSITE) { Probe::Wall(length, face) } else { Probe::NoWall }
+    }
+
+    fn is_opposite(&self, face: u32, inward: DVec3, cosine: f64) -> bool {
+        let along = self.analysis.unit_normal(face).dot(inward);
+        // A part turned inside out has its faces' normals inward.
+        (if self.is_measured() { along.abs() } else { along }) >= cosine
+    }
+
+    fn is_measured(&self) -> bool {
+        matches!(self.material, Material::Measured(_))
+    }
+
+    /// Whether a ray from a sample against its normal meets an opposite face within a length.
+    fn meets_opposite(&self, opposite: &OppositeFaces<'_>, sample: &Sample, longest: f64, steps: &mut u64) -> bool {
+        let (ray, least) = (-sample.normal * longest, self.touching / longest);
+        opposite.any_along([sample.point, sample.point + ray], sample.normal, steps, |face| {
+            let share = hit(sample.point, ray, self.analysis.unit_corners(face));
+            face != sample.face && share.is_some_and(|share| share > least)
+        })
+    }
+
+    /// Whether a face is within a length of a sample along its normal, to either side.
+    fn meets_anything(&self, sample: &Sample, longest: f64, steps: &mut u64) -> bool {
+        [-sample.normal, sample.normal].into_iter().any(|way| self.first(sample, way * longest, None, steps).is_some())
+    }
+
+    /// The first face that a ray from a sample meets, as a share of the ray.
+    fn first(&self, sample: &Sample, ray: DVec3, after: Option<(f64, u32)>, steps: &mut u64) -> Option<(f64, u32)> {
+        let least = self.touching / ray.length();
+        self.analysis.tree().first_along([sample.point, sample.point + ray], after, steps, |face| {
+            let other = face != sample.face && self.may_end_material(face);
+            let share = other.then(|| hit(sample.point, ray, self.analysis.unit_corners(face))).flatten();
+            share.filter(|&share| share > least)
+        })
+    }
+
+    /// The direction from a sample into the material, if there is material on one side and air on the other.
+    fn inward(&self, sample: &Sample, steps: &mut u64) -> Option<DVec3> {
+        let inside = match &self.material {
+            Material::Bounded(parts, _) => {
+                return is_bounding(self.analysis, parts, sample.face).then_some(-sample.normal);
+            }
+            Material::Measured(inside) => inside,
+        };
+        let [front, back] = inside.windings(sample.point, sample.normal * self.beside, steps);
+        if front < AIR && back > MATERIAL {
+            Some(-sample.normal)
+        } else {
+            (back < AIR && front > MATERIAL).then_some(sample.normal)
+        }
+    }
+
+    /// Whether air may begin behind a face that is met from the material.
+    fn may_end_material(&self, face: u32) -> bool {
+        match &self.material {
+            Material::Bounded(parts, _) => is_bounding(self.analysis, parts, face),
+            Material::Measured(_) => true,
+        }
+    }
+
+    /// Whether a point just behind a face that was met from the material is in air.
+    fn is_air(&self, beyond: DVec3, steps: &mut u64) -> bool {
+        match &self.material {
+            Material::Bounded(..) => true,
+            Material::Measured(inside) => inside.winding(beyond, steps) < AIR,
+        }
+    }
+
+    /// How far it is inward to where the air begins, if at most `longest`, and the face there.
+    fn way_out(&self, sample: &Sample, inward: DVec3, longest: f64, steps: &mut u64) -> Option<(f64, u32)> {
+        let ray = inward * longest;
+        let mut passed = None;
+        for _ in 0..MOST_PASSED {
+            let first = self.first(sample, ray, passed, steps);
+            let (share, face) = first.filter(|_| *steps > 0)?;
+            let length = share * longest;
+            if self.is_air(sample.point + inward * (length + self.beside), steps) {
+                return Some((length, face)).filter(|_| *steps > 0);
+            }
+            passed = first;
+        }
+        None
+    }
+
+    /// The wall by the largest ball of at most `radius` that touches `point` from inside, where it touches an opposite side.
+    fn ball(&self, point: DVec3, inward: DVec3, radius: f64, steps: &mut u64) -> Option<Probe> {
+        let ball = self.analysis.tree().shrunk_ball(point, inward, radius, steps, |f| self.analysis.unit_corners(f))?;
+        let contact = ball.touches.filter(|_| *steps > 0)?;
+        let outward = (contact.point - (point + inward * ball.radius)) / ball.radius;
+        let beyond = contact.point + outward * self.beside;
+        let wall = outward.dot(inward) >= BALL_OPPOSITE && self.is_air(beyond, steps);
+        wall.then_some(Probe::Wall(2.0 * ball.radius, contact.face))
+    }
+}
+
+fn is_bounding(analysis: &Analysis<'_>, parts: &[bool], face: u32) -> bool {
+    parts.get(analysis.parts.of_face[face as usize] as usize).copied().unwrap_or(false)
+}
+
 /// The search for the thinnest wall of each region, from every face's centre and from points spread by area.
 pub(super) struct Search<'a> {
     analysis: &'a Analysis<'a>,
@@ -73,7 +271,7 @@ impl<'a> Search<'a> {
             sides,
             thinnest: vec![None; sides.iter().product()],
             least: f64::INFINITY,
-            thin: THIN * unit_diagonal(analysis),
+            thin: THIN * analysis.unit_diagonal(),
             reach,
             asked: 0,
             complete: true,
@@ -184,9 +382,8 @@ impl<'a> Search<'a> {
 
     /// The centre of a face; none where it has no area.
     fn centre(&self, face: u32) -> Option<Sample> {
-        let [a, b, c] = self.analysis.unit_corners(face);
-        let normal = (b - a).cross(c - a).normalize_or_zero();
-        (normal != DVec3::ZERO).then(|| Sample { face, point: (a + b + c) / 3.0, normal })
+        let normal = self.analysis.unit_normal(face);
+        (normal != DVec3::ZERO).then(|| Sample { face, point: self.analysis.unit_centre(face), normal })
     }
 
     /// The thickness from which on a wall at a point tells nothing new.

@@ -1,7 +1,7 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::super::{DefectKind, Findings, Level, Measures};
+use super::{DefectKind, Findings, Level, Measures};
 
 /// A rule of Parasolid's mesh checking (seed 002, 86.4), as far as it concerns a mesh by itself.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, ToSchema)]
@@ -108,7 +108,7 @@ fn collapsed(findings: &Findings) -> u64 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::super::{Defect, SelfIntersections};
+    use super::super::{Defect, SelfIntersections};
     use super::*;
 
     fn found(kinds: &[DefectKind]) -> Findings {

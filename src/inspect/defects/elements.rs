@@ -1,0 +1,261 @@
+//! Defects of single faces, edges and vertices, and holes.
+
+use glam::DVec3;
+
+use super::super::{DefectKind, group_faces};
+use super::chains::chains;
+use super::scan::{Location, ROUNDING, Scan};
+use crate::context::Cancelled;
+use crate::math::collinear;
+use crate::mesh::{CornerNormals, Edges};
+
+/// Cosine of the angle from which on a normal is opposed to that of a face: a little over a right angle, since files
+/// round normals.
+const OPPOSED: f64 = -0.01;
+
+/// Faces of the file with a corner that is not finite or has no vertex; those that the reader could not take are told with the place of
+/// their other corners.
+pub(super) fn find_corrupt(scan: &mut Scan<'_, '_>) -> Result<(), Cancelled> {
+    let subject = scan.analysis.subject;
+    if scan.analysis.ingest.nonfinite_faces > 0 {
+        for (face, index) in subject.soup.faces.iter().zip(0u32..) {
+            scan.step(index as usize)?;
+            let corners = face.map(|v| subject.soup.positions.get(v as usize).copied().filter(|p| p.is_finite()));
+            if corners.contains(&None) {
+                let at = corners.into_iter().flatten().next().unwrap_or(DVec3::ZERO);
+                scan.put_as_read(DefectKind::Corrupt, at, vec![index], None);
+            }
+        }
+    }
+    let Some(numbering) = subject.numbering else { return Ok(()) };
+    for face in &numbering.left_out {
+        scan.put_as_read(DefectKind::Corrupt, DVec3::from_array(face.at), Vec::new(), None);
+    }
+    scan.count_more(
+        DefectKind::Corrupt,
+        numbering.faces_without_vertex.saturating_sub(numbering.left_out.len() as u64),
+    );
+    Ok(())
+}
+
+/// Finds flat faces, whose smallest height is below the tolerance, and degenerate ones, of which an edge is; each
+/// degenerate face is flat too. Answers which faces are flat.
+///
+/// A height or length of exactly 0 is decided exactly and told as 0, whatever the tolerance.
+pub(super) fn find_flat(scan: &mut Scan<'_, '_>) -> Result<Vec<bool>, Cancelled> {
+    let faces = &scan.analysis.surface.faces;
+    let tolerance = scan.lengths.degenerate;
+    let mut flat = vec![false; faces.len()];
+    for (&[u, v, w], f) in faces.iter().zip(0u32..) {
+        scan.step(f as usize)?;
+        let [a, b, c] = scan.analysis.unit_corners(f);
+        let sides = [(a, b), (b, c), (c, a)].map(|(p, q)| p.distance_squared(q));
+        let longest = sides.into_iter().fold(0.0, f64::max).sqrt();
+        let shortest = sides.into_iter().fold(f64::INFINITY, f64::min).sqrt();
+        let height = if longest > 0.0 { (b - a).cross(c - a).length() / longest } else { 0.0 };
+        // Vertices stand at different places, so that only a repeated one makes an edge of no length.
+        let repeated = u == v || v == w || w == u;
+        let on_line = repeated || (height <= ROUNDING && collinear(a, b, c));
+        if repeated || shortest < tolerance {
+            let value = if repeated { 0.0 } else { scan.in_model_unit_above_zero(shortest) };
+            scan.put(DefectKind::DegenerateFace, scan.middle(f), [f], Some(value));
+        }
+        if on_line || height < tolerance {
+            flat[f as usize] = true;
+            let value = if on_line { 0.0 } else { scan.in_model_unit_above_zero(height) };
+            scan.put(DefectKind::FlatFace, scan.middle(f), [f], Some(value));
+        }
+    }
+    Ok(flat)
+}
+
+/// Faces with the same three vertices: of each group, those turned as most of them are beyond the first are
+/// duplicates, and those turned the other way are opposite faces. Answers the faces that have an opposite one, each with
+/// one of its opposites.
+pub(super) fn find_doubles(scan: &mut Scan<'_, '_>) -> Result<Vec<(u32, u32)>, Cancelled> {
+    let faces = &scan.analysis.surface.faces;
+    let mut opposed = Vec::new();
+    for (number, group) in group_faces(faces).iter().enumerate() {
+        scan.step(number)?;
+        if group.len() < 2 {
+            continue;
+        }
+        let (mut one, mut other): (Vec<u32>, Vec<u32>) = group.iter().partition(|&&f| rises(faces[f as usize]));
+        if (one.len(), other.first()) < (other.len(), one.first()) {
+            std::mem::swap(&mut one, &mut other);
+        }
+        let first = one[0];
+        for &f in &one[1..] {
+            scan.put(DefectKind::DuplicateFace, scan.middle(f), [first, f], None);
+        }
+        for &f in &other {
+            scan.put(DefectKind::OppositeFace, scan.middle(f), [first, f], None);
+        }
+        if let Some(&facing) = other.first() {
+            opposed.extend(one.iter().map(|&f| (f, facing)));
+            opposed.extend(other.iter().map(|&f| (f, first)));
+        }
+    }
+    Ok(opposed)
+}
+
+/// Whether the corners, from the smallest on, rise before they fall: which of the two ways a face of these vertices is
+/// turned. One with a repeated vertex has only one way.
+fn rises([a, b, c]: [u32; 3]) -> bool {
+    a == b || b == c || c == a || (a < b && b < c) || (b < c && c < a) || (c < a && a < b)
+}
+
+/// Edges of more than two faces, and edges along which two faces run in the same direction.
+pub(super) fn find_edges(scan: &mut Scan<'_, '_>) -> Result<(), Cancelled> {
+    let analysis = scan.analysis;
+    let faces = &analysis.surface.faces;
+    for (e, half_edges) in analysis.edges.iter().enumerate() {
+        scan.step(e)?;
+        let (kind, value) = match *half_edges {
+            [_] => continue,
+            [x, y] if Edges::is_forward(faces, x) != Edges::is_forward(faces, y) => continue,
+            [_, _] => (DefectKind::MisorientedEdge, None),
+            #[expect(clippy::cast_precision_loss, reason = "faces are counted in u32")]
+            _ => (DefectKind::NonManifoldEdge, Some(half_edges.len() as f64)),
+        };
+        let [a, b] = analysis.edges.vertices(e).map(|v| analysis.surface.positions[v as usize]);
+        let location = Location { at: a * 0.5 + b * 0.5, line: &[a, b] };
+        scan.put(kind, location, half_edges.iter().map(|h| h / 3), value);
+    }
+    Ok(())
+}
+
+/// Vertices whose faces form more than one fan; the value is how many.
+pub(super) fn find_vertices(scan: &mut Scan<'_, '_>) -> Result<(), Cancelled> {
+    let analysis = scan.analysis;
+    if analysis.fans.nonmanifold_vertices == 0 {
+        return Ok(());
+    }
+    let faces = &analysis.surface.faces;
+    let fan_of = |corner: u32| analysis.fans.of_corner[corner as usize];
+    let vertex_of = |corner: u32| faces[corner as usize / 3][corner as usize % 3];
+    let corners = || (0u32..).zip(faces.iter().flatten()).filter(|&(corner, _)| fan_of(corner) != u32::MAX);
+    let mut fans = vec![0u32; analysis.surface.positions.len()];
+    for (corner, &v) in corners() {
+        fans[v as usize] += u32::from(fan_of(corner) == corner);
+    }
+    let mut around: Vec<(u32, u32)> =
+        corners().filter(|&(_, &v)| fans[v as usize] > 1).map(|(corner, _)| (vertex_of(corner), corner)).collect();
+    around.sort_unstable();
+    for (number, of_vertex) in around.chunk_by(|x, y| x.0 == y.0).enumerate() {
+        scan.step(number)?;
+        let v = of_vertex[0].0;
+        let at = analysis.surface.positions[v as usize];
+        let faces = of_vertex.iter().map(|&(_, corner)| corner / 3);
+        scan.put(DefectKind::NonManifoldVertex, at, faces, Some(f64::from(fans[v as usize])));
+    }
+    Ok(())
+}
+
+/// Finds the closed chains of boundary edges, as [`count_boundary_chains`](crate::mesh::count_boundary_chains) counts
+/// them: edges belong together where they bound the same fan, whatever way the faces are turned. The line is the whole
+/// chain, against the half-edges of the faces; the value is its length.
+pub(super) fn find_holes(scan: &mut Scan<'_, '_>) -> Result<(), Cancelled> {
+    let analysis = scan.analysis;
+    let faces = &analysis.surface.faces;
+    let mut boundary: Vec<u32> = analysis.edges.iter().filter(|h| h.len() == 1).map(|h| h[0]).collect();
+    boundary.sort_unstable();
+    // Fans, not vertices, are the nodes: holes that touch in a vertex are different holes.
+    let fan = |corner: u32| analysis.fans.of_corner[corner as usize];
+    let edges: Vec<[u32; 2]> = boundary.iter().map(|&h| [fan(Edges::next(h)), fan(h)]).collect();
+    for (number, hole) in chains(&edges, &[]).into_iter().enumerate() {
+        scan.step(number)?;
+        let vertices = hole.line.iter().map(|&fan| faces[fan as usize / 3][fan as usize % 3]);
+        let line = scan.points(vertices.clone());
+        let on_unit: Vec<_> = vertices.map(|v| scan.unit[v as usize]).collect();
+        let length = on_unit.windows(2).map(|pair| pair[0].distance(pair[1])).sum();
+        let around = hole.edges.iter().map(|&e| boundary[e as usize] / 3);
+        scan.put(DefectKind::Hole, Location { at: line[0], line: &line }, around, Some(scan.in_model_unit(length)));
+    }
+    Ok(())
+}
+
+/// Finds vertices of which a normal of the file points into the mesh: opposed to the normals of all faces whose corners
+/// there have it. A vertex with one normal is bad where that is opposed to all faces around it; one with several, where
+/// one of them is bad for its faces. The value is the largest angle between a bad normal and its faces'.
+///
+/// Flat faces have no normal, and normals of no length are none.
+pub(super) fn find_bad_normals(scan: &mut Scan<'_, '_>, flat: &[bool]) -> Result<(), Cancelled> {
+    let Some(normals) = scan.analysis.subject.normals else { return Ok(()) };
+    let mut bad = match normals {
+        CornerNormals::OfFaces { opposed } => of_faces(scan, opposed, flat)?,
+        _ => of_corners(scan, normals, flat)?,
+    };
+    bad.sort_by_key(|bad| (bad.vertex, bad.face));
+    for (number, of_vertex) in bad.chunk_by(|x, y| x.vertex == y.vertex).enumerate() {
+        scan.step(number)?;
+        let at = scan.points([of_vertex[0].vertex])[0];
+        let cosine = of_vertex.iter().map(|bad| bad.cosine).fold(1.0, f64::min);
+        let faces = of_vertex.iter().map(|bad| bad.face);
+        scan.put(DefectKind::BadVertexNormal, at, faces, Some(cosine.max(-1.0).acos()));
+    }
+    Ok(())
+}
+
+/// A corner with a bad normal.
+struct Bad {
+    vertex: u32,
+    face: u32,
+    cosine: f64,
+}
+
+/// Cosine of the angle between a normal of the file and that of a face; none where there is no angle.
+fn cosine(scan: &Scan<'_, '_>, face: u32, normal: [f32; 3]) -> Option<f64> {
+    let of_file = DVec3::from_array(normal.map(f64::from)).try_normalize()?;
+    Some(of_file.dot(scan.analysis.unit_area_vector(face).try_normalize()?))
+}
+
+fn of_faces(scan: &Scan<'_, '_>, opposed: &[(u32, [f32; 3])], flat: &[bool]) -> Result<Vec<Bad>, Cancelled> {
+    let surface = &scan.analysis.surface;
+    let mut bad = Vec::new();
+    for (number, &(source, normal)) in opposed.iter().enumerate() {
+        scan.step(number)?;
+        let Ok(f) = surface.source.binary_search(&source) else { continue };
+        #[expect(clippy::cast_possible_truncation, reason = "faces are counted in u32")]
+        let face = f as u32;
+        if let Some(cosine) = cosine(scan, face, normal).filter(|&c| c < OPPOSED && !flat[f]) {
+            bad.extend(surface.faces[f].map(|vertex| Bad { vertex, face, cosine }));
+        }
+    }
+    Ok(bad)
+}
+
+fn of_corners(scan: &Scan<'_, '_>, normals: &CornerNormals, flat: &[bool]) -> Result<Vec<Bad>, Cancelled> {
+    let (surface, soup) = (&scan.analysis.surface, scan.analysis.subject.soup);
+    let count = u32::try_from(surface.faces.len()).unwrap_or(u32::MAX);
+    let corners = |f: u32| {
+        let source = surface.source[f as usize] as usize;
+        (0..3).filter_map(move |k| {
+            let normal = normals.at(source, soup.faces[source], k)?;
+            let cosine = cosine(scan, f, normal)?;
+            Some((surface.faces[f as usize][k], normal.map(|x| (x + 0.0).to_bits()), f, cosine))
+        })
+    };
+    // Nearly always no corner at all is opposed to its own face, and nothing need be sorted.
+    let mut suspect = vec![false; surface.positions.len()];
+    for f in 0..count {
+        scan.step(f as usize)?;
+        if !flat[f as usize] {
+            for (vertex, _, _, _) in corners(f).filter(|&(_, _, _, cosine)| cosine < OPPOSED) {
+                suspect[vertex as usize] = true;
+            }
+        }
+    }
+    let mut at_suspects: Vec<(u32, [u32; 3], u32, f64)> = Vec::new();
+    for f in 0..count {
+        scan.step(f as usize)?;
+        if !flat[f as usize] && surface.faces[f as usize].iter().any(|&v| suspect[v as usize]) {
+            at_suspects.extend(corners(f).filter(|&(vertex, _, _, _)| suspect[vertex as usize]));
+        }
+    }
+    at_suspects.sort_by_key(|&(vertex, normal, face, _)| (vertex, normal, face));
+    let same = |x: &(u32, [u32; 3], u32, f64), y: &(u32, [u32; 3], u32, f64)| (x.0, x.1) == (y.0, y.1);
+    let all_opposed =
+        at_suspects.chunk_by(same).filter(|shared| shared.iter().all(|&(_, _, _, cosine)| cosine < OPPOSED));
+    Ok(all_opposed.flatten().map(|&(vertex, _, face, cosine)| Bad { vertex, face, cosine }).collect())
+}
