@@ -17,12 +17,11 @@ use object_store::{GetOptions, GetRange, GetResultPayload, ObjectStore, ObjectSt
 use sha2::{Digest, Sha256};
 use tokio::io::{AsyncReadExt, AsyncSeekExt, AsyncWriteExt};
 use tokio_util::io::ReaderStream;
-use uuid::Uuid;
 
 use super::bucket::{Bucket, S3Config};
 use super::local;
 use super::stored::{Account, BlobError, CHUNK, Stored, UploadError, not_found, of_folder};
-use crate::jobs::{JobId, UploadId};
+use crate::jobs::{IdSource, JobId, SystemIds, UploadId};
 
 /// How long an address is good that nobody asks.
 const SHORTEST: Duration = Duration::from_secs(1);
@@ -211,7 +210,7 @@ impl Blobs {
     /// # Errors
     /// What the store says.
     pub async fn probe(&self) -> Result<(), BlobError> {
-        let key = Key::from(format!("probe/{}", Uuid::new_v4().simple()));
+        let key = Key::from(format!("probe/{}", SystemIds.random().simple()));
         self.store.put(&key, Bytes::from_static(b"probe").into()).await?;
         self.store.get(&key).await?.bytes().await?;
         self.store.delete(&key).await?;

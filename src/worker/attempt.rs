@@ -140,7 +140,7 @@ impl<'a> Attempt<'a> {
         Ok(ChildResult { ended, stderr, report })
     }
 
-    /// Ends the attempt by what the child left; none where the job was handed back.
+    /// Ends the attempt by what the child left; none where the job was released.
     async fn settle(&self, folder: &Path, child: ChildResult) -> Result<Option<Job>, AttemptError> {
         let ChildResult { ended, stderr, report } = child;
         match ended {
@@ -164,7 +164,7 @@ impl<'a> Attempt<'a> {
                      larger deadline_s, a smaller max_tier or level, or fewer faces.",
                     self.job.options.deadline_s()
                 );
-                let problem = problem(ProblemKind::DeadlineExceeded, detail);
+                let problem = JobProblem::new(ProblemKind::DeadlineExceeded, detail);
                 self.fail(folder, FailureKind::Final, problem).await.map(Some)
             }
             Ended::Excess(excess) => {
@@ -338,7 +338,7 @@ impl<'a> Attempt<'a> {
             }
             _ => "The service could not run this job. Please try again later; its log has the reason.",
         };
-        let problem = problem(ProblemKind::Internal, detail.to_owned());
+        let problem = JobProblem::new(ProblemKind::Internal, detail.to_owned());
         let failure = Failure { kind: FailureKind::Passing, problem, report: None, artifacts: Artifacts::new() };
         self.note_failure(failure).await
     }
@@ -354,10 +354,6 @@ async fn told_to_end(status: ExitStatus, shutdown: &Shutdown) -> bool {
     const SIGTERM: i32 = 15;
     status.signal() == Some(SIGTERM)
         && tokio::time::timeout(Duration::from_millis(500), shutdown.drain.cancelled()).await.is_ok()
-}
-
-fn problem(code: ProblemKind, detail: String) -> JobProblem {
-    JobProblem { code, detail, place: None, file: None }
 }
 
 /// Puts what the child wrote to standard error, and how it ended, at the end of its log.

@@ -27,8 +27,8 @@ const FOR_ONE_THREAD: u64 = 256 << 10;
 /// Progress within a stage is told no more often than this, since whoever reads it wakes up for every line.
 const REPORT_EVERY: Duration = Duration::from_millis(50);
 
-/// The inside of a job's child process: hears its task, enters its sandbox, does the work, and leaves its files in `folder`. The memory that
-/// a hostile file makes it use, and a crash that it causes, stay in this process.
+/// The entry point of a job's child process: reads its task, enters its sandbox, does the work, and leaves its files in `folder`. The
+/// memory that a hostile file makes it use, and a crash that it causes, stay in this process.
 pub(super) fn run_child(folder: &Path) -> ExitCode {
     match try_run(folder) {
         Ok(code) => code,
@@ -305,7 +305,7 @@ fn problem(code: ProblemKind, mut detail: String, read: Option<&ReadError>) -> J
     if read.is_some_and(|read| read.kind == ReadErrorKind::TooLarge) {
         detail.push_str(". Send the model with fewer faces");
     }
-    JobProblem { code, detail, place: read.and_then(|read| read.place), file: None }
+    JobProblem { place: read.and_then(|read| read.place), ..JobProblem::new(code, detail) }
 }
 
 #[cfg(test)]

@@ -43,7 +43,7 @@ pub struct WorkerConfig {
     pub min_free: u64,
     /// How long a claim holds without a heartbeat.
     pub lease: Duration,
-    /// How long to wait before looking for work that no bell told of.
+    /// How long to wait before polling for work that no notification announced.
     pub poll: Duration,
     /// Most address space of a job's process, in bytes.
     pub job_memory: u64,
@@ -53,7 +53,7 @@ pub struct WorkerConfig {
     pub job_scratch: u64,
     /// Most processes and threads of a job.
     pub job_processes: u64,
-    /// What to do where the kernel can't wall jobs off.
+    /// What to do where the kernel can't sandbox jobs fully.
     pub sandbox: SandboxMode,
     /// Files and folders that a job may read beside those of the system and of Blender.
     pub readable: Vec<PathBuf>,
@@ -83,7 +83,7 @@ pub struct Retention {
 pub struct Shutdown {
     /// Take no new work; finish what runs.
     pub drain: CancellationToken,
-    /// Stop at once: kill what runs and hand it back.
+    /// Stop at once: kill what runs and release it.
     pub now: CancellationToken,
 }
 
@@ -308,7 +308,7 @@ impl WorkerContext {
 }
 
 /// How long to try again what an attempt needs to begin or to end.
-const PATIENCE: Duration = Duration::from_secs(600);
+const RETRY_TIME: Duration = Duration::from_secs(600);
 
 /// An error of something that may be away for a while.
 pub(super) trait Transient: Display {
@@ -335,7 +335,7 @@ where
     E: Transient,
     F: Future<Output = Result<T, E>>,
 {
-    let until = Instant::now() + PATIENCE;
+    let until = Instant::now() + RETRY_TIME;
     let mut pause = Duration::from_millis(100);
     loop {
         match work().await {

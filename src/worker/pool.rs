@@ -16,7 +16,7 @@ use super::drawing::draw;
 use super::scratch::Scratch;
 use crate::blender::installation;
 use crate::blobs::{BlobError, Blobs, Owner};
-use crate::jobs::{Claim, Job, Status, Store, StoreError, UPLOAD_LIFE};
+use crate::jobs::{Claim, IdSource, Job, Status, Store, StoreError, SystemIds, UPLOAD_LIFE};
 use crate::sandbox::{Protection, Sandbox, SandboxStatus};
 use crate::telemetry;
 
@@ -42,7 +42,7 @@ impl Pool {
     /// # Errors
     /// When the scratch folder can't be made, or when the sandbox is required and can't be had.
     pub async fn new(store: Arc<dyn Store>, blobs: Blobs, config: WorkerConfig) -> Result<Self, PoolError> {
-        let name = format!("worker-{}-{}", std::process::id(), &uuid::Uuid::new_v4().simple().to_string()[..8]);
+        let name = format!("worker-{}-{}", std::process::id(), &SystemIds.random().simple().to_string()[..8]);
         // Orphans of a job's process group are to be reaped here, not by an init that a container may not have.
         rustix::process::set_child_subreaper(Some(rustix::process::getpid())).map_err(std::io::Error::from)?;
         let scratch = Scratch::open(&config.scratch, &name)?;
@@ -62,7 +62,7 @@ impl Pool {
         self.context.status.as_ref()
     }
 
-    /// Runs until told to stop. Running jobs are finished, or handed back when `shutdown.now` is reached first.
+    /// Runs until told to stop. Running jobs are finished, or released when `shutdown.now` is reached first.
     pub async fn run(self, shutdown: Shutdown) {
         let context = self.context;
         tracing::info!(worker = context.name, slots = context.config.slots, "workers are ready");

@@ -287,7 +287,7 @@ pub(super) fn explain_exit(status: ExitStatus, stderr: &str, memory_bytes: u64) 
         );
         (FailureKind::Crash, ProblemKind::Crashed, detail)
     };
-    (kind, JobProblem { code, detail, place: None, file: None })
+    (kind, JobProblem::new(code, detail))
 }
 
 /// Why a job was killed that took too much of what is counted for all its processes together.
@@ -309,7 +309,7 @@ pub(super) fn explain_excess(excess: Excess, scratch_bytes: u64, processes: u64)
             ),
         ),
     };
-    JobProblem { code, detail, place: None, file: None }
+    JobProblem::new(code, detail)
 }
 
 #[cfg(test)]
