@@ -104,7 +104,7 @@ impl<D: Dialect> JobStore for SqlStore<D> {
 
     async fn get(&self, id: JobId) -> Result<Option<Job>, StoreError> {
         let statement = sql(concat!("SELECT ", job_columns!(), " FROM jobs WHERE id = $1")).bind(id);
-        self.reader().await?.query_row(statement).await?.as_ref().map(read_job).transpose()
+        self.read_one(statement, read_job).await
     }
 
     async fn list(&self, query: ListQuery) -> Result<Page<Job, JobId>, StoreError> {
@@ -118,9 +118,7 @@ impl<D: Dialect> JobStore for SqlStore<D> {
             .bind(query.created_from)
             .bind(query.created_before)
             .bind(to_json(&query.metadata));
-        let rows = self.reader().await?.query(statement).await?;
-        let jobs = rows.iter().map(read_job).collect::<Result<Vec<_>, _>>()?;
-        Ok(Page::of(jobs, query.limit, |job| job.id))
+        Ok(Page::of(self.read_all(statement, read_job).await?, query.limit, |job| job.id))
     }
 
     async fn find_result(&self, tenant: &str, fingerprint: &str) -> Result<Option<Job>, StoreError> {
@@ -130,8 +128,7 @@ impl<D: Dialect> JobStore for SqlStore<D> {
             " FROM jobs WHERE tenant = $1 AND fingerprint = $2 AND status = 'succeeded' AND purged_at IS NULL \
               ORDER BY id DESC LIMIT 1"
         ));
-        let row = self.reader().await?.query_row(statement.bind(tenant).bind(fingerprint)).await?;
-        row.as_ref().map(read_job).transpose()
+        self.read_one(statement.bind(tenant).bind(fingerprint), read_job).await
     }
 
     async fn counts(&self) -> Result<Vec<StatusCount>, StoreError> {
@@ -334,7 +331,7 @@ impl<D: Dialect> UploadStore for SqlStore<D> {
         .bind(self.now())
         .bind(millis(UPLOAD_LIFE))
         .bind(i64::try_from(most).unwrap_or(i64::MAX));
-        self.writer().await?.query_row(statement).await?.as_ref().map(read_upload).transpose()
+        self.write_one(statement, read_upload).await
     }
 
     async fn upload(&self, id: UploadId) -> Result<Option<PendingUpload>, StoreError> {
@@ -345,7 +342,7 @@ impl<D: Dialect> UploadStore for SqlStore<D> {
         .bind(id.to_string())
         .bind(self.now())
         .bind(millis(UPLOAD_LIFE));
-        self.reader().await?.query_row(statement).await?.as_ref().map(read_upload).transpose()
+        self.read_one(statement, read_upload).await
     }
 
     async fn forget_uploads(&self) -> Result<u64, StoreError> {

@@ -105,8 +105,7 @@ impl<D: Dialect> DeliveryStore for SqlStore<D> {
         .bind(query.job)
         .bind(&query.before)
         .bind(i64::from(query.limit) + 1);
-        let rows = self.reader().await?.query(statement).await?;
-        let deliveries = rows.iter().map(read_delivery).collect::<Result<Vec<_>, _>>()?;
+        let deliveries = self.read_all(statement, read_delivery).await?;
         Ok(Page::of(deliveries, query.limit, |delivery| delivery.id.clone()))
     }
 
@@ -290,8 +289,7 @@ impl<D: Dialect> SqlStore<D> {
                   LEFT JOIN callback_secrets s ON s.tenant = d.tenant AND d.endpoint_id IS NULL \
              WHERE d.id = $1 AND d.lease_token = $2",
         );
-        let row = self.reader().await?.query_row(statement.bind(id).bind(&token)).await?;
-        row.as_ref().map(|row| read_due(row, token)).transpose()
+        self.read_one(statement.bind(id).bind(&token), |row| read_due(row, token.clone())).await
     }
 }
 

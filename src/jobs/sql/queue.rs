@@ -48,14 +48,13 @@ impl<D: Dialect> QueueStore for SqlStore<D> {
              SELECT coalesce(class, 'standard') AS id, CAST(sum(queued) AS BIGINT) AS queued, \
                     CAST(sum(running) AS BIGINT) AS running, meshmend_now($1) - min(due) AS waited \
              FROM loads LEFT JOIN tenants ON name = tenant GROUP BY 1 ORDER BY 1");
-        self.reader().await?.query(statement.bind(self.now())).await?.iter().map(read_load).collect()
+        self.read_all(statement.bind(self.now()), read_load).await
     }
 
     async fn claim(&self, worker: &str, lease: Duration, max_running: u32) -> Result<Option<Claim>, StoreError> {
         let token = self.new_token();
         let statement = sql(D::CLAIM).bind(worker).bind(&token).bind(self.now()).bind(millis(lease)).bind(max_running);
-        let row = self.writer().await?.query_row(statement).await?;
-        let Some(job) = row.as_ref().map(read_job).transpose()? else { return Ok(None) };
+        let Some(job) = self.write_one(statement, read_job).await? else { return Ok(None) };
         self.notify_job(job.id);
         // Another job may be due, and another worker idle.
         self.notifier.notify_work();
@@ -196,8 +195,7 @@ impl<D: Dialect> SqlStore<D> {
     /// The job, if this lease's own last write ended the attempt: the worker lost the response and tries again.
     async fn ended_by(&self, held: &Lease) -> Result<Job, StoreError> {
         let statement = sql(concat!("SELECT ", job_columns!(), " FROM jobs WHERE id = $1 AND ended_token = $2"));
-        let row = self.reader().await?.query_row(statement.bind(held.id).bind(&held.token)).await?;
-        read_job(&row.ok_or(StoreError::LeaseLost)?)
+        self.read_one(statement.bind(held.id).bind(&held.token), read_job).await?.ok_or(StoreError::LeaseLost)
     }
 }
 

@@ -187,7 +187,33 @@ impl Dialect for Sqlite {
 
 #[cfg(test)]
 mod tests {
+    use uuid::Uuid;
+
     use super::*;
+    use crate::jobs::id::IdSource;
+    use crate::jobs::timestamp::SystemClock;
+
+    struct Fixed;
+
+    impl IdSource for Fixed {
+        fn sortable(&self) -> Uuid {
+            Uuid::from_u128(1)
+        }
+
+        fn random(&self) -> Uuid {
+            Uuid::from_u128(2)
+        }
+    }
+
+    #[tokio::test]
+    async fn names_and_tokens_come_from_the_source_that_is_passed_in() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let (path, clock) = (folder.path().join("jobs.db"), Arc::new(SystemClock));
+        let store = SqliteStore::open(&path, clock, RetryPolicy::default()).await.expect("a store");
+        let store = store.with_ids(Arc::new(Fixed));
+        assert_eq!(store.new_id("we"), format!("we_{:032x}", 1));
+        assert_eq!(store.new_token(), format!("{:032x}", 2));
+    }
 
     #[test]
     fn phrases_of_postgresql_are_omitted_and_other_statements_stay() {

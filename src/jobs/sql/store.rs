@@ -43,6 +43,9 @@ pub trait Dialect: Database<Connection: SqlConnection> {
     const LONGEST_WAIT: &'static str;
 }
 
+/// The rows of a database.
+type RowOf<D> = <<D as Database>::Connection as SqlConnection>::Row;
+
 /// Jobs, and all else that the service keeps, in a SQL database.
 pub struct SqlStore<D: Dialect> {
     /// Connections for reading, and for writing where `writer` is none.
@@ -92,6 +95,33 @@ impl<D: Dialect> SqlStore<D> {
 
     pub(super) async fn begin(&self) -> Result<Transaction<'static, D>, StoreError> {
         Ok(self.writer.as_ref().unwrap_or(&self.pool).begin_with(D::BEGIN).await?)
+    }
+
+    /// Runs a statement that reads, and reads its rows.
+    pub(super) async fn read_all<T>(
+        &self,
+        statement: Statement<'_>,
+        read: impl Fn(&RowOf<D>) -> Result<T, StoreError> + Send,
+    ) -> Result<Vec<T>, StoreError> {
+        self.reader().await?.query(statement).await?.iter().map(read).collect()
+    }
+
+    /// Runs a statement that reads, and reads its row, if there is one.
+    pub(super) async fn read_one<T>(
+        &self,
+        statement: Statement<'_>,
+        read: impl FnOnce(&RowOf<D>) -> Result<T, StoreError> + Send,
+    ) -> Result<Option<T>, StoreError> {
+        self.reader().await?.query_row(statement).await?.as_ref().map(read).transpose()
+    }
+
+    /// Runs a statement that writes, and reads the row that it returns, if there is one.
+    pub(super) async fn write_one<T>(
+        &self,
+        statement: Statement<'_>,
+        read: impl FnOnce(&RowOf<D>) -> Result<T, StoreError> + Send,
+    ) -> Result<Option<T>, StoreError> {
+        self.writer().await?.query_row(statement).await?.as_ref().map(read).transpose()
     }
 
     /// Whether a statement finds nothing to write. Asked only where a write would lock the whole database; most rounds find nothing.

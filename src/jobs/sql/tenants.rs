@@ -62,8 +62,7 @@ impl<D: Dialect> AccessStore for SqlStore<D> {
         .bind(&key.parent)
         .bind(self.now())
         .bind(key.life_s.map(|seconds| i64::try_from(seconds.saturating_mul(1000)).unwrap_or(i64::MAX / 4)));
-        let row = self.writer().await?.query_row(statement).await?;
-        read_key(&row.ok_or(sqlx::Error::RowNotFound)?)
+        Ok(self.write_one(statement, read_key).await?.ok_or(sqlx::Error::RowNotFound)?)
     }
 
     async fn find_key(&self, token: &Token) -> Result<Option<(AccessKey, TenantLimits)>, StoreError> {
@@ -77,8 +76,8 @@ impl<D: Dialect> AccessStore for SqlStore<D> {
               AND NOT EXISTS (SELECT 1 FROM access_keys p WHERE p.id = k.parent \
                               AND (p.revoked_at IS NOT NULL OR p.expires_at <= meshmend_now($2)))"
         ));
-        let row = self.reader().await?.query_row(statement.bind(token.as_str()).bind(self.now())).await?;
-        row.map(|row| Ok((read_key(&row)?, read_limits(&row)?))).transpose()
+        let statement = statement.bind(token.as_str()).bind(self.now());
+        self.read_one(statement, |row| Ok((read_key(row)?, read_limits(row)?))).await
     }
 
     async fn touch_key(&self, id: &str) -> Result<(), StoreError> {
@@ -98,9 +97,7 @@ impl<D: Dialect> AccessStore for SqlStore<D> {
         .bind(&query.id)
         .bind(&query.before)
         .bind(i64::from(query.limit) + 1);
-        let rows = self.reader().await?.query(statement).await?;
-        let keys = rows.iter().map(read_key).collect::<Result<Vec<_>, _>>()?;
-        Ok(Page::of(keys, query.limit, |key| key.id.clone()))
+        Ok(Page::of(self.read_all(statement, read_key).await?, query.limit, |key| key.id.clone()))
     }
 
     async fn revoke_key(&self, id: &str) -> Result<bool, StoreError> {
@@ -116,8 +113,7 @@ impl<D: Dialect> AccessStore for SqlStore<D> {
 
     async fn limits(&self, tenant: &str) -> Result<TenantLimits, StoreError> {
         let statement = sql(concat!("SELECT ", limit_columns!(), " FROM tenants WHERE name = $1"));
-        let row = self.reader().await?.query_row(statement.bind(tenant)).await?;
-        Ok(row.as_ref().map(read_limits).transpose()?.unwrap_or_default())
+        Ok(self.read_one(statement.bind(tenant), read_limits).await?.unwrap_or_default())
     }
 
     async fn change_tenant(&self, tenant: &TenantName, change: TenantChange) -> Result<Tenant, StoreError> {
@@ -141,8 +137,7 @@ impl<D: Dialect> AccessStore for SqlStore<D> {
         .bind(change.max_queued.is_some())
         .bind(change.max_running.is_some())
         .bind(change.requests_per_minute.is_some());
-        let row = self.writer().await?.query_row(statement).await?;
-        read_tenant(&row.ok_or(sqlx::Error::RowNotFound)?)
+        Ok(self.write_one(statement, read_tenant).await?.ok_or(sqlx::Error::RowNotFound)?)
     }
 
     async fn tenants(&self, after: Option<&str>, limit: u32) -> Result<Page<Tenant, String>, StoreError> {
@@ -150,14 +145,13 @@ impl<D: Dialect> AccessStore for SqlStore<D> {
             tenants_and_key_holders!(),
             " WHERE $1 IS NULL OR names.name > $1 ORDER BY names.name LIMIT $2"
         ));
-        let rows = self.reader().await?.query(statement.bind(after).bind(i64::from(limit) + 1)).await?;
-        let tenants = rows.iter().map(read_tenant).collect::<Result<Vec<_>, _>>()?;
+        let tenants = self.read_all(statement.bind(after).bind(i64::from(limit) + 1), read_tenant).await?;
         Ok(Page::of(tenants, limit, |tenant| tenant.name.clone()))
     }
 
     async fn tenant(&self, name: &str) -> Result<Option<Tenant>, StoreError> {
         let statement = sql(concat!(tenants_and_key_holders!(), " WHERE names.name = $1"));
-        self.reader().await?.query_row(statement.bind(name)).await?.as_ref().map(read_tenant).transpose()
+        self.read_one(statement.bind(name), read_tenant).await
     }
 }
 
@@ -178,20 +172,19 @@ impl<D: Dialect> EndpointStore for SqlStore<D> {
         .bind(event_names(&new.events))
         .bind(new.secret.reveal())
         .bind(most);
-        self.writer().await?.query_row(statement).await?.as_ref().map(read_endpoint).transpose()
+        self.write_one(statement, read_endpoint).await
     }
 
     async fn endpoints(&self, tenant: &str) -> Result<Vec<Endpoint>, StoreError> {
         let statement =
             sql(concat!("SELECT ", endpoint_columns!(), " FROM webhook_endpoints WHERE tenant = $1 ORDER BY id"));
-        self.reader().await?.query(statement.bind(tenant)).await?.iter().map(read_endpoint).collect()
+        self.read_all(statement.bind(tenant), read_endpoint).await
     }
 
     async fn endpoint(&self, tenant: &str, id: &str) -> Result<Option<Endpoint>, StoreError> {
         let statement =
             sql(concat!("SELECT ", endpoint_columns!(), " FROM webhook_endpoints WHERE tenant = $1 AND id = $2"));
-        let row = self.reader().await?.query_row(statement.bind(tenant).bind(id)).await?;
-        row.as_ref().map(read_endpoint).transpose()
+        self.read_one(statement.bind(tenant).bind(id), read_endpoint).await
     }
 
     async fn change_endpoint(
@@ -243,7 +236,7 @@ impl<D: Dialect> EndpointStore for SqlStore<D> {
         .bind(tenant)
         .bind(id)
         .bind(millis(keep));
-        self.writer().await?.query_row(statement).await?.as_ref().map(read_endpoint).transpose()
+        self.write_one(statement, read_endpoint).await
     }
 
     async fn delete_endpoint(&self, tenant: &str, id: &str) -> Result<bool, StoreError> {
@@ -256,8 +249,8 @@ impl<D: Dialect> EndpointStore for SqlStore<D> {
         let statement = sql("INSERT INTO callback_secrets (tenant, secret) VALUES ($1, $2) \
              ON CONFLICT (tenant) DO UPDATE SET tenant = callback_secrets.tenant \
              RETURNING tenant AS id, secret, old_secret, old_secret_until");
-        let row = self.writer().await?.query_row(statement.bind(tenant).bind(fresh.reveal())).await?;
-        read_secrets(&row.ok_or(sqlx::Error::RowNotFound)?)
+        let statement = statement.bind(tenant).bind(fresh.reveal());
+        Ok(self.write_one(statement, read_secrets).await?.ok_or(sqlx::Error::RowNotFound)?)
     }
 
     async fn rotate_callback_secret(
@@ -275,8 +268,7 @@ impl<D: Dialect> EndpointStore for SqlStore<D> {
         .bind(secret.reveal())
         .bind(self.now())
         .bind(millis(keep));
-        let row = self.writer().await?.query_row(statement).await?;
-        read_secrets(&row.ok_or(sqlx::Error::RowNotFound)?)
+        Ok(self.write_one(statement, read_secrets).await?.ok_or(sqlx::Error::RowNotFound)?)
     }
 }
 
