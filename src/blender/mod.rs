@@ -1,7 +1,7 @@
 //! Tier 3: Blender as a process of its own, with its script, its scratch folder and its deadline.
 //!
 //! [`BlenderRemesher::find`] looks for a program, either Blender or a Python with `bpy`; [`BlenderRemesher`] then
-//! implements [`Remesher`](crate::repair::Remesher). One run is one straight line:
+//! implements [`Remesher`]. One run is one straight line:
 //!
 //! ```text
 //! soup -> frame (centred, scaled) -> estimate -> exchange file -> slot -> process + script.py -> exchange file -> frame -> soup
