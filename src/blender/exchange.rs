@@ -107,7 +107,6 @@ fn read_row(file: &mut impl Read) -> io::Result<[[u8; 4]; 3]> {
 }
 
 #[cfg(test)]
-#[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
 

@@ -17,8 +17,7 @@ use tokio::fs::File;
 use tokio::io::{AsyncReadExt, AsyncSeekExt};
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 
-use super::put::{Account, Stored};
-use super::{BlobError, CHUNK};
+use super::stored::{Account, BlobError, CHUNK, Stored};
 use crate::tls::use_ring;
 
 /// Bytes of each part of a file but the last. S3 wants at least 5 MiB, and at most 10,000 parts.

@@ -7,10 +7,11 @@ use std::io::{self, Read, Write};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
 
-use super::CHUNK;
-use super::abandoned::Owner;
-use super::put::{Account, Stored};
+use super::stored::{Account, CHUNK, Owner, Stored};
 use crate::jobs::JobId;
+
+/// The folders whose entries are named by jobs.
+pub(super) const KINDS: [&str; 3] = ["uploads", "more", "jobs"];
 
 /// Copies local files into the folder, each to its key; gives none for one that is not there. When this returns they are on disk.
 ///
@@ -149,7 +150,7 @@ fn last_change(entry: &DirEntry) -> io::Result<SystemTime> {
 pub(super) fn owners(folder: &Path, age: Duration) -> io::Result<Vec<Owner>> {
     let mut changes: BTreeMap<JobId, SystemTime> = BTreeMap::new();
     let mut owners = Vec::new();
-    for kind in ["uploads", "more", "jobs"] {
+    for kind in KINDS {
         for entry in entries(&folder.join(kind))? {
             let (Some(job), Ok(change)) = (owner(&entry), last_change(&entry)) else { continue };
             let latest = changes.entry(job).or_insert(change);

@@ -1,65 +1,19 @@
+//! A job: where it stands, its files, what became of its model, and why it failed.
+
 use std::collections::BTreeMap;
-use std::fmt;
 use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
+use serde_json::value::RawValue;
 use time::OffsetDateTime;
 use utoipa::ToSchema;
-use uuid::Uuid;
 
-use super::{JobOptions, JobOutcome, StoredReport};
+use super::id::JobId;
+use super::options::JobOptions;
 use crate::context::Stage;
 use crate::format::{Format, Place};
-
-/// A job's name: `job_` and a UUID of version 7, so that names sort by time.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub struct JobId(Uuid);
-
-/// A text that is no job id.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
-#[error("a job id is 'job_' and 32 hexadecimal digits")]
-pub struct JobIdError;
-
-impl JobId {
-    /// A new id of this moment.
-    #[must_use]
-    pub fn new() -> Self {
-        Self(Uuid::now_v7())
-    }
-}
-
-impl Default for JobId {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
-impl fmt::Display for JobId {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "job_{}", self.0.simple())
-    }
-}
-
-impl FromStr for JobId {
-    type Err = JobIdError;
-
-    fn from_str(text: &str) -> Result<Self, JobIdError> {
-        let digits = text.strip_prefix("job_").filter(|d| d.len() == 32).ok_or(JobIdError)?;
-        Uuid::try_parse(digits).map(Self).map_err(|_| JobIdError)
-    }
-}
-
-impl Serialize for JobId {
-    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        serializer.collect_str(self)
-    }
-}
-
-impl<'de> Deserialize<'de> for JobId {
-    fn deserialize<D: serde::Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        String::deserialize(deserializer)?.parse().map_err(serde::de::Error::custom)
-    }
-}
+use crate::repair::{AssumptionKind, RedFlagCode};
+use crate::scene::LengthUnit;
 
 /// Where a job stands.
 ///
@@ -225,18 +179,125 @@ pub struct JobProblem {
 }
 
 impl JobProblem {
+    /// A problem that has no place and concerns no single file.
+    #[must_use]
+    pub fn new(code: ProblemKind, detail: String) -> Self {
+        Self { code, detail, place: None, file: None }
+    }
+
     /// That so many workers went away while they had a job.
     #[must_use]
     pub fn worker_lost(workers: u32) -> Self {
-        Self {
-            code: ProblemKind::WorkerLost,
-            detail: format!(
-                "{workers} workers went away while they had this job, so it was set aside. If the service was not being \
-                 killed by hand, this model may be what takes workers down: please report it."
-            ),
-            place: None,
-            file: None,
+        let detail = format!(
+            "{workers} workers went away while they had this job, so it was set aside. If the service was not being \
+             killed by hand, this model may be what takes workers down: please report it."
+        );
+        Self::new(ProblemKind::WorkerLost, detail)
+    }
+}
+
+/// What became of a job's model, apart from whether the job ran.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum JobOutcome {
+    /// Repair: the input is printable; its geometry comes back untouched.
+    AlreadyPrintable,
+    /// Repair: the result passes every check, and no red flag is up.
+    Repaired,
+    /// Repair: the result is better than the input, but fails a check, or passes all of them with a red flag up.
+    PartiallyRepaired,
+    /// Repair: nothing that ran made the model better; the reason is in the report.
+    Unrepairable,
+    /// Analysis: every file can be printed as it is, as far as the level of inspection tells.
+    Printable,
+    /// Analysis: at least one file can't be printed as it is.
+    NotPrintable,
+    /// Analysis: nothing is wrong that was looked for, but the level did not ask for faces that intersect, or they could
+    /// not all be counted.
+    Undecided,
+}
+
+impl JobOutcome {
+    /// Whether what the job hands out, or of an analysis every file, can be printed as it is; none where that is not known.
+    #[must_use]
+    pub fn is_printable(self) -> Option<bool> {
+        match self {
+            Self::AlreadyPrintable | Self::Repaired | Self::Printable => Some(true),
+            Self::PartiallyRepaired | Self::Unrepairable | Self::NotPrintable => Some(false),
+            Self::Undecided => None,
         }
+    }
+}
+
+/// A report as JSON, as it was written: its own `version` says how to read it, and rows of earlier versions of this
+/// program stay readable.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+#[serde(transparent)]
+pub struct StoredReport(pub(super) Box<RawValue>);
+
+impl StoredReport {
+    /// Its JSON.
+    pub(super) fn json(&self) -> &str {
+        self.0.get()
+    }
+
+    /// The codes of a repair's red flags, and the kinds of its assumptions, each once.
+    #[must_use]
+    pub fn remarks(&self) -> (Vec<RedFlagCode>, Vec<AssumptionKind>) {
+        #[derive(Deserialize)]
+        struct Flag {
+            code: RedFlagCode,
+        }
+        #[derive(Deserialize)]
+        struct Assumed {
+            kind: AssumptionKind,
+        }
+        #[derive(Deserialize)]
+        struct Remarks {
+            #[serde(default)]
+            red_flags: Vec<Flag>,
+            #[serde(default)]
+            assumptions: Vec<Assumed>,
+        }
+        let Ok(Remarks { red_flags, assumptions }) = serde_json::from_str(self.json()) else {
+            return Default::default();
+        };
+        let mut codes = Vec::new();
+        for flag in red_flags {
+            if !codes.contains(&flag.code) {
+                codes.push(flag.code);
+            }
+        }
+        let mut kinds: Vec<_> = assumptions.into_iter().map(|assumed| assumed.kind).collect();
+        kinds.sort_unstable();
+        kinds.dedup();
+        (codes, kinds)
+    }
+
+    /// The unit of each file's lengths, in their order; none in reports of before there were units.
+    #[must_use]
+    pub fn units(&self) -> Vec<LengthUnit> {
+        #[derive(Deserialize)]
+        struct File {
+            unit: LengthUnit,
+        }
+        // An analysis has files; a repair has one unit. The rest is passed over as it is read.
+        #[derive(Deserialize)]
+        struct Units {
+            files: Option<Vec<File>>,
+            unit: Option<LengthUnit>,
+        }
+        match serde_json::from_str(self.json()) {
+            Ok(Units { files: Some(files), .. }) => files.into_iter().map(|file| file.unit).collect(),
+            Ok(Units { unit, .. }) => unit.into_iter().collect(),
+            Err(_) => Vec::new(),
+        }
+    }
+}
+
+impl PartialEq for StoredReport {
+    fn eq(&self, other: &Self) -> bool {
+        self.0.get() == other.0.get()
     }
 }
 
@@ -289,26 +350,4 @@ pub struct Job {
     pub version: i64,
     /// Whether its files and content were deleted on request.
     pub purged: bool,
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_job_id_is_read_back_from_its_text_and_nothing_else_is() {
-        let id = JobId::new();
-        assert_eq!(id.to_string().parse(), Ok(id));
-        let long = format!("{id}0");
-        let bare = id.to_string().replace("job_", "");
-        for text in ["", "job_", "job_1", "job_zz", &bare, &long, "job_0190-4", "../etc"] {
-            assert_eq!(text.parse::<JobId>(), Err(JobIdError), "{text}");
-        }
-    }
-
-    #[test]
-    fn ids_sort_by_the_time_they_were_made() {
-        let ids: Vec<JobId> = (0..100).map(|_| JobId::new()).collect();
-        assert!(ids.is_sorted());
-    }
 }

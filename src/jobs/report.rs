@@ -1,50 +1,18 @@
+//! The report that a job leaves, and the quote that a shop makes of it.
+
 use serde::{Deserialize, Serialize};
-use serde_json::value::RawValue;
 use utoipa::ToSchema;
 
-use super::{JobProblem, ProblemKind};
+use super::job::{JobOutcome, JobProblem, ProblemKind, StoredReport};
 use crate::analyze::{AnalysisReport, FileAnalysis};
 use crate::format::Format;
 use crate::repair::{AssumptionKind, HandedOut, Outcome, RedFlagCode, Report, Step};
-use crate::scene::LengthUnit;
+use crate::scene::{Unit, UnitSource};
 
 /// Most bytes of an abridged report.
 const ABRIDGED_BYTES: usize = 32 << 10;
 /// Most items of each list of an abridged report, the first that makes it small enough.
 const ITEMS: [usize; 4] = [3, 2, 1, 0];
-
-/// What became of a job's model, apart from whether the job ran.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum JobOutcome {
-    /// Repair: the input is printable; its geometry comes back untouched.
-    AlreadyPrintable,
-    /// Repair: the result passes every check, and no red flag is up.
-    Repaired,
-    /// Repair: the result is better than the input, but fails a check, or passes all of them with a red flag up.
-    PartiallyRepaired,
-    /// Repair: nothing that ran made the model better; the reason is in the report.
-    Unrepairable,
-    /// Analysis: every file can be printed as it is, as far as the level of inspection tells.
-    Printable,
-    /// Analysis: at least one file can't be printed as it is.
-    NotPrintable,
-    /// Analysis: nothing is wrong that was looked for, but the level did not ask for faces that intersect, or they could
-    /// not all be counted.
-    Undecided,
-}
-
-impl JobOutcome {
-    /// Whether what the job hands out, or of an analysis every file, can be printed as it is; none where that is not known.
-    #[must_use]
-    pub fn is_printable(self) -> Option<bool> {
-        match self {
-            Self::AlreadyPrintable | Self::Repaired | Self::Printable => Some(true),
-            Self::PartiallyRepaired | Self::Unrepairable | Self::NotPrintable => Some(false),
-            Self::Undecided => None,
-        }
-    }
-}
 
 impl From<Outcome> for JobOutcome {
     fn from(outcome: Outcome) -> Self {
@@ -156,8 +124,7 @@ impl JobReport {
     #[must_use]
     pub fn refusal(&self) -> Option<JobProblem> {
         let Self::Repair(report) = self else { return None };
-        let detail = report.refusal()?;
-        Some(JobProblem { code: ProblemKind::NotPrintable, detail, place: None, file: None })
+        Some(JobProblem::new(ProblemKind::NotPrintable, report.refusal()?))
     }
 
     /// The steps of a repair.
@@ -170,12 +137,6 @@ impl JobReport {
     }
 }
 
-/// A report as JSON, as it was written: its own `version` says how to read it, and rows of earlier versions of this
-/// program stay readable.
-#[derive(Debug, Clone, Serialize, Deserialize)]
-#[serde(transparent)]
-pub struct StoredReport(Box<RawValue>);
-
 impl StoredReport {
     /// What is to be stored of an account.
     #[must_use]
@@ -183,68 +144,127 @@ impl StoredReport {
         // None of its types can fail to be written.
         Self(serde_json::value::to_raw_value(report).unwrap_or_default())
     }
+}
 
-    /// Its JSON.
-    pub(super) fn json(&self) -> &str {
-        self.0.get()
-    }
+/// What a shop needs to price a model: the figures of the file that the job hands out, or of an analysed file. Lengths are in
+/// millimetres whatever the file's unit.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct Quote {
+    /// Whether the file can be printed as it is; null where the inspection could not tell.
+    pub printable: Option<bool>,
+    /// Sides of the bounding box, in mm; null for a file without faces.
+    #[schema(required)]
+    pub size_mm: Option<[f64; 3]>,
+    /// Enclosed volume, in mm³; null where the mesh does not enclose one.
+    #[schema(required)]
+    pub volume_mm3: Option<f64>,
+    /// Surface area, in mm².
+    pub area_mm2: f64,
+    /// Thinnest wall that was found, in mm; null where none was measured.
+    #[schema(required)]
+    pub thinnest_wall_mm: Option<f64>,
+    /// The unit of the file's lengths.
+    pub unit: Unit,
+    /// Where the unit comes from.
+    pub unit_source: UnitSource,
+    /// Number of faces.
+    pub faces: u64,
+    /// Number of connected parts.
+    pub parts: u64,
+    /// Codes of the red flags, each once.
+    pub red_flags: Vec<RedFlagCode>,
+    /// Kinds of the assumptions that the result depends on, each once.
+    pub assumptions: Vec<AssumptionKind>,
+}
 
-    /// The codes of a repair's red flags, and the kinds of its assumptions, each once.
+impl Quote {
+    /// The quote of a report; none where it is of several files, or of an earlier version that lacks the figures.
     #[must_use]
-    pub fn remarks(&self) -> (Vec<RedFlagCode>, Vec<AssumptionKind>) {
-        #[derive(Deserialize)]
-        struct Flag {
-            code: RedFlagCode,
-        }
-        #[derive(Deserialize)]
-        struct Assumed {
-            kind: AssumptionKind,
-        }
-        #[derive(Deserialize)]
-        struct Remarks {
-            #[serde(default)]
-            red_flags: Vec<Flag>,
-            #[serde(default)]
-            assumptions: Vec<Assumed>,
-        }
-        let Ok(Remarks { red_flags, assumptions }) = serde_json::from_str(self.json()) else {
-            return Default::default();
-        };
-        let mut codes = Vec::new();
-        for flag in red_flags {
-            if !codes.contains(&flag.code) {
-                codes.push(flag.code);
+    pub fn of(report: &StoredReport) -> Option<Self> {
+        let Account { verdict, unit, after, before, printable, files } = serde_json::from_str(report.json()).ok()?;
+        let (printable, unit, figures) = match files {
+            Some(files) => {
+                let [file] = <[FileAccount; 1]>::try_from(files).ok()?;
+                (printable, file.unit, file.inspection)
             }
-        }
-        let mut kinds: Vec<_> = assumptions.into_iter().map(|assumed| assumed.kind).collect();
-        kinds.sort_unstable();
-        kinds.dedup();
-        (codes, kinds)
-    }
-
-    /// The unit of each file's lengths, in their order; none in reports of before there were units.
-    #[must_use]
-    pub fn units(&self) -> Vec<LengthUnit> {
-        #[derive(Deserialize)]
-        struct File {
-            unit: LengthUnit,
-        }
-        // An analysis has files; a repair has one unit. The rest is passed over as it is read.
-        #[derive(Deserialize)]
-        struct Units {
-            files: Option<Vec<File>>,
-            unit: Option<LengthUnit>,
-        }
-        match serde_json::from_str(self.json()) {
-            Ok(Units { files: Some(files), .. }) => files.into_iter().map(|file| file.unit).collect(),
-            Ok(Units { unit, .. }) => unit.into_iter().collect(),
-            Err(_) => Vec::new(),
-        }
+            None => (verdict.and_then(|verdict| verdict.printable), unit?, after.or(before)?),
+        };
+        let (red_flags, assumptions) = report.remarks();
+        let mm = unit.used.millimetres();
+        let size_mm = figures.bounding_box.map(|Bounds { min, max }| [0, 1, 2].map(|k| (max[k] - min[k]) * mm));
+        let wall = figures.print.and_then(|print| print.thinnest_wall);
+        Some(Self {
+            printable,
+            size_mm,
+            volume_mm3: figures.volume.filter(|volume| volume.reliable).map(|volume| volume.value * mm * mm * mm),
+            area_mm2: figures.area * mm * mm,
+            thinnest_wall_mm: wall.map(|wall| wall.thickness * mm),
+            unit: unit.used,
+            unit_source: unit.source,
+            faces: figures.faces,
+            parts: figures.parts,
+            red_flags,
+            assumptions,
+        })
     }
 }
 
-impl PartialEq for StoredReport {
-    fn eq(&self, other: &Self) -> bool {
-        self.0.get() == other.0.get()
-    }
+/// The few fields of a report of either mode that a quote is made of. The rest is skipped as it is read.
+#[derive(Deserialize)]
+struct Account {
+    verdict: Option<StoredVerdict>,
+    unit: Option<StoredUnit>,
+    after: Option<Figures>,
+    before: Option<Figures>,
+    printable: Option<bool>,
+    files: Option<Vec<FileAccount>>,
+}
+
+#[derive(Deserialize)]
+struct StoredVerdict {
+    printable: Option<bool>,
+}
+
+#[derive(Deserialize)]
+struct FileAccount {
+    unit: StoredUnit,
+    inspection: Figures,
+}
+
+#[derive(Deserialize)]
+struct StoredUnit {
+    used: Unit,
+    source: UnitSource,
+}
+
+#[derive(Deserialize)]
+struct Figures {
+    faces: u64,
+    parts: u64,
+    area: f64,
+    bounding_box: Option<Bounds>,
+    volume: Option<StoredVolume>,
+    print: Option<Print>,
+}
+
+#[derive(Deserialize)]
+struct Bounds {
+    min: [f64; 3],
+    max: [f64; 3],
+}
+
+#[derive(Deserialize)]
+struct StoredVolume {
+    value: f64,
+    reliable: bool,
+}
+
+#[derive(Deserialize)]
+struct Print {
+    thinnest_wall: Option<Wall>,
+}
+
+#[derive(Deserialize)]
+struct Wall {
+    thickness: f64,
 }

@@ -1,73 +1,20 @@
+//! The store: one trait for each subject, and [`Store`] for all of them.
+
+use std::time::Duration;
+
 use async_trait::async_trait;
 
-use super::{
-    AccessStore, Artifacts, Bell, DeliveryStore, DrawingStore, EndpointStore, IdempotencyStore, Input, Job, JobId,
-    JobOptions, JobOutcome, Metadata, QueueStore, RequestKey, RetentionStore, Status, StoreError, StoredReport,
-    UploadId, UploadStore,
+use super::error::StoreError;
+use super::id::{JobId, UploadId};
+use super::job::{Artifacts, Job, JobOutcome, JobProgress, Metadata, Status};
+use super::queue::{
+    Claim, ClassLoad, Completion, Failure, KeyState, Lease, NewJob, NewUpload, Notifier, PendingUpload, Waiting,
 };
-
-/// A job to accept. Its files are in the blob store already.
-#[derive(Debug, Clone, PartialEq)]
-pub struct NewJob {
-    /// The id, made by the caller because the keys of the files contain it.
-    pub id: JobId,
-    /// The files, at least one.
-    pub inputs: Vec<Input>,
-    /// The tenant that owns the job.
-    pub tenant: String,
-    /// The id of the API key that submitted the job.
-    pub made_by: Option<String>,
-    /// What to do.
-    pub options: JobOptions,
-    /// The client's own notes.
-    pub metadata: Metadata,
-    /// The address to notify of the job's end.
-    pub callback_url: Option<String>,
-    /// A hash of all that determines the result: bytes, options, engine.
-    pub fingerprint: String,
-    /// The result of an earlier job with the same fingerprint. A job with such a result has ended when it is accepted.
-    pub result: Option<Reused>,
-    /// The request's idempotency key, which must be held for the job.
-    pub key: Option<RequestKey>,
-    /// The upload that the job is made of. An upload becomes one job at most.
-    pub upload: Option<UploadId>,
-    /// The request's position in a trace, which the worker continues.
-    pub traceparent: Option<String>,
-}
-
-impl NewJob {
-    /// A job with only the required fields.
-    #[must_use]
-    pub fn new(id: JobId, tenant: &str, inputs: Vec<Input>, options: JobOptions) -> Self {
-        Self {
-            id,
-            inputs,
-            tenant: tenant.to_owned(),
-            made_by: None,
-            options,
-            metadata: Metadata::new(),
-            callback_url: None,
-            fingerprint: String::new(),
-            result: None,
-            key: None,
-            upload: None,
-            traceparent: None,
-        }
-    }
-}
-
-/// The result of an earlier job.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Reused {
-    /// The earlier job.
-    pub from: JobId,
-    /// The outcome of the earlier job.
-    pub outcome: JobOutcome,
-    /// The report.
-    pub report: StoredReport,
-    /// The files, copied for the new job.
-    pub artifacts: Artifacts,
-}
+use super::webhooks::{
+    Attempt, Backlog, Delivery, DeliveryQuery, DueDelivery, Endpoint, EndpointChange, NewEndpoint, Secrets,
+    SigningSecret, Verdict,
+};
+use crate::access::{AccessKey, KeyQuery, NewKey, Tenant, TenantChange, TenantLimits, TenantName, Token};
 
 /// The result of a request to cancel a job.
 #[derive(Debug, Clone, PartialEq)]
@@ -188,8 +135,244 @@ pub trait JobStore: Send + Sync {
     /// How many jobs there are of each status.
     async fn counts(&self) -> Result<Vec<StatusCount>, StoreError>;
 
-    /// Stops a job. The worker of a running job loses its lease, which it learns at its next heartbeat or by the bell.
+    /// Stops a job. The worker of a running job loses its lease, which it learns at its next heartbeat or by a notification.
     async fn cancel(&self, id: JobId) -> Result<Option<Cancelled>, StoreError>;
+}
+
+/// The queue of jobs, the leases on claimed jobs, and the ends of attempts.
+///
+/// Any number of processes may share one store. A job is claimed in one short transaction under a lease. The worker that holds the
+/// lease extends it by [`heartbeat`](Self::heartbeat). When the lease expires, [`rescue`](Self::rescue) makes the job claimable again.
+#[async_trait]
+pub trait QueueStore: Send + Sync {
+    /// How many jobs are queued, in all and of the tenant.
+    async fn waiting(&self, tenant: &str) -> Result<Waiting, StoreError>;
+
+    /// Jobs of its tenant that will be claimed before this one; none if this job is not queued.
+    async fn queue_position(&self, job: &Job) -> Result<Option<u64>, StoreError>;
+
+    /// How long the job has been due that will be claimed next; zero if no queued job is due.
+    async fn longest_wait(&self) -> Result<Duration, StoreError>;
+
+    /// The queued and running jobs of each class of tenants that has any.
+    async fn class_loads(&self) -> Result<Vec<ClassLoad>, StoreError>;
+
+    /// Claims a job that is due, if there is one, under a lease of `lease`. Tenants take turns: first the tenant with the fewest running
+    /// jobs, then the tenant that was served longest ago; of its jobs the one that has been due longest. Tenants with `max_running`
+    /// running jobs, or as many as their own limit, are passed over.
+    async fn claim(&self, worker: &str, lease: Duration, max_running: u32) -> Result<Option<Claim>, StoreError>;
+
+    /// Extends a lease to `lease` from now and records the progress.
+    ///
+    /// # Errors
+    /// [`StoreError::LeaseLost`] when the lease is no longer this worker's; the worker must stop.
+    async fn heartbeat(&self, held: &Lease, lease: Duration, progress: Option<JobProgress>) -> Result<(), StoreError>;
+
+    /// Ends a job with a result and publishes its artifacts. Idempotent, as is [`fail`](Self::fail): a worker that lost the response
+    /// may retry and gets the same result.
+    ///
+    /// # Errors
+    /// [`StoreError::LeaseLost`] when the lease is no longer this worker's; nothing was changed.
+    async fn complete(&self, held: &Lease, completion: Completion) -> Result<Job, StoreError>;
+
+    /// Records a failed attempt: the job is queued for a retry or fails for good.
+    ///
+    /// # Errors
+    /// [`StoreError::LeaseLost`] when the lease is no longer this worker's; nothing was changed.
+    async fn fail(&self, held: &Lease, failure: Failure) -> Result<Job, StoreError>;
+
+    /// Releases a claimed job unfinished and does not count the attempt, as at a shutdown.
+    ///
+    /// # Errors
+    /// [`StoreError::LeaseLost`] when the lease is no longer this worker's; nothing was changed.
+    async fn hand_back(&self, held: &Lease) -> Result<(), StoreError>;
+
+    /// Requeues jobs whose lease expired, or fails those whose leases expired too often.
+    async fn rescue(&self) -> Result<Vec<Job>, StoreError>;
+}
+
+/// Where idempotency keys are kept: the keys of requests that may be repeated and must make only one job.
+#[async_trait]
+pub trait IdempotencyStore: Send + Sync {
+    /// Holds the key of a request for the job that the request is to make, or returns who has the key. A second call for the same job
+    /// extends the hold.
+    async fn hold_key(&self, tenant: &str, key: &str, job: JobId) -> Result<KeyState, StoreError>;
+
+    /// Releases the key of a request that was refused.
+    async fn release_key(&self, tenant: &str, key: &str, job: JobId) -> Result<(), StoreError>;
+
+    /// Deletes expired keys. Returns how many.
+    async fn forget_keys(&self) -> Result<u64, StoreError>;
+}
+
+/// Where uploads are kept: files that clients send before they ask for a job.
+#[async_trait]
+pub trait UploadStore: Send + Sync {
+    /// Adds an upload; none if `most` uploads wait for a job already.
+    async fn add_upload(&self, upload: NewUpload, most: u64) -> Result<Option<PendingUpload>, StoreError>;
+
+    /// One upload that may still become a job, or became one not long ago.
+    async fn upload(&self, id: UploadId) -> Result<Option<PendingUpload>, StoreError>;
+
+    /// Deletes expired uploads. An upload that became a job is kept as long as the key of that job's request may be. Returns how many.
+    async fn forget_uploads(&self) -> Result<u64, StoreError>;
+}
+
+/// Where drawings of ended jobs are requested and claimed. A worker draws them at the first request, so that a job whose drawings nobody
+/// requests costs no more than a job without.
+#[async_trait]
+pub trait DrawingStore: Send + Sync {
+    /// Asks for the pictures of a job that has ended. Asked again before they are drawn it does nothing.
+    async fn ask_for_drawings(&self, job: JobId) -> Result<(), StoreError>;
+
+    /// Takes a job whose pictures were asked for, and holds it for `lease`: of the tenant for which the fewest are being drawn the one
+    /// that was asked for first. A hold that ran out can be claimed again.
+    async fn claim_drawings(&self, lease: Duration) -> Result<Option<Claim>, StoreError>;
+
+    /// Extends a hold to `lease` from now.
+    ///
+    /// # Errors
+    /// [`StoreError::LeaseLost`] when it is no longer this worker's.
+    async fn hold_drawings(&self, held: &Lease, lease: Duration) -> Result<(), StoreError>;
+
+    /// Publishes what was drawn. Pictures of the job that are not among it can't be drawn, and the job has them no more.
+    ///
+    /// # Errors
+    /// [`StoreError::LeaseLost`] when the hold is no longer this worker's, or the job's files are gone.
+    async fn finish_drawings(&self, held: &Lease, drawn: Artifacts) -> Result<Job, StoreError>;
+}
+
+/// How jobs lose their content and are forgotten.
+#[async_trait]
+pub trait RetentionStore: Send + Sync {
+    /// Empties the rows of jobs that ended `age` ago, at most `most` of them, and marks them as expired. The caller deletes their files.
+    async fn expire(&self, age: Duration, most: u32) -> Result<Vec<JobId>, StoreError>;
+
+    /// Deletes the rows of jobs that ended `age` ago and are expired or purged. Returns how many.
+    async fn forget_jobs(&self, age: Duration) -> Result<u64, StoreError>;
+
+    /// Empties a job's row, and cancels the job first if it has not ended. The caller then deletes its files. False if there is no such
+    /// job.
+    async fn purge(&self, id: JobId) -> Result<bool, StoreError>;
+}
+
+/// Where keys and tenants' limits are kept.
+#[async_trait]
+pub trait AccessStore: Send + Sync {
+    /// Makes a key that is found by `token` from now on.
+    async fn create_key(&self, key: NewKey, token: &Token) -> Result<AccessKey, StoreError>;
+
+    /// The key of that token and the limits of its tenant; none if the key is unknown, revoked or expired, or if its parent key is.
+    async fn find_key(&self, token: &Token) -> Result<Option<(AccessKey, TenantLimits)>, StoreError>;
+
+    /// Records that a key was used.
+    async fn touch_key(&self, id: &str) -> Result<(), StoreError>;
+
+    /// One page of API keys, newest first, revoked ones too. Browser tokens are not listed.
+    async fn keys(&self, query: KeyQuery) -> Result<Page<AccessKey, String>, StoreError>;
+
+    /// Revokes a key, and with it the tokens made with it. False if there is no such key or it was revoked before.
+    async fn revoke_key(&self, id: &str) -> Result<bool, StoreError>;
+
+    /// Deletes expired browser tokens. Returns how many.
+    async fn forget_tokens(&self) -> Result<u64, StoreError>;
+
+    /// The limits that are set for a tenant.
+    async fn limits(&self, tenant: &str) -> Result<TenantLimits, StoreError>;
+
+    /// Changes the settings of a tenant that `change` names, and returns all of them. A tenant without settings gets its first.
+    async fn change_tenant(&self, tenant: &TenantName, change: TenantChange) -> Result<Tenant, StoreError>;
+
+    /// One page of the tenants that have settings or an API key, by name, beginning behind `after`.
+    async fn tenants(&self, after: Option<&str>, limit: u32) -> Result<Page<Tenant, String>, StoreError>;
+
+    /// One tenant; none if it has neither settings nor an API key.
+    async fn tenant(&self, name: &str) -> Result<Option<Tenant>, StoreError>;
+}
+
+/// The result of a request to send a delivery again.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Redelivered {
+    /// It is due now.
+    Yes,
+    /// Its endpoint is disabled.
+    Disabled,
+    /// The tenant has no such delivery.
+    Unknown,
+}
+
+/// Where webhook endpoints and the secrets of callbacks are kept.
+#[async_trait]
+pub trait EndpointStore: Send + Sync {
+    /// Adds an endpoint; none if the tenant has `most` endpoints already.
+    async fn create_endpoint(&self, new: NewEndpoint, most: u32) -> Result<Option<Endpoint>, StoreError>;
+
+    /// The tenant's endpoints, oldest first.
+    async fn endpoints(&self, tenant: &str) -> Result<Vec<Endpoint>, StoreError>;
+
+    /// One of the tenant's endpoints.
+    async fn endpoint(&self, tenant: &str, id: &str) -> Result<Option<Endpoint>, StoreError>;
+
+    /// Changes an endpoint. Disabling it gives up its pending deliveries.
+    async fn change_endpoint(
+        &self,
+        tenant: &str,
+        id: &str,
+        change: EndpointChange,
+    ) -> Result<Option<Endpoint>, StoreError>;
+
+    /// Gives an endpoint a new secret; the old one signs beside it for `keep`.
+    async fn rotate_endpoint(
+        &self,
+        tenant: &str,
+        id: &str,
+        secret: &SigningSecret,
+        keep: Duration,
+    ) -> Result<Option<Endpoint>, StoreError>;
+
+    /// Removes an endpoint with its deliveries. False if there is none.
+    async fn delete_endpoint(&self, tenant: &str, id: &str) -> Result<bool, StoreError>;
+
+    /// The secrets of the tenant's callbacks. A tenant without a secret gets `fresh`.
+    async fn callback_secrets(&self, tenant: &str, fresh: &SigningSecret) -> Result<Secrets, StoreError>;
+
+    /// Gives the tenant's callbacks a new secret; the old one signs beside it for `keep`.
+    async fn rotate_callback_secret(
+        &self,
+        tenant: &str,
+        secret: &SigningSecret,
+        keep: Duration,
+    ) -> Result<Secrets, StoreError>;
+}
+
+/// Where webhook messages and their deliveries are kept: the outbox.
+///
+/// The transaction that ends a job writes the messages about it. A delivery is claimed under a lease and is due again when the lease
+/// expires, so each message arrives at least once.
+#[async_trait]
+pub trait DeliveryStore: Send + Sync {
+    /// Sends an endpoint a test message, and returns the delivery's name; none if the endpoint does not exist or is disabled.
+    async fn send_ping(&self, tenant: &str, endpoint: &str) -> Result<Option<String>, StoreError>;
+
+    /// The tenant's deliveries, newest first.
+    async fn deliveries(&self, query: DeliveryQuery) -> Result<Page<Delivery, String>, StoreError>;
+
+    /// Makes a delivery due now, whatever its status. A delivery that is not pending gets all of its tries again.
+    async fn redeliver(&self, tenant: &str, id: &str) -> Result<Redelivered, StoreError>;
+
+    /// Claims a delivery that is due, if there is one, under a lease of `lease`. Tenants take turns: first the tenant with the fewest
+    /// deliveries under way; of its deliveries the one that has been due longest. Tenants with `most` under way are passed over.
+    async fn claim_delivery(&self, lease: Duration, most: u32) -> Result<Option<DueDelivery>, StoreError>;
+
+    /// Records the result of a claimed delivery, unless the claim is lost. Returns whether this disabled the endpoint: because the
+    /// receiver is gone, or because nothing was delivered to it for [`FAILING`](super::FAILING).
+    async fn settle_delivery(&self, due: &DueDelivery, attempt: Attempt, verdict: Verdict) -> Result<bool, StoreError>;
+
+    /// How many deliveries are pending.
+    async fn backlog(&self) -> Result<Backlog, StoreError>;
+
+    /// Deletes messages that were made `age` ago, with their deliveries. Returns how many.
+    async fn forget_messages(&self, age: Duration) -> Result<u64, StoreError>;
 }
 
 /// All that the service keeps in its database, by subject.
@@ -211,6 +394,6 @@ pub trait Store:
     /// The connections to the database that this process holds now.
     fn connections(&self) -> Connections;
 
-    /// Rings when jobs change through this store object.
-    fn bell(&self) -> &Bell;
+    /// Notifies when jobs change through this store object.
+    fn bell(&self) -> &Notifier;
 }

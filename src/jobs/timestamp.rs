@@ -1,12 +1,38 @@
-//! Times in JSON: RFC 3339 in UTC with milliseconds, such as `2026-03-01T09:30:00.000Z`. Every time has the same width, so that texts sort
-//! as times do.
+//! Times: the clock that tells them, and their text in JSON. That is RFC 3339 in UTC with milliseconds, such as
+//! `2026-03-01T09:30:00.000Z`. Every time has the same width, so that texts sort as times do.
 
 use std::num::NonZeroU8;
 
-use serde::{Deserializer, Serialize, Serializer};
+use serde::{Deserializer, Serializer};
 use time::format_description::well_known::Iso8601;
 use time::format_description::well_known::iso8601::{Config, EncodedConfig, TimePrecision};
 use time::{OffsetDateTime, UtcOffset};
+
+/// The wall clock, passed in so that leases and retries can be tested without waiting.
+pub trait Clock: Send + Sync {
+    /// Milliseconds since the Unix epoch.
+    fn now_ms(&self) -> i64;
+}
+
+/// The operating system's clock.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct SystemClock;
+
+impl SystemClock {
+    /// The time.
+    #[must_use]
+    #[expect(clippy::disallowed_methods, reason = "the one place that asks the operating system")]
+    pub fn now(self) -> OffsetDateTime {
+        OffsetDateTime::now_utc()
+    }
+}
+
+impl Clock for SystemClock {
+    fn now_ms(&self) -> i64 {
+        let now = self.now();
+        now.unix_timestamp() * 1000 + i64::from(now.millisecond())
+    }
+}
 
 const FORMAT: EncodedConfig =
     Config::DEFAULT.set_time_precision(TimePrecision::Second { decimal_digits: NonZeroU8::new(3) }).encode();
@@ -35,7 +61,10 @@ pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<OffsetD
 
 /// The same for a time that may be missing.
 pub mod option {
-    use super::{Deserializer, OffsetDateTime, Serialize, Serializer, text};
+    use serde::{Deserializer, Serialize, Serializer};
+    use time::OffsetDateTime;
+
+    use crate::jobs::timestamp::text;
 
     /// Writes a time or null.
     ///

@@ -1,4 +1,4 @@
-//! The walls around a job: a process puts itself in before it touches a stranger's bytes, and whatever it starts is in there too.
+//! The sandbox around a job: a process enters it before it touches a stranger's bytes, and whatever it starts is in there too.
 //!
 //! Three layers, each of which holds without the others, and each of which a kernel or a container may refuse:
 //!
@@ -7,97 +7,204 @@
 //! ```
 //!
 //! What is refused is told, not hidden: [`Trial`] enters the sandbox and tries what must fail, and [`Walls`] says what came of it.
-//! [`processes`] finds and ends what a run leaves behind where no wall holds it back.
+//! [`processes`] finds and ends what a run leaves behind where no layer holds it back.
 
-mod calls;
-mod files;
-mod namespaces;
+mod layers;
 pub mod processes;
-mod status;
-mod trial;
+mod seccomp;
 
+use std::fs;
 use std::io;
-use std::path::PathBuf;
+use std::net::{SocketAddr, TcpStream};
+use std::path::{Path, PathBuf};
+use std::time::Duration;
 
+use rlimit::Resource;
+use rustix::io::Errno;
+use rustix::process::{getppid, setpgid, test_kill_process};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-pub use status::{Protection, SandboxStatus, Walls};
-pub use trial::Trial;
+use layers::Layers;
+pub use layers::{Sandbox, SandboxMode};
 
-/// What to do where the kernel can't give every wall.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, ToSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum SandboxMode {
-    /// Use what there is.
-    #[default]
-    Auto,
-    /// Run nothing where the network or the files are open.
-    Require,
-    /// No walls; for debugging.
-    Off,
+/// One wall.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct Protection {
+    /// Whether it held when the service started and tried it.
+    pub in_force: bool,
+    /// What it is made of.
+    pub by: Vec<String>,
+    /// What is missing and what would give it, or what a person should know.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub detail: Option<String>,
 }
 
-/// A sandbox for the calling process and all that it starts.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Sandbox {
-    /// What to do where a wall can't be had.
+/// The walls around each job's processes, as they were tried.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct Walls {
+    /// No connection leads out, not even to this machine.
+    pub network: Protection,
+    /// Files outside the job's own folder can't be written, and only those of programs can be read.
+    pub files: Protection,
+    /// Calls that no job needs are refused, leaving the process group among them.
+    pub system_calls: Protection,
+    /// Processes outside can't be signalled.
+    pub signals: Protection,
+    /// No more processes and threads than `max_processes`.
+    pub processes: Protection,
+}
+
+/// What holds each job's processes, and what they may use.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct SandboxStatus {
+    /// What the service was told to do where a wall can't be had.
     pub mode: SandboxMode,
-    /// Files and folders to read, and to start programs from, beside those of the system.
-    pub readable: Vec<PathBuf>,
-    /// Most processes and threads, where a user namespace counts them.
+    /// The walls.
+    #[serde(flatten)]
+    pub walls: Walls,
+    /// Most processes and threads of a job.
     pub max_processes: u64,
+    /// Most address space of each process, in bytes.
+    pub memory_bytes: u64,
+    /// Most that a job may write into its folder, in bytes.
+    pub scratch_bytes: u64,
+    /// Largest file, in bytes.
+    pub file_bytes: u64,
 }
 
-/// What came of each layer: how it is called, or why it is not there.
-#[derive(Debug)]
-struct Layers {
-    network_namespace: Result<(), String>,
-    process_count: Result<(), String>,
-    landlock: Result<String, String>,
-    seccomp: Result<(), String>,
+impl Protection {
+    fn missing(detail: impl Into<String>) -> Self {
+        Self { in_force: false, by: Vec::new(), detail: Some(detail.into()) }
+    }
+
+    /// A wall that held although these layers of it are missing.
+    fn held(by: Vec<String>, missing: Vec<String>) -> Self {
+        Self {
+            in_force: true,
+            by,
+            detail: (!missing.is_empty()).then(|| format!("without more: {}", missing.join("; "))),
+        }
+    }
 }
 
-impl Sandbox {
-    /// Enters the sandbox, in which `folder` can be written and nothing else. There is no way out.
+impl Walls {
+    /// No walls.
+    fn none() -> Self {
+        let off = Protection::missing("switched off by --sandbox off");
+        Self {
+            network: off.clone(),
+            files: off.clone(),
+            system_calls: off.clone(),
+            signals: off.clone(),
+            processes: off,
+        }
+    }
+
+    /// Each wall with its name.
+    #[must_use]
+    pub fn named(&self) -> [(&'static str, &Protection); 5] {
+        let Self { network, files, system_calls, signals, processes } = self;
+        [
+            ("network", network),
+            ("files", files),
+            ("system calls", system_calls),
+            ("signals", signals),
+            ("processes", processes),
+        ]
+    }
+}
+
+/// What to try from within a sandbox. Whoever sets it listens, and keeps a file where none may be read.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct Trial {
+    /// Where somebody listens.
+    pub listener: SocketAddr,
+    /// A folder outside, with a file [`SECRET`](Self::SECRET) in it.
+    pub outside: PathBuf,
+}
+
+impl Trial {
+    /// The file to be read.
+    pub const SECRET: &str = "secret";
+
+    /// Enters the sandbox with `folder` to write, tries what must fail in there, and says what did. The process is of no use
+    /// for anything else afterwards.
     ///
     /// # Errors
-    /// When the process has more than one thread, since only the calling one would be inside, and where a wall is missing that is
-    /// required.
-    pub fn enter(&self, folder: &std::path::Path) -> io::Result<()> {
-        self.enter_layers(folder).map(drop)
+    /// Where the sandbox can't be entered, or where `folder` can't be written from within.
+    pub fn run(&self, sandbox: &Sandbox, folder: &Path) -> io::Result<Walls> {
+        let Some(layers) = sandbox.enter_layers(folder)? else { return Ok(Walls::none()) };
+        let inside = folder.join("written");
+        fs::write(&inside, "inside")?;
+        fs::remove_file(&inside)?;
+        Ok(Walls {
+            network: self.network(&layers),
+            files: self.files(&layers),
+            system_calls: system_calls(&layers),
+            signals: signals(),
+            // The last, since it leaves no process to spare.
+            processes: process_count(&layers),
+        })
     }
 
-    fn enter_layers(&self, folder: &std::path::Path) -> io::Result<Option<Layers>> {
-        if self.mode == SandboxMode::Off {
-            return Ok(None);
+    fn network(&self, layers: &Layers) -> Protection {
+        let Layers { network_namespace, seccomp, .. } = layers;
+        if TcpStream::connect_timeout(&self.listener, Duration::from_secs(5)).is_ok() {
+            return Protection::missing(told([network_namespace, seccomp], "a connection could be made"));
         }
-        let threads = std::fs::read_dir("/proc/self/task")?.count();
-        if threads != 1 {
-            return Err(io::Error::other(format!("a sandbox is for a process of one thread; this one has {threads}")));
+        let layers = [("network namespace", network_namespace), ("seccomp", seccomp)];
+        let by: Vec<String> = layers.iter().filter(|(_, it)| it.is_ok()).map(|(name, _)| (*name).to_owned()).collect();
+        let missing: Vec<String> = layers.iter().filter_map(|(_, it)| it.as_ref().err().cloned()).collect();
+        if by.is_empty() { Protection::missing(missing.join("; ")) } else { Protection::held(by, missing) }
+    }
+
+    fn files(&self, layers: &Layers) -> Protection {
+        let by = match &layers.landlock {
+            Ok(by) => by.clone(),
+            Err(why) => return Protection::missing(why),
+        };
+        let outside = self.outside.display();
+        if fs::read(self.outside.join(Self::SECRET)).is_ok() {
+            Protection::missing(format!("{outside} can be read; it lies in a folder that programs need"))
+        } else if fs::write(self.outside.join("written"), "").is_ok() {
+            Protection::missing(format!("{outside} can be written"))
+        } else {
+            Protection::held(vec![by], layers.seccomp.as_ref().err().cloned().into_iter().collect())
         }
-        rustix::thread::set_no_new_privs(true)?;
-        let (network_namespace, process_count) = namespaces::enter(self.max_processes);
-        namespaces::drop_capabilities()?;
-        let landlock = files::restrict(&self.readable, folder);
-        let seccomp = calls::deny();
-        let layers = Layers { network_namespace, process_count, landlock, seccomp };
-        if self.mode == SandboxMode::Require
-            && let Some(missing) = layers.missing()
-        {
-            return Err(io::Error::other(missing));
-        }
-        Ok(Some(layers))
     }
 }
 
-impl Layers {
-    /// Why the network or the files are open.
-    fn missing(&self) -> Option<String> {
-        match (&self.network_namespace, &self.seccomp, &self.landlock) {
-            (Err(namespace), Err(seccomp), _) => Some(format!("the network is open: {namespace}; {seccomp}")),
-            (.., Err(landlock)) => Some(format!("the files are open: {landlock}")),
-            _ => None,
+/// Why layers are missing, or that they don't do their work.
+fn told<T, const N: usize>(layers: [&Result<T, String>; N], otherwise: &str) -> String {
+    let missing: Vec<&str> = layers.iter().filter_map(|it| it.as_ref().err().map(String::as_str)).collect();
+    if missing.is_empty() { otherwise.to_owned() } else { missing.join("; ") }
+}
+
+fn system_calls(layers: &Layers) -> Protection {
+    // Nothing else refuses a process to stay the leader of the group that it leads.
+    match setpgid(None, None) {
+        Err(Errno::PERM) if layers.seccomp.is_ok() => Protection::held(vec!["seccomp".to_owned()], Vec::new()),
+        _ => Protection::missing(told([&layers.seccomp], "a system call that should be refused was not")),
+    }
+}
+
+fn signals() -> Protection {
+    match getppid().map(test_kill_process) {
+        Some(Err(Errno::PERM)) => Protection::held(vec!["landlock".to_owned()], Vec::new()),
+        _ => {
+            Protection::missing("processes of the same user can be signalled; Landlock of Linux 6.12 keeps them apart")
         }
+    }
+}
+
+fn process_count(layers: &Layers) -> Protection {
+    if let Err(why) = &layers.process_count {
+        return Protection::missing(why);
+    }
+    let one_more = Resource::NPROC.set(1, 1).map(|()| std::thread::Builder::new().spawn(|| ()));
+    match one_more {
+        Ok(Err(_)) => Protection::held(vec!["user namespace".to_owned()], Vec::new()),
+        _ => Protection::missing("the kernel does not keep to the limit"),
     }
 }

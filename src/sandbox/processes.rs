@@ -25,16 +25,7 @@ const PAUSE: Duration = Duration::from_millis(4);
 /// its parent.
 pub fn end_strays(scratch: &OsStr) -> HashSet<Pid> {
     let entry = [MARK.as_bytes(), b"=", scratch.as_bytes()].concat();
-    let mut strays = HashSet::new();
-    for _ in 0..ROUNDS {
-        let found = kill_marked(&entry);
-        if found.is_empty() {
-            break;
-        }
-        strays.extend(found);
-        sleep(PAUSE);
-    }
-    strays
+    until_none(|| kill_marked(&entry))
 }
 
 /// Kills every descendant of a running child of ours, in other sessions and without the mark too, and leaves the child itself
@@ -42,35 +33,55 @@ pub fn end_strays(scratch: &OsStr) -> HashSet<Pid> {
 pub fn end_descendants(child: Pid) -> HashSet<Pid> {
     // So that it starts no more meanwhile. Its id is its own until it is reaped.
     let _ = kill_process(child, Signal::STOP);
-    let mut ended = HashSet::new();
-    for _ in 0..ROUNDS {
+    until_none(|| {
         let family = descendants(child);
-        if family.is_empty() {
+        for &(id, started) in &family {
+            kill_found(id, || Process::read(id).is_some_and(|process| process.started == started));
+        }
+        family.into_iter().map(|(id, _)| id).collect()
+    })
+}
+
+/// Kills, round by round, until a round finds no process. Gives all that were found.
+fn until_none(mut kill_round: impl FnMut() -> Vec<Pid>) -> HashSet<Pid> {
+    let mut all = HashSet::new();
+    for _ in 0..ROUNDS {
+        let found = kill_round();
+        if found.is_empty() {
             break;
         }
-        ended.extend(family.iter().map(|(id, _)| *id));
-        for (id, started) in family {
-            // The id may be given to another process between the look and the signal; a handle may not.
-            match pidfd_open(id, PidfdFlags::empty()) {
-                Ok(handle) if Process::read(id).is_some_and(|it| it.started == started) => {
-                    let _ = pidfd_send_signal(handle, Signal::KILL);
-                }
-                Err(rustix::io::Errno::NOSYS) => {
-                    let _ = kill_process(id, Signal::KILL);
-                }
-                _ => {}
-            }
-        }
+        all.extend(found);
         sleep(PAUSE);
     }
-    ended
+    all
+}
+
+/// Kills a process if it still is the one that was found: its id may be given to another process between the look and the signal, a
+/// handle may not.
+fn kill_found(id: Pid, is_same: impl Fn() -> bool) {
+    match pidfd_open(id, PidfdFlags::empty()) {
+        Ok(handle) => {
+            if is_same() {
+                // Fails only where the process has just ended.
+                let _ = pidfd_send_signal(handle, Signal::KILL);
+            }
+        }
+        Err(rustix::io::Errno::NOSYS) => {
+            let _ = kill_process(id, Signal::KILL);
+        }
+        Err(_) => {}
+    }
 }
 
 /// How many processes and threads a process group has.
 #[must_use]
 pub fn count_group(group: Pid) -> u64 {
     let group = group.as_raw_nonzero().get();
-    processes().filter_map(Process::read).filter(|it| it.group == group && !it.ended).map(|it| it.threads).sum()
+    processes()
+        .filter_map(Process::read)
+        .filter(|process| process.group == group && !process.ended)
+        .map(|process| process.threads)
+        .sum()
 }
 
 /// What `/proc` tells of a process.
@@ -103,10 +114,10 @@ fn descendants(of: Pid) -> Vec<(Pid, u64)> {
     let all: Vec<(Pid, Process)> = processes().filter_map(|id| Some((id, Process::read(id)?))).collect();
     let (mut family, mut next) = (Vec::new(), vec![of.as_raw_nonzero().get()]);
     while let Some(parent) = next.pop() {
-        for (id, it) in all.iter().filter(|(_, it)| it.parent == parent) {
+        for (id, process) in all.iter().filter(|(_, process)| process.parent == parent) {
             next.push(id.as_raw_nonzero().get());
-            if !it.ended {
-                family.push((*id, it.started));
+            if !process.ended {
+                family.push((*id, process.started));
             }
         }
     }
@@ -118,28 +129,10 @@ fn processes() -> impl Iterator<Item = Pid> {
     entries.filter_map(|entry| entry.file_name().to_str()?.parse().ok().and_then(Pid::from_raw))
 }
 
-/// Gives those that there were.
+/// Kills the processes that carry a mark, and gives them.
 fn kill_marked(entry: &[u8]) -> Vec<Pid> {
-    let mut found = Vec::new();
-    for id in processes().filter(|&id| id != getpid()) {
-        if !is_marked(id, entry) {
-            continue;
-        }
-        found.push(id);
-        // The id may be given to another process between the look and the signal; a handle may not.
-        match pidfd_open(id, PidfdFlags::empty()) {
-            Ok(handle) => {
-                if is_marked(id, entry) {
-                    // Fails only where the process has just ended.
-                    let _ = pidfd_send_signal(handle, Signal::KILL);
-                }
-            }
-            Err(rustix::io::Errno::NOSYS) => {
-                let _ = kill_process(id, Signal::KILL);
-            }
-            Err(_) => {}
-        }
-    }
+    let found: Vec<Pid> = processes().filter(|&id| id != getpid() && is_marked(id, entry)).collect();
+    found.iter().for_each(|&id| kill_found(id, || is_marked(id, entry)));
     found
 }
 

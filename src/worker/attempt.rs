@@ -12,24 +12,19 @@ use tokio::sync::broadcast::error::RecvError;
 use tokio::time::Instant;
 use tokio_util::codec::{FramedRead, LinesCodec, LinesCodecError};
 use tokio_util::sync::CancellationToken;
-use tracing::Instrument;
+use tracing::{Instrument, Span};
 
-use super::crash;
-use super::failpoint::pause_alone_at;
-use super::files::{offered, pictures};
-use super::inside;
-use super::patience::patiently;
-use super::pool::{Pool, Shutdown};
-use super::process::JobProcess;
-use super::scratch::tame;
-use super::stages::{Stages, record_end, record_steps};
-use super::task::{ProgressLine, Task};
-use super::usage::Excess;
+use super::context::{AttemptError, Shutdown, WorkerContext, offered, pictures, retry_with_backoff};
+use super::process::{Excess, JobProcess, explain_excess, explain_exit};
+use super::scratch::sanitize;
+use super::task::{JOB, ProgressLine, Task, pause_alone_at};
 use crate::blobs::BlobError;
+use crate::context::Stage;
 use crate::jobs::{
     Artifacts, Claim, Completion, Failure, FailureKind, Job, JobProblem, JobProgress, JobReport, Lease, ProblemKind,
     Status, StoreError,
 };
+use crate::repair::Step;
 use crate::telemetry::{self, label};
 
 /// Progress is written to the store no more often than this.
@@ -39,9 +34,11 @@ const LINE_BYTES: usize = 4 << 10;
 
 /// One claim, from the first byte fetched to the result published.
 pub(super) struct Attempt<'a> {
-    pool: &'a Pool,
+    context: &'a WorkerContext,
     lease: Lease,
     job: Job,
+    /// Cancelled when the job is lost.
+    lost: CancellationToken,
     /// Cancelled when the job is lost, and when this process stops.
     over: CancellationToken,
 }
@@ -60,38 +57,32 @@ enum Ended {
     Shutdown,
 }
 
-/// Why an attempt can't go on.
-#[derive(Debug, thiserror::Error)]
-pub(super) enum AttemptError {
-    #[error(transparent)]
-    Io(#[from] io::Error),
-    #[error(transparent)]
-    Blob(#[from] BlobError),
-    #[error(transparent)]
-    Store(#[from] StoreError),
-    #[error("{0} from the repair process can't be read: {1}")]
-    Json(&'static str, serde_json::Error),
+/// What a child left, once nothing of it lives.
+struct ChildResult {
+    ended: Ended,
+    stderr: String,
+    report: io::Result<Option<Vec<u8>>>,
 }
 
 impl<'a> Attempt<'a> {
-    pub fn new(pool: &'a Pool, claim: Claim, shutdown: &Shutdown) -> Self {
-        Self { pool, lease: claim.lease, job: claim.job, over: shutdown.now.child_token() }
+    pub fn new(context: &'a WorkerContext, claim: Claim, shutdown: &Shutdown) -> Self {
+        let (lost, over) = (CancellationToken::new(), shutdown.now.child_token());
+        Self { context, lease: claim.lease, job: claim.job, lost, over }
     }
 
     /// Runs to the end; whatever happens is noted in the store, unless the lease is lost.
     pub async fn run(self, shutdown: &Shutdown) {
         let started = Instant::now();
-        let lost = CancellationToken::new();
         let ended = tokio::select! {
-            ended = self.try_run(shutdown, &lost) => ended,
-            never = self.keep_lease(&lost) => match never {},
+            ended = self.try_run(shutdown) => ended,
+            never = self.keep_lease() => match never {},
         };
         let ended = match ended {
             Err(AttemptError::Store(StoreError::LeaseLost)) => Err(StoreError::LeaseLost),
             // What was given up because this process stops is charged to nobody.
             Err(error) if shutdown.now.is_cancelled() => {
                 tracing::warn!(%error, "given up half way");
-                self.pool.store.hand_back(&self.lease).await.map(|()| None)
+                self.context.store.hand_back(&self.lease).await.map(|()| None)
             }
             Err(error) => self.fail_passing(&error).await.map(Some),
             Ok(ended) => Ok(ended),
@@ -104,34 +95,40 @@ impl<'a> Attempt<'a> {
             Err(StoreError::LeaseLost) => {
                 tracing::warn!(milliseconds, "the job is no longer ours; its result is dropped");
                 metrics::counter!(telemetry::ATTEMPTS_DROPPED).increment(1);
-                self.pool.drop_files(&self.lease).await;
+                self.context.drop_files(&self.lease).await;
             }
-            // The lease will run out, and the job be rescued.
+            // The lease will expire, and the job be queued again.
             Err(error) => tracing::error!(%error, milliseconds, "could not note how the attempt ended"),
         }
     }
 
-    async fn try_run(&self, shutdown: &Shutdown, lost: &CancellationToken) -> Result<Option<Job>, AttemptError> {
+    async fn try_run(&self, shutdown: &Shutdown) -> Result<Option<Job>, AttemptError> {
         pause_alone_at("worker-claimed").await;
-        let scratch = self.pool.scratch.attempt()?;
+        let scratch = self.context.scratch.attempt()?;
         let folder = scratch.path();
         tokio::select! {
-            fetched = self.pool.fetch_inputs(&self.job, folder) => fetched?,
-            () = lost.cancelled() => return Err(StoreError::LeaseLost.into()),
+            fetched = self.context.fetch_inputs(&self.job, folder) => fetched?,
+            () = self.lost.cancelled() => return Err(StoreError::LeaseLost.into()),
             () = shutdown.now.cancelled() => {
-                self.pool.store.hand_back(&self.lease).await?;
+                self.context.store.hand_back(&self.lease).await?;
                 return Ok(None);
             }
         }
         pause_alone_at("worker-spawn").await;
-        let (program, first) = (&self.pool.config.program, self.lease.attempt == 1);
-        let mut process = JobProcess::start(program, inside::JOB, folder, first, &self.pool.task(&self.job, None))?;
+        let child = self.run_child(folder, shutdown).await?;
+        self.settle(folder, child).await
+    }
+
+    /// Runs the child to its end, and puts how it ended at the end of its log.
+    async fn run_child(&self, folder: &Path, shutdown: &Shutdown) -> Result<ChildResult, AttemptError> {
+        let (program, first) = (&self.context.config.program, self.lease.attempt == 1);
+        let mut process = JobProcess::start(program, JOB, folder, first, &self.context.task(&self.job, None))?;
         tracing::info!(process = process.group().as_raw_nonzero(), "started");
-        let ended = self.watch(&mut process, folder, &shutdown.now, lost).instrument(tracing::info_span!("run")).await;
-        let (status, said) = process.end(self.pool.loose()).await?;
+        let ended = self.watch(&mut process, folder, &shutdown.now).instrument(tracing::info_span!("run")).await;
+        let (status, stderr) = process.end(self.context.loose()).await?;
         let left = folder.to_owned();
         let left = tokio::task::spawn_blocking(move || {
-            tame(&left);
+            sanitize(&left);
             read(&left.join(Task::FULL_REPORT))
         });
         let report = left.await.map_err(io::Error::from)?;
@@ -139,15 +136,21 @@ impl<'a> Attempt<'a> {
             Ended::Exited(status) if told_to_end(status, shutdown).await => Ended::Shutdown,
             ended => ended,
         };
-        append_stderr(folder, &ended, status, &said).await?;
+        append_stderr(folder, &ended, status, &stderr).await?;
+        Ok(ChildResult { ended, stderr, report })
+    }
+
+    /// Ends the attempt by what the child left; none where the job was released.
+    async fn settle(&self, folder: &Path, child: ChildResult) -> Result<Option<Job>, AttemptError> {
+        let ChildResult { ended, stderr, report } = child;
         match ended {
             Ended::LeaseLost => {
-                metrics::counter!(telemetry::KILLS, "reason" => "lease_lost").increment(1);
+                count_kill("lease_lost");
                 Err(StoreError::LeaseLost.into())
             }
             Ended::Shutdown => {
-                metrics::counter!(telemetry::KILLS, "reason" => "shutdown").increment(1);
-                self.pool.store.hand_back(&self.lease).await?;
+                count_kill("shutdown");
+                self.context.store.hand_back(&self.lease).await?;
                 Ok(None)
             }
             // The result was there before the process went down.
@@ -155,18 +158,19 @@ impl<'a> Attempt<'a> {
                 self.conclude(folder, report?).await.map(Some)
             }
             Ended::Deadline => {
-                metrics::counter!(telemetry::KILLS, "reason" => "deadline").increment(1);
+                count_kill("deadline");
                 let detail = format!(
                     "The job was stopped: it ran longer than the {} s that deadline_s allows. Send it again with a \
                      larger deadline_s, a smaller max_tier or level, or fewer faces.",
                     self.job.options.deadline_s()
                 );
-                let problem = problem(ProblemKind::DeadlineExceeded, detail);
+                let problem = JobProblem::new(ProblemKind::DeadlineExceeded, detail);
                 self.fail(folder, FailureKind::Final, problem).await.map(Some)
             }
             Ended::Excess(excess) => {
-                metrics::counter!(telemetry::KILLS, "reason" => excess.name()).increment(1);
-                let problem = crash::too_much(excess, self.pool.config.job_scratch, self.pool.config.job_processes);
+                count_kill(excess.name());
+                let config = &self.context.config;
+                let problem = explain_excess(excess, config.job_scratch, config.job_processes);
                 self.fail(folder, FailureKind::Final, problem).await.map(Some)
             }
             Ended::Exited(status) if status.success() => self.conclude(folder, None).await.map(Some),
@@ -176,7 +180,7 @@ impl<'a> Attempt<'a> {
                 self.fail(folder, FailureKind::Final, problem).await.map(Some)
             }
             Ended::Exited(status) => {
-                let (kind, problem) = crash::explain(status, &said, self.pool.config.job_memory);
+                let (kind, problem) = explain_exit(status, &stderr, self.context.config.job_memory);
                 metrics::counter!(telemetry::CHILD_CRASHES, "reason" => label(&problem.code)).increment(1);
                 tracing::warn!(%status, code = label(&problem.code), "the repair process ended by itself");
                 self.fail(folder, kind, problem).await.map(Some)
@@ -185,9 +189,9 @@ impl<'a> Attempt<'a> {
     }
 
     /// Extends the lease from the claim to the end of the attempt, whatever the attempt is doing. When the job is no
-    /// longer ours it says so through `lost`, and waits for the attempt to end itself.
-    async fn keep_lease(&self, lost: &CancellationToken) -> Infallible {
-        let (store, lease) = (&self.pool.store, self.pool.config.lease);
+    /// longer ours it cancels `lost` and `over`, and waits for the attempt to end itself.
+    async fn keep_lease(&self) -> Infallible {
+        let (store, lease) = (&self.context.store, self.context.config.lease);
         let mut changed = store.bell().listen();
         let mut beat = tokio::time::interval_at(Instant::now() + lease / 3, lease / 3);
         let mut held_until = Instant::now() + lease;
@@ -211,7 +215,7 @@ impl<'a> Attempt<'a> {
                 },
             };
             if !ours {
-                lost.cancel();
+                self.lost.cancel();
                 self.over.cancel();
                 return std::future::pending().await;
             }
@@ -224,11 +228,10 @@ impl<'a> Attempt<'a> {
         process: &mut JobProcess,
         folder: &Path,
         stop: &CancellationToken,
-        lost: &CancellationToken,
     ) -> Result<Ended, AttemptError> {
         let stdout = process.stdout().ok_or_else(|| io::Error::other("the child process has no standard output"))?;
         let mut lines = FramedRead::new(stdout, LinesCodec::new_with_max_length(LINE_BYTES)).fuse();
-        let overrun = self.pool.overrun(&self.job, folder, process.group());
+        let overrun = self.context.overrun(&self.job, folder, process.group());
         tokio::pin!(overrun);
         let mut progress: Option<JobProgress> = None;
         let mut written: Option<JobProgress> = None;
@@ -248,12 +251,12 @@ impl<'a> Attempt<'a> {
                 }
                 excess = &mut overrun => return Ok(excess?.map_or(Ended::Deadline, Ended::Excess)),
                 () = stop.cancelled() => return Ok(Ended::Shutdown),
-                () = lost.cancelled() => return Ok(Ended::LeaseLost),
+                () = self.lost.cancelled() => return Ok(Ended::LeaseLost),
                 Some(line) = lines.next() => {
                     progress = read(line).or(progress);
                 }
                 _ = news.tick(), if progress != written => {
-                    match self.pool.store.heartbeat(&self.lease, self.pool.config.lease, progress).await {
+                    match self.context.store.heartbeat(&self.lease, self.context.config.lease, progress).await {
                         Ok(()) => written = progress,
                         Err(StoreError::LeaseLost) => return Ok(Ended::LeaseLost),
                         Err(error) => tracing::warn!(%error, "progress was not noted"),
@@ -264,7 +267,7 @@ impl<'a> Attempt<'a> {
     }
 
     async fn still_ours(&self) -> bool {
-        match self.pool.store.get(self.lease.id).await {
+        match self.context.store.get(self.lease.id).await {
             Ok(Some(job)) => job.status == Status::Running && job.attempt == self.lease.attempt,
             Ok(None) => false,
             Err(_) => true,
@@ -279,7 +282,7 @@ impl<'a> Attempt<'a> {
         pause_alone_at("worker-complete").await;
         let job = self.complete(completion).instrument(tracing::info_span!("complete")).await?;
         if self.lease.attempt > 1
-            && let Err(error) = self.pool.blobs.delete_attempts(self.lease.id, Some(&self.lease.token)).await
+            && let Err(error) = self.context.blobs.delete_attempts(self.lease.id, Some(&self.lease.token)).await
         {
             tracing::warn!(%error, "files of an earlier attempt were left");
         }
@@ -288,7 +291,7 @@ impl<'a> Attempt<'a> {
 
     async fn complete(&self, completion: Completion) -> Result<Job, StoreError> {
         let Some(problem) = completion.report.refusal() else {
-            return patiently(None, || self.pool.store.complete(&self.lease, completion.clone())).await;
+            return retry_with_backoff(None, || self.context.store.complete(&self.lease, completion.clone())).await;
         };
         let Completion { report, artifacts } = completion;
         let failure = Failure { kind: FailureKind::Final, problem, report: Some(report), artifacts };
@@ -303,7 +306,7 @@ impl<'a> Attempt<'a> {
         let json = serde_json::to_vec(&report).map_err(|e| AttemptError::Json(Task::REPORT, e))?;
         tokio::fs::write(folder.join(Task::REPORT), json).await?;
         let mut artifacts =
-            self.pool.store_files(&self.lease, folder, offered(&self.job.inputs, Some(&report)), &self.over).await?;
+            self.context.store_files(&self.lease, folder, offered(&self.job.inputs, Some(&report)), &self.over).await?;
         if self.job.options.pictures() {
             artifacts.extend(pictures(&self.job.inputs, &report));
         }
@@ -311,13 +314,14 @@ impl<'a> Attempt<'a> {
     }
 
     async fn fail(&self, folder: &Path, kind: FailureKind, problem: JobProblem) -> Result<Job, AttemptError> {
-        let artifacts = self.pool.store_files(&self.lease, folder, offered(&self.job.inputs, None), &self.over).await?;
+        let artifacts =
+            self.context.store_files(&self.lease, folder, offered(&self.job.inputs, None), &self.over).await?;
         let failure = Failure { kind, problem, report: None, artifacts };
         Ok(self.note_failure(failure).await?)
     }
 
     async fn note_failure(&self, failure: Failure) -> Result<Job, StoreError> {
-        let job = patiently(None, || self.pool.store.fail(&self.lease, failure.clone())).await?;
+        let job = retry_with_backoff(None, || self.context.store.fail(&self.lease, failure.clone())).await?;
         // A job that is tried again does not keep the problem.
         if job.problem.is_none() {
             tracing::warn!(code = label(&failure.problem.code), "attempt failed; the job is tried again");
@@ -334,10 +338,14 @@ impl<'a> Attempt<'a> {
             }
             _ => "The service could not run this job. Please try again later; its log has the reason.",
         };
-        let problem = problem(ProblemKind::Internal, detail.to_owned());
+        let problem = JobProblem::new(ProblemKind::Internal, detail.to_owned());
         let failure = Failure { kind: FailureKind::Passing, problem, report: None, artifacts: Artifacts::new() };
         self.note_failure(failure).await
     }
+}
+
+fn count_kill(reason: &'static str) {
+    metrics::counter!(telemetry::KILLS, "reason" => reason).increment(1);
 }
 
 /// Whether the child was ended by the same signal that tells this process to stop, as some service managers send it to
@@ -346,10 +354,6 @@ async fn told_to_end(status: ExitStatus, shutdown: &Shutdown) -> bool {
     const SIGTERM: i32 = 15;
     status.signal() == Some(SIGTERM)
         && tokio::time::timeout(Duration::from_millis(500), shutdown.drain.cancelled()).await.is_ok()
-}
-
-fn problem(code: ProblemKind, detail: String) -> JobProblem {
-    JobProblem { code, detail, place: None, file: None }
 }
 
 /// Puts what the child wrote to standard error, and how it ended, at the end of its log.
@@ -382,4 +386,50 @@ fn read(path: &Path) -> io::Result<Option<Vec<u8>>> {
 
 fn there(bytes: Option<Vec<u8>>, name: &'static str) -> io::Result<Vec<u8>> {
     bytes.ok_or_else(|| io::Error::other(format!("the repair process left no {name}")))
+}
+
+/// The stages of a child's work as spans of a trace, by its lines of progress: each lasts until the next.
+#[derive(Default)]
+struct Stages {
+    now: Option<(Stage, Option<u8>)>,
+    span: Option<Span>,
+}
+
+impl Stages {
+    fn at(&mut self, progress: JobProgress) {
+        let JobProgress { stage, tier, .. } = progress;
+        if self.now != Some((stage, tier)) {
+            let name = tier.map_or_else(|| label(&stage), |tier| format!("{} tier {tier}", label(&stage)));
+            self.span = None;
+            self.span = Some(tracing::info_span!("stage", otel.name = name, stage = ?stage, tier));
+            self.now = Some((stage, tier));
+        }
+    }
+}
+
+/// Counts and times what a repair did, by its report.
+fn record_steps(steps: &[Step]) {
+    for step in steps {
+        let (tier, action) = (step.tier.to_string(), label(&step.action));
+        metrics::histogram!(telemetry::STEP, "tier" => tier.clone(), "action" => action.clone())
+            .record(step.milliseconds / 1000.0);
+        metrics::counter!(telemetry::STEPS, "tier" => tier, "action" => action, "status" => label(&step.status))
+            .increment(1);
+        metrics::counter!(telemetry::BLENDER_RUNS).increment(step.runs.into());
+        metrics::counter!(telemetry::BLENDER_RESTARTS).increment(step.runs.saturating_sub(1).into());
+    }
+}
+
+/// Logs and counts how an attempt ended, in the span of the attempt.
+fn record_end(job: &Job, milliseconds: u64) {
+    let status = job.status.as_str();
+    let outcome = job.outcome.map(|outcome| label(&outcome));
+    let code = job.problem.as_ref().map(|problem| label(&problem.code));
+    // A field without a value is left out of the line.
+    tracing::info!(status, outcome = outcome.as_deref(), code = code.as_deref(), milliseconds, "attempt ended");
+    if let Some(code) = code {
+        telemetry::failed(&Span::current(), code);
+    }
+    let outcome = outcome.unwrap_or_default();
+    metrics::counter!(telemetry::ATTEMPTS, "status" => status, "outcome" => outcome).increment(1);
 }

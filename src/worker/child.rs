@@ -1,3 +1,5 @@
+//! A job's child process from within: it reads its task, enters its sandbox and does the work.
+
 use std::fs::{self, File};
 use std::io::{self, Read, Write};
 use std::path::Path;
@@ -9,22 +11,24 @@ use std::time::Duration;
 use rustix::process::{Signal, getpgrp, kill_process_group};
 use serde::de::DeserializeOwned;
 
-use super::pause_at;
-use super::task::{Confinement, Task};
-use super::work::{Failed, work};
-use crate::blender::BlenderConfig;
+use super::task::{Confinement, Task, pause_at};
+use crate::analyze::{self, Analyst, AnalyzeError, AnalyzeOptions};
+use crate::blender::{BlenderConfig, BlenderRemesher};
 use crate::context::{Context, Progress, Stage, monotonic_clock};
-use crate::jobs::JobProgress;
+use crate::format::{ReadError, ReadErrorKind};
+use crate::jobs::{JobOptions, JobProblem, JobProgress, JobReport, ProblemKind};
+use crate::render::Drawing;
+use crate::repair::{self, HandedOut, Options, Remesher, RepairError, repair};
 
 /// Most bytes of a job's log.
 const LOG_BYTES: u64 = 1 << 20;
 /// Bytes of its files up to which a job is done by one thread: to wake others for so little costs more than they do.
 const FOR_ONE_THREAD: u64 = 256 << 10;
 /// Progress within a stage is told no more often than this, since whoever reads it wakes up for every line.
-const TELL_EVERY: Duration = Duration::from_millis(50);
+const REPORT_EVERY: Duration = Duration::from_millis(50);
 
-/// The inside of a job's child process: hears its task, enters its sandbox, does the work, and leaves its files in `folder`. The memory that
-/// a hostile file makes it use, and a crash that it causes, stay in this process.
+/// The entry point of a job's child process: reads its task, enters its sandbox, does the work, and leaves its files in `folder`. The
+/// memory that a hostile file makes it use, and a crash that it causes, stay in this process.
 pub(super) fn run_child(folder: &Path) -> ExitCode {
     match try_run(folder) {
         Ok(code) => code,
@@ -36,9 +40,9 @@ pub(super) fn run_child(folder: &Path) -> ExitCode {
 }
 
 fn try_run(folder: &Path) -> io::Result<ExitCode> {
-    let task: Task = told()?;
-    shut_in(folder, &task.confinement, task.remesher.as_ref().map(|_| &task.blender))?;
-    end_with_the_worker()?;
+    let task: Task = read_request()?;
+    enter_sandbox(folder, &task.confinement, task.remesher.as_ref().map(|_| &task.blender))?;
+    end_with_worker()?;
     if task.inputs.iter().map(|input| input.bytes).sum::<u64>() <= FOR_ONE_THREAD {
         let this_one = rayon::ThreadPoolBuilder::new().num_threads(1).use_current_thread();
         this_one.build_global().map_err(io::Error::other)?;
@@ -61,7 +65,11 @@ fn try_run(folder: &Path) -> io::Result<ExitCode> {
 
 /// Puts the limits on this process and enters the sandbox: first of all, while there is one thread and no byte of a stranger has
 /// been read. Where there is a Blender to run, its locks can be reached from within.
-pub(super) fn shut_in(folder: &Path, confinement: &Confinement, blender: Option<&BlenderConfig>) -> io::Result<()> {
+pub(super) fn enter_sandbox(
+    folder: &Path,
+    confinement: &Confinement,
+    blender: Option<&BlenderConfig>,
+) -> io::Result<()> {
     confinement.limits.apply()?;
     let mut sandbox = confinement.sandbox.clone();
     if let Some(blender) = blender {
@@ -71,7 +79,7 @@ pub(super) fn shut_in(folder: &Path, confinement: &Confinement, blender: Option<
 }
 
 /// What the worker wants done: the first line on standard input.
-pub(super) fn told<T: DeserializeOwned>() -> io::Result<T> {
+pub(super) fn read_request<T: DeserializeOwned>() -> io::Result<T> {
     let mut line = String::new();
     io::stdin().read_line(&mut line)?;
     Ok(serde_json::from_str(&line)?)
@@ -79,7 +87,7 @@ pub(super) fn told<T: DeserializeOwned>() -> io::Result<T> {
 
 /// Watches the lifeline: when the worker is gone, however it went, nobody wants this job's result any more, and another
 /// worker may run the job again, so the whole process group ends.
-pub(super) fn end_with_the_worker() -> io::Result<()> {
+pub(super) fn end_with_worker() -> io::Result<()> {
     std::thread::Builder::new().name("lifeline".to_owned()).stack_size(64 << 10).spawn(|| {
         let mut byte = [0];
         while matches!(io::stdin().read(&mut byte), Ok(n) if n > 0) {}
@@ -92,7 +100,7 @@ pub(super) fn end_with_the_worker() -> io::Result<()> {
 struct Reporter<'a> {
     clock: &'a (dyn Fn() -> Duration + Sync),
     /// What was told last, and when.
-    told: Mutex<Option<(Stage, Option<u8>, Duration)>>,
+    last: Mutex<Option<(Stage, Option<u8>, Duration)>>,
     log: Mutex<Log>,
 }
 
@@ -104,17 +112,17 @@ struct Log {
 impl<'a> Reporter<'a> {
     fn new(folder: &Path, clock: &'a (dyn Fn() -> Duration + Sync)) -> io::Result<Self> {
         let file = File::options().create(true).append(true).open(folder.join(Task::LOG))?;
-        Ok(Self { clock, told: Mutex::new(None), log: Mutex::new(Log { file, left: LOG_BYTES }) })
+        Ok(Self { clock, last: Mutex::new(None), log: Mutex::new(Log { file, left: LOG_BYTES }) })
     }
 
     /// Whether it is time to tell of this, which then counts as told.
     fn is_due(&self, stage: Stage, tier: Option<u8>) -> bool {
         let now = (self.clock)();
-        let Ok(mut told) = self.told.lock() else { return false };
-        let lately = |&(s, t, at): &(_, _, Duration)| (s, t) == (stage, tier) && now < at + TELL_EVERY;
-        let due = !told.as_ref().is_some_and(lately);
+        let Ok(mut last) = self.last.lock() else { return false };
+        let lately = |&(s, t, at): &(_, _, Duration)| (s, t) == (stage, tier) && now < at + REPORT_EVERY;
+        let due = !last.as_ref().is_some_and(lately);
         if due {
-            *told = Some((stage, tier, now));
+            *last = Some((stage, tier, now));
         }
         due
     }
@@ -153,6 +161,151 @@ impl Progress for Reporter<'_> {
             log.left = left;
         }
     }
+}
+
+/// Why it makes nothing.
+enum Failed {
+    /// Something around the job failed, so it may be tried again.
+    Io(io::Error),
+    /// The job itself is to blame.
+    Problem(Box<JobProblem>),
+}
+
+/// Does the work of a task whose files lie in `folder`, and leaves the result there: the model if one is handed out, then the report,
+/// which says that the work is done; or pictures, where those are the task.
+fn work(folder: &Path, task: &Task, context: &Context<'_>) -> Result<(), Failed> {
+    match (&task.options, task.draw) {
+        (JobOptions::Repair(options), None) => run_repair(folder, task, options, context),
+        (JobOptions::Analyze(options), None) => run_analysis(folder, task, options, context),
+        (JobOptions::Repair(options), Some(handed_out)) => draw_repair(folder, task, options, handed_out, context),
+        (JobOptions::Analyze(options), Some(_)) => draw_files(folder, task, options, context),
+    }
+}
+
+fn run_repair(folder: &Path, task: &Task, options: &Options, context: &Context<'_>) -> Result<(), Failed> {
+    let remesher = task.remesher.clone().map(|info| {
+        BlenderRemesher::new(info, BlenderConfig { scratch: Some(folder.to_owned()), ..task.blender.clone() })
+    });
+    let remesher = remesher.as_ref().map(|r| -> &dyn Remesher { r });
+    let bytes = fs::read(folder.join(Task::input(0)))?;
+    let repaired = repair(&bytes, options, &task.limits, remesher, context)?;
+    if repaired.report.verdict.file == HandedOut::Model {
+        fs::write(folder.join(Task::MODEL), &repaired.bytes)?;
+    }
+    write_report(folder, &JobReport::Repair(Box::new(repaired.report)))
+}
+
+fn run_analysis(folder: &Path, task: &Task, options: &AnalyzeOptions, context: &Context<'_>) -> Result<(), Failed> {
+    let mut analyst = Analyst::new(options, &task.limits, task.inputs.len(), context)?;
+    for (number, input) in task.inputs.iter().enumerate() {
+        analyst.add(&input.name, Some(&input.sha256), &fs::read(folder.join(Task::input(number)))?)?;
+    }
+    write_report(folder, &JobReport::Analyze(Box::new(analyst.finish()?)))
+}
+
+fn draw_repair(
+    folder: &Path,
+    task: &Task,
+    options: &Options,
+    handed_out: HandedOut,
+    context: &Context<'_>,
+) -> Result<(), Failed> {
+    pause_at("child-draw");
+    let input = fs::read(folder.join(Task::input(0)))?;
+    let model;
+    let repaired = match handed_out {
+        HandedOut::None => None,
+        HandedOut::Original => Some(input.as_slice()),
+        HandedOut::Model => {
+            model = fs::read(folder.join(Task::MODEL))?;
+            Some(model.as_slice())
+        }
+    };
+    let drawings = repair::draw(&input, repaired, options, &task.limits, context);
+    leave_drawings(folder, 0, drawings.map_err(io::Error::other)?)
+}
+
+fn draw_files(folder: &Path, task: &Task, options: &AnalyzeOptions, context: &Context<'_>) -> Result<(), Failed> {
+    pause_at("child-draw");
+    for number in 0..task.inputs.len() {
+        let bytes = fs::read(folder.join(Task::input(number)))?;
+        let drawings = analyze::draw(&bytes, options, &task.limits, context);
+        leave_drawings(folder, number, drawings.map_err(io::Error::other)?)?;
+    }
+    Ok(())
+}
+
+/// Leaves pictures of the job's file `number`.
+fn leave_drawings(folder: &Path, number: usize, drawings: Vec<Drawing>) -> Result<(), Failed> {
+    let write = |drawing: &Drawing| write_whole(folder, &Task::drawing(number, drawing.name), &drawing.bytes);
+    Ok(drawings.iter().try_for_each(write)?)
+}
+
+fn write_report(folder: &Path, report: &JobReport) -> Result<(), Failed> {
+    let report = serde_json::to_vec_pretty(report).map_err(io::Error::from)?;
+    if report.len() > Task::REPORT_BYTES {
+        let most = Task::REPORT_BYTES >> 20;
+        let detail = format!("The report would be larger than {most} MiB. Ask for fewer places, or send fewer files.");
+        return Err(problem(ProblemKind::FileLimit, detail, None).into());
+    }
+    Ok(write_whole(folder, Task::FULL_REPORT, &report)?)
+}
+
+/// Writes a file so that it is there as a whole or not at all, should the process end meanwhile.
+fn write_whole(folder: &Path, name: &str, bytes: &[u8]) -> io::Result<()> {
+    let half = folder.join(format!("{name}.half"));
+    fs::write(&half, bytes)?;
+    fs::rename(&half, folder.join(name))
+}
+
+impl From<io::Error> for Failed {
+    fn from(error: io::Error) -> Self {
+        Self::Io(error)
+    }
+}
+
+impl From<JobProblem> for Failed {
+    fn from(problem: JobProblem) -> Self {
+        Self::Problem(Box::new(problem))
+    }
+}
+
+impl From<RepairError> for Failed {
+    fn from(error: RepairError) -> Self {
+        let (code, read) = match &error {
+            RepairError::Read(read) => (ProblemKind::BadInput, Some(read)),
+            RepairError::Options(_) => (ProblemKind::BadInput, None),
+            RepairError::Write(_) | RepairError::Unfaithful => (ProblemKind::BadOutput, None),
+            RepairError::Cancelled(_) | RepairError::OutOfTime(_) => (ProblemKind::DeadlineExceeded, None),
+        };
+        problem(code, error.to_string(), read).into()
+    }
+}
+
+impl From<AnalyzeError> for Failed {
+    fn from(error: AnalyzeError) -> Self {
+        let detail = error.to_string();
+        match error {
+            AnalyzeError::Read { index, of, error, .. } => {
+                let file = u32::try_from(index).ok().filter(|_| of > 1);
+                JobProblem { file, ..problem(ProblemKind::BadInput, detail, Some(&error)) }
+            }
+            AnalyzeError::Options(_) => problem(ProblemKind::BadInput, detail, None),
+            AnalyzeError::Cancelled(_) => {
+                let detail = "The time was over before everything was looked at. Raise deadline_s, lower the level, or \
+                              send fewer files or faces.";
+                problem(ProblemKind::DeadlineExceeded, detail.to_owned(), None)
+            }
+        }
+        .into()
+    }
+}
+
+fn problem(code: ProblemKind, mut detail: String, read: Option<&ReadError>) -> JobProblem {
+    if read.is_some_and(|read| read.kind == ReadErrorKind::TooLarge) {
+        detail.push_str(". Send the model with fewer faces");
+    }
+    JobProblem { place: read.and_then(|read| read.place), ..JobProblem::new(code, detail) }
 }
 
 #[cfg(test)]

@@ -8,14 +8,10 @@ use tokio::io::{copy, sink};
 use tokio::time::Instant;
 use tokio_util::sync::CancellationToken;
 
-use super::attempt::AttemptError;
-use super::files::undrawn;
-use super::inside;
-use super::patience::patiently;
-use super::pool::{Pool, Shutdown};
+use super::context::{AttemptError, Shutdown, WorkerContext, retry_with_backoff, undrawn};
 use super::process::JobProcess;
-use super::scratch::tame;
-use super::task::Task;
+use super::scratch::sanitize;
+use super::task::{JOB, Task};
 use crate::jobs::{Artifacts, Claim, Job, Lease, StoreError};
 use crate::repair::HandedOut;
 
@@ -23,24 +19,26 @@ use crate::repair::HandedOut;
 const TRIES: u32 = 3;
 
 /// Draws the pictures of a job under a hold on them, and publishes those that could be drawn.
-pub(super) async fn draw(pool: &Pool, claim: Claim, shutdown: &Shutdown) {
+pub(super) async fn draw(context: &WorkerContext, claim: Claim, shutdown: &Shutdown) {
     let Claim { lease, job } = claim;
     let (started, over) = (Instant::now(), shutdown.now.child_token());
     let drawn = if lease.attempt > TRIES {
         Ok(Artifacts::new())
     } else {
         tokio::select! {
-            drawn = try_draw(pool, &lease, &job, &over) => drawn,
-            never = keep_hold(pool, &lease, &over) => match never {},
+            drawn = try_draw(context, &lease, &job, &over) => drawn,
+            never = keep_hold(context, &lease, &over) => match never {},
         }
     };
     let published = match drawn {
-        Ok(drawn) => patiently(None, || pool.store.finish_drawings(&lease, drawn.clone())).await.map(|_| drawn.len()),
+        Ok(drawn) => {
+            retry_with_backoff(None, || context.store.finish_drawings(&lease, drawn.clone())).await.map(|_| drawn.len())
+        }
         Err(error) => {
             tracing::warn!(%error, "the pictures were not drawn");
-            pool.drop_files(&lease).await;
+            context.drop_files(&lease).await;
             // For another worker, or this one, to try again; where that fails the hold runs out.
-            let _ = pool.store.hold_drawings(&lease, Duration::ZERO).await;
+            let _ = context.store.hold_drawings(&lease, Duration::ZERO).await;
             return;
         }
     };
@@ -49,28 +47,33 @@ pub(super) async fn draw(pool: &Pool, claim: Claim, shutdown: &Shutdown) {
         Ok(pictures) => tracing::info!(pictures, milliseconds, "drawn"),
         Err(error) => {
             tracing::warn!(%error, milliseconds, "the pictures are dropped");
-            pool.drop_files(&lease).await;
+            context.drop_files(&lease).await;
         }
     }
 }
 
 /// Has a child process draw, and stores what it left. One that ends otherwise than it should leaves the pictures that it had drawn.
-async fn try_draw(pool: &Pool, held: &Lease, job: &Job, over: &CancellationToken) -> Result<Artifacts, AttemptError> {
-    let scratch = pool.scratch.attempt()?;
+async fn try_draw(
+    context: &WorkerContext,
+    held: &Lease,
+    job: &Job,
+    over: &CancellationToken,
+) -> Result<Artifacts, AttemptError> {
+    let scratch = context.scratch.attempt()?;
     let folder = scratch.path();
-    pool.fetch_inputs(job, folder).await?;
+    context.fetch_inputs(job, folder).await?;
     let model = job.artifacts.get(Task::MODEL).and_then(|model| model.file.as_ref());
     if let Some(file) = model {
         let path = folder.join(Task::MODEL);
-        patiently(Some(over), || pool.blobs.fetch(&file.key, &file.sha256, &path)).await?;
+        retry_with_backoff(Some(over), || context.blobs.fetch(&file.key, &file.sha256, &path)).await?;
     }
     let handed_out = match model {
         Some(_) => HandedOut::Model,
         None if job.artifacts.contains_key(Task::ORIGINAL) => HandedOut::Original,
         None => HandedOut::None,
     };
-    let task = pool.task(job, Some(handed_out));
-    let mut process = JobProcess::start(&pool.config.program, inside::JOB, folder, held.attempt == 1, &task)?;
+    let task = context.task(job, Some(handed_out));
+    let mut process = JobProcess::start(&context.config.program, JOB, folder, held.attempt == 1, &task)?;
     // Nobody hears how far it is, but it must be able to say so.
     if let Some(mut progress) = process.stdout() {
         tokio::spawn(async move { copy(&mut progress, &mut sink()).await });
@@ -78,17 +81,17 @@ async fn try_draw(pool: &Pool, held: &Lease, job: &Job, over: &CancellationToken
     let group = process.group();
     let ended = tokio::select! {
         status = process.wait() => status.map(drop),
-        excess = pool.overrun(job, folder, group) => excess.map(drop),
+        excess = context.overrun(job, folder, group) => excess.map(drop),
         () = over.cancelled() => Ok(()),
     };
-    let (status, said) = process.end(pool.loose()).await?;
+    let (status, said) = process.end(context.loose()).await?;
     ended?;
     if over.is_cancelled() {
         return Err(StoreError::LeaseLost.into());
     }
     let left = folder.to_owned();
-    tokio::task::spawn_blocking(move || tame(&left)).await.map_err(io::Error::from)?;
-    let drawn = pool.store_files(held, folder, undrawn(job), over).await?;
+    tokio::task::spawn_blocking(move || sanitize(&left)).await.map_err(io::Error::from)?;
+    let drawn = context.store_files(held, folder, undrawn(job), over).await?;
     if !status.success() {
         tracing::warn!(%status, said, pictures = drawn.len(), "drawing ended early");
         if drawn.is_empty() {
@@ -99,11 +102,11 @@ async fn try_draw(pool: &Pool, held: &Lease, job: &Job, over: &CancellationToken
 }
 
 /// Extends the hold until it is lost, and then waits for the drawing to end itself.
-async fn keep_hold(pool: &Pool, held: &Lease, over: &CancellationToken) -> Infallible {
-    let lease = pool.config.lease;
+async fn keep_hold(context: &WorkerContext, held: &Lease, over: &CancellationToken) -> Infallible {
+    let lease = context.config.lease;
     loop {
         tokio::time::sleep(lease / 3).await;
-        if let Err(StoreError::LeaseLost) = pool.store.hold_drawings(held, lease).await {
+        if let Err(StoreError::LeaseLost) = context.store.hold_drawings(held, lease).await {
             over.cancel();
             return std::future::pending().await;
         }

@@ -6,27 +6,35 @@
 
 mod attempt;
 mod child;
-mod crash;
+mod child_request;
+mod context;
 mod drawing;
-mod errand;
-mod failpoint;
-mod files;
-mod inside;
-mod limits;
-mod patience;
 mod pool;
-mod probe;
 mod process;
 mod scratch;
-mod stages;
-mod sweep;
 mod task;
-mod usage;
-mod warm_up;
-mod work;
 
-pub use failpoint::pause_at;
-pub use inside::run_inside;
-pub use limits::ProcessLimits;
-pub use pool::{Pool, PoolError, Shutdown, WorkerConfig};
-pub use sweep::Retention;
+use std::ffi::OsString;
+use std::path::Path;
+use std::process::ExitCode;
+
+use child::run_child;
+use child_request::{run_trial, run_warm_up};
+pub use context::{Retention, Shutdown, WorkerConfig};
+pub use pool::{Pool, PoolError};
+use task::{JOB, TRIAL, WARM_UP};
+
+/// Does what a worker started this process for, by the arguments after the program's name; none where nobody's worker did. To be
+/// called before anything else: there must be one thread, and a process that lives for a few milliseconds has none to spare.
+#[must_use]
+pub fn run_inside(arguments: impl IntoIterator<Item = OsString>) -> Option<ExitCode> {
+    let mut arguments = arguments.into_iter();
+    let (verb, folder) = (arguments.next()?, arguments.next()?);
+    let run: fn(&Path) -> ExitCode = match verb.to_str()? {
+        JOB => run_child,
+        TRIAL => run_trial,
+        WARM_UP => run_warm_up,
+        _ => return None,
+    };
+    Some(run(Path::new(&folder)))
+}

@@ -48,7 +48,7 @@ fn remove_abandoned(root: &Path) -> io::Result<()> {
         let Ok(lock) = File::open(folder.join(LOCK)) else { continue };
         if flock(&lock, FlockOperation::NonBlockingLockExclusive).is_ok() {
             tracing::info!(folder = %folder.display(), "removing the scratch folder of a worker that is gone");
-            tame(&folder);
+            sanitize(&folder);
             match fs::remove_dir_all(&folder) {
                 // Another worker may be clearing away too.
                 Err(error) if error.kind() != io::ErrorKind::NotFound => {
@@ -63,7 +63,7 @@ fn remove_abandoned(root: &Path) -> io::Result<()> {
 
 /// Makes what a job's processes left in a folder safe to go through, once they have ended: takes away what is neither a file nor a
 /// folder, such as links that lead elsewhere and pipes that never end, and opens folders that they closed.
-pub(super) fn tame(folder: &Path) {
+pub(super) fn sanitize(folder: &Path) {
     let mut left = vec![folder.to_owned()];
     while let Some(folder) = left.pop() {
         let entries = fs::read_dir(&folder).into_iter().flatten().flatten();
@@ -109,7 +109,7 @@ mod tests {
         std::os::unix::fs::symlink(outside.path().join("secret"), &link).expect("a link");
         std::os::unix::fs::symlink(outside.path(), closed.join("folder")).expect("a link");
         fs::set_permissions(&closed, fs::Permissions::from_mode(0o000)).expect("it is ours");
-        tame(folder.path());
+        sanitize(folder.path());
         let left: Vec<_> =
             fs::read_dir(&closed).expect("it is open").flatten().map(|entry| entry.file_name()).collect();
         assert_eq!(left, ["kept"]);

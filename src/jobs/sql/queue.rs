@@ -1,17 +1,19 @@
-//! The queue: whose turn it is, and how attempts begin and end.
+//! The queue: whose turn it is, how attempts begin and end, and the drawings of ended jobs, which are claimed in the same way.
 
 use std::time::Duration;
 
 use async_trait::async_trait;
 use sqlx::Transaction;
-use uuid::Uuid;
 
-use super::{Dialect, SqlConnection, SqlStore, Statement, outbox, sql, unsynced};
-use crate::jobs::row::{Columns, Reader, elapsed, job_columns, millis, read_job, to_json, to_millis};
-use crate::jobs::{
-    Claim, ClassLoad, Completion, Failure, FailureKind, Job, JobId, JobProblem, JobProgress, JobReport, Lease,
-    QueueStore, Status, StoreError, StoredReport, Waiting,
-};
+use super::jobs::{job_columns, read_job};
+use super::statement::{Columns, Reader, SqlConnection, Statement, count, elapsed, millis, sql, to_json, to_millis};
+use super::store::{Dialect, SqlStore, unsynced};
+use crate::jobs::error::StoreError;
+use crate::jobs::id::JobId;
+use crate::jobs::job::{Artifact, Artifacts, Job, JobProblem, JobProgress, Status, StoredReport};
+use crate::jobs::queue::{Claim, ClassLoad, Completion, Failure, FailureKind, Lease, Waiting};
+use crate::jobs::report::JobReport;
+use crate::jobs::store::{DrawingStore, JobStore, QueueStore};
 
 #[async_trait]
 impl<D: Dialect> QueueStore for SqlStore<D> {
@@ -46,17 +48,16 @@ impl<D: Dialect> QueueStore for SqlStore<D> {
              SELECT coalesce(class, 'standard') AS id, CAST(sum(queued) AS BIGINT) AS queued, \
                     CAST(sum(running) AS BIGINT) AS running, meshmend_now($1) - min(due) AS waited \
              FROM loads LEFT JOIN tenants ON name = tenant GROUP BY 1 ORDER BY 1");
-        self.reader().await?.query(statement.bind(self.now())).await?.iter().map(read_load).collect()
+        self.read_all(statement.bind(self.now()), read_load).await
     }
 
     async fn claim(&self, worker: &str, lease: Duration, max_running: u32) -> Result<Option<Claim>, StoreError> {
-        let token = Uuid::new_v4().simple().to_string();
+        let token = self.new_token();
         let statement = sql(D::CLAIM).bind(worker).bind(&token).bind(self.now()).bind(millis(lease)).bind(max_running);
-        let row = self.writer().await?.query_row(statement).await?;
-        let Some(job) = row.as_ref().map(read_job).transpose()? else { return Ok(None) };
+        let Some(job) = self.write_one(statement, read_job).await? else { return Ok(None) };
         self.notify_job(job.id);
         // Another job may be due, and another worker idle.
-        self.bell.ring_for_work();
+        self.notifier.notify_work();
         Ok(Some(Claim { lease: Lease { id: job.id, attempt: job.attempt, token }, job }))
     }
 
@@ -112,7 +113,7 @@ impl<D: Dialect> QueueStore for SqlStore<D> {
             id: held.id,
             token: Some(&held.token),
             crashes,
-            retry_in: (!is_final).then(|| self.retry.delay(attempt, Uuid::new_v4().as_u64_pair().0)),
+            retry_in: (!is_final).then(|| self.retry.delay(attempt, self.ids.random().as_u64_pair().0)),
             problem: &failure.problem,
             artifacts: &to_json(&failure.artifacts),
             report: failure.report.as_ref(),
@@ -150,7 +151,7 @@ impl<D: Dialect> QueueStore for SqlStore<D> {
             let retry_in = (crashes < self.retry.max_crashes).then_some(Duration::ZERO);
             let end = AttemptEnd { id, token: None, crashes, retry_in, problem, artifacts, report: None, now };
             let job = end_attempt(&mut *transaction, &end).await?;
-            has_receivers |= outbox::record_end(&mut *transaction, &job, now).await?;
+            has_receivers |= self.record_end(&mut *transaction, &job, now).await?;
             requeued.push(job);
         }
         transaction.commit().await?;
@@ -173,7 +174,7 @@ impl<D: Dialect> SqlStore<D> {
         job: Job,
         now: Option<i64>,
     ) -> Result<Job, StoreError> {
-        let has_receivers = outbox::record_end(&mut *transaction, &job, now).await?;
+        let has_receivers = self.record_end(&mut *transaction, &job, now).await?;
         transaction.commit().await?;
         self.notify_job(job.id);
         if has_receivers {
@@ -186,7 +187,7 @@ impl<D: Dialect> SqlStore<D> {
     ///
     /// # Errors
     /// [`StoreError::LeaseLost`] when the statement found no such lease.
-    pub(super) async fn fenced(&self, statement: Statement<'_>, held: &Lease) -> Result<(), StoreError> {
+    async fn fenced(&self, statement: Statement<'_>, held: &Lease) -> Result<(), StoreError> {
         let statement = statement.bind(held.id).bind(held.attempt).bind(held.token.as_str());
         if self.writer().await?.execute(statement).await? == 1 { Ok(()) } else { Err(StoreError::LeaseLost) }
     }
@@ -194,8 +195,7 @@ impl<D: Dialect> SqlStore<D> {
     /// The job, if this lease's own last write ended the attempt: the worker lost the response and tries again.
     async fn ended_by(&self, held: &Lease) -> Result<Job, StoreError> {
         let statement = sql(concat!("SELECT ", job_columns!(), " FROM jobs WHERE id = $1 AND ended_token = $2"));
-        let row = self.reader().await?.query_row(statement.bind(held.id).bind(&held.token)).await?;
-        read_job(&row.ok_or(StoreError::LeaseLost)?)
+        self.read_one(statement.bind(held.id).bind(&held.token), read_job).await?.ok_or(StoreError::LeaseLost)
     }
 }
 
@@ -282,4 +282,86 @@ async fn end_attempt(connection: &mut impl SqlConnection, end: &AttemptEnd<'_>) 
     .bind(end.report.map(to_json))
     .bind(end.report.map(|report| to_json(&report.outcome())));
     read_job(&connection.query_row(statement).await?.ok_or(sqlx::Error::RowNotFound)?)
+}
+
+#[async_trait]
+impl<D: Dialect> DrawingStore for SqlStore<D> {
+    async fn ask_for_drawings(&self, job: JobId) -> Result<(), StoreError> {
+        let statement = sql(
+            "INSERT INTO drawings (job_id, tenant, asked_at) SELECT id, tenant, meshmend_now($2) FROM jobs WHERE id = $1 \
+             ON CONFLICT (job_id) DO NOTHING",
+        );
+        self.writer().await?.execute(statement.bind(job).bind(self.now())).await?;
+        self.notify_work();
+        Ok(())
+    }
+
+    async fn claim_drawings(&self, lease: Duration) -> Result<Option<Claim>, StoreError> {
+        let due = "SELECT job_id FROM drawings WHERE lease_expires_at IS NULL OR lease_expires_at <= meshmend_now($1) LIMIT 1";
+        if self.is_idle(sql(due).bind(self.now())).await? {
+            return Ok(None);
+        }
+        let token = self.new_token();
+        let statement = sql(
+            "UPDATE drawings SET attempt = attempt + 1, lease_token = $1, lease_expires_at = meshmend_now($2) + $3 \
+             WHERE job_id = ( \
+                 SELECT job_id FROM drawings AS next WHERE lease_expires_at IS NULL OR lease_expires_at <= meshmend_now($2) \
+                 ORDER BY (SELECT count(*) FROM drawings AS held \
+                           WHERE held.tenant = next.tenant AND held.lease_expires_at > meshmend_now($2)), \
+                          asked_at, job_id LIMIT 1 FOR UPDATE SKIP LOCKED) \
+             RETURNING job_id AS id, attempt",
+        )
+        .bind(&token)
+        .bind(self.now())
+        .bind(millis(lease));
+        let Some(claimed) = self.writer().await?.query_row(statement).await? else { return Ok(None) };
+        let (id, attempt) = (claimed.text("id")?.unwrap_or_default(), claimed.number("attempt")?.unwrap_or_default());
+        let job = match id.parse() {
+            Ok(id) => self.get(id).await?.filter(can_be_drawn),
+            Err(_) => None,
+        };
+        let Some(job) = job else {
+            self.writer().await?.execute(sql("DELETE FROM drawings WHERE job_id = $1").bind(id)).await?;
+            return Ok(None);
+        };
+        // Another job may have drawings to claim, and another worker may be idle.
+        self.notifier.notify_work();
+        Ok(Some(Claim { lease: Lease { id: job.id, attempt: count(attempt), token }, job }))
+    }
+
+    async fn hold_drawings(&self, held: &Lease, lease: Duration) -> Result<(), StoreError> {
+        let statement = sql("UPDATE drawings SET lease_expires_at = meshmend_now($1) + $2 \
+             WHERE job_id = $3 AND attempt = $4 AND lease_token = $5");
+        self.fenced(statement.bind(self.now()).bind(millis(lease)), held).await
+    }
+
+    async fn finish_drawings(&self, held: &Lease, drawn: Artifacts) -> Result<Job, StoreError> {
+        let mut transaction = self.begin().await?;
+        let job = sql(concat!("SELECT ", job_columns!(), " FROM jobs WHERE id = $1 FOR UPDATE")).bind(held.id);
+        let job = transaction.query_row(job).await?.as_ref().map(read_job).transpose();
+        let release =
+            sql("DELETE FROM drawings WHERE job_id = $1 AND lease_token = $2").bind(held.id).bind(&held.token);
+        let is_held = transaction.execute(release).await? == 1;
+        let job = job?.filter(|job| is_held && can_be_drawn(job)).ok_or(StoreError::LeaseLost)?;
+        let artifacts = with_drawings(job.artifacts.clone(), drawn);
+        let publish = sql("UPDATE jobs SET artifacts = $1, version = version + 1 WHERE id = $2");
+        transaction.execute(publish.bind(to_json(&artifacts)).bind(held.id)).await?;
+        transaction.commit().await?;
+        self.notify_job(held.id);
+        Ok(Job { artifacts, version: job.version + 1, ..job })
+    }
+}
+
+/// Whether a job's pictures may still be drawn.
+fn can_be_drawn(job: &Job) -> bool {
+    job.finished_at.is_some() && job.status != Status::Expired && !job.purged
+}
+
+/// A job's files once its pictures are drawn.
+fn with_drawings(artifacts: Artifacts, mut drawn: Artifacts) -> Artifacts {
+    let settle = |(name, artifact): (String, Artifact)| {
+        let artifact = if artifact.file.is_some() { artifact } else { drawn.remove(&name)? };
+        Some((name, artifact))
+    };
+    artifacts.into_iter().filter_map(settle).collect()
 }

@@ -1,14 +1,6 @@
 //! Who is told of jobs that end: endpoints, the messages for them, and how their deliveries fare.
 
-mod message;
-mod row;
-mod store;
-
-pub use message::JobMessage;
-pub(super) use message::{Message, Receiver};
-pub(super) use row::{delivery_columns, endpoint_columns, names, read_delivery, read_due, read_endpoint, read_secrets};
-pub use store::{DeliveryStore, EndpointStore, Redelivered};
-
+use std::collections::BTreeMap;
 use std::fmt;
 use std::str::FromStr;
 use std::time::Duration;
@@ -16,9 +8,10 @@ use std::time::Duration;
 use serde::{Deserialize, Serialize};
 use time::OffsetDateTime;
 use utoipa::ToSchema;
-use uuid::Uuid;
 
-use super::{JobId, Status};
+use super::id::JobId;
+use super::job::{Artifact, Job, JobOutcome, Metadata, ProblemKind, Status, StoredReport};
+use crate::repair::{AssumptionKind, RedFlagCode};
 
 /// How long an endpoint's deliveries may all fail before it is disabled.
 pub const FAILING: Duration = Duration::from_secs(5 * 24 * 3600);
@@ -330,7 +323,113 @@ impl Backlog {
     }
 }
 
-/// A new name that sorts by time: the prefix, `_` and a UUID of version 7.
-pub(super) fn new_id(prefix: &str) -> String {
-    format!("{prefix}_{}", Uuid::now_v7().simple())
+/// What is posted to receivers when a job has ended.
+#[derive(Debug, Clone, Serialize, ToSchema)]
+#[schema(as = WebhookMessage)]
+pub struct JobMessage {
+    /// What happened.
+    r#type: JobEvent,
+    /// When it happened.
+    #[serde(with = "crate::jobs::timestamp::option")]
+    timestamp: Option<OffsetDateTime>,
+    /// The job.
+    data: JobMessageData,
+}
+
+/// A job as receivers are told of it.
+#[derive(Debug, Clone, Serialize, ToSchema)]
+#[schema(as = WebhookJob)]
+struct JobMessageData {
+    /// Its name.
+    #[schema(value_type = String)]
+    id: JobId,
+    /// How it ended.
+    status: Status,
+    /// What became of the model, if the job succeeded, or failed since its result is not what `require` asks for.
+    outcome: Option<JobOutcome>,
+    /// Whether the result can be printed as it is, or of an analysis every file; none where that is not known.
+    printable: Option<bool>,
+    /// Signs that the repair destroyed something; the report has them with their measures.
+    red_flags: Vec<RedFlagCode>,
+    /// Kinds of decisions that the file does not prove; the report has each with its amount and places.
+    assumptions: Vec<AssumptionKind>,
+    /// When it was accepted.
+    #[serde(with = "crate::jobs::timestamp")]
+    created_at: OffsetDateTime,
+    /// When it ended.
+    #[serde(with = "crate::jobs::timestamp::option")]
+    finished_at: Option<OffsetDateTime>,
+    /// The uploaded file; of several the first.
+    input: Option<FileMessage>,
+    /// Your own notes, as you sent them.
+    #[schema(value_type = BTreeMap<String, String>)]
+    metadata: Metadata,
+    /// The files to download, by name.
+    artifacts: BTreeMap<String, ArtifactMessage>,
+    /// Why it failed.
+    problem: Option<ProblemMessage>,
+}
+
+/// An uploaded file as receivers are told of it.
+#[derive(Debug, Clone, Serialize, ToSchema)]
+#[schema(as = WebhookInput)]
+struct FileMessage {
+    /// The name it was sent with.
+    name: String,
+    /// SHA-256 of its bytes, in hexadecimal.
+    sha256: String,
+}
+
+/// A file to download as receivers are told of it.
+#[derive(Debug, Clone, Serialize, ToSchema)]
+#[schema(as = WebhookArtifact)]
+struct ArtifactMessage {
+    /// Its address, relative to the service's.
+    href: String,
+    /// Its size; left out of a picture that is drawn when it is first asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    bytes: Option<u64>,
+    /// SHA-256 of its bytes, in hexadecimal; left out of such a picture too.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    sha256: Option<String>,
+}
+
+/// Why a job failed as receivers are told of it.
+#[derive(Debug, Clone, Serialize, ToSchema)]
+#[schema(as = WebhookProblem)]
+struct ProblemMessage {
+    /// The code, for programs.
+    code: ProblemKind,
+    /// What happened and what to do.
+    detail: String,
+}
+
+impl JobMessage {
+    pub(super) fn new(event: JobEvent, job: &Job) -> Self {
+        let input = job.inputs.first();
+        let input = input.map(|input| FileMessage { name: input.name.clone(), sha256: input.sha256.clone() });
+        let link = |(name, artifact): (&String, &Artifact)| {
+            let href = format!("/v1/jobs/{}/artifacts/{name}", job.id);
+            let file = artifact.file.as_ref();
+            let (bytes, sha256) = (file.map(|file| file.bytes), file.map(|file| file.sha256.clone()));
+            (name.clone(), ArtifactMessage { href, bytes, sha256 })
+        };
+        let problem = job.problem.as_ref();
+        let (red_flags, assumptions) = job.report.as_ref().map(StoredReport::remarks).unwrap_or_default();
+        let data = JobMessageData {
+            id: job.id,
+            status: job.status,
+            outcome: job.outcome,
+            printable: job.outcome.and_then(JobOutcome::is_printable),
+            red_flags,
+            assumptions,
+            created_at: job.created_at,
+            finished_at: job.finished_at,
+            input,
+            metadata: job.metadata.clone(),
+            artifacts: job.artifacts.iter().map(link).collect(),
+            problem: problem.map(|problem| ProblemMessage { code: problem.code, detail: problem.detail.clone() }),
+        };
+        Self { r#type: event, timestamp: job.finished_at, data }
+    }
 }

@@ -1,3 +1,5 @@
+//! One request to Blender: what is sent, how often the program runs, and which result is taken.
+
 use std::collections::HashMap;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -7,14 +9,12 @@ use std::time::Duration;
 
 use glam::DVec3;
 
-use super::convert::{for_boolean, for_voxels, originals, unframed};
-use super::estimate::check_voxel_memory;
 use super::exchange::{self, RawMesh, ReadResultError};
-use super::find::{BPY, BlenderConfig, BlenderMissing, find, parse_version};
-use super::frame::Frame;
+use super::find::{BPY, BlenderConfig, parse_version};
+use super::frame::{Frame, for_boolean, for_voxels, originals, unframed};
+use super::memory::{Slot, check_voxel_memory};
 use super::process::{ERROR, isolate, run};
-use super::slots::Slot;
-use crate::repair::{Context, RemeshAction, RemeshError, RemeshRequest, Remeshed, Remesher, RemesherInfo, Stage};
+use crate::repair::{Context, RemeshAction, RemeshError, RemeshRequest, Remeshed, RemesherInfo, Stage};
 
 const SCRIPT: &str = include_str!("script.py");
 /// The first version that can be told to stay off the network.
@@ -34,30 +34,15 @@ const STAGE: f64 = 2.0;
 /// Exit code for an error in the script that it did not foresee.
 const SCRIPT_ERROR: &str = "3";
 
-/// [`Remesher`] by a Blender that runs as a process of its own.
+/// A program that was found, what it may use, and how often it was started.
 #[derive(Debug)]
-pub struct BlenderRemesher {
-    info: RemesherInfo,
-    config: BlenderConfig,
-    runs: AtomicU32,
+pub(super) struct Program {
+    pub info: RemesherInfo,
+    pub config: BlenderConfig,
+    pub runs: AtomicU32,
 }
 
-impl BlenderRemesher {
-    /// Finds a program and asks it for its version, which takes up to some seconds: once a process is enough, and
-    /// [`BlenderRemesher::new`] takes over what was found elsewhere.
-    ///
-    /// # Errors
-    /// [`BlenderMissing`], with each program that was tried.
-    pub fn find(config: BlenderConfig) -> Result<Self, BlenderMissing> {
-        Ok(Self::new(find(&config)?, config))
-    }
-
-    /// A remesher by a program that was found before; it is not asked again.
-    #[must_use]
-    pub fn new(info: RemesherInfo, config: BlenderConfig) -> Self {
-        Self { info, config, runs: AtomicU32::new(0) }
-    }
-
+impl Program {
     fn command(&self, script: &Path) -> Command {
         let mut command = Command::new(&self.info.program);
         if self.info.kind == BPY {
@@ -91,8 +76,8 @@ impl BlenderRemesher {
 }
 
 /// One request.
-struct Work<'a> {
-    by: &'a BlenderRemesher,
+pub(super) struct Work<'a> {
+    by: &'a Program,
     request: &'a RemeshRequest<'a>,
     /// What is sent, in the frame's unit.
     input: RawMesh,
@@ -101,7 +86,59 @@ struct Work<'a> {
     time: Time,
 }
 
-impl Work<'_> {
+impl<'a> Work<'a> {
+    /// The work of a request, once it is clear that there is something to send.
+    ///
+    /// # Errors
+    /// [`RemeshError`] where the mesh is empty, too large, or can't be scaled.
+    pub fn new(by: &'a Program, request: &'a RemeshRequest<'a>, context: &'a Context<'a>) -> Result<Self, RemeshError> {
+        let time = Time { begin: context.now(), limit: request.time_limit.min(context.remaining()) };
+        time.check(context)?;
+        let soup = request.soup;
+        let corners = soup.faces.iter().flatten().filter_map(|&v| soup.positions.get(v as usize));
+        if soup.faces.is_empty() {
+            return Err(RemeshError::Empty);
+        }
+        let frame = Frame::around(corners.copied()).ok_or_else(|| {
+            RemeshError::Failed("the mesh is a point, is not finite, or is too large or small to be scaled".to_owned())
+        })?;
+        // Blender counts corners in 31 bits.
+        if soup.faces.len() > MOST_FACES {
+            let faces = soup.faces.len();
+            return Err(RemeshError::Failed(format!(
+                "{faces} faces are more than the {MOST_FACES} that Blender takes"
+            )));
+        }
+        let input = match request.action {
+            RemeshAction::VoxelRemesh => for_voxels(soup, frame),
+            RemeshAction::BooleanUnion => for_boolean(soup, frame),
+        };
+        if input.faces.is_empty() {
+            return Err(RemeshError::Empty);
+        }
+        let left_out = soup.faces.len() - input.faces.len();
+        if left_out > 0 {
+            context.log(&format!("{}: {left_out} faces that are flat or there twice are left out", by.info.kind));
+        }
+        Ok(Self { by, request, input, frame, context, time })
+    }
+
+    /// Does the work.
+    ///
+    /// # Errors
+    /// [`RemeshError`] where there is no result.
+    pub fn remesh(&self) -> Result<Remeshed, RemeshError> {
+        let remeshed = match self.request.action {
+            RemeshAction::VoxelRemesh => self.voxels()?,
+            RemeshAction::BooleanUnion => {
+                let Made { mesh, note, .. } = self.run(&[0.0])?;
+                let soup = unframed(&mesh, self.frame, &originals(self.request.soup, self.frame));
+                Remeshed { soup, voxel_size: None, note }
+            }
+        };
+        if remeshed.soup.faces.is_empty() { Err(RemeshError::Empty) } else { Ok(remeshed) }
+    }
+
     /// Waits for a slot and runs the script once. `voxels` are its stages, coarsest first, in the frame's unit; of a run that did
     /// not come to its end the result is that of the last stage that did.
     fn run(&self, voxels: &[f64]) -> Result<Made, Failed> {
@@ -150,18 +187,23 @@ impl Work<'_> {
             Err(RemeshError::Cancelled) => return Err(RemeshError::Cancelled.into()),
             Err(stopped) => Some(stopped.into()),
         };
-        let read = exchange::read(&target, request.max_faces);
-        match (failed, read) {
-            (None, Ok(mesh)) => Ok(Made { mesh, stage: voxels.len().saturating_sub(1), note: None }),
+        self.result(&target, voxels.len().saturating_sub(1), failed)
+    }
+
+    /// The result that a run left at `target`: that of its last stage, numbered `last`, or of the one before. `failed` says why the
+    /// run did not end well.
+    fn result(&self, target: &Path, last: usize, failed: Option<Failed>) -> Result<Made, Failed> {
+        let Self { by, request, .. } = *self;
+        match (failed, exchange::read(target, request.max_faces)) {
+            (None, Ok(mesh)) => Ok(Made { mesh, stage: last, note: None }),
             // It was there as a whole when time was over or what comes after it crashed.
             (Some(failed), Ok(mesh)) => {
-                let note = Some(format!("{failed}, but its result was there"));
-                Ok(Made { mesh, stage: voxels.len().saturating_sub(1), note })
+                Ok(Made { mesh, stage: last, note: Some(format!("{failed}, but its result was there")) })
             }
             (failed, Err(error)) => {
                 let why = failed.unwrap_or_else(|| by.unreadable(error, request).into());
-                let made = (0..voxels.len().saturating_sub(1)).rev().find_map(|stage| {
-                    let mesh = exchange::read(&stage_file(&target, stage), request.max_faces).ok()?;
+                let made = (0..last).rev().find_map(|stage| {
+                    let mesh = exchange::read(&stage_file(target, stage), request.max_faces).ok()?;
                     let note = Some(format!("{why}; the result is that of the coarser stage before"));
                     Some(Made { mesh, stage, note })
                 });
@@ -262,53 +304,6 @@ impl Work<'_> {
         let voxel_size = (used != first).then(|| frame.leave_length(used));
         let note = (!notes.is_empty()).then(|| notes.join("; "));
         Ok(Remeshed { soup: unframed(&mesh, frame, &HashMap::new()), voxel_size, note })
-    }
-}
-
-impl Remesher for BlenderRemesher {
-    fn info(&self) -> Result<&RemesherInfo, &str> {
-        Ok(&self.info)
-    }
-
-    fn runs(&self) -> u32 {
-        self.runs.load(Ordering::Relaxed)
-    }
-
-    fn remesh(&self, request: &RemeshRequest<'_>, context: &Context<'_>) -> Result<Remeshed, RemeshError> {
-        let time = Time { begin: context.now(), limit: request.time_limit.min(context.remaining()) };
-        time.check(context)?;
-        let voxels = request.action == RemeshAction::VoxelRemesh;
-        let corners = || request.soup.faces.iter().flatten().filter_map(|&v| request.soup.positions.get(v as usize));
-        if request.soup.faces.is_empty() {
-            return Err(RemeshError::Empty);
-        }
-        let frame = Frame::around(corners().copied()).ok_or_else(|| {
-            RemeshError::Failed("the mesh is a point, is not finite, or is too large or small to be scaled".to_owned())
-        })?;
-        // Blender counts corners in 31 bits.
-        if request.soup.faces.len() > MOST_FACES {
-            let faces = request.soup.faces.len();
-            return Err(RemeshError::Failed(format!(
-                "{faces} faces are more than the {MOST_FACES} that Blender takes"
-            )));
-        }
-        let input = if voxels { for_voxels(request.soup, frame) } else { for_boolean(request.soup, frame) };
-        if input.faces.is_empty() {
-            return Err(RemeshError::Empty);
-        }
-        let left_out = request.soup.faces.len() - input.faces.len();
-        if left_out > 0 {
-            context.log(&format!("{}: {left_out} faces that are flat or there twice are left out", self.info.kind));
-        }
-        let work = Work { by: self, request, input, frame, context, time };
-        let made = if voxels {
-            work.voxels()?
-        } else {
-            let Made { mesh, note, .. } = work.run(&[0.0])?;
-            let soup = unframed(&mesh, frame, &originals(request.soup, frame));
-            Remeshed { soup, voxel_size: None, note }
-        };
-        if made.soup.faces.is_empty() { Err(RemeshError::Empty) } else { Ok(made) }
     }
 }
 

@@ -1,4 +1,4 @@
-mod backup;
+//! The store in one SQLite file.
 
 use std::borrow::Cow;
 use std::fs::{File, OpenOptions};
@@ -13,14 +13,16 @@ use rustix::fs::{FlockOperation, flock};
 use sqlx::sqlite::{
     SqliteConnectOptions, SqliteConnection, SqliteJournalMode, SqlitePoolOptions, SqliteRow, SqliteSynchronous,
 };
-use sqlx::{Connection, Sqlite};
+use sqlx::{ConnectOptions, Connection, Sqlite};
 use tokio::task::JoinSet;
 
-pub use backup::BackupError;
-
-use super::row::job_columns;
-use super::sql::{Dialect, SqlConnection, SqlStore, Statement, unsynced};
-use super::{Bell, Clock, RetryPolicy, StoreError};
+use super::jobs::job_columns;
+use super::statement::{SqlConnection, Statement};
+use super::store::{Dialect, SqlStore, unsynced};
+use crate::jobs::error::StoreError;
+use crate::jobs::id::SystemIds;
+use crate::jobs::queue::{Notifier, RetryPolicy};
+use crate::jobs::timestamp::Clock;
 
 /// Jobs in one SQLite file: the default, which needs nothing installed.
 ///
@@ -59,9 +61,47 @@ impl SqliteStore {
         drop(lock);
         let reader = SqlitePoolOptions::new().max_connections(4).test_before_acquire(false);
         let reader = reader.connect_with(options.read_only(true)).await?;
-        let (bell, listener) = (Arc::new(Bell::default()), JoinSet::new());
-        Ok(Self { pool: reader, writer: Some(writer), clock: Some(clock), retry, bell, listener })
+        let (notifier, listener) = (Arc::new(Notifier::default()), JoinSet::new());
+        let (clock, ids) = (Some(clock), Arc::new(SystemIds));
+        Ok(Self { pool: reader, writer: Some(writer), clock, ids, retry, notifier, listener })
     }
+
+    /// Copies the database in the file `source` to the new file `target`, which only this user may read. Other processes may go on
+    /// writing: the copy holds what was committed when it began. Tables are not brought up to date, so that an older database can
+    /// be saved before an upgrade.
+    ///
+    /// # Errors
+    /// [`io::ErrorKind::AlreadyExists`] when there is a file at `target`, which is left as it is.
+    pub async fn back_up(source: &Path, target: &Path) -> Result<(), BackupError> {
+        if target.try_exists()? {
+            return Err(io::Error::from(io::ErrorKind::AlreadyExists).into());
+        }
+        let folder = target.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        // No other program sees a copy that is not whole. The file is private from its creation, and SQLite accepts an empty one.
+        let copy = tempfile::Builder::new().prefix(".meshmend-backup-").tempfile_in(folder)?;
+        let options = SqliteConnectOptions::new().filename(source).read_only(true);
+        let mut connection: SqliteConnection = options.connect().await.map_err(StoreError::from)?;
+        let path = copy.path().to_string_lossy().into_owned();
+        let copied = sqlx::query("VACUUM INTO ?").bind(path).execute(&mut connection).await;
+        copied.map_err(StoreError::from)?;
+        connection.close().await.map_err(StoreError::from)?;
+        // `VACUUM INTO` does not wait for the disk.
+        copy.as_file().sync_all()?;
+        copy.persist_noclobber(target).map_err(|error| error.error)?;
+        File::open(folder)?.sync_all()?;
+        Ok(())
+    }
+}
+
+/// Why a database could not be copied.
+#[derive(Debug, thiserror::Error)]
+pub enum BackupError {
+    /// The database could not be read, or the copy not be written.
+    #[error(transparent)]
+    Store(#[from] StoreError),
+    /// The copy could not be put in its place, which may be taken.
+    #[error(transparent)]
+    Io(#[from] io::Error),
 }
 
 /// Opens a file for writing. Only this user may read a new file, since the database holds what clients sent and hashes of keys.
@@ -147,7 +187,33 @@ impl Dialect for Sqlite {
 
 #[cfg(test)]
 mod tests {
+    use uuid::Uuid;
+
     use super::*;
+    use crate::jobs::id::IdSource;
+    use crate::jobs::timestamp::SystemClock;
+
+    struct Fixed;
+
+    impl IdSource for Fixed {
+        fn sortable(&self) -> Uuid {
+            Uuid::from_u128(1)
+        }
+
+        fn random(&self) -> Uuid {
+            Uuid::from_u128(2)
+        }
+    }
+
+    #[tokio::test]
+    async fn names_and_tokens_come_from_the_source_that_is_passed_in() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let (path, clock) = (folder.path().join("jobs.db"), Arc::new(SystemClock));
+        let store = SqliteStore::open(&path, clock, RetryPolicy::default()).await.expect("a store");
+        let store = store.with_ids(Arc::new(Fixed));
+        assert_eq!(store.new_id("we"), format!("we_{:032x}", 1));
+        assert_eq!(store.new_token(), format!("{:032x}", 2));
+    }
 
     #[test]
     fn phrases_of_postgresql_are_omitted_and_other_statements_stay() {

@@ -8,20 +8,10 @@ use futures::{StreamExt, TryStreamExt};
 use object_store::path::Path as Key;
 use object_store::{ObjectMeta, ObjectStoreExt};
 
-use super::{BlobError, Blobs, Place, local};
+use super::local::{self, KINDS};
+use super::store::{Blobs, Place};
+use super::stored::{BlobError, Owner};
 use crate::jobs::JobId;
-
-/// Whose a file is.
-#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
-pub struct Owner {
-    /// The job.
-    pub job: JobId,
-    /// The claim that made it; none where it was uploaded.
-    pub claim: Option<String>,
-}
-
-/// The folders whose entries are named by jobs.
-const KINDS: [&str; 3] = ["uploads", "more", "jobs"];
 
 impl Blobs {
     /// Deletes a job's uploaded files and all that its attempts made, half-written files among them.

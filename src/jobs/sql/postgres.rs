@@ -1,4 +1,4 @@
-mod listen;
+//! The store in PostgreSQL.
 
 use std::borrow::Cow;
 use std::str::FromStr;
@@ -6,14 +6,27 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use futures::future::BoxFuture;
-use sqlx::postgres::{PgConnectOptions, PgPoolOptions, PgRow};
+use sqlx::postgres::{PgConnectOptions, PgListener, PgPool, PgPoolOptions, PgRow};
 use sqlx::{Connection, PgConnection, Postgres};
 use tokio::task::JoinSet;
 
-use super::row::job_columns;
-use super::sql::{Dialect, SqlConnection, SqlStore, Statement, unsynced};
-use super::{Bell, Clock, RetryPolicy, StoreError};
+use super::jobs::job_columns;
+use super::statement::{SqlConnection, Statement};
+use super::store::{Dialect, SqlStore, unsynced};
+use crate::jobs::error::StoreError;
+use crate::jobs::id::SystemIds;
+use crate::jobs::job::Status;
+use crate::jobs::queue::{Notifier, RetryPolicy};
+use crate::jobs::timestamp::Clock;
 
+/// What the triggers of `migrations/postgres` notify.
+const CHANNEL: &str = "meshmend_jobs";
+/// The news that there is something to deliver.
+const DELIVERIES: &str = "webhooks";
+/// The news that there is something to draw.
+const DRAWINGS: &str = "drawings";
+/// How long to wait after the connection was lost.
+const LISTEN_AGAIN: Duration = Duration::from_secs(1);
 /// The longest time that the server lets a statement run, a lock be awaited, and a transaction be idle.
 const LIMITS: [(&str, &str); 3] =
     [("statement_timeout", "15s"), ("lock_timeout", "10s"), ("idle_in_transaction_session_timeout", "30s")];
@@ -56,9 +69,9 @@ impl PostgresStore {
             pool => pool?,
         };
         sqlx::migrate!("migrations/postgres").run(&pool).await?;
-        let (bell, mut listener) = (Arc::new(Bell::default()), JoinSet::new());
-        listener.spawn(listen::ring(pool.clone(), Arc::clone(&bell)));
-        Ok(Self { pool, writer: None, clock, retry, bell, listener })
+        let (notifier, mut listener) = (Arc::new(Notifier::default()), JoinSet::new());
+        listener.spawn(notify(pool.clone(), Arc::clone(&notifier)));
+        Ok(Self { pool, writer: None, clock, ids: Arc::new(SystemIds), retry, notifier, listener })
     }
 }
 
@@ -133,4 +146,38 @@ impl Dialect for Postgres {
 
     const LONGEST_WAIT: &'static str = "SELECT meshmend_now($1) - run_at AS waited FROM jobs WHERE status = 'queued' \
          ORDER BY run_at, id LIMIT 1";
+}
+
+/// Notifies of whatever changes in the database, whoever changed it, as long as it runs.
+async fn notify(pool: PgPool, notifier: Arc<Notifier>) {
+    loop {
+        if let Err(error) = listen(&pool, &notifier).await {
+            tracing::warn!(%error, "the database can't be listened to; looking now and then meanwhile");
+        }
+        tokio::time::sleep(LISTEN_AGAIN).await;
+    }
+}
+
+async fn listen(pool: &PgPool, notifier: &Notifier) -> Result<(), sqlx::Error> {
+    let mut listener = PgListener::connect_with(pool).await?;
+    listener.listen(CHANNEL).await?;
+    // There may have been news before.
+    notifier.notify_work();
+    notifier.notify_deliveries();
+    // None where the connection was lost.
+    while let Some(news) = listener.try_recv().await? {
+        match news.payload() {
+            DELIVERIES => notifier.notify_deliveries(),
+            DRAWINGS => notifier.notify_work(),
+            _ => {}
+        }
+        let Some((id, status)) = news.payload().split_once(' ') else { continue };
+        if let Ok(id) = id.parse() {
+            notifier.notify_job(id);
+        }
+        if status == Status::Queued.as_str() {
+            notifier.notify_work();
+        }
+    }
+    Ok(())
 }

@@ -1,4 +1,54 @@
+//! What is known of a stored file, and why one could not be stored or fetched.
+
+use sha2::{Digest, Sha256};
+
+use crate::jobs::JobId;
 use crate::telemetry;
+
+/// Bytes held back before they are handed to a folder, and read of a file at once. Small, since many may come and go at once.
+pub(super) const CHUNK: usize = 256 << 10;
+/// Bytes kept from the start of a file, to tell its format.
+const HEAD: usize = 4 << 10;
+
+/// A file that was stored.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Stored {
+    /// Its size.
+    pub bytes: u64,
+    /// SHA-256, in hexadecimal.
+    pub sha256: String,
+    /// Its first bytes, at most a few thousand.
+    pub head: Vec<u8>,
+}
+
+/// What is known of a file from the bytes that have come.
+#[derive(Default)]
+pub(super) struct Account {
+    bytes: u64,
+    hash: Sha256,
+    head: Vec<u8>,
+}
+
+impl Account {
+    pub fn add(&mut self, chunk: &[u8]) {
+        self.bytes += chunk.len() as u64;
+        self.hash.update(chunk);
+        self.head.extend_from_slice(&chunk[..chunk.len().min(HEAD - self.head.len())]);
+    }
+
+    pub fn stored(self) -> Stored {
+        Stored { bytes: self.bytes, sha256: hex::encode(self.hash.finalize()), head: self.head }
+    }
+}
+
+/// Whose a file is.
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Owner {
+    /// The job.
+    pub job: JobId,
+    /// The claim that made it; none where it was uploaded.
+    pub claim: Option<String>,
+}
 
 /// Why a file could not be stored or fetched.
 #[derive(Debug, thiserror::Error)]
