@@ -213,7 +213,7 @@ impl<'a> Inside<'a> {
     /// The same on both sides of a point.
     pub fn windings(&self, point: DVec3, aside: DVec3, steps: &mut u64) -> [f64; 2] {
         let tree = self.analysis.tree();
-        tree.windings(self.dipoles, point, aside, steps, |f| self.analysis.unit_corners(f)).map(f64::abs)
+        tree.windings(self.dipoles, [point, aside], steps, |f| self.analysis.unit_corners(f)).map(f64::abs)
     }
 }
 

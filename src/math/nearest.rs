@@ -107,8 +107,7 @@ impl Tree {
     /// `steps` as in [`Tree::nearest`].
     pub fn shrunk_ball(
         &self,
-        point: DVec3,
-        way: DVec3,
+        [point, way]: [DVec3; 2],
         radius: f64,
         steps: &mut u64,
         triangle: impl Fn(u32) -> [DVec3; 3],
@@ -240,7 +239,7 @@ mod tests {
         for i in 0..200 {
             let point = DVec3::from(r3(f64::from(i) + 0.3)) * 2.0 - 0.5;
             let way = (DVec3::from(r3(f64::from(i) + 0.7)) - 0.5).normalize();
-            let Some(ball) = tree.shrunk_ball(point, way, 0.5, &mut u64::MAX.clone(), corners) else { continue };
+            let Some(ball) = tree.shrunk_ball([point, way], 0.5, &mut u64::MAX.clone(), corners) else { continue };
             let centre = point + way * ball.radius;
             let least = (0..300).map(|f| centre.distance(nearest_on_triangle(centre, corners(f)))).fold(9.0, f64::min);
             assert!(least >= ball.radius * (1.0 - 2.0 * SLACK), "{least} {ball:?}");
@@ -261,9 +260,9 @@ mod tests {
         let tree = Tree::new(&positions, &vec![[0, 1, 2]; 5000]);
         let mut steps = 3000;
         let (point, way) = (DVec3::new(0.2, 0.2, -1.0), DVec3::Z);
-        assert_eq!(tree.shrunk_ball(point, way, 2.0, &mut steps, |_| positions), None);
+        assert_eq!(tree.shrunk_ball([point, way], 2.0, &mut steps, |_| positions), None);
         assert_eq!(steps, 0);
-        let ball = tree.shrunk_ball(point, way, 2.0, &mut u64::MAX.clone(), |_| positions).unwrap();
+        let ball = tree.shrunk_ball([point, way], 2.0, &mut u64::MAX.clone(), |_| positions).unwrap();
         assert!((ball.radius - 0.5).abs() < 1e-6);
     }
 }

@@ -88,7 +88,7 @@ impl Tree {
         steps: &mut u64,
         triangle: impl Fn(u32) -> [DVec3; 3],
     ) -> f64 {
-        let [number, _] = self.windings(dipoles, point, DVec3::ZERO, steps, triangle);
+        let [number, _] = self.windings(dipoles, [point, DVec3::ZERO], steps, triangle);
         number
     }
 
@@ -97,8 +97,7 @@ impl Tree {
     pub fn windings(
         &self,
         dipoles: &Dipoles,
-        point: DVec3,
-        aside: DVec3,
+        [point, aside]: [DVec3; 2],
         steps: &mut u64,
         triangle: impl Fn(u32) -> [DVec3; 3],
     ) -> [f64; 2] {

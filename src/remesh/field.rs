@@ -99,7 +99,7 @@ impl<'a> Field<'a> {
 
     /// The same on both sides of a point.
     pub fn depths(&self, point: DVec3, aside: DVec3, steps: &mut u64) -> [f64; 2] {
-        self.tree.windings(&self.dipoles, point, aside, steps, |f| self.corners(f)).map(|w| self.read(w))
+        self.tree.windings(&self.dipoles, [point, aside], steps, |f| self.corners(f)).map(|w| self.read(w))
     }
 
     /// How much a point is inside that the triangles wind around so often.

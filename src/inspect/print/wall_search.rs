@@ -226,7 +226,8 @@ impl<'a> Prober<'a> {
 
     /// The wall by the largest ball of at most `radius` that touches `point` from inside, where it touches an opposite side.
     fn ball(&self, point: DVec3, inward: DVec3, radius: f64, steps: &mut u64) -> Option<Probe> {
-        let ball = self.analysis.tree().shrunk_ball(point, inward, radius, steps, |f| self.analysis.unit_corners(f))?;
+        let ball =
+            self.analysis.tree().shrunk_ball([point, inward], radius, steps, |f| self.analysis.unit_corners(f))?;
         let contact = ball.touches.filter(|_| *steps > 0)?;
         let outward = (contact.point - (point + inward * ball.radius)) / ball.radius;
         let beyond = contact.point + outward * self.beside;

@@ -1,0 +1,147 @@
+//! Which files of the crate import from which, followed through re-exports to the file that defines an item.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
+
+use petgraph::algo::tarjan_scc;
+use petgraph::graphmap::DiGraphMap;
+use syn::visit::Visit;
+
+/// The names from the crate's root to a module or an item in it.
+type Names = Vec<String>;
+
+/// A file's own items, what it imports, and under which name.
+#[derive(Default)]
+struct Module {
+    file: PathBuf,
+    items: BTreeSet<String>,
+    /// The paths that a name stands for; `*` for a whole module's names.
+    imports: BTreeMap<String, Vec<Names>>,
+    /// Paths that are used without an import.
+    paths: Vec<Names>,
+}
+
+/// Groups of files that import each other in a circle.
+pub fn cycles(source: &Path, files: &[PathBuf]) -> Vec<Vec<PathBuf>> {
+    let modules: BTreeMap<Names, Module> =
+        files.iter().map(|file| (names_of(source, file), Module::read(file))).collect();
+    let known: Vec<&Names> = modules.keys().collect();
+    let number: BTreeMap<&Names, usize> = known.iter().enumerate().map(|(i, &names)| (names, i)).collect();
+    let mut graph = DiGraphMap::<usize, ()>::new();
+    for (names, module) in &modules {
+        for path in module.imports.values().flatten().chain(&module.paths) {
+            let defined = absolute(&modules, names, path).and_then(|path| definition(&modules, &path, 0));
+            if let Some(other) = defined.filter(|other| *other != names) {
+                graph.add_edge(number[names], number[other], ());
+            }
+        }
+    }
+    let circles = tarjan_scc(&graph).into_iter().filter(|circle| circle.len() > 1);
+    circles.map(|circle| circle.into_iter().map(|i| modules[known[i]].file.clone()).collect()).collect()
+}
+
+/// `src/mesh/edges.rs` is `mesh::edges`, `src/mesh/mod.rs` is `mesh`.
+fn names_of(source: &Path, file: &Path) -> Names {
+    let path = file.strip_prefix(source).unwrap().with_extension("");
+    let names: Names = path.iter().map(|name| name.to_str().unwrap().to_owned()).collect();
+    match names.last().map(String::as_str) {
+        Some("mod" | "lib") => names[..names.len() - 1].to_vec(),
+        _ => names,
+    }
+}
+
+/// A path as written in a module, from the crate's root; none where it leads to another crate.
+fn absolute(modules: &BTreeMap<Names, Module>, module: &Names, path: &Names) -> Option<Names> {
+    let ups = path.iter().take_while(|name| *name == "super").count();
+    let (base, rest) = match path.first().map(String::as_str) {
+        Some("crate") => (&[][..], &path[1..]),
+        Some("self") => (&module[..], &path[1..]),
+        Some("super") => (&module[..module.len().checked_sub(ups)?], &path[ups..]),
+        Some(first) => {
+            let child = [&module[..], &[first.to_owned()]].concat();
+            let is_local = modules.contains_key(&child) || modules[module].imports.contains_key(first);
+            is_local.then_some((&module[..], &path[..]))?
+        }
+        None => return None,
+    };
+    Some([base, rest].concat())
+}
+
+/// The module whose file defines what a path from the root leads to; none for what is of another crate.
+fn definition<'a>(modules: &'a BTreeMap<Names, Module>, path: &Names, depth: usize) -> Option<&'a Names> {
+    let length = (0..=path.len()).rev().find(|&length| modules.contains_key(&path[..length]))?;
+    let (names, module) = modules.get_key_value(&path[..length])?;
+    let Some(name) = path.get(length) else { return Some(names) };
+    if module.items.contains(name) || depth > 8 {
+        return Some(names);
+    }
+    let follow = |import: &Names, rest: &[String]| {
+        let target = absolute(modules, names, import)?;
+        definition(modules, &[&target[..], rest].concat(), depth + 1)
+    };
+    if let Some(imports) = module.imports.get(name) {
+        return imports.iter().find_map(|import| follow(import, &path[length + 1..]));
+    }
+    let all = module.imports.get("*").into_iter().flatten();
+    all.into_iter().find_map(|import| {
+        let found = follow(import, &path[length..])?;
+        modules[found].items.contains(name).then_some(found)
+    })
+}
+
+impl Module {
+    fn read(file: &Path) -> Self {
+        let text = std::fs::read_to_string(file).unwrap();
+        let mut module = Self { file: file.to_owned(), ..Self::default() };
+        module.visit_file(&syn::parse_file(&text).unwrap());
+        module
+    }
+
+    fn import(&mut self, before: &Names, tree: &syn::UseTree) {
+        let with = |name: &syn::Ident| [&before[..], &[name.to_string()]].concat();
+        let (name, path) = match tree {
+            syn::UseTree::Path(path) => return self.import(&with(&path.ident), &path.tree),
+            syn::UseTree::Group(group) => return group.items.iter().for_each(|item| self.import(before, item)),
+            syn::UseTree::Glob(_) => ("*".to_owned(), before.clone()),
+            syn::UseTree::Rename(rename) => (rename.rename.to_string(), with(&rename.ident)),
+            syn::UseTree::Name(name) if name.ident == "self" => (before.last().unwrap().clone(), before.clone()),
+            syn::UseTree::Name(name) => (name.ident.to_string(), with(&name.ident)),
+        };
+        self.imports.entry(name).or_default().push(path);
+    }
+}
+
+impl<'ast> Visit<'ast> for Module {
+    fn visit_item(&mut self, item: &'ast syn::Item) {
+        let (attributes, name) = match item {
+            syn::Item::Mod(it) => (&it.attrs, None),
+            syn::Item::Fn(it) => (&it.attrs, Some(&it.sig.ident)),
+            syn::Item::Struct(it) => (&it.attrs, Some(&it.ident)),
+            syn::Item::Enum(it) => (&it.attrs, Some(&it.ident)),
+            syn::Item::Trait(it) => (&it.attrs, Some(&it.ident)),
+            syn::Item::Type(it) => (&it.attrs, Some(&it.ident)),
+            syn::Item::Const(it) => (&it.attrs, Some(&it.ident)),
+            syn::Item::Static(it) => (&it.attrs, Some(&it.ident)),
+            _ => return syn::visit::visit_item(self, item),
+        };
+        let is_test = |attribute: &syn::Attribute| {
+            attribute.path().is_ident("cfg")
+                && attribute.parse_args::<syn::Path>().is_ok_and(|path| path.is_ident("test"))
+        };
+        if !attributes.iter().any(is_test) {
+            self.items.extend(name.map(ToString::to_string));
+            syn::visit::visit_item(self, item);
+        }
+    }
+
+    fn visit_item_use(&mut self, item: &'ast syn::ItemUse) {
+        self.import(&Names::new(), &item.tree);
+    }
+
+    fn visit_path(&mut self, path: &'ast syn::Path) {
+        if path.segments.len() > 1 {
+            self.paths.push(path.segments.iter().map(|segment| segment.ident.to_string()).collect());
+        }
+        syn::visit::visit_path(self, path);
+    }
+}
