@@ -2,12 +2,11 @@
 
 use glam::DVec3;
 
-use super::errors::{ReadError, ReadErrorKind, WriteError};
-use super::facet_normals::FacetNormals;
-use super::sniff::HEAD;
+use super::errors::{ReadError, ReadErrorKind, WriteError, shown};
+use super::limits::{HEAD, Limits};
 use super::text::{Text, Word, number};
-use super::{Format, Limits, ReadMesh};
-use crate::mesh::Soup;
+use super::{Format, ReadMesh};
+use crate::mesh::{CornerNormals, Soup};
 
 /// Free text and the facet count.
 const HEADER: usize = 84;
@@ -140,6 +139,34 @@ fn read_binary(bytes: &[u8], limits: &Limits) -> Result<ReadMesh, ReadError> {
     }
     let (soup, dialect, normals) = (unindexed(positions), "binary STL".to_owned(), normals.finish());
     Ok(ReadMesh { normals, warnings, ..ReadMesh::of(soup, Format::Stl, dialect) })
+}
+
+/// Collects the normals of STL's facets as they are read. A normal of zeros says that readers should compute it, and is
+/// none; one that agrees with its corners says nothing new, so that only those against them take memory.
+#[derive(Debug, Default)]
+struct FacetNormals {
+    opposed: Vec<(u32, [f32; 3])>,
+    any: bool,
+}
+
+impl FacetNormals {
+    /// Takes the normal of a facet; facets come in order.
+    #[inline]
+    fn take(&mut self, facet: u32, normal: [f32; 3], [a, b, c]: [DVec3; 3]) {
+        if normal == [0.0; 3] {
+            return;
+        }
+        self.any = true;
+        // In f64 products of f32 neither overflow nor vanish; a comparison with not-a-number is false.
+        if (b - a).cross(c - a).dot(DVec3::from_array(normal.map(f64::from))) < 0.0 {
+            self.opposed.push((facet, normal));
+        }
+    }
+
+    /// What was read, unless no facet had a normal.
+    fn finish(self) -> Option<CornerNormals> {
+        self.any.then_some(CornerNormals::OfFaces { opposed: self.opposed })
+    }
 }
 
 /// Three positions a face, in order.
@@ -354,7 +381,7 @@ impl<'a> Ascii<'a> {
             warnings.push(format!(
                 "words that are no part of STL were passed over: {} in all, the first '{}'",
                 self.strange,
-                super::errors::shown(first.bytes)
+                shown(first.bytes)
             ));
         }
         let dialect = "ASCII STL".to_owned();

@@ -3,23 +3,23 @@
 //!
 //! Objects (`o`) and groups (`g`) stay one mesh: they are names for faces that share vertices with one another, and no bodies of their own.
 
-mod materials;
 mod mtl;
 mod paint;
 mod write;
-mod write_looks;
 
 use glam::DVec3;
 
-use super::beside::Beside;
-use super::content::{Painted, Paints};
+use super::content::{Painted, ReadMesh};
 use super::errors::{ReadError, ReadErrorKind, shown};
 use super::faces::{Faces, Finished, NONE};
+use super::formats::Format;
+use super::limits::{Limits, ReadOptions};
+use super::paint::Paints;
+use super::sidecar::Sidecars;
 use super::text::{Text, Word, integer, number};
-use super::{Format, Limits, ReadMesh, ReadOptions};
 use crate::mesh::{CornerNormals, Soup};
-use paint::Said;
-pub(super) use write::{Files, write, write_painted};
+use paint::{Said, field_index};
+pub(super) use write::{write, write_painted};
 
 /// Statements whose line ends where it ends: the names in them may end in a backslash.
 const NAMES: [&str; 5] = ["o", "g", "usemap", "maplib", "shadow_obj"];
@@ -80,7 +80,7 @@ struct Reader<'a> {
 }
 
 /// Reads OBJ, with its colours where files `beside` it are given.
-pub(super) fn read(bytes: &[u8], options: &ReadOptions, beside: Option<&Beside<'_>>) -> Result<Painted, ReadError> {
+pub(super) fn read(bytes: &[u8], options: &ReadOptions, sidecars: Option<&Sidecars<'_>>) -> Result<Painted, ReadError> {
     let mut reader = Reader {
         text: Text::new(bytes).with_comments().with_continued_lines(),
         limits: options.limits,
@@ -89,7 +89,7 @@ pub(super) fn read(bytes: &[u8], options: &ReadOptions, beside: Option<&Beside<'
         corners: Vec::new(),
         normals: Vec::new(),
         corner_normals: Vec::new(),
-        said: beside.map(|beside| Said::new(options.limits, beside.is_something())),
+        said: sidecars.map(|sidecars| Said::new(options.limits, sidecars.is_something())),
         corner_places: Vec::new(),
         ahead: None,
         face_statements: 0,
@@ -102,7 +102,7 @@ pub(super) fn read(bytes: &[u8], options: &ReadOptions, beside: Option<&Beside<'
     while let Some(word) = reader.text.word() {
         reader.statement(word)?;
     }
-    reader.finish(beside)
+    reader.finish(sidecars)
 }
 
 impl<'a> Reader<'a> {
@@ -253,7 +253,7 @@ impl<'a> Reader<'a> {
         self.text.error(ReadErrorKind::IndexOutOfRange, at, detail)
     }
 
-    fn finish(self, beside: Option<&Beside<'_>>) -> Result<Painted, ReadError> {
+    fn finish(self, sidecars: Option<&Sidecars<'_>>) -> Result<Painted, ReadError> {
         let have = self.positions.len();
         if let Some((most, at)) = self.ahead
             && most as usize >= have
@@ -284,8 +284,8 @@ impl<'a> Reader<'a> {
                 shown(first.bytes)
             ));
         }
-        let paints = match (self.said, beside) {
-            (Some(said), Some(beside)) => said.paint(&faces, &places, beside, &mut warnings),
+        let paints = match (self.said, sidecars) {
+            (Some(said), Some(sidecars)) => said.paint(&faces, &places, sidecars, &mut warnings),
             _ => Paints::default(),
         };
         let soup = Soup { positions: self.positions, faces };
@@ -315,11 +315,4 @@ impl<'a> Reader<'a> {
         };
         ReadError::whole(ReadErrorKind::NoFaces, detail)
     }
-}
-
-/// The index, counted from 0, in a field of a corner `v/vt/vn`, where `have` are there to count back from.
-fn field_index(word: Word<'_>, field: usize, have: usize) -> Option<u32> {
-    let number = integer(word.bytes.split(|&b| b == b'/').nth(field)?)?;
-    let index = if number > 0 { number - 1 } else { (have as i64).saturating_add(number) };
-    u32::try_from(index).ok().filter(|_| number != 0)
 }

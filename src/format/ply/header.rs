@@ -1,5 +1,7 @@
-use super::super::Limits;
+//! The header of PLY: what elements there are, and what their properties are to a mesh.
+
 use super::super::errors::{ReadError, ReadErrorKind, shown};
+use super::super::limits::Limits;
 use super::super::text::{Text, Word, integer};
 
 /// How the elements are written.

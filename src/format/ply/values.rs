@@ -1,3 +1,5 @@
+//! The numbers of a PLY file's elements, one after the other: as binary of either byte order or as words.
+
 use super::super::errors::{ReadError, ReadErrorKind, shown};
 use super::super::text::{Text, number};
 use super::header::{Element, Kind, Scalar};

@@ -1,10 +1,8 @@
 //! Materials, colours and textures as resources (core specification, chapter 5; materials extension, chapters 2 to 6).
 
-use super::model::{ModelReader, index_in, not_a};
-use super::namespaces::Space;
 use super::part::{Group, GroupKind, Part, TextureResource};
-use super::part_name::resolve;
-use super::values::{color, number, words};
+use super::reader::{ModelReader, index_in, not_a};
+use super::schema::{Space, color, number, resolve, words};
 use super::xml::{Tag, Xml};
 use crate::format::errors::{ReadError, ReadErrorKind, shown};
 use crate::scene::{Material, Wrap};

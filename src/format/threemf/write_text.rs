@@ -1,6 +1,10 @@
-//! Text as XML can hold it.
+//! Text as XML can hold it, and notes, whose names have prefixes that the model declares.
 
 use std::borrow::Cow;
+use std::fmt::Write as _;
+
+use super::schema::{OWN_NOTES, note_namespace};
+use crate::scene::{Note, Scene};
 
 /// What XML has no way to say is left out.
 fn sayable(text: &str) -> impl Iterator<Item = char> {
@@ -37,7 +41,7 @@ pub(super) fn attribute(text: &str) -> Cow<'_, str> {
 }
 
 /// The text of an element.
-pub(super) fn content(text: &str) -> Cow<'_, str> {
+fn content(text: &str) -> Cow<'_, str> {
     escaped(text, |c| match c {
         '&' => Some("&amp;"),
         '<' => Some("&lt;"),
@@ -48,7 +52,7 @@ pub(super) fn content(text: &str) -> Cow<'_, str> {
 }
 
 /// The text as a name without a prefix (`NCName`), a `_` for what no name may have.
-pub(super) fn name(text: &str) -> String {
+fn name(text: &str) -> String {
     let in_name =
         |c: char| c.is_ascii_alphanumeric() || matches!(c, '_' | '-' | '.') || (c > '\u{FF}' && c.is_alphabetic());
     let mut name: String = text.chars().map(|c| if in_name(c) { c } else { '_' }).collect();
@@ -56,6 +60,79 @@ pub(super) fn name(text: &str) -> String {
         name.insert(0, '_');
     }
     name
+}
+
+/// Prefixes that are taken by others.
+const TAKEN: [&str; 3] = ["m", "xml", "xmlns"];
+
+/// The prefixes of all notes' namespaces, and the namespaces, in the order of their first use.
+pub(super) struct Prefixes<'s> {
+    all: Vec<(String, &'s str)>,
+}
+
+impl<'s> Prefixes<'s> {
+    pub fn of(scene: &'s Scene) -> Self {
+        let mut prefixes = Self { all: Vec::new() };
+        let of_objects = scene.objects.iter().flat_map(|object| &object.notes);
+        let of_items = scene.items.iter().flat_map(|item| &item.notes);
+        for note in scene.notes.iter().chain(of_objects).chain(of_items) {
+            match note_namespace(note) {
+                Some(OWN_NOTES) => prefixes.add(Some("note"), OWN_NOTES),
+                Some(namespace) => prefixes.add(note.name.split_once(':').map(|(prefix, _)| prefix), namespace),
+                None => {}
+            }
+        }
+        prefixes
+    }
+
+    fn add(&mut self, wanted: Option<&str>, namespace: &'s str) {
+        if self.all.iter().any(|(_, known)| *known == namespace) {
+            return;
+        }
+        let free =
+            |prefix: &String| !TAKEN.contains(&prefix.as_str()) && self.all.iter().all(|(taken, _)| taken != prefix);
+        let wanted = wanted.map(name).filter(free);
+        let prefix = wanted.or_else(|| (1..).map(|number| format!("n{number}")).find(free));
+        self.all.extend(prefix.map(|prefix| (prefix, namespace)));
+    }
+
+    /// The declarations, as attributes of the root.
+    pub fn declarations(&self) -> String {
+        self.all.iter().map(|(prefix, uri)| format!(" xmlns:{prefix}=\"{}\"", attribute(uri))).collect()
+    }
+
+    /// Writes notes, the first of each name.
+    pub fn write<'n>(&self, notes: impl Iterator<Item = &'n Note>, text: &mut String) {
+        let mut written: Vec<String> = Vec::new();
+        for note in notes {
+            let local =
+                note.namespace.as_ref().and(note.name.split_once(':')).map_or(note.name.as_str(), |(_, local)| local);
+            let name = match note_namespace(note) {
+                None => note.name.clone(),
+                Some(namespace) => match self.all.iter().find(|(_, uri)| *uri == namespace) {
+                    Some((prefix, _)) => format!("{prefix}:{}", qualified(local)),
+                    None => continue,
+                },
+            };
+            if written.contains(&name) {
+                continue;
+            }
+            let preserve = if note.preserve { " preserve=\"1\"" } else { "" };
+            let kind = note.kind.as_ref().map_or_else(String::new, |kind| format!(" type=\"{}\"", attribute(kind)));
+            // Writing to a string can't fail.
+            let _ = writeln!(text, "<metadata name=\"{name}\"{preserve}{kind}>{}</metadata>", content(&note.value));
+            written.push(name);
+        }
+    }
+}
+
+/// A name after a prefix. That some of those in use begin with a digit harms nobody.
+fn qualified(local: &str) -> String {
+    let clean = name(local);
+    match local.starts_with(|c: char| c.is_ascii_digit()) {
+        true => clean[1..].to_owned(),
+        false => clean,
+    }
 }
 
 #[cfg(test)]
