@@ -75,6 +75,49 @@ pub(super) fn read(bytes: &[u8], limits: &Limits) -> Result<ReadMesh, ReadError>
     }
 }
 
+/// How many facets are read of those that the header declares, where `length` bytes follow it.
+fn facets_to_read(declared: u32, length: usize, warnings: &mut Vec<String>) -> Result<usize, ReadError> {
+    let (whole, rest) = (length / FACET, length % FACET);
+    let count = usize::try_from(declared).unwrap_or(usize::MAX);
+    if count > whole {
+        if whole == 0 {
+            return Err(ReadError::at_byte(
+                ReadErrorKind::Truncated,
+                HEADER + length,
+                format!(
+                    "the header counts {declared} facets, but the file ends before the first is complete; send it again"
+                ),
+            ));
+        }
+        let cut = if rest > 0 { ", and the last is cut off" } else { "" };
+        warnings.push(format!(
+            "the header counts {declared} facets, but there are bytes for {whole}{cut}; the {whole} whole facets were read"
+        ));
+        Ok(whole)
+    } else if count == 0 && whole > 0 {
+        warnings.push(format!("the header counts 0 facets, but bytes for {whole} follow; they were read"));
+        if rest > 0 {
+            warnings.push(format!("{rest} bytes after the last whole facet were left out"));
+        }
+        Ok(whole)
+    } else if count == 0 {
+        Err(ReadError::whole(
+            ReadErrorKind::NoFaces,
+            "the STL file counts 0 facets and holds none; export the model again",
+        ))
+    } else {
+        let left = length - count * FACET;
+        if left >= FACET {
+            warnings.push(format!(
+                "the header counts {declared} facets, but bytes for {whole} follow; the {declared} that it counts were read and {left} bytes left out"
+            ));
+        } else if left > 0 {
+            warnings.push(format!("{left} bytes after the last facet were left out"));
+        }
+        Ok(count)
+    }
+}
+
 fn read_binary(bytes: &[u8], limits: &Limits) -> Result<ReadMesh, ReadError> {
     let length = bytes.len();
     let Some(declared) = declared(bytes) else {
@@ -87,46 +130,8 @@ fn read_binary(bytes: &[u8], limits: &Limits) -> Result<ReadMesh, ReadError> {
         ));
     };
     let body = &bytes[HEADER..];
-    let (whole, rest) = (body.len() / FACET, body.len() % FACET);
     let mut warnings = Vec::new();
-    let count = usize::try_from(declared).unwrap_or(usize::MAX);
-    let facets = if count > whole {
-        if whole == 0 {
-            return Err(ReadError::at_byte(
-                ReadErrorKind::Truncated,
-                length,
-                format!(
-                    "the header counts {declared} facets, but the file ends before the first is complete; send it again"
-                ),
-            ));
-        }
-        let cut = if rest > 0 { ", and the last is cut off" } else { "" };
-        warnings.push(format!(
-            "the header counts {declared} facets, but there are bytes for {whole}{cut}; the {whole} whole facets were read"
-        ));
-        whole
-    } else if count == 0 && whole > 0 {
-        warnings.push(format!("the header counts 0 facets, but bytes for {whole} follow; they were read"));
-        if rest > 0 {
-            warnings.push(format!("{rest} bytes after the last whole facet were left out"));
-        }
-        whole
-    } else if count == 0 {
-        return Err(ReadError::whole(
-            ReadErrorKind::NoFaces,
-            "the STL file counts 0 facets and holds none; export the model again",
-        ));
-    } else {
-        let left = body.len() - count * FACET;
-        if left >= FACET {
-            warnings.push(format!(
-                "the header counts {declared} facets, but bytes for {whole} follow; the {declared} that it counts were read and {left} bytes left out"
-            ));
-        } else if left > 0 {
-            warnings.push(format!("{left} bytes after the last facet were left out"));
-        }
-        count
-    };
+    let facets = facets_to_read(declared, body.len(), &mut warnings)?;
     limits.check_faces(facets as u64)?;
     limits.check_vertices(3 * facets as u64)?;
     let mut positions = Vec::with_capacity(3 * facets);

@@ -35,6 +35,14 @@ pub(super) struct File<'a> {
     spent: Cell<u64>,
 }
 
+/// The bytes that come with a document, for its buffers.
+pub(super) struct Attached<'a> {
+    /// The binary chunk with its offset in the file.
+    pub binary: Option<(usize, &'a [u8])>,
+    /// The files that came with it.
+    pub sidecars: &'a Sidecars<'a>,
+}
+
 /// Where the bytes of a buffer are.
 enum Source<'a> {
     /// Here, and the offset in the file where they are as they stand there.
@@ -56,20 +64,19 @@ pub(super) struct View<'f> {
 }
 
 impl<'a> File<'a> {
-    /// Finds the bytes of all buffers; `binary` is the binary chunk with its offset.
+    /// Finds the bytes of all buffers in a file of `length` bytes.
     pub fn new(
         document: Document<'a>,
-        binary: Option<(usize, &'a [u8])>,
+        attached: &Attached<'a>,
         limits: Limits,
         length: usize,
-        sidecars: &'a Sidecars<'a>,
         warnings: &mut Vec<String>,
     ) -> Result<Self, ReadError> {
         let mut buffers = Vec::with_capacity(document.buffers.len());
         for (number, buffer) in document.buffers.iter().enumerate() {
-            buffers.push(source(number, buffer, binary, sidecars, warnings)?);
+            buffers.push(source(number, buffer, attached, warnings)?);
         }
-        Ok(Self { document, buffers, limits, sidecars, length, spent: Cell::new(0) })
+        Ok(Self { document, buffers, limits, sidecars: attached.sidecars, length, spent: Cell::new(0) })
     }
 
     /// Counts work on so many entries, of which a small file can ask for any amount by naming the same ones again and again.
@@ -124,8 +131,7 @@ impl<'a> File<'a> {
 fn source<'a>(
     number: usize,
     buffer: &Buffer<'a>,
-    binary: Option<(usize, &'a [u8])>,
-    sidecars: &Sidecars<'_>,
+    attached: &Attached<'a>,
     warnings: &mut Vec<String>,
 ) -> Result<Source<'a>, ReadError> {
     let told = buffer.byte_length.index();
@@ -138,11 +144,11 @@ fn source<'a>(
             ..ReadError::whole(ReadErrorKind::Truncated, detail)
         }
     };
-    match (&buffer.uri, binary) {
+    match (&buffer.uri, attached.binary) {
         (Some(uri), _) => {
             let bytes = match data(uri) {
                 Some(bytes) => Some(bytes.map_err(|why| malformed(format!("the data of buffer {number} {why}")))?),
-                None => path(uri).and_then(|path| sidecars.file(&path, u64::MAX)),
+                None => path(uri).and_then(|path| attached.sidecars.file(&path, u64::MAX)),
             };
             match bytes {
                 Some(bytes) if bytes.len() < told => Err(short(bytes.len(), None)),

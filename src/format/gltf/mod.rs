@@ -38,7 +38,7 @@ use crate::mesh::Soup;
 use crate::scene::{Item, Object, PAINTLESS, PaintedMesh, Scene, Unit, Up};
 use container::Whole;
 use document::{Asset, Document, Extras, Mesh, Primitive};
-use file::{File, entry, malformed};
+use file::{Attached, File, entry, malformed};
 use paint::Painter;
 use pose::{Nodes, Pose, Posed};
 use primitive::{Mode, Source, Used};
@@ -74,7 +74,7 @@ pub(super) fn read(bytes: &[u8], options: &ReadOptions, sidecars: &Sidecars<'_>)
     };
     check_version(&document)?;
     check_extensions(&document, &mut warnings)?;
-    let file = File::new(document, binary, options.limits, bytes.len(), sidecars, &mut warnings)?;
+    let file = File::new(document, &Attached { binary, sidecars }, options.limits, bytes.len(), &mut warnings)?;
     let scene = Reading::new(&file)?.scene(&mut warnings)?;
     Ok(ReadScene { scene, format: Format::Glb, dialect: dialect.to_owned(), warnings })
 }
@@ -276,6 +276,8 @@ struct Meshes<'f, 'a> {
 struct Part<'f, 'a> {
     source: Source<'f, 'a>,
     faces: Vec<[u32; 3]>,
+    /// The number of its first face in the whole.
+    first_face: usize,
     /// The vertices that it has, used or not.
     vertices: usize,
 }
@@ -299,9 +301,8 @@ impl<'f, 'a> Meshes<'f, 'a> {
             }
         }
         let mut made = PaintedMesh::default();
-        let mut begins = Vec::with_capacity(parts.len());
-        for part in &parts {
-            begins.push(made.soup.faces.len());
+        for part in &mut parts {
+            part.first_face = made.soup.faces.len();
             made.soup.faces.extend_from_slice(&part.faces);
             self.painter.paint(&part.source, &part.faces, part.vertices, &mut made.paint)?;
         }
@@ -309,7 +310,7 @@ impl<'f, 'a> Meshes<'f, 'a> {
             made.paint = Vec::new();
         }
         for group in alike(&parts) {
-            self.place(&parts, &group, &begins, pose, &mut made.soup)?;
+            self.place(&parts, &group, pose, &mut made.soup)?;
         }
         Ok(made)
     }
@@ -323,7 +324,7 @@ impl<'f, 'a> Meshes<'f, 'a> {
         let mode = if primitive.extensions.draco.is_some() { Mode::List } else { mode };
         let faces = primitive::faces(mode, indices.as_ref(), positions.count, self.faces, &self.file.limits)?;
         self.faces += faces.len() as u64;
-        Ok(Some(Part { source, faces, vertices: positions.count }))
+        Ok(Some(Part { source, faces, first_face: 0, vertices: positions.count }))
     }
 
     /// Adds the vertices of parts that share them, and gives their faces the numbers that these have in the whole.
@@ -331,7 +332,6 @@ impl<'f, 'a> Meshes<'f, 'a> {
         &mut self,
         parts: &[Part<'f, 'a>],
         group: &[usize],
-        begins: &[usize],
         pose: &Pose,
         soup: &mut Soup,
     ) -> Result<(), ReadError> {
@@ -349,7 +349,8 @@ impl<'f, 'a> Meshes<'f, 'a> {
             soup.positions.push(posed.at(vertex as usize)?);
         }
         for &part in group {
-            let faces = &mut soup.faces[begins[part]..][..parts[part].faces.len()];
+            let Part { first_face, faces, .. } = &parts[part];
+            let faces = &mut soup.faces[*first_face..][..faces.len()];
             faces.as_flattened_mut().iter_mut().for_each(|vertex| *vertex = base + used.rank(*vertex));
         }
         Ok(())

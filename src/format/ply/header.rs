@@ -115,7 +115,18 @@ pub(super) struct Element {
     at: usize,
 }
 
+/// A row of an element.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Row<'e> {
+    pub element: &'e Element,
+    pub number: u64,
+}
+
 impl Element {
+    pub fn rows(&self) -> impl Iterator<Item = Row<'_>> {
+        (0..self.count).map(|number| Row { element: self, number })
+    }
+
     /// The bytes of a row of scalars; none if there is a list.
     pub fn fixed_size(&self) -> Option<usize> {
         self.properties.iter().map(|p| if let Kind::Scalar(s) = p.kind { Some(s.size()) } else { None }).sum()

@@ -18,7 +18,7 @@ use super::limits::ReadOptions;
 use super::paint::{Paints, Palettes, byte};
 use crate::mesh::{CornerNormals, Soup};
 use crate::scene::{PAINTLESS, Paint};
-use header::{Element, Encoding, Header, Kind, Meaning, Role, Scalar};
+use header::{Element, Encoding, Header, Kind, Meaning, Role, Row, Scalar};
 use values::{AsciiValues, BinaryValues, Values, list_length};
 pub(super) use write::{write, write_painted};
 
@@ -144,24 +144,24 @@ impl<V: Values> Elements<V> {
             self.normals.reserve_exact(count);
         }
         let has_colors = element.has_colors() && self.colors.is_some();
-        for row in 0..element.count {
+        for row in element.rows() {
             let (mut position, mut normal) = (DVec3::ZERO, DVec3::ZERO);
             let mut color = OPAQUE;
             for property in &element.properties {
                 match (property.kind, property.meaning) {
                     (Kind::Scalar(scalar), Meaning::Coordinate(k)) => {
-                        position[k] = self.values.real(scalar, element, row)?;
+                        position[k] = self.values.real(scalar, row)?;
                     }
                     (Kind::Scalar(scalar), Meaning::Normal(k)) if has_normals => {
-                        normal[k] = self.values.real_or_nothing(scalar, element, row)?;
+                        normal[k] = self.values.real_or_nothing(scalar, row)?;
                     }
                     (Kind::Scalar(scalar), Meaning::Color(k)) if has_colors => {
-                        color[k] = part(scalar, self.values.real_or_nothing(scalar, element, row)?);
+                        color[k] = part(scalar, self.values.real_or_nothing(scalar, row)?);
                     }
-                    (Kind::Scalar(scalar), _) => self.values.skip(scalar, 1, element, row)?,
+                    (Kind::Scalar(scalar), _) => self.values.skip(scalar, 1, row)?,
                     (Kind::List { count, item }, _) => {
-                        let length = list_length(&mut self.values, count, element, row)?;
-                        self.values.skip(item, length, element, row)?;
+                        let length = list_length(&mut self.values, count, row)?;
+                        self.values.skip(item, length, row)?;
                     }
                 }
             }
@@ -178,7 +178,7 @@ impl<V: Values> Elements<V> {
 
     fn read_faces(&mut self, element: &Element, faces: &mut Faces) -> Result<(), ReadError> {
         let has_colors = element.has_colors() && self.colors.is_some();
-        for row in 0..element.count {
+        for row in element.rows() {
             let (first, mut color) = (faces.len(), OPAQUE);
             // The first list of indices counts, should there be two.
             let mut taken = false;
@@ -186,14 +186,14 @@ impl<V: Values> Elements<V> {
                 match property.kind {
                     Kind::Scalar(scalar) => match property.meaning {
                         Meaning::Color(k) if has_colors => {
-                            color[k] = part(scalar, self.values.real_or_nothing(scalar, element, row)?);
+                            color[k] = part(scalar, self.values.real_or_nothing(scalar, row)?);
                         }
-                        _ => self.values.skip(scalar, 1, element, row)?,
+                        _ => self.values.skip(scalar, 1, row)?,
                     },
                     Kind::List { count, item } => {
-                        let length = list_length(&mut self.values, count, element, row)?;
+                        let length = list_length(&mut self.values, count, row)?;
                         if taken || property.meaning != Meaning::Indices {
-                            self.values.skip(item, length, element, row)?;
+                            self.values.skip(item, length, row)?;
                             continue;
                         }
                         taken = true;
@@ -201,15 +201,15 @@ impl<V: Values> Elements<V> {
                             return Err(self.values.refuse(
                                 ReadErrorKind::Truncated,
                                 format!(
-                                    "'{}' {row} of {} has a list of {length} vertices, which the rest of the file can't hold; the file is cut off or damaged",
-                                    element.name, element.count
+                                    "'{}' {} of {} has a list of {length} vertices, which the rest of the file can't hold; the file is cut off or damaged",
+                                    element.name, row.number, element.count
                                 ),
                             ));
                         }
                         if element.role == Role::Strips {
-                            self.strips(element, row, item, length, faces)?;
+                            self.strips(row, item, length, faces)?;
                         } else {
-                            self.polygon(element, row, item, length, faces)?;
+                            self.polygon(row, item, length, faces)?;
                         }
                     }
                 }
@@ -221,42 +221,28 @@ impl<V: Values> Elements<V> {
         Ok(())
     }
 
-    fn polygon(
-        &mut self,
-        element: &Element,
-        row: u64,
-        item: Scalar,
-        length: u64,
-        faces: &mut Faces,
-    ) -> Result<(), ReadError> {
+    fn polygon(&mut self, row: Row<'_>, item: Scalar, length: u64, faces: &mut Faces) -> Result<(), ReadError> {
         self.options.limits.check_faces(length.saturating_sub(2))?;
         self.corners.clear();
         for _ in 0..length {
-            let index = self.values.whole(item, element, row)?;
-            let vertex = self.vertex(index, element, row)?;
+            let index = self.values.whole(item, row)?;
+            let vertex = self.vertex(index, row)?;
             self.corners.push(vertex);
         }
         faces.polygon(&self.positions, &self.corners)
     }
 
     /// Triangle strips, one after the other with -1 between them; every second triangle of a strip is turned.
-    fn strips(
-        &mut self,
-        element: &Element,
-        row: u64,
-        item: Scalar,
-        length: u64,
-        faces: &mut Faces,
-    ) -> Result<(), ReadError> {
+    fn strips(&mut self, row: Row<'_>, item: Scalar, length: u64, faces: &mut Faces) -> Result<(), ReadError> {
         let mut last = [0; 2];
         let mut in_strip = 0_u64;
         for _ in 0..length {
-            let index = self.values.whole(item, element, row)?;
+            let index = self.values.whole(item, row)?;
             if index == -1 {
                 in_strip = 0;
                 continue;
             }
-            let vertex = self.vertex(index, element, row)?;
+            let vertex = self.vertex(index, row)?;
             if in_strip >= 2 {
                 let [a, b] = last;
                 if a == b || b == vertex || a == vertex {
@@ -274,20 +260,20 @@ impl<V: Values> Elements<V> {
     }
 
     #[inline]
-    fn vertex(&self, index: i64, element: &Element, row: u64) -> Result<u32, ReadError> {
+    fn vertex(&self, index: i64, row: Row<'_>) -> Result<u32, ReadError> {
         match u32::try_from(index) {
             Ok(vertex) if u64::from(vertex) < self.vertices => Ok(vertex),
-            _ => Err(self.out_of_range(index, element, row)),
+            _ => Err(self.out_of_range(index, row)),
         }
     }
 
     #[cold]
-    fn out_of_range(&self, index: i64, element: &Element, row: u64) -> ReadError {
+    fn out_of_range(&self, index: i64, row: Row<'_>) -> ReadError {
         self.values.refuse(
             ReadErrorKind::IndexOutOfRange,
             format!(
-                "'{}' {row} of {} names vertex {index}, but the file has {} vertices, counted from 0; export the model again",
-                element.name, element.count, self.vertices
+                "'{}' {} of {} names vertex {index}, but the file has {} vertices, counted from 0; export the model again",
+                row.element.name, row.number, row.element.count, self.vertices
             ),
         )
     }

@@ -4,8 +4,7 @@
 use std::collections::HashMap;
 use std::sync::Arc;
 
-use super::part::{Group, GroupKind, ObjectResource, Part, Placed, ShapeResource};
-use super::reader::Warnings;
+use super::part::{Group, GroupKind, ObjectResource, Part, Placed, ShapeResource, Warnings};
 use crate::format::archive::{Archive, key, shown};
 use crate::format::errors::{self, ReadError, ReadErrorKind};
 use crate::format::paint::MOST_PICTURE_BYTES;

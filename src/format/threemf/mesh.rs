@@ -2,8 +2,7 @@
 
 use glam::DVec3;
 
-use super::part::{PaintedBy, Part, ShapeResource};
-use super::reader::{ModelReader, index_in, not_a};
+use super::part::{ModelReader, PaintedBy, Part, ShapeResource, index_in, not_a};
 use super::schema::{Space, number};
 use super::xml::{Attribute, Tag, Xml};
 use crate::format::errors::{ReadError, ReadErrorKind, shown};

@@ -8,10 +8,8 @@ mod mesh;
 mod model;
 mod part;
 mod properties;
-mod reader;
 mod schema;
 mod write;
-mod write_text;
 mod xml;
 
 use std::collections::HashSet;
@@ -24,8 +22,7 @@ use super::errors::{ReadError, ReadErrorKind};
 use super::formats::Format;
 use super::limits::ReadOptions;
 use crate::scene::Scene;
-use part::{Part, ShapeResource};
-use reader::ModelReader;
+use part::{ModelReader, Part, ShapeResource};
 use schema::{MODEL_RELATIONSHIP, TEXTURE_RELATIONSHIP, resolve};
 use xml::Xml;
 

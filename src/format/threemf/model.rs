@@ -2,8 +2,7 @@
 
 use std::collections::HashSet;
 
-use super::part::{ObjectResource, Part, Placed, ShapeResource};
-use super::reader::{ModelReader, index_in, not_a};
+use super::part::{ModelReader, ObjectResource, Part, Placed, ShapeResource, index_in, not_a};
 use super::schema::{self, Space, boolean, can_be_passed, matrix, resolve, subject, words};
 use super::xml::{Tag, Xml};
 use super::{mesh, properties};

@@ -1,7 +1,6 @@
 //! Materials, colours and textures as resources (core specification, chapter 5; materials extension, chapters 2 to 6).
 
-use super::part::{Group, GroupKind, Part, TextureResource};
-use super::reader::{ModelReader, index_in, not_a};
+use super::part::{Group, GroupKind, ModelReader, Part, TextureResource, index_in, not_a};
 use super::schema::{Space, color, number, resolve, words};
 use super::xml::{Tag, Xml};
 use crate::format::errors::{ReadError, ReadErrorKind, shown};

@@ -8,8 +8,7 @@ use glam::DAffine3;
 use zip::ZipWriter;
 use zip::result::ZipResult;
 
-use super::schema::{CORE, MATERIAL, MODEL_RELATIONSHIP, TEXTURE_RELATIONSHIP};
-use super::write_text::{Prefixes, attribute};
+use super::schema::{CORE, MATERIAL, MODEL_RELATIONSHIP, Prefixes, TEXTURE_RELATIONSHIP, attribute};
 use crate::format::archive::{compressed, stored};
 use crate::format::errors::WriteError;
 use crate::scene::{

@@ -308,9 +308,9 @@ fn members_that_lie_are_refused() {
 fn indices_beyond_the_vertices_are_refused_where_they_stand() {
     let mut model = Model::tetrahedron();
     model.bytes[48 + 10] = 9;
-    let error = super::read(&model.glb()).expect_err("vertex 9");
+    let error = read(&model.glb()).expect_err("vertex 9");
     assert_eq!(error.kind, IndexOutOfRange);
-    let Some(super::super::super::Place::Byte(at)) = error.place else { panic!("{error}") };
+    let Some(Place::Byte(at)) = error.place else { panic!("{error}") };
     assert_eq!(model.glb()[at as usize], 9);
     model.bytes[48 + 10..48 + 12].copy_from_slice(&[255, 255]);
     model.assert_refused(IndexOutOfRange, "largest of its type");
@@ -383,7 +383,7 @@ fn pictures_over_each_other_are_refused() {
     let view = model.view(&picture);
     let begin = model.json["bufferViews"][view]["byteOffset"].as_u64().expect("a number");
     for number in 0..50_u64 {
-        super::push(
+        push(
             &mut model.json["bufferViews"],
             json!({ "buffer": 0, "byteOffset": begin + 3 * number, "byteLength": 100_000 }),
         );
@@ -423,7 +423,7 @@ fn a_file_with_any_one_byte_changed_is_answered() {
         for value in [0, b'9', b'"', b'{', b']', b',', b'-', 0x7F, 0xFF] {
             let mut bytes = whole.clone();
             bytes[at] = value;
-            match super::read(&bytes) {
+            match read(&bytes) {
                 Ok(read) => assert!(read.scene.placed_faces() > 0 && read.warnings.len() <= 6),
                 Err(error) => assert!(!error.detail.is_empty() && error.detail.len() < 600, "{error}"),
             }
