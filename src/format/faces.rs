@@ -1,3 +1,5 @@
+//! The polygons of an indexed format as triangles.
+
 use glam::DVec3;
 
 use super::content::Polygons;

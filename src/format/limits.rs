@@ -1,3 +1,5 @@
+//! What a reader may spend on a file, and how it reads.
+
 use serde::{Deserialize, Serialize};
 
 use super::errors::{ReadError, ReadErrorKind};

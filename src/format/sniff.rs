@@ -124,46 +124,8 @@ fn is_off_without_keyword(head: &[u8]) -> bool {
 }
 
 /// Statements that an OBJ file may begin with, after Wavefront's "Advanced Visualizer Manual", appendix B1.
-const OBJ_STATEMENTS: [&str; 38] = [
-    "v",
-    "vt",
-    "vn",
-    "vp",
-    "f",
-    "fo",
-    "l",
-    "p",
-    "o",
-    "g",
-    "s",
-    "mg",
-    "usemtl",
-    "mtllib",
-    "usemap",
-    "maplib",
-    "cstype",
-    "deg",
-    "bmat",
-    "step",
-    "curv",
-    "curv2",
-    "surf",
-    "parm",
-    "trim",
-    "hole",
-    "scrv",
-    "sp",
-    "end",
-    "con",
-    "bevel",
-    "c_interp",
-    "d_interp",
-    "lod",
-    "shadow_obj",
-    "trace_obj",
-    "ctech",
-    "stech",
-];
+const OBJ_STATEMENTS: &str = "v vt vn vp f fo l p o g s mg usemtl mtllib usemap maplib cstype deg bmat step curv curv2 \
+    surf parm trim hole scrv sp end con bevel c_interp d_interp lod shadow_obj trace_obj ctech stech";
 
 /// The first statement is one of OBJ's, or there is a line `v x y z`, or there is nothing but comments.
 fn is_obj(head: &[u8]) -> bool {
@@ -171,7 +133,7 @@ fn is_obj(head: &[u8]) -> bool {
     let Some(first) = text.word() else {
         return head.contains(&b'#');
     };
-    let is_statement = OBJ_STATEMENTS.iter().any(|s| first.bytes == s.as_bytes());
+    let is_statement = OBJ_STATEMENTS.split(' ').any(|s| first.bytes == s.as_bytes());
     // A letter alone starts many a text; what follows has to fit.
     let mut rest = text.clone();
     let second = rest.word_on_line();

@@ -1,3 +1,5 @@
+//! Objects, what they are made of, and the items that are built of them.
+
 use glam::DAffine3;
 
 use super::{PaintedMesh, Palette, Texture, Unit, Up};

@@ -2,7 +2,7 @@
 
 use std::collections::HashSet;
 
-use super::part::{ModelReader, ObjectResource, Part, Placed, ShapeResource, index_in, not_a};
+use super::part::{Group, ModelReader, ObjectResource, Part, Placed, ShapeResource, index_in, not_a};
 use super::schema::{self, Space, boolean, can_be_passed, matrix, resolve, subject, words};
 use super::xml::{Tag, Xml};
 use super::{mesh, properties};
@@ -88,19 +88,24 @@ impl ModelReader {
                 return self.object(xml, tag, id, part);
             }
             self.budget.resource(xml)?;
-            match (tag.space, tag.name()) {
-                (Space::Core, b"basematerials") => properties::materials(self, xml, tag, id, part),
-                (Space::Material, b"colorgroup") => properties::colors(self, xml, tag, id, part),
-                (Space::Material, b"texture2d") => properties::texture(self, xml, tag, id, part),
-                (Space::Material, b"texture2dgroup") => properties::places(self, xml, tag, id, part),
-                (Space::Material, b"compositematerials") => properties::composites(self, xml, tag, id, part),
-                (Space::Material, b"multiproperties") => properties::layers(self, xml, tag, id, part),
+            let kind = match (tag.space, tag.name()) {
+                (Space::Core, b"basematerials") => properties::materials(self, xml, tag)?,
+                (Space::Material, b"colorgroup") => properties::colors(self, xml, tag)?,
+                (Space::Material, b"texture2dgroup") => properties::places(self, xml, tag)?,
+                (Space::Material, b"compositematerials") => properties::composites(self, xml, tag)?,
+                (Space::Material, b"multiproperties") => properties::layers(self, xml, tag)?,
+                (Space::Material, b"texture2d") => {
+                    part.textures.push(properties::texture(self, xml, tag, id)?);
+                    return Ok(());
+                }
                 (Space::Material, _) => {
                     self.warnings.tell("how materials shine (display properties) was left out");
-                    Ok(())
+                    return Ok(());
                 }
-                _ => self.unknown(xml, tag),
-            }
+                _ => return self.unknown(xml, tag),
+            };
+            part.groups.push(Group { id, kind });
+            Ok(())
         })
     }
 
