@@ -141,11 +141,13 @@ pub(super) fn is_likely_3mf(head: &[u8]) -> bool {
 }
 
 /// A reader of a file's bytes, and how long the directory says that it is.
+type Packed<'z> = (Box<dyn Read + 'z>, u64);
+
 fn unpack<'z>(
     zip: &'z mut ZipArchive<Cursor<&[u8]>>,
     index: Option<usize>,
     name: &str,
-) -> Result<Option<(Box<dyn Read + 'z>, u64)>, ReadError> {
+) -> Result<Option<Packed<'z>>, ReadError> {
     let Some(index) = index else { return Ok(None) };
     let entry = zip.by_index_data(index).map_err(|error| cant_be_unpacked(name, &error))?;
     let unsupported = |detail: String| Err(ReadError::whole(ReadErrorKind::UnsupportedFormat, detail));

@@ -180,13 +180,13 @@ pub struct Instance {
     pub first_face: usize,
 }
 
-/// What an instance is made of: the materials of its faces. Surfaces with several colours or a picture all count as one material, since
+/// The material of an object: that of its faces. Surfaces with several colours or a picture all count as one material, since
 /// their colours are drawn on a body rather than being bodies.
 #[derive(Debug, Clone, PartialEq, Eq)]
-enum Made {
-    OfNothingNamed,
-    Of(u32, u32),
-    Colored,
+enum ObjectMaterial {
+    Unnamed,
+    One(u32, u32),
+    Several,
 }
 
 impl Scene {
@@ -197,17 +197,17 @@ impl Scene {
     #[must_use]
     pub fn materials_of(&self, instances: &[Instance]) -> Option<Vec<u32>> {
         let mut of_object: Vec<Option<u32>> = vec![None; self.objects.len()];
-        let mut known: Vec<Made> = Vec::new();
+        let mut known: Vec<ObjectMaterial> = Vec::new();
         let mut materials = Vec::with_capacity(instances.len());
         for instance in instances {
             let object = instance.object as usize;
             let number = match of_object[object] {
                 Some(number) => number,
                 None => {
-                    let made = self.made_of(object);
-                    let at = known.iter().position(|other| *other == made);
+                    let material = self.material_of_object(object);
+                    let at = known.iter().position(|other| *other == material);
                     let number = at.unwrap_or_else(|| {
-                        known.push(made);
+                        known.push(material);
                         known.len() - 1
                     });
                     u32::try_from(number).unwrap_or(u32::MAX)
@@ -221,17 +221,17 @@ impl Scene {
         printed.any(|number| number != first).then_some(materials)
     }
 
-    fn made_of(&self, object: usize) -> Made {
-        let Some(mesh) = self.objects[object].mesh() else { return Made::OfNothingNamed };
+    fn material_of_object(&self, object: usize) -> ObjectMaterial {
+        let Some(mesh) = self.objects[object].mesh() else { return ObjectMaterial::Unnamed };
         let (mut entry, mut is_bare) = (None, mesh.paint.is_empty());
         for paint in &mesh.paint {
             is_bare |= *paint == PAINTLESS;
             match self.palettes.get(paint.palette as usize) {
-                Some(Palette::Textured { .. }) => return Made::Colored,
+                Some(Palette::Textured { .. }) => return ObjectMaterial::Several,
                 Some(Palette::Colors(_) | Palette::Materials(_)) => {
                     for at in paint.at {
                         if *entry.get_or_insert((paint.palette, at)) != (paint.palette, at) {
-                            return Made::Colored;
+                            return ObjectMaterial::Several;
                         }
                     }
                 }
@@ -239,8 +239,8 @@ impl Scene {
             }
         }
         match entry {
-            Some((palette, at)) if !is_bare => Made::Of(palette, at),
-            _ => Made::OfNothingNamed,
+            Some((palette, at)) if !is_bare => ObjectMaterial::One(palette, at),
+            _ => ObjectMaterial::Unnamed,
         }
     }
 }

@@ -18,7 +18,7 @@ use super::paint::Paints;
 use super::sidecar::Sidecars;
 use super::text::{Text, Word, integer, number};
 use crate::mesh::{CornerNormals, Soup};
-use paint::{Said, field_index};
+use paint::{PaintStatements, field_index};
 pub(super) use write::{write, write_painted};
 
 /// Statements whose line ends where it ends: the names in them may end in a backslash.
@@ -66,7 +66,7 @@ struct Reader<'a> {
     /// The normals at `corners`.
     corner_normals: Vec<u32>,
     /// What is said of paint, where somebody wants to know.
-    said: Option<Said<'a>>,
+    statements: Option<PaintStatements<'a>>,
     /// The places in pictures at `corners`.
     corner_places: Vec<u32>,
     /// The largest index that was named before its vertex, and where.
@@ -89,7 +89,7 @@ pub(super) fn read(bytes: &[u8], options: &ReadOptions, sidecars: Option<&Sideca
         corners: Vec::new(),
         normals: Vec::new(),
         corner_normals: Vec::new(),
-        said: sidecars.map(|sidecars| Said::new(options.limits, sidecars.is_something())),
+        statements: sidecars.map(|sidecars| PaintStatements::new(options.limits, sidecars.is_something())),
         corner_places: Vec::new(),
         ahead: None,
         face_statements: 0,
@@ -112,15 +112,15 @@ impl<'a> Reader<'a> {
             b"f" | b"fo" => return self.face(word),
             b"vn" => self.normal(),
             b"vt" => {
-                if let Some(said) = &mut self.said {
-                    said.place(&mut self.text);
+                if let Some(statements) = &mut self.statements {
+                    statements.place(&mut self.text);
                 }
             }
             b"usemtl" | b"mtllib" => {
                 let name = self.text.rest_of_line();
-                match &mut self.said {
-                    Some(said) if word.bytes == b"usemtl" => said.material(name, self.faces.len()),
-                    Some(said) => said.library(name),
+                match &mut self.statements {
+                    Some(statements) if word.bytes == b"usemtl" => statements.material(name, self.faces.len()),
+                    Some(statements) => statements.library(name),
                     None => {}
                 }
                 return Ok(());
@@ -158,8 +158,8 @@ impl<'a> Reader<'a> {
             *value = self.text.number(word, "a coordinate of a vertex")?;
         }
         self.positions.push(DVec3::from_array(position));
-        if let Some(said) = &mut self.said {
-            said.color(self.positions.len() - 1, &mut self.text);
+        if let Some(statements) = &mut self.statements {
+            statements.color(self.positions.len() - 1, &mut self.text);
         }
         self.text.skip_statement();
         Ok(())
@@ -197,7 +197,7 @@ impl<'a> Reader<'a> {
                 self.corner_normals.resize(self.corners.len() - 1, NONE);
                 self.corner_normals.push(normal);
             }
-            if let Some(place) = self.said.as_ref().and_then(|said| said.place_index(word)) {
+            if let Some(place) = self.statements.as_ref().and_then(|statements| statements.place_index(word)) {
                 self.corner_places.resize(self.corners.len() - 1, NONE);
                 self.corner_places.push(place);
             }
@@ -284,8 +284,8 @@ impl<'a> Reader<'a> {
                 shown(first.bytes)
             ));
         }
-        let paints = match (self.said, sidecars) {
-            (Some(said), Some(sidecars)) => said.paint(&faces, &places, sidecars, &mut warnings),
+        let paints = match (self.statements, sidecars) {
+            (Some(statements), Some(sidecars)) => statements.paint(&faces, &places, sidecars, &mut warnings),
             _ => Paints::default(),
         };
         let soup = Soup { positions: self.positions, faces };

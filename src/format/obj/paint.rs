@@ -16,7 +16,7 @@ use crate::scene::{Material, PAINTLESS, Paint, Palette, Texture, Wrap};
 const LIBRARIES: usize = 100;
 
 /// What has been said so far.
-pub(super) struct Said<'a> {
+pub(super) struct PaintStatements<'a> {
     limits: Limits,
     /// Whether there may be pictures, for which alone places in them are of use.
     pictures: bool,
@@ -31,7 +31,7 @@ pub(super) struct Said<'a> {
     colors: Vec<[f32; 3]>,
 }
 
-impl<'a> Said<'a> {
+impl<'a> PaintStatements<'a> {
     pub fn new(limits: Limits, pictures: bool) -> Self {
         let (places, libraries, names, numbers) = (Vec::new(), Vec::new(), Vec::new(), FxHashMap::default());
         Self { limits, pictures, places, libraries, names, numbers, uses: Vec::new(), colors: Vec::new() }
