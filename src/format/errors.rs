@@ -1,3 +1,5 @@
+//! Why a file can't be read or written, and where in it.
+
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 

@@ -1,8 +1,11 @@
+//! The polygons of an indexed format as triangles.
+
 use glam::DVec3;
 
+use super::content::Polygons;
 use super::errors::ReadError;
+use super::limits::{Limits, ReadOptions};
 use super::polygon::Cutter;
-use super::{Limits, Polygons, ReadOptions};
 
 /// Collects the polygons of an indexed format as triangles, in the file's order.
 pub(super) struct Faces {

@@ -1,6 +1,11 @@
+//! What a reader may spend on a file, and how it reads.
+
 use serde::{Deserialize, Serialize};
 
 use super::errors::{ReadError, ReadErrorKind};
+
+/// How much of a file is looked at to tell its format. Longer heads are cut to this, so that a reader and a sniffer agree.
+pub(super) const HEAD: usize = 4096;
 
 /// What a reader may spend on one file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]

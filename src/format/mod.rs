@@ -1,185 +1,41 @@
-//! Bytes to [`Soup`] and back: one file a format, found by content and never by name.
+//! Bytes to [`Soup`] and back: one file or folder a format, found by content and never by name.
+//!
+//! The way of a file: [`sniff`] names its format from its first bytes; `archive` opens what is packed, and `sidecar` finds the model in it;
+//! the format's reader makes a mesh or a scene of it, which `content` holds; and the format's writer makes bytes again.
 //!
 //! Every input is hostile: readers check counts against [`Limits`] and against the bytes that are there before they
 //! allocate, and answer a [`ReadError`] that names the byte or line and what was expected there.
 
 mod archive;
-mod beside;
-mod bundle;
 mod content;
 mod errors;
 mod faces;
-mod facet_normals;
-mod foreign;
+mod formats;
 mod gltf;
-mod lengths;
 mod limits;
-mod losses;
 mod obj;
 mod off;
-mod palettes;
-mod pictures;
+mod paint;
 mod ply;
 mod polygon;
-mod scenes;
+mod sidecar;
 mod sniff;
 mod stl;
 mod text;
 mod threemf;
 mod vertex_face;
 
-use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
-
+pub use content::{Polygons, ReadFile, ReadMesh, ReadScene};
 pub use errors::{Place, ReadError, ReadErrorKind, WriteError};
+pub use formats::{Format, Loss, losses, losses_in_words};
 pub use limits::{Limits, ReadOptions};
-pub use losses::{Loss, losses, losses_in_words};
-pub use scenes::{ReadFile, ReadScene};
+pub use sniff::sniff;
 
-use crate::math::Precision;
-use crate::mesh::{CornerNormals, Numbering, Soup};
+use crate::mesh::Soup;
 use crate::scene::{PaintedMesh, Scene};
+use archive::Archive;
 use content::Content;
-
-/// A file format that is both read and written.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
-#[serde(rename_all = "lowercase")]
-pub enum Format {
-    /// Stereolithography, binary or ASCII; written as binary. Coordinates are f32 and there are no indices.
-    Stl,
-    /// Wavefront OBJ.
-    Obj,
-    /// Stanford PLY, ASCII or binary of either byte order; written as little-endian binary.
-    Ply,
-    /// Object File Format with its variants.
-    Off,
-    /// Lines `Vertex i x y z` and `Face j v1 v2 v3`, as meshalyzer has them; numbers count from 1.
-    Mesh,
-    /// glTF 2.0: GLB, or JSON with buffers that are embedded or, in a ZIP archive, beside it; written as GLB. Coordinates are f32, in metres.
-    Glb,
-    /// 3D Manufacturing Format: objects, places, colours and a unit, in a ZIP archive.
-    #[serde(rename = "3mf")]
-    ThreeMf,
-    /// Wavefront OBJ with its materials and pictures in a ZIP archive. One model of any other format may be in the archive too, and is then read
-    /// as what it is.
-    Zip,
-}
-
-impl Format {
-    /// All formats.
-    pub const ALL: [Self; 8] =
-        [Self::Stl, Self::Obj, Self::Ply, Self::Off, Self::Mesh, Self::Glb, Self::ThreeMf, Self::Zip];
-
-    /// The usual ending of a file's name, without the point.
-    #[must_use]
-    pub fn extension(self) -> &'static str {
-        match self {
-            Self::Stl => "stl",
-            Self::Obj => "obj",
-            Self::Ply => "ply",
-            Self::Off => "off",
-            Self::Mesh => "mesh",
-            Self::Glb => "glb",
-            Self::ThreeMf => "3mf",
-            Self::Zip => "zip",
-        }
-    }
-
-    /// The precision in which coordinates are written.
-    #[must_use]
-    pub fn precision(self) -> Precision {
-        match self {
-            Self::Stl | Self::Glb => Precision::F32,
-            _ => Precision::F64,
-        }
-    }
-
-    /// Whether faces share vertices by their indices, so that a reader takes them as they are. STL has no indices, and glTF gives a vertex
-    /// once for each normal and each place in a picture, so that readers of both join vertices by position.
-    #[must_use]
-    pub fn is_indexed(self) -> bool {
-        !matches!(self, Self::Stl | Self::Glb)
-    }
-
-    /// Whether it says what faces are painted with.
-    #[must_use]
-    pub fn has_paint(self) -> bool {
-        matches!(self, Self::Ply | Self::Zip | Self::Glb | Self::ThreeMf)
-    }
-
-    /// Whether it keeps objects apart, each in its places.
-    #[must_use]
-    pub fn has_objects(self) -> bool {
-        matches!(self, Self::Glb | Self::ThreeMf)
-    }
-}
-
-/// A mesh read from bytes, with what a reader should tell.
-#[derive(Debug, Clone, PartialEq)]
-pub struct ReadMesh {
-    /// The triangles.
-    pub soup: Soup,
-    /// The format that was found.
-    pub format: Format,
-    /// The dialect in words: `binary STL`, `ASCII PLY`, `COFF`.
-    pub dialect: String,
-    /// The file's own numbers, where the format has numbers.
-    pub numbering: Option<Numbering>,
-    /// The normals that the file gives, if it gives any. None of them is ever a reason not to read a file.
-    pub normals: Option<CornerNormals>,
-    /// Of each face the number of its material, where the file is an assembly of bodies of several materials: 3MF alone. Bodies of one
-    /// material are judged together, and may touch those of another.
-    pub materials: Option<Vec<u32>>,
-    /// The polygons of more than three corners that were cut.
-    pub polygons: Polygons,
-    /// Oddities that were read past, each a sentence for the person who sent the file.
-    pub warnings: Vec<String>,
-}
-
-impl ReadMesh {
-    /// Triangles of a file of this format and dialect that says nothing else.
-    pub(crate) fn of(soup: Soup, format: Format, dialect: impl Into<String>) -> Self {
-        Self {
-            soup,
-            format,
-            dialect: dialect.into(),
-            numbering: None,
-            normals: None,
-            materials: None,
-            polygons: Polygons::default(),
-            warnings: Vec::new(),
-        }
-    }
-
-    /// Other triangles of the same file.
-    #[must_use]
-    pub fn of_same_file(&self, soup: Soup) -> Self {
-        Self::of(soup, self.format, self.dialect.clone())
-    }
-}
-
-/// The polygons of more than three corners in a file.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Polygons {
-    /// How many there are.
-    pub count: u64,
-    /// How many are twisted by more than [`ReadOptions::twist_angle_deg`]; they were cut with the least fold.
-    pub twisted: u64,
-    /// The largest twist of one, in degrees: the largest angle between the plane of the polygon through its corners' middle and the way from
-    /// there to a corner, after Mesh Heal (seed 001).
-    pub largest_twist_deg: f64,
-}
-
-/// Names the format of a file from its first bytes and its length where it is known.
-///
-/// 4096 bytes are enough, and no more are looked at, so that [`read`] finds the same format; but what an archive holds is only told by its
-/// end, so that [`Format::ThreeMf`] and [`Format::Zip`] may turn out to be each other, or what the archive holds.
-///
-/// # Errors
-/// [`ReadErrorKind::Empty`], [`ReadErrorKind::UnknownFormat`] or [`ReadErrorKind::UnsupportedFormat`], with what was found.
-pub fn sniff(head: &[u8], length: Option<u64>) -> Result<Format, ReadError> {
-    sniff::sniff(head, length)
-}
+use sidecar::{Files, Sidecars};
 
 /// Reads a whole file of any known format.
 ///
@@ -204,7 +60,7 @@ pub fn read_with(bytes: &[u8], options: &ReadOptions) -> Result<ReadMesh, ReadEr
 /// # Errors
 /// As [`read`].
 pub fn read_shape(bytes: &[u8], options: &ReadOptions) -> Result<ReadFile, ReadError> {
-    Content::read(bytes, options, false)?.into_file(&options.limits)
+    read_content(bytes, options, false)?.into_file(&options.limits)
 }
 
 /// Reads a whole file with all that it holds.
@@ -212,7 +68,7 @@ pub fn read_shape(bytes: &[u8], options: &ReadOptions) -> Result<ReadFile, ReadE
 /// # Errors
 /// As [`read`].
 pub fn read_file(bytes: &[u8], options: &ReadOptions) -> Result<ReadFile, ReadError> {
-    Content::read(bytes, options, true)?.into_file(&options.limits)
+    read_content(bytes, options, true)?.into_file(&options.limits)
 }
 
 /// Reads a whole file with its objects, where they stand and what they are painted with.
@@ -220,7 +76,66 @@ pub fn read_file(bytes: &[u8], options: &ReadOptions) -> Result<ReadFile, ReadEr
 /// # Errors
 /// As [`read`].
 pub fn read_scene(bytes: &[u8], options: &ReadOptions) -> Result<ReadScene, ReadError> {
-    Content::read(bytes, options, true).map(Content::into_scene)
+    read_content(bytes, options, true).map(Content::into_scene)
+}
+
+/// Reads a whole file, whatever its format; the colours of a mesh only where they are asked for.
+fn read_content(bytes: &[u8], options: &ReadOptions, painted: bool) -> Result<Content, ReadError> {
+    options.limits.check_bytes(bytes.len() as u64)?;
+    match sniff(bytes, Some(bytes.len() as u64))? {
+        // Only the whole of an archive tells what it holds.
+        Format::ThreeMf | Format::Zip => read_archive(bytes, options, painted),
+        format => read_model(format, bytes, options, painted, &Sidecars::nothing()),
+    }
+}
+
+/// Reads an archive: 3MF, which is one too, or one that holds a model.
+fn read_archive(bytes: &[u8], options: &ReadOptions, painted: bool) -> Result<Content, ReadError> {
+    let mut archive = Archive::open(bytes, &options.limits)?;
+    if let Some(scene) = threemf::read(&mut archive, options)? {
+        return Ok(Content::Scene(scene));
+    }
+    let (name, format) = sidecar::model_of(&archive)?;
+    let model = archive.bytes(name, options.limits.max_bytes)?.unwrap_or_default();
+    let sidecars = Sidecars::of(name, &archive, &options.limits);
+    let within = |error: ReadError| {
+        let detail = format!("in the archive's file {}: {}", archive::shown(name), error.detail);
+        ReadError { detail, ..error }
+    };
+    let mut content = read_model(format, &model, options, painted, &sidecars).map_err(within)?;
+    let (format, dialect, warnings) = content.account();
+    if *format == Format::Obj {
+        *format = Format::Zip;
+    }
+    dialect.push_str(" in a ZIP archive");
+    warnings.extend(sidecars.warnings());
+    Ok(content)
+}
+
+/// Reads a file of a format.
+fn read_model(
+    format: Format,
+    bytes: &[u8],
+    options: &ReadOptions,
+    painted: bool,
+    sidecars: &Sidecars<'_>,
+) -> Result<Content, ReadError> {
+    let mesh = match format {
+        Format::Stl => stl::read(bytes, &options.limits)?.into(),
+        Format::Obj => obj::read(bytes, options, painted.then_some(sidecars))?,
+        Format::Ply => ply::read(bytes, options, painted)?,
+        Format::Off => off::read(bytes, options)?.into(),
+        Format::Mesh => vertex_face::read(bytes, &options.limits)?.into(),
+        Format::Glb => return gltf::read(bytes, options, sidecars).map(Content::Scene),
+        Format::ThreeMf | Format::Zip => {
+            let read = threemf::read(&mut Archive::open(bytes, &options.limits)?, options)?;
+            return read.map(Content::Scene).ok_or_else(|| {
+                let detail = "the ZIP archive holds no 3MF model; unpack it, and send the model that is in it";
+                ReadError::whole(ReadErrorKind::UnsupportedFormat, detail)
+            });
+        }
+    };
+    Ok(Content::Mesh(Box::new(mesh)))
 }
 
 /// Writes a mesh in a format. The same mesh gives the same bytes, and reading them gives the same mesh: exactly for OBJ, in an archive or not,
@@ -238,7 +153,7 @@ pub fn write(soup: &Soup, format: Format) -> Result<Vec<u8>, WriteError> {
         Format::Ply => Ok(ply::write(soup)),
         Format::Off => Ok(off::write(soup)),
         Format::Mesh => Ok(vertex_face::write(soup)),
-        Format::Zip => bundle::pack(&obj::Files { obj: obj::write(soup), mtl: None, pictures: Vec::new() }),
+        Format::Zip => sidecar::pack(&Files { obj: obj::write(soup), mtl: None, pictures: Vec::new() }),
         Format::Glb | Format::ThreeMf => {
             write_scene(&Scene::of_mesh(PaintedMesh { soup: soup.clone(), paint: Vec::new() }), format)
         }
@@ -254,13 +169,12 @@ pub fn write(soup: &Soup, format: Format) -> Result<Vec<u8>, WriteError> {
 /// # Panics
 /// As [`write`].
 pub fn write_scene(scene: &Scene, format: Format) -> Result<Vec<u8>, WriteError> {
+    let placed = || scene.placed(u64::from(u32::MAX)).map_err(|_| WriteError::TooLarge);
     match format {
         Format::ThreeMf => threemf::write(scene),
         Format::Glb => gltf::write(scene),
-        Format::Zip => bundle::write(scene),
-        _ => {
-            let mesh = scene.placed(u64::from(u32::MAX)).map_err(|_| WriteError::TooLarge)?;
-            if format == Format::Ply { Ok(ply::write_painted(&mesh, scene)) } else { write(&mesh.soup, format) }
-        }
+        Format::Zip => sidecar::pack(&obj::write_painted(&placed()?, scene, sidecar::MATERIALS)),
+        Format::Ply => Ok(ply::write_painted(&placed()?, scene)),
+        Format::Stl | Format::Obj | Format::Off | Format::Mesh => write(&placed()?.soup, format),
     }
 }

@@ -4,11 +4,12 @@ use std::fmt::Write as _;
 
 use glam::DVec3;
 
+use super::content::{Polygons, ReadMesh};
 use super::errors::{ReadError, ReadErrorKind, shown};
 use super::faces::Faces;
-use super::sniff::is_off_keyword;
+use super::formats::Format;
+use super::limits::ReadOptions;
 use super::text::{Text, Word};
-use super::{Format, Polygons, ReadMesh, ReadOptions};
 use crate::mesh::Soup;
 
 /// The least bytes that a vertex (`0 0 0` and a line end) and a face (`0` and a line end) take.
@@ -69,6 +70,21 @@ pub(super) fn read(bytes: &[u8], options: &ReadOptions) -> Result<ReadMesh, Read
     }
     let soup = Soup { positions, faces: soup_faces };
     Ok(ReadMesh { polygons, warnings, ..ReadMesh::of(soup, Format::Off, dialect) })
+}
+
+/// `OFF` with the prefixes that its page in the Geomview manual gives: `[ST][C][N][4][n]OFF`.
+pub(super) fn is_off_keyword(word: &[u8]) -> bool {
+    let Some((prefix, keyword)) = word.split_at_checked(word.len().saturating_sub(3)) else { return false };
+    if !keyword.eq_ignore_ascii_case(b"off") {
+        return false;
+    }
+    let mut rest = prefix;
+    for part in [&b"ST"[..], b"C", b"N", b"4", b"n"] {
+        if rest.len() >= part.len() && rest[..part.len()].eq_ignore_ascii_case(part) {
+            rest = &rest[part.len()..];
+        }
+    }
+    rest.is_empty()
 }
 
 /// The dialect by its keyword; refuses those with other than three coordinates, and the binary one.

@@ -11,7 +11,7 @@ use earcut::{Earcut, Refiner};
 use glam::DVec3;
 use robust::{Coord, orient2d};
 
-use super::Polygons;
+use super::content::Polygons;
 
 /// Cuts polygons, keeping its buffers from one to the next.
 pub(super) struct Cutter {

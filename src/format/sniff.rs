@@ -5,15 +5,20 @@
 //! the count is wrong, numbers that look like coordinates have to do.
 
 use super::errors::{ReadError, ReadErrorKind, shown};
-use super::foreign;
+use super::formats::Format;
+use super::limits::HEAD;
+use super::off::is_off_keyword;
 use super::text::{Text, UTF8_MARK, integer, number};
-use super::{Format, archive, gltf, stl, threemf, vertex_face};
+use super::{archive, gltf, stl, vertex_face};
 
-/// How much of a file is looked at. Longer heads are cut to this, so that a reader and a sniffer agree.
-pub(super) const HEAD: usize = 4096;
-
-/// See [`super::sniff`].
-pub(super) fn sniff(head: &[u8], length: Option<u64>) -> Result<Format, ReadError> {
+/// Names the format of a file from its first bytes and its length where it is known.
+///
+/// 4096 bytes are enough, and no more are looked at, so that [`read`](super::read) finds the same format; but what an archive holds is only told by its
+/// end, so that [`Format::ThreeMf`] and [`Format::Zip`] may turn out to be each other, or what the archive holds.
+///
+/// # Errors
+/// [`ReadErrorKind::Empty`], [`ReadErrorKind::UnknownFormat`] or [`ReadErrorKind::UnsupportedFormat`], with what was found.
+pub fn sniff(head: &[u8], length: Option<u64>) -> Result<Format, ReadError> {
     let head = &head[..head.len().min(HEAD)];
     if head.is_empty() {
         return Err(ReadError::whole(ReadErrorKind::Empty, "the file is empty; send it again"));
@@ -34,9 +39,9 @@ pub(super) fn sniff(head: &[u8], length: Option<u64>) -> Result<Format, ReadErro
     // What the archive holds is told by its end, which only the reader looks at.
     if head.starts_with(archive::LOCAL) {
         let is_unknown = archive::names_in_head(head).next().is_none();
-        return Ok(if is_unknown || threemf::is_likely(head) { Format::ThreeMf } else { Format::Zip });
+        return Ok(if is_unknown || archive::is_likely_3mf(head) { Format::ThreeMf } else { Format::Zip });
     }
-    if let Some(found) = foreign::recognise(head) {
+    if let Some(found) = recognise_foreign(head) {
         return Err(ReadError::whole(
             ReadErrorKind::UnsupportedFormat,
             format!("this is {}; {}, and send that", found.name, found.advice),
@@ -99,21 +104,6 @@ fn is_ply(head: &[u8]) -> bool {
     head.len() >= 4 && head[..3].eq_ignore_ascii_case(b"ply") && head[3].is_ascii_whitespace()
 }
 
-/// `OFF` with the prefixes that its page in the Geomview manual gives: `[ST][C][N][4][n]OFF`.
-pub(super) fn is_off_keyword(word: &[u8]) -> bool {
-    let Some((prefix, keyword)) = word.split_at_checked(word.len().saturating_sub(3)) else { return false };
-    if !keyword.eq_ignore_ascii_case(b"off") {
-        return false;
-    }
-    let mut rest = prefix;
-    for part in [&b"ST"[..], b"C", b"N", b"4", b"n"] {
-        if rest.len() >= part.len() && rest[..part.len()].eq_ignore_ascii_case(part) {
-            rest = &rest[part.len()..];
-        }
-    }
-    rest.is_empty()
-}
-
 /// Three whole numbers on the first line and at least three numbers on the second.
 fn is_off_without_keyword(head: &[u8]) -> bool {
     let mut text = Text::new(head).with_comments();
@@ -134,46 +124,8 @@ fn is_off_without_keyword(head: &[u8]) -> bool {
 }
 
 /// Statements that an OBJ file may begin with, after Wavefront's "Advanced Visualizer Manual", appendix B1.
-const OBJ_STATEMENTS: [&str; 38] = [
-    "v",
-    "vt",
-    "vn",
-    "vp",
-    "f",
-    "fo",
-    "l",
-    "p",
-    "o",
-    "g",
-    "s",
-    "mg",
-    "usemtl",
-    "mtllib",
-    "usemap",
-    "maplib",
-    "cstype",
-    "deg",
-    "bmat",
-    "step",
-    "curv",
-    "curv2",
-    "surf",
-    "parm",
-    "trim",
-    "hole",
-    "scrv",
-    "sp",
-    "end",
-    "con",
-    "bevel",
-    "c_interp",
-    "d_interp",
-    "lod",
-    "shadow_obj",
-    "trace_obj",
-    "ctech",
-    "stech",
-];
+const OBJ_STATEMENTS: &str = "v vt vn vp f fo l p o g s mg usemtl mtllib usemap maplib cstype deg bmat step curv curv2 \
+    surf parm trim hole scrv sp end con bevel c_interp d_interp lod shadow_obj trace_obj ctech stech";
 
 /// The first statement is one of OBJ's, or there is a line `v x y z`, or there is nothing but comments.
 fn is_obj(head: &[u8]) -> bool {
@@ -181,7 +133,7 @@ fn is_obj(head: &[u8]) -> bool {
     let Some(first) = text.word() else {
         return head.contains(&b'#');
     };
-    let is_statement = OBJ_STATEMENTS.iter().any(|s| first.bytes == s.as_bytes());
+    let is_statement = OBJ_STATEMENTS.split(' ').any(|s| first.bytes == s.as_bytes());
     // A letter alone starts many a text; what follows has to fit.
     let mut rest = text.clone();
     let second = rest.word_on_line();
@@ -223,4 +175,124 @@ fn unknown(head: &[u8]) -> ReadError {
         )
     };
     ReadError::whole(ReadErrorKind::UnknownFormat, detail)
+}
+
+/// A format that is recognised, so that it can be named, and not read.
+struct Foreign {
+    /// Its name, with an article.
+    name: &'static str,
+    /// What to do to get a format that is read.
+    advice: &'static str,
+}
+
+const EXPORT: &str = "open it in the program that made it, export 3MF, GLB, STL, OBJ, PLY or OFF";
+const UNPACK: &str = "unpack it, take the 3MF, GLB, STL, OBJ, PLY or OFF file inside";
+const NOT_A_MODEL: &str = "look for the 3D model itself, as 3MF, GLB, STL, OBJ, PLY or OFF";
+
+/// Signatures at the very start of a file.
+const SIGNATURES: [(&[u8], &str, &str); 40] = [
+    (b"ISO-10303-21", "a STEP file", EXPORT),
+    (b"ISO-10303", "a STEP file", EXPORT),
+    (b"Kaydara FBX Binary", "a binary FBX file", EXPORT),
+    (b"; FBX ", "an ASCII FBX file", EXPORT),
+    (b"BLENDER", "a Blender file", EXPORT),
+    (b"PXR-USDC", "a USD file", EXPORT),
+    (b"#usda", "a USD file", EXPORT),
+    (b"#VRML", "a VRML file", EXPORT),
+    (b"#X3D", "an X3D file", EXPORT),
+    (b"#Inventor", "an Open Inventor file", EXPORT),
+    (b"# vtk DataFile", "a VTK file", EXPORT),
+    (b"OCTM", "an OpenCTM file", EXPORT),
+    (b"DRACO", "a Draco file", EXPORT),
+    (b"$MeshFormat", "a Gmsh file", EXPORT),
+    (b"MeshVersionFormatted", "a Medit mesh file", EXPORT),
+    (b"3D Geometry File Format", "a Rhino file", EXPORT),
+    (b"AutoCAD Binary DXF", "a DXF file", EXPORT),
+    (b"AC10", "a DWG file", EXPORT),
+    (b"DBRep_DrawableShape", "an OpenCASCADE BREP file", EXPORT),
+    (b"CASCADE Topology", "an OpenCASCADE BREP file", EXPORT),
+    (b"xof 0", "a DirectX X file", EXPORT),
+    (b"\xD0\xCF\x11\xE0\xA1\xB1\x1A\xE1", "a compound document, as SolidWorks and 3ds Max write", EXPORT),
+    (b"GCDE", "a binary G-code file", NOT_A_MODEL),
+    (b"; generated by", "a G-code file", NOT_A_MODEL),
+    (b";FLAVOR:", "a G-code file", NOT_A_MODEL),
+    (b"G28", "a G-code file", NOT_A_MODEL),
+    (b"PK\x05\x06", "an empty ZIP archive", NOT_A_MODEL),
+    (b"\x1F\x8B", "a gzip archive", UNPACK),
+    (b"BZh", "a bzip2 archive", UNPACK),
+    (b"\xFD7zXZ\0", "an xz archive", UNPACK),
+    (b"\x28\xB5\x2F\xFD", "a Zstandard archive", UNPACK),
+    (b"7z\xBC\xAF\x27\x1C", "a 7z archive", UNPACK),
+    (b"Rar!\x1A\x07", "a RAR archive", UNPACK),
+    (b"%PDF", "a PDF document", NOT_A_MODEL),
+    (b"\x89PNG", "a PNG picture", NOT_A_MODEL),
+    (b"\xFF\xD8\xFF", "a JPEG picture", NOT_A_MODEL),
+    (b"GIF8", "a GIF picture", NOT_A_MODEL),
+    (b"RIFF", "a RIFF file, such as a WebP picture", NOT_A_MODEL),
+    (b"\x7FELF", "a program", NOT_A_MODEL),
+    (b"PAR1", "a Parquet file", NOT_A_MODEL),
+];
+
+/// Elements that tell what an XML or HTML file is.
+const ELEMENTS: [(&[u8], &str, &str); 9] = [
+    (b"<!doctype html", "an HTML page, perhaps an error page that was saved instead of the model", NOT_A_MODEL),
+    (b"<html", "an HTML page, perhaps an error page that was saved instead of the model", NOT_A_MODEL),
+    (b"<amf", "an AMF file", EXPORT),
+    (b"<collada", "a COLLADA file", EXPORT),
+    (b"<model", "the model part of a 3MF file", EXPORT),
+    (b"<x3d", "an X3D file", EXPORT),
+    (b"<vtkfile", "a VTK file", EXPORT),
+    (b"<svg", "an SVG drawing", NOT_A_MODEL),
+    (b"<error", "an XML error message that was saved instead of the model", NOT_A_MODEL),
+];
+
+/// Names a format that is known and not read.
+fn recognise_foreign(head: &[u8]) -> Option<Foreign> {
+    let mark = if head.starts_with(UTF8_MARK) { 3 } else { 0 };
+    let text = head[mark..].trim_ascii_start();
+    for (signature, name, advice) in SIGNATURES {
+        if head.starts_with(signature) || text.starts_with(signature) {
+            return Some(Foreign { name, advice });
+        }
+    }
+    match text.first()? {
+        b'<' => {
+            let lower = text.to_ascii_lowercase();
+            let found = ELEMENTS.iter().find(|(element, ..)| contains(&lower, element));
+            match found {
+                Some((_, name, advice)) => Some(Foreign { name, advice }),
+                None if lower.starts_with(b"<?xml") => Some(Foreign { name: "an XML file", advice: EXPORT }),
+                None => None,
+            }
+        }
+        b'{' if contains(text, b"\":") || contains(text, b"\" :") => {
+            Some(Foreign { name: "a JSON file", advice: NOT_A_MODEL })
+        }
+        b'0' | b'9' if is_dxf(text) => Some(Foreign { name: "a DXF file", advice: EXPORT }),
+        _ if is_iges(head) => Some(Foreign { name: "an IGES file", advice: EXPORT }),
+        _ => None,
+    }
+}
+
+/// `0` and `SECTION`, or `999` and a comment, on lines of their own.
+fn is_dxf(text: &[u8]) -> bool {
+    let mut lines = text.split(|&b| b == b'\n').map(<[u8]>::trim_ascii);
+    match (lines.next(), lines.next()) {
+        (Some(b"0"), Some(b"SECTION")) => true,
+        (Some(b"999"), Some(_)) => lines.any(|line| line == b"SECTION"),
+        _ => false,
+    }
+}
+
+/// An `S` in column 73 and a sequence number to column 80.
+fn is_iges(head: &[u8]) -> bool {
+    head.len() >= 80
+        && head[72] == b'S'
+        && head[73..80].iter().all(|b| b.is_ascii_digit() || *b == b' ')
+        && head[73..80].contains(&b'1')
+        && head[..72].iter().all(|b| (0x20..0x7F).contains(b))
+}
+
+fn contains(text: &[u8], part: &[u8]) -> bool {
+    text.windows(part.len()).any(|window| window == part)
 }

@@ -2,12 +2,11 @@
 
 use glam::DVec3;
 
-use super::errors::{ReadError, ReadErrorKind, WriteError};
-use super::facet_normals::FacetNormals;
-use super::sniff::HEAD;
+use super::errors::{ReadError, ReadErrorKind, WriteError, shown};
+use super::limits::{HEAD, Limits};
 use super::text::{Text, Word, number};
-use super::{Format, Limits, ReadMesh};
-use crate::mesh::Soup;
+use super::{Format, ReadMesh};
+use crate::mesh::{CornerNormals, Soup};
 
 /// Free text and the facet count.
 const HEADER: usize = 84;
@@ -76,6 +75,49 @@ pub(super) fn read(bytes: &[u8], limits: &Limits) -> Result<ReadMesh, ReadError>
     }
 }
 
+/// How many facets are read of those that the header declares, where `length` bytes follow it.
+fn facets_to_read(declared: u32, length: usize, warnings: &mut Vec<String>) -> Result<usize, ReadError> {
+    let (whole, rest) = (length / FACET, length % FACET);
+    let count = usize::try_from(declared).unwrap_or(usize::MAX);
+    if count > whole {
+        if whole == 0 {
+            return Err(ReadError::at_byte(
+                ReadErrorKind::Truncated,
+                HEADER + length,
+                format!(
+                    "the header counts {declared} facets, but the file ends before the first is complete; send it again"
+                ),
+            ));
+        }
+        let cut = if rest > 0 { ", and the last is cut off" } else { "" };
+        warnings.push(format!(
+            "the header counts {declared} facets, but there are bytes for {whole}{cut}; the {whole} whole facets were read"
+        ));
+        Ok(whole)
+    } else if count == 0 && whole > 0 {
+        warnings.push(format!("the header counts 0 facets, but bytes for {whole} follow; they were read"));
+        if rest > 0 {
+            warnings.push(format!("{rest} bytes after the last whole facet were left out"));
+        }
+        Ok(whole)
+    } else if count == 0 {
+        Err(ReadError::whole(
+            ReadErrorKind::NoFaces,
+            "the STL file counts 0 facets and holds none; export the model again",
+        ))
+    } else {
+        let left = length - count * FACET;
+        if left >= FACET {
+            warnings.push(format!(
+                "the header counts {declared} facets, but bytes for {whole} follow; the {declared} that it counts were read and {left} bytes left out"
+            ));
+        } else if left > 0 {
+            warnings.push(format!("{left} bytes after the last facet were left out"));
+        }
+        Ok(count)
+    }
+}
+
 fn read_binary(bytes: &[u8], limits: &Limits) -> Result<ReadMesh, ReadError> {
     let length = bytes.len();
     let Some(declared) = declared(bytes) else {
@@ -88,46 +130,8 @@ fn read_binary(bytes: &[u8], limits: &Limits) -> Result<ReadMesh, ReadError> {
         ));
     };
     let body = &bytes[HEADER..];
-    let (whole, rest) = (body.len() / FACET, body.len() % FACET);
     let mut warnings = Vec::new();
-    let count = usize::try_from(declared).unwrap_or(usize::MAX);
-    let facets = if count > whole {
-        if whole == 0 {
-            return Err(ReadError::at_byte(
-                ReadErrorKind::Truncated,
-                length,
-                format!(
-                    "the header counts {declared} facets, but the file ends before the first is complete; send it again"
-                ),
-            ));
-        }
-        let cut = if rest > 0 { ", and the last is cut off" } else { "" };
-        warnings.push(format!(
-            "the header counts {declared} facets, but there are bytes for {whole}{cut}; the {whole} whole facets were read"
-        ));
-        whole
-    } else if count == 0 && whole > 0 {
-        warnings.push(format!("the header counts 0 facets, but bytes for {whole} follow; they were read"));
-        if rest > 0 {
-            warnings.push(format!("{rest} bytes after the last whole facet were left out"));
-        }
-        whole
-    } else if count == 0 {
-        return Err(ReadError::whole(
-            ReadErrorKind::NoFaces,
-            "the STL file counts 0 facets and holds none; export the model again",
-        ));
-    } else {
-        let left = body.len() - count * FACET;
-        if left >= FACET {
-            warnings.push(format!(
-                "the header counts {declared} facets, but bytes for {whole} follow; the {declared} that it counts were read and {left} bytes left out"
-            ));
-        } else if left > 0 {
-            warnings.push(format!("{left} bytes after the last facet were left out"));
-        }
-        count
-    };
+    let facets = facets_to_read(declared, body.len(), &mut warnings)?;
     limits.check_faces(facets as u64)?;
     limits.check_vertices(3 * facets as u64)?;
     let mut positions = Vec::with_capacity(3 * facets);
@@ -140,6 +144,34 @@ fn read_binary(bytes: &[u8], limits: &Limits) -> Result<ReadMesh, ReadError> {
     }
     let (soup, dialect, normals) = (unindexed(positions), "binary STL".to_owned(), normals.finish());
     Ok(ReadMesh { normals, warnings, ..ReadMesh::of(soup, Format::Stl, dialect) })
+}
+
+/// Collects the normals of STL's facets as they are read. A normal of zeros says that readers should compute it, and is
+/// none; one that agrees with its corners says nothing new, so that only those against them take memory.
+#[derive(Debug, Default)]
+struct FacetNormals {
+    opposed: Vec<(u32, [f32; 3])>,
+    any: bool,
+}
+
+impl FacetNormals {
+    /// Takes the normal of a facet; facets come in order.
+    #[inline]
+    fn take(&mut self, facet: u32, normal: [f32; 3], [a, b, c]: [DVec3; 3]) {
+        if normal == [0.0; 3] {
+            return;
+        }
+        self.any = true;
+        // In f64 products of f32 neither overflow nor vanish; a comparison with not-a-number is false.
+        if (b - a).cross(c - a).dot(DVec3::from_array(normal.map(f64::from))) < 0.0 {
+            self.opposed.push((facet, normal));
+        }
+    }
+
+    /// What was read, unless no facet had a normal.
+    fn finish(self) -> Option<CornerNormals> {
+        self.any.then_some(CornerNormals::OfFaces { opposed: self.opposed })
+    }
 }
 
 /// Three positions a face, in order.
@@ -354,7 +386,7 @@ impl<'a> Ascii<'a> {
             warnings.push(format!(
                 "words that are no part of STL were passed over: {} in all, the first '{}'",
                 self.strange,
-                super::errors::shown(first.bytes)
+                shown(first.bytes)
             ));
         }
         let dialect = "ASCII STL".to_owned();

@@ -1,3 +1,5 @@
+//! The words, numbers and lines of text formats.
+
 use std::num::IntErrorKind;
 
 use super::errors::{Place, ReadError, ReadErrorKind, shown};

@@ -3,15 +3,12 @@
 //! A [`Scene`] is what all readers make and all writers take; a format that knows one mesh only gives a scene of one object. Every object
 //! is repaired apart, in its own coordinates, so that an object which stands in several places stays one.
 
-mod assembly;
-mod length_unit;
+mod instances;
 mod object;
 mod paint;
-mod placed;
 mod unit;
 
-pub use length_unit::{LengthUnit, UnitSource};
-pub use object::{Component, Item, Note, Object, ObjectKind, Scene, SceneError, Shape, Up};
+pub use instances::Instance;
+pub use object::{Component, Item, Note, Object, ObjectKind, Scene, SceneError, Shape};
 pub use paint::{Material, PAINTLESS, Paint, PaintedMesh, Palette, Texture, Wrap};
-pub use placed::Instance;
-pub use unit::Unit;
+pub use unit::{LengthUnit, Unit, UnitSource, Up};

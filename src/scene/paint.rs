@@ -1,3 +1,5 @@
+//! What faces are painted with.
+
 use std::sync::Arc;
 
 use crate::mesh::Soup;

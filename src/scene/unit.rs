@@ -1,5 +1,8 @@
+//! What coordinates are in: the unit of length, how it is known, and the axis that points up.
+
 use std::fmt;
 
+use glam::{DAffine3, DMat3, DVec3};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
@@ -82,6 +85,65 @@ impl fmt::Display for Unit {
     }
 }
 
+/// What lengths are in.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize, ToSchema)]
+pub struct LengthUnit {
+    /// The unit.
+    pub used: Unit,
+    /// How it is known what the input's lengths are in.
+    pub source: UnitSource,
+    /// What the input's lengths were in, where `scale_to` brought them into another unit.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub scaled_from: Option<Unit>,
+    /// Which axis the input says points up. Between formats that say so the model is turned, and in others its numbers stay.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub up: Option<Up>,
+    /// What to know of it, in words.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub note: Option<String>,
+}
+
+/// How the unit of a file is known.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum UnitSource {
+    /// Who sent it says so.
+    Declared,
+    /// The file says so.
+    File,
+    /// Nobody says so: millimetres, as slicers take it. STL, OBJ, PLY and OFF name no unit.
+    #[default]
+    Assumed,
+}
+
+/// The axis that points up: z in 3MF, y in glTF. Other formats name none.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum Up {
+    /// The second axis.
+    Y,
+    /// The third axis.
+    Z,
+}
+
+impl Up {
+    /// Applies `transform`, then the quarter turn from these axes to `other`: (x, y, z) -> (x, -z, y) from y to z. Exact.
+    #[must_use]
+    pub fn turned_to(self, other: Self, transform: DAffine3) -> DAffine3 {
+        // Adding zero turns -0.0 into 0.0.
+        let turn = |v: DVec3| match (self, other) {
+            (Self::Y, Self::Z) => DVec3::new(v.x, -v.z, v.y) + DVec3::ZERO,
+            (Self::Z, Self::Y) => DVec3::new(v.x, v.z, -v.y) + DVec3::ZERO,
+            _ => v,
+        };
+        let DAffine3 { matrix3: m, translation } = transform;
+        DAffine3 {
+            matrix3: DMat3::from_cols(turn(m.x_axis), turn(m.y_axis), turn(m.z_axis)),
+            translation: turn(translation),
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -99,5 +161,13 @@ mod tests {
             assert_eq!(serde_json::to_value(unit).expect("JSON"), unit.as_str());
             assert_eq!(<Unit as clap::ValueEnum>::from_str(unit.as_str(), false), Ok(unit));
         }
+    }
+
+    #[test]
+    fn what_is_turned_there_and_back_is_as_it_was() {
+        let transform = DAffine3::from_cols_array(&[0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.1, -1.2]);
+        assert_eq!(Up::Z.turned_to(Up::Y, Up::Y.turned_to(Up::Z, transform)), transform);
+        assert_eq!(Up::Y.turned_to(Up::Z, DAffine3::IDENTITY).transform_point3(DVec3::Y), DVec3::Z);
+        assert_eq!(Up::Z.turned_to(Up::Z, transform), transform);
     }
 }

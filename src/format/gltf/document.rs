@@ -3,11 +3,17 @@
 //! Types of our own over serde, not the crate `gltf-json`: unknown members are passed over without being kept, and every list has a
 //! bound, so that the memory for a document follows from its length. Numbers that count or name something fit 32 bits, as all do in a
 //! file that GLB can hold.
+//!
+//! What glTF has no words for stands under the name of the program in `extras`, where the format lets programs keep what is theirs.
 
-use serde::Deserialize;
+use std::fmt;
+
+use serde::de::{Deserializer, MapAccess, Visitor};
+use serde::{Deserialize, Serialize};
 use serde_json::value::RawValue;
 
-use super::json::{List, Text, Whole};
+use super::container::{List, Text, Whole};
+use crate::scene::{Note, ObjectKind};
 
 #[derive(Deserialize)]
 #[serde(rename_all = "camelCase", bound(deserialize = "'de: 'a"))]
@@ -312,4 +318,133 @@ pub(super) struct Sampler {
     pub mag_filter: Option<Whole>,
     pub wrap_s: Option<Whole>,
     pub wrap_t: Option<Whole>,
+}
+
+/// Values of a sampler (glTF 2.0, 5.26).
+pub(super) const NEAREST: u32 = 9728;
+pub(super) const LINEAR: u32 = 9729;
+pub(super) const LINEAR_MIPMAP_LINEAR: u32 = 9987;
+pub(super) const REPEAT: u32 = 10497;
+pub(super) const CLAMP_TO_EDGE: u32 = 33071;
+pub(super) const MIRRORED_REPEAT: u32 = 33648;
+
+const OWN: &str = "meshmend";
+
+/// What is kept of a scene, an object or an item.
+#[derive(Debug, Default, Serialize, Deserialize)]
+pub(super) struct Extras {
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub part_number: Option<String>,
+    /// One of [`KINDS`].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub kind: Option<String>,
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    notes: Vec<Written>,
+}
+
+/// A note as it is written.
+#[derive(Debug, Serialize, Deserialize)]
+struct Written {
+    name: String,
+    value: String,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    namespace: Option<String>,
+    #[serde(default, rename = "type", skip_serializing_if = "Option::is_none")]
+    kind: Option<String>,
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    preserve: bool,
+}
+
+const KINDS: [(ObjectKind, &str); 5] = [
+    (ObjectKind::Model, "model"),
+    (ObjectKind::SolidSupport, "solidsupport"),
+    (ObjectKind::Support, "support"),
+    (ObjectKind::Surface, "surface"),
+    (ObjectKind::Other, "other"),
+];
+
+impl Extras {
+    /// Of what is kept in `extras`, the program's own; nothing where others wrote them.
+    pub fn read(extras: Option<&RawValue>) -> Self {
+        #[derive(Deserialize)]
+        struct Holder {
+            meshmend: Extras,
+        }
+        // Most have none, and need not be read for that.
+        let own = extras.filter(|extras| extras.get().contains(OWN));
+        own.and_then(|extras| serde_json::from_str::<Holder>(extras.get()).ok())
+            .map_or_else(Self::default, |it| it.meshmend)
+    }
+
+    /// What is to be written; nothing where there is nothing to tell.
+    pub fn written(part_number: Option<&String>, kind: ObjectKind, notes: &[Note]) -> Option<serde_json::Value> {
+        let kind = (kind != ObjectKind::Model).then(|| KINDS.iter().find(|(known, _)| *known == kind)).flatten();
+        let notes: Vec<Written> = notes.iter().cloned().map(Written::from).collect();
+        let it = Self { part_number: part_number.cloned(), kind: kind.map(|(_, name)| (*name).to_owned()), notes };
+        let empty = it.part_number.is_none() && it.kind.is_none() && it.notes.is_empty();
+        (!empty).then(|| serde_json::json!({ OWN: it }))
+    }
+
+    pub fn kind(&self) -> ObjectKind {
+        let found = KINDS.iter().find(|(_, name)| self.kind.as_deref() == Some(name));
+        found.map_or(ObjectKind::Model, |(kind, _)| *kind)
+    }
+
+    pub fn notes(self) -> Vec<Note> {
+        self.notes.into_iter().map(Note::from).collect()
+    }
+}
+
+/// The note that glTF has a word for.
+pub(super) const COPYRIGHT: &str = "Copyright";
+
+/// The notes on a whole file: who has the right to it, what the program wrote, and what others wrote as texts.
+pub(super) fn notes_of(asset: &Asset<'_>) -> Vec<Note> {
+    let copyright = asset.copyright.as_deref().map(|value| plain(COPYRIGHT, value.to_owned()));
+    let texts = asset.extras.and_then(|extras| serde_json::from_str::<Texts>(extras.get()).ok());
+    let own = Extras::read(asset.extras).notes();
+    copyright.into_iter().chain(own).chain(texts.into_iter().flat_map(|texts| texts.0)).collect()
+}
+
+fn plain(name: &str, value: String) -> Note {
+    Note { name: name.to_owned(), namespace: None, value, kind: None, preserve: false }
+}
+
+/// The members of an object that are texts.
+struct Texts(Vec<Note>);
+
+impl<'de> Deserialize<'de> for Texts {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct Members;
+        impl<'de> Visitor<'de> for Members {
+            type Value = Texts;
+
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str("an object")
+            }
+
+            fn visit_map<A: MapAccess<'de>>(self, mut members: A) -> Result<Texts, A::Error> {
+                let mut notes = Vec::new();
+                while let Some((name, value)) = members.next_entry::<String, &RawValue>()? {
+                    if let Ok(value) = serde_json::from_str::<String>(value.get()) {
+                        notes.push(plain(&name, value));
+                    }
+                }
+                Ok(Texts(notes))
+            }
+        }
+        deserializer.deserialize_map(Members)
+    }
+}
+
+impl From<Note> for Written {
+    fn from(Note { name, namespace, value, kind, preserve }: Note) -> Self {
+        Self { name, value, namespace, kind, preserve }
+    }
+}
+
+impl From<Written> for Note {
+    fn from(Written { name, value, namespace, kind, preserve }: Written) -> Self {
+        Self { name, namespace, value, kind, preserve }
+    }
 }

@@ -3,9 +3,8 @@
 use rustc_hash::FxHashMap;
 use serde_json::{Value, json};
 
-use super::super::pictures::media_type;
-use super::colour;
-use super::images::{CLAMP_TO_EDGE, LINEAR, LINEAR_MIPMAP_LINEAR, MIRRORED_REPEAT, NEAREST, REPEAT};
+use super::super::paint::{linear_factor, media_type};
+use super::document::{CLAMP_TO_EDGE, LINEAR, LINEAR_MIPMAP_LINEAR, MIRRORED_REPEAT, NEAREST, REPEAT};
 use crate::scene::{Paint, Palette, Scene, Wrap};
 
 /// How a face looks; faces that look alike are one primitive. Two looks are the same where their contents are, whatever their palettes, so that
@@ -41,7 +40,7 @@ struct Key {
 }
 
 /// How a picture goes on beyond itself, and whether it is shown pixel by pixel.
-type Manner = (Wrap, Wrap, bool);
+type Sampling = (Wrap, Wrap, bool);
 
 /// The materials that were asked for, in that order.
 pub(super) struct Looks<'s> {
@@ -53,7 +52,7 @@ pub(super) struct Looks<'s> {
     pub textures: Vec<Value>,
     known_textures: FxHashMap<(usize, usize), usize>,
     pub samplers: Vec<Value>,
-    manners: Vec<Manner>,
+    samplings: Vec<Sampling>,
     /// Picture files, each once.
     pub images: Vec<&'s [u8]>,
     known_images: FxHashMap<&'s [u8], usize>,
@@ -69,7 +68,7 @@ impl<'s> Looks<'s> {
             textures: Vec::new(),
             known_textures: FxHashMap::default(),
             samplers: Vec::new(),
-            manners: Vec::new(),
+            samplings: Vec::new(),
             images: Vec::new(),
             known_images: FxHashMap::default(),
         }
@@ -118,7 +117,7 @@ impl<'s> Looks<'s> {
         if at == next {
             let mut surface = json!({ "metallicFactor": 0.0, "roughnessFactor": 0.8 });
             if color != [255; 4] && !of_vertices {
-                surface["baseColorFactor"] = json!(colour::factor(color));
+                surface["baseColorFactor"] = json!(linear_factor(color));
             }
             if let Some(texture) = texture {
                 surface["baseColorTexture"] = json!({ "index": texture });
@@ -153,10 +152,10 @@ impl<'s> Looks<'s> {
         Some(at)
     }
 
-    fn sampler(&mut self, (u, v, nearest): Manner) -> usize {
+    fn sampler(&mut self, (u, v, nearest): Sampling) -> usize {
         // A picture with nothing beyond it is not to be had in glTF; its last pixels are nearest to that.
         let [u, v] = [u, v].map(|wrap| if wrap == Wrap::None { Wrap::Clamp } else { wrap });
-        if let Some(known) = self.manners.iter().position(|known| *known == (u, v, nearest)) {
+        if let Some(known) = self.samplings.iter().position(|known| *known == (u, v, nearest)) {
             return known;
         }
         let code = |wrap| match wrap {
@@ -166,8 +165,8 @@ impl<'s> Looks<'s> {
         };
         let (larger, smaller) = if nearest { (NEAREST, NEAREST) } else { (LINEAR, LINEAR_MIPMAP_LINEAR) };
         self.samplers.push(json!({ "magFilter": larger, "minFilter": smaller, "wrapS": code(u), "wrapT": code(v) }));
-        self.manners.push((u, v, nearest));
-        self.manners.len() - 1
+        self.samplings.push((u, v, nearest));
+        self.samplings.len() - 1
     }
 
     /// What a vertex has of a face's paint, as bits that tell vertices apart: its colour, or its place in the picture.

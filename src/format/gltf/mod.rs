@@ -8,22 +8,13 @@
 //!
 //! A mesh whose skin moves it, or that morphs, is read in its rest pose, in the coordinates of the scene where it has a skin.
 
-mod accessor;
-mod colour;
 mod container;
 mod document;
-mod draco;
-mod extras;
 mod file;
-mod images;
-mod json;
 mod looks;
-mod mesh;
-mod nodes;
 mod paint;
 mod pose;
 mod primitive;
-mod source;
 mod write;
 
 #[cfg(test)]
@@ -32,22 +23,25 @@ mod tests;
 use std::collections::BTreeMap;
 
 use glam::DAffine3;
+use rustc_hash::FxHashMap;
 
 pub(super) use container::MAGIC;
 pub(super) use write::write;
 
-use super::beside::Beside;
+use super::content::ReadScene;
 use super::errors::{ReadError, ReadErrorKind};
-use super::scenes::ReadScene;
+use super::formats::Format;
+use super::limits::ReadOptions;
+use super::sidecar::Sidecars;
 use super::text::UTF8_MARK;
-use super::{Format, ReadOptions};
-use crate::scene::{Item, Object, Scene, Unit, Up};
-use document::{Asset, Document, Mesh};
-use extras::Extras;
-use file::{File, entry, malformed};
-use json::Whole;
-use mesh::Meshes;
-use pose::Pose;
+use crate::mesh::Soup;
+use crate::scene::{Item, Object, PAINTLESS, PaintedMesh, Scene, Unit, Up};
+use container::Whole;
+use document::{Asset, Document, Extras, Mesh, Primitive};
+use file::{Attached, File, entry, malformed};
+use paint::Painter;
+use pose::{Nodes, Pose, Posed};
+use primitive::{Mode, Source, Used};
 
 /// Extensions without which a model looks or moves otherwise, but is the same.
 const HARMLESS: [&str; 14] = [
@@ -68,19 +62,19 @@ const HARMLESS: [&str; 14] = [
 ];
 
 /// Reads GLB, or JSON with buffers that are embedded or beside it.
-pub(super) fn read(bytes: &[u8], options: &ReadOptions, beside: &Beside<'_>) -> Result<ReadScene, ReadError> {
+pub(super) fn read(bytes: &[u8], options: &ReadOptions, sidecars: &Sidecars<'_>) -> Result<ReadScene, ReadError> {
     let mut warnings = Vec::new();
     let (document, binary, dialect) = if bytes.starts_with(MAGIC) {
         let container = container::open(bytes, &mut warnings)?;
         let (offset, text) = container.json;
         let marked = marked(text);
-        (json::parse(&text[marked..], Some(offset + marked))?, container.binary, "GLB")
+        (container::parse(&text[marked..], Some(offset + marked))?, container.binary, "GLB")
     } else {
-        (json::parse(&bytes[marked(bytes)..], None)?, None, "glTF")
+        (container::parse(&bytes[marked(bytes)..], None)?, None, "glTF")
     };
     check_version(&document)?;
     check_extensions(&document, &mut warnings)?;
-    let file = File::new(document, binary, options.limits, bytes.len(), beside, &mut warnings)?;
+    let file = File::new(document, &Attached { binary, sidecars }, options.limits, bytes.len(), &mut warnings)?;
     let scene = Reading::new(&file)?.scene(&mut warnings)?;
     Ok(ReadScene { scene, format: Format::Glb, dialect: dialect.to_owned(), warnings })
 }
@@ -134,7 +128,7 @@ struct Shown {
 /// A file whose nodes were walked.
 struct Reading<'f, 'a> {
     file: &'f File<'a>,
-    nodes: nodes::Nodes,
+    nodes: Nodes,
     /// The nodes of the scene that show a mesh, in order.
     shown: Vec<(usize, Shown)>,
     /// Whether any of them could move.
@@ -144,7 +138,7 @@ struct Reading<'f, 'a> {
 impl<'f, 'a> Reading<'f, 'a> {
     fn new(file: &'f File<'a>) -> Result<Self, ReadError> {
         let document = &file.document;
-        let nodes = nodes::walk(document)?;
+        let nodes = pose::walk(document)?;
         // A skin moves what hangs on joints, and without such nothing.
         let hang = |mesh: &Mesh<'_>| mesh.primitives.iter().any(|it| it.attributes.joints_0.is_some());
         let morph = |mesh: &Mesh<'_>| mesh.primitives.iter().any(|it| !it.targets.is_empty());
@@ -199,7 +193,7 @@ impl<'f, 'a> Reading<'f, 'a> {
             warnings.push(format!("nodes that are scaled to nothing were left out: {vanished}"));
         }
         self.tell(&meshes, warnings);
-        let notes = extras::notes_of(&document.asset);
+        let notes = document::notes_of(&document.asset);
         let (palettes, textures) = meshes.painter.finish();
         Ok(Scene { unit: Some(Unit::Metre), up: Some(Up::Y), objects, items, palettes, textures, notes })
     }
@@ -266,4 +260,119 @@ impl<'f, 'a> Reading<'f, 'a> {
         };
         ReadError::whole(ReadErrorKind::NoFaces, detail)
     }
+}
+
+/// Makes meshes, and counts what they come to together.
+struct Meshes<'f, 'a> {
+    file: &'f File<'a>,
+    painter: Painter<'f, 'a>,
+    faces: u64,
+    vertices: u64,
+    /// Primitives without triangles or without positions.
+    left_out: u64,
+}
+
+/// A primitive whose faces were read.
+struct Part<'f, 'a> {
+    source: Source<'f, 'a>,
+    faces: Vec<[u32; 3]>,
+    /// The number of its first face in the whole.
+    first_face: usize,
+    /// The vertices that it has, used or not.
+    vertices: usize,
+}
+
+/// What primitives have in common that have the same vertices.
+type Shared = [Option<Whole>; 5];
+
+impl<'f, 'a> Meshes<'f, 'a> {
+    fn new(file: &'f File<'a>) -> Self {
+        Self { file, painter: Painter::new(file), faces: 0, vertices: 0, left_out: 0 }
+    }
+
+    /// Makes one mesh of all primitives. Those that have their vertices from the same accessors share them, and vertices that no face names
+    /// are left out where most are not named.
+    fn make(&mut self, mesh: &'f Mesh<'a>, pose: &Pose) -> Result<PaintedMesh, ReadError> {
+        let mut parts = Vec::new();
+        for primitive in mesh.primitives.iter() {
+            match self.part(primitive)? {
+                Some(part) => parts.push(part),
+                None => self.left_out += 1,
+            }
+        }
+        let mut made = PaintedMesh::default();
+        for part in &mut parts {
+            part.first_face = made.soup.faces.len();
+            made.soup.faces.extend_from_slice(&part.faces);
+            self.painter.paint(&part.source, &part.faces, part.vertices, &mut made.paint)?;
+        }
+        if made.paint.iter().all(|&paint| paint == PAINTLESS) {
+            made.paint = Vec::new();
+        }
+        for group in alike(&parts) {
+            self.place(&parts, &group, pose, &mut made.soup)?;
+        }
+        Ok(made)
+    }
+
+    fn part(&mut self, primitive: &'f Primitive) -> Result<Option<Part<'f, 'a>>, ReadError> {
+        let Some(mode) = Mode::of(primitive.mode.map_or(4, |mode| mode.0))? else { return Ok(None) };
+        let source = Source::new(self.file, primitive, self.faces, self.vertices)?;
+        let Some(positions) = source.positions()? else { return Ok(None) };
+        let indices = source.indices()?;
+        // What Draco gives is a list, whatever the primitive says.
+        let mode = if primitive.extensions.draco.is_some() { Mode::List } else { mode };
+        let faces = primitive::faces(mode, indices.as_ref(), positions.count, self.faces, &self.file.limits)?;
+        self.faces += faces.len() as u64;
+        Ok(Some(Part { source, faces, first_face: 0, vertices: positions.count }))
+    }
+
+    /// Adds the vertices of parts that share them, and gives their faces the numbers that these have in the whole.
+    fn place(
+        &mut self,
+        parts: &[Part<'f, 'a>],
+        group: &[usize],
+        pose: &Pose,
+        soup: &mut Soup,
+    ) -> Result<(), ReadError> {
+        let first = &parts[group[0]];
+        let corners = || group.iter().flat_map(|&part| parts[part].faces.iter().flatten().copied());
+        let used = Used::of(corners, first.vertices);
+        self.vertices += used.len() as u64;
+        self.file.limits.check_vertices(self.vertices)?;
+        let Some(positions) = first.source.positions()? else { return Ok(()) };
+        let posed = Posed::new(&first.source, &positions, pose)?;
+        #[expect(clippy::cast_possible_truncation, reason = "the vertices were counted")]
+        let base = soup.positions.len() as u32;
+        soup.positions.reserve(used.len());
+        for vertex in used.iter() {
+            soup.positions.push(posed.at(vertex as usize)?);
+        }
+        for &part in group {
+            let Part { first_face, faces, .. } = &parts[part];
+            let faces = &mut soup.faces[*first_face..][..faces.len()];
+            faces.as_flattened_mut().iter_mut().for_each(|vertex| *vertex = base + used.rank(*vertex));
+        }
+        Ok(())
+    }
+}
+
+/// The parts that have their vertices in common, in order of their first.
+fn alike(parts: &[Part<'_, '_>]) -> Vec<Vec<usize>> {
+    let mut groups: Vec<Vec<usize>> = Vec::new();
+    let mut known: FxHashMap<Shared, usize> = FxHashMap::default();
+    for (number, part) in parts.iter().enumerate() {
+        let primitive = part.source.primitive;
+        let attributes = &primitive.attributes;
+        let shared =
+            [attributes.position, attributes.joints_0, attributes.weights_0, attributes.joints_1, attributes.weights_1];
+        let alone = primitive.extensions.draco.is_some() || !primitive.targets.is_empty();
+        let next = groups.len();
+        let group = if alone { next } else { *known.entry(shared).or_insert(next) };
+        match groups.get_mut(group) {
+            Some(group) => group.push(number),
+            None => groups.push(vec![number]),
+        }
+    }
+    groups
 }

@@ -1,19 +1,18 @@
-//! What the faces of primitives are painted with, as palettes of a scene.
+//! What the faces of primitives are painted with, as palettes of a scene, and its pictures, kept as the files that they are.
 
 use std::collections::hash_map::Entry;
+use std::sync::Arc;
 
 use rustc_hash::FxHashMap;
 
-use super::super::errors::ReadError;
-use super::super::palettes::Palettes;
-use super::accessor::Accessor;
-use super::colour;
-use super::document::{AlphaMode, Attributes, Material, Surface, TextureTransform};
-use super::file::{File, entry};
-use super::images::Images;
-use super::json::Whole;
-use super::primitive::Used;
-use super::source::Source;
+use super::super::errors::{ReadError, ReadErrorKind};
+use super::super::paint::{Palettes, media_type, srgb_of_linear};
+use super::container::Whole;
+use super::document::{
+    AlphaMode, Attributes, CLAMP_TO_EDGE, MIRRORED_REPEAT, Material, NEAREST, Surface, TextureTransform, TextureUse,
+};
+use super::file::{Accessor, File, data, entry, path};
+use super::primitive::{Source, Used};
 use crate::scene::{self, PAINTLESS, Paint, Palette};
 
 /// Makes palettes: one of all materials without a picture, one of all colours of vertices, and one for each material with a picture.
@@ -134,7 +133,7 @@ fn surface<'m>(material: &'m Material<'_>) -> &'m Surface {
     material.extensions.specular_glossiness.as_ref().unwrap_or(&material.pbr_metallic_roughness)
 }
 
-fn texture<'m>(material: &'m Material<'_>) -> Option<&'m super::document::TextureUse> {
+fn texture<'m>(material: &'m Material<'_>) -> Option<&'m TextureUse> {
     surface(material).base_color_texture.as_deref()
 }
 
@@ -152,7 +151,7 @@ fn color(material: &Material<'_>) -> [u8; 4] {
 
 fn seen(material: &Material<'_>, [r, g, b, alpha]: [f64; 4]) -> [u8; 4] {
     let alpha = if material.alpha_mode == AlphaMode::Opaque { 1.0 } else { alpha };
-    colour::of_linear([r, g, b, alpha])
+    srgb_of_linear([r, g, b, alpha])
 }
 
 fn of_vertex(colors: &Accessor<'_>, vertex: u32, material: &Material<'_>) -> [u8; 4] {
@@ -180,4 +179,117 @@ fn place(places: &Accessor<'_>, vertex: u32, transform: Option<&TextureTransform
         }
     };
     [u, 1.0 - v].map(|x| if x.is_finite() { x } else { 0.0 })
+}
+
+/// A picture file and its media type.
+type Picture = (Arc<[u8]>, &'static str);
+
+/// The pictures that faces are painted with.
+pub(super) struct Images<'f, 'a> {
+    file: &'f File<'a>,
+    pub textures: Vec<scene::Texture>,
+    /// Textures of the file by number; none where there is no picture that can be kept.
+    known: FxHashMap<u32, Option<u32>>,
+    /// Places in `textures` by the number of their image and how it is shown.
+    shown: FxHashMap<(Whole, u8, u8, bool), usize>,
+    /// Picture files by the number of their image.
+    files: FxHashMap<u32, Option<Picture>>,
+    /// The bytes of all picture files.
+    bytes: usize,
+    /// Pictures that were left out.
+    pub left_out: u64,
+}
+
+impl<'f, 'a> Images<'f, 'a> {
+    pub fn new(file: &'f File<'a>) -> Self {
+        let (known, shown, files) = (FxHashMap::default(), FxHashMap::default(), FxHashMap::default());
+        Self { file, textures: Vec::new(), known, shown, files, bytes: 0, left_out: 0 }
+    }
+
+    /// The place in [`Self::textures`] of a texture of the file; none where its picture can't be kept.
+    pub fn texture(&mut self, number: Whole) -> Result<Option<u32>, ReadError> {
+        if let Some(known) = self.known.get(&number.0) {
+            return Ok(*known);
+        }
+        let document = &self.file.document;
+        let texture = entry(&document.textures, number, "texture")?;
+        let sampler = texture.sampler.map(|number| entry(&document.samplers, number, "sampler")).transpose()?;
+        // Where there is no source, the picture is in a format that only an extension knows.
+        let picture = match texture.source {
+            Some(source) => self.picture(source)?.map(|picture| (source, picture)),
+            None => None,
+        };
+        let added = match picture {
+            Some((source, (bytes, media_type))) => {
+                let wrap_u = wrap(sampler.and_then(|it| it.wrap_s));
+                let wrap_v = wrap(sampler.and_then(|it| it.wrap_t));
+                let nearest = sampler.and_then(|it| it.mag_filter) == Some(Whole(NEAREST));
+                let at = *self.shown.entry((source, wrap_u as u8, wrap_v as u8, nearest)).or_insert_with(|| {
+                    self.textures.push(scene::Texture {
+                        bytes,
+                        media_type: media_type.to_owned(),
+                        wrap_u,
+                        wrap_v,
+                        nearest,
+                    });
+                    self.textures.len() - 1
+                });
+                u32::try_from(at).ok()
+            }
+            None => {
+                self.left_out += 1;
+                None
+            }
+        };
+        self.known.insert(number.0, added);
+        Ok(added)
+    }
+
+    fn picture(&mut self, number: Whole) -> Result<Option<Picture>, ReadError> {
+        if let Some(known) = self.files.get(&number.0) {
+            return Ok(known.clone());
+        }
+        let image = entry(&self.file.document.images, number, "image")?;
+        let (copied, view);
+        let bytes = match (&image.uri, image.buffer_view) {
+            (Some(uri), _) => match data(uri) {
+                Some(data) => {
+                    copied = data.unwrap_or_default();
+                    &copied[..]
+                }
+                None => {
+                    let picture = path(uri).and_then(|path| self.file.sidecars.picture(&path));
+                    self.files.insert(number.0, picture.clone());
+                    return Ok(picture);
+                }
+            },
+            (None, Some(number)) => {
+                view = self.file.view(number)?;
+                view.bytes
+            }
+            (None, None) => &[],
+        };
+        let picture = match media_type(bytes) {
+            Some(media_type) => {
+                self.bytes += bytes.len();
+                // Only pictures that lie over each other come to more than the file.
+                if self.bytes > self.file.length {
+                    let detail = "the file's pictures come to more bytes than the file; export the model again";
+                    return Err(ReadError::whole(ReadErrorKind::TooLarge, detail));
+                }
+                Some((Arc::from(bytes), media_type))
+            }
+            None => None,
+        };
+        self.files.insert(number.0, picture.clone());
+        Ok(picture)
+    }
+}
+
+fn wrap(code: Option<Whole>) -> scene::Wrap {
+    match code {
+        Some(Whole(CLAMP_TO_EDGE)) => scene::Wrap::Clamp,
+        Some(Whole(MIRRORED_REPEAT)) => scene::Wrap::Mirror,
+        _ => scene::Wrap::Repeat,
+    }
 }

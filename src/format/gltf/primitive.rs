@@ -1,9 +1,168 @@
-//! The triangles of a primitive (glTF 2.0, 3.7.2.1).
+//! The primitives of a mesh: where their numbers come from, accessors or Draco (`KHR_draco_mesh_compression`), and their triangles (glTF 2.0,
+//! 3.7.2.1).
 
-use super::super::errors::{ReadError, ReadErrorKind};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+
+use draco_core::{DataType, DecodeLimits, DecoderBuffer, ErrorKind, Mesh, MeshDecoder};
+
+use super::super::errors::{Place, ReadError, ReadErrorKind};
 use super::super::limits::Limits;
-use super::accessor::{Accessor, Component};
-use super::file::malformed;
+use super::container::Whole;
+use super::document::{Attributes, Primitive};
+use super::file::{Accessor, Component, File, View, malformed};
+
+/// A primitive with what it takes its numbers from.
+pub(super) struct Source<'f, 'a> {
+    pub file: &'f File<'a>,
+    pub primitive: &'f Primitive,
+    decoded: Option<Decoded>,
+}
+
+impl<'f, 'a> Source<'f, 'a> {
+    /// Finds, and if need be decodes, the numbers of a primitive, in a file that has `faces` and `vertices` already.
+    pub fn new(file: &'f File<'a>, primitive: &'f Primitive, faces: u64, vertices: u64) -> Result<Self, ReadError> {
+        let decoded = match &primitive.extensions.draco {
+            Some(draco) => {
+                let decoded = Decoded::new(file.view(draco.buffer_view)?, faces, vertices, &file.limits)?;
+                file.spend(decoded.vertices())?;
+                Some(decoded)
+            }
+            None => None,
+        };
+        Ok(Self { file, primitive, decoded })
+    }
+
+    pub fn indices(&self) -> Result<Option<Accessor<'f>>, ReadError> {
+        match &self.decoded {
+            Some(decoded) => Ok(Some(decoded.indices())),
+            None => self.primitive.indices.map(|number| Accessor::new(self.file, number)).transpose(),
+        }
+    }
+
+    /// The positions; none where the primitive has none, so that there is nothing to see of it.
+    pub fn positions(&self) -> Result<Option<Accessor<'f>>, ReadError> {
+        let positions = self.attribute("POSITION", |it| it.position)?;
+        if let Some(positions) = &positions
+            && positions.width != 3
+        {
+            return Err(malformed(format!("positions have {} coordinates", positions.width)));
+        }
+        Ok(positions)
+    }
+
+    /// Another attribute, which must have something for each of `vertices`.
+    pub fn of_vertices(
+        &self,
+        name: &str,
+        which: impl Fn(&Attributes) -> Option<Whole>,
+        vertices: usize,
+    ) -> Result<Option<Accessor<'f>>, ReadError> {
+        let found = self.attribute(name, which)?;
+        if let Some(found) = &found
+            && found.count < vertices
+        {
+            let detail = format!("a primitive of {vertices} vertices has {name} for {} of them", found.count);
+            return Err(ReadError::whole(ReadErrorKind::Malformed, format!("{detail}; export the model again")));
+        }
+        Ok(found)
+    }
+
+    fn attribute(
+        &self,
+        name: &str,
+        which: impl Fn(&Attributes) -> Option<Whole>,
+    ) -> Result<Option<Accessor<'f>>, ReadError> {
+        let number = which(&self.primitive.attributes);
+        if let (Some(decoded), Some(draco)) = (&self.decoded, &self.primitive.extensions.draco)
+            && let Some(within) = which(&draco.attributes)
+        {
+            let told = number.and_then(|number| self.file.document.accessors.get(number.index()));
+            let fraction = told.is_some_and(|told| told.normalized);
+            return match decoded.attribute(within.0, fraction) {
+                Some(found) => Ok(Some(found)),
+                None => Err(malformed(format!("the data that is compressed with Draco lacks {name}"))),
+            };
+        }
+        number.map(|number| Accessor::new(self.file, number)).transpose()
+    }
+}
+
+/// The numbers of a vertex that may be decoded: a position, a normal, a tangent, a colour, two places in textures, joints and weights.
+const NUMBERS: u64 = 3 + 3 + 4 + 4 + 4 + 8;
+
+/// As many vertices and faces are believed in any stream, and as many for each of its bytes: what is regular packs well, but a model of a
+/// thousand faces a byte is none.
+const LEAST: u64 = 1 << 20;
+const RATIO: u64 = 1000;
+
+/// A primitive that was decoded.
+struct Decoded(Mesh);
+
+impl Decoded {
+    /// Decodes a primitive of a file that has `faces` and `vertices` already.
+    fn new(view: View<'_>, faces: u64, vertices: u64, limits: &Limits) -> Result<Self, ReadError> {
+        // The stream says how much it makes of itself: a kilobyte can be millions of equal points.
+        let plausible = LEAST + RATIO * view.bytes.len() as u64;
+        let points = limits.max_vertices.saturating_sub(vertices).min(plausible);
+        let ceilings = DecodeLimits::default()
+            .with_max_points(points)
+            .with_max_faces(limits.max_faces.saturating_sub(faces).min(plausible))
+            .with_max_decoded_bytes(points.saturating_mul(4 * NUMBERS));
+        let decode = || {
+            let mut mesh = Mesh::new();
+            let mut buffer = DecoderBuffer::new(view.bytes).with_limits(ceilings);
+            MeshDecoder::new().decode(&mut buffer, &mut mesh).map(|()| mesh)
+        };
+        let refused = |kind, why: &str| {
+            let detail = format!(
+                "the data that is compressed with Draco can't be read: {why}; export the model without compression"
+            );
+            let place = view.place.map(|at| Place::Byte(at as u64));
+            ReadError { place, ..ReadError::whole(kind, detail) }
+        };
+        // The decoder promises not to panic; should it break its word on a stranger's bytes, that is an answer too.
+        match catch_unwind(AssertUnwindSafe(decode)) {
+            Ok(Ok(mesh)) => Ok(Self(mesh)),
+            Ok(Err(error)) if error.kind() == ErrorKind::LimitExceeded => {
+                Err(refused(ReadErrorKind::TooLarge, "it makes more vertices or faces than may be"))
+            }
+            Ok(Err(error)) => Err(refused(ReadErrorKind::Malformed, &error.to_string())),
+            Err(_) => Err(refused(ReadErrorKind::Malformed, "it is damaged")),
+        }
+    }
+
+    /// How many vertices it has.
+    fn vertices(&self) -> usize {
+        self.0.num_points()
+    }
+
+    /// The corners of all faces.
+    fn indices(&self) -> Accessor<'static> {
+        Accessor::of_indices(self.0.faces().iter().flatten().map(|point| point.0))
+    }
+
+    /// The attribute of a number; `fraction` where its integers stand for fractions.
+    fn attribute(&self, number: u32, fraction: bool) -> Option<Accessor<'static>> {
+        let attribute = self.0.attribute_by_unique_id(number)?;
+        let width = usize::from(attribute.num_components());
+        if width == 0 {
+            return None;
+        }
+        let mut values = attribute.read_f32s(self.0.num_points(), width);
+        let most = match attribute.data_type() {
+            _ if !fraction && !attribute.normalized() => 1.0,
+            DataType::Int8 => 127.0,
+            DataType::Uint8 => 255.0,
+            DataType::Int16 => 32767.0,
+            DataType::Uint16 => 65535.0,
+            _ => 1.0,
+        };
+        values
+            .iter_mut()
+            .for_each(|value| *value = (*value / most).max(if most == 1.0 { f32::NEG_INFINITY } else { -1.0 }));
+        Some(Accessor::of_floats(&values, width))
+    }
+}
 
 /// How corners follow each other.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -9,11 +9,9 @@ use rustc_hash::FxHashMap;
 use serde_json::{Value, json};
 
 use super::super::errors::WriteError;
-use super::super::pictures::media_type;
-use super::colour;
-use super::container::assemble;
-use super::extras::{COPYRIGHT, Extras};
-use super::json::MOST_ENTRIES;
+use super::super::paint::{linear_vertex, media_type};
+use super::container::{MOST_ENTRIES, assemble};
+use super::document::{COPYRIGHT, Extras};
 use super::looks::{Look, Looks};
 use crate::scene::{Object, ObjectKind, PAINTLESS, Paint, PaintedMesh, Scene, Shape, Unit, Up};
 
@@ -25,7 +23,7 @@ const ARRAY_BUFFER: u32 = 34962;
 const ELEMENT_ARRAY_BUFFER: u32 = 34963;
 
 /// Writes a scene as GLB.
-pub(in crate::format) fn write(scene: &Scene) -> Result<Vec<u8>, WriteError> {
+pub(crate) fn write(scene: &Scene) -> Result<Vec<u8>, WriteError> {
     let places = places(scene)?;
     let mut stands = vec![false; scene.objects.len()];
     places.iter().for_each(|place| stands[place.object] = true);
@@ -192,7 +190,7 @@ impl Writer<'_> {
             Look::Bare | Look::Plain(_) => {}
             Look::Colored(_) => {
                 #[expect(clippy::cast_possible_truncation, reason = "a colour has 32 bits")]
-                let colors = vertices.iter().flat_map(|(_, bits)| colour::of_vertex((*bits as u32).to_le_bytes()));
+                let colors = vertices.iter().flat_map(|(_, bits)| linear_vertex((*bits as u32).to_le_bytes()));
                 let bytes = colors.flat_map(u16::to_le_bytes).collect::<Vec<_>>();
                 let entry = json!({ "componentType": UNSIGNED_SHORT, "normalized": true, "type": "VEC4", "count": vertices.len() });
                 attributes["COLOR_0"] = self.accessor(&bytes, ARRAY_BUFFER, entry).into();

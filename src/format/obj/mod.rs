@@ -3,23 +3,23 @@
 //!
 //! Objects (`o`) and groups (`g`) stay one mesh: they are names for faces that share vertices with one another, and no bodies of their own.
 
-mod materials;
 mod mtl;
 mod paint;
 mod write;
-mod write_looks;
 
 use glam::DVec3;
 
-use super::beside::Beside;
-use super::content::{Painted, Paints};
+use super::content::{Painted, ReadMesh};
 use super::errors::{ReadError, ReadErrorKind, shown};
 use super::faces::{Faces, Finished, NONE};
+use super::formats::Format;
+use super::limits::{Limits, ReadOptions};
+use super::paint::Paints;
+use super::sidecar::Sidecars;
 use super::text::{Text, Word, integer, number};
-use super::{Format, Limits, ReadMesh, ReadOptions};
 use crate::mesh::{CornerNormals, Soup};
-use paint::Said;
-pub(super) use write::{Files, write, write_painted};
+use paint::{PaintStatements, field_index};
+pub(super) use write::{write, write_painted};
 
 /// Statements whose line ends where it ends: the names in them may end in a backslash.
 const NAMES: [&str; 5] = ["o", "g", "usemap", "maplib", "shadow_obj"];
@@ -66,7 +66,7 @@ struct Reader<'a> {
     /// The normals at `corners`.
     corner_normals: Vec<u32>,
     /// What is said of paint, where somebody wants to know.
-    said: Option<Said<'a>>,
+    statements: Option<PaintStatements<'a>>,
     /// The places in pictures at `corners`.
     corner_places: Vec<u32>,
     /// The largest index that was named before its vertex, and where.
@@ -80,7 +80,7 @@ struct Reader<'a> {
 }
 
 /// Reads OBJ, with its colours where files `beside` it are given.
-pub(super) fn read(bytes: &[u8], options: &ReadOptions, beside: Option<&Beside<'_>>) -> Result<Painted, ReadError> {
+pub(super) fn read(bytes: &[u8], options: &ReadOptions, sidecars: Option<&Sidecars<'_>>) -> Result<Painted, ReadError> {
     let mut reader = Reader {
         text: Text::new(bytes).with_comments().with_continued_lines(),
         limits: options.limits,
@@ -89,7 +89,7 @@ pub(super) fn read(bytes: &[u8], options: &ReadOptions, beside: Option<&Beside<'
         corners: Vec::new(),
         normals: Vec::new(),
         corner_normals: Vec::new(),
-        said: beside.map(|beside| Said::new(options.limits, beside.is_something())),
+        statements: sidecars.map(|sidecars| PaintStatements::new(options.limits, sidecars.is_something())),
         corner_places: Vec::new(),
         ahead: None,
         face_statements: 0,
@@ -102,7 +102,7 @@ pub(super) fn read(bytes: &[u8], options: &ReadOptions, beside: Option<&Beside<'
     while let Some(word) = reader.text.word() {
         reader.statement(word)?;
     }
-    reader.finish(beside)
+    reader.finish(sidecars)
 }
 
 impl<'a> Reader<'a> {
@@ -112,15 +112,15 @@ impl<'a> Reader<'a> {
             b"f" | b"fo" => return self.face(word),
             b"vn" => self.normal(),
             b"vt" => {
-                if let Some(said) = &mut self.said {
-                    said.place(&mut self.text);
+                if let Some(statements) = &mut self.statements {
+                    statements.place(&mut self.text);
                 }
             }
             b"usemtl" | b"mtllib" => {
                 let name = self.text.rest_of_line();
-                match &mut self.said {
-                    Some(said) if word.bytes == b"usemtl" => said.material(name, self.faces.len()),
-                    Some(said) => said.library(name),
+                match &mut self.statements {
+                    Some(statements) if word.bytes == b"usemtl" => statements.material(name, self.faces.len()),
+                    Some(statements) => statements.library(name),
                     None => {}
                 }
                 return Ok(());
@@ -158,8 +158,8 @@ impl<'a> Reader<'a> {
             *value = self.text.number(word, "a coordinate of a vertex")?;
         }
         self.positions.push(DVec3::from_array(position));
-        if let Some(said) = &mut self.said {
-            said.color(self.positions.len() - 1, &mut self.text);
+        if let Some(statements) = &mut self.statements {
+            statements.color(self.positions.len() - 1, &mut self.text);
         }
         self.text.skip_statement();
         Ok(())
@@ -197,7 +197,7 @@ impl<'a> Reader<'a> {
                 self.corner_normals.resize(self.corners.len() - 1, NONE);
                 self.corner_normals.push(normal);
             }
-            if let Some(place) = self.said.as_ref().and_then(|said| said.place_index(word)) {
+            if let Some(place) = self.statements.as_ref().and_then(|statements| statements.place_index(word)) {
                 self.corner_places.resize(self.corners.len() - 1, NONE);
                 self.corner_places.push(place);
             }
@@ -253,7 +253,7 @@ impl<'a> Reader<'a> {
         self.text.error(ReadErrorKind::IndexOutOfRange, at, detail)
     }
 
-    fn finish(self, beside: Option<&Beside<'_>>) -> Result<Painted, ReadError> {
+    fn finish(self, sidecars: Option<&Sidecars<'_>>) -> Result<Painted, ReadError> {
         let have = self.positions.len();
         if let Some((most, at)) = self.ahead
             && most as usize >= have
@@ -284,8 +284,8 @@ impl<'a> Reader<'a> {
                 shown(first.bytes)
             ));
         }
-        let paints = match (self.said, beside) {
-            (Some(said), Some(beside)) => said.paint(&faces, &places, beside, &mut warnings),
+        let paints = match (self.statements, sidecars) {
+            (Some(statements), Some(sidecars)) => statements.paint(&faces, &places, sidecars, &mut warnings),
             _ => Paints::default(),
         };
         let soup = Soup { positions: self.positions, faces };
@@ -315,11 +315,4 @@ impl<'a> Reader<'a> {
         };
         ReadError::whole(ReadErrorKind::NoFaces, detail)
     }
-}
-
-/// The index, counted from 0, in a field of a corner `v/vt/vn`, where `have` are there to count back from.
-fn field_index(word: Word<'_>, field: usize, have: usize) -> Option<u32> {
-    let number = integer(word.bytes.split(|&b| b == b'/').nth(field)?)?;
-    let index = if number > 0 { number - 1 } else { (have as i64).saturating_add(number) };
-    u32::try_from(index).ok().filter(|_| number != 0)
 }

@@ -3,13 +3,22 @@
 
 use rustc_hash::FxHashMap;
 
-use super::super::palettes::byte;
+use super::super::paint::byte;
 use super::super::text::{Text, Word, number};
 
 /// Most materials that are kept.
 pub(super) const MOST: usize = 1 << 20;
 /// Most bytes of one library.
 pub(super) const MOST_BYTES: u64 = 64 << 20;
+
+/// The material of faces that have none; no library defines it.
+pub(super) const UNPAINTED: &str = "(null)";
+
+/// The name of a material that is no more than a colour.
+pub(super) fn color_name(color: [u8; 4]) -> String {
+    let hex = hex::encode_upper(color);
+    format!("color_{}", hex.strip_suffix("FF").filter(|rest| rest.len() == 6).unwrap_or(&hex))
+}
 
 /// Materials by their names.
 pub(super) type Definitions = FxHashMap<Vec<u8>, Definition>;
@@ -187,5 +196,11 @@ mod tests {
         read(b"newmtl a\nKd 1 0 0\nnewmtl a\nKd 0 1 0\n", &mut definitions);
         read(b"newmtl a\nKd 0 0 1\nnewmtl b\n", &mut definitions);
         assert_eq!((definitions.len(), definitions[&b"a"[..]].color()), (2, [255, 0, 0, 255]));
+    }
+
+    #[test]
+    fn a_colour_is_named_by_its_parts() {
+        assert_eq!(color_name([255, 0, 10, 255]), "color_FF000A");
+        assert_eq!(color_name([255, 255, 255, 254]), "color_FFFFFFFE");
     }
 }

@@ -1,26 +1,21 @@
+//! OBJ as it is written, and how faces look in it: in a material, with its picture, or in the colours of their vertices.
+
 use std::fmt::Write as _;
 use std::sync::Arc;
 
 use glam::DVec3;
-use rustc_hash::FxHashMap;
+use rustc_hash::{FxHashMap, FxHashSet};
 
-use super::write_looks::{Look, Looks, UNPAINTED};
+use super::super::paint::{extension, media_type};
+use super::super::sidecar::Files;
+use super::mtl::{self, UNPAINTED, color_name};
 use crate::mesh::Soup;
-use crate::scene::{Paint, PaintedMesh, Palette, Scene};
-
-/// What a model is written as.
-pub(in crate::format) struct Files {
-    pub obj: Vec<u8>,
-    /// Its materials, where it has some.
-    pub mtl: Option<Vec<u8>>,
-    /// The pictures that materials name.
-    pub pictures: Vec<(String, Arc<[u8]>)>,
-}
+use crate::scene::{PAINTLESS, Paint, PaintedMesh, Palette, Scene, Texture, Wrap};
 
 // Writing to a string can't fail, so that what `writeln!` answers says nothing.
 
 /// Writes OBJ; every f64 as the shortest decimal that reads back the same.
-pub(in crate::format) fn write(soup: &Soup) -> Vec<u8> {
+pub(crate) fn write(soup: &Soup) -> Vec<u8> {
     let mut text = String::with_capacity(48 * soup.positions.len() + 24 * soup.faces.len());
     for &p in &soup.positions {
         vertex(&mut text, p);
@@ -37,7 +32,7 @@ pub(in crate::format) fn write(soup: &Soup) -> Vec<u8> {
 ///
 /// What OBJ has no words for is left out: the opacity of colours that run over a face; colours of a vertex in one face where it has others in
 /// another (see [`Looks`]); blanks in names.
-pub(in crate::format) fn write_painted(mesh: &PaintedMesh, scene: &Scene, library: &str) -> Files {
+pub(crate) fn write_painted(mesh: &PaintedMesh, scene: &Scene, library: &str) -> Files {
     let soup = &mesh.soup;
     let mut looks = Looks::new(scene, mesh);
     let mut places = Places::new(scene);
@@ -136,10 +131,271 @@ impl<'s> Places<'s> {
     }
 }
 
+/// The white material of faces in the colours of their vertices.
+const VERTEX_COLORS: &str = "vertex_colors";
+
+/// A name as it is written, and not like that of a colour.
+fn own_name(name: &str) -> String {
+    let mut name = sayable(name);
+    let hex = name.strip_prefix("color_").filter(|hex| matches!(hex.len(), 6 | 8));
+    if hex.is_some_and(|hex| hex.bytes().all(|digit| digit.is_ascii_hexdigit())) {
+        name.push('_');
+    }
+    name
+}
+
+/// Whether a name, as it is written, says no more than a colour.
+fn is_color_name(name: &str, color: [u8; 4]) -> bool {
+    name.starts_with("color") && sayable(name) == color_name(color)
+}
+
+/// What a face is painted with, as far as OBJ can say it.
+#[derive(Clone, Copy)]
+enum Seen<'s> {
+    Nothing,
+    Named(&'s str, [u8; 4]),
+    Pictured { name: &'s str, tint: [u8; 4], texture: &'s Texture },
+    Colored([[u8; 4]; 3]),
+}
+
+/// What tells materials apart.
+#[derive(Clone, Copy, PartialEq, Eq, Hash)]
+enum Key<'s> {
+    Vertices,
+    Color([u8; 4]),
+    Named(&'s str, [u8; 4]),
+    Pictured { name: &'s str, tint: [u8; 4], picture: usize, clamp: bool },
+}
+
+/// A material as it is written.
+struct Written {
+    name: String,
+    color: [u8; 4],
+    /// The place of its picture in [`Looks::pictures`], and whether that ends at its border.
+    picture: Option<(usize, bool)>,
+}
+
+/// How a face is written.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Look {
+    Bare,
+    /// In the material of this number; in the places of a picture where there are some.
+    Material(usize, Option<Paint>),
+}
+
+/// What a vertex's colour is.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Claim {
+    Free,
+    /// To have none, since a material would be taken for less than it.
+    Closed,
+    Color([u8; 3]),
+}
+
+/// The materials that were asked for, in that order.
+struct Looks<'s> {
+    scene: &'s Scene,
+    mesh: &'s PaintedMesh,
+    materials: Vec<Written>,
+    known: FxHashMap<Key<'s>, usize>,
+    names: FxHashSet<String>,
+    /// How often a name was wanted.
+    wanted: FxHashMap<String, usize>,
+    /// Picture files with their names.
+    pictures: Vec<(String, Arc<[u8]>)>,
+    known_pictures: FxHashMap<&'s [u8], usize>,
+    claims: Vec<Claim>,
+}
+
+impl<'s> Looks<'s> {
+    fn new(scene: &'s Scene, mesh: &'s PaintedMesh) -> Self {
+        let mut looks = Self {
+            scene,
+            mesh,
+            materials: Vec::new(),
+            known: FxHashMap::default(),
+            names: FxHashSet::from_iter([UNPAINTED.to_owned()]),
+            wanted: FxHashMap::default(),
+            pictures: Vec::new(),
+            known_pictures: FxHashMap::default(),
+            claims: Vec::new(),
+        };
+        looks.claims = looks.claims();
+        looks
+    }
+
+    /// The colour of a vertex, where it is written.
+    fn of_vertex(&self, vertex: usize) -> Option<[u8; 3]> {
+        match self.claims.get(vertex) {
+            Some(Claim::Color(color)) => Some(*color),
+            _ => None,
+        }
+    }
+
+    /// How a face looks.
+    fn of_face(&mut self, face: usize) -> Look {
+        let paint = self.mesh.paint.get(face).copied().unwrap_or(PAINTLESS);
+        let (key, places) = match self.seen(paint) {
+            Seen::Nothing => return Look::Bare,
+            Seen::Named(name, color) => (Key::Named(name, color), None),
+            Seen::Pictured { name, tint, texture } => (self.pictured(name, tint, texture), Some(paint)),
+            Seen::Colored(colors) => {
+                let of_vertices = |colors| is_claimed(&self.claims, self.mesh.soup.faces[face], colors);
+                let key = match of_vertices(colors) || of_vertices([colors[0]; 3]) {
+                    true => Key::Vertices,
+                    false => Key::Color(colors[0]),
+                };
+                (key, None)
+            }
+        };
+        self.material(key).map_or(Look::Bare, |material| Look::Material(material, places))
+    }
+
+    fn pictured(&mut self, name: &'s str, tint: [u8; 4], texture: &'s Texture) -> Key<'s> {
+        let next = self.pictures.len();
+        let picture = *self.known_pictures.entry(&texture.bytes).or_insert(next);
+        if picture == next {
+            let ending = extension(&texture.bytes).unwrap_or_default();
+            self.pictures.push((format!("texture_{picture}.{ending}"), Arc::clone(&texture.bytes)));
+        }
+        // MTL has one word for both sides, and none for mirrors; what has nothing beyond it is nearest to its last pixels.
+        let ends = |wrap| matches!(wrap, Wrap::Clamp | Wrap::None);
+        Key::Pictured { name, tint, picture, clamp: ends(texture.wrap_u) && ends(texture.wrap_v) }
+    }
+
+    /// The number of a material, by a name that no other has; none where there are more than are read again.
+    fn material(&mut self, key: Key<'s>) -> Option<usize> {
+        if let Some(known) = self.known.get(&key) {
+            return Some(*known);
+        }
+        if self.materials.len() >= mtl::MOST {
+            return None;
+        }
+        let (name, color, picture) = match key {
+            Key::Vertices => (VERTEX_COLORS.to_owned(), [255; 4], None),
+            Key::Color(color) => (color_name(color), color, None),
+            Key::Named(name, color) => (own_name(name), color, None),
+            Key::Pictured { name: "", tint, picture, clamp } => {
+                (format!("texture_{picture}"), tint, Some((picture, clamp)))
+            }
+            Key::Pictured { name, tint, picture, clamp } => (own_name(name), tint, Some((picture, clamp))),
+        };
+        let mut own = name.clone();
+        while !self.names.insert(own.clone()) {
+            let wanted = self.wanted.entry(name.clone()).or_insert(1);
+            *wanted += 1;
+            own = format!("{name}_{wanted}");
+        }
+        self.known.insert(key, self.materials.len());
+        self.materials.push(Written { name: own, color, picture });
+        Some(self.materials.len() - 1)
+    }
+
+    fn seen(&self, paint: Paint) -> Seen<'s> {
+        let Some(palette) = self.scene.palettes.get(paint.palette as usize) else { return Seen::Nothing };
+        if paint.at.iter().any(|&at| at as usize >= palette.len()) {
+            return Seen::Nothing;
+        }
+        let named = |name: &'s str, color| match name.is_empty() || is_color_name(name, color) {
+            true => Seen::Colored([color; 3]),
+            false => Seen::Named(name, color),
+        };
+        match palette {
+            Palette::Materials(materials) => {
+                let material = &materials[paint.at[0] as usize];
+                named(&material.name, material.color)
+            }
+            // Vertices have no opacity, and a face that does not have the same colour all over is in those of its vertices.
+            Palette::Colors(colors) => match paint.at.map(|at| colors[at as usize]) {
+                [a, b, c] if a == b && b == c => Seen::Colored([a; 3]),
+                running => Seen::Colored(running.map(|[r, g, b, _]| [r, g, b, 255])),
+            },
+            Palette::Textured { texture, name, tint, .. } => {
+                let (name, tint) = (name.as_deref().unwrap_or_default(), *tint);
+                match self.scene.textures.get(*texture as usize) {
+                    // A picture in black is black.
+                    Some(texture) if media_type(&texture.bytes).is_some() && tint[..3] != [0; 3] => {
+                        Seen::Pictured { name, tint, texture }
+                    }
+                    _ => named(name, tint),
+                }
+            }
+        }
+    }
+
+    /// The colours of vertices, if there is any need of them. Faces whose colours run over them are first; then those of one colour take the
+    /// colours of their vertices where these are theirs. A face that can't have its vertices' colours, since another one has them already, has
+    /// the colour of its first corner all over.
+    fn claims(&self) -> Vec<Claim> {
+        let faces = || self.mesh.soup.faces.iter().copied().zip(self.mesh.paint.iter().map(|&paint| self.seen(paint)));
+        let runs = |colors: [[u8; 4]; 3]| colors[0] != colors[1] || colors[1] != colors[2];
+        if !faces().any(|(_, seen)| matches!(seen, Seen::Colored(colors) if runs(colors))) {
+            return Vec::new();
+        }
+        let mut claims = vec![Claim::Free; self.mesh.soup.positions.len()];
+        for (face, seen) in faces() {
+            // Whoever reads takes a shade of grey for less than colours of vertices.
+            if matches!(seen, Seen::Named(_, [r, g, b, _]) if r == g && g == b) {
+                face.iter().for_each(|&v| claims[v as usize] = Claim::Closed);
+            }
+        }
+        let mut any = false;
+        for (face, seen) in faces() {
+            if let Seen::Colored(colors) = seen
+                && runs(colors)
+            {
+                any |= claim(&mut claims, face, colors);
+            }
+        }
+        if !any {
+            return Vec::new();
+        }
+        for (face, seen) in faces() {
+            if let Seen::Colored(colors) = seen
+                && colors[0][3] == 255
+                && !is_claimed(&claims, face, colors)
+            {
+                claim(&mut claims, face, [colors[0]; 3]);
+            }
+        }
+        claims
+    }
+}
+
+/// Gives the vertices of a face these colours, unless one of them has another one.
+fn claim(claims: &mut [Claim], face: [u32; 3], colors: [[u8; 4]; 3]) -> bool {
+    let wanted = colors.map(|[r, g, b, _]| [r, g, b]);
+    let differ = |i: usize, j: usize| face[i] == face[j] && wanted[i] != wanted[j];
+    let free = |(&v, color): (&u32, &[u8; 3])| match claims[v as usize] {
+        Claim::Free => true,
+        Claim::Closed => false,
+        Claim::Color(other) => other == *color,
+    };
+    if differ(0, 1) || differ(1, 2) || differ(2, 0) || !face.iter().zip(&wanted).all(free) {
+        return false;
+    }
+    face.iter().zip(wanted).for_each(|(&v, color)| claims[v as usize] = Claim::Color(color));
+    true
+}
+
+/// Whether the vertices of a face have its colours.
+fn is_claimed(claims: &[Claim], face: [u32; 3], colors: [[u8; 4]; 3]) -> bool {
+    !claims.is_empty()
+        && face
+            .iter()
+            .zip(colors)
+            .all(|(&v, [r, g, b, alpha])| alpha == 255 && claims.get(v as usize) == Some(&Claim::Color([r, g, b])))
+}
+
+/// A name as readers of OBJ take it for one: without blanks, marks of comments and of lines that go on.
+fn sayable(name: &str) -> String {
+    name.chars().map(|c| if c.is_whitespace() || c.is_control() || matches!(c, '#' | '\\') { '_' } else { c }).collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::format::palettes::byte;
+    use crate::format::paint::byte;
 
     #[test]
     fn every_part_of_a_colour_is_read_again() {
@@ -147,5 +403,10 @@ mod tests {
             assert_eq!(byte(fraction(part)), part);
             assert_eq!(byte(f64::from(fraction(part) as f32)), part);
         }
+    }
+
+    #[test]
+    fn a_name_is_one_word() {
+        assert_eq!(sayable("a b\t#1\\\n\u{a0}ü"), "a_b__1___ü");
     }
 }

@@ -1,5 +1,7 @@
-use super::super::Limits;
+//! The header of PLY: what elements there are, and what their properties are to a mesh.
+
 use super::super::errors::{ReadError, ReadErrorKind, shown};
+use super::super::limits::Limits;
 use super::super::text::{Text, Word, integer};
 
 /// How the elements are written.
@@ -113,7 +115,18 @@ pub(super) struct Element {
     at: usize,
 }
 
+/// A row of an element.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Row<'e> {
+    pub element: &'e Element,
+    pub number: u64,
+}
+
 impl Element {
+    pub fn rows(&self) -> impl Iterator<Item = Row<'_>> {
+        (0..self.count).map(|number| Row { element: self, number })
+    }
+
     /// The bytes of a row of scalars; none if there is a list.
     pub fn fixed_size(&self) -> Option<usize> {
         self.properties.iter().map(|p| if let Kind::Scalar(s) = p.kind { Some(s.size()) } else { None }).sum()

@@ -1,17 +1,25 @@
 //! PLY: elements of named properties, as text or binary of either byte order (Turk, "The PLY Polygon File Format", 1994).
+//!
+//! `header` says what elements there are, `values` reads their numbers one after the other, and here they become a mesh with its colours.
 
-mod colors;
-mod elements;
 mod header;
 mod values;
 mod write;
 
-use super::content::Painted;
+use std::ops::Range;
+
+use glam::DVec3;
+
+use super::content::{Painted, Polygons, ReadMesh};
 use super::errors::{ReadError, ReadErrorKind};
-use super::{Format, ReadMesh, ReadOptions};
-use elements::{Elements, Read};
-use header::{Encoding, Header, Role};
-use values::{AsciiValues, BinaryValues};
+use super::faces::Faces;
+use super::formats::Format;
+use super::limits::ReadOptions;
+use super::paint::{Paints, Palettes, byte};
+use crate::mesh::{CornerNormals, Soup};
+use crate::scene::{PAINTLESS, Paint};
+use header::{Element, Encoding, Header, Kind, Meaning, Role, Row, Scalar};
+use values::{AsciiValues, BinaryValues, Values, list_length};
 pub(super) use write::{write, write_painted};
 
 /// Reads PLY of any encoding, with its colours where they are asked for.
@@ -49,4 +57,260 @@ fn no_faces(header: &Header) -> ReadError {
         "the PLY file holds no vertices and no faces; export the model again".to_owned()
     };
     ReadError::whole(ReadErrorKind::NoFaces, detail)
+}
+
+/// A colour of which nothing is said but that it is one.
+const OPAQUE: [u8; 4] = [0, 0, 0, 255];
+
+/// A part of a colour from a number of this type: the largest that it has is all, but of those with a point 1 is.
+fn part(scalar: Scalar, value: f64) -> u8 {
+    byte(match scalar {
+        Scalar::F32 | Scalar::F64 => value,
+        Scalar::U16 => value / 65535.0,
+        _ => value / 255.0,
+    })
+}
+
+/// What the elements came to.
+struct Read {
+    soup: Soup,
+    normals: Option<CornerNormals>,
+    polygons: Polygons,
+    paints: Paints,
+    warnings: Vec<String>,
+}
+
+/// Reads the elements in the order in which the header names them.
+struct Elements<V> {
+    values: V,
+    options: ReadOptions,
+    positions: Vec<DVec3>,
+    /// One for each vertex, where the header names all three numbers.
+    normals: Vec<[f32; 3]>,
+    /// The header's count of vertices, against which indices are checked; faces may come first.
+    vertices: u64,
+    corners: Vec<u32>,
+    repeated: u64,
+    /// What is painted, where somebody wants to know.
+    colors: Option<Colors>,
+}
+
+impl<V: Values> Elements<V> {
+    fn new(values: V, options: &ReadOptions, painted: bool) -> Self {
+        let (positions, normals, corners) = (Vec::new(), Vec::new(), Vec::new());
+        let colors = painted.then(Colors::default);
+        Self { values, options: *options, positions, normals, vertices: 0, corners, repeated: 0, colors }
+    }
+
+    /// The mesh, its normals and what there is to tell. The header's counts must have been held to the file's size.
+    fn read(mut self, header: &Header) -> Result<Read, ReadError> {
+        let count = |role| header.elements.iter().filter(|e| e.role == role).map(|e| e.count).sum::<u64>();
+        self.vertices = count(Role::Vertices);
+        // A face takes a byte at least, so that this is no more than a few times the file's size.
+        let mut faces = Faces::new(&self.options, usize::try_from(count(Role::Faces)).unwrap_or(0));
+        for element in &header.elements {
+            match element.role {
+                Role::Vertices => self.read_vertices(element)?,
+                Role::Faces | Role::Strips => self.read_faces(element, &mut faces)?,
+                Role::Other => self.values.skip_element(element)?,
+            }
+        }
+        let painted = self.colors.is_some();
+        let mut warnings = header.warnings.clone();
+        let (faces, polygons) = faces.finish(&self.positions, &mut warnings);
+        if self.repeated > 0 {
+            warnings.push(format!(
+                "triangles of strips that name a vertex twice only join the strips and were left out: {}",
+                self.repeated
+            ));
+        }
+        warnings.extend(self.values.left_over());
+        let paints = self.colors.map(|colors| colors.paint(&faces)).unwrap_or_default();
+        if header.has_picture && painted {
+            warnings.push(
+                "the places of faces in a picture were left out; to keep it, send 3MF, GLB, or OBJ with its pictures in a ZIP archive"
+                    .to_owned(),
+            );
+        }
+        let normals = (!self.normals.is_empty()).then_some(CornerNormals::OfVertices(self.normals));
+        Ok(Read { soup: Soup { positions: self.positions, faces }, normals, polygons, paints, warnings })
+    }
+
+    fn read_vertices(&mut self, element: &Element) -> Result<(), ReadError> {
+        let count = usize::try_from(element.count).unwrap_or(0);
+        self.positions.reserve_exact(count);
+        let has_normals = element.has_normals();
+        if has_normals {
+            self.normals.reserve_exact(count);
+        }
+        let has_colors = element.has_colors() && self.colors.is_some();
+        for row in element.rows() {
+            let (mut position, mut normal) = (DVec3::ZERO, DVec3::ZERO);
+            let mut color = OPAQUE;
+            for property in &element.properties {
+                match (property.kind, property.meaning) {
+                    (Kind::Scalar(scalar), Meaning::Coordinate(k)) => {
+                        position[k] = self.values.real(scalar, row)?;
+                    }
+                    (Kind::Scalar(scalar), Meaning::Normal(k)) if has_normals => {
+                        normal[k] = self.values.real_or_nothing(scalar, row)?;
+                    }
+                    (Kind::Scalar(scalar), Meaning::Color(k)) if has_colors => {
+                        color[k] = part(scalar, self.values.real_or_nothing(scalar, row)?);
+                    }
+                    (Kind::Scalar(scalar), _) => self.values.skip(scalar, 1, row)?,
+                    (Kind::List { count, item }, _) => {
+                        let length = list_length(&mut self.values, count, row)?;
+                        self.values.skip(item, length, row)?;
+                    }
+                }
+            }
+            self.positions.push(position);
+            if has_normals {
+                self.normals.push(normal.as_vec3().to_array());
+            }
+            if let Some(colors) = self.colors.as_mut().filter(|_| has_colors) {
+                colors.of_vertices.push(color);
+            }
+        }
+        Ok(())
+    }
+
+    fn read_faces(&mut self, element: &Element, faces: &mut Faces) -> Result<(), ReadError> {
+        let has_colors = element.has_colors() && self.colors.is_some();
+        for row in element.rows() {
+            let (first, mut color) = (faces.len(), OPAQUE);
+            // The first list of indices counts, should there be two.
+            let mut taken = false;
+            for property in &element.properties {
+                match property.kind {
+                    Kind::Scalar(scalar) => match property.meaning {
+                        Meaning::Color(k) if has_colors => {
+                            color[k] = part(scalar, self.values.real_or_nothing(scalar, row)?);
+                        }
+                        _ => self.values.skip(scalar, 1, row)?,
+                    },
+                    Kind::List { count, item } => {
+                        let length = list_length(&mut self.values, count, row)?;
+                        if taken || property.meaning != Meaning::Indices {
+                            self.values.skip(item, length, row)?;
+                            continue;
+                        }
+                        taken = true;
+                        if length > self.values.most_left(item) {
+                            return Err(self.values.refuse(
+                                ReadErrorKind::Truncated,
+                                format!(
+                                    "'{}' {} of {} has a list of {length} vertices, which the rest of the file can't hold; the file is cut off or damaged",
+                                    element.name, row.number, element.count
+                                ),
+                            ));
+                        }
+                        if element.role == Role::Strips {
+                            self.strips(row, item, length, faces)?;
+                        } else {
+                            self.polygon(row, item, length, faces)?;
+                        }
+                    }
+                }
+            }
+            if let Some(colors) = self.colors.as_mut().filter(|_| has_colors) {
+                colors.of_triangles(first..faces.len(), color);
+            }
+        }
+        Ok(())
+    }
+
+    fn polygon(&mut self, row: Row<'_>, item: Scalar, length: u64, faces: &mut Faces) -> Result<(), ReadError> {
+        self.options.limits.check_faces(length.saturating_sub(2))?;
+        self.corners.clear();
+        for _ in 0..length {
+            let index = self.values.whole(item, row)?;
+            let vertex = self.vertex(index, row)?;
+            self.corners.push(vertex);
+        }
+        faces.polygon(&self.positions, &self.corners)
+    }
+
+    /// Triangle strips, one after the other with -1 between them; every second triangle of a strip is turned.
+    fn strips(&mut self, row: Row<'_>, item: Scalar, length: u64, faces: &mut Faces) -> Result<(), ReadError> {
+        let mut last = [0; 2];
+        let mut in_strip = 0_u64;
+        for _ in 0..length {
+            let index = self.values.whole(item, row)?;
+            if index == -1 {
+                in_strip = 0;
+                continue;
+            }
+            let vertex = self.vertex(index, row)?;
+            if in_strip >= 2 {
+                let [a, b] = last;
+                if a == b || b == vertex || a == vertex {
+                    self.repeated += 1;
+                } else if in_strip.is_multiple_of(2) {
+                    faces.triangle([a, b, vertex])?;
+                } else {
+                    faces.triangle([b, a, vertex])?;
+                }
+            }
+            last = [last[1], vertex];
+            in_strip += 1;
+        }
+        Ok(())
+    }
+
+    #[inline]
+    fn vertex(&self, index: i64, row: Row<'_>) -> Result<u32, ReadError> {
+        match u32::try_from(index) {
+            Ok(vertex) if u64::from(vertex) < self.vertices => Ok(vertex),
+            _ => Err(self.out_of_range(index, row)),
+        }
+    }
+
+    #[cold]
+    fn out_of_range(&self, index: i64, row: Row<'_>) -> ReadError {
+        self.values.refuse(
+            ReadErrorKind::IndexOutOfRange,
+            format!(
+                "'{}' {} of {} names vertex {index}, but the file has {} vertices, counted from 0; export the model again",
+                row.element.name, row.number, row.element.count, self.vertices
+            ),
+        )
+    }
+}
+
+/// The colours of vertices and of triangles, as they are read. Where vertices have some, those of triangles are not used.
+#[derive(Default)]
+struct Colors {
+    of_vertices: Vec<[u8; 4]>,
+    /// Of the first triangles, up to the last that has one.
+    of_triangles: Vec<Option<[u8; 4]>>,
+}
+
+impl Colors {
+    /// Gives some triangles, which come in order, a colour.
+    fn of_triangles(&mut self, triangles: Range<usize>, color: [u8; 4]) {
+        self.of_triangles.resize(triangles.start, None);
+        self.of_triangles.resize(triangles.end, Some(color));
+    }
+
+    /// The paint of all triangles.
+    fn paint(self, triangles: &[[u32; 3]]) -> Paints {
+        let mut palettes = Palettes::default();
+        let of_faces = if !self.of_vertices.is_empty() {
+            let entries: Vec<u32> = self.of_vertices.iter().map(|&color| palettes.color(color).1).collect();
+            let palette = palettes.colors();
+            triangles.iter().map(|corners| Paint { palette, at: corners.map(|v| entries[v as usize]) }).collect()
+        } else if self.of_triangles.is_empty() {
+            Vec::new()
+        } else {
+            let mut paint = |color| {
+                let (palette, entry) = palettes.color(color);
+                Paint { palette, at: [entry; 3] }
+            };
+            let colors = self.of_triangles.iter().copied().chain(std::iter::repeat(None));
+            triangles.iter().zip(colors).map(|(_, color)| color.map_or(PAINTLESS, &mut paint)).collect()
+        };
+        Paints { of_faces, palettes: palettes.finish(), textures: Vec::new() }
+    }
 }

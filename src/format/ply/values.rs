@@ -1,22 +1,24 @@
+//! The numbers of a PLY file's elements, one after the other: as binary of either byte order or as words.
+
 use super::super::errors::{ReadError, ReadErrorKind, shown};
 use super::super::text::{Text, number};
-use super::header::{Element, Kind, Scalar};
+use super::header::{Element, Kind, Row, Scalar};
 
 /// Where the elements' numbers come from, one after the other.
 pub(super) trait Values {
-    /// A number as f64. `element` and `row` are for the words of an error.
-    fn real(&mut self, scalar: Scalar, element: &Element, row: u64) -> Result<f64, ReadError>;
+    /// A number as f64. `row` is for the words of an error.
+    fn real(&mut self, scalar: Scalar, row: Row<'_>) -> Result<f64, ReadError>;
 
     /// A number that the mesh can do without: what is none is read as not-a-number.
-    fn real_or_nothing(&mut self, scalar: Scalar, element: &Element, row: u64) -> Result<f64, ReadError> {
-        self.real(scalar, element, row)
+    fn real_or_nothing(&mut self, scalar: Scalar, row: Row<'_>) -> Result<f64, ReadError> {
+        self.real(scalar, row)
     }
 
     /// A whole number.
-    fn whole(&mut self, scalar: Scalar, element: &Element, row: u64) -> Result<i64, ReadError>;
+    fn whole(&mut self, scalar: Scalar, row: Row<'_>) -> Result<i64, ReadError>;
 
     /// Goes past some numbers.
-    fn skip(&mut self, scalar: Scalar, count: u64, element: &Element, row: u64) -> Result<(), ReadError>;
+    fn skip(&mut self, scalar: Scalar, count: u64, row: Row<'_>) -> Result<(), ReadError>;
 
     /// Goes past all rows of an element.
     fn skip_element(&mut self, element: &Element) -> Result<(), ReadError>;
@@ -36,13 +38,13 @@ fn skip_rows<V: Values>(values: &mut V, element: &Element) -> Result<(), ReadErr
     if element.properties.is_empty() {
         return Ok(());
     }
-    for row in 0..element.count {
+    for row in element.rows() {
         for property in &element.properties {
             match property.kind {
-                Kind::Scalar(scalar) => values.skip(scalar, 1, element, row)?,
+                Kind::Scalar(scalar) => values.skip(scalar, 1, row)?,
                 Kind::List { count, item } => {
-                    let length = list_length(values, count, element, row)?;
-                    values.skip(item, length, element, row)?;
+                    let length = list_length(values, count, row)?;
+                    values.skip(item, length, row)?;
                 }
             }
         }
@@ -51,26 +53,22 @@ fn skip_rows<V: Values>(values: &mut V, element: &Element) -> Result<(), ReadErr
 }
 
 /// The length of a list, which stands before it.
-pub(super) fn list_length<V: Values>(
-    values: &mut V,
-    count: Scalar,
-    element: &Element,
-    row: u64,
-) -> Result<u64, ReadError> {
-    let length = values.whole(count, element, row)?;
+pub(super) fn list_length<V: Values>(values: &mut V, count: Scalar, row: Row<'_>) -> Result<u64, ReadError> {
+    let length = values.whole(count, row)?;
     u64::try_from(length).map_err(|_| {
         values.refuse(
             ReadErrorKind::Malformed,
             format!(
                 "a list in {row_name} has the length {length}, below zero; export the model again",
-                row_name = name(element, row)
+                row_name = name(row)
             ),
         )
     })
 }
 
-fn name(element: &Element, row: u64) -> String {
-    format!("'{}' {row} of {}", shown(element.name.as_bytes()), element.count)
+fn name(row: Row<'_>) -> String {
+    let Row { element, number } = row;
+    format!("'{}' {number} of {}", shown(element.name.as_bytes()), element.count)
 }
 
 /// Binary numbers; `LITTLE` for little-endian.
@@ -86,68 +84,65 @@ impl<'a, const LITTLE: bool> BinaryValues<'a, LITTLE> {
     }
 
     #[inline]
-    fn take<const N: usize>(&mut self, element: &Element, row: u64) -> Result<[u8; N], ReadError> {
+    fn take<const N: usize>(&mut self, row: Row<'_>) -> Result<[u8; N], ReadError> {
         match self.bytes.get(self.at..).and_then(|rest| rest.first_chunk::<N>()) {
             Some(&chunk) => {
                 self.last = self.at;
                 self.at += N;
                 Ok(chunk)
             }
-            None => Err(self.ended(element, row)),
+            None => Err(self.ended(row)),
         }
     }
 
     #[cold]
-    fn ended(&self, element: &Element, row: u64) -> ReadError {
+    fn ended(&self, row: Row<'_>) -> ReadError {
         ReadError::at_byte(
             ReadErrorKind::Truncated,
             self.bytes.len(),
-            format!(
-                "the file ends within {}; it was cut off, or its counts are wrong, so send it again",
-                name(element, row)
-            ),
+            format!("the file ends within {}; it was cut off, or its counts are wrong, so send it again", name(row)),
         )
     }
 }
 
 /// Reads one number of type `$t`.
 macro_rules! number {
-    ($self:ident, $t:ty, $element:ident, $row:ident) => {{
-        let bytes = $self.take::<{ size_of::<$t>() }>($element, $row)?;
+    ($self:ident, $t:ty, $row:ident) => {{
+        let bytes = $self.take::<{ size_of::<$t>() }>($row)?;
         if LITTLE { <$t>::from_le_bytes(bytes) } else { <$t>::from_be_bytes(bytes) }
     }};
 }
 
 impl<const LITTLE: bool> Values for BinaryValues<'_, LITTLE> {
     #[inline]
-    fn real(&mut self, scalar: Scalar, element: &Element, row: u64) -> Result<f64, ReadError> {
+    fn real(&mut self, scalar: Scalar, row: Row<'_>) -> Result<f64, ReadError> {
         Ok(match scalar {
-            Scalar::F32 => f64::from(number!(self, f32, element, row)),
-            Scalar::F64 => number!(self, f64, element, row),
-            Scalar::I8 => f64::from(number!(self, i8, element, row)),
-            Scalar::U8 => f64::from(number!(self, u8, element, row)),
-            Scalar::I16 => f64::from(number!(self, i16, element, row)),
-            Scalar::U16 => f64::from(number!(self, u16, element, row)),
-            Scalar::I32 => f64::from(number!(self, i32, element, row)),
-            Scalar::U32 => f64::from(number!(self, u32, element, row)),
+            Scalar::F32 => f64::from(number!(self, f32, row)),
+            Scalar::F64 => number!(self, f64, row),
+            Scalar::I8 => f64::from(number!(self, i8, row)),
+            Scalar::U8 => f64::from(number!(self, u8, row)),
+            Scalar::I16 => f64::from(number!(self, i16, row)),
+            Scalar::U16 => f64::from(number!(self, u16, row)),
+            Scalar::I32 => f64::from(number!(self, i32, row)),
+            Scalar::U32 => f64::from(number!(self, u32, row)),
         })
     }
 
     #[inline]
-    fn whole(&mut self, scalar: Scalar, element: &Element, row: u64) -> Result<i64, ReadError> {
+    fn whole(&mut self, scalar: Scalar, row: Row<'_>) -> Result<i64, ReadError> {
         Ok(match scalar {
-            Scalar::U8 => i64::from(number!(self, u8, element, row)),
-            Scalar::I32 => i64::from(number!(self, i32, element, row)),
-            Scalar::U32 => i64::from(number!(self, u32, element, row)),
-            Scalar::I8 => i64::from(number!(self, i8, element, row)),
-            Scalar::I16 => i64::from(number!(self, i16, element, row)),
-            Scalar::U16 => i64::from(number!(self, u16, element, row)),
+            Scalar::U8 => i64::from(number!(self, u8, row)),
+            Scalar::I32 => i64::from(number!(self, i32, row)),
+            Scalar::U32 => i64::from(number!(self, u32, row)),
+            Scalar::I8 => i64::from(number!(self, i8, row)),
+            Scalar::I16 => i64::from(number!(self, i16, row)),
+            Scalar::U16 => i64::from(number!(self, u16, row)),
             // The header has been checked to ask for whole numbers here.
             Scalar::F32 | Scalar::F64 => -1,
         })
     }
 
-    fn skip(&mut self, scalar: Scalar, count: u64, element: &Element, row: u64) -> Result<(), ReadError> {
+    fn skip(&mut self, scalar: Scalar, count: u64, row: Row<'_>) -> Result<(), ReadError> {
         let left = self.bytes.len() - self.at;
         let size = usize::try_from(count).ok().and_then(|count| count.checked_mul(scalar.size()));
         match size.filter(|&size| size <= left) {
@@ -155,14 +150,14 @@ impl<const LITTLE: bool> Values for BinaryValues<'_, LITTLE> {
                 self.at += size;
                 Ok(())
             }
-            None => Err(self.ended(element, row)),
+            None => Err(self.ended(row)),
         }
     }
 
     fn skip_element(&mut self, element: &Element) -> Result<(), ReadError> {
         match element.fixed_size() {
             // In whole rows, of which the counts have been held to the bytes.
-            Some(size) => self.skip(Scalar::U8, element.count.saturating_mul(size as u64), element, 0),
+            Some(size) => self.skip(Scalar::U8, element.count.saturating_mul(size as u64), Row { element, number: 0 }),
             None => skip_rows(self, element),
         }
     }
@@ -195,15 +190,15 @@ impl<'a> AsciiValues<'a> {
     }
 
     #[cold]
-    fn ended(&self, element: &Element, row: u64) -> ReadError {
-        self.text.ended(&name(element, row))
+    fn ended(&self, row: Row<'_>) -> ReadError {
+        self.text.ended(&name(row))
     }
 }
 
 impl Values for AsciiValues<'_> {
     #[inline]
-    fn real(&mut self, scalar: Scalar, element: &Element, row: u64) -> Result<f64, ReadError> {
-        let Some(word) = self.text.word() else { return Err(self.ended(element, row)) };
+    fn real(&mut self, scalar: Scalar, row: Row<'_>) -> Result<f64, ReadError> {
+        let Some(word) = self.text.word() else { return Err(self.ended(row)) };
         self.last = word.at;
         let value = self.text.number(word, "a number")?;
         // What the header calls a float is one, however many digits are written; so it is to every other reader.
@@ -213,22 +208,22 @@ impl Values for AsciiValues<'_> {
     }
 
     #[inline]
-    fn real_or_nothing(&mut self, _: Scalar, element: &Element, row: u64) -> Result<f64, ReadError> {
-        let Some(word) = self.text.word() else { return Err(self.ended(element, row)) };
+    fn real_or_nothing(&mut self, _: Scalar, row: Row<'_>) -> Result<f64, ReadError> {
+        let Some(word) = self.text.word() else { return Err(self.ended(row)) };
         Ok(number(word.bytes).unwrap_or(f64::NAN))
     }
 
     #[inline]
-    fn whole(&mut self, _: Scalar, element: &Element, row: u64) -> Result<i64, ReadError> {
-        let Some(word) = self.text.word() else { return Err(self.ended(element, row)) };
+    fn whole(&mut self, _: Scalar, row: Row<'_>) -> Result<i64, ReadError> {
+        let Some(word) = self.text.word() else { return Err(self.ended(row)) };
         self.last = word.at;
         self.text.integer(word, "a whole number")
     }
 
-    fn skip(&mut self, _: Scalar, count: u64, element: &Element, row: u64) -> Result<(), ReadError> {
+    fn skip(&mut self, _: Scalar, count: u64, row: Row<'_>) -> Result<(), ReadError> {
         for _ in 0..count {
             if self.text.word().is_none() {
-                return Err(self.ended(element, row));
+                return Err(self.ended(row));
             }
         }
         Ok(())

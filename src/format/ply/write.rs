@@ -1,3 +1,5 @@
+//! PLY as it is written: little-endian binary.
+
 use crate::mesh::Soup;
 use crate::scene::{PAINTLESS, PaintedMesh, Scene};
 
@@ -12,13 +14,13 @@ enum Colors {
 }
 
 /// Writes little-endian PLY: coordinates as `float` if each is exactly an f32, else as `double`.
-pub(in crate::format) fn write(soup: &Soup) -> Vec<u8> {
+pub(crate) fn write(soup: &Soup) -> Vec<u8> {
     write_with(soup, &Colors::None)
 }
 
 /// As [`write`], with colours: those of faces where each is of one colour, else those of vertices. A vertex has one colour only: that of the
 /// first face whose colours run over it, or else of the first face that has one. What is not painted is white then, and pictures are left out.
-pub(in crate::format) fn write_painted(mesh: &PaintedMesh, scene: &Scene) -> Vec<u8> {
+pub(crate) fn write_painted(mesh: &PaintedMesh, scene: &Scene) -> Vec<u8> {
     write_with(&mesh.soup, &colors(mesh, scene))
 }
 

@@ -2,10 +2,8 @@
 
 use glam::DVec3;
 
-use super::model::{ModelReader, index_in, not_a};
-use super::namespaces::Space;
-use super::part::{PaintedBy, Part, ShapeResource};
-use super::values::number;
+use super::part::{ModelReader, PaintedBy, Part, ShapeResource, index_in, not_a};
+use super::schema::{Space, number};
 use super::xml::{Attribute, Tag, Xml};
 use crate::format::errors::{ReadError, ReadErrorKind, shown};
 use crate::mesh::Soup;

@@ -2,25 +2,13 @@
 
 use std::collections::HashSet;
 
-use super::budget::Budget;
-use super::mesh;
-use super::namespaces::{Space, can_be_passed, subject};
-use super::notes;
-use super::part::{ObjectResource, Part, Placed, ShapeResource};
-use super::part_name::resolve;
-use super::properties;
-use super::values::{boolean, index, matrix, words};
-use super::warnings::Warnings;
-use super::xml::{Attribute, Tag, Xml};
+use super::part::{Group, ModelReader, ObjectResource, Part, Placed, ShapeResource, index_in, not_a};
+use super::schema::{self, Space, boolean, can_be_passed, matrix, resolve, subject, words};
+use super::xml::{Tag, Xml};
+use super::{mesh, properties};
 use crate::format::errors::{ReadError, ReadErrorKind, shown};
 use crate::mesh::Soup;
 use crate::scene::{Note, ObjectKind, Unit};
-
-/// Reads model parts.
-pub(super) struct ModelReader {
-    pub budget: Budget,
-    pub warnings: Warnings,
-}
 
 impl ModelReader {
     /// Reads one part.
@@ -100,19 +88,24 @@ impl ModelReader {
                 return self.object(xml, tag, id, part);
             }
             self.budget.resource(xml)?;
-            match (tag.space, tag.name()) {
-                (Space::Core, b"basematerials") => properties::materials(self, xml, tag, id, part),
-                (Space::Material, b"colorgroup") => properties::colors(self, xml, tag, id, part),
-                (Space::Material, b"texture2d") => properties::texture(self, xml, tag, id, part),
-                (Space::Material, b"texture2dgroup") => properties::places(self, xml, tag, id, part),
-                (Space::Material, b"compositematerials") => properties::composites(self, xml, tag, id, part),
-                (Space::Material, b"multiproperties") => properties::layers(self, xml, tag, id, part),
+            let kind = match (tag.space, tag.name()) {
+                (Space::Core, b"basematerials") => properties::materials(self, xml, tag)?,
+                (Space::Material, b"colorgroup") => properties::colors(self, xml, tag)?,
+                (Space::Material, b"texture2dgroup") => properties::places(self, xml, tag)?,
+                (Space::Material, b"compositematerials") => properties::composites(self, xml, tag)?,
+                (Space::Material, b"multiproperties") => properties::layers(self, xml, tag)?,
+                (Space::Material, b"texture2d") => {
+                    part.textures.push(properties::texture(self, xml, tag, id)?);
+                    return Ok(());
+                }
                 (Space::Material, _) => {
                     self.warnings.tell("how materials shine (display properties) was left out");
-                    Ok(())
+                    return Ok(());
                 }
-                _ => self.unknown(xml, tag),
-            }
+                _ => return self.unknown(xml, tag),
+            };
+            part.groups.push(Group { id, kind });
+            Ok(())
         })
     }
 
@@ -259,10 +252,10 @@ impl ModelReader {
             Some((prefix, _)) => Some(xml.address(prefix.as_bytes())?),
             None => None,
         };
-        if namespace.as_deref() == Some(notes::OWN) {
+        if namespace.as_deref() == Some(schema::OWN_NOTES) {
             namespace = None;
             name = name.split_off(name.find(':').map_or(0, |colon| colon + 1));
-        } else if namespace.is_none() && !notes::is_known(&name) {
+        } else if namespace.is_none() && !schema::is_known_note(&name) {
             self.warnings.note(&name);
         }
         if all.iter().any(|note| note.name == name && note.namespace == namespace) {
@@ -273,51 +266,6 @@ impl ModelReader {
         let value = xml.text(tag)?;
         self.budget.text(value.len(), xml)?;
         all.push(Note { name, namespace, value, kind, preserve });
-        Ok(())
-    }
-
-    /// A value that is kept.
-    pub fn text(&mut self, xml: &Xml<'_>, value: &[u8]) -> Result<String, ReadError> {
-        self.budget.text(value.len(), xml)?;
-        xml.string(value)
-    }
-
-    /// Passes an attribute over that is not read here. The schema does not let other namespaces everywhere (core specification, 2.3.2).
-    pub fn passed(&mut self, xml: &Xml<'_>, attribute: &Attribute<'_>, others: bool) -> Result<(), ReadError> {
-        match attribute.space {
-            // Identifiers of the production extension among them.
-            Space::Production | Space::Material if others => Ok(()),
-            Space::Other(_) if others => {
-                self.warnings.extension(subject(xml.uri(attribute.space)));
-                Ok(())
-            }
-            Space::None | Space::Core | Space::Draft => {
-                self.warnings.name(attribute.name);
-                Ok(())
-            }
-            _ => {
-                let detail = format!(
-                    "the attribute '{}' is of a namespace that is forbidden here; export the model again",
-                    shown(attribute.name)
-                );
-                Err(xml.malformed(detail))
-            }
-        }
-    }
-
-    /// Passes an element over that is not read here.
-    pub fn unknown(&mut self, xml: &Xml<'_>, tag: &Tag<'_>) -> Result<(), ReadError> {
-        match tag.space {
-            Space::Other(_) => self.warnings.extension(subject(xml.uri(tag.space))),
-            Space::SchemaInstance | Space::Xml => {
-                let detail = format!(
-                    "the element <{}> is of a namespace that is forbidden in 3MF; export the model again",
-                    shown(tag.name())
-                );
-                return Err(xml.malformed(detail));
-            }
-            _ => self.warnings.name(tag.name()),
-        }
         Ok(())
     }
 }
@@ -360,20 +308,9 @@ fn required(xml: &Xml<'_>, value: &[u8]) -> Result<(), ReadError> {
     Ok(())
 }
 
-/// A value that is none of what was expected.
-#[cold]
-pub(super) fn not_a(xml: &Xml<'_>, expected: &str, value: &[u8]) -> ReadError {
-    xml.malformed(format_args!("found '{}' where {expected} was expected; export the model again", shown(value)))
-}
-
 fn not_a_matrix(xml: &Xml<'_>, value: &[u8]) -> ReadError {
     match value.contains(&b',') {
         true => xml.malformed("a transform has decimal commas; export the model with decimal points"),
         false => not_a(xml, "a transform of twelve numbers", value),
     }
-}
-
-/// The index in a value.
-pub(super) fn index_in(xml: &Xml<'_>, value: &[u8]) -> Result<u32, ReadError> {
-    index(value).ok_or_else(|| not_a(xml, "a whole number", value))
 }

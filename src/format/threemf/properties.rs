@@ -1,10 +1,7 @@
 //! Materials, colours and textures as resources (core specification, chapter 5; materials extension, chapters 2 to 6).
 
-use super::model::{ModelReader, index_in, not_a};
-use super::namespaces::Space;
-use super::part::{Group, GroupKind, Part, TextureResource};
-use super::part_name::resolve;
-use super::values::{color, number, words};
+use super::part::{GroupKind, ModelReader, TextureResource, index_in, not_a};
+use super::schema::{Space, color, number, resolve, words};
 use super::xml::{Tag, Xml};
 use crate::format::errors::{ReadError, ReadErrorKind, shown};
 use crate::scene::{Material, Wrap};
@@ -70,13 +67,7 @@ fn color_in(xml: &Xml<'_>, value: &[u8]) -> Result<[u8; 4], ReadError> {
 }
 
 /// Reads `basematerials`.
-pub(super) fn materials(
-    reader: &mut ModelReader,
-    xml: &mut Xml<'_>,
-    tag: &Tag<'_>,
-    id: u32,
-    part: &mut Part,
-) -> Result<(), ReadError> {
+pub(super) fn materials(reader: &mut ModelReader, xml: &mut Xml<'_>, tag: &Tag<'_>) -> Result<GroupKind, ReadError> {
     let [] = values(reader, xml, tag, [])?;
     let mut materials = Vec::new();
     entries(reader, xml, tag, (Space::Core, b"base"), |reader, xml, tag| {
@@ -86,18 +77,11 @@ pub(super) fn materials(
         materials.push(Material { name: reader.text(xml, &name)?, color: color_in(xml, &color)? });
         Ok(())
     })?;
-    part.groups.push(Group { id, kind: GroupKind::Materials(materials) });
-    Ok(())
+    Ok(GroupKind::Materials(materials))
 }
 
 /// Reads `colorgroup`.
-pub(super) fn colors(
-    reader: &mut ModelReader,
-    xml: &mut Xml<'_>,
-    tag: &Tag<'_>,
-    id: u32,
-    part: &mut Part,
-) -> Result<(), ReadError> {
+pub(super) fn colors(reader: &mut ModelReader, xml: &mut Xml<'_>, tag: &Tag<'_>) -> Result<GroupKind, ReadError> {
     let [] = values(reader, xml, tag, [])?;
     let mut colors = Vec::new();
     entries(reader, xml, tag, (Space::Material, b"color"), |reader, xml, tag| {
@@ -105,8 +89,7 @@ pub(super) fn colors(
         colors.push(color_in(xml, &color.ok_or_else(|| missing(xml, tag, "color"))?)?);
         Ok(())
     })?;
-    part.groups.push(Group { id, kind: GroupKind::Colors(colors) });
-    Ok(())
+    Ok(GroupKind::Colors(colors))
 }
 
 /// Reads `texture2d`.
@@ -115,8 +98,7 @@ pub(super) fn texture(
     xml: &mut Xml<'_>,
     tag: &Tag<'_>,
     id: u32,
-    part: &mut Part,
-) -> Result<(), ReadError> {
+) -> Result<TextureResource, ReadError> {
     let [path, media_type, wrap_u, wrap_v, filter] =
         values(reader, xml, tag, [b"path", b"contenttype", b"tilestyleu", b"tilestylev", b"filter"])?;
     let reference = reader.text(xml, &path.ok_or_else(|| missing(xml, tag, "path"))?)?;
@@ -133,8 +115,7 @@ pub(super) fn texture(
         Some(value) => return Err(not_a(xml, "a filter (auto, linear, nearest)", value)),
     };
     let (wrap_u, wrap_v) = (wrap(xml, wrap_u.as_deref())?, wrap(xml, wrap_v.as_deref())?);
-    part.textures.push(TextureResource { id, path, media_type, wrap_u, wrap_v, nearest });
-    Ok(())
+    Ok(TextureResource { id, path, media_type, wrap_u, wrap_v, nearest })
 }
 
 fn wrap(xml: &Xml<'_>, value: Option<&[u8]>) -> Result<Wrap, ReadError> {
@@ -148,13 +129,7 @@ fn wrap(xml: &Xml<'_>, value: Option<&[u8]>) -> Result<Wrap, ReadError> {
 }
 
 /// Reads `texture2dgroup`.
-pub(super) fn places(
-    reader: &mut ModelReader,
-    xml: &mut Xml<'_>,
-    tag: &Tag<'_>,
-    id: u32,
-    part: &mut Part,
-) -> Result<(), ReadError> {
+pub(super) fn places(reader: &mut ModelReader, xml: &mut Xml<'_>, tag: &Tag<'_>) -> Result<GroupKind, ReadError> {
     let [texture] = values(reader, xml, tag, [b"texid"])?;
     let texture = index_in(xml, &texture.ok_or_else(|| missing(xml, tag, "texid"))?)?;
     let mut places = Vec::new();
@@ -167,8 +142,7 @@ pub(super) fn places(
         places.push([coordinate(u)?, coordinate(v)?]);
         Ok(())
     })?;
-    part.groups.push(Group { id, kind: GroupKind::Places { texture, places } });
-    Ok(())
+    Ok(GroupKind::Places { texture, places })
 }
 
 /// A list of whole numbers, not longer than what may be mixed.
@@ -182,13 +156,7 @@ fn indices(xml: &Xml<'_>, value: &[u8]) -> Result<Vec<u32>, ReadError> {
 }
 
 /// Reads `compositematerials`.
-pub(super) fn composites(
-    reader: &mut ModelReader,
-    xml: &mut Xml<'_>,
-    tag: &Tag<'_>,
-    id: u32,
-    part: &mut Part,
-) -> Result<(), ReadError> {
+pub(super) fn composites(reader: &mut ModelReader, xml: &mut Xml<'_>, tag: &Tag<'_>) -> Result<GroupKind, ReadError> {
     let [of, materials] = values(reader, xml, tag, [b"matid", b"matindices"])?;
     let of = index_in(xml, &of.ok_or_else(|| missing(xml, tag, "matid"))?)?;
     let materials = indices(xml, &materials.ok_or_else(|| missing(xml, tag, "matindices"))?)?;
@@ -205,18 +173,11 @@ pub(super) fn composites(
         shares.resize(end, 0.0);
         Ok(())
     })?;
-    part.groups.push(Group { id, kind: GroupKind::Composites { of, materials, shares } });
-    Ok(())
+    Ok(GroupKind::Composites { of, materials, shares })
 }
 
 /// Reads `multiproperties`.
-pub(super) fn layers(
-    reader: &mut ModelReader,
-    xml: &mut Xml<'_>,
-    tag: &Tag<'_>,
-    id: u32,
-    part: &mut Part,
-) -> Result<(), ReadError> {
+pub(super) fn layers(reader: &mut ModelReader, xml: &mut Xml<'_>, tag: &Tag<'_>) -> Result<GroupKind, ReadError> {
     let [of, methods] = values(reader, xml, tag, [b"pids", b"blendmethods"])?;
     let of = indices(xml, &of.ok_or_else(|| missing(xml, tag, "pids"))?)?;
     let methods: Vec<&[u8]> =
@@ -240,6 +201,5 @@ pub(super) fn layers(
         rows.resize(end, 0);
         Ok(())
     })?;
-    part.groups.push(Group { id, kind: GroupKind::Layers { of, entries: rows } });
-    Ok(())
+    Ok(GroupKind::Layers { of, entries: rows })
 }

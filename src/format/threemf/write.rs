@@ -1,21 +1,24 @@
-//! The package: parts, what they are, and how they belong together. The same scene gives the same bytes.
+//! 3MF as it is written: a package of parts, what they are and how they belong together, and the model part with its resources, objects and
+//! build. The same scene gives the same bytes.
 
-use std::io::{Cursor, Write};
+use std::fmt::Write as _;
+use std::io::{self, Cursor, Write};
 
+use glam::DAffine3;
 use zip::ZipWriter;
 use zip::result::ZipResult;
 
-use super::relationships::{MODEL, TEXTURE};
-use super::write_model::ModelWriter;
-use super::write_text::attribute;
-use crate::format::WriteError;
+use super::schema::{CORE, MATERIAL, MODEL_RELATIONSHIP, Prefixes, TEXTURE_RELATIONSHIP, attribute};
 use crate::format::archive::{compressed, stored};
-use crate::scene::{Scene, Texture};
+use crate::format::errors::WriteError;
+use crate::scene::{
+    Item, Note, Object, ObjectKind, PAINTLESS, Paint, PaintedMesh, Palette, Scene, Shape, Texture, Unit, Up, Wrap,
+};
 
 const ROOT: &str = "3D/3dmodel.model";
 
 /// Writes 3MF. What it has no words for is left out: a palette's tint and name, textures that are neither PNG nor JPEG.
-pub(in crate::format) fn write(scene: &Scene) -> Result<Vec<u8>, WriteError> {
+pub(crate) fn write(scene: &Scene) -> Result<Vec<u8>, WriteError> {
     match package(scene) {
         Ok((true, archive)) => Ok(archive),
         Ok((false, _)) => Err(WriteError::NotFinite),
@@ -32,12 +35,12 @@ fn package(scene: &Scene) -> ZipResult<(bool, Vec<u8>)> {
     zip.start_file("[Content_Types].xml", packed)?;
     zip.write_all(content_types(&pictures).as_bytes())?;
     zip.start_file("_rels/.rels", packed)?;
-    zip.write_all(relationships([(MODEL, ROOT)].into_iter()).as_bytes())?;
+    zip.write_all(relationships([(MODEL_RELATIONSHIP, ROOT)].into_iter()).as_bytes())?;
     zip.start_file(ROOT, compressed(is_long(scene)))?;
     let finite = ModelWriter::new(scene, &pictures.of_textures).write(&mut zip)?;
     if !pictures.files.is_empty() {
         zip.start_file("3D/_rels/3dmodel.model.rels", packed)?;
-        let targets = pictures.files.iter().map(|(path, _)| (TEXTURE, path.as_str()));
+        let targets = pictures.files.iter().map(|(path, _)| (TEXTURE_RELATIONSHIP, path.as_str()));
         zip.write_all(relationships(targets).as_bytes())?;
     }
     for (path, texture) in &pictures.files {
@@ -119,4 +122,316 @@ fn relationships<'t>(all: impl Iterator<Item = (&'t str, &'t str)>) -> String {
         text += &format!("<Relationship Id=\"rel{number}\" Type=\"{kind}\" Target=\"/{}\"/>\n", attribute(target));
     }
     text + "</Relationships>\n"
+}
+
+/// How much text is collected before it is packed.
+const CHUNK: usize = 64 << 10;
+
+/// Writes the model part of a scene.
+struct ModelWriter<'s> {
+    scene: &'s Scene,
+    /// The part of each texture, where it has one.
+    pictures: &'s [Option<String>],
+    prefixes: Prefixes<'s>,
+    /// The ids of resources, where they are written.
+    textures: Vec<Option<u32>>,
+    palettes: Vec<Option<u32>>,
+    first_object: u32,
+    /// Whether an object is an item of the build.
+    built: Vec<bool>,
+    text: String,
+    /// Whether all numbers so far were finite.
+    finite: bool,
+}
+
+// Writing to a string can't fail, so that what `write!` answers says nothing.
+impl<'s> ModelWriter<'s> {
+    fn new(scene: &'s Scene, pictures: &'s [Option<String>]) -> Self {
+        let mut next = 0;
+        let mut number = |is_written: bool| {
+            next += u32::from(is_written);
+            is_written.then_some(next)
+        };
+        let textures: Vec<_> = pictures.iter().map(|picture| number(picture.is_some())).collect();
+        let is_written = |palette: &Palette| match palette {
+            Palette::Textured { texture, .. } => textures.get(*texture as usize).is_some_and(Option::is_some),
+            _ => true,
+        };
+        let palettes =
+            scene.palettes.iter().map(|palette| number(!palette.is_empty() && is_written(palette))).collect();
+        let prefixes = Prefixes::of(scene);
+        let mut built = vec![false; scene.objects.len()];
+        for item in &scene.items {
+            if let Some(built) = built.get_mut(item.object as usize) {
+                *built = true;
+            }
+        }
+        let (first_object, text) = (next + 1, String::new());
+        Self { scene, pictures, prefixes, textures, palettes, first_object, built, text, finite: true }
+    }
+
+    /// Writes it. Answers whether all its numbers are finite, as they have to be.
+    fn write(mut self, target: &mut impl Write) -> io::Result<bool> {
+        let _ = write!(
+            self.text,
+            "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<model unit=\"{}\" xml:lang=\"en-US\" xmlns=\"{CORE}\" xmlns:m=\"{MATERIAL}\"{}>\n",
+            unit(self.scene.unit),
+            self.prefixes.declarations()
+        );
+        self.prefixes.write(self.scene.notes.iter(), &mut self.text);
+        self.text.push_str("<resources>\n");
+        self.textures();
+        for (palette, id) in self.scene.palettes.iter().zip(self.palettes.clone()) {
+            if let Some(id) = id {
+                self.palette(palette, id, target)?;
+            }
+        }
+        for (number, object) in self.scene.objects.iter().enumerate() {
+            self.object(number, object, target)?;
+        }
+        self.text.push_str("</resources>\n<build>\n");
+        for item in &self.scene.items {
+            self.item(item);
+            self.pack(target)?;
+        }
+        self.text.push_str("</build>\n</model>\n");
+        target.write_all(self.text.as_bytes())?;
+        Ok(self.finite)
+    }
+
+    /// Hands on what has been collected.
+    fn pack(&mut self, target: &mut impl Write) -> io::Result<()> {
+        if self.text.len() >= CHUNK {
+            target.write_all(self.text.as_bytes())?;
+            self.text.clear();
+        }
+        Ok(())
+    }
+
+    fn number(&mut self, number: f64) {
+        self.finite &= number.is_finite();
+        let _ = write!(self.text, "{number}");
+    }
+
+    fn textures(&mut self) {
+        for ((texture, path), id) in self.scene.textures.iter().zip(self.pictures).zip(&self.textures) {
+            let (Some(path), Some(id)) = (path, id) else { continue };
+            let media_type = attribute(&texture.media_type);
+            let _ = write!(self.text, "<m:texture2d id=\"{id}\" path=\"/{path}\" contenttype=\"{media_type}\"");
+            for (name, style) in [("tilestyleu", texture.wrap_u), ("tilestylev", texture.wrap_v)] {
+                if let Some(style) = tile_style(style) {
+                    let _ = write!(self.text, " {name}=\"{style}\"");
+                }
+            }
+            self.text.push_str(if texture.nearest { " filter=\"nearest\"/>\n" } else { "/>\n" });
+        }
+    }
+
+    fn palette(&mut self, palette: &Palette, id: u32, target: &mut impl Write) -> io::Result<()> {
+        let element = match palette {
+            Palette::Materials(materials) => {
+                let _ = writeln!(self.text, "<basematerials id=\"{id}\">");
+                for material in materials {
+                    let (name, color) = (attribute(&material.name), color(material.color));
+                    let _ = writeln!(self.text, "<base name=\"{name}\" displaycolor=\"{color}\"/>");
+                    self.pack(target)?;
+                }
+                "basematerials"
+            }
+            Palette::Colors(colors) => {
+                let _ = writeln!(self.text, "<m:colorgroup id=\"{id}\">");
+                for &it in colors {
+                    let _ = writeln!(self.text, "<m:color color=\"{}\"/>", color(it));
+                    self.pack(target)?;
+                }
+                "m:colorgroup"
+            }
+            Palette::Textured { texture, places, .. } => {
+                let texture = self.textures.get(*texture as usize).copied().flatten().unwrap_or_default();
+                let _ = writeln!(self.text, "<m:texture2dgroup id=\"{id}\" texid=\"{texture}\">");
+                for place in places {
+                    // A place that is none spoils no shape.
+                    let [u, v] = place.map(|it| if it.is_finite() { it } else { 0.0 });
+                    let _ = writeln!(self.text, "<m:tex2coord u=\"{u}\" v=\"{v}\"/>");
+                    self.pack(target)?;
+                }
+                "m:texture2dgroup"
+            }
+        };
+        let _ = writeln!(self.text, "</{element}>");
+        Ok(())
+    }
+
+    fn object(&mut self, number: usize, object: &Object, target: &mut impl Write) -> io::Result<()> {
+        let id = u64::from(self.first_object) + number as u64;
+        let _ = write!(self.text, "<object id=\"{id}\"");
+        if let Some(kind) = self.kind(number, object.kind) {
+            let _ = write!(self.text, " type=\"{kind}\"");
+        }
+        self.words("name", object.name.as_deref());
+        self.words("partnumber", object.part_number.as_deref());
+        let default = object.mesh().and_then(|mesh| self.default_paint(mesh));
+        if let Some((palette, entry)) = default {
+            let _ = write!(self.text, " pid=\"{palette}\" pindex=\"{entry}\"");
+        }
+        self.text.push_str(">\n");
+        self.notes(object.notes.iter());
+        match &object.shape {
+            Shape::Mesh(mesh) => self.mesh(mesh, default, target)?,
+            Shape::Components(components) => {
+                self.text.push_str("<components>\n");
+                for component in components.iter().filter(|component| (component.object as usize) < number) {
+                    let id = u64::from(self.first_object) + u64::from(component.object);
+                    let _ = write!(self.text, "<component objectid=\"{id}\"");
+                    self.transform(component.transform);
+                    self.text.push_str("/>\n");
+                    self.pack(target)?;
+                }
+                self.text.push_str("</components>\n");
+            }
+        }
+        self.text.push_str("</object>\n");
+        Ok(())
+    }
+
+    /// The type of an object, which is not `other` where it is to be built, as the specification forbids.
+    fn kind(&self, number: usize, kind: ObjectKind) -> Option<&'static str> {
+        Some(match kind {
+            ObjectKind::Model => return None,
+            ObjectKind::SolidSupport => "solidsupport",
+            ObjectKind::Support => "support",
+            ObjectKind::Surface => "surface",
+            ObjectKind::Other if self.built[number] => return None,
+            ObjectKind::Other => "other",
+        })
+    }
+
+    fn words(&mut self, name: &str, value: Option<&str>) {
+        let value = attribute(value.unwrap_or_default());
+        if !value.is_empty() {
+            let _ = write!(self.text, " {name}=\"{value}\"");
+        }
+    }
+
+    fn notes<'n>(&mut self, notes: impl Iterator<Item = &'n Note>) {
+        let before = self.text.len();
+        self.text.push_str("<metadatagroup>\n");
+        let begun = self.text.len();
+        self.prefixes.write(notes, &mut self.text);
+        match self.text.len() == begun {
+            true => self.text.truncate(before),
+            false => self.text.push_str("</metadatagroup>\n"),
+        }
+    }
+
+    /// A face's paint with the id of its group, if it is written.
+    fn paint(&self, paint: Paint) -> Option<(u32, [u32; 3])> {
+        if paint == PAINTLESS {
+            return None;
+        }
+        let id = self.palettes.get(paint.palette as usize).copied().flatten()?;
+        let palette = &self.scene.palettes[paint.palette as usize];
+        let at = match palette {
+            Palette::Materials(_) => [paint.at[0]; 3],
+            _ => paint.at,
+        };
+        at.iter().all(|&entry| (entry as usize) < palette.len()).then_some((id, at))
+    }
+
+    /// What an object's faces have if they have nothing of their own: only where all are painted.
+    fn default_paint(&self, mesh: &PaintedMesh) -> Option<(u32, u32)> {
+        let all =
+            mesh.paint.len() == mesh.soup.faces.len() && mesh.paint.iter().all(|&paint| self.paint(paint).is_some());
+        let (palette, at) = self.paint(*mesh.paint.first()?)?;
+        all.then_some((palette, at[0]))
+    }
+
+    fn mesh(&mut self, mesh: &PaintedMesh, default: Option<(u32, u32)>, target: &mut impl Write) -> io::Result<()> {
+        self.text.push_str("<mesh>\n<vertices>\n");
+        for position in &mesh.soup.positions {
+            for (before, value) in ["<vertex x=\"", "\" y=\"", "\" z=\""].into_iter().zip(position.to_array()) {
+                self.text.push_str(before);
+                self.number(value);
+            }
+            self.text.push_str("\"/>\n");
+            self.pack(target)?;
+        }
+        self.text.push_str("</vertices>\n<triangles>\n");
+        for (face, [a, b, c]) in mesh.soup.faces.iter().enumerate() {
+            let _ = write!(self.text, "<triangle v1=\"{a}\" v2=\"{b}\" v3=\"{c}\"");
+            let paint = mesh.paint.get(face).and_then(|&paint| self.paint(paint));
+            if let Some((palette, [p1, p2, p3])) =
+                paint.filter(|&(id, at)| default != Some((id, at[0])) || at != [at[0]; 3])
+            {
+                let _ = write!(self.text, " pid=\"{palette}\" p1=\"{p1}\"");
+                if [p2, p3] != [p1, p1] {
+                    let _ = write!(self.text, " p2=\"{p2}\" p3=\"{p3}\"");
+                }
+            }
+            self.text.push_str("/>\n");
+            self.pack(target)?;
+        }
+        self.text.push_str("</triangles>\n</mesh>\n");
+        Ok(())
+    }
+
+    fn transform(&mut self, transform: DAffine3) {
+        if transform == DAffine3::IDENTITY {
+            return;
+        }
+        self.text.push_str(" transform=\"");
+        for (index, value) in transform.to_cols_array().into_iter().enumerate() {
+            if index > 0 {
+                self.text.push(' ');
+            }
+            self.number(value);
+        }
+        self.text.push('"');
+    }
+
+    fn item(&mut self, item: &Item) {
+        if item.object as usize >= self.scene.objects.len() {
+            return;
+        }
+        let id = u64::from(self.first_object) + u64::from(item.object);
+        let _ = write!(self.text, "<item objectid=\"{id}\"");
+        self.transform(self.scene.stood(Up::Z, item.transform));
+        self.words("partnumber", item.part_number.as_deref());
+        self.text.push('>');
+        // The specification gives items no name, but notes, of which one is a title.
+        let title = item.name.as_ref().filter(|name| !attribute(name).is_empty()).map(|name| Note {
+            name: "Title".to_owned(),
+            namespace: None,
+            value: name.clone(),
+            kind: None,
+            preserve: false,
+        });
+        self.notes(title.iter().chain(&item.notes));
+        self.text.push_str("</item>\n");
+    }
+}
+
+fn unit(unit: Option<Unit>) -> &'static str {
+    match unit {
+        Some(Unit::Micrometre) => "micron",
+        None | Some(Unit::Millimetre) => "millimeter",
+        Some(Unit::Centimetre) => "centimeter",
+        Some(Unit::Inch) => "inch",
+        Some(Unit::Foot) => "foot",
+        Some(Unit::Metre) => "meter",
+    }
+}
+
+fn tile_style(wrap: Wrap) -> Option<&'static str> {
+    match wrap {
+        Wrap::Repeat => None,
+        Wrap::Mirror => Some("mirror"),
+        Wrap::Clamp => Some("clamp"),
+        Wrap::None => Some("none"),
+    }
+}
+
+fn color(color: [u8; 4]) -> String {
+    let hex = hex::encode_upper(color);
+    format!("#{}", hex.strip_suffix("FF").unwrap_or(&hex))
 }

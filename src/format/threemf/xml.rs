@@ -11,8 +11,8 @@ use quick_xml::events::attributes::Attributes;
 use quick_xml::events::{BytesStart, BytesText, Event};
 use quick_xml::{Error, Reader};
 
-use super::namespaces::Space;
-use super::stream::{Stop, Stream};
+use super::schema::Space;
+use crate::format::archive::{Stop, Stream};
 use crate::format::errors::{ReadError, ReadErrorKind, shown, shown_up_to};
 
 /// The deepest element; models have theirs at a depth of seven.

@@ -1,6 +1,8 @@
+//! Objects in their places: every instance of a scene, all of them as one mesh, and the materials that they are made of.
+
 use glam::DAffine3;
 
-use super::{Object, PAINTLESS, PaintedMesh, Scene, SceneError, Shape};
+use super::{Item, Object, PAINTLESS, Paint, PaintedMesh, Palette, Scene, SceneError, Shape};
 
 impl Scene {
     /// How deep objects may be made of objects that are made of objects.
@@ -9,7 +11,7 @@ impl Scene {
     /// A scene of one mesh.
     #[must_use]
     pub fn of_mesh(mesh: PaintedMesh) -> Self {
-        Self { objects: vec![Object::of_mesh(None, mesh)], items: vec![super::Item::of(0)], ..Self::default() }
+        Self { objects: vec![Object::of_mesh(None, mesh)], items: vec![Item::of(0)], ..Self::default() }
     }
 
     /// All that it says but its objects and where they stand.
@@ -156,7 +158,7 @@ impl Scene {
         match mesh.paint.is_empty() {
             true => whole.paint.resize(whole.soup.faces.len(), PAINTLESS),
             false => {
-                let paint = |paint: &super::Paint| super::Paint { at: turn(paint.at), ..*paint };
+                let paint = |paint: &Paint| Paint { at: turn(paint.at), ..*paint };
                 whole.paint.extend(mesh.paint.iter().map(paint));
             }
         }
@@ -178,13 +180,78 @@ pub struct Instance {
     pub first_face: usize,
 }
 
+/// The material of an object: that of its faces. Surfaces with several colours or a picture all count as one material, since
+/// their colours are drawn on a body rather than being bodies.
+#[derive(Debug, Clone, PartialEq, Eq)]
+enum ObjectMaterial {
+    Unnamed,
+    One(u32, u32),
+    Several,
+}
+
+impl Scene {
+    /// Of each instance the number of its material, where the printed ones are made of more than one: they are then the volumes of one
+    /// print of several materials, as slicers take the parts of a 3MF file. None where all are of one material.
+    ///
+    /// Materials are told apart by their entries in the scene's palettes, and numbered from 0 in the order of the instances.
+    #[must_use]
+    pub fn materials_of(&self, instances: &[Instance]) -> Option<Vec<u32>> {
+        let mut of_object: Vec<Option<u32>> = vec![None; self.objects.len()];
+        let mut known: Vec<ObjectMaterial> = Vec::new();
+        let mut materials = Vec::with_capacity(instances.len());
+        for instance in instances {
+            let object = instance.object as usize;
+            let number = match of_object[object] {
+                Some(number) => number,
+                None => {
+                    let material = self.material_of_object(object);
+                    let at = known.iter().position(|other| *other == material);
+                    let number = at.unwrap_or_else(|| {
+                        known.push(material);
+                        known.len() - 1
+                    });
+                    u32::try_from(number).unwrap_or(u32::MAX)
+                }
+            };
+            of_object[object] = Some(number);
+            materials.push(number);
+        }
+        let mut printed = instances.iter().zip(&materials).filter(|(it, _)| it.is_printed).map(|(_, &number)| number);
+        let first = printed.next()?;
+        printed.any(|number| number != first).then_some(materials)
+    }
+
+    fn material_of_object(&self, object: usize) -> ObjectMaterial {
+        let Some(mesh) = self.objects[object].mesh() else { return ObjectMaterial::Unnamed };
+        let (mut entry, mut is_bare) = (None, mesh.paint.is_empty());
+        for paint in &mesh.paint {
+            is_bare |= *paint == PAINTLESS;
+            match self.palettes.get(paint.palette as usize) {
+                Some(Palette::Textured { .. }) => return ObjectMaterial::Several,
+                Some(Palette::Colors(_) | Palette::Materials(_)) => {
+                    for at in paint.at {
+                        if *entry.get_or_insert((paint.palette, at)) != (paint.palette, at) {
+                            return ObjectMaterial::Several;
+                        }
+                    }
+                }
+                None => {}
+            }
+        }
+        match entry {
+            Some((palette, at)) if !is_bare => ObjectMaterial::One(palette, at),
+            _ => ObjectMaterial::Unnamed,
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use glam::DVec3;
 
     use super::*;
     use crate::mesh::Soup;
-    use crate::scene::{Component, Item, Paint};
+    use crate::scene::Component;
 
     fn triangle(paint: Vec<Paint>) -> PaintedMesh {
         let soup = Soup { positions: vec![DVec3::ZERO, DVec3::X, DVec3::Y], faces: vec![[0, 1, 2]] };

@@ -1,7 +1,83 @@
-//! What of a scene a format can't say.
+//! The formats that are read and written, what each can say, and what of a scene it can't.
 
-use super::Format;
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use crate::math::Precision;
 use crate::scene::{Note, PAINTLESS, Paint, Palette, Scene, Shape, Unit};
+
+/// A file format that is both read and written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum Format {
+    /// Stereolithography, binary or ASCII; written as binary. Coordinates are f32 and there are no indices.
+    Stl,
+    /// Wavefront OBJ.
+    Obj,
+    /// Stanford PLY, ASCII or binary of either byte order; written as little-endian binary.
+    Ply,
+    /// Object File Format with its variants.
+    Off,
+    /// Lines `Vertex i x y z` and `Face j v1 v2 v3`, as meshalyzer has them; numbers count from 1.
+    Mesh,
+    /// glTF 2.0: GLB, or JSON with buffers that are embedded or, in a ZIP archive, beside it; written as GLB. Coordinates are f32, in metres.
+    Glb,
+    /// 3D Manufacturing Format: objects, places, colours and a unit, in a ZIP archive.
+    #[serde(rename = "3mf")]
+    ThreeMf,
+    /// Wavefront OBJ with its materials and pictures in a ZIP archive. One model of any other format may be in the archive too, and is then read
+    /// as what it is.
+    Zip,
+}
+
+impl Format {
+    /// All formats.
+    pub const ALL: [Self; 8] =
+        [Self::Stl, Self::Obj, Self::Ply, Self::Off, Self::Mesh, Self::Glb, Self::ThreeMf, Self::Zip];
+
+    /// The usual ending of a file's name, without the point.
+    #[must_use]
+    pub fn extension(self) -> &'static str {
+        match self {
+            Self::Stl => "stl",
+            Self::Obj => "obj",
+            Self::Ply => "ply",
+            Self::Off => "off",
+            Self::Mesh => "mesh",
+            Self::Glb => "glb",
+            Self::ThreeMf => "3mf",
+            Self::Zip => "zip",
+        }
+    }
+
+    /// The precision in which coordinates are written.
+    #[must_use]
+    pub fn precision(self) -> Precision {
+        match self {
+            Self::Stl | Self::Glb => Precision::F32,
+            _ => Precision::F64,
+        }
+    }
+
+    /// Whether faces share vertices by their indices, so that a reader takes them as they are. STL has no indices, and glTF gives a vertex
+    /// once for each normal and each place in a picture, so that readers of both join vertices by position.
+    #[must_use]
+    pub fn is_indexed(self) -> bool {
+        !matches!(self, Self::Stl | Self::Glb)
+    }
+
+    /// Whether it says what faces are painted with.
+    #[must_use]
+    pub fn has_paint(self) -> bool {
+        matches!(self, Self::Ply | Self::Zip | Self::Glb | Self::ThreeMf)
+    }
+
+    /// Whether it keeps objects apart, each in its places.
+    #[must_use]
+    pub fn has_objects(self) -> bool {
+        matches!(self, Self::Glb | Self::ThreeMf)
+    }
+}
 
 /// Something that a format can't say.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
