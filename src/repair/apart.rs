@@ -1,24 +1,22 @@
 //! Objects stay objects: each is repaired by itself, in its own coordinates, and stands in its places again. Objects that intersect where
 //! they stand are united first, unless the options keep them apart.
 
-use super::account::{Account, RepairedBody};
-use super::dress::{Dressed, dress};
-use super::input::{Input, inspect_measured};
-use super::objects::{MAX_NAMED, ObjectPlace, objects_intersect, outcome_of};
-use super::one_object::{ObjectRepair, RepairedObject, Share, name_of};
-use super::overlaps::{CutBody, cut_body};
-use super::repaint::repaint;
-use super::unite::{UnitedScene, connected, contacts_of, instance_of, instances_of};
-use super::verdict::surface_shares;
-use super::{
-    Assumption, AssumptionKind, Changes, Context, Merge, ObjectReport, Options, Outcome, Remesher, RepairError,
-};
+use super::account::{Account, MAX_NAMED, ObjectPlace, RepairedBody, objects_intersect, outcome_of};
+use super::attribute_transfer::{CutSoup, Painted, transfer_paint};
+use super::body::{ObjectRepair, RepairedObject, Share};
+use super::export::{Exported, export};
+use super::input::{Input, RepairError, Request};
+use super::judge::{inspect_measured, surface_shares};
+use super::options::{Merge, Options};
+use super::report::{Assumption, AssumptionKind, ObjectReport, Outcome};
+use super::unite::{CutBody, UnitedScene, connected, contacts_of, cut_body, instance_of, instances_of, name_of};
 use crate::analyze::subject;
+use crate::context::Context;
 use crate::format::{Format, ReadFile, WriteError};
-use crate::inspect::{Analysis, Inspection, InstanceContact};
+use crate::inspect::{Analysis, Changes, Inspection, InstanceContact};
 use crate::math::Box3;
 use crate::mesh::Soup;
-use crate::scene::{Instance, Object, Palette, Scene, Shape};
+use crate::scene::{Instance, Object, Paint, Palette, Scene, Shape};
 
 /// Most objects that are kept apart: each has a section of its own in the report.
 const MAX_APART: usize = 200;
@@ -55,10 +53,8 @@ pub(super) struct ApartRepair<'a> {
     pub format: Format,
     /// Whether the file may come back byte for byte where no object needs anything.
     pub as_it_is: bool,
-    pub options: &'a Options,
-    pub remesher: Option<&'a dyn Remesher>,
-    /// The surroundings of the objects' repairs.
-    pub context: &'a Context<'a>,
+    /// What is asked for, with the surroundings of the objects' repairs.
+    pub request: Request<'a>,
     /// The surroundings of what is done with all objects together, which end later.
     pub whole: &'a Context<'a>,
 }
@@ -67,7 +63,7 @@ pub(super) struct ApartRepair<'a> {
 struct ObjectResult {
     section: ObjectReport,
     /// Its triangles and paint; none where it has nothing that can be written.
-    mesh: Option<(Soup, Vec<crate::scene::Paint>)>,
+    mesh: Option<(Soup, Vec<Paint>)>,
     /// Whether the file's own object can stay.
     is_untouched: bool,
 }
@@ -96,7 +92,13 @@ struct Round {
     dialect: String,
     after: Inspection,
     changes: Option<Changes>,
-    /// The instances that still meet, with the names of their objects.
+    meetings: Meetings,
+}
+
+/// Where the instances of a scene meet.
+#[derive(Default)]
+struct Meetings {
+    /// The instances that have points in common, with the names of their objects.
     contacts: Vec<(InstanceContact, [String; 2])>,
     /// The instances with faces inside bodies of another material.
     contained: Vec<usize>,
@@ -114,7 +116,7 @@ impl ApartRepair<'_> {
         let start = instances_of(scene).map_err(|_| WriteError::TooLarge)?;
         let mut united = UnitedScene::of(scene);
         let (mut met, mut cuts) = (Vec::new(), Vec::new());
-        if self.options.merge == Merge::Auto {
+        if self.request.options.merge == Merge::Auto {
             met = contacts_of(&start, self.input.analysis, &self.whole.for_verification())?;
             let materials = self.materials_of(scene, &start);
             met.retain(|contact| is_of_one_material(materials.as_deref(), contact));
@@ -131,8 +133,8 @@ impl ApartRepair<'_> {
             round += 1;
             self.repair_missing(&united, &mut results, &mut palettes)?;
             let judged = self.judge(united, results, &palettes, bytes)?;
-            let is_last = round == MAX_ROUNDS || self.context.is_late();
-            if self.options.merge != Merge::Auto || judged.after.measures.printable() || is_last {
+            let is_last = round == MAX_ROUNDS || self.request.context.is_late();
+            if self.request.options.merge != Merge::Auto || judged.after.measures.printable() || is_last {
                 return Ok(self.conclude(judged, &met, cuts));
             }
             let instances = instances_of(&judged.scene).map_err(|_| WriteError::TooLarge)?;
@@ -145,7 +147,7 @@ impl ApartRepair<'_> {
                 cuts.extend(cut.assumptions);
                 cut.united
             } else {
-                met.extend(judged.contacts.iter().map(|(contact, _)| *contact));
+                met.extend(judged.meetings.contacts.iter().map(|(contact, _)| *contact));
                 judged.united.unite(&instances, &groups)
             };
             let mut old = judged.results;
@@ -171,8 +173,10 @@ impl ApartRepair<'_> {
         let patient = &self.whole.for_verification();
         let overlaps = |a: usize, b: usize| {
             let is_met = |(contact, _): &(InstanceContact, _)| contact.instances.map(|i| i as usize) == [a, b];
-            let is_within = round.contained.contains(&a) || round.contained.contains(&b);
-            instances[b].is_printed && materials[a] != materials[b] && (is_within || round.contacts.iter().any(is_met))
+            let is_within = round.meetings.contained.contains(&a) || round.meetings.contained.contains(&b);
+            instances[b].is_printed
+                && materials[a] != materials[b]
+                && (is_within || round.meetings.contacts.iter().any(is_met))
         };
         let placed = |instance: usize| round.scene.placed_instances([&instances[instance]]);
         let (mut groups, mut bodies, mut assumptions) = (Vec::new(), Vec::new(), Vec::new());
@@ -192,7 +196,7 @@ impl ApartRepair<'_> {
             );
             let cut = Assumption::new(AssumptionKind::OverlapRemoved, later.len() as u64, detail);
             let is_met = |(contact, _): &&(InstanceContact, _)| contact.instances[0] as usize == a;
-            let places = round.contacts.iter().filter(is_met).map(|(contact, _)| contact.at);
+            let places = round.meetings.contacts.iter().filter(is_met).map(|(contact, _)| contact.at);
             assumptions.push(cut.with_amount(removed).at(places).unless("merge=objects"));
             groups.push(vec![a]);
             bodies.push(mesh);
@@ -221,7 +225,7 @@ impl ApartRepair<'_> {
         results: &mut [Option<ObjectResult>],
         palettes: &mut [Palette],
     ) -> Result<(), RepairError> {
-        let Self { context, options, .. } = self;
+        let Request { context, options, .. } = self.request;
         let scene = &united.scene;
         let places = scene.places();
         let faces = |object: &Object| object.mesh().map_or(0, |mesh| mesh.soup.faces.len());
@@ -230,7 +234,7 @@ impl ApartRepair<'_> {
         let missing: Vec<usize> = numbers.into_iter().filter(|&number| results[number].is_none()).collect();
         let mut left: usize = missing.iter().map(|&number| faces(&scene.objects[number])).sum();
         let total = left;
-        let repair = ObjectRepair { file: self.file, format: self.format, remesher: self.remesher };
+        let repair = ObjectRepair { file: self.file, format: self.format };
         for (index, &number) in missing.iter().enumerate() {
             let object = &scene.objects[number];
             let own = faces(object);
@@ -242,11 +246,11 @@ impl ApartRepair<'_> {
             let progress = Share { context, from, to, name: &name };
             let around = context.with_progress(&progress).limited_to(context.remaining().mul_f64(share));
             let share = |most: u64| ((most as f64 * own as f64 / all.max(1) as f64) as u64).max(4);
-            let options = Options { max_faces: options.max_faces.map(share), ..(*options).clone() };
+            let options = Options { max_faces: options.max_faces.map(share), ..options.clone() };
             let index = united.members[number].first().copied().unwrap_or(number);
             let place = ObjectPlace { name: object.name.clone(), index, places: places[number] };
             let RepairedObject { report, before, soup, source, welded } =
-                repair.run(object, place, &options, &around)?;
+                repair.run(object, place, &Request { options: &options, context: &around, ..self.request })?;
             let is_untouched = match report.outcome {
                 Outcome::AlreadyPrintable => !welded,
                 outcome => outcome == Outcome::Unrepairable,
@@ -256,7 +260,9 @@ impl ApartRepair<'_> {
             let mesh = match soup {
                 None => None,
                 Some(soup) => {
-                    let paint = repaint(&before, paint, &soup, &source, palettes, patient)?;
+                    let painted = Painted { surface: &before, paint };
+                    let result = CutSoup { soup: &soup, source: &source };
+                    let paint = transfer_paint(painted, result, palettes, patient)?;
                     Some((soup, paint))
                 }
             };
@@ -279,9 +285,9 @@ impl ApartRepair<'_> {
         let is_untouched = self.as_it_is && !united.is_changed && results.iter().flatten().all(|it| it.is_untouched);
         if is_untouched {
             let (scene, after) = (united.scene.clone(), input.before.clone());
-            let (contacts, contained) = self.meetings(&united, &scene, input.analysis, &after)?;
+            let meetings = self.meetings(&united, &scene, input.analysis, &after)?;
             let (bytes, dialect) = (bytes.to_vec(), input.mesh.dialect.clone());
-            return Ok(Round { united, scene, results, bytes, dialect, after, changes: None, contacts, contained });
+            return Ok(Round { united, scene, results, bytes, dialect, after, changes: None, meetings });
         }
         let mut scene = united.scene.clone();
         scene.palettes = palettes.to_vec();
@@ -292,45 +298,45 @@ impl ApartRepair<'_> {
                 (mesh.soup, mesh.paint) = (soup.clone(), paint.clone());
             }
         }
-        let Dressed { bytes, mesh, .. } = dress(&scene, self.format)?;
+        let Exported { bytes, mesh, .. } = export(&scene, self.format)?;
         let analysis = Analysis::new(subject(&mesh, input.analysis.subject.unit), verification)?;
         let (after, _) = inspect_measured(&analysis, context)?;
-        let (contacts, contained) = self.meetings(&united, &scene, &analysis, &after)?;
+        let meetings = self.meetings(&united, &scene, &analysis, &after)?;
         let changes = input.original.changes(&analysis, &after.measures, None, verification)?;
         let surface = surface_shares(input.original, &analysis, context)?;
         let changes = Some(Changes { surface, ..changes });
         let dialect = mesh.dialect.clone();
-        Ok(Round { united, scene, results, bytes, dialect, after, changes, contacts, contained })
+        Ok(Round { united, scene, results, bytes, dialect, after, changes, meetings })
     }
 
     /// The contacts between the instances of a scene by the names of their objects, and the instances that lie in other materials. A
     /// printable file has neither.
-    #[expect(clippy::type_complexity, reason = "two lists")]
     fn meetings(
         &self,
         united: &UnitedScene,
         scene: &Scene,
         analysis: &Analysis<'_>,
         found: &Inspection,
-    ) -> Result<(Vec<(InstanceContact, [String; 2])>, Vec<usize>), RepairError> {
+    ) -> Result<Meetings, RepairError> {
         if found.measures.printable() {
-            return Ok(Default::default());
+            return Ok(Meetings::default());
         }
         let patient = &self.whole.for_verification();
         let instances = &instances_of(scene).map_err(|_| WriteError::TooLarge)?;
         let contacts = contacts_of(instances, analysis, patient)?;
         let name = |instance: u32| self.instance_name(united, &instances[instance as usize]);
-        let named = contacts.into_iter().map(|contact| (contact, contact.instances.map(name))).collect();
+        let contacts = contacts.into_iter().map(|contact| (contact, contact.instances.map(name))).collect();
         let of = instance_of(instances);
         let mut contained: Vec<usize> =
             analysis.faces_in_other_materials(patient)?.iter().map(|&face| of(face) as usize).collect();
         contained.dedup();
-        Ok((named, contained))
+        Ok(Meetings { contacts, contained })
     }
 
     /// How the file as a whole ended.
     fn conclude(&self, round: Round, met: &[InstanceContact], cuts: Vec<Assumption>) -> RepairedObjects {
-        let Round { united, scene, results, bytes, dialect, after, changes, contacts, contained } = round;
+        let Round { united, scene, results, bytes, dialect, after, changes, meetings } = round;
+        let Meetings { contacts, contained } = meetings;
         let instances = instances_of(&scene).unwrap_or_default();
         let contained: Vec<String> =
             contained.iter().take(MAX_NAMED).map(|&it| self.instance_name(&united, &instances[it])).collect();
@@ -347,7 +353,7 @@ impl ApartRepair<'_> {
         account.left_out.dedup();
         if let Some(flag) = objects_intersect(&contacts, &contained) {
             if sections.iter().all(|section| section.outcome.is_printable()) {
-                let advice = match self.options.merge {
+                let advice = match self.request.options.merge {
                     Merge::None => " Set merge=auto to unite them.",
                     Merge::Auto | Merge::Objects => "",
                 };
@@ -386,7 +392,7 @@ impl ApartRepair<'_> {
 /// printable and none meets another, all of them, since one then lies within another.
 fn next_groups(round: &Round, instances: &[Instance], materials: Option<&[u32]>) -> Vec<Vec<usize>> {
     let contacts: Vec<InstanceContact> =
-        round.contacts.iter().map(|(it, _)| *it).filter(|it| is_of_one_material(materials, it)).collect();
+        round.meetings.contacts.iter().map(|(it, _)| *it).filter(|it| is_of_one_material(materials, it)).collect();
     let groups = connected(instances.len(), &contacts);
     let all_good = round.results.iter().flatten().all(|result| result.section.outcome.is_printable());
     if !groups.is_empty() || !all_good || materials.is_some() {

@@ -1,0 +1,314 @@
+//! How the attempts on one body ended: in words, and what was decided on the way without proof.
+
+use super::change::ChangeKind;
+use super::input::Input;
+use super::judge::Judged;
+use super::operators::thicken::THICKNESS;
+use super::options::{Category, InsideRule, Operator, Options};
+use super::presets::ask_of_printable;
+use super::report::{
+    Assumption, AssumptionKind, Candidate, LeftOut, OptionNotApplied, Outcome, Plan, Rung, Step, StepStatus,
+};
+use super::tasks::takes_inverted_for_solid;
+use crate::inspect::{Analysis, Certificate, DefectKind, Inspection, Measures, Solid};
+
+/// How the attempts on one body ended, before its result was inspected.
+pub(super) struct Ended {
+    pub outcome: Outcome,
+    /// What is to be handed out; none where there is nothing.
+    pub judged: Option<Judged>,
+    pub plan: Plan,
+    pub steps: Vec<Step>,
+    pub candidates: Vec<Candidate>,
+    /// Index of the strategy that made the result; none where the input itself is handed out.
+    pub strategy: Option<u32>,
+    pub options_not_applied: Vec<OptionNotApplied>,
+    pub warnings: Vec<String>,
+}
+
+impl Ended {
+    /// The input handed back, or nothing, before a plan was made.
+    pub fn with_input(judged: Option<Judged>, reason: &str) -> Self {
+        Self {
+            outcome: Outcome::Unrepairable,
+            candidates: judged.iter().map(|judged| Candidate::new(None, judged, true)).collect(),
+            judged,
+            plan: Plan::nothing(reason),
+            steps: Vec::new(),
+            strategy: None,
+            options_not_applied: Vec::new(),
+            warnings: Vec::new(),
+        }
+    }
+}
+
+/// What a printable result keeps though it is not ideal, in words; empty where there is nothing of the kind.
+pub(super) fn what_remains(after: &Inspection) -> String {
+    if !after.measures.printable() {
+        return String::new();
+    }
+    let kinds = [(DefectKind::DegenerateFace, "with a very short edge"), (DefectKind::FlatFace, "of almost no height")];
+    let found = kinds.map(|(kind, what)| {
+        let count = after.count(kind);
+        (count > 0).then(|| format!("{} {what}", counted(count, "face", "faces")))
+    });
+    let remaining: Vec<String> = found.into_iter().flatten().collect();
+    if remaining.is_empty() {
+        return String::new();
+    }
+    format!(" Left as found, since slicers accept them: {}.", remaining.join(", "))
+}
+
+/// The outcome in words, with what to do next where it is not good.
+pub(super) fn in_words(ended: &Ended, input: &Input<'_>, options: &Options) -> String {
+    let outcome = ended.outcome;
+    let after = ended.judged.as_ref().map(|judged| &judged.measures);
+    let out_of_time = input.time.left_out();
+    let is_left_out = |what| out_of_time.contains(&what);
+    let was_printable = input.before.measures.printable();
+    let deadline = options.deadline_s;
+    let left = after.map_or_else(String::new, |after| after.faults().join(", "));
+    let mut text = match outcome {
+        Outcome::AlreadyPrintable => return "The model is printable already; its geometry was not touched.".to_owned(),
+        Outcome::Repaired if was_printable && options.asks_for_fewer_faces() => {
+            return "The model was printable already; it has fewer faces now, as was asked for.".to_owned();
+        }
+        Outcome::Repaired if was_printable && ask_of_printable(options) => {
+            return "The model was printable already; it was changed as the options ask.".to_owned();
+        }
+        Outcome::Repaired => return "The model was repaired and is printable.".to_owned(),
+        Outcome::PartiallyRepaired if left.is_empty() => {
+            "The result passes every check, but a red flag is up: compare it with the original before you print it."
+                .to_owned()
+        }
+        Outcome::PartiallyRepaired => format!("The model is better than it was, but not printable: {left}."),
+        Outcome::Unrepairable if is_left_out(LeftOut::InputVerification) => {
+            return format!(
+                "The deadline of {deadline} s came before the model was inspected, so it is not known whether it is printable; it is {}. \
+                 Raise deadline_s.",
+                if after.is_some() { "handed back unchanged" } else { "not handed out" }
+            );
+        }
+        Outcome::Unrepairable if after.is_none() && is_left_out(LeftOut::Verification) => {
+            return format!(
+                "The deadline of {deadline} s came before a result was verified, so nothing is handed out. Raise deadline_s."
+            );
+        }
+        Outcome::Unrepairable if after.is_none() => {
+            "The file has no face that could be written: nothing is handed out. Export the model again.".to_owned()
+        }
+        Outcome::Unrepairable if ended.plan.category == Category::OpenSheet => {
+            return "The model is an open surface that encloses nothing, so there is no solid to print; it is handed \
+                    back unchanged. Ask for open_sheets thicken or base to have it made solid."
+                .to_owned();
+        }
+        Outcome::Unrepairable if is_left_out(LeftOut::Repair) => {
+            format!("Nothing made the model better in the time there was; it is handed back unchanged: {left}.")
+        }
+        Outcome::Unrepairable => {
+            format!("Nothing that ran made the model better; it is handed back unchanged: {left}.")
+        }
+    };
+    if ended.plan.category == Category::OpenSheet && outcome == Outcome::PartiallyRepaired {
+        text.push_str(
+            " It is an open surface that encloses nothing: ask for open_sheets thicken or base to have it made solid.",
+        );
+    }
+    if let Some(left) = left_open_by_options(&ended.steps) {
+        text.push_str(&left);
+    }
+    if is_left_out(LeftOut::Repair) || is_left_out(LeftOut::Verification) {
+        text.push_str(&format!(" The deadline of {deadline} s came before everything was tried: raise deadline_s."));
+    }
+    let skipped = ended.steps.iter().any(|s| s.tier == 3 && s.status == StepStatus::Skipped);
+    if skipped {
+        text.push_str(" A remesh with Blender was planned and could not run.");
+    } else if options.max_tier < 3 {
+        text.push_str(" Raising max_tier to 3 lets Blender try.");
+    }
+    text
+}
+
+/// The holes that the options leave open, with what to do.
+fn left_open_by_options(steps: &[Step]) -> Option<String> {
+    let changes = steps.iter().filter(|step| step.status == StepStatus::Done).flat_map(|step| &step.changed);
+    let most = changes.filter(|it| it.what == ChangeKind::HolesOverLimit).map(|it| it.count).max()?;
+    let plural = if most == 1 { "hole was" } else { "holes were" };
+    Some(format!(
+        " {most} {plural} left open by max_hole_edges, max_hole_size or max_holes: raise them, or set open_sheets=thicken for a \
+         shell."
+    ))
+}
+
+/// What was left when faces were to be removed and none was.
+pub(super) fn why_no_face_went(steps: &[Step]) -> Option<String> {
+    let last = steps.iter().rev().find(|step| step.operator == Some(Operator::Simplify))?;
+    Some(last.note.clone().unwrap_or_else(|| "no face could be removed".to_owned()))
+}
+
+/// The assumptions behind the result of a strategy.
+pub(super) fn assumptions(ended: &Ended, judged: &Judged, input: &Input<'_>, options: &Options) -> Vec<Assumption> {
+    let of_strategy = |step: &&Step| Some(step.rung) == ended.strategy && step.status == StepStatus::Done;
+    let steps: Vec<&Step> = ended.steps.iter().filter(of_strategy).collect();
+    let (before, input) = (&input.before.measures, input.analysis);
+    let diagonal = input.surface.bounds().diagonal();
+    let mut all = judged.assumptions.clone();
+    all.extend(small_parts_dropped(&steps, judged, input));
+    all.extend(invented(&steps, judged, options, diagonal));
+    all.extend(large_holes(judged, diagonal));
+    let strategy = ended.strategy.and_then(|index| ended.plan.rungs.get(index as usize));
+    all.extend(strategy.and_then(|strategy| winding_rule(&steps, strategy, before, options)));
+    all.extend(pieces_dropped(judged, input));
+    all.extend(cavities(judged, input));
+    all
+}
+
+/// How much of one kind the operator changed.
+fn changed(steps: &[&Step], operator: Operator, what: ChangeKind) -> u64 {
+    let of_operator = steps.iter().filter(|step| step.operator == Some(operator));
+    of_operator.flat_map(|step| &step.changed).filter(|change| change.what == what).map(|change| change.count).sum()
+}
+
+/// "One" and the singular, or the count and the plural.
+fn counted(count: u64, one: &str, many: &str) -> String {
+    if count == 1 { format!("One {one}") } else { format!("{count} {many}") }
+}
+
+/// Thickened sheets, bases, and parts joined.
+fn invented(steps: &[&Step], judged: &Judged, options: &Options, diagonal: f64) -> Vec<Assumption> {
+    let (it, mut all) = (&judged.invented, Vec::new());
+    let places = || it.places.iter().map(|at| at.to_array());
+    let thickness = options.thickness.unwrap_or(THICKNESS * diagonal);
+    let sheets = changed(steps, Operator::ThickenSheets, ChangeKind::SheetsThickened);
+    if sheets > 0 {
+        let share = it.share_pct(it.skins);
+        let detail = format!(
+            "{} given a thickness of {thickness:.4}; {share:.1} % of the result's surface is new by it.",
+            counted(sheets, "open sheet that encloses nothing was", "open sheets that enclose nothing were")
+        );
+        let assumption = Assumption::new(AssumptionKind::SheetsThickened, sheets, detail).with_amount(thickness);
+        all.push(assumption.with_share(share).at(places()).unless("open_sheets=leave"));
+    }
+    let faces = changed(steps, Operator::Resolve, ChangeKind::FacesAroundOpenRoomsThickened);
+    if faces > 0 {
+        let share = it.share_pct(it.opened_skins);
+        let detail = format!(
+            "{} around regions into which one can look through holes given a thickness of {thickness:.4}, and the regions \
+             were left open; {share:.1} % of the result's surface is new by it.",
+            counted(faces, "face was", "faces were")
+        );
+        let assumption = Assumption::new(AssumptionKind::SheetsThickened, faces, detail).with_amount(thickness);
+        all.push(assumption.with_share(share).at(places()).unless("open_sheets=leave"));
+    }
+    let bases = changed(steps, Operator::AddBase, ChangeKind::BasesAdded);
+    if bases > 0 {
+        let share = it.share_pct(it.bases);
+        let detail = format!(
+            "{} closed by a base {thickness:.4} thick at its lowest point; {share:.1} % of the result's surface is new by it.",
+            counted(bases, "open surface was", "open surfaces were")
+        );
+        let assumption = Assumption::new(AssumptionKind::BasesAdded, bases, detail).with_amount(thickness);
+        all.push(assumption.with_share(share).at(places()).unless("open_sheets=leave"));
+    }
+    let joined = changed(steps, Operator::JoinParts, ChangeKind::PartsJoined);
+    if joined > 0 {
+        let detail = format!("{joined} bands of surface join parts that were apart.");
+        all.push(Assumption::new(AssumptionKind::PartsJoined, joined, detail).unless("without=join_parts"));
+    }
+    all
+}
+
+fn large_holes(judged: &Judged, diagonal: f64) -> Option<Assumption> {
+    let it = &judged.invented;
+    let smallest = it.patches.iter().map(|patch| patch.extent).reduce(f64::min)?;
+    let (count, area) = (it.patches.len() as u64, it.patch_area());
+    let share = it.share_pct(area);
+    let detail = format!(
+        "{} closed with {share:.1} % of the result's surface.",
+        counted(count, "large hole was", "large holes were")
+    );
+    let below = ((smallest / diagonal * 1000.0).floor() - 1.0).clamp(0.0, 999.0) / 1000.0;
+    let assumption =
+        Assumption::new(AssumptionKind::LargeHolesClosed, count, detail).with_amount(area).with_share(share);
+    let places = it.patches.iter().map(|patch| patch.at.to_array());
+    Some(assumption.at(places).unless(&format!("max_hole_size={below}")))
+}
+
+/// The winding rule that `auto` chose, where intersecting surface looks in different ways.
+fn winding_rule(steps: &[&Step], strategy: &Rung, before: &Measures, options: &Options) -> Option<Assumption> {
+    let resolved = steps.iter().any(|step| step.operator == Some(Operator::Resolve) && !step.changed.is_empty());
+    let is_open_question = before.inverted_parts > 0 || before.misoriented_edges > 0;
+    if options.inside != InsideRule::Auto || !resolved || !is_open_question {
+        return None;
+    }
+    let (detail, other) = match takes_inverted_for_solid(strategy, options) {
+        true => ("Where faces intersect, parts that are inside out were taken for solid too.", "inside=positive"),
+        false => {
+            ("Where faces intersect, only what the surface winds around outward was taken for solid.", "inside=nonzero")
+        }
+    };
+    Some(Assumption::new(AssumptionKind::WindingRule, 1, detail).unless(other))
+}
+
+/// The input's parts with one of these certificates.
+fn certified<'a>(
+    judged: &'a Judged,
+    input: &'a Analysis<'_>,
+    is_one: impl Fn(Certificate) -> bool + 'a,
+) -> Vec<&'a Solid> {
+    let certificates = judged.ledger.iter().flat_map(|ledger| &ledger.certificates);
+    certificates.filter(|it| is_one(it.certificate)).filter_map(|it| input.solids.get(it.part as usize)).collect()
+}
+
+/// The pieces that were dropped as the options ask, with the area of the input's parts among them.
+fn small_parts_dropped(steps: &[&Step], judged: &Judged, input: &Analysis<'_>) -> Option<Assumption> {
+    let count = changed(steps, Operator::DropSmallParts, ChangeKind::SmallPartsDropped);
+    let words = if count == 1 { "1 closed part was".to_owned() } else { format!("{count} closed parts were") };
+    let certified = judged.ledger.iter().flat_map(|ledger| &ledger.certified);
+    let dropped = certified.filter(|(_, certificate)| *certificate == Certificate::Dropped);
+    let area: f64 = dropped.map(|(part, _)| input.solids[*part as usize].area).sum();
+    let detail = format!("{words} dropped: smaller than `min_part_volume_pct`.");
+    (count > 0).then(|| {
+        Assumption::new(AssumptionKind::PiecesDropped, count, detail)
+            .with_amount(area)
+            .with_share(area / judged.measures.area * 100.0)
+            .unless("min_part_volume_pct=0")
+    })
+}
+
+fn pieces_dropped(judged: &Judged, input: &Analysis<'_>) -> Option<Assumption> {
+    let ledger = judged.ledger.as_ref()?;
+    let count = ledger.debris + ledger.no_volume;
+    if count == 0 {
+        return None;
+    }
+    let pieces = certified(judged, input, |it| matches!(it, Certificate::Debris | Certificate::NoVolume));
+    let area: f64 = pieces.iter().map(|piece| piece.area).sum();
+    let detail = format!(
+        "{} dropped: nothing is enclosed, or too little to print.",
+        counted(count, "stray piece was", "stray pieces were")
+    );
+    let option = if ledger.debris > 0 { "without=remove_debris" } else { "open_sheets=thicken" };
+    let assumption = Assumption::new(AssumptionKind::PiecesDropped, count, detail).with_amount(area);
+    Some(assumption.at(pieces.iter().map(|piece| piece.bounds.centre().to_array())).unless(option))
+}
+
+/// Sealed cavities that are kept, and those that are filled.
+fn cavities(judged: &Judged, input: &Analysis<'_>) -> Vec<Assumption> {
+    let mut all = Vec::new();
+    if !judged.cavities.is_empty() {
+        let (count, volume) = (judged.cavities.len() as u64, judged.cavities.iter().map(|it| it.0).sum());
+        let detail = format!("{} kept hollow.", counted(count, "sealed cavity was", "sealed cavities were"));
+        let assumption = Assumption::new(AssumptionKind::CavitiesKept, count, detail).with_amount(volume);
+        all.push(assumption.at(judged.cavities.iter().map(|it| it.1)));
+    }
+    let mut filled = certified(judged, input, |it| it == Certificate::InsideAnother);
+    filled.retain(|part| part.closed && part.volume < 0.0);
+    if !filled.is_empty() {
+        let (count, volume) = (filled.len() as u64, filled.iter().map(|it| it.volume.abs()).sum());
+        let detail = format!("{} filled.", counted(count, "sealed cavity was", "sealed cavities were"));
+        let assumption = Assumption::new(AssumptionKind::CavitiesFilled, count, detail).with_amount(volume);
+        all.push(assumption.at(filled.iter().map(|it| it.bounds.centre().to_array())).unless("inside=odd"));
+    }
+    all
+}
