@@ -70,13 +70,13 @@ impl RepairedBody {
         if after.level == Level::None {
             input.time.leave_out(LeftOut::ResultDetails);
         }
-        if judged.surface.is_none() {
+        if judged.details.surface.is_none() {
             input.time.leave_out(LeftOut::SurfaceChanges);
         }
         account.left_out = input.time.left_out();
         account.summary.push_str(&what_remains(&after));
         account.after = Some(after);
-        account.changes = Some(Changes { surface: judged.surface, ..judged.changes });
+        account.changes = Some(Changes { surface: judged.details.surface, ..judged.changes });
         // The reasons part by part are for the program alone.
         account.ledger = judged.ledger.map(|ledger| Ledger { certified: Vec::new(), ..ledger });
         account.red_flags = judged.red_flags;

@@ -61,55 +61,14 @@ pub(super) fn what_remains(after: &Inspection) -> String {
 
 /// The outcome in words, with what to do next where it is not good.
 pub(super) fn in_words(ended: &Ended, input: &Input<'_>, options: &Options) -> String {
-    let outcome = ended.outcome;
-    let after = ended.judged.as_ref().map(|judged| &judged.measures);
     let out_of_time = input.time.left_out();
     let is_left_out = |what| out_of_time.contains(&what);
-    let was_printable = input.before.measures.printable();
     let deadline = options.deadline_s;
-    let left = after.map_or_else(String::new, |after| after.faults().join(", "));
-    let mut text = match outcome {
-        Outcome::AlreadyPrintable => return "The model is printable already; its geometry was not touched.".to_owned(),
-        Outcome::Repaired if was_printable && options.asks_for_fewer_faces() => {
-            return "The model was printable already; it has fewer faces now, as was asked for.".to_owned();
-        }
-        Outcome::Repaired if was_printable && ask_of_printable(options) => {
-            return "The model was printable already; it was changed as the options ask.".to_owned();
-        }
-        Outcome::Repaired => return "The model was repaired and is printable.".to_owned(),
-        Outcome::PartiallyRepaired if left.is_empty() => {
-            "The result passes every check, but a red flag is up: compare it with the original before you print it."
-                .to_owned()
-        }
-        Outcome::PartiallyRepaired => format!("The model is better than it was, but not printable: {left}."),
-        Outcome::Unrepairable if is_left_out(LeftOut::InputVerification) => {
-            return format!(
-                "The deadline of {deadline} s came before the model was inspected, so it is not known whether it is printable; it is {}. \
-                 Raise deadline_s.",
-                if after.is_some() { "handed back unchanged" } else { "not handed out" }
-            );
-        }
-        Outcome::Unrepairable if after.is_none() && is_left_out(LeftOut::Verification) => {
-            return format!(
-                "The deadline of {deadline} s came before a result was verified, so nothing is handed out. Raise deadline_s."
-            );
-        }
-        Outcome::Unrepairable if after.is_none() => {
-            "The file has no face that could be written: nothing is handed out. Export the model again.".to_owned()
-        }
-        Outcome::Unrepairable if ended.plan.category == Category::OpenSheet => {
-            return "The model is an open surface that encloses nothing, so there is no solid to print; it is handed \
-                    back unchanged. Ask for open_sheets thicken or base to have it made solid."
-                .to_owned();
-        }
-        Outcome::Unrepairable if is_left_out(LeftOut::Repair) => {
-            format!("Nothing made the model better in the time there was; it is handed back unchanged: {left}.")
-        }
-        Outcome::Unrepairable => {
-            format!("Nothing that ran made the model better; it is handed back unchanged: {left}.")
-        }
+    let mut text = match outcome_in_words(ended, input, options) {
+        Words::All(text) => return text,
+        Words::First(text) => text,
     };
-    if ended.plan.category == Category::OpenSheet && outcome == Outcome::PartiallyRepaired {
+    if ended.plan.category == Category::OpenSheet && ended.outcome == Outcome::PartiallyRepaired {
         text.push_str(
             " It is an open surface that encloses nothing: ask for open_sheets thicken or base to have it made solid.",
         );
@@ -127,6 +86,70 @@ pub(super) fn in_words(ended: &Ended, input: &Input<'_>, options: &Options) -> S
         text.push_str(" Raising max_tier to 3 lets Blender try.");
     }
     text
+}
+
+/// Words for an outcome.
+enum Words {
+    /// All that is to be said.
+    All(String),
+    /// What is followed by what to do.
+    First(String),
+}
+
+fn outcome_in_words(ended: &Ended, input: &Input<'_>, options: &Options) -> Words {
+    let all = |text: &str| Words::All(text.to_owned());
+    let was_printable = input.before.measures.printable();
+    let left = ended.judged.as_ref().map_or_else(String::new, |judged| judged.measures.faults().join(", "));
+    match ended.outcome {
+        Outcome::AlreadyPrintable => all("The model is printable already; its geometry was not touched."),
+        Outcome::Repaired if was_printable && options.asks_for_fewer_faces() => {
+            all("The model was printable already; it has fewer faces now, as was asked for.")
+        }
+        Outcome::Repaired if was_printable && ask_of_printable(options) => {
+            all("The model was printable already; it was changed as the options ask.")
+        }
+        Outcome::Repaired => all("The model was repaired and is printable."),
+        Outcome::PartiallyRepaired if left.is_empty() => Words::First(
+            "The result passes every check, but a red flag is up: compare it with the original before you print it."
+                .to_owned(),
+        ),
+        Outcome::PartiallyRepaired => {
+            Words::First(format!("The model is better than it was, but not printable: {left}."))
+        }
+        Outcome::Unrepairable => unrepairable_in_words(ended, &input.time.left_out(), options.deadline_s, &left),
+    }
+}
+
+fn unrepairable_in_words(ended: &Ended, left_out: &[LeftOut], deadline: f64, left: &str) -> Words {
+    let is_handed_out = ended.judged.is_some();
+    let is_left_out = |what| left_out.contains(&what);
+    if is_left_out(LeftOut::InputVerification) {
+        Words::All(format!(
+            "The deadline of {deadline} s came before the model was inspected, so it is not known whether it is printable; it is {}. \
+             Raise deadline_s.",
+            if is_handed_out { "handed back unchanged" } else { "not handed out" }
+        ))
+    } else if !is_handed_out && is_left_out(LeftOut::Verification) {
+        Words::All(format!(
+            "The deadline of {deadline} s came before a result was verified, so nothing is handed out. Raise deadline_s."
+        ))
+    } else if !is_handed_out {
+        Words::First(
+            "The file has no face that could be written: nothing is handed out. Export the model again.".to_owned(),
+        )
+    } else if ended.plan.category == Category::OpenSheet {
+        Words::All(
+            "The model is an open surface that encloses nothing, so there is no solid to print; it is handed \
+             back unchanged. Ask for open_sheets thicken or base to have it made solid."
+                .to_owned(),
+        )
+    } else if is_left_out(LeftOut::Repair) {
+        Words::First(format!(
+            "Nothing made the model better in the time there was; it is handed back unchanged: {left}."
+        ))
+    } else {
+        Words::First(format!("Nothing that ran made the model better; it is handed back unchanged: {left}."))
+    }
 }
 
 /// The holes that the options leave open, with what to do.

@@ -2,7 +2,9 @@
 
 use std::time::Duration;
 
-use super::judge::{JudgeError, Judged, Judging, Patches, inspect_counts, inspect_in_time, read_own, surface_shares};
+use super::judge::{
+    Details, JudgeError, Judged, Judging, Patches, inspect_counts, inspect_in_time, read_own, surface_shares,
+};
 use super::operators::duplicates::remove_duplicates;
 use super::operators::orient::Orient;
 use super::options::{Nested, Options};
@@ -147,10 +149,11 @@ impl Input<'_> {
             dialect,
             changes,
             red_flags: Vec::new(),
-            inspection: None,
-            counts: Some(Inspection { measures: measures.clone(), ..self.before.clone() }),
+            details: Details {
+                counts: Some(Inspection { measures: measures.clone(), ..self.before.clone() }),
+                ..Details::default()
+            },
             measures,
-            surface: None,
             ledger: None,
             assumptions: Vec::new(),
             cavities: Vec::new(),
@@ -167,10 +170,10 @@ impl Input<'_> {
     /// say is known already.
     pub fn after(&self, judged: &mut Judged, context: &Context<'_>) -> Result<Inspection, RepairError> {
         if self.bytes == Some(judged.bytes.as_slice()) {
-            judged.surface = surface_shares(self.original, self.analysis, context)?;
+            judged.details.surface = surface_shares(self.original, self.analysis, context)?;
             return Ok(self.before.clone());
         }
-        if let Some(inspection) = judged.inspection.take() {
+        if let Some(inspection) = judged.details.inspection.take() {
             return Ok(inspection);
         }
         let inspected = || {
@@ -182,12 +185,12 @@ impl Input<'_> {
         };
         match inspected() {
             Ok((inspection, surface)) => {
-                judged.surface = surface;
+                judged.details.surface = surface;
                 Ok(inspection)
             }
             Err(RepairError::Cancelled(_)) if !context.is_cancelled() => {
                 self.time.leave_out(LeftOut::ResultDetails);
-                let counts = judged.counts.take().unwrap_or_else(|| self.before.clone());
+                let counts = judged.details.counts.take().unwrap_or_else(|| self.before.clone());
                 Ok(Inspection { measures: judged.measures.clone(), ..counts })
             }
             Err(error) => Err(error),

@@ -3,7 +3,7 @@
 use super::options::{Operator, Options, OutputFormat};
 use super::part_accounting::{ledger, parts_dropped, standing};
 use super::presets::remesh_of;
-use super::red_flags::{Invented, part_lost, red_flags, surface_invented};
+use super::red_flags::{Compared, Invented, part_lost, red_flags, surface_invented};
 use super::report::{Assumption, AssumptionKind, Candidate, RedFlag, RedFlagCode, Rung};
 use crate::analyze::subject;
 use crate::context::{Cancelled, Context};
@@ -35,6 +35,12 @@ pub(super) struct Judged {
     pub cavities: Vec<(f64, [f64; 3])>,
     /// What of its surface was invented.
     pub invented: Invented,
+    pub details: Details,
+}
+
+/// What is known of a result beside its measures.
+#[derive(Default)]
+pub(super) struct Details {
     /// Its inspection, where it is good: then nothing better will come, and what its bytes say is at hand.
     pub inspection: Option<Inspection>,
     /// What was counted of it, where there is no inspection: what is told of it if there is no time for one.
@@ -92,18 +98,30 @@ impl Judging<'_, '_> {
         let analysis = Analysis::new(subject(&read, unit.as_ref()), verification)?;
         let measures = measure_analysis(&analysis, verification)?;
         let ledger = ledger(input, &analysis, options, verification)?;
-        let changes = self.changes(surface, patches, &analysis, &measures, &ledger)?;
+        // Faces are written and read in their order.
+        let patches: Vec<bool> = match patches {
+            Patches::BySource => surface.source.iter().map(|&source| is_made(source)).collect(),
+            Patches::None => Vec::new(),
+        };
+        let dropped = parts_dropped(&ledger, input.analysis().parts.count);
+        let mut changes = input.changes_but_for(&analysis, &measures, Some(&patches), &dropped, verification)?;
+        // What was taken for inside was opened on purpose: it can be seen through a hole.
+        if !input.measures().closed && surface.source.contains(&OPENED_SKIN_SOURCE) {
+            changes.inside_overlap_pct = None;
+        }
         let invented = before_remesh.map_or_else(|| Invented::of(surface), |it| it.in_remesh(measures.area));
         let standing = standing(surface, input.analysis(), &ledger);
-        let mut red_flags =
-            red_flags(input.measures(), input.settled_volume(verification)?, &measures, &changes, standing, options);
+        let compared = Compared {
+            before: input.measures(),
+            settled: input.settled_volume(verification)?,
+            after: &measures,
+            changes: &changes,
+            standing,
+        };
+        let mut red_flags = red_flags(&compared, options);
         red_flags.extend(part_lost(&ledger, context));
         red_flags.extend(surface_invented(&invented, options));
-        let good = is_final(&measures, &red_flags);
-        // Of other results it is found out when they are handed out, if there is time.
-        let inspection = if good { Some(inspect_measured(&analysis, context)?.0) } else { None };
-        let counts = if good { None } else { Some(inspect_counts(&analysis, verification)?.0) };
-        let shares = if good { surface_shares(input, &analysis, context)? } else { None };
+        let details = self.details(&analysis, is_final(&measures, &red_flags))?;
         let mut judged = Judged {
             cavities: cavities(&analysis, &measures),
             bytes,
@@ -115,37 +133,21 @@ impl Judging<'_, '_> {
             source: surface.source.clone(),
             ledger: Some(ledger),
             invented,
-            inspection,
-            counts,
-            surface: shares,
+            details,
         };
         judged.assumptions.extend(same_inside(&judged, options.max_volume_change_pct));
         Ok(judged)
     }
 
-    /// What changed from the input to a result.
-    fn changes(
-        &self,
-        surface: &Surface,
-        patches: Patches,
-        result: &Analysis<'_>,
-        measures: &Measures,
-        ledger: &Ledger,
-    ) -> Result<Changes, Cancelled> {
-        let input = self.input;
-        // Faces are written and read in their order.
-        let patches: Vec<bool> = match patches {
-            Patches::BySource => surface.source.iter().map(|&source| is_made(source)).collect(),
-            Patches::None => Vec::new(),
-        };
-        let dropped = parts_dropped(ledger, input.analysis().parts.count);
-        let verification = &self.context.for_verification();
-        let mut changes = input.changes_but_for(result, measures, Some(&patches), &dropped, verification)?;
-        // What was taken for inside was opened on purpose: it can be seen through a hole.
-        if !input.measures().closed && surface.source.contains(&OPENED_SKIN_SOURCE) {
-            changes.inside_overlap_pct = None;
+    /// The details of a final result; of others they are found out when they are handed out, if there is time.
+    fn details(&self, result: &Analysis<'_>, is_final: bool) -> Result<Details, Cancelled> {
+        let context = self.context;
+        if !is_final {
+            let counts = Some(inspect_counts(result, &context.for_verification())?.0);
+            return Ok(Details { inspection: None, counts, surface: None });
         }
-        Ok(changes)
+        let inspection = Some(inspect_measured(result, context)?.0);
+        Ok(Details { inspection, counts: None, surface: surface_shares(self.input, result, context)? })
     }
 }
 

@@ -1,16 +1,16 @@
+//! The options of a repair.
+
 mod choices;
-mod operator;
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 use utoipa::{IntoParams, ToSchema};
 
-pub use self::choices::{
-    Category, HoleFilling, InsideRule, Merge, Nested, OpenSheets, OutputFormat, Overlaps, Preset, Require,
-    StitchPosition,
-};
-pub use self::operator::Operator;
-use self::operator::operators_by_name;
+pub use self::choices::{Category, InsideRule, Merge, OpenSheets, OutputFormat, Overlaps, Preset, Require};
+pub use super::operators::Operator;
+pub use super::operators::holes::HoleFilling;
+pub use super::operators::orient::Nested;
+pub use super::operators::stitch::StitchPosition;
 use crate::format::ReadOptions;
 use crate::inspect::{OptionsError, changed_fields};
 use crate::scene::Unit;
@@ -296,4 +296,26 @@ impl Options {
         let faces = self.max_remesh_faces as f64;
         number("max_remesh_faces", faces, 1000.0, 20_000_000.0, "between 1000 and 20000000 faces")
     }
+}
+
+/// Names of operators: an array, or one string with commas, as a query says it.
+fn operators_by_name<'de, D: serde::Deserializer<'de>>(from: D) -> Result<Vec<Operator>, D::Error> {
+    #[derive(Deserialize)]
+    #[serde(untagged)]
+    enum Names {
+        Many(Vec<String>),
+        One(String),
+    }
+    let names = match Names::deserialize(from)? {
+        Names::Many(names) => names,
+        Names::One(names) => {
+            names.split(',').map(|name| name.trim().to_owned()).filter(|name| !name.is_empty()).collect()
+        }
+    };
+    let known = || Operator::ALL.iter().map(|o| o.as_str()).collect::<Vec<_>>().join(", ");
+    let of = |name: &String| Operator::ALL.iter().copied().find(|o| o.as_str() == name);
+    let find = |name| {
+        of(name).ok_or_else(|| serde::de::Error::custom(format!("there is no operator '{name}'; they are {}", known())))
+    };
+    names.iter().map(find).collect()
 }

@@ -160,45 +160,6 @@ pub enum InsideRule {
     Odd,
 }
 
-/// How closed parts that lie in others are wound.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize, ToSchema, clap::ValueEnum)]
-#[serde(rename_all = "snake_case")]
-#[value(rename_all = "snake_case")]
-pub enum Nested {
-    /// As they were: what looks inward in a solid is a cavity, what looks outward a solid of its own.
-    #[default]
-    Keep,
-    /// Each layer against the one around it: what lies in a solid is a cavity, what lies in a cavity a solid.
-    Alternate,
-}
-
-/// Where two vertices that are stitched meet. A vertex that is joined to an edge stays where it is, and the edge bends to it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize, ToSchema, clap::ValueEnum)]
-#[serde(rename_all = "snake_case")]
-#[value(rename_all = "snake_case")]
-pub enum StitchPosition {
-    /// Where one of them is, so that no position is new.
-    #[default]
-    Kept,
-    /// Halfway between them.
-    Average,
-}
-
-/// How the triangles of a hole's patch are chosen.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize, ToSchema, clap::ValueEnum)]
-#[serde(rename_all = "kebab-case")]
-pub enum HoleFilling {
-    /// The first that intersects nothing of: least fold, planar, least area, sharp.
-    #[default]
-    Auto,
-    /// The least fold against the faces around and within the patch (Liepa 2003).
-    Smooth,
-    /// Constrained Delaunay in the hole's best plane; where its picture there is not simple, the least area.
-    Planar,
-    /// The sharpest corner first, never by a face that would intersect another (Mesh Heal's *fill holes (sharp)*).
-    Sharp,
-}
-
 /// The format of the result.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize, ToSchema, clap::ValueEnum)]
 #[serde(rename_all = "lowercase")]

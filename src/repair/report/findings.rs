@@ -131,7 +131,7 @@ pub enum AssumptionKind {
 
 impl Assumption {
     /// The assumption that lengths are millimetres, where the file and the request name no unit.
-    pub(in crate::repair) fn of_unit(unit: &LengthUnit) -> Option<Self> {
+    pub(crate) fn of_unit(unit: &LengthUnit) -> Option<Self> {
         let detail = "The file names no unit; lengths were taken to be millimetres.";
         let is_assumed = unit.source == UnitSource::Assumed;
         is_assumed.then(|| Self::new(AssumptionKind::Unit, 1, detail).unless("unit=in"))

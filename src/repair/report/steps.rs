@@ -167,7 +167,7 @@ fn is_zero(count: &u32) -> bool {
 
 impl Step {
     /// A step that nothing is known of yet but what it is to do.
-    pub(in crate::repair) fn new(rung: u32, tier: u8, action: Action, operator: Option<Operator>) -> Self {
+    pub(crate) fn new(rung: u32, tier: u8, action: Action, operator: Option<Operator>) -> Self {
         Self {
             rung,
             tier,
@@ -207,7 +207,7 @@ pub struct Candidate {
 
 impl Plan {
     /// A plan without a strategy, and why there is none.
-    pub(in crate::repair) fn nothing(reason: &str) -> Self {
+    pub(crate) fn nothing(reason: &str) -> Self {
         Self { category: Category::Clean, preset: Preset::BasicCleanup, reason: reason.to_owned(), rungs: Vec::new() }
     }
 

@@ -9,15 +9,32 @@ mod planar;
 mod refine;
 mod sharp;
 
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
 use super::{Applied, Counter, Operation, Scope};
 use crate::inspect::solids;
 use crate::math::{Box3, Precision};
 use crate::mesh::{Edges, Fans, Parts, Surface, UnionFind, boundary_loops};
-pub use crate::repair::options::HoleFilling;
 use crate::repair::sheets::encloses;
 use crate::repair::{Cancelled, Change, ChangeKind, Context};
 use choose::{Chosen, Filler, face_normal};
 use group::{Hole, group};
+
+/// How the triangles of a hole's patch are chosen.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize, ToSchema, clap::ValueEnum)]
+#[serde(rename_all = "kebab-case")]
+pub enum HoleFilling {
+    /// The first that intersects nothing of: least fold, planar, least area, sharp.
+    #[default]
+    Auto,
+    /// The least fold against the faces around and within the patch (Liepa 2003).
+    Smooth,
+    /// Constrained Delaunay in the hole's best plane; where its picture there is not simple, the least area.
+    Planar,
+    /// The sharpest corner first, never by a face that would intersect another (Mesh Heal's *fill holes (sharp)*).
+    Sharp,
+}
 
 /// Which holes are closed, and how.
 #[derive(Debug, Clone, Copy)]

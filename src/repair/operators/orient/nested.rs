@@ -1,5 +1,19 @@
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
 use crate::inspect::Solid;
-pub use crate::repair::options::Nested;
+
+/// How closed parts that lie in others are wound.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize, ToSchema, clap::ValueEnum)]
+#[serde(rename_all = "snake_case")]
+#[value(rename_all = "snake_case")]
+pub enum Nested {
+    /// As they were: what looks inward in a solid is a cavity, what looks outward a solid of its own.
+    #[default]
+    Keep,
+    /// Each layer against the one around it: what lies in a solid is a cavity, what lies in a cavity a solid.
+    Alternate,
+}
 
 /// What is made of closed parts, by how deep they lie in others.
 #[derive(Debug, Default)]

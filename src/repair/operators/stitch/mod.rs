@@ -6,16 +6,29 @@ use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
 use feature::{Feature, Search};
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
 
 use super::border::{Border, Meeting};
 use super::{Applied, Counter, Operation, Scope};
 use crate::math::Precision;
 use crate::mesh::Surface;
-pub use crate::repair::options::StitchPosition;
 use crate::repair::{Cancelled, Change, ChangeKind, Context};
 
 /// Cuts for each boundary edge: a vertex is on few edges, unless the input is crafted.
 const MOST_CUTS: usize = 4;
+
+/// Where two vertices that are stitched meet. A vertex that is joined to an edge stays where it is, and the edge bends to it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize, ToSchema, clap::ValueEnum)]
+#[serde(rename_all = "snake_case")]
+#[value(rename_all = "snake_case")]
+pub enum StitchPosition {
+    /// Where one of them is, so that no position is new.
+    #[default]
+    Kept,
+    /// Halfway between them.
+    Average,
+}
 
 /// How wide a crack may be.
 #[derive(Debug, Clone, Copy)]
