@@ -202,37 +202,27 @@ fn invented(steps: &[&Step], judged: &Judged, options: &Options, diagonal: f64) 
     let (it, mut all) = (&judged.invented, Vec::new());
     let places = || it.places.iter().map(|at| at.to_array());
     let thickness = options.thickness.unwrap_or(THICKNESS * diagonal);
+    let mut note = |kind, count: u64, area: f64, what: String| {
+        let share = it.share_pct(area);
+        let detail = format!("{what}; {share:.1} % of the result's surface is new by it.");
+        let assumption = Assumption::new(kind, count, detail).with_amount(thickness).with_share(share);
+        all.extend((count > 0).then(|| assumption.at(places()).unless("open_sheets=leave")));
+    };
     let sheets = changed(steps, Operator::ThickenSheets, ChangeKind::SheetsThickened);
-    if sheets > 0 {
-        let share = it.share_pct(it.skins);
-        let detail = format!(
-            "{} given a thickness of {thickness:.4}; {share:.1} % of the result's surface is new by it.",
-            counted(sheets, "open sheet that encloses nothing was", "open sheets that enclose nothing were")
-        );
-        let assumption = Assumption::new(AssumptionKind::SheetsThickened, sheets, detail).with_amount(thickness);
-        all.push(assumption.with_share(share).at(places()).unless("open_sheets=leave"));
-    }
+    let what = counted(sheets, "open sheet that encloses nothing was", "open sheets that enclose nothing were");
+    let what = format!("{what} given a thickness of {thickness:.4}");
+    note(AssumptionKind::SheetsThickened, sheets, it.skins, what);
     let faces = changed(steps, Operator::Resolve, ChangeKind::FacesAroundOpenRoomsThickened);
-    if faces > 0 {
-        let share = it.share_pct(it.opened_skins);
-        let detail = format!(
-            "{} around regions into which one can look through holes given a thickness of {thickness:.4}, and the regions \
-             were left open; {share:.1} % of the result's surface is new by it.",
-            counted(faces, "face was", "faces were")
-        );
-        let assumption = Assumption::new(AssumptionKind::SheetsThickened, faces, detail).with_amount(thickness);
-        all.push(assumption.with_share(share).at(places()).unless("open_sheets=leave"));
-    }
+    let what = format!(
+        "{} around regions into which one can look through holes given a thickness of {thickness:.4}, and the regions were left \
+         open",
+        counted(faces, "face was", "faces were")
+    );
+    note(AssumptionKind::SheetsThickened, faces, it.opened_skins, what);
     let bases = changed(steps, Operator::AddBase, ChangeKind::BasesAdded);
-    if bases > 0 {
-        let share = it.share_pct(it.bases);
-        let detail = format!(
-            "{} closed by a base {thickness:.4} thick at its lowest point; {share:.1} % of the result's surface is new by it.",
-            counted(bases, "open surface was", "open surfaces were")
-        );
-        let assumption = Assumption::new(AssumptionKind::BasesAdded, bases, detail).with_amount(thickness);
-        all.push(assumption.with_share(share).at(places()).unless("open_sheets=leave"));
-    }
+    let what = counted(bases, "open surface was", "open surfaces were");
+    let what = format!("{what} closed by a base {thickness:.4} thick at its lowest point");
+    note(AssumptionKind::BasesAdded, bases, it.bases, what);
     let joined = changed(steps, Operator::JoinParts, ChangeKind::PartsJoined);
     if joined > 0 {
         let detail = format!("{joined} bands of surface join parts that were apart.");

@@ -4,7 +4,6 @@
 //! [`operators`]; those work on a [`crate::mesh::Surface`] and answer what they changed as [`Change`]s.
 
 mod account;
-mod apart;
 mod attribute_transfer;
 mod body;
 mod change;
@@ -14,6 +13,7 @@ mod escalation;
 mod export;
 mod input;
 mod judge;
+mod objects;
 pub mod operators;
 mod options;
 mod options_not_applied;

@@ -4,11 +4,11 @@
 use std::time::Duration;
 
 use super::account::{FileAccount, RepairedBody};
-use super::apart::{ApartRepair, RepairedObjects, keeps_apart};
 use super::body::repair_body;
 use super::ended::Ended;
 use super::export::{export_one, judging_format};
 use super::input::{Input, RepairError, Request, Source, inspected};
+use super::objects::{Assembled, ObjectsRepair, keeps_apart};
 use super::options::Options;
 use super::options_not_applied::of_file;
 use super::remesher::Remesher;
@@ -121,7 +121,7 @@ impl Opened {
     }
 
     /// Repairs the file's bodies, which are its objects where they are kept apart and otherwise all of it, and assembles their results.
-    fn repair(&self, bytes: &[u8], input: &Input<'_>, request: &Request<'_>) -> Result<RepairedObjects, RepairError> {
+    fn repair(&self, bytes: &[u8], input: &Input<'_>, request: &Request<'_>) -> Result<Assembled, RepairError> {
         match self.file.scene.as_ref().filter(|_| self.apart) {
             None => {
                 let body = repair_body(input, judging_format(self.format), request)?;
@@ -137,13 +137,13 @@ impl Opened {
         bytes: &[u8],
         input: &Input<'_>,
         request: &Request<'_>,
-    ) -> Result<RepairedObjects, RepairError> {
+    ) -> Result<Assembled, RepairError> {
         let &Self { ref file, format, as_it_is, .. } = self;
         let &Request { options, context: whole, .. } = request;
         // What is made of all objects is verified once more as a whole.
         let until = &whole.ending_before(input.time.verification(input.analysis.surface.faces.len()));
         let request = Request { context: until, ..*request };
-        match (ApartRepair { file, input, format, as_it_is, request, whole }).run(scene, bytes) {
+        match (ObjectsRepair { file, input, format, as_it_is, request, whole }).run(scene, bytes) {
             Err(RepairError::Cancelled(_)) if !whole.is_cancelled() && input.bytes.is_some() => {
                 input.time.leave_out(LeftOut::Repair);
                 input.time.leave_out(LeftOut::Verification);
@@ -153,5 +153,75 @@ impl Opened {
             }
             repaired => repaired,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::atomic::AtomicBool;
+
+    use glam::DVec3;
+
+    use super::*;
+    use crate::context::{NoProgress, monotonic_clock};
+    use crate::mesh::Soup;
+    use crate::repair::{Operator, Step};
+
+    /// Adds a unit cube at a corner, with its faces outward or inward.
+    fn add_cube(soup: &mut Soup, corner: DVec3, is_outward: bool) {
+        const SIDES: [[u32; 4]; 6] =
+            [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
+        let first = u32::try_from(soup.positions.len()).expect("few vertices");
+        let bit = |vertex: u32, axis: u32| f64::from(vertex >> axis & 1);
+        soup.positions.extend((0..8).map(|v| corner + DVec3::new(bit(v, 0), bit(v, 1), bit(v, 2))));
+        for [a, b, c, d] in SIDES.map(|side| side.map(|v| first + v)) {
+            soup.faces.extend(if is_outward { [[a, b, c], [a, c, d]] } else { [[a, c, b], [a, d, c]] });
+        }
+    }
+
+    /// Adds a flat square sheet of so many cells a side.
+    fn add_sheet(soup: &mut Soup, corner: DVec3, cells: u32) {
+        let first = u32::try_from(soup.positions.len()).expect("few vertices");
+        let at = |x: u32, y: u32| first + x * (cells + 1) + y;
+        for x in 0..=cells {
+            soup.positions.extend((0..=cells).map(|y| corner + DVec3::new(x.into(), y.into(), 0.0) / f64::from(cells)));
+        }
+        for (x, y) in (0..cells).flat_map(|x| (0..cells).map(move |y| (x, y))) {
+            let [a, b, c, d] = [at(x, y), at(x + 1, y), at(x + 1, y + 1), at(x, y + 1)];
+            soup.faces.extend([[a, b, c], [a, c, d]]);
+        }
+    }
+
+    fn repaired(bytes: &[u8], reuses_prefixes: bool) -> Repaired {
+        let options = &Options { max_tier: 2, ..Options::default() };
+        let (cancel, clock) = (AtomicBool::new(false), monotonic_clock());
+        let context = &Context::new(&NoProgress, &cancel, &clock, Duration::MAX);
+        let request = Request { options, remesher: None, context, reuses_prefixes };
+        repair_as(bytes, &Limits::default(), request).expect("a result")
+    }
+
+    #[test]
+    fn without_the_prefix_cache_every_strategy_has_the_same_result() {
+        let mut soup = Soup { positions: Vec::new(), faces: Vec::new() };
+        add_cube(&mut soup, DVec3::ZERO, true);
+        add_cube(&mut soup, DVec3::new(0.5, 0.3, 0.2), true);
+        add_cube(&mut soup, DVec3::new(4.0, 0.0, 0.0), true);
+        add_cube(&mut soup, DVec3::new(4.5, 0.2, 0.3), false);
+        add_sheet(&mut soup, DVec3::new(20.0, 0.0, 0.0), 8);
+        let bytes = format::write(&soup, Format::Stl).expect("written");
+        let [with, without] = [true, false].map(|reuses_prefixes| repaired(&bytes, reuses_prefixes));
+        assert!(with.report.candidates.len() > 2, "{:#?}", with.report.plan);
+        assert_eq!(with.bytes, without.bytes);
+        assert_eq!(with.report.candidates, without.report.candidates);
+        let facts = |it: &Repaired| -> Vec<_> {
+            let fact = |it: &Step| (it.rung, it.action, it.operator, it.status, it.changed.clone(), it.moved);
+            it.report.steps.iter().map(fact).collect()
+        };
+        assert_eq!(facts(&with), facts(&without));
+        let reused = |it: &Repaired| {
+            let later = it.report.steps.iter().filter(|step| step.rung > 0 && step.milliseconds == 0.0);
+            later.filter(|step| step.operator == Some(Operator::Resolve)).count()
+        };
+        assert!(reused(&with) > 0 && reused(&without) == 0, "{} and {}", reused(&with), reused(&without));
     }
 }

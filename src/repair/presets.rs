@@ -16,45 +16,13 @@ pub(super) struct Recipe {
 /// What intersects is resolved last, because only closed surface has an inside, and sheets are kept apart after everything
 /// that moves or makes faces.
 pub(super) const RECIPES: [Recipe; 6] = {
-    use Action::{
-        BasicCleanup, FillHoles, FixNormals, MakeManifold, Mend, MendConservative, Resolve, Separate, Stitch, Validate,
-        VoxelRemesh,
-    };
+    use Action::{BasicCleanup, FillHoles, FixNormals, Validate, VoxelRemesh};
     [
         Recipe { preset: Preset::BasicCleanup, actions: &[BasicCleanup, FixNormals, Validate] },
         Recipe { preset: Preset::FillHoles, actions: &[BasicCleanup, FixNormals, FillHoles, FixNormals, Validate] },
-        Recipe {
-            preset: Preset::FullRepair,
-            actions: &[BasicCleanup, FixNormals, Stitch, Mend, FillHoles, FixNormals, Resolve, Separate, Validate],
-        },
-        Recipe {
-            preset: Preset::ConservativeRepair,
-            actions: &[
-                BasicCleanup,
-                FixNormals,
-                Stitch,
-                MendConservative,
-                FillHoles,
-                FixNormals,
-                Resolve,
-                Separate,
-                Validate,
-            ],
-        },
-        Recipe {
-            preset: Preset::ManifoldRepair,
-            actions: &[
-                BasicCleanup,
-                FixNormals,
-                Stitch,
-                MakeManifold,
-                FillHoles,
-                FixNormals,
-                Resolve,
-                Separate,
-                Validate,
-            ],
-        },
+        Recipe { preset: Preset::FullRepair, actions: &mending(Action::Mend) },
+        Recipe { preset: Preset::ConservativeRepair, actions: &mending(Action::MendConservative) },
+        Recipe { preset: Preset::ManifoldRepair, actions: &mending(Action::MakeManifold) },
         // A voxel remesh keeps only what is enclosed, so holes are closed before it.
         Recipe {
             preset: Preset::BlenderRemesh,
@@ -73,6 +41,12 @@ pub(super) const RECIPES: [Recipe; 6] = {
         },
     ]
 };
+
+/// The actions of the presets that mend, which differ in how.
+const fn mending(mend: Action) -> [Action; 9] {
+    use Action::{BasicCleanup, FillHoles, FixNormals, Resolve, Separate, Stitch, Validate};
+    [BasicCleanup, FixNormals, Stitch, mend, FillHoles, FixNormals, Resolve, Separate, Validate]
+}
 
 /// What an action comes to, in order, before the options switch operators off.
 fn operators_of(action: Action, sheets: OpenSheets) -> &'static [Operator] {
@@ -251,31 +225,31 @@ fn operators_asked_for(options: &Options) -> Vec<Operator> {
 }
 
 /// The strategy with every operator that the options ask for and that it lacks, as far as `max_tier` allows.
-pub(super) fn with_requests(mut rung: Rung, options: &Options) -> Rung {
+pub(super) fn with_requests(mut strategy: Rung, options: &Options) -> Rung {
     let remeshes = |it: &PlannedAction| {
         matches!(it.action, Action::NativeRemesh | Action::VoxelRemesh | Action::BooleanUnion)
             || it.operators.contains(&Operator::Remesh)
     };
-    let decides_inside = rung.when == When::NothingWhole || rung.actions.iter().any(remeshes);
+    let decides_inside = strategy.when == When::NothingWhole || strategy.actions.iter().any(remeshes);
     for operator in operators_asked_for(options) {
-        let runs = rung.actions.iter().any(|it| it.operators.contains(&operator));
+        let runs = strategy.actions.iter().any(|it| it.operators.contains(&operator));
         let home = home_of(operator);
         let needless = operator == Operator::Resolve && decides_inside;
         if runs || needless || tier_of(home) > options.max_tier {
             continue;
         }
-        rung.tier = rung.tier.max(tier_of(home));
-        if let Some(own) = rung.actions.iter_mut().find(|it| it.action == home) {
+        strategy.tier = strategy.tier.max(tier_of(home));
+        if let Some(own) = strategy.actions.iter_mut().find(|it| it.action == home) {
             own.operators.push(operator);
             own.operators.sort_by_key(|&it| in_order_of(home, it));
             continue;
         }
         let place = |action: Action| ORDER.iter().position(|&it| it == action);
-        let at = rung.actions.iter().skip(2).position(|it| place(it.action) > place(home));
-        let at = at.map_or(rung.actions.len(), |at| at + 2);
-        rung.actions.insert(at, PlannedAction { action: home, operators: vec![operator] });
+        let at = strategy.actions.iter().skip(2).position(|it| place(it.action) > place(home));
+        let at = at.map_or(strategy.actions.len(), |at| at + 2);
+        strategy.actions.insert(at, PlannedAction { action: home, operators: vec![operator] });
     }
-    rung
+    strategy
 }
 
 /// The action that an operator runs in where a strategy lacks it.

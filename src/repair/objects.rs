@@ -47,7 +47,7 @@ pub(super) fn keeps_apart(file: &mut ReadFile, format: Format, options: &Options
 }
 
 /// The repair of a file's objects.
-pub(super) struct ApartRepair<'a> {
+pub(super) struct ObjectsRepair<'a> {
     pub file: &'a ReadFile,
     pub input: &'a Input<'a>,
     pub format: Format,
@@ -68,15 +68,16 @@ struct ObjectResult {
     is_untouched: bool,
 }
 
-/// A file whose objects were repaired apart.
-pub(super) struct RepairedObjects {
+/// A file that the results of its bodies were assembled to.
+pub(super) struct Assembled {
     pub account: Account,
+    /// The accounts of its objects, where they were repaired apart.
     pub sections: Vec<ObjectReport>,
     pub bytes: Vec<u8>,
     pub dialect: String,
 }
 
-impl From<RepairedBody> for RepairedObjects {
+impl From<RepairedBody> for Assembled {
     fn from(body: RepairedBody) -> Self {
         Self { account: body.account, sections: Vec::new(), bytes: body.bytes, dialect: body.dialect }
     }
@@ -110,9 +111,9 @@ struct Cut {
     assumptions: Vec<Assumption>,
 }
 
-impl ApartRepair<'_> {
+impl ObjectsRepair<'_> {
     /// Repairs each object of a scene that is to be printed.
-    pub fn run(&self, scene: &Scene, bytes: &[u8]) -> Result<RepairedObjects, RepairError> {
+    pub fn run(&self, scene: &Scene, bytes: &[u8]) -> Result<Assembled, RepairError> {
         let start = instances_of(scene).map_err(|_| WriteError::TooLarge)?;
         let mut united = UnitedScene::of(scene);
         let (mut met, mut cuts) = (Vec::new(), Vec::new());
@@ -334,7 +335,7 @@ impl ApartRepair<'_> {
     }
 
     /// How the file as a whole ended.
-    fn conclude(&self, round: Round, met: &[InstanceContact], cuts: Vec<Assumption>) -> RepairedObjects {
+    fn conclude(&self, round: Round, met: &[InstanceContact], cuts: Vec<Assumption>) -> Assembled {
         let Round { united, scene, results, bytes, dialect, after, changes, meetings } = round;
         let Meetings { contacts, contained } = meetings;
         let instances = instances_of(&scene).unwrap_or_default();
@@ -362,7 +363,7 @@ impl ApartRepair<'_> {
             account.red_flags.push(flag);
         }
         account.after = Some(after);
-        RepairedObjects { account, sections, bytes, dialect }
+        Assembled { account, sections, bytes, dialect }
     }
 
     /// The assumption that some objects are one solid.
