@@ -2,16 +2,14 @@
 
 use std::time::Duration;
 
-use super::ended::{Ended, assumptions, in_words, what_remains};
-use super::input::{Input, RepairError};
+use super::input::Input;
 use super::options::{Category, Options};
 use super::options_not_applied::limited_options;
 use super::report::{
     Assumption, Candidate, FileSummary, LeftOut, NotAppliedCause, ObjectReport, OptionNotApplied, Outcome, Plan,
     REPORT_VERSION, RedFlag, RedFlagCode, Report, Step, Verdict,
 };
-use crate::context::Context;
-use crate::inspect::{Changes, Inspection, InstanceContact, Ledger, Level};
+use crate::inspect::{Changes, Inspection, InstanceContact, Ledger};
 
 /// What was done to one body, or to all bodies of a file, and what became of it.
 pub(super) struct Account {
@@ -31,59 +29,6 @@ pub(super) struct Account {
     pub warnings: Vec<String>,
 }
 
-/// A repaired body: its file in the format that results are judged in, and its account.
-pub(super) struct RepairedBody {
-    pub account: Account,
-    /// Empty where nothing can be handed out.
-    pub bytes: Vec<u8>,
-    pub dialect: String,
-    /// For each face of the result the input's face that it was cut from.
-    pub source: Vec<u32>,
-}
-
-impl RepairedBody {
-    /// Inspects the result of ended attempts, and writes their account.
-    pub fn of(ended: Ended, input: &Input<'_>, options: &Options, context: &Context<'_>) -> Result<Self, RepairError> {
-        let words = in_words(&ended, input, options);
-        let guesses = ended.judged.as_ref().filter(|_| ended.strategy.is_some());
-        let guesses = guesses.map(|judged| assumptions(&ended, judged, input, options)).unwrap_or_default();
-        let mut account = Account {
-            outcome: ended.outcome,
-            summary: words,
-            after: None,
-            changes: None,
-            ledger: None,
-            plan: ended.plan,
-            steps: ended.steps,
-            candidates: ended.candidates,
-            red_flags: Vec::new(),
-            assumptions: guesses,
-            options_not_applied: ended.options_not_applied,
-            left_out: Vec::new(),
-            warnings: ended.warnings,
-        };
-        let Some(mut judged) = ended.judged else {
-            account.left_out = input.time.left_out();
-            return Ok(Self { account, bytes: Vec::new(), dialect: String::new(), source: Vec::new() });
-        };
-        let after = input.after(&mut judged, context)?;
-        if after.level == Level::None {
-            input.time.leave_out(LeftOut::ResultDetails);
-        }
-        if judged.details.surface.is_none() {
-            input.time.leave_out(LeftOut::SurfaceChanges);
-        }
-        account.left_out = input.time.left_out();
-        account.summary.push_str(&what_remains(&after));
-        account.after = Some(after);
-        account.changes = Some(Changes { surface: judged.details.surface, ..judged.changes });
-        // The reasons part by part are for the program alone.
-        account.ledger = judged.ledger.map(|ledger| Ledger { certified: Vec::new(), ..ledger });
-        account.red_flags = judged.red_flags;
-        Ok(Self { account, bytes: judged.bytes, dialect: judged.dialect, source: judged.source })
-    }
-}
-
 /// What a report says of the file beyond the account of its repair.
 pub(super) struct FileAccount<'a> {
     pub input: &'a Input<'a>,
@@ -100,6 +45,25 @@ pub(super) struct FileAccount<'a> {
 }
 
 impl Account {
+    /// The account of an unrepairable body of which nothing is known but a plan.
+    pub fn of_plan(plan: Plan) -> Self {
+        Self {
+            outcome: Outcome::Unrepairable,
+            summary: String::new(),
+            after: None,
+            changes: None,
+            ledger: None,
+            plan,
+            steps: Vec::new(),
+            candidates: Vec::new(),
+            red_flags: Vec::new(),
+            assumptions: Vec::new(),
+            options_not_applied: Vec::new(),
+            left_out: Vec::new(),
+            warnings: Vec::new(),
+        }
+    }
+
     /// The report of the file; only its time is missing.
     pub fn into_report(self, file: FileAccount<'_>) -> Report {
         let mesh = file.input.mesh;
@@ -140,19 +104,9 @@ impl Account {
     /// The account of a file by those of its objects: what was planned and done for a single one is what was done to the file.
     pub fn of_objects(sections: &[ObjectReport]) -> Self {
         let mut whole = Self {
-            outcome: Outcome::Unrepairable,
             summary: "The file has no object that is to be printed; it is handed back unchanged.".to_owned(),
-            after: None,
-            changes: None,
-            ledger: None,
-            plan: Plan::nothing(""),
-            steps: Vec::new(),
-            candidates: Vec::new(),
-            red_flags: Vec::new(),
-            assumptions: Vec::new(),
             options_not_applied: options_of(sections),
-            left_out: Vec::new(),
-            warnings: Vec::new(),
+            ..Self::of_plan(Plan::nothing(""))
         };
         for section in sections {
             let titled =

@@ -1,7 +1,7 @@
 //! The repair of one body, which is a whole file or an object of it: a plan, its strategies, and the best of their results.
 
-use super::account::{ObjectPlace, RepairedBody};
-use super::ended::{Ended, why_no_face_went};
+use super::account::{Account, ObjectPlace};
+use super::ended::{Ended, RepairedBody, why_no_face_went};
 use super::escalation::{Attempts, Escalation};
 use super::export::{judged_soup, judging_format};
 use super::input::{Input, RepairError, Request, Source, inspected};
@@ -28,17 +28,16 @@ pub(super) fn repair_body(
     let &Request { options, remesher, context, .. } = request;
     let to_beat = ToBeat::of(input, format, options, context)?;
     let ended = if to_beat.is_enough(options) {
-        let ended = Ended::with_input(to_beat.printable, "the input is printable already, so nothing was run");
-        Ended {
-            outcome: Outcome::AlreadyPrintable,
-            options_not_applied: options_not_applied(options, &[], &Ending::Untouched),
-            ..ended
-        }
+        let mut ended = Ended::with_input(to_beat.printable, "the input is printable already, so nothing was run");
+        ended.account.outcome = Outcome::AlreadyPrintable;
+        ended.account.options_not_applied = options_not_applied(options, &[], &Ending::Untouched);
+        ended
     } else if context.is_late() {
         input.time.leave_out(LeftOut::Repair);
         let judged = input.handed_back(format, options, context)?;
-        let ended = Ended::with_input(judged, "the time was over before a plan could be made");
-        Ended { warnings: to_beat.warnings, ..ended }
+        let mut ended = Ended::with_input(judged, "the time was over before a plan could be made");
+        ended.account.warnings = to_beat.warnings;
+        ended
     } else {
         let cache = if request.reuses_prefixes { PrefixCache::default() } else { PrefixCache::disabled() };
         attempt(input, to_beat, Runner { options, format, remesher, context, time: input.time }, cache)?
@@ -111,31 +110,29 @@ fn attempt(input: &Input<'_>, to_beat: ToBeat, runner: Runner<'_>, cache: Prefix
             options_not_applied(options, &steps, &Ending::InputKept { best: None, why: "no strategy made a result" })
         }
     };
-    let mut ended = Ended {
-        outcome: Outcome::Unrepairable,
-        judged: None,
-        plan,
-        steps: steps.into_iter().map(|it| it.step).collect(),
-        candidates: Vec::new(),
-        strategy: None,
-        options_not_applied,
-        warnings: Vec::new(),
-    };
-    if let Some(best) = best.filter(|best| best.is_result) {
-        candidates[best.index].chosen = true;
-        ended.outcome = if best.judged.is_good() { Outcome::Repaired } else { Outcome::PartiallyRepaired };
-        (ended.judged, ended.strategy) = (Some(best.judged), Some(best.strategy));
-    } else if let Some(untouched) = printable {
-        if fewer {
-            warnings.extend(why_no_face_went(&ended.steps));
+    let steps = steps.into_iter().map(|it| it.step).collect();
+    let mut account = Account { steps, options_not_applied, ..Account::of_plan(plan) };
+    let (judged, strategy) = match (best.filter(|best| best.is_result), printable) {
+        (Some(best), _) => {
+            candidates[best.index].chosen = true;
+            account.outcome = if best.judged.is_good() { Outcome::Repaired } else { Outcome::PartiallyRepaired };
+            (Some(best.judged), Some(best.strategy))
         }
-        candidates.push(Candidate::new(None, &untouched, true));
-        (ended.outcome, ended.judged) = (Outcome::AlreadyPrintable, Some(untouched));
-    } else {
-        ended.judged = input.handed_back(format, options, context)?;
-        candidates.extend(ended.judged.as_ref().map(|judged| Candidate::new(None, judged, true)));
-    }
-    Ok(Ended { candidates, warnings, ..ended })
+        (None, Some(untouched)) => {
+            if fewer {
+                warnings.extend(why_no_face_went(&account.steps));
+            }
+            candidates.push(Candidate::new(None, &untouched, true));
+            account.outcome = Outcome::AlreadyPrintable;
+            (Some(untouched), None)
+        }
+        (None, None) => {
+            let judged = input.handed_back(format, options, context)?;
+            candidates.extend(judged.as_ref().map(|judged| Candidate::new(None, judged, true)));
+            (judged, None)
+        }
+    };
+    Ok(Ended { account: Account { candidates, warnings, ..account }, judged, strategy })
 }
 
 /// The best result of a plan's strategies.

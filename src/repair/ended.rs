@@ -1,49 +1,77 @@
 //! How the attempts on one body ended: in words, and what was decided on the way without proof.
 
+use super::account::Account;
 use super::change::ChangeKind;
-use super::input::Input;
+use super::input::{Input, RepairError};
 use super::judge::Judged;
 use super::operators::thicken::THICKNESS;
 use super::options::{Category, InsideRule, Operator, Options};
 use super::presets::ask_of_printable;
-use super::report::{
-    Assumption, AssumptionKind, Candidate, LeftOut, OptionNotApplied, Outcome, Plan, Rung, Step, StepStatus,
-};
+use super::report::{Assumption, AssumptionKind, Candidate, LeftOut, Outcome, Plan, Rung, Step, StepStatus};
 use super::tasks::takes_inverted_for_solid;
-use crate::inspect::{Analysis, Certificate, DefectKind, Inspection, Measures, Solid};
+use crate::context::Context;
+use crate::inspect::{Analysis, Certificate, Changes, DefectKind, Inspection, Ledger, Level, Measures, Solid};
 
 /// How the attempts on one body ended, before its result was inspected.
 pub(super) struct Ended {
-    pub outcome: Outcome,
+    /// What is known without the result.
+    pub account: Account,
     /// What is to be handed out; none where there is nothing.
     pub judged: Option<Judged>,
-    pub plan: Plan,
-    pub steps: Vec<Step>,
-    pub candidates: Vec<Candidate>,
     /// Index of the strategy that made the result; none where the input itself is handed out.
     pub strategy: Option<u32>,
-    pub options_not_applied: Vec<OptionNotApplied>,
-    pub warnings: Vec<String>,
 }
 
 impl Ended {
     /// The input handed back, or nothing, before a plan was made.
     pub fn with_input(judged: Option<Judged>, reason: &str) -> Self {
-        Self {
-            outcome: Outcome::Unrepairable,
-            candidates: judged.iter().map(|judged| Candidate::new(None, judged, true)).collect(),
-            judged,
-            plan: Plan::nothing(reason),
-            steps: Vec::new(),
-            strategy: None,
-            options_not_applied: Vec::new(),
-            warnings: Vec::new(),
+        let candidates = judged.iter().map(|judged| Candidate::new(None, judged, true)).collect();
+        let account = Account { candidates, ..Account::of_plan(Plan::nothing(reason)) };
+        Self { account, judged, strategy: None }
+    }
+}
+
+/// A repaired body: its file in the format that results are judged in, and its account.
+pub(super) struct RepairedBody {
+    pub account: Account,
+    /// Empty where nothing can be handed out.
+    pub bytes: Vec<u8>,
+    pub dialect: String,
+    /// For each face of the result the input's face that it was cut from.
+    pub source: Vec<u32>,
+}
+
+impl RepairedBody {
+    /// Inspects the result of ended attempts, and completes their account.
+    pub fn of(ended: Ended, input: &Input<'_>, options: &Options, context: &Context<'_>) -> Result<Self, RepairError> {
+        let summary = in_words(&ended, input, options);
+        let guesses = ended.judged.as_ref().filter(|_| ended.strategy.is_some());
+        let guesses = guesses.map(|judged| assumptions(&ended, judged, input, options)).unwrap_or_default();
+        let mut account = Account { summary, assumptions: guesses, ..ended.account };
+        let Some(mut judged) = ended.judged else {
+            account.left_out = input.time.left_out();
+            return Ok(Self { account, bytes: Vec::new(), dialect: String::new(), source: Vec::new() });
+        };
+        let after = input.after(&mut judged, context)?;
+        if after.level == Level::None {
+            input.time.leave_out(LeftOut::ResultDetails);
         }
+        if judged.details.surface.is_none() {
+            input.time.leave_out(LeftOut::SurfaceChanges);
+        }
+        account.left_out = input.time.left_out();
+        account.summary.push_str(&what_remains(&after));
+        account.after = Some(after);
+        account.changes = Some(Changes { surface: judged.details.surface, ..judged.changes });
+        // The reasons part by part are for the program alone.
+        account.ledger = judged.ledger.map(|ledger| Ledger { certified: Vec::new(), ..ledger });
+        account.red_flags = judged.red_flags;
+        Ok(Self { account, bytes: judged.bytes, dialect: judged.dialect, source: judged.source })
     }
 }
 
 /// What a printable result keeps though it is not ideal, in words; empty where there is nothing of the kind.
-pub(super) fn what_remains(after: &Inspection) -> String {
+fn what_remains(after: &Inspection) -> String {
     if !after.measures.printable() {
         return String::new();
     }
@@ -60,7 +88,7 @@ pub(super) fn what_remains(after: &Inspection) -> String {
 }
 
 /// The outcome in words, with what to do next where it is not good.
-pub(super) fn in_words(ended: &Ended, input: &Input<'_>, options: &Options) -> String {
+fn in_words(ended: &Ended, input: &Input<'_>, options: &Options) -> String {
     let out_of_time = input.time.left_out();
     let is_left_out = |what| out_of_time.contains(&what);
     let deadline = options.deadline_s;
@@ -68,18 +96,18 @@ pub(super) fn in_words(ended: &Ended, input: &Input<'_>, options: &Options) -> S
         Words::All(text) => return text,
         Words::First(text) => text,
     };
-    if ended.plan.category == Category::OpenSheet && ended.outcome == Outcome::PartiallyRepaired {
+    if ended.account.plan.category == Category::OpenSheet && ended.account.outcome == Outcome::PartiallyRepaired {
         text.push_str(
             " It is an open surface that encloses nothing: ask for open_sheets thicken or base to have it made solid.",
         );
     }
-    if let Some(left) = left_open_by_options(&ended.steps) {
+    if let Some(left) = left_open_by_options(&ended.account.steps) {
         text.push_str(&left);
     }
     if is_left_out(LeftOut::Repair) || is_left_out(LeftOut::Verification) {
         text.push_str(&format!(" The deadline of {deadline} s came before everything was tried: raise deadline_s."));
     }
-    let skipped = ended.steps.iter().any(|s| s.tier == 3 && s.status == StepStatus::Skipped);
+    let skipped = ended.account.steps.iter().any(|s| s.tier == 3 && s.status == StepStatus::Skipped);
     if skipped {
         text.push_str(" A remesh with Blender was planned and could not run.");
     } else if options.max_tier < 3 {
@@ -100,7 +128,7 @@ fn outcome_in_words(ended: &Ended, input: &Input<'_>, options: &Options) -> Word
     let all = |text: &str| Words::All(text.to_owned());
     let was_printable = input.before.measures.printable();
     let left = ended.judged.as_ref().map_or_else(String::new, |judged| judged.measures.faults().join(", "));
-    match ended.outcome {
+    match ended.account.outcome {
         Outcome::AlreadyPrintable => all("The model is printable already; its geometry was not touched."),
         Outcome::Repaired if was_printable && options.asks_for_fewer_faces() => {
             all("The model was printable already; it has fewer faces now, as was asked for.")
@@ -137,7 +165,7 @@ fn unrepairable_in_words(ended: &Ended, left_out: &[LeftOut], deadline: f64, lef
         Words::First(
             "The file has no face that could be written: nothing is handed out. Export the model again.".to_owned(),
         )
-    } else if ended.plan.category == Category::OpenSheet {
+    } else if ended.account.plan.category == Category::OpenSheet {
         Words::All(
             "The model is an open surface that encloses nothing, so there is no solid to print; it is handed \
              back unchanged. Ask for open_sheets thicken or base to have it made solid."
@@ -170,16 +198,16 @@ pub(super) fn why_no_face_went(steps: &[Step]) -> Option<String> {
 }
 
 /// The assumptions behind the result of a strategy.
-pub(super) fn assumptions(ended: &Ended, judged: &Judged, input: &Input<'_>, options: &Options) -> Vec<Assumption> {
+fn assumptions(ended: &Ended, judged: &Judged, input: &Input<'_>, options: &Options) -> Vec<Assumption> {
     let of_strategy = |step: &&Step| Some(step.rung) == ended.strategy && step.status == StepStatus::Done;
-    let steps: Vec<&Step> = ended.steps.iter().filter(of_strategy).collect();
+    let steps: Vec<&Step> = ended.account.steps.iter().filter(of_strategy).collect();
     let (before, input) = (&input.before.measures, input.analysis);
     let diagonal = input.surface.bounds().diagonal();
     let mut all = judged.assumptions.clone();
     all.extend(small_parts_dropped(&steps, judged, input));
     all.extend(invented(&steps, judged, options, diagonal));
     all.extend(large_holes(judged, diagonal));
-    let strategy = ended.strategy.and_then(|index| ended.plan.rungs.get(index as usize));
+    let strategy = ended.strategy.and_then(|index| ended.account.plan.rungs.get(index as usize));
     all.extend(strategy.and_then(|strategy| winding_rule(&steps, strategy, before, options)));
     all.extend(pieces_dropped(judged, input));
     all.extend(cavities(judged, input));

@@ -200,8 +200,8 @@ impl<'a> Escalation<'a> {
         let mut prefix = self.known_prefix(rung, &tasks);
         let comes_to = |prefix: &[Reused]| prefix.last().map_or(START, |it| it.surface);
         let number = comes_to(&prefix);
-        let is_of_it = |it: &Validation| it.surface == number && it.patches == patches_of(rung);
-        let validation = self.validations.iter().position(is_of_it).filter(|_| prefix.len() == tasks.len());
+        let is_same = |it: &Validation| it.surface == number && it.patches == patches_of(rung);
+        let validation = self.validations.iter().position(is_same).filter(|_| prefix.len() == tasks.len());
         if validation.is_none() {
             // On from the last surface that is at hand.
             while !prefix.is_empty() && comes_to(&prefix) != START && self.cache.kept(comes_to(&prefix)).is_none() {
@@ -407,10 +407,10 @@ fn has_boundary(surface: &Surface) -> bool {
 }
 
 fn patches_of(rung: &Rung) -> Patches {
-    let anew = |planned: &PlannedAction| {
+    let remeshes = |planned: &PlannedAction| {
         remesh_action(planned.action).is_some() || planned.operators.contains(&Operator::Remesh)
     };
-    if rung.actions.iter().any(anew) { Patches::None } else { Patches::BySource }
+    if rung.actions.iter().any(remeshes) { Patches::None } else { Patches::BySource }
 }
 
 fn validation(rung: u32, start: Duration, context: &Context<'_>) -> Step {

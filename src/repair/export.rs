@@ -2,8 +2,8 @@
 
 use glam::DVec3;
 
-use super::account::RepairedBody;
 use super::attribute_transfer::{CutSoup, Painted, transfer_paint};
+use super::ended::RepairedBody;
 use super::input::{Input, RepairError};
 use super::judge::read_own;
 use super::report::LeftOut;

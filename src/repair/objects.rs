@@ -1,9 +1,10 @@
 //! Objects stay objects: each is repaired by itself, in its own coordinates, and stands in its places again. Objects that intersect where
 //! they stand are united first, unless the options keep them apart.
 
-use super::account::{Account, MAX_NAMED, ObjectPlace, RepairedBody, objects_intersect, outcome_of};
+use super::account::{Account, MAX_NAMED, ObjectPlace, objects_intersect, outcome_of};
 use super::attribute_transfer::{CutSoup, Painted, transfer_paint};
 use super::body::{ObjectRepair, RepairedObject, Share};
+use super::ended::RepairedBody;
 use super::export::{Exported, export};
 use super::input::{Input, RepairError, Request};
 use super::judge::{inspect_measured, surface_shares};

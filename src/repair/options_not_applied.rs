@@ -14,7 +14,7 @@ use crate::remesh::FINEST;
 enum Rule {
     /// Operators, with the reason where they find nothing to do.
     Operators(By, &'static [Operator], &'static str),
-    /// Surface that is made anew.
+    /// A remesh.
     Remesh,
     /// A limit, or a choice that every path follows.
     Always,
@@ -168,7 +168,7 @@ pub(super) fn options_not_applied(
     all
 }
 
-/// Adds what must be told of the options that concern the file rather than its mesh.
+/// What is to be said of the options that concern the file rather than its meshes.
 pub(super) fn of_file(options: &Options, has_objects: bool, kept_apart: bool) -> Option<OptionNotApplied> {
     let (cause, reason) = match (options.merge, has_objects) {
         (Merge::Auto, _) => return None,

@@ -3,9 +3,9 @@
 
 use std::time::Duration;
 
-use super::account::{FileAccount, RepairedBody};
+use super::account::FileAccount;
 use super::body::repair_body;
-use super::ended::Ended;
+use super::ended::{Ended, RepairedBody};
 use super::export::{export_one, judging_format};
 use super::input::{Input, RepairError, Request, Source, inspected};
 use super::objects::{Assembled, ObjectsRepair, keeps_apart};
@@ -148,7 +148,8 @@ impl Opened {
                 input.time.leave_out(LeftOut::Repair);
                 input.time.leave_out(LeftOut::Verification);
                 let untouched = input.handed_back(format, options, whole)?;
-                let ended = Ended { candidates: Vec::new(), ..Ended::with_input(untouched, "") };
+                let mut ended = Ended::with_input(untouched, "");
+                ended.account.candidates.clear();
                 Ok(RepairedBody::of(ended, input, options, whole)?.into())
             }
             repaired => repaired,
