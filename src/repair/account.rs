@@ -1,44 +1,15 @@
-//! The account of one body's repair, as values, and the reports that are made of it.
+//! The account of the repair of one body, of an object, or of a file, as values, and the reports that are made of it.
 
-use super::assumed::assumptions;
+use std::time::Duration;
+
 use super::input::Input;
-use super::verdict::Judged;
-use super::{
-    Assumption, Candidate, Category, Changes, Context, FileSummary, Ledger, LeftOut, ObjectReport, OptionNotApplied,
-    Options, Outcome, Plan, Preset, REPORT_VERSION, RedFlag, RepairError, Report, Step, Verdict, summary,
+use super::options::{Category, Options};
+use super::options_not_applied::limited_options;
+use super::report::{
+    Assumption, Candidate, FileSummary, LeftOut, NotAppliedCause, ObjectReport, OptionNotApplied, Outcome, Plan,
+    REPORT_VERSION, RedFlag, RedFlagCode, Report, Step, Verdict,
 };
-use crate::format::Format;
-use crate::inspect::{Inspection, Level};
-
-/// How the attempts on one body ended, before its result was inspected.
-pub(super) struct Ended {
-    pub outcome: Outcome,
-    /// What is to be handed out; none where there is nothing.
-    pub judged: Option<Judged>,
-    pub plan: Plan,
-    pub steps: Vec<Step>,
-    pub candidates: Vec<Candidate>,
-    /// Index of the strategy that made the result; none where the input itself is handed out.
-    pub strategy: Option<u32>,
-    pub options_not_applied: Vec<OptionNotApplied>,
-    pub warnings: Vec<String>,
-}
-
-impl Ended {
-    /// The input handed back, or nothing, before a plan was made.
-    pub fn with_input(judged: Option<Judged>, reason: &str) -> Self {
-        Self {
-            outcome: Outcome::Unrepairable,
-            candidates: judged.iter().map(|judged| Candidate::new(None, judged, true)).collect(),
-            judged,
-            plan: Plan::nothing(reason),
-            steps: Vec::new(),
-            strategy: None,
-            options_not_applied: Vec::new(),
-            warnings: Vec::new(),
-        }
-    }
-}
+use crate::inspect::{Changes, Inspection, InstanceContact, Ledger};
 
 /// What was done to one body, or to all bodies of a file, and what became of it.
 pub(super) struct Account {
@@ -58,59 +29,6 @@ pub(super) struct Account {
     pub warnings: Vec<String>,
 }
 
-/// A repaired body: its file in the format that results are judged in, and its account.
-pub(super) struct RepairedBody {
-    pub account: Account,
-    /// Empty where nothing can be handed out.
-    pub bytes: Vec<u8>,
-    pub dialect: String,
-    /// For each face of the result the input's face that it was cut from.
-    pub source: Vec<u32>,
-}
-
-impl RepairedBody {
-    /// Inspects the result of ended attempts, and writes their account.
-    pub fn of(ended: Ended, input: &Input<'_>, options: &Options, context: &Context<'_>) -> Result<Self, RepairError> {
-        let words = summary::in_words(&ended, input, options);
-        let guesses = ended.judged.as_ref().filter(|_| ended.strategy.is_some());
-        let guesses = guesses.map(|judged| assumptions(&ended, judged, input, options)).unwrap_or_default();
-        let mut account = Account {
-            outcome: ended.outcome,
-            summary: words,
-            after: None,
-            changes: None,
-            ledger: None,
-            plan: ended.plan,
-            steps: ended.steps,
-            candidates: ended.candidates,
-            red_flags: Vec::new(),
-            assumptions: guesses,
-            options_not_applied: ended.options_not_applied,
-            left_out: Vec::new(),
-            warnings: ended.warnings,
-        };
-        let Some(mut judged) = ended.judged else {
-            account.left_out = input.time.left_out();
-            return Ok(Self { account, bytes: Vec::new(), dialect: String::new(), source: Vec::new() });
-        };
-        let after = input.after(&mut judged, context)?;
-        if after.level == Level::None {
-            input.time.leave_out(LeftOut::ResultDetails);
-        }
-        if judged.surface.is_none() {
-            input.time.leave_out(LeftOut::SurfaceChanges);
-        }
-        account.left_out = input.time.left_out();
-        account.summary.push_str(&summary::what_remains(&after));
-        account.after = Some(after);
-        account.changes = Some(Changes { surface: judged.surface, ..judged.changes });
-        // The reasons part by part are for the program alone.
-        account.ledger = judged.ledger.map(|ledger| Ledger { certified: Vec::new(), ..ledger });
-        account.red_flags = judged.red_flags;
-        Ok(Self { account, bytes: judged.bytes, dialect: judged.dialect, source: judged.source })
-    }
-}
-
 /// What a report says of the file beyond the account of its repair.
 pub(super) struct FileAccount<'a> {
     pub input: &'a Input<'a>,
@@ -127,6 +45,25 @@ pub(super) struct FileAccount<'a> {
 }
 
 impl Account {
+    /// The account of an unrepairable body of which nothing is known but a plan.
+    pub fn of_plan(plan: Plan) -> Self {
+        Self {
+            outcome: Outcome::Unrepairable,
+            summary: String::new(),
+            after: None,
+            changes: None,
+            ledger: None,
+            plan,
+            steps: Vec::new(),
+            candidates: Vec::new(),
+            red_flags: Vec::new(),
+            assumptions: Vec::new(),
+            options_not_applied: Vec::new(),
+            left_out: Vec::new(),
+            warnings: Vec::new(),
+        }
+    }
+
     /// The report of the file; only its time is missing.
     pub fn into_report(self, file: FileAccount<'_>) -> Report {
         let mesh = file.input.mesh;
@@ -157,24 +94,177 @@ impl Account {
             warnings: [file.input.warnings(), file.warnings, self.warnings].concat(),
             milliseconds: 0.0,
         };
-        let limited = super::limited_options::limited_options(&report);
+        let limited = limited_options(&report);
         report.options_not_applied.extend(limited);
         report.warnings.extend(report.options_not_applied.iter().map(OptionNotApplied::in_words));
         report.verdict = Verdict::of(&report);
         report
     }
-}
 
-impl FileSummary {
-    /// The summary of written bytes.
-    pub(super) fn of(format: Format, dialect: &str, bytes: &[u8]) -> Self {
-        Self { format, dialect: dialect.to_owned(), bytes: bytes.len() as u64 }
+    /// The account of a file by those of its objects: what was planned and done for a single one is what was done to the file.
+    pub fn of_objects(sections: &[ObjectReport]) -> Self {
+        let mut whole = Self {
+            summary: "The file has no object that is to be printed; it is handed back unchanged.".to_owned(),
+            options_not_applied: options_of(sections),
+            ..Self::of_plan(Plan::nothing(""))
+        };
+        for section in sections {
+            let titled =
+                |text: &str| if sections.len() == 1 { text.to_owned() } else { format!("{}: {text}", section.title()) };
+            let flags = section.red_flags.iter();
+            whole.red_flags.extend(flags.map(|flag| RedFlag { detail: titled(&flag.detail), ..flag.clone() }));
+            whole.warnings.extend(section.warnings.iter().map(|warning| titled(warning)));
+            let assumed = section.assumptions.iter();
+            whole.assumptions.extend(assumed.map(|it| Assumption { detail: titled(&it.detail), ..it.clone() }));
+            whole.left_out.extend(&section.left_out);
+        }
+        match sections {
+            [] => {}
+            [only] => {
+                whole.summary.clone_from(&only.summary);
+                (whole.plan, whole.steps, whole.candidates) =
+                    (only.plan.clone(), only.steps.clone(), only.candidates.clone());
+                (whole.changes, whole.ledger) = (only.changes, only.ledger.clone());
+            }
+            several => {
+                whole.summary = objects_in_words(several);
+                whole.plan = Plan {
+                    category: Category::MultipleComponents,
+                    preset: several[0].plan.preset,
+                    ..Plan::nothing("each object has a plan of its own")
+                };
+            }
+        }
+        whole
     }
 }
 
-impl Plan {
-    /// A plan without a strategy, and why there is none.
-    pub(super) fn nothing(reason: &str) -> Self {
-        Self { category: Category::Clean, preset: Preset::BasicCleanup, reason: reason.to_owned(), rungs: Vec::new() }
+/// Places of each kind that the account of an object has: with those of all, reports of many objects would be too large.
+const PLACES: usize = 5;
+
+/// Contacts of objects, and members of a union, that a sentence names.
+pub(super) const MAX_NAMED: usize = 5;
+
+/// An object, and where it stands.
+pub(super) struct ObjectPlace {
+    pub name: Option<String>,
+    /// Its number among the file's objects, from 0.
+    pub index: usize,
+    /// In how many places it stands.
+    pub places: u64,
+}
+
+impl ObjectReport {
+    /// The report of an object of its repair's account.
+    pub(super) fn new(place: ObjectPlace, input: &Input<'_>, account: Account, time: Duration) -> Self {
+        let (mut before, mut after) = (input.before.clone(), account.after);
+        for inspection in std::iter::once(&mut before).chain(&mut after) {
+            inspection.keep_places(PLACES);
+        }
+        Self {
+            name: place.name,
+            number: u32::try_from(place.index + 1).unwrap_or(u32::MAX),
+            places: place.places,
+            outcome: account.outcome,
+            summary: account.summary,
+            before,
+            after,
+            changes: account.changes,
+            ledger: account.ledger,
+            plan: account.plan,
+            steps: account.steps,
+            candidates: account.candidates,
+            red_flags: account.red_flags,
+            assumptions: account.assumptions,
+            options_not_applied: account.options_not_applied,
+            left_out: account.left_out,
+            warnings: [input.warnings(), account.warnings].concat(),
+            milliseconds: time.as_secs_f64() * 1e3,
+        }
     }
+}
+
+/// The outcome of the file: that of its objects, as far as they are printable where they stand.
+pub(super) fn outcome_of(sections: &[ObjectReport], is_printable: bool, has_union: bool) -> Outcome {
+    let all = |outcome| sections.iter().all(|section| section.outcome == outcome);
+    let all_good = sections.iter().all(|section| section.outcome.is_printable());
+    if all_good && !sections.is_empty() && !is_printable {
+        Outcome::PartiallyRepaired
+    } else if !has_union && all(Outcome::AlreadyPrintable) {
+        Outcome::AlreadyPrintable
+    } else if all_good {
+        Outcome::Repaired
+    } else if sections.iter().any(|section| matches!(section.outcome, Outcome::Repaired | Outcome::PartiallyRepaired)) {
+        Outcome::PartiallyRepaired
+    } else {
+        Outcome::Unrepairable
+    }
+}
+
+/// The options that some object's result does not follow; one that found nothing to do counts only where that is so of all objects.
+fn options_of(sections: &[ObjectReport]) -> Vec<OptionNotApplied> {
+    let mut all: Vec<OptionNotApplied> = Vec::new();
+    for section in sections {
+        for it in &section.options_not_applied {
+            let same = |other: &&OptionNotApplied| (&other.option, &other.value) == (&it.option, &it.value);
+            let by_all = || sections.iter().all(|section| section.options_not_applied.iter().any(|other| same(&other)));
+            let is_listed = all.iter().any(|other| same(&other) && other.cause == it.cause);
+            if is_listed || (it.cause == NotAppliedCause::NothingToDo && !by_all()) {
+                continue;
+            }
+            let is_shared = sections.len() == 1 || it.cause == NotAppliedCause::NothingToDo;
+            let reason = if is_shared { it.reason.clone() } else { format!("{}: {}", section.title(), it.reason) };
+            all.push(OptionNotApplied { reason, ..it.clone() });
+        }
+    }
+    all
+}
+
+/// What became of all objects together, in words.
+fn objects_in_words(sections: &[ObjectReport]) -> String {
+    let count = |outcome| sections.iter().filter(|section| section.outcome == outcome).count();
+    let outcomes = [
+        (Outcome::AlreadyPrintable, "already printable"),
+        (Outcome::Repaired, "repaired and printable"),
+        (Outcome::PartiallyRepaired, "partially repaired"),
+        (Outcome::Unrepairable, "unchanged and not printable"),
+    ];
+    let words: Vec<String> = outcomes
+        .into_iter()
+        .map(|(outcome, words)| (count(outcome), words))
+        .filter(|(count, _)| *count > 0)
+        .map(|(count, words)| format!("{count} {words}"))
+        .collect();
+    let mut text = format!("Of {} objects: {}.", sections.len(), words.join(", "));
+    let bad = |section: &&ObjectReport| matches!(section.outcome, Outcome::PartiallyRepaired | Outcome::Unrepairable);
+    if let Some(first) = sections.iter().find(bad) {
+        text.push_str(&format!(" {}: {}", first.title(), first.summary));
+    }
+    text
+}
+
+/// The red flag for objects that have points in common where they stand; none where there are no such objects.
+pub(super) fn objects_intersect(contacts: &[(InstanceContact, [String; 2])], contained: &[String]) -> Option<RedFlag> {
+    if contacts.is_empty() && contained.is_empty() {
+        return None;
+    }
+    let pairs: u64 = contacts.iter().map(|(contact, _)| contact.pairs).sum();
+    let named = contacts.iter().take(MAX_NAMED).map(|(contact, [a, b])| {
+        let [x, y, z] = contact.at;
+        format!("{a} and {b} near ({x:.6}, {y:.6}, {z:.6})")
+    });
+    let mut named: Vec<String> = named.collect();
+    if contacts.len() > MAX_NAMED {
+        named.push(format!("{} more pairs of objects", contacts.len() - MAX_NAMED));
+    }
+    let detail = match pairs {
+        0 if contacts.is_empty() => format!("objects lie inside bodies of another material: {}", contained.join(", ")),
+        0 => format!("objects touch: {}", named.join("; ")),
+        1 => format!("objects intersect in 1 pair of faces: {}", named.join("; ")),
+        _ => format!("objects intersect in {pairs} pairs of faces: {}", named.join("; ")),
+    };
+    #[expect(clippy::cast_precision_loss, reason = "a count to show")]
+    let value = pairs.max(contacts.len() as u64).max(contained.len() as u64) as f64;
+    let places = contacts.iter().take(MAX_NAMED).map(|(contact, _)| contact.at).collect();
+    Some(RedFlag { code: RedFlagCode::ObjectsIntersect, value, threshold: 0.0, detail, places })
 }

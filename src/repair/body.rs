@@ -1,42 +1,46 @@
-//! The repair of one body: a plan, its strategies, and the best of their results.
+//! The repair of one body, which is a whole file or an object of it: a plan, its strategies, and the best of their results.
 
-use super::account::{Ended, RepairedBody};
-use super::climb::Climb;
-use super::input::{Input, read_own};
+use super::account::{Account, ObjectPlace};
+use super::ended::{Ended, RepairedBody, why_no_face_went};
+use super::escalation::{Attempts, Escalation};
+use super::export::{judged_soup, judging_format};
+use super::input::{Input, RepairError, Request, Source, inspected};
+use super::judge::{Judged, rank_of_input, read_own, verdict_in_words};
+use super::options::{Category, Options, Preset};
 use super::options_not_applied::{Ending, options_not_applied};
-use super::plan::{make_plan, name};
-use super::requests::ask_of_printable;
-use super::tiers::Runner;
-use super::verdict::{Judged, rank_of_input};
-use super::{
-    Candidate, Category, Context, LeftOut, Options, Outcome, Plan, Preset, Remesher, RepairError, categorise, summary,
-};
-use crate::format::Format;
+use super::plan::{categorise, make_plan};
+use super::prefix_cache::PrefixCache;
+use super::presets::ask_of_printable;
+use super::report::{Candidate, LeftOut, ObjectReport, Outcome, Plan};
+use super::runner::Runner;
+use crate::context::{Context, Progress, Stage};
+use crate::format::{Format, ReadFile};
 use crate::inspect::Measures;
+use crate::mesh::{Soup, Surface};
+use crate::scene::Object;
 
 /// Repairs one body: makes a plan, runs its strategies, and inspects the best result. Results are judged in `format`.
 pub(super) fn repair_body(
     input: &Input<'_>,
     format: Format,
-    options: &Options,
-    remesher: Option<&dyn Remesher>,
-    context: &Context<'_>,
+    request: &Request<'_>,
 ) -> Result<RepairedBody, RepairError> {
+    let &Request { options, remesher, context, .. } = request;
     let to_beat = ToBeat::of(input, format, options, context)?;
     let ended = if to_beat.is_enough(options) {
-        let ended = Ended::with_input(to_beat.printable, "the input is printable already, so nothing was run");
-        Ended {
-            outcome: Outcome::AlreadyPrintable,
-            options_not_applied: options_not_applied(options, &[], &Ending::Untouched),
-            ..ended
-        }
+        let mut ended = Ended::with_input(to_beat.printable, "the input is printable already, so nothing was run");
+        ended.account.outcome = Outcome::AlreadyPrintable;
+        ended.account.options_not_applied = options_not_applied(options, &[], &Ending::Untouched);
+        ended
     } else if context.is_late() {
         input.time.leave_out(LeftOut::Repair);
         let judged = input.handed_back(format, options, context)?;
-        let ended = Ended::with_input(judged, "the time was over before a plan could be made");
-        Ended { warnings: to_beat.warnings, ..ended }
+        let mut ended = Ended::with_input(judged, "the time was over before a plan could be made");
+        ended.account.warnings = to_beat.warnings;
+        ended
     } else {
-        attempt(input, to_beat, Runner { options, format, remesher, context, time: input.time })?
+        let cache = if request.reuses_prefixes { PrefixCache::default() } else { PrefixCache::disabled() };
+        attempt(input, to_beat, Runner { options, format, remesher, context, time: input.time }, cache)?
     };
     RepairedBody::of(ended, input, options, context)
 }
@@ -78,62 +82,57 @@ impl ToBeat {
 }
 
 /// Plans, runs the strategies of the plan, and decides whether the best result replaces the input.
-fn attempt(input: &Input<'_>, to_beat: ToBeat, runner: Runner<'_>) -> Result<Ended, RepairError> {
+fn attempt(input: &Input<'_>, to_beat: ToBeat, runner: Runner<'_>, cache: PrefixCache) -> Result<Ended, RepairError> {
     let Runner { options, format, context, .. } = runner;
     let ToBeat { measures, printable, fewer, mut warnings } = to_beat;
-    let climb = Climb::open(input, runner)?;
-    let sheets = if measures.boundary_edges > 0 { climb.sheet_share()? } else { 0.0 };
+    let escalation = Escalation::open(input, runner, cache)?;
+    let sheets = if measures.boundary_edges > 0 { escalation.sheet_share()? } else { 0.0 };
     let found = if printable.is_some() { Category::Clean } else { categorise(&measures, sheets) };
     let category = options.category.filter(|_| options.preset == Preset::Auto).unwrap_or(found);
     let plan = make_plan(&measures, category, options);
-    context.log(&format!("plan: {} because {}", name(plan.preset), plan.reason));
-    let climbed = climb.run(&plan.rungs)?;
-    let (steps, mut candidates) = (climbed.steps, climbed.candidates);
+    context.log(&format!("plan: {} because {}", plan.preset.as_str(), plan.reason));
+    let Attempts { steps, mut candidates, best } = escalation.run(&plan.rungs)?;
 
     let is_better = |best: &Judged| match &printable {
         Some(_) if fewer && best.measures.printable() && best.measures.faces < measures.faces => true,
         Some(untouched) => best.is_good() && !have_same_faces(best, untouched),
         None => best.rank() < rank_of_input(&measures),
     };
-    let best = climbed.best.map(|(index, judged)| Best {
+    let best = best.map(|(index, judged)| Best {
         index,
         strategy: candidates[index].rung.unwrap_or_default(),
         is_result: is_better(&judged),
         judged,
     });
     let options_not_applied = match &best {
-        Some(best) => {
-            options_not_applied(options, &steps, &best.ending(&plan, &summary::verdict_in_words(&best.judged)))
-        }
+        Some(best) => options_not_applied(options, &steps, &best.ending(&plan, &verdict_in_words(&best.judged))),
         None => {
             options_not_applied(options, &steps, &Ending::InputKept { best: None, why: "no strategy made a result" })
         }
     };
-    let mut ended = Ended {
-        outcome: Outcome::Unrepairable,
-        judged: None,
-        plan,
-        steps,
-        candidates: Vec::new(),
-        strategy: None,
-        options_not_applied,
-        warnings: Vec::new(),
-    };
-    if let Some(best) = best.filter(|best| best.is_result) {
-        candidates[best.index].chosen = true;
-        ended.outcome = if best.judged.is_good() { Outcome::Repaired } else { Outcome::PartiallyRepaired };
-        (ended.judged, ended.strategy) = (Some(best.judged), Some(best.strategy));
-    } else if let Some(untouched) = printable {
-        if fewer {
-            warnings.extend(summary::why_no_face_went(&ended.steps));
+    let steps = steps.into_iter().map(|it| it.step).collect();
+    let mut account = Account { steps, options_not_applied, ..Account::of_plan(plan) };
+    let (judged, strategy) = match (best.filter(|best| best.is_result), printable) {
+        (Some(best), _) => {
+            candidates[best.index].chosen = true;
+            account.outcome = if best.judged.is_good() { Outcome::Repaired } else { Outcome::PartiallyRepaired };
+            (Some(best.judged), Some(best.strategy))
         }
-        candidates.push(Candidate::new(None, &untouched, true));
-        (ended.outcome, ended.judged) = (Outcome::AlreadyPrintable, Some(untouched));
-    } else {
-        ended.judged = input.handed_back(format, options, context)?;
-        candidates.extend(ended.judged.as_ref().map(|judged| Candidate::new(None, judged, true)));
-    }
-    Ok(Ended { candidates, warnings, ..ended })
+        (None, Some(untouched)) => {
+            if fewer {
+                warnings.extend(why_no_face_went(&account.steps));
+            }
+            candidates.push(Candidate::new(None, &untouched, true));
+            account.outcome = Outcome::AlreadyPrintable;
+            (Some(untouched), None)
+        }
+        (None, None) => {
+            let judged = input.handed_back(format, options, context)?;
+            candidates.extend(judged.as_ref().map(|judged| Candidate::new(None, judged, true)));
+            (judged, None)
+        }
+    };
+    Ok(Ended { account: Account { candidates, warnings, ..account }, judged, strategy })
 }
 
 /// The best result of a plan's strategies.
@@ -168,4 +167,67 @@ fn have_same_faces(one: &Judged, other: &Judged) -> bool {
     let (Ok(one), Ok(other)) = (read_own(&one.bytes), read_own(&other.bytes)) else { return false };
     let (one, other) = (one.soup, other.soup);
     one.faces.len() == other.faces.len() && (0..one.faces.len()).all(|f| one.corners(f) == other.corners(f))
+}
+
+/// A repaired object, before it is painted.
+pub(super) struct RepairedObject {
+    pub report: ObjectReport,
+    /// The object as it was, welded.
+    pub before: Surface,
+    /// Its result; none where it has nothing that can be written.
+    pub soup: Option<Soup>,
+    /// For each face of the result the object's face that it was cut from.
+    pub source: Vec<u32>,
+    /// Whether the object has vertices that are one only by their positions.
+    pub welded: bool,
+}
+
+/// What the repairs of a file's objects have in common.
+pub(super) struct ObjectRepair<'a> {
+    pub file: &'a ReadFile,
+    pub format: Format,
+}
+
+impl ObjectRepair<'_> {
+    /// Repairs one object as a mesh of its own.
+    pub fn run(
+        &self,
+        object: &Object,
+        place: ObjectPlace,
+        request: &Request<'_>,
+    ) -> Result<RepairedObject, RepairError> {
+        let context = request.context;
+        let start = context.now();
+        let mesh = self.file.mesh.of_same_file(object.mesh().map(|mesh| mesh.soup.clone()).unwrap_or_default());
+        let source = Source { bytes: None, mesh: &mesh, unit: self.file.unit.as_ref() };
+        inspected(&source, request, |input| {
+            let body = repair_body(&input, judging_format(self.format), request)?;
+            let soup = if body.bytes.is_empty() { None } else { Some(judged_soup(&body.bytes)?) };
+            let welded = input.analysis.ingest.merged_vertices > 0 && self.format == Format::ThreeMf;
+            let time = context.now().saturating_sub(start);
+            let report = ObjectReport::new(place, &input, body.account, time);
+            Ok(RepairedObject { report, before: input.analysis.surface.clone(), soup, source: body.source, welded })
+        })
+    }
+}
+
+/// The progress of one object as a part of the whole.
+pub(super) struct Share<'a> {
+    pub context: &'a Context<'a>,
+    pub from: f64,
+    pub to: f64,
+    pub name: &'a str,
+}
+
+impl Progress for Share<'_> {
+    fn report(&self, stage: Stage, tier: Option<u8>, percent: u8) {
+        let percent = self.from + (self.to - self.from) * f64::from(percent) / 100.0;
+        // What an object is finished with the whole is not.
+        let stage = if stage == Stage::Finish { Stage::Verify } else { stage };
+        self.context.report(stage, tier, percent as u8);
+    }
+
+    fn log(&self, line: &str) {
+        self.context.log(&format!("{}: {line}", self.name));
+    }
 }

@@ -1,7 +1,8 @@
 use std::time::Duration;
 
-use super::input::inspect_measured;
-use super::{HandedOut, Options, Report};
+use super::judge::inspect_measured;
+use super::options::Options;
+use super::report::{HandedOut, Report};
 use crate::analyze::{DrawError, subject};
 use crate::context::Context;
 use crate::format::{self, Limits, ReadOptions};

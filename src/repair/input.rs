@@ -1,18 +1,61 @@
+//! The input of a repair: what was read and inspected, and how it is handed back.
+
 use std::time::Duration;
 
-use super::RepairError;
-use super::invented::Invented;
-use super::settled::{analyse_settled, settle_orientation};
+use super::judge::{
+    Details, JudgeError, Judged, Judging, Patches, inspect_counts, inspect_in_time, read_own, surface_shares,
+};
+use super::operators::duplicates::remove_duplicates;
+use super::operators::orient::Orient;
+use super::options::{Nested, Options};
+use super::red_flags::Invented;
+use super::remesher::Remesher;
+use super::report::LeftOut;
 use super::time_budget::{TimeBudget, for_details};
-use super::verdict::{JudgeError, Judged, Patches, judge, surface_shares};
-use super::{Cancelled, Changes, Context, LeftOut, Options};
 use crate::analyze::subject;
-use crate::format::{self, Format, Limits, ReadError, ReadMesh};
+use crate::context::{Cancelled, Context};
+use crate::format::{self, Format, ReadError, ReadMesh, WriteError};
 use crate::inspect::{
-    Analysis, CompareOptions, DefectKind, Findings, InspectOptions, Inspection, Level, Measures, Original,
+    Analysis, Changes, CompareOptions, DefectKind, InspectOptions, Inspection, Level, Measures, OptionsError, Original,
     inspect_analysis, measure_analysis,
 };
+use crate::mesh::Soup;
 use crate::scene::LengthUnit;
+
+/// Why there is no result at all. A model that can't be repaired is no error: see [`Outcome::Unrepairable`].
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum RepairError {
+    /// The input is not a mesh that can be read.
+    #[error(transparent)]
+    Read(#[from] ReadError),
+    /// An option is out of range.
+    #[error(transparent)]
+    Options(#[from] OptionsError),
+    /// The job was canceled.
+    #[error(transparent)]
+    Cancelled(#[from] Cancelled),
+    /// The deadline came before there was anything to hand out: not even the input could be verified in the output's format.
+    #[error(
+        "the time was over before the model was inspected, so there is no result: deadline_s is {0}; raise it, or send fewer faces"
+    )]
+    OutOfTime(f64),
+    /// Neither a result nor the input can be said in the output format.
+    #[error(transparent)]
+    Write(#[from] WriteError),
+    /// What was written is not what was judged, which would be a mistake of ours.
+    #[error("the written file does not hold the model that was judged; ask for another output format, and report this")]
+    Unfaithful,
+}
+
+/// What is asked for, and by what means.
+#[derive(Clone, Copy)]
+pub(super) struct Request<'a> {
+    pub options: &'a Options,
+    pub remesher: Option<&'a dyn Remesher>,
+    pub context: &'a Context<'a>,
+    /// Whether what strategies have in common runs once. No result depends on it.
+    pub reuses_prefixes: bool,
+}
 
 /// What came in.
 pub(super) struct Input<'a> {
@@ -48,7 +91,8 @@ impl Input<'_> {
         }
         if self.time.can_verify(surface.faces.len(), context) {
             let start = context.now();
-            match judge(surface, Patches::BySource, None, format, self.original, options, context) {
+            let judging = Judging { format, input: self.original, options, context };
+            match judging.judge(surface, Patches::BySource, None) {
                 Ok(judged) => {
                     self.time.note_verification(surface.faces.len(), context.now().saturating_sub(start));
                     return Ok(Some(judged));
@@ -105,10 +149,11 @@ impl Input<'_> {
             dialect,
             changes,
             red_flags: Vec::new(),
-            looked: None,
-            counts: Some(Inspection { measures: measures.clone(), ..self.before.clone() }),
+            details: Details {
+                counts: Some(Inspection { measures: measures.clone(), ..self.before.clone() }),
+                ..Details::default()
+            },
             measures,
-            surface: None,
             ledger: None,
             assumptions: Vec::new(),
             cavities: Vec::new(),
@@ -125,10 +170,10 @@ impl Input<'_> {
     /// say is known already.
     pub fn after(&self, judged: &mut Judged, context: &Context<'_>) -> Result<Inspection, RepairError> {
         if self.bytes == Some(judged.bytes.as_slice()) {
-            judged.surface = surface_shares(self.original, self.analysis, context)?;
+            judged.details.surface = surface_shares(self.original, self.analysis, context)?;
             return Ok(self.before.clone());
         }
-        if let Some(inspection) = judged.looked.take() {
+        if let Some(inspection) = judged.details.inspection.take() {
             return Ok(inspection);
         }
         let inspected = || {
@@ -140,12 +185,12 @@ impl Input<'_> {
         };
         match inspected() {
             Ok((inspection, surface)) => {
-                judged.surface = surface;
+                judged.details.surface = surface;
                 Ok(inspection)
             }
             Err(RepairError::Cancelled(_)) if !context.is_cancelled() => {
                 self.time.leave_out(LeftOut::ResultDetails);
-                let counts = judged.counts.take().unwrap_or_else(|| self.before.clone());
+                let counts = judged.details.counts.take().unwrap_or_else(|| self.before.clone());
                 Ok(Inspection { measures: judged.measures.clone(), ..counts })
             }
             Err(error) => Err(error),
@@ -181,8 +226,7 @@ pub(super) struct Source<'a> {
 /// Inspects a mesh, and repairs it by `repair` as the input that it is.
 pub(super) fn inspected<T>(
     source: &Source<'_>,
-    options: &Options,
-    context: &Context<'_>,
+    &Request { options, context, .. }: &Request<'_>,
     repair: impl FnOnce(Input<'_>) -> Result<T, RepairError>,
 ) -> Result<T, RepairError> {
     let began = context.now();
@@ -193,11 +237,6 @@ pub(super) fn inspected<T>(
     let settled = analyse_settled(settled.as_ref(), context)?;
     let original = Original::new(analysis, &before.measures, CompareOptions::BRIEF).with_settled(settled.as_ref());
     repair(Input { bytes, mesh, analysis, original: &original, before, time })
-}
-
-/// Reads what we have written, however large it is.
-pub(super) fn read_own(bytes: &[u8]) -> Result<ReadMesh, ReadError> {
-    format::read(bytes, &Limits::NONE)
 }
 
 /// Inspects the input. `began` is when the finding of its structure began; what took long then will take long again.
@@ -226,32 +265,40 @@ fn inspect_input(
     Ok((inspection, time))
 }
 
-/// Inspects a mesh that was measured. When the deadline has passed, nothing but what results are judged by is there.
-pub(super) fn inspect_measured(
+/// The faces of a closed input as [`Orient`] winds them, for measuring what it encloses: parts that are inside out would count against
+/// the others. None where nothing is turned, or the input is open, so that its volume says nothing anyway, or where
+/// the time was over.
+///
+/// # Errors
+/// [`Cancelled`] when the job was canceled.
+fn settle_orientation(
     analysis: &Analysis<'_>,
+    before: &Measures,
+    options: &Options,
     context: &Context<'_>,
-) -> Result<(Inspection, Findings), Cancelled> {
-    inspect_in_time(analysis, &InspectOptions::default(), context)
-}
-
-fn inspect_in_time(
-    analysis: &Analysis<'_>,
-    options: &InspectOptions,
-    context: &Context<'_>,
-) -> Result<(Inspection, Findings), Cancelled> {
-    if let Some(whole) = context.unless_late(inspect_analysis(analysis, options, context))? {
-        return Ok(whole);
+) -> Result<Option<Soup>, Cancelled> {
+    let outward = before.consistent && before.inverted_parts == 0 && before.volume.value > 0.0;
+    if !before.closed || (outward && options.nested == Nested::Keep) {
+        return Ok(None);
     }
-    let verification = &context.for_verification();
-    let measures = measure_analysis(analysis, verification)?;
-    let (counted, findings) = inspect_counts(analysis, verification)?;
-    Ok((Inspection { measures, ..counted }, findings))
+    let mut surface = analysis.surface.clone();
+    // Faces that are there twice enclose nothing, and hide from each other what is around them.
+    remove_duplicates(&mut surface);
+    let oriented = Orient { nested: options.nested }.apply(&mut surface, &context.for_verification());
+    if context.unless_late(oriented)?.is_none() {
+        return Ok(None);
+    }
+    Ok((surface.faces != analysis.surface.faces).then(|| surface.to_soup()))
 }
 
-/// Counts what is counted of every mesh, whatever the time.
-pub(super) fn inspect_counts(
-    analysis: &Analysis<'_>,
-    context: &Context<'_>,
-) -> Result<(Inspection, Findings), Cancelled> {
-    inspect_analysis(analysis, &InspectOptions { level: Level::None, ..InspectOptions::default() }, context)
+/// The structure of settled faces; none where there are none, or where the time was over.
+///
+/// # Errors
+/// [`Cancelled`] when the job was canceled.
+fn analyse_settled<'a>(soup: Option<&'a Soup>, context: &Context<'_>) -> Result<Option<Analysis<'a>>, Cancelled> {
+    let verification = context.for_verification();
+    Ok(match soup {
+        Some(soup) => context.unless_late(Analysis::new(soup.into(), &verification))?,
+        None => None,
+    })
 }

@@ -1,109 +1,19 @@
-mod names;
-mod output_format;
+//! The options of a repair.
+
+mod choices;
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 use utoipa::{IntoParams, ToSchema};
 
-use self::names::operators;
-pub use self::output_format::OutputFormat;
-use super::operators::holes::HoleFilling;
-use super::operators::orient::Nested;
-use super::operators::stitch::StitchPosition;
-use super::{Category, Operator};
+pub use self::choices::{Category, InsideRule, Merge, OpenSheets, OutputFormat, Overlaps, Preset, Require};
+pub use super::operators::Operator;
+pub use super::operators::holes::HoleFilling;
+pub use super::operators::orient::Nested;
+pub use super::operators::stitch::StitchPosition;
 use crate::format::ReadOptions;
 use crate::inspect::{OptionsError, changed_fields};
 use crate::scene::Unit;
-
-/// A named plan, after the MeshPrep repair strategy guide ("Filter Scripts & When to Use Them").
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize, ToSchema, clap::ValueEnum)]
-#[serde(rename_all = "kebab-case")]
-pub enum Preset {
-    /// Chosen from the model's category.
-    #[default]
-    Auto,
-    /// Weld, drop degenerate and duplicate faces, fix normals.
-    BasicCleanup,
-    /// Basic cleanup, then close holes.
-    FillHoles,
-    /// For one part with several kinds of damage.
-    FullRepair,
-    /// For several parts: each is repaired apart and none is lost.
-    ConservativeRepair,
-    /// For non-manifold edges and vertices.
-    ManifoldRepair,
-    /// Basic cleanup, then Blender: for severe damage.
-    BlenderRemesh,
-}
-
-/// What becomes of open sheets: parts that enclose nothing, such as terrain or a single wall.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize, ToSchema, clap::ValueEnum)]
-#[serde(rename_all = "lowercase")]
-pub enum OpenSheets {
-    /// A model that is an open sheet is left; sheets that are parts of another model get a thickness behind their surface where
-    /// nothing else made the model printable.
-    #[default]
-    Auto,
-    /// They are left open.
-    Leave,
-    /// They get a thickness, half of it on either side, and a closed rim.
-    Thicken,
-    /// They are extruded down to a plane below them.
-    Base,
-}
-
-/// What becomes of parts that overlap.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize, ToSchema, clap::ValueEnum)]
-#[serde(rename_all = "lowercase")]
-pub enum Overlaps {
-    /// They become one solid.
-    #[default]
-    Union,
-    /// Each is resolved by itself, and what they have in common is left to whoever prints them. The result is then not
-    /// printable, and the report says so.
-    Keep,
-}
-
-/// What becomes of a file's objects, where its format and that of the result have such.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize, ToSchema, clap::ValueEnum)]
-#[serde(rename_all = "lowercase")]
-pub enum Merge {
-    /// Objects that intersect where they stand become one solid, and keep their colours; others stay objects. In 3MF, parts of different
-    /// materials stay parts, and where they overlap one of them gives way.
-    #[default]
-    Auto,
-    /// Each is repaired by itself and stays an object. Where objects intersect, the result is not printable as it stands.
-    None,
-    /// All become one, repaired as a whole.
-    Objects,
-}
-
-/// What a result must be for the repair to succeed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize, ToSchema, clap::ValueEnum)]
-#[serde(rename_all = "snake_case")]
-#[value(rename_all = "snake_case")]
-pub enum Require {
-    /// The best result is handed out, whatever its outcome.
-    #[default]
-    Any,
-    /// The outcome is `already_printable` or `repaired`; otherwise the repair fails and hands out no model.
-    Printable,
-}
-
-/// What is solid, by how many times the surface winds around it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize, ToSchema, clap::ValueEnum)]
-#[serde(rename_all = "lowercase")]
-pub enum InsideRule {
-    /// As the plan's rungs try it: `positive`, and `nonzero` where that is not good.
-    #[default]
-    Auto,
-    /// Once or more outward: a part that is inside out is no material.
-    Positive,
-    /// Any number of times but none: parts that are inside out are solid too.
-    Nonzero,
-    /// An odd number of times: a solid within a solid is a cavity, whichever way it is turned.
-    Odd,
-}
 
 /// How a model is to be repaired. Every field has a default.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema, IntoParams)]
@@ -129,11 +39,11 @@ pub struct Options {
     pub scale_to: Option<Unit>,
     /// Operators that run although they are left out by default.
     #[param(explode = false)]
-    #[serde(deserialize_with = "operators")]
+    #[serde(deserialize_with = "operators_by_name")]
     pub with: Vec<Operator>,
     /// Operators that do not run.
     #[param(explode = false)]
-    #[serde(deserialize_with = "operators")]
+    #[serde(deserialize_with = "operators_by_name")]
     pub without: Vec<Operator>,
     /// The farthest that surface may be moved from where it was or made, hole patches apart, in the model's unit. What can't be
     /// fixed within it is left and reported.
@@ -386,4 +296,26 @@ impl Options {
         let faces = self.max_remesh_faces as f64;
         number("max_remesh_faces", faces, 1000.0, 20_000_000.0, "between 1000 and 20000000 faces")
     }
+}
+
+/// Names of operators: an array, or one string with commas, as a query says it.
+fn operators_by_name<'de, D: serde::Deserializer<'de>>(from: D) -> Result<Vec<Operator>, D::Error> {
+    #[derive(Deserialize)]
+    #[serde(untagged)]
+    enum Names {
+        Many(Vec<String>),
+        One(String),
+    }
+    let names = match Names::deserialize(from)? {
+        Names::Many(names) => names,
+        Names::One(names) => {
+            names.split(',').map(|name| name.trim().to_owned()).filter(|name| !name.is_empty()).collect()
+        }
+    };
+    let known = || Operator::ALL.iter().map(|o| o.as_str()).collect::<Vec<_>>().join(", ");
+    let of = |name: &String| Operator::ALL.iter().copied().find(|o| o.as_str() == name);
+    let find = |name| {
+        of(name).ok_or_else(|| serde::de::Error::custom(format!("there is no operator '{name}'; they are {}", known())))
+    };
+    names.iter().map(find).collect()
 }

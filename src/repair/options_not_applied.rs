@@ -1,101 +1,70 @@
-//! Options that were set and that the result does not follow, and why.
+//! Options that were set and that the result does not follow, or only in part, and why.
 
-use serde::{Deserialize, Serialize};
 use serde_json::Value;
-use utoipa::ToSchema;
 
-use super::climb::TAKEN_OVER;
+use super::options::{Merge, OpenSheets, Operator, Options, Overlaps, Preset};
 use super::presets::remesh_action;
-use super::{Operator, Options, Overlaps, Preset, Step, StepStatus};
-
-/// An option that was set and that the result does not follow, or only in part.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
-pub struct OptionNotApplied {
-    /// The option's name.
-    pub option: String,
-    /// Its value as text.
-    pub value: String,
-    /// What kind of reason it is.
-    pub cause: NotAppliedCause,
-    /// The reason as a sentence.
-    pub reason: String,
-}
-
-/// The kinds of reason why an option was not applied.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, ToSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum NotAppliedCause {
-    /// The model has nothing that the option is about.
-    NothingToDo,
-    /// It was applied in part.
-    Limited,
-    /// Another option rules it out.
-    Excluded,
-    /// What it needs failed or is not available.
-    Unavailable,
-    /// The result with it would be worse than the input, which is handed out.
-    MadeWorse,
-}
-
-impl OptionNotApplied {
-    /// An option with its value, the cause and the reason.
-    #[must_use]
-    pub fn new(options: &Options, option: &str, cause: NotAppliedCause, reason: impl Into<String>) -> Self {
-        let value = serde_json::to_value(options).ok().and_then(|all| all.get(option).cloned());
-        let value = value.map_or_else(String::new, |value| as_text(&value));
-        Self { option: option.to_owned(), value, cause, reason: reason.into() }
-    }
-
-    /// As one line for a person.
-    #[must_use]
-    pub fn in_words(&self) -> String {
-        let verdict = match self.cause {
-            NotAppliedCause::NothingToDo => "had nothing to do",
-            NotAppliedCause::Limited => "was applied in part",
-            _ => "was not applied",
-        };
-        format!("`{}={}` {verdict}: {}", self.option, self.value, self.reason)
-    }
-}
-
-fn as_text(value: &Value) -> String {
-    match value {
-        Value::String(text) => text.clone(),
-        Value::Array(values) => values.iter().map(as_text).collect::<Vec<_>>().join(","),
-        other => other.to_string(),
-    }
-}
+use super::report::{Candidate, NotAppliedCause, OptionNotApplied, Report, Step, StepStatus};
+use super::tasks::ExecutedStep;
+use crate::inspect::{BoundingBox, Inspection};
+use crate::remesh::FINEST;
 
 /// What an option acts through.
 #[derive(Debug, Clone, Copy)]
 enum Rule {
     /// Operators, with the reason where they find nothing to do.
-    Operators(&'static [Operator], &'static str),
-    /// Surface that is made anew.
+    Operators(By, &'static [Operator], &'static str),
+    /// A remesh.
     Remesh,
     /// A limit, or a choice that every path follows.
     Always,
-    /// One of those that are looked at by themselves.
-    Own,
+    /// What no other option has.
+    Own(Own),
+}
+
+/// How an option that acts through operators differs from others.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum By {
+    /// In nothing.
+    Plain,
+    WeldTolerance,
+    StitchThreshold,
+    StitchEpsilon,
+    DegenerateTolerance,
+    OpenSheets,
+    Thickness,
+}
+
+/// The options with a rule of their own.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Own {
+    Preset,
+    Category,
+    Merge,
+    With,
+    OverlapAngle,
+    Overlaps,
+    MaxHoleSize,
+    MaxHoles,
 }
 
 /// Every option and what it acts through.
 const RULES: &[(&str, Rule)] = {
     use Operator as O;
-    use Rule::{Always, Operators, Own, Remesh};
+    use Rule::{Always, Operators, Remesh};
     &[
-        ("preset", Own),
-        ("category", Own),
+        ("preset", Rule::Own(Own::Preset)),
+        ("category", Rule::Own(Own::Category)),
         ("output", Always),
-        ("merge", Own),
+        ("merge", Rule::Own(Own::Merge)),
         ("require", Always),
         ("unit", Always),
         ("scale_to", Always),
-        ("with", Own),
+        ("with", Rule::Own(Own::With)),
         ("without", Always),
         ("max_deviation", Always),
         ("max_faces", Always),
-        ("max_error", Operators(&[O::Simplify], "no face could be removed within it")),
+        ("max_error", Operators(By::Plain, &[O::Simplify], "no face could be removed within it")),
         ("max_tier", Always),
         ("deadline_s", Always),
         ("max_face_loss_pct", Always),
@@ -104,31 +73,38 @@ const RULES: &[(&str, Rule)] = {
         ("max_volume_change_pct", Always),
         ("max_surface_lost_pct", Always),
         ("max_surface_added_pct", Always),
-        ("weld_tolerance", Operators(&[O::Weld], "no boundary vertices lie within it")),
-        ("merge_distance", Operators(&[O::MergeVertices], "no vertices lie within it")),
-        ("sew_ratio", Operators(&[O::Sew], "no boundary vertices lie within it")),
-        ("stitch_threshold", Operators(&[O::Stitch], "no crack is within it")),
-        ("stitch_distance", Operators(&[O::Stitch], "no crack is within it")),
-        ("stitch_epsilon", Operators(&[O::Stitch], "no crack was stitched")),
-        ("stitch_position", Operators(&[O::Stitch], "no crack was stitched")),
+        ("weld_tolerance", Operators(By::WeldTolerance, &[O::Weld], "no boundary vertices lie within it")),
+        ("merge_distance", Operators(By::Plain, &[O::MergeVertices], "no vertices lie within it")),
+        ("sew_ratio", Operators(By::Plain, &[O::Sew], "no boundary vertices lie within it")),
+        ("stitch_threshold", Operators(By::StitchThreshold, &[O::Stitch], "no crack is within it")),
+        ("stitch_distance", Operators(By::Plain, &[O::Stitch], "no crack is within it")),
+        ("stitch_epsilon", Operators(By::StitchEpsilon, &[O::Stitch], "no crack was stitched")),
+        ("stitch_position", Operators(By::Plain, &[O::Stitch], "no crack was stitched")),
         (
             "degenerate_tolerance",
-            Operators(&[O::RemoveSlivers, O::UnfoldFoldovers], "no edge is shorter and no face lower"),
+            Operators(
+                By::DegenerateTolerance,
+                &[O::RemoveSlivers, O::UnfoldFoldovers],
+                "no edge is shorter and no face lower",
+            ),
         ),
-        ("overlap_angle_deg", Own),
+        ("overlap_angle_deg", Rule::Own(Own::OverlapAngle)),
         ("twist_angle_deg", Always),
         ("max_hole_edges", Always),
-        ("min_part_volume_pct", Operators(&[O::DropSmallParts], "no closed part is smaller")),
-        ("nested", Operators(&[O::Orient], "no part had to be turned")),
-        ("overlaps", Own),
-        ("inside", Operators(&[O::Resolve, O::Remesh], "no faces intersect, and every solid is as it says")),
-        ("open_sheets", Operators(&[O::ThickenSheets, O::AddBase], "the model has no open sheet")),
-        ("thickness", Operators(&[O::ThickenSheets, O::AddBase, O::Resolve], "nothing was given a thickness")),
-        ("max_hole_size", Own),
-        ("max_holes", Own),
-        ("hole_filling", Operators(&[O::FillHoles], "no hole was closed")),
-        ("refine_patches", Operators(&[O::FillHoles], "no hole was closed")),
-        ("fair_patches", Operators(&[O::FillHoles], "no hole was closed")),
+        ("min_part_volume_pct", Operators(By::Plain, &[O::DropSmallParts], "no closed part is smaller")),
+        ("nested", Operators(By::Plain, &[O::Orient], "no part had to be turned")),
+        ("overlaps", Rule::Own(Own::Overlaps)),
+        ("inside", Operators(By::Plain, &[O::Resolve, O::Remesh], "no faces intersect, and every solid is as it says")),
+        ("open_sheets", Operators(By::OpenSheets, &[O::ThickenSheets, O::AddBase], "the model has no open sheet")),
+        (
+            "thickness",
+            Operators(By::Thickness, &[O::ThickenSheets, O::AddBase, O::Resolve], "nothing was given a thickness"),
+        ),
+        ("max_hole_size", Rule::Own(Own::MaxHoleSize)),
+        ("max_holes", Rule::Own(Own::MaxHoles)),
+        ("hole_filling", Operators(By::Plain, &[O::FillHoles], "no hole was closed")),
+        ("refine_patches", Operators(By::Plain, &[O::FillHoles], "no hole was closed")),
+        ("fair_patches", Operators(By::Plain, &[O::FillHoles], "no hole was closed")),
         ("voxel_size", Remesh),
         ("voxel_resolution", Remesh),
         ("max_remesh_faces", Remesh),
@@ -155,7 +131,11 @@ pub(super) enum Ending<'a> {
 }
 
 /// The options that were set and that the result does not follow, in the order of [`Options`].
-pub(super) fn options_not_applied(options: &Options, steps: &[Step], ending: &Ending<'_>) -> Vec<OptionNotApplied> {
+pub(super) fn options_not_applied(
+    options: &Options,
+    steps: &[ExecutedStep],
+    ending: &Ending<'_>,
+) -> Vec<OptionNotApplied> {
     let set = names_set(options);
     let account = Account { options, steps, ending };
     let is_set = |name: &str| set.iter().any(|it| it == name);
@@ -163,12 +143,12 @@ pub(super) fn options_not_applied(options: &Options, steps: &[Step], ending: &En
     for &(name, rule) in RULES.iter().filter(|(name, _)| is_set(name)) {
         let found = match rule {
             Rule::Always => None,
-            Rule::Operators(operators, nothing) if asks(options, name) => {
-                account.of_operators(name, operators, nothing)
+            Rule::Operators(by, operators, nothing) if asks(options, name, by) => {
+                account.of_operators(by, operators, nothing)
             }
             Rule::Operators(..) => None,
             Rule::Remesh => account.of_remesh(),
-            Rule::Own => account.of_own(name),
+            Rule::Own(own) => account.of_own(own),
         };
         if let Some((cause, reason)) = found {
             all.push(OptionNotApplied::new(options, name, cause, reason));
@@ -188,9 +168,8 @@ pub(super) fn options_not_applied(options: &Options, steps: &[Step], ending: &En
     all
 }
 
-/// Adds what must be told of the options that concern the file rather than its mesh.
+/// What is to be said of the options that concern the file rather than its meshes.
 pub(super) fn of_file(options: &Options, has_objects: bool, kept_apart: bool) -> Option<OptionNotApplied> {
-    use super::Merge;
     let (cause, reason) = match (options.merge, has_objects) {
         (Merge::Auto, _) => return None,
         (_, false) => (NotAppliedCause::NothingToDo, "the file has no objects"),
@@ -208,24 +187,24 @@ fn names_set(options: &Options) -> Vec<String> {
 }
 
 /// Whether an option that was set asks for something to be done: zero does not, nor does a tolerance below the usual one.
-fn asks(options: &Options, name: &str) -> bool {
-    let value = serde_json::to_value(options).ok().and_then(|all| all.get(name).cloned());
+fn asks(options: &Options, name: &str, by: By) -> bool {
     let usual = Options::default();
-    let is_tighter = match name {
-        "weld_tolerance" => options.weld_tolerance < usual.weld_tolerance,
-        "degenerate_tolerance" => options.degenerate_tolerance < usual.degenerate_tolerance,
-        _ => false,
-    };
+    let value = serde_json::to_value(options).ok().and_then(|all| all.get(name).cloned());
     let is_zero = value.as_ref().and_then(Value::as_f64) == Some(0.0);
-    let leaves = value.as_ref().and_then(Value::as_str).is_some_and(|it| it == "leave" || it == "kept");
-    !((is_zero && name != "stitch_epsilon") || leaves || is_tighter)
+    match by {
+        By::StitchEpsilon => true,
+        By::OpenSheets => options.open_sheets != OpenSheets::Leave,
+        By::WeldTolerance => !is_zero && options.weld_tolerance >= usual.weld_tolerance,
+        By::DegenerateTolerance => !is_zero && options.degenerate_tolerance >= usual.degenerate_tolerance,
+        By::Plain | By::StitchThreshold | By::Thickness => !is_zero,
+    }
 }
 
 type Found = Option<(NotAppliedCause, String)>;
 
 struct Account<'a> {
     options: &'a Options,
-    steps: &'a [Step],
+    steps: &'a [ExecutedStep],
     ending: &'a Ending<'a>,
 }
 
@@ -239,26 +218,32 @@ impl Account<'_> {
         }
     }
 
-    fn steps(&self) -> impl Iterator<Item = &Step> {
+    fn executed(&self) -> impl Iterator<Item = &ExecutedStep> {
         let rung = self.rung();
-        self.steps.iter().filter(move |step| Some(step.rung) == rung)
+        self.steps.iter().filter(move |it| Some(it.step.rung) == rung)
+    }
+
+    fn steps(&self) -> impl Iterator<Item = &Step> {
+        self.executed().map(|it| &it.step)
     }
 
     /// What an option that acts through operators came to.
-    fn of_operators(&self, name: &str, operators: &[Operator], nothing: &str) -> Found {
+    fn of_operators(&self, by: By, operators: &[Operator], nothing: &str) -> Found {
         let without = &self.options.without;
         if operators.iter().all(|operator| without.contains(operator)) {
             let names: Vec<&str> = operators.iter().map(|operator| operator.as_str()).collect();
             return Some((NotAppliedCause::Excluded, format!("`without` leaves out {}", names.join(", "))));
         }
-        if name == "stitch_threshold" && self.options.stitch_distance.is_some() {
+        if by == By::StitchThreshold && self.options.stitch_distance.is_some() {
             return Some((NotAppliedCause::Excluded, "`stitch_distance` takes its place".to_owned()));
         }
-        let own = || self.steps().filter(|step| step.operator.is_some_and(|it| operators.contains(&it)));
-        let acted = own().any(|step| step.status == StepStatus::Done && has_acted(step, name));
-        let left = own().filter_map(|step| step.note.as_deref()).filter(|note| *note != TAKEN_OVER).last();
+        let is_own = |step: &Step| step.operator.is_some_and(|it| operators.contains(&it));
+        let own = || self.steps().filter(|step| is_own(step));
+        let acted = own().any(|step| step.status == StepStatus::Done && has_acted(step, by));
+        let with_own_note = self.executed().filter(|it| is_own(&it.step) && !it.has_reuse_note);
+        let left = with_own_note.filter_map(|it| it.step.note.as_deref()).last();
         if acted {
-            let some_left = left.filter(|_| name == "degenerate_tolerance").map(str::to_owned);
+            let some_left = left.filter(|_| by == By::DegenerateTolerance).map(str::to_owned);
             return self.kept_input().or_else(|| some_left.map(|left| (NotAppliedCause::Limited, left)));
         }
         if let Ending::InputKept { best: None, why } = self.ending {
@@ -301,23 +286,23 @@ impl Account<'_> {
         Some((NotAppliedCause::NothingToDo, "the surface was not made anew".to_owned()))
     }
 
-    fn of_own(&self, name: &str) -> Found {
-        match name {
-            "preset" => self.of_preset(),
-            "category" if self.options.preset != Preset::Auto => {
+    fn of_own(&self, own: Own) -> Found {
+        match own {
+            Own::Preset => self.of_preset(),
+            Own::Category if self.options.preset != Preset::Auto => {
                 Some((NotAppliedCause::Excluded, "`preset` chooses the plan".to_owned()))
             }
-            "category" => self.of_plan(),
-            "overlap_angle_deg" if !self.options.with.contains(&Operator::RemoveOverlappingNeighbours) => {
+            Own::Category => self.of_plan(),
+            Own::OverlapAngle if !self.options.with.contains(&Operator::RemoveOverlappingNeighbours) => {
                 Some((NotAppliedCause::Excluded, "set `with=remove_overlapping_neighbours` too".to_owned()))
             }
-            "overlaps" if self.options.overlaps == Overlaps::Keep && self.remeshed() => {
+            Own::Overlaps if self.options.overlaps == Overlaps::Keep && self.remeshed() => {
                 Some((NotAppliedCause::Excluded, "the surface was made anew, which unites what overlaps".to_owned()))
             }
-            "max_hole_size" | "max_holes" if self.remeshed() => {
+            Own::MaxHoleSize | Own::MaxHoles if self.remeshed() => {
                 Some((NotAppliedCause::Limited, "the surface was made anew, which closes every hole".to_owned()))
             }
-            "max_holes" if self.patched() => {
+            Own::MaxHoles if self.patched() => {
                 Some((NotAppliedCause::Limited, "`clean_and_patch` closes the holes around what it removes".to_owned()))
             }
             _ => None,
@@ -336,11 +321,12 @@ impl Account<'_> {
                     let reason = format!("`max_tier={}` leaves out Blender", self.options.max_tier);
                     return Some((NotAppliedCause::Excluded, reason));
                 }
-                let skipped = self.steps.iter().find(|step| step.rung == 0 && step.status == StepStatus::Skipped);
+                let steps = self.steps.iter().map(|it| &it.step);
+                let skipped = steps.filter(|step| step.rung == 0).find(|step| step.status == StepStatus::Skipped);
                 let why = skipped.and_then(|step| step.note.clone());
                 let cause = if why.is_some() { NotAppliedCause::Unavailable } else { NotAppliedCause::Limited };
                 let why = why.unwrap_or_else(|| "its result was not good".to_owned());
-                Some((cause, format!("{why}; the result is that of the preset {}", super::plan::name(preset))))
+                Some((cause, format!("{why}; the result is that of the preset {}", preset.as_str())))
             }
             _ => self.of_plan(),
         }
@@ -361,7 +347,7 @@ impl Account<'_> {
     fn of_with(&self) -> Vec<OptionNotApplied> {
         let one = |&operator: &Operator| {
             let nothing = format!("{} found nothing to change", operator.as_str());
-            let (cause, reason) = self.of_operators("with", &[operator], &nothing)?;
+            let (cause, reason) = self.of_operators(By::Plain, &[operator], &nothing)?;
             let with = OptionNotApplied::new(self.options, "with", cause, reason);
             Some(OptionNotApplied { value: operator.as_str().to_owned(), ..with })
         };
@@ -370,38 +356,74 @@ impl Account<'_> {
 }
 
 /// Whether a step changed something for an option.
-fn has_acted(step: &Step, name: &str) -> bool {
-    step.changed.iter().any(|change| match name {
-        "thickness" => change.what.gives_thickness(),
+fn has_acted(step: &Step, by: By) -> bool {
+    step.changed.iter().any(|change| match by {
+        By::Thickness => change.what.gives_thickness(),
         _ => !change.what.is_only_counted(),
     })
 }
 
-/// The options of which an operator could follow only a part, since vertices may move by no more than `reach`.
-pub(super) fn limits_of(
-    operator: Operator,
-    options: &Options,
-    diagonal: f64,
-    reach: f64,
-) -> Vec<(&'static str, String)> {
-    let usual = Options::default();
-    let threshold = options.stitch_threshold.filter(|_| options.stitch_distance.is_none());
-    let asked = match operator {
-        Operator::MergeVertices => ("merge_distance", options.merge_distance),
-        Operator::Weld if options.weld_tolerance != usual.weld_tolerance => {
-            ("weld_tolerance", Some(options.weld_tolerance * diagonal))
-        }
-        Operator::Stitch if threshold.is_some() => ("stitch_threshold", threshold.map(|it| it * diagonal)),
-        Operator::Stitch => ("stitch_distance", options.stitch_distance),
-        Operator::RemoveSlivers if options.degenerate_tolerance != usual.degenerate_tolerance => {
-            ("degenerate_tolerance", Some(options.degenerate_tolerance * diagonal))
-        }
-        Operator::ThickenSheets | Operator::AddBase => ("thickness", options.thickness),
-        _ => return Vec::new(),
-    };
-    let (name, Some(length)) = asked else { return Vec::new() };
-    if length <= reach {
-        return Vec::new();
+/// How much larger than asked for a voxel may be before it counts as another size.
+const SAME_SIZE: f64 = 1.0 + 1e-6;
+
+/// What the report says of `max_faces` and `voxel_size` where the result does not keep to them, each with the reason.
+pub(super) fn limited_options(report: &Report) -> Vec<OptionNotApplied> {
+    let mut all: Vec<OptionNotApplied> = too_many_faces(report).into_iter().collect();
+    let mut larger = larger_voxels(report, &report.steps, &report.candidates, &report.before);
+    for object in &report.objects {
+        larger = larger.or_else(|| larger_voxels(report, &object.steps, &object.candidates, &object.before));
     }
-    vec![(name, format!("`max_deviation` lets surface move by {reach} more, so that was used instead of {length}"))]
+    all.extend(larger);
+    all
+}
+
+/// Says why the result has more faces than `max_faces`.
+fn too_many_faces(report: &Report) -> Option<OptionNotApplied> {
+    let most = report.options.max_faces?;
+    let faces = report.after.as_ref()?.measures.faces;
+    if faces <= most {
+        return None;
+    }
+    let of_objects = report.objects.iter().flat_map(|object| &object.steps);
+    let mut steps = report.steps.iter().chain(of_objects).filter(|step| step.operator == Some(Operator::Simplify));
+    let why = match steps.next_back() {
+        None => "no result with fewer faces was made".to_owned(),
+        Some(step) => step.note.clone().unwrap_or_else(|| "no more faces could be removed".to_owned()),
+    };
+    let hint = match report.options.max_error {
+        None => "; without `max_error` faces go only within 0.5 % of the bounding box's diagonal, so set a larger one",
+        Some(_) => "; a larger `max_error` lets more faces go",
+    };
+    Some(limited(report, "max_faces", format!("the result has {faces} faces ({why}){hint}")))
+}
+
+/// Says why the voxels of the result are not of `voxel_size`.
+fn larger_voxels(
+    report: &Report,
+    steps: &[Step],
+    candidates: &[Candidate],
+    before: &Inspection,
+) -> Option<OptionNotApplied> {
+    let asked = report.options.voxel_size?;
+    let rung = candidates.iter().find(|candidate| candidate.chosen)?.rung?;
+    let step = steps.iter().rev().find(|step| step.rung == rung && step.voxel_size.is_some())?;
+    let used = step.voxel_size?;
+    if used <= asked * SAME_SIZE && asked <= used * SAME_SIZE {
+        return None;
+    }
+    let diagonal = before.measures.bounding_box.as_ref().map_or(0.0, BoundingBox::diagonal);
+    let is_native = step.operator == Some(Operator::Remesh);
+    let why = if used < asked {
+        "larger ones would leave nothing of the model to see".to_owned()
+    } else if is_native && used <= diagonal / FINEST * SAME_SIZE {
+        format!("no finer ones than 1/{FINEST} of the bounding box's diagonal are made")
+    } else {
+        let most = report.options.max_remesh_faces;
+        format!("smaller ones would take more than the {most} faces of `max_remesh_faces`, or too much memory")
+    };
+    Some(limited(report, "voxel_size", format!("the result was made with voxels of {used:.6}, since {why}")))
+}
+
+fn limited(report: &Report, option: &str, reason: String) -> OptionNotApplied {
+    OptionNotApplied::new(&report.options, option, NotAppliedCause::Limited, reason)
 }

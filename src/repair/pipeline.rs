@@ -1,14 +1,22 @@
+//! The way of a file through its repair, on one page: read and inspect it, repair its bodies (each by a plan, its strategies, and the best
+//! of their results), assemble what came of them, and report.
+
 use std::time::Duration;
 
-use super::account::{Ended, FileAccount, RepairedBody};
-use super::apart::{ApartRepair, RepairedObjects, keeps_apart};
+use super::account::FileAccount;
 use super::body::repair_body;
-use super::dress::{carrier, dress_one};
-use super::input::{Input, Source, inspected};
+use super::ended::{Ended, RepairedBody};
+use super::export::{export_one, judging_format};
+use super::input::{Input, RepairError, Request, Source, inspected};
+use super::objects::{Assembled, ObjectsRepair, keeps_apart};
+use super::options::Options;
 use super::options_not_applied::of_file;
+use super::remesher::Remesher;
+use super::report::{Assumption, FileSummary, LeftOut, Report};
 use super::time_budget::with_overrun;
-use super::{Assumption, Cancelled, Context, FileSummary, LeftOut, Options, OptionsError, Remesher, Report, Stage};
-use crate::format::{self, Format, Limits, ReadError, ReadFile, ReadOptions, WriteError};
+use crate::context::{Context, Stage};
+use crate::format::{self, Format, Limits, ReadFile, ReadOptions};
+use crate::scene::Scene;
 
 /// A repaired file and its account.
 #[derive(Debug, Clone, PartialEq)]
@@ -21,32 +29,7 @@ pub struct Repaired {
     pub report: Report,
 }
 
-/// Why there is no result at all. A model that can't be repaired is no error: see [`Outcome::Unrepairable`].
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum RepairError {
-    /// The input is not a mesh that can be read.
-    #[error(transparent)]
-    Read(#[from] ReadError),
-    /// An option is out of range.
-    #[error(transparent)]
-    Options(#[from] OptionsError),
-    /// The job was canceled.
-    #[error(transparent)]
-    Cancelled(#[from] Cancelled),
-    /// The deadline came before there was anything to hand out: not even the input could be verified in the output's format.
-    #[error(
-        "the time was over before the model was inspected, so there is no result: deadline_s is {0}; raise it, or send fewer faces"
-    )]
-    OutOfTime(f64),
-    /// Neither a result nor the input can be said in the output format.
-    #[error(transparent)]
-    Write(#[from] WriteError),
-    /// What was written is not what was judged, which would be a mistake of ours.
-    #[error("the written file does not hold the model that was judged; ask for another output format, and report this")]
-    Unfaithful,
-}
-
-/// Repairs a file: reads it, measures it, makes a plan, and climbs the plan's rungs until a result is printable with
+/// Repairs a file: reads it, measures it, makes a plan, and runs the plan's strategies until a result is printable with
 /// no red flag; the best result so far is handed out.
 ///
 /// Each result is judged on its own bytes, read back and welded by position. A file that is printable already comes
@@ -66,22 +49,22 @@ pub fn repair(
     remesher: Option<&dyn Remesher>,
     context: &Context<'_>,
 ) -> Result<Repaired, RepairError> {
+    repair_as(bytes, limits, Request { options, remesher, context, reuses_prefixes: true })
+}
+
+fn repair_as(bytes: &[u8], limits: &Limits, request: Request<'_>) -> Result<Repaired, RepairError> {
+    let Request { options, context, .. } = request;
     options.validate()?;
     let context = &with_overrun(&context.limited_to(Duration::from_secs_f64(options.deadline_s)));
-    match repair_in_time(bytes, options, limits, remesher, context) {
+    match repair_in_time(bytes, limits, &Request { context, ..request }) {
         Err(RepairError::Cancelled(_)) if !context.is_cancelled() => Err(RepairError::OutOfTime(options.deadline_s)),
         repaired => repaired,
     }
 }
 
 /// Repairs a file until the deadline of the context, and verifies until the end of its verification.
-fn repair_in_time(
-    bytes: &[u8],
-    options: &Options,
-    limits: &Limits,
-    remesher: Option<&dyn Remesher>,
-    context: &Context<'_>,
-) -> Result<Repaired, RepairError> {
+fn repair_in_time(bytes: &[u8], limits: &Limits, request: &Request<'_>) -> Result<Repaired, RepairError> {
+    let &Request { options, context, .. } = request;
     let start = context.now();
     context.report(Stage::Read, None, 0);
     let opened = Opened::read(bytes, options, limits)?;
@@ -89,9 +72,9 @@ fn repair_in_time(
     let file = &opened.file;
     let returnable = opened.as_it_is.then_some(bytes);
     let source = Source { bytes: returnable, mesh: &file.mesh, unit: file.unit.as_ref() };
-    let (bytes, mut report) = inspected(&source, options, context, |input| {
+    let (bytes, mut report) = inspected(&source, request, |input| {
         context.log(&format!("read {}: {}", file.mesh.dialect, input.before.measures.in_short()));
-        let repaired = opened.repair(bytes, &input, options, remesher, context)?;
+        let repaired = opened.repair(bytes, &input, request)?;
         let output = FileSummary::of(opened.format, &repaired.dialect, &repaired.bytes);
         let scene = file.scene.as_ref();
         let report = repaired.account.into_report(FileAccount {
@@ -137,32 +120,109 @@ impl Opened {
         Ok(Self { file, format, apart, as_it_is })
     }
 
-    /// Repairs the file's bodies: its objects where they are kept apart, and otherwise all of it as one.
-    fn repair(
+    /// Repairs the file's bodies, which are its objects where they are kept apart and otherwise all of it, and assembles their results.
+    fn repair(&self, bytes: &[u8], input: &Input<'_>, request: &Request<'_>) -> Result<Assembled, RepairError> {
+        match self.file.scene.as_ref().filter(|_| self.apart) {
+            None => {
+                let body = repair_body(input, judging_format(self.format), request)?;
+                Ok(export_one(body, input, &self.file, self.format, request.context)?.into())
+            }
+            Some(scene) => self.repair_objects(scene, bytes, input, request),
+        }
+    }
+
+    fn repair_objects(
         &self,
+        scene: &Scene,
         bytes: &[u8],
         input: &Input<'_>,
-        options: &Options,
-        remesher: Option<&dyn Remesher>,
-        context: &Context<'_>,
-    ) -> Result<RepairedObjects, RepairError> {
+        request: &Request<'_>,
+    ) -> Result<Assembled, RepairError> {
         let &Self { ref file, format, as_it_is, .. } = self;
-        let Some(scene) = file.scene.as_ref().filter(|_| self.apart) else {
-            let body = repair_body(input, carrier(format), options, remesher, context)?;
-            return Ok(dress_one(body, input, file, format, context)?.into());
-        };
+        let &Request { options, context: whole, .. } = request;
         // What is made of all objects is verified once more as a whole.
-        let until = &context.ending_before(input.time.verification(input.analysis.surface.faces.len()));
-        let apart = ApartRepair { file, input, format, as_it_is, options, remesher, context: until, whole: context };
-        match apart.run(scene, bytes) {
-            Err(RepairError::Cancelled(_)) if !context.is_cancelled() && input.bytes.is_some() => {
+        let until = &whole.ending_before(input.time.verification(input.analysis.surface.faces.len()));
+        let request = Request { context: until, ..*request };
+        match (ObjectsRepair { file, input, format, as_it_is, request, whole }).run(scene, bytes) {
+            Err(RepairError::Cancelled(_)) if !whole.is_cancelled() && input.bytes.is_some() => {
                 input.time.leave_out(LeftOut::Repair);
                 input.time.leave_out(LeftOut::Verification);
-                let untouched = input.handed_back(format, options, context)?;
-                let ended = Ended { candidates: Vec::new(), ..Ended::with_input(untouched, "") };
-                Ok(RepairedBody::of(ended, input, options, context)?.into())
+                let untouched = input.handed_back(format, options, whole)?;
+                let mut ended = Ended::with_input(untouched, "");
+                ended.account.candidates.clear();
+                Ok(RepairedBody::of(ended, input, options, whole)?.into())
             }
             repaired => repaired,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::atomic::AtomicBool;
+
+    use glam::DVec3;
+
+    use super::*;
+    use crate::context::{NoProgress, monotonic_clock};
+    use crate::mesh::Soup;
+    use crate::repair::{Operator, Step};
+
+    /// Adds a unit cube at a corner, with its faces outward or inward.
+    fn add_cube(soup: &mut Soup, corner: DVec3, is_outward: bool) {
+        const SIDES: [[u32; 4]; 6] =
+            [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
+        let first = u32::try_from(soup.positions.len()).expect("few vertices");
+        let bit = |vertex: u32, axis: u32| f64::from(vertex >> axis & 1);
+        soup.positions.extend((0..8).map(|v| corner + DVec3::new(bit(v, 0), bit(v, 1), bit(v, 2))));
+        for [a, b, c, d] in SIDES.map(|side| side.map(|v| first + v)) {
+            soup.faces.extend(if is_outward { [[a, b, c], [a, c, d]] } else { [[a, c, b], [a, d, c]] });
+        }
+    }
+
+    /// Adds a flat square sheet of so many cells a side.
+    fn add_sheet(soup: &mut Soup, corner: DVec3, cells: u32) {
+        let first = u32::try_from(soup.positions.len()).expect("few vertices");
+        let at = |x: u32, y: u32| first + x * (cells + 1) + y;
+        for x in 0..=cells {
+            soup.positions.extend((0..=cells).map(|y| corner + DVec3::new(x.into(), y.into(), 0.0) / f64::from(cells)));
+        }
+        for (x, y) in (0..cells).flat_map(|x| (0..cells).map(move |y| (x, y))) {
+            let [a, b, c, d] = [at(x, y), at(x + 1, y), at(x + 1, y + 1), at(x, y + 1)];
+            soup.faces.extend([[a, b, c], [a, c, d]]);
+        }
+    }
+
+    fn repaired(bytes: &[u8], reuses_prefixes: bool) -> Repaired {
+        let options = &Options { max_tier: 2, ..Options::default() };
+        let (cancel, clock) = (AtomicBool::new(false), monotonic_clock());
+        let context = &Context::new(&NoProgress, &cancel, &clock, Duration::MAX);
+        let request = Request { options, remesher: None, context, reuses_prefixes };
+        repair_as(bytes, &Limits::default(), request).expect("a result")
+    }
+
+    #[test]
+    fn without_the_prefix_cache_every_strategy_has_the_same_result() {
+        let mut soup = Soup { positions: Vec::new(), faces: Vec::new() };
+        add_cube(&mut soup, DVec3::ZERO, true);
+        add_cube(&mut soup, DVec3::new(0.5, 0.3, 0.2), true);
+        add_cube(&mut soup, DVec3::new(4.0, 0.0, 0.0), true);
+        add_cube(&mut soup, DVec3::new(4.5, 0.2, 0.3), false);
+        add_sheet(&mut soup, DVec3::new(20.0, 0.0, 0.0), 8);
+        let bytes = format::write(&soup, Format::Stl).expect("written");
+        let [with, without] = [true, false].map(|reuses_prefixes| repaired(&bytes, reuses_prefixes));
+        assert!(with.report.candidates.len() > 2, "{:#?}", with.report.plan);
+        assert_eq!(with.bytes, without.bytes);
+        assert_eq!(with.report.candidates, without.report.candidates);
+        let facts = |it: &Repaired| -> Vec<_> {
+            let fact = |it: &Step| (it.rung, it.action, it.operator, it.status, it.changed.clone(), it.moved);
+            it.report.steps.iter().map(fact).collect()
+        };
+        assert_eq!(facts(&with), facts(&without));
+        let reused = |it: &Repaired| {
+            let later = it.report.steps.iter().filter(|step| step.rung > 0 && step.milliseconds == 0.0);
+            later.filter(|step| step.operator == Some(Operator::Resolve)).count()
+        };
+        assert!(reused(&with) > 0 && reused(&without) == 0, "{} and {}", reused(&with), reused(&without));
     }
 }

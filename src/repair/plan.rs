@@ -1,12 +1,15 @@
-use super::presets::{RECIPES, planned, preset_for, tier_of};
-use super::requests::with_requests;
-use super::{Action, Category, OpenSheets, Operator, Options, Overlaps, Plan, PlannedAction, Preset, Rung, When};
+//! The plan of a repair: the category of a model, and the strategies that follow from it and from the options.
+
+use super::options::{Category, OpenSheets, Operator, Options, Overlaps, Preset};
+use super::presets::{RECIPES, planned, preset_for, tier_of, with_requests};
+use super::report::{Action, Plan, PlannedAction, Rung, When};
+use super::sheets::SHEET_SHARE;
 use crate::inspect::Measures;
 
 /// Makes the plan: the preset that was asked for, or the one for the model's category; then Blender, unless the model
 /// is an open sheet or `max_tier` forbids it.
 ///
-/// Open sheets are made solid in every rung where that was asked for. Otherwise, where they are not the whole model, in a rung
+/// Open sheets are made solid in every strategy where that was asked for. Otherwise, where they are not the whole model, in a strategy
 /// of its own, after those that leave them open and before Blender, which would keep nothing of them.
 ///
 /// Where no way keeps the faces, the surface is made anew ([`Operator::Remesh`]), before Blender is asked for the same.
@@ -28,55 +31,56 @@ pub fn make_plan(before: &Measures, category: Category, options: &Options) -> Pl
                 || reason.to_owned(),
                 |it| format!("the category {} was asked for: {reason}", it.as_str()),
             );
-            (preset, format!("{reason}, so {} was chosen", name(preset)))
+            (preset, format!("{reason}, so {} was chosen", preset.as_str()))
         }
-        asked => (asked, format!("{} was asked for", name(asked))),
+        asked => (asked, format!("{} was asked for", asked.as_str())),
     };
-    let mut rungs = Vec::new();
+    let mut strategies = Vec::new();
     let mut whole = None;
     if preset != Preset::BlenderRemesh {
-        rungs.extend(rung(preset, options, options.max_tier, None));
+        strategies.extend(strategy(preset, options, options.max_tier, None));
     }
     if options.preset == Preset::Auto && options.max_tier >= 2 && tier(preset) == 2 {
         // The other way to pair faces around non-manifold edges, and to take what is turned inside out.
         let other = if preset == Preset::FullRepair { Preset::ConservativeRepair } else { Preset::FullRepair };
-        rungs.extend(rung(other, options, options.max_tier, None));
-        let both = [preset, other].map(|preset| rung(preset, options, options.max_tier, None));
+        strategies.extend(strategy(other, options, options.max_tier, None));
+        let both = [preset, other].map(|preset| strategy(preset, options, options.max_tier, None));
         let [mut first, _] = both.clone();
         // The last ways before another tier: what is bad goes, and its holes are closed; what overlaps is kept so.
         let cleaned = first.clone().map(|first| cleaning(first, options));
         if options.open_sheets == OpenSheets::Auto {
             let closed = both.into_iter().flatten().map(|it| with_sheets_closed(it, options));
-            rungs.extend(closed.map(|it| Rung { when: When::SheetsLeft, ..it }));
+            strategies.extend(closed.map(|it| Rung { when: When::SheetsLeft, ..it }));
             first = first.map(|first| with_sheets_closed(first, options));
         }
-        rungs.extend(cleaned);
+        strategies.extend(cleaned);
         whole = first.map(without_resolving);
     }
     let remesh = preset == Preset::BlenderRemesh || !matches!(category, Category::OpenSheet | Category::Clean);
     // A remesh unites what overlaps.
     let remesh = remesh && (options.overlaps == Overlaps::Union || options.preset == Preset::BlenderRemesh);
     if remesh && options.max_tier >= 2 && options.preset == Preset::Auto {
-        rungs.extend(rung(Preset::FullRepair, options, options.max_tier, None).map(|it| remeshing(it, options)));
+        strategies
+            .extend(strategy(Preset::FullRepair, options, options.max_tier, None).map(|it| remeshing(it, options)));
     }
-    rungs.extend(whole);
+    strategies.extend(whole);
     if remesh && options.max_tier >= 3 {
         let union = before.parts > 1 || before.nonmanifold_edges > 0;
         if union && preset != Preset::BlenderRemesh {
-            rungs.extend(rung(Preset::BlenderRemesh, options, 3, Some(Action::BooleanUnion)));
+            strategies.extend(strategy(Preset::BlenderRemesh, options, 3, Some(Action::BooleanUnion)));
         }
-        rungs.extend(rung(Preset::BlenderRemesh, options, 3, None));
+        strategies.extend(strategy(Preset::BlenderRemesh, options, 3, None));
     }
     if preset == Preset::BlenderRemesh {
         // Blender may be missing, not allowed, or fail; what tier 1 can do is better than nothing.
-        rungs.extend(rung(Preset::FillHoles, options, 1, None));
+        strategies.extend(strategy(Preset::FillHoles, options, 1, None));
     }
-    let rungs = rungs.into_iter().map(|it| with_requests(it, options)).collect();
+    let rungs = strategies.into_iter().map(|it| with_requests(it, options)).collect();
     Plan { category, preset, reason, rungs }
 }
 
 /// The preset's actions up to a tier, the remesh being replaced where asked, and at last fewer faces where asked.
-fn rung(preset: Preset, options: &Options, max_tier: u8, instead_of_voxels: Option<Action>) -> Option<Rung> {
+fn strategy(preset: Preset, options: &Options, max_tier: u8, instead_of_voxels: Option<Action>) -> Option<Rung> {
     let recipe = RECIPES.iter().find(|r| r.preset == preset)?;
     let actions: Vec<Action> = recipe
         .actions
@@ -90,8 +94,8 @@ fn rung(preset: Preset, options: &Options, max_tier: u8, instead_of_voxels: Opti
         let at = actions.iter().position(|it| it.action == Action::Validate).unwrap_or(actions.len());
         actions.insert(at, planned(Action::Simplify, options));
     }
-    let rung = Rung { when: When::NothingGood, tier, preset, actions };
-    Some(if asks_for_solids(options) && max_tier >= 2 { with_sheets_closed(rung, options) } else { rung })
+    let strategy = Rung { when: When::NothingGood, tier, preset, actions };
+    Some(if asks_for_solids(options) && max_tier >= 2 { with_sheets_closed(strategy, options) } else { strategy })
 }
 
 /// Whether open sheets are to be made solid, whatever else is in the model.
@@ -99,40 +103,40 @@ fn asks_for_solids(options: &Options) -> bool {
     matches!(options.open_sheets, OpenSheets::Thicken | OpenSheets::Base)
 }
 
-/// The rung with open sheets made solid before what needs closed surface: the resolving of intersections, a remesh.
-fn with_sheets_closed(mut rung: Rung, options: &Options) -> Rung {
+/// The strategy with open sheets made solid before what needs closed surface: the resolving of intersections, a remesh.
+fn with_sheets_closed(mut strategy: Rung, options: &Options) -> Rung {
     let needs_solids =
         |action| matches!(action, Action::Resolve | Action::NativeRemesh | Action::VoxelRemesh | Action::BooleanUnion);
-    let at = rung.actions.iter().position(|it| needs_solids(it.action) || it.action == Action::Validate);
-    rung.actions.insert(at.unwrap_or(rung.actions.len()), planned(Action::CloseSheets, options));
-    rung.tier = rung.tier.max(tier_of(Action::CloseSheets));
-    rung
+    let at = strategy.actions.iter().position(|it| needs_solids(it.action) || it.action == Action::Validate);
+    strategy.actions.insert(at.unwrap_or(strategy.actions.len()), planned(Action::CloseSheets, options));
+    strategy.tier = strategy.tier.max(tier_of(Action::CloseSheets));
+    strategy
 }
 
-/// The rung with what is bad removed and closed again, before what intersects is resolved.
-fn cleaning(mut rung: Rung, options: &Options) -> Rung {
-    let at = rung.actions.iter().position(|a| a.action == Action::Resolve).unwrap_or(rung.actions.len());
-    rung.actions.insert(at, planned(Action::CleanAndPatch, options));
-    rung
+/// The strategy with what is bad removed and closed again, before what intersects is resolved.
+fn cleaning(mut strategy: Rung, options: &Options) -> Rung {
+    let at = strategy.actions.iter().position(|a| a.action == Action::Resolve).unwrap_or(strategy.actions.len());
+    strategy.actions.insert(at, planned(Action::CleanAndPatch, options));
+    strategy
 }
 
-/// The rung with the surface made anew in place of resolving what intersects.
-fn remeshing(mut rung: Rung, options: &Options) -> Rung {
-    rung.actions.retain(|it| it.action != Action::Separate);
-    for action in &mut rung.actions {
+/// The strategy with the surface made anew in place of resolving what intersects.
+fn remeshing(mut strategy: Rung, options: &Options) -> Rung {
+    strategy.actions.retain(|it| it.action != Action::Separate);
+    for action in &mut strategy.actions {
         if action.action == Action::Resolve {
             *action = planned(Action::NativeRemesh, options);
         }
     }
-    rung
+    strategy
 }
 
-/// The rung with what overlaps kept as it is: closed, but not printable.
-fn without_resolving(mut rung: Rung) -> Rung {
-    for planned in &mut rung.actions {
+/// The strategy with what overlaps kept as it is: closed, but not printable.
+fn without_resolving(mut strategy: Rung) -> Rung {
+    for planned in &mut strategy.actions {
         planned.operators.retain(|&operator| operator != Operator::Resolve);
     }
-    Rung { when: When::NothingWhole, ..rung }
+    Rung { when: When::NothingWhole, ..strategy }
 }
 
 /// The highest tier of a preset's actions.
@@ -141,14 +145,58 @@ fn tier(preset: Preset) -> u8 {
     recipe.and_then(|r| r.actions.iter().map(|&a| tier_of(a)).max()).unwrap_or(0)
 }
 
-pub(super) fn name(preset: Preset) -> &'static str {
-    match preset {
-        Preset::Auto => "auto",
-        Preset::BasicCleanup => "basic-cleanup",
-        Preset::FillHoles => "fill-holes",
-        Preset::FullRepair => "full-repair",
-        Preset::ConservativeRepair => "conservative-repair",
-        Preset::ManifoldRepair => "manifold-repair",
-        Preset::BlenderRemesh => "blender-remesh",
+/// Where one kind of trouble ends and another begins.
+struct Thresholds {
+    /// Share of the area in open sheets that makes the whole an open sheet.
+    sheet_share: f64,
+    /// Boundary loops from which on holes are many.
+    many_loops: u64,
+    /// Parts from which on a model is fragmented, ...
+    fragments: u64,
+    /// ... if it has on average at most this many faces a part, or
+    faces_a_fragment: u64,
+    /// boundary loops for at least this share of its parts.
+    open_fragments: f64,
+}
+
+const THRESHOLDS: Thresholds =
+    Thresholds { sheet_share: SHEET_SHARE, many_loops: 8, fragments: 10, faces_a_fragment: 20, open_fragments: 0.5 };
+
+/// What kind of trouble a model is in, by its measures and by the share of its area in open sheets.
+#[must_use]
+#[expect(clippy::cast_precision_loss, reason = "counts are far below 2^53")]
+pub fn categorise(m: &Measures, sheet_share: f64) -> Category {
+    let t = &THRESHOLDS;
+    if m.printable() {
+        return Category::Clean;
+    }
+    if m.boundary_edges > 0 && sheet_share >= t.sheet_share {
+        return Category::OpenSheet;
+    }
+    let small = m.faces <= m.parts.saturating_mul(t.faces_a_fragment);
+    let open = m.boundary_loops as f64 >= m.parts as f64 * t.open_fragments;
+    if m.parts >= t.fragments && (small || open) {
+        return Category::Fragmented;
+    }
+    let nonmanifold = m.nonmanifold_edges > 0 || m.nonmanifold_vertices > 0;
+    let holes = m.boundary_edges > 0;
+    let turned = m.misoriented_edges > 0 || m.inverted_parts > 0 || m.volume.value < 0.0;
+    let faces = m.degenerate_faces > 0
+        || m.duplicate_faces > 0
+        || m.nonfinite_faces > 0
+        || m.unreadable_faces > 0
+        || m.unshared_edges > 0
+        || m.near_coincident_faults > 0;
+    let crossed = m.self_intersections.checked && !m.self_intersections.proven_none();
+    match (nonmanifold, holes, crossed) {
+        (false, false, false) if turned => Category::Orientation,
+        (false, false, false) if faces => Category::Degenerate,
+        _ if m.parts > 1 => Category::MultipleComponents,
+        (true, false, false) => Category::NonManifold,
+        (false, true, false) if turned => Category::Complex,
+        (false, true, false) if m.boundary_loops >= t.many_loops => Category::ManySmallHoles,
+        (false, true, false) => Category::Holes,
+        (false, false, true) => Category::SelfIntersecting,
+        _ => Category::Complex,
     }
 }

@@ -1,4 +1,8 @@
-use super::{Action, Category, OpenSheets, Operator, Options, PlannedAction, Preset, RemeshAction};
+//! What presets and actions consist of, and what the options ask for beside a printable result.
+
+use super::options::{Category, InsideRule, Nested, OpenSheets, Operator, Options, Preset};
+use super::remesher::RemeshAction;
+use super::report::{Action, PlannedAction, Rung, When};
 
 /// What a preset does, in order, and what runs after it when the result is not good enough.
 pub(super) struct Recipe {
@@ -12,45 +16,13 @@ pub(super) struct Recipe {
 /// What intersects is resolved last, because only closed surface has an inside, and sheets are kept apart after everything
 /// that moves or makes faces.
 pub(super) const RECIPES: [Recipe; 6] = {
-    use Action::{
-        BasicCleanup, FillHoles, FixNormals, MakeManifold, Mend, MendConservative, Resolve, Separate, Stitch, Validate,
-        VoxelRemesh,
-    };
+    use Action::{BasicCleanup, FillHoles, FixNormals, Validate, VoxelRemesh};
     [
         Recipe { preset: Preset::BasicCleanup, actions: &[BasicCleanup, FixNormals, Validate] },
         Recipe { preset: Preset::FillHoles, actions: &[BasicCleanup, FixNormals, FillHoles, FixNormals, Validate] },
-        Recipe {
-            preset: Preset::FullRepair,
-            actions: &[BasicCleanup, FixNormals, Stitch, Mend, FillHoles, FixNormals, Resolve, Separate, Validate],
-        },
-        Recipe {
-            preset: Preset::ConservativeRepair,
-            actions: &[
-                BasicCleanup,
-                FixNormals,
-                Stitch,
-                MendConservative,
-                FillHoles,
-                FixNormals,
-                Resolve,
-                Separate,
-                Validate,
-            ],
-        },
-        Recipe {
-            preset: Preset::ManifoldRepair,
-            actions: &[
-                BasicCleanup,
-                FixNormals,
-                Stitch,
-                MakeManifold,
-                FillHoles,
-                FixNormals,
-                Resolve,
-                Separate,
-                Validate,
-            ],
-        },
+        Recipe { preset: Preset::FullRepair, actions: &mending(Action::Mend) },
+        Recipe { preset: Preset::ConservativeRepair, actions: &mending(Action::MendConservative) },
+        Recipe { preset: Preset::ManifoldRepair, actions: &mending(Action::MakeManifold) },
         // A voxel remesh keeps only what is enclosed, so holes are closed before it.
         Recipe {
             preset: Preset::BlenderRemesh,
@@ -69,6 +41,12 @@ pub(super) const RECIPES: [Recipe; 6] = {
         },
     ]
 };
+
+/// The actions of the presets that mend, which differ in how.
+const fn mending(mend: Action) -> [Action; 9] {
+    use Action::{BasicCleanup, FillHoles, FixNormals, Resolve, Separate, Stitch, Validate};
+    [BasicCleanup, FixNormals, Stitch, mend, FillHoles, FixNormals, Resolve, Separate, Validate]
+}
 
 /// What an action comes to, in order, before the options switch operators off.
 fn operators_of(action: Action, sheets: OpenSheets) -> &'static [Operator] {
@@ -135,7 +113,7 @@ pub(super) fn planned(action: Action, options: &Options) -> PlannedAction {
 }
 
 /// The place of an operator in an action; those that it does not have come last.
-pub(super) fn in_order_of(action: Action, operator: Operator) -> usize {
+fn in_order_of(action: Action, operator: Operator) -> usize {
     let operators = operators_of(action, OpenSheets::Auto);
     operators.iter().position(|&it| it == operator).unwrap_or(operators.len())
 }
@@ -188,4 +166,122 @@ pub(super) fn remesh_action(action: Action) -> Option<RemeshAction> {
         Action::BooleanUnion => Some(RemeshAction::BooleanUnion),
         _ => None,
     }
+}
+
+/// The actions in the order in which a strategy runs them.
+const ORDER: [Action; 16] = [
+    Action::BasicCleanup,
+    Action::FixNormals,
+    Action::Stitch,
+    Action::Mend,
+    Action::MendConservative,
+    Action::MakeManifold,
+    Action::FillHoles,
+    Action::CleanAndPatch,
+    Action::CloseSheets,
+    Action::Resolve,
+    Action::NativeRemesh,
+    Action::VoxelRemesh,
+    Action::Separate,
+    Action::DropSmallParts,
+    Action::Simplify,
+    Action::Validate,
+];
+
+/// Whether the options ask for something that a printable model may not satisfy yet, fewer faces apart. Such a model is run through
+/// the plan; without a request it comes back as it is.
+///
+/// Options about holes, cracks and open sheets ask for nothing here, since a printable model has none.
+pub(super) fn ask_of_printable(options: &Options) -> bool {
+    let closed_too = |operator: &Operator| !matches!(operator, Operator::Sew | Operator::Stitch);
+    options.preset != Preset::Auto || options.category.is_some() || operators_asked_for(options).iter().any(closed_too)
+}
+
+/// The operators that the options ask for, whichever strategy is planned.
+fn operators_asked_for(options: &Options) -> Vec<Operator> {
+    let usual = Options::default();
+    let above_zero = |value: Option<f64>| value.is_some_and(|value| value > 0.0);
+    let is_raised = options.degenerate_tolerance > usual.degenerate_tolerance;
+    let asked = [
+        (options.nested == Nested::Alternate, Operator::Orient),
+        (options.inside != InsideRule::Auto, Operator::Resolve),
+        (is_raised, Operator::RemoveSlivers),
+        (is_raised, Operator::UnfoldFoldovers),
+        (above_zero(options.merge_distance), Operator::MergeVertices),
+        (above_zero(options.sew_ratio), Operator::Sew),
+        (above_zero(options.stitch_threshold) || above_zero(options.stitch_distance), Operator::Stitch),
+        (options.min_part_volume_pct > 0.0, Operator::DropSmallParts),
+    ];
+    let asked = asked.into_iter().filter(|(is_asked, _)| *is_asked).map(|(_, operator)| operator);
+    let mut all: Vec<Operator> = asked.chain(options.with.iter().copied()).collect();
+    // What opens holes is followed by what closes them.
+    if all.iter().any(|it| matches!(it, Operator::RemoveOverlappingNeighbours | Operator::JoinParts)) {
+        all.push(Operator::FillHoles);
+    }
+    all.retain(|operator| !options.without.contains(operator));
+    all.sort_unstable();
+    all.dedup();
+    all
+}
+
+/// The strategy with every operator that the options ask for and that it lacks, as far as `max_tier` allows.
+pub(super) fn with_requests(mut strategy: Rung, options: &Options) -> Rung {
+    let remeshes = |it: &PlannedAction| {
+        matches!(it.action, Action::NativeRemesh | Action::VoxelRemesh | Action::BooleanUnion)
+            || it.operators.contains(&Operator::Remesh)
+    };
+    let decides_inside = strategy.when == When::NothingWhole || strategy.actions.iter().any(remeshes);
+    for operator in operators_asked_for(options) {
+        let runs = strategy.actions.iter().any(|it| it.operators.contains(&operator));
+        let home = home_of(operator);
+        let needless = operator == Operator::Resolve && decides_inside;
+        if runs || needless || tier_of(home) > options.max_tier {
+            continue;
+        }
+        strategy.tier = strategy.tier.max(tier_of(home));
+        if let Some(own) = strategy.actions.iter_mut().find(|it| it.action == home) {
+            own.operators.push(operator);
+            own.operators.sort_by_key(|&it| in_order_of(home, it));
+            continue;
+        }
+        let place = |action: Action| ORDER.iter().position(|&it| it == action);
+        let at = strategy.actions.iter().skip(2).position(|it| place(it.action) > place(home));
+        let at = at.map_or(strategy.actions.len(), |at| at + 2);
+        strategy.actions.insert(at, PlannedAction { action: home, operators: vec![operator] });
+    }
+    strategy
+}
+
+/// The action that an operator runs in where a strategy lacks it.
+fn home_of(operator: Operator) -> Action {
+    use Operator as O;
+    match operator {
+        O::RoundCoordinates
+        | O::RemoveCollapsedFaces
+        | O::MergeVertices
+        | O::Weld
+        | O::RemoveDuplicates
+        | O::RemoveCaps => Action::BasicCleanup,
+        O::Orient | O::CutOneSided => Action::FixNormals,
+        O::SplitTJunctions | O::Sew | O::Stitch | O::RemoveSlivers => Action::Stitch,
+        O::UnfoldFoldovers
+        | O::RemoveOverlappingNeighbours
+        | O::RemoveSheetsWithin
+        | O::RemoveMembranes
+        | O::CutApart
+        | O::FreeFins => Action::MakeManifold,
+        O::JoinParts | O::FillHoles => Action::FillHoles,
+        O::CleanAndPatch => Action::CleanAndPatch,
+        O::ThickenSheets | O::AddBase => Action::CloseSheets,
+        O::Resolve | O::RemoveDebris => Action::Resolve,
+        O::Remesh => Action::NativeRemesh,
+        O::Separate => Action::Separate,
+        O::DropSmallParts => Action::DropSmallParts,
+        O::Simplify => Action::Simplify,
+    }
+}
+
+/// The action of a strategy that Blender does, if there is one.
+pub(super) fn remesh_of(strategy: &Rung) -> Option<Action> {
+    strategy.actions.iter().map(|planned| planned.action).find(|&action| remesh_action(action).is_some())
 }

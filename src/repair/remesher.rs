@@ -3,7 +3,7 @@ use std::time::Duration;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::Context;
+use crate::context::Context;
 use crate::mesh::Soup;
 
 /// What tier 3 can do.

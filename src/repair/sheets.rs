@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use super::operators::OpenParts;
-use super::{Cancelled, Context};
+use crate::context::{Cancelled, Context};
 use crate::inspect::{Solid, solids};
 use crate::math::winding_exact;
 use crate::mesh::{Edges, Fans, Parts, Surface, boundary_loops};

@@ -7,8 +7,8 @@
 use std::cell::{Cell, RefCell};
 use std::time::Duration;
 
-use super::Context;
 use super::report::LeftOut;
+use crate::context::Context;
 
 /// How far verification may go beyond the deadline: so many seconds, and such a share of the time there is. Both are below the
 /// 2 s and 10 % that are promised: the rest is for writing the result and its report.

@@ -6,8 +6,8 @@ use meshmend::mesh::Soup;
 use meshmend::repair::operators::orient::Nested;
 use meshmend::repair::operators::stitch::StitchPosition;
 use meshmend::repair::{
-    AssumptionKind, Category, ChangeKind, InsideRule, NotAppliedCause, OpenSheets, Operator, Options, Outcome,
-    OutputFormat, Preset, RedFlagCode, Repaired, Standing, red_flags,
+    AssumptionKind, Category, ChangeKind, Compared, InsideRule, NotAppliedCause, OpenSheets, Operator, Options,
+    Outcome, OutputFormat, Preset, RedFlagCode, Repaired, Standing, red_flags,
 };
 
 use crate::meshes::{as_f32, cube, join, push, sphere, torus};
@@ -327,7 +327,8 @@ fn a_result_that_lost_most_of_the_vertices_is_flagged() {
             faces_dropped: 0,
         };
         let (before, changes) = (&before.before.measures, before.changes.as_ref().unwrap());
-        let flags = red_flags(before, before.volume, &after.before.measures, changes, standing, options);
+        let (settled, after) = (before.volume, &after.before.measures);
+        let flags = red_flags(&Compared { before, settled, after, changes, standing }, options);
         flags.iter().any(|flag| flag.code == RedFlagCode::VertexLoss)
     };
     let usual = Options::default();

@@ -2,16 +2,18 @@
 
 use glam::DVec3;
 
-use super::account::RepairedBody;
-use super::input::{Input, read_own};
-use super::repaint::repaint;
-use super::{Context, LeftOut, RepairError};
+use super::attribute_transfer::{CutSoup, Painted, transfer_paint};
+use super::ended::RepairedBody;
+use super::input::{Input, RepairError};
+use super::judge::read_own;
+use super::report::LeftOut;
+use crate::context::Context;
 use crate::format::{self, Format, Limits, ReadFile, ReadMesh, ReadOptions, WriteError};
 use crate::mesh::{Soup, Surface, position_key};
 use crate::scene::{Item, Object, PaintedMesh, Scene, Shape};
 
 /// The format that results are judged in: it says the same coordinates as `format`, and nothing but triangles.
-pub(super) fn carrier(format: Format) -> Format {
+pub(super) fn judging_format(format: Format) -> Format {
     match format {
         Format::Glb => Format::Stl,
         Format::ThreeMf | Format::Zip => Format::Ply,
@@ -20,12 +22,12 @@ pub(super) fn carrier(format: Format) -> Format {
 }
 
 /// The triangles of a result that was judged, some formats of which give each face its own vertices.
-pub(super) fn carried(bytes: &[u8]) -> Result<Soup, RepairError> {
+pub(super) fn judged_soup(bytes: &[u8]) -> Result<Soup, RepairError> {
     Ok(Surface::from_soup(&read_own(bytes)?.soup).0.to_soup())
 }
 
 /// The file of one mesh: with its colours, where the format can say them.
-pub(super) fn dress_one(
+pub(super) fn export_one(
     mut body: RepairedBody,
     input: &Input<'_>,
     file: &ReadFile,
@@ -35,15 +37,17 @@ pub(super) fn dress_one(
     let is_input = input.bytes == Some(body.bytes.as_slice());
     if body.bytes.is_empty()
         || is_input
-        || (carrier(format) == format && (file.paint.is_empty() || !format.has_paint()))
+        || (judging_format(format) == format && (file.paint.is_empty() || !format.has_paint()))
     {
         return Ok(body);
     }
     let verification = &context.for_verification();
-    let soup = carried(&body.bytes)?;
+    let soup = judged_soup(&body.bytes)?;
     let mut scene = file.scene.as_ref().map(Scene::without_objects).unwrap_or_default();
     scene.unit = file.unit.as_ref().map(|unit| unit.used);
-    let paint = repaint(&input.analysis.surface, &file.paint, &soup, &body.source, &mut scene.palettes, verification);
+    let painted = Painted { surface: &input.analysis.surface, paint: &file.paint };
+    let result = CutSoup { soup: &soup, source: &body.source };
+    let paint = transfer_paint(painted, result, &mut scene.palettes, verification);
     let paint = verification.unless_late(paint)?.unwrap_or_else(|| {
         input.time.leave_out(LeftOut::Attributes);
         body.account.left_out = input.time.left_out();
@@ -51,39 +55,39 @@ pub(super) fn dress_one(
     });
     scene.objects = vec![Object::of_mesh(file.only_name(), PaintedMesh { soup, paint })];
     scene.items = vec![Item::of(0)];
-    let Dressed { bytes, mesh } = dress(&scene, format)?;
+    let Exported { bytes, mesh } = export(&scene, format)?;
     Ok(RepairedBody { bytes, dialect: mesh.dialect, ..body })
 }
 
 /// A file that holds just what was judged.
-pub(super) struct Dressed {
+pub(super) struct Exported {
     pub bytes: Vec<u8>,
     /// What was read back from them, in the places and the unit in which it was judged.
     pub mesh: ReadMesh,
 }
 
 /// Writes a scene, reads the written bytes back, and sees that each of its meshes in use has just the faces that it had.
-pub(super) fn dress(scene: &Scene, format: Format) -> Result<Dressed, RepairError> {
+pub(super) fn export(scene: &Scene, format: Format) -> Result<Exported, RepairError> {
     let bytes = format::write_scene(scene, format)?;
     let read = format::read_file(&bytes, &ReadOptions::within(Limits::NONE))?;
     let Some(again) = read.scene.as_ref().filter(|_| format.has_objects()) else {
         // One mesh, whatever the scene is made of.
         let whole = scene.placed(u64::MAX).map_err(|_| WriteError::TooLarge)?;
         require_same(&[&whole.soup], &[&read.mesh.soup])?;
-        return Ok(Dressed { bytes, mesh: read.mesh });
+        return Ok(Exported { bytes, mesh: read.mesh });
     };
     let (ours, theirs) = (meshes(scene), meshes(again));
     let (before, after): (Vec<_>, Vec<_>) = (soups(scene, &ours), soups(again, &theirs));
     require_same(&before, &after)?;
     // In their places as they were judged: the file may have turned and scaled these.
-    let mut stand = scene.clone();
+    let mut placed = scene.clone();
     for (&own, soup) in ours.iter().zip(after) {
-        stand.objects[own].shape = Shape::Mesh(PaintedMesh { soup: soup.clone(), paint: Vec::new() });
+        placed.objects[own].shape = Shape::Mesh(PaintedMesh { soup: soup.clone(), paint: Vec::new() });
     }
-    let soup = stand.placed(u64::MAX).map_err(|_| WriteError::TooLarge)?.soup;
+    let soup = placed.placed(u64::MAX).map_err(|_| WriteError::TooLarge)?.soup;
     let materials = read.mesh.materials.clone().filter(|materials| materials.len() == soup.faces.len());
     let mesh = ReadMesh { materials, ..read.mesh.of_same_file(soup) };
-    Ok(Dressed { bytes, mesh })
+    Ok(Exported { bytes, mesh })
 }
 
 /// The objects that are meshes with faces and stand somewhere, in their order.

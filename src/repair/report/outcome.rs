@@ -1,8 +1,8 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::{Report, Require};
 use crate::inspect::Measures;
+use crate::repair::options::Require;
 
 /// What became of a model, apart from whether the job ran.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
@@ -83,7 +83,7 @@ pub enum Property {
 
 impl Property {
     /// What the measures of a file prove.
-    fn proven_by(measures: &Measures) -> Vec<Self> {
+    pub(super) fn proven_by(measures: &Measures) -> Vec<Self> {
         let found = [
             (Self::Closed, measures.closed),
             (Self::Manifold, measures.manifold),
@@ -91,37 +91,5 @@ impl Property {
             (Self::NoIntersections, measures.self_intersections.proven_none()),
         ];
         found.into_iter().filter(|&(_, holds)| holds && measures.faces > 0).map(|(property, _)| property).collect()
-    }
-}
-
-impl Verdict {
-    /// The verdict of a report whose outcome is settled.
-    pub(super) fn of(report: &Report) -> Self {
-        let after = report.after.as_ref().filter(|_| report.verified_from_output_bytes).map(|after| &after.measures);
-        let file = match report.outcome {
-            _ if report.after.is_none() || !report.options.require.is_met_by(report.outcome) => HandedOut::None,
-            Outcome::Unrepairable => HandedOut::Original,
-            _ => HandedOut::Model,
-        };
-        Self {
-            printable: report.outcome.is_printable(),
-            passes: after.is_some_and(Measures::printable),
-            file,
-            proven: after.map(Property::proven_by).unwrap_or_default(),
-        }
-    }
-}
-
-impl Report {
-    /// Why no model is handed out where `require` asks for more than the result is, with what to do; none where it is met.
-    #[must_use]
-    pub fn refusal(&self) -> Option<String> {
-        (!self.options.require.is_met_by(self.outcome)).then(|| {
-            format!(
-                "`require=printable` asks for a printable result, and the result is not one, so no model is handed out. {} \
-                 `require=any` hands out the best result there is.",
-                self.summary
-            )
-        })
     }
 }

@@ -1,8 +1,10 @@
+//! The transfer of colours, materials and places in textures from the input to a result.
+
 use std::collections::HashMap;
 
 use glam::DVec3;
 
-use super::{Cancelled, Context};
+use crate::context::{Cancelled, Context};
 use crate::math::{Tree, nearest_on_triangle};
 use crate::mesh::{NO_SOURCE, Soup, Surface};
 use crate::scene::{PAINTLESS, Paint, Palette};
@@ -12,20 +14,31 @@ const SAME: f64 = 1e-6;
 /// Faces between two looks at whether to stop.
 const STRIDE: usize = 4096;
 
+/// A surface, and what its sources are painted with.
+#[derive(Clone, Copy)]
+pub(super) struct Painted<'a> {
+    pub surface: &'a Surface,
+    pub paint: &'a [Paint],
+}
+
+/// A mesh of which faces were cut from those of another.
+#[derive(Clone, Copy)]
+pub(super) struct CutSoup<'a> {
+    pub soup: &'a Soup,
+    /// For each face the same kind of number as the sources of the other, or [`NO_SOURCE`].
+    pub source: &'a [u32],
+}
+
 /// Paints a result with what the input is painted with: a face that was cut from one of the input's as that one was there, and a new
 /// face as the input is painted where it is nearest.
 ///
-/// `input` is the input's surface and `paint` what its sources are painted with; `source` gives for each face of the result the same
-/// kind of number, or [`NO_SOURCE`]. Colours between corners, and places in textures, are added to `palettes`. Where nothing is painted
-/// nothing is.
+/// Colours between corners, and places in textures, are added to `palettes`. Where nothing is painted nothing is.
 ///
 /// # Errors
 /// [`Cancelled`] when the context says stop.
-pub(super) fn repaint(
-    input: &Surface,
-    paint: &[Paint],
-    result: &Soup,
-    source: &[u32],
+pub(super) fn transfer_paint(
+    Painted { surface: input, paint }: Painted<'_>,
+    CutSoup { soup: result, source }: CutSoup<'_>,
     palettes: &mut [Palette],
     context: &Context<'_>,
 ) -> Result<Vec<Paint>, Cancelled> {
@@ -190,7 +203,9 @@ mod tests {
         let result = Soup { positions, faces: vec![[0, 1, 2]] };
         let (cancel, clock) = (AtomicBool::new(false), monotonic_clock());
         let context = Context::new(&NoProgress, &cancel, &clock, Duration::MAX);
-        repaint(&square(), &of_sources, &result, &[source], palettes, &context).expect("not stopped")[0]
+        let input = Painted { surface: &square(), paint: &of_sources };
+        let result = CutSoup { soup: &result, source: &[source] };
+        transfer_paint(input, result, palettes, &context).expect("not stopped")[0]
     }
 
     const RED: [u8; 4] = [255, 0, 0, 255];

@@ -1,10 +1,14 @@
+//! What became of each part of the input.
+
 use super::operators::debris::is_debris;
 use super::operators::duplicates::remove_duplicates;
 use super::operators::orient::Orient;
+use super::options::Options;
+use super::red_flags::Standing;
 use super::sheets::open_sheets;
-use super::{Cancelled, Context, Options};
-use crate::inspect::{Analysis, Dispensable, Ledger, Original, solids};
-use crate::mesh::{Edges, NO_SOURCE, Parts, Surface};
+use crate::context::{Cancelled, Context};
+use crate::inspect::{Analysis, Certificate, Dispensable, Ledger, Original, solids};
+use crate::mesh::{Edges, NO_SOURCE, Parts, Surface, is_made};
 
 /// Mean thickness of a closed part up to which it encloses nothing, as a share of its own diagonal, and of the model's largest
 /// coordinate: what f32 can't tell apart.
@@ -47,7 +51,7 @@ fn dispensable(
     let diagonal = input.surface.bounds().diagonal();
     // What is smaller than what is merged can't stay.
     let merged = options.weld_tolerance.max(options.degenerate_tolerance) * diagonal;
-    let tell = |(&part, volume): (&u32, f64)| {
+    let dispensable = |(&part, volume): (&u32, f64)| {
         let (solid, open) = (&input.solids[part as usize], open[part as usize]);
         let debris = open && is_debris(solid, faces[part as usize], area, diagonal);
         if volume == 0.0 {
@@ -60,7 +64,7 @@ fn dispensable(
             Dispensable::No
         }
     };
-    Ok(missed.iter().zip(volumes).map(tell).collect())
+    Ok(missed.iter().zip(volumes).map(dispensable).collect())
 }
 
 /// What each of the parts encloses; 0 where nothing of it but open sheets and closed surface without volume is left when faces
@@ -99,4 +103,57 @@ fn volumes_enclosed(input: &Analysis<'_>, missed: &[u32], context: &Context<'_>)
         }
     }
     Ok(missed.iter().map(|&part| volumes[part as usize]).collect())
+}
+
+/// What of the input is in a surface. Where every part is accounted for, none is gone by becoming one with others.
+pub(super) fn standing(surface: &Surface, input: &Analysis<'_>, ledger: &Ledger) -> Standing {
+    let mut stands = vec![false; input.subject.soup.faces.len()];
+    for &source in surface.source.iter().filter(|&&source| !is_made(source)) {
+        if let Some(stands) = stands.get_mut(source as usize) {
+            *stands = true;
+        }
+    }
+    let mut gone = vec![true; input.parts.count];
+    for (&part, &source) in input.parts.of_face.iter().zip(&input.surface.source) {
+        if part != Parts::NONE && stands[source as usize] {
+            gone[part as usize] = false;
+        }
+    }
+    let count = |marks: &[bool]| marks.iter().filter(|&&it| it).count() as u64;
+    let parts_gone = if ledger.lost == 0 { 0 } else { count(&gone) };
+    let [vertices, vertices_before] = vertices_standing(input, &stands, ledger);
+    let dropped = parts_dropped(ledger, input.parts.count);
+    let is_dropped = |part: &&u32| dropped.get(**part as usize) == Some(&true);
+    let faces_dropped = input.parts.of_face.iter().filter(is_dropped).count() as u64;
+    Standing { faces: count(&stands), parts_gone, vertices, vertices_before, faces_dropped }
+}
+
+/// Of each part whether it was dropped as the options ask; empty where none was.
+pub(super) fn parts_dropped(ledger: &Ledger, parts: usize) -> Vec<bool> {
+    if ledger.dropped == 0 {
+        return Vec::new();
+    }
+    let mut dropped = vec![false; parts];
+    for (part, _) in ledger.certified.iter().filter(|(_, certificate)| *certificate == Certificate::Dropped) {
+        dropped[*part as usize] = true;
+    }
+    dropped
+}
+
+/// The vertices at faces that stand, and those at any face that has an area and is no part that may go.
+fn vertices_standing(input: &Analysis<'_>, stands: &[bool], ledger: &Ledger) -> [u64; 2] {
+    let mut may_go = vec![false; input.parts.count];
+    ledger.certified.iter().for_each(|(part, _)| may_go[*part as usize] = true);
+    let mut vertices = vec![[false; 2]; input.surface.positions.len()];
+    let faces = input.surface.faces.iter().zip(&input.surface.source).zip(&input.parts.of_face).zip(input.flat());
+    for (((face, &source), &part), &flat) in faces {
+        if !flat && part != Parts::NONE && !may_go[part as usize] {
+            for &v in face {
+                let [of_standing, of_any] = &mut vertices[v as usize];
+                *of_standing |= stands[source as usize];
+                *of_any = true;
+            }
+        }
+    }
+    [0, 1].map(|k| vertices.iter().filter(|marks| marks[k]).count() as u64)
 }
