@@ -219,9 +219,10 @@ mod tests {
             it.report.steps.iter().map(fact).collect()
         };
         assert_eq!(facts(&with), facts(&without));
+        // The opening is shared in any case, and what comes behind it only with the cache.
         let reused = |it: &Repaired| {
             let later = it.report.steps.iter().filter(|step| step.rung > 0 && step.milliseconds == 0.0);
-            later.filter(|step| step.operator == Some(Operator::Resolve)).count()
+            later.filter(|step| step.operator == Some(Operator::FillHoles)).count()
         };
         assert!(reused(&with) > 0 && reused(&without) == 0, "{} and {}", reused(&with), reused(&without));
     }

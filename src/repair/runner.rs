@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use super::change::{Change, ChangeKind};
-use super::operators::simplify::reduce_remeshed;
+use super::operators::remesh::reduce_remeshed;
 use super::operators::{Applied, Counts, Failure, Scope};
 use super::options::{Operator, Options};
 use super::presets::{remesh_action, tier_of};

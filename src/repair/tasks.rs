@@ -1,7 +1,7 @@
 //! What a strategy does, task by task, and the surface between two tasks.
 
 use super::change::ChangeKind;
-use super::operators::cut::Pairing;
+use super::operators::split_non_manifold::Pairing;
 use super::operators::{Counts, Failure};
 use super::options::{InsideRule, Operator, Options};
 use super::presets::{remesh_action, tier_of};

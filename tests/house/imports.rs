@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use petgraph::algo::tarjan_scc;
-use petgraph::graphmap::DiGraphMap;
+use petgraph::graph::DiGraph;
 use syn::visit::Visit;
 
 /// The names from the crate's root to a module or an item in it.
@@ -27,17 +27,22 @@ pub fn cycles(source: &Path, files: &[PathBuf]) -> Vec<Vec<PathBuf>> {
         files.iter().map(|file| (names_of(source, file), Module::read(file))).collect();
     let known: Vec<&Names> = modules.keys().collect();
     let number: BTreeMap<&Names, usize> = known.iter().enumerate().map(|(i, &names)| (names, i)).collect();
-    let mut graph = DiGraphMap::<usize, ()>::new();
+    let mut graph = DiGraph::<(), ()>::new();
+    let nodes: Vec<_> = known.iter().map(|_| graph.add_node(())).collect();
     for (names, module) in &modules {
-        for path in module.imports.values().flatten().chain(&module.paths) {
+        // An import of a module alone uses nothing of it yet: the paths that begin with it do.
+        let is_module = |path: &Names| absolute(&modules, names, path).is_some_and(|path| modules.contains_key(&path));
+        let items = module.imports.iter().filter(|(name, _)| *name != "*").flat_map(|(_, paths)| paths);
+        let items = items.filter(|path| !is_module(path)).chain(module.imports.get("*").into_iter().flatten());
+        for path in items.chain(&module.paths) {
             let defined = absolute(&modules, names, path).and_then(|path| definition(&modules, &path, 0));
             if let Some(other) = defined.filter(|other| *other != names) {
-                graph.add_edge(number[names], number[other], ());
+                graph.update_edge(nodes[number[names]], nodes[number[other]], ());
             }
         }
     }
     let circles = tarjan_scc(&graph).into_iter().filter(|circle| circle.len() > 1);
-    circles.map(|circle| circle.into_iter().map(|i| modules[known[i]].file.clone()).collect()).collect()
+    circles.map(|circle| circle.into_iter().map(|node| modules[known[node.index()]].file.clone()).collect()).collect()
 }
 
 /// `src/mesh/edges.rs` is `mesh::edges`, `src/mesh/mod.rs` is `mesh`.

@@ -1,11 +1,13 @@
-//! The house itself: which way imports run, and that no file outgrows its idea.
+//! The structure of the source: which way imports run, and how long a file may be.
 #![allow(clippy::unwrap_used, reason = "tests fail by panicking")]
+
+mod imports;
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
-/// Each room, and the rooms it may import from. `ARCHITECTURE.md` has the reasons.
-const ROOMS: [(&str, &[&str]); 24] = [
+/// Each module, and the modules it may import from. `ARCHITECTURE.md` describes them.
+const MODULES: [(&str, &[&str]); 24] = [
     ("math", &[]),
     ("context", &[]),
     ("telemetry", &[]),
@@ -71,7 +73,7 @@ const ROOMS: [(&str, &[&str]); 24] = [
     ),
 ];
 
-/// Rooms of the engine, and the crates that it knows nothing of.
+/// Modules of the engine, and the crates that it may not use.
 const ENGINE: [&str; 13] = [
     "math", "context", "mesh", "scene", "format", "inspect", "render", "analyze", "arrange", "simplify", "remesh",
     "repair", "blender",
@@ -93,8 +95,8 @@ fn rust_files(folder: &Path) -> Vec<PathBuf> {
     files.filter(|path| path.extension().is_some_and(|e| e == "rs")).collect()
 }
 
-fn files_of(room: &str) -> Vec<PathBuf> {
-    let folder = source().join(room);
+fn files_of(module: &str) -> Vec<PathBuf> {
+    let folder = source().join(module);
     rust_files(&if folder.is_dir() { folder } else { folder.with_extension("rs") })
 }
 
@@ -112,12 +114,12 @@ fn code(path: &Path) -> String {
 
 #[test]
 fn imports_run_one_way() {
-    let known: BTreeSet<&str> = ROOMS.iter().map(|(room, _)| *room).collect();
+    let known: BTreeSet<&str> = MODULES.iter().map(|(module, _)| *module).collect();
     let mut seen = 0;
-    for (room, allowed) in ROOMS {
-        for file in files_of(room) {
+    for (module, allowed) in MODULES {
+        for file in files_of(module) {
             for import in names_after(&code(&file), "crate::") {
-                if known.contains(import.as_str()) && import != room {
+                if known.contains(import.as_str()) && import != module {
                     seen += 1;
                     assert!(allowed.contains(&import.as_str()), "{} imports {import}", file.display());
                 }
@@ -128,17 +130,43 @@ fn imports_run_one_way() {
 }
 
 #[test]
-fn every_room_is_on_the_list() {
+fn no_files_import_each_other_in_a_circle() {
+    let circles = imports::cycles(&source(), &rust_files(&source()));
+    assert!(circles.is_empty(), "{circles:#?}");
+}
+
+#[test]
+fn a_circle_through_a_re_export_is_found() {
+    let folder = tempfile::tempdir().unwrap();
+    let write = |name: &str, text: &str| {
+        let path = folder.path().join(name);
+        std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+        std::fs::write(path, text).unwrap();
+    };
+    write("lib.rs", "pub mod a; pub mod b;");
+    write("a/mod.rs", "mod one; mod two; pub use one::One; pub use two::Two;");
+    write("a/one.rs", "use super::Two; pub struct One(Option<Box<Two>>);");
+    write("a/two.rs", "pub struct Two; #[cfg(test)] mod tests { use crate::a::One; }");
+    write("b.rs", "use crate::a::{self, One}; pub fn f(_: One, _: a::Two) {}");
+    assert!(imports::cycles(folder.path(), &rust_files(folder.path())).is_empty());
+    write("a/two.rs", "pub struct Two(crate::a::One);");
+    let circles = imports::cycles(folder.path(), &rust_files(folder.path()));
+    assert_eq!(circles.len(), 1);
+    assert_eq!(circles[0].len(), 2, "{circles:?}");
+}
+
+#[test]
+fn every_module_is_on_the_list() {
     let lib = code(&source().join("lib.rs"));
-    let rooms: BTreeSet<String> = names_after(&lib, "pub mod ");
-    let listed: BTreeSet<String> = ROOMS.iter().map(|(room, _)| (*room).to_owned()).collect();
-    assert_eq!(rooms, listed);
+    let modules: BTreeSet<String> = names_after(&lib, "pub mod ");
+    let listed: BTreeSet<String> = MODULES.iter().map(|(module, _)| (*module).to_owned()).collect();
+    assert_eq!(modules, listed);
 }
 
 #[test]
 fn the_engine_knows_nothing_of_the_service() {
-    for room in ENGINE {
-        for file in files_of(room) {
+    for module in ENGINE {
+        for file in files_of(module) {
             let code = code(&file);
             for name in NOT_IN_THE_ENGINE {
                 assert!(!code.contains(&format!("{name}::")), "{} uses {name}", file.display());
@@ -165,7 +193,7 @@ fn the_names_of_metrics_stand_in_one_place() {
 #[test]
 fn what_an_outcome_means_is_decided_in_one_place() {
     // The outcomes of jobs are made of those of repairs, and only of some of them another try would give the same.
-    let may = ["jobs/report.rs", "api/reuse.rs"];
+    let may = ["jobs/report.rs", "api/submit.rs"];
     for file in rust_files(&source()) {
         let name = file.strip_prefix(source()).unwrap().to_string_lossy().into_owned();
         if name.starts_with("repair/") || may.contains(&name.as_str()) {
@@ -173,7 +201,7 @@ fn what_an_outcome_means_is_decided_in_one_place() {
         }
         for variant in ["AlreadyPrintable", "Repaired", "PartiallyRepaired", "Unrepairable", "NotPrintable"] {
             let found = code(&file).contains(&format!("Outcome::{variant}"));
-            let is_text = name == "cli/remote/job.rs" && variant == "NotPrintable";
+            let is_text = name == "cli/remote/service.rs" && variant == "NotPrintable";
             assert!(!found || is_text, "{name} decides itself what {variant} means");
         }
     }

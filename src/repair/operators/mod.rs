@@ -36,7 +36,3 @@ pub(super) use border::OpenParts;
 pub use names::Operator;
 pub(super) use operator::Scope;
 pub use operator::{Applied, Counter, Counts, Failure};
-
-// Paths by which other modules still name these two.
-pub use remesh as simplify;
-pub use split_non_manifold as cut;
