@@ -40,7 +40,7 @@ const ID_CHARS: usize = 64;
 /// Content codings of requests that are decoded.
 const CODINGS: [&str; 4] = ["gzip", "br", "zstd", "deflate"];
 /// Bytes from which on an answer is compressed.
-const WORTH_COMPRESSING: u64 = 512;
+const WORTH_COMPRESSING: u64 = 256;
 
 /// The whole HTTP surface.
 pub fn router(state: ApiState) -> Router {

@@ -25,8 +25,8 @@ mod statistics;
 pub use analysis::{Analysis, Subject};
 pub use check::{CheckRule, CheckVerdict};
 pub use compare::{
-    COMPARISON_VERSION, Certificate, Changes, CompareOptions, Comparison, Deviation, Dispensable, Fate, Fates,
-    InsideAgreement, Ledger, LostPart, Original, PartCertificate, Spread, SurfaceShare, SurfaceShares, compare,
+    COMPARISON_VERSION, Certificate, Changes, CompareOptions, ComparedMesh, Comparison, Deviation, Dispensable, Fate,
+    Fates, InsideAgreement, Ledger, LostPart, Original, PartCertificate, Spread, SurfaceShare, SurfaceShares, compare,
 };
 pub use defects::find_defects;
 use distribution::finite;

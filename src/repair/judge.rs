@@ -9,8 +9,8 @@ use crate::analyze::subject;
 use crate::context::{Cancelled, Context};
 use crate::format::{self, Format, Limits, ReadError, ReadMesh, WriteError};
 use crate::inspect::{
-    Analysis, Changes, Findings, InspectOptions, Inspection, Ledger, Level, Measures, Original, SurfaceShares,
-    inspect_analysis, measure_analysis,
+    Analysis, Changes, ComparedMesh, Findings, InspectOptions, Inspection, Ledger, Level, Measures, Original,
+    SurfaceShares, inspect_analysis, measure_analysis,
 };
 use crate::mesh::{OPENED_SKIN_SOURCE, Surface, is_made};
 use crate::scene::{LengthUnit, UnitSource};
@@ -104,7 +104,8 @@ impl Judging<'_, '_> {
             Patches::None => Vec::new(),
         };
         let dropped = parts_dropped(&ledger, input.analysis().parts.count);
-        let mut changes = input.changes_but_for(&analysis, &measures, Some(&patches), &dropped, verification)?;
+        let after = ComparedMesh { analysis: &analysis, measures: &measures, patches: Some(&patches), gone: &dropped };
+        let mut changes = input.changes_but_for(&after, verification)?;
         // What was taken for inside was opened on purpose: it can be seen through a hole.
         if !input.measures().closed && surface.source.contains(&OPENED_SKIN_SOURCE) {
             changes.inside_overlap_pct = None;

@@ -196,7 +196,7 @@ impl Report {
         })
     }
 
-    /// Shortens each list to its first `most` items, and leaves out statistics, planned operators, strategies that did not run and steps
+    /// Shortens each list to its first `most` items, and leaves out statistics, planned actions, strategies that did not run and steps
     /// of tiers 1 and 2 that changed nothing. Counts, the verdict, flags and assumptions stay.
     pub fn abridge(&mut self, most: usize) {
         self.abridged = true;

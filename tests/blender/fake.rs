@@ -65,14 +65,13 @@ impl Fake {
 
     /// Remeshes a cube with voxels of 0.1 of its side, or up to `coarsest`.
     fn voxels(&self, voxel_size: f64, coarsest: f64, time_limit: Duration) -> Result<Remeshed, RemeshError> {
-        self.voxels_by(&self.remesher(), voxel_size, coarsest, time_limit, &NoProgress)
+        self.voxels_by(&self.remesher(), [voxel_size, coarsest], time_limit, &NoProgress)
     }
 
     fn voxels_by(
         &self,
         remesher: &BlenderRemesher,
-        voxel_size: f64,
-        coarsest: f64,
+        [voxel_size, coarsest]: [f64; 2],
         time_limit: Duration,
         progress: &dyn Progress,
     ) -> Result<Remeshed, RemeshError> {
@@ -422,12 +421,12 @@ fn voxels_are_made_larger_until_memory_allows_them_and_refused_beyond_what_may_b
         ..BlenderConfig::default()
     };
     let remesher = BlenderRemesher::new(info, config);
-    let made = fake.voxels_by(&remesher, 0.0005, 0.1, LONG, &NoProgress).unwrap();
+    let made = fake.voxels_by(&remesher, [0.0005, 0.1], LONG, &NoProgress).unwrap();
     let used = *fake.runs()[0].last().unwrap();
     assert!((0.002..0.02).contains(&used), "{used}");
     assert_eq!(made.voxel_size, Some(used));
     assert!(made.note.unwrap().contains("100 MiB"));
-    let refused = fake.voxels_by(&remesher, 0.0005, 0.001, LONG, &NoProgress).unwrap_err();
+    let refused = fake.voxels_by(&remesher, [0.0005, 0.001], LONG, &NoProgress).unwrap_err();
     assert!(refused.to_string().contains("choose a larger voxel_size"), "{refused}");
     assert_eq!(fake.runs().len(), 1, "nothing ran");
 }
@@ -460,7 +459,8 @@ fn no_more_run_at_once_than_memory_allows_and_the_others_wait_within_their_time(
     let remesher = BlenderRemesher::new(info, config);
     let stages = Stages::default();
     let made: Vec<_> = thread::scope(|scope| {
-        let runs: Vec<_> = (0..3).map(|_| scope.spawn(|| fake.voxels_by(&remesher, 0.1, 0.1, LONG, &stages))).collect();
+        let runs: Vec<_> =
+            (0..3).map(|_| scope.spawn(|| fake.voxels_by(&remesher, [0.1, 0.1], LONG, &stages))).collect();
         runs.into_iter().map(|run| run.join().unwrap()).collect()
     });
     assert!(made.iter().all(Result::is_ok), "{made:?}");
@@ -470,9 +470,9 @@ fn no_more_run_at_once_than_memory_allows_and_the_others_wait_within_their_time(
     // One that waits longer than its time gives up, and nothing of it runs.
     let before = fake.runs().len();
     let error = thread::scope(|scope| {
-        scope.spawn(|| fake.voxels_by(&remesher, 0.1, 0.1, LONG, &NoProgress));
+        scope.spawn(|| fake.voxels_by(&remesher, [0.1, 0.1], LONG, &NoProgress));
         fake.wait_for("running");
-        fake.voxels_by(&remesher, 0.1, 0.1, SHORT, &NoProgress).unwrap_err()
+        fake.voxels_by(&remesher, [0.1, 0.1], SHORT, &NoProgress).unwrap_err()
     });
     assert!(matches!(error, RemeshError::NoneFree { at_once: 1, .. }), "{error}");
     assert_eq!(fake.runs().len(), before + 1);

@@ -247,6 +247,7 @@ fn any_triangles(random: &mut Random) -> Soup {
 const NUMBERS: [f64; 12] =
     [f64::NAN, f64::INFINITY, 3.4e38, -3.4e38, 1e-45, 1e300, 0.0, -0.0, 1e-30, 1.0, 16_777_217.0, 1e20];
 
+#[expect(clippy::too_many_lines, reason = "one arm for each kind of damage")]
 fn damage(soup: &mut Soup, random: &mut Random) {
     if soup.faces.is_empty() {
         return;

@@ -243,6 +243,19 @@ async fn every_job_ends_once(fault: Fault) {
     let mut scene = Scene::set(fault).await;
     let processes = scene.of_jobs();
     assert!(processes.len() >= 3, "one in each tier");
+    let others = strike(&mut scene, fault, &processes).await;
+    scene.finish_upload().await;
+    scene.audit.at_rest().await;
+    assert_all_ended(&scene, fault).await;
+    until("no process is left", async || processes.iter().all(|pid| !is_alive(*pid)).then_some(())).await;
+    for program in scene.workers.iter().chain(&others).chain([&scene.server]) {
+        assert!(!program.log().contains("panicked"), "{}", program.log());
+    }
+}
+
+/// Brings a fault to all jobs at once, and lets them go on. Answers the programs that were started instead of others.
+#[expect(clippy::too_many_lines, reason = "one arm for each fault")]
+async fn strike(scene: &mut Scene, fault: Fault, processes: &[u32]) -> Vec<Program> {
     let mut others = Vec::new();
     match fault {
         Fault::Child => {
@@ -301,10 +314,11 @@ async fn every_job_ends_once(fault: Fault) {
             }
         }
     }
-    scene.finish_upload().await;
-    scene.audit.at_rest().await;
+    others
+}
 
-    let Scene { ground, audit, server, workers, accepted, .. } = &scene;
+async fn assert_all_ended(scene: &Scene, fault: Fault) {
+    let Scene { ground, audit, accepted, .. } = scene;
     assert_eq!(audit.ended_once(accepted).await, accepted.len(), "none but those");
     audit.told_once(&ground.receiver).await;
     let ends: Vec<(String, i64)> =
@@ -319,10 +333,6 @@ async fn every_job_ends_once(fault: Fault) {
         (ground.bucket.files().into_iter().collect::<BTreeSet<_>>() == owned).then_some(())
     })
     .await;
-    until("no process is left", async || processes.iter().all(|pid| !is_alive(*pid)).then_some(())).await;
-    for program in workers.iter().chain(&others).chain([server]) {
-        assert!(!program.log().contains("panicked"), "{}", program.log());
-    }
 }
 
 #[tokio::test(flavor = "multi_thread")]

@@ -136,8 +136,11 @@ impl Changes {
 }
 
 /// A mesh that is compared with the original, and what is known of it.
-pub(super) struct Candidate<'c> {
+#[derive(Clone, Copy)]
+pub struct ComparedMesh<'c> {
+    /// Its structure.
     pub analysis: &'c Analysis<'c>,
+    /// Its measures.
     pub measures: &'c Measures,
     /// For each face of its soup whether it is a hole's patch, where that is known.
     pub patches: Option<&'c [bool]>,
@@ -157,24 +160,16 @@ impl Original<'_> {
         patches: Option<&[bool]>,
         context: &Context<'_>,
     ) -> Result<Changes, Cancelled> {
-        self.changes_but_for(after, measures, patches, &[], context)
+        self.changes_but_for(&ComparedMesh { analysis: after, measures, patches, gone: &[] }, context)
     }
 
-    /// The same where some parts were asked to go: what went with them is no change. `gone` tells of each part whether it was; it is
-    /// empty where none was.
+    /// The same where some parts were asked to go: what went with them is no change.
     ///
     /// # Errors
     /// [`Cancelled`] when the context says stop.
-    pub fn changes_but_for(
-        &self,
-        after: &Analysis<'_>,
-        measures: &Measures,
-        patches: Option<&[bool]>,
-        gone: &[bool],
-        context: &Context<'_>,
-    ) -> Result<Changes, Cancelled> {
-        let candidate = Candidate { analysis: after, measures, patches, gone };
-        let (mut changes, _) = self.changes_and_distances(&candidate, context)?;
+    pub fn changes_but_for(&self, after: &ComparedMesh<'_>, context: &Context<'_>) -> Result<Changes, Cancelled> {
+        let ComparedMesh { measures, gone, .. } = *after;
+        let (mut changes, _) = self.changes_and_distances(after, context)?;
         if gone.contains(&true) {
             let solids = self.settled.unwrap_or(self.analysis).solids.iter().zip(gone);
             let stays = solids.filter(|(_, gone)| !**gone).map(|(solid, _)| solid);
@@ -186,10 +181,10 @@ impl Original<'_> {
     /// How another mesh differs, and the distances from this one to it.
     pub(super) fn changes_and_distances(
         &self,
-        candidate: &Candidate<'_>,
+        candidate: &ComparedMesh<'_>,
         context: &Context<'_>,
     ) -> Result<(Changes, Distances), Cancelled> {
-        let &Candidate { analysis: after, measures, patches, gone } = candidate;
+        let &ComparedMesh { analysis: after, measures, patches, gone } = candidate;
         let scale = self.analysis.scale();
         let common = Common::new(&self.analysis.keys(scale), &after.keys(scale));
         context.check()?;
@@ -271,10 +266,10 @@ impl Original<'_> {
     fn lost(
         &self,
         found: &Distances,
-        candidate: &Candidate<'_>,
+        candidate: &ComparedMesh<'_>,
         context: &Context<'_>,
     ) -> Result<(Option<f64>, Option<Deviation>), Cancelled> {
-        let &Candidate { analysis: after, measures, .. } = candidate;
+        let &ComparedMesh { analysis: after, measures, .. } = candidate;
         if self.samples().is_empty() {
             return Ok((None, None));
         }

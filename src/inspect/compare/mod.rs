@@ -13,10 +13,10 @@ use utoipa::ToSchema;
 use super::analysis::Pair;
 use super::{Analysis, Measures, measures, percent};
 use crate::context::{Cancelled, Context};
-use changes::{Candidate, LEAST_INSIDE};
+use changes::LEAST_INSIDE;
 use deviation::{INSIDE_WINDING, Measured, inside_agreement};
 
-pub use changes::Changes;
+pub use changes::{Changes, ComparedMesh};
 pub use deviation::{Deviation, InsideAgreement, Spread};
 pub use fates::{Fate, Fates, SurfaceShare, SurfaceShares};
 pub use ledger::{Certificate, Dispensable, Ledger, LostPart, PartCertificate};
@@ -74,7 +74,7 @@ impl Original<'_> {
         measures: &Measures,
         context: &Context<'_>,
     ) -> Result<Comparison, Cancelled> {
-        let candidate = Candidate { analysis: after, measures, patches: None, gone: &[] };
+        let candidate = ComparedMesh { analysis: after, measures, patches: None, gone: &[] };
         let (mut changes, found) = self.changes_and_distances(&candidate, context)?;
         changes.surface = Some(self.fates(after, context)?.shares);
         let apart = found.samples.iter().any(|&distance| distance != Some(0.0));

@@ -211,14 +211,12 @@ impl Plan {
         Self { category: Category::Clean, preset: Preset::BasicCleanup, reason: reason.to_owned(), rungs: Vec::new() }
     }
 
-    /// Leaves out the strategies after the last that ran, and the operators of each action: the steps name those that did something.
+    /// Leaves out the strategies after the last that ran, and the planned actions of each: the steps name those that did something.
     pub(super) fn abridge(&mut self, steps: &[Step]) {
         let ran =
             steps.iter().filter(|step| step.status != StepStatus::Skipped).map(|step| step.rung as usize + 1).max();
         self.rungs.truncate(ran.unwrap_or(0));
-        for action in self.rungs.iter_mut().flat_map(|rung| &mut rung.actions) {
-            action.operators.clear();
-        }
+        self.rungs.iter_mut().for_each(|rung| rung.actions.clear());
     }
 }
 

@@ -154,6 +154,7 @@ impl Service {
         victims
     }
 
+    #[expect(clippy::too_many_lines, reason = "one arm for each victim")]
     pub async fn hit(&mut self, victim: Victim, dice: &mut Dice) {
         let moment = Duration::from_millis(dice.roll(700) as u64);
         let (server, worker) = (dice.roll(SERVERS), dice.roll(WORKERS));
