@@ -13,12 +13,15 @@ pub fn variants(name: &str) -> Vec<String> {
     let found: Vec<_> = texts.filter_map(|text| Some(text.split_once(&before)?.1.to_owned())).collect();
     assert_eq!(found.len(), 1, "enums {name}");
     let body = found[0].split("\n}").next().and_then(|body| body.split("\n    }").next()).unwrap();
+    // A macro that takes the variants from where it is used: there each may go on with more than its name.
+    let used = |text: &'static str| found[0].split_once(text).and_then(|(_, rest)| rest.split("\n}").next());
+    let body = if body.contains("$(") { used("! {\n").expect("the macro is used") } else { body };
     let mut docs = Vec::new();
     let mut said = String::new();
     for line in body.lines().map(str::trim) {
         if let Some(words) = line.strip_prefix("///") {
             said.push_str(words);
-        } else if !line.starts_with('#') && !line.is_empty() {
+        } else if !line.starts_with(['#', '"']) && !line.is_empty() {
             docs.push(std::mem::take(&mut said).trim().to_owned());
         }
     }

@@ -3012,7 +3012,7 @@ export interface components {
             faces: number[];
             /**
              * Format: double
-             * @description The median of the thickness over the area that is part of a wall, from at most 512 points.
+             * @description The median of the thickness over the area that is part of a wall, from at most 256 points.
              */
             median: number;
             /**

@@ -38,7 +38,7 @@ const TASK: usize = 64;
 /// Boxes and triangles that the search may look at: so many, and so many more for each point. A mesh that is not printable has less,
 /// since its walls are not those that will be printed, and it costs more to tell where its material is.
 const BUDGET: [u64; 2] = [10_000_000, 200];
-const UNPRINTABLE_BUDGET: [u64; 2] = [100_000, 3];
+const UNPRINTABLE_BUDGET: [u64; 2] = [1_000_000, 30];
 /// Moves towards where a wall is thinner still, and how far each goes, as shares of the way to the thinnest point of the two
 /// faces.
 const MOVES: usize = 16;

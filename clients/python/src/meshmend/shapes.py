@@ -676,7 +676,7 @@ class ThinnestWall(TypedDict):
     faces: list[int]
     """The faces of the file on both sides of it."""
     median: float
-    """The median of the thickness over the area that is part of a wall, from at most 512 points."""
+    """The median of the thickness over the area that is part of a wall, from at most 256 points."""
     places: NotRequired[list[ThinPlace]]
     """
     The thinnest point of each thin region, at most 100, the thinnest first. A region is a sixteenth of the model's
