@@ -5,11 +5,11 @@ use meshmend::mesh::Soup;
 use meshmend::repair::{Category, Operator, Options, Outcome, RedFlagCode, Repaired};
 
 use crate::meshes::{cube, inside_out, join, push, sheet, sphere};
-use crate::pipeline::run;
+use crate::support::repair_soup;
 
 /// Without Blender, and at most one result for each of the two arrangements.
 fn repaired_at_once(soup: &Soup) -> Repaired {
-    let it = run(soup, &Options::default(), None);
+    let it = repair_soup(soup, &Options::default(), None);
     assert_eq!(it.report.outcome, Outcome::Repaired, "{} {:?}", it.report.summary, it.report.red_flags);
     assert_eq!(it.report.red_flags, []);
     assert_eq!(it.report.candidates.len(), 1, "the first result is good");
@@ -61,7 +61,7 @@ fn stray_faces_without_area_are_no_part_of_the_box() {
 fn a_face_with_an_area_that_is_gone_still_moves_the_box() {
     let soup = join(&at(0.0, 1.0), &at(50.0, 1.0));
     let options = Options { with: vec![], ..Options::default() };
-    let whole = run(&soup, &options, None);
+    let whole = repair_soup(&soup, &options, None);
     assert_eq!(whole.report.outcome, Outcome::AlreadyPrintable);
     let (before, after) = (soup, at(0.0, 1.0));
     let cancel = std::sync::atomic::AtomicBool::new(false);
@@ -98,7 +98,7 @@ fn nested_boxes_of_every_orientation_are_repaired_at_once() {
             let part = about(half);
             soup = join(&soup, &if turned >> number & 1 == 1 { inside_out(part) } else { part });
         }
-        let it = run(&soup, &Options::default(), None);
+        let it = repair_soup(&soup, &Options::default(), None);
         let what = format!("{turned:03b}: {} {:?}", it.report.summary, it.report.red_flags);
         assert!(matches!(it.report.outcome, Outcome::Repaired | Outcome::AlreadyPrintable), "{what}");
         assert!(it.report.red_flags.is_empty() && it.report.candidates.len() == 1, "{what}");
@@ -116,7 +116,7 @@ fn nested_boxes_of_every_orientation_are_repaired_at_once() {
 fn a_part_that_is_gone_is_still_flagged_where_another_was_inside_out() {
     // What is left after the loss has the volume that the input had by its signs.
     let input = join(&join(&at(0.0, 10.0), &at(20.0, 10.0)), &inside_out(at(40.0, 10.0)));
-    let it = run(&input, &Options { max_volume_change_pct: 0.0, ..Options::default() }, None);
+    let it = repair_soup(&input, &Options { max_volume_change_pct: 0.0, ..Options::default() }, None);
     assert!(it.report.red_flags.iter().all(|flag| flag.code != RedFlagCode::VolumeChange));
 }
 
@@ -135,11 +135,11 @@ fn exploded_triangles_are_the_solid_that_they_were() {
     for gap in [1e-3, 1e-4] {
         for solid in [about(5.0), sphere(DVec3::ZERO, 10.0, 24, 12)] {
             let whole = {
-                let it = run(&solid, &Options::default(), None);
+                let it = repair_soup(&solid, &Options::default(), None);
                 volume(&it)
             };
             let soup = apart(&solid, 1, |_, middle| middle.normalize() * gap);
-            let it = run(&soup, &Options::default(), None);
+            let it = repair_soup(&soup, &Options::default(), None);
             assert_eq!(it.report.outcome, Outcome::Repaired, "{gap}: {} {:?}", it.report.summary, it.report.red_flags);
             close(volume(&it), whole, whole * 2e-3);
         }
@@ -149,7 +149,7 @@ fn exploded_triangles_are_the_solid_that_they_were() {
 #[test]
 fn an_open_surface_in_pieces_is_still_a_sheet() {
     for soup in [sheet(12), apart(&sheet(12), 1, |number, _| DVec3::Z * 1e-4 * (number % 3) as f64)] {
-        let it = run(&soup, &Options::default(), None);
+        let it = repair_soup(&soup, &Options::default(), None);
         assert_eq!(it.report.plan.category, Category::OpenSheet);
         assert_ne!(it.report.outcome, Outcome::Repaired);
     }
@@ -175,7 +175,7 @@ fn a_ball_in_eight_chips_is_flagged_without_methods_that_start_from_the_same_clo
         let octant = corners.into_iter().sum::<DVec3>().map(f64::signum);
         push(&mut chips, corners.map(|p| p + 0.05 * octant));
     }
-    let it = run(&chips, &Options::default(), None).report;
+    let it = repair_soup(&chips, &Options::default(), None).report;
     assert_eq!(it.outcome, Outcome::PartiallyRepaired, "{}", it.summary);
     assert!(it.red_flags.iter().any(|flag| flag.code == RedFlagCode::VolumeChange), "{:?}", it.red_flags);
     assert!(it.steps.iter().all(|step| step.operator != Some(Operator::Remesh)));

@@ -1,10 +1,6 @@
 //! What became of every piece of surface: kept, moved, added or removed, and how it is drawn.
 
-use std::sync::atomic::AtomicBool;
-use std::time::Duration;
-
 use glam::DVec3;
-use meshmend::context::{Context, NoProgress};
 use meshmend::format::{self, Format, Limits, read};
 use meshmend::inspect::{Analysis, CompareOptions, Fate, Fates, Original, measures};
 use meshmend::mesh::Soup;
@@ -13,11 +9,7 @@ use meshmend::repair::{Options, Outcome, draw, repair};
 use serde_json::Value;
 
 use crate::meshes::{cube, join, push, sphere};
-
-fn with_context<T>(run: impl FnOnce(&Context<'_>) -> T) -> T {
-    let (cancel, clock) = (AtomicBool::new(false), || Duration::ZERO);
-    run(&Context::new(&NoProgress, &cancel, &clock, Duration::from_secs(100)))
-}
+use crate::support::with_context;
 
 fn fates(before: &Soup, after: &Soup) -> Fates {
     with_context(|context| {

@@ -5,8 +5,7 @@ use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
 use glam::DVec3;
-use meshmend::format::{Format, Limits, read, write};
-use meshmend::inspect::{Measures, measure};
+use meshmend::format::{Format, Limits, write};
 use meshmend::mesh::{Soup, Surface};
 use meshmend::repair::operators::Applied;
 use meshmend::repair::operators::clean_and_patch::CleanAndPatch;
@@ -14,16 +13,10 @@ use meshmend::repair::{Action, Cancelled, Context, NoProgress, Options, Outcome,
 
 use crate::damage::Random;
 use crate::meshes::{as_f32, cube, join, sheet, sphere, torus};
-use crate::operators::{count, with_context};
+use crate::support::{change_count, measured_as_stl, with_context};
 
 fn surface(soup: &Soup) -> Surface {
     Surface::from_soup(&as_f32(soup.clone())).0
-}
-
-fn measured(surface: &Surface) -> Measures {
-    let bytes = write(&surface.to_soup(), Format::Stl).unwrap();
-    let soup = read(&bytes, &Limits::default()).unwrap().soup;
-    with_context(|c| measure(&soup, c)).unwrap()
 }
 
 fn cleaned(before: &Surface, clean: CleanAndPatch) -> (Surface, Applied) {
@@ -45,7 +38,7 @@ fn ball() -> Surface {
 }
 
 fn pairs(surface: &Surface) -> u64 {
-    measured(surface).self_intersections.pairs.unwrap()
+    measured_as_stl(surface).self_intersections.pairs.unwrap()
 }
 
 /// Faces by the positions of their corners.
@@ -56,11 +49,11 @@ fn faces(surface: &Surface) -> HashSet<[[u64; 3]; 3]> {
 #[test]
 fn a_crumpled_place_becomes_solid_and_what_is_around_it_stays_as_it_is() {
     let mut before = ball();
-    let whole = measured(&before);
+    let whole = measured_as_stl(&before);
     crumple(&mut before, DVec3::X, 0.3, 0.2, 1);
     assert!(pairs(&before) > 10, "{}", pairs(&before));
     let (after, applied) = cleaned(&before, CleanAndPatch::default());
-    let found = measured(&after);
+    let found = measured_as_stl(&after);
     assert!(found.closed && found.manifold && found.consistent, "{found:?}");
     assert!(found.self_intersections.proven_none(), "{applied:?}");
     assert!(
@@ -76,7 +69,7 @@ fn a_crumpled_place_becomes_solid_and_what_is_around_it_stays_as_it_is() {
             assert!(now.contains(&corners.map(|p| p.to_array().map(f64::to_bits))), "face {f} is gone");
         }
     }
-    assert!(count(&applied.changes, "places_patched") > 0 && applied.moved > 0.0 && applied.moved < 0.5);
+    assert!(change_count(&applied.changes, "places_patched") > 0 && applied.moved > 0.0 && applied.moved < 0.5);
 }
 
 #[test]
@@ -98,7 +91,7 @@ fn a_place_whose_patch_strays_too_far_is_put_back_and_the_other_is_patched() {
     let spike = |surface: &Surface| surface.positions.contains(&DVec3::new(-1.5, 0.0, 0.0));
     assert!(spike(&after), "the spike is still there");
     assert_ne!(near(&before, DVec3::X), near(&after, DVec3::X));
-    let found = measured(&after);
+    let found = measured_as_stl(&after);
     assert!(found.closed && found.manifold && pairs(&after) < pairs(&before), "{applied:?}");
 }
 
@@ -128,7 +121,7 @@ fn no_more_goes_than_the_limits_allow() {
     let mut small = surface(&join(&sphere(DVec3::ZERO, 1.0, 48, 24), &sphere(DVec3::X * 4.0, 0.2, 6, 4)));
     crumple(&mut small, DVec3::X * 4.0, 0.5, 0.4, 3);
     let (after, _) = cleaned(&small, CleanAndPatch { max_face_loss_pct: 100.0, ..CleanAndPatch::default() });
-    assert_eq!(measured(&after).parts, 2);
+    assert_eq!(measured_as_stl(&after).parts, 2);
 }
 
 #[test]

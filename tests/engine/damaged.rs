@@ -1,17 +1,11 @@
 //! Known solids, damaged in many ways at once: what comes back is the solid.
 
-use std::sync::atomic::AtomicBool;
-use std::time::Duration;
-
-use meshmend::context::{Context, NoProgress};
-use meshmend::format::{Format, Limits, read, write};
-use meshmend::inspect::{Measures, measure};
-use meshmend::repair::{Options, Repaired, repair};
+use meshmend::format::{Format, write};
 use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
 
 use crate::damage::{DAMAGES, Damaged, Random, SOLIDS, TEARS};
-use crate::operators::with_context;
+use crate::support::{measured_file, repair_up_to_tier_2};
 
 /// The solids that share a wall: of the two sheets of the wall nothing is to stay. Where many of its faces are missing or there
 /// three times, and those of the surface beside it too, a few are still taken for the wrong one of the two.
@@ -19,20 +13,6 @@ const SHARED_WALL: &str = "touching in a face";
 
 /// The bit of faces that are there twice.
 const DOUBLED: usize = 1 << 2;
-
-/// Repairs without Blender. The clock stands still.
-pub fn mend(bytes: &[u8]) -> Repaired {
-    let (cancel, clock) = (AtomicBool::new(false), || Duration::ZERO);
-    let context = Context::new(&NoProgress, &cancel, &clock, Duration::from_secs(600));
-    let options = Options { max_tier: 2, pictures: false, voxel_resolution: 50, ..Options::default() };
-    repair(bytes, &options, &Limits::default(), None, &context).unwrap()
-}
-
-/// What whoever reads the result will find.
-pub fn reread(bytes: &[u8]) -> Measures {
-    let soup = read(bytes, &Limits::default()).unwrap().soup;
-    with_context(|c| measure(&soup, c)).unwrap()
-}
 
 /// Says what is wrong with a result, if anything.
 pub fn verdict(damaged: &Damaged) -> Result<(), String> {
@@ -43,8 +23,8 @@ pub fn verdict(damaged: &Damaged) -> Result<(), String> {
 /// other, so the two `may_join` there.
 fn verdict_on(damaged: &Damaged, may_join: bool) -> Result<(), String> {
     let bytes = write(&damaged.soup, Format::Stl).unwrap();
-    let repaired = mend(&bytes);
-    let after = reread(&repaired.bytes);
+    let repaired = repair_up_to_tier_2(&bytes);
+    let after = measured_file(&repaired.bytes);
     let off = (after.volume.value - damaged.volume).abs();
     let solid = after.closed && after.manifold && after.consistent;
     let parts = if may_join { 1..=damaged.parts } else { damaged.parts..=damaged.parts };
@@ -110,8 +90,11 @@ proptest! {
         solid in 0..SOLIDS.len(), kinds in 1..1usize << DAMAGES.len(), seed: u64,
     ) {
         let bytes = write(&damaged(solid, kinds, 4, seed).1.soup, Format::Stl).unwrap();
-        let on = |threads| rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap().install(|| mend(&bytes));
-        let (one, two, again) = (on(1), on(2), on(2));
+        let repaired = |threads| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            pool.install(|| repair_up_to_tier_2(&bytes))
+        };
+        let (one, two, again) = (repaired(1), repaired(2), repaired(2));
         prop_assert_eq!(&one.bytes, &two.bytes);
         prop_assert_eq!(&two.bytes, &again.bytes);
         prop_assert_eq!(one.report, two.report);

@@ -14,7 +14,7 @@ use meshmend::repair::{ChangeKind, Context, NoProgress, Operator, Options, Outco
 use proptest::prelude::*;
 
 use crate::meshes::{cube, join, push, sphere, torus};
-use crate::operators::{count, with_context};
+use crate::support::{change_count, with_context};
 
 const SLIVERS: RemoveSlivers = RemoveSlivers { tolerance: 1e-6, max_deviation: f64::INFINITY };
 const FOLDS: UnfoldFoldovers = UnfoldFoldovers { angle: 0.01, height: 1e-7, max_deviation: f64::INFINITY };
@@ -113,7 +113,10 @@ fn no_vertex_moves_farther_than_it_may() {
     let held = RemoveSlivers { max_deviation: 1e-9, ..SLIVERS };
     assert_eq!(with_context(|c| held.apply(&mut mesh, c)).unwrap().changes, []);
     assert_eq!(mesh, kept);
-    assert_eq!(count(&with_context(|c| SLIVERS.apply(&mut mesh, c)).unwrap().changes, "short_edges_collapsed"), 1);
+    assert_eq!(
+        change_count(&with_context(|c| SLIVERS.apply(&mut mesh, c)).unwrap().changes, "short_edges_collapsed"),
+        1
+    );
 }
 
 #[test]
@@ -168,7 +171,7 @@ fn a_foldover_is_unfolded_without_moving_a_vertex() {
     assert!(turned_down(&mesh) > 0);
     let positions = mesh.positions.clone();
     let applied = with_context(|c| FOLDS.apply(&mut mesh, c)).unwrap();
-    assert!(count(&applied.changes, "folds_flipped") > 0);
+    assert!(change_count(&applied.changes, "folds_flipped") > 0);
     assert_eq!(turned_down(&mesh), 0);
     assert_eq!(mesh.positions, positions);
     let after = measured(&mesh.to_soup());
@@ -220,7 +223,7 @@ fn of_two_neighbours_on_one_another_the_smaller_goes() {
     push(&mut soup, [DVec3::new(0.0, 0.0, 1.0), DVec3::new(1.0, 0.0, 1.0), DVec3::new(0.6, 0.2, 1.0)]);
     let mut mesh = surface(&soup);
     let applied = with_context(|c| RemoveOverlappingNeighbours::default().apply(&mut mesh, c)).unwrap();
-    assert_eq!(count(&applied.changes, "overlapping_faces_removed"), 1);
+    assert_eq!(change_count(&applied.changes, "overlapping_faces_removed"), 1);
     assert_eq!(mesh.faces.len(), 12);
     assert!(measured(&mesh.to_soup()).printable());
 }

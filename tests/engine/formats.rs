@@ -46,6 +46,19 @@ fn corners(soup: &Soup) -> Vec<[DVec3; 3]> {
     (0..soup.faces.len()).map(|face| soup.corners(face)).collect()
 }
 
+/// The triangles as an ASCII STL file.
+fn ascii_stl(soup: &Soup, name: &str) -> String {
+    let mut text = format!("solid {name}\n");
+    for [a, b, c] in corners(soup) {
+        text += "  facet normal 0 0 0\n    outer loop\n";
+        for p in [a, b, c] {
+            text += &format!("      vertex {} {} {}\n", p.x, p.y, p.z);
+        }
+        text += "    endloop\n  endfacet\n";
+    }
+    text + &format!("endsolid {name}\n")
+}
+
 #[track_caller]
 fn assert_refused(bytes: &[u8], kind: ReadErrorKind, place: Option<Place>, words: &str) {
     let error = refused(bytes);

@@ -14,7 +14,7 @@ use meshmend::repair::{
 };
 
 use crate::meshes::{as_f32, cube, cylinder, join, push, sphere};
-use crate::operators::with_context;
+use crate::support::with_context;
 
 fn run(soup: &Soup, options: &Options) -> Repaired {
     let bytes = format::write(soup, Format::Stl).unwrap();

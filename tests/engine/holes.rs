@@ -11,7 +11,7 @@ use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
 
 use crate::meshes::{cube, join, push, sphere, torus};
-use crate::operators::{count, with_context};
+use crate::support::{change_count, with_context};
 
 fn measured(soup: &Soup) -> Measures {
     with_context(|c| measure(soup, c)).unwrap()
@@ -112,7 +112,7 @@ fn an_island_in_a_hole_is_joined_and_not_covered() {
     let before = measured(&soup);
     assert_eq!((before.parts, before.boundary_loops), (2, 2));
     let (surface, filled) = fill(&soup, FillHoles::default());
-    assert_eq!(count(&filled.changes, "islands_joined"), 1);
+    assert_eq!(change_count(&filled.changes, "islands_joined"), 1);
     let after = measured(&surface.to_soup());
     assert!(after.printable() && after.parts == 1, "{after:?}");
     assert!((after.volume.value - 1.0).abs() < 1e-9);

@@ -13,7 +13,7 @@ use meshmend::mesh::Soup;
 use proptest::prelude::*;
 
 use crate::meshes::{cube, join, push, sphere, torus};
-use crate::operators::with_context;
+use crate::support::with_context;
 
 fn found(soup: &Soup) -> Intersections {
     with_context(|context| intersections(&Analysis::new(soup.into(), context).unwrap(), context).unwrap())

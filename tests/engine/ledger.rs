@@ -1,10 +1,7 @@
 //! Each part of the input is in the result, or has a certificate, or is lost and raises the flag.
 
-use std::sync::atomic::AtomicBool;
-use std::time::Duration;
-
 use glam::DVec3;
-use meshmend::context::{Context, NoProgress};
+use meshmend::context::Context;
 use meshmend::format::{self, Format, Limits};
 use meshmend::inspect::{Analysis, CompareOptions, Original, measures};
 use meshmend::mesh::Soup;
@@ -15,11 +12,7 @@ use meshmend::repair::{
 use proptest::prelude::*;
 
 use crate::meshes::{cube, inside_out, join, push, sheet, sphere};
-
-fn with_context<T>(run: impl FnOnce(&Context<'_>) -> T) -> T {
-    let (cancel, clock) = (AtomicBool::new(false), || Duration::ZERO);
-    run(&Context::new(&NoProgress, &cancel, &clock, Duration::from_secs(100)))
-}
+use crate::support::with_context;
 
 fn booked(before: &Soup, after: &Soup) -> Ledger {
     let booked = with_context(|context| {

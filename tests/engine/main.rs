@@ -38,6 +38,7 @@ mod sheets_within;
 mod simplify;
 mod solid;
 mod stitch;
+mod support;
 mod threads;
 mod unions;
 mod walls;

@@ -2,8 +2,7 @@
 
 use glam::DVec3;
 use meshmend::arrange::{ArrangeError, Exact, Inside};
-use meshmend::format::{Format, Limits, read, write};
-use meshmend::inspect::{Measures, measure};
+use meshmend::inspect::measure;
 use meshmend::mesh::{NotClosed, Soup, Surface};
 use meshmend::repair::operators::debris::remove_debris;
 use meshmend::repair::operators::perturb::Separate;
@@ -13,14 +12,7 @@ use meshmend::repair::{Context, NoProgress};
 use proptest::prelude::*;
 
 use crate::meshes::{cube, join, push, sphere, torus};
-use crate::operators::{count, with_context};
-
-/// Measures a surface as whoever reads it from STL will see it.
-pub fn as_stl(surface: &Surface) -> Measures {
-    let bytes = write(&surface.to_soup(), Format::Stl).unwrap();
-    let soup = read(&bytes, &Limits::default()).unwrap().soup;
-    with_context(|c| measure(&soup, c)).unwrap()
-}
+use crate::support::{change_count, measured_as_stl, with_context};
 
 fn separated(soup: &Soup) -> Surface {
     let (mut surface, _) = Surface::from_soup(soup);
@@ -39,7 +31,7 @@ fn two_solids_that_share_an_edge_stay_two_solids() {
     let before = with_context(|c| measure(&soup, c)).unwrap();
     assert_eq!((before.nonmanifold_edges, before.parts), (2, 1));
     let surface = separated(&soup);
-    let after = as_stl(&surface);
+    let after = measured_as_stl(&surface);
     assert!(after.manifold && after.closed && after.consistent, "{after:?}");
     assert_eq!((after.parts, after.faces), (2, before.faces));
     assert!((after.volume.value - 2.0).abs() < 1e-5);
@@ -61,7 +53,7 @@ fn vertices_move_by_no_more_than_a_few_units_in_the_last_place() {
 fn solids_that_touch_in_a_vertex_are_parted() {
     let soup = join(&cube(DVec3::ZERO, 1.0, 1), &cube(DVec3::ONE, 1.0, 1));
     assert_eq!(with_context(|c| measure(&soup, c)).unwrap().nonmanifold_vertices, 1);
-    let after = as_stl(&separated(&soup));
+    let after = measured_as_stl(&separated(&soup));
     assert_eq!((after.nonmanifold_vertices, after.parts), (0, 2));
     assert!(after.closed && after.manifold);
 }
@@ -96,7 +88,7 @@ fn an_edge_where_a_solid_touches_itself_is_split() {
     let soup = ring_with_a_pinched_edge();
     let before = with_context(|c| measure(&soup, c)).unwrap();
     assert_eq!((before.nonmanifold_edges, before.boundary_edges), (1, 0));
-    let after = as_stl(&separated(&soup));
+    let after = measured_as_stl(&separated(&soup));
     assert!(after.closed && after.manifold && after.consistent, "{after:?}");
     assert!((after.volume.value - 7.0).abs() < 1e-5);
 }
@@ -107,10 +99,13 @@ fn a_fin_is_cut_off_and_the_solid_stays_closed() {
     push(&mut soup, [DVec3::ZERO, DVec3::X, DVec3::new(0.5, -0.01, -0.01)]);
     let (mut surface, _) = Surface::from_soup(&soup);
     let changes = with_context(|c| cut_apart(&mut surface, Pairing::FinsLast, Pinches::KeepAtBoundaries, c)).unwrap();
-    assert_eq!(count(&changes, "faces_without_partner"), 1);
+    assert_eq!(change_count(&changes, "faces_without_partner"), 1);
     let changes = with_context(|c| remove_debris(&mut surface, c)).unwrap();
-    assert_eq!((count(&changes, "debris_parts_removed"), count(&changes, "debris_faces_removed")), (1, 1));
-    let after = as_stl(&surface);
+    assert_eq!(
+        (change_count(&changes, "debris_parts_removed"), change_count(&changes, "debris_faces_removed")),
+        (1, 1)
+    );
+    let after = measured_as_stl(&surface);
     assert!(after.closed && after.manifold);
     assert_eq!(after.faces, 12);
 }
@@ -122,7 +117,7 @@ fn a_sheet_inside_a_solid_goes_and_one_outside_stays() {
         push(&mut soup, [DVec3::X, DVec3::Y, DVec3::Z].map(|p| p + middle));
         let (mut surface, _) = Surface::from_soup(&soup);
         let changes = with_context(|c| remove_debris(&mut surface, c)).unwrap();
-        assert_eq!(count(&changes, "sheets_inside_solids_removed"), u64::from(goes));
+        assert_eq!(change_count(&changes, "sheets_inside_solids_removed"), u64::from(goes));
         assert_eq!(surface.faces.len() + usize::from(goes), soup.faces.len());
     }
 }
@@ -134,7 +129,10 @@ fn a_sheet_that_only_begins_inside_a_solid_is_not_counted_with_those_that_went()
     push(&mut soup, [DVec3::X * 4.0, DVec3::new(-2.0, 3.5, 0.0), DVec3::new(-2.0, -3.5, 0.0)]);
     let (mut surface, _) = Surface::from_soup(&soup);
     let changes = with_context(|c| remove_debris(&mut surface, c)).unwrap();
-    assert_eq!((count(&changes, "sheets_inside_solids_removed"), count(&changes, "debris_parts_removed")), (1, 0));
+    assert_eq!(
+        (change_count(&changes, "sheets_inside_solids_removed"), change_count(&changes, "debris_parts_removed")),
+        (1, 0)
+    );
     assert_eq!(surface.faces.len() + 1, soup.faces.len());
 }
 
@@ -181,7 +179,7 @@ proptest! {
             }
         }
         prop_assume!(cells > 0.0);
-        let after = as_stl(&separated(&soup));
+        let after = measured_as_stl(&separated(&soup));
         prop_assert!(after.closed && after.manifold && after.consistent, "{:?}", after);
         prop_assert!((after.volume.value - cells).abs() < 1e-4);
     }
@@ -204,8 +202,8 @@ fn resolved(soup: &Soup) -> (Surface, Resolved) {
 fn two_cubes_that_overlap_become_one_solid_of_their_common_volume() {
     let soup = join(&cube(DVec3::ZERO, 1.0, 2), &cube(DVec3::new(0.5, 0.25, 0.125), 1.0, 2));
     let (surface, it) = resolved(&soup);
-    assert!(count(&it.changes, "intersecting_pairs_resolved") > 0 && it.error.is_none());
-    let after = as_stl(&surface);
+    assert!(change_count(&it.changes, "intersecting_pairs_resolved") > 0 && it.error.is_none());
+    let after = measured_as_stl(&surface);
     assert!(after.printable(), "{after:?}");
     assert_eq!(after.parts, 1);
     assert!((after.volume.value - (2.0 - 0.5 * 0.75 * 0.875)).abs() < 1e-6, "{}", after.volume.value);
@@ -215,7 +213,7 @@ fn two_cubes_that_overlap_become_one_solid_of_their_common_volume() {
 fn solids_that_share_part_of_a_wall_become_one_and_the_wall_goes() {
     let soup = join(&cube(DVec3::ZERO, 1.0, 1), &cube(DVec3::new(1.0, 0.25, 0.25), 0.5, 1));
     let (surface, _) = resolved(&soup);
-    let after = as_stl(&surface);
+    let after = measured_as_stl(&surface);
     assert!(after.printable(), "{after:?}");
     assert!((after.volume.value - 1.125).abs() < 1e-6);
 }
@@ -225,7 +223,7 @@ fn a_sphere_through_a_torus_keeps_the_volume_of_both_without_their_common_part()
     let (ball, ring) = (sphere(DVec3::new(3.0, 0.0, 0.1), 1.4, 24, 12), torus(3.0, 1.0, 36, 18));
     let volume = |soup: &Soup| with_context(|c| measure(soup, c)).unwrap().volume.value;
     let (surface, it) = resolved(&join(&ball, &ring));
-    let after = as_stl(&surface);
+    let after = measured_as_stl(&surface);
     assert!(after.printable(), "{after:?}, {it:?}");
     assert!(after.volume.value < volume(&ball) + volume(&ring));
     assert!(after.volume.value > volume(&ball).max(volume(&ring)));

@@ -1,8 +1,5 @@
 //! Each operator alone.
 
-use std::sync::atomic::AtomicBool;
-use std::time::Duration;
-
 use glam::DVec3;
 use meshmend::inspect::{Measures, measure};
 use meshmend::mesh::{Soup, Surface};
@@ -12,16 +9,10 @@ use meshmend::repair::operators::holes::FillHoles;
 use meshmend::repair::operators::orient::Orient;
 use meshmend::repair::operators::weld::Weld;
 use meshmend::repair::sheets::{encloses, open_sheet_share};
-use meshmend::repair::{Change, Context, NoProgress};
 use proptest::prelude::*;
 
 use crate::meshes::{cube, inside_out, join, push, sheet, sphere, torus};
-
-pub fn with_context<T>(f: impl FnOnce(&Context<'_>) -> T) -> T {
-    let cancel = AtomicBool::new(false);
-    let clock = || Duration::ZERO;
-    f(&Context::new(&NoProgress, &cancel, &clock, Duration::from_secs(1)))
-}
+use crate::support::{change_count, with_context};
 
 fn measured(soup: &Soup) -> Measures {
     with_context(|c| measure(soup, c)).unwrap()
@@ -31,10 +22,6 @@ fn surface(soup: &Soup) -> Surface {
     let (surface, _) = Surface::from_soup(soup);
     surface.check().unwrap();
     surface
-}
-
-pub fn count(changes: &[Change], what: &str) -> u64 {
-    changes.iter().find(|c| c.what.as_str() == what).map_or(0, |c| c.count)
 }
 
 #[test]
@@ -96,7 +83,7 @@ fn welding_closes_a_crack_narrower_than_the_tolerance_and_no_other() {
         let mut it = surface(&soup);
         let changes = with_context(|c| Weld { tolerance, max_deviation: f64::INFINITY }.apply(&mut it, c)).unwrap();
         assert_eq!(measured(&it.to_soup()).boundary_edges, open);
-        assert_eq!(count(&changes.changes, "boundary_vertices_merged"), if open == 0 { 3 } else { 0 });
+        assert_eq!(change_count(&changes.changes, "boundary_vertices_merged"), if open == 0 { 3 } else { 0 });
     }
 }
 
@@ -150,7 +137,7 @@ fn a_cap_is_flipped_away_and_the_surface_stays_closed() {
     assert_eq!((before.degenerate_faces, before.boundary_edges), (1, 0));
     let mut it = surface(&soup);
     let changes = with_context(|c| remove_caps(&mut it, c)).unwrap();
-    assert_eq!(count(&changes, "degenerate_faces_flipped"), 1);
+    assert_eq!(change_count(&changes, "degenerate_faces_flipped"), 1);
     let after = measured(&it.to_soup());
     assert!(after.printable(), "{after:?}");
     assert_eq!(after.volume.value, before.volume.value);
@@ -191,7 +178,7 @@ fn a_face_whose_area_is_lost_in_f64_is_no_face_and_goes_without_a_trace() {
     assert!(!before.printable(), "its normal is nobody's");
     let mut it = surface(&soup);
     let applied = with_context(|c| remove_without_area(&mut it, f64::INFINITY, c)).unwrap();
-    assert_eq!(count(&applied.changes, "short_edges_collapsed"), 1);
+    assert_eq!(change_count(&applied.changes, "short_edges_collapsed"), 1);
     assert!(applied.moved > 0.0 && applied.moved < 1e-44, "{}", applied.moved);
     let after = measured(&it.to_soup());
     assert!(after.printable() && after.faces == 4, "{after:?}");
@@ -212,7 +199,7 @@ fn a_face_with_a_repeated_vertex_goes_and_nothing_opens() {
     let mut it = surface(&cube(DVec3::ZERO, 1.0, 1));
     it.faces.push([0, 0, 1]);
     it.source.push(12);
-    assert_eq!(count(&remove_collapsed(&mut it), "collapsed_faces_removed"), 1);
+    assert_eq!(change_count(&remove_collapsed(&mut it), "collapsed_faces_removed"), 1);
     assert!(measured(&it.to_soup()).printable());
 }
 
@@ -220,7 +207,7 @@ fn a_face_with_a_repeated_vertex_goes_and_nothing_opens() {
 fn of_duplicates_the_first_stays() {
     let cube = cube(DVec3::ZERO, 1.0, 2);
     let mut it = surface(&join(&cube, &cube));
-    assert_eq!(count(&remove_duplicates(&mut it), "duplicate_faces_removed"), cube.faces.len() as u64);
+    assert_eq!(change_count(&remove_duplicates(&mut it), "duplicate_faces_removed"), cube.faces.len() as u64);
     assert_eq!(it.source, (0..cube.faces.len() as u32).collect::<Vec<_>>());
     assert!(measured(&it.to_soup()).printable());
 }
@@ -230,7 +217,7 @@ fn a_wall_without_thickness_between_two_boxes_goes_whole() {
     // Two cubes side by side, each with its own wall between them.
     let mut it = surface(&join(&cube(DVec3::ZERO, 1.0, 2), &cube(DVec3::X, 1.0, 2)));
     let changes = remove_duplicates(&mut it);
-    assert_eq!(count(&changes, "cancelling_faces_removed"), 16);
+    assert_eq!(change_count(&changes, "cancelling_faces_removed"), 16);
     let after = measured(&it.to_soup());
     assert!(after.printable(), "{after:?}");
     assert!((after.volume.value - 2.0).abs() < 1e-9);
@@ -246,8 +233,8 @@ fn a_small_flap_of_two_faces_goes_and_a_large_one_stays_as_a_sheet() {
         push(&mut soup, [b, a, tip]);
         let mut it = surface(&soup);
         let changes = remove_duplicates(&mut it);
-        assert_eq!(count(&changes, "cancelling_faces_removed"), gone);
-        assert_eq!(count(&changes, "duplicate_faces_removed"), if gone > 0 { 0 } else { 1 });
+        assert_eq!(change_count(&changes, "cancelling_faces_removed"), gone);
+        assert_eq!(change_count(&changes, "duplicate_faces_removed"), if gone > 0 { 0 } else { 1 });
         assert_eq!(measured(&it.to_soup()).printable(), gone > 0);
     }
 }
@@ -269,7 +256,7 @@ fn a_cavity_keeps_looking_into_the_hollow_and_a_solid_outward() {
     assert_eq!(it.faces, before);
     let mut it = surface(&inside_out(torus(3.0, 1.0, 12, 6)));
     let changes = with_context(|c| Orient::default().apply(&mut it, c)).unwrap().changes;
-    assert_eq!(count(&changes, "closed_parts_turned"), 1);
+    assert_eq!(change_count(&changes, "closed_parts_turned"), 1);
     assert!(measured(&it.to_soup()).printable());
 }
 
@@ -279,7 +266,7 @@ fn an_open_box_turned_inside_out_is_turned_by_what_its_faces_see() {
     soup.faces.truncate(soup.faces.len() - 2);
     let mut it = surface(&soup);
     let changes = with_context(|c| Orient::default().apply(&mut it, c)).unwrap().changes;
-    assert_eq!(count(&changes, "open_parts_turned"), 1);
+    assert_eq!(change_count(&changes, "open_parts_turned"), 1);
 }
 
 #[test]
@@ -309,7 +296,7 @@ fn a_hole_of_hundreds_of_edges_is_closed() {
         let filled =
             with_context(|c| FillHoles { max_edges: 10_000, ..FillHoles::default() }.apply(&mut it, c)).unwrap();
         assert_eq!(filled.holes_left, 0);
-        assert_eq!(count(&filled.changes, "faces_added"), u64::from(n) - 2);
+        assert_eq!(change_count(&filled.changes, "faces_added"), u64::from(n) - 2);
         let after = measured(&it.to_soup());
         assert!(after.printable(), "{n}: {after:?}");
     }

@@ -11,7 +11,7 @@ use meshmend::repair::{
 };
 
 use crate::meshes::{as_f32, cube, join, push, sphere, torus};
-use crate::pipeline::{run, run_bytes};
+use crate::support::{repair_bytes, repair_soup};
 
 fn stl(soup: &Soup) -> Vec<u8> {
     format::write(soup, Format::Stl).unwrap()
@@ -54,19 +54,19 @@ fn cause(it: &Repaired, option: &str) -> Option<NotAppliedCause> {
 #[test]
 fn nested_boxes_that_are_printable_are_wound_in_layers_where_that_is_asked_for() {
     let bytes = stl(&nested_boxes());
-    let usual = run_bytes(&bytes, &Options::default(), None).unwrap();
+    let usual = repair_bytes(&bytes, &Options::default(), None).unwrap();
     assert_eq!((usual.report.outcome, usual.bytes == bytes), (Outcome::AlreadyPrintable, true));
     assert!(usual.report.options_not_applied.is_empty());
     for options in [
         Options { nested: Nested::Alternate, ..Options::default() },
         Options { inside: InsideRule::Odd, ..Options::default() },
     ] {
-        let it = run_bytes(&bytes, &options, None).unwrap();
+        let it = repair_bytes(&bytes, &options, None).unwrap();
         assert_eq!(volumes(&it.bytes), [1000.0, -216.0, 27.0], "{:?}", it.report.summary);
         assert_eq!(it.report.outcome, Outcome::Repaired, "{:?}", it.report.red_flags);
         assert!(it.report.options_not_applied.is_empty(), "{:?}", it.report.options_not_applied);
         // What satisfies it already comes back as it is, and that is said.
-        let again = run_bytes(&it.bytes, &options, None).unwrap();
+        let again = repair_bytes(&it.bytes, &options, None).unwrap();
         assert_eq!((again.report.outcome, again.bytes == it.bytes), (Outcome::AlreadyPrintable, true));
         let [only] = again.report.options_not_applied.as_slice() else { panic!("{:?}", again.report.warnings) };
         assert_eq!(only.cause, NotAppliedCause::NothingToDo);
@@ -78,7 +78,7 @@ fn nested_boxes_that_are_printable_are_wound_in_layers_where_that_is_asked_for()
 fn solids_within_a_solid_go_where_a_winding_rule_is_asked_for_that_makes_them_one() {
     let bytes = stl(&nested_boxes());
     for inside in [InsideRule::Positive, InsideRule::Nonzero] {
-        let it = run_bytes(&bytes, &Options { inside, ..Options::default() }, None).unwrap();
+        let it = repair_bytes(&bytes, &Options { inside, ..Options::default() }, None).unwrap();
         assert_eq!(volumes(&it.bytes), [1000.0], "{:?}", it.report.summary);
         assert_eq!(it.report.outcome, Outcome::Repaired, "{:?}", it.report.red_flags);
     }
@@ -89,8 +89,8 @@ fn objects_that_are_printable_are_wound_in_layers_too() {
     let bytes = format::write(&nested_boxes(), Format::ThreeMf).unwrap();
     let options = Options { nested: Nested::Alternate, output: OutputFormat::Stl, ..Options::default() };
     let same = Options { output: OutputFormat::Same, ..options.clone() };
-    assert_eq!(volumes(&run_bytes(&bytes, &options, None).unwrap().bytes), [1000.0, -216.0, 27.0]);
-    let it = run_bytes(&bytes, &same, None).unwrap();
+    assert_eq!(volumes(&repair_bytes(&bytes, &options, None).unwrap().bytes), [1000.0, -216.0, 27.0]);
+    let it = repair_bytes(&bytes, &same, None).unwrap();
     assert_eq!(volumes(&it.bytes), [1000.0, -216.0, 27.0]);
     assert!(it.report.options_not_applied.is_empty());
 }
@@ -99,7 +99,7 @@ fn objects_that_are_printable_are_wound_in_layers_too() {
 fn a_preset_that_is_asked_for_runs_on_a_printable_model() {
     let bytes = stl(&torus(3.0, 1.0, 16, 8));
     for preset in [Preset::BasicCleanup, Preset::FullRepair, Preset::ConservativeRepair, Preset::ManifoldRepair] {
-        let it = run_bytes(&bytes, &Options { preset, ..Options::default() }, None).unwrap();
+        let it = repair_bytes(&bytes, &Options { preset, ..Options::default() }, None).unwrap();
         assert_eq!((it.report.outcome, it.bytes == bytes), (Outcome::AlreadyPrintable, true), "{preset:?}");
         assert_eq!(it.report.plan.preset, preset);
         assert!(!it.report.steps.is_empty());
@@ -111,7 +111,7 @@ fn a_preset_that_is_asked_for_runs_on_a_printable_model() {
 fn a_remesh_that_is_asked_for_runs_on_a_printable_model() {
     let bytes = stl(&as_f32(sphere(DVec3::ZERO, 10.0, 24, 12)));
     let options = Options { with: vec![Operator::Remesh], voxel_size: Some(0.5), ..Options::default() };
-    let it = run_bytes(&bytes, &options, None).unwrap();
+    let it = repair_bytes(&bytes, &options, None).unwrap();
     assert_eq!(it.report.outcome, Outcome::Repaired, "{:?}", it.report.options_not_applied);
     assert!(it.report.options_not_applied.is_empty(), "{:?}", it.report.options_not_applied);
     assert_ne!(it.bytes, bytes);
@@ -146,12 +146,12 @@ fn box_with_a_sliver(height: f64) -> Soup {
 #[test]
 fn slivers_of_a_printable_model_go_where_a_tolerance_is_asked_for() {
     let bytes = stl(&box_with_a_sliver(1e-3));
-    let usual = run_bytes(&bytes, &Options::default(), None).unwrap();
+    let usual = repair_bytes(&bytes, &Options::default(), None).unwrap();
     assert_eq!((usual.report.outcome, usual.bytes == bytes), (Outcome::AlreadyPrintable, true));
-    let it = run_bytes(&bytes, &Options { degenerate_tolerance: 1e-3, ..Options::default() }, None).unwrap();
+    let it = repair_bytes(&bytes, &Options { degenerate_tolerance: 1e-3, ..Options::default() }, None).unwrap();
     assert_eq!(it.report.outcome, Outcome::Repaired, "{:?}", it.report.options_not_applied);
     assert_eq!(it.report.after.unwrap().measures.faces, 12);
-    let finer = run_bytes(&bytes, &Options { degenerate_tolerance: 1e-6, ..Options::default() }, None).unwrap();
+    let finer = repair_bytes(&bytes, &Options { degenerate_tolerance: 1e-6, ..Options::default() }, None).unwrap();
     assert_eq!(
         (cause(&finer, "degenerate_tolerance"), finer.bytes == bytes),
         (Some(NotAppliedCause::NothingToDo), true)
@@ -169,13 +169,13 @@ fn what_finds_nothing_to_do_on_a_printable_model_is_said() {
         voxel_size: Some(0.1),
         ..Options::default()
     };
-    let it = run_bytes(&bytes, &options, None).unwrap();
+    let it = repair_bytes(&bytes, &options, None).unwrap();
     assert_eq!((it.report.outcome, it.bytes == bytes), (Outcome::AlreadyPrintable, true));
     for option in ["open_sheets", "thickness", "sew_ratio", "stitch_threshold", "voxel_size"] {
         assert_eq!(cause(&it, option), Some(NotAppliedCause::NothingToDo), "{option}");
     }
     let without = Options { nested: Nested::Alternate, without: vec![Operator::Orient], ..Options::default() };
-    assert_eq!(cause(&run_bytes(&bytes, &without, None).unwrap(), "nested"), Some(NotAppliedCause::Excluded));
+    assert_eq!(cause(&repair_bytes(&bytes, &without, None).unwrap(), "nested"), Some(NotAppliedCause::Excluded));
 }
 
 /// A box whose lid stands a gap above it.
@@ -198,8 +198,8 @@ fn a_ratio_to_sew_with_is_the_only_limit_where_it_is_asked_for() {
     let sewn = |it: &Repaired| {
         it.report.steps.iter().any(|step| step.operator == Some(Operator::Sew) && !step.changed.is_empty())
     };
-    assert!(!sewn(&run(&soup, &options(None), None)));
-    let it = run(&soup, &options(Some(0.2)), None);
+    assert!(!sewn(&repair_soup(&soup, &options(None), None)));
+    let it = repair_soup(&soup, &options(Some(0.2)), None);
     assert!(sewn(&it), "{:?}", it.report.steps);
     assert_eq!(it.report.outcome, Outcome::Repaired);
 }
@@ -212,8 +212,8 @@ fn a_crack_is_stitched_up_to_a_length_in_the_models_unit() {
     };
     let options =
         |distance| Options { sew_ratio: Some(0.0), stitch_distance: Some(distance), max_tier: 2, ..Options::default() };
-    assert!(!stitched(&run(&soup, &options(0.04), None)));
-    let it = run(&soup, &options(0.06), None);
+    assert!(!stitched(&repair_soup(&soup, &options(0.04), None)));
+    let it = repair_soup(&soup, &options(0.06), None);
     assert!(stitched(&it), "{:?}", it.report.steps);
     assert_eq!(it.report.outcome, Outcome::Repaired);
     let heights = |it: &Repaired| -> Vec<f64> {
@@ -222,7 +222,7 @@ fn a_crack_is_stitched_up_to_a_length_in_the_models_unit() {
     let is_halfway = |z: &f64| (z - 10.025).abs() < 1e-5;
     assert!(!heights(&it).iter().any(is_halfway));
     let average = Options { stitch_position: StitchPosition::Average, ..options(0.06) };
-    let it = run(&soup, &average, None);
+    let it = repair_soup(&soup, &average, None);
     assert_eq!(it.report.outcome, Outcome::Repaired);
     assert!(heights(&it).iter().any(is_halfway), "{:?}", heights(&it));
     assert!(it.report.options_not_applied.is_empty(), "{:?}", it.report.options_not_applied);
@@ -233,7 +233,7 @@ fn a_gap_that_the_edges_beside_it_do_not_allow_is_said() {
     // Half of the edges is 0.5, and the gap wider.
     let soup = box_with_a_lid_above(0.7, 10);
     let options = Options { stitch_distance: Some(1.0), preset: Preset::FullRepair, max_tier: 2, ..Options::default() };
-    let it = run(&soup, &options, None);
+    let it = repair_soup(&soup, &options, None);
     assert_eq!(cause(&it, "stitch_distance"), Some(NotAppliedCause::Limited), "{:?}", it.report.options_not_applied);
     assert!(it.report.warnings.iter().any(|warning| warning.starts_with("`stitch_distance=1.0`")));
 }
@@ -241,7 +241,7 @@ fn a_gap_that_the_edges_beside_it_do_not_allow_is_said() {
 #[test]
 fn a_tolerance_that_edges_shorter_than_it_keep_from_being_used_is_said() {
     let soup = box_with_a_lid_above(0.02, 40);
-    let welded = |weld_tolerance| run(&soup, &Options { weld_tolerance, ..Options::default() }, None);
+    let welded = |weld_tolerance| repair_soup(&soup, &Options { weld_tolerance, ..Options::default() }, None);
     assert_eq!(cause(&welded(0.01), "weld_tolerance"), Some(NotAppliedCause::Limited));
     assert_eq!(cause(&welded(1e-6), "weld_tolerance"), None);
 }
@@ -250,7 +250,7 @@ fn a_tolerance_that_edges_shorter_than_it_keep_from_being_used_is_said() {
 fn a_limit_to_movement_that_cuts_an_option_short_is_said() {
     let soup = box_with_a_lid_above(0.05, 2);
     let limited = Options { stitch_distance: Some(0.06), max_deviation: Some(0.01), ..Options::default() };
-    let it = run(&soup, &Options { preset: Preset::FullRepair, max_tier: 2, ..limited }, None);
+    let it = repair_soup(&soup, &Options { preset: Preset::FullRepair, max_tier: 2, ..limited }, None);
     assert_eq!(cause(&it, "stitch_distance"), Some(NotAppliedCause::Limited), "{:?}", it.report.options_not_applied);
 }
 
@@ -258,10 +258,10 @@ fn a_limit_to_movement_that_cuts_an_option_short_is_said() {
 fn vertices_are_merged_by_their_distance_alone() {
     // Two vertices of each long side are close, and none is on a boundary.
     let bytes = stl(&box_with_a_sliver(1e-3));
-    let it = run_bytes(&bytes, &Options { merge_distance: Some(0.01), ..Options::default() }, None).unwrap();
+    let it = repair_bytes(&bytes, &Options { merge_distance: Some(0.01), ..Options::default() }, None).unwrap();
     assert_eq!(it.report.outcome, Outcome::Repaired, "{:?}", it.report.options_not_applied);
     assert_eq!(it.report.after.unwrap().measures.faces, 12);
-    let nothing = run_bytes(&bytes, &Options { merge_distance: Some(1e-4), ..Options::default() }, None).unwrap();
+    let nothing = repair_bytes(&bytes, &Options { merge_distance: Some(1e-4), ..Options::default() }, None).unwrap();
     assert_eq!((cause(&nothing, "merge_distance"), nothing.bytes == bytes), (Some(NotAppliedCause::NothingToDo), true));
 }
 
@@ -270,9 +270,9 @@ fn small_parts_are_dropped_where_that_is_asked_for_and_told() {
     let crumbs = join(&cube(DVec3::new(20.0, 0.0, 0.0), 0.2, 1), &sphere(DVec3::new(0.0, 20.0, 0.0), 0.3, 8, 6));
     let soup = as_f32(join(&cube(DVec3::ZERO, 10.0, 1), &crumbs));
     let bytes = stl(&soup);
-    assert_eq!(run_bytes(&bytes, &Options::default(), None).unwrap().bytes, bytes);
+    assert_eq!(repair_bytes(&bytes, &Options::default(), None).unwrap().bytes, bytes);
     let options = Options { min_part_volume_pct: 1.0, ..Options::default() };
-    let it = run_bytes(&bytes, &options, None).unwrap();
+    let it = repair_bytes(&bytes, &options, None).unwrap();
     assert_eq!(it.report.outcome, Outcome::Repaired, "{:?} {:?}", it.report.options_not_applied, it.report.red_flags);
     assert_eq!(it.report.after.as_ref().unwrap().measures.parts, 1);
     let ledger = it.report.ledger.as_ref().unwrap();
@@ -282,7 +282,7 @@ fn small_parts_are_dropped_where_that_is_asked_for_and_told() {
     // A part that is broken is mended first, and kept where it is large.
     let mut broken = join(&soup, &cube(DVec3::new(0.0, 0.0, 20.0), 8.0, 1));
     broken.faces.pop();
-    let it = run(&broken, &options, None);
+    let it = repair_soup(&broken, &options, None);
     assert_eq!(it.report.outcome, Outcome::Repaired, "{:?}", it.report.red_flags);
     assert_eq!(it.report.after.as_ref().unwrap().measures.parts, 2);
 }
@@ -294,7 +294,7 @@ fn the_cavities_of_a_part_go_with_it_and_those_of_others_stay() {
         join(&cube(at, size, 1), &inner)
     };
     let soup = join(&hollow(DVec3::ZERO, 10.0), &hollow(DVec3::splat(20.0), 1.0));
-    let it = run(&soup, &Options { min_part_volume_pct: 5.0, ..Options::default() }, None);
+    let it = repair_soup(&soup, &Options { min_part_volume_pct: 5.0, ..Options::default() }, None);
     assert_eq!(it.report.outcome, Outcome::Repaired, "{:?}", it.report.red_flags);
     assert!((it.report.after.unwrap().measures.volume.value - 875.0).abs() < 1e-6);
 }
@@ -303,21 +303,24 @@ fn the_cavities_of_a_part_go_with_it_and_those_of_others_stay() {
 fn a_category_that_is_given_chooses_the_plan() {
     let mut soup = cube(DVec3::ZERO, 1.0, 2);
     soup.faces.pop();
-    let it = run(&soup, &Options { category: Some(Category::NonManifold), ..Options::default() }, None);
+    let it = repair_soup(&soup, &Options { category: Some(Category::NonManifold), ..Options::default() }, None);
     assert_eq!((it.report.plan.category, it.report.plan.preset), (Category::NonManifold, Preset::ManifoldRepair));
     assert!(it.report.plan.reason.contains("non_manifold"));
     assert_eq!(it.report.outcome, Outcome::Repaired);
-    let whole =
-        run(&cube(DVec3::ZERO, 1.0, 2), &Options { category: Some(Category::Holes), ..Options::default() }, None);
+    let whole = repair_soup(
+        &cube(DVec3::ZERO, 1.0, 2),
+        &Options { category: Some(Category::Holes), ..Options::default() },
+        None,
+    );
     assert_eq!((whole.report.outcome, whole.report.plan.preset), (Outcome::AlreadyPrintable, Preset::FullRepair));
     let both = Options { category: Some(Category::Holes), preset: Preset::FillHoles, ..Options::default() };
-    assert_eq!(cause(&run(&soup, &both, None), "category"), Some(NotAppliedCause::Excluded));
+    assert_eq!(cause(&repair_soup(&soup, &both, None), "category"), Some(NotAppliedCause::Excluded));
 }
 
 #[test]
 fn a_result_that_lost_most_of_the_vertices_is_flagged() {
-    let before = run(&sphere(DVec3::ZERO, 1.0, 24, 12), &Options::default(), None).report;
-    let after = run(&sphere(DVec3::ZERO, 1.0, 8, 6), &Options::default(), None).report;
+    let before = repair_soup(&sphere(DVec3::ZERO, 1.0, 24, 12), &Options::default(), None).report;
+    let after = repair_soup(&sphere(DVec3::ZERO, 1.0, 8, 6), &Options::default(), None).report;
     let flagged = |vertices, options: &Options| {
         let standing = Standing {
             faces: 200,
@@ -352,11 +355,12 @@ fn neighbours_that_overlap_go_up_to_the_angle_that_is_asked_for() {
         steps.flat_map(|step| &step.changed).any(|change| change.what == ChangeKind::OverlappingFacesRemoved)
     };
     let usual = Options { preset: Preset::ConservativeRepair, max_tier: 2, ..Options::default() };
-    let run_with =
-        |overlap_angle_deg| run(&soup, &Options { with: with.clone(), overlap_angle_deg, ..usual.clone() }, None);
+    let run_with = |overlap_angle_deg| {
+        repair_soup(&soup, &Options { with: with.clone(), overlap_angle_deg, ..usual.clone() }, None)
+    };
     assert!(!removed(&run_with(None)));
     assert!(removed(&run_with(Some(15.0))));
-    let alone = run(&soup, &Options { overlap_angle_deg: Some(15.0), ..usual.clone() }, None);
+    let alone = repair_soup(&soup, &Options { overlap_angle_deg: Some(15.0), ..usual.clone() }, None);
     assert_eq!(cause(&alone, "overlap_angle_deg"), Some(NotAppliedCause::Excluded));
 }
 
@@ -365,7 +369,7 @@ fn faces_whose_outer_side_cannot_be_told_are_listed() {
     let mut soup = Soup::default();
     push(&mut soup, [DVec3::ZERO, DVec3::X, DVec3::Y]);
     push(&mut soup, [DVec3::X, DVec3::new(1.0, 1.0, 0.0), DVec3::Y]);
-    let it = run(&soup, &Options::default(), None);
+    let it = repair_soup(&soup, &Options::default(), None);
     let listed = it.report.steps.iter().find_map(|step| step.unfixed.as_ref()).unwrap();
     assert_eq!((listed.count, listed.faces.as_slice()), (2, [0, 1].as_slice()));
 }

@@ -3,7 +3,6 @@
 use std::f64::consts::TAU;
 
 use glam::DVec3;
-use meshmend::inspect::{Measures, measure};
 use meshmend::math::Precision;
 use meshmend::mesh::{NO_SOURCE, Soup, Surface};
 use meshmend::repair::operators::Applied;
@@ -13,14 +12,10 @@ use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
 
 use crate::meshes::{cube, inside_out, join, push, sheet, sphere, torus};
-use crate::operators::{count, with_context};
+use crate::support::{change_count, measured, with_context};
 
 const KEEP: Orient = Orient { nested: Nested::Keep };
 const ALTERNATE: Orient = Orient { nested: Nested::Alternate };
-
-fn measured(surface: &Surface) -> Measures {
-    with_context(|c| measure(&surface.to_soup(), c)).unwrap()
-}
 
 fn oriented(soup: &Soup, how: Orient) -> (Surface, Applied) {
     let (mut surface, _) = Surface::from_soup(soup);
@@ -88,7 +83,7 @@ fn klein_bottle(n: u32, m: u32) -> Surface {
 fn a_cavity_of_a_solid_that_is_inside_out_as_a_whole_is_turned_with_it() {
     let (surface, applied) = oriented(&nest(&[false, true]), KEEP);
     assert_eq!(outward(&surface), [true, false]);
-    assert_eq!(count(&applied.changes, "closed_parts_turned"), 2);
+    assert_eq!(change_count(&applied.changes, "closed_parts_turned"), 2);
     assert!(measured(&surface).printable());
 }
 
@@ -97,7 +92,7 @@ fn a_cavity_is_kept_and_told() {
     let soup = nest(&[true, false]);
     let (surface, applied) = oriented(&soup, KEEP);
     assert_eq!(outward(&surface), [true, false]);
-    assert_eq!((count(&applied.changes, "cavities_kept"), applied.left), (1, None));
+    assert_eq!((change_count(&applied.changes, "cavities_kept"), applied.left), (1, None));
     // A cavity in a shell that alone was turned stays one.
     assert_eq!(outward(&oriented(&nest(&[false, false]), KEEP).0), [true, false]);
 }
@@ -106,7 +101,7 @@ fn a_cavity_is_kept_and_told() {
 fn a_solid_in_a_solid_is_kept_and_told() {
     let (surface, applied) = oriented(&nest(&[true, true]), KEEP);
     assert_eq!(outward(&surface), [true, true]);
-    assert_eq!(count(&applied.changes, "solids_inside_solids"), 1);
+    assert_eq!(change_count(&applied.changes, "solids_inside_solids"), 1);
 }
 
 #[test]
@@ -178,9 +173,9 @@ fn open_box(n: u32) -> Soup {
 fn a_box_without_lid_is_turned_outward_and_one_that_looks_outward_stays() {
     for n in [1, 4, 9] {
         let (surface, applied) = oriented(&inside_out(open_box(n)), KEEP);
-        assert_eq!(count(&applied.changes, "open_parts_turned"), 1);
+        assert_eq!(change_count(&applied.changes, "open_parts_turned"), 1);
         let (as_it_was, applied) = oriented(&open_box(n), KEEP);
-        assert_eq!(count(&applied.changes, "open_parts_turned"), 0);
+        assert_eq!(change_count(&applied.changes, "open_parts_turned"), 0);
         assert_eq!(as_it_was.faces, Surface::from_soup(&open_box(n)).0.faces);
         let sum = |s: &Surface| volume(s, 0..s.faces.len());
         assert!((sum(&surface) - sum(&as_it_was)).abs() < 1e-9);
@@ -253,7 +248,7 @@ fn many_parts_side_by_side_are_all_decided() {
     assert!(outward(&surface).into_iter().all(|o| o));
     assert_eq!(applied.left, None);
     let (_, applied) = oriented(&all_around, ALTERNATE);
-    assert_eq!((count(&applied.changes, "cavities_kept"), applied.left), (2667, None));
+    assert_eq!((change_count(&applied.changes, "cavities_kept"), applied.left), (2667, None));
 }
 
 fn opened(surface: &mut Surface) -> [Applied; 2] {
@@ -274,8 +269,8 @@ fn a_moebius_band_is_cut_across_and_becomes_a_sheet_with_two_sides() {
         assert!(before.misoriented_edges > 0 && after.misoriented_edges == 0, "{n} {m}: {after:?}");
         assert!(after.manifold && after.parts == 1 && surface.faces.len() == (2 * n * m) as usize);
         // The shortest way across is one edge a quad.
-        assert_eq!(count(&cut.changes, "one_sided_parts_cut"), 1);
-        assert_eq!(count(&cut.changes, "edges_cut"), u64::from(m), "{n} {m}");
+        assert_eq!(change_count(&cut.changes, "one_sided_parts_cut"), 1);
+        assert_eq!(change_count(&cut.changes, "edges_cut"), u64::from(m), "{n} {m}");
         assert_eq!(after.boundary_edges, before.boundary_edges + 2 * u64::from(m));
         assert!(cut.moved > 0.0 && cut.moved < 1e-5, "{}", cut.moved);
     }
@@ -289,7 +284,7 @@ fn a_klein_bottle_is_cut_into_a_part_with_two_sides() {
     let [_, cut] = opened(&mut surface);
     let after = measured(&surface);
     assert_eq!((after.misoriented_edges, after.manifold, after.parts), (0, true, 1));
-    assert!(count(&cut.changes, "edges_cut") <= 20, "{:?}", cut.changes);
+    assert!(change_count(&cut.changes, "edges_cut") <= 20, "{:?}", cut.changes);
 }
 
 #[test]
@@ -298,7 +293,7 @@ fn a_cut_within_no_distance_is_left_and_told() {
     with_context(|c| KEEP.apply(&mut surface, c)).unwrap();
     let cut =
         with_context(|c| CutOneSided { max_deviation: 0.0, precision: Precision::F32 }.apply(&mut surface, c)).unwrap();
-    assert_eq!((count(&cut.changes, "coincident_vertices_left"), cut.moved), (3, 0.0));
+    assert_eq!((change_count(&cut.changes, "coincident_vertices_left"), cut.moved), (3, 0.0));
 }
 
 #[test]
@@ -337,7 +332,7 @@ proptest! {
         }
         let before = measured(&surface).misoriented_edges;
         let [oriented, _] = opened(&mut surface);
-        prop_assert!(count(&oriented.changes, "orientation_conflicts_left") <= before);
+        prop_assert!(change_count(&oriented.changes, "orientation_conflicts_left") <= before);
         prop_assert_eq!(measured(&surface).misoriented_edges, 0);
         surface.check().map_err(TestCaseError::fail)?;
     }

@@ -10,23 +10,12 @@ use meshmend::inspect::{InspectOptions, inspect};
 use meshmend::mesh::{Soup, Surface};
 use meshmend::repair::{
     Action, Category, Context, NoProgress, Operator, Options, Outcome, OutputFormat, Preset, RedFlagCode, RemeshAction,
-    RemeshError, RemeshRequest, Remeshed, Remesher, RemesherInfo, RepairError, Repaired, Step, StepStatus, repair,
+    RemeshError, RemeshRequest, Remeshed, Remesher, RemesherInfo, RepairError, Step, StepStatus, repair,
 };
 use proptest::prelude::*;
 
 use crate::meshes::{as_f32, cube, inside_out, join, push, sheet, sphere, torus};
-
-pub fn run(soup: &Soup, options: &Options, remesher: Option<&dyn Remesher>) -> Repaired {
-    let bytes = format::write(soup, Format::Stl).unwrap();
-    run_bytes(&bytes, options, remesher).unwrap()
-}
-
-pub fn run_bytes(bytes: &[u8], options: &Options, remesher: Option<&dyn Remesher>) -> Result<Repaired, RepairError> {
-    let cancel = AtomicBool::new(false);
-    let clock = || Duration::ZERO;
-    let context = Context::new(&NoProgress, &cancel, &clock, Duration::from_secs(600));
-    repair(bytes, options, &Limits::default(), remesher, &context)
-}
+use crate::support::{repair_bytes, repair_soup};
 
 fn read(bytes: &[u8]) -> Soup {
     format::read(bytes, &Limits::default()).unwrap().soup
@@ -70,7 +59,7 @@ fn non_manifold() -> Soup {
 #[test]
 fn a_printable_file_comes_back_bit_for_bit() {
     let bytes = format::write(&torus(3.0, 1.0, 16, 8), Format::Stl).unwrap();
-    let it = run_bytes(&bytes, &Options::default(), None).unwrap();
+    let it = repair_bytes(&bytes, &Options::default(), None).unwrap();
     assert_eq!(it.report.outcome, Outcome::AlreadyPrintable);
     assert_eq!(it.bytes, bytes);
     assert!(it.report.verified_from_output_bytes && it.report.steps.is_empty());
@@ -82,9 +71,9 @@ fn a_file_of_which_faces_were_left_out_is_never_handed_back_itself() {
     let soup = Surface::from_soup(&cube(DVec3::ZERO, 1.0, 1)).0.to_soup();
     let options = Options { output: OutputFormat::Same, ..Options::default() };
     let whole = format::write(&soup, Format::Mesh).unwrap();
-    assert_eq!(run_bytes(&whole, &options, None).unwrap().bytes, whole);
+    assert_eq!(repair_bytes(&whole, &options, None).unwrap().bytes, whole);
     let more = [whole.as_slice(), b"Face 13 1 2 99\n"].concat();
-    let it = run_bytes(&more, &options, None).unwrap();
+    let it = repair_bytes(&more, &options, None).unwrap();
     assert_eq!((it.report.outcome, it.format), (Outcome::Repaired, Format::Mesh));
     assert_eq!(read(&it.bytes).faces.len(), 12);
     assert!(!String::from_utf8(it.bytes).unwrap().contains("99"));
@@ -94,7 +83,7 @@ fn a_file_of_which_faces_were_left_out_is_never_handed_back_itself() {
 fn a_printable_file_in_another_format_keeps_its_faces_in_order() {
     let soup = as_f32(sphere(DVec3::ZERO, 1.0, 12, 6));
     let options = Options { output: OutputFormat::Off, ..Options::default() };
-    let it = run(&soup, &options, None);
+    let it = repair_soup(&soup, &options, None);
     assert_eq!((it.report.outcome, it.format), (Outcome::AlreadyPrintable, Format::Off));
     let out = read(&it.bytes);
     for f in 0..soup.faces.len() {
@@ -112,7 +101,7 @@ fn a_file_that_breaks_when_it_is_rounded_goes_on_to_repair() {
         }
     }
     let bytes = format::write(&soup, Format::Off).unwrap();
-    let it = run_bytes(&bytes, &Options::default(), None).unwrap();
+    let it = repair_bytes(&bytes, &Options::default(), None).unwrap();
     assert!(it.report.before.measures.printable());
     assert_ne!(it.report.outcome, Outcome::Unrepairable);
     assert!(it.report.after.unwrap().measures.printable());
@@ -141,12 +130,12 @@ fn each_kind_of_damage_is_repaired_by_the_first_tier() {
         ("doubled", doubled, Category::NonManifold),
         ("hollow", hollow_with_hole, Category::MultipleComponents),
     ] {
-        let it = run(&soup, &Options::default(), None);
+        let it = repair_soup(&soup, &Options::default(), None);
         assert_eq!(it.report.outcome, Outcome::Repaired, "{name}: {:?}", it.report);
         assert_eq!(it.report.plan.category, category, "{name}");
         assert!(it.report.candidates.iter().filter(|c| c.chosen).count() == 1);
     }
-    let it = run(&hollow, &Options::default(), None);
+    let it = repair_soup(&hollow, &Options::default(), None);
     assert_eq!(it.report.outcome, Outcome::AlreadyPrintable);
 }
 
@@ -154,7 +143,7 @@ fn each_kind_of_damage_is_repaired_by_the_first_tier() {
 fn surface_that_was_fine_is_not_moved() {
     let mut soup = as_f32(torus(3.0, 1.0, 24, 12));
     soup.faces.drain(100..106);
-    let it = run(&soup, &Options::default(), None);
+    let it = repair_soup(&soup, &Options::default(), None);
     assert_eq!(it.report.outcome, Outcome::Repaired);
     assert_eq!(it.report.changes.unwrap().faces_kept_pct, 100.0);
     let out = read(&it.bytes);
@@ -167,7 +156,7 @@ fn surface_that_was_fine_is_not_moved() {
 fn an_open_sheet_is_handed_back_with_the_reason() {
     let bytes = format::write(&sheet(12), Format::Stl).unwrap();
     let fake = Fake::answering(vec![]);
-    let it = run_bytes(&bytes, &Options::default(), Some(&fake)).unwrap();
+    let it = repair_bytes(&bytes, &Options::default(), Some(&fake)).unwrap();
     assert_eq!((it.report.outcome, it.report.plan.category), (Outcome::Unrepairable, Category::OpenSheet));
     assert_eq!(it.bytes, bytes);
     assert!(it.report.summary.contains("open surface"), "{}", it.report.summary);
@@ -178,7 +167,7 @@ fn an_open_sheet_is_handed_back_with_the_reason() {
 fn an_open_sheet_is_remeshed_when_that_is_asked_for() {
     let fake = Fake::answering(vec![Ok(cube(DVec3::ZERO, 12.0, 4))]);
     let options = Options { preset: Preset::BlenderRemesh, ..Options::default() };
-    run(&sheet(12), &options, Some(&fake));
+    repair_soup(&sheet(12), &options, Some(&fake));
     assert_eq!(fake.asked.borrow().len(), 1);
 }
 
@@ -186,7 +175,7 @@ fn an_open_sheet_is_remeshed_when_that_is_asked_for() {
 fn what_tier_1_cannot_mend_goes_to_the_boolean_and_then_to_voxels() {
     let apart = join(&cube(DVec3::ZERO, 1.0, 3), &cube(DVec3::new(1.004, 1.004, 0.0), 1.0, 3));
     let fake = Fake::answering(vec![Err(RemeshError::Failed("no".into())), Ok(apart)]);
-    let it = run(&non_manifold(), &without_tier_2(), Some(&fake));
+    let it = repair_soup(&non_manifold(), &without_tier_2(), Some(&fake));
     let asked: Vec<RemeshAction> = fake.asked.borrow().iter().map(|a| a.0).collect();
     assert_eq!(asked, [RemeshAction::BooleanUnion, RemeshAction::VoxelRemesh]);
     assert_eq!(it.report.outcome, Outcome::Repaired, "{:#?}", it.report);
@@ -205,7 +194,7 @@ fn overlapping(n: u32) -> Soup {
 fn a_closed_model_whose_faces_intersect_is_not_printable_and_goes_to_the_boolean() {
     let beside = |x: f64| join(&cube(DVec3::ZERO, 1.0, 2), &cube(DVec3::new(x, 0.1, 0.2), 1.0, 2));
     let fake = Fake::answering(vec![Ok(beside(1.0005))]);
-    let it = run(&beside(0.998), &without_tier_2(), Some(&fake));
+    let it = repair_soup(&beside(0.998), &without_tier_2(), Some(&fake));
     let before = &it.report.before.measures;
     assert!(before.closed && before.outward && before.defects() == before.self_intersections.pairs.unwrap());
     assert_eq!(it.report.plan.category, Category::MultipleComponents);
@@ -217,7 +206,7 @@ fn a_closed_model_whose_faces_intersect_is_not_printable_and_goes_to_the_boolean
 #[test]
 fn without_blender_a_model_whose_faces_intersect_comes_back_as_it_is_and_the_summary_says_why() {
     let bytes = format::write(&overlapping(2), Format::Stl).unwrap();
-    let it = run_bytes(&bytes, &without_tier_2(), None).unwrap();
+    let it = repair_bytes(&bytes, &without_tier_2(), None).unwrap();
     assert_eq!((it.report.outcome, &it.bytes), (Outcome::Unrepairable, &bytes));
     assert!(it.report.summary.contains("pairs of intersecting faces"), "{}", it.report.summary);
 }
@@ -226,7 +215,7 @@ fn without_blender_a_model_whose_faces_intersect_comes_back_as_it_is_and_the_sum
 fn a_result_with_fewer_intersecting_faces_is_better_than_one_with_more() {
     // The union brings fewer pairs and the remesh after it more; both leave the model's extent.
     let fake = Fake::answering(vec![Ok(overlapping(2)), Ok(overlapping(6))]);
-    let it = run(&overlapping(4), &without_tier_2(), Some(&fake));
+    let it = repair_soup(&overlapping(4), &without_tier_2(), Some(&fake));
     let pairs: Vec<u64> = it.report.candidates.iter().map(|c| c.defects).collect();
     assert!(pairs[1] < pairs[0] && pairs[0] < pairs[2], "{pairs:?}");
     let chosen = it.report.candidates.iter().position(|c| c.chosen);
@@ -245,7 +234,7 @@ fn a_hole_closed_is_worth_faces_that_intersect() {
         k += 1;
         !gone.contains(&(k - 1))
     });
-    let it = run(&soup, &without_tier_2(), None);
+    let it = repair_soup(&soup, &without_tier_2(), None);
     assert_eq!(it.report.outcome, Outcome::PartiallyRepaired, "{:#?}", it.report);
     let after = it.report.after.unwrap();
     assert!(after.measures.printable_but_for_intersections() && after.measures.self_intersections.pairs > Some(0));
@@ -256,7 +245,7 @@ fn a_result_that_lost_most_of_the_model_is_not_chosen() {
     let corner = || cube(DVec3::ZERO, 0.5, 1);
     let fake = Fake::answering(vec![Ok(corner()), Ok(corner())]);
     let bytes = format::write(&non_manifold(), Format::Stl).unwrap();
-    let it = run_bytes(&bytes, &without_tier_2(), Some(&fake)).unwrap();
+    let it = repair_bytes(&bytes, &without_tier_2(), Some(&fake)).unwrap();
     assert_eq!(it.report.outcome, Outcome::Unrepairable);
     assert_eq!(it.bytes, bytes);
     let judged = it.report.candidates.iter().find(|c| c.rung == Some(1)).unwrap();
@@ -266,14 +255,14 @@ fn a_result_that_lost_most_of_the_model_is_not_chosen() {
 #[test]
 fn an_empty_result_is_never_handed_out() {
     let fake = Fake::answering(vec![Ok(Soup::default()), Err(RemeshError::Empty)]);
-    let it = run(&non_manifold(), &without_tier_2(), Some(&fake));
+    let it = repair_soup(&non_manifold(), &without_tier_2(), Some(&fake));
     assert_eq!(it.report.outcome, Outcome::Unrepairable);
     assert!(!read(&it.bytes).faces.is_empty());
 }
 
 #[test]
 fn without_blender_the_rung_is_skipped_and_says_so() {
-    let it = run(&non_manifold(), &without_tier_2(), None);
+    let it = repair_soup(&non_manifold(), &without_tier_2(), None);
     let skipped: Vec<_> = it.report.steps.iter().filter(|s| s.tier == 3).collect();
     assert_eq!(skipped.len(), 2);
     assert!(skipped.iter().all(|s| s.status == StepStatus::Skipped && s.note.as_ref().unwrap().contains("Blender")));
@@ -282,7 +271,7 @@ fn without_blender_the_rung_is_skipped_and_says_so() {
 #[test]
 fn max_tier_keeps_higher_tiers_out_of_the_plan() {
     let fake = Fake::answering(vec![]);
-    let it = run(&non_manifold(), &Options { max_tier: 1, ..Options::default() }, Some(&fake));
+    let it = repair_soup(&non_manifold(), &Options { max_tier: 1, ..Options::default() }, Some(&fake));
     assert!(it.report.plan.rungs.iter().all(|r| r.tier == 1));
     assert!(fake.asked.borrow().is_empty());
 }
@@ -293,7 +282,7 @@ fn parts_that_became_one_raise_a_flag() {
     let two = join(&cube(DVec3::ZERO, 1.0, 1), &cube(DVec3::ONE, 0.005, 1));
     let whole = cube(DVec3::ZERO, 1.0, 2);
     let fake = Fake::answering(vec![Ok(whole.clone()), Ok(whole)]);
-    let it = run(&two, &without_tier_2(), Some(&fake));
+    let it = repair_soup(&two, &without_tier_2(), Some(&fake));
     assert_eq!(it.report.outcome, Outcome::PartiallyRepaired, "{:#?}", it.report);
     assert_eq!(it.report.red_flags[0].code, RedFlagCode::PartsMerged);
 }
@@ -302,7 +291,7 @@ fn parts_that_became_one_raise_a_flag() {
 fn the_voxels_are_made_larger_until_the_faces_fit() {
     let fake = Fake::answering(vec![Err(RemeshError::Empty), Err(RemeshError::Empty)]);
     let options = Options { voxel_size: Some(1e-6), max_remesh_faces: 10_000, ..without_tier_2() };
-    run(&non_manifold(), &options, Some(&fake));
+    repair_soup(&non_manifold(), &options, Some(&fake));
     let size = fake.asked.borrow()[1].2;
     assert!(2.0 * 12.0 / (size * size) <= 10_000.0 && size < 0.2, "{size}");
 }
@@ -315,7 +304,7 @@ fn voxels_are_as_fine_as_thin_walls_need_and_no_finer_than_a_quarter_of_the_usua
         plate.positions.iter_mut().for_each(|p| p.z *= thickness);
         let fake = Fake::answering(vec![Err(RemeshError::Empty), Err(RemeshError::Empty)]);
         let options = Options { preset: Preset::BlenderRemesh, max_remesh_faces: 20_000_000, ..without_tier_2() };
-        run(&plate, &options, Some(&fake));
+        repair_soup(&plate, &options, Some(&fake));
         let asked = fake.asked.borrow();
         let voxels = asked.iter().find(|it| it.0 == RemeshAction::VoxelRemesh).unwrap();
         (voxels.2, 2.0 * (2.0 + thickness * thickness).sqrt() / 300.0)
@@ -336,7 +325,7 @@ fn a_remesh_that_could_not_keep_to_so_few_faces_is_refused_with_the_reason() {
         comb = join(&comb, &cube(DVec3::new(0.0, 0.0, f64::from(i) * 0.02), 1.0, 1));
     }
     let options = Options { preset: Preset::BlenderRemesh, max_remesh_faces: 1000, ..without_tier_2() };
-    let report = run(&comb, &options, Some(&fake)).report;
+    let report = repair_soup(&comb, &options, Some(&fake)).report;
     let step = report.steps.iter().find(|it| it.action == Action::VoxelRemesh).unwrap();
     assert_eq!(step.status, StepStatus::Failed);
     assert!(step.note.as_ref().unwrap().contains("max_remesh_faces"), "{step:?}");
@@ -355,7 +344,7 @@ fn a_cancelled_job_ends_with_an_error() {
 
 #[test]
 fn an_option_out_of_range_is_refused_before_the_file_is_read() {
-    let it = run_bytes(b"", &Options { max_tier: 4, ..Options::default() }, None);
+    let it = repair_bytes(b"", &Options { max_tier: 4, ..Options::default() }, None);
     assert!(matches!(it, Err(RepairError::Options(_))));
 }
 
@@ -364,7 +353,7 @@ fn a_file_of_nothing_but_broken_faces_is_handed_back() {
     let mut soup = Soup::default();
     push(&mut soup, [DVec3::X, DVec3::X, DVec3::Y]);
     let bytes = format::write(&soup, Format::Stl).unwrap();
-    let it = run_bytes(&bytes, &Options::default(), None).unwrap();
+    let it = repair_bytes(&bytes, &Options::default(), None).unwrap();
     assert_eq!((it.report.outcome, it.bytes), (Outcome::Unrepairable, bytes));
 }
 
@@ -388,7 +377,7 @@ proptest! {
         for f in gone {
             soup.faces.swap_remove(f);
         }
-        let (a, b) = (run(&soup, &Options::default(), None), run(&soup, &Options::default(), None));
+        let (a, b) = (repair_soup(&soup, &Options::default(), None), repair_soup(&soup, &Options::default(), None));
         prop_assert_eq!(&a, &b);
         let cancel = AtomicBool::new(false);
         let clock = || Duration::ZERO;
@@ -408,7 +397,7 @@ fn a_printable_result_that_lost_visible_surface_raises_a_flag_and_is_repaired_on
     let model = join(&non_manifold(), &cube(DVec3::new(0.2, 0.2, 1.2), 0.3, 2));
     let two = || join(&cube(DVec3::ZERO, 1.0, 4), &cube(DVec3::new(1.004, 1.004, 0.0), 1.0, 4));
     let fake = Fake::answering(vec![Ok(two()), Ok(two())]);
-    let it = run(&model, &without_tier_2(), Some(&fake));
+    let it = repair_soup(&model, &without_tier_2(), Some(&fake));
     assert_eq!(it.report.outcome, Outcome::PartiallyRepaired, "{:?}", it.report.red_flags);
     let flag = it.report.red_flags.iter().find(|f| f.code == RedFlagCode::SurfaceLost).unwrap();
     assert!(flag.value > 1.0 && it.report.changes.unwrap().surface_lost_pct == Some(flag.value));
@@ -422,7 +411,7 @@ fn a_result_that_is_not_printable_and_lost_a_part_is_not_preferred_to_the_input(
     let model = join(&non_manifold(), &join(&small(0.125, 1.5), &small(0.375, 1.75)));
     let fake = Fake::answering(vec![Ok(non_manifold()), Ok(non_manifold())]);
     let bytes = format::write(&model, Format::Stl).unwrap();
-    let it = run_bytes(&bytes, &without_tier_2(), Some(&fake)).unwrap();
+    let it = repair_bytes(&bytes, &without_tier_2(), Some(&fake)).unwrap();
     let judged = it.report.candidates.iter().find(|c| c.rung == Some(1)).unwrap();
     assert!(!judged.printable && judged.defects < it.report.before.measures.defects());
     let flag = judged.red_flags.iter().find(|f| f.code == RedFlagCode::SurfaceLost).unwrap();
@@ -434,7 +423,7 @@ fn a_result_that_is_not_printable_and_lost_a_part_is_not_preferred_to_the_input(
 fn the_report_says_how_far_the_result_is_from_the_input() {
     let apart = join(&cube(DVec3::ZERO, 1.0, 3), &cube(DVec3::new(1.004, 1.004, 0.0), 1.0, 3));
     let fake = Fake::answering(vec![Ok(apart)]);
-    let changes = run(&non_manifold(), &without_tier_2(), Some(&fake)).report.changes.unwrap();
+    let changes = repair_soup(&non_manifold(), &without_tier_2(), Some(&fake)).report.changes.unwrap();
     let (lost, made) = (changes.lost.unwrap(), changes.made.unwrap());
     for farthest in [lost.distance.max, made.distance.max] {
         assert!((0.0035..0.006).contains(&farthest), "{farthest}");
@@ -452,14 +441,15 @@ fn a_rung_takes_over_what_one_before_it_did_alike_and_still_does_what_it_would_d
     let mut open = sheet(8);
     open.positions.iter_mut().for_each(|p| *p += DVec3::new(20.0, 0.0, 0.0));
     soup = join(&soup, &open);
-    let auto = run(&soup, &Options { max_tier: 2, ..Options::default() }, None).report;
+    let auto = repair_soup(&soup, &Options { max_tier: 2, ..Options::default() }, None).report;
     assert!(auto.candidates.len() > 2, "{:#?}", auto.plan);
     let facts = |steps: &[Step], rung: u32| -> Vec<_> {
         let it = steps.iter().filter(|step| step.rung == rung);
         it.map(|step| (step.action, step.operator, step.status, step.changed.clone(), step.moved)).collect()
     };
     for (index, rung) in (0..2).zip(&auto.plan.rungs) {
-        let alone = run(&soup, &Options { max_tier: 2, preset: rung.preset, ..Options::default() }, None).report;
+        let alone =
+            repair_soup(&soup, &Options { max_tier: 2, preset: rung.preset, ..Options::default() }, None).report;
         assert_eq!(facts(&auto.steps, index), facts(&alone.steps, 0), "{:?}", rung.preset);
         let [a, b] = [&auto.candidates[index as usize], &alone.candidates[0]];
         assert_eq!((a.faces, a.defects, a.printable), (b.faces, b.defects, b.printable));

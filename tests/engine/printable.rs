@@ -11,7 +11,7 @@ use meshmend::repair::{Context, NoProgress, Options, Outcome, OutputFormat, Repa
 use proptest::prelude::*;
 
 use crate::meshes::{as_f32, cube, inside_out, join, push};
-use crate::pipeline::run_bytes;
+use crate::support::repair_bytes;
 
 /// What `meshmend inspect` finds in a file.
 fn inspected(bytes: &[u8]) -> Inspection {
@@ -64,7 +64,7 @@ fn is_watertight_to_trimesh(soup: &Soup) -> bool {
 }
 
 fn run(bytes: &[u8], output: OutputFormat) -> Repaired {
-    run_bytes(bytes, &Options { output, ..Options::default() }, None).unwrap()
+    repair_bytes(bytes, &Options { output, ..Options::default() }, None).unwrap()
 }
 
 const INDEXED: [Format; 4] = [Format::Obj, Format::Ply, Format::Off, Format::Mesh];
@@ -183,7 +183,7 @@ fn a_face_lower_than_the_tolerance_is_advice_and_not_a_broken_rule() {
     assert!(check.passes && check.advice.contains(&CheckRule::NoZeroAreaFace), "{check:?}");
     let ply = format::write(&soup, Format::Ply).unwrap();
     let summary =
-        run_bytes(&ply, &Options { output: OutputFormat::Same, ..Options::default() }, None).unwrap().report.summary;
+        repair_bytes(&ply, &Options { output: OutputFormat::Same, ..Options::default() }, None).unwrap().report.summary;
     assert!(summary.contains("Left as found, since slicers accept them: "), "{summary}");
     assert!(summary.contains(" of almost no height."), "{summary}");
 }

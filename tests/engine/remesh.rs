@@ -2,8 +2,7 @@
 
 use glam::{DQuat, DVec3};
 use meshmend::context::{Cancelled, Context, NoProgress};
-use meshmend::format::{Format, Limits, read, write};
-use meshmend::inspect::{Measures, measure};
+use meshmend::inspect::measure;
 use meshmend::math::{Tree, r3};
 use meshmend::mesh::{NO_SOURCE, Soup, Surface};
 use meshmend::remesh::{Inside, Remesh, RemeshError, Remeshed};
@@ -11,7 +10,7 @@ use meshmend::repair::operators::remesh::RemeshInside;
 use proptest::prelude::*;
 
 use crate::meshes::{cube, inside_out, join, push, sheet, sphere};
-use crate::operators::with_context;
+use crate::support::{change_count, measured_as_stl, with_context};
 
 /// Cells of 1/`n` of the diagonal.
 fn made(soup: &Soup, n: f64, inside: Inside) -> Result<Remeshed, RemeshError> {
@@ -22,7 +21,7 @@ fn made(soup: &Soup, n: f64, inside: Inside) -> Result<Remeshed, RemeshError> {
 
 fn solid(soup: &Soup, n: f64) -> Remeshed {
     let made = made(soup, n, Inside::Outward).unwrap();
-    let m = as_stl(&made.surface);
+    let m = measured_as_stl(&made.surface);
     assert!(m.closed && m.manifold && m.consistent, "{m:?}");
     assert_eq!((m.degenerate_faces, m.duplicate_faces, m.self_intersections.pairs), (0, 0, Some(0)), "{m:?}");
     assert!(m.printable() && m.volume.value > 0.0, "{m:?}");
@@ -31,15 +30,8 @@ fn solid(soup: &Soup, n: f64) -> Remeshed {
     made
 }
 
-/// Measures as whoever reads it from STL will see it.
-fn as_stl(surface: &Surface) -> Measures {
-    let bytes = write(&surface.to_soup(), Format::Stl).unwrap();
-    let soup = read(&bytes, &Limits::default()).unwrap().soup;
-    with_context(|c| measure(&soup, c)).unwrap()
-}
-
 fn volume(made: &Remeshed) -> f64 {
-    as_stl(&made.surface).volume.value
+    measured_as_stl(&made.surface).volume.value
 }
 
 fn turned(mut soup: Soup) -> Soup {
@@ -170,7 +162,7 @@ fn a_cavity_stays_a_cavity() {
     let made = solid(&soup, 80.0);
     let outer = with_context(|c| measure(&sphere(DVec3::ZERO, 2.0, 32, 16), c)).unwrap().volume.value;
     assert_near(volume(&made), outer - 1.0, 2e-3);
-    assert_eq!(as_stl(&made.surface).parts, 2);
+    assert_eq!(measured_as_stl(&made.surface).parts, 2);
 }
 
 #[test]
@@ -184,7 +176,7 @@ fn holes_are_closed_and_flipped_faces_forgiven() {
     }
     let made = solid(&turned(soup), 64.0);
     assert_near(volume(&made), 1.0, 0.01);
-    assert_eq!(as_stl(&made.surface).parts, 1);
+    assert_eq!(measured_as_stl(&made.surface).parts, 1);
 }
 
 #[test]
@@ -192,7 +184,7 @@ fn boxes_that_overlap_are_one() {
     let soup = turned(join(&cube(DVec3::ZERO, 1.0, 2), &cube(DVec3::splat(0.5), 1.0, 3)));
     let made = solid(&soup, 64.0);
     assert_near(volume(&made), 2.0 - 0.125, 1e-3);
-    assert_eq!(as_stl(&made.surface).parts, 1);
+    assert_eq!(measured_as_stl(&made.surface).parts, 1);
 }
 
 #[test]
@@ -243,7 +235,7 @@ fn a_wall_and_a_wire_thinner_than_a_cell_do_not_vanish() {
     for soup in [&wall, &wire] {
         let made = solid(&turned(join(soup, &cube(DVec3::new(0.0, 6.0, 0.0), 1.0, 1))), 64.0);
         assert!(made.deviation.lost.max < 1.5 * made.cell, "{:?} at {}", made.deviation, made.cell);
-        assert_eq!(as_stl(&made.surface).parts, 2);
+        assert_eq!(measured_as_stl(&made.surface).parts, 2);
     }
 }
 
@@ -251,7 +243,7 @@ fn a_wall_and_a_wire_thinner_than_a_cell_do_not_vanish() {
 fn a_small_part_far_away_does_not_vanish() {
     let soup = join(&cube(DVec3::ZERO, 1e-3, 1), &cube(DVec3::splat(100.0), 20.0, 1));
     let made = solid(&soup, 100.0);
-    assert_eq!(as_stl(&made.surface).parts, 2);
+    assert_eq!(measured_as_stl(&made.surface).parts, 2);
     assert!(made.deviation.lost.max < 1.5 * made.cell);
 }
 
@@ -318,7 +310,7 @@ fn size_and_place_of_the_model_do_not_matter() {
             *p = *p * size + at;
         }
         let made = made(&soup, 48.0, Inside::Outward).unwrap();
-        let m = as_stl(&made.surface);
+        let m = measured_as_stl(&made.surface);
         assert!(m.closed && m.manifold && m.consistent, "{size} {at} {m:?}");
         assert_eq!(m.self_intersections.pairs, Some(0), "{size} {at}");
     }
@@ -357,7 +349,7 @@ fn the_operator_keeps_what_would_move_too_far_and_what_has_no_inside() {
     assert!(kept.failed.is_some() && surface == before);
     let applied = run(&mut surface, f64::INFINITY);
     assert!(applied.failed.is_none() && applied.moved > 0.0 && surface != before);
-    let count = |what| crate::operators::count(&applied.changes, what);
+    let count = |what| change_count(&applied.changes, what);
     assert_eq!(count("faces_made") - count("faces_removed"), surface.faces.len() as u64);
     let (mut open, _) =
         Surface::from_soup(&Soup { positions: vec![DVec3::ZERO, DVec3::X, DVec3::Y], faces: vec![[0, 1, 2]] });
@@ -377,7 +369,7 @@ proptest! {
         for inside in [Inside::Outward, Inside::EitherWay] {
             match made(&soup, n, inside) {
                 Ok(made) => {
-                    let m = as_stl(&made.surface);
+                    let m = measured_as_stl(&made.surface);
                     prop_assert!(m.closed && m.manifold && m.consistent, "{:?}", m);
                     prop_assert_eq!(m.self_intersections.pairs, Some(0));
                     prop_assert_eq!(m.degenerate_faces, 0);

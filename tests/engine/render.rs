@@ -1,11 +1,8 @@
 //! Pictures and coloured meshes, read back as other programs read them.
 
 use std::f64::consts::{PI, TAU};
-use std::sync::atomic::AtomicBool;
-use std::time::Duration;
 
 use glam::{DVec3, Vec3};
-use meshmend::context::{Context, NoProgress};
 use meshmend::format::{Limits, read};
 use meshmend::inspect::{Defect, DefectKind, Findings};
 use meshmend::mesh::{Soup, Surface};
@@ -15,11 +12,7 @@ use meshmend::render::{
 use serde_json::Value;
 
 use crate::meshes::cube;
-
-fn with_context<T>(run: impl FnOnce(&Context<'_>) -> T) -> T {
-    let (cancel, clock) = (AtomicBool::new(false), || Duration::ZERO);
-    run(&Context::new(&NoProgress, &cancel, &clock, Duration::MAX))
-}
+use crate::support::with_context;
 
 fn scene(soup: &Soup, findings: &Findings) -> Scene {
     with_context(|context| Scene::new(soup, findings, context)).unwrap()

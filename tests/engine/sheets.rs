@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use glam::DVec3;
 use meshmend::format::{self, Format, Limits};
-use meshmend::inspect::{Measures, measure};
+use meshmend::inspect::measure;
 use meshmend::math::Precision;
 use meshmend::mesh::{Soup, Surface};
 use meshmend::repair::operators::base::AddBase;
@@ -20,11 +20,7 @@ use meshmend::repair::{
 use proptest::prelude::*;
 
 use crate::meshes::{as_f32, cube, join, push, sheet, torus};
-use crate::operators::{count, with_context};
-
-fn measured(surface: &Surface) -> Measures {
-    with_context(|c| measure(&surface.to_soup(), c)).unwrap()
-}
+use crate::support::{change_count, measured, with_context};
 
 fn thickened(soup: &Soup, thickness: f64, skins: Skins) -> (Surface, Applied) {
     let (mut surface, _) = Surface::from_soup(soup);
@@ -103,7 +99,7 @@ fn a_thickened_sheet_is_a_solid_of_its_area_times_the_thickness() {
         assert!(m.closed && m.manifold && m.consistent && m.parts == 1, "{m:?}");
         assert_eq!(m.self_intersections.pairs, Some(0));
         assert!((m.volume.value / (area * 0.05) - 1.0).abs() < 0.02, "{} for {}", m.volume.value, area * 0.05);
-        assert_eq!(count(&applied.changes, "sheets_thickened"), 1);
+        assert_eq!(change_count(&applied.changes, "sheets_thickened"), 1);
         assert_eq!(keeps_every_face(&surface, &soup), skins == Skins::Behind);
     }
 }
@@ -137,7 +133,7 @@ fn a_closed_part_beside_a_sheet_is_untouched() {
     let solid = cube(DVec3::splat(40.0), 1.0, 2);
     let (surface, applied) = thickened(&join(&as_f32(sheet(3)), &solid), 0.1, Skins::BothSides);
     assert!(keeps_every_face(&surface, &solid));
-    assert_eq!(count(&applied.changes, "sheets_thickened"), 1);
+    assert_eq!(change_count(&applied.changes, "sheets_thickened"), 1);
 }
 
 #[test]
@@ -172,7 +168,7 @@ fn terrain_is_put_on_a_flat_base_around_its_hole() {
     let m = measured(&surface);
     assert!(m.closed && m.manifold && m.consistent, "{m:?}");
     assert_eq!(m.self_intersections.pairs, Some(0));
-    assert_eq!(count(&applied.changes, "bases_added"), 1);
+    assert_eq!(change_count(&applied.changes, "bases_added"), 1);
     assert!(keeps_every_face(&surface, &soup));
     // 0.3 sin(x) is at its lowest at x = 5 on this grid.
     let lowest = f64::from((0.3 * 5f64.sin()) as f32);
@@ -188,7 +184,7 @@ fn terrain_that_looks_down_is_turned_and_still_stands_on_its_base() {
     let (surface, applied) = based(&soup, 1.0);
     let m = measured(&surface);
     assert!(m.closed && m.consistent && m.volume.value > 0.0, "{m:?}");
-    assert_eq!(count(&applied.changes, "open_parts_turned"), 1);
+    assert_eq!(change_count(&applied.changes, "open_parts_turned"), 1);
 }
 
 #[test]
@@ -223,7 +219,7 @@ fn two_open_tubes_are_joined_and_their_holes_closed_around_both() {
     };
     let (mut surface, _) = Surface::from_soup(&join(&tube(0.0), &tube(1.5)));
     let applied = with_context(|c| JoinParts { max_deviation: f64::INFINITY }.apply(&mut surface, c)).unwrap();
-    assert_eq!(count(&applied.changes, "parts_joined"), 1);
+    assert_eq!(change_count(&applied.changes, "parts_joined"), 1);
     let joined = Counts::of(&surface);
     assert_eq!(joined.get(Counter::MisorientedEdges) + joined.get(Counter::NonmanifoldEdges), 0);
     with_context(|c| FillHoles { max_edges: 100, ..FillHoles::default() }.apply(&mut surface, c)).unwrap();

@@ -5,14 +5,14 @@ use meshmend::mesh::{Soup, Surface, weld_exactly};
 use meshmend::repair::operators::internal_faces::remove_sheets_within;
 
 use crate::meshes::{cube, inside_out, join, push};
-use crate::operators::{count, with_context};
+use crate::support::{change_count, with_context};
 
 /// What goes of a mesh, as parts and faces.
 fn removed(soup: &Soup) -> (u64, u64) {
     let (mut surface, _) = Surface::from_soup(soup);
     weld_exactly(&mut surface);
     let applied = with_context(|c| remove_sheets_within(&mut surface, c)).unwrap();
-    (count(&applied.changes, "sheets_within_removed"), count(&applied.changes, "sheet_faces_removed"))
+    (change_count(&applied.changes, "sheets_within_removed"), change_count(&applied.changes, "sheet_faces_removed"))
 }
 
 /// A box of side 4 in quads of side 1, without its first face.

@@ -1,8 +1,7 @@
 //! Fewer faces: what held before holds afterwards.
 
 use glam::DVec3;
-use meshmend::format::{Format, Limits, read, write};
-use meshmend::inspect::{Analysis, CompareOptions, Measures, compare, measure};
+use meshmend::inspect::{Analysis, CompareOptions, compare, measure};
 use meshmend::math::Precision;
 use meshmend::math::Tree;
 use meshmend::mesh::{Soup, Surface};
@@ -11,8 +10,7 @@ use meshmend::simplify::{Reference, Simplified, Simplify};
 use proptest::prelude::*;
 
 use crate::meshes::{as_f32, cube, inside_out, join, sheet, sphere, torus};
-use crate::operators::with_context;
-use crate::pipeline::run;
+use crate::support::{measured_as_stl, repair_soup, with_context};
 
 const EXACT: Simplify<'static> =
     Simplify { max_faces: None, max_error: 1e-9, feature_angle_deg: 50.0, precision: Precision::F32, toward: None };
@@ -27,13 +25,6 @@ fn simplified(soup: &Soup, with: &Simplify<'_>) -> (Surface, Simplified) {
     surface.check().unwrap();
     assert_eq!((done.faces_before, done.faces_after), (soup.faces.len() as u64, surface.faces.len() as u64));
     (surface, done)
-}
-
-/// Measures a surface as whoever reads it from STL will see it.
-fn as_stl(surface: &Surface) -> Measures {
-    let bytes = write(&surface.to_soup(), Format::Stl).unwrap();
-    let soup = read(&bytes, &Limits::default()).unwrap().soup;
-    with_context(|c| measure(&soup, c)).unwrap()
 }
 
 /// The farthest that samples of either surface are from the other.
@@ -51,7 +42,7 @@ fn apart(before: &Soup, after: &Surface) -> f64 {
 fn a_cube_of_many_faces_comes_back_as_twelve() {
     let (surface, done) = simplified(&cube(DVec3::ZERO, 1.0, 32), &EXACT);
     assert_eq!(surface.faces.len(), 12, "{done:?}");
-    let it = as_stl(&surface);
+    let it = measured_as_stl(&surface);
     assert!(it.printable() && it.volume.value == 1.0, "{it:?}");
     assert!(done.error < 1e-12 && done.left.is_none(), "{done:?}");
 }
@@ -64,7 +55,7 @@ fn a_turned_box_whose_planes_f32_rounds_loses_all_that_its_planes_do_not_need() 
     let soup = as_f32(soup);
     let (surface, done) = simplified(&soup, &Simplify { max_error: 1e-5, ..EXACT });
     assert_eq!(surface.faces.len(), 12, "{done:?}");
-    assert!(as_stl(&surface).printable() && (as_stl(&surface).volume.value - 0.8).abs() < 1e-4);
+    assert!(measured_as_stl(&surface).printable() && (measured_as_stl(&surface).volume.value - 0.8).abs() < 1e-4);
     let corners =
         (0..8).map(|i| turn * DVec3::new(f64::from(i & 1) * 4.0, f64::from(i >> 1 & 1), f64::from(i >> 2) * 0.2));
     for corner in corners.map(|p| p + 5.0) {
@@ -77,7 +68,7 @@ fn a_ball_stays_within_the_error_that_was_asked_for() {
     let soup = as_f32(sphere(DVec3::new(3.0, 1.0, -2.0), 2.0, 128, 64));
     for (max_error, most_faces) in [(0.1, 400), (0.01, 2500)] {
         let (surface, done) = simplified(&soup, &Simplify { max_error, ..EXACT });
-        let it = as_stl(&surface);
+        let it = measured_as_stl(&surface);
         assert!(it.printable(), "{it:?}");
         let apart = apart(&soup, &surface);
         assert!(apart <= 1.2 * max_error && apart <= done.bound && done.error <= max_error, "{apart} {done:?}");
@@ -90,7 +81,7 @@ fn walls_as_thin_as_paper_do_not_cross() {
     // Two balls within one another, a hundredth apart, as a solid with a cavity.
     let soup = as_f32(join(&sphere(DVec3::ZERO, 1.0, 64, 32), &inside_out(sphere(DVec3::ZERO, 0.99, 61, 33))));
     let (surface, done) = simplified(&soup, &to(300));
-    let it = as_stl(&surface);
+    let it = measured_as_stl(&surface);
     assert!(it.printable() && it.parts == 2, "{it:?} {done:?}");
     assert!(surface.faces.len() < 4000, "{done:?}");
 }
@@ -103,7 +94,7 @@ fn nested_shells_stay_nested_and_none_vanishes() {
         soup = join(&soup, &if i % 2 == 0 { ball } else { inside_out(ball) });
     }
     let (surface, _) = simplified(&as_f32(soup), &to(100));
-    let it = as_stl(&surface);
+    let it = measured_as_stl(&surface);
     assert!(it.printable() && it.parts == 4, "{it:?}");
     assert!(surface.faces.len() <= 100);
 }
@@ -111,7 +102,7 @@ fn nested_shells_stay_nested_and_none_vanishes() {
 #[test]
 fn a_ring_keeps_its_hole_however_few_faces_are_asked_for() {
     let (surface, done) = simplified(&as_f32(torus(2.0, 0.5, 48, 24)), &to(4));
-    let it = as_stl(&surface);
+    let it = measured_as_stl(&surface);
     assert!(it.printable() && it.parts == 1, "{it:?}");
     let (faces, vertices) = (surface.faces.len() as i64, surface.positions.len() as i64);
     assert_eq!(vertices - faces / 2, 0, "the Euler characteristic of a torus");
@@ -225,7 +216,7 @@ fn a_broken_model_is_mended_and_then_has_as_few_faces_as_were_asked_for() {
     let mut soup = cube(DVec3::ZERO, 1.0, 10);
     soup.faces.remove(57);
     let options = Options { max_tier: 2, max_error: Some(1e-6), pictures: false, ..Options::default() };
-    let it = run(&soup, &options, None);
+    let it = repair_soup(&soup, &options, None);
     assert_eq!(it.report.outcome, Outcome::Repaired, "{:?}", it.report);
     assert_eq!(it.report.after.unwrap().measures.faces, 12);
     assert!(it.report.red_flags.is_empty(), "{:?}", it.report.red_flags);
@@ -265,7 +256,7 @@ proptest! {
         let before = with_context(|c| measure(&soup, c)).unwrap();
         prop_assume!(before.printable());
         let (surface, done) = simplified(&soup, &Simplify { max_faces: Some(faces), max_error: share, ..EXACT });
-        let after = as_stl(&surface);
+        let after = measured_as_stl(&surface);
         prop_assert!(after.printable(), "{:?} {:?}", after, done);
         prop_assert_eq!(after.parts, before.parts);
         let apart = apart(&soup, &surface);
@@ -287,6 +278,6 @@ fn a_large_shell_is_simplified_in_slabs_with_the_same_result_for_any_number_of_t
     assert_eq!(surface, again);
     assert!(done.faces_after < 5_000 && done.error <= 0.05, "{done:?}");
     assert!(apart(&shell, &surface) <= 2.0 * 0.05);
-    let it = as_stl(&surface);
+    let it = measured_as_stl(&surface);
     assert!(it.printable() && it.parts == 2, "{it:?}");
 }

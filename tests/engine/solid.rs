@@ -6,7 +6,7 @@ use meshmend::mesh::Soup;
 use meshmend::repair::{Action, InsideRule, Operator, Options, Outcome, OutputFormat, Overlaps, StepStatus};
 
 use crate::meshes::{cube, join, push};
-use crate::pipeline::{run, run_bytes};
+use crate::support::{repair_bytes, repair_soup};
 
 fn native() -> Options {
     Options { max_tier: 2, ..Options::default() }
@@ -21,7 +21,7 @@ const COMMON: f64 = 0.5 * 0.75 * 0.875;
 
 #[test]
 fn parts_that_overlap_become_one_solid() {
-    let it = run(&overlapping(), &native(), None);
+    let it = repair_soup(&overlapping(), &native(), None);
     assert_eq!(it.report.outcome, Outcome::Repaired);
     let after = &it.report.after.unwrap().measures;
     assert_eq!((after.parts, after.printable()), (1, true));
@@ -33,7 +33,7 @@ fn parts_with_coordinates_that_f32_can_not_hold_are_united_by_their_own_vertices
     let mut soup = join(&cube(DVec3::ZERO, 1.0, 1), &cube(DVec3::splat(0.53), 1.1, 1));
     soup.positions.iter_mut().for_each(|position| *position *= 1e50);
     let options = Options { output: OutputFormat::Off, ..native() };
-    let it = run_bytes(&write(&soup, Format::Off).unwrap(), &options, None).unwrap();
+    let it = repair_bytes(&write(&soup, Format::Off).unwrap(), &options, None).unwrap();
     assert_eq!(it.report.outcome, Outcome::Repaired);
     let after = &it.report.after.unwrap().measures;
     assert_eq!((after.parts, after.printable()), (1, true));
@@ -48,7 +48,7 @@ fn new_vertices_with_a_coordinate_of_zero_are_rounded_though_others_are_too_larg
     let mut soup = join(&cube(DVec3::ZERO, 1.0, 1), &cube(DVec3::new(0.53, 0.53, 0.0), 1.1, 1));
     soup.positions.iter_mut().for_each(|position| *position *= 1e50);
     let options = Options { output: OutputFormat::Off, ..native() };
-    let it = run_bytes(&write(&soup, Format::Off).unwrap(), &options, None).unwrap();
+    let it = repair_bytes(&write(&soup, Format::Off).unwrap(), &options, None).unwrap();
     let after = &it.report.after.unwrap().measures;
     assert_eq!((it.report.outcome, after.parts, after.printable()), (Outcome::Repaired, 1, true));
     let volume = 1.0 + 1.1 * 1.1 * 1.1 - 0.47 * 0.47;
@@ -57,7 +57,7 @@ fn new_vertices_with_a_coordinate_of_zero_are_rounded_though_others_are_too_larg
 
 #[test]
 fn parts_that_are_to_be_kept_come_back_as_they_were_and_the_report_says_that_they_overlap() {
-    let it = run(&overlapping(), &Options { overlaps: Overlaps::Keep, ..native() }, None);
+    let it = repair_soup(&overlapping(), &Options { overlaps: Overlaps::Keep, ..native() }, None);
     assert!(!matches!(it.report.outcome, Outcome::Repaired | Outcome::AlreadyPrintable), "{:?}", it.report.outcome);
     let after = &it.report.after.unwrap_or(it.report.before).measures;
     assert_eq!((after.parts, after.faces), (2, 96));
@@ -66,7 +66,11 @@ fn parts_that_are_to_be_kept_come_back_as_they_were_and_the_report_says_that_the
 
 #[test]
 fn with_the_odd_rule_what_two_parts_have_in_common_is_empty() {
-    let it = run(&overlapping(), &Options { inside: InsideRule::Odd, max_volume_change_pct: 100.0, ..native() }, None);
+    let it = repair_soup(
+        &overlapping(),
+        &Options { inside: InsideRule::Odd, max_volume_change_pct: 100.0, ..native() },
+        None,
+    );
     let after = &it.report.after.unwrap().measures;
     assert!((after.volume.value - (2.0 - 2.0 * COMMON)).abs() < 1e-4, "{}", after.volume.value);
 }
@@ -84,7 +88,7 @@ fn with_a_fin() -> Soup {
 
 #[test]
 fn a_wall_of_no_thickness_that_can_be_seen_gets_one() {
-    let it = run(&with_a_fin(), &native(), None);
+    let it = repair_soup(&with_a_fin(), &native(), None);
     assert_eq!(it.report.outcome, Outcome::Repaired, "{:?}", it.report.red_flags);
     let after = &it.report.after.unwrap().measures;
     assert!(after.printable());
@@ -95,7 +99,7 @@ fn a_wall_of_no_thickness_that_can_be_seen_gets_one() {
 #[test]
 fn where_nothing_may_be_resolved_the_surface_is_made_anew() {
     let options = Options { without: vec![Operator::Resolve], voxel_resolution: 60, ..native() };
-    let it = run(&overlapping(), &options, None);
+    let it = repair_soup(&overlapping(), &options, None);
     assert_eq!(it.report.outcome, Outcome::Repaired, "{:?}", it.report.red_flags);
     let remesh = it.report.steps.iter().find(|step| step.operator == Some(Operator::Remesh)).unwrap();
     assert_eq!((remesh.action, remesh.status), (Action::NativeRemesh, StepStatus::Done));

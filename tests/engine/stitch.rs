@@ -1,7 +1,6 @@
 //! Cracks: sewn, cut at T-junctions, stitched.
 
 use glam::DVec3;
-use meshmend::inspect::{Measures, measure};
 use meshmend::mesh::{Edges, Soup, Surface};
 use meshmend::repair::operators::holes::FillHoles;
 use meshmend::repair::operators::stitch::Stitch;
@@ -12,11 +11,7 @@ use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
 
 use crate::meshes::{cube, join, push, sheet, sphere, torus};
-use crate::operators::{count, with_context};
-
-fn measured(surface: &Surface) -> Measures {
-    with_context(|c| measure(&surface.to_soup(), c)).unwrap()
-}
+use crate::support::{change_count, measured, with_context};
 
 fn surface(soup: &Soup) -> Surface {
     Surface::from_soup(soup).0
@@ -129,7 +124,7 @@ fn a_crack_with_the_same_vertices_on_both_sides_is_sewn() {
         assert!(after.printable() && after.parts == 1, "{after:?}");
         assert_eq!(
             before.positions.len() - it.positions.len(),
-            count(&applied.changes, "boundary_vertices_sewn") as usize
+            change_count(&applied.changes, "boundary_vertices_sewn") as usize
         );
         assert!((after.volume.value - whole.volume.value).abs() < 1e-3 * whole.volume.value);
         assert!(applied.moved > 0.0 && applied.moved < 4e-4);
@@ -174,7 +169,7 @@ fn t_junctions_are_cut_all_at_once_and_no_coordinate_changes() {
     let before = it.clone();
     assert!(measured(&it).boundary_edges > 0);
     let applied = with_context(|c| SplitTJunctions::default().apply(&mut it, c)).unwrap();
-    assert_eq!(count(&applied.changes, "t_junctions_split"), 28);
+    assert_eq!(change_count(&applied.changes, "t_junctions_split"), 28);
     assert_eq!(it.positions, before.positions);
     let after = measured(&it);
     assert!(after.printable(), "{after:?}");
@@ -190,7 +185,7 @@ fn a_vertex_off_the_edge_or_only_touching_it_is_no_t_junction() {
         push(&mut soup, [tip, tip + along - DVec3::Y, tip + along]);
         let mut it = surface(&soup);
         let applied = with_context(|c| SplitTJunctions::default().apply(&mut it, c)).unwrap();
-        count(&applied.changes, "t_junctions_split")
+        change_count(&applied.changes, "t_junctions_split")
     };
     assert_eq!(near(0.0, DVec3::X), 1 + 1, "the tip on the edge, and the edge's end on the other's");
     assert_eq!(near(1e-3, DVec3::X), 0);
@@ -209,7 +204,7 @@ fn a_crack_with_other_vertices_on_its_sides_is_stitched() {
             let applied = stitched(&mut it, Stitch { threshold: 5e-3, ..Stitch::default() });
             let after = measured(&it);
             assert!(after.closed && after.manifold && after.parts == 1, "{seed} {applied:?} {after:?}");
-            assert!(count(&applied.changes, "crack_edges_split") > 0);
+            assert!(change_count(&applied.changes, "crack_edges_split") > 0);
             assert!((after.volume.value - whole.volume.value).abs() < 0.01 * whole.volume.value);
             assert_eq!(farthest(&before, &it), 0.0);
         }
@@ -267,8 +262,8 @@ fn vertices_in_a_straight_line_are_not_merged() {
     let mut it = slit(0.05, &[2.0, 2.01, 2.02, 6.0], &[]);
     let before = it.clone();
     let applied = stitched(&mut it, Stitch { threshold: 0.02, ..Stitch::default() });
-    assert_eq!(count(&applied.changes, "crack_vertices_merged"), 0);
-    assert_eq!(count(&applied.changes, "crack_edges_split"), 4);
+    assert_eq!(change_count(&applied.changes, "crack_vertices_merged"), 0);
+    assert_eq!(change_count(&applied.changes, "crack_edges_split"), 4);
     assert_eq!(it.positions, before.positions);
     assert_eq!(measured(&it).boundary_edges, 4, "only the outline is open");
 }
@@ -290,7 +285,7 @@ fn near_an_end_of_an_edge_the_end_is_taken() {
     for (snap, splits) in [(0.2, 0), (0.0, 2)] {
         let mut it = slit(0.01, &[5.0], &[5.1]);
         let applied = stitched(&mut it, Stitch { threshold: 0.02, snap, ..Stitch::default() });
-        assert_eq!(count(&applied.changes, "crack_edges_split"), splits, "{applied:?}");
+        assert_eq!(change_count(&applied.changes, "crack_edges_split"), splits, "{applied:?}");
         assert_eq!(measured(&it).boundary_edges, 4);
     }
 }

@@ -10,7 +10,7 @@ use meshmend::remesh::Remesh;
 use meshmend::repair::{Context, NoProgress, Operator, Options, Repaired, repair};
 
 use crate::meshes::{cube, join, sphere, torus};
-use crate::operators::with_context;
+use crate::support::with_context;
 
 fn on<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> T {
     rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap().install(work)

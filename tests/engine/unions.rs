@@ -10,12 +10,10 @@ use meshmend::repair::Outcome;
 use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
 
-use crate::arrange::arranged;
-use crate::arrange::oracle::ManifoldRust;
 use crate::damage::Random;
-use crate::damaged::mend;
 use crate::meshes::{as_f32, cube, cylinder, join, sphere, torus};
-use crate::operators::with_context;
+use crate::support::manifold::ManifoldRust;
+use crate::support::{arranged, repair_up_to_tier_2, with_context};
 
 /// The space that a surface winds around outward, by another engine than ours.
 fn filled(soup: &Soup) -> f64 {
@@ -66,7 +64,7 @@ fn harmed(solids: &[Soup], harm: Harm, random: &mut Random) -> (Soup, f64) {
 fn verdict(solids: &[Soup], harm: Harm, seed: u64) -> Result<(), String> {
     let volume = filled(&as_f32(solids.iter().fold(Soup::default(), |all, it| join(&all, it))));
     let (soup, slack) = harmed(solids, harm, &mut Random::new(seed));
-    let it = mend(&write(&soup, Format::Stl).unwrap());
+    let it = repair_up_to_tier_2(&write(&soup, Format::Stl).unwrap());
     let result = read(&it.bytes, &Limits::default()).unwrap().soup;
     let after = with_context(|c| measure(&result, c)).unwrap();
     // Walls within that are seen through a hole are surface of the model, so what overlaps there may be kept.
@@ -161,7 +159,7 @@ fn solids_that_lie_in_others_but_for_common_edges_are_not_turned_inside_out() {
 #[test]
 fn solids_nearly_at_one_place_are_united_though_half_of_their_faces_go() {
     let soup = as_f32(join(&sphere(DVec3::ZERO, 1.0, 120, 60), &sphere(DVec3::new(0.13, 0.09, 0.05), 1.0, 120, 60)));
-    let report = mend(&write(&soup, Format::Stl).unwrap()).report;
+    let report = repair_up_to_tier_2(&write(&soup, Format::Stl).unwrap()).report;
     assert_eq!((report.outcome, report.candidates.len()), (Outcome::Repaired, 1), "{:?}", report.red_flags);
     let changes = report.changes.unwrap();
     assert!(changes.face_loss_pct > 40.0 && changes.faces_buried_pct > Some(70.0), "{changes:?}");
@@ -180,7 +178,7 @@ fn new_vertices_beside_zero_stand_no_nearer_to_one_another_than_the_model_is_wor
             cylinder(DVec3::new(-0.25, -0.5, -0.25), 0.75, 1.0, 7),
         ];
         let soup = as_f32(turned(solids.iter().fold(Soup::default(), |all, it| join(&all, it)), noise));
-        let it = mend(&write(&soup, Format::Stl).unwrap());
+        let it = repair_up_to_tier_2(&write(&soup, Format::Stl).unwrap());
         assert_eq!(it.report.outcome, Outcome::Repaired, "{}", it.report.summary);
         let made = read(&it.bytes, &Limits::default()).unwrap().soup;
         for &p in made.positions.iter().filter(|&&p| !known(&soup, p)) {

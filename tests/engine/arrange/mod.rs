@@ -1,35 +1,25 @@
 //! Arrangements: unions of solids in general and in degenerate position, and the same by another engine.
 
 mod openings;
-pub mod oracle;
 
 use std::time::{Duration, Instant};
 
 use glam::{DMat3, DQuat, DVec3};
-use meshmend::arrange::{ArrangeError, Arrangement, Exact, Inside, Rule, Solid};
-use meshmend::inspect::{Analysis, Measures, intersections, measure};
-use meshmend::mesh::{ClosedSurface, NotClosed, Soup, Surface};
+use meshmend::arrange::{ArrangeError, Exact, Inside};
+use meshmend::inspect::{Analysis, Measures, intersections};
+use meshmend::mesh::{NotClosed, Soup, Surface};
 use meshmend::repair::operators::perturb::Separate;
 use meshmend::repair::operators::resolve::Resolve;
 use proptest::prelude::*;
 
 use crate::damage::Random;
-use crate::mend::as_stl;
 use crate::meshes::{as_f32, cube, inside_out, join, push, sphere, torus};
-use crate::operators::with_context;
-use oracle::ManifoldRust;
-
-pub fn arranged(by: &dyn Arrangement, surface: &Surface, rule: Rule) -> Result<Solid, ArrangeError> {
-    with_context(|c| by.solid(ClosedSurface::try_from(surface)?, rule, c))
-}
+use crate::support::manifold::ManifoldRust;
+use crate::support::{arranged, measured, measured_as_stl, with_context};
 
 fn solid(soup: &Soup, inside: Inside) -> Result<Surface, ArrangeError> {
     let (surface, _) = Surface::from_soup(soup);
     arranged(&Exact, &surface, inside.into()).map(|it| it.surface)
-}
-
-fn measured(surface: &Surface) -> Measures {
-    with_context(|c| measure(&surface.to_soup(), c)).unwrap()
 }
 
 fn united(soup: &Soup) -> Measures {
@@ -162,7 +152,7 @@ fn a_cluster_of_fifty_thousand_intersections_is_resolved_in_seconds_at_the_same_
     let start = Instant::now();
     let resolve = Resolve { inside: Inside::Positive, max_deviation: 0.01, sheets: None, always: false };
     let done = with_context(|c| resolve.apply(&mut surface, &Exact, c)).unwrap();
-    let it = as_stl(&surface);
+    let it = measured_as_stl(&surface);
     assert!(it.printable(), "{done:?} {it:?}");
     assert!((it.volume.value / before.volume.value - 1.0).abs() < 1e-3, "{} {}", it.volume.value, before.volume.value);
     assert!(done.moved < 0.004, "{done:?}");
@@ -192,7 +182,7 @@ proptest! {
         let resolve = Resolve { inside: Inside::Positive, max_deviation: f64::INFINITY, sheets: None, always: false };
         let done = with_context(|c| resolve.apply(&mut surface, &Exact, c)).unwrap();
         with_context(|c| Separate::default().apply(&mut surface, c)).unwrap();
-        let it = as_stl(&surface);
+        let it = measured_as_stl(&surface);
         prop_assert!(it.printable(), "{:?} {:?}", done, it);
         prop_assert!((it.volume.value - covered.len() as f64).abs() < 1e-3, "{}", it.volume.value);
     }

@@ -5,9 +5,8 @@ use meshmend::arrange::{Exact, Inside, Rule, Solid};
 use meshmend::mesh::{NO_SOURCE, Soup, Surface};
 use meshmend::repair::{Options, Outcome};
 
-use super::{arranged, measured};
 use crate::meshes::{as_f32, cube, inside_out, join};
-use crate::pipeline::run;
+use crate::support::{arranged, measured, repair_soup};
 
 /// A box of side 4 whose lid at `z = 4` is the patch of a hole.
 fn cup() -> Soup {
@@ -90,7 +89,8 @@ fn a_cup_with_a_block_in_it_comes_back_with_the_block_to_be_seen() {
     let open: Vec<bool> = (0..soup.faces.len()).map(|f| is_lid(&soup, f)).collect();
     let mut lid = open.into_iter();
     soup.faces.retain(|_| lid.next() == Some(false));
-    let it = run(&as_f32(soup), &Options { max_tier: 2, max_surface_added_pct: 100.0, ..Options::default() }, None);
+    let it =
+        repair_soup(&as_f32(soup), &Options { max_tier: 2, max_surface_added_pct: 100.0, ..Options::default() }, None);
     assert_eq!(it.report.outcome, Outcome::Repaired, "{:?}", it.report.red_flags);
     let after = &it.report.after.unwrap().measures;
     assert!(after.printable() && after.parts == 2, "{after:?}");

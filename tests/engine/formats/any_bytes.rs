@@ -40,7 +40,7 @@ fn assert_holds_up(bytes: &[u8]) {
 fn files() -> Vec<Vec<u8>> {
     let soup: Soup = tetrahedron();
     let mut files: Vec<Vec<u8>> = Format::ALL.iter().map(|&f| write(&soup, f).unwrap()).collect();
-    files.push(super::stl::ascii(&soup, "x").into_bytes());
+    files.push(super::ascii_stl(&soup, "x").into_bytes());
     files.push(b"ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\nelement face 2\nproperty list uchar int vertex_indices\nelement tristrips 1\nproperty list int int vertex_indices\nend_header\n0 0 0\n1 0 0\n1 1 0\n0 1 0\n4 0 1 2 3\n3 0 1 2\n5 0 1 2 -1 3\n".to_vec());
     files.push(b"COFF\n5 2 0\n0 0 0 1 1 1\n4 0 0 1 1 1\n1 1 0 1 1 1\n0 4 0 1 1 1\n9 9 9 0 0 0\n4 0 1 2 3\n5 0 1 4 2 3 255 0 0\n".to_vec());
     files.push(b"o x\nv 0 0 0\nv 4 0 0\nv 1 1 0\nv 0 4 0\nvt 0 0\nf 1/1 2/1 3/1 4/1\nf -4 -3 \\\n-1\nl 1 2\n".to_vec());

@@ -49,7 +49,7 @@ fn more_vertices_than_the_limit_are_refused_with_both_numbers() {
 
 #[test]
 fn ascii_readers_keep_the_limits_too() {
-    let text = super::stl::ascii(&tetrahedron(), "x");
+    let text = super::ascii_stl(&tetrahedron(), "x");
     assert_too_large(text.as_bytes(), &Limits { max_faces: 3, ..Limits::default() }, ["4 faces", "limit of 3"]);
     assert_too_large(
         text.as_bytes(),

@@ -73,7 +73,7 @@ proptest! {
 
     #[test]
     fn ascii_stl_gives_back_the_same_corners(soup in soups(any_f32()), name in "[a-z ]{0,12}", exponents in any::<bool>()) {
-        let mut text = super::stl::ascii(&soup, &name);
+        let mut text = super::ascii_stl(&soup, &name);
         if exponents {
             text = text.lines().map(|line| match line.trim().strip_prefix("vertex ") {
                 Some(numbers) => {

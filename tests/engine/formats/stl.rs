@@ -1,8 +1,7 @@
 use glam::DVec3;
 use meshmend::format::{Format, Place, ReadErrorKind, WriteError, write};
-use meshmend::mesh::Soup;
 
-use super::{assert_refused, assert_warned, corners, read_all, tetrahedron};
+use super::{ascii_stl, assert_refused, assert_warned, corners, read_all, tetrahedron};
 
 fn binary() -> Vec<u8> {
     write(&tetrahedron(), Format::Stl).unwrap()
@@ -14,20 +13,8 @@ fn with_count(count: u32) -> Vec<u8> {
     bytes
 }
 
-pub fn ascii(soup: &Soup, name: &str) -> String {
-    let mut text = format!("solid {name}\n");
-    for [a, b, c] in corners(soup) {
-        text += "  facet normal 0 0 0\n    outer loop\n";
-        for p in [a, b, c] {
-            text += &format!("      vertex {} {} {}\n", p.x, p.y, p.z);
-        }
-        text += "    endloop\n  endfacet\n";
-    }
-    text + &format!("endsolid {name}\n")
-}
-
 fn plain() -> String {
-    ascii(&tetrahedron(), "tetrahedron")
+    ascii_stl(&tetrahedron(), "tetrahedron")
 }
 
 #[track_caller]
@@ -174,14 +161,14 @@ fn ascii_stl_may_stand_on_one_line() {
 
 #[test]
 fn a_name_may_be_any_bytes() {
-    let text = ascii(&tetrahedron(), "facet vertex \u{1}NAME endfacet");
+    let text = ascii_stl(&tetrahedron(), "facet vertex \u{1}NAME endfacet");
     let mut bytes = text.into_bytes();
     let at = bytes.windows(4).position(|w| w == b"NAME").unwrap();
     bytes[at..at + 4].copy_from_slice(b"\xFF\xC3\x28\x80");
     assert_tetrahedron(&bytes, "ASCII STL");
     let long = "name ".repeat(3000);
-    assert_tetrahedron(ascii(&tetrahedron(), &long).as_bytes(), "ASCII STL");
-    assert_tetrahedron(ascii(&tetrahedron(), "").as_bytes(), "ASCII STL");
+    assert_tetrahedron(ascii_stl(&tetrahedron(), &long).as_bytes(), "ASCII STL");
+    assert_tetrahedron(ascii_stl(&tetrahedron(), "").as_bytes(), "ASCII STL");
 }
 
 #[test]

@@ -4,6 +4,7 @@ use meshmend::repair::Options;
 use super::super::threemf::package;
 use super::super::{corners, tetrahedron};
 use super::{TRIANGLE, answer, assert_no, clean, mesh};
+use crate::support::repair_bytes;
 
 const NO: ReadErrorKind = ReadErrorKind::UnsupportedFormat;
 
@@ -125,7 +126,7 @@ fn an_archive_with_a_3mf_model_is_3mf_whatever_stands_first_in_it() {
 fn what_is_handed_back_is_never_the_archive_for_the_model_in_it() {
     let stl = write(&tetrahedron(), Format::Stl).unwrap();
     let bytes = package(&[("thing.stl", &stl)]);
-    let repaired = crate::pipeline::run_bytes(&bytes, &Options::default(), None).unwrap();
+    let repaired = repair_bytes(&bytes, &Options::default(), None).unwrap();
     assert_eq!(
         (repaired.format, sniff(&repaired.bytes, Some(repaired.bytes.len() as u64))),
         (Format::Stl, Ok(Format::Stl))

@@ -1,3 +1,5 @@
+//! Arrangements by the crate manifold-rust, to compare ours with.
+
 use std::sync::mpsc::{RecvTimeoutError, channel};
 use std::time::Duration;
 

@@ -1,0 +1,58 @@
+//! Helpers for the tests of the engine: contexts, measurements and repairs without Blender.
+
+pub mod manifold;
+
+use std::sync::atomic::AtomicBool;
+use std::time::Duration;
+
+use meshmend::arrange::{ArrangeError, Arrangement, Rule, Solid};
+use meshmend::format::{Format, Limits, read, write};
+use meshmend::inspect::{Measures, measure};
+use meshmend::mesh::{ClosedSurface, Soup, Surface};
+use meshmend::repair::{Change, Context, NoProgress, Options, Remesher, RepairError, Repaired, repair};
+
+/// Runs `f` with a context whose clock stands still.
+pub fn with_context<T>(f: impl FnOnce(&Context<'_>) -> T) -> T {
+    let cancel = AtomicBool::new(false);
+    let clock = || Duration::ZERO;
+    f(&Context::new(&NoProgress, &cancel, &clock, Duration::from_secs(600)))
+}
+
+pub fn measured(surface: &Surface) -> Measures {
+    with_context(|c| measure(&surface.to_soup(), c)).unwrap()
+}
+
+/// Measures a file.
+pub fn measured_file(bytes: &[u8]) -> Measures {
+    let soup = read(bytes, &Limits::default()).unwrap().soup;
+    with_context(|c| measure(&soup, c)).unwrap()
+}
+
+/// Measures a surface after writing it as STL and reading it again: with coordinates in f32 and without indices.
+pub fn measured_as_stl(surface: &Surface) -> Measures {
+    measured_file(&write(&surface.to_soup(), Format::Stl).unwrap())
+}
+
+/// The count of the changes of one kind; 0 if there are none.
+pub fn change_count(changes: &[Change], kind: &str) -> u64 {
+    changes.iter().find(|change| change.what.as_str() == kind).map_or(0, |change| change.count)
+}
+
+pub fn arranged(engine: &dyn Arrangement, surface: &Surface, rule: Rule) -> Result<Solid, ArrangeError> {
+    with_context(|c| engine.solid(ClosedSurface::try_from(surface)?, rule, c))
+}
+
+/// Repairs a soup that is given as an STL file.
+pub fn repair_soup(soup: &Soup, options: &Options, remesher: Option<&dyn Remesher>) -> Repaired {
+    repair_bytes(&write(soup, Format::Stl).unwrap(), options, remesher).unwrap()
+}
+
+pub fn repair_bytes(bytes: &[u8], options: &Options, remesher: Option<&dyn Remesher>) -> Result<Repaired, RepairError> {
+    with_context(|c| repair(bytes, options, &Limits::default(), remesher, c))
+}
+
+/// Repairs a file with tiers 1 and 2 at a coarse voxel resolution, without pictures.
+pub fn repair_up_to_tier_2(bytes: &[u8]) -> Repaired {
+    let options = Options { max_tier: 2, pictures: false, voxel_resolution: 50, ..Options::default() };
+    repair_bytes(bytes, &options, None).unwrap()
+}
