@@ -2,19 +2,19 @@
 
 use std::collections::BTreeMap;
 use std::path::Path;
-use std::process::Command;
 use std::time::Duration;
 
 use meshmend::access::{
     AccessKey, KeyKind, KeyQuery, NewKey, Scope, Secret, TenantChange, TenantClass, TenantLimits, Token,
 };
 use meshmend::jobs::{ClassLoad, ListQuery, Store};
-use reqwest::{Method, RequestBuilder};
+use reqwest::Method;
 use serde_json::{Value, json};
 
 use crate::files;
 use crate::server::{Api, Program, Start};
-use crate::stores::{Bench, promises};
+use crate::support::access::{ALL_SCOPES, create_key, meshmend, send, start_with_keys};
+use crate::support::stores::{Bench, promises};
 
 promises! {
     a_key_is_found_by_its_secret_until_it_expires_or_is_revoked,
@@ -199,7 +199,7 @@ async fn no_more_of_a_tenants_jobs_run_than_may(bench: Bench) {
     assert_eq!(bench.store.limits("b").await.expect("an answer"), limits);
     assert_eq!(bench.store.limits("a").await.expect("an answer"), TenantLimits::default());
     let mut running: BTreeMap<String, u32> = BTreeMap::new();
-    while let Some(claim) = bench.store.claim("worker", crate::stores::LEASE, 1).await.expect("an answer") {
+    while let Some(claim) = bench.store.claim("worker", crate::support::stores::LEASE, 1).await.expect("an answer") {
         *running.entry(claim.job.tenant).or_default() += 1;
     }
     assert_eq!(running, BTreeMap::from([("a".to_owned(), 1), ("b".to_owned(), 2)]));
@@ -220,33 +220,8 @@ async fn lists_counts_and_positions_are_a_tenants_own(bench: Bench) {
     assert_eq!(bench.store.list(of_a_key).await.expect("an answer").items, []);
 }
 
-/// Runs a verb on a data folder and gives what it printed.
-fn meshmend(data: &Path, args: &[&str]) -> String {
-    let run = Command::new(env!("CARGO_BIN_EXE_meshmend")).args(args).arg("--data-dir").arg(data).output();
-    let run = run.expect("the program runs");
-    assert!(run.status.success(), "{args:?}: {}", String::from_utf8_lossy(&run.stderr));
-    String::from_utf8(run.stdout).expect("text").trim().to_owned()
-}
-
-pub fn key(data: &Path, tenant: &str, scopes: &str) -> String {
-    meshmend(data, &["keys", "create", "--tenant", tenant, "--scopes", scopes])
-}
-
-/// A service that asks for keys.
 fn guarded(data: &Path) -> Program {
-    guarded_with(Start::serve(data))
-}
-
-pub fn guarded_with(start: Start<'_>) -> Program {
-    start.arg("--auth", "keys").start()
-}
-
-pub const ALL: &str = "jobs:read,jobs:write,webhooks,tokens,metrics,admin";
-
-pub async fn ask(request: RequestBuilder) -> (u16, Value) {
-    let answer = request.send().await.expect("an answer");
-    let status = answer.status().as_u16();
-    (status, answer.json().await.unwrap_or(Value::Null))
+    start_with_keys(Start::serve(data))
 }
 
 /// Every documented operation that is not open to all.
@@ -268,8 +243,8 @@ fn guarded_operations() -> Vec<(Method, String)> {
 #[tokio::test]
 async fn nothing_of_the_service_answers_without_a_key_or_with_a_wrong_or_revoked_one() {
     let data = tempfile::tempdir().expect("a folder");
-    let good = key(data.path(), "shop", ALL);
-    let gone = key(data.path(), "shop", ALL);
+    let good = create_key(data.path(), "shop", ALL_SCOPES);
+    let gone = create_key(data.path(), "shop", ALL_SCOPES);
     let listed = meshmend(data.path(), &["keys", "list", "--json", "--tenant", "shop"]);
     assert!(!listed.contains(&good) && !listed.contains(&good[7..]), "{listed}");
     let last: Value = serde_json::from_str(listed.lines().last().expect("a line")).expect("JSON");
@@ -285,10 +260,10 @@ async fn nothing_of_the_service_answers_without_a_key_or_with_a_wrong_or_revoked
             request().bearer_auth(wrong),
             request().basic_auth("a", Some(&good)),
         ] {
-            let (status, problem) = ask(refused).await;
+            let (status, problem) = send(refused).await;
             assert_eq!((status, &problem["code"]), (401, &json!("unauthorized")), "{method} {path}: {problem}");
         }
-        let (status, _) = ask(request().bearer_auth(&good)).await;
+        let (status, _) = send(request().bearer_auth(&good)).await;
         assert!(![401, 403].contains(&status), "{method} {path}: {status}");
     }
     for open in ["/livez", "/readyz", "/openapi.json", "/problems"] {
@@ -301,7 +276,7 @@ async fn nothing_of_the_service_answers_without_a_key_or_with_a_wrong_or_revoked
 async fn each_operation_needs_its_scope() {
     let data = tempfile::tempdir().expect("a folder");
     let keys: BTreeMap<&str, String> = ["jobs:read", "jobs:write", "webhooks", "tokens", "metrics", "admin"]
-        .map(|scope| (scope, key(data.path(), "shop", scope)))
+        .map(|scope| (scope, create_key(data.path(), "shop", scope)))
         .into();
     let program = guarded(data.path());
     let api = Api::new(&program);
@@ -317,7 +292,7 @@ async fn each_operation_needs_its_scope() {
         };
         for (scope, key) in &keys {
             let request = api.http.request(method.clone(), format!("{}{path}", api.url));
-            let (status, problem) = ask(request.bearer_auth(key)).await;
+            let (status, problem) = send(request.bearer_auth(key)).await;
             assert_eq!(status != 403, *scope == needed, "{method} {path} with {scope}: {status} {problem}");
             assert!(status != 403 || problem["code"] == "forbidden");
         }
@@ -327,18 +302,18 @@ async fn each_operation_needs_its_scope() {
 #[tokio::test]
 async fn a_tenant_sees_nothing_of_anothers_jobs() {
     let data = tempfile::tempdir().expect("a folder");
-    let (own, other) = (key(data.path(), "shop", ALL), key(data.path(), "rival", ALL));
+    let (own, other) = (create_key(data.path(), "shop", ALL_SCOPES), create_key(data.path(), "rival", ALL_SCOPES));
     let program = guarded(data.path());
     let api = Api::new(&program);
     let submit = async |key: &str| {
         let request = api.post("/v1/jobs?max_tier=1").bearer_auth(key).header("idempotency-key", "same");
-        let (status, job) = ask(request.body(files::broken_box())).await;
+        let (status, job) = send(request.body(files::broken_box())).await;
         assert_eq!(status, 202);
         (job["id"].as_str().expect("an id").to_owned(), job)
     };
     let (id, _) = submit(&own).await;
     loop {
-        let (_, job) = ask(api.get(&format!("/v1/jobs/{id}?wait=20")).bearer_auth(&own)).await;
+        let (_, job) = send(api.get(&format!("/v1/jobs/{id}?wait=20")).bearer_auth(&own)).await;
         if job["status"] == "succeeded" {
             break;
         }
@@ -354,7 +329,7 @@ async fn a_tenant_sees_nothing_of_anothers_jobs() {
         let ask_for = async |id: &str| {
             let path = path.replace("ID", id);
             let (status, mut problem) =
-                ask(api.http.request(method.clone(), format!("{}{path}", api.url)).bearer_auth(&other)).await;
+                send(api.http.request(method.clone(), format!("{}{path}", api.url)).bearer_auth(&other)).await;
             problem["request_id"] = Value::Null;
             (status, problem.to_string().replace(id, "ID"))
         };
@@ -362,7 +337,7 @@ async fn a_tenant_sees_nothing_of_anothers_jobs() {
         assert_eq!(theirs.0, 404, "{method} {path}");
         assert_eq!(theirs, ask_for(none).await, "it answers as for a job that never was");
     }
-    let (_, page) = ask(api.get("/v1/jobs").bearer_auth(&other)).await;
+    let (_, page) = send(api.get("/v1/jobs").bearer_auth(&other)).await;
     assert_eq!(page["jobs"], json!([]));
     // Neither a key of the same text nor a result of the same bytes leads from one to the other.
     let (theirs, job) = submit(&other).await;
@@ -375,10 +350,10 @@ async fn a_tenant_sees_nothing_of_anothers_jobs() {
 #[tokio::test]
 async fn a_page_with_a_token_uploads_from_its_origin_and_sees_only_its_own_jobs() {
     let data = tempfile::tempdir().expect("a folder");
-    let owner = key(data.path(), "shop", ALL);
+    let owner = create_key(data.path(), "shop", ALL_SCOPES);
     let program = guarded(data.path());
     let api = Api::new(&program);
-    let make = async |body: Value| ask(api.post("/v1/browser-tokens").bearer_auth(&owner).json(&body)).await;
+    let make = async |body: Value| send(api.post("/v1/browser-tokens").bearer_auth(&owner).json(&body)).await;
     let asked = json!({"origin": "https://Shop.example/", "max_bytes": 2000, "expires_in_s": 60});
     let (status, token) = make(asked).await;
     assert_eq!(status, 201, "{token}");
@@ -410,14 +385,12 @@ async fn a_page_with_a_token_uploads_from_its_origin_and_sees_only_its_own_jobs(
     assert_eq!(answer.status(), 202);
     assert_eq!(answer.headers()["access-control-allow-origin"], "https://shop.example");
     let job: Value = answer.json().await.expect("a job");
-    let (status, problem) = ask(post("https://evil.example", files::broken_box())).await;
+    let (status, problem) = send(post("https://evil.example", files::broken_box())).await;
     assert_eq!((status, &problem["code"]), (403, &json!("origin_not_allowed")));
-    assert_eq!(ask(post("https://shop.example", vec![b' '; 2_000_000])).await.0, 413);
-    let (status, _) = ask(api
-        .post("/v1/browser-tokens")
-        .bearer_auth(&secret)
-        .header("origin", "https://shop.example")
-        .json(&json!({})))
+    assert_eq!(send(post("https://shop.example", vec![b' '; 2_000_000])).await.0, 413);
+    let (status, _) = send(
+        api.post("/v1/browser-tokens").bearer_auth(&secret).header("origin", "https://shop.example").json(&json!({})),
+    )
     .await;
     assert_eq!(status, 403, "a token makes no tokens");
 
@@ -426,11 +399,11 @@ async fn a_page_with_a_token_uploads_from_its_origin_and_sees_only_its_own_jobs(
             .bearer_auth(secret)
             .header("origin", "https://shop.example")
     };
-    assert_eq!(ask(look(&job["id"], &secret)).await.0, 200);
-    assert_eq!(ask(look(&job["id"], &owner)).await.0, 200, "the tenant's server sees it too");
-    let (_, own) = ask(api.post("/v1/jobs?max_tier=1").bearer_auth(&owner).body(files::whole_box())).await;
-    assert_eq!(ask(look(&own["id"], &secret)).await.0, 404);
-    let (_, page) = ask(api.get("/v1/jobs").bearer_auth(&secret).header("origin", "https://shop.example")).await;
+    assert_eq!(send(look(&job["id"], &secret)).await.0, 200);
+    assert_eq!(send(look(&job["id"], &owner)).await.0, 200, "the tenant's server sees it too");
+    let (_, own) = send(api.post("/v1/jobs?max_tier=1").bearer_auth(&owner).body(files::whole_box())).await;
+    assert_eq!(send(look(&own["id"], &secret)).await.0, 404);
+    let (_, page) = send(api.get("/v1/jobs").bearer_auth(&secret).header("origin", "https://shop.example")).await;
     assert_eq!(page["jobs"].as_array().map(Vec::len), Some(1));
 }
 
@@ -443,14 +416,14 @@ fn is_readable(answer: &reqwest::Response, origin: &str) -> bool {
 #[tokio::test]
 async fn a_page_reads_all_that_the_widget_asks_and_pages_of_other_origins_only_that_they_may_not() {
     let data = tempfile::tempdir().expect("a folder");
-    let owner = key(data.path(), "shop", ALL);
+    let owner = create_key(data.path(), "shop", ALL_SCOPES);
     let program = guarded(data.path());
     let api = Api::new(&program);
     let token = json!({"origin": "https://shop.example"});
-    let (_, token) = ask(api.post("/v1/browser-tokens").bearer_auth(&owner).json(&token)).await;
+    let (_, token) = send(api.post("/v1/browser-tokens").bearer_auth(&owner).json(&token)).await;
     let secret = token["token"].as_str().expect("a token");
     let upload = api.post("/v1/uploads").bearer_auth(secret).header("origin", "https://shop.example");
-    let (_, upload) = ask(upload.json(&json!({"name": "box.stl"}))).await;
+    let (_, upload) = send(upload.json(&json!({"name": "box.stl"}))).await;
     let put = upload["put"]["url"].as_str().expect("an address");
     let wrong = format!("{put}x");
     for (path, status) in [(wrong.as_str(), 404), (put, 204), (put, 409)] {
@@ -461,7 +434,7 @@ async fn a_page_reads_all_that_the_widget_asks_and_pages_of_other_origins_only_t
     }
     let source = json!({"source": {"upload_id": upload["id"]}, "options": {"max_tier": 1}});
     let submit = api.post("/v1/jobs").bearer_auth(secret).header("origin", "https://shop.example").json(&source);
-    let (status, job) = ask(submit).await;
+    let (status, job) = send(submit).await;
     assert_eq!(status, 202, "{job}");
     let path = format!("/v1/jobs/{}", job["id"].as_str().expect("an id"));
     let ended = api.get(&format!("{path}/events")).bearer_auth(secret).header("origin", "https://shop.example");
@@ -501,7 +474,7 @@ async fn a_page_reads_all_that_the_widget_asks_and_pages_of_other_origins_only_t
 #[tokio::test]
 async fn limits_of_requests_and_of_waiting_jobs_hold_for_each_tenant_apart() {
     let data = tempfile::tempdir().expect("a folder");
-    let (busy, calm) = (key(data.path(), "busy", ALL), key(data.path(), "calm", ALL));
+    let (busy, calm) = (create_key(data.path(), "busy", ALL_SCOPES), create_key(data.path(), "calm", ALL_SCOPES));
     meshmend(data.path(), &["tenants", "set", "busy", "--requests-per-minute", "5"]);
     meshmend(data.path(), &["tenants", "set", "calm", "--max-queued", "1"]);
     assert_eq!(meshmend(data.path(), &["tenants", "list", "--json"]).lines().count(), 2);
@@ -524,7 +497,7 @@ async fn limits_of_requests_and_of_waiting_jobs_hold_for_each_tenant_apart() {
     let answer = submit().send().await.expect("an answer");
     assert_eq!(answer.status(), 202);
     assert!(!answer.headers().contains_key("ratelimit"), "nothing is limited where nothing is set");
-    let (status, problem) = ask(submit()).await;
+    let (status, problem) = send(submit()).await;
     assert_eq!((status, &problem["code"]), (429, &json!("queue_full")));
 }
 
@@ -536,7 +509,7 @@ async fn an_open_service_answers_its_own_pages_and_no_others() {
     let own = api.get("/v1/jobs").header("origin", &api.url).send().await.expect("an answer");
     assert_eq!(own.status(), 200);
     for origin in ["https://evil.example", "null"] {
-        let (status, problem) = ask(api.post("/v1/jobs").header("origin", origin).body(files::broken_box())).await;
+        let (status, problem) = send(api.post("/v1/jobs").header("origin", origin).body(files::broken_box())).await;
         assert_eq!((status, &problem["code"]), (403, &json!("origin_not_allowed")), "{origin}");
     }
     let wide = tempfile::tempdir().expect("a folder");

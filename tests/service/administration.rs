@@ -3,8 +3,8 @@
 use reqwest::Method;
 use serde_json::{Value, json};
 
-use crate::access::{ask, guarded_with, key};
 use crate::server::{Api, Start};
+use crate::support::access::{create_key, send, start_with_keys};
 
 /// A client that has a key with the scope `admin`.
 struct Desk {
@@ -13,9 +13,9 @@ struct Desk {
 }
 
 impl Desk {
-    async fn ask(&self, method: Method, path: &str, body: Option<Value>) -> (u16, Value) {
+    async fn send(&self, method: Method, path: &str, body: Option<Value>) -> (u16, Value) {
         let request = self.api.http.request(method, format!("{}{path}", self.api.url)).bearer_auth(&self.admin);
-        ask(match body {
+        send(match body {
             Some(body) => request.json(&body),
             None => request,
         })
@@ -23,7 +23,7 @@ impl Desk {
     }
 
     async fn get(&self, path: &str) -> Value {
-        let (status, answer) = self.ask(Method::GET, path, None).await;
+        let (status, answer) = self.send(Method::GET, path, None).await;
         assert_eq!(status, 200, "{path}: {answer}");
         answer
     }
@@ -32,8 +32,8 @@ impl Desk {
 #[tokio::test]
 async fn a_key_is_made_with_its_secret_once_listed_without_it_and_worth_nothing_once_revoked() {
     let data = tempfile::tempdir().expect("a folder");
-    let admin = key(data.path(), "operator", "admin");
-    let program = guarded_with(Start::serve(data.path()));
+    let admin = create_key(data.path(), "operator", "admin");
+    let program = start_with_keys(Start::serve(data.path()));
     let desk = Desk { api: Api::new(&program), admin };
     let asked = json!({"tenant": "shop", "scopes": ["jobs:write", "jobs:read"], "label": "till", "expires_in_s": 3600});
     let request = desk.api.post("/v1/keys").bearer_auth(&desk.admin).json(&asked);
@@ -48,7 +48,7 @@ async fn a_key_is_made_with_its_secret_once_listed_without_it_and_worth_nothing_
     assert_eq!(location, format!("/v1/keys/{id}"));
     assert_eq!(made["scopes"], json!(["jobs:read", "jobs:write"]));
     assert!(made["expires_at"].is_string() && made["revoked_at"].is_null(), "{made}");
-    let list = async |bearer: &str| ask(desk.api.get("/v1/jobs").bearer_auth(bearer)).await.0;
+    let list = async |bearer: &str| send(desk.api.get("/v1/jobs").bearer_auth(bearer)).await.0;
     assert_eq!(list(secret).await, 200);
     assert_eq!(list(&desk.admin).await, 403, "the scope admin reaches no jobs");
 
@@ -61,13 +61,13 @@ async fn a_key_is_made_with_its_secret_once_listed_without_it_and_worth_nothing_
     assert_eq!(next["keys"][0]["tenant"], "operator");
 
     for _ in 0..2 {
-        assert_eq!(desk.ask(Method::DELETE, &location, None).await.0, 204, "the answer is the same when asked again");
+        assert_eq!(desk.send(Method::DELETE, &location, None).await.0, 204, "the answer is the same when asked again");
     }
     assert_eq!(list(secret).await, 401);
     assert!(desk.get(&location).await["revoked_at"].is_string());
     let none = "/v1/keys/key_019a3c5e7b1f7c3e8d2a4b6c8d0e2f4a";
     for method in [Method::GET, Method::DELETE] {
-        let (status, problem) = desk.ask(method, none, None).await;
+        let (status, problem) = desk.send(method, none, None).await;
         assert_eq!((status, &problem["code"]), (404, &json!("key_not_found")));
     }
     assert!(!program.log().contains(&secret[7..]), "no secret is logged");
@@ -76,8 +76,8 @@ async fn a_key_is_made_with_its_secret_once_listed_without_it_and_worth_nothing_
 #[tokio::test]
 async fn a_key_that_can_t_be_made_as_asked_is_refused_by_the_name_of_the_field() {
     let data = tempfile::tempdir().expect("a folder");
-    let admin = key(data.path(), "operator", "admin");
-    let program = guarded_with(Start::serve(data.path()));
+    let admin = create_key(data.path(), "operator", "admin");
+    let program = start_with_keys(Start::serve(data.path()));
     let desk = Desk { api: Api::new(&program), admin };
     for (asked, status, field) in [
         (json!({"tenant": "Not A Name"}), 422, "tenant"),
@@ -86,7 +86,7 @@ async fn a_key_that_can_t_be_made_as_asked_is_refused_by_the_name_of_the_field()
         (json!({"tenant": "shop", "scopes": "jobs:read,tokens"}), 400, "jobs:read,tokens"),
         (json!({"scopes": []}), 400, "tenant"),
     ] {
-        let (got, problem) = desk.ask(Method::POST, "/v1/keys", Some(asked)).await;
+        let (got, problem) = desk.send(Method::POST, "/v1/keys", Some(asked)).await;
         assert_eq!(got, status, "{problem}");
         assert!(problem["detail"].as_str().expect("text").contains(field), "{problem}");
     }
@@ -95,20 +95,20 @@ async fn a_key_that_can_t_be_made_as_asked_is_refused_by_the_name_of_the_field()
 #[tokio::test]
 async fn settings_of_a_tenant_are_changed_one_by_one_and_hold_at_once() {
     let data = tempfile::tempdir().expect("a folder");
-    let admin = key(data.path(), "operator", "admin");
-    let shop = key(data.path(), "shop", "jobs:read");
-    let program = guarded_with(Start::serve(data.path()));
+    let admin = create_key(data.path(), "operator", "admin");
+    let shop = create_key(data.path(), "shop", "jobs:read");
+    let program = start_with_keys(Start::serve(data.path()));
     let desk = Desk { api: Api::new(&program), admin };
     let unset = json!({"id": "shop", "class": "standard", "max_queued": null, "max_running": null,
         "requests_per_minute": null});
     assert_eq!(desk.get("/v1/tenants/shop").await, unset);
-    let change = async |body: Value| desk.ask(Method::PATCH, "/v1/tenants/shop", Some(body)).await;
+    let change = async |body: Value| desk.send(Method::PATCH, "/v1/tenants/shop", Some(body)).await;
     let (status, _) = change(json!({"class": "gold", "max_queued": 5, "requests_per_minute": 1})).await;
     assert_eq!(status, 200);
     let (_, changed) = change(json!({"max_running": 2})).await;
     let all = json!({"id": "shop", "class": "gold", "max_queued": 5, "max_running": 2, "requests_per_minute": 1});
     assert_eq!(changed, all);
-    let list = async || ask(desk.api.get("/v1/jobs").bearer_auth(&shop)).await.0;
+    let list = async || send(desk.api.get("/v1/jobs").bearer_auth(&shop)).await.0;
     assert_eq!((list().await, list().await), (200, 429));
     let (_, changed) = change(json!({"requests_per_minute": null, "class": null})).await;
     assert_eq!((&changed["requests_per_minute"], &changed["class"]), (&Value::Null, &json!("standard")));
@@ -126,18 +126,18 @@ async fn settings_of_a_tenant_are_changed_one_by_one_and_hold_at_once() {
     let page = desk.get(&format!("/v1/tenants?cursor={}", page["next"].as_str().expect("a cursor"))).await;
     let rest: Vec<Value> = names(&page);
     assert_eq!((first, rest), (vec![json!("operator")], vec![json!("shop")]));
-    let (status, problem) = desk.ask(Method::GET, "/v1/tenants/nobody", None).await;
+    let (status, problem) = desk.send(Method::GET, "/v1/tenants/nobody", None).await;
     assert_eq!((status, &problem["code"]), (404, &json!("tenant_not_found")));
 }
 
 #[tokio::test]
 async fn an_open_service_lets_nobody_manage_keys_without_one() {
     let data = tempfile::tempdir().expect("a folder");
-    let admin = key(data.path(), "operator", "admin");
+    let admin = create_key(data.path(), "operator", "admin");
     let program = Start::serve(data.path()).start();
     let api = Api::new(&program);
-    let (status, problem) = ask(api.post("/v1/keys").json(&json!({"tenant": "shop"}))).await;
+    let (status, problem) = send(api.post("/v1/keys").json(&json!({"tenant": "shop"}))).await;
     assert_eq!((status, &problem["code"]), (401, &json!("unauthorized")), "{problem}");
-    assert_eq!(ask(api.get("/v1/tenants")).await.0, 401);
-    assert_eq!(ask(api.get("/v1/tenants").bearer_auth(admin)).await.0, 200);
+    assert_eq!(send(api.get("/v1/tenants")).await.0, 401);
+    assert_eq!(send(api.get("/v1/tenants").bearer_auth(admin)).await.0, 200);
 }

@@ -4,11 +4,11 @@ use std::path::Path;
 
 use serde_json::{Value, json};
 
-use crate::faults::FILES;
 use crate::files;
 use crate::postgres::Postgres;
 use crate::s3::S3;
 use crate::server::{Api, Program, Start, until};
+use crate::support::FILES_PER_JOB;
 
 fn options() -> Value {
     json!({"max_tier": 1})
@@ -43,12 +43,12 @@ async fn processes_that_share_a_database_and_a_bucket_need_no_folder_in_common()
     let api = Api::new(&server);
     let id = api.submit(files::broken_box(), options()).await;
     let job = succeeded(&api, &id).await;
-    assert_eq!(bucket.files().len(), FILES, "{:?}", bucket.files());
+    assert_eq!(bucket.files().len(), FILES_PER_JOB, "{:?}", bucket.files());
     for (name, artifact) in job["artifacts"].as_object().expect("files") {
         let bytes = api.artifact(&id, name).await.len();
         assert!(artifact.get("bytes").is_none_or(|told| *told == bytes), "{name}");
     }
-    assert!(bucket.files().len() > FILES, "the worker has drawn what the server was asked for");
+    assert!(bucket.files().len() > FILES_PER_JOB, "the worker has drawn what the server was asked for");
     let range = api.get(&format!("/v1/jobs/{id}/artifacts/model")).header("range", "bytes=0-83").send().await;
     let range = range.expect("an answer");
     assert_eq!((range.status().as_u16(), range.bytes().await.expect("bytes").len()), (206, 84));
@@ -85,7 +85,12 @@ async fn while_the_bucket_is_away_clients_are_told_when_to_ask_again_and_afterwa
     bucket.restart();
     assert_eq!(api.artifact(&kept, "model").await.len(), 84 + 50 * 12);
     assert_eq!(api.delete(&format!("/v1/jobs/{deleted}")).send().await.expect("an answer").status(), 410);
-    assert_eq!(bucket.files().len(), FILES, "what was refused and what was deleted is gone: {:?}", bucket.files());
+    assert_eq!(
+        bucket.files().len(),
+        FILES_PER_JOB,
+        "what was refused and what was deleted is gone: {:?}",
+        bucket.files()
+    );
     assert_eq!(ready().await, 200);
     let id = api.submit(files::broken_box(), json!({"max_tier": 1, "deadline_s": 60})).await;
     succeeded(&api, &id).await;
@@ -108,7 +113,7 @@ async fn a_bucket_that_is_killed_and_comes_back_costs_no_job_an_attempt_at_any_s
         until("the worker tries again", async || program.log().contains("trying again").then_some(())).await;
         bucket.restart();
         succeeded(&api, &id).await;
-        assert_eq!(bucket.files().len(), FILES, "{pause}: {:?}", bucket.files());
+        assert_eq!(bucket.files().len(), FILES_PER_JOB, "{pause}: {:?}", bucket.files());
         assert!(!program.log().contains("panicked"), "{}", program.log());
     }
 }

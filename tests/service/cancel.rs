@@ -1,29 +1,10 @@
-use std::os::unix::fs::PermissionsExt;
-use std::path::{Path, PathBuf};
+//! Cancelling and deleting jobs: their processes end and their files go.
 
 use serde_json::{Value, json};
 
 use crate::files;
-use crate::server::{Api, Start, children, is_alive, stored_files, until};
-
-/// A program that answers like Blender when asked for its version, and otherwise hangs.
-pub fn hanging_blender(folder: &Path) -> PathBuf {
-    blender(folder, "sleep 600")
-}
-
-/// A program that is a Blender until it is given work: then it runs a line of shell.
-pub fn blender(folder: &Path, work: &str) -> PathBuf {
-    let path = folder.join("blender");
-    let script = format!("#!/bin/sh\ncase \"$*\" in *--version*) echo 'Blender 3.4.1'; exit 0;; esac\n{work}\n");
-    std::fs::write(&path, script).expect("a file");
-    std::fs::set_permissions(&path, std::fs::Permissions::from_mode(0o755)).expect("permissions");
-    path
-}
-
-/// All processes below one.
-pub fn tree(pid: u32) -> Vec<u32> {
-    children(pid).into_iter().flat_map(|child| [vec![child], tree(child)].concat()).collect()
-}
+use crate::server::{Api, Start, descendants, is_alive, stored_files, until};
+use crate::support::fake_blender::hanging_blender;
 
 #[tokio::test]
 async fn cancelling_a_running_job_ends_its_whole_process_tree() {
@@ -34,7 +15,7 @@ async fn cancelling_a_running_job_ends_its_whole_process_tree() {
     let id = api.submit(files::boxes_on_an_edge(), json!({"preset": "blender-remesh"})).await;
     api.reaches(&id, "repair", Some(3)).await;
     let processes = until("Blender runs", async || {
-        let tree = tree(program.pid());
+        let tree = descendants(program.pid());
         (tree.len() >= 2).then_some(tree)
     })
     .await;
@@ -99,7 +80,7 @@ async fn deleting_a_running_job_stops_it() {
     let api = Api::new(&program);
     let id = api.submit(files::boxes_on_an_edge(), json!({"preset": "blender-remesh"})).await;
     api.reaches(&id, "repair", Some(3)).await;
-    let processes = tree(program.pid());
+    let processes = descendants(program.pid());
     assert_eq!(api.delete(&format!("/v1/jobs/{id}")).send().await.expect("an answer").status(), 204);
     until("the processes are gone", async || processes.iter().all(|pid| !is_alive(*pid)).then_some(())).await;
     until("its files are gone", async || stored_files(data.path(), &id).is_empty().then_some(())).await;

@@ -10,12 +10,12 @@ use meshmend::jobs::{
 use serde_json::{Value, json};
 use sqlx::PgPool;
 
-use crate::faults::FILES;
 use crate::files;
 use crate::postgres::Postgres;
-use crate::receiver::{Receiver, Reply};
 use crate::server::{Api, Start, stored_files, until};
-use crate::stores::Bench;
+use crate::support::FILES_PER_JOB;
+use crate::support::receiver::{Receiver, Reply};
+use crate::support::stores::Bench;
 
 fn serve<'a>(data: &'a Path, cluster: &Postgres) -> Start<'a> {
     Start::serve(data).env("MESHMEND_DATABASE_URL", &cluster.url()).env("MESHMEND_NO_WORKERS", "true")
@@ -155,7 +155,7 @@ async fn a_database_that_is_killed_and_comes_back_loses_no_job_at_any_step_of_it
         let next = api.submit(files::broken_box(), json!({"max_tier": 2})).await;
         assert_eq!(api.finished(&next).await["status"], "succeeded", "{pause}");
         until("no file of a lost attempt is left", async || {
-            (stored_files(data.path(), &waiting).len() == FILES).then_some(())
+            (stored_files(data.path(), &waiting).len() == FILES_PER_JOB).then_some(())
         })
         .await;
         assert!(!worker.log().contains("panicked"), "{}", worker.log());

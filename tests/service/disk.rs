@@ -2,38 +2,14 @@
 
 use std::fs;
 use std::io::Write;
-use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use serde_json::{Value, json};
 
 use crate::files;
 use crate::s3::S3;
-use crate::server::{Api, Program, Start, stored_uploads, until};
-
-/// The data folder as the program sees it, which has mounted a small disk there.
-pub fn disk(program: &Program, data: &Path) -> PathBuf {
-    Path::new("/proc").join(program.pid().to_string()).join("root").join(data.strip_prefix("/").expect("absolute"))
-}
-
-/// Writes until nothing more fits but for `left` bytes.
-pub fn fill(disk: &Path, left: u64) -> PathBuf {
-    let filler = disk.join("filler");
-    let free = rustix::fs::statvfs(disk).map(|disk| disk.f_bavail * disk.f_frsize).expect("a disk");
-    match fs::write(&filler, vec![0; usize::try_from(free.saturating_sub(left)).expect("small")]) {
-        // The program may have written meanwhile.
-        Err(error) if error.kind() == std::io::ErrorKind::StorageFull => {}
-        written => written.expect("a file"),
-    }
-    filler
-}
-
-/// Whether something that comes in is kept until it can go on to a bucket.
-pub fn spools(program: &Program) -> bool {
-    let open = fs::read_dir(format!("/proc/{}/fd", program.pid())).into_iter().flatten().flatten();
-    let mut open = open.filter_map(|file| fs::read_link(file.path()).ok());
-    open.any(|file| file.to_string_lossy().contains("/spool/"))
-}
+use crate::server::{Api, Start, stored_uploads, until};
+use crate::support::disk::{disk, fill, has_spool_open};
 
 async fn submit(api: &Api) -> (u16, Value) {
     let answer = api.try_submit("a.stl", files::broken_box(), json!({"max_tier": 1, "pictures": false})).await;
@@ -90,7 +66,7 @@ async fn a_disk_that_fills_up_in_the_midst_of_an_upload_refuses_it_whether_it_wa
         let disk = disk(&program, data.path());
         let begun = || match &bucket {
             None => stored_uploads(&disk) == 1,
-            Some(_) => spools(&program),
+            Some(_) => has_spool_open(&program),
         };
         let (sender, receiver) = tokio::sync::mpsc::channel::<Result<Vec<u8>, std::io::Error>>(1);
         let body = futures::stream::unfold(receiver, |mut r| async move { r.recv().await.map(|chunk| (chunk, r)) });

@@ -8,7 +8,8 @@ use serde_json::{Value, json};
 
 use crate::files;
 use crate::server::{Api, Start, signal, stored_files, until};
-use crate::stores::{Bench, promises};
+use crate::support::FILES_PER_JOB;
+use crate::support::stores::{Bench, promises};
 
 promises! {
     pictures_are_claimed_when_they_are_asked_for_and_published_by_the_last_hold,
@@ -104,7 +105,7 @@ async fn pictures_are_drawn_when_one_is_asked_for_and_each_is_listed_typed_and_s
     let api = Api::new(&program);
     let id = api.submit(files::broken_box(), json!({"max_tier": 1})).await;
     let job = api.finished(&id).await;
-    assert_eq!(stored_files(data.path(), &id).len(), crate::faults::FILES, "nobody has looked");
+    assert_eq!(stored_files(data.path(), &id).len(), FILES_PER_JOB, "nobody has looked");
     let mut names = vec!["log.txt", "model", "report-full.json", "report.json"];
     for (name, media_type, magic) in [
         ("before.png", "image/png", b"\x89PNG".as_slice()),

@@ -4,9 +4,10 @@ use std::path::Path;
 
 use serde_json::{Value, json};
 
-use crate::cancel::{hanging_blender, tree};
 use crate::files;
-use crate::server::{Api, Program, Start, is_alive, signal, stored_files, stored_uploads, until};
+use crate::server::{Api, Program, Start, descendants, is_alive, signal, stored_files, stored_uploads, until};
+use crate::support::FILES_PER_JOB;
+use crate::support::fake_blender::hanging_blender;
 
 const CHILD_STAGES: [(&str, &str); 5] = [
     ("child-read", "read"),
@@ -17,9 +18,6 @@ const CHILD_STAGES: [(&str, &str); 5] = [
 ];
 
 const WORKER_STAGES: [&str; 4] = ["worker-claimed", "worker-spawn", "worker-publish", "worker-complete"];
-
-/// The upload, the model, the two reports and the log.
-pub const FILES: usize = 5;
 
 fn paused(stage: &str) -> String {
     format!("{stage}=sleep(600000)")
@@ -33,10 +31,10 @@ async fn done_exactly_once(api: &Api, data: &Path, id: &str, attempt: u64) {
     assert_eq!(job["attempt"], attempt);
     let files = until("only the last attempt's files are left", async || {
         let files = stored_files(data, id);
-        (files.len() <= FILES).then_some(files)
+        (files.len() <= FILES_PER_JOB).then_some(files)
     })
     .await;
-    assert_eq!(files.len(), FILES, "{files:?}");
+    assert_eq!(files.len(), FILES_PER_JOB, "{files:?}");
     assert_eq!(api.artifact(id, "model").await.len(), 84 + 50 * 12);
     let list: Value = api.get("/v1/jobs?status=succeeded").send().await.expect("an answer").json().await.expect("JSON");
     assert_eq!(list["jobs"].as_array().map(Vec::len), Some(1));
@@ -86,7 +84,10 @@ async fn a_worker_killed_at_any_of_its_steps_loses_the_job_to_another_worker() {
         let id = api.submit(files::broken_box(), json!({"max_tier": 1})).await;
         until("the worker has it", async || (api.job(&id).await["status"] == "running").then_some(())).await;
         if pause == "worker-complete" {
-            until("the result is stored", async || (stored_files(data.path(), &id).len() == FILES).then_some(())).await;
+            until("the result is stored", async || {
+                (stored_files(data.path(), &id).len() == FILES_PER_JOB).then_some(())
+            })
+            .await;
         }
         worker.kill();
         let _other = Start::work(data.path()).start();
@@ -101,7 +102,7 @@ async fn a_worker_that_was_stopped_and_comes_back_after_its_lease_changes_nothin
     let api = Api::new(&server);
     let stale = Start::work(data.path()).env("FAILPOINTS", "worker-complete=sleep(3000)").start();
     let id = api.submit(files::broken_box(), json!({"max_tier": 1})).await;
-    until("the result is stored", async || (stored_files(data.path(), &id).len() == FILES).then_some(())).await;
+    until("the result is stored", async || (stored_files(data.path(), &id).len() == FILES_PER_JOB).then_some(())).await;
     signal(stale.pid(), "STOP");
     let other = Start::work(data.path()).start();
     let job = api.finished(&id).await;
@@ -174,7 +175,7 @@ async fn hanging_in_tier_three(program: &Program, api: &Api) -> (String, Vec<u32
     let id = api.submit(files::boxes_on_an_edge(), json!({"preset": "blender-remesh", "deadline_s": 30})).await;
     api.reaches(&id, "repair", Some(3)).await;
     let processes = until("Blender runs", async || {
-        let tree = tree(program.pid());
+        let tree = descendants(program.pid());
         (tree.len() >= 2).then_some(tree)
     })
     .await;

@@ -4,9 +4,9 @@ use std::time::{Duration, Instant};
 use bytes::Bytes;
 use serde_json::{Value, json};
 
-use crate::cancel::hanging_blender;
 use crate::files;
 use crate::server::{Api, Program, Start, is_alive, stored_uploads, until};
+use crate::support::fake_blender::hanging_blender;
 
 fn scratch_is_empty(data: &Path) -> bool {
     let worker = std::fs::read_dir(data.join("scratch")).expect("a folder").flatten().next().expect("one worker");

@@ -8,7 +8,6 @@ mod server;
 mod access;
 mod administration;
 mod analyze;
-mod audit;
 mod blender;
 mod blobs;
 mod buckets;
@@ -33,7 +32,6 @@ mod postgres;
 mod problems;
 #[path = "../support/proxy.rs"]
 mod proxy;
-mod receiver;
 mod remote;
 mod retention;
 #[path = "../support/s3.rs"]
@@ -43,7 +41,7 @@ mod small_answers;
 mod statements;
 mod stopping;
 mod store;
-mod stores;
+mod support;
 mod surface;
 mod traces;
 mod uploads;

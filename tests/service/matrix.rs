@@ -10,14 +10,15 @@ use tempfile::TempDir;
 use tokio::sync::mpsc;
 use tokio::task::JoinHandle;
 
-use crate::audit::Audit;
-use crate::cancel::{blender, tree};
-use crate::disk::{disk, fill, spools};
 use crate::files;
 use crate::postgres::Postgres;
-use crate::receiver::{Receiver, Reply};
 use crate::s3::S3;
-use crate::server::{Api, Program, Start, files_below, is_alive, mounts_small_disks, signal, until};
+use crate::server::{Api, Program, Start, descendants, files_below, is_alive, mounts_small_disks, signal, until};
+use crate::support::FILES_PER_JOB;
+use crate::support::audit::Audit;
+use crate::support::disk::{disk, fill, has_spool_open};
+use crate::support::fake_blender::fake_blender;
+use crate::support::receiver::{Receiver, Reply};
 
 /// Where a worker or its child waits until a gate opens, and a model and the preset with which a job comes there.
 type Place = (&'static str, fn() -> Vec<u8>, &'static str);
@@ -33,8 +34,6 @@ const PLACES: [Place; 6] = [
 /// The workers at two of these places.
 const CLAIMED: usize = 0;
 const COMPLETE: usize = 5;
-/// A job's files: the upload, the model, the report, the log.
-const FILES: usize = 5;
 /// Room on the disk of each process, in MiB.
 const DISK: u32 = 24;
 
@@ -134,7 +133,7 @@ impl Scene {
     async fn set(fault: Fault) -> Self {
         let folder = tempfile::tempdir().expect("a folder");
         // There is one, and nothing that it is asked for succeeds.
-        blender(folder.path(), "exit 1");
+        fake_blender(folder.path(), "exit 1");
         let ground = Ground {
             folder,
             lease: fault.lease(),
@@ -178,7 +177,7 @@ impl Scene {
 
     /// Every process of a job.
     fn of_jobs(&self) -> Vec<u32> {
-        self.workers.iter().flat_map(|worker| tree(worker.pid())).collect()
+        self.workers.iter().flat_map(|worker| descendants(worker.pid())).collect()
     }
 
     /// Sends the rest of the upload, and all of it again until it is accepted.
@@ -215,7 +214,7 @@ async fn is_at(place: &str, ground: &Ground, api: &Api, worker: &Program, id: &s
     match place {
         "worker-claimed" => job["status"] == "running",
         "worker-publish" => worker.job_children().is_empty() && has_report(),
-        "worker-complete" => files_of_attempt() == FILES - 1,
+        "worker-complete" => files_of_attempt() == FILES_PER_JOB - 1,
         tier => {
             let tier = tier.trim_start_matches("child-tier").parse::<u64>().expect("a tier");
             job["progress"]["stage"] == "repair" && job["progress"]["tier"] == tier
@@ -231,7 +230,7 @@ async fn half_an_upload(api: &Api, server: &Program) -> Upload {
     let answer = tokio::spawn(api.post("/v1/jobs").body(Body::wrap_stream(body)).send());
     let model = files::whole_box();
     rest.send(Ok(model[..model.len() / 2].to_vec())).await.expect("the upload listens");
-    until("the upload has begun", async || spools(server).then_some(())).await;
+    until("the upload has begun", async || has_spool_open(server).then_some(())).await;
     Upload { rest, answer }
 }
 

@@ -8,6 +8,8 @@ use serde_json::{Value, json};
 use crate::files;
 use crate::postgres::Postgres;
 use crate::server::{Api, Program, Start, until};
+use crate::support::access::{create_key, start_with_keys};
+use crate::support::fake_blender::fake_blender;
 
 fn with_probes(start: Start<'_>) -> Start<'_> {
     start.arg("--metrics-listen", "127.0.0.1:0")
@@ -220,7 +222,7 @@ async fn what_is_killed_and_what_crashes_is_counted_with_its_reason() {
 #[tokio::test]
 async fn blenders_that_crash_are_counted_and_so_are_those_that_follow_them() {
     let data = tempfile::tempdir().expect("a folder");
-    let blender = crate::cancel::blender(data.path(), "kill -SEGV $$");
+    let blender = fake_blender(data.path(), "kill -SEGV $$");
     let program = with_probes(Start::serve(data.path())).blender(&blender).start();
     let api = Api::new(&program);
     let options = json!({"preset": "blender-remesh", "deadline_s": 60});
@@ -259,8 +261,8 @@ async fn while_the_database_is_away_the_probes_say_so_and_what_is_not_known_is_n
 #[tokio::test]
 async fn requests_that_are_refused_are_logged_with_their_code_and_key_and_failed_jobs_with_theirs() {
     let data = tempfile::tempdir().expect("a folder");
-    let secret = crate::access::key(data.path(), "shop", "jobs:read");
-    let program = crate::access::guarded_with(Start::serve(data.path()).env("MESHMEND_LOG_FORMAT", "json"));
+    let secret = create_key(data.path(), "shop", "jobs:read");
+    let program = start_with_keys(Start::serve(data.path()).env("MESHMEND_LOG_FORMAT", "json"));
     let api = Api::new(&program);
     let request = api.post("/v1/jobs").bearer_auth(&secret).header("x-request-id", "the-request");
     assert_eq!(request.body(files::broken_box()).send().await.expect("an answer").status(), 403);

@@ -10,7 +10,7 @@ use meshmend::jobs::{
 use serde_json::{Value, json};
 use time::OffsetDateTime;
 
-use crate::stores::{Bench, LEASE, promises};
+use crate::support::stores::{Bench, LEASE, promises};
 
 promises! {
     every_end_of_a_job_is_noted_for_those_who_are_told_of_it,

@@ -10,7 +10,7 @@ use serde_json::{Value, json};
 
 use crate::files;
 use crate::server::{Api, Start, make_old, stored_files, until};
-use crate::stores::{Bench, promises};
+use crate::support::stores::{Bench, promises};
 
 promises! {
     what_ended_long_ago_expires_and_is_forgotten_later,

@@ -6,12 +6,12 @@ use std::time::{Duration, Instant};
 use reqwest::Client;
 use serde_json::{Value, json};
 
-use crate::audit::Audit;
 use crate::files;
 use crate::postgres::Postgres;
 use crate::proxy::{Proxy, Side};
-use crate::receiver::{Receiver, Reply};
 use crate::server::{Start, until};
+use crate::support::audit::Audit;
+use crate::support::receiver::{Receiver, Reply};
 
 /// Parts of statements that are to be among those at which it breaks.
 const AMONG: [&str; 10] = [

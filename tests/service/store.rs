@@ -12,7 +12,7 @@ use meshmend::jobs::{
 };
 use sqlx::sqlite::SqliteConnectOptions;
 
-use crate::stores::{Bench, LEASE, Manual, promises};
+use crate::support::stores::{Bench, LEASE, Manual, promises};
 
 promises! {
     jobs_are_claimed_in_the_order_they_came_and_each_only_once,

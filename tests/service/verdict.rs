@@ -3,8 +3,8 @@
 use serde_json::{Value, json};
 
 use crate::files;
-use crate::receiver::{Receiver, Reply};
 use crate::server::{Api, Start};
+use crate::support::receiver::{Receiver, Reply};
 
 #[tokio::test]
 async fn a_job_that_must_be_printable_and_is_not_fails_with_its_report_and_without_a_model() {

@@ -5,10 +5,10 @@ use std::path::Path;
 use reqwest::{Method, RequestBuilder};
 use serde_json::{Value, json};
 
-use crate::access::{ALL, ask, guarded_with, key};
 use crate::files;
-use crate::receiver::{Receiver, Reply};
 use crate::server::{Api, Program, Start, signal, until};
+use crate::support::access::{ALL_SCOPES, create_key, send, start_with_keys};
+use crate::support::receiver::{Receiver, Reply};
 
 /// A service that reaches receivers on this machine, and tries again soon.
 fn serve(data: &Path) -> Start<'_> {
@@ -19,7 +19,7 @@ fn serve(data: &Path) -> Start<'_> {
 }
 
 async fn register(api: &Api, url: &str) -> Value {
-    let (status, endpoint) = ask(api.post("/v1/webhook-endpoints").json(&json!({"url": url}))).await;
+    let (status, endpoint) = send(api.post("/v1/webhook-endpoints").json(&json!({"url": url}))).await;
     assert_eq!(status, 201, "{endpoint}");
     endpoint
 }
@@ -29,13 +29,13 @@ fn id(of: &Value) -> &str {
 }
 
 async fn ping(api: &Api, endpoint: &Value) -> Value {
-    let (status, delivery) = ask(api.post(&format!("/v1/webhook-endpoints/{}/test", id(endpoint)))).await;
+    let (status, delivery) = send(api.post(&format!("/v1/webhook-endpoints/{}/test", id(endpoint)))).await;
     assert_eq!(status, 202, "{delivery}");
     delivery
 }
 
 async fn deliveries(api: &Api, endpoint: &Value) -> Vec<Value> {
-    let (status, page) = ask(api.get(&format!("/v1/webhook-endpoints/{}/deliveries", id(endpoint)))).await;
+    let (status, page) = send(api.get(&format!("/v1/webhook-endpoints/{}/deliveries", id(endpoint)))).await;
     assert_eq!(status, 200, "{page}");
     page["deliveries"].as_array().expect("deliveries").clone()
 }
@@ -59,7 +59,7 @@ async fn a_receiver_is_told_of_a_jobs_end_and_can_verify_it() {
     let endpoint = register(&api, &receiver.url).await;
     let part = reqwest::multipart::Part::bytes(files::broken_box()).file_name("box.stl");
     let form = reqwest::multipart::Form::new().part("file", part).text("metadata", r#"{"order": "17"}"#);
-    let (_, job) = ask(api.post("/v1/jobs").multipart(form.text("options", r#"{"max_tier": 1}"#))).await;
+    let (_, job) = send(api.post("/v1/jobs").multipart(form.text("options", r#"{"max_tier": 1}"#))).await;
     let message = receiver.got(1).await.remove(0);
     assert!(message.verifies(&endpoint["secret"]), "{message:?}");
     assert!(!message.verifies(&json!("whsec_c29tZSBvdGhlciBzZWNyZXQgb2YgYSBnb29kIHNpemU=")));
@@ -108,30 +108,30 @@ async fn both_secrets_sign_after_a_rotation() {
     let api = Api::new(&program);
     let receiver = Receiver::start(&[Reply::Status(200)]).await;
     let endpoint = register(&api, &receiver.url).await;
-    let (status, rotated) = ask(api.post(&format!("/v1/webhook-endpoints/{}/rotate", id(&endpoint)))).await;
+    let (status, rotated) = send(api.post(&format!("/v1/webhook-endpoints/{}/rotate", id(&endpoint)))).await;
     assert_eq!(status, 200);
     assert_ne!(rotated["secret"], endpoint["secret"]);
     assert!(rotated["previous_secret_until"].is_string());
-    let (_, shown) = ask(api.get(&format!("/v1/webhook-endpoints/{}", id(&endpoint)))).await;
+    let (_, shown) = send(api.get(&format!("/v1/webhook-endpoints/{}", id(&endpoint)))).await;
     assert_eq!(shown["secret"], Value::Null, "it is shown once");
     ping(&api, &endpoint).await;
     let message = receiver.got(1).await.remove(0);
     assert_eq!(message.json()["type"], "ping");
     assert!(message.verifies(&rotated["secret"]) && message.verifies(&endpoint["secret"]));
 
-    let (_, callbacks) = ask(api.get("/v1/webhook-secret")).await;
-    let (_, new) = ask(api.post("/v1/webhook-secret/rotate")).await;
+    let (_, callbacks) = send(api.get("/v1/webhook-secret")).await;
+    let (_, new) = send(api.post("/v1/webhook-secret/rotate")).await;
     assert_ne!(callbacks["secret"], new["secret"]);
-    assert_eq!(ask(api.get("/v1/webhook-secret")).await.1, new);
+    assert_eq!(send(api.get("/v1/webhook-secret")).await.1, new);
     let url = format!("/v1/jobs?callback_url={}", receiver.url.replace(':', "%3A").replace('/', "%2F"));
-    let (_, job) = ask(api.post(&url).body(files::broken_box())).await;
-    ask(api.post(&format!("/v1/jobs/{}/cancel", id(&job)))).await;
+    let (_, job) = send(api.post(&url).body(files::broken_box())).await;
+    send(api.post(&format!("/v1/jobs/{}/cancel", id(&job)))).await;
     let messages = receiver.got(3).await.split_off(1);
     assert!(messages.iter().all(|message| message.json()["type"] == "job.canceled"));
     assert_eq!(messages[0].id(), messages[1].id(), "one message, for the endpoint and for the callback");
     let by_callback = messages.iter().find(|message| message.verifies(&new["secret"])).expect("one for the callback");
     assert!(by_callback.verifies(&callbacks["secret"]) && !by_callback.verifies(&rotated["secret"]));
-    let (_, of_job) = ask(api.get(&format!("/v1/webhook-deliveries?job={}", id(&job)))).await;
+    let (_, of_job) = send(api.get(&format!("/v1/webhook-deliveries?job={}", id(&job)))).await;
     let urls: Vec<_> = of_job["deliveries"].as_array().expect("both").iter().map(|d| &d["callback_url"]).collect();
     assert!(urls.len() == 2 && urls.contains(&&json!(receiver.url)), "{of_job}");
 }
@@ -165,10 +165,10 @@ async fn what_fails_is_tried_again_given_up_and_sent_again_when_asked_for() {
         ]
     );
     assert!(elsewhere.seen().is_empty());
-    let (_, known) = ask(api.get(&format!("/v1/webhook-endpoints/{}", id(&endpoint)))).await;
+    let (_, known) = send(api.get(&format!("/v1/webhook-endpoints/{}", id(&endpoint)))).await;
     assert!(known["failing_since"].is_string() && known["enabled"] == true, "{known}");
 
-    let (status, again) = ask(api.post(&format!("/v1/webhook-deliveries/{}/redeliver", id(&failed)))).await;
+    let (status, again) = send(api.post(&format!("/v1/webhook-deliveries/{}/redeliver", id(&failed)))).await;
     assert_eq!((status, &again["id"]), (202, &failed["id"]));
     let delivered = settled(&api, &endpoint, "delivered").await;
     assert_eq!(delivered["attempts"].as_array().map(Vec::len), Some(5));
@@ -178,7 +178,7 @@ async fn what_fails_is_tried_again_given_up_and_sent_again_when_asked_for() {
         assert_eq!((message.id(), message.verifies(&endpoint["secret"])), (seen[0].id(), true));
         assert_eq!(message.body, seen[0].body);
     }
-    let (_, known) = ask(api.get(&format!("/v1/webhook-endpoints/{}", id(&endpoint)))).await;
+    let (_, known) = send(api.get(&format!("/v1/webhook-endpoints/{}", id(&endpoint)))).await;
     assert_eq!(known["failing_since"], Value::Null);
 }
 
@@ -192,16 +192,16 @@ async fn a_receiver_that_is_gone_is_told_no_more_until_it_is_enabled_again() {
     let path = format!("/v1/webhook-endpoints/{}", id(&endpoint));
     let delivery = ping(&api, &endpoint).await;
     let known = until("it is disabled", async || {
-        let (_, known) = ask(api.get(&path)).await;
+        let (_, known) = send(api.get(&path)).await;
         (known["enabled"] == false).then_some(known)
     })
     .await;
     assert!(known["disabled_reason"].as_str().is_some_and(|why| why.contains("410")), "{known}");
     for refused in [format!("{path}/test"), format!("/v1/webhook-deliveries/{}/redeliver", id(&delivery))] {
-        let (status, problem) = ask(api.post(&refused)).await;
+        let (status, problem) = send(api.post(&refused)).await;
         assert_eq!((status, &problem["code"]), (409, &json!("webhook_disabled")), "{refused}");
     }
-    let change = |body: Value| ask(api.http.request(Method::PATCH, format!("{}{path}", api.url)).json(&body));
+    let change = |body: Value| send(api.http.request(Method::PATCH, format!("{}{path}", api.url)).json(&body));
     let (status, known) = change(json!({"enabled": true, "description": "tills"})).await;
     assert_eq!((status, &known["enabled"], &known["description"]), (200, &json!(true), &json!("tills")));
     ping(&api, &endpoint).await;
@@ -211,8 +211,8 @@ async fn a_receiver_that_is_gone_is_told_no_more_until_it_is_enabled_again() {
         assert_eq!(change(wrong.clone()).await.0, 422, "{wrong}");
     }
     assert_eq!(change(json!({"events": ["ping"]})).await.0, 400, "there is no such event to be told of");
-    assert_eq!(ask(api.delete(&path)).await.0, 204);
-    assert_eq!(ask(api.get(&path)).await.0, 404);
+    assert_eq!(send(api.delete(&path)).await.0, 204);
+    assert_eq!(send(api.get(&path)).await.0, 404);
 }
 
 #[tokio::test]
@@ -241,12 +241,12 @@ async fn nobody_is_told_of_anything_inside_unless_the_operator_allows_it() {
         "https://me:secret@shop.example/",
         "shop",
     ] {
-        let (status, problem) = ask(api.post("/v1/webhook-endpoints").json(&json!({"url": wrong}))).await;
+        let (status, problem) = send(api.post("/v1/webhook-endpoints").json(&json!({"url": wrong}))).await;
         assert_eq!((status, &problem["code"]), (422, &json!("invalid_options")), "{wrong}");
         assert!(problem["detail"].as_str().is_some_and(|why| why.starts_with("`url` ")), "{problem}");
         let part = reqwest::multipart::Part::bytes(files::broken_box()).file_name("a.stl");
         let form = reqwest::multipart::Form::new().part("file", part).text("callback_url", wrong.to_owned());
-        let (status, problem) = ask(api.post("/v1/jobs").multipart(form)).await;
+        let (status, problem) = send(api.post("/v1/jobs").multipart(form)).await;
         assert_eq!((status, &problem["code"]), (422, &json!("invalid_options")), "{wrong}");
     }
     assert!(receiver.seen().is_empty());
@@ -309,12 +309,13 @@ async fn a_receiver_is_told_by_https_if_its_certificate_is_trusted() {
 async fn a_tenant_sees_and_changes_nothing_of_anothers_webhooks() {
     let data = tempfile::tempdir().expect("a folder");
     let receiver = Receiver::start(&[Reply::Status(200)]).await;
-    let (own, other) = (key(data.path(), "shop", ALL), key(data.path(), "rival", ALL));
-    let program = guarded_with(serve(data.path()).env("MESHMEND_NO_WORKERS", "true"));
+    let (own, other) = (create_key(data.path(), "shop", ALL_SCOPES), create_key(data.path(), "rival", ALL_SCOPES));
+    let program = start_with_keys(serve(data.path()).env("MESHMEND_NO_WORKERS", "true"));
     let api = Api::new(&program);
-    let make = |key: &str| ask(api.post("/v1/webhook-endpoints").bearer_auth(key).json(&json!({"url": receiver.url})));
+    let make = |key: &str| send(api.post("/v1/webhook-endpoints").bearer_auth(key).json(&json!({"url": receiver.url})));
     let (_, endpoint) = make(&own).await;
-    let (_, delivery) = ask(api.post(&format!("/v1/webhook-endpoints/{}/test", id(&endpoint))).bearer_auth(&own)).await;
+    let (_, delivery) =
+        send(api.post(&format!("/v1/webhook-endpoints/{}/test", id(&endpoint))).bearer_auth(&own)).await;
     receiver.got(1).await;
     let request = |method: &str, path: &str| -> RequestBuilder {
         let request = api.http.request(method.parse().expect("a method"), format!("{}{path}", api.url));
@@ -330,7 +331,7 @@ async fn a_tenant_sees_and_changes_nothing_of_anothers_webhooks() {
         ("POST", "/v1/webhook-deliveries/ID/redeliver"),
     ] {
         let ask_for = async |id: &str| {
-            let (status, mut problem) = ask(request(method, &path.replace("ID", id))).await;
+            let (status, mut problem) = send(request(method, &path.replace("ID", id))).await;
             problem["request_id"] = Value::Null;
             (status, problem.to_string().replace(id, "ID"))
         };
@@ -342,13 +343,13 @@ async fn a_tenant_sees_and_changes_nothing_of_anothers_webhooks() {
             ask_for(&format!("{prefix}_019a3c5e7b1f7c3e8d2a4b6c8d0e2f4a")).await,
             "as if there were none"
         );
-        let (status, _) = ask(request(method, &path.replace("ID", "%00"))).await;
+        let (status, _) = send(request(method, &path.replace("ID", "%00"))).await;
         assert_eq!(status, 404, "{method} {path}");
     }
-    assert_eq!(ask(request("GET", "/v1/webhook-endpoints")).await.1, json!({"endpoints": []}));
-    assert_eq!(ask(request("GET", "/v1/webhook-deliveries")).await.1, json!({"deliveries": [], "next": null}));
-    let (_, theirs) = ask(request("GET", "/v1/webhook-secret")).await;
-    let (_, ours) = ask(api.get("/v1/webhook-secret").bearer_auth(&own)).await;
+    assert_eq!(send(request("GET", "/v1/webhook-endpoints")).await.1, json!({"endpoints": []}));
+    assert_eq!(send(request("GET", "/v1/webhook-deliveries")).await.1, json!({"deliveries": [], "next": null}));
+    let (_, theirs) = send(request("GET", "/v1/webhook-secret")).await;
+    let (_, ours) = send(api.get("/v1/webhook-secret").bearer_auth(&own)).await;
     assert_ne!(theirs["secret"], ours["secret"]);
 
     for _ in 1..20 {
@@ -358,11 +359,11 @@ async fn a_tenant_sees_and_changes_nothing_of_anothers_webhooks() {
     assert_eq!((status, &problem["code"]), (409, &json!("too_many_webhooks")));
     assert_eq!(make(&other).await.0, 201);
     // A job tells its own tenant's endpoints and nobody else's.
-    let (_, job) = ask(api.post("/v1/jobs").bearer_auth(&other).body(files::broken_box())).await;
-    ask(api.post(&format!("/v1/jobs/{}/cancel", id(&job))).bearer_auth(&other)).await;
-    let (_, page) = ask(request("GET", "/v1/webhook-deliveries")).await;
+    let (_, job) = send(api.post("/v1/jobs").bearer_auth(&other).body(files::broken_box())).await;
+    send(api.post(&format!("/v1/jobs/{}/cancel", id(&job))).bearer_auth(&other)).await;
+    let (_, page) = send(request("GET", "/v1/webhook-deliveries")).await;
     assert_eq!(page["deliveries"].as_array().map(Vec::len), Some(1));
-    let (_, page) = ask(api.get("/v1/webhook-deliveries").bearer_auth(&own)).await;
+    let (_, page) = send(api.get("/v1/webhook-deliveries").bearer_auth(&own)).await;
     assert_eq!(page["deliveries"].as_array().map(Vec::len), Some(1), "the test's own");
 }
 
@@ -379,14 +380,14 @@ async fn the_log_of_deliveries_is_read_page_by_page() {
     let path = format!("/v1/webhook-endpoints/{}/deliveries", id(&endpoint));
     let (mut read, mut cursor) = (Vec::new(), String::new());
     loop {
-        let (_, page) = ask(api.get(&format!("{path}?limit=2{cursor}"))).await;
+        let (_, page) = send(api.get(&format!("{path}?limit=2{cursor}"))).await;
         read.extend(page["deliveries"].as_array().expect("deliveries").iter().map(|delivery| delivery["id"].clone()));
         let Some(next) = page["next"].as_str() else { break };
         cursor = format!("&cursor={next}");
     }
     assert_eq!(read, sent);
     for wrong in ["?limit=0", "?limit=201", "?cursor=x", "?cursor=whd_%00", "?colour=red"] {
-        assert_eq!(ask(api.get(&format!("{path}{wrong}"))).await.0, 400, "{wrong}");
+        assert_eq!(send(api.get(&format!("{path}{wrong}"))).await.0, 400, "{wrong}");
     }
-    assert_eq!(ask(api.get("/v1/webhook-deliveries?job=17")).await.0, 404);
+    assert_eq!(send(api.get("/v1/webhook-deliveries?job=17")).await.0, 404);
 }

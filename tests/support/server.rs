@@ -228,6 +228,11 @@ pub fn children(pid: u32) -> Vec<u32> {
         .collect()
 }
 
+/// The processes below one, at any depth.
+pub fn descendants(pid: u32) -> Vec<u32> {
+    children(pid).into_iter().flat_map(|child| [vec![child], descendants(child)].concat()).collect()
+}
+
 /// Whether a process is there and not a zombie.
 pub fn is_alive(pid: u32) -> bool {
     let stat = std::fs::read_to_string(format!("/proc/{pid}/stat")).unwrap_or_default();

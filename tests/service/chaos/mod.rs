@@ -5,6 +5,7 @@
 //! draws other kills.
 
 mod clients;
+mod random;
 mod service;
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -17,23 +18,11 @@ use reqwest::Client;
 use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
 
-use crate::audit::Audit;
 use crate::server::until;
+use crate::support::audit::Audit;
 use clients::Clients;
+use random::Random;
 use service::{Files, Service};
-
-/// Random numbers by a seed (SplitMix64).
-struct Dice(u64);
-
-impl Dice {
-    fn roll(&mut self, sides: usize) -> usize {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((z ^ (z >> 31)) % sides as u64) as usize
-    }
-}
 
 async fn get(http: &Client, url: String) -> reqwest::Response {
     let answer = http.get(url).timeout(Duration::from_secs(10)).send().await.expect("an answer");
@@ -62,8 +51,8 @@ async fn outcome(http: &Client, base: &str, id: &str) -> String {
 
 async fn survive(files: Files, kills: usize, seed: u64) {
     let began = Instant::now();
-    let mut dice = Dice(seed);
-    let mut service = Service::start(files, &mut dice).await;
+    let mut random = Random(seed);
+    let mut service = Service::start(files, &mut random).await;
     let audit = Audit::begin(&service.cluster.url()).await;
     meshmend::tls::use_ring();
     let (http, base) = (Client::new(), format!("http://{}", service.addresses()[0]));
@@ -73,13 +62,13 @@ async fn survive(files: Files, kills: usize, seed: u64) {
     // Each victim comes once before any comes again.
     let (mut hits, mut deck) = (BTreeMap::new(), Vec::new());
     for _ in 0..kills {
-        tokio::time::sleep(Duration::from_millis(50 + dice.roll(350) as u64)).await;
+        tokio::time::sleep(Duration::from_millis(50 + random.below(350) as u64)).await;
         if deck.is_empty() {
             deck = service.victims();
         }
-        let victim = deck.swap_remove(dice.roll(deck.len()));
+        let victim = deck.swap_remove(random.below(deck.len()));
         *hits.entry(victim).or_insert(0) += 1;
-        service.hit(victim, &mut dice).await;
+        service.hit(victim, &mut random).await;
     }
     tokio::time::sleep(Duration::from_secs(1)).await;
     let accepted = clients.stop().await;

@@ -7,12 +7,12 @@ use std::time::Duration;
 use sqlx::PgPool;
 use tempfile::TempDir;
 
-use super::Dice;
-use crate::disk::{disk, fill};
+use super::random::Random;
 use crate::postgres::Postgres;
-use crate::receiver::{Receiver, Reply};
 use crate::s3::S3;
 use crate::server::{Program, Start, files_below, make_old, mounts_small_disks, signal};
+use crate::support::disk::{disk, fill};
+use crate::support::receiver::{Receiver, Reply};
 
 /// Who is hit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -66,12 +66,12 @@ pub struct Service {
 }
 
 impl Service {
-    pub async fn start(files: Files, dice: &mut Dice) -> Self {
+    pub async fn start(files: Files, random: &mut Random) -> Self {
         let folder = tempfile::tempdir().expect("a folder");
         let in_bucket = files == Files::Bucket;
         // A third of all messages meet somebody who is not well, and none for ever.
         let replies: Vec<_> = (0..2000)
-            .map(|_| match dice.roll(9) {
+            .map(|_| match random.below(9) {
                 0 => Reply::Status(500),
                 1 => Reply::Status(503),
                 2 => Reply::Hang,
@@ -155,15 +155,15 @@ impl Service {
     }
 
     #[expect(clippy::too_many_lines, reason = "one arm for each victim")]
-    pub async fn hit(&mut self, victim: Victim, dice: &mut Dice) {
-        let moment = Duration::from_millis(dice.roll(700) as u64);
-        let (server, worker) = (dice.roll(SERVERS), dice.roll(WORKERS));
+    pub async fn hit(&mut self, victim: Victim, random: &mut Random) {
+        let moment = Duration::from_millis(random.below(700) as u64);
+        let (server, worker) = (random.below(SERVERS), random.below(WORKERS));
         match victim {
             Victim::Child => {
                 let children = self.workers[worker].program.as_ref().expect("it runs").job_children();
                 if !children.is_empty() {
                     // It may have ended by now.
-                    let pid = children[dice.roll(children.len())].to_string();
+                    let pid = children[random.below(children.len())].to_string();
                     let _ = Command::new("kill").args(["-KILL", &pid]).stderr(Stdio::null()).status();
                 }
             }
@@ -191,13 +191,13 @@ impl Service {
                 bucket.restart();
             }
             Victim::Disk => {
-                let seat = self.any(dice);
+                let seat = self.any(random);
                 let filler = fill(&disk(seat.program.as_ref().expect("it runs"), &seat.data), 0);
                 tokio::time::sleep(moment).await;
                 std::fs::remove_file(filler).expect("removed");
             }
             Victim::Paused => {
-                let pid = self.any(dice).program.as_ref().expect("it runs").pid();
+                let pid = self.any(random).program.as_ref().expect("it runs").pid();
                 signal(pid, "STOP");
                 tokio::time::sleep(Duration::from_millis(2200)).await;
                 signal(pid, "CONT");
@@ -219,9 +219,9 @@ impl Service {
         }
     }
 
-    fn any(&self, dice: &mut Dice) -> &Seat {
+    fn any(&self, random: &mut Random) -> &Seat {
         let all: Vec<_> = self.servers.iter().chain(&self.workers).collect();
-        all[dice.roll(all.len())]
+        all[random.below(all.len())]
     }
 
     /// Stops all processes as a service manager does, and sees that none panicked and none of a job is left.

@@ -1,6 +1,5 @@
 //! `meshmend submit` and `meshmend watch`: the built program as a client of the built program.
 
-mod between;
 mod submit;
 mod trouble;
 mod watch;

@@ -1,9 +1,9 @@
 use serde_json::Value;
 
 use super::{Client, jobs};
-use crate::access::{guarded_with, key};
 use crate::files;
 use crate::server::{Api, Start};
+use crate::support::access::{create_key, start_with_keys};
 
 #[tokio::test]
 async fn submit_writes_a_printable_model_the_report_and_pictures_and_prints_where() {
@@ -151,9 +151,9 @@ async fn an_analysis_is_asked_for_by_the_options_of_the_api_and_its_report_is_th
 #[tokio::test]
 async fn a_key_is_taken_from_the_variable_or_a_file_and_who_has_none_hears_how() {
     let data = tempfile::tempdir().expect("a folder");
-    let program = guarded_with(Start::serve(data.path()));
-    let secret = key(data.path(), "shop", "jobs:read,jobs:write");
-    let reader = key(data.path(), "shop", "jobs:read");
+    let program = start_with_keys(Start::serve(data.path()));
+    let secret = create_key(data.path(), "shop", "jobs:read,jobs:write");
+    let reader = create_key(data.path(), "shop", "jobs:read");
     let client = Client::of(&program.url);
     client.put("in.stl", &files::broken_box());
     client.put("key.txt", format!("{secret}\n").as_bytes());

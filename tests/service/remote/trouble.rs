@@ -3,11 +3,11 @@
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::{Duration, Instant};
 
-use super::between::{Between, Fate};
 use super::{Client, jobs};
 use crate::files;
-use crate::receiver::{Receiver, Reply};
 use crate::server::{Api, Program, Start};
+use crate::support::interceptor::{Between, Fate};
+use crate::support::receiver::{Receiver, Reply};
 
 /// That only the first request so far is of this kind.
 fn first(seen: &AtomicU32) -> bool {

@@ -10,7 +10,6 @@ use meshmend::jobs::{
     Artifacts, Claim, Clock, Failure, FailureKind, Input, Job, JobId, JobOptions, JobProblem, JobReport, NewJob,
     PostgresStore, ProblemKind, RetryPolicy, SqliteStore, Store,
 };
-
 use meshmend::repair::{Options, repair};
 use sqlx::sqlite::SqliteConnectOptions;
 use sqlx::{ConnectOptions, Connection, PgConnection};
@@ -132,13 +131,13 @@ macro_rules! promises {
         mod sqlite {
             $(#[tokio::test(flavor = "multi_thread")]
             async fn $name() {
-                super::$name($crate::stores::Bench::sqlite().await).await;
+                super::$name($crate::support::stores::Bench::sqlite().await).await;
             })*
         }
         mod postgres {
             $(#[tokio::test(flavor = "multi_thread")]
             async fn $name() {
-                super::$name($crate::stores::Bench::postgres().await).await;
+                super::$name($crate::support::stores::Bench::postgres().await).await;
             })*
         }
     };

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use serde_json::Value;
 use sqlx::PgPool;
 
-use crate::receiver::Receiver;
+use super::receiver::Receiver;
 
 /// How long it may take for one more to come to its end.
 const PATIENCE: Duration = Duration::from_secs(60);
