@@ -5,7 +5,7 @@ mod repair;
 
 use meshmend::format::{Limits, read};
 
-use super::files;
+use crate::files;
 
 #[test]
 fn the_example_of_the_library_repairs_a_file_and_tells_what_it_did() {

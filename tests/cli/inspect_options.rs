@@ -2,24 +2,27 @@
 
 use serde_json::{Value, json};
 
-use super::{Desk, code, files, said, shapes};
+use crate::files;
+use crate::support::{Workspace, exit_code, shapes, stderr};
 
-fn inspection(desk: &Desk, args: &[&str], env: &[(&str, &str)]) -> Value {
-    let output = desk.run_with(&[&["inspect", "--json"], args].concat(), env);
+fn inspection(workspace: &Workspace, args: &[&str], env: &[(&str, &str)]) -> Value {
+    let output = workspace.run_with(&[&["inspect", "--json"], args].concat(), env);
     let value: Value = serde_json::from_slice(&output.stdout).expect("JSON");
     value["files"][0]["inspection"].clone()
 }
 
-fn text(desk: &Desk, args: &[&str]) -> String {
-    String::from_utf8(desk.run(&[&["inspect"], args].concat()).stdout).expect("text")
+fn text(workspace: &Workspace, args: &[&str]) -> String {
+    String::from_utf8(workspace.run(&[&["inspect"], args].concat()).stdout).expect("text")
 }
 
 #[test]
 fn measures_for_printing_follow_the_unit_the_direction_and_the_printer() {
-    let desk = Desk::new();
-    desk.put("box.stl", &shapes::stretched_box([2.0, 1.0, 1.0]));
-    let found =
-        text(&desk, &["box.stl", "--unit", "in", "--up=-1,-1,0", "--overhang", "20", "--build-volume", "30,60,30"]);
+    let workspace = Workspace::new();
+    workspace.put("box.stl", &shapes::stretched_box([2.0, 1.0, 1.0]));
+    let found = text(
+        &workspace,
+        &["box.stl", "--unit", "in", "--up=-1,-1,0", "--overhang", "20", "--build-volume", "30,60,30"],
+    );
     for line in [
         "  unit                        in, as given",
         "  size                        2 x 1 x 1 in = 50.8 x 25.4 x 25.4 mm",
@@ -33,22 +36,22 @@ fn measures_for_printing_follow_the_unit_the_direction_and_the_printer() {
     assert!(found.contains("thinnest wall               1 in = 25.4 mm at ("), "{found}");
     let overhang = "  overhang                    beyond 20, 30, 45, 60 degrees: 3, 3, 0, 0 in^2 (30.0, 30.0, 0.0, 0.0 %); up is (";
     assert!(found.contains(overhang), "{found}");
-    let upright = text(&desk, &["box.stl"]);
+    let upright = text(&workspace, &["box.stl"]);
     assert!(upright.contains("none beyond 30, 45, 60 degrees; up is (0, 0, 1)"), "{upright}");
-    let small = text(&desk, &["box.stl", "--unit", "foot", "--build-volume", "30,60,30"]);
+    let small = text(&workspace, &["box.stl", "--unit", "foot", "--build-volume", "30,60,30"]);
     assert!(small.contains("it does not fit into 30 x 60 x 30 mm"), "{small}");
     let env = [("MESHMEND_UNIT", "cm"), ("MESHMEND_UP", "0,3,0"), ("MESHMEND_BUILD_VOLUME", "20,10,10")];
-    let print = &inspection(&desk, &["box.stl"], &env)["print"];
+    let print = &inspection(&workspace, &["box.stl"], &env)["print"];
     assert_eq!((&print["unit"], &print["unit_source"]), (&json!("cm"), &json!("declared")));
     assert_eq!((&print["overhang"]["up"], &print["fit"]["as_is"]), (&json!([0.0, 1.0, 0.0]), &json!(true)));
 }
 
 #[test]
 fn tolerances_decide_what_counts_as_nothing() {
-    let desk = Desk::new();
-    desk.put("thin.stl", &shapes::stretched_box([1.0, 1.0, 0.01]));
+    let workspace = Workspace::new();
+    workspace.put("thin.stl", &shapes::stretched_box([1.0, 1.0, 0.01]));
     let kinds = |args: &[&str], env: &[(&str, &str)]| {
-        let found = inspection(&desk, &[&["thin.stl"], args].concat(), env);
+        let found = inspection(&workspace, &[&["thin.stl"], args].concat(), env);
         let kinds =
             found["defects"].as_array().expect("a list").iter().map(|g| g["kind"].as_str().expect("a kind").to_owned());
         kinds.collect::<Vec<_>>()
@@ -70,8 +73,8 @@ fn tolerances_decide_what_counts_as_nothing() {
 
 #[test]
 fn an_option_that_can_t_be_used_is_code_two_and_says_what_to_give() {
-    let desk = Desk::new();
-    desk.put("box.stl", &files::whole_box());
+    let workspace = Workspace::new();
+    workspace.put("box.stl", &files::whole_box());
     for (given, expected) in [
         ("--unit=parsec", "mm, cm, in, ft, m"),
         ("--up=0,0,0", "a direction that is not zero"),
@@ -86,38 +89,42 @@ fn an_option_that_can_t_be_used_is_code_two_and_says_what_to_give() {
         ("--tolerance=slit=-1", "a finite number that is not negative"),
         ("--tolerance=foldover_angle=1%", "an angle in radians"),
     ] {
-        let output = desk.run(&["inspect", "box.stl", given]);
-        assert_eq!(code(&output), 2, "{given}: {}", said(&output));
-        assert!(said(&output).contains(expected) && output.stdout.is_empty(), "{given}: {}", said(&output));
+        let output = workspace.run(&["inspect", "box.stl", given]);
+        assert_eq!(exit_code(&output), 2, "{given}: {}", stderr(&output));
+        assert!(stderr(&output).contains(expected) && output.stdout.is_empty(), "{given}: {}", stderr(&output));
     }
 }
 
 #[test]
 fn pictures_are_drawn_into_the_folder_and_of_several_files_each_has_its_own() {
-    let desk = Desk::new();
-    std::fs::create_dir(desk.0.path().join("other")).expect("a folder");
-    desk.put("bad.stl", &files::open_box());
-    desk.put("other/bad.stl", &files::whole_box());
+    let workspace = Workspace::new();
+    std::fs::create_dir(workspace.path().join("other")).expect("a folder");
+    workspace.put("bad.stl", &files::open_box());
+    workspace.put("other/bad.stl", &files::whole_box());
     let names = |folder: &str| {
-        let entries = std::fs::read_dir(desk.0.path().join(folder)).expect("a folder");
+        let entries = std::fs::read_dir(workspace.path().join(folder)).expect("a folder");
         let mut names: Vec<String> =
             entries.map(|entry| entry.expect("an entry").file_name().into_string().expect("text")).collect();
         names.sort();
         names
     };
-    assert_eq!(code(&desk.run(&["inspect", "bad.stl", "--pictures", "made/one"])), 1);
+    assert_eq!(exit_code(&workspace.run(&["inspect", "bad.stl", "--pictures", "made/one"])), 1);
     assert_eq!(names("made/one"), ["defects.glb", "defects.ply", "defects.png"]);
-    assert!(desk.get("made/one/defects.png").starts_with(b"\x89PNG"));
+    assert!(workspace.get("made/one/defects.png").starts_with(b"\x89PNG"));
     let env = [("MESHMEND_PICTURES", "two")];
-    assert_eq!(code(&desk.run_with(&["inspect", "bad.stl", "other", "--json"], &env)), 1);
+    assert_eq!(exit_code(&workspace.run_with(&["inspect", "bad.stl", "other", "--json"], &env)), 1);
     let expected = ["bad-2-defects.glb", "bad-2-defects.ply", "bad-2-defects.png"];
     assert_eq!(names("two"), [&expected[..], &["bad-defects.glb", "bad-defects.ply", "bad-defects.png"]].concat());
-    assert_eq!(desk.get("two/bad-defects.png"), desk.get("made/one/defects.png"));
-    assert_ne!(desk.get("two/bad-2-defects.png"), desk.get("two/bad-defects.png"));
-    assert_eq!(code(&desk.run(&["inspect", "bad.stl", "-a", "--pictures", "three"])), 1);
-    assert!(!desk.get("three/defects.ply").is_empty());
-    assert_eq!(desk.get("three/defects.ply"), desk.get("made/one/defects.ply"), "attributes alone look for nothing");
-    desk.put("file", b"in the way");
-    let output = desk.run(&["inspect", "bad.stl", "--pictures", "file"]);
-    assert!(code(&output) == 3 && said(&output).contains("file"), "{}", said(&output));
+    assert_eq!(workspace.get("two/bad-defects.png"), workspace.get("made/one/defects.png"));
+    assert_ne!(workspace.get("two/bad-2-defects.png"), workspace.get("two/bad-defects.png"));
+    assert_eq!(exit_code(&workspace.run(&["inspect", "bad.stl", "-a", "--pictures", "three"])), 1);
+    assert!(!workspace.get("three/defects.ply").is_empty());
+    assert_eq!(
+        workspace.get("three/defects.ply"),
+        workspace.get("made/one/defects.ply"),
+        "attributes alone look for nothing"
+    );
+    workspace.put("file", b"in the way");
+    let output = workspace.run(&["inspect", "bad.stl", "--pictures", "file"]);
+    assert!(exit_code(&output) == 3 && stderr(&output).contains("file"), "{}", stderr(&output));
 }

@@ -2,7 +2,8 @@
 
 use serde_json::Value;
 
-use super::{Desk, code, files, said};
+use crate::files;
+use crate::support::{Workspace, exit_code, stderr};
 
 /// Files with the outcome that they have where Blender is not there.
 fn models() -> [(&'static str, Vec<u8>, &'static str); 4] {
@@ -18,16 +19,16 @@ fn models() -> [(&'static str, Vec<u8>, &'static str); 4] {
 fn report_exit_code_and_inspection_of_the_result_agree() {
     for (name, model, outcome) in models() {
         for ending in ["stl", "3mf", "glb", "obj", "ply", "off", "mesh", "zip"] {
-            let desk = Desk::new();
-            desk.put(name, &model);
+            let workspace = Workspace::new();
+            workspace.put(name, &model);
             let out = format!("out.{ending}");
-            let output = desk.run(&["repair", name, "-o", &out, "--report", "r.json", "--max-tier", "1"]);
-            let report: Value = serde_json::from_slice(&desk.get("r.json")).expect("JSON");
+            let output = workspace.run(&["repair", name, "-o", &out, "--report", "r.json", "--max-tier", "1"]);
+            let report: Value = serde_json::from_slice(&workspace.get("r.json")).expect("JSON");
             let verdict = &report["verdict"];
             assert_eq!(report["outcome"], outcome, "{name} as {ending}: {report:#}");
-            assert_eq!(verdict["printable"], code(&output) == 0, "{name} as {ending}: {verdict}");
-            let inspected = desk.run(&["inspect", &out]);
-            assert_eq!(verdict["passes"], code(&inspected) == 0, "{name} as {ending}: {verdict}");
+            assert_eq!(verdict["printable"], exit_code(&output) == 0, "{name} as {ending}: {verdict}");
+            let inspected = workspace.run(&["inspect", &out]);
+            assert_eq!(verdict["passes"], exit_code(&inspected) == 0, "{name} as {ending}: {verdict}");
             let file = if outcome == "unrepairable" { "original" } else { "model" };
             assert_eq!(verdict["file"], file, "{name} as {ending}");
             let proven = verdict["proven"].as_array().expect("a list");
@@ -38,38 +39,38 @@ fn report_exit_code_and_inspection_of_the_result_agree() {
 
 #[test]
 fn what_must_be_printable_and_is_not_leaves_a_report_and_no_model() {
-    let desk = Desk::new();
-    desk.put("sheet.stl", &files::open_sheet());
+    let workspace = Workspace::new();
+    workspace.put("sheet.stl", &files::open_sheet());
     let args =
         ["repair", "sheet.stl", "-o", "out.stl", "--report", "r.json", "--max-tier", "2", "--require", "printable"];
-    let output = desk.run(&args);
-    assert_eq!(code(&output), 5, "{}", said(&output));
-    let last = said(&output).lines().last().expect("a line").to_owned();
+    let output = workspace.run(&args);
+    assert_eq!(exit_code(&output), 5, "{}", stderr(&output));
+    let last = stderr(&output).lines().last().expect("a line").to_owned();
     assert_eq!(
         last,
         "meshmend: out.stl was not written: the result is not printable, which --require printable asks for"
     );
-    assert!(!desk.0.path().join("out.stl").exists());
-    let report: Value = serde_json::from_slice(&desk.get("r.json")).expect("JSON");
+    assert!(!workspace.path().join("out.stl").exists());
+    let report: Value = serde_json::from_slice(&workspace.get("r.json")).expect("JSON");
     assert_eq!(report["verdict"]["file"], "none");
     assert_eq!((&report["verdict"]["printable"], &report["options"]["require"]), (&false.into(), &"printable".into()));
 }
 
 #[test]
 fn what_must_be_printable_and_is_comes_out_as_ever() {
-    let desk = Desk::new();
-    desk.put("broken.stl", &files::broken_box());
-    let output = desk.run(&["repair", "broken.stl", "-o", "out.stl", "--max-tier", "1", "--require", "printable"]);
-    assert_eq!(code(&output), 0, "{}", said(&output));
-    assert!(desk.0.path().join("out.stl").exists());
+    let workspace = Workspace::new();
+    workspace.put("broken.stl", &files::broken_box());
+    let output = workspace.run(&["repair", "broken.stl", "-o", "out.stl", "--max-tier", "1", "--require", "printable"]);
+    assert_eq!(exit_code(&output), 0, "{}", stderr(&output));
+    assert!(workspace.path().join("out.stl").exists());
 }
 
 #[test]
 fn a_requirement_that_is_not_known_is_refused_with_those_that_are() {
-    let desk = Desk::new();
-    desk.put("broken.stl", &files::broken_box());
-    let output = desk.run(&["repair", "broken.stl", "-o", "out.stl", "--require", "print_ready"]);
-    assert_eq!(code(&output), 2);
-    assert!(said(&output).contains("[possible values: any, printable]"), "{}", said(&output));
-    assert!(!desk.0.path().join("out.stl").exists());
+    let workspace = Workspace::new();
+    workspace.put("broken.stl", &files::broken_box());
+    let output = workspace.run(&["repair", "broken.stl", "-o", "out.stl", "--require", "print_ready"]);
+    assert_eq!(exit_code(&output), 2);
+    assert!(stderr(&output).contains("[possible values: any, printable]"), "{}", stderr(&output));
+    assert!(!workspace.path().join("out.stl").exists());
 }

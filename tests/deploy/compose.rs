@@ -4,9 +4,9 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use serde_json::{Map, Value};
 
-use crate::containers::{Container, mebibytes, seconds};
-use crate::image::Image;
-use crate::source::{names, root, strings, text, yaml};
+use crate::support::containers::{Container, mebibytes, seconds};
+use crate::support::image::Image;
+use crate::support::source::{names, root, strings, text, yaml};
 
 const FILE: &str = "docker/compose.yaml";
 

@@ -1,51 +1,13 @@
 //! docker/Dockerfile and .dockerignore.
 
-use std::collections::BTreeMap;
 use std::process::Command;
 
 use serde_json::Value;
 
-use crate::program::settings;
 use crate::server::{PATIENCE, Start};
-use crate::source::{files, root, text};
-
-/// The instructions of the Dockerfile, each with the rest of its line.
-pub struct Image(Vec<(String, String)>);
-
-impl Image {
-    pub fn read() -> Self {
-        let text = text("docker/Dockerfile");
-        let lines: Vec<_> = text.lines().filter(|line| !line.starts_with('#')).collect();
-        let joined = lines.join("\n").replace("\\\n", " ");
-        let instructions = joined.lines().filter_map(|line| line.trim().split_once(' '));
-        Self(instructions.map(|(name, rest)| (name.to_owned(), rest.trim().to_owned())).collect())
-    }
-
-    /// What follows each instruction of that name.
-    fn all(&self, name: &str) -> Vec<&str> {
-        self.0.iter().filter(|(it, _)| it == name).map(|(_, rest)| rest.as_str()).collect()
-    }
-
-    fn list(&self, name: &str) -> Vec<String> {
-        serde_json::from_str(self.all(name).last().expect("an instruction")).expect("a list")
-    }
-
-    pub fn variables(&self) -> BTreeMap<String, String> {
-        let pairs = self.all("ENV").into_iter().flat_map(str::split_whitespace);
-        pairs.filter_map(|pair| pair.split_once('=')).map(|(name, value)| (name.to_owned(), value.to_owned())).collect()
-    }
-
-    /// Its user and group.
-    pub fn user(&self) -> Vec<u64> {
-        self.all("USER")[0].split(':').map(|id| id.parse().expect("a number")).collect()
-    }
-
-    /// What of the repository is copied into it.
-    fn sources(&self) -> Vec<&str> {
-        let copies = self.all("COPY").into_iter().filter(|rest| !rest.starts_with("--from"));
-        copies.flat_map(|rest| rest.rsplit_once(' ').expect("from and to").0.split_whitespace()).collect()
-    }
-}
+use crate::support::image::Image;
+use crate::support::program::settings;
+use crate::support::source::{files, root, text};
 
 #[test]
 fn everything_that_the_build_copies_is_there_and_nothing_else_is_sent() {

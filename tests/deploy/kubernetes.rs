@@ -7,10 +7,10 @@ use meshmend::jobs::{Input, JobId, JobOptions, JobStore, NewJob, PostgresStore, 
 use serde_json::Value;
 use sqlx::Connection;
 
-use crate::containers::{Container, mebibytes};
-use crate::image::Image;
 use crate::postgres::Postgres;
-use crate::source::{root, strings, yaml};
+use crate::support::containers::{Container, mebibytes};
+use crate::support::image::Image;
+use crate::support::source::{root, strings, yaml};
 
 const FOLDER: &str = "deploy/kubernetes";
 

@@ -11,11 +11,9 @@ mod postgres;
 mod server;
 
 mod compose;
-mod containers;
 mod image;
 mod kubernetes;
 mod metrics;
-mod program;
 mod settings;
-mod source;
+mod support;
 mod unit;

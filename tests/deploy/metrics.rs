@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use meshmend::telemetry::{Kind, METRICS, Metric};
 use serde_json::Value;
 
-use crate::source::{names, text, yaml};
+use crate::support::source::{names, text, yaml};
 
 /// Labels that Prometheus itself gives.
 const OF_PROMETHEUS: [&str; 3] = ["instance", "job", "le"];

@@ -2,8 +2,8 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use crate::program::{config, known};
-use crate::source::{names, shipped};
+use crate::support::program::{config, known};
+use crate::support::source::{names, shipped};
 
 #[test]
 fn every_variable_that_is_named_is_one_that_the_program_reads() {

@@ -2,8 +2,8 @@
 
 use std::collections::BTreeMap;
 
-use crate::program::settings;
-use crate::source::text;
+use crate::support::program::settings;
+use crate::support::source::text;
 
 /// The lines of a section: the values of each name.
 fn section(name: &str) -> BTreeMap<String, Vec<String>> {

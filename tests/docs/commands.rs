@@ -6,8 +6,8 @@ use std::process::Command;
 
 use meshmend::format::{Limits, read};
 
-use crate::pages::{Page, root, written};
 use crate::server::Start;
+use crate::support::pages::{Page, root, written};
 
 /// The address of the service in examples.
 const SERVICE: &str = "http://127.0.0.1:8080";

@@ -6,7 +6,8 @@ use std::path::{Component, PathBuf};
 use meshmend::manual::{self, Outline, PAGES};
 use pulldown_cmark::{Event, Tag};
 
-use crate::pages::{Page, root, written};
+use crate::support::pages::{Page, root, written};
+use crate::support::pictures::picture_names;
 
 /// Where the links and pictures of a page lead.
 fn targets(page: &Page) -> Vec<String> {
@@ -83,7 +84,7 @@ fn every_picture_of_a_page_is_served_and_every_one_that_is_served_is_on_a_page()
     for name in &shown {
         assert!(manual::picture(name).is_some(), "{name}");
     }
-    for name in crate::pictures::names() {
+    for name in picture_names() {
         assert!(shown.contains(&name), "{name} is on no page");
     }
 }

@@ -13,4 +13,4 @@ mod served;
 #[allow(dead_code, reason = "shared with the tests of the service")]
 #[path = "../support/server.rs"]
 mod server;
-mod source;
+mod support;

@@ -12,8 +12,8 @@ use meshmend::repair::Operator;
 use meshmend::telemetry::METRICS;
 use serde_json::Value;
 
-use crate::pages::{Page, root, written};
-use crate::source::variants;
+use crate::support::pages::{Page, root, written};
+use crate::support::source::variants;
 
 /// Where schemas are in the document of the API.
 const SCHEMAS: &str = "#/components/schemas/";

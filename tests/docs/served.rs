@@ -4,8 +4,8 @@ use meshmend::manual::{self, PAGES};
 use quick_xml::Reader;
 use quick_xml::events::Event;
 
-use crate::pictures;
 use crate::server::{Api, Start};
+use crate::support::pictures::picture_names;
 
 /// Elements that have no end.
 const VOID: [&str; 4] = ["meta", "link", "img", "br"];
@@ -77,7 +77,7 @@ async fn every_page_comes_without_a_key_and_may_run_nothing() {
         assert_eq!(markdown.headers()["content-type"], "text/markdown; charset=utf-8");
         assert_eq!(markdown.bytes().await.expect("bytes"), page.markdown.plain());
     }
-    for name in pictures::names() {
+    for name in picture_names() {
         let answer = api.get(&format!("/docs/pictures/{name}")).header("accept-encoding", "gzip").send().await;
         let answer = answer.expect("an answer");
         assert_eq!((answer.status().as_u16(), &answer.headers()["content-type"]), (200, &"image/png".parse().unwrap()));

@@ -1,6 +1,6 @@
 //! Models that only the tests of the command line need.
 
-use super::files::{BOX, stl};
+use crate::files::{BOX, stl};
 
 /// A box of side 1 elsewhere.
 pub fn moved_box(by: [f32; 3]) -> Vec<u8> {

@@ -2,8 +2,8 @@
 
 use std::collections::BTreeMap;
 
-use crate::image::Image;
-use crate::program::settings;
+use super::image::Image;
+use super::program::settings;
 
 /// A container of the program, as Compose or Kubernetes is told to run it.
 pub struct Container {

@@ -1,6 +1,6 @@
 //! What the code says of its enums, since a document of the API has no room for it.
 
-use crate::pages::root;
+use super::pages::root;
 use crate::server::files_below;
 
 /// What is said of each variant of an enum, in the order of the code.

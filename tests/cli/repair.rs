@@ -1,0 +1,118 @@
+//! `meshmend repair`: the files it writes, its exit codes and its settings.
+
+use glam::DVec3;
+use meshmend::format::{Format, Limits, read, write};
+use serde_json::Value;
+
+use crate::support::{Workspace, exit_code, stderr};
+use crate::{files, meshes};
+
+#[test]
+fn repair_writes_the_model_and_the_report_and_says_printable_by_code_zero() {
+    let workspace = Workspace::new();
+    workspace.put("in.stl", &files::broken_box());
+    let output = workspace.run(&["repair", "in.stl", "-o", "out.stl", "--report", "r.json", "--max-tier", "1"]);
+    assert_eq!(exit_code(&output), 0, "{}", stderr(&output));
+    assert_eq!(read(&workspace.get("out.stl"), &Limits::default()).expect("a model").soup.faces.len(), 12);
+    let report: Value = serde_json::from_slice(&workspace.get("r.json")).expect("JSON");
+    assert_eq!(report["outcome"], "repaired");
+    assert_eq!(report["options"]["max_tier"], 1);
+    assert!(output.stdout.is_empty(), "standard output stays free");
+}
+
+#[test]
+fn a_printable_model_of_too_many_faces_comes_back_with_as_many_as_were_asked_for() {
+    let workspace = Workspace::new();
+    workspace.put("in.stl", &write(&meshes::cube(DVec3::ZERO, 10.0, 8), Format::Stl).expect("a model"));
+    let faces = |name: &str| read(&workspace.get(name), &Limits::default()).expect("a model").soup.faces.len();
+    let args = ["repair", "in.stl", "-o", "out.stl", "--max-tier", "2", "--report", "r.json"];
+    for (asked, expected) in [
+        (["--max-faces", "300"].as_slice(), 300),
+        (&["--max-error", "0.001"], 12),
+        (&["--max-faces", "5000"], 768),
+        (&["--max-faces", "4"], 12),
+    ] {
+        let output = workspace.run(&[&args[..], asked].concat());
+        assert_eq!((exit_code(&output), faces("out.stl")), (0, expected), "{asked:?} {}", stderr(&output));
+    }
+    let report: Value = serde_json::from_slice(&workspace.get("r.json")).expect("JSON");
+    assert_eq!(report["options"]["max_faces"], 4);
+    let last =
+        report["steps"].as_array().expect("steps").iter().rfind(|it| it["operator"] == "simplify").expect("a step");
+    assert!(last["note"].as_str().expect("a note").starts_with("12 faces are left of 4"), "{last}");
+    let output = workspace.run_with(&args, &[("MESHMEND_MAX_FACES", "3")]);
+    assert!(exit_code(&output) == 2 && stderr(&output).contains("max_faces"), "{}", stderr(&output));
+}
+
+#[test]
+fn repair_draws_into_the_folder_that_is_named_and_only_then() {
+    let workspace = Workspace::new();
+    workspace.put("in.stl", &files::broken_box());
+    let args = ["repair", "in.stl", "-o", "out.stl", "--max-tier", "1"];
+    assert_eq!(exit_code(&workspace.run(&args)), 0);
+    assert_eq!(std::fs::read_dir(workspace.path()).expect("a folder").count(), 2);
+    let output = workspace.run(&[&args[..], &["--pictures", "made/here"]].concat());
+    assert_eq!(exit_code(&output), 0, "{}", stderr(&output));
+    let mut names: Vec<_> = std::fs::read_dir(workspace.path().join("made/here"))
+        .expect("a folder")
+        .map(|entry| entry.expect("an entry").file_name().into_string().expect("text"))
+        .collect();
+    names.sort();
+    assert_eq!(
+        names,
+        ["after.png", "before.png", "change.glb", "change.ply", "change.png", "defects.glb", "defects.ply"]
+    );
+}
+
+#[test]
+fn a_model_repaired_only_in_part_is_written_and_code_one() {
+    let workspace = Workspace::new();
+    workspace.put("in.stl", &files::boxes_on_an_edge());
+    let output = workspace.run(&["repair", "in.stl", "-o", "out.stl", "--preset", "fill-holes"]);
+    assert_eq!(exit_code(&output), 1, "{}", stderr(&output));
+    assert!(!workspace.get("out.stl").is_empty());
+    assert!(stderr(&output).contains("Blender") || stderr(&output).contains("printable"), "{}", stderr(&output));
+}
+
+#[test]
+fn bad_input_is_code_two_with_the_place_and_nothing_is_written() {
+    let workspace = Workspace::new();
+    workspace.put("in.stl", b"solid x\nfacet normal 0 0 1\nouter loop\nvertex 0,5 0 0\n");
+    for (args, expected) in [
+        (["repair", "in.stl", "-o", "out.stl"].as_slice(), "line 4"),
+        (&["repair", "missing.stl", "-o", "out.stl"], "missing.stl"),
+        (&["repair", "in.stl", "-o", "out.xyz"], ".mesh, .glb, .3mf or .zip"),
+        (&["repair", "in.stl", "-o", "out.stl", "--max-tier", "7"], "max_tier"),
+        (&["repair", "in.stl", "-o", "out.stl", "--preset", "magic"], "magic"),
+        (&["inspect", "in.stl"], "line 4"),
+    ] {
+        let output = workspace.run(args);
+        assert_eq!(exit_code(&output), 2, "{args:?}: {}", stderr(&output));
+        assert!(stderr(&output).contains(expected), "{args:?}: {}", stderr(&output));
+    }
+    assert!(!workspace.path().join("out.stl").exists());
+}
+
+#[test]
+fn the_output_s_ending_is_its_format() {
+    let workspace = Workspace::new();
+    workspace.put("in.stl", &files::broken_box());
+    for name in ["out.stl", "out.obj", "out.ply", "out.OFF", "out.mesh"] {
+        let output = workspace.run(&["repair", "in.stl", "-o", name, "--max-tier", "1"]);
+        assert_eq!(exit_code(&output), 0, "{}", stderr(&output));
+        let found = read(&workspace.get(name), &Limits::default()).expect("a model");
+        assert_eq!(format!("{:?}", found.format).to_lowercase(), name.to_lowercase()[4..]);
+        assert_eq!(found.soup.faces.len(), 12);
+    }
+}
+
+#[test]
+fn flags_can_be_set_by_the_environment_and_the_command_line_wins() {
+    let workspace = Workspace::new();
+    workspace.put("in.stl", &files::broken_box());
+    let env = [("MESHMEND_MAX_TIER", "1"), ("MESHMEND_PRESET", "basic-cleanup"), ("MESHMEND_REPORT", "r.json")];
+    workspace.run_with(&["repair", "in.stl", "-o", "out.stl", "--preset", "fill-holes"], &env);
+    let report: Value = serde_json::from_slice(&workspace.get("r.json")).expect("JSON");
+    assert_eq!(report["options"]["max_tier"], 1);
+    assert_eq!(report["options"]["preset"], "fill-holes");
+}

@@ -1,0 +1,6 @@
+//! Helpers that read what is shipped and ask the program for its settings.
+
+pub mod containers;
+pub mod image;
+pub mod program;
+pub mod source;

@@ -1,0 +1,5 @@
+//! Helpers that read the pages, the source and the models of the pictures.
+
+pub mod pages;
+pub mod pictures;
+pub mod source;
