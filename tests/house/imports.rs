@@ -23,34 +23,43 @@ struct Module {
 
 /// Groups of files that import each other in a circle.
 pub fn cycles(source: &Path, files: &[PathBuf]) -> Vec<Vec<PathBuf>> {
+    let imports = imports(source, files);
+    let mut graph = DiGraph::<&Path, ()>::new();
+    let nodes: BTreeMap<&Path, _> = files.iter().map(|file| (file.as_path(), graph.add_node(file.as_path()))).collect();
+    for (from, to) in &imports {
+        graph.update_edge(nodes[from.as_path()], nodes[to.as_path()], ());
+    }
+    let circles = tarjan_scc(&graph).into_iter().filter(|circle| circle.len() > 1);
+    circles.map(|circle| circle.into_iter().map(|node| graph[node].to_owned()).collect()).collect()
+}
+
+/// Each pair of files of which the first imports an item that the second defines.
+pub fn imports(source: &Path, files: &[PathBuf]) -> BTreeSet<(PathBuf, PathBuf)> {
     let modules: BTreeMap<Names, Module> =
         files.iter().map(|file| (names_of(source, file), Module::read(file))).collect();
-    let known: Vec<&Names> = modules.keys().collect();
-    let number: BTreeMap<&Names, usize> = known.iter().enumerate().map(|(i, &names)| (names, i)).collect();
-    let mut graph = DiGraph::<(), ()>::new();
-    let nodes: Vec<_> = known.iter().map(|_| graph.add_node(())).collect();
+    let mut pairs = BTreeSet::new();
     for (names, module) in &modules {
-        // An import of a module alone uses nothing of it yet: the paths that begin with it do.
+        // The import of a module itself uses no item; the paths that begin with the module's name do.
         let is_module = |path: &Names| absolute(&modules, names, path).is_some_and(|path| modules.contains_key(&path));
         let items = module.imports.iter().filter(|(name, _)| *name != "*").flat_map(|(_, paths)| paths);
         let items = items.filter(|path| !is_module(path)).chain(module.imports.get("*").into_iter().flatten());
         for path in items.chain(&module.paths) {
             let defined = absolute(&modules, names, path).and_then(|path| definition(&modules, &path, 0));
             if let Some(other) = defined.filter(|other| *other != names) {
-                graph.update_edge(nodes[number[names]], nodes[number[other]], ());
+                pairs.insert((module.file.clone(), modules[other].file.clone()));
             }
         }
     }
-    let circles = tarjan_scc(&graph).into_iter().filter(|circle| circle.len() > 1);
-    circles.map(|circle| circle.into_iter().map(|node| modules[known[node.index()]].file.clone()).collect()).collect()
+    pairs
 }
 
-/// `src/mesh/edges.rs` is `mesh::edges`, `src/mesh/mod.rs` is `mesh`.
+/// `src/mesh/edges.rs` is `mesh::edges`, `src/mesh/mod.rs` is `mesh`. Without a `lib.rs`, `main.rs` is the root.
 fn names_of(source: &Path, file: &Path) -> Names {
     let path = file.strip_prefix(source).unwrap().with_extension("");
     let names: Names = path.iter().map(|name| name.to_str().unwrap().to_owned()).collect();
     match names.last().map(String::as_str) {
         Some("mod" | "lib") => names[..names.len() - 1].to_vec(),
+        Some("main") if names.len() == 1 && !source.join("lib.rs").exists() => Names::new(),
         _ => names,
     }
 }

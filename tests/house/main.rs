@@ -155,6 +155,52 @@ fn a_circle_through_a_re_export_is_found() {
     assert_eq!(circles[0].len(), 2, "{circles:?}");
 }
 
+/// The folders of `tests/` that are each built into one test binary.
+fn test_binaries() -> Vec<PathBuf> {
+    let tests = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests");
+    let folders = std::fs::read_dir(tests).unwrap().map(|entry| entry.unwrap().path());
+    folders.filter(|folder| folder.join("main.rs").exists()).collect()
+}
+
+fn has_tests(file: &Path) -> bool {
+    code(file)
+        .lines()
+        .any(|line| ["#[test]", "#[tokio::test", "promises! {"].iter().any(|it| line.trim_start().starts_with(it)))
+}
+
+/// The imports of items that are defined in a file with tests.
+fn imports_from_tests(binary: &Path) -> Vec<(PathBuf, PathBuf)> {
+    imports::imports(binary, &rust_files(binary)).into_iter().filter(|(_, to)| has_tests(to)).collect()
+}
+
+#[test]
+fn no_file_imports_from_a_file_with_tests() {
+    let binaries = test_binaries();
+    assert!(binaries.len() > 5, "only {} test binaries were found", binaries.len());
+    for binary in binaries {
+        let found = imports_from_tests(&binary);
+        assert!(found.is_empty(), "move shared helpers to tests/support or {}/support: {found:#?}", binary.display());
+    }
+}
+
+#[test]
+fn an_import_from_a_file_with_tests_is_found() {
+    let folder = tempfile::tempdir().unwrap();
+    let write = |name: &str, text: &str| std::fs::write(folder.path().join(name), text).unwrap();
+    write("main.rs", "mod one; mod two; mod support;");
+    write("support.rs", "pub fn helper() {}");
+    write("one.rs", "pub fn helper() {}\n#[test]\nfn holds() { helper(); }");
+    write("two.rs", "use crate::support::helper;\n#[test]\nfn holds() { helper(); }");
+    assert_eq!(imports_from_tests(folder.path()), []);
+    for text in
+        ["use crate::one::helper;", "use super::one;\nfn f() { one::helper(); }", "fn f() { crate::one::helper() }"]
+    {
+        write("two.rs", text);
+        let pair = ["two.rs", "one.rs"].map(|name| folder.path().join(name));
+        assert_eq!(imports_from_tests(folder.path()), [pair.into()], "{text}");
+    }
+}
+
 #[test]
 fn every_module_is_on_the_list() {
     let lib = code(&source().join("lib.rs"));

@@ -4,7 +4,7 @@ use meshmend::format::{Format, ReadOptions, ReadScene, read_scene, write_scene};
 use meshmend::scene::{PAINTLESS, PaintedMesh, Palette};
 
 use super::read_all;
-use super::threemf::package;
+use crate::support::archives::package;
 
 type Corners = [[u8; 4]; 3];
 

@@ -3,6 +3,7 @@ use meshmend::format::{Format, Limits, ReadErrorKind, read, sniff, write};
 use meshmend::mesh::Soup;
 
 use super::{assert_refused, tetrahedron};
+use crate::support::archives::package;
 
 #[test]
 fn each_format_is_found_from_its_head() {
@@ -92,10 +93,10 @@ fn an_archive_is_3mf_if_its_first_names_are_those_of_3mf() {
         ("my 3D/model.obj", Format::Zip),
         ("a.3mf", Format::Zip),
     ] {
-        let bytes = super::threemf::package(&[(name, b"x")]);
+        let bytes = package(&[(name, b"x")]);
         assert_eq!(sniff(&bytes, None), Ok(format), "{name}");
     }
-    assert_eq!(sniff(&super::threemf::package(&[("a.obj", b"x"), ("3D/b", b"x")]), None), Ok(Format::ThreeMf));
+    assert_eq!(sniff(&package(&[("a.obj", b"x"), ("3D/b", b"x")]), None), Ok(Format::ThreeMf));
     assert_eq!(sniff(b"PK\x03\x04\x14\0", None), Ok(Format::ThreeMf), "nothing is known");
 }
 

@@ -1,5 +1,6 @@
 //! Helpers for the tests of the engine: contexts, measurements and repairs without Blender.
 
+pub mod archives;
 pub mod manifold;
 
 use std::sync::atomic::AtomicBool;

@@ -3,33 +3,10 @@
 use meshmend::format::{Limits, ReadErrorKind, ReadOptions, read_scene};
 
 use super::{MESH, ROOT, assert_no, clean, file_with, model, package};
+use crate::support::archives::{headers, overwrite, replaced};
 
 fn text() -> String {
     model("", &format!("<object id=\"1\">{MESH}</object>"), "<item objectid=\"1\"/>")
-}
-
-fn positions(bytes: &[u8], pattern: &[u8]) -> Vec<usize> {
-    (0..bytes.len()).filter(|&at| bytes[at..].starts_with(pattern)).collect()
-}
-
-/// Where the local header and the directory's entry of a name begin.
-pub(in crate::formats) fn headers(bytes: &[u8], name: &str) -> (usize, usize) {
-    let of = |signature: &[u8], to_name: usize| {
-        positions(bytes, signature).into_iter().find(|at| bytes[at + to_name..].starts_with(name.as_bytes())).unwrap()
-    };
-    (of(b"PK\x03\x04", 30), of(b"PK\x01\x02", 46))
-}
-
-pub(in crate::formats) fn put(bytes: &mut [u8], at: usize, value: &[u8]) {
-    bytes[at..at + value.len()].copy_from_slice(value);
-}
-
-/// All occurrences of a text replaced by another one of the same length.
-pub(in crate::formats) fn replaced(mut bytes: Vec<u8>, from: &str, to: &str) -> Vec<u8> {
-    for at in positions(&bytes, from.as_bytes()) {
-        put(&mut bytes, at, to.as_bytes());
-    }
-    bytes
 }
 
 #[test]
@@ -49,7 +26,7 @@ fn a_part_is_not_read_beyond_the_size_that_its_entry_tells() {
     let mut bytes = file_with(&text(), &[]);
     let (local, central) = headers(&bytes, ROOT);
     for at in [local + 22, central + 24] {
-        put(&mut bytes, at, &100_u32.to_le_bytes());
+        overwrite(&mut bytes, at, &100_u32.to_le_bytes());
     }
     let error = read_scene(&bytes, &ReadOptions::default()).unwrap_err();
     assert!(matches!(error.kind, ReadErrorKind::Malformed | ReadErrorKind::TooLarge), "{error}");
@@ -59,7 +36,7 @@ fn a_part_is_not_read_beyond_the_size_that_its_entry_tells() {
 fn a_size_of_64_bits_that_no_archive_has_is_refused() {
     let mut bytes = file_with(&text(), &[]);
     let (_, central) = headers(&bytes, ROOT);
-    put(&mut bytes, central + 24, &u32::MAX.to_le_bytes());
+    overwrite(&mut bytes, central + 24, &u32::MAX.to_le_bytes());
     let error = read_scene(&bytes, &ReadOptions::default()).unwrap_err();
     assert!(matches!(error.kind, ReadErrorKind::TooLarge | ReadErrorKind::Truncated), "{error}");
 }
@@ -69,7 +46,7 @@ fn a_checksum_that_is_wrong_is_found() {
     let mut bytes = file_with(&text(), &[]);
     let (local, central) = headers(&bytes, ROOT);
     for at in [local + 14, central + 16] {
-        put(&mut bytes, at, &1_u32.to_le_bytes());
+        overwrite(&mut bytes, at, &1_u32.to_le_bytes());
     }
     assert_no(&bytes, ReadErrorKind::Malformed, "can't be unpacked");
 }
@@ -86,7 +63,7 @@ fn entries_that_share_their_bytes_are_refused() {
     let mut bytes = file_with(&text(), &[("3D/other", b"x")]);
     let (local, _) = headers(&bytes, ROOT);
     let (_, central) = headers(&bytes, "3D/other");
-    put(&mut bytes, central + 42, &(local as u32).to_le_bytes());
+    overwrite(&mut bytes, central + 42, &(local as u32).to_le_bytes());
     assert_no(&bytes, ReadErrorKind::Malformed, "overlap");
 }
 
@@ -121,7 +98,7 @@ fn what_is_encrypted_or_packed_otherwise_is_named() {
     assert_no(&encrypted, ReadErrorKind::UnsupportedFormat, "is encrypted");
     let mut bzip2 = bytes;
     for at in [local + 8, central + 10] {
-        put(&mut bzip2, at, &12_u16.to_le_bytes());
+        overwrite(&mut bzip2, at, &12_u16.to_le_bytes());
     }
     assert_no(&bzip2, ReadErrorKind::UnsupportedFormat, "pack it with deflate");
 }

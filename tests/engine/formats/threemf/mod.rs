@@ -1,6 +1,6 @@
 //! 3MF: what is read, what is refused, what comes back.
 
-pub(in crate::formats) mod archive;
+mod archive;
 mod colors;
 mod hostile;
 mod objects;
@@ -8,10 +8,10 @@ mod oracle;
 mod round_trip;
 mod rules;
 
-use std::io::{Cursor, Write};
-
 use meshmend::format::{Format, ReadErrorKind, ReadOptions, ReadScene, read_scene};
 use meshmend::scene::PaintedMesh;
+
+use crate::support::archives::package;
 
 const ROOT: &str = "3D/3dmodel.model";
 const ROOT_RELATIONSHIPS: &str = "_rels/.rels";
@@ -19,16 +19,6 @@ const MODEL: &str = "http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmode
 
 /// A mesh of one triangle.
 const MESH: &str = "<mesh><vertices><vertex x=\"0\" y=\"0\" z=\"0\"/><vertex x=\"1\" y=\"0\" z=\"0\"/><vertex x=\"0\" y=\"1\" z=\"0\"/></vertices><triangles><triangle v1=\"0\" v2=\"1\" v3=\"2\"/></triangles></mesh>";
-
-/// An archive of parts.
-pub(in crate::formats) fn package(parts: &[(&str, &[u8])]) -> Vec<u8> {
-    let mut zip = zip::ZipWriter::new(Cursor::new(Vec::new()));
-    for (name, content) in parts {
-        zip.start_file(*name, zip::write::SimpleFileOptions::default()).unwrap();
-        zip.write_all(content).unwrap();
-    }
-    zip.finish().unwrap().into_inner()
-}
 
 fn relationships(all: &[(&str, &str)]) -> String {
     let each = all

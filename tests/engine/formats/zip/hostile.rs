@@ -5,9 +5,8 @@ use std::time::{Duration, Instant};
 use meshmend::format::{Limits, ReadErrorKind, ReadOptions, read, read_scene};
 use proptest::prelude::*;
 
-use super::super::threemf::archive::{headers, put, replaced};
-use super::super::threemf::package;
 use super::{PNG, TRIANGLE, answer, assert_no, clean, colors, mesh};
+use crate::support::archives::{headers, overwrite, package, replaced};
 
 fn in_time<T>(run: impl FnOnce() -> T) -> T {
     let begin = Instant::now();
@@ -48,7 +47,7 @@ fn entries_that_overlap_lead_out_or_are_there_twice_are_refused() {
     let mut overlapping = bytes.clone();
     let (local, _) = headers(&bytes, "aa/model.obj");
     let (_, central) = headers(&bytes, "bb/other.txt");
-    put(&mut overlapping, central + 42, &(local as u32).to_le_bytes());
+    overwrite(&mut overlapping, central + 42, &(local as u32).to_le_bytes());
     assert_no(&overlapping, ReadErrorKind::Malformed, &["overlap"]);
     for out in ["../model.obj", "C:/model.obj", "///model.obj"] {
         let bytes = replaced(bytes.clone(), "aa/model.obj", out);
@@ -72,8 +71,8 @@ fn a_model_that_is_encrypted_or_damaged_is_refused_and_a_side_file_left_out() {
         bytes[central + 8] |= 1;
     };
     let miscount = |bytes: &mut [u8], local: usize, central: usize| {
-        put(bytes, local + 14, &[1; 4]);
-        put(bytes, central + 16, &[1; 4]);
+        overwrite(bytes, local + 14, &[1; 4]);
+        overwrite(bytes, central + 16, &[1; 4]);
     };
     assert_no(&with("model.obj", &encrypt), ReadErrorKind::UnsupportedFormat, &["model.obj is encrypted"]);
     assert_no(&with("model.obj", &miscount), ReadErrorKind::Malformed, &["model.obj can't be unpacked"]);

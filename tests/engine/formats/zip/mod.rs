@@ -8,7 +8,7 @@ mod side_files;
 use meshmend::format::{ReadError, ReadErrorKind, ReadOptions, ReadScene, read_scene};
 use meshmend::scene::{PaintedMesh, Palette};
 
-use super::threemf::package;
+use crate::support::archives::package;
 
 /// A model of one triangle.
 const TRIANGLE: &[u8] = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";

@@ -1,9 +1,9 @@
 use meshmend::format::{Format, Limits, ReadErrorKind, ReadOptions, read, read_scene, sniff, write};
 use meshmend::repair::Options;
 
-use super::super::threemf::package;
 use super::super::{corners, tetrahedron};
 use super::{TRIANGLE, answer, assert_no, clean, mesh};
+use crate::support::archives::package;
 use crate::support::repair_bytes;
 
 const NO: ReadErrorKind = ReadErrorKind::UnsupportedFormat;
