@@ -362,7 +362,7 @@ fn a_crash_starts_it_again_once_with_larger_voxels_and_the_result_says_so() {
 }
 
 #[test]
-fn a_crash_is_final_the_second_time_and_where_voxels_may_not_be_larger_and_in_a_boolean() {
+fn a_crash_is_final_the_second_time_or_in_a_boolean_or_if_voxels_may_not_grow() {
     let fake = Fake::new("kill -SEGV $$");
     assert!(matches!(fake.voxels(0.1, 1.0, LONG), Err(RemeshError::Failed(_))));
     assert_eq!(fake.runs().len(), 2);

@@ -40,7 +40,7 @@ fn inspect_says_what_is_wrong_for_people_and_for_programs() {
 }
 
 #[test]
-fn inspect_takes_several_files_and_folders_in_order_and_its_code_is_that_of_the_worst() {
+fn inspect_takes_files_and_folders_in_order_and_exits_with_the_worst_code() {
     let workspace = Workspace::new();
     std::fs::create_dir(workspace.path().join("set")).expect("a folder");
     workspace.put("good.stl", &files::whole_box());

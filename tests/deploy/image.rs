@@ -90,7 +90,7 @@ fn the_image_starts_the_program_that_it_has_as_a_user_that_is_not_root() {
 }
 
 #[test]
-fn the_images_health_check_passes_where_the_service_is_ready_and_fails_where_it_is_not() {
+fn the_image_s_health_check_passes_only_where_the_service_is_ready() {
     let image = Image::read();
     let check = image.all("HEALTHCHECK")[0];
     let line: Vec<String> = serde_json::from_str(&check[check.find('[').expect("a list")..]).expect("a list");

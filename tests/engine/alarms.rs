@@ -156,7 +156,7 @@ fn an_open_surface_in_pieces_is_still_a_sheet() {
 }
 
 #[test]
-fn boxes_whose_tops_are_a_step_of_f32_apart_are_repaired_at_once_for_readers_of_eight_decimals() {
+fn boxes_with_tops_one_f32_step_apart_are_repaired_for_readers_of_eight_decimals() {
     // As in a robot's link in metres: there f32 tells positions apart that eight decimals do not.
     let (top, below) = (0.05f32, 0.05f32.next_down());
     let over = |p: DVec3| DVec3::new(0.1 * p.x - 0.03, 0.08 * p.y - 0.02, (f64::from(below) + 0.04) * p.z - 0.04);
@@ -167,7 +167,7 @@ fn boxes_whose_tops_are_a_step_of_f32_apart_are_repaired_at_once_for_readers_of_
 }
 
 #[test]
-fn a_ball_in_eight_chips_is_flagged_without_methods_that_start_from_the_same_closed_holes() {
+fn a_sphere_cut_into_eight_is_flagged_and_methods_sharing_its_closed_holes_skipped() {
     let mut chips = Soup::default();
     let ball = sphere(DVec3::ZERO, 10.0, 48, 24);
     for face in &ball.faces {

@@ -62,7 +62,7 @@ fn a_patch_is_added_however_small_the_hole_and_a_wall_that_is_gone_is_removed() 
 }
 
 #[test]
-fn surface_that_went_a_little_way_was_moved_and_one_that_went_far_was_removed_and_added() {
+fn a_small_displacement_counts_as_moved_and_a_large_one_as_removed_and_added() {
     let before = sphere(DVec3::ZERO, 1.0, 40, 20);
     let scaled = |by: f64| Soup { positions: before.positions.iter().map(|&p| p * by).collect(), ..before.clone() };
     let area = areas(&before, &before)[0];

@@ -217,7 +217,7 @@ fn a_dropped_part_raises_the_flag_and_the_repair_is_one_in_part() {
 }
 
 #[test]
-fn a_result_that_dropped_a_part_is_not_preferred_to_one_that_closed_an_opening_over_a_wall() {
+fn dropping_a_part_is_worse_than_closing_an_opening_over_a_wall() {
     let block = |low: [f64; 3], high: [f64; 3]| {
         let (low, high) = (DVec3::from_array(low), DVec3::from_array(high));
         let mut soup = cube(DVec3::ZERO, 1.0, 2);

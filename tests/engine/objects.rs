@@ -464,7 +464,7 @@ fn objects_kept_apart_that_overlap_are_flagged_by_name_and_place() {
 }
 
 #[test]
-fn an_object_that_overlaps_itself_in_another_place_is_united_there_and_kept_elsewhere() {
+fn an_object_that_overlaps_its_other_instance_is_united_there_and_kept_elsewhere() {
     let mut scene = colored_boxes();
     scene.items.iter_mut().for_each(|item| item.object = 0);
     let it = run(&packed(&scene, Format::ThreeMf), &Options::default());
@@ -564,7 +564,7 @@ fn a_part_within_a_part_of_another_material_gets_a_cavity_of_its_shape() {
 }
 
 #[test]
-fn parts_of_other_materials_that_touch_are_an_assembly_and_those_of_one_material_one_solid() {
+fn touching_parts_of_two_materials_are_an_assembly_and_of_one_material_one_solid() {
     let mut scene = colored_boxes();
     for (object, divisions) in [(0, 1), (1, 2)] {
         let Shape::Mesh(mesh) = &mut scene.objects[object].shape else { panic!("a mesh") };

@@ -204,7 +204,7 @@ fn a_closed_model_whose_faces_intersect_is_not_printable_and_goes_to_the_boolean
 }
 
 #[test]
-fn without_blender_a_model_whose_faces_intersect_comes_back_as_it_is_and_the_summary_says_why() {
+fn without_blender_an_intersecting_model_comes_back_as_it_is_with_the_reason() {
     let bytes = format::write(&overlapping(2), Format::Stl).unwrap();
     let it = repair_bytes(&bytes, &without_tier_2(), None).unwrap();
     assert_eq!((it.report.outcome, &it.bytes), (Outcome::Unrepairable, &bytes));
@@ -392,7 +392,7 @@ proptest! {
 }
 
 #[test]
-fn a_printable_result_that_lost_visible_surface_raises_a_flag_and_is_repaired_only_in_part() {
+fn a_printable_result_that_lost_visible_surface_is_flagged_as_partially_repaired() {
     // The remesher drops the third cube, which is too small for any other flag.
     let model = join(&non_manifold(), &cube(DVec3::new(0.2, 0.2, 1.2), 0.3, 2));
     let two = || join(&cube(DVec3::ZERO, 1.0, 4), &cube(DVec3::new(1.004, 1.004, 0.0), 1.0, 4));
@@ -433,7 +433,7 @@ fn the_report_says_how_far_the_result_is_from_the_input() {
 }
 
 #[test]
-fn a_rung_takes_over_what_one_before_it_did_alike_and_still_does_what_it_would_do_alone() {
+fn a_strategy_reuses_a_shared_prefix_and_gives_the_result_it_would_give_alone() {
     // A sheet that is left open for as long as it can be, so that many rungs run, and a solid that is kept in one way of
     // `auto` and dropped in the other.
     let mut soup = join(&overlapping(2), &cube(DVec3::new(4.0, 0.0, 0.0), 1.0, 2));

@@ -70,7 +70,7 @@ fn run(bytes: &[u8], output: OutputFormat) -> Repaired {
 const INDEXED: [Format; 4] = [Format::Obj, Format::Ply, Format::Off, Format::Mesh];
 
 #[test]
-fn a_file_with_indices_whose_faces_share_no_vertex_is_not_printable_and_comes_back_with_shared_ones() {
+fn an_indexed_file_whose_faces_share_no_vertices_is_not_printable_until_repaired() {
     let soup = unshared(&shared_cube());
     for format in INDEXED {
         let bytes = format::write(&soup, format).unwrap();

@@ -141,7 +141,7 @@ fn far_from_the_origin_a_glb_keeps_the_model_s_detail() {
 }
 
 #[test]
-fn a_ply_is_the_mesh_in_its_order_of_kinds_with_markers_after_it_and_the_legend_before() {
+fn a_drawn_ply_has_the_legend_then_the_mesh_ordered_by_kind_then_the_markers() {
     let (soup, findings) = marked_cube(DVec3::new(0.1, 0.2, 0.3), 2.0);
     let ply = with_context(|context| write_ply(&scene(&soup, &findings), context)).unwrap();
     let found = read(&ply, &Limits::default()).unwrap();

@@ -105,7 +105,7 @@ fn a_thickened_sheet_is_a_solid_of_its_area_times_the_thickness() {
 }
 
 #[test]
-fn the_back_of_a_sheet_is_against_its_normal_and_both_sides_are_half_the_thickness_off() {
+fn one_skin_is_behind_the_normal_and_two_skins_are_half_the_thickness_off() {
     let mut soup = Soup::default();
     push(&mut soup, [DVec3::ZERO, DVec3::X, DVec3::Y]);
     let heights = |skins| {

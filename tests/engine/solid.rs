@@ -44,7 +44,7 @@ fn parts_with_coordinates_that_f32_can_not_hold_are_united_by_their_own_vertices
 }
 
 #[test]
-fn new_vertices_with_a_coordinate_of_zero_are_rounded_though_others_are_too_large_for_f32() {
+fn new_vertices_with_a_zero_coordinate_are_rounded_though_others_exceed_f32() {
     let mut soup = join(&cube(DVec3::ZERO, 1.0, 1), &cube(DVec3::new(0.53, 0.53, 0.0), 1.1, 1));
     soup.positions.iter_mut().for_each(|position| *position *= 1e50);
     let options = Options { output: OutputFormat::Off, ..native() };
@@ -56,7 +56,7 @@ fn new_vertices_with_a_coordinate_of_zero_are_rounded_though_others_are_too_larg
 }
 
 #[test]
-fn parts_that_are_to_be_kept_come_back_as_they_were_and_the_report_says_that_they_overlap() {
+fn parts_to_keep_come_back_unchanged_and_the_report_says_that_they_overlap() {
     let it = repair_soup(&overlapping(), &Options { overlaps: Overlaps::Keep, ..native() }, None);
     assert!(!matches!(it.report.outcome, Outcome::Repaired | Outcome::AlreadyPrintable), "{:?}", it.report.outcome);
     let after = &it.report.after.unwrap_or(it.report.before).measures;

@@ -138,7 +138,7 @@ proptest! {
 
     // Of more solids with faces in common, turned at random, one may be taken for the wall of another.
     #[test]
-    fn a_few_solids_in_degenerate_position_are_united_though_half_of_their_faces_are_turned(count in 2..4usize, seed: u64) {
+    fn solids_in_degenerate_position_are_united_though_half_of_their_faces_are_flipped(count in 2..4usize, seed: u64) {
         let solids = in_degenerate_position(&mut Random::new(seed), count);
         prop_assert_eq!(verdict(&solids, Harm { shuffled: true, turned: true, holes: 0 }, seed), Ok(()), "{}", seed);
     }

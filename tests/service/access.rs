@@ -414,7 +414,7 @@ fn is_readable(answer: &reqwest::Response, origin: &str) -> bool {
 }
 
 #[tokio::test]
-async fn a_page_reads_all_that_the_widget_asks_and_pages_of_other_origins_only_that_they_may_not() {
+async fn allowed_origins_may_read_responses_and_other_origins_only_their_refusal() {
     let data = tempfile::tempdir().expect("a folder");
     let owner = create_key(data.path(), "shop", ALL_SCOPES);
     let program = guarded(data.path());

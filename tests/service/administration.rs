@@ -30,7 +30,7 @@ impl Desk {
 }
 
 #[tokio::test]
-async fn a_key_is_made_with_its_secret_once_listed_without_it_and_worth_nothing_once_revoked() {
+async fn a_key_shows_its_secret_once_and_is_invalid_after_it_is_revoked() {
     let data = tempfile::tempdir().expect("a folder");
     let admin = create_key(data.path(), "operator", "admin");
     let program = start_with_keys(Start::serve(data.path()));

@@ -142,7 +142,7 @@ async fn a_file_that_is_no_model_is_named_and_the_others_go_with_it() {
 }
 
 #[tokio::test]
-async fn a_wrong_option_a_second_file_for_a_repair_and_too_many_or_too_large_files_are_refused() {
+async fn wrong_options_repairs_of_two_files_and_too_many_or_large_files_are_refused() {
     let data = tempfile::tempdir().expect("a folder");
     let program = Start::serve(data.path()).arg("--max-files", "2").arg("--max-file-mib", "1").start();
     let api = Api::new(&program);
@@ -206,7 +206,7 @@ async fn a_client_that_hangs_up_between_two_files_leaves_nothing() {
 }
 
 #[tokio::test]
-async fn an_analysis_is_cancelled_with_its_process_and_run_again_when_its_process_is_killed() {
+async fn canceling_an_analysis_ends_its_process_and_a_killed_process_is_run_again() {
     let data = tempfile::tempdir().expect("a folder");
     let program = Start::serve(data.path()).env("FAILPOINTS", "child-inspect=sleep(600000)").start();
     let api = Api::new(&program);

@@ -326,7 +326,7 @@ async fn a_store_that_works_says_so(bench: Bench) {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn a_bucket_that_is_away_fails_soon_with_an_error_that_may_pass_and_works_when_it_is_back() {
+async fn an_unreachable_bucket_fails_soon_with_a_transient_error_and_works_again_later() {
     let mut bench = Bench::bucket();
     let kept = bench.put("uploads/x", b"x").await;
     bench.server.as_mut().expect("a server").kill();
@@ -354,7 +354,7 @@ async fn a_bucket_that_is_away_fails_soon_with_an_error_that_may_pass_and_works_
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn a_bucket_that_is_killed_in_the_midst_of_an_upload_has_the_file_whole_or_not_at_all() {
+async fn a_bucket_killed_during_an_upload_has_the_whole_file_or_nothing() {
     let mut bench = Bench::bucket();
     let (path, bytes) = (bench.folder.path().join("large"), some_bytes(4 * LARGE));
     std::fs::write(&path, &bytes).expect("a file");

@@ -61,7 +61,7 @@ async fn processes_that_share_a_database_and_a_bucket_need_no_folder_in_common()
 }
 
 #[tokio::test]
-async fn while_the_bucket_is_away_clients_are_told_when_to_ask_again_and_afterwards_all_is_there() {
+async fn while_the_bucket_is_down_clients_are_told_when_to_retry_and_nothing_is_lost() {
     let (mut bucket, data) = (S3::start(), tempfile::tempdir().expect("a folder"));
     let program = serve(data.path(), &bucket);
     let api = Api::new(&program);
@@ -98,7 +98,7 @@ async fn while_the_bucket_is_away_clients_are_told_when_to_ask_again_and_afterwa
 }
 
 #[tokio::test]
-async fn a_bucket_that_is_killed_and_comes_back_costs_no_job_an_attempt_at_any_step_of_its_worker() {
+async fn a_bucket_outage_at_any_step_of_a_worker_costs_no_job_an_attempt() {
     for pause in ["worker-claimed", "child-tier1", "worker-publish"] {
         let (mut bucket, data) = (S3::start(), tempfile::tempdir().expect("a folder"));
         let start = Start::serve(data.path()).env("FAILPOINTS", &format!("{pause}=1*sleep(1000)"));

@@ -116,7 +116,7 @@ async fn what_a_service_keeps_is_for_its_own_user_alone() {
 }
 
 #[test]
-fn a_database_that_can_t_be_used_is_told_with_the_setting_and_the_database_s_own_words() {
+fn an_unusable_database_is_reported_with_its_setting_and_the_database_s_own_message() {
     let data = tempfile::tempdir().expect("a folder");
     let folder = data.path().to_string_lossy().into_owned();
     let cluster = Postgres::start();

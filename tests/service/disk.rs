@@ -21,7 +21,7 @@ fn id(job: &Value) -> &str {
 }
 
 #[tokio::test]
-async fn a_full_disk_refuses_uploads_keeps_what_was_accepted_and_all_goes_on_when_there_is_room() {
+async fn a_full_disk_refuses_uploads_and_loses_no_accepted_job() {
     let data = tempfile::tempdir().expect("a folder");
     let start = Start::serve(data.path()).arg("--min-free-mib", "0").env("FAILPOINTS", "worker-claimed=1*sleep(1000)");
     let Some(program) = start.on_small_disk(24) else { return };
@@ -56,7 +56,7 @@ async fn a_full_disk_refuses_uploads_keeps_what_was_accepted_and_all_goes_on_whe
 }
 
 #[tokio::test]
-async fn a_disk_that_fills_up_in_the_midst_of_an_upload_refuses_it_whether_it_was_for_a_folder_or_for_a_bucket() {
+async fn an_upload_is_refused_when_the_disk_fills_up_during_it_with_a_folder_or_a_bucket() {
     for bucket in [None, Some(S3::start())] {
         let data = tempfile::tempdir().expect("a folder");
         let start = Start::serve(data.path()).arg("--min-free-mib", "0").env("MESHMEND_NO_WORKERS", "true");

@@ -137,7 +137,7 @@ async fn pictures_are_drawn_when_one_is_asked_for_and_each_is_listed_typed_and_s
 }
 
 #[tokio::test]
-async fn a_result_that_is_given_again_has_the_pictures_that_were_drawn_and_those_that_were_not() {
+async fn a_result_that_is_given_again_has_all_pictures_whether_drawn_before_or_not() {
     let data = tempfile::tempdir().expect("a folder");
     let program = Start::serve(data.path()).start();
     let api = Api::new(&program);

@@ -58,7 +58,7 @@ async fn a_child_killed_at_any_stage_is_run_again() {
 }
 
 #[tokio::test]
-async fn a_server_killed_while_the_child_works_leaves_no_process_and_the_job_is_done_after_its_restart() {
+async fn a_killed_server_leaves_no_process_and_finishes_the_job_after_its_restart() {
     for (pause, stage) in CHILD_STAGES {
         let data = tempfile::tempdir().expect("a folder");
         let program = Start::serve(data.path()).env("FAILPOINTS", &paused(pause)).start();
@@ -115,7 +115,7 @@ async fn a_worker_that_was_stopped_and_comes_back_after_its_lease_changes_nothin
 }
 
 #[tokio::test]
-async fn a_server_killed_during_an_upload_has_no_job_and_one_killed_after_the_answer_has_it() {
+async fn a_kill_during_an_upload_leaves_no_job_and_a_kill_after_the_response_loses_none() {
     let data = tempfile::tempdir().expect("a folder");
     let program = Start::serve(data.path()).env("MESHMEND_NO_WORKERS", "true").start();
     let api = Api::new(&program);

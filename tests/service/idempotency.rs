@@ -70,7 +70,7 @@ async fn another_request_with_the_same_key_is_refused() {
 }
 
 #[tokio::test]
-async fn a_key_is_taken_while_its_request_is_under_way_and_free_again_when_that_is_refused_or_breaks_off() {
+async fn an_idempotency_key_is_taken_during_its_request_and_free_again_if_that_fails() {
     let data = tempfile::tempdir().expect("a folder");
     let program = Start::serve(data.path()).env("MESHMEND_NO_WORKERS", "true").start();
     let api = Api::new(&program);

@@ -129,7 +129,7 @@ async fn many_large_uploads_at_once_leave_the_servers_memory_small() {
 }
 
 #[tokio::test]
-async fn a_full_queue_and_a_full_disk_refuse_jobs_before_their_files_are_read_and_say_when_to_come_again() {
+async fn a_full_queue_or_disk_refuses_jobs_before_reading_files_and_says_when_to_retry() {
     let data = tempfile::tempdir().expect("a folder");
     let program = Start::serve(data.path()).env("MESHMEND_NO_WORKERS", "true").arg("--max-queued", "1").start();
     let api = Api::new(&program);

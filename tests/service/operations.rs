@@ -134,7 +134,7 @@ async fn operators_see_what_waits_of_each_class_of_tenants() {
 }
 
 #[tokio::test]
-async fn processes_that_serve_and_that_work_tell_operators_how_they_are_on_a_listener_of_its_own() {
+async fn servers_and_workers_answer_probes_and_metrics_on_a_separate_listener() {
     let data = tempfile::tempdir().expect("a folder");
     let server = with_probes(Start::serve(data.path())).env("MESHMEND_NO_WORKERS", "true").start();
     let api = Api::new(&server);
@@ -259,7 +259,7 @@ async fn while_the_database_is_away_the_probes_say_so_and_what_is_not_known_is_n
 }
 
 #[tokio::test]
-async fn requests_that_are_refused_are_logged_with_their_code_and_key_and_failed_jobs_with_theirs() {
+async fn refused_requests_and_failed_jobs_are_logged_with_their_code_and_key() {
     let data = tempfile::tempdir().expect("a folder");
     let secret = create_key(data.path(), "shop", "jobs:read");
     let program = start_with_keys(Start::serve(data.path()).env("MESHMEND_LOG_FORMAT", "json"));

@@ -14,7 +14,7 @@ async fn terminate(program: &Program) {
 }
 
 #[tokio::test]
-async fn while_a_job_finishes_reads_are_served_and_new_work_is_refused_with_a_time_to_come_back() {
+async fn during_shutdown_reads_are_served_and_new_jobs_are_refused_with_a_time_to_retry() {
     let data = tempfile::tempdir().expect("a folder");
     let mut program = Start::serve(data.path()).env("FAILPOINTS", "child-inspect=sleep(4000)").start();
     let api = Api::new(&program);

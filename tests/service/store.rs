@@ -17,7 +17,7 @@ use crate::support::stores::{Bench, LEASE, Manual, promises};
 promises! {
     jobs_are_claimed_in_the_order_they_came_and_each_only_once,
     many_workers_at_once_never_get_the_same_job,
-    a_heartbeat_extends_the_lease_and_a_lease_that_ran_out_makes_the_job_claimable_again,
+    a_heartbeat_extends_the_lease_and_an_expired_lease_makes_the_job_claimable,
     every_write_of_a_stale_worker_loses,
     a_passing_failure_waits_longer_each_time_and_is_final_at_the_last_attempt,
     a_job_that_kills_its_workers_is_set_aside,
@@ -26,7 +26,7 @@ promises! {
     a_final_failure_is_not_tried_again_and_can_not_be_cancelled,
     a_purged_job_keeps_its_name_and_loses_its_content,
     the_queue_position_counts_those_ahead,
-    the_longest_wait_is_that_of_the_job_due_next_and_a_retry_that_is_not_due_waits_for_nothing,
+    the_longest_wait_counts_due_jobs_and_not_retries_that_are_not_due,
     each_change_grows_the_version_and_a_quiet_heartbeat_does_not,
     an_end_whose_answer_was_lost_is_answered_again,
     a_key_is_held_by_one_request_until_it_is_accepted_given_back_or_late,
@@ -72,7 +72,7 @@ async fn many_workers_at_once_never_get_the_same_job(bench: Bench) {
     assert_eq!(all.len(), 100);
 }
 
-async fn a_heartbeat_extends_the_lease_and_a_lease_that_ran_out_makes_the_job_claimable_again(bench: Bench) {
+async fn a_heartbeat_extends_the_lease_and_an_expired_lease_makes_the_job_claimable(bench: Bench) {
     let job = bench.submit().await;
     let first = bench.claim().await.expect("a job");
     bench.pass(LEASE / 2);
@@ -213,7 +213,7 @@ async fn the_queue_position_counts_those_ahead(bench: Bench) {
     assert_eq!(bench.store.queue_position(&running).await.expect("an answer"), None);
 }
 
-async fn the_longest_wait_is_that_of_the_job_due_next_and_a_retry_that_is_not_due_waits_for_nothing(bench: Bench) {
+async fn the_longest_wait_counts_due_jobs_and_not_retries_that_are_not_due(bench: Bench) {
     let wait = async || bench.store.longest_wait().await.expect("an answer");
     assert_eq!(wait().await, Duration::ZERO);
     bench.submit().await;

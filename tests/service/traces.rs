@@ -113,7 +113,7 @@ async fn a_trace_goes_on_from_the_request_to_the_worker_in_another_process() {
 }
 
 #[tokio::test]
-async fn without_a_collector_the_log_lines_of_a_request_and_its_job_share_a_trace_all_the_same() {
+async fn without_a_collector_the_log_lines_of_a_request_and_its_job_still_share_a_trace() {
     let data = tempfile::tempdir().expect("a folder");
     let program = Start::serve(data.path()).env("MESHMEND_LOG_FORMAT", "json").start();
     let api = Api::new(&program);

@@ -145,7 +145,7 @@ fn a_torus_through_itself_has_the_volume_that_it_winds_around() {
 }
 
 #[test]
-fn a_cluster_of_fifty_thousand_intersections_is_resolved_in_seconds_at_the_same_volume() {
+fn fifty_thousand_intersections_are_resolved_in_seconds_at_the_same_volume() {
     let (mut surface, _) = Surface::from_soup(&as_f32(torus(0.5, 1.0, 160, 80)));
     let before = measured(&surface);
     assert!(before.self_intersections.pairs > Some(50_000), "{:?}", before.self_intersections);
@@ -239,7 +239,7 @@ fn more_faces_that_meet_than_memory_has_room_for_are_refused() {
 }
 
 #[test]
-fn a_few_faces_that_all_meet_each_other_are_refused_before_they_are_cut_into_millions() {
+fn faces_that_all_cross_each_other_are_refused_before_they_are_cut_into_millions() {
     let mut random = Random::new(3);
     let mut soup = Soup::default();
     for _ in 0..200 {
