@@ -1,3 +1,5 @@
+//! Tier 3 with fake programs in place of Blender: crashes, hangs, broken results, limits and clean-up.
+
 use std::fs;
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
@@ -17,13 +19,13 @@ use tempfile::TempDir;
 use crate::models::cuboid;
 use crate::remesh;
 
-/// A shell script in Blender's place, in a folder that is its scratch folder as well.
+/// A shell script that stands in for Blender; its folder is also its scratch folder.
 struct Fake {
     folder: TempDir,
     own_process_group: bool,
 }
 
-/// Sets `target` to the path of the result file, `voxels` to the sizes, and `desk` to the fake's folder.
+/// Shell code that sets `target` to the path of the result file, `voxels` to the sizes, and `desk` to the fake's folder.
 const ARGUMENTS: &str =
     "while [ \"$1\" != -- ]; do shift; done; shift; target=$3; voxels=$4; desk=$HOME/..; echo $voxels >> $desk/runs\n";
 
@@ -89,10 +91,10 @@ impl Fake {
         remesher.remesh(&request, &Context::new(progress, &cancel, &clock, LONG))
     }
 
-    /// The voxel sizes of each run, by a script that writes them, in the cube's unit.
+    /// The voxel sizes of each run in the cube's unit, as the script wrote them.
     fn runs(&self) -> Vec<Vec<f64>> {
         let text = fs::read_to_string(self.folder.path().join("runs")).unwrap_or_default();
-        // The frame makes the unit cube 32 wide.
+        // The exchange frame scales the unit cube to a width of 32.
         let sizes = |line: &str| line.split(',').map(|size| size.parse::<f64>().unwrap() / 32.0).collect();
         text.lines().map(sizes).collect()
     }
@@ -138,14 +140,14 @@ impl Fake {
     fn wait_for(&self, name: &str) {
         let begin = Instant::now();
         while !self.folder.path().join(name).exists() {
-            assert!(begin.elapsed() < Duration::from_secs(30), "{name} was not made");
+            assert!(begin.elapsed() < Duration::from_secs(30), "{name} was not created");
             thread::sleep(Duration::from_millis(5));
         }
     }
 
     #[track_caller]
     fn assert_nothing_left(&self) {
-        assert_eq!(self.processes(), Vec::<PathBuf>::new(), "processes are left");
+        assert_eq!(self.processes(), Vec::<PathBuf>::new(), "processes are still running");
         let names: Vec<_> =
             fs::read_dir(self.folder.path()).unwrap().flatten().map(|entry| entry.file_name()).collect();
         assert!(!names.iter().any(|name| name.to_string_lossy().starts_with("meshmend-")), "{names:?}");
@@ -255,7 +257,7 @@ fn a_result_file_that_is_garbage_is_refused() {
         "mkfifo $target",
         "ln -s /dev/zero $target",
         "mkdir $target",
-        // One vertex, one face, no data; then a face out of range.
+        // One vertex and one face without data; then a face whose index is out of range.
         "printf 'MMSOUP01\\001\\0\\0\\0\\0\\0\\0\\0\\001\\0\\0\\0\\0\\0\\0\\0' > $target",
         "printf 'MMSOUP01\\001\\0\\0\\0\\0\\0\\0\\0\\001\\0\\0\\0\\0\\0\\0\\0' > $target; printf '%024d' 0 >> $target",
     ] {
@@ -299,7 +301,7 @@ fn a_program_sees_no_environment_and_no_home_but_its_scratch_folder() {
         let Some((name, value)) = line.split_once('=') else { panic!("{line}") };
         match name {
             "PATH" | "LD_LIBRARY_PATH" | "LC_ALL" | "PYTHONDONTWRITEBYTECODE" | "PYTHONNOUSERSITE" => {}
-            // Set by the shell itself.
+            // The shell itself sets these.
             "_" | "SHLVL" | "OLDPWD" => {}
             _ => assert!(value.starts_with(&base), "{line}"),
         }
@@ -342,7 +344,7 @@ fn blender_is_started_without_profile_sound_or_network() {
 
 #[test]
 fn children_in_sessions_of_their_own_with_no_environment_are_ended_too() {
-    // Nothing but its parent tells that it belongs to the run; the folder is named for the test.
+    // Only its parent process shows that it belongs to the run; the argument with the folder is for this test to find it.
     let fake = Fake::new("touch $desk/started; setsid env -i sh -c 'sleep 600; true' \"$HOME\" & sleep 600; true");
     let error = fake.run_within(SHORT, LONG, &AtomicBool::new(false));
     assert_eq!(error, RemeshError::TimedOut(SHORT));
@@ -390,7 +392,7 @@ fn a_result_that_was_whole_when_time_was_over_or_it_crashed_is_kept() {
         assert!(made.note.unwrap().contains("its result was there"));
         fake.assert_nothing_left();
     }
-    // Half a result is none.
+    // A truncated result is not a result.
     let fake = Fake::new("head -c 40 $desk/mesh > $target; sleep 600; true").with_mesh();
     assert!(matches!(fake.voxels(0.1, 1.0, SHORT), Err(RemeshError::TimedOut(_))));
 }
@@ -404,7 +406,7 @@ fn a_long_remesh_comes_after_a_coarser_one_that_is_kept_when_time_is_over() {
     assert!((runs[0][0] - 0.01).abs() < 1e-12 && (runs[0][1] - 0.005).abs() < 1e-12, "{runs:?}");
     assert!((made.voxel_size.unwrap() - 0.01).abs() < 1e-12);
     assert!(made.note.unwrap().contains("coarser stage"));
-    // One that is quick has one stage.
+    // A quick run reports one stage.
     let fake = Fake::new("cp $desk/mesh $target").with_mesh();
     assert_eq!(fake.voxels(0.1, 1.0, LONG).unwrap().note, None);
     assert_eq!(fake.runs()[0].len(), 1);
@@ -444,7 +446,7 @@ impl Progress for Stages {
 
 #[test]
 fn no_more_run_at_once_than_memory_allows_and_the_others_wait_within_their_time() {
-    // Half of the machine's memory is less than two of these take.
+    // Two of these need more than half of the machine's memory.
     let fake =
         Fake::new("mkdir $desk/running || touch $desk/two-ran; sleep 1; rmdir $desk/running; cp $desk/mesh $target")
             .with_mesh();
@@ -467,7 +469,7 @@ fn no_more_run_at_once_than_memory_allows_and_the_others_wait_within_their_time(
     assert!(!fake.folder.path().join("two-ran").exists());
     let waited = stages.0.lock().unwrap().iter().filter(|it| **it == (Stage::Wait, Some(3), 42)).count();
     assert_eq!(waited, 2);
-    // One that waits longer than its time gives up, and nothing of it runs.
+    // A run that waits longer than its time limit gives up without starting the program.
     let before = fake.runs().len();
     let error = thread::scope(|scope| {
         scope.spawn(|| fake.voxels_by(&remesher, [0.1, 0.1], LONG, &NoProgress));

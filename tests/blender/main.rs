@@ -1,6 +1,6 @@
-//! Tier 3 with a real Blender, and with programs that behave worse than Blender does.
+//! Tier 3 with a real Blender, and with fake programs that hang, crash or write broken results.
 //!
-//! The real one is what `MESHMEND_BLENDER` names, or else what is found; `make test` installs one.
+//! The real Blender is the one that `MESHMEND_BLENDER` names, or else one that is found; `make test` installs one.
 #![allow(clippy::unwrap_used, missing_docs)]
 
 mod fake;

@@ -1,4 +1,4 @@
-//! Meshes that the tests make, and how they are measured.
+//! Test meshes and their measurements.
 
 use std::collections::BTreeMap;
 
@@ -18,13 +18,13 @@ pub fn cuboid(low: DVec3, high: DVec3) -> Soup {
     }
 }
 
-/// The same faces, turned.
+/// The soup with every face flipped.
 pub fn turned(mut soup: Soup) -> Soup {
     soup.faces.iter_mut().for_each(|face| face.swap(1, 2));
     soup
 }
 
-/// The soup divided by `size`, so that a measure of it does not leave the range of f64.
+/// The soup divided by `size`, so that its volume stays in the range of f64.
 pub fn sized(soup: &Soup, size: f64) -> Soup {
     Soup { positions: soup.positions.iter().map(|&position| position / size).collect(), faces: soup.faces.clone() }
 }

@@ -1,3 +1,5 @@
+//! Tier 3 with a real Blender: voxel remeshes and unions of known solids.
+
 use std::sync::OnceLock;
 use std::sync::atomic::AtomicBool;
 use std::time::Duration;
@@ -91,7 +93,7 @@ fn the_union_keeps_unit_and_place_far_from_the_origin_and_at_extreme_sizes() {
 
 #[test]
 fn the_union_does_not_move_what_it_leaves_alone() {
-    // Thirds have no exact f32, and the shift to the frame rounds them.
+    // Thirds have no exact f32, and the shift into the exchange frame rounds them.
     let cubes = overlapping_cubes(1.0 / 3.0, DVec3::new(0.1, 100.1, -7.7));
     let solid = union(&cubes);
     let kept = |position: &&DVec3| solid.positions.contains(position);
@@ -178,7 +180,7 @@ fn a_voxel_that_would_eat_the_memory_is_refused_before_anything_runs() {
 
 #[test]
 fn a_run_that_needs_more_memory_than_allowed_fails_and_says_so() {
-    // A union is not estimated, so that the limit strikes inside the program.
+    // The cost of a union is not estimated, so the time limit is reached while Blender runs.
     let parts: Vec<Soup> = (0..4000).map(|i| overlapping_cubes(1.0, DVec3::X * f64::from(i) * 3.0)).collect();
     let config = BlenderConfig { memory: 1 << 20, ..config() };
     let remesher = BlenderRemesher::new(blender().info().expect("found").clone(), config);

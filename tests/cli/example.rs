@@ -1,4 +1,4 @@
-//! The example of the library.
+//! `examples/repair.rs`, the example of the library.
 
 #[path = "../../examples/repair.rs"]
 mod repair;

@@ -1,4 +1,4 @@
-//! The flags of `meshmend inspect` that say how to look and where to draw.
+//! `meshmend inspect`: the flags that choose what is searched for and where drawings go.
 
 use serde_json::{Value, json};
 
@@ -122,7 +122,7 @@ fn pictures_are_drawn_into_the_folder_and_of_several_files_each_has_its_own() {
     assert_eq!(
         workspace.get("three/defects.ply"),
         workspace.get("made/one/defects.ply"),
-        "attributes alone look for nothing"
+        "`attributes` alone searches for no defects"
     );
     workspace.put("file", b"in the way");
     let output = workspace.run(&["inspect", "bad.stl", "--pictures", "file"]);

@@ -17,7 +17,7 @@ fn repair_writes_the_model_and_the_report_and_says_printable_by_code_zero() {
     let report: Value = serde_json::from_slice(&workspace.get("r.json")).expect("JSON");
     assert_eq!(report["outcome"], "repaired");
     assert_eq!(report["options"]["max_tier"], 1);
-    assert!(output.stdout.is_empty(), "standard output stays free");
+    assert!(output.stdout.is_empty(), "standard output stays empty");
 }
 
 #[test]

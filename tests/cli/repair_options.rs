@@ -1,4 +1,4 @@
-//! What `meshmend repair` says of options.
+//! `meshmend repair`: its notes on options that had no effect.
 
 use crate::files;
 use crate::support::{Workspace, exit_code, stderr};

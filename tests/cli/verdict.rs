@@ -1,11 +1,11 @@
-//! What the command line says of a result, by words, files and exit codes.
+//! The verdict of a repair on the command line: its text, files and exit codes.
 
 use serde_json::Value;
 
 use crate::files;
 use crate::support::{Workspace, exit_code, stderr};
 
-/// Files with the outcome that they have where Blender is not there.
+/// Files, each with its outcome when Blender is missing.
 fn models() -> [(&'static str, Vec<u8>, &'static str); 4] {
     [
         ("sound.stl", files::whole_box(), "already_printable"),

@@ -1,4 +1,4 @@
-//! docker/compose.yaml.
+//! docker/compose.yaml: settings, limits and open ports of its services.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -19,7 +19,7 @@ fn services(compose: &Value) -> &Map<String, Value> {
     compose["services"].as_object().expect("services")
 }
 
-/// What the variables of a service are, where those of the environment are `secret`.
+/// The variables of a service, with `secret` for each one taken from the environment.
 fn variables(service: &Value) -> BTreeMap<String, String> {
     let variables = service["environment"].as_object().into_iter().flatten();
     variables
@@ -34,7 +34,7 @@ fn variables(service: &Value) -> BTreeMap<String, String> {
         .collect()
 }
 
-/// The names of a list, or of a map.
+/// The items of a list, or the keys of a map.
 fn named(value: &Value) -> Vec<String> {
     match value {
         Value::Object(map) => map.keys().cloned().collect(),
@@ -71,17 +71,17 @@ fn no_container_has_more_than_it_needs() {
         assert_eq!(service["read_only"], true, "{name}");
         assert_eq!(strings(&service["cap_drop"]), ["ALL"], "{name}");
         assert_eq!(strings(&service["security_opt"]), ["no-new-privileges:true"], "{name}");
-        assert!(service["mem_limit"].is_string(), "{name} has no limit of memory");
+        assert!(service["mem_limit"].is_string(), "{name} has no memory limit");
         assert!(service["privileged"].is_null() && service["cap_add"].is_null(), "{name}");
         for port in strings(&service["ports"]) {
-            assert!(port.starts_with("127.0.0.1:"), "{name} is open to others at {port}");
+            assert!(port.starts_with("127.0.0.1:"), "{name} is reachable from other machines at {port}");
         }
         let image = service["image"].as_str().expect("an image");
         assert!(image == "meshmend" || image.rsplit(':').next().is_some_and(|tag| tag != "latest"), "{image}");
     }
     let worker = &services(&compose)["worker"];
     let networks = strings(&worker["networks"]);
-    assert!(networks.iter().all(|it| compose["networks"][it]["internal"] == true), "a worker has no way out");
+    assert!(networks.iter().all(|it| compose["networks"][it]["internal"] == true), "a worker has no network");
     assert_eq!(worker["deploy"]["replicas"], 2);
 }
 

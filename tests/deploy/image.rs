@@ -1,4 +1,4 @@
-//! docker/Dockerfile and .dockerignore.
+//! docker/Dockerfile and .dockerignore: the files they name, the build, the user and the health check.
 
 use std::process::Command;
 
@@ -22,7 +22,7 @@ fn everything_that_the_build_copies_is_there_and_nothing_else_is_sent() {
     for source in sources {
         assert!(root().join(source).exists(), "{source}");
     }
-    // What the program has built in is among them.
+    // Files that the program includes at compile time are copied too.
     let mut seen = 0;
     for file in files("src").into_iter().filter(|file| file.extension().is_some_and(|it| it == "rs")) {
         let code = std::fs::read_to_string(&file).expect("text");

@@ -1,4 +1,4 @@
-//! deploy/kubernetes.
+//! deploy/kubernetes: the manifests' settings, limits, probes and network policies.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -14,7 +14,7 @@ use crate::support::source::{root, strings, yaml};
 
 const FOLDER: &str = "deploy/kubernetes";
 
-/// Every object, the secret's example among them.
+/// Every object, including the example secret.
 fn objects() -> Vec<Value> {
     let [kustomization] = yaml(&format!("{FOLDER}/kustomization.yaml")).try_into().expect("one document");
     let files = strings(&kustomization["resources"]).into_iter().chain(["secret.example.yaml".to_owned()]);
@@ -26,7 +26,7 @@ fn named(kind: &str, name: &str) -> Value {
     found.unwrap_or_else(|| panic!("there is no {kind} {name}"))
 }
 
-/// The pods' templates by the name of what makes them.
+/// The pod templates by the name of the object that holds them.
 fn templates() -> BTreeMap<String, Value> {
     let name = |it: &Value| it["metadata"]["name"].as_str().expect("a name").to_owned();
     let made = objects().into_iter().filter(|it| it["spec"]["template"].is_object());
@@ -76,7 +76,7 @@ fn each_of_its_commands_is_one_that_the_program_takes_with_its_settings() {
             variables: variables(container),
             mounts: mounts.iter().map(|it| it["mountPath"].as_str().expect("a path").to_owned()).collect(),
             memory_mib: mebibytes(container["resources"]["limits"]["memory"].as_str().expect("a limit")),
-            // Kubernetes' own default.
+            // 30 s is the default of Kubernetes.
             grace: spec["terminationGracePeriodSeconds"].as_f64().unwrap_or(30.0) - pause,
         }
         .check();
@@ -97,7 +97,10 @@ fn no_pod_has_more_than_it_needs() {
         assert_eq!((&pod["runAsNonRoot"], &pod["seccompProfile"]["type"]), (&true.into(), &"RuntimeDefault".into()));
         assert_eq!((pod["runAsUser"].as_u64(), pod["runAsGroup"].as_u64()), (Some(user[0]), Some(user[1])), "{name}");
         assert_eq!(spec["automountServiceAccountToken"], false, "{name}");
-        assert_eq!(spec["enableServiceLinks"], false, "{name}: their variables would begin with MESHMEND_");
+        assert_eq!(
+            spec["enableServiceLinks"], false,
+            "{name}: Kubernetes would set variables that begin with MESHMEND_"
+        );
         let own = &container["securityContext"];
         assert_eq!((&own["readOnlyRootFilesystem"], &own["allowPrivilegeEscalation"]), (&true.into(), &false.into()));
         assert_eq!(strings(&own["capabilities"]["drop"]), ["ALL"], "{name}");
@@ -188,14 +191,14 @@ fn workers_reach_their_stores_and_nothing_outside() {
         for to in
             policy["spec"]["egress"].as_array().into_iter().flatten().flat_map(|rule| rule["to"].as_array()).flatten()
         {
-            // A host of its own, or pods of the cluster.
+            // A host outside the cluster, or pods of the cluster.
             let cidr = to["ipBlock"]["cidr"].as_str();
             assert!(cidr.is_none_or(|cidr| cidr.ends_with("/32") || cidr.ends_with("/128")), "{to}");
             assert!(cidr.is_some() || to["namespaceSelector"]["matchLabels"].is_object(), "{to}");
             reached += 1;
         }
     }
-    assert!(reached >= 3, "names, the database and the files");
+    assert!(reached >= 3, "DNS, the database and the file store");
     let webhooks = policies.iter().find(|it| it["metadata"]["name"] == "allow-webhooks").expect("the API's way out");
     assert!(!applies(&webhooks["spec"]["podSelector"]));
     let out = webhooks["spec"]["egress"][0]["to"][0]["ipBlock"].clone();

@@ -1,4 +1,4 @@
-//! What is shipped beside the program (docker/, deploy/) against the program itself: every variable, command line, metric and path.
+//! The files in docker/ and deploy/ match the program: every variable, command line, metric and path in them.
 
 #[path = "../support/files.rs"]
 #[allow(dead_code, reason = "the tests of the service need all of it")]

@@ -1,4 +1,4 @@
-//! The dashboard and the alerts.
+//! The Grafana dashboard and the Prometheus alerts name metrics and labels that exist.
 
 use std::collections::BTreeSet;
 
@@ -7,7 +7,7 @@ use serde_json::Value;
 
 use crate::support::source::{names, text, yaml};
 
-/// Labels that Prometheus itself gives.
+/// Labels that Prometheus itself adds.
 const OF_PROMETHEUS: [&str; 3] = ["instance", "job", "le"];
 
 fn expressions(value: &Value) -> Vec<String> {
@@ -21,7 +21,7 @@ fn expressions(value: &Value) -> Vec<String> {
     }
 }
 
-/// Which metric a series is of.
+/// The metric that a series belongs to.
 fn metric(series: &str) -> Option<&'static Metric> {
     METRICS.iter().find(|metric| match series.strip_prefix(metric.name) {
         Some(rest) if metric.kind == Kind::Histogram => ["_bucket", "_sum", "_count"].contains(&rest),
@@ -34,7 +34,7 @@ fn is_of_a_name(c: char) -> bool {
     c.is_ascii_alphanumeric() || c == '_'
 }
 
-/// The metrics of an expression, each of which must be there with the labels that are asked for.
+/// The metrics of an expression; each must exist and have the labels that the expression uses.
 fn metrics(expression: &str) -> BTreeSet<&'static str> {
     let mut found = BTreeSet::new();
     let mut labels: BTreeSet<&str> = OF_PROMETHEUS.into();
@@ -87,7 +87,7 @@ fn the_panels_of_the_dashboard_do_not_lie_on_one_another() {
         let at = |name: &str| panel["gridPos"][name].as_u64().expect("a number");
         assert!(at("x") + at("w") <= 24, "{}", panel["title"]);
         for cell in (at("x")..at("x") + at("w")).flat_map(|x| (at("y")..at("y") + at("h")).map(move |y| (x, y))) {
-            assert!(taken.insert(cell), "{} lies on another", panel["title"]);
+            assert!(taken.insert(cell), "{} overlaps another panel", panel["title"]);
         }
     }
 }

@@ -1,4 +1,4 @@
-//! Variables and commands, wherever they are named.
+//! Every variable and command line in the shipped files is one that the program accepts.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -11,7 +11,7 @@ fn every_variable_that_is_named_is_one_that_the_program_reads() {
     let mut seen = BTreeSet::new();
     for (path, text) in shipped() {
         for name in names(&text, "MESHMEND_", |c| c.is_ascii_uppercase() || c.is_ascii_digit() || c == '_') {
-            // `MESHMEND_` itself is the prefix of all.
+            // `MESHMEND_` alone is the prefix.
             if name != "MESHMEND_" {
                 assert!(known.contains(name), "{path}: nothing reads {name}");
                 seen.insert(name.to_owned());
@@ -29,7 +29,7 @@ fn every_command_that_is_told_is_one_that_the_program_takes() {
         for (at, before) in told.iter().flat_map(|before| text.match_indices(before)) {
             let line = &text[at + before.len()..];
             let line = &line[..line.find(['`', ')', '\n']).unwrap_or(line.len())];
-            // Help says nothing of whether what stands before it is good.
+            // With `--help` the program would not check the rest of the line.
             let line: Vec<_> = line.split_whitespace().filter(|it| *it != "--help").map(str::to_owned).collect();
             config(&line, &BTreeMap::new()).unwrap_or_else(|error| panic!("{path}: {error}"));
             seen += 1;

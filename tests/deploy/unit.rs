@@ -1,11 +1,11 @@
-//! deploy/meshmend.service and its environment file.
+//! deploy/meshmend.service and its environment file: settings, limits and paths.
 
 use std::collections::BTreeMap;
 
 use crate::support::program::settings;
 use crate::support::source::text;
 
-/// The lines of a section: the values of each name.
+/// The values of each name in a section.
 fn section(name: &str) -> BTreeMap<String, Vec<String>> {
     let text = text("deploy/meshmend.service");
     let (_, from) = text.split_once(&format!("[{name}]\n")).expect("a section");
@@ -17,7 +17,7 @@ fn section(name: &str) -> BTreeMap<String, Vec<String>> {
     values
 }
 
-/// `NAME=value` of every line, those after a `#` that is not a sentence's too.
+/// The `NAME=value` pairs of all lines, including those that are commented out.
 fn pairs<'a>(lines: impl Iterator<Item = &'a str>) -> BTreeMap<String, String> {
     let lines = lines.map(|line| line.trim_start_matches('#')).filter(|line| line.starts_with("MESHMEND_"));
     lines.filter_map(|line| line.split_once('=')).map(|(name, value)| (name.to_owned(), value.to_owned())).collect()
@@ -35,7 +35,7 @@ fn it_starts_the_program_with_settings_that_it_takes() {
     assert_eq!(command.next().as_deref(), Some("/usr/local/bin/meshmend"));
     let command: Vec<_> = command.collect();
     let listen = settings(&command, &variables)["MESHMEND_LISTEN"].clone();
-    assert!(listen.starts_with("127."), "open to others at {listen}");
+    assert!(listen.starts_with("127."), "reachable from other machines at {listen}");
     let example = text("deploy/meshmend.env.example");
     variables.extend(pairs(example.lines()));
     let settings = settings(&command, &variables);

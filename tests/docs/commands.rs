@@ -1,4 +1,4 @@
-//! That whatever a page tells people to run can be run.
+//! Every command and example in the documentation runs.
 
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -11,26 +11,26 @@ use crate::support::pages::{Page, root, written};
 
 /// The address of the service in examples.
 const SERVICE: &str = "http://127.0.0.1:8080";
-/// What a page may have beside commands: what is only to look at.
+/// Kinds of code blocks that are only shown, not run.
 const SHOWN: [&str; 4] = ["text", "html", "css", "http"];
-/// Languages of examples, which are files that are run by tests of their own and that tests/house compares.
+/// Languages of example files. Other tests run the files, and tests/house compares them with the pages.
 const PROGRAMS: [&str; 3] = ["python", "rust", "js"];
-/// The page whose snippets of JavaScript are parts of a page and of a backend; tests/browser parses them, and runs examples/shop.
+/// The page whose JavaScript snippets are fragments; tests/browser parses them and runs examples/shop.
 const SNIPPETS: (&str, &str) = ("docs/widget.md", "js");
-/// Programs of an operator that the tests do not have, or must not run.
+/// Programs that the tests lack or must not run.
 const OF_OPERATORS: [&str; 11] =
     ["make", "docker", "kubectl", "systemctl", "install", "psql", "pg_dump", "pg_restore", "aws", "pip", "npm"];
 
-/// The commands of a page that are run, as one script.
+/// The commands of a page to run, as one script.
 fn script(page: &Page) -> String {
     let blocks = page.blocks();
     let run = blocks.iter().filter(|block| block.kind == "sh");
     let lines: String = run.map(|block| block.code.clone()).collect();
-    // The program is there already, and is called by its name.
+    // The program is already built and on PATH.
     lines.replace("cargo build --release\n", "").replace("./target/release/meshmend", "meshmend")
 }
 
-/// Runs the commands of a page in one folder, against a service of its own, and gives what they print.
+/// Runs the commands of a page in one folder against a new service, and returns what they print.
 fn run(page: &Page, folder: &Path) -> String {
     let script = script(page);
     if script.is_empty() {
@@ -87,7 +87,7 @@ fn every_block_is_of_a_kind_that_is_looked_at() {
     }
 }
 
-/// The lines of a script: comments and continuations are gone, and what stands after `|`, `&&` and `;` is a line of its own.
+/// The lines of a script without comments, with continuations joined, and split at `|`, `&&` and `;`.
 fn lines(code: &str) -> Vec<String> {
     let joined = code.replace("\\\n", " ");
     let lines = joined.lines().map(|line| line.split(" #").next().unwrap_or_default().trim());
@@ -98,7 +98,7 @@ fn lines(code: &str) -> Vec<String> {
         .collect()
 }
 
-/// Whether the program takes a command line.
+/// Checks that the program accepts a command line.
 fn is_taken(line: &str) -> Result<(), String> {
     let mut command = Command::new(env!("CARGO_BIN_EXE_meshmend"));
     let output = command.arg("config").args(line.split_whitespace()).env_clear().output().expect("it runs");
@@ -112,7 +112,7 @@ fn what_only_an_operator_can_run_names_commands_targets_and_files_that_there_are
     for page in written() {
         for block in page.blocks().into_iter().filter(|block| block.kind == "sh operator") {
             for line in lines(&block.code) {
-                // Variables before a command, and who runs it.
+                // Skips variables before the command and prefixes such as sudo.
                 let words: Vec<_> =
                     line.split_whitespace().skip_while(|it| it.contains('=') || *it == "sudo").collect();
                 let Some((program, arguments)) = words.split_first() else { continue };
@@ -155,7 +155,7 @@ fn every_command_and_variable_within_the_text_is_one_of_the_programs() {
             seen += 1;
         }
         for flag in flags(&page.text) {
-            // Variables of a style are written like flags.
+            // CSS custom properties look like flags.
             let is_of_the_widget = flag.starts_with("--meshmend-") && style.contains(&flag);
             assert!(is_of_the_widget || known.contains(&flag), "{}: no command has {flag}", page.path);
             seen += 1;

@@ -1,4 +1,4 @@
-//! That links, anchors and pictures lead somewhere.
+//! Links, anchors and pictures of the documentation lead to something that exists.
 
 use std::collections::BTreeSet;
 use std::path::{Component, PathBuf};
@@ -9,7 +9,7 @@ use pulldown_cmark::{Event, Tag};
 use crate::support::pages::{Page, root, written};
 use crate::support::pictures::picture_names;
 
-/// Where the links and pictures of a page lead.
+/// The targets of the links and pictures of a page.
 fn targets(page: &Page) -> Vec<String> {
     let target = |event: Event<'_>| match event {
         Event::Start(Tag::Link { dest_url, .. } | Tag::Image { dest_url, .. }) => Some(dest_url.to_string()),
@@ -18,7 +18,7 @@ fn targets(page: &Page) -> Vec<String> {
     page.events().filter_map(target).collect()
 }
 
-/// The path without `..`, from the repository's root.
+/// The path from the repository's root, with `..` resolved.
 fn plain(path: PathBuf) -> PathBuf {
     path.components().fold(PathBuf::new(), |mut plain, part| {
         if part == Component::ParentDir {
@@ -54,7 +54,7 @@ fn every_link_between_files_leads_to_a_file_and_to_a_heading_in_it() {
 fn every_page_is_reached_from_the_index_and_from_the_readme() {
     let mut left = written();
     let mut reached = BTreeSet::from(["README.md".to_owned()]);
-    // A page that is reached may reach others.
+    // Each page that is reached adds its own links.
     while let Some(at) = left.iter().position(|page| reached.contains(&page.path)) {
         let page = left.remove(at);
         let folder = PathBuf::from(&page.path);

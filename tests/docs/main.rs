@@ -1,4 +1,4 @@
-//! The documentation: that it is complete, that its commands run, that its pictures are what the program draws, and that it is served.
+//! The documentation is complete and served, its commands run, and its pictures match what the program draws.
 #![allow(clippy::unwrap_used, reason = "tests fail by panicking")]
 
 mod commands;

@@ -1,4 +1,4 @@
-//! The pictures of the documentation: what the program draws of models that are made here.
+//! The pictures of the documentation are what the program draws of the models in `support/pictures.rs`.
 
 use std::path::PathBuf;
 use std::process::Command;
@@ -8,7 +8,7 @@ use meshmend::format::{self, Format};
 use crate::support::pages::root;
 use crate::support::pictures::{Shown, shown};
 
-/// The pictures as the program draws them today, by file.
+/// File names and bytes of the pictures as the program draws them now.
 fn drawn() -> Vec<(String, Vec<u8>)> {
     let folder = tempfile::tempdir().unwrap();
     let draw = |it: Shown| {
@@ -37,14 +37,14 @@ fn pixels(png: &[u8]) -> (u32, u32, Vec<u8>) {
     (info.width, info.height, pixels)
 }
 
-/// The same picture in fewer bytes: the program spends little time on that.
+/// The same picture, compressed better than the program does in its short time.
 fn packed(png: &[u8]) -> Vec<u8> {
     let (width, height, pixels) = pixels(png);
     let mut file = Vec::new();
     let mut encoder = png::Encoder::new(&mut file, width, height);
     encoder.set_color(png::ColorType::Rgb);
     encoder.set_compression(png::Compression::High);
-    // Most of it is faces of one colour.
+    // Most of the pixels belong to faces of one colour.
     encoder.set_filter(png::Filter::NoFilter);
     encoder.write_header().unwrap().write_image_data(&pixels).unwrap();
     file

@@ -1,5 +1,6 @@
-//! The tables of the pages, made of what the program itself says. `make docs` writes them between the comments `<!-- name -->` and
-//! `<!-- /name -->`.
+//! The generated tables of the documentation are up to date.
+//!
+//! `make docs` writes them between the comments `<!-- name -->` and `<!-- /name -->`.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -15,10 +16,10 @@ use serde_json::Value;
 use crate::support::pages::{Page, root, written};
 use crate::support::source::variants;
 
-/// Where schemas are in the document of the API.
+/// The prefix of references to schemas in the OpenAPI document.
 const SCHEMAS: &str = "#/components/schemas/";
 
-/// What is generated, by the name of its comments.
+/// The generated sections, by the name in their comments.
 fn sections() -> BTreeMap<&'static str, String> {
     let document = serde_json::to_value(api::document()).unwrap();
     let schemas = &document["components"]["schemas"];
@@ -60,7 +61,7 @@ fn sections() -> BTreeMap<&'static str, String> {
     ])
 }
 
-/// The names of an enum's values as they are sent, with what the code says of each.
+/// The JSON names of an enum's values, each with the doc comment from the code.
 fn described(schemas: &Value, name: &str) -> Vec<[String; 2]> {
     let names = schemas[name]["enum"].as_array().unwrap_or_else(|| panic!("{name} is no enum"));
     let said = variants(name);
@@ -77,7 +78,7 @@ fn cell(text: &str) -> String {
     text.split_whitespace().collect::<Vec<_>>().join(" ").replace('|', "\\|")
 }
 
-/// What a schema says of itself.
+/// The description of a schema.
 fn said(schema: &Value) -> String {
     let own = schema["description"].as_str().or_else(|| schema["oneOf"][0]["description"].as_str());
     own.unwrap_or_else(|| panic!("nothing is said of {schema}")).to_owned()
@@ -97,7 +98,7 @@ fn list_of_pages() -> String {
     PAGES[1..].iter().map(line).collect()
 }
 
-/// The schema of each option of a mode, in the order in which the program has them.
+/// The schema of each option of a mode, in the program's order.
 fn options_of(mode: Mode, schemas: &Value) -> Vec<(String, &Value)> {
     let places = match mode {
         Mode::Repair => vec![&schemas["Options"]["properties"]],
@@ -121,7 +122,7 @@ fn options(mode: Mode, schemas: &Value) -> String {
     table(["Option", "Type", "Default", "Range", "What it does"], options_of(mode, schemas).into_iter().map(row))
 }
 
-/// The name of the schema that one refers to, if it does.
+/// The name of the schema that this one refers to.
 fn referred(schema: &Value) -> Option<&str> {
     let to = schema["$ref"].as_str().or_else(|| schema["oneOf"][0]["$ref"].as_str())?;
     Some(to.strip_prefix(SCHEMAS).unwrap())
@@ -153,13 +154,13 @@ fn range(schema: &Value) -> String {
     }
 }
 
-/// The values of each option that has a few.
+/// A table of values for each option that is an enum.
 fn values(schemas: &Value) -> String {
     let mut seen = BTreeSet::new();
     let mut text = String::new();
     for (name, schema) in Mode::ALL.into_iter().flat_map(|mode| options_of(mode, schemas)) {
         let Some(other) = referred(schema).filter(|it| schemas[*it]["enum"].is_array()) else { continue };
-        // Both modes have some.
+        // Both modes may have the option.
         if !seen.insert(name.clone()) {
             continue;
         }
@@ -219,7 +220,7 @@ fn metrics() -> String {
     table(["Name", "Kind", "Labels", "What it tells"], rows)
 }
 
-/// The page with its tables made anew.
+/// The page with its tables generated again.
 fn made_anew(page: &Page, sections: &BTreeMap<&str, String>) -> String {
     let mut text = page.text.clone();
     for (name, section) in sections {
@@ -240,15 +241,15 @@ fn the_tables_are_what_the_program_says() {
         let comments = page.text.lines().filter(|line| line.starts_with("<!-- ") && !line.starts_with("<!-- /"));
         for comment in comments {
             let name = comment.trim_start_matches("<!-- ").trim_end_matches(" -->");
-            // Examples stand below the names of their files.
+            // A comment with a file's name is above an example.
             if root().join(name).is_file() {
                 continue;
             }
-            assert!(sections.contains_key(name), "{}: nothing is called {name}", page.path);
+            assert!(sections.contains_key(name), "{}: no section is called {name}", page.path);
             used += 1;
         }
     }
-    assert_eq!(used, sections.len(), "each table stands on one page");
+    assert_eq!(used, sections.len(), "each table is on one page");
 }
 
 #[test]

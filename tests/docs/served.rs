@@ -1,4 +1,4 @@
-//! The pages as a browser, a person with curl and a language model ask for them.
+//! The documentation over HTTP: HTML for browsers, Markdown for curl and language models.
 
 use meshmend::manual::{self, PAGES};
 use quick_xml::Reader;
@@ -7,10 +7,10 @@ use quick_xml::events::Event;
 use crate::server::{Api, Start};
 use crate::support::pictures::picture_names;
 
-/// Elements that have no end.
+/// Elements without a closing tag.
 const VOID: [&str; 4] = ["meta", "link", "img", "br"];
 
-/// The names of a document's elements in order; it must be well-formed.
+/// The names of a document's elements in order; panics unless the document is well-formed.
 fn elements(html: &str) -> Vec<String> {
     let mut reader = Reader::from_str(html);
     reader.config_mut().check_end_names = false;
@@ -34,7 +34,7 @@ fn elements(html: &str) -> Vec<String> {
             _ => {}
         }
     }
-    assert!(open.is_empty(), "{open:?} are left open");
+    assert!(open.is_empty(), "{open:?} are not closed");
     seen
 }
 
@@ -81,7 +81,7 @@ async fn every_page_comes_without_a_key_and_may_run_nothing() {
         let answer = api.get(&format!("/docs/pictures/{name}")).header("accept-encoding", "gzip").send().await;
         let answer = answer.expect("an answer");
         assert_eq!((answer.status().as_u16(), &answer.headers()["content-type"]), (200, &"image/png".parse().unwrap()));
-        assert!(!answer.headers().contains_key("content-encoding"), "a PNG is packed as it is");
+        assert!(!answer.headers().contains_key("content-encoding"), "a PNG is compressed already");
     }
 }
 
@@ -105,7 +105,7 @@ async fn whatever_a_page_leads_to_on_the_service_is_there() {
     }
     assert!(seen > 100, "{seen}");
     let index = api.get("/docs").send().await.expect("an answer");
-    assert_eq!(index.url().path(), "/docs/", "the address without a slash leads on");
+    assert_eq!(index.url().path(), "/docs/", "the address without a slash redirects");
     for path in ["/docs/nothing", "/docs/nothing.md", "/docs/pictures/nothing.png", "/docs/README"] {
         let missing = api.get(path).send().await.expect("an answer");
         assert_eq!(

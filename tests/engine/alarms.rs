@@ -1,4 +1,4 @@
-//! No false alarm: what encloses nothing, is turned inside out or is cracked makes no verdict worse than the model is.
+//! Red flags without false alarms: stray faces, inverted parts and cracks do not make a good repair look bad.
 
 use glam::DVec3;
 use meshmend::mesh::Soup;
@@ -7,7 +7,7 @@ use meshmend::repair::{Category, Operator, Options, Outcome, RedFlagCode, Repair
 use crate::meshes::{cube, inside_out, join, push, sheet, sphere};
 use crate::support::repair_soup;
 
-/// Without Blender, and at most one result for each of the two arrangements.
+/// Repairs without Blender, and asserts that the first strategy gives a good result.
 fn repaired_at_once(soup: &Soup) -> Repaired {
     let it = repair_soup(soup, &Options::default(), None);
     assert_eq!(it.report.outcome, Outcome::Repaired, "{} {:?}", it.report.summary, it.report.red_flags);
@@ -28,12 +28,12 @@ fn at(x: f64, size: f64) -> Soup {
     cube(DVec3::new(x, 0.0, 0.0), size, 1)
 }
 
-/// A box about the origin.
+/// A box centred on the origin.
 fn about(half: f64) -> Soup {
     cube(DVec3::splat(-half), 2.0 * half, 1)
 }
 
-/// Each of some groups of faces as surface of its own, moved by what `shift` says of its middle.
+/// The soup split into groups of faces, each moved by `shift` of its index and its centre.
 fn apart(soup: &Soup, faces_a_group: usize, shift: impl Fn(usize, DVec3) -> DVec3) -> Soup {
     let mut all = Soup::default();
     for (number, group) in soup.faces.chunks(faces_a_group).enumerate() {
@@ -102,8 +102,8 @@ fn nested_boxes_of_every_orientation_are_repaired_at_once() {
         let what = format!("{turned:03b}: {} {:?}", it.report.summary, it.report.red_flags);
         assert!(matches!(it.report.outcome, Outcome::Repaired | Outcome::AlreadyPrintable), "{what}");
         assert!(it.report.red_flags.is_empty() && it.report.candidates.len() == 1, "{what}");
-        // A cavity stays a cavity, also in a solid that was inside out as a whole; an inner box as the outer one stays a solid,
-        // unless that one alone was turned.
+        // A cavity stays a cavity, even if the whole model was inside out. An inner box with the orientation of the outer one
+        // stays a solid, unless only the outer one was flipped.
         let inner = match turned & 0b11 {
             0b00 => volumes[1],
             _ => -volumes[1],
@@ -114,7 +114,7 @@ fn nested_boxes_of_every_orientation_are_repaired_at_once() {
 
 #[test]
 fn a_part_that_is_gone_is_still_flagged_where_another_was_inside_out() {
-    // What is left after the loss has the volume that the input had by its signs.
+    // Without the lost part, the result has the same volume as the signed volumes of the input add up to.
     let input = join(&join(&at(0.0, 10.0), &at(20.0, 10.0)), &inside_out(at(40.0, 10.0)));
     let it = repair_soup(&input, &Options { max_volume_change_pct: 0.0, ..Options::default() }, None);
     assert!(it.report.red_flags.iter().all(|flag| flag.code != RedFlagCode::VolumeChange));
@@ -157,7 +157,7 @@ fn an_open_surface_in_pieces_is_still_a_sheet() {
 
 #[test]
 fn boxes_with_tops_one_f32_step_apart_are_repaired_for_readers_of_eight_decimals() {
-    // As in a robot's link in metres: there f32 tells positions apart that eight decimals do not.
+    // Small coordinates, as in a robot part in metres: f32 distinguishes positions that are equal in eight decimals.
     let (top, below) = (0.05f32, 0.05f32.next_down());
     let over = |p: DVec3| DVec3::new(0.1 * p.x - 0.03, 0.08 * p.y - 0.02, (f64::from(below) + 0.04) * p.z - 0.04);
     let mut wide = cube(DVec3::ZERO, 1.0, 1);

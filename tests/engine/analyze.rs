@@ -1,4 +1,4 @@
-//! Files in, one report out.
+//! Analysis of several files in one report.
 
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};

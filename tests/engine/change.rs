@@ -1,4 +1,4 @@
-//! What became of every piece of surface: kept, moved, added or removed, and how it is drawn.
+//! The change from input to result: which surface was kept, moved, added or removed, and how that is drawn.
 
 use glam::DVec3;
 use meshmend::format::{self, Format, Limits, read};
@@ -19,7 +19,7 @@ fn fates(before: &Soup, after: &Soup) -> Fates {
     })
 }
 
-/// The areas of what was kept, moved, added and removed.
+/// The areas that were kept, moved, added and removed.
 fn areas(before: &Soup, after: &Soup) -> [f64; 4] {
     let shares = fates(before, after).shares;
     assert!(shares.complete);
@@ -51,7 +51,7 @@ fn a_patch_is_added_however_small_the_hole_and_a_wall_that_is_gone_is_removed() 
     let whole = cube(DVec3::ZERO, 1.0, 6);
     assert!(near(areas(&without_top(&whole), &whole), [5.0, 0.0, 1.0, 0.0], 1e-9));
     assert!(near(areas(&whole, &without_top(&whole)), [5.0, 0.0, 0.0, 1.0], 1e-9));
-    // A hole that is narrower than what counts as near.
+    // A hole narrower than the distance within which surface counts as moved.
     let fine = cube(DVec3::ZERO, 1.0, 300);
     let mut holed = fine.clone();
     let gone = holed.faces.pop().unwrap();
@@ -68,13 +68,13 @@ fn a_small_displacement_counts_as_moved_and_a_large_one_as_removed_and_added() {
     let area = areas(&before, &before)[0];
     assert!(near(areas(&before, &scaled(1.002)), [0.0, area * 1.002f64.powi(2), 0.0, 0.0], 1e-9));
     assert!(near(areas(&before, &scaled(1.1)), [0.0, 0.0, area * 1.21, area], 1e-9));
-    // By no more than rounding to f32 moves.
+    // A displacement as small as rounding to f32.
     assert!(near(areas(&before, &scaled(1.0 + 1e-8)), [area, 0.0, 0.0, 0.0], 1e-6));
 }
 
 #[test]
 fn of_a_face_that_runs_into_a_solid_the_inner_piece_is_removed() {
-    // A bar through the wall of a box: half of each of its four sides is inside.
+    // A bar through the wall of a box. Half of each of the bar's four sides is inside.
     let shell = cube(DVec3::ZERO, 4.0, 1);
     let quad = |soup: &mut Soup, [a, b, c, d]: [DVec3; 4]| {
         push(soup, [a, b, c]);

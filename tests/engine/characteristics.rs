@@ -1,4 +1,4 @@
-//! meshalyzer's characteristics of shapes whose figures are known, however they are written.
+//! Mesh characteristics, as meshalyzer defines them, of shapes with known values.
 
 use std::sync::atomic::AtomicBool;
 use std::time::Duration;
@@ -24,7 +24,7 @@ fn look(soup: &Soup) -> Inspection {
     look_at(soup.into(), &InspectOptions::default())
 }
 
-/// A block of `columns` by `rows` unit cubes, without those of which `hole` says so, as its outer surface.
+/// The outer surface of `columns` by `rows` unit cubes, without those where `hole` is true.
 fn block(columns: i32, rows: i32, hole: impl Fn(i32, i32) -> bool) -> Soup {
     let full = |x: i32, y: i32| (0..columns).contains(&x) && (0..rows).contains(&y) && !hole(x, y);
     let mut soup = Soup::default();
@@ -72,11 +72,11 @@ fn genus_is_that_of_each_part_and_the_reason_is_said_where_it_has_none() {
     let open = shells.list.iter().find(|s| s.faces == 18).unwrap();
     assert_eq!((open.genus, open.boundaries, open.closed, open.depth), (None, 1, false, None));
     assert_eq!((open.vertices, open.edges), (16, 33));
-    // Two boxes that share one edge are one part there.
+    // Two boxes that share an edge are one part.
     let two = join(&cube(DVec3::ZERO, 1.0, 1), &cube(DVec3::new(1.0, 1.0, 0.0), 1.0, 1));
     let shells = look(&two).characteristics.shells;
     assert_eq!((shells.count, shells.genus_not_measurable), (1, Some(Unmeasurable::NotManifold)));
-    // Two that share a corner are two parts, each with a genus, though the mesh is not manifold.
+    // Two boxes that share a corner are two parts, each with a genus, though the mesh is not manifold.
     let two = join(&cube(DVec3::ZERO, 1.0, 1), &cube(DVec3::ONE, 1.0, 1));
     let it = look(&two);
     assert_eq!((it.measures.manifold, it.characteristics.shells.genus), (false, Some(0)));
@@ -85,7 +85,7 @@ fn genus_is_that_of_each_part_and_the_reason_is_said_where_it_has_none() {
 
 #[test]
 fn a_surface_pinched_at_a_vertex_within_one_part_has_no_genus() {
-    // A belt of triangles around, whose two sides meet in one point.
+    // A belt of triangles whose two sides meet in one point.
     let mut soup = torus(3.0, 1.0, 12, 8);
     let (a, b) = (soup.positions[0], soup.positions[300]);
     for p in &mut soup.positions {
@@ -183,7 +183,7 @@ fn statistics_are_left_out_at_level_none_and_attributes_are_not() {
     assert_eq!((it.statistics, it.attributes.outward), (None, Answer::Yes));
 }
 
-/// A tetrahedron with equal edges of length `sqrt(8)`, and an inspection that says it was searched for intersections.
+/// A regular tetrahedron with edges of length `sqrt(8)`, and its inspection, which includes the search for intersections.
 fn good_mesh() -> (Soup, Inspection) {
     let corner = |x: f64, y: f64, z: f64| DVec3::new(x, y, z);
     let soup = Soup {
@@ -301,7 +301,7 @@ fn a_mesh_without_a_usable_face_is_described_too() {
     }
 }
 
-/// Broken meshes: faces of a wavy torus, some left out, some flipped, with odd ones between.
+/// Broken meshes: faces of a wavy torus, some missing, some flipped, with arbitrary faces among them.
 fn broken() -> impl Strategy<Value = Soup> {
     let bumps = prop::collection::vec(-0.2..0.2f64, 30);
     let kept = prop::collection::vec(0..8u8, 60);
@@ -339,7 +339,7 @@ fn broken() -> impl Strategy<Value = Soup> {
     })
 }
 
-/// What must not change, with lengths in units of `length`: integers as they are, others within rounding.
+/// Compares inspections, with lengths in units of `length`: integers exactly, other numbers within rounding.
 #[track_caller]
 fn assert_same(a: &Inspection, b: &Inspection, length: f64) {
     let near = |x: f64, y: f64| (x - y).abs() <= 1e-9 * x.abs().max(y.abs()).max(1e-9);
@@ -382,7 +382,7 @@ proptest! {
         power in -60..60i32,
     ) {
         let given = look(&soup);
-        // Faces and vertices in another order, corners from another start.
+        // Reorder faces and vertices, and rotate the corners of each face.
         let n = soup.positions.len() as u32;
         let shift = order.index(n as usize) as u32;
         let mut moved = Soup {
@@ -399,7 +399,7 @@ proptest! {
             *p *= scale;
         }
         assert_same(&given, &look(&moved), scale);
-        // The same through a file with numbers, exactly.
+        // A file with vertex indices gives exactly the same.
         let bytes = write(&soup, Format::Mesh).unwrap();
         let again = look(&read(&bytes, &Limits::default()).unwrap().soup);
         prop_assert_eq!(again, given);

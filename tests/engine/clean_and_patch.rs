@@ -1,4 +1,4 @@
-//! Bad places removed and closed again, and nothing else.
+//! `CleanAndPatch` removes faces around defects and closes the holes, and changes nothing else.
 
 use std::collections::HashSet;
 use std::sync::atomic::AtomicBool;
@@ -41,7 +41,7 @@ fn pairs(surface: &Surface) -> u64 {
     measured_as_stl(surface).self_intersections.pairs.unwrap()
 }
 
-/// Faces by the positions of their corners.
+/// The faces as bits of their corner positions.
 fn faces(surface: &Surface) -> HashSet<[[u64; 3]; 3]> {
     (0..surface.faces.len()).map(|f| surface.corners(f).map(|p| p.to_array().map(f64::to_bits))).collect()
 }
@@ -77,7 +77,7 @@ fn a_place_whose_patch_strays_too_far_is_put_back_and_the_other_is_patched() {
     let mut before = ball();
     crumple(&mut before, DVec3::X, 0.3, 0.12, 1);
     crumple(&mut before, -DVec3::X, 0.3, 0.12, 5);
-    // A spike through the second place, deep enough that any patch is far from it.
+    // A spike through the second crumpled place, so deep that any patch would deviate too far.
     let tip = before.positions.iter().position(|p| p.distance(-DVec3::X) < 0.1).unwrap();
     before.positions[tip] = DVec3::new(-1.5, 0.0, 0.0);
     let (after, applied) = cleaned(&before, CleanAndPatch { max_deviation: 0.25, ..CleanAndPatch::default() });
@@ -117,7 +117,7 @@ fn no_more_goes_than_the_limits_allow() {
         assert_eq!(after, before, "{clean:?}");
         assert!(applied.left.is_some(), "{clean:?}");
     }
-    // A part of which every face is bad never goes.
+    // A part whose faces are all bad is never removed.
     let mut small = surface(&join(&sphere(DVec3::ZERO, 1.0, 48, 24), &sphere(DVec3::X * 4.0, 0.2, 6, 4)));
     crumple(&mut small, DVec3::X * 4.0, 0.5, 0.4, 3);
     let (after, _) = cleaned(&small, CleanAndPatch { max_face_loss_pct: 100.0, ..CleanAndPatch::default() });

@@ -1,4 +1,4 @@
-//! Two meshes compared, and how far the meshes of a set are apart.
+//! Comparison of meshes: distances, common volume, buried surface, and spacing of a set.
 
 use std::sync::atomic::AtomicBool;
 use std::time::Duration;
@@ -50,7 +50,7 @@ fn a_mesh_is_no_distance_from_itself_and_all_of_it_is_kept() {
     }
     let inside = it.inside.unwrap();
     assert_eq!((inside.agree_pct, inside.overlap_pct, inside.points), (100.0, Some(100.0), 3000));
-    // A ball in its box.
+    // A ball in its bounding box.
     close(inside.inside_before as f64 / 3000.0, std::f64::consts::PI / 6.0, 0.02);
 }
 
@@ -62,8 +62,8 @@ fn a_shifted_cube_is_apart_by_the_shift_where_that_is_across_the_faces() {
     for deviation in deviations(&it) {
         close(deviation.distance.max, 0.1, 1e-12);
         close(deviation.percent.max, 10.0 / 3f64.sqrt(), 1e-9);
-        // One face is 0.1 away; the one across too, but for its rim, where the sides are nearer; and a tenth of the four
-        // sides, on average by half of that.
+        // One side is 0.1 away. So is the opposite side, except near its rim, where the other four sides are nearer. A tenth of
+        // those four sides is away too, by half as much on average.
         let rim = (1.0 - 0.8f64.powi(3)) / 6.0;
         close(deviation.distance.mean, (0.1 + rim + 4.0 * 0.1 * 0.05) / 6.0, 3e-4);
         close(deviation.distance.p50, 0.0, 1e-12);
@@ -146,7 +146,7 @@ fn huge_tiny_empty_and_broken_meshes_are_compared_without_a_number_that_is_none(
     }
     let it = compared(&ball(1e300), &ball(2e300));
     close(it.deviation.unwrap().distance.max / 1e300, 1.0, 0.1);
-    // From a ball the size of an atom to one the size of the world, and back.
+    // From a ball the size of an atom to an astronomically large one, and back.
     let it = compared(&ball(1.0), &ball(1e200));
     close(it.deviation.unwrap().distance.max / 1e200, 0.95, 0.06);
     close(it.changes.made.unwrap().distance.max / 1e200, 1.0, 1e-6);
@@ -198,7 +198,7 @@ fn faces_that_went_are_buried_where_the_result_is_around_them() {
     let buried = |before: &Soup, after: &Soup| compared(before, after).changes.faces_buried_pct;
     let outer = cube(DVec3::ZERO, 3.0, 2);
     assert_eq!(buried(&join(&outer, &inner), &outer), Some(100.0));
-    // What is gone from outside, or is cut coarser, is not.
+    // Surface lost on the outside, or with coarser faces, is not buried.
     assert_eq!(buried(&join(&outer, &cube(DVec3::splat(5.0), 1.0, 4)), &outer), Some(0.0));
     assert_eq!(buried(&cube(DVec3::ZERO, 3.0, 5), &outer), Some(0.0));
     assert_eq!(buried(&outer, &outer), None);

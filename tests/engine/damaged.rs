@@ -1,4 +1,4 @@
-//! Known solids, damaged in many ways at once: what comes back is the solid.
+//! Repair restores known solids that were damaged in many ways at once.
 
 use meshmend::format::{Format, write};
 use proptest::prelude::*;
@@ -7,20 +7,20 @@ use proptest::test_runner::RngSeed;
 use crate::damage::{DAMAGES, Damaged, Random, SOLIDS, TEARS};
 use crate::support::{measured_file, repair_up_to_tier_2};
 
-/// The solids that share a wall: of the two sheets of the wall nothing is to stay. Where many of its faces are missing or there
-/// three times, and those of the surface beside it too, a few are still taken for the wrong one of the two.
+/// The solids that share a wall. Both sheets of the wall must go. With many missing or tripled faces in and around the
+/// wall, repair still assigns a few faces to the wrong sheet, so the tests limit the damage here.
 const SHARED_WALL: &str = "touching in a face";
 
-/// The bit of faces that are there twice.
+/// The bit of the damage that duplicates faces.
 const DOUBLED: usize = 1 << 2;
 
-/// Says what is wrong with a result, if anything.
+/// Repairs a damaged solid and describes how the result differs from it, if it does.
 pub fn verdict(damaged: &Damaged) -> Result<(), String> {
     verdict_on(damaged, false)
 }
 
-/// The same; where a crack runs through the edge or vertex in which two solids touch, its sides lie as near to the one as to the
-/// other, so the two `may_join` there.
+/// As `verdict`. A crack through the edge or vertex where two solids touch is equally near to both, so repair `may_join`
+/// the two.
 fn verdict_on(damaged: &Damaged, may_join: bool) -> Result<(), String> {
     let bytes = write(&damaged.soup, Format::Stl).unwrap();
     let repaired = repair_up_to_tier_2(&bytes);
@@ -43,7 +43,7 @@ fn verdict_on(damaged: &Damaged, may_join: bool) -> Result<(), String> {
     ))
 }
 
-/// A solid with several kinds of damage, of which each bit of `kinds` tells one.
+/// A solid with several kinds of damage, one for each bit of `kinds`.
 fn damaged(solid: usize, kinds: usize, amount: usize, seed: u64) -> (String, Damaged) {
     let (mut name, make) = (SOLIDS[solid].0.to_owned(), SOLIDS[solid].1);
     let mut it = make();
@@ -101,12 +101,11 @@ proptest! {
     }
 }
 
-/// Whether it is two solids that touch.
 fn may_join(solid: usize) -> bool {
     SOLIDS[solid].0.starts_with("touching")
 }
 
-/// A solid torn open, with faces removed and turned as well where `others` says so.
+/// A solid torn open, with other kinds of damage, one for each bit of `others`.
 fn torn(solid: usize, tear: usize, others: usize, amount: usize, seed: u64) -> (String, Damaged) {
     let mut it = SOLIDS[solid].1();
     let mut random = Random::new(seed);

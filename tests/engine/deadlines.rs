@@ -1,4 +1,4 @@
-//! A repair keeps its deadline within 2 s and 10 %, with the best result so far, verified.
+//! A repair overruns its deadline by at most 2 s and 10 %, and returns the best verified result so far.
 
 use std::cell::Cell;
 use std::sync::Mutex;
@@ -21,7 +21,7 @@ use crate::meshes::{cube, cylinder, join, push, sphere};
 
 const DEADLINE: Duration = Duration::from_secs(10);
 
-/// A clock that a test sets, and that goes on by itself where it is looked at.
+/// A clock that a test sets, and that advances by `tick` each time it is read.
 #[derive(Default)]
 struct Clock {
     now: Mutex<Duration>,
@@ -77,7 +77,7 @@ fn broken() -> Soup {
     soup
 }
 
-/// A cup of which the rim has many edges: what closes it are needles of which each is near all others.
+/// A cup whose rim has many edges, so that its patch consists of needles that are all near each other.
 fn cup(edges: u32) -> Soup {
     let mut cup = cylinder(DVec3::ZERO, 1.0, 2.0, edges);
     let is_lid = |face: &[u32; 3]| face.iter().all(|&v| cup.positions[v as usize].z > 1.9);
@@ -93,13 +93,13 @@ fn a_repair_overruns_its_deadline_by_at_most_a_tenth_and_two_seconds() {
             let clock = Clock { tick: Duration::from_millis(tick_ms), ..Clock::default() };
             let result = run(&model, &Options::default(), None, &NoProgress, &clock);
             let took = clock.now();
-            assert!(took <= DEADLINE + promised_overrun(DEADLINE), "{tick_ms} ms a look: {took:?}");
+            assert!(took <= DEADLINE + promised_overrun(DEADLINE), "{tick_ms} ms a reading: {took:?}");
             match result {
                 Ok(it) => {
                     let left_out = &it.report.left_out;
                     assert_eq!(left_out.contains(&LeftOut::Repair), it.report.summary.contains("deadline_s"));
                     assert!(!it.bytes.is_empty() && it.report.after.is_some() && it.report.verified_from_output_bytes);
-                    // Nothing is said to be printable of which that is not known.
+                    // No result is called printable without verification.
                     let unknown = left_out.contains(&LeftOut::InputVerification);
                     assert!(!(unknown && it.report.outcome.is_printable()), "{tick_ms}");
                 }
@@ -156,7 +156,7 @@ fn where_not_even_the_faces_could_be_counted_the_error_names_the_option() {
 
 #[test]
 fn what_operators_did_before_the_deadline_is_verified_and_handed_out() {
-    // The stage of verification begins when the first strategy has run.
+    // Verification begins after the first strategy.
     let clock = Clock::default();
     let mut open = sphere(DVec3::ZERO, 1.0, 32, 16);
     open.faces.drain(40..60);
@@ -177,7 +177,7 @@ fn a_result_that_there_was_no_time_to_verify_is_not_handed_out() {
     assert_eq!(it.bytes, format::write(&open, Format::Stl).unwrap());
 }
 
-/// A remesher whose answer takes some time on a clock.
+/// A remesher that takes some time on the clock.
 struct Slow<'a> {
     info: RemesherInfo,
     answer: Soup,
@@ -206,7 +206,7 @@ impl Remesher for Slow<'_> {
     }
 }
 
-/// Two cubes on a common edge, with the options by which Blender alone makes something of them.
+/// Two cubes that share an edge, with options under which only Blender can repair them.
 fn for_blender() -> (Soup, Options) {
     let cubes = join(&cube(DVec3::ZERO, 1.0, 1), &cube(DVec3::new(1.0, 1.0, 0.0), 1.0, 1));
     (cubes, Options { preset: Preset::BlenderRemesh, voxel_size: Some(0.1), ..Options::default() })
@@ -276,7 +276,7 @@ fn a_simplification_that_a_deadline_ends_keeps_what_it_did() {
     assert!(done.left.unwrap().contains("time was over"));
     let clock = Clock::default();
     let it = run(&surface.to_soup(), &Options::default(), None, &NoProgress, &clock).unwrap();
-    assert_eq!(it.report.outcome, Outcome::AlreadyPrintable, "every state between is a good one");
+    assert_eq!(it.report.outcome, Outcome::AlreadyPrintable, "every intermediate state is valid");
 }
 
 #[test]

@@ -1,4 +1,4 @@
-//! Meshes with known defects: exactly those are found, where they are, however the mesh is written down.
+//! Inspection finds exactly the known defects of meshes, at their places, in any representation of the mesh.
 
 mod made;
 
@@ -30,7 +30,7 @@ fn findings(soup: &Soup) -> Findings {
     look(soup.into(), &InspectOptions::default()).1
 }
 
-/// What is found, but for self-intersections, which other tests look at.
+/// The count of each kind of defect, except self-intersections, which `intersections.rs` tests.
 fn counts(findings: &Findings) -> BTreeMap<DefectKind, u64> {
     let found = K::ALL.into_iter().map(|kind| (kind, findings.count(kind)));
     found.filter(|&(kind, count)| count > 0 && kind != K::SelfIntersection).collect()
@@ -99,7 +99,7 @@ fn holes_slits_and_cracks_are_where_they_were_cut() {
     for (gap, kind) in [(1e-9, K::Slit), (5e-5, K::Crack)] {
         let it = the_one(&findings(&cut(gap)), kind);
         assert!((it.value.unwrap() / gap - 1.0).abs() < 1e-6, "{it:?}");
-        // Both lips, from the one end around the other and back.
+        // Both sides of the slit, from one end to the other and back.
         assert_eq!(it.line.len(), 7);
         for i in 2..6 {
             assert!(it.line.contains(&top(i, 4).to_array()), "{i}");
@@ -138,7 +138,7 @@ fn a_foldover_names_its_faces_and_draws_its_folds() {
         .collect();
     assert_eq!(upside_down.len(), 2);
     assert!(upside_down.iter().all(|f| it.faces.contains(f)));
-    // Four folds around two faces, each with one face beyond.
+    // Four folds around two faces, each with one neighbouring face.
     assert_eq!((it.line.len(), it.faces.len()), (5, 6));
     assert!(it.value.unwrap() < 1e-12);
 }
@@ -234,7 +234,7 @@ fn vertex_normals_that_point_into_the_mesh_are_found() {
     assert_eq!(bad.at, soup.positions[5].to_array());
     assert!(bad.value.unwrap() > 2.5);
 
-    // Flat shading, where one face's normal at one of its corners is turned: a vertex with several normals.
+    // Flat shading with one wrong corner normal, at a vertex that has several normals.
     let normal = |f: usize| {
         let [a, b, c] = soup.corners(f);
         (b - a).cross(c - a).as_vec3().to_array()
@@ -278,7 +278,7 @@ fn a_facet_normal_against_its_corners_is_bad_at_all_three() {
 
 #[test]
 fn crafted_boundaries_end_at_the_budget_and_say_so() {
-    // Edges of as many triangles, all within a slit's distance of one another.
+    // Edges of many triangles, all close enough to each other to be slits.
     let mut soup = Soup::default();
     for i in 0..10_000 {
         let off = DVec3::new(0.0, f64::from(i) * 1e-13, 0.0);
@@ -298,11 +298,11 @@ fn meshes_made_to_be_slow_are_looked_at_in_good_time() {
         let (y, x) = (f64::from(i) * 1e-5).sin_cos();
         DVec3::new(x, y, 0.0)
     };
-    // A fan of slivers around one vertex, each lying on its neighbours.
+    // A fan of slivers around one vertex, each overlapping its neighbours.
     let mut fan = Soup::default();
-    // As many triangles that share but a vertex, and as many around one edge.
+    // Many triangles that share only one vertex, and many around one edge.
     let (mut pinch, mut book) = (Soup::default(), Soup::default());
-    // As many faces in one place, each turned the other way from the one before.
+    // Many coincident faces with alternating orientation.
     let mut pile = Soup::default();
     for i in 0..20_000 {
         push(&mut fan, [DVec3::Z, circle(i), circle(i + 1)]);
@@ -330,7 +330,7 @@ fn coordinates_near_the_ends_of_f64_change_no_count() {
     }
 }
 
-/// The places of a kind: faces of the first mesh, and the points of the lines.
+/// The places of one kind of defect: faces, numbered as in the original mesh, and the points of the lines.
 fn places(
     found: &Findings,
     kind: DefectKind,

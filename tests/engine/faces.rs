@@ -1,4 +1,4 @@
-//! Faces that are too thin, folded over, on one another, or twisted.
+//! Repair of slivers, foldovers, overlapping faces, internal faces, slits and twisted polygons.
 
 use std::sync::atomic::AtomicBool;
 use std::time::Duration;
@@ -37,7 +37,7 @@ fn mended(soup: &Soup, options: &Options) -> Repaired {
     repair(&bytes, &options, &Limits::default(), None, &context).unwrap()
 }
 
-/// The lowest height and the shortest edge of all faces.
+/// The smallest height or edge length of all faces.
 fn thinnest(surface: &Surface) -> f64 {
     let of = |f: usize| {
         let [a, b, c] = surface.corners(f);
@@ -48,7 +48,7 @@ fn thinnest(surface: &Surface) -> f64 {
     (0..surface.faces.len()).map(of).fold(f64::INFINITY, f64::min)
 }
 
-/// Splits an edge of a face at a share of it, and the face beyond too.
+/// Splits an edge of a face at a fraction of its length, in the neighbouring face too.
 fn split(mesh: &mut Surface, face: usize, corner: usize, share: f64) {
     let (a, b) = (mesh.faces[face][corner], mesh.faces[face][(corner + 1) % 3]);
     let m = mesh.positions.len() as u32;
@@ -62,7 +62,7 @@ fn split(mesh: &mut Surface, face: usize, corner: usize, share: f64) {
     }
 }
 
-/// Puts a vertex into a face, so near the middle of an edge that a cap results.
+/// Inserts a vertex into a face, so near the middle of an edge that it leaves a cap.
 fn cap(mesh: &mut Surface, face: usize, corner: usize, rise: f64) {
     let [a, b, c] = [0, 1, 2].map(|i| mesh.faces[face][(corner + i) % 3]);
     let m = mesh.positions.len() as u32;
@@ -151,7 +151,7 @@ fn slivers_beside_an_edge_of_three_faces_leave_that_edge() {
     assert!(mesh.positions.contains(&DVec3::ZERO), "the end of that edge stays where it was");
 }
 
-/// A cube with a vertex of its upper side dragged within that side, across an edge.
+/// A cube with a vertex of its top moved within the top, across an edge.
 fn folded_cube(to: [f64; 2]) -> Soup {
     let mut mesh = surface(&cube(DVec3::ZERO, 4.0, 4));
     let v = mesh.positions.iter().position(|&p| p == DVec3::new(2.0, 2.0, 4.0)).unwrap();
@@ -181,7 +181,7 @@ fn a_foldover_is_unfolded_without_moving_a_vertex() {
 
 #[test]
 fn a_foldover_is_mended_by_a_plan() {
-    // Over one edge, and over a vertex too, where no flip alone unfolds it.
+    // Across one edge, and across a vertex, where no edge flip alone unfolds it.
     for to in [[2.7, 1.4], [3.2, 1.9]] {
         let it = mended(&folded_cube(to), &Options::default());
         assert_eq!(it.report.outcome, Outcome::Repaired, "{:?}", it.report.summary);
@@ -219,7 +219,7 @@ fn a_plate_without_thickness_keeps_its_rim() {
 #[test]
 fn of_two_neighbours_on_one_another_the_smaller_goes() {
     let mut soup = cube(DVec3::ZERO, 1.0, 1);
-    // On the upper side, from one of its edges: a face folded back on it.
+    // A face that is folded back onto the top from one of its edges.
     push(&mut soup, [DVec3::new(0.0, 0.0, 1.0), DVec3::new(1.0, 0.0, 1.0), DVec3::new(0.6, 0.2, 1.0)]);
     let mut mesh = surface(&soup);
     let applied = with_context(|c| RemoveOverlappingNeighbours::default().apply(&mut mesh, c)).unwrap();
@@ -242,7 +242,7 @@ fn the_sharp_edge_of_a_wedge_is_kept() {
     assert_eq!((applied.changes, mesh), (Vec::new(), before));
 }
 
-/// Expects a plan to make one solid of this volume, with so many faces where that is said.
+/// Asserts that repair gives one solid of this volume, and this number of faces if given.
 fn expect_solid(soup: &Soup, volume: f64, faces: Option<u64>, what: &str) {
     let it = mended(soup, &Options::default());
     assert_eq!(it.report.outcome, Outcome::Repaired, "{what}: {}", it.report.summary);
@@ -304,7 +304,7 @@ fn two_glued_solids_lose_the_wall_between_them() {
     expect_solid(&join(&cube(DVec3::ZERO, 1.0, 2), &cube(DVec3::X, 1.0, 2)), 2.0, Some(80), "two cubes");
 }
 
-/// A cube whose upper side is slit along a line, which ends inside it or, where `through`, at its rim.
+/// A cube whose top has a slit that ends inside it, or at its rim if `through`.
 fn slit_cube(through: bool, gap: f64) -> Soup {
     let mut mesh = surface(&cube(DVec3::ZERO, 4.0, 4));
     let on_line = |p: DVec3| p.z == 4.0 && p.y == 2.0 && (through || (p.x > 0.5 && p.x < 3.5));
@@ -330,7 +330,7 @@ fn slit_cube(through: bool, gap: f64) -> Soup {
 #[test]
 fn slits_are_closed_at_zero_distance_and_within_the_tolerance() {
     for through in [false, true] {
-        // Equal positions are one vertex from reading on.
+        // Vertices at equal positions are merged on reading.
         let exact = slit_cube(through, 0.0);
         assert!(measured(&exact).printable());
         for gap in [1e-9, 4e-6] {
@@ -399,7 +399,7 @@ fn read(bytes: &[u8], twist_angle_deg: f64) -> format::ReadMesh {
 
 #[test]
 fn a_twisted_quad_is_cut_along_the_diagonal_of_the_lesser_fold() {
-    // A kite bent along its long diagonal, named so that a flat cut takes the other one.
+    // A kite bent along its long diagonal, with its corners numbered so that a planar cut takes the other diagonal.
     for turn in 0..2 {
         let mut kite = [[0.0, 0.0, 0.0], [1.0, -0.3, 0.6], [4.0, 0.0, 0.0], [1.0, 0.3, 0.6]];
         kite.rotate_left(turn);

@@ -1,4 +1,4 @@
-//! Reading and writing: each dialect, each kind of damage, and what a reader says about it.
+//! Reading and writing of files: dialects, damaged files, warnings and errors.
 
 mod any_bytes;
 mod limits;
@@ -19,7 +19,7 @@ use glam::DVec3;
 use meshmend::format::{Limits, Place, ReadError, ReadErrorKind, ReadMesh, read};
 use meshmend::mesh::Soup;
 
-/// Four vertices and four faces, turned outward.
+/// A tetrahedron with outward faces.
 fn tetrahedron() -> Soup {
     Soup {
         positions: vec![DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::Z],
@@ -36,12 +36,12 @@ fn read_all(bytes: &[u8]) -> ReadMesh {
 
 fn refused(bytes: &[u8]) -> ReadError {
     match read(bytes, &Limits::default()) {
-        Ok(mesh) => panic!("was read: {mesh:?}"),
+        Ok(mesh) => panic!("expected an error, read {mesh:?}"),
         Err(error) => error,
     }
 }
 
-/// Corner positions of all faces, which is what a format without indices keeps.
+/// The corner positions of all faces: what a format without indices keeps.
 fn corners(soup: &Soup) -> Vec<[DVec3; 3]> {
     (0..soup.faces.len()).map(|face| soup.corners(face)).collect()
 }
@@ -66,7 +66,7 @@ fn assert_refused(bytes: &[u8], kind: ReadErrorKind, place: Option<Place>, words
     assert!(error.detail.contains(words), "'{error}' does not say '{words}'");
 }
 
-/// The only warning, which must hold these words.
+/// Asserts that there is one warning and that it contains these words.
 #[track_caller]
 fn assert_warned(mesh: &ReadMesh, words: &str) {
     assert_eq!(mesh.warnings.len(), 1, "{:?}", mesh.warnings);

@@ -1,4 +1,4 @@
-//! What the input does not prove: invented surface is measured, told and limited, and no solid becomes a shell.
+//! Assumptions of a repair: added surface is measured, reported and limited, and no solid becomes a shell.
 
 use std::sync::atomic::AtomicBool;
 use std::time::Duration;
@@ -36,7 +36,7 @@ fn volume(made: &Repaired) -> f64 {
     made.report.after.as_ref().unwrap().measures.volume.value
 }
 
-/// Without the faces that lie above a height.
+/// The soup without the faces above a height.
 fn cut_off(mut soup: Soup, height: f64) -> Soup {
     let low = |soup: &Soup, f: usize| soup.corners(f).iter().any(|p| p.z < height);
     let keep: Vec<bool> = (0..soup.faces.len()).map(|f| low(&soup, f)).collect();
@@ -45,7 +45,7 @@ fn cut_off(mut soup: Soup, height: f64) -> Soup {
     soup
 }
 
-/// A solid of 2 and a square wall of 4 that stands apart from it.
+/// A cube with sides of 2, and an open square with sides of 4 apart from it.
 fn block_and_wall() -> Soup {
     let mut wall = Soup::default();
     let at = |y: f64, z: f64| DVec3::new(5.0, y, z);
@@ -165,7 +165,7 @@ fn a_large_hole_is_told_with_its_place_and_a_small_one_is_not() {
     assert!(told.count == 1 && (told.amount.unwrap() - 4.0).abs() < 1e-6, "{told:?}");
     assert!((told.share_pct.unwrap() - 100.0 / 6.0).abs() < 1e-3);
     assert!((told.places[0][2] - 2.0).abs() < 1e-6);
-    // The option that the assumption names leaves the hole open.
+    // The option that the assumption names turns the assumption off.
     let (name, value) = told.option.as_deref().unwrap().split_once('=').unwrap();
     assert_eq!(name, "max_hole_size");
     let options = Options { max_hole_size: value.parse().unwrap(), ..Options::default() };

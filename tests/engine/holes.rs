@@ -1,4 +1,4 @@
-//! Closing holes of every kind: the patch is manifold, intersects nothing, and lies where it should.
+//! Hole filling: patches are manifold, intersect nothing, and have the right shape.
 
 use std::collections::HashMap;
 
@@ -34,7 +34,7 @@ fn crossings(surface: &Surface) -> u64 {
     })
 }
 
-/// Fills, and asserts that the result is closed, manifold and intersects nothing.
+/// Fills holes, and asserts that the result is closed, manifold and free of intersections.
 fn filled_soundly(soup: &Soup, with: FillHoles) -> (Surface, Measures) {
     let (surface, filled) = fill(soup, with);
     assert_eq!((filled.holes_left, filled.open_sheets, filled.intersecting), (0, 0, 0), "{filled:?}");
@@ -44,8 +44,8 @@ fn filled_soundly(soup: &Soup, with: FillHoles) -> (Surface, Measures) {
     (surface, after)
 }
 
-/// Walls over closed polygons in the plane z = 0, down to z = -1, with a bottom that `bottom` gives; polygons of solid
-/// outline run counter-clockwise, those of shafts clockwise.
+/// Walls below closed polygons in the plane z = 0, down to z = -1, with `bottom` as floor. Outlines of solids run
+/// counter-clockwise, outlines of shafts clockwise.
 fn without_lid(outlines: &[Vec<[f64; 2]>], bottom: &[[[f64; 2]; 3]]) -> Soup {
     let mut soup = Soup::default();
     let at = |[x, y]: [f64; 2], z: f64| DVec3::new(x, y, z);
@@ -100,7 +100,7 @@ fn a_flat_hole_that_is_not_convex_gets_a_flat_patch_without_overlap() {
 
 #[test]
 fn an_island_in_a_hole_is_joined_and_not_covered() {
-    // Of the top of a box a ring is missing; what is left in the middle hangs in the air.
+    // The top of a box without a ring of faces, which leaves an island in the middle.
     let mut soup = cube(DVec3::ZERO, 1.0, 6);
     let in_ring = |p: DVec3| {
         let from_middle = (p - DVec3::new(0.5, 0.5, 1.0)).abs();
@@ -155,7 +155,7 @@ fn holes_that_touch_in_a_vertex_are_closed_to_one_manifold_surface() {
     let soup = torus(3.0, 1.0, 24, 12);
     let (surface, _) = Surface::from_soup(&soup);
     for vertex in [0u32, 17, 100] {
-        // Of the faces around a vertex every other one goes; and a ring of faces that leaves one vertex' own.
+        // Remove every other face around a vertex, or a ring of faces around the faces of one vertex.
         let around: Vec<usize> = (0..surface.faces.len()).filter(|&f| surface.faces[f].contains(&vertex)).collect();
         let mut holed = surface.to_soup();
         let mut index = 0;
@@ -172,8 +172,8 @@ fn holes_that_touch_in_a_vertex_are_closed_to_one_manifold_surface() {
 
 #[test]
 fn of_two_patches_that_which_intersects_nothing_is_taken() {
-    // The rim of a box is a bent square: along one diagonal its patch is a ridge, along the other a valley. A spike ends
-    // between the two, once from below and once from above, so that once the one and once the other is clear.
+    // The rim of a box is a bent square: a patch along one diagonal is a ridge, along the other a valley. A spike ends between
+    // the two, from below or from above, so that only the ridge or only the valley is free.
     for base in [-0.5, 1.0] {
         let mut soup = Soup::default();
         let rim = [(0.0, 0.0, 0.0), (1.0, 0.0, 0.3), (1.0, 1.0, 0.0), (0.0, 1.0, 0.3)].map(DVec3::from);
@@ -190,7 +190,7 @@ fn of_two_patches_that_which_intersects_nothing_is_taken() {
         let tip = DVec3::new(0.5, 0.5, 0.15);
         let mut spike =
             [[foot[0], foot[2], foot[1]], [foot[0], foot[1], tip], [foot[1], foot[2], tip], [foot[2], foot[0], tip]];
-        // From below it is a cavity, from above a solid of its own.
+        // From below the spike is a cavity, from above a separate solid.
         spike.iter_mut().for_each(|t| t.swap(1, 2));
         spike.into_iter().for_each(|t| push(&mut soup, t));
         let (_, after) = filled_soundly(&soup, FillHoles::default());
@@ -198,7 +198,7 @@ fn of_two_patches_that_which_intersects_nothing_is_taken() {
     }
 }
 
-/// A cup whose rim has `n` edges and goes up and down by `wave`.
+/// A cup whose rim has `n` edges and a wave with amplitude `wave`.
 fn cup(n: u32, wave: f64) -> Soup {
     let mut soup = Soup::default();
     let at = |i: u32, top: bool| {
@@ -229,7 +229,7 @@ fn a_rim_of_ten_thousand_edges_is_closed() {
 
 #[test]
 fn sharp_filling_leaves_open_what_would_intersect() {
-    // A plate that passes through the opening of a box and touches its walls nowhere.
+    // A plate through the opening of a box that does not touch its walls.
     let mut soup = cube(DVec3::ZERO, 1.0, 2);
     soup.faces.truncate(soup.faces.len() - 8);
     let plate = cube(DVec3::splat(0.0), 0.5, 1);
@@ -271,7 +271,7 @@ fn open_ball(below: f64) -> Soup {
 fn fairing_bulges_where_the_surface_does_and_moves_nothing_of_it() {
     let ball = measured(&sphere(DVec3::ZERO, 1.0, 40, 20)).volume.value;
     let wavy = {
-        // A rim that is not plane, so that the patch is not either.
+        // A rim that is not planar, so neither is the patch.
         let mut soup = open_ball(0.75);
         soup.faces.truncate(soup.faces.len() - 1);
         soup
@@ -313,7 +313,7 @@ fn limits_in_size_and_number_leave_the_larger_holes_and_say_so() {
     }
 }
 
-/// A thin-walled vase: an outer and an inner surface, joined at the rim or not.
+/// A thin-walled vase: an outer and an inner surface, joined at the rim if `rim`.
 fn vase(rim: bool) -> Soup {
     let mut soup = Soup::default();
     let n = 24;
@@ -400,7 +400,7 @@ proptest! {
         let (surface, _) = Surface::from_soup(&soup);
         let mut missing = vec![false; surface.faces.len()];
         for (seed, spread) in gone {
-            // A face and what is around it.
+            // Remove the faces around a vertex.
             let vertex = surface.faces[seed % surface.faces.len()][0];
             let near = surface.faces.iter().enumerate().filter(|(_, f)| f.contains(&vertex));
             for (f, _) in near.take(spread) {
@@ -410,7 +410,7 @@ proptest! {
         let mut index = 0;
         let mut holed = surface.to_soup();
         holed.faces.retain(|_| { index += 1; !missing[index - 1] });
-        // What hangs on by vertices alone is a part of its own, and a lone face encloses nothing.
+        // Faces connected only by a vertex are a separate part, and a single face encloses nothing.
         prop_assume!(measured(&holed).parts == 1);
         let (after, filled) = fill(&holed, FillHoles::default());
         prop_assert_eq!((filled.holes_left, filled.open_sheets), (0, 0));

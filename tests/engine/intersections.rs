@@ -1,4 +1,4 @@
-//! Faces that intersect, on whole meshes.
+//! Detection of intersecting faces on whole meshes.
 
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Duration;
@@ -23,7 +23,7 @@ fn pairs(soup: &Soup) -> Vec<IntersectingPair> {
     found(soup).pairs
 }
 
-/// Whether an edge of one triangle goes through the inside of the other, in whole numbers; none where they only touch.
+/// Whether an edge of one triangle crosses the interior of the other, in integer arithmetic; none if they only touch.
 fn pierced(p: [[i128; 3]; 3], q: [[i128; 3]; 3]) -> Option<bool> {
     let minus = |a: [i128; 3], b: [i128; 3]| [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
     let volume = |a, b, c, d| {
@@ -89,7 +89,7 @@ proptest! {
         prop_assert_eq!(all.counts.crossing, expected.len() as u64);
         prop_assert_eq!(all.counts.pairs, Some(expected.len() as u64));
 
-        // The same triangles from another one on, each from another corner on.
+        // The same triangles in rotated order, each with rotated corners.
         let n = triangles.len();
         let moved: Vec<_> = (0..n).map(|k| { let [a, b, c] = triangles[(k + first) % n]; [b, c, a] }).collect();
         let mut back: Vec<[u32; 2]> = pairs(&soup_of(&moved, place)).iter().map(|p| {
@@ -125,10 +125,11 @@ fn a_corner_of_a_cube_in_another_is_between_parts_and_crosses() {
 
 #[test]
 fn a_box_that_stands_on_another_lies_in_one_plane_with_it_and_touches() {
-    // The lower side of the small one is inside the upper side of the large one, away from its diagonal.
+    // The bottom of the small cube lies on the top of the large one, away from its diagonal.
     let soup = join(&cube(DVec3::ZERO, 8.0, 1), &cube(DVec3::new(5.0, 1.0, 8.0), 1.0, 1));
     let counts = found(&soup).counts;
-    // Two triangles of its lower side; of its four other sides each has one triangle with two corners there, one with one.
+    // Coplanar: the two triangles of the bottom. Touching: on each of the other four sides, one triangle with two corners
+    // there and one triangle with one.
     assert_eq!((counts.coplanar, counts.touching, counts.crossing), (2, 8, 0), "{counts:?}");
 }
 
@@ -140,7 +141,7 @@ fn a_face_folded_back_on_its_neighbour_is_a_pair_within_one_part() {
     push(&mut soup, [b, a, DVec3::new(2.0, 2.0, 0.0)]);
     let pair = IntersectingPair { faces: [0, 1], meeting: Meeting::Coplanar, within_one_part: true };
     assert_eq!(pairs(&soup), [pair]);
-    // Folded half as far they share their edge and nothing else.
+    // Folded half as far, they share only their edge.
     soup.positions[5] = DVec3::new(2.0, 0.0, 2.0);
     assert_eq!(pairs(&soup), []);
 }
@@ -179,7 +180,7 @@ fn the_full_level_lists_pairs_with_their_places_and_the_basic_level_does_not_loo
     let group = full.defects.iter().find(|g| g.kind == DefectKind::SelfIntersection).unwrap();
     assert_eq!((group.count, group.places.len()), (count, 3));
     for defect in findings.places(DefectKind::SelfIntersection) {
-        // The common part of the two boxes.
+        // The range that both boxes share.
         let inside = defect.at.iter().zip([3.0, 2.9, 2.7]).all(|(&x, low)| x > low - 1e-9 && x < 4.0 + 1e-9);
         assert!(inside && defect.faces.len() == 2 && defect.meeting == Some(Meeting::Crossing), "{defect:?}");
     }
@@ -207,7 +208,7 @@ fn the_answer_is_the_same_for_any_number_of_threads() {
 
 #[test]
 fn a_search_stops_when_its_time_is_over() {
-    // A fan of sheets around one axis: every face meets every other.
+    // A fan of sheets around one axis: every face intersects every other.
     let mut soup = Soup::default();
     for i in 0..4000 {
         let angle = f64::from(i) * 1e-3;
@@ -222,7 +223,7 @@ fn a_search_stops_when_its_time_is_over() {
     asked.store(0, Ordering::Relaxed);
     let hurried = Context::new(&NoProgress, &cancel, &clock, Duration::from_secs(6));
     assert!(intersections(&analysis, &hurried).is_err());
-    assert!(asked.load(Ordering::Relaxed) < 8, "asked {asked:?} times after the end");
+    assert!(asked.load(Ordering::Relaxed) < 8, "the context was checked {asked:?} times after cancellation");
 }
 
 #[test]
@@ -238,14 +239,14 @@ fn two_meshes_meet_where_they_touch_and_share_nothing_by_number() {
     };
     let at = |x: f64, size: f64| cube(DVec3::new(x, x, x), size, 1);
     assert_eq!(between(&at(0.0, 1.0), &at(2.0, 1.0)).pairs, []);
-    // One corner on the other's: each face at one with each at the other.
+    // Two corners coincide: each face at the one touches each face at the other.
     let corner = between(&at(0.0, 1.0), &at(1.0, 1.0));
     assert_eq!(corner.counts.touching, corner.counts.faces * corner.counts.faces / 4);
     assert!(corner.counts.touching >= 9 && corner.counts.crossing == 0 && corner.counts.coplanar == 0);
-    // The very same box: each face lies on itself.
+    // The same box: each face coincides with itself.
     let same = between(&at(0.0, 1.0), &at(0.0, 1.0));
     assert!((0..12).all(|f| same.pairs.iter().any(|p| p.faces == [f, f] && p.meeting == Meeting::Coplanar)));
-    // A tiny box far inside a huge one meets nothing; through its wall it crosses.
+    // A tiny box far inside a huge one intersects nothing; a tiny box across its wall does.
     assert_eq!(between(&at(-1e200, 2e200), &at(1.0, 1e-3)).pairs, []);
     assert!(between(&at(-1e200, 2e200), &at(1e200 - 1e190, 2e190)).counts.crossing > 0);
 }

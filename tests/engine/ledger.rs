@@ -1,4 +1,4 @@
-//! Each part of the input is in the result, or has a certificate, or is lost and raises the flag.
+//! Part accounting: each part of the input is in the result, was dropped for a reason, or is lost and raises a red flag.
 
 use glam::DVec3;
 use meshmend::context::Context;
@@ -26,7 +26,7 @@ fn booked(before: &Soup, after: &Soup) -> Ledger {
     booked
 }
 
-/// The certificates by part.
+/// The reasons by part.
 fn certificates(before: &Soup, after: &Soup) -> Vec<(u32, Certificate)> {
     let booked = booked(before, after);
     assert_eq!(booked.lost, 0, "{booked:?}");
@@ -37,7 +37,7 @@ fn box_at(x: f64, size: f64) -> Soup {
     cube(DVec3::new(x, 0.0, 0.0), size, 3)
 }
 
-/// A cuboid with its sides cut so often.
+/// A cuboid with `n` cells along each side.
 fn cuboid(low: DVec3, sides: DVec3, n: u32) -> Soup {
     let mut soup = cube(DVec3::ZERO, 1.0, n);
     soup.positions.iter_mut().for_each(|p| *p = low + *p * sides);
@@ -53,7 +53,7 @@ fn what_stands_is_kept_and_what_stands_in_part_is_changed() {
     cut.faces.pop();
     let cut = booked(&both, &cut);
     assert_eq!((cut.kept, cut.changed, cut.lost), (1, 1, 0));
-    // Made anew with other faces, and moved a little.
+    // Remeshed and moved slightly.
     let mut anew = join(&cube(DVec3::ZERO, 1.0, 5), &cube(DVec3::new(3.0, 0.0, 0.0), 1.0, 7));
     anew.positions.iter_mut().for_each(|p| *p += DVec3::splat(0.003));
     assert_eq!(booked(&both, &anew).changed, 2);
@@ -62,7 +62,7 @@ fn what_stands_is_kept_and_what_stands_in_part_is_changed() {
 #[test]
 fn parts_that_share_a_part_of_the_result_are_united() {
     let apart = join(&join(&box_at(0.0, 1.0), &box_at(0.5, 1.0)), &box_at(5.0, 1.0));
-    // The two that overlap become one cuboid.
+    // The two overlapping cuboids become one.
     let united = join(&cuboid(DVec3::ZERO, DVec3::new(1.5, 1.0, 1.0), 4), &box_at(5.0, 1.0));
     let booked = booked(&apart, &united);
     assert_eq!((booked.kept, booked.changed, booked.united, booked.lost), (1, 2, 2, 0));
@@ -73,10 +73,10 @@ fn a_copy_of_a_part_is_a_duplicate() {
     let one = box_at(0.0, 1.0);
     let coarse = cube(DVec3::ZERO, 1.0, 1);
     assert_eq!(certificates(&join(&coarse, &one), &one), [(0, Certificate::Duplicate)]);
-    // Both are made anew: one of them is there.
+    // Both copies are remeshed: one remains.
     let anew = cube(DVec3::ZERO, 1.0, 2);
     assert_eq!(certificates(&join(&coarse, &one), &anew), [(1, Certificate::Duplicate)]);
-    // Copies with the same faces share their edges: they are one part, of which a part stands.
+    // Copies with the same faces share their edges, so they are one part; some of that part remains.
     let twice = join(&one, &one);
     assert_eq!((booked(&twice, &one).parts, booked(&twice, &one).changed), (1, 1));
     assert_eq!(booked(&twice, &twice).kept, 1);
@@ -105,7 +105,7 @@ fn sheets_and_closed_parts_without_volume_enclose_nothing() {
     // A box pressed flat: closed, with two layers of different faces.
     let pressed = cuboid(DVec3::new(9.0, 0.0, 0.0), DVec3::new(1.0, 1.0, 1e-9), 3);
     assert_eq!(certificates(&join(&solid, &pressed), &solid), [(1, Certificate::NoVolume)]);
-    // A needle of which no corner is elsewhere than on one line.
+    // A needle with all corners on one line.
     let mut needle = solid.clone();
     push(&mut needle, [DVec3::splat(5.0), DVec3::splat(6.0), DVec3::splat(7.0)]);
     assert_eq!(certificates(&needle, &solid), [(1, Certificate::NoVolume)]);
@@ -128,15 +128,15 @@ fn a_part_that_is_gone_without_a_reason_is_lost() {
     assert_eq!((lost.part, lost.first_face, lost.faces), (1, 108, 54 * 2));
     assert!((lost.area - 6.0).abs() < 1e-12);
     assert!((5.9..7.1).contains(&lost.at[0]), "{:?}", lost.at);
-    // One whose faces are turned any way.
+    // A part whose faces have inconsistent orientation.
     let mut mixed = small.clone();
     mixed.faces.iter_mut().step_by(3).for_each(|face| face.swap(0, 1));
     assert_eq!(booked(&join(&big, &mixed), &big).lost, 1);
-    // A box without a lid is no sheet.
+    // A box without a lid is not a sheet.
     let mut open = small.clone();
     open.faces.truncate(90);
     assert_eq!(booked(&join(&big, &open), &big).lost, 1);
-    // In a closed hollow it is not inside the result.
+    // A part in a closed cavity is not inside the result.
     let hollow = join(&box_at(0.0, 4.0), &inside_out(cube(DVec3::splat(0.5), 3.0, 2)));
     let ball = sphere(DVec3::splat(2.0), 0.5, 12, 8);
     assert_eq!(booked(&join(&hollow, &ball), &hollow).lost, 1);
@@ -170,7 +170,7 @@ fn lists_are_bounded_and_counts_are_not() {
     assert_eq!((booked.parts, booked.no_volume, booked.certificates.len()), (1501, 1500, 1000));
 }
 
-/// A remesher that answers with one mesh.
+/// A remesher that always returns the same mesh.
 struct Answers(RemesherInfo, Soup);
 
 impl Remesher for Answers {
@@ -188,8 +188,7 @@ fn remeshed(input: &Soup, answer: Soup) -> Repaired {
     let bytes = format::write(input, Format::Stl).unwrap();
     let options = Options {
         preset: meshmend::repair::Preset::BlenderRemesh,
-        // Without these the native tiers leave the hole, so that only the remesh is closed.
-        // The faces of the remesh stay as they are.
+        // Without these operators tiers 1 and 2 leave the hole, so only the remesh is closed, and its faces are not changed.
         without: vec![Operator::FillHoles, Operator::CleanAndPatch, Operator::Simplify],
         max_surface_lost_pct: 100.0,
         max_face_loss_pct: 100.0,
@@ -279,7 +278,7 @@ proptest! {
         for (i, &keep) in (0u32..).zip(&keep) {
             let part = cube(DVec3::new(f64::from(i) * 1.5, 0.0, 0.0) * size, size, n);
             before = join(&before, &part);
-            // Cut anew where the number is even.
+            // With other faces if the number is even.
             let anew = cube(DVec3::new(f64::from(i) * 1.5, 0.0, 0.0) * size, size, n + u32::from(i % 2 == 0));
             after = if keep { join(&after, &anew) } else { after };
         }

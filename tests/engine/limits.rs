@@ -1,4 +1,4 @@
-//! What the options let operators do.
+//! Limits in the options: operators stay within the allowed deviation.
 
 use std::sync::atomic::AtomicBool;
 use std::time::Duration;
@@ -25,7 +25,7 @@ fn native() -> Options {
     Options { max_tier: 2, ..Options::default() }
 }
 
-/// Two cubes on a common edge: by position they can be two solids only if some vertex moves.
+/// Two cubes that share an edge: readers that merge by position see two solids only if a vertex moves.
 fn on_an_edge() -> Soup {
     join(&cube(DVec3::ZERO, 1.0, 1), &cube(DVec3::new(1.0, 1.0, 0.0), 1.0, 1))
 }
@@ -46,7 +46,7 @@ fn what_needs_more_than_max_deviation_is_left_and_reported() {
     assert!(bound.summary.contains("non-manifold"), "{}", bound.summary);
 }
 
-/// Answers a ball of the right size with other faces.
+/// A remesher that returns a ball of the right size with other faces.
 struct Ball(RemesherInfo);
 
 impl Remesher for Ball {
@@ -70,7 +70,7 @@ fn a_remesh_farther_from_the_input_than_max_deviation_is_flagged() {
     let bound = run(&broken, &Options { max_deviation: Some(1e-4), ..asked }, Some(&ball)).report;
     let flagged = bound.candidates.iter().any(|c| c.red_flags.iter().any(|f| f.code == RedFlagCode::Deviation));
     assert!(flagged, "{:?}", bound.candidates);
-    // Closing the hole needs no move, so that this is what is handed out.
+    // Closing the hole moves no vertex, so that result is returned.
     assert_eq!(bound.outcome, Outcome::Repaired);
     assert!(bound.red_flags.is_empty());
 }
@@ -82,7 +82,7 @@ fn an_operator_that_is_switched_off_does_not_run() {
     let ran = |report: &meshmend::repair::Report| report.steps.iter().any(|s| s.operator == Some(Operator::FillHoles));
     let with = run(&open, &native(), None).report;
     assert!(ran(&with) && with.outcome == Outcome::Repaired);
-    // Others that would close it in their own way.
+    // Other operators that would close the hole.
     let off = vec![Operator::FillHoles, Operator::ThickenSheets, Operator::CleanAndPatch, Operator::Remesh];
     let without = run(&open, &Options { without: off, ..native() }, None).report;
     assert!(!ran(&without) && without.outcome != Outcome::Repaired);

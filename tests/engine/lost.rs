@@ -1,4 +1,4 @@
-//! The share of visible surface that a result lost.
+//! The percentage of visible surface that a result lost.
 
 use std::sync::atomic::AtomicBool;
 use std::time::Duration;
@@ -32,7 +32,7 @@ fn a_wall_that_is_gone_is_lost_by_its_share_of_the_area() {
     let whole = cube(DVec3::ZERO, 1.0, 8);
     let open = without(&whole, |corners| corners.iter().all(|p| p.x == 1.0));
     let share = lost(&whole, &open);
-    // Near the wall's rim the neighbours are within reach.
+    // Near the wall's rim, the adjacent sides are within the distance that counts as present.
     assert!((13.0..17.0).contains(&share), "{share}");
     assert_eq!(lost(&whole, &whole), 0.0);
 }

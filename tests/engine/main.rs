@@ -1,4 +1,4 @@
-//! The engine from outside: formats, operators and the pipeline, on meshes that the tests make.
+//! The engine through its public interface: formats, operators and the pipeline, on meshes that the tests build.
 #![allow(clippy::unwrap_used, reason = "tests fail by panicking")]
 
 mod alarms;

@@ -1,4 +1,4 @@
-//! The operators of tier 2: what is cut apart stays apart when it is welded by position.
+//! Operators of tier 2: solids that are separated stay separate when a reader merges vertices by position.
 
 use glam::DVec3;
 use meshmend::arrange::{ArrangeError, Exact, Inside};
@@ -20,7 +20,7 @@ fn separated(soup: &Soup) -> Surface {
     surface
 }
 
-/// Two cubes of side 1 that share an edge and nothing more.
+/// Two unit cubes that share only an edge.
 fn two_cubes_on_an_edge() -> Soup {
     join(&cube(DVec3::ZERO, 1.0, 2), &cube(DVec3::new(1.0, 1.0, 0.0), 1.0, 2))
 }
@@ -58,7 +58,7 @@ fn solids_that_touch_in_a_vertex_are_parted() {
     assert!(after.closed && after.manifold);
 }
 
-/// A ring of eight cubes around a hole, two of which meet in an edge only: around that edge the surface is one piece.
+/// A ring of cubes around a hole, two of which share only an edge; around that edge the surface is connected.
 fn ring_with_a_pinched_edge() -> Soup {
     let cells = [(0, 0), (1, 0), (2, 0), (2, 1), (1, 2), (0, 2), (0, 1)];
     let filled = |x: i32, y: i32| cells.contains(&(x, y));
@@ -156,8 +156,8 @@ fn a_mesh_that_is_manifold_is_left_bit_for_bit() {
 }
 
 proptest! {
-    /// Cubes on the cells of a small board touch in faces, edges and vertices in every way; walls between neighbours are
-    /// left out. Cut apart, they are manifold by position and their volume is that of the cells.
+    /// Cubes on a small grid, without the walls between neighbours, touch in edges and vertices in every way. After
+    /// separation they are manifold by position and keep the volume of the cells.
     #[test]
     fn cells_of_a_board_become_manifold_solids(board in proptest::collection::vec(any::<bool>(), 27)) {
         let filled = |x: i32, y: i32, z: i32| {

@@ -1,4 +1,4 @@
-//! Files with objects, colours and units through the whole way.
+//! Repair of files with objects, colours and units.
 
 use std::sync::atomic::AtomicBool;
 use std::time::Duration;
@@ -36,7 +36,7 @@ fn scene_of(repaired: &Repaired) -> Scene {
     read(&repaired.bytes).scene.unwrap()
 }
 
-/// Without its last face, and with as few vertices as can be.
+/// The soup with merged vertices and without its last face.
 fn open(mut soup: Soup) -> Soup {
     soup.faces.pop();
     welded(&soup)
@@ -50,7 +50,7 @@ fn named(name: &str, soup: Soup) -> Object {
     Object::of_mesh(Some(name.to_owned()), PaintedMesh { soup, paint: Vec::new() })
 }
 
-/// A whole box that stands in two places, one of them turned, and an open cylinder between them.
+/// A box that is placed twice, once rotated, and an open cylinder between the two.
 fn kit() -> Scene {
     let turned = DAffine3::from_rotation_z(0.5) * DAffine3::from_translation(DVec3::new(40.0, 0.0, 0.0));
     Scene {
@@ -162,7 +162,7 @@ fn faces_that_may_be_left_are_shared_among_objects() {
     assert!(faces[0] <= 2048 && faces[1] <= 512, "{faces:?}");
 }
 
-/// An open cube of which each side has a material of its own and the first a picture.
+/// An open cube whose sides each have their own material; the first has a texture.
 fn painted(open_side: bool) -> Scene {
     let soup = cube(DVec3::ZERO, 10.0, 4);
     let colors =
@@ -217,7 +217,7 @@ fn painted(open_side: bool) -> Scene {
     }
 }
 
-/// For each face, by its middle, the colour that it has, or where its corners lie in the picture.
+/// The centre of each face with its colour, or with its texture coordinates.
 fn looks(file: &ReadFile) -> Vec<([i64; 3], String)> {
     let scene = file.scene.as_ref().unwrap();
     let mut looks: Vec<_> = (0..file.mesh.soup.faces.len())
@@ -277,7 +277,7 @@ fn a_painted_file_in_another_format_keeps_its_colours() {
     assert_eq!((it.format, it.report.outcome), (Format::ThreeMf, Outcome::AlreadyPrintable));
     let after = read(&it.bytes);
     assert_eq!(after.scene.as_ref().unwrap().unit, Some(Unit::Millimetre));
-    // Written as glTF it lay down, and in 3MF it stands again.
+    // glTF has y up and 3MF has z up: the model stands upright again.
     assert_eq!(looks(&after), looks(&read(&packed(&painted(false), Format::ThreeMf))));
 }
 
@@ -344,7 +344,7 @@ fn stl_is_the_result_unless_the_file_holds_more() {
     assert_eq!([Format::ThreeMf, Format::Glb].map(of), [Format::ThreeMf, Format::Glb]);
 }
 
-/// A cube of which the lower half is red and the upper one blue, with a hole.
+/// A cube with a hole, red in the lower half and blue in the upper one.
 fn two_colours() -> Scene {
     let soup = open(cube(DVec3::ZERO, 20.0, 2));
     let lower = |face: usize| soup.corners(face).iter().map(|p| p.z).sum::<f64>() < 30.0;
@@ -406,7 +406,7 @@ fn the_report_of_as_many_objects_as_are_kept_apart_is_of_bounded_size() {
     assert!(it.report.warnings.iter().any(|warning| warning.contains("more than 200")), "{:?}", it.report.warnings);
 }
 
-/// Two boxes of one colour each that overlap, and a third one clear of them.
+/// Two overlapping boxes of different colours, and a third box apart from them.
 fn colored_boxes() -> Scene {
     let colors = [[255, 0, 0, 255], [0, 255, 0, 255], [0, 0, 255, 255]];
     let materials = colors.map(|color| Material { name: format!("{color:?}"), color }).to_vec();
@@ -513,12 +513,12 @@ fn random_scenes_end_with_the_verdict_that_an_inspection_of_the_result_gives() {
             for output in [OutputFormat::Same, OutputFormat::Stl, OutputFormat::ThreeMf] {
                 let options = Options { merge, output, ..Options::default() };
                 let it = run(&packed(&scene, format), &options);
-                let again = run_inspection(&it.bytes);
+                let again = is_printable(&it.bytes);
                 let (summary, flags) = (&it.report.summary, &it.report.red_flags);
                 let told = format!("{round} {format:?} {merge:?} {output:?}: {summary} {flags:?}");
                 assert!(!it.report.outcome.is_printable() || again, "{told}");
                 assert!(it.report.outcome.is_printable() || !again || !flags.is_empty(), "{told}");
-                // Of bodies of different materials that can't be cut the flag says so.
+                // A red flag says that bodies of different materials could not be cut.
                 let is_assembly = format == Format::ThreeMf && output != OutputFormat::Stl;
                 assert!(again || merge == Merge::None || is_assembly, "{told}");
             }
@@ -544,7 +544,7 @@ fn parts_of_other_materials_in_3mf_stay_parts_and_the_later_one_keeps_the_space(
     let it = run(&packed(&colored_boxes(), Format::ThreeMf), &Options::default());
     assert_eq!((it.report.outcome, flags(&it)), (Outcome::Repaired, vec![]), "{}", it.report.summary);
     assert_eq!(volumes(&it), [875.0, 1000.0, 1000.0]);
-    assert!(run_inspection(&it.bytes));
+    assert!(is_printable(&it.bytes));
     let cut: Vec<_> = it.report.assumptions.iter().filter(|it| it.kind == AssumptionKind::OverlapRemoved).collect();
     assert_eq!((cut.len(), cut[0].amount.map(f64::round)), (1, Some(125.0)), "{cut:?}");
 }
@@ -556,11 +556,11 @@ fn a_part_within_a_part_of_another_material_gets_a_cavity_of_its_shape() {
     inner.soup.positions.iter_mut().for_each(|p| *p *= 0.5);
     scene.items[1].transform = DAffine3::from_translation(DVec3::splat(2.0));
     let bytes = packed(&scene, Format::ThreeMf);
-    assert!(!run_inspection(&bytes));
+    assert!(!is_printable(&bytes));
     let it = run(&bytes, &Options::default());
     assert_eq!(it.report.outcome, Outcome::Repaired, "{} {:?}", it.report.summary, it.report.red_flags);
     assert_eq!(volumes(&it), [875.0, 125.0, 1000.0]);
-    assert!(run_inspection(&it.bytes));
+    assert!(is_printable(&it.bytes));
 }
 
 #[test]
@@ -573,13 +573,13 @@ fn touching_parts_of_two_materials_are_an_assembly_and_of_one_material_one_solid
     }
     scene.items[1].transform = DAffine3::from_translation(DVec3::new(10.0, 0.0, 0.0));
     let bytes = packed(&scene, Format::ThreeMf);
-    assert!(run_inspection(&bytes));
+    assert!(is_printable(&bytes));
     let it = run(&bytes, &Options::default());
     assert_eq!(it.report.outcome, Outcome::AlreadyPrintable, "{}", it.report.summary);
     assert!(it.bytes == bytes);
     scene.items[1].object = 0;
     let one = packed(&scene, Format::ThreeMf);
-    assert!(!run_inspection(&one));
+    assert!(!is_printable(&one));
     let it = run(&one, &Options::default());
     assert_eq!(it.report.outcome, Outcome::Repaired, "{}", it.report.summary);
     assert_eq!(volumes(&it), [2000.0, 1000.0]);
@@ -594,14 +594,14 @@ fn parts_whose_surfaces_cross_only_along_edges_still_overlap() {
         mesh.paint = vec![Paint { palette: 0, at: [object as u32; 3] }; mesh.soup.faces.len()];
     }
     let bytes = packed(&scene, Format::ThreeMf);
-    assert!(!run_inspection(&bytes));
+    assert!(!is_printable(&bytes));
     let it = run(&bytes, &Options::default());
     assert_eq!(it.report.outcome, Outcome::Repaired, "{} {:?}", it.report.summary, it.report.red_flags);
     assert_eq!(volumes(&it), [875.0, 1000.0, 1000.0]);
 }
 
-/// Whether a file as it stands is printable, as `meshmend inspect` finds it.
-fn run_inspection(bytes: &[u8]) -> bool {
+/// Whether inspection finds a file printable.
+fn is_printable(bytes: &[u8]) -> bool {
     let cancel = AtomicBool::new(false);
     let clock = || Duration::ZERO;
     let context = Context::new(&NoProgress, &cancel, &clock, Duration::from_secs(600));

@@ -1,4 +1,4 @@
-//! Each operator alone.
+//! Each operator of tier 1 by itself.
 
 use glam::DVec3;
 use meshmend::inspect::{Measures, measure};
@@ -67,7 +67,7 @@ fn a_cavity_is_not_a_part_turned_inside_out() {
     assert_eq!(measured(&inside_out(inner.clone())).inverted_parts, 1);
     let beside = join(&outer, &inside_out(cube(DVec3::splat(9.0), 1.0, 1)));
     assert_eq!(measured(&beside).inverted_parts, 1);
-    // A part in the cavity is at depth two, and inside out there is inside out.
+    // A part in the cavity is at depth two and must look outward.
     let tiny = inside_out(cube(DVec3::splat(1.25), 0.25, 1));
     assert_eq!(measured(&join(&join(&outer, &inside_out(inner)), &tiny)).inverted_parts, 1);
 }
@@ -75,7 +75,7 @@ fn a_cavity_is_not_a_part_turned_inside_out() {
 #[test]
 fn welding_closes_a_crack_narrower_than_the_tolerance_and_no_other() {
     let mut soup = cube(DVec3::ZERO, 1.0, 2);
-    // Every corner of one face moves by a little.
+    // Move every corner of one face slightly.
     for v in soup.faces[3] {
         soup.positions[v as usize] += DVec3::new(1e-7, -1e-7, 1e-7);
     }
@@ -111,11 +111,11 @@ fn welding_many_vertices_in_one_place_is_not_quadratic() {
     it.check().unwrap();
 }
 
-/// A cube with a vertex put on an edge of one face only, and a cap that closes the gap.
+/// A cube with a vertex on an edge that only one of its faces uses, and a cap that closes the gap.
 ///
 /// ```text
-///   +-------+      the upper face ends at the whole edge, the lower ones at its halves;
-///   |     / |      between them lies a triangle without area
+///   +-------+      the upper face has the whole edge, the lower ones have its halves;
+///   |     / |      the triangle between them has no area
 ///   a---m---b
 /// ```
 fn cube_with_cap() -> Soup {
@@ -148,7 +148,7 @@ fn a_cap_is_flipped_away_and_the_surface_stays_closed() {
 fn two_caps_on_the_same_edge_are_both_flipped_away() {
     let mut soup = cube_with_cap();
     let (faces, n) = (soup.faces.clone(), soup.positions.len() as u32);
-    // The neighbour of the cap beyond its long edge gets a cap of its own at another place.
+    // The neighbour across the cap's long edge gets another cap at a different place.
     let [a, b, m] = faces[2];
     let at = faces.iter().position(|f| f.contains(&a) && f.contains(&b) && !f.contains(&m)).unwrap();
     let d = *faces[at].iter().find(|&&v| v != a && v != b).unwrap();
@@ -162,7 +162,7 @@ fn two_caps_on_the_same_edge_are_both_flipped_away() {
     assert!(after.printable(), "{after:?}");
 }
 
-/// A tetrahedron of which an edge has a vertex near an end, as far off as the smallest number of f32.
+/// A tetrahedron with a vertex on an edge, as far from its end as the smallest positive f32.
 fn tetrahedron_with_a_face_that_vanishes() -> Soup {
     let beside = DVec3::new(f64::from(f32::from_bits(1)), 0.0, 0.0);
     let ends = [DVec3::ZERO, DVec3::new(1.0, 0.25, 0.125), DVec3::new(0.125, 1.0, 0.0), DVec3::new(0.0, 0.25, 1.0)];
@@ -175,7 +175,7 @@ fn a_face_whose_area_is_lost_in_f64_is_no_face_and_goes_without_a_trace() {
     let soup = tetrahedron_with_a_face_that_vanishes();
     let before = measured(&soup);
     assert_eq!((before.degenerate_faces, before.boundary_edges), (1, 0));
-    assert!(!before.printable(), "its normal is nobody's");
+    assert!(!before.printable(), "its normal belongs to no face");
     let mut it = surface(&soup);
     let applied = with_context(|c| remove_without_area(&mut it, f64::INFINITY, c)).unwrap();
     assert_eq!(change_count(&applied.changes, "short_edges_collapsed"), 1);
@@ -214,7 +214,7 @@ fn of_duplicates_the_first_stays() {
 
 #[test]
 fn a_wall_without_thickness_between_two_boxes_goes_whole() {
-    // Two cubes side by side, each with its own wall between them.
+    // Two adjacent cubes, each with its own wall between them.
     let mut it = surface(&join(&cube(DVec3::ZERO, 1.0, 2), &cube(DVec3::X, 1.0, 2)));
     let changes = remove_duplicates(&mut it);
     assert_eq!(change_count(&changes, "cancelling_faces_removed"), 16);
@@ -286,7 +286,7 @@ fn a_hole_on_a_sphere_is_closed_without_moving_a_vertex() {
 fn a_hole_of_hundreds_of_edges_is_closed() {
     for n in [100, 300, 1500] {
         let mut soup = sphere(DVec3::ZERO, 1.0, n, 6);
-        // The cap around one pole: the first of the ten faces of each slice.
+        // The faces around one pole: the first of the ten faces of each slice.
         let mut index = 0;
         soup.faces.retain(|_| {
             index += 1;

@@ -1,4 +1,4 @@
-//! What is asked for is done, or the report says why not.
+//! Options take effect, or the report says why they did not.
 
 use glam::DVec3;
 use meshmend::format::{self, Format, Limits};
@@ -22,7 +22,7 @@ fn volumes(bytes: &[u8]) -> Vec<f64> {
     let read = format::read(bytes, &Limits::default()).unwrap();
     let soup = read.soup;
     let mut parts: Vec<(f64, Vec<usize>)> = Vec::new();
-    // The parts of these tests are boxes around points of their own, so a face belongs to the part that its size tells.
+    // The boxes in these tests have different sizes, so the size of a face shows which box it belongs to.
     for f in 0..soup.faces.len() {
         let reach = soup.corners(f).into_iter().map(|p| p.abs().max_element()).fold(0.0, f64::max);
         match parts.iter_mut().find(|(of_part, _)| (*of_part - reach).abs() < 1e-6) {
@@ -41,7 +41,7 @@ fn volumes(bytes: &[u8]) -> Vec<f64> {
     parts.iter().map(|(_, faces)| volume(faces).round()).collect()
 }
 
-/// Boxes of 10, 6 and 3 units around the origin, all outward.
+/// Nested boxes of 10, 6 and 3 units, all facing outward.
 fn nested_boxes() -> Soup {
     let at = |size: f64| cube(DVec3::splat(-size / 2.0), size, 1);
     join(&join(&at(10.0), &at(6.0)), &at(3.0))
@@ -65,7 +65,7 @@ fn nested_boxes_that_are_printable_are_wound_in_layers_where_that_is_asked_for()
         assert_eq!(volumes(&it.bytes), [1000.0, -216.0, 27.0], "{:?}", it.report.summary);
         assert_eq!(it.report.outcome, Outcome::Repaired, "{:?}", it.report.red_flags);
         assert!(it.report.options_not_applied.is_empty(), "{:?}", it.report.options_not_applied);
-        // What satisfies it already comes back as it is, and that is said.
+        // A model that already satisfies the option comes back unchanged, and the report says so.
         let again = repair_bytes(&it.bytes, &options, None).unwrap();
         assert_eq!((again.report.outcome, again.bytes == it.bytes), (Outcome::AlreadyPrintable, true));
         let [only] = again.report.options_not_applied.as_slice() else { panic!("{:?}", again.report.warnings) };
@@ -117,7 +117,7 @@ fn a_remesh_that_is_asked_for_runs_on_a_printable_model() {
     assert_ne!(it.bytes, bytes);
 }
 
-/// A box with a sliver of the given height along an edge of one side.
+/// A box with a sliver of this height along an edge of its top.
 fn box_with_a_sliver(height: f64) -> Soup {
     let mut soup = Soup::default();
     let [a, b] = [DVec3::ZERO, DVec3::splat(10.0)];
@@ -128,7 +128,7 @@ fn box_with_a_sliver(height: f64) -> Soup {
     };
     let cut = height;
     quad([a, corner(0.0, 10.0, 0.0), corner(10.0, 10.0, 0.0), corner(10.0, 0.0, 0.0)]);
-    // The top in two strips, of which one is thin.
+    // The top consists of a wide and a thin strip.
     quad([corner(0.0, 0.0, 10.0), corner(10.0, 0.0, 10.0), corner(10.0, cut, 10.0), corner(0.0, cut, 10.0)]);
     quad([corner(0.0, cut, 10.0), corner(10.0, cut, 10.0), b, corner(0.0, 10.0, 10.0)]);
     quad([a, corner(10.0, 0.0, 0.0), corner(10.0, 0.0, 10.0), corner(0.0, 0.0, 10.0)]);
@@ -178,7 +178,7 @@ fn what_finds_nothing_to_do_on_a_printable_model_is_said() {
     assert_eq!(cause(&repair_bytes(&bytes, &without, None).unwrap(), "nested"), Some(NotAppliedCause::Excluded));
 }
 
-/// A box whose lid stands a gap above it.
+/// A box whose lid is `gap` above it.
 fn box_with_a_lid_above(gap: f64, cells: u32) -> Soup {
     let mut soup = cube(DVec3::ZERO, 10.0, cells);
     for f in 0..soup.faces.len() {
@@ -192,7 +192,7 @@ fn box_with_a_lid_above(gap: f64, cells: u32) -> Soup {
 
 #[test]
 fn a_ratio_to_sew_with_is_the_only_limit_where_it_is_asked_for() {
-    // A hundredth of the shortest edge, and more than a thousandth of the diagonal.
+    // The gap is a hundredth of the shortest edge, and more than a thousandth of the diagonal.
     let soup = box_with_a_lid_above(0.05, 2);
     let options = |sew_ratio| Options { sew_ratio, stitch_threshold: Some(0.0), ..Options::default() };
     let sewn = |it: &Repaired| {
@@ -230,7 +230,7 @@ fn a_crack_is_stitched_up_to_a_length_in_the_models_unit() {
 
 #[test]
 fn a_gap_that_the_edges_beside_it_do_not_allow_is_said() {
-    // Half of the edges is 0.5, and the gap wider.
+    // The gap is wider than half of an edge, which is 0.5.
     let soup = box_with_a_lid_above(0.7, 10);
     let options = Options { stitch_distance: Some(1.0), preset: Preset::FullRepair, max_tier: 2, ..Options::default() };
     let it = repair_soup(&soup, &options, None);
@@ -279,7 +279,7 @@ fn small_parts_are_dropped_where_that_is_asked_for_and_told() {
     assert_eq!((ledger.lost, ledger.dropped, ledger.kept), (0, 2, 1));
     let told = it.report.assumptions.iter().find(|it| it.kind == AssumptionKind::PiecesDropped).unwrap();
     assert_eq!((told.count, told.option.as_deref()), (2, Some("min_part_volume_pct=0")));
-    // A part that is broken is mended first, and kept where it is large.
+    // A broken part is repaired first, and kept because it is large.
     let mut broken = join(&soup, &cube(DVec3::new(0.0, 0.0, 20.0), 8.0, 1));
     broken.faces.pop();
     let it = repair_soup(&broken, &options, None);
@@ -336,7 +336,7 @@ fn a_result_that_lost_most_of_the_vertices_is_flagged() {
     };
     let usual = Options::default();
     assert!(flagged(100, &usual));
-    // Vertices that were merged are at faces that are left.
+    // The merged vertices belong to faces that remain.
     assert!(!flagged(250, &usual));
     assert!(!flagged(100, &Options { max_vertex_loss_pct: 100.0, ..usual.clone() }));
     assert!(!flagged(100, &Options { max_faces: Some(100), ..usual }));

@@ -1,4 +1,4 @@
-//! Winding: neighbours agree, solids look outward, cavities inward, and what has one side only is cut open.
+//! Orientation: neighbours agree, solids face outward, cavities inward, and non-orientable parts are cut open.
 
 use std::f64::consts::TAU;
 
@@ -28,12 +28,12 @@ fn volume(surface: &Surface, faces: std::ops::Range<usize>) -> f64 {
     faces.map(|f| surface.corners(f)).map(|[a, b, c]| a.dot(b.cross(c))).sum()
 }
 
-/// Whether each of several cubes of 12 faces looks outward.
+/// Whether each cube of 12 faces faces outward.
 fn outward(surface: &Surface) -> Vec<bool> {
     (0..surface.faces.len() / 12).map(|i| volume(surface, 12 * i..12 * i + 12) > 0.0).collect()
 }
 
-/// Cubes in one another, from the outermost, each outward or not.
+/// Nested cubes from the outermost in, each facing outward or not.
 fn nest(outward: &[bool]) -> Soup {
     let mut soup = Soup::default();
     for (i, &outward) in outward.iter().enumerate() {
@@ -43,7 +43,7 @@ fn nest(outward: &[bool]) -> Soup {
     soup
 }
 
-/// A strip of `n` by `m` quads whose vertices the caller names and places.
+/// A strip of `n` by `m` quads whose vertices `index` numbers and `at` places.
 fn strip(n: u32, m: u32, index: impl Fn(u32, u32) -> u32, at: impl Fn(u32, u32) -> DVec3, rows: u32) -> Surface {
     let positions = (0..n).flat_map(|i| (0..rows).map(move |j| (i, j))).map(|(i, j)| at(i, j)).collect();
     let mut faces = Vec::new();
@@ -93,7 +93,7 @@ fn a_cavity_is_kept_and_told() {
     let (surface, applied) = oriented(&soup, KEEP);
     assert_eq!(outward(&surface), [true, false]);
     assert_eq!((change_count(&applied.changes, "cavities_kept"), applied.left), (1, None));
-    // A cavity in a shell that alone was turned stays one.
+    // A cavity in a shell that alone was flipped stays a cavity.
     assert_eq!(outward(&oriented(&nest(&[false, false]), KEEP).0), [true, false]);
 }
 
@@ -116,7 +116,7 @@ fn layers_alternate_where_that_is_asked_for_however_they_were_wound() {
     }
 }
 
-/// Cubes in one another without the first face of the outermost.
+/// Nested cubes without the first face of the outermost.
 fn nest_with_a_hole(outward: &[bool]) -> Soup {
     let mut soup = nest(outward);
     soup.faces.remove(0);
@@ -161,7 +161,7 @@ fn of_two_cubes_that_overlap_the_one_inside_out_is_turned() {
     }
 }
 
-/// A box without its lid: the second of the sides of a cube that stand one after another.
+/// A cube without its second side.
 fn open_box(n: u32) -> Soup {
     let mut soup = cube(DVec3::ZERO, 1.0, n);
     let side = soup.faces.len() / 6;
@@ -207,7 +207,7 @@ fn an_open_box_that_sticks_in_another_is_decided_by_what_stands_out() {
 
 #[test]
 fn patches_that_share_edges_of_many_faces_are_each_turned_outward() {
-    // Two cubes with one wall between them that both use, all of whose rim is edges of three faces.
+    // Two cubes that share one wall, so that every edge of its rim has three faces.
     let (left, right) = (cube(DVec3::ZERO, 1.0, 2), cube(DVec3::X, 1.0, 2));
     let wall = |p: [DVec3; 3]| p.iter().all(|p| p.x == 1.0);
     let mut soup = left.clone();
@@ -268,7 +268,7 @@ fn a_moebius_band_is_cut_across_and_becomes_a_sheet_with_two_sides() {
         let after = measured(&surface);
         assert!(before.misoriented_edges > 0 && after.misoriented_edges == 0, "{n} {m}: {after:?}");
         assert!(after.manifold && after.parts == 1 && surface.faces.len() == (2 * n * m) as usize);
-        // The shortest way across is one edge a quad.
+        // The shortest cut across has one edge for each quad.
         assert_eq!(change_count(&cut.changes, "one_sided_parts_cut"), 1);
         assert_eq!(change_count(&cut.changes, "edges_cut"), u64::from(m), "{n} {m}");
         assert_eq!(after.boundary_edges, before.boundary_edges + 2 * u64::from(m));

@@ -1,4 +1,4 @@
-//! The whole way from bytes to bytes.
+//! The repair pipeline from input bytes to output bytes: outcomes, choice of the result, reports.
 
 use std::cell::RefCell;
 use std::sync::atomic::AtomicBool;
@@ -21,7 +21,7 @@ fn read(bytes: &[u8]) -> Soup {
     format::read(bytes, &Limits::default()).unwrap().soup
 }
 
-/// A remesher that answers what it is told to.
+/// A remesher that returns the given results in order, and records its requests.
 struct Fake {
     info: RemesherInfo,
     answers: RefCell<Vec<Result<Soup, RemeshError>>>,
@@ -46,12 +46,12 @@ impl Remesher for Fake {
     }
 }
 
-/// Tier 1, then Blender: what is made of a model that tier 2 can't mend.
+/// Tier 1, then Blender, without tier 2.
 fn without_tier_2() -> Options {
     Options { preset: Preset::FillHoles, ..Options::default() }
 }
 
-/// Two cubes on a common edge: beyond what tier 1 mends.
+/// Two cubes that share an edge, which tier 1 cannot repair.
 fn non_manifold() -> Soup {
     join(&cube(DVec3::ZERO, 1.0, 1), &cube(DVec3::new(1.0, 1.0, 0.0), 1.0, 1))
 }
@@ -93,7 +93,7 @@ fn a_printable_file_in_another_format_keeps_its_faces_in_order() {
 
 #[test]
 fn a_file_that_breaks_when_it_is_rounded_goes_on_to_repair() {
-    // The two sides of a slit so thin that f32 has no number between them.
+    // A slit so thin that both sides round to the same f32.
     let mut soup = Surface::from_soup(&cube(DVec3::splat(1000.0), 1.0, 2)).0.to_soup();
     for p in &mut soup.positions {
         if p.x == 1000.5 && p.y == 1000.5 {
@@ -148,7 +148,7 @@ fn surface_that_was_fine_is_not_moved() {
     assert_eq!(it.report.changes.unwrap().faces_kept_pct, 100.0);
     let out = read(&it.bytes);
     for f in 0..soup.faces.len() {
-        assert_eq!(out.corners(f), soup.corners(f), "face {f} stands where it stood");
+        assert_eq!(out.corners(f), soup.corners(f), "face {f} did not move");
     }
 }
 
@@ -185,7 +185,7 @@ fn what_tier_1_cannot_mend_goes_to_the_boolean_and_then_to_voxels() {
     assert!(voxels.voxel_size.unwrap() > 0.0 && voxels.program.as_ref().unwrap().kind == "fake");
 }
 
-/// Two cubes of `n` cells along a side, closed and each fine, of which one has a corner in the other.
+/// Two cubes with `n` cells along each side, of which one has a corner inside the other.
 fn overlapping(n: u32) -> Soup {
     join(&cube(DVec3::ZERO, 1.0, n), &cube(DVec3::new(0.9, 0.8, 0.7), 1.0, n))
 }
@@ -213,7 +213,7 @@ fn without_blender_an_intersecting_model_comes_back_as_it_is_with_the_reason() {
 
 #[test]
 fn a_result_with_fewer_intersecting_faces_is_better_than_one_with_more() {
-    // The union brings fewer pairs and the remesh after it more; both leave the model's extent.
+    // The union has fewer intersecting pairs and the remesh more; both keep the model's extent.
     let fake = Fake::answering(vec![Ok(overlapping(2)), Ok(overlapping(6))]);
     let it = repair_soup(&overlapping(4), &without_tier_2(), Some(&fake));
     let pairs: Vec<u64> = it.report.candidates.iter().map(|c| c.defects).collect();
@@ -225,7 +225,7 @@ fn a_result_with_fewer_intersecting_faces_is_better_than_one_with_more() {
 #[test]
 fn a_hole_closed_is_worth_faces_that_intersect() {
     let mut soup = overlapping(2);
-    // A hole of two faces in the second cube, at the corner that is in the first: its patch crosses as they did.
+    // A hole of two faces in the second cube, at the corner inside the first: its patch intersects as the faces did.
     let inside = |f: &[u32; 3]| f.iter().all(|&v| soup.positions[v as usize].max_element() < 1.35 && f[0] >= 144);
     let gone: Vec<usize> = (0..soup.faces.len()).filter(|&f| inside(&soup.faces[f])).take(2).collect();
     assert_eq!(gone.len(), 2);
@@ -278,7 +278,7 @@ fn max_tier_keeps_higher_tiers_out_of_the_plan() {
 
 #[test]
 fn parts_that_became_one_raise_a_flag() {
-    // The second part is so small that no other flag sees it go.
+    // The second part is so small that no other red flag reports its loss.
     let two = join(&cube(DVec3::ZERO, 1.0, 1), &cube(DVec3::ONE, 0.005, 1));
     let whole = cube(DVec3::ZERO, 1.0, 2);
     let fake = Fake::answering(vec![Ok(whole.clone()), Ok(whole)]);
@@ -298,7 +298,7 @@ fn the_voxels_are_made_larger_until_the_faces_fit() {
 
 #[test]
 fn voxels_are_as_fine_as_thin_walls_need_and_no_finer_than_a_quarter_of_the_usual() {
-    // A plate on its edge beside a part of it, so that tier 1 leaves it to the remesh.
+    // A plate and a part that share an edge, so that tier 1 leaves it to the remesh.
     let size = |thickness: f64| {
         let mut plate = join(&cube(DVec3::ZERO, 1.0, 8), &cube(DVec3::splat(1.0), 1.0, 8));
         plate.positions.iter_mut().for_each(|p| p.z *= thickness);
@@ -393,7 +393,7 @@ proptest! {
 
 #[test]
 fn a_printable_result_that_lost_visible_surface_is_flagged_as_partially_repaired() {
-    // The remesher drops the third cube, which is too small for any other flag.
+    // The remesher drops the third cube, which is too small for any other red flag.
     let model = join(&non_manifold(), &cube(DVec3::new(0.2, 0.2, 1.2), 0.3, 2));
     let two = || join(&cube(DVec3::ZERO, 1.0, 4), &cube(DVec3::new(1.004, 1.004, 0.0), 1.0, 4));
     let fake = Fake::answering(vec![Ok(two()), Ok(two())]);
@@ -434,8 +434,7 @@ fn the_report_says_how_far_the_result_is_from_the_input() {
 
 #[test]
 fn a_strategy_reuses_a_shared_prefix_and_gives_the_result_it_would_give_alone() {
-    // A sheet that is left open for as long as it can be, so that many rungs run, and a solid that is kept in one way of
-    // `auto` and dropped in the other.
+    // The open sheet makes several strategies run. One strategy of `auto` keeps the inner solid and the other drops it.
     let mut soup = join(&overlapping(2), &cube(DVec3::new(4.0, 0.0, 0.0), 1.0, 2));
     soup = join(&soup, &inside_out(cube(DVec3::new(4.5, 0.2, 0.3), 1.0, 2)));
     let mut open = sheet(8);

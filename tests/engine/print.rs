@@ -1,4 +1,4 @@
-//! What a printer wants to know.
+//! Print measures: volume, centre of mass, overhangs and what lies on the build plate.
 
 use std::sync::atomic::AtomicBool;
 use std::time::Duration;
@@ -67,7 +67,7 @@ fn a_cavity_is_no_solid_and_leaves_a_wall_and_a_lighter_side() {
     let it = print(&join(&block(DVec3::ZERO, DVec3::splat(4.0)), &inside_out(hole)));
     assert_eq!(it.solids, 1);
     close(it.volume.unwrap(), 64.0 - 8.0, 1e-9);
-    // Whole minus hole, by moments.
+    // The moments of the whole minus those of the hole.
     close(it.centre_of_mass.unwrap()[0], (64.0 * 2.0 - 8.0 * 1.5) / 56.0, 1e-9);
     close(it.centre_of_mass.unwrap()[1], 2.0, 1e-9);
     close(it.thinnest_wall.unwrap().thickness, 0.5, 1e-9);
@@ -127,7 +127,7 @@ fn an_arm_hangs_over_by_its_underside_and_the_foot_does_not() {
     for degrees in [30.0, 45.0, 60.0] {
         close(area_beyond(&it, degrees), 2.0, 1e-12);
     }
-    // Built the other way up, the top lies on the plate and nothing hangs; sideways, the post's inner side does not lie on it.
+    // Upside down, the top lies on the plate and nothing overhangs. Sideways, the post's inner side does not lie on the plate.
     let options = InspectOptions { up: [0.0, 0.0, -5.0], ..InspectOptions::default() };
     close(area_beyond(&with(&soup, &options).unwrap(), 45.0), 0.0, 1e-12);
     let options = InspectOptions { up: [-1.0, 0.0, 0.0], ..InspectOptions::default() };
@@ -136,7 +136,7 @@ fn an_arm_hangs_over_by_its_underside_and_the_foot_does_not() {
 
 #[test]
 fn a_slope_hangs_over_by_more_than_the_limits_below_its_angle() {
-    // A block sheared by 45 degrees: its underside lies down, one side hangs over at 45 degrees.
+    // A block sheared by 45 degrees: its bottom lies on the plate, and one side overhangs at 45 degrees.
     let sheared = mapped(&cube(DVec3::ZERO, 1.0, 2), |p| p + DVec3::X * p.z);
     let options = InspectOptions { overhang_deg: 40.0, ..InspectOptions::default() };
     let it = with(&sheared, &options).unwrap();

@@ -1,4 +1,4 @@
-//! One definition of printable: what the outcome of a repair says, its check, and an inspection of the file that is handed out agree.
+//! One definition of printable: the outcome of a repair, its check, and an inspection of the output file agree.
 
 use std::sync::atomic::AtomicBool;
 use std::time::Duration;
@@ -13,7 +13,7 @@ use proptest::prelude::*;
 use crate::meshes::{as_f32, cube, inside_out, join, push};
 use crate::support::repair_bytes;
 
-/// What `meshmend inspect` finds in a file.
+/// The inspection of a file.
 fn inspected(bytes: &[u8]) -> Inspection {
     let mut file = format::read_shape(bytes, &ReadOptions::within(Limits::default())).unwrap();
     let unit = file.settle_unit(None, None);
@@ -36,14 +36,14 @@ fn shared_cube() -> Soup {
     Surface::from_soup(&cube(DVec3::ONE, 10.0, 2)).0.to_soup()
 }
 
-/// The same faces, each with vertices of its own.
+/// The same faces without shared vertices.
 fn unshared(soup: &Soup) -> Soup {
     let mut apart = Soup::default();
     (0..soup.faces.len()).for_each(|face| push(&mut apart, soup.corners(face)));
     apart
 }
 
-/// As trimesh reads a file: by index, then joined where positions agree to eight decimals; every edge has two faces.
+/// Whether trimesh calls the soup watertight: after merging positions equal in eight decimals, every edge has two faces.
 fn is_watertight_to_trimesh(soup: &Soup) -> bool {
     let mut numbers = std::collections::BTreeMap::new();
     #[expect(clippy::cast_possible_truncation, reason = "small numbers")]
@@ -98,7 +98,7 @@ fn an_indexed_file_whose_faces_share_no_vertices_is_not_printable_until_repaired
 #[test]
 fn one_unshared_edge_is_a_slit_at_its_place() {
     let mut soup = shared_cube();
-    // The first face takes vertices of its own.
+    // The first face gets separate vertices.
     let corners = soup.corners(0);
     let first = u32::try_from(soup.positions.len()).unwrap();
     soup.positions.extend(corners);
@@ -128,7 +128,7 @@ fn a_face_that_names_a_missing_vertex_is_not_printable_and_is_told_where_it_is()
 
 #[test]
 fn vertices_that_readers_take_for_one_are_merged_in_every_format() {
-    // One corner of a cube twice, 1e-16 apart, joined by an edge without a length to speak of.
+    // A cube with one corner split into two vertices 1e-16 apart.
     let mut soup = Surface::from_soup(&cube(DVec3::ZERO, 10.0, 1)).0.to_soup();
     let (edge, opposite) = split_at_origin(&mut soup);
     assert!(edge && opposite);
@@ -145,7 +145,7 @@ fn vertices_that_readers_take_for_one_are_merged_in_every_format() {
     }
 }
 
-/// Splits an edge at the origin in two faces, by a vertex that is 1e-16 from it.
+/// Splits an edge at the origin in both of its faces, at a vertex 1e-16 from the origin.
 fn split_at_origin(soup: &mut Soup) -> (bool, bool) {
     let Some(corner) = soup.positions.iter().position(|p| *p == DVec3::ZERO) else { return (false, false) };
     let corner = u32::try_from(corner).unwrap();
@@ -169,7 +169,7 @@ fn split_at_origin(soup: &mut Soup) -> (bool, bool) {
 
 #[test]
 fn a_face_lower_than_the_tolerance_is_advice_and_not_a_broken_rule() {
-    // A cube with a vertex a millionth of a millimetre off an edge's line is closed and exact: every reader takes it.
+    // A closed cube with a vertex a millionth of a millimetre off an edge's line: every reader accepts it.
     let mut soup = shared_cube();
     let [a, b, c] = soup.faces[0];
     let [p, q, r] = soup.corners(0);
@@ -215,7 +215,7 @@ fn normals_that_point_into_the_mesh_are_left_out_of_what_is_handed_out() {
     }
 }
 
-/// A cube that was damaged in ways chosen by numbers.
+/// A cube with damage of the given kinds at the given faces.
 fn damaged(ways: &[(u8, usize)]) -> Soup {
     let mut soup = shared_cube();
     for &(way, at) in ways {
@@ -279,14 +279,14 @@ proptest! {
 
 #[test]
 fn a_fold_without_height_is_found_at_a_tolerance_of_nothing() {
-    // Two faces in one oblique plane, one folded back on the other along their edge; no f64 finds the cross product of their heights 0.
+    // Two faces in an oblique plane, one folded back onto the other. In f64 the cross product of their heights is not 0.
     let soup = Soup {
         positions: [[0.125, 0.25, 0.375], [1.125, 0.5, 0.875], [0.375, 1.75, 0.625]].map(DVec3::from_array).to_vec(),
         faces: vec![[0, 1, 2]],
     };
     let [a, b, c] = soup.corners(0);
     let mut folded = soup.clone();
-    // In the plane exactly, since all coordinates are short binary fractions.
+    // Exactly in the plane, since all coordinates are short binary fractions.
     folded.positions.push((a + c) * 0.5 + (b - a) * 0.25);
     folded.faces.push([1, 0, 3]);
     let tolerances = Tolerances { linear: Tolerance::Absolute(0.0), foldover_angle: 0.0, ..Tolerances::default() };
@@ -300,7 +300,7 @@ fn a_fold_without_height_is_found_at_a_tolerance_of_nothing() {
 
 #[test]
 fn a_model_in_millimetres_is_as_printable_in_glb_whose_lengths_are_metres() {
-    // 5e-6 mm, which is 5e-9 m: told apart in millimetres, and by eight decimals not in metres.
+    // 5e-6 mm, which is 5e-9 m: distinct with eight decimals in millimetres, but not in metres.
     let mut soup = Surface::from_soup(&cube(DVec3::ZERO, 10.0, 1)).0.to_soup();
     assert_eq!(split_at_origin(&mut soup), (true, true));
     let near = soup.positions.len() - 1;

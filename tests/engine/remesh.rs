@@ -1,4 +1,4 @@
-//! The native remesh: solid from anything that has an inside.
+//! The native remesh makes a solid of any mesh that encloses volume.
 
 use glam::{DQuat, DVec3};
 use meshmend::context::{Cancelled, Context, NoProgress};
@@ -12,7 +12,7 @@ use proptest::prelude::*;
 use crate::meshes::{cube, inside_out, join, push, sheet, sphere};
 use crate::support::{change_count, measured_as_stl, with_context};
 
-/// Cells of 1/`n` of the diagonal.
+/// Remeshes with cells of 1/`n` of the diagonal.
 fn made(soup: &Soup, n: f64, inside: Inside) -> Result<Remeshed, RemeshError> {
     let (surface, _) = Surface::from_soup(soup);
     let diagonal = meshmend::math::Box3::of(surface.positions.iter().copied()).diagonal();
@@ -46,7 +46,7 @@ fn assert_near(value: f64, wanted: f64, share: f64) {
     assert!((value - wanted).abs() <= share * wanted, "{value} instead of {wanted}");
 }
 
-/// Faces between the outlines `z = 0` and `z = height`, each counter-clockwise or, for a hole, clockwise.
+/// Walls from `z = 0` to `z = height` along an outline: counter-clockwise, or clockwise for a hole.
 fn walls(soup: &mut Soup, outline: &[[f64; 2]], height: f64) {
     for i in 0..outline.len() {
         let [a, b] = [outline[i], outline[(i + 1) % outline.len()]].map(|[x, y]| DVec3::new(x, y, 0.0));
@@ -68,7 +68,7 @@ fn circle(centre: [f64; 2], radius: f64, n: u32, clockwise: bool) -> Vec<[f64; 2
 fn caps(soup: &mut Soup, outline: &[[f64; 2]], hole: &[[f64; 2]], height: f64) {
     let n = outline.len();
     for i in 0..n {
-        // The hole runs the other way round.
+        // The hole has the opposite direction.
         let inner = |i: usize| hole[(n - i) % n];
         let at = |[x, y]: [f64; 2], z: f64| DVec3::new(x, y, z);
         let [a, b, c, d] = [outline[i], outline[(i + 1) % n], inner(i + 1), inner(i)];
@@ -85,7 +85,7 @@ fn bracket() -> Soup {
     let mut plate = Soup::default();
     let n = 48;
     let hole = circle([0.0, 0.0], 0.6, n, true);
-    // A square outline with a corner for each of the hole's.
+    // A square outline with as many corners as the hole.
     let outline: Vec<[f64; 2]> = circle([0.0, 0.0], 1.0, n, false)
         .into_iter()
         .map(|[x, y]| {
@@ -103,7 +103,7 @@ fn bracket() -> Soup {
     join(&plate, &upright)
 }
 
-/// Share of the length of some edges that is within a quarter of a cell of the result.
+/// The share of the length of these edges that is within a quarter of a cell of the result.
 fn kept(made: &Remeshed, edges: &[[DVec3; 2]]) -> f64 {
     let Surface { positions, faces, .. } = &made.surface;
     let tree = Tree::new(positions, faces);
@@ -211,7 +211,7 @@ fn the_sharp_edges_of_a_bracket_are_kept() {
         [at(-2.0, -2.0, 0.0), at(-2.0, 2.0, 0.0)],
         [at(-2.0, -2.0, 0.0), at(-2.0, -2.0, 0.5)],
         [at(-2.0, -2.0, 0.5), at(1.5, -2.0, 0.5)],
-        // Where the plates meet, which is no edge of either.
+        // Where the plates meet, which is not an edge of either.
         [at(1.5, -2.0, 0.5), at(1.5, 2.0, 0.5)],
         [at(1.5, -2.0, 3.0), at(1.5, 2.0, 3.0)],
         [at(2.0, -2.0, 0.0), at(2.0, -2.0, 3.0)],
@@ -265,7 +265,7 @@ fn a_soup_of_walls_is_solid() {
 
 #[test]
 fn what_bulges_up_to_the_limit_of_the_grid_is_closed_there() {
-    // So many sheets on one another wind around half of space, far beyond their box.
+    // So many coincident sheets have a winding number above one half far outside their bounding box.
     let soup = (0..40).fold(Soup::default(), |all, i| {
         let mut one = sheet(6);
         one.positions.iter_mut().for_each(|p| p.z += 0.01 * f64::from(i));

@@ -1,4 +1,4 @@
-//! Pictures and coloured meshes, read back as other programs read them.
+//! Pictures, GLB and PLY drawings, read back as other programs read them.
 
 use std::f64::consts::{PI, TAU};
 
@@ -27,7 +27,7 @@ fn defect(faces: &[u32], at: DVec3, line: &[DVec3]) -> Defect {
     Defect { at: at.to_array(), faces: faces.to_vec(), line, value: None, meeting: None }
 }
 
-/// A cube at `low` with a crossing face, a hole of four edges and a vertex that is not manifold.
+/// A cube at `low` with an intersecting face, a hole of four edges and a non-manifold vertex.
 fn marked_cube(low: DVec3, size: f64) -> (Soup, Findings) {
     let soup = cube(low, size, 1);
     let mut findings = Findings::new(soup.faces.len(), 100);
@@ -58,7 +58,7 @@ fn number(value: &Value) -> usize {
     usize::try_from(value.as_u64().unwrap()).unwrap()
 }
 
-/// The points that a primitive draws, checked against what its accessors promise.
+/// The points that a primitive draws, checked against the bounds of its accessors.
 fn points(document: &Value, bytes: &[u8], primitive: &Value) -> Vec<Vec3> {
     let words = |accessor: &Value, each: usize| -> Vec<[u8; 4]> {
         let view = &document["bufferViews"][number(&accessor["bufferView"])];
@@ -82,7 +82,7 @@ fn points(document: &Value, bytes: &[u8], primitive: &Value) -> Vec<Vec3> {
     }
 }
 
-/// The node of a name, its mesh's primitives by mode, and the points each draws.
+/// The mode of each primitive in a node's mesh, with the points that it draws.
 fn drawn(document: &Value, bytes: &[u8], name: &str) -> Vec<(u64, Vec<Vec3>)> {
     let node = document["nodes"].as_array().unwrap().iter().find(|n| n["name"] == name);
     let mesh = &document["meshes"][number(&node.unwrap_or_else(|| panic!("no node {name}"))["mesh"])];
@@ -117,7 +117,7 @@ fn a_glb_has_a_node_for_each_kind_with_its_faces_lines_and_points_and_the_legend
         })
     );
     assert_eq!(legend.as_array().map(Vec::len), Some(3));
-    // z is up in the model and y in glTF.
+    // The model has z up and glTF has y up.
     let turn: Vec<f64> =
         document["nodes"][0]["rotation"].as_array().unwrap().iter().map(|x| x.as_f64().unwrap()).collect();
     let up = glam::DQuat::from_slice(&turn) * DVec3::Z;
@@ -155,7 +155,7 @@ fn a_drawn_ply_has_the_legend_then_the_mesh_ordered_by_kind_then_the_markers() {
     for f in 0..soup.faces.len() {
         assert!(
             (0..soup.faces.len()).any(|g| corners(&found.soup, g) == corners(&soup, f)),
-            "face {f} is there exactly"
+            "face {f} is present exactly"
         );
     }
     let end = ply.windows(11).position(|w| w == b"end_header\n").unwrap() + 11;
@@ -163,7 +163,7 @@ fn a_drawn_ply_has_the_legend_then_the_mesh_ordered_by_kind_then_the_markers() {
     assert!(header.contains("comment legend hole #E69F00 1 hole\n"), "{header}");
     assert!(header.contains("property double x\n"), "0.1 is no f32");
     assert!(header.contains(&format!("comment faces from {} on mark", soup.faces.len())), "{header}");
-    // Each vertex of a marked face has the colour of its kind, and no other vertex of the mesh.
+    // The vertices of a marked face have the colour of its kind, and no other vertex of the mesh has.
     let vertex = |v: usize| &ply[end + v * 27..end + (v + 1) * 27];
     let count = found.soup.positions.len();
     let faces = &ply[end + count * 27..];
@@ -251,7 +251,7 @@ fn what_remains_of_a_result_is_drawn_as_the_defects_of_the_same_mesh_are() {
 
 #[test]
 fn a_coarse_scene_looks_like_the_whole_one_with_few_faces() {
-    // A sphere of 80,000 faces, of which one half is marked.
+    // A sphere of 80,000 faces, half of which are marked.
     let (around, up) = (200u32, 200u32);
     let at = |i: u32, j: u32| {
         let (u, v) = (f64::from(i % around) / f64::from(around) * TAU, f64::from(j) / f64::from(up) * PI);

@@ -1,4 +1,4 @@
-//! Open sheets made solid, and parts joined.
+//! Open sheets: thickened, put on a base, or joined with a solid.
 
 use std::sync::atomic::AtomicBool;
 use std::time::Duration;
@@ -51,7 +51,7 @@ fn run(soup: &Soup, options: &Options) -> Repaired {
     repair(&bytes, options, &Limits::default(), None, &context).unwrap()
 }
 
-/// A band of `n` quads that goes around with a half turn.
+/// A Möbius band of `n` quads.
 fn moebius(n: u32) -> Soup {
     let at = |i: u32, side: f64| {
         let turn = f64::from(i % n) / f64::from(n) * std::f64::consts::TAU;
@@ -68,7 +68,7 @@ fn moebius(n: u32) -> Soup {
     soup
 }
 
-/// The corners of faces, each face beginning with its least one, to look faces up by where they are.
+/// The corner positions of each face, from its smallest corner on, to find faces by position.
 fn places(soup: &Soup) -> Vec<[[u64; 3]; 3]> {
     let mut all: Vec<_> = soup
         .faces
@@ -170,11 +170,11 @@ fn terrain_is_put_on_a_flat_base_around_its_hole() {
     assert_eq!(m.self_intersections.pairs, Some(0));
     assert_eq!(change_count(&applied.changes, "bases_added"), 1);
     assert!(keeps_every_face(&surface, &soup));
-    // 0.3 sin(x) is at its lowest at x = 5 on this grid.
+    // On this grid 0.3 sin(x) is lowest at x = 5.
     let lowest = f64::from((0.3 * 5f64.sin()) as f32);
     assert!((m.bounding_box.unwrap().min[2] - (lowest - 1.0)).abs() < 1e-6);
     assert!(m.volume.value > 0.9 * area && m.volume.value < 1.6 * area, "{}", m.volume.value);
-    // Skirts along 32 edges around and 4 of the hole.
+    // Skirts along 32 outer edges and 4 edges of the hole.
     assert_eq!(surface.faces.len(), 2 * soup.faces.len() + 2 * 36);
 }
 
@@ -257,7 +257,7 @@ fn joining_runs_on_request_only_and_is_told() {
     assert!(!ran(&run(&soup, &Options { with: vec![], ..asked })));
 }
 
-/// A box with a wing that goes through it and sticks out on both sides.
+/// A box with a sheet through it that sticks out on both sides.
 fn box_with_a_wing() -> Soup {
     let mut soup = cube(DVec3::ZERO, 4.0, 2);
     let at = |x: f64, y: f64| DVec3::new(x, y, 2.1);
@@ -276,7 +276,7 @@ fn a_wing_through_a_box_becomes_part_of_the_solid_and_nothing_of_the_box_goes() 
     assert!(after.measures.volume.value > 64.0 && after.measures.volume.value < 66.5);
     let result = format::read(&it.bytes, &Limits::default()).unwrap().soup;
     let (surface, _) = Surface::from_soup(&result);
-    // The sides that the wing does not go through stand as they were.
+    // The sides that the sheet does not cross are unchanged.
     let mut untouched = cube(DVec3::ZERO, 4.0, 2);
     untouched.faces.retain(|f| {
         let x = f.map(|v| untouched.positions[v as usize].x);

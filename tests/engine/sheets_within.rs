@@ -1,4 +1,4 @@
-//! Open sheets within solids go, and what bounds something stays.
+//! Open sheets inside solids are removed, and surface that bounds a volume stays.
 
 use glam::DVec3;
 use meshmend::mesh::{Soup, Surface, weld_exactly};
@@ -7,7 +7,7 @@ use meshmend::repair::operators::internal_faces::remove_sheets_within;
 use crate::meshes::{cube, inside_out, join, push};
 use crate::support::{change_count, with_context};
 
-/// What goes of a mesh, as parts and faces.
+/// The number of parts and faces that are removed from a mesh.
 fn removed(soup: &Soup) -> (u64, u64) {
     let (mut surface, _) = Surface::from_soup(soup);
     weld_exactly(&mut surface);
@@ -15,7 +15,7 @@ fn removed(soup: &Soup) -> (u64, u64) {
     (change_count(&applied.changes, "sheets_within_removed"), change_count(&applied.changes, "sheet_faces_removed"))
 }
 
-/// A box of side 4 in quads of side 1, without its first face.
+/// A cube of side 4 with quads of side 1, without its first face.
 fn holed() -> Soup {
     let mut soup = cube(DVec3::ZERO, 4.0, 4);
     soup.faces.remove(0);

@@ -1,4 +1,4 @@
-//! Fewer faces: what held before holds afterwards.
+//! Simplification: fewer faces within the tolerance, and a printable model stays printable.
 
 use glam::DVec3;
 use meshmend::inspect::{Analysis, CompareOptions, compare, measure};
@@ -27,7 +27,7 @@ fn simplified(soup: &Soup, with: &Simplify<'_>) -> (Surface, Simplified) {
     (surface, done)
 }
 
-/// The farthest that samples of either surface are from the other.
+/// The largest distance of samples of either surface from the other.
 fn apart(before: &Soup, after: &Surface) -> f64 {
     let after = after.to_soup();
     with_context(|c| {
@@ -78,7 +78,7 @@ fn a_ball_stays_within_the_error_that_was_asked_for() {
 
 #[test]
 fn walls_as_thin_as_paper_do_not_cross() {
-    // Two balls within one another, a hundredth apart, as a solid with a cavity.
+    // A thin shell: a ball with a cavity a hundredth below its surface.
     let soup = as_f32(join(&sphere(DVec3::ZERO, 1.0, 64, 32), &inside_out(sphere(DVec3::ZERO, 0.99, 61, 33))));
     let (surface, done) = simplified(&soup, &to(300));
     let it = measured_as_stl(&surface);
@@ -117,7 +117,7 @@ fn an_open_sheet_keeps_its_boundary() {
     };
     let (surface, done) = simplified(&flat(sheet(20)), &EXACT);
     assert_eq!((surface.faces.len(), surface.positions.len()), (2, 4), "{done:?}");
-    // A wavy one, too: its boundary is a wave on two sides.
+    // A wavy sheet, whose boundary is a wave on two sides.
     let wavy = as_f32(sheet(40));
     let (surface, done) = simplified(&wavy, &Simplify { max_error: 0.1, ..EXACT });
     let it = with_context(|c| measure(&surface.to_soup(), c)).unwrap();
@@ -158,7 +158,7 @@ fn faces_that_intersect_do_not_become_more() {
 
 #[test]
 fn vertices_cut_apart_at_one_position_stay_where_they_are() {
-    // Two cubes that share an edge, each with vertices of its own there.
+    // Two cubes that share an edge with separate vertices.
     let (a, b) = (cube(DVec3::ZERO, 1.0, 6), cube(DVec3::new(1.0, 1.0, 0.0), 1.0, 6));
     let (mut surface, _) = Surface::from_soup(&a);
     let (other, _) = Surface::from_soup(&b);
@@ -235,7 +235,7 @@ fn one_thread_and_two_give_the_same_surface() {
 proptest! {
     #![proptest_config(ProptestConfig { cases: 12, ..ProptestConfig::default() })]
 
-    /// Bumpy balls, some in others and some side by side: whatever is asked for, a printable model stays printable.
+    /// Bumpy balls, nested and side by side: with any options a printable model stays printable.
     #[test]
     fn what_is_printable_stays_printable(
         waves in proptest::collection::vec((1.0..6.0f64, 0.0..6.0f64, 0.0..0.25f64), 1..4),
@@ -266,7 +266,7 @@ proptest! {
 
 #[test]
 fn a_large_shell_is_simplified_in_slabs_to_the_same_result_on_any_number_of_threads() {
-    // Two spheres nearer to each other than their faces are long in the end, and over 80,000 faces.
+    // Two spheres with over 80,000 faces, nearer to each other than the edges of the result are long.
     let shell = as_f32(join(&sphere(DVec3::ZERO, 10.0, 240, 100), &inside_out(sphere(DVec3::ZERO, 9.8, 240, 100))));
     assert!(shell.faces.len() > 80_000);
     let how = Simplify { max_error: 0.05, ..EXACT };

@@ -1,4 +1,4 @@
-//! Solid from anything: overlaps, what is inside, walls of no thickness, and the surface made anew where nothing else helps.
+//! Repair to a solid: overlaps, internal parts, zero-thickness walls, and the remesh as the last resort.
 
 use glam::DVec3;
 use meshmend::format::{Format, Limits, read, write};
@@ -16,7 +16,7 @@ fn overlapping() -> Soup {
     join(&cube(DVec3::ZERO, 1.0, 2), &cube(DVec3::new(0.5, 0.25, 0.125), 1.0, 2))
 }
 
-/// The volume that two such cubes have in common.
+/// The common volume of the two cubes of `overlapping`.
 const COMMON: f64 = 0.5 * 0.75 * 0.875;
 
 #[test]
@@ -38,7 +38,7 @@ fn parts_with_coordinates_that_f32_can_not_hold_are_united_by_their_own_vertices
     let after = &it.report.after.unwrap().measures;
     assert_eq!((after.parts, after.printable()), (1, true));
     let result = read(&it.bytes, &Limits::default()).unwrap().soup;
-    assert_eq!(result.positions.len(), 20, "14 of the corners, and 6 where edges meet faces");
+    assert_eq!(result.positions.len(), 20, "14 of the corners, and 6 points where edges intersect faces");
     let kept = result.positions.iter().filter(|position| soup.positions.contains(position)).count();
     assert_eq!(kept, 14);
 }
@@ -75,7 +75,7 @@ fn with_the_odd_rule_what_two_parts_have_in_common_is_empty() {
     assert!((after.volume.value - (2.0 - 2.0 * COMMON)).abs() < 1e-4, "{}", after.volume.value);
 }
 
-/// A cube with a fin of no thickness: two sheets on one another, which look either way, cut differently.
+/// A cube with a zero-thickness fin: two coincident sheets of opposite orientation and different triangulation.
 fn with_a_fin() -> Soup {
     let mut soup = cube(DVec3::ZERO, 1.0, 1);
     let [a, b] = [DVec3::new(1.0, 0.25, 0.25), DVec3::new(1.0, 0.75, 0.25)];

@@ -1,4 +1,4 @@
-//! Cracks: sewn, cut at T-junctions, stitched.
+//! Cracks: welded, split at T-junctions and stitched.
 
 use glam::DVec3;
 use meshmend::mesh::{Edges, Soup, Surface};
@@ -17,7 +17,7 @@ fn surface(soup: &Soup) -> Surface {
     Surface::from_soup(soup).0
 }
 
-/// Numbers from a seed, in 0..1.
+/// Pseudo-random numbers in 0..1 that depend only on the seed.
 struct Random(u64);
 
 impl Random {
@@ -31,7 +31,7 @@ impl Random {
     }
 }
 
-/// A patch of `faces` faces grown from one at random.
+/// A connected patch of `faces` faces that grows randomly from one.
 fn patch(surface: &Surface, faces: usize, random: &mut Random) -> Vec<bool> {
     let edges = Edges::new(&surface.faces);
     let mut next = vec![Vec::new(); surface.faces.len()];
@@ -53,8 +53,8 @@ fn patch(surface: &Surface, faces: usize, random: &mut Random) -> Vec<bool> {
     inside
 }
 
-/// Gives the faces of a patch vertices of their own, each moved by up to `size`, and cuts a share of its outer edges in
-/// two.
+/// Separates the faces of a patch from the rest, moves each of its boundary vertices by up to `size`, and splits a share
+/// of its outer edges.
 fn cracked(soup: &Soup, inside: &[bool], size: f64, cuts: f64, random: &mut Random) -> Surface {
     let whole = surface(soup);
     let mut it = Surface { positions: whole.positions.clone(), ..Surface::default() };
@@ -100,7 +100,7 @@ fn stitched(it: &mut Surface, stitch: Stitch) -> Applied {
     with_context(|c| stitch.apply(it, c)).unwrap()
 }
 
-/// The farthest that a face's corner of `after` is from all vertices of `before`.
+/// The largest distance of a face corner of `after` from the nearest vertex of `before`.
 fn farthest(before: &Surface, after: &Surface) -> f64 {
     let nearest = |p: &DVec3| before.positions.iter().map(|q| q.distance(*p)).fold(f64::MAX, f64::min);
     after.positions.iter().map(nearest).fold(0.0, f64::max)
@@ -157,7 +157,7 @@ fn sewing_respects_the_ratio_and_the_cap() {
 
 #[test]
 fn t_junctions_are_cut_all_at_once_and_no_coordinate_changes() {
-    // One wall of a cube is finer than the others: each outer edge of theirs has seven vertices of it.
+    // One side of a cube is finer than the others and has seven vertices along each edge of its neighbours.
     let coarse = cube(DVec3::ZERO, 2.0, 1);
     let fine = cube(DVec3::ZERO, 2.0, 8);
     let mut soup = Soup { positions: fine.positions.clone(), faces: fine.faces[..128].to_vec() };
@@ -189,7 +189,7 @@ fn a_vertex_off_the_edge_or_only_touching_it_is_no_t_junction() {
     };
     assert_eq!(near(0.0, DVec3::X), 1 + 1, "the tip on the edge, and the edge's end on the other's");
     assert_eq!(near(1e-3, DVec3::X), 0);
-    assert_eq!(near(0.0, DVec3::new(0.3, -1.0, 0.0)), 0, "it only touches");
+    assert_eq!(near(0.0, DVec3::new(0.3, -1.0, 0.0)), 0, "it touches at a point only");
 }
 
 #[test]
@@ -213,7 +213,7 @@ fn a_crack_with_other_vertices_on_its_sides_is_stitched() {
 
 #[test]
 fn a_crack_between_two_parts_is_stitched() {
-    // Two halves of a sphere, one of them turned a little, so that no vertex meets another.
+    // Two halves of a sphere, one of them rotated slightly, so that no vertices coincide.
     let soup = sphere(DVec3::ZERO, 1.0, 64, 32);
     let mut turned = soup.clone();
     let (sin, cos) = 0.02f64.sin_cos();
@@ -231,7 +231,7 @@ fn a_crack_between_two_parts_is_stitched() {
     assert!(after.closed && after.manifold && after.parts == 1, "{after:?}");
 }
 
-/// A square of four fans around a slit, its upper side at `y` = `width`, with vertices where `upper` and `lower` say.
+/// A square of four fans around a slit from `y` = 0 to `width`, with vertices on its sides at `upper` and `lower`.
 fn slit(width: f64, upper: &[f64], lower: &[f64]) -> Surface {
     let mut it = Surface::default();
     let mut add = |x: f64, y: f64| {
@@ -257,8 +257,8 @@ fn slit(width: f64, upper: &[f64], lower: &[f64]) -> Surface {
 
 #[test]
 fn vertices_in_a_straight_line_are_not_merged() {
-    // The nearest vertices are next but one on the same side, and merging them would make a T-junction; across there is
-    // only an edge.
+    // The nearest vertices are on the same side with one between them, and merging them would leave a T-junction. On the
+    // other side there is only an edge.
     let mut it = slit(0.05, &[2.0, 2.01, 2.02, 6.0], &[]);
     let before = it.clone();
     let applied = stitched(&mut it, Stitch { threshold: 0.02, ..Stitch::default() });
@@ -306,7 +306,7 @@ fn closed_parts_near_one_another_and_open_sheets_are_not_touched() {
     let sheets = [
         join(&cube(DVec3::ZERO, 1.0, 4), &cube(DVec3::X * 1.0005, 1.0, 4)),
         sheet(30),
-        // Two boxes without lids whose rims touch in a corner.
+        // Two boxes without lids whose rims share a corner.
         {
             let mut open = cube(DVec3::ZERO, 1.0, 4);
             open.faces.truncate(160);
@@ -379,7 +379,7 @@ proptest! {
             ];
             applied.iter().map(|a| a.moved).sum::<f64>()
         });
-        // Where a crack ends bluntly, or its last vertices lie too far apart for their edges.
+        // Edges stay open where a crack ends bluntly, or where its last vertices are too far apart.
         let stitched = measured(&it);
         prop_assert!(stitched.boundary_edges <= 8 && stitched.manifold, "{stitched:?}");
         with_context(|c| FillHoles::default().apply(&mut it, c)).unwrap();

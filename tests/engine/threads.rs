@@ -1,4 +1,4 @@
-//! The same bytes and the same account from any number of threads, and each time.
+//! Repairs are deterministic: the same bytes and report on any number of threads, and on every run.
 
 use std::sync::atomic::AtomicBool;
 use std::time::Duration;
@@ -22,13 +22,13 @@ fn moved(mut soup: Soup, by: DVec3) -> Soup {
     soup
 }
 
-/// Solids that overlap in general position, of more faces than one thread is given.
+/// Solids that overlap in general position, with more faces than one thread's share.
 fn overlapping() -> Soup {
     let two = join(&torus(3.0, 1.0, 72, 36), &moved(sphere(DVec3::ZERO, 1.2, 48, 30), DVec3::new(2.5, 0.3, 0.4)));
     join(&two, &moved(cube(DVec3::ZERO, 2.0, 12), DVec3::new(-3.0, -1.0, -0.7)))
 }
 
-/// Solids that touch in an edge.
+/// Solids that share an edge.
 fn touching() -> Soup {
     join(&cube(DVec3::ZERO, 1.0, 12), &cube(DVec3::new(1.0, 1.0, 0.0), 1.0, 12))
 }
@@ -47,7 +47,7 @@ fn the_whole_pipeline_answers_the_same_on_any_number_of_threads() {
         (overlapping(), [Operator::FillHoles, Operator::Resolve, Operator::Simplify]),
         (touching(), [Operator::FillHoles, Operator::Separate, Operator::Simplify]),
     ] {
-        // A hole, and faces that are turned.
+        // A hole, and flipped faces.
         soup.faces.drain(20..22);
         soup.faces[40..60].iter_mut().for_each(|face| face.swap(0, 1));
         let one = on(1, || mended(&soup, &options));
@@ -56,7 +56,7 @@ fn the_whole_pipeline_answers_the_same_on_any_number_of_threads() {
             assert!(did, "{operator:?} had something to do: {:?}", one.report.steps);
         }
         for again in [on(2, || mended(&soup, &options)), on(2, || mended(&soup, &options))] {
-            assert!(again.bytes == one.bytes, "other bytes");
+            assert!(again.bytes == one.bytes, "the bytes differ");
             assert_eq!(again.report, one.report);
         }
     }
@@ -68,7 +68,7 @@ fn a_remesh_is_the_same_on_any_number_of_threads() {
     let remeshed = || with_context(|c| Remesh { cell: Some(0.1), ..Remesh::default() }.apply(&surface, c)).unwrap();
     let one = on(1, remeshed);
     for again in [on(2, remeshed), on(2, remeshed)] {
-        assert!(again.surface == one.surface, "another surface");
+        assert!(again.surface == one.surface, "the surfaces differ");
         assert_eq!((again.deviation, again.made_inside), (one.deviation, one.made_inside));
     }
 }

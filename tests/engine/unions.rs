@@ -1,5 +1,6 @@
-//! Unions of solids through the whole pipeline: in general and in degenerate position, as soups in any order, turned at
-//! random and with holes. What comes back is printable and fills the same space.
+//! Unions of solids through the whole pipeline are printable and fill the same space.
+//!
+//! The solids are in general or degenerate position, with shuffled and flipped faces, and with holes.
 
 use glam::{DMat3, DVec3};
 use meshmend::arrange::Inside;
@@ -15,25 +16,25 @@ use crate::meshes::{as_f32, cube, cylinder, join, sphere, torus};
 use crate::support::manifold::ManifoldRust;
 use crate::support::{arranged, repair_up_to_tier_2, with_context};
 
-/// The space that a surface winds around outward, by another engine than ours.
+/// The volume with positive winding number, by another engine than ours.
 fn filled(soup: &Soup) -> f64 {
     let (surface, _) = Surface::from_soup(soup);
     let solid = arranged(&ManifoldRust, &surface, Inside::Positive.into()).unwrap();
     with_context(|c| measure(&solid.surface.to_soup(), c)).unwrap().volume.value
 }
 
-/// What is done to the faces.
+/// Damage to the faces.
 #[derive(Debug, Clone, Copy)]
 struct Harm {
-    /// They stand in another order.
+    /// The faces are reordered.
     shuffled: bool,
-    /// Half of them are turned.
+    /// Half of the faces are flipped.
     turned: bool,
-    /// So many go, no two with a vertex in common.
+    /// The number of faces that are removed, no two of which share a vertex.
     holes: usize,
 }
 
-/// A soup of solids with some harm done to it; and by how much that may change the volume.
+/// A soup of solids with damage, and the volume change that the damage may cause.
 fn harmed(solids: &[Soup], harm: Harm, random: &mut Random) -> (Soup, f64) {
     let mut soup = as_f32(solids.iter().fold(Soup::default(), |all, it| join(&all, it)));
     let mut slack = 0.0;
@@ -60,14 +61,14 @@ fn harmed(solids: &[Soup], harm: Harm, random: &mut Random) -> (Soup, f64) {
     (soup, slack)
 }
 
-/// Says what is wrong with what the pipeline makes of them, if anything.
+/// Repairs damaged solids and describes what is wrong with the result, if anything.
 fn verdict(solids: &[Soup], harm: Harm, seed: u64) -> Result<(), String> {
     let volume = filled(&as_f32(solids.iter().fold(Soup::default(), |all, it| join(&all, it))));
     let (soup, slack) = harmed(solids, harm, &mut Random::new(seed));
     let it = repair_up_to_tier_2(&write(&soup, Format::Stl).unwrap());
     let result = read(&it.bytes, &Limits::default()).unwrap().soup;
     let after = with_context(|c| measure(&result, c)).unwrap();
-    // Walls within that are seen through a hole are surface of the model, so what overlaps there may be kept.
+    // Internal walls that are visible through a hole are surface of the model, so overlaps there may remain.
     let closed = after.closed && after.manifold && after.consistent && harm.holes > 0;
     if !after.printable() && !closed {
         return Err(format!("{}; {}", after.in_short(), it.report.summary));
@@ -91,7 +92,7 @@ fn turned(mut soup: Soup, turn: DMat3) -> Soup {
     soup
 }
 
-/// Boxes, cylinders, tori and balls anywhere.
+/// Boxes, cylinders, tori and balls at random places.
 fn in_general_position(random: &mut Random, count: usize) -> Vec<Soup> {
     let one = |random: &mut Random| {
         let it = match random.below(4) {
@@ -107,7 +108,7 @@ fn in_general_position(random: &mut Random, count: usize) -> Vec<Soup> {
     (0..count).map(|_| one(random)).collect()
 }
 
-/// The same with whole numbers: coplanar, with edges and vertices in common, nested and tangent.
+/// The same solids with integer sizes and places: coplanar, nested, tangent, with common edges and vertices.
 fn in_degenerate_position(random: &mut Random, count: usize) -> Vec<Soup> {
     let one = |random: &mut Random| {
         let low = DVec3::from_array([0, 1, 2].map(|_| random.below(4) as f64));
@@ -136,7 +137,7 @@ proptest! {
         prop_assert_eq!(verdict(&solids, Harm { shuffled, turned: false, holes: 0 }, seed), Ok(()), "{}", seed);
     }
 
-    // Of more solids with faces in common, turned at random, one may be taken for the wall of another.
+    // With more solids that share faces, and faces flipped at random, repair may take one solid for the wall of another.
     #[test]
     fn solids_in_degenerate_position_are_united_though_half_of_their_faces_are_flipped(count in 2..4usize, seed: u64) {
         let solids = in_degenerate_position(&mut Random::new(seed), count);
@@ -170,7 +171,7 @@ fn new_vertices_beside_zero_stand_no_nearer_to_one_another_than_the_model_is_wor
     let known = |soup: &Soup, p: DVec3| soup.positions.contains(&p);
     let mut new = 0;
     for (n, angle) in [(5, 0.5), (9, 1.7), (12, 2.9)] {
-        // Turned and back again, so that what should be zero is some 1e-17.
+        // Rotate and rotate back, so that zeros become about 1e-17.
         let noise = DMat3::from_rotation_x(-1.0 - angle) * DMat3::from_rotation_x(1.0) * DMat3::from_rotation_x(angle);
         let solids = [
             cylinder(DVec3::new(0.5, 0.0, 0.0), 1.0, 0.75, n),

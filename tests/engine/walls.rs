@@ -1,4 +1,4 @@
-//! The thinnest wall, wherever it is.
+//! The thinnest wall of a model.
 
 use std::sync::atomic::AtomicBool;
 use std::time::Duration;
@@ -28,7 +28,7 @@ fn close(found: f64, expected: f64) {
     assert!((found / expected - 1.0).abs() < 0.01, "{found} is not {expected}");
 }
 
-/// What a profile of radii and heights sweeps around the z axis in `n` steps; outward where it goes up on the outside.
+/// A profile of radii and heights, revolved around the z axis in `n` steps; outward if it goes up on the outside.
 fn lathe(profile: &[[f64; 2]], n: u32) -> Soup {
     let mut soup = Soup::default();
     let at = |i: u32, [radius, z]: [f64; 2]| {
@@ -48,7 +48,7 @@ fn lathe(profile: &[[f64; 2]], n: u32) -> Soup {
     soup
 }
 
-/// A ball of 50 mm radius with a pin at its top, in one piece.
+/// A ball of 50 mm radius with a pin at its top, as one solid.
 fn ball_with_pin(radius: f64, height: f64, n: u32) -> Soup {
     let mut profile: Vec<[f64; 2]> = (0..n)
         .map(|j| (f64::from(j) / f64::from(n) - 0.5) * std::f64::consts::PI)
@@ -70,7 +70,7 @@ fn mapped(mut soup: Soup, map: impl Fn(DVec3) -> DVec3) -> Soup {
     soup
 }
 
-/// A prism 30 long whose sides are at an angle, 10 deep, with an edge 0.02 wide at its tip.
+/// A prism 30 long and 10 deep whose sides form an angle, with an edge 0.02 wide at its tip.
 fn wedge(degrees: f64) -> Soup {
     let slope = 2.0 * (degrees / 2.0).to_radians().tan();
     mapped(cube(DVec3::ZERO, 1.0, 16), |p| {

@@ -1,7 +1,7 @@
-//! Fuzzing without libFuzzer: models in every format, damaged as models and as bytes, through each reader and the whole pipeline;
-//! and requests with them, damaged as forms, as JSON and as bytes, through the HTTP surface.
+//! Fuzzing without libFuzzer: damaged models in every format through each reader and the whole pipeline, and damaged
+//! requests through the HTTP surface.
 //!
-//! A few run with the other tests. For longer, with the seconds and the seed that the environment asks for:
+//! A short run is part of the tests. A long run takes its seconds and its seed from the environment:
 //! `MESHMEND_FUZZ_SECONDS=600 MESHMEND_FUZZ_SEED=1 cargo test --test fuzz -- --ignored --nocapture for_long`
 #![allow(clippy::unwrap_used, reason = "tests fail by panicking")]
 
@@ -22,10 +22,10 @@ use std::time::{Duration, Instant};
 use damage::Random;
 use meshmend::format::Format;
 
-/// A small model may take so long, twice and checked, on a busy machine.
+/// The longest time that one input may take on a busy machine.
 const LONGEST: Duration = Duration::from_secs(60);
 
-/// Where an input stays while it is tried, so that it is at hand whatever becomes of the process.
+/// The file that holds the current input, so that it survives a crash of the process.
 fn kept(name: &str) -> PathBuf {
     Path::new(env!("CARGO_TARGET_TMPDIR")).join(name)
 }
@@ -34,7 +34,7 @@ fn number(variable: &str, default: u64) -> u64 {
     std::env::var(variable).ok().and_then(|it| it.parse().ok()).unwrap_or(default)
 }
 
-/// Tries inputs that follow from a seed until `enough` says so after some. Answers how many.
+/// Tries inputs from consecutive seeds until `enough` is true of their number. Returns the number.
 fn try_from_seed(
     name: &str,
     seed: u64,
@@ -57,7 +57,7 @@ fn try_from_seed(
     done
 }
 
-/// What `arrange` reads solids from.
+/// Random bytes, from which the target `arrange` builds solids.
 fn any_bytes(seed: u64) -> Vec<u8> {
     let mut random = Random::new(seed);
     let solids = 1 + random.below(8);
@@ -135,7 +135,7 @@ fn for_long() {
     );
 }
 
-/// What is tried, and what it is tried with first, by a seed.
+/// The name of a target, its function, and a generator of inputs from a seed.
 type Target = (&'static str, fn(&[u8]), fn(u64) -> Vec<u8>);
 
 /// The targets of libFuzzer.
@@ -154,7 +154,7 @@ const TARGETS: [Target; 12] = [
     ("request", entries::request, requests::request),
 ];
 
-/// Runs one file again, as it was left by a failure or found by libFuzzer, with the target that the environment names.
+/// Runs one file again that failed here or in libFuzzer, with the target that the environment names.
 #[test]
 #[ignore = "needs a file"]
 fn one_file_again() {
@@ -163,7 +163,7 @@ fn one_file_again() {
     TARGETS.iter().find(|(name, ..)| *name == target).unwrap().1(&bytes);
 }
 
-/// Writes files for libFuzzer to begin with.
+/// Writes a seed corpus for libFuzzer.
 #[test]
 #[ignore = "writes files"]
 fn seeds_for_libfuzzer() {
@@ -176,7 +176,7 @@ fn seeds_for_libfuzzer() {
     }
 }
 
-/// So that none is forgotten here.
+/// `TARGETS` lists every target of libFuzzer.
 #[test]
 fn every_target_of_libfuzzer_is_tried_here() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("fuzz/fuzz_targets");

@@ -1,4 +1,4 @@
-//! Models that follow from a seed, damaged in every way.
+//! Damaged models in every format, determined by a seed.
 
 use glam::DVec3;
 use meshmend::format::{Format, Limits, read, write};
@@ -7,10 +7,10 @@ use meshmend::mesh::Soup;
 use crate::damage::Random;
 use crate::meshes::{cube, inside_out, join, push, sheet, sphere, torus};
 
-/// Most faces before damage.
+/// The maximum number of faces before damage.
 const MOST: usize = 250;
 
-/// A file: some model, damaged as a model, written in some format, damaged as bytes now and then.
+/// A model with damaged geometry in some format, sometimes with damaged bytes too.
 pub fn file(seed: u64) -> Vec<u8> {
     let random = &mut Random::new(seed);
     let soup = model(random);
@@ -28,7 +28,7 @@ pub fn file(seed: u64) -> Vec<u8> {
     bytes
 }
 
-/// A file of the format, in each of its dialects that is worth to begin with.
+/// A file in one of the format's dialects.
 fn dialect(format: Format, others: &[&str], seed: u64) -> Vec<u8> {
     let random = &mut Random::new(seed);
     let which = random.below(2 * (others.len() + 1));
@@ -43,7 +43,7 @@ fn dialect(format: Format, others: &[&str], seed: u64) -> Vec<u8> {
     bytes
 }
 
-/// The text of a 3MF model that says a little of everything, or an archive of one, damaged as bytes.
+/// The text of a 3MF model that uses most features, or an archive with one, with damaged bytes.
 pub fn threemf(seed: u64) -> Vec<u8> {
     let random = &mut Random::new(seed);
     let mut bytes = match random.below(5) {
@@ -56,7 +56,7 @@ pub fn threemf(seed: u64) -> Vec<u8> {
     bytes
 }
 
-/// A document of glTF that says a little of everything, or a GLB file, damaged as bytes.
+/// A glTF document that uses most features, or a GLB file, with damaged bytes.
 pub fn gltf(seed: u64) -> Vec<u8> {
     let random = &mut Random::new(seed);
     let mut bytes = match random.below(5) {
@@ -69,12 +69,12 @@ pub fn gltf(seed: u64) -> Vec<u8> {
     bytes
 }
 
-/// Whether the document of glTF is read as long as nothing is damaged.
+/// Whether the undamaged glTF document can be read.
 pub fn gltf_is_read() -> bool {
     read(DOCUMENT.as_bytes(), &Limits::default()).is_ok_and(|mesh| mesh.soup.faces.len() == 10)
 }
 
-/// The texts of an OBJ model and its materials that say a little of everything, or an archive of one, damaged as bytes.
+/// The texts of an OBJ model and its materials that use most features, or an archive with them, with damaged bytes.
 pub fn zip(seed: u64) -> Vec<u8> {
     let random = &mut Random::new(seed);
     let mut bytes = match random.below(5) {
@@ -126,7 +126,7 @@ pub fn mesh(seed: u64) -> Vec<u8> {
     )
 }
 
-/// Damages bytes in some places.
+/// Damages bytes at some places.
 pub fn damage_some(bytes: &mut Vec<u8>, random: &mut Random) {
     for _ in 0..=random.below(6) {
         damage_bytes(bytes, random);
@@ -197,7 +197,7 @@ newmtl color_808080
 Kd 0.502 0.502 0.502
 ";
 
-/// One to four solids or sheets, where they are often coplanar or tangent, with damage.
+/// One to four solids or sheets, often coplanar or tangent, with damage.
 fn model(random: &mut Random) -> Soup {
     let mut soup = Soup::default();
     for _ in 0..=random.below(4) {
@@ -233,7 +233,7 @@ fn moved(mut soup: Soup, by: DVec3) -> Soup {
     soup
 }
 
-/// Triangles with corners on a small lattice: of all kinds of contact.
+/// Triangles with corners on a small lattice, which touch and intersect in every way.
 fn any_triangles(random: &mut Random) -> Soup {
     let mut soup = Soup::default();
     for _ in 0..4 + random.below(40) {
@@ -243,7 +243,7 @@ fn any_triangles(random: &mut Random) -> Soup {
     soup
 }
 
-/// Numbers at which arithmetic ends.
+/// Numbers at the limits of arithmetic.
 const NUMBERS: [f64; 12] =
     [f64::NAN, f64::INFINITY, 3.4e38, -3.4e38, 1e-45, 1e300, 0.0, -0.0, 1e-30, 1.0, 16_777_217.0, 1e20];
 
@@ -254,7 +254,7 @@ fn damage(soup: &mut Soup, random: &mut Random) {
     }
     let amount = 1 + random.below(6);
     match random.below(13) {
-        // Faces that go, turn, or come twice.
+        // Faces are removed, flipped or duplicated.
         0 => (0..amount).for_each(|_| {
             if soup.faces.len() > 1 {
                 soup.faces.swap_remove(random.below(soup.faces.len()));
@@ -272,7 +272,7 @@ fn damage(soup: &mut Soup, random: &mut Random) {
             }
             soup.faces.push(face);
         }),
-        // Corners that move: far, a little, onto others, all of a place or one of them.
+        // Corners move far, slightly or onto others, alone or with all corners at their position.
         3 => (0..amount).for_each(|_| {
             let v = random.below(soup.positions.len());
             soup.positions[v] += random.vector() * [1e-7, 1e-4, 0.1, 3.0][random.below(4)];
@@ -290,7 +290,7 @@ fn damage(soup: &mut Soup, random: &mut Random) {
             let v = random.below(soup.positions.len());
             soup.positions[v][random.below(3)] = NUMBERS[random.below(NUMBERS.len())];
         }),
-        // The whole: tiny, huge, far away, flat, turned.
+        // The whole model becomes tiny, huge, distant, flat or rotated.
         7 => {
             let scale = [1e-40, 1e-20, 1e-6, 1e6, 1e30, 3e37][random.below(6)];
             soup.positions.iter_mut().for_each(|p| *p *= scale);
@@ -308,12 +308,12 @@ fn damage(soup: &mut Soup, random: &mut Random) {
             let turn = glam::DMat3::from_axis_angle(axis, random.below(100) as f64);
             soup.positions.iter_mut().for_each(|p| *p = turn * *p);
         }
-        // The model twice, a little or not at all apart.
+        // The model is duplicated, with a small offset or none.
         11 if soup.faces.len() <= MOST => {
             let by = random.vector() * [0.0, 1e-6, 0.3][random.below(3)];
             *soup = join(soup, &moved(soup.clone(), by));
         }
-        // Another order.
+        // The faces are reordered.
         _ => {
             for f in (1..soup.faces.len()).rev() {
                 soup.faces.swap(f, random.below(f + 1));
@@ -322,7 +322,7 @@ fn damage(soup: &mut Soup, random: &mut Random) {
     }
 }
 
-/// Words that mean something to some reader.
+/// Keywords of the formats.
 const WORDS: [&[u8]; 14] = [
     b"\n",
     b" ",
@@ -362,7 +362,7 @@ fn damage_bytes(bytes: &mut Vec<u8>, random: &mut Random) {
             bytes.splice(to..to, piece);
         }
         5 => {
-            // A number of a binary file: the same as another, or one at which arithmetic ends.
+            // A number of a binary file becomes a copy of another, or a number at the limits of arithmetic.
             let number = NUMBERS[random.below(NUMBERS.len())] as f32;
             if let Some(place) = bytes.get_mut(at..at + 4) {
                 place.copy_from_slice(&number.to_le_bytes());

@@ -1,9 +1,9 @@
-//! Requests that follow from a seed: most of them sound but for one thing.
+//! HTTP requests determined by a seed, most of them valid except for one thing.
 
 use crate::damage::Random;
 use crate::mutate::{damage_some, file};
 
-/// Options, of which some are unknown, out of range or of another kind.
+/// Options, some of which are unknown, out of range or of the wrong type.
 const OPTIONS: [&str; 14] = [
     "{}",
     r#"{"mode":"analyze","level":"basic","up":[0,0,1],"unit":"mm"}"#,
@@ -25,7 +25,7 @@ const CALLBACKS: [&str; 5] =
     ["https://shop.example/done", "http://127.0.0.1:1/", "https://[::1]:443/", "https://a:b@c/", "x"];
 const NAMES: [&str; 6] = ["a.stl", "", "../../etc/passwd", "C:\\x.obj", "%00\u{202e}lts.a", "\u{f6}.ply"];
 
-/// A form whose boundary is `X`.
+/// A multipart form with the boundary `X`.
 pub fn form(seed: u64) -> Vec<u8> {
     let random = &mut Random::new(seed);
     let mut form = Vec::new();
@@ -48,7 +48,7 @@ pub fn form(seed: u64) -> Vec<u8> {
     form
 }
 
-/// A whole request, most often one that makes a job.
+/// A complete request, most often one that creates a job.
 pub fn request(seed: u64) -> Vec<u8> {
     let random = &mut Random::new(seed);
     let of_text = |random: &mut Random, texts: &[&str]| texts[random.below(texts.len())].to_owned();

@@ -10,14 +10,14 @@ use syn::visit::Visit;
 /// The names from the crate's root to a module or an item in it.
 type Names = Vec<String>;
 
-/// A file's own items, what it imports, and under which name.
+/// A file's own items and its imports.
 #[derive(Default)]
 struct Module {
     file: PathBuf,
     items: BTreeSet<String>,
-    /// The paths that a name stands for; `*` for a whole module's names.
+    /// The paths that each imported name stands for; `*` for glob imports.
     imports: BTreeMap<String, Vec<Names>>,
-    /// Paths that are used without an import.
+    /// Paths in the code itself.
     paths: Vec<Names>,
 }
 
@@ -64,7 +64,7 @@ fn names_of(source: &Path, file: &Path) -> Names {
     }
 }
 
-/// A path as written in a module, from the crate's root; none where it leads to another crate.
+/// Resolves a path in a module to one from the crate's root; none if it leads to another crate.
 fn absolute(modules: &BTreeMap<Names, Module>, module: &Names, path: &Names) -> Option<Names> {
     let ups = path.iter().take_while(|name| *name == "super").count();
     let (base, rest) = match path.first().map(String::as_str) {
@@ -81,7 +81,7 @@ fn absolute(modules: &BTreeMap<Names, Module>, module: &Names, path: &Names) -> 
     Some([base, rest].concat())
 }
 
-/// The module whose file defines what a path from the root leads to; none for what is of another crate.
+/// The module whose file defines the item at a path from the root; none for items of another crate.
 fn definition<'a>(modules: &'a BTreeMap<Names, Module>, path: &Names, depth: usize) -> Option<&'a Names> {
     let length = (0..=path.len()).rev().find(|&length| modules.contains_key(&path[..length]))?;
     let (names, module) = modules.get_key_value(&path[..length])?;

@@ -1,4 +1,4 @@
-//! The structure of the source: which way imports run, and how long a file may be.
+//! The structure of the source: directions of imports, file sizes, and one place for each decision.
 #![allow(clippy::unwrap_used, reason = "tests fail by panicking")]
 
 mod imports;
@@ -73,14 +73,14 @@ const MODULES: [(&str, &[&str]); 24] = [
     ),
 ];
 
-/// Modules of the engine, and the crates that it may not use.
+/// Modules of the engine, which may not use the crates below.
 const ENGINE: [&str; 13] = [
     "math", "context", "mesh", "scene", "format", "inspect", "render", "analyze", "arrange", "simplify", "remesh",
     "repair", "blender",
 ];
 const NOT_IN_THE_ENGINE: [&str; 5] = ["tokio", "axum", "sqlx", "object_store", "tower_http"];
 
-const LONGEST_FILE: usize = 450;
+const MAX_LINES_PER_FILE: usize = 450;
 
 fn source() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("src")
@@ -100,7 +100,7 @@ fn files_of(module: &str) -> Vec<PathBuf> {
     rust_files(&if folder.is_dir() { folder } else { folder.with_extension("rs") })
 }
 
-/// The parts of a text that follow `before` and go on as a name.
+/// The names that follow `before` in a text.
 fn names_after(text: &str, before: &str) -> BTreeSet<String> {
     let name = |rest: &str| rest.chars().take_while(|c| c.is_alphanumeric() || *c == '_').collect::<String>();
     text.match_indices(before).map(|(at, found)| name(&text[at + found.len()..])).collect()
@@ -126,7 +126,7 @@ fn imports_run_one_way() {
             }
         }
     }
-    assert!(seen > 50, "only {seen} imports were found: the test sees nothing");
+    assert!(seen > 50, "only {seen} imports were found: the test no longer works");
 }
 
 #[test]
@@ -165,7 +165,7 @@ fn test_binaries() -> Vec<PathBuf> {
 fn has_tests(file: &Path) -> bool {
     code(file)
         .lines()
-        .any(|line| ["#[test]", "#[tokio::test", "promises! {"].iter().any(|it| line.trim_start().starts_with(it)))
+        .any(|line| ["#[test]", "#[tokio::test", "on_each_store! {"].iter().any(|it| line.trim_start().starts_with(it)))
 }
 
 /// The imports of items that are defined in a file with tests.
@@ -210,7 +210,7 @@ fn every_module_is_on_the_list() {
 }
 
 #[test]
-fn the_engine_knows_nothing_of_the_service() {
+fn the_engine_does_not_use_crates_of_the_service() {
     for module in ENGINE {
         for file in files_of(module) {
             let code = code(&file);
@@ -222,7 +222,7 @@ fn the_engine_knows_nothing_of_the_service() {
 }
 
 #[test]
-fn the_names_of_metrics_stand_in_one_place() {
+fn metric_names_are_defined_in_one_place() {
     let mut used = 0;
     for file in rust_files(&source()) {
         let code = code(&file);
@@ -231,14 +231,14 @@ fn the_names_of_metrics_stand_in_one_place() {
             used += code.matches(&format!("metrics::{kind}!(telemetry::")).count();
         }
     }
-    assert!(used > 15, "only {used} metrics were found: the test sees nothing");
+    assert!(used > 15, "only {used} metrics were found: the test no longer works");
 }
 
-/// `repair::Verdict` and `JobOutcome::is_printable` say what an outcome means. A file that tells outcomes apart by itself may come to say
-/// something else.
+/// `repair::Verdict` and `JobOutcome::is_printable` say what an outcome means. Another file that distinguishes outcomes
+/// could contradict them.
 #[test]
 fn what_an_outcome_means_is_decided_in_one_place() {
-    // The outcomes of jobs are made of those of repairs, and only of some of them another try would give the same.
+    // These map the outcomes of repairs to those of jobs, and decide which results may be reused.
     let may = ["jobs/report.rs", "api/submit.rs"];
     for file in rust_files(&source()) {
         let name = file.strip_prefix(source()).unwrap().to_string_lossy().into_owned();
@@ -248,24 +248,24 @@ fn what_an_outcome_means_is_decided_in_one_place() {
         for variant in ["AlreadyPrintable", "Repaired", "PartiallyRepaired", "Unrepairable", "NotPrintable"] {
             let found = code(&file).contains(&format!("Outcome::{variant}"));
             let is_text = name == "cli/remote/service.rs" && variant == "NotPrintable";
-            assert!(!found || is_text, "{name} decides itself what {variant} means");
+            assert!(!found || is_text, "{name} decides for itself what {variant} means");
         }
     }
 }
 
 #[test]
-fn no_file_outgrows_its_idea() {
+fn no_file_has_more_than_450_lines() {
     for file in rust_files(&source()) {
         let lines = std::fs::read_to_string(&file).unwrap().lines().count();
-        assert!(lines <= LONGEST_FILE, "{} has {lines} lines", file.display());
+        assert!(lines <= MAX_LINES_PER_FILE, "{} has {lines} lines", file.display());
     }
 }
 
 #[test]
-fn the_code_that_the_documents_show_is_that_of_the_tested_examples() {
+fn code_in_the_documents_is_that_of_the_tested_examples() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let text = std::fs::read_to_string(root.join("docs/clients.md")).unwrap();
-    // Each block stands below a comment that names its file.
+    // A comment above each block names its file.
     let shown: Vec<(&str, &str)> = text
         .split("<!-- ")
         .skip(1)
@@ -274,9 +274,9 @@ fn the_code_that_the_documents_show_is_that_of_the_tested_examples() {
             (path, rest.split_once('\n').unwrap().1.split("```").next().unwrap())
         })
         .collect();
-    assert!(shown.len() > 8, "only {} examples were found: the test sees nothing", shown.len());
+    assert!(shown.len() > 8, "only {} examples were found: the test no longer works", shown.len());
     for (path, code) in shown {
         let example = std::fs::read_to_string(root.join(path)).unwrap_or_else(|error| panic!("{path}: {error}"));
-        assert_eq!(code, example, "docs/clients.md shows another {path}");
+        assert_eq!(code, example, "docs/clients.md and {path} differ");
     }
 }

@@ -1,4 +1,4 @@
-//! Who may ask for what, and what nobody else sees.
+//! Access keys, browser tokens and tenants: who may do what, and what other tenants cannot see.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -14,9 +14,9 @@ use serde_json::{Value, json};
 use crate::files;
 use crate::server::{Api, Program, Start};
 use crate::support::access::{ALL_SCOPES, create_key, meshmend, send, start_with_keys};
-use crate::support::stores::{Bench, promises};
+use crate::support::stores::{Bench, on_each_store};
 
-promises! {
+on_each_store! {
     a_key_is_found_by_its_secret_until_it_expires_or_is_revoked,
     a_token_is_worth_nothing_without_the_key_it_was_made_with,
     tenants_take_turns_however_many_jobs_one_of_them_has,
@@ -40,12 +40,12 @@ fn new_key(life_s: Option<u64>, parent: Option<String>) -> NewKey {
     }
 }
 
-async fn made(store: &dyn Store, key: NewKey) -> (String, Token) {
+async fn create_key_in(store: &dyn Store, key: NewKey) -> (String, Token) {
     let token = Secret::new(key.kind).token();
     (store.create_key(key, &token).await.expect("a key").id, token)
 }
 
-async fn is_worth(store: &dyn Store, token: &Token) -> bool {
+async fn is_valid(store: &dyn Store, token: &Token) -> bool {
     store.find_key(token).await.expect("an answer").is_some()
 }
 
@@ -56,8 +56,8 @@ async fn keys_of(store: &dyn Store, tenant: Option<&str>) -> Vec<AccessKey> {
 
 async fn a_key_is_found_by_its_secret_until_it_expires_or_is_revoked(bench: Bench) {
     let store = bench.store.as_ref();
-    let (id, token) = made(store, new_key(None, None)).await;
-    let (_, short) = made(store, new_key(Some(60), None)).await;
+    let (id, token) = create_key_in(store, new_key(None, None)).await;
+    let (_, short) = create_key_in(store, new_key(Some(60), None)).await;
     let (key, limits) = store.find_key(&token).await.expect("an answer").expect("a key");
     assert_eq!(limits, TenantLimits::default());
     assert_eq!(
@@ -65,20 +65,20 @@ async fn a_key_is_found_by_its_secret_until_it_expires_or_is_revoked(bench: Benc
         (id.as_str(), "shop", "till", Some(1000))
     );
     assert!(key.scopes.has(Scope::Tokens) && !key.scopes.has(Scope::JobsWrite));
-    assert!(!is_worth(store, &Token::of("mm_key_guess")).await);
-    assert!(is_worth(store, &short).await);
+    assert!(!is_valid(store, &Token::of("mm_key_guess")).await);
+    assert!(is_valid(store, &short).await);
     bench.pass(Duration::from_secs(60));
-    assert!(!is_worth(store, &short).await);
+    assert!(!is_valid(store, &short).await);
     assert!(key.last_used_at.is_none());
     store.touch_key(&id).await.expect("noted");
     let own = TenantLimits { requests_per_minute: Some(60), ..TenantLimits::default() };
     store.change_tenant(&key.tenant, TenantChange::to_limits(own)).await.expect("set");
     let (key, limits) = store.find_key(&token).await.expect("an answer").expect("a key");
     assert!(key.last_used_at.is_some());
-    assert_eq!(limits, own, "its tenant's limits come with a key");
+    assert_eq!(limits, own, "a key comes with its tenant's limits");
     assert!(store.revoke_key(&id).await.expect("an answer"));
     assert!(!store.revoke_key(&id).await.expect("an answer"));
-    assert!(!is_worth(store, &token).await);
+    assert!(!is_valid(store, &token).await);
     assert_eq!(keys_of(store, Some("shop")).await.len(), 2);
     assert_eq!(keys_of(store, Some("other")).await, []);
 }
@@ -100,9 +100,9 @@ async fn a_change_of_a_tenant_keeps_the_settings_that_it_does_not_name(bench: Be
 
 async fn keys_and_tenants_are_listed_in_pages(bench: Bench) {
     let store = bench.store.as_ref();
-    let (first, _) = made(store, new_key(None, None)).await;
-    let (second, _) = made(store, new_key(None, None)).await;
-    made(store, NewKey { tenant: "bakery".parse().expect("a name"), ..new_key(None, None) }).await;
+    let (first, _) = create_key_in(store, new_key(None, None)).await;
+    let (second, _) = create_key_in(store, new_key(None, None)).await;
+    create_key_in(store, NewKey { tenant: "bakery".parse().expect("a name"), ..new_key(None, None) }).await;
     let limits = TenantLimits { max_queued: Some(1), ..TenantLimits::default() };
     store.change_tenant(&"zoo".parse().expect("a name"), TenantChange::to_limits(limits)).await.expect("set");
     let page = |before| KeyQuery { tenant: "shop".parse().ok(), before, limit: 1, ..KeyQuery::default() };
@@ -150,12 +150,12 @@ async fn what_waits_and_runs_is_counted_by_class_of_tenants(bench: Bench) {
 
 async fn a_token_is_worth_nothing_without_the_key_it_was_made_with(bench: Bench) {
     let store = bench.store.as_ref();
-    let (id, _) = made(store, new_key(None, None)).await;
-    let (_, token) = made(store, new_key(Some(60), Some(id.clone()))).await;
-    assert!(is_worth(store, &token).await);
-    assert_eq!(keys_of(store, None).await.len(), 1, "tokens are no API keys");
+    let (id, _) = create_key_in(store, new_key(None, None)).await;
+    let (_, token) = create_key_in(store, new_key(Some(60), Some(id.clone()))).await;
+    assert!(is_valid(store, &token).await);
+    assert_eq!(keys_of(store, None).await.len(), 1, "tokens are not API keys");
     assert!(store.revoke_key(&id).await.expect("an answer"));
-    assert!(!is_worth(store, &token).await);
+    assert!(!is_valid(store, &token).await);
     assert_eq!(store.forget_tokens().await.expect("an answer"), 0);
     bench.pass(Duration::from_secs(61));
     assert_eq!(store.forget_tokens().await.expect("an answer"), 1);
@@ -170,7 +170,7 @@ async fn tenants_take_turns_however_many_jobs_one_of_them_has(bench: Bench) {
         bench.submit_of(tenant).await;
     }
     let mut served = Vec::new();
-    // One worker: nothing else runs when it asks.
+    // One worker: nothing runs when it claims a job.
     for _ in 0..8 {
         bench.pass(Duration::from_millis(5));
         let claim = bench.claim().await.expect("a job");
@@ -178,7 +178,7 @@ async fn tenants_take_turns_however_many_jobs_one_of_them_has(bench: Bench) {
         bench.store.fail(&claim.lease, Bench::failure(meshmend::jobs::FailureKind::Final)).await.expect("noted");
     }
     assert_eq!(served, ["busy", "calm", "quiet", "busy", "calm", "busy", "busy", "busy"]);
-    // Many workers: whoever has the fewest jobs running is next.
+    // Many workers: the tenant with the fewest running jobs is next.
     for tenant in ["calm", "calm"] {
         bench.submit_of(tenant).await;
     }
@@ -224,7 +224,7 @@ fn guarded(data: &Path) -> Program {
     start_with_keys(Start::serve(data))
 }
 
-/// Every documented operation that is not open to all.
+/// Every documented operation that requires a key.
 fn guarded_operations() -> Vec<(Method, String)> {
     let document: Value = serde_json::from_str(include_str!("../../openapi/openapi.json")).expect("JSON");
     let mut operations = Vec::new();
@@ -335,11 +335,11 @@ async fn a_tenant_sees_nothing_of_anothers_jobs() {
         };
         let theirs = ask_for(&id).await;
         assert_eq!(theirs.0, 404, "{method} {path}");
-        assert_eq!(theirs, ask_for(none).await, "it answers as for a job that never was");
+        assert_eq!(theirs, ask_for(none).await, "the response is the same as for a job that never existed");
     }
     let (_, page) = send(api.get("/v1/jobs").bearer_auth(&other)).await;
     assert_eq!(page["jobs"], json!([]));
-    // Neither a key of the same text nor a result of the same bytes leads from one to the other.
+    // Neither the same idempotency key nor an upload of the same bytes leads to another tenant's job.
     let (theirs, job) = submit(&other).await;
     assert_ne!(theirs, id);
     assert_eq!(job["reused_from"], Value::Null);
@@ -392,7 +392,7 @@ async fn a_page_with_a_token_uploads_from_its_origin_and_sees_only_its_own_jobs(
         api.post("/v1/browser-tokens").bearer_auth(&secret).header("origin", "https://shop.example").json(&json!({})),
     )
     .await;
-    assert_eq!(status, 403, "a token makes no tokens");
+    assert_eq!(status, 403, "a token cannot create tokens");
 
     let look = |id: &Value, secret: &str| {
         api.get(&format!("/v1/jobs/{}", id.as_str().expect("an id")))
@@ -400,14 +400,14 @@ async fn a_page_with_a_token_uploads_from_its_origin_and_sees_only_its_own_jobs(
             .header("origin", "https://shop.example")
     };
     assert_eq!(send(look(&job["id"], &secret)).await.0, 200);
-    assert_eq!(send(look(&job["id"], &owner)).await.0, 200, "the tenant's server sees it too");
+    assert_eq!(send(look(&job["id"], &owner)).await.0, 200, "the tenant's own server sees the job too");
     let (_, own) = send(api.post("/v1/jobs?max_tier=1").bearer_auth(&owner).body(files::whole_box())).await;
     assert_eq!(send(look(&own["id"], &secret)).await.0, 404);
     let (_, page) = send(api.get("/v1/jobs").bearer_auth(&secret).header("origin", "https://shop.example")).await;
     assert_eq!(page["jobs"].as_array().map(Vec::len), Some(1));
 }
 
-/// Whether a page of that origin may read an answer, with the header that says when to come again.
+/// Whether a page of that origin may read a response and its `retry-after` header.
 fn is_readable(answer: &reqwest::Response, origin: &str) -> bool {
     let told = |name| answer.headers().get(name).and_then(|value| value.to_str().ok()).unwrap_or_default();
     told("access-control-allow-origin") == origin && told("access-control-expose-headers").contains("retry-after")
@@ -465,7 +465,7 @@ async fn allowed_origins_may_read_responses_and_other_origins_only_their_refusal
             let answer = request.header("origin", "https://shop.example").send().await.expect("an answer");
             assert!(
                 !answer.headers().contains_key("access-control-allow-origin"),
-                "{method} {path}: a key is not for pages"
+                "{method} {path}: a key is not for use in pages"
             );
         }
     }
@@ -496,7 +496,7 @@ async fn limits_of_requests_and_of_waiting_jobs_hold_for_each_tenant_apart() {
     let submit = || api.post("/v1/jobs").bearer_auth(&calm).body(files::broken_box());
     let answer = submit().send().await.expect("an answer");
     assert_eq!(answer.status(), 202);
-    assert!(!answer.headers().contains_key("ratelimit"), "nothing is limited where nothing is set");
+    assert!(!answer.headers().contains_key("ratelimit"), "without settings there are no limits");
     let (status, problem) = send(submit()).await;
     assert_eq!((status, &problem["code"]), (429, &json!("queue_full")));
 }
@@ -516,5 +516,5 @@ async fn an_open_service_answers_its_own_pages_and_no_others() {
     let program = Start::serve_on("0.0.0.0:0", wide.path()).start();
     let url = program.url.replace("0.0.0.0", "127.0.0.1");
     let answer = reqwest::get(format!("{url}/v1/jobs")).await.expect("an answer");
-    assert_eq!(answer.status(), 401, "whoever can be reached from elsewhere asks for keys");
+    assert_eq!(answer.status(), 401, "a server that other machines can reach requires keys");
 }

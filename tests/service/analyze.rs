@@ -1,4 +1,4 @@
-//! Jobs of the mode `analyze`: one file or several, looked at and left as they are.
+//! Jobs with the mode `analyze`: reports on one file or several.
 
 use reqwest::multipart::{Form, Part};
 use serde_json::{Value, json};
@@ -6,7 +6,7 @@ use serde_json::{Value, json};
 use crate::files;
 use crate::server::{Api, Start, signal, stored_files, stored_uploads, until};
 
-/// A form with these files and, at its end, these options.
+/// A form with these files, and these options at its end.
 fn form(files: Vec<(&str, Vec<u8>)>, options: Value) -> Form {
     let part = |(name, bytes): (&str, Vec<u8>)| Part::bytes(bytes).file_name(name.to_owned());
     let form = files.into_iter().fold(Form::new(), |form, file| form.part("file", part(file)));
@@ -18,7 +18,7 @@ async fn submit(api: &Api, files: Vec<(&str, Vec<u8>)>, options: Value) -> (u16,
     (answer.status().as_u16(), answer.json().await.expect("JSON"))
 }
 
-/// Submits files that must be accepted, and gives the job's id.
+/// Submits files, asserts that they are accepted, and returns the job's id.
 async fn accepted(api: &Api, files: Vec<(&str, Vec<u8>)>, options: Value) -> String {
     let (status, job) = submit(api, files, options).await;
     assert_eq!(status, 202, "{job}");
@@ -31,8 +31,8 @@ fn analyze() -> Value {
 
 async fn nothing_is_left(api: &Api, data: &std::path::Path) {
     let list: Value = api.get("/v1/jobs").send().await.expect("an answer").json().await.expect("JSON");
-    assert_eq!(list["jobs"].as_array().map(Vec::len), Some(0), "nothing refused became a job");
-    assert_eq!(stored_uploads(data), 0, "nothing refused is stored");
+    assert_eq!(list["jobs"].as_array().map(Vec::len), Some(0), "no refused request became a job");
+    assert_eq!(stored_uploads(data), 0, "no file of a refused request is stored");
 }
 
 async fn full_report(api: &Api, id: &str) -> Value {
@@ -50,7 +50,7 @@ async fn one_file_is_analysed_and_what_is_said_of_it_is_what_a_repair_says_of_it
     assert_eq!((job["status"].as_str(), job["outcome"].as_str()), (Some("succeeded"), Some("not_printable")), "{job}");
     assert_eq!((job["options"]["mode"].as_str(), job["options"]["places"].as_u64()), (Some("analyze"), Some(3)));
     assert_eq!(job["input"]["name"], "a.stl");
-    assert!(job.get("inputs").is_none(), "one file is told as one");
+    assert!(job.get("inputs").is_none(), "one file is a list of one");
     let report = &job["report"];
     assert_eq!((report["mode"].as_str(), report["printable"].as_bool()), (Some("analyze"), Some(false)));
     assert!(report["version"].is_u64() && report["milliseconds"].is_f64() && report["engine"].is_string());
@@ -71,7 +71,7 @@ async fn one_file_is_analysed_and_what_is_said_of_it_is_what_a_repair_says_of_it
     assert_eq!(repaired["mode"], "repair");
     let plain = accepted(&api, vec![("a.stl", files::open_box())], analyze()).await;
     let mut plain = full_report(&api, &plain).await;
-    // A repair measures the walls of its result, where the input is not printable.
+    // A repair measures the walls only of its result, if the input is not printable.
     let print = plain["files"][0]["inspection"]["print"].as_object_mut().expect("measures");
     assert!(print["thinnest_wall"].is_object());
     print.insert("thinnest_wall".to_owned(), Value::Null);
@@ -131,7 +131,7 @@ async fn a_file_that_is_no_model_is_named_and_the_others_go_with_it() {
     assert!(errors[1].starts_with("file 3 of 3, 'empty.stl': ") && errors.len() == 2, "{errors:?}");
     nothing_is_left(&api, data.path()).await;
 
-    // Only a full read finds this one broken.
+    // Only reading the whole file shows that it is broken.
     let broken = "OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 7\n";
     let id = accepted(&api, vec![("a.stl", files::whole_box()), ("b.off", broken.into())], analyze()).await;
     let job = api.finished(&id).await;
@@ -165,7 +165,7 @@ async fn wrong_options_repairs_of_two_files_and_too_many_or_large_files_are_refu
     let (status, problem) = submit(&api, vec![small("a.stl"), small("b.stl"), small("c.stl")], analyze()).await;
     assert_eq!((status, problem["code"].as_str()), (413, Some("too_many_files")), "{problem}");
     assert!(problem["detail"].as_str().expect("text").contains("the 2 files"), "{problem}");
-    // Each is small enough, both together are not; the length is not told beforehand.
+    // Each file is small enough, but not both together; the request does not declare its length.
     let half = || {
         Part::stream(reqwest::Body::wrap_stream(futures::stream::iter([Ok::<_, std::io::Error>(vec![
             0_u8;
@@ -224,7 +224,7 @@ async fn canceling_an_analysis_ends_its_process_and_a_killed_process_is_run_agai
     let job = api.finished(&killed).await;
     assert_eq!((job["status"].as_str(), job["attempt"].as_u64()), (Some("succeeded"), Some(2)), "{job}");
     assert_eq!(job["report"]["files"].as_array().map(Vec::len), Some(2));
-    // Two uploads, both reports and the log; what the first attempt left goes a little later.
+    // Two uploads, both reports and the log. The first attempt's files are deleted a little later.
     until("the first attempt's files are gone", async || (stored_files(data.path(), &killed).len() == 5).then_some(()))
         .await;
 }

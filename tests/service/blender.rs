@@ -1,4 +1,4 @@
-//! The whole path with a real Blender at its end. `make test` sees to it that there is one.
+//! Jobs that a real Blender repairs; `make test` installs one.
 
 use meshmend::format::{Limits, read};
 use serde_json::{Value, json};

@@ -1,4 +1,4 @@
-//! What every file store promises, tried on each: a folder, and a bucket of an S3-compatible server.
+//! The contract of file stores, tested on each: a folder, and a bucket of an S3-compatible server.
 
 use std::convert::Infallible;
 use std::path::{Path, PathBuf};
@@ -14,7 +14,7 @@ use tempfile::TempDir;
 use crate::s3::S3;
 
 const HOUR: Duration = Duration::from_secs(3600);
-/// More than two parts of a bucket's upload.
+/// More bytes than two parts of a multipart upload.
 const LARGE: usize = 20 << 20;
 
 struct Bench {
@@ -35,12 +35,12 @@ impl Bench {
         Self { blobs, folder, server: Some(server) }
     }
 
-    /// Where the file of a key lies on the disk.
+    /// The path of a key's file.
     fn place(&self, key: &str) -> PathBuf {
         self.server.as_ref().map_or_else(|| self.folder.path().to_owned(), S3::objects).join(key)
     }
 
-    /// Makes a file and the folders it is in look as if nobody had touched them for long.
+    /// Makes a file and its folders look old.
     fn age(&self, key: &str) {
         let (place, root) = (self.place(key), self.place(""));
         for path in place.ancestors().take_while(|path| *path != root) {
@@ -98,8 +98,8 @@ fn sha256(bytes: &[u8]) -> String {
     hex::encode(Sha256::digest(bytes))
 }
 
-/// Runs each promise on each store.
-macro_rules! promises {
+/// Runs each test on each store.
+macro_rules! on_each_store {
     ($($name:ident),* $(,)?) => {
         mod folder {
             $(#[tokio::test(flavor = "multi_thread")]
@@ -116,7 +116,7 @@ macro_rules! promises {
     };
 }
 
-promises! {
+on_each_store! {
     what_was_put_is_got_whole_and_in_part,
     a_local_file_is_stored_as_it_is,
     an_upload_that_is_too_large_or_breaks_off_leaves_nothing,
@@ -188,7 +188,10 @@ async fn an_upload_whose_client_went_leaves_nothing(bench: Bench) {
     let bytes = some_bytes(LARGE);
     let silent = in_chunks(&bytes).chain(futures::stream::pending());
     let upload = bench.blobs.put_stream("uploads/x", silent, u64::MAX);
-    assert!(tokio::time::timeout(Duration::from_secs(1), upload).await.is_err(), "it waits for more");
+    assert!(
+        tokio::time::timeout(Duration::from_secs(1), upload).await.is_err(),
+        "the upload is still waiting for more"
+    );
     crate::server::until("nothing is left", async || {
         let left = std::fs::read_dir(bench.folder.path().join("uploads")).into_iter().flatten().count();
         (left == 0).then_some(())
@@ -199,7 +202,7 @@ async fn an_upload_whose_client_went_leaves_nothing(bench: Bench) {
 }
 
 async fn many_uploads_at_once_all_arrive(bench: Bench) {
-    // Together more than a bucket's uploads may keep in memory.
+    // Together more than uploads to a bucket may keep in memory.
     let bytes = some_bytes(9 << 20);
     let uploads = (0..12).map(|number| {
         let (blobs, bytes) = (bench.blobs.clone(), bytes.clone());
@@ -221,7 +224,7 @@ async fn bytes_that_were_damaged_are_never_handed_out_to_their_end(bench: Bench)
     let error = loop {
         match whole.try_next().await {
             Ok(Some(chunk)) => came += chunk.len(),
-            Ok(None) => panic!("it came to its end"),
+            Ok(None) => panic!("the file ended"),
             Err(error) => break error,
         }
     };
@@ -308,7 +311,7 @@ async fn a_file_that_waited_too_long_for_its_job_goes(bench: Bench) {
         bench.put(key, b"12345").await;
         assert_eq!(bench.blobs.bytes(key).await.expect("there"), 5);
     }
-    // As a server leaves it that is killed.
+    // The state that a killed server leaves.
     let half = bench.folder.path().join(format!("{old}#1"));
     if bench.server.is_none() {
         std::fs::write(&half, b"1").expect("a file");

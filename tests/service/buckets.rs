@@ -1,4 +1,4 @@
-//! The service with its files in an S3-compatible store, which goes away and comes back at every step of a job.
+//! The service with its files in an S3-compatible store, with outages of the store at every step of a job.
 
 use std::path::Path;
 
@@ -15,7 +15,7 @@ fn options() -> Value {
 }
 
 fn serve(data: &Path, bucket: &S3) -> Program {
-    bucket.keeps_files_of(Start::serve(data)).start()
+    bucket.store_files_of(Start::serve(data)).start()
 }
 
 async fn succeeded(api: &Api, id: &str) -> Value {
@@ -26,8 +26,8 @@ async fn succeeded(api: &Api, id: &str) -> Value {
     job
 }
 
-/// That nothing can be had, and that this is said as it should be.
-async fn says_that_it_is_away(answer: reqwest::Response) {
+/// Asserts that a response says that the store is unavailable and when to retry.
+async fn assert_unavailable(answer: reqwest::Response) {
     assert_eq!(answer.status(), 503);
     assert_eq!(answer.headers()["retry-after"], "5");
     assert_eq!(answer.json::<Value>().await.expect("a problem")["code"], "unavailable");
@@ -37,7 +37,7 @@ async fn says_that_it_is_away(answer: reqwest::Response) {
 async fn processes_that_share_a_database_and_a_bucket_need_no_folder_in_common() {
     let (cluster, bucket) = (Postgres::start(), S3::start());
     let [of_server, of_worker] = [(); 2].map(|()| tempfile::tempdir().expect("a folder"));
-    let shared = |start| bucket.keeps_files_of(start).env("MESHMEND_DATABASE_URL", &cluster.url());
+    let shared = |start| bucket.store_files_of(start).env("MESHMEND_DATABASE_URL", &cluster.url());
     let server = shared(Start::serve(of_server.path()).env("MESHMEND_NO_WORKERS", "true")).start();
     let _worker = shared(Start::work(of_worker.path())).start();
     let api = Api::new(&server);
@@ -48,7 +48,7 @@ async fn processes_that_share_a_database_and_a_bucket_need_no_folder_in_common()
         let bytes = api.artifact(&id, name).await.len();
         assert!(artifact.get("bytes").is_none_or(|told| *told == bytes), "{name}");
     }
-    assert!(bucket.files().len() > FILES_PER_JOB, "the worker has drawn what the server was asked for");
+    assert!(bucket.files().len() > FILES_PER_JOB, "the worker drew the pictures that were requested");
     let range = api.get(&format!("/v1/jobs/{id}/artifacts/model")).header("range", "bytes=0-83").send().await;
     let range = range.expect("an answer");
     assert_eq!((range.status().as_u16(), range.bytes().await.expect("bytes").len()), (206, 84));
@@ -75,12 +75,12 @@ async fn while_the_bucket_is_down_clients_are_told_when_to_retry_and_nothing_is_
     assert_eq!(ready().await, 200);
 
     bucket.kill();
-    says_that_it_is_away(api.try_submit("a.stl", files::broken_box(), options()).await).await;
+    assert_unavailable(api.try_submit("a.stl", files::broken_box(), options()).await).await;
     let model = format!("/v1/jobs/{kept}/artifacts/model");
-    says_that_it_is_away(api.get(&model).send().await.expect("an answer")).await;
-    says_that_it_is_away(api.delete(&format!("/v1/jobs/{deleted}")).send().await.expect("an answer")).await;
+    assert_unavailable(api.get(&model).send().await.expect("an answer")).await;
+    assert_unavailable(api.delete(&format!("/v1/jobs/{deleted}")).send().await.expect("an answer")).await;
     assert_eq!(ready().await, 503);
-    assert_eq!(api.job(&kept).await["status"], "succeeded", "what needs no files goes on");
+    assert_eq!(api.job(&kept).await["status"], "succeeded", "requests that need no files still work");
 
     bucket.restart();
     assert_eq!(api.artifact(&kept, "model").await.len(), 84 + 50 * 12);
@@ -88,7 +88,7 @@ async fn while_the_bucket_is_down_clients_are_told_when_to_retry_and_nothing_is_
     assert_eq!(
         bucket.files().len(),
         FILES_PER_JOB,
-        "what was refused and what was deleted is gone: {:?}",
+        "files of refused requests and deleted jobs are gone: {:?}",
         bucket.files()
     );
     assert_eq!(ready().await, 200);
@@ -102,7 +102,7 @@ async fn a_bucket_outage_at_any_step_of_a_worker_costs_no_job_an_attempt() {
     for pause in ["worker-claimed", "child-tier1", "worker-publish"] {
         let (mut bucket, data) = (S3::start(), tempfile::tempdir().expect("a folder"));
         let start = Start::serve(data.path()).env("FAILPOINTS", &format!("{pause}=1*sleep(1000)"));
-        let program = bucket.keeps_files_of(start).start();
+        let program = bucket.store_files_of(start).start();
         let api = Api::new(&program);
         let id = api.submit(files::broken_box(), options()).await;
         until("a worker has it", async || (api.job(&id).await["status"] == "running").then_some(())).await;
@@ -122,13 +122,13 @@ async fn a_bucket_outage_at_any_step_of_a_worker_costs_no_job_an_attempt() {
 async fn a_job_whose_upload_was_damaged_in_the_bucket_is_not_worked_on() {
     let (bucket, data) = (S3::start(), tempfile::tempdir().expect("a folder"));
     let start = Start::serve(data.path()).env("MESHMEND_NO_WORKERS", "true");
-    let server = bucket.keeps_files_of(start).start();
+    let server = bucket.store_files_of(start).start();
     let api = Api::new(&server);
     let id = api.submit(files::broken_box(), options()).await;
     let mut bytes = files::broken_box();
     bytes[100] ^= 1;
     std::fs::write(bucket.objects().join("uploads").join(&id), bytes).expect("damage");
-    let worker = bucket.keeps_files_of(Start::work(data.path())).start();
+    let worker = bucket.store_files_of(Start::work(data.path())).start();
     until("the worker has seen it", async || worker.log().contains("was damaged").then_some(())).await;
     let job = until("the attempt has ended", async || {
         let job = api.job(&id).await;

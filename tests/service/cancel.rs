@@ -24,9 +24,9 @@ async fn cancelling_a_running_job_ends_its_whole_process_tree() {
     assert_eq!(answer.json::<Value>().await.expect("a job")["status"], "canceled");
     until("the processes are gone", async || processes.iter().all(|pid| !is_alive(*pid)).then_some(())).await;
     let again = api.post(&format!("/v1/jobs/{id}/cancel")).send().await.expect("an answer");
-    assert_eq!(again.status(), 200, "canceling twice changes nothing");
+    assert_eq!(again.status(), 200, "a second cancel changes nothing");
     let id = api.submit(files::whole_box(), json!({})).await;
-    assert_eq!(api.finished(&id).await["status"], "succeeded", "the worker goes on");
+    assert_eq!(api.finished(&id).await["status"], "succeeded", "the worker continues");
 }
 
 #[tokio::test]

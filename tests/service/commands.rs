@@ -1,4 +1,4 @@
-//! What operators are told by the commands that run the service: lists, backups, and settings that can't be used.
+//! Commands for operators: lists of settings and keys, backups, and messages about unusable settings.
 
 use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
@@ -11,27 +11,27 @@ use crate::files;
 use crate::postgres::Postgres;
 use crate::server::{Api, Start};
 
-/// Runs the program with nothing in its environment but what is given.
+/// Runs the program with only these variables in its environment.
 fn run(args: &[&str], variables: &[(&str, &str)]) -> Output {
     let mut command = Command::new(env!("CARGO_BIN_EXE_meshmend"));
     command.args(args).env_clear().envs(variables.iter().copied()).output().expect("the program runs")
 }
 
-/// The same on a data folder, where it must succeed. Gives what it printed.
+/// Runs the program on a data folder, asserts that it succeeds, and returns its output.
 fn printed(data: &Path, args: &[&str]) -> String {
     let output = run(args, &[("MESHMEND_DATA_DIR", &data.to_string_lossy())]);
     assert!(output.status.success(), "{args:?}: {}", String::from_utf8_lossy(&output.stderr));
     String::from_utf8(output.stdout).expect("text")
 }
 
-/// The same where it must be refused. Gives the exit code and the message.
+/// Runs the program, asserts that it fails, and returns its exit code and message.
 fn refused(args: &[&str], variables: &[(&str, &str)]) -> (i32, String) {
     let output = run(args, variables);
     let message = String::from_utf8_lossy(&output.stderr).into_owned();
     (output.status.code().unwrap_or_else(|| panic!("killed: {message}")), message)
 }
 
-/// That a message has all of these, in this order.
+/// Asserts that a message contains all of these parts in this order.
 fn assert_says(message: &str, parts: &[&str]) {
     let mut rest = message;
     for part in parts {
@@ -62,7 +62,7 @@ fn a_setting_that_can_t_be_used_is_told_with_its_name_and_what_to_do() {
     assert_says(&message, &["--data-dir (MESHMEND_DATA_DIR) /proc/nowhere", "Name a folder"]);
 }
 
-/// The path of a new folder that stays until the system clears it away.
+/// The path of a new temporary folder, which is not deleted.
 fn temporary() -> String {
     tempfile::tempdir().expect("a folder").keep().to_string_lossy().into_owned()
 }
@@ -86,7 +86,7 @@ fn a_variable_that_nothing_reads_is_refused_by_every_command_that_runs_the_servi
         assert_eq!(code, 2, "{command:?}: {message}");
         assert_says(&message, &["MESHMEND_WORKRES is set", "Did you mean MESHMEND_WORKERS?"]);
     }
-    assert_eq!(std::fs::read_dir(data.path()).expect("a folder").count(), 0, "nothing was begun");
+    assert_eq!(std::fs::read_dir(data.path()).expect("a folder").count(), 0, "nothing was created");
 }
 
 #[tokio::test]
@@ -98,7 +98,8 @@ async fn a_host_name_may_be_listened_on_and_an_open_service_that_others_reach_wa
     assert!(!program.log().contains("--auth is open"), "only this machine reaches it");
     drop(program);
     let program = Start::serve_on("0.0.0.0:0", data.path()).arg("--auth", "open").start();
-    let warned = crate::server::until("it warns", async || program.log().contains("--auth is open").then_some(()));
+    let warned =
+        crate::server::until("the program warns", async || program.log().contains("--auth is open").then_some(()));
     warned.await;
     assert_says(&program.log(), &["WARN", "--auth is open", "Use --auth keys"]);
 }
@@ -159,7 +160,7 @@ fn keys_and_tenants_are_listed_as_a_table_or_as_json() {
     let table = printed(data.path(), &["keys", "list"]);
     let [header, row] = table.lines().collect::<Vec<_>>().try_into().expect("two lines");
     for (name, value) in [("ID", key["id"].as_str().expect("an id")), ("TENANT", "shop"), ("LABEL", "till")] {
-        assert_eq!(header.find(name), row.find(value), "{name} stands above its values:\n{table}");
+        assert_eq!(header.find(name), row.find(value), "{name} is above its values:\n{table}");
     }
     let set = |args: &[&str]| {
         let all = [&["tenants", "set", "shop", "--json"], args].concat();
@@ -169,7 +170,7 @@ fn keys_and_tenants_are_listed_as_a_table_or_as_json() {
     let changed = set(&["--max-running", "2"]);
     let all =
         json!({"tenant": "shop", "class": "gold", "max_queued": 5, "max_running": 2, "requests_per_minute": null});
-    assert_eq!(changed, all, "what is not named stays");
+    assert_eq!(changed, all, "settings that are not named stay");
     assert_eq!(set(&["--clear", "max-queued,class"])["max_queued"], Value::Null);
     let table = printed(data.path(), &["tenants", "list"]);
     let row = table.lines().nth(1).expect("a row").split_whitespace().collect::<Vec<_>>();
@@ -205,7 +206,7 @@ async fn a_database_is_copied_while_the_service_runs_and_no_file_is_overwritten(
     let clock = std::sync::Arc::new(SystemClock);
     let store = SqliteStore::open(&copy, clock, RetryPolicy::default()).await.expect("a database");
     let job = meshmend::jobs::JobStore::get(&store, id.parse().expect("an id")).await.expect("an answer");
-    assert_eq!(job.map(|job| job.id.to_string()), Some(id), "the copy has what was written just before");
+    assert_eq!(job.map(|job| job.id.to_string()), Some(id), "the copy has the latest writes");
 }
 
 #[test]

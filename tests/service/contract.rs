@@ -1,4 +1,4 @@
-//! That the service does what its OpenAPI document says. `make check-api` asks more, at random.
+//! The service behaves as its OpenAPI document says. `make check-api` tests more, with random requests.
 
 use std::collections::BTreeSet;
 
@@ -122,7 +122,11 @@ async fn options_of_an_upload_may_be_null_as_documented() {
     assert_eq!(sent.status(), 204);
     let job = json!({"source": {"upload_id": upload["id"]}, "options": null, "name": null, "callback_url": null});
     assert_eq!(status(&api, "/v1/jobs", job).await, 202);
-    assert_ne!(document()["paths"]["/v1/uploads"]["post"]["requestBody"]["required"], true, "it was sent none");
+    assert_ne!(
+        document()["paths"]["/v1/uploads"]["post"]["requestBody"]["required"],
+        true,
+        "the request body is optional"
+    );
 }
 
 #[tokio::test]
@@ -161,7 +165,7 @@ async fn a_field_of_the_query_is_documented_as_in_a_body_and_read_as_documented(
         let schema =
             if field["schema"].is_null() { &field["content"]["application/json"]["schema"] } else { &field["schema"] };
         let mut expected = option.clone();
-        // A query has no null, and a client that sent the defaults would send options of the other mode.
+        // A query cannot express null, and a client that sent all defaults would send options of the other mode.
         if field["schema"].is_object() {
             without_null(&mut expected);
         }

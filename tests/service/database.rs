@@ -1,4 +1,4 @@
-//! Many processes on one PostgreSQL database, and what happens when it goes away.
+//! Several processes on one PostgreSQL database, and outages of the database.
 
 use std::path::Path;
 use std::time::Duration;
@@ -36,7 +36,7 @@ async fn what_changes_in_the_database_rings_in_every_process_that_shares_it() {
     let mut changes = other.bell().listen();
     let id = JobId::new();
     let input = Input { key: "k".into(), name: "a.stl".into(), bytes: 684, sha256: "00".into(), format: Format::Stl };
-    // Its listener may not have begun yet: then the next job rings.
+    // The listener may not be ready for the first job; then the next job notifies it.
     let mut all = vec![id];
     let rung = async {
         loop {
@@ -53,7 +53,7 @@ async fn what_changes_in_the_database_rings_in_every_process_that_shares_it() {
     tokio::time::timeout(Duration::from_secs(5), other.bell().work()).await.expect("it rings for work");
 }
 
-/// What was written so far, and how much of it the disk has.
+/// The write-ahead log's position, and how far it is flushed to disk.
 async fn written_and_synced(pool: &PgPool) -> (i64, i64) {
     let found = "SELECT (pg_current_wal_insert_lsn() - '0/0')::bigint, (pg_current_wal_flush_lsn() - '0/0')::bigint";
     sqlx::query_as(found).fetch_one(pool).await.expect("an answer")
@@ -63,7 +63,7 @@ async fn written_and_synced(pool: &PgPool) -> (i64, i64) {
 async fn what_is_promised_waits_for_the_databases_disk_and_a_claim_does_not() {
     let cluster = Postgres::start();
     let url = cluster.url();
-    // So that nothing is synced but what waits for it.
+    // Otherwise the WAL writer also flushes commits that do not wait for it.
     let looking = PgPool::connect(&url).await.expect("a connection");
     for statement in ["ALTER SYSTEM SET wal_writer_delay = '10s'", "SELECT pg_reload_conf()"] {
         sqlx::query(statement).execute(&looking).await.expect("a superuser");
@@ -88,7 +88,7 @@ async fn what_is_promised_waits_for_the_databases_disk_and_a_claim_does_not() {
     }
     let [submits, claims, heartbeats, ends] = waited;
     assert_eq!((submits, ends), (20, 20));
-    // A checkpoint may come in between.
+    // A checkpoint may happen in between.
     assert!(claims < 10 && heartbeats < 10, "{waited:?}");
 }
 
@@ -126,7 +126,7 @@ async fn one_process_serves_and_another_one_works() {
     let server = serve(data.path(), &cluster).start();
     let api = Api::new(&server);
     let id = api.submit(files::broken_box(), json!({"max_tier": 1})).await;
-    assert_eq!(api.job(&id).await["status"], "queued", "nobody works yet");
+    assert_eq!(api.job(&id).await["status"], "queued", "no worker runs yet");
     let _worker = work(data.path(), &cluster).start();
     let job = api.finished(&id).await;
     assert_eq!((&job["status"], &job["outcome"]), (&json!("succeeded"), &json!("repaired")), "{job}");
@@ -154,7 +154,7 @@ async fn a_database_that_is_killed_and_comes_back_loses_no_job_at_any_step_of_it
         assert_eq!((&job["status"], &job["outcome"]), (&json!("succeeded"), &json!("repaired")), "{pause} {job}");
         let next = api.submit(files::broken_box(), json!({"max_tier": 2})).await;
         assert_eq!(api.finished(&next).await["status"], "succeeded", "{pause}");
-        until("no file of a lost attempt is left", async || {
+        until("no file of a failed attempt is left", async || {
             (stored_files(data.path(), &waiting).len() == FILES_PER_JOB).then_some(())
         })
         .await;

@@ -1,4 +1,4 @@
-//! A disk that is full, or may not be written to: what was accepted is kept, the rest is refused, and all goes on when there is room.
+//! Full and read-only disks: accepted jobs are kept, new ones are refused, and work resumes when there is space.
 
 use std::fs;
 use std::io::Write;
@@ -28,7 +28,7 @@ async fn a_full_disk_refuses_uploads_and_loses_no_accepted_job() {
     let api = Api::new(&program);
     let (status, accepted) = submit(&api).await;
     assert_eq!(status, 202, "{accepted}");
-    // The worker is about to fetch the file when the disk becomes full.
+    // The disk fills up when the worker is about to fetch the file.
     until("a worker has it", async || (api.job(id(&accepted)).await["status"] == "running").then_some(())).await;
     let disk = disk(&program, data.path());
     let filler = fill(&disk, 0);
@@ -38,21 +38,21 @@ async fn a_full_disk_refuses_uploads_and_loses_no_accepted_job() {
     assert!(answer.headers().contains_key("retry-after"));
     let ready = api.get("/readyz").send().await.expect("an answer");
     assert_eq!(ready.status(), 503);
-    let log = until("the attempt has met the full disk", async || {
+    let log = until("the attempt fails on the full disk", async || {
         let log = program.log();
         log.contains("No space left on device").then_some(log)
     })
     .await;
     assert!(!log.contains("panicked"), "{log}");
     let job = api.job(id(&accepted)).await;
-    assert!(["running", "queued"].contains(&job["status"].as_str().expect("text")), "it is not lost: {job}");
+    assert!(["running", "queued"].contains(&job["status"].as_str().expect("text")), "the job is not lost: {job}");
     fs::remove_file(filler).expect("removed");
     let job = api.finished(id(&accepted)).await;
     assert_eq!(job["outcome"], "repaired", "{job}");
     let (_, other) = submit(&api).await;
     assert_eq!(api.finished(id(&other)).await["outcome"], "repaired");
     let left = fs::read_dir(disk.join("files/uploads")).expect("a folder").count();
-    assert_eq!(left, 2, "nothing is left of what was refused");
+    assert_eq!(left, 2, "no file of a refused request is left");
 }
 
 #[tokio::test]
@@ -60,7 +60,7 @@ async fn an_upload_is_refused_when_the_disk_fills_up_during_it_with_a_folder_or_
     for bucket in [None, Some(S3::start())] {
         let data = tempfile::tempdir().expect("a folder");
         let start = Start::serve(data.path()).arg("--min-free-mib", "0").env("MESHMEND_NO_WORKERS", "true");
-        let start = if let Some(bucket) = &bucket { bucket.keeps_files_of(start) } else { start };
+        let start = if let Some(bucket) = &bucket { bucket.store_files_of(start) } else { start };
         let Some(program) = start.on_small_disk(24) else { return };
         let api = Api::new(&program);
         let disk = disk(&program, data.path());
@@ -85,7 +85,7 @@ async fn an_upload_is_refused_when_the_disk_fills_up_during_it_with_a_folder_or_
             "{problem}"
         );
         fs::remove_file(filler).expect("removed");
-        until("nothing of it is left", async || (!begun()).then_some(())).await;
+        until("no part of the upload is left", async || (!begun()).then_some(())).await;
         assert_eq!(submit(&api).await.0, 202);
         assert_eq!(bucket.map_or(1, |bucket| bucket.files().len()), 1);
         assert!(!program.log().contains("panicked"), "{}", program.log());
@@ -101,7 +101,7 @@ async fn no_job_is_begun_where_the_disk_has_too_little_room() {
     let ((_, running), (_, waiting)) = (submit(&api).await, submit(&api).await);
     let filler = fill(&disk(&program, data.path()), 4 << 20);
     assert_eq!(submit(&api).await.0, 503);
-    assert_eq!(api.finished(id(&running)).await["outcome"], "repaired", "what has begun is finished");
+    assert_eq!(api.finished(id(&running)).await["outcome"], "repaired", "the running job finishes");
     until("the worker says why it waits", async || program.log().contains("too little room on the disk").then_some(()))
         .await;
     assert_eq!(api.job(id(&waiting)).await["attempt"], 0);
@@ -116,7 +116,7 @@ async fn a_folder_that_may_not_be_written_to_is_told_and_got_over() {
     let api = Api::new(&program);
     assert_eq!(submit(&api).await.0, 202);
     let uploads = data.path().join("files/uploads");
-    // Modes do not keep root from writing, the file system's own flag does.
+    // File modes do not stop root from writing; the immutable flag does.
     let (seal, unseal): (&[&str], &[&str]) = match rustix::process::geteuid().is_root() {
         true => (&["chattr", "+i"], &["chattr", "-i"]),
         false => (&["chmod", "500"], &["chmod", "700"]),

@@ -1,4 +1,4 @@
-//! Pictures: drawn when somebody asks for one of them first, once, and never in the way of the job.
+//! Pictures are drawn once, on the first request for one of them, and never delay a job.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -9,9 +9,9 @@ use serde_json::{Value, json};
 use crate::files;
 use crate::server::{Api, Start, signal, stored_files, until};
 use crate::support::FILES_PER_JOB;
-use crate::support::stores::{Bench, promises};
+use crate::support::stores::{Bench, on_each_store};
 
-promises! {
+on_each_store! {
     pictures_are_claimed_when_they_are_asked_for_and_published_by_the_last_hold,
     pictures_of_a_job_that_was_deleted_are_not_drawn,
     tenants_take_turns_with_their_pictures,
@@ -28,7 +28,7 @@ fn artifacts(pictures: [(&str, Option<&str>); 3]) -> Artifacts {
     pictures.into_iter().map(|(name, key)| (name.to_owned(), picture(key))).collect()
 }
 
-/// A job that has ended with two pictures to draw.
+/// A finished job with two pictures to draw.
 async fn ended(bench: &Bench, tenant: &str) -> JobId {
     bench.submit_of(tenant).await;
     let claim = bench.claim().await.expect("a job");
@@ -43,17 +43,17 @@ async fn claimed(bench: &Bench) -> Option<Claim> {
 
 async fn pictures_are_claimed_when_they_are_asked_for_and_published_by_the_last_hold(bench: Bench) {
     let id = ended(&bench, "shop").await;
-    assert!(claimed(&bench).await.is_none(), "nobody has asked");
+    assert!(claimed(&bench).await.is_none(), "no picture was requested");
     for _ in 0..2 {
         bench.store.ask_for_drawings(id).await.expect("noted");
     }
     let lost = claimed(&bench).await.expect("pictures to draw");
     assert_eq!((lost.job.id, lost.lease.attempt, lost.job.status), (id, 1, Status::Succeeded));
-    assert!(claimed(&bench).await.is_none(), "one hold at a time");
+    assert!(claimed(&bench).await.is_none(), "only one process draws at a time");
     bench.pass(HOLD - Duration::from_secs(1));
     bench.store.hold_drawings(&lost.lease, HOLD).await.expect("held");
     bench.pass(HOLD - Duration::from_secs(1));
-    assert!(claimed(&bench).await.is_none(), "it was extended");
+    assert!(claimed(&bench).await.is_none(), "the lease was extended");
     bench.pass(HOLD);
     let held = claimed(&bench).await.expect("the hold ran out");
     assert_eq!(held.lease.attempt, 2);
@@ -67,7 +67,11 @@ async fn pictures_are_claimed_when_they_are_asked_for_and_published_by_the_last_
         ("before.png".to_owned(), picture(Some("jobs/before"))),
         ("model".to_owned(), picture(Some("jobs/model"))),
     ]);
-    assert_eq!((&job.artifacts, job.version), (&expected, before.version + 1), "what could not be drawn is not there");
+    assert_eq!(
+        (&job.artifacts, job.version),
+        (&expected, before.version + 1),
+        "a picture that could not be drawn does not exist"
+    );
     assert_eq!(bench.get(id).await.artifacts, expected);
     assert!(claimed(&bench).await.is_none());
 }
@@ -105,7 +109,7 @@ async fn pictures_are_drawn_when_one_is_asked_for_and_each_is_listed_typed_and_s
     let api = Api::new(&program);
     let id = api.submit(files::broken_box(), json!({"max_tier": 1})).await;
     let job = api.finished(&id).await;
-    assert_eq!(stored_files(data.path(), &id).len(), FILES_PER_JOB, "nobody has looked");
+    assert_eq!(stored_files(data.path(), &id).len(), FILES_PER_JOB, "no picture was requested");
     let mut names = vec!["log.txt", "model", "report-full.json", "report.json"];
     for (name, media_type, magic) in [
         ("before.png", "image/png", b"\x89PNG".as_slice()),
@@ -131,9 +135,9 @@ async fn pictures_are_drawn_when_one_is_asked_for_and_each_is_listed_typed_and_s
     }
     names.sort_unstable();
     let kept: Vec<&String> = job["artifacts"].as_object().expect("files").keys().collect();
-    assert_eq!(kept, names, "no more than these were promised");
+    assert_eq!(kept, names, "only these pictures were announced");
     assert_ne!(api.artifact(&id, "before.png").await, api.artifact(&id, "after.png").await);
-    assert_eq!(program.log().matches("drawn").count(), 1, "once for all of them:\n{}", program.log());
+    assert_eq!(program.log().matches("drawn").count(), 1, "all pictures are drawn in one run:\n{}", program.log());
 }
 
 #[tokio::test]
@@ -150,7 +154,7 @@ async fn a_result_that_is_given_again_has_all_pictures_whether_drawn_before_or_n
     assert_eq!(
         api.finished(&drawn).await["artifacts"].get("after.png").and_then(|it| it.get("bytes")),
         None,
-        "of the second"
+        "the second job's picture is not drawn yet"
     );
     assert_eq!(api.artifact(&plain, "after.png").await, picture);
     assert_eq!(api.artifact(&drawn, "after.png").await, picture);
@@ -169,7 +173,7 @@ async fn drawing_that_is_killed_is_tried_again_and_given_up_in_the_end() {
     });
     let child = until("the child draws", async || program.job_children().first().copied()).await;
     signal(child, "KILL");
-    assert!(asked.await.expect("an answer").starts_with(b"\x89PNG"), "the second try is not held up");
+    assert!(asked.await.expect("an answer").starts_with(b"\x89PNG"), "the second attempt starts at once");
     assert_eq!(api.job(&id).await["status"], "succeeded");
 }
 
@@ -180,7 +184,7 @@ async fn pictures_that_can_never_be_drawn_are_named_no_more() {
     let api = Api::new(&program);
     let id = api.submit(files::broken_box(), json!({"max_tier": 1})).await;
     api.finished(&id).await;
-    // The upload was damaged where it is kept, so that it can't be read again.
+    // Damage the stored upload, so that it cannot be read again.
     let upload = data.path().join("files/uploads").join(&id);
     std::fs::write(upload, b"not what it was").expect("written");
     let answer = api.get(&format!("/v1/jobs/{id}/artifacts/before.png")).send().await.expect("an answer");

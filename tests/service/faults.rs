@@ -1,4 +1,4 @@
-//! kill -9 of the child, the worker and the server at each stage: the job is done exactly once afterwards.
+//! Jobs are done exactly once after `kill -9` of the child, the worker or the server at any stage.
 
 use std::path::Path;
 
@@ -23,7 +23,7 @@ fn paused(stage: &str) -> String {
     format!("{stage}=sleep(600000)")
 }
 
-/// The job is done, once, and nothing of a lost attempt is left.
+/// Asserts that the job is done once and that no file of a failed attempt is left.
 async fn done_exactly_once(api: &Api, data: &Path, id: &str, attempt: u64) {
     let job = api.finished(id).await;
     assert_eq!(job["status"], "succeeded", "{job}");
@@ -77,7 +77,7 @@ async fn a_killed_server_leaves_no_process_and_finishes_the_job_after_its_restar
 async fn a_worker_killed_at_any_of_its_steps_loses_the_job_to_another_worker() {
     for pause in WORKER_STAGES {
         let data = tempfile::tempdir().expect("a folder");
-        // No slots: this process only serves, another one works.
+        // This process only serves; another one works.
         let server = Start::serve(data.path()).env("MESHMEND_NO_WORKERS", "true").start();
         let api = Api::new(&server);
         let worker = Start::work(data.path()).env("FAILPOINTS", &paused(pause)).start();
@@ -109,7 +109,7 @@ async fn a_worker_that_was_stopped_and_comes_back_after_its_lease_changes_nothin
     assert_eq!(job["attempt"], 2);
     signal(stale.pid(), "CONT");
     until("the stale worker sees it", async || stale.log().contains("no longer ours").then_some(())).await;
-    assert_eq!(api.job(&id).await, job, "its write lost");
+    assert_eq!(api.job(&id).await, job, "the stale worker's write was rejected");
     done_exactly_once(&api, data.path(), &id, 2).await;
     drop(other);
 }
@@ -159,7 +159,7 @@ async fn a_stop_lets_running_jobs_finish_and_takes_no_new_connection() {
     let id = api.submit(files::broken_box(), json!({"max_tier": 1})).await;
     api.reaches(&id, "repair", Some(1)).await;
     program.terminate();
-    until("the door is closed", async || {
+    until("the server accepts no connections", async || {
         let fresh = Api::new(&program);
         fresh.get("/livez").send().await.is_err().then_some(())
     })
@@ -167,10 +167,10 @@ async fn a_stop_lets_running_jobs_finish_and_takes_no_new_connection() {
     assert_eq!(program.wait(), Some(0));
     let program = Start::serve(data.path()).env("MESHMEND_NO_WORKERS", "true").start();
     let job = Api::new(&program).job(&id).await;
-    assert_eq!(job["status"], "succeeded", "it was finished before the stop");
+    assert_eq!(job["status"], "succeeded", "the job finished before the server stopped");
 }
 
-/// Starts a job that hangs in Blender, and gives the processes below the server.
+/// Starts a job that hangs in Blender, and returns the server's descendant processes.
 async fn hanging_in_tier_three(program: &Program, api: &Api) -> (String, Vec<u32>) {
     let id = api.submit(files::boxes_on_an_edge(), json!({"preset": "blender-remesh", "deadline_s": 30})).await;
     api.reaches(&id, "repair", Some(3)).await;
@@ -204,6 +204,6 @@ async fn a_child_killed_while_blender_runs_leaves_no_blender_behind() {
     let (id, processes) = hanging_in_tier_three(&program, &api).await;
     signal(processes[0], "KILL");
     until("no process is left", async || processes.iter().all(|pid| !is_alive(*pid)).then_some(())).await;
-    until("it is tried again", async || (api.job(&id).await["attempt"] == 2).then_some(())).await;
+    until("the job is retried", async || (api.job(&id).await["attempt"] == 2).then_some(())).await;
     api.delete(&format!("/v1/jobs/{id}")).send().await.expect("an answer");
 }

@@ -1,4 +1,4 @@
-//! `Idempotency-Key`: a request that is sent again makes no second job.
+//! `Idempotency-Key`: a repeated request creates no second job.
 
 use std::path::Path;
 
@@ -41,7 +41,7 @@ async fn the_same_request_with_the_same_key_makes_one_job_whatever_became_of_it_
     assert!(!first.headers().contains_key("idempotency-replayed"));
     let id = id_of(first).await;
     api.finished(&id).await;
-    // The draft writes keys in quotes.
+    // The IETF draft "The Idempotency-Key HTTP Header Field" writes keys in quotes.
     let again = post(&api, "\"k-1\"", files::broken_box(), "&max_tier=1").await;
     assert_eq!(again.headers()["idempotency-replayed"], "true");
     assert_eq!(again.headers()["location"], format!("/v1/jobs/{id}").as_str());
@@ -49,7 +49,7 @@ async fn the_same_request_with_the_same_key_makes_one_job_whatever_became_of_it_
     only_one_upload_is_left(data.path()).await;
     let list: Value = api.get("/v1/jobs").send().await.expect("an answer").json().await.expect("JSON");
     assert_eq!(list["jobs"].as_array().map(Vec::len), Some(1));
-    // A key of one's own is another request, and so is none.
+    // Another key, or none, makes another request.
     assert_ne!(id_of(post(&api, "k-2", files::broken_box(), "&max_tier=1").await).await, id);
     api.delete(&format!("/v1/jobs/{id}")).send().await.expect("an answer");
     let gone = post(&api, "k-1", files::broken_box(), "&max_tier=1").await;
@@ -63,8 +63,8 @@ async fn another_request_with_the_same_key_is_refused() {
     let api = Api::new(&program);
     let id = id_of(post(&api, "k", files::broken_box(), "").await).await;
     let reused = (422, "idempotency_key_reused".to_owned());
-    assert_eq!(code_of(post(&api, "k", files::whole_box(), "").await).await, reused, "another file");
-    assert_eq!(code_of(post(&api, "k", files::broken_box(), "&max_tier=1").await).await, reused, "other options");
+    assert_eq!(code_of(post(&api, "k", files::whole_box(), "").await).await, reused, "the file differs");
+    assert_eq!(code_of(post(&api, "k", files::broken_box(), "&max_tier=1").await).await, reused, "the options differ");
     assert_eq!(id_of(post(&api, "k", files::broken_box(), "").await).await, id);
     only_one_upload_is_left(data.path()).await;
 }
@@ -81,7 +81,10 @@ async fn an_idempotency_key_is_taken_during_its_request_and_free_again_if_that_f
     let request = request.body(reqwest::Body::wrap_stream(slow));
     let under_way = tokio::spawn(request.send());
     let uploads = data.path().join("files/uploads");
-    until("its file is begun", async || std::fs::read_dir(&uploads).is_ok_and(|it| it.count() > 0).then_some(())).await;
+    until("the file's upload has begun", async || {
+        std::fs::read_dir(&uploads).is_ok_and(|it| it.count() > 0).then_some(())
+    })
+    .await;
     let refused = post(&api, "k", files::broken_box(), "").await;
     assert_eq!(refused.headers()["retry-after"], "2");
     assert_eq!(code_of(refused).await, (409, "idempotency_key_in_use".to_owned()));

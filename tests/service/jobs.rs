@@ -1,3 +1,5 @@
+//! Jobs from their upload to their result over the API.
+
 use meshmend::format::{Limits, read};
 use serde_json::{Value, json};
 
@@ -100,7 +102,7 @@ async fn waiting_holds_the_answer_until_the_status_changes_and_entity_tags_spare
         etag = answer.headers()["etag"].to_str().expect("text").to_owned();
         let job: Value = answer.json().await.expect("a job");
         statuses.push(job["status"].as_str().expect("a status").to_owned());
-        assert!(statuses.len() < 4, "each answer brings news: {statuses:?}");
+        assert!(statuses.len() < 4, "each response has a new status: {statuses:?}");
     }
     let again = api.get(&format!("/v1/jobs/{id}")).header("if-none-match", &etag).send().await.expect("an answer");
     assert_eq!(again.status(), 304);
@@ -146,7 +148,7 @@ async fn events_tell_each_stage_and_end_with_the_job() {
     let data = tempfile::tempdir().expect("a folder");
     let program = Start::serve(data.path()).arg("--workers", "1").start();
     let api = Api::new(&program);
-    // The second job waits behind the first, so that the listener is there before it starts.
+    // The second job waits behind the first, so the listener is connected before it starts.
     api.submit(files::large_open_sphere(60_000), json!({"max_tier": 1})).await;
     let id = api.submit(files::large_open_sphere(60_000), json!({"max_tier": 1})).await;
     let events = api.get(&format!("/v1/jobs/{id}/events")).send().await.expect("an answer");

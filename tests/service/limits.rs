@@ -1,3 +1,5 @@
+//! Limits on time, memory, uploads, the queue and the disk.
+
 use std::path::Path;
 use std::time::{Duration, Instant};
 
@@ -18,7 +20,7 @@ async fn still_serves(api: &Api, program: &Program, data: &Path) {
     let id = api.submit(files::broken_box(), json!({"max_tier": 1})).await;
     assert_eq!(api.finished(&id).await["outcome"], "repaired");
     until("no process is left", async || program.job_children().is_empty().then_some(())).await;
-    until("no scratch is left", async || scratch_is_empty(data).then_some(())).await;
+    until("no scratch files are left", async || scratch_is_empty(data).then_some(())).await;
 }
 
 #[tokio::test]
@@ -30,7 +32,7 @@ async fn a_model_that_needs_more_memory_than_a_job_may_have_fails_alone_and_says
     let job = api.finished(&id).await;
     assert_eq!(job["status"], "failed");
     assert_eq!(job["problem"]["code"], "out_of_memory", "{job}");
-    assert_eq!(job["attempt"], 1, "the same limit would be met again");
+    assert_eq!(job["attempt"], 1, "a retry would reach the same limit");
     assert!(job["problem"]["detail"].as_str().expect("text").contains("160 MiB"));
     still_serves(&api, &program, data.path()).await;
 }
@@ -38,7 +40,7 @@ async fn a_model_that_needs_more_memory_than_a_job_may_have_fails_alone_and_says
 #[tokio::test]
 async fn a_repair_that_hangs_is_killed_at_its_deadline_with_all_its_processes() {
     let data = tempfile::tempdir().expect("a folder");
-    // It pauses where the engine does not look at its own deadline.
+    // The pause is at a point where the engine does not check its deadline.
     let program = Start::serve(data.path())
         .arg("--deadline-grace-s", "0.5")
         .env("FAILPOINTS", "child-inspect=sleep(600000)")
@@ -76,7 +78,7 @@ async fn a_child_that_is_killed_each_time_is_set_aside_with_its_reason() {
     let data = tempfile::tempdir().expect("a folder");
     let program = Start::serve(data.path()).env("FAILPOINTS", "child-read=sleep(600000)").start();
     let api = Api::new(&program);
-    // Each attempt but the first runs without the pause, so the model is large enough to be caught at work.
+    // Later attempts run without the pause, so the model must be large enough to catch them running.
     let id = api.submit(files::large_open_sphere(400_000), json!({"max_tier": 1})).await;
     let mut killed = Vec::new();
     let job = until("the job is set aside", async || {
@@ -92,7 +94,7 @@ async fn a_child_that_is_killed_each_time_is_set_aside_with_its_reason() {
     .await;
     assert_eq!(job["status"], "failed");
     assert_eq!(job["problem"]["code"], "crashed", "{job}");
-    assert_eq!(killed.len(), 3, "it was tried three times");
+    assert_eq!(killed.len(), 3, "there were three attempts");
     until("no process is left", async || program.job_children().is_empty().then_some(())).await;
 }
 
@@ -152,5 +154,5 @@ async fn a_full_queue_or_disk_refuses_jobs_before_reading_files_and_says_when_to
     assert_eq!(ready.status(), 503);
     let checks = ready.json::<Value>().await.expect("checks");
     assert!(checks["checks"]["disk"].as_str().expect("words").contains("no room"), "{checks}");
-    assert_eq!(api.job(&id).await["status"], "canceled", "what is there can be asked for");
+    assert_eq!(api.job(&id).await["status"], "canceled", "existing jobs can be read");
 }

@@ -1,4 +1,4 @@
-//! Many clients at once, who send more than workers can do: answers stay right and quick, and memory stays what it is.
+//! Load: with more jobs than the workers can do, responses stay correct and fast, and memory does not grow.
 //!
 //! `MESHMEND_LOAD_S=600 cargo test --release --features failpoints --test service -- --ignored --nocapture load` is the long run.
 
@@ -14,7 +14,7 @@ use crate::files;
 use crate::postgres::Postgres;
 use crate::server::{Api, Program, Start, until};
 
-/// What the clients saw.
+/// The responses that the clients got.
 #[derive(Default)]
 struct Seen {
     stop: AtomicBool,
@@ -25,7 +25,7 @@ struct Seen {
     wrong: Mutex<Vec<String>>,
 }
 
-/// Submits a job, looks at it now and then, and submits the next.
+/// Submits a job, reads its status from time to time, and submits the next.
 async fn client(url: String, seen: Arc<Seen>) {
     let http = Client::new();
     while !seen.stop.load(Ordering::Relaxed) {
@@ -69,8 +69,8 @@ fn memory(program: &Program) -> u64 {
     line.trim().trim_end_matches(" kB").parse::<u64>().expect("a number") >> 10
 }
 
-/// Answers the 99th percentile of status reads.
-async fn bear(clients: usize, time: Duration) -> Duration {
+/// Runs clients for some time and returns the 99th percentile of the time of status reads.
+async fn run_clients(clients: usize, time: Duration) -> Duration {
     let data = tempfile::tempdir().expect("a folder");
     let most = (clients / 2).to_string();
     let program = Start::serve(data.path()).arg("--workers", "1").arg("--max-queued", most).start();
@@ -86,9 +86,9 @@ async fn bear(clients: usize, time: Duration) -> Duration {
         client.await.expect("a client's end");
     }
     let wrong = seen.wrong.lock().expect("a list").clone();
-    assert!(wrong.is_empty(), "{} wrong answers, such as {}", wrong.len(), wrong[0]);
+    assert!(wrong.is_empty(), "{} wrong responses, such as {}", wrong.len(), wrong[0]);
     let (accepted, refused) = (seen.accepted.load(Ordering::Relaxed), seen.refused.load(Ordering::Relaxed));
-    assert!(accepted > 0 && refused > 0, "{accepted} accepted, {refused} refused: the queue was never full");
+    assert!(accepted > 0 && refused > 0, "{accepted} accepted, {refused} refused: the queue never filled up");
     assert!(late <= early + early / 4 + 16, "memory grew from {early} to {late} MiB");
     let mut reads = std::mem::take(&mut *seen.reads.lock().expect("a list"));
     reads.sort_unstable();
@@ -106,8 +106,8 @@ async fn bear(clients: usize, time: Duration) -> Duration {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_full_queue_refuses_what_is_too_much_and_answers_the_rest() {
-    let slowest = bear(40, Duration::from_secs(6)).await;
-    // Clients, workers and other tests share the processors here.
+    let slowest = run_clients(40, Duration::from_secs(6)).await;
+    // Clients, workers and other tests share the CPUs.
     assert!(slowest < Duration::from_secs(2), "{slowest:?}");
 }
 
@@ -115,12 +115,12 @@ async fn a_full_queue_refuses_what_is_too_much_and_answers_the_rest() {
 #[ignore = "takes minutes"]
 async fn two_hundred_clients_are_answered_quickly_for_minutes() {
     let seconds = std::env::var("MESHMEND_LOAD_S").ok().and_then(|n| n.parse().ok()).unwrap_or(600);
-    let slowest = bear(200, Duration::from_secs(seconds)).await;
+    let slowest = run_clients(200, Duration::from_secs(seconds)).await;
     assert!(slowest < Duration::from_millis(50), "{slowest:?}");
 }
 
-/// How long so many workers take for `jobs` jobs, from the first claim to the last end, by the database's clock.
-async fn work_off(jobs: usize, workers: usize) -> Duration {
+/// The time that this many workers take for `jobs` jobs, from the first claim to the last end, by the database's clock.
+async fn time_of_jobs(jobs: usize, workers: usize) -> Duration {
     let (cluster, data) = (Postgres::start(), tempfile::tempdir().expect("a folder"));
     let url = cluster.url();
     let server =
@@ -133,7 +133,7 @@ async fn work_off(jobs: usize, workers: usize) -> Duration {
     let work = || Start::work(data.path()).env("MESHMEND_DATABASE_URL", &url).arg("--workers", "1").start();
     let _workers: Vec<_> = (0..workers).map(|_| work()).collect();
     let pool = sqlx::PgPool::connect(&url).await.expect("a connection");
-    until("all is done", async || {
+    until("all jobs are done", async || {
         let done: (i64, Option<i64>) = sqlx::query_as(
             "SELECT count(*) FILTER (WHERE status = 'succeeded'), max(finished_at) - min(started_at) FROM jobs",
         )
@@ -152,7 +152,7 @@ async fn several_workers_on_postgresql_do_several_times_the_work_of_one() {
     const JOBS: usize = 400;
     let cores = std::thread::available_parallelism().expect("a number").get();
     let many = if cores > 4 { 4 } else { 2 };
-    let (one, several) = (work_off(JOBS, 1).await, work_off(JOBS, many).await);
+    let (one, several) = (time_of_jobs(JOBS, 1).await, time_of_jobs(JOBS, many).await);
     let ratio = one.as_secs_f64() / several.as_secs_f64();
     let _ = writeln!(
         std::io::stderr(),
@@ -164,7 +164,7 @@ async fn several_workers_on_postgresql_do_several_times_the_work_of_one() {
             "TOO FEW CORES: four workers and a database need five at least; 3.2 times was NOT tried"
         );
     }
-    // Where there are no cores to spare, two share theirs with the database, and do at least not less.
+    // Without spare cores two workers share theirs with the database, and must be no slower than one.
     let least = if many == 4 { 3.2 } else { 1.0 };
     assert!(ratio >= least, "{ratio:.2} times as fast, and not {least}");
 }

@@ -1,4 +1,4 @@
-//! The service as its users meet it: the built program, a real socket, real processes.
+//! The service as its users see it: the built program, real sockets and real processes.
 
 #[path = "../support/files.rs"]
 mod files;

@@ -1,5 +1,7 @@
-//! Each fault while jobs are at every place of their way at once: half uploaded, just claimed, in each tier, about to be stored, about
-//! to be completed, and ended with a receiver that has not answered yet. `statements.rs` breaks connections.
+//! Each fault hits jobs at every stage at once, and no job is lost.
+//!
+//! The stages: half uploaded, just claimed, in each tier, about to be stored, about to be completed, and ended with a
+//! webhook that is not yet answered. `statements.rs` breaks connections to the database.
 
 use std::collections::BTreeSet;
 use std::path::PathBuf;
@@ -20,7 +22,7 @@ use crate::support::disk::{disk, fill, has_spool_open};
 use crate::support::fake_blender::fake_blender;
 use crate::support::receiver::{Receiver, Reply};
 
-/// Where a worker or its child waits until a gate opens, and a model and the preset with which a job comes there.
+/// The failpoint where a worker or its child waits for a gate file, and the model and preset of a job that reaches it.
 type Place = (&'static str, fn() -> Vec<u8>, &'static str);
 
 const PLACES: [Place; 6] = [
@@ -31,29 +33,29 @@ const PLACES: [Place; 6] = [
     ("worker-publish", files::broken_box, "auto"),
     ("worker-complete", files::broken_box, "auto"),
 ];
-/// The workers at two of these places.
+/// Indices of two of these stages.
 const CLAIMED: usize = 0;
 const COMPLETE: usize = 5;
-/// Room on the disk of each process, in MiB.
+/// Size of each process's disk, in MiB.
 const DISK: u32 = 24;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Fault {
-    /// kill -9 of every job's process.
+    /// `kill -9` of every job's process.
     Child,
-    /// Of every worker.
+    /// `kill -9` of every worker.
     Worker,
     Server,
     Database,
     Bucket,
-    /// No room on the disk of any process.
+    /// The disk of every process is full.
     Disk,
-    /// Every process stands still until its leases have run out, and goes on.
+    /// Every process is paused until its leases have expired.
     Pause,
 }
 
 impl Fault {
-    /// How long a worker holds its job. What is away for a moment is to be met where the job is, and not by another attempt.
+    /// The lease of a job. It outlasts short outages, so that the same attempt survives them.
     fn lease(self) -> &'static str {
         match self {
             Self::Database | Self::Bucket | Self::Disk => "20",
@@ -62,7 +64,7 @@ impl Fault {
     }
 }
 
-/// What the processes stand on: they have nothing in common but a database and a bucket.
+/// What the processes share: a database and a bucket.
 struct Ground {
     folder: TempDir,
     lease: &'static str,
@@ -73,7 +75,7 @@ struct Ground {
 }
 
 impl Ground {
-    /// A folder of a process's own, where none is mounted.
+    /// The data folder of a process if it has no small disk.
     fn data(&self, name: &str) -> PathBuf {
         let data = self.folder.path().join(name);
         std::fs::create_dir_all(&data).expect("a folder");
@@ -90,9 +92,9 @@ impl Ground {
         self.start(start)
     }
 
-    /// A worker for one job at a time, which waits at a place if one is named.
+    /// Starts a worker for one job at a time, which waits at a stage if one is given.
     fn work(&self, name: &str, place: Option<&str>) -> Program {
-        // In a child's own folder, since it sees no other.
+        // A sandboxed child sees only its own folder.
         let gate = |place: &str| if place.starts_with("child") { PathBuf::from("gate") } else { self.gate() };
         let waits = place.map(|place| format!("{place}=return({})", gate(place).display())).unwrap_or_default();
         let data = self.data(name);
@@ -101,7 +103,7 @@ impl Ground {
     }
 
     fn start(&self, start: Start<'_>) -> Program {
-        let start = self.bucket.keeps_files_of(start).env("MESHMEND_DATABASE_URL", &self.cluster.url());
+        let start = self.bucket.store_files_of(start).env("MESHMEND_DATABASE_URL", &self.cluster.url());
         let start = start.env("MESHMEND_LEASE_S", self.lease).arg("--min-free-mib", "0");
         if self.small_disks { start.on_small_disk(DISK).expect("a small disk") } else { start.start() }
     }
@@ -111,19 +113,19 @@ impl Ground {
     }
 }
 
-/// A model of which half has been sent.
+/// An upload of which half has been sent.
 struct Upload {
     rest: mpsc::Sender<Result<Vec<u8>, std::io::Error>>,
     answer: JoinHandle<reqwest::Result<Response>>,
 }
 
-/// Jobs at all places.
+/// Jobs at all stages.
 struct Scene {
     ground: Ground,
     audit: Audit,
     api: Api,
     server: Program,
-    /// One for each place.
+    /// One for each stage.
     workers: Vec<Program>,
     accepted: Vec<String>,
     upload: Upload,
@@ -132,7 +134,7 @@ struct Scene {
 impl Scene {
     async fn set(fault: Fault) -> Self {
         let folder = tempfile::tempdir().expect("a folder");
-        // There is one, and nothing that it is asked for succeeds.
+        // A Blender whose every run fails.
         fake_blender(folder.path(), "exit 1");
         let ground = Ground {
             folder,
@@ -151,11 +153,14 @@ impl Scene {
             let worker = ground.work(place, Some(place));
             let options = json!({"preset": preset, "max_tier": 3, "pictures": false});
             let id = api.submit(model(), options).await;
-            until("the job is there", async || is_at(place, &ground, &api, &worker, &id).await.then_some(())).await;
+            until("the job has reached its stage", async || {
+                is_at(place, &ground, &api, &worker, &id).await.then_some(())
+            })
+            .await;
             workers.push(worker);
             accepted.push(id);
         }
-        // Nobody is free to claim it.
+        // No worker is free to claim it.
         let canceled = api.submit(files::whole_box(), json!({})).await;
         let answer = api.post(&format!("/v1/jobs/{canceled}/cancel")).send().await.expect("an answer");
         assert_eq!(answer.status(), 200);
@@ -168,19 +173,19 @@ impl Scene {
     fn open_gates(&self) {
         for worker in &self.workers {
             for child in worker.job_children() {
-                // It may be gone.
+                // The child may have ended.
                 let _ = std::fs::write(format!("/proc/{child}/cwd/gate"), "");
             }
         }
         std::fs::write(self.ground.gate(), "").expect("a file");
     }
 
-    /// Every process of a job.
+    /// The processes of all jobs.
     fn of_jobs(&self) -> Vec<u32> {
         self.workers.iter().flat_map(|worker| descendants(worker.pid())).collect()
     }
 
-    /// Sends the rest of the upload, and all of it again until it is accepted.
+    /// Sends the rest of the upload, and repeats the whole upload until it is accepted.
     async fn finish_upload(&mut self) {
         let model = files::whole_box();
         let _ = self.upload.rest.send(Ok(model[model.len() / 2..].to_vec())).await;
@@ -222,7 +227,7 @@ async fn is_at(place: &str, ground: &Ground, api: &Api, worker: &Program, id: &s
     }
 }
 
-/// Sends half a model, and waits until the server has begun to keep it.
+/// Sends half of a model, and waits until the server has begun to store it.
 async fn half_an_upload(api: &Api, server: &Program) -> Upload {
     let (rest, receiver) = mpsc::channel(1);
     let body =
@@ -252,7 +257,7 @@ async fn every_job_ends_once(fault: Fault) {
     }
 }
 
-/// Brings a fault to all jobs at once, and lets them go on. Answers the programs that were started instead of others.
+/// Injects a fault into all jobs at once, and lets them continue. Returns the programs that replace killed ones.
 #[expect(clippy::too_many_lines, reason = "one arm for each fault")]
 async fn strike(scene: &mut Scene, fault: Fault, processes: &[u32]) -> Vec<Program> {
     let mut others = Vec::new();
@@ -275,7 +280,7 @@ async fn strike(scene: &mut Scene, fault: Fault, processes: &[u32]) -> Vec<Progr
                 let open: i64 = sqlx::query_scalar(open).fetch_one(&scene.audit.pool).await.expect("a count");
                 (open == 0).then_some(())
             };
-            until("all is done without it", of_workers).await;
+            until("all jobs finish without it", of_workers).await;
             scene.server = scene.ground.serve("server", &address);
         }
         Fault::Database => {
@@ -318,14 +323,14 @@ async fn strike(scene: &mut Scene, fault: Fault, processes: &[u32]) -> Vec<Progr
 
 async fn assert_all_ended(scene: &Scene, fault: Fault) {
     let Scene { ground, audit, accepted, .. } = scene;
-    assert_eq!(audit.ended_once(accepted).await, accepted.len(), "none but those");
-    audit.told_once(&ground.receiver).await;
+    assert_eq!(audit.ended_once(accepted).await, accepted.len(), "no other jobs");
+    audit.delivered_once(&ground.receiver).await;
     let ends: Vec<(String, i64)> =
         sqlx::query_as("SELECT status, attempt FROM jobs ORDER BY id").fetch_all(&audit.pool).await.expect("jobs");
     assert_eq!(ends.iter().filter(|(status, _)| status == "canceled").count(), 1, "{ends:?}");
     assert_eq!(ends.iter().filter(|(status, _)| status == "succeeded").count(), PLACES.len() + 1, "{ends:?}");
     if matches!(fault, Fault::Server | Fault::Database | Fault::Bucket) {
-        assert!(ends.iter().all(|(_, attempt)| *attempt <= 1), "it costs no attempt: {ends:?}");
+        assert!(ends.iter().all(|(_, attempt)| *attempt <= 1), "the fault costs no attempt: {ends:?}");
     }
     let owned = audit.owned().await;
     until("the jobs' files are there and no others", async || {

@@ -1,4 +1,4 @@
-//! What operators see: probes, metrics, settings, logs and traces.
+//! Probes, metrics, settings and logs for operators.
 
 use std::process::{Command, Output};
 
@@ -21,7 +21,7 @@ async fn probe(program: &Program, path: &str) -> (u16, String) {
     (answer.status().as_u16(), answer.text().await.expect("text"))
 }
 
-/// Waits until one series has a value that will do.
+/// Waits until a series has an accepted value.
 async fn measured(program: &Program, series: &str, will_do: impl Fn(f64) -> bool) {
     until(series, async || {
         let metrics = probe(program, "/metrics").await.1;
@@ -31,7 +31,7 @@ async fn measured(program: &Program, series: &str, will_do: impl Fn(f64) -> bool
     .await;
 }
 
-/// `meshmend config`, with nothing in its environment but what is given.
+/// Runs `meshmend config` with only these variables in its environment.
 fn config(args: &[&str], variables: &[(&str, &str)]) -> Output {
     let mut command = Command::new(env!("CARGO_BIN_EXE_meshmend"));
     command.arg("config").args(args).env_clear().envs(variables.iter().copied()).output().expect("it runs")
@@ -49,7 +49,7 @@ fn what_is_in_force_is_told_with_where_it_is_from_and_no_secret_in_it() {
         ("MESHMEND_BLENDER", collector.as_str()),
     ];
     let printed = config(&["--format", "json", "serve", "--listen", "127.0.0.1:1"], &variables);
-    assert_eq!(printed.status.code(), Some(2), "serve refuses the unknown variable too");
+    assert_eq!(printed.status.code(), Some(2), "serve rejects the unknown variable too");
     let message = String::from_utf8_lossy(&printed.stderr).into_owned();
     assert!(message.contains("MESHMEND_WORKRES is set, but no command"), "{message}");
     let text = String::from_utf8(printed.stdout).expect("text");
@@ -98,7 +98,7 @@ fn what_is_in_force_is_told_with_where_it_is_from_and_no_secret_in_it() {
     assert_eq!((row("--workers"), row("--metrics-listen")), ("0".to_owned(), "none".to_owned()));
 
     let refused = config(&["serve", "--workers", "many"], &[]);
-    assert_eq!(refused.status.code(), Some(2), "a command line that would be refused is refused");
+    assert_eq!(refused.status.code(), Some(2), "an invalid command line is rejected");
 }
 
 #[tokio::test]
@@ -153,7 +153,7 @@ async fn servers_and_workers_answer_probes_and_metrics_on_a_separate_listener() 
             assert_eq!(ready["checks"][check], "ok", "{ready}");
         }
         assert!(ready["checks"]["blender"].as_str().is_some_and(|it| it.starts_with("missing")), "{ready}");
-        assert_eq!(probe(program, "/v1/jobs").await.0, 404, "nothing else is there");
+        assert_eq!(probe(program, "/v1/jobs").await.0, 404, "the listener serves nothing else");
         measured(program, "meshmend_jobs{status=\"succeeded\"}", |jobs| jobs == 1.0).await;
         measured(program, "meshmend_queue_wait_seconds", |seconds| seconds == 0.0).await;
         measured(program, "meshmend_leases_lost_total", |jobs| jobs == 0.0).await;
@@ -254,7 +254,7 @@ async fn while_the_database_is_away_the_probes_say_so_and_what_is_not_known_is_n
     }
     measured(&program, "meshmend_store_errors_total{kind=\"away\"}", |n| n > 0.0).await;
     cluster.restart();
-    until("it is ready again", async || (probe(&program, "/readyz").await.0 == 200).then_some(())).await;
+    until("the service is ready again", async || (probe(&program, "/readyz").await.0 == 200).then_some(())).await;
     measured(&program, "meshmend_jobs{status=\"queued\"}", |n| n == 0.0).await;
 }
 
@@ -268,7 +268,7 @@ async fn refused_requests_and_failed_jobs_are_logged_with_their_code_and_key() {
     assert_eq!(request.body(files::broken_box()).send().await.expect("an answer").status(), 403);
     assert_eq!(api.get("/wp-login.php").send().await.expect("an answer").status(), 404);
     assert_eq!(api.get("/v1/jobs").bearer_auth(&secret).send().await.expect("an answer").status(), 200);
-    let line = until("it is logged", async || {
+    let line = until("the log has the line", async || {
         let log = program.log();
         let line = log.lines().find(|line| line.contains("request refused"))?;
         Some(serde_json::from_str::<Value>(line).expect("JSON"))
@@ -289,7 +289,7 @@ async fn refused_requests_and_failed_jobs_are_logged_with_their_code_and_key() {
     let no_vertex_7 = "OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 7\n";
     let id = api.submit(no_vertex_7.into(), json!({"max_tier": 1})).await;
     assert_eq!(api.finished(&id).await["problem"]["code"], "bad_input");
-    let fields = until("it is logged", async || {
+    let fields = until("the log has the line", async || {
         let log = program.log();
         let line = log.lines().find(|line| line.contains("attempt ended"))?;
         Some(serde_json::from_str::<Value>(line).expect("JSON")["fields"].clone())

@@ -1,4 +1,4 @@
-//! What every store promises of webhooks, tried on each.
+//! The contract of stores for webhooks, tested on each store.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -10,9 +10,9 @@ use meshmend::jobs::{
 use serde_json::{Value, json};
 use time::OffsetDateTime;
 
-use crate::support::stores::{Bench, LEASE, promises};
+use crate::support::stores::{Bench, LEASE, on_each_store};
 
-promises! {
+on_each_store! {
     every_end_of_a_job_is_noted_for_those_who_are_told_of_it,
     a_jobs_end_and_what_is_told_of_it_are_written_together_or_not_at_all,
     a_delivery_is_claimed_by_one_and_by_another_when_its_lease_ends,
@@ -58,7 +58,7 @@ async fn settle(bench: &Bench, due: &DueDelivery, verdict: Verdict) -> bool {
     bench.store.settle_delivery(due, attempt(500), verdict).await.expect("an answer")
 }
 
-/// Makes a job of the tenant's end, and with it a delivery to each of its endpoints.
+/// Cancels a new job of the tenant, which creates a delivery for each of its endpoints.
 async fn cancelled(bench: &Bench, tenant: &str) -> Job {
     let job = bench.submit_of(tenant).await;
     bench.store.cancel(job.id).await.expect("an answer");
@@ -95,16 +95,16 @@ async fn every_end_of_a_job_is_noted_for_those_who_are_told_of_it(bench: Bench) 
     let callback = Some("https://shop.example/one".to_owned());
     let with_callback = NewJob { callback_url: callback, ..Bench::job("shop") };
     let first = store.submit(with_callback).await.expect("accepted");
-    assert_eq!(told(first.id).await, [], "it has not ended");
+    assert_eq!(told(first.id).await, [], "the job has not ended");
     let held = bench.claim().await.expect("a job").lease;
     store.fail(&held, Bench::failure(FailureKind::Passing)).await.expect("noted");
-    assert_eq!(told(first.id).await, [], "it is tried again");
+    assert_eq!(told(first.id).await, [], "the delivery is retried");
     bench.pass(Duration::from_secs(600));
     let held = bench.claim().await.expect("the job again").lease;
     let done = store.complete(&held, completion()).await.expect("completed");
     assert_eq!(told(first.id).await, to("job.succeeded", &[&all.id, "https://shop.example/one"]));
     store.complete(&held, completion()).await.expect("completed before");
-    assert_eq!(told(first.id).await.len(), 2, "nobody is told twice");
+    assert_eq!(told(first.id).await.len(), 2, "no delivery is claimed twice");
 
     let failed = bench.submit().await;
     let held = bench.claim().await.expect("a job").lease;
@@ -152,7 +152,7 @@ async fn a_jobs_end_and_what_is_told_of_it_are_written_together_or_not_at_all(be
     assert!(bench.store.complete(&claim.lease, completion()).await.is_err());
     assert!(bench.store.fail(&claim.lease, Bench::failure(FailureKind::Final)).await.is_err());
     assert!(bench.store.cancel(waiting.id).await.is_err());
-    assert_eq!(bench.get(running.id).await, before, "neither has its end been written");
+    assert_eq!(bench.get(running.id).await, before, "its end is not stored either");
     assert_eq!(bench.get(waiting.id).await.status, Status::Queued);
     bench.execute("DROP TRIGGER broken", "DROP TRIGGER broken ON webhook_deliveries").await;
     bench.store.complete(&claim.lease, completion()).await.expect("completed");
@@ -174,20 +174,20 @@ async fn a_delivery_is_claimed_by_one_and_by_another_when_its_lease_ends(bench: 
     assert_eq!((&second.id, &second.message, &second.payload), (&first.id, &first.message, &first.payload));
     assert_eq!(second.tries, 2);
     settle(&bench, &first, Verdict::Gone).await;
-    assert_eq!(all_of(&bench, "shop").await[0].status, DeliveryStatus::Pending, "the first has lost it");
+    assert_eq!(all_of(&bench, "shop").await[0].status, DeliveryStatus::Pending, "the first claim has expired");
     let known = store.endpoint("shop", &endpoint.id).await.expect("an answer").expect("there");
     assert_eq!((known.disabled, known.failing_since), (None, None));
 
     settle(&bench, &second, Verdict::Again(Duration::from_secs(60))).await;
-    assert_eq!(claim(&bench).await, None, "it waits");
+    assert_eq!(claim(&bench).await, None, "the delivery waits");
     bench.pass(Duration::from_secs(59));
-    assert_eq!(claim(&bench).await, None, "it waits");
+    assert_eq!(claim(&bench).await, None, "the delivery waits");
     bench.pass(Duration::from_secs(1));
     let third = claim(&bench).await.expect("due");
     assert_eq!((third.tries, third.attempts.len()), (3, 1));
     store.settle_delivery(&third, attempt(204), Verdict::Delivered).await.expect("an answer");
     bench.pass(10 * LEASE);
-    assert_eq!(claim(&bench).await, None, "it has arrived");
+    assert_eq!(claim(&bench).await, None, "the message was delivered");
     let delivery = &all_of(&bench, "shop").await[0];
     assert_eq!((delivery.status, delivery.job), (DeliveryStatus::Delivered, Some(job.id)));
     let statuses: Vec<_> = delivery.attempts.iter().map(|attempt| attempt.status).collect();
@@ -206,7 +206,7 @@ async fn tenants_take_turns_and_one_whose_receivers_hang_holds_nobody_up(bench: 
     while let Some(due) = bench.store.claim_delivery(LEASE, 3).await.expect("an answer") {
         order.push(due.tenant);
     }
-    assert_eq!(order, ["busy", "calm", "busy", "calm", "busy"], "the fourth of the busy one has to wait");
+    assert_eq!(order, ["busy", "calm", "busy", "calm", "busy"], "the fourth delivery to the busy endpoint has to wait");
 }
 
 async fn many_couriers_at_once_never_get_the_same_delivery(bench: Bench) {
@@ -248,10 +248,10 @@ async fn an_endpoint_is_disabled_when_it_is_gone_or_fails_for_days(bench: Bench)
     assert!(settle(&bench, &due, Verdict::Gone).await);
     let known = store.endpoint("shop", &gone.id).await.expect("an answer").expect("there");
     assert!(known.disabled.is_some_and(|(_, why)| why.contains("410")));
-    assert_eq!(claim(&bench).await, None, "nothing more goes there");
+    assert_eq!(claim(&bench).await, None, "nothing more is sent to the endpoint");
     assert!(all_of(&bench, "shop").await.iter().all(|delivery| delivery.status == DeliveryStatus::Failed));
     cancelled(&bench, "shop").await;
-    assert_eq!(all_of(&bench, "shop").await.len(), 2, "it is told of nothing");
+    assert_eq!(all_of(&bench, "shop").await.len(), 2, "a disabled endpoint gets no messages");
     let on = EndpointChange { enabled: Some(true), ..EndpointChange::default() };
     let known = store.change_endpoint("shop", &gone.id, on).await.expect("an answer").expect("there");
     assert_eq!((known.disabled, known.failing_since), (None, None));
@@ -275,7 +275,7 @@ async fn an_endpoint_is_disabled_when_it_is_gone_or_fails_for_days(bench: Bench)
         cancelled(&bench, "shop").await;
     }
     let due = claim(&bench).await.expect("due");
-    assert!(!settle(&bench, &due, Verdict::Failed).await, "the last success ended the row of failures");
+    assert!(!settle(&bench, &due, Verdict::Failed).await, "the last success reset the count of failures");
 }
 
 async fn what_was_given_up_or_delivered_is_sent_again_when_asked_for(bench: Bench) {
@@ -292,7 +292,7 @@ async fn what_was_given_up_or_delivered_is_sent_again_when_asked_for(bench: Benc
         assert_eq!(again("shop", &due.id).await, Redelivered::Yes);
     }
     let late = claim(&bench).await.expect("due");
-    assert_eq!(late.tries, 2, "it was still waiting, so its tries go on");
+    assert_eq!(late.tries, 2, "the delivery was still pending, so its attempts continue");
     assert_eq!(again("shop", &late.id).await, Redelivered::Yes);
     let due = claim(&bench).await.expect("due though it is under way");
     settle(&bench, &late, Verdict::Delivered).await;
@@ -362,7 +362,7 @@ async fn endpoints_are_their_tenants_own_and_no_more_than_may_be(bench: Bench) {
     assert!(due.payload.contains("\"ping\""), "{}", due.payload);
     assert!(store.delete_endpoint("shop", &own.id).await.expect("an answer"));
     assert!(all_of(&bench, "shop").await.is_empty());
-    assert!(!settle(&bench, &due, Verdict::Gone).await, "it is gone with its endpoint");
+    assert!(!settle(&bench, &due, Verdict::Gone).await, "the delivery is deleted with its endpoint");
 }
 
 async fn what_was_told_is_forgotten_with_its_job_or_after_a_while(bench: Bench) {

@@ -1,11 +1,11 @@
-//! The page that people see, as a browser asks for it.
+//! The web page and its assets, as a browser requests them.
 
 use reqwest::header::HeaderMap;
 
 use crate::s3::S3;
 use crate::server::{Api, Start};
 
-/// The addresses of the assets that a document names.
+/// The URLs of the assets that a document refers to.
 fn assets(document: &str) -> Vec<&str> {
     document.split('"').filter(|word| word.starts_with("/assets/")).collect()
 }
@@ -65,7 +65,7 @@ async fn a_browser_gets_the_page_packed_and_only_when_it_changed() {
     let document = api.get("/").send().await.expect("an answer").text().await.expect("text");
     for path in assets(&document).into_iter().chain(["/", "/widget.js"]) {
         let plain = api.get(path).send().await.expect("an answer");
-        assert!(!plain.headers().contains_key("content-encoding"), "who takes no gzip gets none");
+        assert!(!plain.headers().contains_key("content-encoding"), "a client that does not accept gzip gets none");
         let tag = plain.headers()["etag"].clone();
         let plain = plain.bytes().await.expect("bytes");
         let packed = api.get(path).header("accept-encoding", "gzip, br").send().await.expect("an answer");
@@ -99,7 +99,7 @@ async fn the_widget_and_what_it_loads_are_for_pages_of_all_origins_and_the_page_
         (widget.status().as_u16(), &widget.headers()["content-type"]),
         (200, &"text/javascript; charset=utf-8".parse().expect("text"))
     );
-    assert_eq!(widget.headers()["cache-control"], "no-cache", "a shop gets the widget of the service's version");
+    assert_eq!(widget.headers()["cache-control"], "no-cache", "a shop's page may load the widget");
     let script = widget.text().await.expect("text");
     let viewer = assets(&script).into_iter().next().expect("the viewer");
     for path in ["/widget.js", viewer] {
@@ -114,7 +114,10 @@ async fn the_widget_and_what_it_loads_are_for_pages_of_all_origins_and_the_page_
         }
     }
     let page = get("/").await.expect("an answer");
-    assert!(!page.headers().contains_key("access-control-allow-origin"), "no other page reads the service's own");
+    assert!(
+        !page.headers().contains_key("access-control-allow-origin"),
+        "no other page may read the service's own assets"
+    );
     assert_eq!(page.headers()["cross-origin-resource-policy"], "same-origin");
     assert_eq!(page.headers()["cross-origin-opener-policy"], "same-origin");
 }
@@ -132,7 +135,7 @@ async fn the_page_needs_no_key_even_where_the_api_asks_for_one() {
 async fn the_page_may_reach_the_bucket_to_which_files_go() {
     let bucket = S3::start();
     let data = tempfile::tempdir().expect("a folder");
-    let program = bucket.keeps_files_of(Start::serve(data.path())).start();
+    let program = bucket.store_files_of(Start::serve(data.path())).start();
     let api = Api::new(&program);
     let upload: serde_json::Value =
         api.post("/v1/uploads").send().await.expect("an answer").json().await.expect("JSON");

@@ -1,3 +1,5 @@
+//! Refused requests: the complete problem document of each error.
+
 use reqwest::multipart::{Form, Part};
 use reqwest::{Method, RequestBuilder};
 use serde_json::{Value, json};
@@ -7,7 +9,7 @@ use tokio::net::TcpStream;
 use crate::files;
 use crate::server::{Api, Start, stored_uploads};
 
-/// Sends it and expects this problem, complete.
+/// Sends a request and asserts that the response is this problem, with all of its members.
 async fn problem(request: RequestBuilder, status: u16, code: &str) -> Value {
     let answer = request.send().await.expect("an answer");
     assert_eq!(answer.headers()["content-type"], "application/problem+json", "{code}");
@@ -82,8 +84,8 @@ async fn every_kind_of_wrong_request_gets_a_problem_that_says_what_to_do() {
     .await;
     assert!(large["detail"].as_str().expect("text").contains("64 KiB"));
     let list: Value = api.get("/v1/jobs").send().await.expect("an answer").json().await.expect("JSON");
-    assert_eq!(list["jobs"].as_array().map(Vec::len), Some(0), "nothing refused became a job");
-    assert_eq!(stored_uploads(data.path()), 0, "nothing refused is stored");
+    assert_eq!(list["jobs"].as_array().map(Vec::len), Some(0), "no refused request became a job");
+    assert_eq!(stored_uploads(data.path()), 0, "no file of a refused request is stored");
 }
 
 #[tokio::test]
@@ -147,7 +149,7 @@ async fn a_file_that_only_a_full_read_finds_broken_fails_its_job_and_names_the_p
     problem(api.get(&format!("/v1/jobs/{id}/artifacts/model")), 404, "artifact_not_found").await;
 }
 
-/// What a request is refused for: the code, the detail and the messages of single fields.
+/// The problem of a refused request: its code, its detail and the messages for single fields.
 async fn refused(request: RequestBuilder) -> (String, String, Vec<[String; 2]>) {
     let problem: Value = request.send().await.expect("an answer").json().await.expect("JSON");
     let text = |value: &Value| value.as_str().expect("text").to_owned();

@@ -1,4 +1,4 @@
-//! How long results are kept, and how what was made before is used again.
+//! Retention of jobs and their files, and reuse of earlier results.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -10,9 +10,9 @@ use serde_json::{Value, json};
 
 use crate::files;
 use crate::server::{Api, Start, make_old, stored_files, until};
-use crate::support::stores::{Bench, promises};
+use crate::support::stores::{Bench, on_each_store};
 
-promises! {
+on_each_store! {
     what_ended_long_ago_expires_and_is_forgotten_later,
     a_result_is_found_by_its_fingerprint_as_long_as_it_is_kept,
     a_job_that_is_given_a_result_has_ended_when_it_is_accepted,
@@ -48,18 +48,18 @@ async fn what_ended_long_ago_expires_and_is_forgotten_later(bench: Bench) {
     let young = succeed(&bench).await;
     let waiting = bench.submit().await.id;
     assert_eq!(bench.store.expire(2 * DAY, 10).await.expect("an answer"), []);
-    assert_eq!(bench.store.expire(DAY, 1).await.expect("an answer"), [old], "the oldest first, no more than asked");
+    assert_eq!(bench.store.expire(DAY, 1).await.expect("an answer"), [old], "the oldest first, no more than requested");
     assert_eq!(bench.store.expire(DAY, 10).await.expect("an answer"), [claim.job.id]);
     let expired = bench.get(old).await;
     assert_eq!(expired.status, Status::Expired);
     assert_eq!((expired.report, expired.artifacts.len(), expired.inputs[0].name.as_str()), (None, 0, ""));
-    assert!(expired.outcome.is_some(), "how it ended is known for longer");
+    assert!(expired.outcome.is_some(), "the job's record is kept longer");
     assert_eq!(bench.get(young).await.status, Status::Succeeded);
     bench.pass(DAY);
     assert_eq!(bench.store.forget_jobs(3 * DAY).await.expect("an answer"), 0);
     assert_eq!(bench.store.forget_jobs(2 * DAY).await.expect("an answer"), 2);
     assert_eq!(bench.store.get(old).await.expect("an answer"), None);
-    assert_eq!(bench.get(young).await.status, Status::Succeeded, "what has not expired is not forgotten");
+    assert_eq!(bench.get(young).await.status, Status::Succeeded, "a job that has not expired keeps its record");
     assert_eq!(bench.get(waiting).await.status, Status::Queued);
 }
 
@@ -69,14 +69,14 @@ async fn a_result_is_found_by_its_fingerprint_as_long_as_it_is_kept(bench: Bench
     let find = async |tenant, fingerprint| {
         bench.store.find_result(tenant, fingerprint).await.expect("an answer").map(|job| job.id)
     };
-    assert_eq!(find("shop", "f").await, None, "it has not ended");
+    assert_eq!(find("shop", "f").await, None, "the job has not ended");
     let id = succeed(&bench).await;
     assert_eq!(find("shop", "f").await, Some(id));
     assert_eq!(find("other", "f").await, None);
     assert_eq!(find("shop", "g").await, None);
     bench.pass(DAY);
     bench.store.expire(DAY, 10).await.expect("an answer");
-    assert_eq!(find("shop", "f").await, None, "it has expired");
+    assert_eq!(find("shop", "f").await, None, "the job has expired");
 }
 
 async fn a_job_that_is_given_a_result_has_ended_when_it_is_accepted(bench: Bench) {
@@ -173,7 +173,7 @@ async fn an_expired_job_says_so_and_its_files_are_gone() {
     let ended = api.finished(&id).await;
     assert_eq!(ended["expires_at"], ended["finished_at"]);
     program.kill();
-    // The sweep is the first that a worker does.
+    // A worker begins with a sweep.
     let program = Start::serve(data.path()).arg("--retain-results-h", "0").start();
     let api = Api::new(&program);
     let job = until("the job has expired", async || {
@@ -197,12 +197,12 @@ async fn what_was_left_of_a_lost_attempt_is_swept_away_and_the_result_stays() {
     api.finished(&id).await;
     let of_result = stored_files(data.path(), &id);
     program.kill();
-    // As a worker leaves it that is killed between the completion of another's attempt and its own clearing away.
+    // The state after a stale worker is killed before it deletes its files, while another attempt completed the job.
     let lost = data.path().join("files/jobs").join(&id).join("lost");
     std::fs::create_dir(&lost).expect("a folder");
     std::fs::write(lost.join("model"), "half of it").expect("a file");
     make_old(&data.path().join("files"));
     let _program = Start::serve(data.path()).start();
-    until("it is gone", async || (!lost.exists()).then_some(())).await;
+    until("the stale attempt's file is deleted", async || (!lost.exists()).then_some(())).await;
     assert_eq!(stored_files(data.path(), &id), of_result);
 }

@@ -1,4 +1,4 @@
-//! What a job's processes can't do, tried by a program in Blender's place that does its worst.
+//! The sandbox of jobs, tested by a hostile script in place of Blender.
 
 use std::collections::BTreeMap;
 use std::io::{ErrorKind, Write};
@@ -12,7 +12,7 @@ use serde_json::{Value, json};
 use crate::files;
 use crate::server::{Api, Program, Start, signal, until};
 
-/// A script in Blender's place, in a folder of its own.
+/// Writes a script that stands in for Blender.
 fn hostile_blender(folder: &Path, script: &str) -> PathBuf {
     let path = folder.join("blender");
     let script = format!("#!/bin/bash\ncase \"$*\" in *--version*) echo 'Blender 4.2.0'; exit 0;; esac\n{script}\n");
@@ -26,7 +26,7 @@ async fn sandbox(api: &Api) -> Value {
     can["sandbox"].clone()
 }
 
-/// Whether a wall stands; where it does not, that is said aloud, since what it holds back is then not tested here.
+/// Whether a restriction of the sandbox is active. If not, prints that this machine does not test it.
 fn stands(sandbox: &Value, wall: &str) -> bool {
     let stands = sandbox[wall]["in_force"].as_bool().expect("a boolean");
     if !stands {
@@ -41,7 +41,7 @@ async fn hostile_job(api: &Api) -> String {
         .await
 }
 
-/// What a Blender under `mode` could do, by name, and what the service says of its walls.
+/// What a Blender under `mode` could do, by name, and the service's report on its sandbox.
 async fn tried_under(mode: &str) -> (BTreeMap<String, bool>, Value) {
     let (data, tools) = (tempfile::tempdir().expect("a folder"), tempfile::tempdir().expect("a folder"));
     let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
@@ -99,7 +99,7 @@ async fn what_a_hostile_blender_tries_fails_in_the_sandbox_and_only_there() {
     let (outside, off) = tried_under("off").await;
     let failed_by = |wall: &str, names: &[&str]| {
         for name in names {
-            assert!(outside[*name], "{name} fails without a sandbox too, so that it shows nothing: {outside:?}");
+            assert!(outside[*name], "{name} fails without a sandbox too, so it proves nothing: {outside:?}");
             assert!(!off[wall]["in_force"].as_bool().expect("a boolean"), "{off}");
             assert!(!stands(&sandbox, wall) || !inside[*name], "{name} worked: {inside:?}");
         }
@@ -135,7 +135,7 @@ async fn capabilities_tell_the_walls_and_the_limits_of_jobs() {
     assert!(program.log().contains("walled off"), "{}", program.log());
     let data = tempfile::tempdir().expect("a folder");
     let elsewhere = Start::serve(data.path()).env("MESHMEND_NO_WORKERS", "true").start();
-    assert!(sandbox(&Api::new(&elsewhere)).await.is_null(), "who runs no jobs can't tell");
+    assert!(sandbox(&Api::new(&elsewhere)).await.is_null(), "a process without workers does not know");
 }
 
 #[tokio::test]
@@ -194,7 +194,7 @@ fn with_argument(word: &str) -> Vec<u32> {
 async fn a_job_that_starts_more_and_more_processes_gets_no_further_than_its_limit() {
     let (data, tools) = (tempfile::tempdir().expect("a folder"), tempfile::tempdir().expect("a folder"));
     let word = format!("many-{}", std::process::id());
-    // Bounded, should nothing stop it.
+    // Bounded, in case nothing stops it.
     let many = format!("for i in $(seq 300); do sh -c 'sleep 600; true' {word} & done; echo all of them; wait");
     let blender = hostile_blender(tools.path(), &many);
     let program = Start::serve(data.path()).blender(&blender).arg("--job-processes", "60").start();
@@ -220,13 +220,12 @@ async fn a_job_that_starts_more_and_more_processes_gets_no_further_than_its_limi
     until("no process is left", async || with_argument(&word).is_empty().then_some(())).await;
 }
 
-/// A job whose Blender has put a process into a session of its own, where nothing forbids it, and hangs; the word is on its
-/// command line.
+/// A job whose Blender hangs after it has started a process in a separate session, with `word` on its command line.
 async fn stray(data: &Path, tools: &Path, word: &str) -> (Program, String) {
     let blender = hostile_blender(tools, &format!("setsid sh -c 'sleep 600; true' {word} & sleep 600"));
     let program = Start::serve(data).blender(&blender).arg("--sandbox", "off").start();
     let id = hostile_job(&Api::new(&program)).await;
-    until("the stray runs", async || (!with_argument(word).is_empty()).then_some(())).await;
+    until("the stray process runs", async || (!with_argument(word).is_empty()).then_some(())).await;
     (program, id)
 }
 
@@ -236,8 +235,8 @@ async fn a_process_that_left_its_group_ends_with_its_job_all_the_same() {
     let word = format!("stray-{}", std::process::id());
     let (program, id) = stray(data.path(), tools.path(), &word).await;
     Api::new(&program).post(&format!("/v1/jobs/{id}/cancel")).send().await.expect("an answer");
-    until("no stray is left", async || with_argument(&word).is_empty().then_some(())).await;
-    until("nor a dead one", async || program.job_children().is_empty().then_some(())).await;
+    until("no stray process is left", async || with_argument(&word).is_empty().then_some(())).await;
+    until("no zombie is left", async || program.job_children().is_empty().then_some(())).await;
 }
 
 #[tokio::test]
@@ -248,7 +247,10 @@ async fn a_process_that_left_its_group_ends_when_the_jobs_process_is_killed() {
     let api = Api::new(&program);
     let before = with_argument(&word);
     signal(program.job_children()[0], "KILL");
-    until("no stray is left", async || before.iter().all(|id| !with_argument(&word).contains(id)).then_some(())).await;
+    until("no stray process is left", async || {
+        before.iter().all(|id| !with_argument(&word).contains(id)).then_some(())
+    })
+    .await;
     api.delete(&format!("/v1/jobs/{id}")).send().await.expect("an answer");
     until("none of the next attempt", async || with_argument(&word).is_empty().then_some(())).await;
 }

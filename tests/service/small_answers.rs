@@ -1,4 +1,4 @@
-//! Answers are short, and travel compressed.
+//! Responses are short and compressed.
 
 use std::io::Write;
 
@@ -9,7 +9,7 @@ use serde_json::{Value, json};
 use crate::files;
 use crate::server::{Api, Start};
 
-/// A shell of a great many small faces with holes, whose whole report is far longer than the short one.
+/// A surface with many holes, whose full report is far longer than the short one.
 fn many_holes() -> Vec<u8> {
     let sphere = files::large_open_sphere(6000);
     let mut kept = sphere[..84].to_vec();
@@ -92,7 +92,11 @@ async fn text_is_answered_in_the_coding_that_the_client_takes() {
     for coding in ["gzip", "br", "zstd"] {
         let answer = api.get(&path).header("accept-encoding", coding).send().await.expect("an answer");
         assert_eq!(answer.headers()["content-encoding"], coding);
-        assert_eq!(answer.headers()["etag"], format!("W/{tag}").as_str(), "a compressed answer has other bytes");
+        assert_eq!(
+            answer.headers()["etag"],
+            format!("W/{tag}").as_str(),
+            "a compressed response has a different entity tag"
+        );
         assert!(answer.bytes().await.expect("bytes").len() * 2 < plain.len());
         let model = api.get(&format!("/v1/jobs/{id}/artifacts/model")).header("accept-encoding", coding);
         assert!(model.send().await.expect("an answer").headers().get("content-encoding").is_none());
@@ -123,7 +127,7 @@ async fn a_model_may_be_sent_compressed_within_the_limits_of_its_size() {
     let mut many = files::whole_box();
     many.resize(3 << 20, 0);
     let answer = send("gzip", gzip(&many)).await.expect("an answer");
-    assert_eq!(answer.status(), 413, "the limit is of the decoded bytes");
+    assert_eq!(answer.status(), 413, "the limit applies to the decoded bytes");
 
     let mut broken = gzip(&files::whole_box());
     broken[20] ^= 0xff;

@@ -1,5 +1,7 @@
-//! The connection to PostgreSQL breaks at each statement that a job needs, from its upload to the news of its end: before the server has
-//! it, and after the server has done it, so that nobody hears of that.
+//! The connection to PostgreSQL breaks at each statement of a job, and no job is lost.
+//!
+//! The statements are those from a job's upload to its webhook. The connection breaks before the server receives the
+//! statement, or after the server has executed it and before its response arrives.
 
 use std::time::{Duration, Instant};
 
@@ -13,7 +15,7 @@ use crate::server::{Start, until};
 use crate::support::audit::Audit;
 use crate::support::receiver::{Receiver, Reply};
 
-/// Parts of statements that are to be among those at which it breaks.
+/// Parts of statements that the test must cover.
 const AMONG: [&str; 10] = [
     "INSERT INTO idempotency_keys",
     "INSERT INTO jobs",
@@ -27,7 +29,7 @@ const AMONG: [&str; 10] = [
     "lease_expires_at <= meshmend_now($1) ORDER BY id FOR UPDATE SKIP LOCKED",
 ];
 
-/// How long a client may be refused that sends the same request again; less than the key of a dead server's request is held.
+/// How long a repeated request may be refused: less than the time for which a dead server's request holds its key.
 const REFUSED: Duration = Duration::from_secs(20);
 
 /// Sends a model until it is accepted.
@@ -46,7 +48,7 @@ async fn submit(http: &Client, url: &str, key: &str) -> String {
         Some(job["id"].as_str().expect("an id").to_owned())
     })
     .await;
-    assert!(sent.elapsed() < REFUSED, "its own key was in its way for {:?}", sent.elapsed());
+    assert!(sent.elapsed() < REFUSED, "the idempotency key was in use for {:?}", sent.elapsed());
     id
 }
 
@@ -69,13 +71,13 @@ async fn break_at_each_statement(side: Side) {
     let endpoint = http.post(format!("{}/v1/webhook-endpoints", program.url)).json(&json!({"url": receiver.url}));
     assert_eq!(endpoint.send().await.expect("an answer").status(), 201);
 
-    // The first job comes among what is done at the start, and not again for long.
+    // The first job runs among the statements of the program's start, which are not repeated soon.
     let mut accepted = vec![submit(&http, &program.url, "first").await];
     audit.at_rest().await;
     proxy.forget();
     accepted.push(submit(&http, &program.url, "second").await);
     audit.at_rest().await;
-    let statements = until("all that is done for a job, or now and then, was done", async || {
+    let statements = until("all statements of a job and of periodic work were executed", async || {
         let seen = proxy.seen();
         AMONG.iter().all(|part| seen.iter().any(|statement| statement.contains(part))).then_some(seen)
     })
@@ -91,8 +93,8 @@ async fn break_at_each_statement(side: Side) {
         .await
         .expect("an answer");
     assert_eq!(failed, [""; 0]);
-    assert_eq!(audit.ended_once(&accepted).await, accepted.len(), "no request made two jobs");
-    audit.told_once(&receiver).await;
+    assert_eq!(audit.ended_once(&accepted).await, accepted.len(), "no request created two jobs");
+    audit.delivered_once(&receiver).await;
     assert!(!program.log().contains("panicked"), "{}", program.log());
 }
 

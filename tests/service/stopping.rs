@@ -1,4 +1,4 @@
-//! How a process that serves stops: reads go on until its jobs have ended, and nothing new is accepted.
+//! Shutdown of a server: it serves reads until its jobs have ended, and accepts nothing new.
 
 use std::time::{Duration, Instant};
 
@@ -43,7 +43,7 @@ async fn during_shutdown_reads_are_served_and_new_jobs_are_refused_with_a_time_t
     let ended = api.get(&format!("/v1/jobs/{id}?wait=30")).send().await.expect("an answer");
     assert_eq!(ended.json::<Value>().await.expect("a job")["status"], "succeeded");
     assert_eq!(program.wait(), Some(0));
-    assert!(api.get("/livez").send().await.is_err(), "nothing listens any more");
+    assert!(api.get("/livez").send().await.is_err(), "nothing listens anymore");
 }
 
 #[tokio::test]
@@ -72,6 +72,10 @@ async fn a_process_without_jobs_waits_for_no_client_that_follows_a_job() {
     let started = Instant::now();
     program.terminate();
     assert_eq!(program.wait(), Some(0));
-    assert!(started.elapsed() < Duration::from_secs(10), "it took {:?} of a grace of 20 s", started.elapsed());
+    assert!(
+        started.elapsed() < Duration::from_secs(10),
+        "the shutdown took {:?} of a grace period of 20 s",
+        started.elapsed()
+    );
     drop(followed);
 }

@@ -1,4 +1,4 @@
-//! What every job store promises, tried on each.
+//! The contract of job stores, tested on each store.
 
 use std::sync::Arc;
 use std::sync::atomic::AtomicI64;
@@ -12,9 +12,9 @@ use meshmend::jobs::{
 };
 use sqlx::sqlite::SqliteConnectOptions;
 
-use crate::support::stores::{Bench, LEASE, Manual, promises};
+use crate::support::stores::{Bench, LEASE, Manual, on_each_store};
 
-promises! {
+on_each_store! {
     jobs_are_claimed_in_the_order_they_came_and_each_only_once,
     many_workers_at_once_never_get_the_same_job,
     a_heartbeat_extends_the_lease_and_an_expired_lease_makes_the_job_claimable,
@@ -80,7 +80,7 @@ async fn a_heartbeat_extends_the_lease_and_an_expired_lease_makes_the_job_claima
     bench.store.heartbeat(&first.lease, LEASE, Some(progress)).await.expect("still held");
     assert_eq!(bench.get(job.id).await.progress, Some(progress));
     bench.pass(LEASE / 2 + Duration::from_secs(1));
-    assert!(bench.store.rescue().await.expect("an answer").is_empty(), "the heartbeat extended it");
+    assert!(bench.store.rescue().await.expect("an answer").is_empty(), "the heartbeat extended the lease");
     bench.pass(LEASE);
     let rescued = bench.store.rescue().await.expect("an answer");
     assert_eq!((rescued[0].id, rescued[0].status, rescued[0].crashes), (job.id, Status::Queued, 1));
@@ -128,7 +128,7 @@ async fn a_passing_failure_waits_longer_each_time_and_is_final_at_the_last_attem
         waited = wait;
         bench.pass(wait);
     }
-    assert_eq!(bench.get(job.id).await.crashes, 0, "crashes are counted apart");
+    assert_eq!(bench.get(job.id).await.crashes, 0, "crashes are counted separately");
 }
 
 async fn a_job_that_kills_its_workers_is_set_aside(bench: Bench) {
@@ -155,7 +155,7 @@ async fn a_job_handed_back_is_charged_nothing(bench: Bench) {
     assert_eq!(again.lease.attempt, 1);
     assert!(
         matches!(bench.store.hand_back(&claim.lease).await, Err(StoreError::LeaseLost)),
-        "same attempt, other token"
+        "the same attempt with another token"
     );
 }
 
@@ -270,19 +270,19 @@ async fn a_key_is_held_by_one_request_until_it_is_accepted_given_back_or_late(be
     };
     assert_eq!((hold(first).await, hold(second).await), (KeyState::Held, KeyState::InUse));
     bench.pass(KEY_HOLD / 2);
-    assert_eq!(hold(first).await, KeyState::Held, "held for longer");
+    assert_eq!(hold(first).await, KeyState::Held, "the key is held longer");
     bench.pass(KEY_HOLD / 2 + Duration::from_secs(1));
     assert_eq!(hold(second).await, KeyState::InUse);
     bench.store.release_key("shop", "k", second).await.expect("an answer");
-    assert_eq!(hold(second).await, KeyState::InUse, "only its holder gives it back");
+    assert_eq!(hold(second).await, KeyState::InUse, "only its holder releases the key");
     bench.pass(KEY_HOLD);
-    assert_eq!(hold(second).await, KeyState::Held, "the first is late");
+    assert_eq!(hold(second).await, KeyState::Held, "the first request is too late");
     assert!(matches!(submit(first, "a").await, Err(StoreError::KeyLost)));
     assert_eq!(bench.store.get(first).await.expect("an answer"), None);
     submit(second, "b").await.expect("accepted");
     assert_eq!(hold(first).await, KeyState::Used { fingerprint: "b".into(), job: second });
     bench.store.release_key("shop", "k", second).await.expect("an answer");
-    assert!(matches!(hold(second).await, KeyState::Used { .. }), "what was accepted is not given back");
+    assert!(matches!(hold(second).await, KeyState::Used { .. }), "the key of an accepted request is not released");
     assert_eq!(bench.store.forget_keys().await.expect("an answer"), 0);
     bench.pass(KEY_LIFE);
     assert_eq!(bench.store.forget_keys().await.expect("an answer"), 1);
@@ -325,7 +325,7 @@ async fn an_upload_is_open_for_a_while_waits_for_longer_and_becomes_one_job_at_m
     bench.pass(UPLOAD_LIFE - UPLOAD_OPEN);
     assert_eq!(find(unused).await, None);
     assert!(matches!(submit(second, unused.id).await, Err(StoreError::UploadTaken)));
-    assert_eq!(find(used).await.expect("its request may come again").job, Some(first));
+    assert_eq!(find(used).await.expect("the request may be repeated").job, Some(first));
     assert_eq!(bench.store.forget_uploads().await.expect("an answer"), 1);
     bench.pass(KEY_LIFE);
     assert_eq!(bench.store.forget_uploads().await.expect("an answer"), 1);
@@ -342,7 +342,7 @@ async fn no_more_uploads_wait_than_may(bench: Bench) {
     bench.store.submit(job).await.expect("accepted");
     assert!(add().await.is_some() && add().await.is_none(), "one became a job");
     bench.pass(UPLOAD_LIFE);
-    assert!(add().await.is_some(), "the time of all others is over");
+    assert!(add().await.is_some(), "all other uploads have expired");
 }
 
 #[tokio::test]

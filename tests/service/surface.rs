@@ -1,3 +1,5 @@
+//! Routes outside jobs: health, capabilities, metrics, the API's document, and trailing slashes.
+
 use serde_json::{Value, json};
 
 use crate::files;

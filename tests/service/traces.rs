@@ -1,4 +1,4 @@
-//! One trace from a request to the worker in another process, as a collector sees it.
+//! Traces that lead from a request to the worker in another process, as a collector receives them.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{Arc, Mutex};
@@ -14,12 +14,12 @@ use serde_json::{Value, json};
 use crate::files;
 use crate::server::{Api, Start, until};
 
-/// Keeps what it is sent.
+/// A collector that keeps the spans it receives.
 #[derive(Clone, Default)]
 struct Collector(Arc<Mutex<Vec<Span>>>);
 
 impl Collector {
-    /// Starts it; its address.
+    /// Starts the collector and returns its address.
     async fn start(&self) -> String {
         let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.expect("a port");
         let address = listener.local_addr().expect("an address");
@@ -61,7 +61,7 @@ async fn a_trace_goes_on_from_the_request_to_the_worker_in_another_process() {
     let job: Value = request.send().await.expect("an answer").json().await.expect("a job");
     let id = job["id"].as_str().expect("an id").to_owned();
     assert_eq!(api.finished(&id).await["outcome"], "repaired");
-    // What they have is sent when they end.
+    // The processes send their last spans when they end.
     server.terminate();
     worker.terminate();
     assert_eq!((server.wait(), worker.wait()), (Some(0), Some(0)));
@@ -141,7 +141,7 @@ async fn a_collector_that_never_answers_holds_up_no_job_and_no_end() {
     assert_eq!(api.finished(&id).await["outcome"], "repaired");
     program.terminate();
     assert_eq!(program.wait(), Some(0));
-    assert!(silent.accept().await.is_ok(), "it was asked");
+    assert!(silent.accept().await.is_ok(), "the program contacted the collector");
 }
 
 #[tokio::test(flavor = "multi_thread")]

@@ -1,4 +1,4 @@
-//! Files that are sent before their job, and downloads that do not pass through the service: with a folder and with a bucket.
+//! Uploads before a job, and direct downloads, with files in a folder and in a bucket.
 
 use reqwest::{Client, Response, redirect};
 use serde_json::{Value, json};
@@ -8,15 +8,15 @@ use crate::files;
 use crate::s3::S3;
 use crate::server::{Api, Program, Start, until};
 
-/// A service that keeps its files in a folder or in a bucket.
-struct Desk {
+/// A service with its files in a folder or a bucket.
+struct Service {
     api: Api,
     _program: Program,
     bucket: Option<S3>,
     data: TempDir,
 }
 
-impl Desk {
+impl Service {
     fn in_folder(args: &[(&str, &str)]) -> Self {
         Self::start(None, args)
     }
@@ -29,7 +29,7 @@ impl Desk {
         let data = tempfile::tempdir().expect("a folder");
         let start = args.iter().fold(Start::serve(data.path()), |start, (name, value)| start.env(name, value));
         let program = match &bucket {
-            Some(bucket) => bucket.keeps_files_of(start).start(),
+            Some(bucket) => bucket.store_files_of(start).start(),
             None => start.start(),
         };
         Self { api: Api::new(&program), _program: program, bucket, data }
@@ -51,7 +51,7 @@ impl Desk {
         self.api.http.put(url).body(bytes).send().await.expect("an answer")
     }
 
-    /// Announces a file and sends it.
+    /// Creates an upload and sends its file.
     async fn upload(&self, name: &str, bytes: Vec<u8>) -> String {
         let upload = self.announce(json!({"name": name, "bytes": bytes.len()})).await;
         let sent = self.send(&upload, bytes).await;
@@ -63,7 +63,7 @@ impl Desk {
         self.api.post("/v1/jobs").header("idempotency-key", key).json(&job).send().await.expect("an answer")
     }
 
-    /// Files that wait for a job.
+    /// The number of uploads that wait for a job.
     fn waiting(&self) -> usize {
         let files = self.bucket.as_ref().map_or_else(|| self.data.path().join("files"), S3::objects);
         std::fs::read_dir(files.join("incoming")).into_iter().flatten().count()
@@ -86,13 +86,13 @@ macro_rules! with_each_store {
         mod folder {
             $(#[tokio::test]
             async fn $name() {
-                super::$name(super::Desk::in_folder($args)).await;
+                super::$name(super::Service::in_folder($args)).await;
             })*
         }
         mod bucket {
             $(#[tokio::test]
             async fn $name() {
-                super::$name(super::Desk::in_bucket($args)).await;
+                super::$name(super::Service::in_bucket($args)).await;
             })*
         }
     };
@@ -106,43 +106,43 @@ with_each_store! {
     no_more_uploads_wait_than_jobs_may: &[("MESHMEND_MAX_QUEUED", "2"), ("MESHMEND_NO_WORKERS", "true")];
 }
 
-async fn a_job_is_made_of_a_file_that_was_sent_before(desk: Desk) {
-    let upload = desk.upload("../box.stl", files::broken_box()).await;
-    assert_eq!(desk.waiting(), 1);
-    let answer = desk.submit(of(&upload), "a").await;
+async fn a_job_is_made_of_a_file_that_was_sent_before(service: Service) {
+    let upload = service.upload("../box.stl", files::broken_box()).await;
+    assert_eq!(service.waiting(), 1);
+    let answer = service.submit(of(&upload), "a").await;
     assert_eq!(answer.status(), 202);
     let job: Value = answer.json().await.expect("a job");
     assert_eq!((&job["input"]["name"], &job["input"]["bytes"]), (&json!("box.stl"), &json!(files::broken_box().len())));
-    until("the upload is the job's", async || (desk.waiting() == 0).then_some(())).await;
-    let job = desk.api.finished(job["id"].as_str().expect("an id")).await;
+    until("the upload is the job's", async || (service.waiting() == 0).then_some(())).await;
+    let job = service.api.finished(job["id"].as_str().expect("an id")).await;
     assert_eq!(job["outcome"], "repaired", "{job}");
-    assert_eq!(desk.api.artifact(job["id"].as_str().expect("an id"), "model").await.len(), 84 + 50 * 12);
-    assert_eq!(refusal(desk.submit(of(&upload), "b").await).await, (409, "upload_used".to_owned()));
+    assert_eq!(service.api.artifact(job["id"].as_str().expect("an id"), "model").await.len(), 84 + 50 * 12);
+    assert_eq!(refusal(service.submit(of(&upload), "b").await).await, (409, "upload_used".to_owned()));
 
-    // The name may come with the job, and an analysis takes an upload too.
-    let upload = desk.upload("box.stl", files::whole_box()).await;
+    // The name may be given with the job, and an analysis accepts an upload too.
+    let upload = service.upload("box.stl", files::whole_box()).await;
     let job = json!({"source": {"upload_id": upload}, "options": {"mode": "analyze"}, "name": "other.stl"});
-    let job: Value = desk.submit(job, "c").await.json().await.expect("a job");
-    let job = desk.api.finished(job["id"].as_str().expect("an id")).await;
+    let job: Value = service.submit(job, "c").await.json().await.expect("a job");
+    let job = service.api.finished(job["id"].as_str().expect("an id")).await;
     assert_eq!((&job["status"], &job["input"]["name"]), (&json!("succeeded"), &json!("other.stl")), "{job}");
 }
 
-async fn a_job_is_made_of_the_files_of_an_earlier_one(desk: Desk) {
-    let first = desk.api.submit(files::broken_box(), json!({"max_tier": 1})).await;
-    desk.api.finished(&first).await;
+async fn a_job_is_made_of_the_files_of_an_earlier_one(service: Service) {
+    let first = service.api.submit(files::broken_box(), json!({"max_tier": 1})).await;
+    service.api.finished(&first).await;
     let made = async |source: Value, options: Value, key| {
-        let answer = desk.submit(json!({"source": source, "options": options, "name": "other.stl"}), key).await;
+        let answer = service.submit(json!({"source": source, "options": options, "name": "other.stl"}), key).await;
         assert_eq!(answer.status(), 202);
         let job: Value = answer.json().await.expect("a job");
-        desk.api.finished(job["id"].as_str().expect("an id")).await
+        service.api.finished(job["id"].as_str().expect("an id")).await
     };
-    // What it was sent, with other options.
+    // The upload of an earlier job, with other options.
     let again = made(json!({"job_id": first}), json!({"max_tier": 1, "output": "off"}), "a").await;
     assert_eq!((&again["outcome"], &again["input"]["bytes"]), (&json!("repaired"), &json!(files::broken_box().len())));
     let id = again["id"].as_str().expect("an id");
     assert_ne!(id, first);
-    assert!(desk.api.artifact(id, "model").await.starts_with(b"OFF"));
-    // Its result, in another format.
+    assert!(service.api.artifact(id, "model").await.starts_with(b"OFF"));
+    // The result of an earlier job, in another format.
     let other = made(json!({"job_id": first, "file": "model"}), json!({"output": "obj", "pictures": false}), "b").await;
     assert_eq!(
         (&other["outcome"], &other["input"]["name"]),
@@ -153,60 +153,61 @@ async fn a_job_is_made_of_the_files_of_an_earlier_one(desk: Desk) {
     assert_eq!((&model["filename"], &model["media_type"]), (&json!("other-repaired.obj"), &json!("model/obj")));
     assert_eq!(other["report"]["after"]["faces"], 12);
 
-    let refused = async |source: Value| refusal(desk.submit(json!({"source": source}), "c").await).await;
+    let refused = async |source: Value| refusal(service.submit(json!({"source": source}), "c").await).await;
     let none = "job_019a3c5e7b1f7c3e8d2a4b6c8d0e2f4a";
     assert_eq!(refused(json!({"job_id": none})).await, (404, "job_not_found".to_owned()));
     for source in [json!({}), json!({"file": "model"}), json!({"job_id": first, "upload_id": "upl_1"})] {
         assert_eq!(refused(source.clone()).await, (422, "invalid_options".to_owned()), "{source}");
     }
     assert_eq!(refused(json!({"job_id": first, "file": "log.txt"})).await, (400, "invalid_request".to_owned()));
-    desk.api.delete(&format!("/v1/jobs/{first}")).send().await.expect("an answer");
+    service.api.delete(&format!("/v1/jobs/{first}")).send().await.expect("an answer");
     assert_eq!(refused(json!({"job_id": first})).await, (410, "job_deleted".to_owned()));
 }
 
-async fn a_job_of_an_upload_that_is_asked_for_again_with_its_key_is_the_same_job(desk: Desk) {
-    let upload = desk.upload("box.stl", files::broken_box()).await;
-    let first: Value = desk.submit(of(&upload), "k").await.json().await.expect("a job");
-    until("the upload is the job's", async || (desk.waiting() == 0).then_some(())).await;
-    let again = desk.submit(of(&upload), "k").await;
+async fn a_job_of_an_upload_that_is_asked_for_again_with_its_key_is_the_same_job(service: Service) {
+    let upload = service.upload("box.stl", files::broken_box()).await;
+    let first: Value = service.submit(of(&upload), "k").await.json().await.expect("a job");
+    until("the upload is the job's", async || (service.waiting() == 0).then_some(())).await;
+    let again = service.submit(of(&upload), "k").await;
     assert_eq!(
         (again.status().as_u16(), &again.headers()["idempotency-replayed"]),
         (202, &"true".parse().expect("text"))
     );
     assert_eq!(again.json::<Value>().await.expect("a job")["id"], first["id"]);
     let other = json!({"source": {"upload_id": upload}, "options": {"max_tier": 2}});
-    assert_eq!(refusal(desk.submit(other, "k").await).await, (422, "idempotency_key_reused".to_owned()));
+    assert_eq!(refusal(service.submit(other, "k").await).await, (422, "idempotency_key_reused".to_owned()));
     let id = first["id"].as_str().expect("an id");
-    desk.api.delete(&format!("/v1/jobs/{id}")).send().await.expect("an answer");
-    assert_eq!(refusal(desk.submit(of(&upload), "k").await).await, (410, "job_deleted".to_owned()));
+    service.api.delete(&format!("/v1/jobs/{id}")).send().await.expect("an answer");
+    assert_eq!(refusal(service.submit(of(&upload), "k").await).await, (410, "job_deleted".to_owned()));
 }
 
-async fn an_upload_is_refused_for_what_it_is_and_only_then(desk: Desk) {
+async fn an_upload_is_refused_for_what_it_is_and_only_then(service: Service) {
     let (large, too_large) = (vec![0; (1 << 20) + 1], (413, "payload_too_large".to_owned()));
-    let announced = desk.api.post("/v1/uploads").json(&json!({"bytes": large.len()})).send().await.expect("an answer");
+    let announced =
+        service.api.post("/v1/uploads").json(&json!({"bytes": large.len()})).send().await.expect("an answer");
     assert_eq!(refusal(announced).await, too_large);
-    let odd = desk.api.post("/v1/uploads").json(&json!({"colour": "red"})).send().await.expect("an answer");
+    let odd = service.api.post("/v1/uploads").json(&json!({"colour": "red"})).send().await.expect("an answer");
     assert_eq!(refusal(odd).await, (400, "invalid_request".to_owned()));
     let long =
-        desk.api.post("/v1/uploads").json(&json!({"name": "x".repeat(100_000)})).send().await.expect("an answer");
+        service.api.post("/v1/uploads").json(&json!({"name": "x".repeat(100_000)})).send().await.expect("an answer");
     assert_eq!(refusal(long).await, too_large);
 
-    let upload = desk.announce(json!({})).await;
+    let upload = service.announce(json!({})).await;
     let id = upload["id"].as_str().expect("an id");
-    assert_eq!(refusal(desk.submit(of(id), "a").await).await, (409, "upload_missing".to_owned()));
-    let sent = desk.send(&upload, large).await;
-    if desk.bucket.is_some() {
-        assert_eq!(sent.status(), 200, "a bucket can't tell");
-        assert_eq!(refusal(desk.submit(of(id), "a").await).await, too_large);
+    assert_eq!(refusal(service.submit(of(id), "a").await).await, (409, "upload_missing".to_owned()));
+    let sent = service.send(&upload, large).await;
+    if service.bucket.is_some() {
+        assert_eq!(sent.status(), 200, "a bucket does not know");
+        assert_eq!(refusal(service.submit(of(id), "a").await).await, too_large);
     } else {
         assert_eq!(refusal(sent).await, too_large);
-        assert_eq!(refusal(desk.submit(of(id), "a").await).await, (409, "upload_missing".to_owned()));
+        assert_eq!(refusal(service.submit(of(id), "a").await).await, (409, "upload_missing".to_owned()));
     }
 
-    let upload = desk.upload("a.stl", b"no model at all".to_vec()).await;
-    assert_eq!(refusal(desk.submit(of(&upload), "b").await).await, (415, "unsupported_model".to_owned()));
-    let upload = desk.upload("a.stl", files::broken_box()).await;
-    let submit = async |job: Value| refusal(desk.submit(job, "c").await).await;
+    let upload = service.upload("a.stl", b"no model at all".to_vec()).await;
+    assert_eq!(refusal(service.submit(of(&upload), "b").await).await, (415, "unsupported_model".to_owned()));
+    let upload = service.upload("a.stl", files::broken_box()).await;
+    let submit = async |job: Value| refusal(service.submit(job, "c").await).await;
     let wrong = json!({"source": {"upload_id": upload}, "options": {"max_tier": 9}});
     assert_eq!(submit(wrong).await, (422, "invalid_options".to_owned()));
     let wrong = json!({"source": {"upload_id": upload}, "colour": "red"});
@@ -215,58 +216,59 @@ async fn an_upload_is_refused_for_what_it_is_and_only_then(desk: Desk) {
     for unknown in ["upl_0190163d8f7d7000800000000000000f", "upl_1", "", "../../etc/passwd"] {
         assert_eq!(submit(of(unknown)).await, (404, "upload_not_found".to_owned()), "{unknown}");
     }
-    assert_eq!(desk.submit(of(&upload), "c").await.status(), 202, "it was not touched by what was refused");
+    assert_eq!(service.submit(of(&upload), "c").await.status(), 202, "refused requests did not change the upload");
 }
 
-async fn no_more_uploads_wait_than_jobs_may(desk: Desk) {
-    let uploads = [desk.upload("a.stl", files::broken_box()).await, desk.upload("b.stl", files::broken_box()).await];
-    let third = desk.api.post("/v1/uploads").send().await.expect("an answer");
+async fn no_more_uploads_wait_than_jobs_may(service: Service) {
+    let uploads =
+        [service.upload("a.stl", files::broken_box()).await, service.upload("b.stl", files::broken_box()).await];
+    let third = service.api.post("/v1/uploads").send().await.expect("an answer");
     assert!(third.headers().contains_key("retry-after"));
     assert_eq!(refusal(third).await, (429, "queue_full".to_owned()));
-    assert_eq!(desk.submit(of(&uploads[0]), "a").await.status(), 202);
-    desk.announce(json!({})).await;
+    assert_eq!(service.submit(of(&uploads[0]), "a").await.status(), 202);
+    service.announce(json!({})).await;
 }
 
 #[tokio::test]
 async fn the_address_of_an_upload_to_the_service_takes_one_file_from_who_knows_it() {
-    let desk = Desk::in_folder(&[("MESHMEND_NO_WORKERS", "true"), ("MESHMEND_UPLOAD_IDLE_S", "1")]);
-    let upload = desk.announce(json!({"name": "a.stl"})).await;
+    let service = Service::in_folder(&[("MESHMEND_NO_WORKERS", "true"), ("MESHMEND_UPLOAD_IDLE_S", "1")]);
+    let upload = service.announce(json!({"name": "a.stl"})).await;
     let mut guessed = upload.clone();
     guessed["put"]["url"] =
         json!(format!("/v1/uploads/{}/content?token=guessed", upload["id"].as_str().expect("an id")));
-    assert_eq!(refusal(desk.send(&guessed, files::whole_box()).await).await, (404, "upload_not_found".to_owned()));
-    let url = format!("{}{}", desk.api.url, upload["put"]["url"].as_str().expect("an address"));
+    assert_eq!(refusal(service.send(&guessed, files::whole_box()).await).await, (404, "upload_not_found".to_owned()));
+    let url = format!("{}{}", service.api.url, upload["put"]["url"].as_str().expect("an address"));
     let silent = reqwest::Body::wrap_stream(futures::stream::pending::<Result<Vec<u8>, std::io::Error>>());
-    let stopped = desk.api.http.put(url).body(silent).send().await.expect("an answer");
+    let stopped = service.api.http.put(url).body(silent).send().await.expect("an answer");
     assert_eq!(refusal(stopped).await, (408, "upload_timeout".to_owned()));
-    assert_eq!(desk.waiting(), 0);
-    assert_eq!(desk.send(&upload, files::broken_box()).await.status(), 204, "what broke off may be sent again");
-    assert_eq!(refusal(desk.send(&upload, files::whole_box()).await).await, (409, "upload_used".to_owned()));
+    assert_eq!(service.waiting(), 0);
+    assert_eq!(service.send(&upload, files::broken_box()).await.status(), 204, "an interrupted upload may be repeated");
+    assert_eq!(refusal(service.send(&upload, files::whole_box()).await).await, (409, "upload_used".to_owned()));
     let id = upload["id"].as_str().expect("an id");
-    let job: Value = desk.submit(of(id), "a").await.json().await.expect("a job");
+    let job: Value = service.submit(of(id), "a").await.json().await.expect("a job");
     assert_eq!(job["input"]["bytes"], files::broken_box().len(), "{job}");
-    assert_eq!(refusal(desk.send(&upload, files::whole_box()).await).await, (409, "upload_used".to_owned()));
+    assert_eq!(refusal(service.send(&upload, files::whole_box()).await).await, (409, "upload_used".to_owned()));
 }
 
 #[tokio::test]
 async fn uploads_pass_through_the_service_where_clients_do_not_reach_the_bucket() {
-    let desk = Desk::in_bucket(&[("MESHMEND_PRESIGNED_UPLOADS", "false")]);
-    let upload = desk.announce(json!({"name": "a.stl"})).await;
+    let service = Service::in_bucket(&[("MESHMEND_PRESIGNED_UPLOADS", "false")]);
+    let upload = service.announce(json!({"name": "a.stl"})).await;
     let url = upload["put"]["url"].as_str().expect("an address");
     assert!(url.starts_with("/v1/uploads/"), "{url}");
-    let sent = desk.api.http.put(format!("{}{url}", desk.api.url)).body(files::broken_box()).send().await;
+    let sent = service.api.http.put(format!("{}{url}", service.api.url)).body(files::broken_box()).send().await;
     assert_eq!(sent.expect("an answer").status(), 204);
-    let job: Value = desk.submit(of(upload["id"].as_str().expect("an id")), "a").await.json().await.expect("a job");
-    assert_eq!(desk.api.finished(job["id"].as_str().expect("an id")).await["status"], "succeeded");
+    let job: Value = service.submit(of(upload["id"].as_str().expect("an id")), "a").await.json().await.expect("a job");
+    assert_eq!(service.api.finished(job["id"].as_str().expect("an id")).await["status"], "succeeded");
 }
 
 #[tokio::test]
 async fn downloads_are_sent_on_to_the_bucket_where_that_is_wanted() {
     for wanted in ["true", "false"] {
-        let desk = Desk::in_bucket(&[("MESHMEND_PRESIGNED_DOWNLOADS", wanted)]);
-        let id = desk.api.submit(files::broken_box(), json!({"max_tier": 1})).await;
-        let job = desk.api.finished(&id).await;
-        let path = format!("{}/v1/jobs/{id}/artifacts/model", desk.api.url);
+        let service = Service::in_bucket(&[("MESHMEND_PRESIGNED_DOWNLOADS", wanted)]);
+        let id = service.api.submit(files::broken_box(), json!({"max_tier": 1})).await;
+        let job = service.api.finished(&id).await;
+        let path = format!("{}/v1/jobs/{id}/artifacts/model", service.api.url);
         let http = Client::builder().redirect(redirect::Policy::none()).build().expect("a client");
         let first = http.get(&path).send().await.expect("an answer");
         if wanted == "false" {
@@ -276,19 +278,19 @@ async fn downloads_are_sent_on_to_the_bucket_where_that_is_wanted() {
         assert_eq!(first.status(), 307);
         assert_eq!(first.headers()["cache-control"], "no-store");
         let address = first.headers()["location"].to_str().expect("text").to_owned();
-        assert!(!address.starts_with(&desk.api.url), "{address}");
+        assert!(!address.starts_with(&service.api.url), "{address}");
         let there = http.get(&address).send().await.expect("an answer");
         assert_eq!(there.status(), 200);
         assert_eq!(there.headers()["content-type"], "model/stl");
         let disposition = there.headers()["content-disposition"].to_str().expect("text").to_owned();
         assert!(disposition.contains("filename=\"model-repaired.stl\""), "{disposition}");
         assert_eq!(there.bytes().await.expect("bytes").len() as u64, job["artifacts"]["model"]["bytes"]);
-        // What can be answered without the bytes is.
+        // Requests that need no bytes are answered by the service.
         let head = http.head(&path).send().await.expect("an answer");
         assert_eq!(head.status(), 200);
         let etag = head.headers()["etag"].clone();
         let known = http.get(&path).header("if-none-match", etag).send().await.expect("an answer");
         assert_eq!(known.status(), 304);
-        assert_eq!(desk.api.artifact(&id, "model").await.len(), 84 + 50 * 12, "clients follow by themselves");
+        assert_eq!(service.api.artifact(&id, "model").await.len(), 84 + 50 * 12, "clients follow redirects");
     }
 }

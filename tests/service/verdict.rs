@@ -1,4 +1,4 @@
-//! What the service says of a result that is not printable, and what it hands out.
+//! The service's verdict on results that are not printable, and the file that it returns.
 
 use serde_json::{Value, json};
 
@@ -49,7 +49,7 @@ async fn what_was_not_repaired_is_offered_as_the_upload_and_not_as_a_model() {
     let data = tempfile::tempdir().expect("a folder");
     let program = Start::serve(data.path()).start();
     let api = Api::new(&program);
-    // Also where another format is asked for: it is the very upload.
+    // Even if another format is requested, the file is the upload itself.
     for options in [json!({"max_tier": 2}), json!({"max_tier": 2, "output": "obj"})] {
         let id = api.submit(files::open_sheet(), options).await;
         let job = api.finished(&id).await;

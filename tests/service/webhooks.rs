@@ -1,4 +1,4 @@
-//! What receivers are told of jobs, and how the service fares with them.
+//! Webhooks: messages, retries, endpoints, secrets and target policy.
 
 use std::path::Path;
 
@@ -10,7 +10,7 @@ use crate::server::{Api, Program, Start, signal, until};
 use crate::support::access::{ALL_SCOPES, create_key, send, start_with_keys};
 use crate::support::receiver::{Receiver, Reply};
 
-/// A service that reaches receivers on this machine, and tries again soon.
+/// A service that may send to receivers on this machine, and retries soon.
 fn serve(data: &Path) -> Start<'_> {
     Start::serve(data)
         .env("MESHMEND_WEBHOOK_ALLOW_PRIVATE", "true")
@@ -40,7 +40,7 @@ async fn deliveries(api: &Api, endpoint: &Value) -> Vec<Value> {
     page["deliveries"].as_array().expect("deliveries").clone()
 }
 
-/// The endpoint's only delivery once it is of this status.
+/// Waits until the endpoint's only delivery has this status.
 async fn settled(api: &Api, endpoint: &Value, status: &str) -> Value {
     until("the delivery is settled", async || {
         let mut all = deliveries(api, endpoint).await;
@@ -80,17 +80,17 @@ async fn a_receiver_is_told_of_a_jobs_end_and_can_verify_it() {
     assert_eq!(data["input"], json!({"name": "box.stl", "sha256": job["input"]["sha256"]}));
     for (name, file) in job["artifacts"].as_object().expect("files") {
         for field in ["href", "bytes", "sha256"] {
-            // The job leaves the hash of pictures out.
+            // The job omits the hash of pictures.
             assert!(file[field].is_null() || data["artifacts"][name][field] == file[field], "{name}");
         }
     }
     let model = api.get(data["artifacts"]["model"]["href"].as_str().expect("an address")).send().await;
-    assert_eq!(model.expect("an answer").status(), 200, "the result is there when its end is told");
+    assert_eq!(model.expect("an answer").status(), 200, "the result exists when the webhook arrives");
 
     let delivery = settled(&api, &endpoint, "delivered").await;
     assert_eq!((&delivery["webhook_id"], &delivery["job"]), (&json!(message.id()), &job["id"]));
     assert_eq!((&delivery["attempts"][0]["status"], &delivery["next_attempt_at"]), (&json!(204), &Value::Null));
-    // The same bytes again: the job ends at once, and that is told too.
+    // The same bytes again: the job ends at once, with a message of its own.
     let again = api.submit(files::broken_box(), json!({"max_tier": 1})).await;
     let second = receiver.got(2).await.remove(1);
     assert_eq!((&second.json()["data"]["id"], second.verifies(&endpoint["secret"])), (&json!(again), true));
@@ -113,7 +113,7 @@ async fn both_secrets_sign_after_a_rotation() {
     assert_ne!(rotated["secret"], endpoint["secret"]);
     assert!(rotated["previous_secret_until"].is_string());
     let (_, shown) = send(api.get(&format!("/v1/webhook-endpoints/{}", id(&endpoint)))).await;
-    assert_eq!(shown["secret"], Value::Null, "it is shown once");
+    assert_eq!(shown["secret"], Value::Null, "the secret is shown once");
     ping(&api, &endpoint).await;
     let message = receiver.got(1).await.remove(0);
     assert_eq!(message.json()["type"], "ping");
@@ -191,7 +191,7 @@ async fn a_receiver_that_is_gone_is_told_no_more_until_it_is_enabled_again() {
     let endpoint = register(&api, &receiver.url).await;
     let path = format!("/v1/webhook-endpoints/{}", id(&endpoint));
     let delivery = ping(&api, &endpoint).await;
-    let known = until("it is disabled", async || {
+    let known = until("the endpoint is disabled", async || {
         let (_, known) = send(api.get(&path)).await;
         (known["enabled"] == false).then_some(known)
     })
@@ -210,7 +210,7 @@ async fn a_receiver_that_is_gone_is_told_no_more_until_it_is_enabled_again() {
     for wrong in [json!({"url": "ftp://a"}), json!({"events": []}), json!({"description": "a\nb"})] {
         assert_eq!(change(wrong.clone()).await.0, 422, "{wrong}");
     }
-    assert_eq!(change(json!({"events": ["ping"]})).await.0, 400, "there is no such event to be told of");
+    assert_eq!(change(json!({"events": ["ping"]})).await.0, 400, "there is no such event");
     assert_eq!(send(api.delete(&path)).await.0, 204);
     assert_eq!(send(api.get(&path)).await.0, 404);
 }
@@ -224,7 +224,7 @@ async fn nobody_is_told_of_anything_inside_unless_the_operator_allows_it() {
     let endpoint = register(&api, &receiver.url).await;
     ping(&api, &endpoint).await;
     program.kill();
-    // Endpoints and callbacks from before a rule hold to it too.
+    // A new target policy applies to existing endpoints and callbacks too.
     let program = Start::serve(data.path()).env("MESHMEND_NO_WORKERS", "true").arg("--webhook-retry-s", "0.05").start();
     let api = Api::new(&program);
     let failed = settled(&api, &endpoint, "failed").await;
@@ -260,7 +260,7 @@ async fn what_was_not_delivered_when_the_service_was_killed_is_delivered_after_i
         signal(program.pid(), "KILL");
         drop(program);
     };
-    // Between the end of a job and its delivery.
+    // Killed between the end of a job and its delivery.
     let program = serve(data.path()).env("MESHMEND_NO_WEBHOOKS", "true").start();
     let api = Api::new(&program);
     let endpoint = register(&api, &receiver.url).await;
@@ -269,7 +269,7 @@ async fn what_was_not_delivered_when_the_service_was_killed_is_delivered_after_i
     let waiting = settled(&api, &endpoint, "pending").await;
     assert_eq!((&waiting["job"], &waiting["attempts"]), (&json!(job), &json!([])));
     kill(program);
-    // While it is under way.
+    // Killed while a delivery is under way.
     let program = serve(data.path()).start();
     receiver.got(1).await;
     kill(program);
@@ -341,7 +341,7 @@ async fn a_tenant_sees_and_changes_nothing_of_anothers_webhooks() {
         assert_eq!(
             theirs,
             ask_for(&format!("{prefix}_019a3c5e7b1f7c3e8d2a4b6c8d0e2f4a")).await,
-            "as if there were none"
+            "the same response as if there were none"
         );
         let (status, _) = send(request(method, &path.replace("ID", "%00"))).await;
         assert_eq!(status, 404, "{method} {path}");
@@ -358,7 +358,7 @@ async fn a_tenant_sees_and_changes_nothing_of_anothers_webhooks() {
     let (status, problem) = make(&own).await;
     assert_eq!((status, &problem["code"]), (409, &json!("too_many_webhooks")));
     assert_eq!(make(&other).await.0, 201);
-    // A job tells its own tenant's endpoints and nobody else's.
+    // A job sends messages only to its own tenant's endpoints.
     let (_, job) = send(api.post("/v1/jobs").bearer_auth(&other).body(files::broken_box())).await;
     send(api.post(&format!("/v1/jobs/{}/cancel", id(&job))).bearer_auth(&other)).await;
     let (_, page) = send(request("GET", "/v1/webhook-deliveries")).await;

@@ -1,4 +1,4 @@
-//! Known solids, and damage to them that follows from a seed.
+//! Known solids, and damage to them that depends only on a seed.
 
 use std::collections::BTreeSet;
 
@@ -7,7 +7,7 @@ use meshmend::mesh::Soup;
 
 use crate::meshes::{as_f32, cube, inside_out, join, push, sphere, torus};
 
-/// Numbers that follow from a seed (SplitMix64, Steele et al. 2014).
+/// Pseudo-random numbers (SplitMix64, Steele et al. 2014).
 pub struct Random(u64);
 
 impl Random {
@@ -27,26 +27,26 @@ impl Random {
         (self.next() % n as u64) as usize
     }
 
-    /// Within [-1, 1] along each axis.
+    /// A vector within [-1, 1] along each axis.
     pub fn vector(&mut self) -> DVec3 {
         let mut one = || (self.next() >> 11) as f64 / (1u64 << 52) as f64 - 1.0;
         DVec3::new(one(), one(), one())
     }
 }
 
-/// A mesh that was a solid, and what is known of the solid.
+/// A damaged mesh, and the properties of the solid that it was.
 #[derive(Debug, Clone)]
 pub struct Damaged {
     pub soup: Soup,
-    /// Of the solid.
+    /// The volume of the solid.
     pub volume: f64,
-    /// Closed surfaces that bound it.
+    /// The number of closed surfaces that bound the solid.
     pub parts: u64,
-    /// What the damage may have changed of the volume.
+    /// The largest volume change that the damage may cause.
     pub slack: f64,
 }
 
-/// Makes a solid with nothing wrong yet.
+/// Makes an undamaged solid.
 type Make = fn() -> Damaged;
 
 /// Makers of solids, by name.
@@ -75,7 +75,7 @@ fn known(soup: Soup, parts: u64) -> Damaged {
     Damaged { soup, volume, parts, slack: 1e-4 * volume }
 }
 
-/// Unit cubes of a grid as one solid, `n` quads along each edge.
+/// A solid of unit cubes on a grid, with `n` quads along each edge.
 fn cells(at: &[(i32, i32, i32)], n: u32) -> Soup {
     let mut soup = Soup::default();
     for &(x, y, z) in at {
@@ -93,10 +93,10 @@ fn cells(at: &[(i32, i32, i32)], n: u32) -> Soup {
     soup
 }
 
-/// A kind of damage; `amount` of it, in places that `random` chooses.
+/// Does `amount` of damage at random places.
 pub type Damage = fn(&mut Damaged, amount: usize, random: &mut Random);
 
-/// All of them, by name.
+/// Kinds of damage, by name.
 pub const DAMAGES: [(&str, Damage); 5] = [
     ("faces removed", remove_faces),
     ("patches flipped", flip_patches),
@@ -105,7 +105,7 @@ pub const DAMAGES: [(&str, Damage); 5] = [
     ("order shuffled", shuffle),
 ];
 
-/// Some faces go, no two of them with a vertex in common.
+/// Removes faces, no two of which share a vertex.
 fn remove_faces(on: &mut Damaged, amount: usize, random: &mut Random) {
     let soup = &mut on.soup;
     let key = |p: DVec3| p.to_array().map(f64::to_bits);
@@ -129,7 +129,7 @@ fn remove_faces(on: &mut Damaged, amount: usize, random: &mut Random) {
     });
 }
 
-/// The faces around some points are turned over.
+/// Flips the faces around some points.
 fn flip_patches(on: &mut Damaged, amount: usize, random: &mut Random) {
     let soup = &mut on.soup;
     for _ in 0..amount.min(3) {
@@ -143,7 +143,7 @@ fn flip_patches(on: &mut Damaged, amount: usize, random: &mut Random) {
     }
 }
 
-/// Some faces are there twice.
+/// Duplicates some faces.
 fn double_faces(on: &mut Damaged, amount: usize, random: &mut Random) {
     for _ in 0..amount {
         let corners = on.soup.corners(random.below(on.soup.faces.len()));
@@ -151,7 +151,7 @@ fn double_faces(on: &mut Damaged, amount: usize, random: &mut Random) {
     }
 }
 
-/// On some faces lies a wall of two faces, back to back.
+/// Puts two faces of opposite orientation onto some faces.
 fn double_walls(on: &mut Damaged, amount: usize, random: &mut Random) {
     for _ in 0..amount {
         let [a, b, c] = on.soup.corners(random.below(on.soup.faces.len()));
@@ -160,7 +160,7 @@ fn double_walls(on: &mut Damaged, amount: usize, random: &mut Random) {
     }
 }
 
-/// Faces stand in another order, and each begins with another of its corners.
+/// Reorders the faces and rotates the corners of each.
 fn shuffle(on: &mut Damaged, _: usize, random: &mut Random) {
     let faces = &mut on.soup.faces;
     for f in (1..faces.len()).rev() {
@@ -173,10 +173,10 @@ fn shuffle(on: &mut Damaged, _: usize, random: &mut Random) {
 pub const TEARS: [(&str, Damage); 2] =
     [("split along paths and jittered", split_along_paths), ("T-junctions", t_junctions)];
 
-/// The farthest that a side of a crack is moved along each axis.
+/// The largest displacement of a crack's side along each axis.
 const JITTER: f64 = 2e-4;
 
-/// Tears the surface along planes near some points: corners on one side of them are moved, each position alike.
+/// Tears the surface along planes near some points: corners on one side move, equal positions by the same amount.
 fn split_along_paths(on: &mut Damaged, amount: usize, random: &mut Random) {
     let soup = &mut on.soup;
     let area: f64 =
@@ -185,7 +185,7 @@ fn split_along_paths(on: &mut Damaged, amount: usize, random: &mut Random) {
     for _ in 0..amount.min(2) {
         let centre = soup.corners(random.below(soup.faces.len()))[0];
         let normal = (random.vector() + DVec3::splat(0.01)).normalize();
-        // The faces behind the plane near the point move where they touch faces before it.
+        // Faces behind the plane move where they touch faces in front of it.
         let near = |[a, b, c]: [DVec3; 3]| centre.distance((a + b + c) / 3.0) < 1.2;
         let behind = |[a, b, c]: [DVec3; 3]| ((a + b + c) / 3.0 - centre).dot(normal) < 0.0;
         let key = |p: DVec3| p.to_array().map(f64::to_bits);
@@ -205,7 +205,7 @@ fn split_along_paths(on: &mut Damaged, amount: usize, random: &mut Random) {
     }
 }
 
-/// Some faces are cut in two at the middle of an edge, of which the neighbour knows nothing.
+/// Splits some faces at the middle of an edge, but not the neighbours across it.
 fn t_junctions(on: &mut Damaged, amount: usize, random: &mut Random) {
     let soup = &mut on.soup;
     for _ in 0..amount {

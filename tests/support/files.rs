@@ -1,4 +1,4 @@
-//! Model files for tests of the service, made on the spot.
+//! STL files of small models.
 
 /// Corners of the unit box's faces, counter-clockwise from outside; the last two triangles are its top.
 pub const BOX: [[[f32; 3]; 3]; 12] = [
@@ -30,7 +30,7 @@ pub fn stl(triangles: &[[[f32; 3]; 3]]) -> Vec<u8> {
     bytes
 }
 
-/// A box that nothing is wrong with.
+/// A box without defects.
 pub fn whole_box() -> Vec<u8> {
     stl(&BOX)
 }
@@ -42,7 +42,7 @@ pub fn broken_box() -> Vec<u8> {
     stl(&triangles)
 }
 
-/// A box without its top and with one face flipped: closing it invents a sixth of its surface.
+/// A box without its top and with one face flipped: closing it adds a sixth of its surface.
 #[allow(dead_code, reason = "not every test that shares this file looks at it")]
 pub fn open_box() -> Vec<u8> {
     let mut triangles = BOX[..10].to_vec();
@@ -50,7 +50,7 @@ pub fn open_box() -> Vec<u8> {
     stl(&triangles)
 }
 
-/// A square of two triangles: it encloses nothing, and nothing makes it a solid unless that is asked for.
+/// A square of two triangles, which encloses nothing and becomes a solid only on request.
 pub fn open_sheet() -> Vec<u8> {
     stl(&BOX[..2])
 }

@@ -1,4 +1,4 @@
-//! Makers of small meshes and of damage to them.
+//! Small meshes, and simple changes to them.
 
 use glam::DVec3;
 use meshmend::mesh::Soup;
@@ -72,7 +72,7 @@ fn grid(n: u32, m: u32, at: impl Fn(u32, u32) -> DVec3) -> Soup {
     soup
 }
 
-/// Adds a triangle with vertices of its own, as an STL file has them.
+/// Adds a triangle with separate vertices, as in an STL file.
 pub fn push(soup: &mut Soup, triangle: [DVec3; 3]) {
     let first = soup.positions.len() as u32;
     soup.positions.extend(triangle);
@@ -88,7 +88,7 @@ pub fn join(a: &Soup, b: &Soup) -> Soup {
     both
 }
 
-/// Turns every face.
+/// Flips every face.
 pub fn inside_out(mut soup: Soup) -> Soup {
     for face in &mut soup.faces {
         face.swap(1, 2);

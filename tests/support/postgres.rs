@@ -1,4 +1,4 @@
-//! A PostgreSQL cluster of a test's own: made from the distribution's server binaries, gone with the test.
+//! A temporary PostgreSQL cluster for one test, created with the distribution's server binaries.
 
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
@@ -6,24 +6,24 @@ use std::time::{Duration, Instant};
 
 use tempfile::TempDir;
 
-/// Whom the server runs as where the tests are root, whom it refuses.
+/// The user that runs the server if the tests run as root, which PostgreSQL refuses.
 const NOBODY: &str = "65534";
 
-/// A running server, reached by a socket in its own folder.
+/// A running server with a Unix socket in its own folder.
 pub struct Postgres {
     folder: TempDir,
-    /// The process that the others of the server are children of.
+    /// The server's main process.
     pub server: Child,
     synced: bool,
 }
 
 impl Postgres {
-    /// Makes a cluster and starts its server, which does not wait for the disk.
+    /// Creates a cluster and starts its server without fsync.
     pub fn start() -> Self {
         Self::start_with(false)
     }
 
-    /// The same, but `synced` its server keeps what it promised when the power fails, as those do that people rely on.
+    /// Creates a cluster and starts its server; if `synced`, with fsync as in production.
     pub fn start_with(synced: bool) -> Self {
         let folder = tempfile::Builder::new().prefix("meshmend-pg-").tempdir().expect("a folder");
         if is_root() {
@@ -44,26 +44,26 @@ impl Postgres {
         cluster
     }
 
-    /// The address of its database.
+    /// The URL of the database.
     pub fn url(&self) -> String {
         Self::url_at(self.folder())
     }
 
-    /// The same for a socket in another folder.
+    /// The URL of the database through a socket in another folder.
     pub fn url_at(folder: &Path) -> String {
         format!("postgres://meshmend@localhost/postgres?host={}", folder.display())
     }
 
-    /// The folder of its socket.
+    /// The folder of the socket.
     pub fn folder(&self) -> &Path {
         self.folder.path()
     }
 
-    /// Kills the server outright, with all of its connections.
+    /// Kills the server with all of its connections.
     pub fn kill(&mut self) {
         self.server.kill().expect("a running server");
         self.server.wait().expect("an end");
-        // Its processes see that it is gone, and only then may another one begin.
+        // A new server may start only after the old one's processes have ended.
         let deadline = Instant::now() + Duration::from_secs(20);
         while self.serves_anybody() {
             assert!(Instant::now() < deadline, "the killed server's processes did not end");
@@ -119,7 +119,7 @@ fn launch(folder: &Path, synced: bool) -> Child {
         .expect("postgres")
 }
 
-/// A command that ends with this process, and is not root.
+/// A command that ends with this process and does not run as root.
 fn as_server(program: &Path) -> Command {
     let mut command = Command::new("setpriv");
     command.args(["--pdeathsig", "QUIT"]);
@@ -134,7 +134,7 @@ fn is_root() -> bool {
     rustix::process::geteuid().is_root()
 }
 
-/// A server binary: that of the newest version that the distribution has, or the one on PATH.
+/// The path of a server binary: of the distribution's newest version, or the one on PATH.
 fn binary(name: &str) -> PathBuf {
     let versions = std::fs::read_dir("/usr/lib/postgresql").into_iter().flatten().flatten();
     let version = |path: &Path| path.file_name().and_then(|name| name.to_str()?.parse::<u32>().ok()).unwrap_or(0);

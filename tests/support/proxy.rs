@@ -1,5 +1,6 @@
-//! A way to PostgreSQL that breaks off at a statement: a socket in a folder of its own, behind which every connection is passed on to the
-//! server's, message by message (PostgreSQL's documentation, "Frontend/Backend Protocol").
+//! A proxy for PostgreSQL that breaks a connection at a chosen statement.
+//!
+//! It forwards connections message by message (PostgreSQL's documentation, "Frontend/Backend Protocol").
 
 use std::collections::HashMap;
 use std::path::PathBuf;
@@ -20,23 +21,23 @@ const SOCKET: &str = ".s.PGSQL.5432";
 /// When a connection breaks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Side {
-    /// The statement never comes to the server.
+    /// The server never receives the statement.
     Before,
-    /// The server has done it, and its answer never comes to the client.
+    /// The server executes the statement, and the client never receives its response.
     After,
 }
 
-/// What is known of all connections.
+/// State of all connections.
 #[derive(Default)]
 struct Watch {
-    /// The statements that came, each once, in the order in which they first did.
+    /// The statements so far, each once, in the order of their first occurrence.
     seen: Vec<String>,
-    /// Where the next connection breaks that comes to it.
+    /// The statement at which a connection breaks.
     cut: Option<(String, Side)>,
 }
 
 impl Watch {
-    /// Notes a statement, and says whether its connection breaks now.
+    /// Records a statement, and returns how its connection breaks, if it does.
     fn pass(&mut self, statement: &str) -> Option<Side> {
         if !self.seen.iter().any(|seen| seen == statement) {
             self.seen.push(statement.to_owned());
@@ -53,7 +54,7 @@ pub struct Proxy {
 }
 
 impl Proxy {
-    /// Listens in front of the cluster, as a task of the runtime that it is called in.
+    /// Starts a proxy for the cluster as a task of the current runtime.
     pub fn start(cluster: &Postgres) -> Self {
         let folder = tempfile::tempdir().expect("a folder");
         let listener = UnixListener::bind(folder.path().join(SOCKET)).expect("a socket");
@@ -67,27 +68,27 @@ impl Proxy {
         Self { folder, watch, listener }
     }
 
-    /// The address of the cluster's database by this way, on which nobody may ask for TLS.
+    /// The URL of the cluster's database through the proxy, without TLS.
     pub fn url(&self) -> String {
         format!("{}&sslmode=disable", Postgres::url_at(self.folder.path()))
     }
 
-    /// Forgets which statements came.
+    /// Forgets the statements so far.
     pub fn forget(&self) {
         self.watch.lock().expect("not poisoned").seen.clear();
     }
 
-    /// The statements that came, in the order in which they first did. The end of a transaction is named by what came before it.
+    /// The statements so far, in the order of their first occurrence. A COMMIT is named after the statement before it.
     pub fn seen(&self) -> Vec<String> {
         self.watch.lock().expect("not poisoned").seen.clone()
     }
 
-    /// Lets the next connection break that comes to this statement.
+    /// Breaks the next connection that sends this statement.
     pub fn cut_at(&self, statement: &str, side: Side) {
         self.watch.lock().expect("not poisoned").cut = Some((statement.to_owned(), side));
     }
 
-    /// Whether one has broken since.
+    /// Whether a connection has broken since `cut_at`.
     pub fn has_cut(&self) -> bool {
         self.watch.lock().expect("not poisoned").cut.is_none()
     }
@@ -99,23 +100,23 @@ impl Drop for Proxy {
     }
 }
 
-/// Passes one connection on until either side ends it or it breaks.
+/// Forwards one connection until either side closes it or it breaks.
 async fn pass_on(mut client: UnixStream, server: PathBuf, watch: Arc<Mutex<Watch>>) -> Option<()> {
     let mut server = UnixStream::connect(server).await.ok()?;
-    // The first message alone has no type.
+    // Only the first message has no type.
     let length = client.read_u32().await.ok()?;
     let mut startup = vec![0; usize::try_from(length).ok()?.checked_sub(4)?];
     client.read_exact(&mut startup).await.ok()?;
     server.write_u32(length).await.ok()?;
     server.write_all(&startup).await.ok()?;
 
-    // The length is that of the message without its type, which is kept before it.
+    // The length excludes the type byte, which is kept in front of it.
     let typed = || LengthDelimitedCodec::builder().length_field_offset(1).length_adjustment(1).num_skip(0).to_owned();
     let (asks, mut to_client) = client.into_split();
     let (answers, mut to_server) = server.into_split();
     let (mut asks, mut answers) = (typed().new_read(asks), typed().new_read(answers));
     let mut statements = Statements::default();
-    // How many rounds were asked for and answered, and the one after which it breaks.
+    // The numbers of queries sent and answered, and the query after which the connection breaks.
     let (mut asked, mut answered, mut last) = (0_u64, 0_u64, None);
     loop {
         tokio::select! {
@@ -137,7 +138,7 @@ async fn pass_on(mut client: UnixStream, server: PathBuf, watch: Arc<Mutex<Watch
                 if last != Some(answered + 1) {
                     to_client.write_all(&message).await.ok()?;
                 }
-                // Ready for the next.
+                // ReadyForQuery.
                 answered += u64::from(message[0] == b'Z');
                 if last == Some(answered) {
                     return None;
@@ -150,11 +151,11 @@ async fn pass_on(mut client: UnixStream, server: PathBuf, watch: Arc<Mutex<Watch
 /// The statements of one connection.
 #[derive(Default)]
 struct Statements {
-    /// Those that are prepared.
+    /// Prepared statements by name.
     prepared: HashMap<String, String>,
-    /// The one whose parameters came last.
+    /// The statement that was bound last.
     bound: String,
-    /// The one that was begun last.
+    /// The statement that was begun last.
     last: String,
 }
 

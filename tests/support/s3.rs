@@ -1,4 +1,4 @@
-//! An S3-compatible server of a test's own: s3s over a temporary folder, which can be killed and started again.
+//! An S3-compatible server for one test: s3s on a temporary folder, which can be killed and restarted.
 
 use std::net::SocketAddr;
 use std::path::PathBuf;
@@ -28,7 +28,7 @@ pub struct S3 {
 }
 
 impl S3 {
-    /// Starts one with an empty bucket.
+    /// Starts a server with an empty bucket.
     pub fn start() -> Self {
         let folder = tempfile::tempdir().expect("a folder");
         std::fs::create_dir(folder.path().join(BUCKET)).expect("a bucket");
@@ -37,7 +37,7 @@ impl S3 {
         server
     }
 
-    /// Ends it with all of its connections, in the midst of whatever they do.
+    /// Stops the server with all of its connections at once.
     pub fn kill(&mut self) {
         let runtime = self.runtime.take().expect("a running server");
         // A runtime must not end within another one.
@@ -45,7 +45,7 @@ impl S3 {
         ended.join().expect("an end");
     }
 
-    /// Starts it again, with the files and at the address that it had.
+    /// Starts the server again with the same files and address.
     pub fn restart(&mut self) {
         let mut service = S3ServiceBuilder::new(FileSystem::new(self.folder.path()).expect("a folder"));
         service.set_auth(SimpleAuth::from_single(KEY.0, KEY.1));
@@ -54,7 +54,7 @@ impl S3 {
         let asked = self.address;
         let deadline = Instant::now() + Duration::from_secs(20);
         let listener = loop {
-            // In a thread of its own, since tests are within a runtime.
+            // In a separate thread, since tests run within a runtime.
             let handle = runtime.handle().clone();
             let bound = std::thread::spawn(move || handle.block_on(TcpListener::bind(asked)));
             match bound.join().expect("an answer") {
@@ -68,7 +68,7 @@ impl S3 {
         self.runtime = Some(runtime);
     }
 
-    /// How to reach it.
+    /// The configuration of a client.
     pub fn config(&self, spool: PathBuf) -> S3Config {
         S3Config {
             url: format!("s3://{BUCKET}/{PREFIX}"),
@@ -81,7 +81,7 @@ impl S3 {
     }
 
     /// Tells a program to keep its files here.
-    pub fn keeps_files_of<'a>(&self, program: Start<'a>) -> Start<'a> {
+    pub fn store_files_of<'a>(&self, program: Start<'a>) -> Start<'a> {
         program
             .env("MESHMEND_BLOB_URL", &format!("s3://{BUCKET}/{PREFIX}"))
             .env("MESHMEND_S3_ENDPOINT", &self.endpoint())
@@ -94,7 +94,7 @@ impl S3 {
         format!("http://{}", self.address)
     }
 
-    /// Where the objects lie, one file each.
+    /// The folder of the objects, one file each.
     pub fn objects(&self) -> PathBuf {
         self.folder.path().join(BUCKET).join(PREFIX)
     }
@@ -123,7 +123,7 @@ impl Drop for S3 {
 
 async fn serve(listener: TcpListener, service: S3Service) {
     while let Ok((stream, _)) = listener.accept().await {
-        // Or each answer's body waits for the client to acknowledge its head.
+        // Otherwise each response's body waits until the client acknowledges its head.
         let _ = stream.set_nodelay(true);
         let connection = http1::Builder::new().serve_connection(TokioIo::new(stream), service.clone());
         tokio::spawn(async move {

@@ -1,4 +1,4 @@
-//! The built program as a server on a socket of its own, and a client for it.
+//! The built program as a server, and a client for it.
 
 use std::io::{BufRead, BufReader, Write};
 use std::path::{Path, PathBuf};
@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 use reqwest::{Client, RequestBuilder, Response};
 use serde_json::Value;
 
-/// Longest wait for anything in a test.
+/// The longest wait for anything in a test.
 pub const PATIENCE: Duration = Duration::from_secs(60);
 
 /// A running `meshmend` process; killed with all its children when dropped.
@@ -17,12 +17,12 @@ pub struct Program {
     child: Child,
     /// The service's address, for `serve`.
     pub url: String,
-    /// The address of its listener for operators, if it has one.
+    /// The address of its listener for probes and metrics, if it has one.
     pub probes: String,
     log: Arc<Mutex<String>>,
 }
 
-/// How to start one.
+/// The command that starts a program.
 pub struct Start<'a> {
     command: Command,
     data: &'a Path,
@@ -47,7 +47,7 @@ impl<'a> Start<'a> {
     fn verb(verb: &str, data: &'a Path) -> Self {
         let mut command = Command::new(env!("CARGO_BIN_EXE_meshmend"));
         command.arg(verb).arg("--data-dir").arg(data).env("MESHMEND_LEASE_S", "1.5").env_remove("FAILPOINTS");
-        // Tests that want Blender say so; the others should not wait for it.
+        // Tests that need Blender set it; the others should not wait for it.
         command.args(["--blender", "/nonexistent/blender", "--blender-warm-up", "false"]);
         Self { command, data }
     }
@@ -67,7 +67,7 @@ impl<'a> Start<'a> {
         self.real_blender().arg("--blender", program)
     }
 
-    /// Uses the Blender that the program finds by itself.
+    /// Uses the Blender that the program finds.
     pub fn real_blender(mut self) -> Self {
         let old = std::mem::replace(&mut self.command, Command::new(env!("CARGO_BIN_EXE_meshmend")));
         let mut args = old.get_args();
@@ -87,8 +87,8 @@ impl<'a> Start<'a> {
         self
     }
 
-    /// Starts it with a disk of so many MiB mounted at its data folder, which nobody else sees; none where the machine does not let
-    /// this user mount anything.
+    /// Starts the program with a small disk mounted at its data folder, in a separate mount namespace; none if this user
+    /// may not mount anything.
     pub fn on_small_disk(mut self, mebibytes: u32) -> Option<Program> {
         if !mounts_small_disks() {
             return None;
@@ -110,7 +110,7 @@ impl<'a> Start<'a> {
         Some(self.start())
     }
 
-    /// Starts it and waits until it is ready.
+    /// Starts the program and waits until it is ready.
     pub fn start(mut self) -> Program {
         let mut child = self.command.stderr(Stdio::piped()).spawn().expect("the program starts");
         let stderr = BufReader::new(child.stderr.take().expect("a pipe"));
@@ -145,7 +145,7 @@ impl<'a> Start<'a> {
     }
 }
 
-/// A command that runs another with mounts of its own.
+/// A command that runs another in a new mount namespace.
 fn unshared() -> Command {
     let mut unshare = Command::new("unshare");
     unshare.arg("--mount");
@@ -155,7 +155,7 @@ fn unshared() -> Command {
     unshare
 }
 
-/// Whether this machine lets this user mount anything; says so where it does not.
+/// Whether this user may mount a disk; prints a note if not.
 pub fn mounts_small_disks() -> bool {
     let mounted = unshared().args(["mount", "-t", "tmpfs", "none", "/mnt"]).output();
     let mounts = mounted.is_ok_and(|mounted| mounted.status.success());
@@ -174,7 +174,7 @@ impl Program {
         self.log.lock().expect("not poisoned").clone()
     }
 
-    /// kill -9, as a machine that lost power would.
+    /// `kill -9`.
     pub fn kill(mut self) {
         self.child.kill().expect("it can be killed");
         self.child.wait().expect("it ended");
@@ -185,14 +185,14 @@ impl Program {
         signal(self.pid(), "TERM");
     }
 
-    /// Waits for it to end by itself, and gives its exit code.
+    /// Waits for the program to end, and returns its exit code.
     pub fn wait(&mut self) -> Option<i32> {
         let started = Instant::now();
         loop {
             if let Some(status) = self.child.try_wait().expect("it can be asked") {
                 return status.code();
             }
-            assert!(started.elapsed() < PATIENCE, "it does not end: {}", self.log());
+            assert!(started.elapsed() < PATIENCE, "the program does not end: {}", self.log());
             std::thread::sleep(Duration::from_millis(20));
         }
     }
@@ -219,7 +219,7 @@ pub fn signal(pid: u32, name: &str) {
     assert!(status.success(), "kill -{name} {pid}");
 }
 
-/// Direct children of a process.
+/// The direct children of a process.
 pub fn children(pid: u32) -> Vec<u32> {
     let tasks = std::fs::read_dir(format!("/proc/{pid}/task")).into_iter().flatten().flatten();
     tasks
@@ -233,13 +233,13 @@ pub fn descendants(pid: u32) -> Vec<u32> {
     children(pid).into_iter().flat_map(|child| [vec![child], descendants(child)].concat()).collect()
 }
 
-/// Whether a process is there and not a zombie.
+/// Whether a process exists and is not a zombie.
 pub fn is_alive(pid: u32) -> bool {
     let stat = std::fs::read_to_string(format!("/proc/{pid}/stat")).unwrap_or_default();
     stat.rsplit(") ").next().is_some_and(|rest| !rest.is_empty() && !rest.starts_with(['Z', 'X']))
 }
 
-/// Waits until `ready` gives something.
+/// Waits until `ready` returns something; `what` says what for in the panic message.
 pub async fn until<T>(what: &str, mut ready: impl AsyncFnMut() -> Option<T>) -> T {
     let started = Instant::now();
     loop {
@@ -276,14 +276,14 @@ impl Api {
         self.http.delete(format!("{}{path}", self.url))
     }
 
-    /// Submits a file as a form with options, and gives the answer as it is.
+    /// Submits a file as a form with options.
     pub async fn try_submit(&self, name: &str, file: Vec<u8>, options: Value) -> Response {
         let part = reqwest::multipart::Part::bytes(file).file_name(name.to_owned());
         let form = reqwest::multipart::Form::new().part("file", part).text("options", options.to_string());
         self.post("/v1/jobs").multipart(form).send().await.expect("an answer")
     }
 
-    /// Submits a file that must be accepted, and gives the job's id.
+    /// Submits a file, asserts that it is accepted, and returns the job's id.
     pub async fn submit(&self, file: Vec<u8>, options: Value) -> String {
         let answer = self.try_submit("model.stl", file, options).await;
         assert_eq!(answer.status(), 202);
@@ -298,7 +298,7 @@ impl Api {
         answer.json().await.expect("a job")
     }
 
-    /// The job once it has ended.
+    /// Waits until the job has ended.
     pub async fn finished(&self, id: &str) -> Value {
         until("the job has ended", async || {
             let job = self.job(id).await;
@@ -307,7 +307,7 @@ impl Api {
         .await
     }
 
-    /// Waits until the job's progress is at `stage` (and `tier`, if given).
+    /// Waits until the job's progress is at `stage`, and in `tier` if given.
     pub async fn reaches(&self, id: &str, stage: &str, tier: Option<u64>) {
         until("the job reaches its stage", async || {
             let progress = self.job(id).await["progress"].clone();
@@ -323,14 +323,14 @@ impl Api {
     }
 }
 
-/// Jobs that have uploads in the store, half ones among them.
+/// The number of jobs with uploads in the store, including incomplete ones.
 pub fn stored_uploads(data: &Path) -> usize {
     let entries = |kind: &str| std::fs::read_dir(data.join("files").join(kind)).into_iter().flatten().flatten();
     let id = |entry: std::fs::DirEntry| entry.file_name().to_string_lossy().split('#').next().map(str::to_owned);
     entries("uploads").chain(entries("more")).filter_map(id).collect::<std::collections::BTreeSet<_>>().len()
 }
 
-/// Files that are in the store for a job: its uploads, and what its attempts left.
+/// The stored files of a job: its uploads and the files of its attempts.
 pub fn stored_files(data: &Path, id: &str) -> Vec<PathBuf> {
     let files = data.join("files");
     let upload = Some(files.join("uploads").join(id)).filter(|upload| upload.exists());
@@ -341,13 +341,13 @@ pub fn stored_files(data: &Path, id: &str) -> Vec<PathBuf> {
     found
 }
 
-/// All files in a folder and those in it.
+/// All files in a folder and its subfolders.
 pub fn files_below(folder: &Path) -> Vec<PathBuf> {
     let paths = std::fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
     paths.flat_map(|path| if path.is_dir() { files_below(&path) } else { vec![path] }).collect()
 }
 
-/// Makes a folder and all in it so old that a sweep takes for left what nobody owns.
+/// Makes a folder and its contents so old that a sweep deletes the files that no job owns.
 pub fn make_old(path: &Path) {
     for entry in std::fs::read_dir(path).into_iter().flatten().flatten() {
         make_old(&entry.path());

@@ -34,7 +34,7 @@ impl Workspace {
     pub fn run_with(&self, args: &[&str], env: &[(&str, &str)]) -> Output {
         let mut command = Command::new(env!("CARGO_BIN_EXE_meshmend"));
         command.args(args).envs(env.iter().copied()).current_dir(self.0.path());
-        // No test here needs Blender, and looking for it takes time.
+        // No test here needs Blender, and searching for it takes time.
         command.env("MESHMEND_BLENDER", "/nonexistent/blender").output().expect("the program runs")
     }
 }

@@ -1,8 +1,8 @@
-//! Models that only the tests of the command line need.
+//! Models for the tests of the command line.
 
 use crate::files::{BOX, stl};
 
-/// A box of side 1 elsewhere.
+/// A box of side 1, moved by `by`.
 pub fn moved_box(by: [f32; 3]) -> Vec<u8> {
     stl(&BOX.map(|triangle| triangle.map(|[x, y, z]| [x + by[0], y + by[1], z + by[2]])))
 }

@@ -1,25 +1,25 @@
-//! What is asked of every container of the program, wherever it runs.
+//! Checks for every container of the program, with Compose or Kubernetes.
 
 use std::collections::BTreeMap;
 
 use super::image::Image;
 use super::program::settings;
 
-/// A container of the program, as Compose or Kubernetes is told to run it.
+/// A container of the program, as Compose or Kubernetes runs it.
 pub struct Container {
     pub name: String,
     pub command: Vec<String>,
-    /// Without those of the image.
+    /// Without the variables of the image.
     pub variables: BTreeMap<String, String>,
-    /// Where something is mounted that can be written to.
+    /// Paths of writable mounts.
     pub mounts: Vec<String>,
     pub memory_mib: u64,
-    /// Seconds from the signal to the kill, less those before the signal.
+    /// Seconds from SIGTERM to SIGKILL.
     pub grace: f64,
 }
 
 impl Container {
-    /// Its settings, with all that must fit together looked at.
+    /// Checks mounts, grace period and memory, and returns the settings.
     pub fn check(&self) -> BTreeMap<String, String> {
         let name = &self.name;
         let image = Image::read();
@@ -28,10 +28,14 @@ impl Container {
         let settings = settings(&self.command, &variables);
         let number = |variable: &str| settings.get(variable).map(|it| it.parse::<f64>().expect("a number"));
         for folder in [settings["MESHMEND_DATA_DIR"].as_str(), "/tmp"] {
-            assert!(self.mounts.iter().any(|mount| mount == folder), "{name}: {folder} can't be written to");
+            assert!(self.mounts.iter().any(|mount| mount == folder), "{name}: {folder} is not writable");
         }
         if let Some(grace) = number("MESHMEND_SHUTDOWN_GRACE_S") {
-            assert!(self.grace >= grace + 5.0, "{name}: is killed after {} s, and may take {grace} s", self.grace);
+            assert!(
+                self.grace >= grace + 5.0,
+                "{name}: is killed after {} s, and may need {grace} s to stop",
+                self.grace
+            );
         }
         if settings.get("MESHMEND_NO_WORKERS").is_none_or(|it| it == "false")
             && let (Some(jobs), Some(job)) = (number("MESHMEND_WORKERS"), number("MESHMEND_JOB_MEMORY_MIB"))
@@ -45,7 +49,7 @@ impl Container {
     }
 }
 
-/// MiB of a size such as 512m or 8Gi.
+/// Parses a size such as 512m or 8Gi to MiB.
 pub fn mebibytes(size: &str) -> u64 {
     let (number, unit) = size.split_at(size.find(|c: char| !c.is_ascii_digit()).expect("a unit"));
     let number: u64 = number.parse().expect("a number");
@@ -56,7 +60,7 @@ pub fn mebibytes(size: &str) -> u64 {
     }
 }
 
-/// Seconds of a time such as 40s.
+/// Parses a time such as 40s to seconds.
 pub fn seconds(time: &str) -> f64 {
     time.strip_suffix('s').unwrap_or(time).parse().expect("seconds")
 }

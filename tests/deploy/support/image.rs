@@ -1,4 +1,4 @@
-//! The Dockerfile, read.
+//! The Dockerfile, parsed.
 
 use std::collections::BTreeMap;
 
@@ -16,7 +16,7 @@ impl Image {
         Self(instructions.map(|(name, rest)| (name.to_owned(), rest.trim().to_owned())).collect())
     }
 
-    /// What follows each instruction of that name.
+    /// The arguments of each instruction with that name.
     pub fn all(&self, name: &str) -> Vec<&str> {
         self.0.iter().filter(|(it, _)| it == name).map(|(_, rest)| rest.as_str()).collect()
     }
@@ -30,12 +30,12 @@ impl Image {
         pairs.filter_map(|pair| pair.split_once('=')).map(|(name, value)| (name.to_owned(), value.to_owned())).collect()
     }
 
-    /// Its user and group.
+    /// The user and group ids.
     pub fn user(&self) -> Vec<u64> {
         self.all("USER")[0].split(':').map(|id| id.parse().expect("a number")).collect()
     }
 
-    /// What of the repository is copied into it.
+    /// The paths of the repository that the image copies.
     pub fn sources(&self) -> Vec<&str> {
         let copies = self.all("COPY").into_iter().filter(|rest| !rest.starts_with("--from"));
         copies.flat_map(|rest| rest.rsplit_once(' ').expect("from and to").0.split_whitespace()).collect()

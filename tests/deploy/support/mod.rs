@@ -1,4 +1,4 @@
-//! Helpers that read what is shipped and ask the program for its settings.
+//! Helpers that read the shipped files and ask the program for its settings.
 
 pub mod containers;
 pub mod image;

@@ -1,11 +1,11 @@
-//! What the program says of itself.
+//! Settings, as `meshmend config` prints them.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::process::Command;
 
 use serde_json::Value;
 
-/// The settings of a command line with these variables, as `meshmend config` has them; or why it would be refused.
+/// The settings of a command line with these variables, or the message that rejects them.
 pub fn config(line: &[String], variables: &BTreeMap<String, String>) -> Result<Value, String> {
     let mut command = Command::new(env!("CARGO_BIN_EXE_meshmend"));
     command.args(["config", "--format", "json"]).args(line).env_clear().envs(variables);
@@ -16,7 +16,7 @@ pub fn config(line: &[String], variables: &BTreeMap<String, String>) -> Result<V
     Ok(serde_json::from_slice(&output.stdout).expect("JSON"))
 }
 
-/// The settings of a command line that must be good, by variable.
+/// The settings of a command line by variable; panics if the program rejects it.
 pub fn settings(line: &[String], variables: &BTreeMap<String, String>) -> BTreeMap<String, String> {
     let config = config(line, variables).unwrap_or_else(|error| panic!("{error}"));
     let unknown = config["unknown_variables"].as_array().expect("a list");

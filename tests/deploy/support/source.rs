@@ -1,4 +1,4 @@
-//! The files as they are in the repository.
+//! Files of the repository.
 
 use std::path::{Path, PathBuf};
 
@@ -17,7 +17,7 @@ pub fn yaml(path: &str) -> Vec<Value> {
     serde_saphyr::from_multiple(&text(path)).unwrap_or_else(|error| panic!("{path}: {error}"))
 }
 
-/// Every file of a folder, those in its folders too.
+/// Every file in a folder and its subfolders.
 pub fn files(folder: &str) -> Vec<PathBuf> {
     let entries =
         std::fs::read_dir(root().join(folder)).expect("a folder").map(|entry| entry.expect("an entry").path());
@@ -25,14 +25,14 @@ pub fn files(folder: &str) -> Vec<PathBuf> {
     entries.flat_map(|path| if path.is_dir() { files(&inner(&path)) } else { vec![path] }).collect()
 }
 
-/// All that is shipped, as text by path.
+/// The path and text of every file in docker/ and deploy/.
 pub fn shipped() -> Vec<(String, String)> {
     let files = files("deploy").into_iter().chain(files("docker"));
     let read = |path: PathBuf| (path.display().to_string(), std::fs::read_to_string(&path).expect("text"));
     files.map(read).collect()
 }
 
-/// The names in a text that begin with `prefix` and go on with what `goes_on` allows.
+/// The names in a text that begin with `prefix`; `goes_on` says which characters may follow.
 pub fn names<'a>(text: &'a str, prefix: &str, goes_on: fn(char) -> bool) -> Vec<&'a str> {
     let found = text.match_indices(prefix).filter(|(at, _)| !text[..*at].ends_with(|c: char| goes_on(c)));
     found
@@ -43,7 +43,6 @@ pub fn names<'a>(text: &'a str, prefix: &str, goes_on: fn(char) -> bool) -> Vec<
         .collect()
 }
 
-/// The strings of a list.
 pub fn strings(list: &Value) -> Vec<String> {
     list.as_array().into_iter().flatten().map(|it| it.as_str().expect("a string").to_owned()).collect()
 }

@@ -1,4 +1,4 @@
-//! Helpers that read the pages, the source and the models of the pictures.
+//! Helpers that read the pages and the source, and the models of the pictures.
 
 pub mod pages;
 pub mod pictures;

@@ -1,4 +1,4 @@
-//! The files that people read: those in docs/, and the README.
+//! The pages in docs/ and the README.
 
 use std::path::Path;
 
@@ -11,12 +11,12 @@ pub fn root() -> &'static Path {
 
 /// A page in the repository.
 pub struct Page {
-    /// Its path from the repository's root.
+    /// The path from the repository's root.
     pub path: String,
     pub text: String,
 }
 
-/// The files of the pages that are served, and the README.
+/// The served pages and the README.
 pub fn written() -> Vec<Page> {
     let paths = PAGES.iter().map(|(name, _)| format!("docs/{name}.md"));
     paths
@@ -31,13 +31,13 @@ pub fn written() -> Vec<Page> {
 /// A block of code.
 #[derive(Debug, Clone)]
 pub struct Block {
-    /// The words behind the fence.
+    /// The info string after the opening fence.
     pub kind: String,
     pub code: String,
 }
 
 impl Page {
-    /// Its blocks of code, in order.
+    /// The code blocks in order.
     pub fn blocks(&self) -> Vec<Block> {
         let mut blocks: Vec<Block> = Vec::new();
         let mut inside = false;

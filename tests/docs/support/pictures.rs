@@ -1,11 +1,11 @@
-//! The models that the documentation shows, and which of their pictures it shows.
+//! The models that the documentation shows.
 
 use glam::DVec3;
 use meshmend::mesh::Soup;
 
 use crate::meshes::{cube, inside_out, join, sheet, sphere};
 
-/// A model, how it is repaired, and which of the program's pictures are shown, by what they are called in the documentation.
+/// A model, the options of its repair, and the pictures shown: the program's name for each and the documentation's.
 pub struct Shown {
     pub name: &'static str,
     pub model: Soup,
@@ -13,7 +13,7 @@ pub struct Shown {
     pub pictures: &'static [(&'static str, &'static str)],
 }
 
-/// The models, on a grid that STL can hold, so that they are the same on every machine.
+/// The models, on a grid that f32 represents exactly, so that they are the same on every machine.
 pub fn shown() -> Vec<Shown> {
     let repaired: &[_] = &[("before", "before"), ("after", "after")];
     let changed: &[_] = &[("before", "before"), ("change", "change")];
@@ -44,7 +44,7 @@ fn centre(soup: &Soup, face: [u32; 3]) -> DVec3 {
     face.iter().map(|&v| soup.positions[v as usize]).sum::<DVec3>() / 3.0
 }
 
-/// A ball from which what lies around three directions is missing.
+/// A ball with three holes.
 fn ball_with_holes() -> Soup {
     let mut ball = sphere(DVec3::ZERO, 20.0, 32, 16);
     let holes = [([0.6, -0.7, 0.4], 0.95), ([0.2, -0.3, 0.93], 0.97), ([0.95, 0.1, 0.3], 0.98)];
@@ -56,7 +56,7 @@ fn ball_with_holes() -> Soup {
     ball
 }
 
-/// A ball of two halves that are a little apart.
+/// A ball of two halves with a small gap between them.
 fn halves() -> Soup {
     let ball = sphere(DVec3::ZERO, 20.0, 24, 12);
     let (mut left, mut right) = (ball.clone(), ball.clone());
@@ -77,7 +77,7 @@ fn wavy() -> Soup {
     soup
 }
 
-/// The files of the pictures.
+/// The file names of the pictures.
 pub fn picture_names() -> Vec<String> {
     let of = |it: &Shown| it.pictures.iter().map(|(_, kind)| format!("{}-{kind}.png", it.name)).collect::<Vec<_>>();
     shown().iter().flat_map(of).collect()

@@ -1,19 +1,19 @@
-//! What the code says of its enums, since a document of the API has no room for it.
+//! Doc comments of enum variants, which the OpenAPI document does not hold.
 
 use super::pages::root;
 use crate::server::files_below;
 
-/// What is said of each variant of an enum, in the order of the code.
+/// The doc comment of each variant of an enum, in the order of the code.
 pub fn variants(name: &str) -> Vec<String> {
     let before = format!("pub enum {name} {{\n");
-    // An enum that a macro makes is indented.
+    // An enum in a macro is indented.
     let code =
         files_below(&root().join("src")).into_iter().filter(|path| path.extension().is_some_and(|it| it == "rs"));
     let texts = code.map(|path| std::fs::read_to_string(path).unwrap());
     let found: Vec<_> = texts.filter_map(|text| Some(text.split_once(&before)?.1.to_owned())).collect();
     assert_eq!(found.len(), 1, "enums {name}");
     let body = found[0].split("\n}").next().and_then(|body| body.split("\n    }").next()).unwrap();
-    // A macro that takes the variants from where it is used: there each may go on with more than its name.
+    // If the macro takes the variants as input, read them where it is called; more may follow each name there.
     let used = |text: &'static str| found[0].split_once(text).and_then(|(_, rest)| rest.split("\n}").next());
     let body = if body.contains("$(") { used("! {\n").expect("the macro is used") } else { body };
     let mut docs = Vec::new();

@@ -1,4 +1,4 @@
-//! Arrangements: unions of solids in general and in degenerate position, and the same by another engine.
+//! Arrangements: unions of solids in general and degenerate position, compared with another engine.
 
 mod openings;
 
@@ -33,7 +33,7 @@ fn near(a: f64, b: f64) {
     assert!((a - b).abs() < 1e-9 * a.abs().max(1.0), "{a} is not {b}");
 }
 
-/// A box with whole corners, from `low` on.
+/// A box of this size at `low`, with integer corners.
 fn block(low: [i32; 3], size: [i32; 3]) -> Soup {
     let mut soup = cube(DVec3::ZERO, 1.0, 1);
     for p in &mut soup.positions {
@@ -100,7 +100,7 @@ fn a_solid_that_is_inside_out_is_nothing_or_turned_as_asked() {
 
 #[test]
 fn walls_of_opposite_turn_that_lie_on_one_another_cancel() {
-    // A box with two halves of itself removed leaves nothing; one half leaves the other.
+    // A box minus one of its halves is the other half; minus both halves it is empty.
     let whole = block([0, 0, 0], [2, 2, 2]);
     let half = inside_out(block([0, 0, 0], [1, 2, 2]));
     near(united(&join(&whole, &half)).volume.value, 4.0);
@@ -120,7 +120,7 @@ fn faces_that_meet_no_other_come_back_bit_for_bit_and_in_order() {
         intersections(&analysis, c)
     });
     let [meets, _] = meets.unwrap().takes_part;
-    assert!(after.source.is_sorted(), "faces stand in the order of those that they are cut from");
+    assert!(after.source.is_sorted(), "faces are in the order of the faces that they were cut from");
     let free = |f: &usize| !meets[after.source[*f] as usize];
     let kept = |f: usize| after.corners(f) == before.corners(after.source[f] as usize);
     assert!((0..after.faces.len()).filter(free).all(kept));
@@ -136,8 +136,7 @@ fn an_open_surface_is_refused() {
 
 #[test]
 fn a_torus_through_itself_has_the_volume_that_it_winds_around() {
-    // A spindle torus winds around what is between its inner sheets once forward and once backward: that is outside, and the
-    // rest is what Pappus says.
+    // Interceptor the inner sheets of a spindle torus the winding number is 0. The volume of the rest is given by Pappus's theorem.
     let soup = torus(0.5, 1.0, 64, 48);
     let it = united(&soup);
     let exact = 2.0 * std::f64::consts::PI.powi(2) * 0.5;
@@ -175,7 +174,7 @@ proptest! {
         }
         let it = united(&soup);
         prop_assert!((it.volume.value - covered.len() as f64).abs() < 1e-6, "{}", it.volume.value);
-        // Turned, what lay in one plane does so but for the last places, and is to be solid in an STL file.
+        // After a rotation, faces that were coplanar are so only up to rounding. The result must be solid in an STL file.
         let axis = DVec3::new(turn.0, turn.1, turn.2 + 0.1).normalize();
         let soup = as_f32(turned(soup, DQuat::from_axis_angle(axis, 1.0 + turn.0), DVec3::ZERO));
         let (mut surface, _) = Surface::from_soup(&soup);
@@ -220,15 +219,15 @@ proptest! {
     }
 }
 
-/// A face and the same turned over, which together are closed.
+/// Adds a face and its flipped copy, which together are closed.
 fn push_both_sides(soup: &mut Soup, [a, b, c]: [DVec3; 3]) {
     push(soup, [a, b, c]);
     push(soup, [a, c, b]);
 }
 
 #[test]
-fn more_faces_that_meet_than_memory_has_room_for_are_refused() {
-    // Every face meets every other in the line that they share.
+fn more_intersecting_faces_than_fit_in_memory_are_refused() {
+    // Every face intersects every other along a common line.
     let mut soup = Soup::default();
     for i in 0..3000 {
         let angle = f64::from(i) * 0.002;

@@ -1,4 +1,4 @@
-//! Patches doubted: rooms that can be looked into are not filled.
+//! Doubtful patches: a region that is visible through a patch is not filled.
 
 use glam::DVec3;
 use meshmend::arrange::{Exact, Inside, Rule, Solid};
@@ -8,7 +8,7 @@ use meshmend::repair::{Options, Outcome};
 use crate::meshes::{as_f32, cube, inside_out, join};
 use crate::support::{arranged, measured, repair_soup};
 
-/// A box of side 4 whose lid at `z = 4` is the patch of a hole.
+/// A cube of side 4 whose lid at `z = 4` is the patch of a hole.
 fn cup() -> Soup {
     cube(DVec3::ZERO, 4.0, 2)
 }
@@ -17,7 +17,7 @@ fn is_lid(soup: &Soup, face: usize) -> bool {
     soup.corners(face).iter().all(|p| p.z == 4.0)
 }
 
-/// What is solid of a soup whose lid is a patch.
+/// The solid of a soup whose lid is a patch.
 fn solid(soup: &Soup, rule: Rule) -> Solid {
     let (mut surface, _) = Surface::from_soup(soup);
     for f in 0..soup.faces.len() {
@@ -47,7 +47,7 @@ fn a_room_is_left_open_where_something_in_it_is_seen_through_a_patch() {
     assert!((volume(&filled) - 64.0).abs() < 1e-9 && filled.opened.faces.is_empty());
     let open = solid(&soup, doubting(Inside::Positive));
     assert!((volume(&open) - 1.5f64.powi(3)).abs() < 1e-9, "{}", volume(&open));
-    // Its walls and its floor, looking outward as they did, and nothing of the lid.
+    // The cup's walls and floor, still facing outward, and nothing of the lid.
     assert_eq!(open.opened.faces.len(), 40);
     for f in 0..open.opened.faces.len() {
         let [a, b, c] = open.opened.corners(f);
@@ -68,7 +68,7 @@ fn what_was_inside_is_behind_the_skin_of_an_inverted_room_too() {
 fn a_room_is_filled_where_nothing_is_in_it_or_nothing_of_that_can_be_seen() {
     let alone = solid(&cup(), doubting(Inside::Positive));
     assert!((volume(&alone) - 64.0).abs() < 1e-9 && alone.opened.faces.is_empty());
-    // What touches no patch is hidden by real walls.
+    // A region that touches no patch is hidden by real walls.
     let closed = join(&cube(DVec3::new(0.5, 0.5, 0.5), 3.0, 1), &in_the_cup(1.5));
     let hidden = solid(&join(&cup(), &closed), doubting(Inside::Positive));
     let behind =
@@ -94,7 +94,7 @@ fn a_cup_with_a_block_in_it_comes_back_with_the_block_to_be_seen() {
     assert_eq!(it.report.outcome, Outcome::Repaired, "{:?}", it.report.red_flags);
     let after = &it.report.after.unwrap().measures;
     assert!(after.printable() && after.parts == 2, "{after:?}");
-    // The block, and five walls 0.3 % of the diagonal thick.
+    // The volume of the block, and of five walls with a thickness of 0.3 % of the diagonal.
     let walls = 5.0 * 16.0 * 0.003 * 6.9282;
     assert!((after.volume.value - 3.375 - walls).abs() < 0.1, "{}", after.volume.value);
     let told = it.report.assumptions.iter().any(|assumption| assumption.detail.contains("left open"));

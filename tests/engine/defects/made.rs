@@ -1,4 +1,4 @@
-//! Meshes with known defects, and ways to write a mesh down differently.
+//! Meshes with known defects, and equivalent representations of a mesh.
 
 use glam::DVec3;
 use meshmend::inspect::DefectKind;
@@ -7,7 +7,7 @@ use meshmend::mesh::{Soup, Surface};
 use crate::meshes::{cube, inside_out, join, push};
 use DefectKind as K;
 
-/// The same triangles with shared vertices, so that one can be moved or left.
+/// The same triangles with shared vertices.
 pub fn indexed(soup: &Soup) -> Soup {
     Surface::from_soup(soup).0.to_soup()
 }
@@ -16,13 +16,13 @@ pub fn vertex_at(soup: &Soup, at: DVec3) -> u32 {
     u32::try_from(soup.positions.iter().position(|&p| p == at).unwrap()).unwrap()
 }
 
-/// The faces with all of these positions.
+/// The faces that have all of these positions as corners.
 pub fn faces_with(soup: &Soup, corners: &[DVec3]) -> Vec<usize> {
     let has = |f: &usize| corners.iter().all(|c| soup.corners(*f).contains(c));
     (0..soup.faces.len()).filter(has).collect()
 }
 
-/// A unit cube of 8 by 8 cells a side; in its top the cell corners are `top(i, j)`.
+/// A unit cube with 8 by 8 cells on each side; the cell corners on its top are `top(i, j)`.
 pub fn block() -> Soup {
     indexed(&cube(DVec3::ZERO, 1.0, 8))
 }
@@ -31,7 +31,7 @@ pub fn top(i: u32, j: u32) -> DVec3 {
     DVec3::new(f64::from(i) / 8.0, f64::from(j) / 8.0, 1.0)
 }
 
-/// The block with its top cut open along three cells, one side being moved by `gap`.
+/// The block with its top cut open along three cells, and one side of the cut moved by `gap`.
 pub fn cut(gap: f64) -> Soup {
     let mut soup = block();
     for i in [3, 4] {
@@ -49,8 +49,8 @@ pub fn cut(gap: f64) -> Soup {
     soup
 }
 
-/// The block with a vertex on an edge of its top that only one of the two faces there uses, moved by `off` into that
-/// face. Answers the vertex, and the face without height that would close the gap.
+/// The block with a vertex on an edge of its top that only one of the two faces uses, moved by `off` into that face.
+/// Returns the vertex too, and the face that would close the gap.
 pub fn with_t_junction(off: f64) -> (Soup, DVec3, [DVec3; 3]) {
     let mut soup = block();
     let [a, b] = [top(3, 4), top(4, 4)];
@@ -68,7 +68,7 @@ pub fn with_t_junction(off: f64) -> (Soup, DVec3, [DVec3; 3]) {
     (soup, m, cap)
 }
 
-/// The block with an inner vertex of its top pulled over two cells' edges, so that two faces lie upside down.
+/// The block with an inner vertex of its top pulled across two edges, so that two faces are upside down.
 pub fn folded() -> Soup {
     let mut soup = block();
     let v = vertex_at(&soup, top(4, 4));
@@ -76,7 +76,7 @@ pub fn folded() -> Soup {
     soup
 }
 
-/// Two layers of a rectangle in one place, joined along the border, each a fan around a point of its own.
+/// Two coincident layers of a rectangle, joined along the border, each a fan around a different point.
 pub fn pouch() -> Soup {
     let border: Vec<DVec3> = (0..14)
         .map(|i| match i {
@@ -110,10 +110,10 @@ pub fn flipped(mut soup: Soup, face: usize) -> Soup {
     soup
 }
 
-/// A name, a mesh, and how many of which kinds of defects it has.
+/// A name, a mesh, and the count of each kind of defect in it.
 pub type Damaged = (&'static str, Soup, Vec<(DefectKind, u64)>);
 
-/// Every kind of known damage, with all that is to be found in it.
+/// A mesh for every kind of damage, with the defects to find in it.
 pub fn damaged() -> Vec<Damaged> {
     let unit = || cube(DVec3::ZERO, 1.0, 2);
     let corner = unit().corners(9);
@@ -175,10 +175,10 @@ pub fn damaged() -> Vec<Damaged> {
     ]
 }
 
-/// A mesh written down another way: faces in another order, corners rotated, turned by right angles, scaled.
+/// An equivalent mesh: faces reordered, corners rotated, turned by right angles and scaled.
 pub struct Other {
     pub soup: Soup,
-    /// For each face, which one of the first mesh it is.
+    /// For each face, its index in the original mesh.
     pub was: Vec<u32>,
 }
 
@@ -212,7 +212,7 @@ pub fn moved(p: DVec3, turns: usize, power: i32) -> DVec3 {
     p * 2f64.powi(power)
 }
 
-/// For each face the first that has its corners in its order, since two that are the same can't be told apart.
+/// For each face the first with the same corners in the same order, since equal faces cannot be distinguished.
 pub fn first_of_its_like(soup: &Soup) -> Vec<u32> {
     let mut first = std::collections::BTreeMap::new();
     (0u32..)

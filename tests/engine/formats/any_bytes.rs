@@ -1,3 +1,5 @@
+//! Every reader gives a result or an error for any bytes, and in linear time.
+
 use std::time::{Duration, Instant};
 
 use meshmend::format::{Format, Limits, ReadErrorKind, read, sniff, write};
@@ -6,8 +8,8 @@ use proptest::prelude::*;
 
 use super::tetrahedron;
 
-/// What every reader owes to any input: an answer in good time, indices in range, words in an error, and the same
-/// format from the head as from the whole.
+/// Asserts what holds for any input: reading ends soon, indices are in range, an error has a message, and the head of
+/// the file gives the same format as the whole.
 #[track_caller]
 fn assert_holds_up(bytes: &[u8]) {
     let begin = Instant::now();
@@ -16,7 +18,7 @@ fn assert_holds_up(bytes: &[u8]) {
     let sniffed = sniff(&bytes[..bytes.len().min(4096)], Some(bytes.len() as u64));
     match answer {
         Ok(mesh) => {
-            // What an archive holds is told by its end.
+            // The format in an archive depends on its end.
             let is_archive = matches!(sniffed, Ok(Format::ThreeMf | Format::Zip));
             assert!(is_archive || sniffed == Ok(mesh.format), "{sniffed:?}");
             assert!(!mesh.soup.faces.is_empty());
@@ -36,7 +38,7 @@ fn assert_holds_up(bytes: &[u8]) {
     }
 }
 
-/// A valid file of each dialect.
+/// A valid file in each dialect.
 fn files() -> Vec<Vec<u8>> {
     let soup: Soup = tetrahedron();
     let mut files: Vec<Vec<u8>> = Format::ALL.iter().map(|&f| write(&soup, f).unwrap()).collect();
@@ -48,7 +50,7 @@ fn files() -> Vec<Vec<u8>> {
     files
 }
 
-/// Words that mean something to some reader.
+/// Keywords of the formats.
 const WORDS: [&str; 39] = [
     "solid",
     "facet",
@@ -164,7 +166,7 @@ fn files_with_any_one_byte_changed_are_answered() {
     }
 }
 
-/// Megabytes of what could make a reader look at the same bytes again and again.
+/// Megabytes of repetitions that could make a reader scan the same bytes many times.
 #[test]
 fn long_repetitions_take_linear_time() {
     let start = |head: &str, part: &str| [head.as_bytes(), &part.as_bytes().repeat(3_000_000 / part.len())].concat();

@@ -1,3 +1,5 @@
+//! Readers enforce the limits on bytes, faces and vertices.
+
 use meshmend::format::{Format, Limits, ReadErrorKind, read, write};
 
 use super::tetrahedron;

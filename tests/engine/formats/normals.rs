@@ -1,4 +1,4 @@
-//! Normals that files give: what is read of them, and that none is ever a reason to refuse a file.
+//! Normals in files: which are read, and that no bad normal makes a reader refuse a file.
 
 use glam::DVec3;
 use meshmend::format::{Format, write};
@@ -34,7 +34,7 @@ fn ascii(normals: [&str; 4]) -> Vec<u8> {
 fn facet_normals_are_kept_where_they_are_against_the_corners() {
     let down = [0.0, 0.0, -1.0];
     let against = [0.5, -0.25, 2.0];
-    // The first facet looks down, the second along -y.
+    // The first facet faces down, the second along -y.
     let good = [down, [0.0, -1.0, 0.0], [1.0, 1.0, 1.0], [-1.0, 0.0, 0.0]];
     assert_eq!(read_all(&binary(good)).normals, Some(CornerNormals::OfFaces { opposed: vec![] }));
     let mut bad = good;

@@ -1,3 +1,5 @@
+//! OBJ: reading and refused files.
+
 use glam::DVec3;
 use meshmend::format::{Format, Place, ReadErrorKind};
 

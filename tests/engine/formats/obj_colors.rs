@@ -1,4 +1,4 @@
-//! Colours of OBJ: those after a vertex's position, and how they and materials go together.
+//! Colours in OBJ: vertex colours after positions, and how they combine with materials.
 
 use meshmend::format::{Format, ReadOptions, ReadScene, read_scene, write_scene};
 use meshmend::scene::{PAINTLESS, PaintedMesh, Palette};
@@ -65,7 +65,7 @@ fn colours_go_before_grey_materials_and_others_before_colours() {
     let glass = RUN.map(|[r, g, b, _]| [r, g, b, 51]);
     let flat = |color| Some([color; 3]);
     assert_eq!(colors(&it), [Some(RUN), flat([255, 0, 0, 255]), Some(glass), None, flat([128, 128, 128, 255])]);
-    // A material that is named by its colour is a colour.
+    // A material whose name is a colour code is read as a colour.
     let Palette::Colors(listed) = &it.scene.palettes[mesh(&it).paint[4].palette as usize] else { panic!("no colours") };
     assert!(listed.contains(&[128, 128, 128, 255]));
 }

@@ -1,3 +1,5 @@
+//! OFF: reading and refused files.
+
 use meshmend::format::{Format, Place, ReadErrorKind};
 
 use super::{assert_refused, assert_warned, read_all, tetrahedron};
@@ -121,7 +123,7 @@ fn counts_that_the_bytes_cannot_hold_are_refused_before_anything_is_allocated() 
 #[test]
 fn a_face_of_billions_of_corners_is_refused() {
     let text = format!("OFF\n4 4 6\n{VERTICES}{}", FACES.replace("3 1 2 3", "4000000000 1 2 3"));
-    // Its corners are looked for in what follows, where the lines' own counts stand.
+    // The reader takes the counts of the following lines for corners.
     assert_refused(text.as_bytes(), ReadErrorKind::Truncated, Some(Place::Line(11)), "a corner of face 2");
 }
 

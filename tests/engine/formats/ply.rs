@@ -1,3 +1,5 @@
+//! PLY: reading, writing and refused files.
+
 use glam::DVec3;
 use meshmend::format::{Format, Place, ReadErrorKind, write};
 
@@ -38,7 +40,7 @@ fn push(bytes: &mut Vec<u8>, kind: &str, value: f64, little: bool) {
     }
 }
 
-/// The tetrahedron with extra elements and properties, scalars and lists, around what is read.
+/// The tetrahedron with extra elements and properties, both scalars and lists, around the ones that are read.
 fn binary(vertex: &str, count: &str, index: &str, little: bool) -> Vec<u8> {
     let order = if little { "little" } else { "big" };
     let header = format!(

@@ -1,4 +1,4 @@
-//! Colours of PLY, read and written.
+//! Colours in PLY, read and written.
 
 use glam::DVec3;
 use meshmend::format::{Format, ReadOptions, ReadScene, read_scene, write, write_scene};
@@ -19,7 +19,7 @@ fn colors(it: &ReadScene) -> Vec<Option<Corners>> {
     it.scene.objects[0].mesh().unwrap().paint.iter().map(color).collect()
 }
 
-/// A square and a triangle; `vertex` and `face` are more properties, and what follows each row's own numbers.
+/// A square and a triangle; `vertex` and `face` are extra properties, and their values in each row.
 fn ascii(vertex: (&str, [&str; 4]), face: (&str, [&str; 2])) -> Vec<u8> {
     let properties = |kind_and_names: &str| -> String {
         kind_and_names.split(", ").filter(|it| !it.is_empty()).map(|it| format!("property {it}\n")).collect()

@@ -1,3 +1,5 @@
+//! Meshes that are written and read again are the same in every format.
+
 use glam::DVec3;
 use meshmend::format::{Format, write};
 use meshmend::mesh::Soup;
@@ -27,7 +29,7 @@ fn any_f32() -> impl Strategy<Value = f64> + Clone {
         .prop_map(f64::from)
 }
 
-/// Bit for bit, so that `-0.0` is not `0.0`.
+/// The bits of the corner coordinates, which distinguish `-0.0` from `0.0`.
 fn bits(soup: &Soup) -> Vec<[u64; 3]> {
     soup.positions.iter().map(|p| p.to_array().map(f64::to_bits)).collect()
 }

@@ -1,3 +1,5 @@
+//! Detection of the format from the first bytes of a file and its name.
+
 use glam::DVec3;
 use meshmend::format::{Format, Limits, ReadErrorKind, read, sniff, write};
 use meshmend::mesh::Soup;
@@ -16,7 +18,7 @@ fn each_format_is_found_from_its_head() {
 
 #[test]
 fn a_head_of_four_thousand_bytes_says_what_the_whole_file_says() {
-    // Coordinates that no archive packs well.
+    // Coordinates that compress badly.
     let corner = |i: u32| DVec3::new(f64::from(i).sin(), f64::from(i).cos(), f64::from(i).sqrt().fract());
     let soup =
         Soup { positions: (1..=300).map(corner).collect(), faces: (0..298).map(|i| [i, i + 1, i + 2]).collect() };

@@ -1,3 +1,5 @@
+//! STL, binary and ASCII: reading, writing and refused files.
+
 use glam::DVec3;
 use meshmend::format::{Format, Place, ReadErrorKind, WriteError, write};
 

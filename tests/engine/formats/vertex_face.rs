@@ -1,3 +1,5 @@
+//! MESH files, which consist of numbered `Vertex` and `Face` lines: reading, writing and refused files.
+
 use glam::DVec3;
 use meshmend::format::{Format, Place, ReadErrorKind, write};
 use meshmend::mesh::Numbering;

@@ -12,13 +12,12 @@ use meshmend::arrange::{ArrangeError, Arrangement, Inside, Rule, Solid};
 use meshmend::context::Context;
 use meshmend::mesh::{ClosedSurface, NO_SOURCE, NotClosed, Soup, Surface};
 
-/// How often the context is asked whether to go on.
+/// The interval between checks for cancellation.
 const LOOK: Duration = Duration::from_millis(5);
-/// Stack of the thread that does the work.
+/// Stack size of the worker thread.
 const STACK: usize = 64 << 20;
 
-/// The crate manifold-rust (a port of Manifold with an engine of its own for surfaces that intersect themselves), held to
-/// its version and verified by whoever uses the result.
+/// The crate manifold-rust: a port of Manifold with a separate engine for self-intersecting surfaces.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct ManifoldRust;
 
@@ -33,8 +32,8 @@ impl Arrangement for ManifoldRust {
         };
         let (send, receive) = channel();
         let watched = token.clone();
-        // The engine is asked to stop from here, since the context may not leave its thread. It is foreign code on
-        // hostile input, so that a panic in it must not be one of ours.
+        // The engine runs in another thread, since the context cannot leave this one, which checks for cancellation. A
+        // panic of the engine also stays in that thread.
         let worker = std::thread::Builder::new().stack_size(STACK).spawn(move || {
             let made = Manifold::from_mesh_gl64_robust(&mesh).rebuild_solid_with_token(rule, Some(&watched));
             let status = made.status();

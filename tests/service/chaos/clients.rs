@@ -1,4 +1,4 @@
-//! Clients that go on submitting, each as the documentation tells it to.
+//! Clients that submit continuously and retry as the documentation says.
 
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
@@ -12,18 +12,18 @@ use crate::files;
 
 const CLIENTS: usize = 4;
 
-/// What the clients share.
+/// State that the clients share.
 #[derive(Default)]
 pub struct Load {
     addresses: Vec<String>,
     stop: AtomicBool,
     accepted: Mutex<Vec<String>>,
     pub refused: AtomicUsize,
-    /// Answers that no client should get: anything but 202, 409 of its own key, 429 and 503.
+    /// Unexpected responses: anything but 202, 409 for the client's own key, 429 and 503.
     wrong: Mutex<Vec<String>>,
 }
 
-/// Clients at work.
+/// Running clients.
 pub struct Clients {
     pub load: Arc<Load>,
     tasks: Vec<JoinHandle<()>>,
@@ -37,7 +37,7 @@ impl Clients {
         Self { load, tasks }
     }
 
-    /// Ends them, and gives the jobs that were accepted.
+    /// Stops the clients and returns the ids of accepted jobs.
     pub async fn stop(&mut self) -> Vec<String> {
         self.load.stop.store(true, Ordering::Relaxed);
         for task in self.tasks.drain(..) {
@@ -48,7 +48,7 @@ impl Clients {
     }
 }
 
-/// Submits one job after the other, each with a key under which it is sent until the answer comes, to one server or the other.
+/// Submits one job after another, and repeats each with the same key, to either server, until a response arrives.
 async fn client(load: Arc<Load>, number: usize) {
     let http = Client::builder().timeout(Duration::from_secs(20)).build().expect("a client");
     let mut tries = number;

@@ -1,8 +1,7 @@
-//! Kills at random, while clients go on submitting: no accepted job is lost, none ends twice, each one ends, and whoever is to be told
-//! of that is told.
+//! Random faults while clients submit: every accepted job ends exactly once, and its webhook is delivered.
 //!
-//! `MESHMEND_KILLS=500 cargo test --features failpoints --test service -- --ignored --nocapture chaos` is the long run; `MESHMEND_KILL_SEED`
-//! draws other kills.
+//! Long run: `MESHMEND_KILLS=500 cargo test --features failpoints --test service -- --ignored --nocapture chaos`.
+//! `MESHMEND_KILL_SEED` chooses other faults.
 
 mod clients;
 mod random;
@@ -30,7 +29,7 @@ async fn get(http: &Client, url: String) -> reqwest::Response {
     answer
 }
 
-/// How a job ended, whose files are all as they should be.
+/// The status of a finished job; asserts that its files are intact.
 async fn outcome(http: &Client, base: &str, id: &str) -> String {
     let job: Value = get(http, format!("{base}/v1/jobs/{id}")).await.json().await.expect("a job");
     let code = job["problem"]["code"].as_str().unwrap_or_default();
@@ -38,12 +37,12 @@ async fn outcome(http: &Client, base: &str, id: &str) -> String {
         for (name, artifact) in job["artifacts"].as_object().expect("files") {
             let file = get(http, format!("{base}/v1/jobs/{id}/artifacts/{name}")).await;
             let hash = hex::encode(Sha256::digest(file.bytes().await.expect("bytes")));
-            // Pictures have none.
+            // Pictures have no hash.
             assert!(artifact["sha256"].is_null() || artifact["sha256"] == json!(hash), "{id} {name}");
         }
         assert!(job["artifacts"]["model"].is_object(), "{job}");
     } else {
-        // Killed with its worker or child three times over.
+        // Its worker or child was killed three times.
         assert!(["crashed", "worker_lost"].contains(&code), "{job}");
     }
     format!("{} {code}", job["status"].as_str().expect("text"))
@@ -59,7 +58,7 @@ async fn survive(files: Files, kills: usize, seed: u64) {
     let endpoint = http.post(format!("{base}/v1/webhook-endpoints")).json(&json!({"url": service.receiver.url}));
     assert_eq!(endpoint.send().await.expect("an answer").status(), 201);
     let mut clients = Clients::start(service.addresses());
-    // Each victim comes once before any comes again.
+    // Every victim is hit once before any is hit again.
     let (mut hits, mut deck) = (BTreeMap::new(), Vec::new());
     for _ in 0..kills {
         tokio::time::sleep(Duration::from_millis(50 + random.below(350) as u64)).await;
@@ -81,7 +80,7 @@ async fn survive(files: Files, kills: usize, seed: u64) {
         *outcomes.entry(outcome).or_default() += 1;
     }
     let ended = audit.ended_once(&accepted).await;
-    let messages = audit.told_once(&service.receiver).await;
+    let messages = audit.delivered_once(&service.receiver).await;
     let owned = audit.owned().await;
     let stored: BTreeSet<_> = service.files().into_iter().collect();
     assert!(stored.is_superset(&owned), "lost: {:?}", owned.difference(&stored));

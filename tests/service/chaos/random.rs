@@ -1,6 +1,6 @@
-//! Random numbers that depend on a seed only.
+//! Pseudo-random numbers that depend only on a seed.
 
-/// SplitMix64.
+/// SplitMix64 (Steele et al. 2014).
 pub struct Random(pub u64);
 
 impl Random {

@@ -1,4 +1,4 @@
-//! A whole service of several processes with what they stand on, and how each of them is hit.
+//! A service of several processes, with its database, bucket and webhook receiver, and a fault for each.
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
@@ -14,7 +14,7 @@ use crate::server::{Program, Start, files_below, make_old, mounts_small_disks, s
 use crate::support::disk::{disk, fill};
 use crate::support::receiver::{Receiver, Reply};
 
-/// Who is hit.
+/// The target of a fault.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Victim {
     Child,
@@ -23,13 +23,13 @@ pub enum Victim {
     Database,
     /// The S3 server.
     Bucket,
-    /// The disk on which a process has its scratch folders, and what is on its way into the bucket: full for a moment.
+    /// A process's disk, which is full for a moment. It holds scratch folders and files on their way to the bucket.
     Disk,
-    /// A process that stands still until its leases have run out, and goes on.
+    /// A process that is paused until its leases have expired.
     Paused,
-    /// All connections to the database, wherever they are in a statement.
+    /// All connections to the database, in the middle of any statement.
     Connections,
-    /// Who is told of jobs: away for a moment.
+    /// The webhook receiver, which is unreachable for a moment.
     Receiver,
 }
 
@@ -38,18 +38,18 @@ pub enum Victim {
 pub enum Files {
     /// In a folder that all processes share.
     Folder,
-    /// In a bucket, and each process has a small disk of its own, where the machine allows that.
+    /// In a bucket, and each process has its own small disk if the machine allows mounting one.
     Bucket,
 }
 
 const SERVERS: usize = 2;
 const WORKERS: usize = 2;
-/// Room on a process's own disk, and how much of it must be free, in MiB.
+/// Size of a process's disk, and the free space that it requires, in MiB.
 const DISK: u32 = 24;
 const FREE: &str = "4";
 
-/// A process: where it keeps its data, where it listens if it serves, and itself.
-struct Seat {
+/// A process with its data folder, and its address if it serves.
+struct Slot {
     data: PathBuf,
     address: Option<String>,
     program: Option<Program>,
@@ -61,15 +61,15 @@ pub struct Service {
     bucket: Option<S3>,
     small_disks: bool,
     pub receiver: Receiver,
-    servers: Vec<Seat>,
-    workers: Vec<Seat>,
+    servers: Vec<Slot>,
+    workers: Vec<Slot>,
 }
 
 impl Service {
     pub async fn start(files: Files, random: &mut Random) -> Self {
         let folder = tempfile::tempdir().expect("a folder");
         let in_bucket = files == Files::Bucket;
-        // A third of all messages meet somebody who is not well, and none for ever.
+        // The receiver fails a third of all messages, but none of them forever.
         let replies: Vec<_> = (0..2000)
             .map(|_| match random.below(9) {
                 0 => Reply::Status(500),
@@ -89,36 +89,36 @@ impl Service {
             folder,
         };
         for number in 0..SERVERS {
-            let mut seat = service.seat(&format!("server-{number}"), Some("127.0.0.1:0"));
-            service.fill_seat(&mut seat);
-            let url = &seat.program.as_ref().expect("it runs").url;
-            seat.address = Some(url.trim_start_matches("http://").to_owned());
-            service.servers.push(seat);
+            let mut slot = service.slot(&format!("server-{number}"), Some("127.0.0.1:0"));
+            service.start_process(&mut slot);
+            let url = &slot.program.as_ref().expect("it runs").url;
+            slot.address = Some(url.trim_start_matches("http://").to_owned());
+            service.servers.push(slot);
         }
         for number in 0..WORKERS {
-            let mut seat = service.seat(&format!("worker-{number}"), None);
-            service.fill_seat(&mut seat);
-            service.workers.push(seat);
+            let mut slot = service.slot(&format!("worker-{number}"), None);
+            service.start_process(&mut slot);
+            service.workers.push(slot);
         }
         service
     }
 
-    fn seat(&self, name: &str, address: Option<&str>) -> Seat {
+    fn slot(&self, name: &str, address: Option<&str>) -> Slot {
         let name = if self.bucket.is_some() { name } else { "shared" };
         let data = self.folder.path().join(name);
         std::fs::create_dir_all(&data).expect("a folder");
-        Seat { data, address: address.map(str::to_owned), program: None }
+        Slot { data, address: address.map(str::to_owned), program: None }
     }
 
-    /// Starts the process that belongs there.
-    fn fill_seat(&self, seat: &mut Seat) {
-        let start = match &seat.address {
-            Some(address) => Start::serve_on(address, &seat.data)
+    /// Starts the process.
+    fn start_process(&self, slot: &mut Slot) {
+        let start = match &slot.address {
+            Some(address) => Start::serve_on(address, &slot.data)
                 .env("MESHMEND_NO_WORKERS", "true")
                 .env("MESHMEND_WEBHOOK_ALLOW_PRIVATE", "true")
                 .arg("--webhook-timeout-s", "0.5")
                 .arg("--webhook-retry-s", [["0.1"; 10].join(","), ["1"; 30].join(",")].join(",")),
-            // Each stage takes a moment, so that there is something to hit.
+            // Each stage takes a moment, so that faults hit running jobs.
             None => {
                 let stages = [
                     "child-read",
@@ -129,23 +129,22 @@ impl Service {
                     "worker-complete",
                 ];
                 let slow = stages.map(|stage| format!("{stage}=sleep(15)")).join(";");
-                Start::work(&seat.data).env("FAILPOINTS", &slow)
+                Start::work(&slot.data).env("FAILPOINTS", &slow)
             }
         };
         let start = start.env("MESHMEND_DATABASE_URL", &self.cluster.url());
         let start = match &self.bucket {
-            Some(bucket) => bucket.keeps_files_of(start).arg("--min-free-mib", FREE),
+            Some(bucket) => bucket.store_files_of(start).arg("--min-free-mib", FREE),
             None => start,
         };
-        seat.program = if self.small_disks { start.on_small_disk(DISK) } else { Some(start.start()) };
+        slot.program = if self.small_disks { start.on_small_disk(DISK) } else { Some(start.start()) };
     }
 
-    /// The addresses of its servers.
     pub fn addresses(&self) -> Vec<String> {
-        self.servers.iter().filter_map(|seat| seat.address.clone()).collect()
+        self.servers.iter().filter_map(|slot| slot.address.clone()).collect()
     }
 
-    /// Who can be hit.
+    /// The targets that this service has.
     pub fn victims(&self) -> Vec<Victim> {
         use Victim as V;
         let mut victims = vec![V::Child, V::Worker, V::Server, V::Database, V::Paused, V::Connections, V::Receiver];
@@ -162,22 +161,22 @@ impl Service {
             Victim::Child => {
                 let children = self.workers[worker].program.as_ref().expect("it runs").job_children();
                 if !children.is_empty() {
-                    // It may have ended by now.
+                    // The child may have ended by now.
                     let pid = children[random.below(children.len())].to_string();
                     let _ = Command::new("kill").args(["-KILL", &pid]).stderr(Stdio::null()).status();
                 }
             }
             Victim::Worker => {
-                let mut seat = self.workers.swap_remove(worker);
-                seat.program.take().expect("it runs").kill();
-                self.fill_seat(&mut seat);
-                self.workers.push(seat);
+                let mut slot = self.workers.swap_remove(worker);
+                slot.program.take().expect("it runs").kill();
+                self.start_process(&mut slot);
+                self.workers.push(slot);
             }
             Victim::Server => {
-                let mut seat = self.servers.swap_remove(server);
-                seat.program.take().expect("it runs").kill();
-                self.fill_seat(&mut seat);
-                self.servers.push(seat);
+                let mut slot = self.servers.swap_remove(server);
+                slot.program.take().expect("it runs").kill();
+                self.start_process(&mut slot);
+                self.servers.push(slot);
             }
             Victim::Database => {
                 self.cluster.kill();
@@ -191,8 +190,8 @@ impl Service {
                 bucket.restart();
             }
             Victim::Disk => {
-                let seat = self.any(random);
-                let filler = fill(&disk(seat.program.as_ref().expect("it runs"), &seat.data), 0);
+                let slot = self.any(random);
+                let filler = fill(&disk(slot.program.as_ref().expect("it runs"), &slot.data), 0);
                 tokio::time::sleep(moment).await;
                 std::fs::remove_file(filler).expect("removed");
             }
@@ -219,15 +218,15 @@ impl Service {
         }
     }
 
-    fn any(&self, random: &mut Random) -> &Seat {
+    fn any(&self, random: &mut Random) -> &Slot {
         let all: Vec<_> = self.servers.iter().chain(&self.workers).collect();
         all[random.below(all.len())]
     }
 
-    /// Stops all processes as a service manager does, and sees that none panicked and none of a job is left.
+    /// Stops all processes as a service manager does, and asserts that none panicked and no job's process is left.
     pub fn stop(&mut self) {
-        for seat in self.servers.iter_mut().chain(&mut self.workers) {
-            let mut program = seat.program.take().expect("it runs");
+        for slot in self.servers.iter_mut().chain(&mut self.workers) {
+            let mut program = slot.program.take().expect("it runs");
             assert!(!program.log().contains("panicked"), "{}", program.log());
             program.terminate();
             program.wait();
@@ -246,16 +245,16 @@ impl Service {
         self.bucket.as_ref().map_or_else(|| self.folder.path().join("shared/files"), S3::objects)
     }
 
-    /// Makes all files old, and starts a worker, which begins with a sweep.
+    /// Makes all files old and starts a worker, which begins with a sweep.
     pub fn sweep(&mut self) {
         make_old(&self.root());
-        let mut seat = self.seat("sweeper", None);
-        self.fill_seat(&mut seat);
-        self.workers.push(seat);
+        let mut slot = self.slot("sweeper", None);
+        self.start_process(&mut slot);
+        self.workers.push(slot);
     }
 }
 
-/// Processes that run a job in this folder.
+/// Processes that still run a job in this folder.
 fn orphans(folder: &Path) -> Vec<String> {
     let processes = std::fs::read_dir("/proc").expect("/proc").flatten();
     let lines = processes.filter_map(|process| std::fs::read(process.path().join("cmdline")).ok());

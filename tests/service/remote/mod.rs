@@ -15,7 +15,7 @@ use tokio::process::{Child, ChildStderr, Command};
 
 use crate::server::{Api, PATIENCE, signal};
 
-/// A folder to work in, and the address of a service.
+/// Runs the program as a client in one folder, against one service.
 struct Client {
     folder: TempDir,
     server: String,
@@ -34,7 +34,7 @@ impl Client {
         self.folder.path().join(name)
     }
 
-    /// The names of all that is in the folder.
+    /// The names of the folder's entries.
     fn names(&self) -> Vec<String> {
         let entries = std::fs::read_dir(self.folder.path()).expect("a folder");
         let mut names: Vec<_> =
@@ -59,7 +59,7 @@ impl Client {
         Said::of(&output.expect("it ends").expect("it runs"))
     }
 
-    /// Starts it, to see what becomes of it.
+    /// Starts the program without waiting for its end.
     fn start(&self, args: &[&str]) -> Running {
         let mut command = self.command(args, &[]);
         let mut child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("it starts");
@@ -77,7 +77,7 @@ impl Client {
     }
 }
 
-/// A run that has not ended.
+/// A running client.
 struct Running {
     child: Child,
     lines: Lines<BufReader<ChildStderr>>,
@@ -85,7 +85,7 @@ struct Running {
 }
 
 impl Running {
-    /// Waits until it says so.
+    /// Waits until the client prints these words.
     async fn says(&mut self, words: &str) {
         while !self.heard.contains(words) {
             let line = tokio::time::timeout(PATIENCE, self.lines.next_line()).await.expect("it speaks in time");
@@ -108,7 +108,7 @@ impl Running {
     }
 }
 
-/// How a run ended, and what it said.
+/// The exit code and output of a run.
 #[derive(Debug)]
 struct Said {
     code: Option<i32>,
@@ -135,7 +135,7 @@ impl Said {
     }
 }
 
-/// The ids of all jobs of a service.
+/// The ids of all jobs.
 async fn jobs(api: &Api) -> Vec<String> {
     let list: Value = api.get("/v1/jobs").send().await.expect("an answer").json().await.expect("JSON");
     let jobs = list["jobs"].as_array().expect("jobs").iter();

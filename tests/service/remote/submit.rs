@@ -1,3 +1,5 @@
+//! `meshmend submit`: files, exit codes and messages.
+
 use serde_json::Value;
 
 use super::{Client, jobs};
@@ -17,7 +19,7 @@ async fn submit_writes_a_printable_model_the_report_and_pictures_and_prints_wher
     said.ended_with(0).told("in.stl: submitted as job_").told("printable");
     assert_eq!(said.out, "out.obj\n");
     assert_eq!(client.faces("out.obj"), 12);
-    assert_eq!(client.names(), ["in.stl", "out.obj", "r.json"], "without pictures, and nothing is left over");
+    assert_eq!(client.names(), ["in.stl", "out.obj", "r.json"], "no pictures, and no leftovers");
     let report = client.json("r.json");
     assert_eq!((&report["outcome"], &report["options"]["max_tier"]), (&"repaired".into(), &1.into()));
     assert_eq!(report["options"]["without"], serde_json::json!(["sew", "stitch"]));
@@ -83,8 +85,8 @@ async fn what_is_there_already_stays_unless_force_is_given() {
     client.put("in-repaired.stl", b"mine too");
     let before = client.run(&["submit", "in.stl", "-o", "out.stl"]).await;
     before.ended_with(2).told("out.stl: there is a file already; --force replaces it");
-    assert!(jobs(&Api::new(&program)).await.is_empty(), "the service does not work for nothing");
-    // The name that a service will give is not known before.
+    assert!(jobs(&Api::new(&program)).await.is_empty(), "no job was submitted");
+    // The client does not know in advance which name the service chooses.
     let after = client.run(&["submit", "in.stl", "--max-tier", "1"]).await;
     after.ended_with(2).told("in-repaired.stl: there is a file already").told("To go on: meshmend watch job_");
     assert_eq!(std::fs::read(client.path("out.stl")).expect("a file"), b"mine");

@@ -1,4 +1,4 @@
-//! What goes wrong on the way to a service.
+//! Network errors and refusals between the client and the service.
 
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::{Duration, Instant};
@@ -6,10 +6,10 @@ use std::time::{Duration, Instant};
 use super::{Client, jobs};
 use crate::files;
 use crate::server::{Api, Program, Start};
-use crate::support::interceptor::{Between, Fate};
+use crate::support::interceptor::{Action, Interceptor};
 use crate::support::receiver::{Receiver, Reply};
 
-/// That only the first request so far is of this kind.
+/// Whether this is the first call.
 fn first(seen: &AtomicU32) -> bool {
     seen.fetch_add(1, Ordering::Relaxed) == 0
 }
@@ -49,12 +49,12 @@ async fn a_certificate_that_nobody_vouches_for_is_refused_and_the_way_out_is_nam
 async fn a_submission_whose_answer_is_lost_is_sent_again_and_makes_one_job() {
     let data = tempfile::tempdir().expect("a folder");
     let (program, posts) = (serve(&data), AtomicU32::new(0));
-    let between = Between::start(&program, move |method, _| match method {
-        "POST" if first(&posts) => Fate::LoseAnswer,
-        _ => Fate::Pass,
+    let interceptor = Interceptor::start(&program, move |method, _| match method {
+        "POST" if first(&posts) => Action::LoseResponse,
+        _ => Action::Pass,
     })
     .await;
-    let client = Client::of(&between.url);
+    let client = Client::of(&interceptor.url);
     client.put("in.stl", &files::broken_box());
     let said = client.run(&["submit", "in.stl", "-o", "out.stl", "--max-tier", "1"]).await;
     said.ended_with(0).told("tried again in");
@@ -66,21 +66,21 @@ async fn a_submission_whose_answer_is_lost_is_sent_again_and_makes_one_job() {
 async fn a_service_that_is_busy_is_asked_again_when_it_wants_to_be() {
     let data = tempfile::tempdir().expect("a folder");
     let (program, posts) = (serve(&data), AtomicU32::new(0));
-    let between = Between::start(&program, move |method, _| match method {
-        "POST" if first(&posts) => Fate::Answer(503, "no room"),
-        _ => Fate::Pass,
+    let interceptor = Interceptor::start(&program, move |method, _| match method {
+        "POST" if first(&posts) => Action::Respond(503, "no room"),
+        _ => Action::Pass,
     })
     .await;
-    let client = Client::of(&between.url);
+    let client = Client::of(&interceptor.url);
     client.put("in.stl", &files::broken_box());
     let started = Instant::now();
     let said = client.run(&["submit", "in.stl", "-o", "out.stl", "--max-tier", "1"]).await;
     said.ended_with(0).told("answered 503 Service Unavailable; tried again in");
-    assert!(started.elapsed() >= Duration::from_secs(1), "it did not wait");
-    // A service that stays busy is not asked for ever.
-    let full = Between::start(&program, |method, _| match method {
-        "POST" => Fate::Answer(429, "go away"),
-        _ => Fate::Pass,
+    assert!(started.elapsed() >= Duration::from_secs(1), "the client did not wait");
+    // The client gives up on a service that stays busy.
+    let full = Interceptor::start(&program, |method, _| match method {
+        "POST" => Action::Respond(429, "go away"),
+        _ => Action::Pass,
     })
     .await;
     let client = Client { server: full.url.clone(), ..client };
@@ -91,12 +91,12 @@ async fn a_service_that_is_busy_is_asked_again_when_it_wants_to_be() {
 async fn a_damaged_download_is_noticed_and_leaves_no_file() {
     let data = tempfile::tempdir().expect("a folder");
     let program = serve(&data);
-    let between = Between::start(&program, |_, path| match path.ends_with("/artifacts/model") {
-        true => Fate::Damage,
-        false => Fate::Pass,
+    let interceptor = Interceptor::start(&program, |_, path| match path.ends_with("/artifacts/model") {
+        true => Action::Damage,
+        false => Action::Pass,
     })
     .await;
-    let client = Client::of(&between.url);
+    let client = Client::of(&interceptor.url);
     client.put("in.stl", &files::broken_box());
     let said = client.run(&["submit", "in.stl", "-o", "out.stl", "--max-tier", "1"]).await;
     said.ended_with(4).told("other bytes than the service has").told("To go on: meshmend watch job_");
@@ -107,12 +107,12 @@ async fn a_damaged_download_is_noticed_and_leaves_no_file() {
 async fn where_events_are_not_let_through_the_job_is_asked_for() {
     let data = tempfile::tempdir().expect("a folder");
     let program = serve(&data);
-    let between = Between::start(&program, |_, path| match path.ends_with("/events") {
-        true => Fate::Answer(403, "<html>no streams</html>"),
-        false => Fate::Pass,
+    let interceptor = Interceptor::start(&program, |_, path| match path.ends_with("/events") {
+        true => Action::Respond(403, "<html>no streams</html>"),
+        false => Action::Pass,
     })
     .await;
-    let client = Client::of(&between.url);
+    let client = Client::of(&interceptor.url);
     client.put("in.stl", &files::broken_box());
     client.run(&["submit", "in.stl", "-o", "out.stl", "--max-tier", "1"]).await.ended_with(0);
     assert_eq!(client.faces("out.stl"), 12);

@@ -1,3 +1,5 @@
+//! `meshmend watch`: jobs that are followed to their end and downloaded.
+
 use serde_json::{Value, json};
 
 use super::Client;
@@ -21,8 +23,8 @@ async fn what_was_submitted_without_waiting_is_watched_to_its_end_and_downloaded
     assert_eq!(lines.len(), 2, "{said:?}");
     let made: Vec<bool> =
         ["a-repaired.stl", "b-repaired.stl", "b.stl"].map(|name| client.path("out").join(name).exists()).to_vec();
-    assert_eq!(made, [true, false, false], "what was not repaired is at hand already");
-    // Without a folder it only tells.
+    assert_eq!(made, [true, false, false], "an unrepaired model is not downloaded, since it is the input");
+    // Without a folder the client only reports.
     let said = client.run(&["watch", ids[0]]).await;
     said.told(": ");
     assert_eq!(said.out, "");
@@ -36,7 +38,7 @@ async fn a_job_that_fails_or_is_cancelled_says_so_in_words_and_code() {
     let data = tempfile::tempdir().expect("a folder");
     let program = Start::serve(data.path()).start();
     let client = Client::of(&program.url);
-    // Its beginning is that of a model.
+    // The file begins like a model.
     client.put("cut.stl", b"solid x\nfacet normal 0 0 1\nouter loop\nvertex 0,5 0 0\n");
     let said = client.run(&["submit", "cut.stl", "-o", "out.stl"]).await;
     said.ended_with(2).told("line 4");

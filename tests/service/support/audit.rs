@@ -1,4 +1,4 @@
-//! What must hold of a service on PostgreSQL once all is up again, whatever happened to it.
+//! Invariants of a service on PostgreSQL that must hold after it has recovered from any fault.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::{Duration, Instant};
@@ -8,10 +8,10 @@ use sqlx::PgPool;
 
 use super::receiver::Receiver;
 
-/// How long it may take for one more to come to its end.
+/// How long no job and no message may end before the audit fails.
 const PATIENCE: Duration = Duration::from_secs(60);
 
-/// Looks into the database beside the program, and notes every end of a job there.
+/// Records every end of a job in the database with a trigger.
 pub struct Audit {
     pub pool: PgPool,
 }
@@ -43,13 +43,13 @@ impl Audit {
             .await;
             match open {
                 Ok(open) if open < least => (least, since) = (open, Instant::now()),
-                open => assert!(since.elapsed() < PATIENCE, "{open:?} jobs and messages do not come to their end"),
+                open => assert!(since.elapsed() < PATIENCE, "{open:?} jobs and messages do not end"),
             }
             tokio::time::sleep(Duration::from_millis(50)).await;
         }
     }
 
-    /// That each job that was accepted is there and ended once, and no other job ended more often. Gives the number of all jobs.
+    /// Asserts that every accepted job exists and that every job ended once. Returns the number of jobs.
     pub async fn ended_once(&self, accepted: &[String]) -> usize {
         let ends: Vec<(String, i64)> = sqlx::query_as("SELECT id, count(*) FROM audit GROUP BY id")
             .fetch_all(&self.pool)
@@ -59,13 +59,13 @@ impl Audit {
         assert!(twice.is_empty(), "{twice:?}");
         let ended: BTreeSet<&String> = ends.iter().map(|(id, _)| id).collect();
         let unique: BTreeSet<&String> = accepted.iter().collect();
-        assert_eq!(unique.len(), accepted.len(), "each request made its own job");
+        assert_eq!(unique.len(), accepted.len(), "each request created its own job");
         assert!(unique.is_subset(&ended), "lost: {:?}", unique.difference(&ended));
         ended.len()
     }
 
-    /// That the receiver was told of every job's end, rightly, and by one message, however often that was sent. Gives how many were.
-    pub async fn told_once(&self, receiver: &Receiver) -> usize {
+    /// Asserts that the receiver got one correct message about every job, possibly several times. Returns the number received.
+    pub async fn delivered_once(&self, receiver: &Receiver) -> usize {
         let noted: Vec<(String, String, Option<String>, Option<String>)> = sqlx::query_as(
             "SELECT j.id, j.status, m.id, d.status FROM jobs j LEFT JOIN webhook_messages m ON m.job_id = j.id \
              LEFT JOIN webhook_deliveries d ON d.message_id = m.id WHERE j.finished_at IS NOT NULL",
@@ -88,7 +88,7 @@ impl Audit {
             let right = (message.clone().expect("a message"), format!("job.{status}"));
             assert_eq!(came.remove(job), Some(BTreeSet::from([right])), "{job}");
         }
-        assert!(came.is_empty(), "told of what never ended: {came:?}");
+        assert!(came.is_empty(), "messages about jobs that never ended: {came:?}");
         seen.len()
     }
 
@@ -99,7 +99,7 @@ impl Audit {
             .await
             .expect("jobs");
         let json = |text: &str| serde_json::from_str::<Value>(text).expect("JSON");
-        // Pictures that nobody has asked for have none.
+        // Pictures that were not requested have no key.
         let key = |file: &Value| file["key"].as_str().map(str::to_owned);
         let keys = rows.iter().flat_map(|(inputs, artifacts)| {
             let inputs: Vec<_> = json(inputs).as_array().expect("a list").iter().filter_map(key).collect();

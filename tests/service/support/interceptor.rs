@@ -1,4 +1,4 @@
-//! What may stand between a client and the service: it passes requests and answers on, and now and then does not.
+//! A proxy between a client and the service that forwards, loses, damages or replaces responses.
 
 use std::sync::Arc;
 
@@ -13,33 +13,33 @@ use tokio::task::JoinHandle;
 
 use crate::server::Program;
 
-/// What becomes of a request.
-pub enum Fate {
-    /// It is passed on, and so is the answer.
+/// What the proxy does with a request.
+pub enum Action {
+    /// Forwards the request and the response.
     Pass,
-    /// It is passed on, and the connection breaks before the answer.
-    LoseAnswer,
-    /// It is passed on, and one byte of the answer's body is another.
+    /// Forwards the request, and breaks the connection before the response.
+    LoseResponse,
+    /// Forwards the request, and changes one byte of the response's body.
     Damage,
-    /// It is answered with this status, some text, and when to ask again.
-    Answer(u16, &'static str),
+    /// Responds with this status, some text, and a `retry-after` header.
+    Respond(u16, &'static str),
 }
 
-pub struct Between {
+pub struct Interceptor {
     pub url: String,
     task: JoinHandle<()>,
 }
 
-impl Between {
-    /// Stands before a service; `fate` is told the method and the path of each request.
-    pub async fn start(program: &Program, fate: impl Fn(&str, &str) -> Fate + Send + Sync + 'static) -> Self {
+impl Interceptor {
+    /// Starts a proxy for a service; `action` gets the method and the path of each request.
+    pub async fn start(program: &Program, action: impl Fn(&str, &str) -> Action + Send + Sync + 'static) -> Self {
         meshmend::tls::use_ring();
-        let (http, service, fate) = (Client::new(), program.url.clone(), Arc::new(fate));
+        let (http, service, action) = (Client::new(), program.url.clone(), Arc::new(action));
         let router = Router::new().fallback(move |request: Request| {
-            let (http, service, fate) = (http.clone(), service.clone(), Arc::clone(&fate));
+            let (http, service, action) = (http.clone(), service.clone(), Arc::clone(&action));
             async move {
-                let fate = fate(request.method().as_str(), request.uri().path());
-                pass_on(&http, &service, request, fate).await
+                let action = action(request.method().as_str(), request.uri().path());
+                pass_on(&http, &service, request, action).await
             }
         });
         let listener = TcpListener::bind("127.0.0.1:0").await.expect("a port");
@@ -49,14 +49,14 @@ impl Between {
     }
 }
 
-impl Drop for Between {
+impl Drop for Interceptor {
     fn drop(&mut self) {
         self.task.abort();
     }
 }
 
-async fn pass_on(http: &Client, service: &str, request: Request, fate: Fate) -> Response {
-    if let Fate::Answer(status, text) = fate {
+async fn pass_on(http: &Client, service: &str, request: Request, action: Action) -> Response {
+    if let Action::Respond(status, text) = action {
         let status = StatusCode::from_u16(status).expect("a status");
         return (status, [(header::RETRY_AFTER, "1")], text).into_response();
     }
@@ -67,9 +67,9 @@ async fn pass_on(http: &Client, service: &str, request: Request, fate: Fate) -> 
     let asked = http.request(parts.method, format!("{service}{path}")).headers(parts.headers).body(body);
     let answer = asked.send().await.expect("an answer");
     let (status, headers) = (answer.status(), answer.headers().clone());
-    let body = match fate {
-        Fate::LoseAnswer => std::panic::resume_unwind(Box::new("the connection breaks")),
-        Fate::Damage => {
+    let body = match action {
+        Action::LoseResponse => std::panic::resume_unwind(Box::new("the connection breaks")),
+        Action::Damage => {
             let mut bytes = answer.bytes().await.expect("a body").to_vec();
             let middle = bytes.len() / 2;
             bytes[middle] ^= 1;

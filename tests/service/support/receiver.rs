@@ -1,4 +1,4 @@
-//! Somebody who is told of jobs: a server on a loopback port that answers as it is told to, and keeps what came.
+//! A webhook receiver on a loopback port that gives set replies and keeps the messages.
 
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -22,16 +22,16 @@ use tokio_rustls::TlsAcceptor;
 
 use crate::server::until;
 
-/// How it answers.
+/// A reply to a message.
 #[derive(Debug, Clone)]
 pub enum Reply {
     Status(u16),
     Redirect(String),
-    /// Not at all.
+    /// No reply.
     Hang,
 }
 
-/// A message as it came.
+/// A message as it was received.
 #[derive(Debug, Clone)]
 pub struct Seen {
     pub headers: HeaderMap,
@@ -47,7 +47,7 @@ impl Seen {
         serde_json::from_slice(&self.body).expect("JSON")
     }
 
-    /// Whether the library that is made for this takes it as signed with the secret.
+    /// Whether the reference library accepts the signature with this secret.
     pub fn verifies(&self, secret: &Value) -> bool {
         let secret = secret.as_str().expect("a secret");
         Webhook::new(secret).expect("a secret").verify(&self.body, &self.headers).is_ok()
@@ -61,7 +61,7 @@ pub struct Receiver {
 }
 
 impl Receiver {
-    /// One that gives these answers in turn, the last one for ever.
+    /// Starts a receiver that gives these replies in order, then the last one forever.
     pub async fn start(replies: &[Reply]) -> Self {
         let (listener, this, answers) = Self::listen("http", replies).await;
         let away = Arc::clone(&this.away);
@@ -75,7 +75,7 @@ impl Receiver {
         this
     }
 
-    /// One that is asked by https and shows a certificate that is signed by an authority of its own; that authority's is put in `file`.
+    /// Starts a receiver with TLS. Its certificate is signed by a new authority, whose certificate is written to `file`.
     pub async fn start_tls(replies: &[Reply], file: &Path) -> Self {
         meshmend::tls::use_ring();
         let mut params = CertificateParams::new(Vec::new()).expect("parameters");
@@ -109,7 +109,7 @@ impl Receiver {
         (listener, Self { url, seen, away: Arc::default() }, answers)
     }
 
-    /// Whether it breaks every connection off, before a word.
+    /// Sets whether the receiver drops every connection at once.
     pub fn set_away(&self, away: bool) {
         self.away.store(away, Ordering::Relaxed);
     }
@@ -118,7 +118,7 @@ impl Receiver {
         self.seen.lock().expect("not poisoned").clone()
     }
 
-    /// What came once so many messages have come.
+    /// Waits for this number of messages and returns all that were received.
     pub async fn got(&self, many: usize) -> Vec<Seen> {
         until("the messages have come", async || Some(self.seen()).filter(|seen| seen.len() >= many)).await
     }

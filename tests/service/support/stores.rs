@@ -1,4 +1,4 @@
-//! A store of each kind, with a clock that tests turn.
+//! A job store of each kind, with a clock that tests advance.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicI64, Ordering};
@@ -20,7 +20,7 @@ use crate::postgres::Postgres;
 const FILE: &str = "jobs.db";
 pub const LEASE: Duration = Duration::from_secs(10);
 
-/// A clock that stands still until it is told to go on.
+/// A clock that only tests advance.
 pub struct Manual(pub AtomicI64);
 
 impl Clock for Manual {
@@ -29,16 +29,16 @@ impl Clock for Manual {
     }
 }
 
-/// A store to try promises on.
+/// A store under test.
 pub struct Bench {
     pub store: Box<dyn Store>,
     pub clock: Arc<Manual>,
     pub policy: RetryPolicy,
-    /// Where the store lives, which goes after it.
+    /// The store's database, dropped after the store.
     home: Home,
 }
 
-/// Where a store lives.
+/// The database of a store.
 enum Home {
     Sqlite(tempfile::TempDir),
     Postgres(Box<Postgres>),
@@ -63,7 +63,7 @@ impl Bench {
         (Arc::new(Manual(AtomicI64::new(1_800_000_000_000))), RetryPolicy::default())
     }
 
-    /// Does something to the database behind the store's back.
+    /// Executes SQL on the database without going through the store.
     pub async fn execute(&self, sqlite: &'static str, postgres: &'static str) {
         match &self.home {
             Home::Sqlite(folder) => {
@@ -125,8 +125,8 @@ impl Bench {
     }
 }
 
-/// Runs each promise on each store.
-macro_rules! promises {
+/// Runs each test on each store.
+macro_rules! on_each_store {
     ($($name:ident),* $(,)?) => {
         mod sqlite {
             $(#[tokio::test(flavor = "multi_thread")]
@@ -142,4 +142,4 @@ macro_rules! promises {
         }
     };
 }
-pub(crate) use promises;
+pub(crate) use on_each_store;

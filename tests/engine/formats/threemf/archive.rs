@@ -1,4 +1,4 @@
-//! Archives that lie. Their fields are changed after "APPNOTE.TXT - .ZIP File Format Specification", 4.3.
+//! 3MF files whose ZIP headers are wrong.
 
 use meshmend::format::{Limits, ReadErrorKind, ReadOptions, read_scene};
 

@@ -1,3 +1,5 @@
+//! Materials, colours and textures in 3MF.
+
 use std::sync::Arc;
 
 use meshmend::format::ReadErrorKind;
@@ -69,7 +71,7 @@ fn a_texture_is_the_bytes_of_its_part() {
 fn mixtures_of_materials_become_their_mean_colours() {
     let mixed = "<m:compositematerials id=\"5\" matid=\"1\" matindices=\"0 1\"><m:composite values=\"1 3\"/><m:composite values=\"0 0\"/><m:composite values=\"2\"/></m:compositematerials>";
     let it = scene_of(&simple("", &format!("{MATERIALS}{mixed}"), "pid=\"5\" pindex=\"0\"", &triangles(&[""])));
-    // Shares are divided by their sum, and alike where that is zero; those that are not given are zero.
+    // Proportions are divided by their sum, or equal if the sum is zero; missing ones are zero.
     assert_eq!(it.scene.palettes[1], Palette::Colors(vec![[64, 0, 191, 160], [128, 0, 128, 192], [255, 0, 0, 255]]));
     assert!(it.warnings[0].contains("mixtures"), "{:?}", it.warnings);
 }

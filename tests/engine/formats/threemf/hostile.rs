@@ -1,3 +1,5 @@
+//! 3MF files that are made to exhaust memory, time or the stack.
+
 use std::time::{Duration, Instant};
 
 use meshmend::format::{Limits, ReadErrorKind, ReadOptions, read, read_scene};
@@ -11,7 +13,7 @@ fn component(id: usize) -> String {
     format!("<component objectid=\"{id}\"/>")
 }
 
-/// Objects 1 to `levels`, each made of `times` of the one before; the first is a mesh.
+/// Objects 1 to `levels`, each with `times` components of the object before it; the first is a mesh.
 fn tower(levels: usize, times: usize) -> Vec<u8> {
     let above: String = (2..=levels)
         .map(|id| format!("<object id=\"{id}\"><components>{}</components></object>", component(id - 1).repeat(times)))
@@ -39,7 +41,7 @@ fn objects_are_not_made_of_themselves() {
 fn objects_are_made_of_objects_to_a_depth() {
     assert_eq!(super::clean(&tower(33, 1)).scene.placed_faces(), 1);
     assert_no(&tower(34, 1), TOO_LARGE, "more than 32 deep");
-    // In the other order each is looked for before it is known.
+    // In reverse order each object is referred to before it is defined.
     let objects: String = (1..5000)
         .map(|id| format!("<object id=\"{id}\"><components>{}</components></object>", component(id + 1)))
         .collect();
@@ -129,7 +131,7 @@ fn what_is_looked_up_one_by_one_is_bounded() {
     assert_no(&simple("", &groups, "", MESH), TOO_LARGE, "more than 10000 resources");
 }
 
-/// Words that mean something in a model.
+/// Elements of a 3MF model.
 const WORDS: [&str; 24] = [
     "<object id=\"1\">",
     "</object>",

@@ -1,4 +1,4 @@
-//! 3MF: what is read, what is refused, what comes back.
+//! 3MF: reading, refused files, and round trips.
 
 mod archive;
 mod colors;
@@ -31,7 +31,7 @@ fn relationships(all: &[(&str, &str)]) -> String {
     )
 }
 
-/// A file whose model is this text, with other parts.
+/// A file with this model and other parts.
 fn file_with(model: &str, others: &[(&str, &[u8])]) -> Vec<u8> {
     let root = relationships(&[(MODEL, "/3D/3dmodel.model")]);
     let own: [(&str, &[u8]); 2] = [(ROOT_RELATIONSHIPS, root.as_bytes()), (ROOT, model.as_bytes())];
@@ -42,14 +42,14 @@ fn file(model: &str) -> Vec<u8> {
     file_with(model, &[])
 }
 
-/// A model part; `attributes` are those of its root beside the namespaces.
+/// The text of a model part; `attributes` are added to its root element.
 fn model(attributes: &str, resources: &str, build: &str) -> String {
     format!(
         "<?xml version=\"1.0\" encoding=\"UTF-8\"?><model xmlns=\"http://schemas.microsoft.com/3dmanufacturing/core/2015/02\" xmlns:m=\"http://schemas.microsoft.com/3dmanufacturing/material/2015/02\" xmlns:p=\"http://schemas.microsoft.com/3dmanufacturing/production/2015/06\" {attributes}><resources>{resources}</resources><build>{build}</build></model>"
     )
 }
 
-/// A file of one object of one triangle, with more in the object, the resources before it, and the root.
+/// A file with one object; the arguments add attributes to the root and the object, and resources before the object.
 fn simple(attributes: &str, resources: &str, object: &str, mesh: &str) -> Vec<u8> {
     let resources = format!("{resources}<object id=\"100\" {object}>{mesh}</object>");
     file(&model(attributes, &resources, "<item objectid=\"100\"/>"))
@@ -66,7 +66,7 @@ fn scene_of(bytes: &[u8]) -> ReadScene {
     }
 }
 
-/// Reads without any warning.
+/// Reads a file and asserts that there are no warnings.
 #[track_caller]
 fn clean(bytes: &[u8]) -> ReadScene {
     let it = scene_of(bytes);

@@ -1,3 +1,5 @@
+//! Objects, components, build items, units and parts in 3MF.
+
 use glam::{DAffine3, DVec3};
 use meshmend::format::{Format, Limits, ReadErrorKind, read, sniff};
 use meshmend::scene::{Note, ObjectKind, Shape, Unit};

@@ -1,4 +1,4 @@
-//! `lib3mf`, the reference implementation, on what is written here.
+//! `lib3mf`, the reference implementation of 3MF, reads the files that we write.
 
 use std::process::Command;
 
@@ -10,7 +10,7 @@ use meshmend::scene::{
     Wrap,
 };
 
-/// Reads a file in strict mode, in which every oddity is an error.
+/// Reads a file in strict mode, in which every warning is an error.
 const SCRIPT: &str = "
 import sys, lib3mf
 model = lib3mf.get_wrapper().CreateModel()

@@ -1,3 +1,5 @@
+//! Scenes that are written as 3MF and read again are the same.
+
 use std::sync::Arc;
 
 use glam::{DAffine3, DMat3, DVec3};
@@ -30,7 +32,7 @@ fn transform() -> impl Strategy<Value = DAffine3> {
     prop_oneof![Just(DAffine3::IDENTITY), turned]
 }
 
-/// Palettes of each kind; the texture is the scene's first.
+/// Palettes of each kind; the textured one uses the scene's first texture.
 fn palettes() -> Vec<Palette> {
     let material = |name: &str, color| Material { name: name.to_owned(), color };
     vec![

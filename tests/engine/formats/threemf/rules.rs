@@ -1,3 +1,5 @@
+//! 3MF files that break the rules of the specification are refused.
+
 use meshmend::format::ReadErrorKind;
 
 use super::{

@@ -1,4 +1,4 @@
-//! Archives and side files that lie; what the archive itself may not do is tried with 3MF's too.
+//! Hostile archives and sidecar files. `threemf/archive.rs` tests the archive itself too.
 
 use std::time::{Duration, Instant};
 
@@ -21,7 +21,7 @@ fn an_archive_that_unpacks_to_far_more_is_refused_unread() {
     let bytes = package(&[("a.obj", TRIANGLE), ("bomb.txt", &bomb)]);
     assert!(bytes.len() < 100_000);
     assert_no(&bytes, ReadErrorKind::TooLarge, &["over the limit of 67108864"]);
-    // The model itself is held to the limit of a file.
+    // The model in the archive is subject to the size limit of a file.
     let long = [TRIANGLE, &vec![b'\n'; 100_000]].concat();
     let bytes = package(&[("a.obj", &long)]);
     let limits = Limits { max_bytes: 20_000, ..Limits::default() };
@@ -34,7 +34,7 @@ fn more_entries_than_any_model_has_are_refused() {
     let names: Vec<String> = (0..10_001).map(|n| format!("{n}.txt")).collect();
     let files: Vec<(&str, &[u8])> = names.iter().map(|name| (name.as_str(), &b""[..])).collect();
     assert_no(&package(&files), ReadErrorKind::TooLarge, &["more than 10000 entries"]);
-    // As many as may be are looked through in good time, though none has a name that tells.
+    // The maximum number of entries is searched quickly, though no name shows which entry is the model.
     let unnamed: Vec<String> = (0..9_999).map(|n| format!("{n}")).collect();
     let mut files: Vec<(&str, &[u8])> = unnamed.iter().map(|name| (name.as_str(), &b"just words"[..])).collect();
     files.push(("thing", TRIANGLE));
@@ -136,7 +136,7 @@ fn places_and_materials_without_end_are_read_in_good_time_within_the_limits() {
     let bytes = package(&[("m.obj", &obj), ("c.mtl", mtl), ("wood.png", PNG)]);
     let limits = Limits { max_vertices: 3, ..Limits::default() };
     let it = in_time(|| read_scene(&bytes, &ReadOptions::within(limits)).unwrap());
-    assert_eq!(colors(&it), [None, Some([[255, 0, 0, 255]; 3])], "the fourth place is over the limit");
+    assert_eq!(colors(&it), [None, Some([[255, 0, 0, 255]; 3])], "the fourth texture coordinate is over the limit");
     let changes =
         "usemtl wood\nusemtl x\nusemtl\n".repeat(300_000) + &"usemtl wood\nf 1 2 3\nusemtl y\nf 1 2 3\n".repeat(50_000);
     let names: String = (0..200_000).map(|number| format!("usemtl {number}\nf 1 2 3\n")).collect();
@@ -178,7 +178,7 @@ fn pictures_of_gltf_that_name_one_file_over_and_over_are_bounded() {
     assert!(it.warnings.iter().any(|warning| warning.contains("'p.png'")), "{:?}", it.warnings);
 }
 
-/// Words that mean something in OBJ or MTL.
+/// Keywords of OBJ and MTL.
 const WORDS: [&str; 28] = [
     "\n",
     "\n",
@@ -222,7 +222,7 @@ proptest! {
         let obj = [b"mtllib c.mtl\nvt 0 0\n", TRIANGLE, text(&obj).as_bytes()].concat();
         let whole = in_time(|| answer(&[("m.obj", &obj), ("c.mtl", text(&mtl).as_bytes()), ("p.png", PNG)]));
         match (whole, read(&obj, &Limits::default())) {
-            // In words, since what is not a number is not the same as itself.
+            // Compared as text, since NaN is not equal to itself.
             (Ok(it), Ok(alone)) => prop_assert_eq!(format!("{:?}", mesh(&it).soup), format!("{:?}", alone.soup)),
             (Err(error), Err(alone)) => prop_assert_eq!((error.kind, error.place), (alone.kind, alone.place)),
             (one, other) => prop_assert!(false, "{:?} and {:?}", one, other),

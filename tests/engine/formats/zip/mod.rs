@@ -1,4 +1,4 @@
-//! ZIP archives: which file in them is the model, what it takes from the others, what comes back.
+//! ZIP archives: choice of the model file, its sidecar files, and round trips.
 
 mod hostile;
 mod model;
@@ -23,7 +23,7 @@ fn scene_of(files: &[(&str, &[u8])]) -> ReadScene {
     answer(files).unwrap_or_else(|error| panic!("{error}"))
 }
 
-/// Reads without any warning.
+/// Reads an archive and asserts that there are no warnings.
 #[track_caller]
 fn clean(files: &[(&str, &[u8])]) -> ReadScene {
     let it = scene_of(files);
@@ -31,7 +31,7 @@ fn clean(files: &[(&str, &[u8])]) -> ReadScene {
     it
 }
 
-/// Reads with one warning, which holds these words.
+/// Reads an archive and asserts that there is one warning, which contains these words.
 #[track_caller]
 fn warned(files: &[(&str, &[u8])], words: &str) -> ReadScene {
     let it = scene_of(files);
@@ -56,7 +56,7 @@ fn mesh(it: &ReadScene) -> &PaintedMesh {
     it.scene.objects[0].mesh().unwrap()
 }
 
-/// The colours at the corners of each face; none where it has none, or a picture.
+/// The colours at the corners of each face; none if it has no colour or a texture.
 fn colors(it: &ReadScene) -> Vec<Option<[[u8; 4]; 3]>> {
     let mesh = mesh(it);
     let color = |face: usize| {
@@ -66,7 +66,7 @@ fn colors(it: &ReadScene) -> Vec<Option<[[u8; 4]; 3]>> {
     (0..mesh.soup.faces.len()).map(color).collect()
 }
 
-/// The places in a picture at the corners of each face.
+/// The texture coordinates at the corners of each face.
 fn places(it: &ReadScene) -> Vec<Option<[[f64; 2]; 3]>> {
     let place = |paint: &meshmend::scene::Paint| match it.scene.palettes.get(paint.palette as usize)? {
         Palette::Textured { places, .. } => Some(paint.at.map(|at| places[at as usize])),

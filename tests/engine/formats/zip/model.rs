@@ -1,3 +1,5 @@
+//! Which file of a ZIP archive is the model.
+
 use meshmend::format::{Format, Limits, ReadErrorKind, ReadOptions, read, read_scene, sniff, write};
 use meshmend::repair::Options;
 
@@ -15,7 +17,7 @@ fn one_model_of_any_format_is_read_as_what_it_is() {
         let bytes = package(&[("parts/thing", &alone)]);
         let named = package(&[(&format!("parts/thing.{}", format.extension()), &alone)]);
         for bytes in [&named, &bytes] {
-            // What looks like 3MF without its name could be a text of an office program.
+            // Without the file name an archive that looks like 3MF could be an office document.
             if format == Format::ThreeMf && bytes != &named {
                 assert_no(bytes, NO, &["no model"]);
                 continue;
@@ -54,10 +56,10 @@ fn what_is_often_sent_along_is_no_model() {
 fn a_model_is_told_by_its_content_whatever_its_name() {
     let stl = write(&tetrahedron(), Format::Stl).unwrap();
     assert_eq!(answer(&[("thing.obj", &stl)]).unwrap().format, Format::Stl);
-    // One that is named as a model goes before what only looks like one.
+    // A file with a model's extension is preferred to one that only looks like a model.
     let it = clean(&[("points", TRIANGLE), ("thing.STL", &stl)]);
     assert_eq!(it.format, Format::Stl);
-    // `.mesh` is also what a game engine calls its files.
+    // A game engine (OGRE) also uses the extension `.mesh`.
     assert_eq!(clean(&[("game.mesh", b"[MeshSerializer_v1.100]"), ("thing.stl", &stl)]).format, Format::Stl);
 }
 
@@ -118,7 +120,7 @@ fn an_archive_with_a_3mf_model_is_3mf_whatever_stands_first_in_it() {
         std::io::Write::write_all(&mut stored, content).unwrap();
     }
     let bytes = stored.finish().unwrap().into_inner();
-    assert_eq!(sniff(&bytes, None), Ok(Format::Zip), "its head tells no more");
+    assert_eq!(sniff(&bytes, None), Ok(Format::Zip), "the head of the file shows no more");
     assert_eq!(read_scene(&bytes, &ReadOptions::default()).unwrap().format, Format::ThreeMf);
 }
 

@@ -1,3 +1,5 @@
+//! Scenes that are written as OBJ in a ZIP archive and read again look the same.
+
 use std::io::{Cursor, Read};
 use std::sync::Arc;
 
@@ -12,7 +14,7 @@ use super::{PNG, mesh};
 
 const JPEG: &[u8] = b"\xFF\xD8\xFFrest";
 
-/// What is seen at the corners of a face.
+/// The appearance of the corners of a face.
 #[derive(Debug, Clone, PartialEq)]
 enum Seen {
     Nothing,
@@ -51,8 +53,8 @@ fn seen(scene: &Scene, paint: Paint) -> Seen {
     }
 }
 
-/// Whether one is the other as far as OBJ can say it: names are of one word, and told apart by numbers; what has no name is a colour; a vertex
-/// has one colour, which is opaque.
+/// Whether two appearances are the same as far as OBJ can express them: material names are single words made unique by
+/// numbers, materials without a name are colours, and each vertex has one opaque colour.
 fn is_said(found: &Seen, expected: &Seen) -> bool {
     let named = |found: &str, expected: &str| {
         let expected = expected.replace(' ', "_");
@@ -253,7 +255,7 @@ fn a_painted_model_is_written_with_its_materials_and_pictures() {
     let expected = [("model.obj", obj.as_bytes()), ("model.mtl", mtl.as_bytes()), ("texture_0.png", PNG)];
     let expected = expected.map(|(name, content)| (name.to_owned(), content.to_vec()));
     assert_eq!(files(&bytes), expected, "{}", texts(&bytes));
-    // No time, nothing of the machine.
+    // The archive holds no time and nothing about the machine.
     let mut zip = zip::ZipArchive::new(Cursor::new(&bytes)).unwrap();
     let entry = zip.by_index(0).unwrap();
     assert_eq!(

@@ -1,3 +1,5 @@
+//! Sidecar files of a model in a ZIP archive: materials, textures and buffers.
+
 use meshmend::format::{Format, ReadOptions, read_scene};
 use meshmend::scene::{Material, PAINTLESS, Paint, Palette, Wrap};
 
@@ -41,7 +43,7 @@ fn side_files_are_found_by_path_then_by_bare_name_in_any_case() {
         let it = clean(&[("a/model.obj", &obj(library)), ("lib/Colors.mtl", mtl.as_bytes()), ("tex/wood.png", PNG)]);
         assert_eq!(it.scene.textures.len(), 1, "{library}");
     }
-    // The one in the model's folder goes before others of its name.
+    // The file in the model's folder is preferred to others of the same name.
     let green = b"newmtl red\nKd 0 1 0\nnewmtl wood\n";
     let it = clean(&[("b/colors.mtl", green), ("a/colors.mtl", MTL), ("a/model.obj", OBJ), ("wood.png", PNG)]);
     assert_eq!(colors(&it)[0], Some([[255, 0, 0, 128]; 3]));
@@ -100,7 +102,7 @@ fn corners_without_a_place_or_with_one_that_is_not_there_have_the_materials_colo
 
 #[test]
 fn places_in_a_picture_follow_polygons_as_they_are_cut() {
-    // Each vertex is where its place is, so that they can be compared.
+    // Each vertex position equals its texture coordinates, so that the two can be compared.
     let outline = [[0, 0], [4, 2], [1, 2], [0, 4], [9, 9], [9, 8], [7, 7], [8, 9]];
     let vertices: String = outline.iter().map(|[x, y]| format!("v {x} {y} 0\n")).collect();
     let texture: String = outline.iter().rev().map(|[x, y]| format!("vt {x} {y}\n")).collect();
