@@ -467,7 +467,7 @@ fn no_more_run_at_once_than_memory_allows_and_the_others_wait_within_their_time(
     });
     assert!(made.iter().all(Result::is_ok), "{made:?}");
     assert!(!fake.folder.path().join("two-ran").exists());
-    let waited = stages.0.lock().unwrap().iter().filter(|it| **it == (Stage::Wait, Some(3), 42)).count();
+    let waited = stages.0.lock().unwrap().iter().filter(|stage| **stage == (Stage::Wait, Some(3), 42)).count();
     assert_eq!(waited, 2);
     // A run that waits longer than its time limit gives up without starting the program.
     let before = fake.runs().len();

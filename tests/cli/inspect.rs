@@ -109,8 +109,8 @@ fn inspect_counts_as_closely_as_it_is_asked_to() {
     ] {
         let output = workspace.run(&[&["inspect", "good.stl"], args].concat());
         let value: Value = serde_json::from_slice(&output.stdout).expect("JSON");
-        let it = &value["files"][0]["inspection"];
-        assert_eq!((&it["level"], it["statistics"].is_null()), (&Value::from(level), level == "none"));
+        let inspection = &value["files"][0]["inspection"];
+        assert_eq!((&inspection["level"], inspection["statistics"].is_null()), (&Value::from(level), level == "none"));
     }
 }
 

@@ -38,7 +38,7 @@ fn a_printable_model_of_too_many_faces_comes_back_with_as_many_as_were_asked_for
     let report: Value = serde_json::from_slice(&workspace.get("r.json")).expect("JSON");
     assert_eq!(report["options"]["max_faces"], 4);
     let last =
-        report["steps"].as_array().expect("steps").iter().rfind(|it| it["operator"] == "simplify").expect("a step");
+        report["steps"].as_array().expect("steps").iter().rfind(|step| step["operator"] == "simplify").expect("a step");
     assert!(last["note"].as_str().expect("a note").starts_with("12 faces are left of 4"), "{last}");
     let output = workspace.run_with(&args, &[("MESHMEND_MAX_FACES", "3")]);
     assert!(exit_code(&output) == 2 && stderr(&output).contains("max_faces"), "{}", stderr(&output));

@@ -48,7 +48,7 @@ fn each_of_its_commands_is_one_that_the_program_takes_with_its_settings() {
     let mut checked = Vec::new();
     for (name, service) in services(&compose).iter().filter(|(_, service)| service["image"] == "meshmend") {
         let mounts = strings(&service["volumes"]).into_iter().chain(strings(&service["tmpfs"]));
-        let inside = |mount: String| mount.split(':').find(|it| it.starts_with('/')).expect("a folder").to_owned();
+        let inside = |mount: String| mount.split(':').find(|path| path.starts_with('/')).expect("a folder").to_owned();
         let container = Container {
             name: name.clone(),
             command: strings(&service["command"]),
@@ -81,7 +81,7 @@ fn no_container_has_more_than_it_needs() {
     }
     let worker = &services(&compose)["worker"];
     let networks = strings(&worker["networks"]);
-    assert!(networks.iter().all(|it| compose["networks"][it]["internal"] == true), "a worker has no network");
+    assert!(networks.iter().all(|network| compose["networks"][network]["internal"] == true), "a worker has no network");
     assert_eq!(worker["deploy"]["replicas"], 2);
 }
 
@@ -115,7 +115,7 @@ fn whatever_it_names_is_there() {
     let given: BTreeSet<_> = given.lines().filter_map(|line| line.split_once('=')).map(|(name, _)| name).collect();
     let file = text(FILE);
     let asked = names(&file, "${", |c| c.is_ascii_uppercase() || c.is_ascii_digit() || "_${".contains(c));
-    let asked: BTreeSet<_> = asked.into_iter().map(|it| it.trim_start_matches("${")).collect();
+    let asked: BTreeSet<_> = asked.into_iter().map(|variable| variable.trim_start_matches("${")).collect();
     assert_eq!(asked, given);
 }
 
@@ -129,6 +129,6 @@ fn prometheus_asks_the_services_where_they_listen_for_operators() {
     let networks = strings(&services(&compose)["prometheus"]["networks"]);
     for name in strings(&asked["names"]) {
         let theirs = strings(&services(&compose)[&name]["networks"]);
-        assert!(theirs.iter().any(|it| networks.contains(it)), "{name} is not reached");
+        assert!(theirs.iter().any(|network| networks.contains(network)), "{name} is not reached");
     }
 }

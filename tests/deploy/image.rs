@@ -24,14 +24,18 @@ fn everything_that_the_build_copies_is_there_and_nothing_else_is_sent() {
     }
     // Files that the program includes at compile time are copied too.
     let mut seen = 0;
-    for file in files("src").into_iter().filter(|file| file.extension().is_some_and(|it| it == "rs")) {
+    for file in files("src").into_iter().filter(|file| file.extension().is_some_and(|ending| ending == "rs")) {
         let code = std::fs::read_to_string(&file).expect("text");
         let here = file.parent().expect("a folder");
         for (from, before) in [(here, "include_str!("), (here, "include_bytes!("), (root(), "migrate!(")] {
             for (at, _) in code.match_indices(before) {
                 let path = code[at + before.len()..].split('"').nth(1).expect("a path");
                 let path = from.join(path).canonicalize().expect("a file");
-                assert!(image.sources().iter().any(|it| path.starts_with(root().join(it))), "{}", path.display());
+                assert!(
+                    image.sources().iter().any(|source| path.starts_with(root().join(source))),
+                    "{}",
+                    path.display()
+                );
                 seen += 1;
             }
         }
@@ -43,7 +47,7 @@ fn everything_that_the_build_copies_is_there_and_nothing_else_is_sent() {
 fn the_layer_of_dependencies_is_a_package_that_cargo_takes() {
     let folder = tempfile::tempdir().expect("a folder");
     let image = Image::read();
-    let first = image.all("COPY")[0].split_whitespace().filter(|it| it.starts_with("Cargo"));
+    let first = image.all("COPY")[0].split_whitespace().filter(|word| word.starts_with("Cargo"));
     for file in first {
         std::fs::copy(root().join(file), folder.path().join(file)).expect("copied");
     }
@@ -67,7 +71,7 @@ fn the_image_starts_the_program_that_it_has_as_a_user_that_is_not_root() {
     let (_, program) = image
         .all("COPY")
         .into_iter()
-        .find(|it| it.starts_with("--from=build"))
+        .find(|arguments| arguments.starts_with("--from=build"))
         .expect("the program")
         .rsplit_once(' ')
         .expect("from and to");
@@ -99,7 +103,7 @@ fn the_image_s_health_check_passes_only_where_the_service_is_ready() {
     let data = tempfile::tempdir().expect("a folder");
     let program = Start::work(data.path()).arg("--metrics-listen", "127.0.0.1:0").start();
     let healthy = || {
-        let here = line[1..].iter().map(|it| it.replace(&format!("http://127.0.0.1:{port}"), &program.probes));
+        let here = line[1..].iter().map(|word| word.replace(&format!("http://127.0.0.1:{port}"), &program.probes));
         let mut check = Command::new(&line[0]);
         check.args(here).args(["--max-time", &PATIENCE.as_secs().to_string()]);
         check.output().expect("it runs").status.success()

@@ -22,15 +22,15 @@ fn objects() -> Vec<Value> {
 }
 
 fn named(kind: &str, name: &str) -> Value {
-    let found = objects().into_iter().find(|it| it["kind"] == kind && it["metadata"]["name"] == name);
+    let found = objects().into_iter().find(|object| object["kind"] == kind && object["metadata"]["name"] == name);
     found.unwrap_or_else(|| panic!("there is no {kind} {name}"))
 }
 
 /// The pod templates by the name of the object that holds them.
 fn templates() -> BTreeMap<String, Value> {
-    let name = |it: &Value| it["metadata"]["name"].as_str().expect("a name").to_owned();
-    let made = objects().into_iter().filter(|it| it["spec"]["template"].is_object());
-    made.map(|it| (name(&it), it["spec"]["template"].clone())).collect()
+    let name = |object: &Value| object["metadata"]["name"].as_str().expect("a name").to_owned();
+    let made = objects().into_iter().filter(|object| object["spec"]["template"].is_object());
+    made.map(|object| (name(&object), object["spec"]["template"].clone())).collect()
 }
 
 fn container(template: &Value) -> &Value {
@@ -66,7 +66,7 @@ fn each_of_its_commands_is_one_that_the_program_takes_with_its_settings() {
         let mounts = container["volumeMounts"].as_array().expect("mounts");
         for mount in mounts {
             let volumes = spec["volumes"].as_array().expect("volumes");
-            let volume = volumes.iter().find(|it| it["name"] == mount["name"]).expect("a volume");
+            let volume = volumes.iter().find(|volume| volume["name"] == mount["name"]).expect("a volume");
             assert!(volume["emptyDir"]["sizeLimit"].is_string(), "{name}: {volume} has no limit");
         }
         let pause = container["lifecycle"]["preStop"]["sleep"]["seconds"].as_f64().unwrap_or(0.0);
@@ -74,7 +74,7 @@ fn each_of_its_commands_is_one_that_the_program_takes_with_its_settings() {
             name: name.clone(),
             command: strings(&container["args"]),
             variables: variables(container),
-            mounts: mounts.iter().map(|it| it["mountPath"].as_str().expect("a path").to_owned()).collect(),
+            mounts: mounts.iter().map(|mount| mount["mountPath"].as_str().expect("a path").to_owned()).collect(),
             memory_mib: mebibytes(container["resources"]["limits"]["memory"].as_str().expect("a limit")),
             // 30 s is the default of Kubernetes.
             grace: spec["terminationGracePeriodSeconds"].as_f64().unwrap_or(30.0) - pause,
@@ -123,15 +123,16 @@ fn no_pod_has_more_than_it_needs() {
 #[test]
 fn whatever_is_named_is_there() {
     let templates = templates();
-    let labels: Vec<_> = templates.values().map(|it| it["metadata"]["labels"].as_object().expect("labels")).collect();
+    let labels: Vec<_> =
+        templates.values().map(|template| template["metadata"]["labels"].as_object().expect("labels")).collect();
     let some_pod = |selector: &Value| {
         let wanted = selector.as_object().expect("labels");
         labels.iter().any(|labels| wanted.iter().all(|(name, value)| labels.get(name) == Some(value)))
     };
     let ports: BTreeSet<_> = templates
         .values()
-        .flat_map(|it| container(it)["ports"].as_array().cloned().unwrap_or_default())
-        .flat_map(|port| [port["name"].clone(), port["containerPort"].clone()].map(|it| it.to_string()))
+        .flat_map(|template| container(template)["ports"].as_array().cloned().unwrap_or_default())
+        .flat_map(|port| [port["name"].clone(), port["containerPort"].clone()].map(|value| value.to_string()))
         .collect();
     for object in objects() {
         let (kind, spec) = (object["kind"].as_str().expect("a kind"), &object["spec"]);
@@ -182,12 +183,13 @@ fn workers_reach_their_stores_and_nothing_outside() {
         let wanted = selector["matchLabels"].as_object();
         wanted.into_iter().flatten().all(|(name, value)| worker.get(name) == Some(value))
     };
-    let policies: Vec<_> = objects().into_iter().filter(|it| it["kind"] == "NetworkPolicy").collect();
-    let closed = |it: &&Value| it["spec"]["podSelector"] == serde_json::json!({}) && it["spec"]["egress"].is_null();
+    let policies: Vec<_> = objects().into_iter().filter(|policy| policy["kind"] == "NetworkPolicy").collect();
+    let closed =
+        |policy: &&Value| policy["spec"]["podSelector"] == serde_json::json!({}) && policy["spec"]["egress"].is_null();
     let closed = policies.iter().find(closed).expect("a policy that denies everything");
     assert_eq!(strings(&closed["spec"]["policyTypes"]), ["Ingress", "Egress"]);
     let mut reached = 0;
-    for policy in policies.iter().filter(|it| applies(&it["spec"]["podSelector"])) {
+    for policy in policies.iter().filter(|policy| applies(&policy["spec"]["podSelector"])) {
         for to in
             policy["spec"]["egress"].as_array().into_iter().flatten().flat_map(|rule| rule["to"].as_array()).flatten()
         {
@@ -199,11 +201,12 @@ fn workers_reach_their_stores_and_nothing_outside() {
         }
     }
     assert!(reached >= 3, "DNS, the database and the file store");
-    let webhooks = policies.iter().find(|it| it["metadata"]["name"] == "allow-webhooks").expect("the API's way out");
+    let webhooks =
+        policies.iter().find(|policy| policy["metadata"]["name"] == "allow-webhooks").expect("the API's way out");
     assert!(!applies(&webhooks["spec"]["podSelector"]));
     let out = webhooks["spec"]["egress"][0]["to"][0]["ipBlock"].clone();
     for private in ["10.0.0.0/8", "127.0.0.0/8", "169.254.0.0/16", "172.16.0.0/12", "192.168.0.0/16", "100.64.0.0/10"] {
-        assert!(strings(&out["except"]).iter().any(|it| it == private), "{private}");
+        assert!(strings(&out["except"]).iter().any(|range| range == private), "{private}");
     }
 }
 

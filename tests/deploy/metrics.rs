@@ -71,7 +71,7 @@ fn dashboard() -> Value {
 #[test]
 fn every_metric_is_drawn_and_whatever_is_drawn_is_a_metric() {
     let expressions = expressions(&dashboard());
-    let drawn: BTreeSet<_> = expressions.iter().flat_map(|it| metrics(it)).collect();
+    let drawn: BTreeSet<_> = expressions.iter().flat_map(|expression| metrics(expression)).collect();
     let all: BTreeSet<_> = METRICS.iter().map(|metric| metric.name).collect();
     assert_eq!(drawn, all);
 }
@@ -105,7 +105,7 @@ fn alerts_are_of_metrics_that_there_are_and_say_what_they_are_about() {
     }
     let [tests] = yaml("deploy/prometheus/alerts_test.yml").try_into().expect("one document");
     for series in
-        tests["tests"].as_array().expect("tests").iter().flat_map(|it| it["input_series"].as_array()).flatten()
+        tests["tests"].as_array().expect("tests").iter().flat_map(|test| test["input_series"].as_array()).flatten()
     {
         metrics(series["series"].as_str().expect("a series"));
     }

@@ -30,7 +30,7 @@ fn every_command_that_is_told_is_one_that_the_program_takes() {
             let line = &text[at + before.len()..];
             let line = &line[..line.find(['`', ')', '\n']).unwrap_or(line.len())];
             // With `--help` the program would not check the rest of the line.
-            let line: Vec<_> = line.split_whitespace().filter(|it| *it != "--help").map(str::to_owned).collect();
+            let line: Vec<_> = line.split_whitespace().filter(|word| *word != "--help").map(str::to_owned).collect();
             config(&line, &BTreeMap::new()).unwrap_or_else(|error| panic!("{path}: {error}"));
             seen += 1;
         }

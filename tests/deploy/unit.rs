@@ -40,7 +40,7 @@ fn it_starts_the_program_with_settings_that_it_takes() {
     variables.extend(pairs(example.lines()));
     let settings = settings(&command, &variables);
     assert_eq!(settings["MESHMEND_JOB_MEMORY_MIB"], "4096");
-    let [grace, kill] = [&settings["MESHMEND_SHUTDOWN_GRACE_S"], one("TimeoutStopSec")].map(|it| it.parse::<f64>());
+    let [grace, kill] = [&settings["MESHMEND_SHUTDOWN_GRACE_S"], one("TimeoutStopSec")].map(|time| time.parse::<f64>());
     assert!(kill.expect("seconds") >= grace.expect("seconds") + 5.0);
     assert!(one("EnvironmentFile").ends_with("/etc/meshmend/meshmend.env"));
 }

@@ -58,7 +58,10 @@ fn the_commands_of_every_page_run_as_pasted() {
         ran += usize::from(!script(&page).is_empty());
         if page.path == "README.md" {
             assert!(printed.contains("\"outcome\":\"repaired\""), "{printed}");
-            assert!(["\"printable\":false", "\"printable\":true"].iter().all(|it| printed.contains(it)), "{printed}");
+            assert!(
+                ["\"printable\":false", "\"printable\":true"].iter().all(|verdict| printed.contains(verdict)),
+                "{printed}"
+            );
             let model = std::fs::read(folder.path().join("repaired.stl")).unwrap();
             assert_eq!(read(&model, &Limits::default()).unwrap().soup.faces.len(), 12);
         }
@@ -94,7 +97,7 @@ fn lines(code: &str) -> Vec<String> {
     let lines = lines.filter(|line| !line.is_empty() && !line.starts_with('#'));
     lines
         .flat_map(|line| line.split(['|', ';']).flat_map(|part| part.split("&&")))
-        .map(|it| it.trim().to_owned())
+        .map(|part| part.trim().to_owned())
         .collect()
 }
 
@@ -114,7 +117,7 @@ fn what_only_an_operator_can_run_names_commands_targets_and_files_that_there_are
             for line in lines(&block.code) {
                 // Skips variables before the command and prefixes such as sudo.
                 let words: Vec<_> =
-                    line.split_whitespace().skip_while(|it| it.contains('=') || *it == "sudo").collect();
+                    line.split_whitespace().skip_while(|word| word.contains('=') || *word == "sudo").collect();
                 let Some((program, arguments)) = words.split_first() else { continue };
                 match *program {
                     "meshmend" => {
@@ -127,7 +130,7 @@ fn what_only_an_operator_can_run_names_commands_targets_and_files_that_there_are
                     }
                     known => assert!(OF_OPERATORS.contains(&known), "{}: what is '{known}'? {line}", page.path),
                 }
-                for path in words.iter().filter(|it| it.starts_with("deploy/") || it.starts_with("docker/")) {
+                for path in words.iter().filter(|word| word.starts_with("deploy/") || word.starts_with("docker/")) {
                     assert!(root().join(path).exists(), "{}: there is no {path}", page.path);
                 }
                 seen += 1;
@@ -181,8 +184,8 @@ fn settings() -> BTreeSet<String> {
         let settings = config["settings"].as_array().expect("a list").clone();
         settings
             .iter()
-            .flat_map(|it| [&it["variable"], &it["flag"]])
-            .filter_map(|it| Some(it.as_str()?.to_owned()))
+            .flat_map(|setting| [&setting["variable"], &setting["flag"]])
+            .filter_map(|name| Some(name.as_str()?.to_owned()))
             .collect::<Vec<_>>()
     };
     let verbs = [

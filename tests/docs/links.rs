@@ -42,7 +42,7 @@ fn every_link_between_files_leads_to_a_file_and_to_a_heading_in_it() {
             if !anchor.is_empty() {
                 let text = std::fs::read_to_string(root().join(&path)).unwrap();
                 let headings = Outline::of(&text).headings;
-                assert!(headings.iter().any(|it| it.anchor == anchor), "{}: there is no {target}", page.path);
+                assert!(headings.iter().any(|heading| heading.anchor == anchor), "{}: there is no {target}", page.path);
             }
             seen += 1;
         }
@@ -58,10 +58,9 @@ fn every_page_is_reached_from_the_index_and_from_the_readme() {
     while let Some(at) = left.iter().position(|page| reached.contains(&page.path)) {
         let page = left.remove(at);
         let folder = PathBuf::from(&page.path);
-        let files = targets(&page)
-            .into_iter()
-            .filter(|it| !it.contains("://"))
-            .map(|it| plain(folder.parent().unwrap().join(it.split('#').next().unwrap())).display().to_string());
+        let files = targets(&page).into_iter().filter(|target| !target.contains("://")).map(|target| {
+            plain(folder.parent().unwrap().join(target.split('#').next().unwrap())).display().to_string()
+        });
         reached.extend(files);
     }
     assert!(left.is_empty(), "nothing leads to {:?}", left.iter().map(|page| &page.path).collect::<Vec<_>>());

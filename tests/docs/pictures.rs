@@ -11,18 +11,18 @@ use crate::support::pictures::{Shown, shown};
 /// File names and bytes of the pictures as the program draws them now.
 fn drawn() -> Vec<(String, Vec<u8>)> {
     let folder = tempfile::tempdir().unwrap();
-    let draw = |it: Shown| {
-        let model = folder.path().join(format!("{}.off", it.name));
-        let pictures = folder.path().join(it.name);
-        std::fs::write(&model, format::write(&it.model, Format::Off).unwrap()).unwrap();
+    let draw = |shown: Shown| {
+        let model = folder.path().join(format!("{}.off", shown.name));
+        let pictures = folder.path().join(shown.name);
+        std::fs::write(&model, format::write(&shown.model, Format::Off).unwrap()).unwrap();
         let mut command = Command::new(env!("CARGO_BIN_EXE_meshmend"));
         command.arg("repair").arg(&model).arg("-o").arg(folder.path().join("result.stl"));
-        command.arg("--pictures").arg(&pictures).args(["--max-tier", "2"]).args(it.options);
+        command.arg("--pictures").arg(&pictures).args(["--max-tier", "2"]).args(shown.options);
         let output = command.output().unwrap();
-        assert!(output.status.success(), "{}: {}", it.name, String::from_utf8_lossy(&output.stderr));
-        it.pictures.iter().map(move |(from, kind)| {
+        assert!(output.status.success(), "{}: {}", shown.name, String::from_utf8_lossy(&output.stderr));
+        shown.pictures.iter().map(move |(from, kind)| {
             let bytes = std::fs::read(pictures.join(format!("{from}.png"))).unwrap();
-            (format!("{}-{kind}.png", it.name), bytes)
+            (format!("{}-{kind}.png", shown.name), bytes)
         })
     };
     shown().into_iter().flat_map(draw).collect()

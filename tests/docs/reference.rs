@@ -26,7 +26,7 @@ fn sections() -> BTreeMap<&'static str, String> {
     let of_enum = |name: &str| table(["Name", "What it is"], described(schemas, name));
     let of_fields = |name: &str| {
         let fields = schemas[name]["properties"].as_object().unwrap();
-        table(["Field", "What it is"], fields.iter().map(|(field, it)| [code(field), said(it)]))
+        table(["Field", "What it is"], fields.iter().map(|(field, schema)| [code(field), said(schema)]))
     };
     BTreeMap::from([
         ("pages", list_of_pages()),
@@ -66,7 +66,7 @@ fn described(schemas: &Value, name: &str) -> Vec<[String; 2]> {
     let names = schemas[name]["enum"].as_array().unwrap_or_else(|| panic!("{name} is no enum"));
     let said = variants(name);
     assert_eq!(names.len(), said.len(), "{name}");
-    names.iter().map(|it| code(it.as_str().unwrap())).zip(said).map(|(name, what)| [name, what]).collect()
+    names.iter().map(|name| code(name.as_str().unwrap())).zip(said).map(|(name, what)| [name, what]).collect()
 }
 
 fn code(text: &str) -> String {
@@ -85,7 +85,7 @@ fn said(schema: &Value) -> String {
 }
 
 fn table<const N: usize>(head: [&str; N], rows: impl IntoIterator<Item = [String; N]>) -> String {
-    let line = |cells: &[String; N]| format!("| {} |\n", cells.each_ref().map(|it| cell(it)).join(" | "));
+    let line = |cells: &[String; N]| format!("| {} |\n", cells.each_ref().map(|text| cell(text)).join(" | "));
     let rows: String = rows.into_iter().map(|row| line(&row)).collect();
     format!("{}|{}\n{rows}", line(&head.map(str::to_owned)), "---|".repeat(N))
 }
@@ -111,13 +111,13 @@ fn options_of(mode: Mode, schemas: &Value) -> Vec<(String, &Value)> {
 }
 
 fn options(mode: Mode, schemas: &Value) -> String {
-    let row = |(name, it): (String, &Value)| {
-        let default = match &it["default"] {
+    let row = |(name, schema): (String, &Value)| {
+        let default = match &schema["default"] {
             Value::Null => "-".to_owned(),
             Value::Object(_) => "[below](#tolerances)".to_owned(),
             other => code(&other.to_string()),
         };
-        [code(&name), kind(&name, it, schemas), default, range(it), said(it)]
+        [code(&name), kind(&name, schema, schemas), default, range(schema), said(schema)]
     };
     table(["Option", "Type", "Default", "Range", "What it does"], options_of(mode, schemas).into_iter().map(row))
 }
@@ -135,7 +135,9 @@ fn kind(name: &str, schema: &Value, schemas: &Value) -> String {
         return if has_values { format!("[one of](#{name})") } else { "[object](#tolerances)".to_owned() };
     }
     let types = &schema["type"];
-    let own = types.as_str().or_else(|| types.as_array()?.iter().find_map(|it| it.as_str().filter(|it| *it != "null")));
+    let own = types
+        .as_str()
+        .or_else(|| types.as_array()?.iter().find_map(|kind| kind.as_str().filter(|kind| *kind != "null")));
     match own.unwrap() {
         "array" if schema["items"]["$ref"].is_string() => "list of [operators](#operators)".to_owned(),
         "array" => format!("{} numbers", schema["maxItems"]),
@@ -145,7 +147,7 @@ fn kind(name: &str, schema: &Value, schemas: &Value) -> String {
 
 /// The range of an option in words.
 fn range(schema: &Value) -> String {
-    let bound = |name: &str| schema.get(name).filter(|it| it.is_number()).map(ToString::to_string);
+    let bound = |name: &str| schema.get(name).filter(|bound| bound.is_number()).map(ToString::to_string);
     match (bound("minimum"), bound("maximum"), bound("exclusiveMinimum")) {
         (Some(least), Some(most), _) => format!("{least} to {most}"),
         (Some(least), None, _) => format!("at least {least}"),
@@ -159,7 +161,7 @@ fn values(schemas: &Value) -> String {
     let mut seen = BTreeSet::new();
     let mut text = String::new();
     for (name, schema) in Mode::ALL.into_iter().flat_map(|mode| options_of(mode, schemas)) {
-        let Some(other) = referred(schema).filter(|it| schemas[*it]["enum"].is_array()) else { continue };
+        let Some(other) = referred(schema).filter(|name| schemas[*name]["enum"].is_array()) else { continue };
         // Both modes may have the option.
         if !seen.insert(name.clone()) {
             continue;
@@ -178,7 +180,7 @@ fn operators() -> String {
 
 fn defects() -> String {
     let said = variants("DefectKind");
-    let at = |kind: DefectKind| DefectKind::ALL.iter().position(|it| *it == kind).unwrap();
+    let at = |kind: DefectKind| DefectKind::ALL.iter().position(|other| *other == kind).unwrap();
     let row = |kind| {
         let colour = palette::colour(kind).to_string();
         [code(&palette::id(kind)), palette::in_words(kind, 1).to_owned(), code(&colour), said[at(kind)].clone()]
@@ -191,12 +193,12 @@ fn problems(of_requests: bool) -> String {
     let of = |name: &str| described(&document["components"]["schemas"], name);
     let meanings: BTreeMap<_, _> =
         of("ProblemCode").into_iter().chain(of("ProblemKind")).map(|[code, what]| (code, what)).collect();
-    let listed = api::catalogue().into_iter().filter(|it| it.status.is_some() == of_requests);
-    let rows = listed.map(|it| {
-        let status = it.status.map_or_else(|| "-".to_owned(), |it| it.to_string());
-        let (title, more) = (format!("{}.", it.title), &meanings[&code(&it.code)]);
+    let listed = api::catalogue().into_iter().filter(|problem| problem.status.is_some() == of_requests);
+    let rows = listed.map(|problem| {
+        let status = problem.status.map_or_else(|| "-".to_owned(), |status| status.to_string());
+        let (title, more) = (format!("{}.", problem.title), &meanings[&code(&problem.code)]);
         let meaning = if title == *more { title } else { format!("{title} {more}") };
-        [code(&it.code), status, meaning, it.advice.to_owned()]
+        [code(&problem.code), status, meaning, problem.advice.to_owned()]
     });
     table(["Code", "Status", "What it means", "What to do"], rows)
 }

@@ -19,7 +19,9 @@ fn elements(html: &str) -> Vec<String> {
         match reader.read_event().unwrap_or_else(|error| panic!("{error} at {}", reader.error_position())) {
             Event::Start(start) => {
                 let name = String::from_utf8(start.name().as_ref().to_vec()).unwrap();
-                start.html_attributes().for_each(|it| drop(it.unwrap_or_else(|error| panic!("{name}: {error}"))));
+                start
+                    .html_attributes()
+                    .for_each(|attribute| drop(attribute.unwrap_or_else(|error| panic!("{name}: {error}"))));
                 if !VOID.contains(&name.as_str()) {
                     open.push(name.clone());
                 }
@@ -43,10 +45,15 @@ fn every_page_is_one_well_formed_document_with_one_title() {
     for page in manual::pages() {
         let html = std::str::from_utf8(page.html.plain()).unwrap();
         let elements = elements(html);
-        let count = |name: &str| elements.iter().filter(|it| *it == name).count();
+        let count = |name: &str| elements.iter().filter(|element| *element == name).count();
         assert_eq!((count("h1"), count("main"), count("title")), (1, 1, 1), "{}", page.name);
         assert_eq!((count("script"), count("style")), (0, 0), "{}", page.name);
-        assert_eq!(count("h2"), page.outline.headings.iter().filter(|it| it.level == 2).count(), "{}", page.name);
+        assert_eq!(
+            count("h2"),
+            page.outline.headings.iter().filter(|heading| heading.level == 2).count(),
+            "{}",
+            page.name
+        );
         assert!(!html.contains("style=\""), "the policy forbids it: {}", page.name);
         let frame = html.split("<article>").next().unwrap();
         assert!(!frame.contains(['{', '}']), "something was not put in its place: {frame}");

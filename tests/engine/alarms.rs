@@ -9,15 +9,21 @@ use crate::support::repair_soup;
 
 /// Repairs without Blender, and asserts that the first strategy gives a good result.
 fn repaired_at_once(soup: &Soup) -> Repaired {
-    let it = repair_soup(soup, &Options::default(), None);
-    assert_eq!(it.report.outcome, Outcome::Repaired, "{} {:?}", it.report.summary, it.report.red_flags);
-    assert_eq!(it.report.red_flags, []);
-    assert_eq!(it.report.candidates.len(), 1, "the first result is good");
-    it
+    let repaired = repair_soup(soup, &Options::default(), None);
+    assert_eq!(
+        repaired.report.outcome,
+        Outcome::Repaired,
+        "{} {:?}",
+        repaired.report.summary,
+        repaired.report.red_flags
+    );
+    assert_eq!(repaired.report.red_flags, []);
+    assert_eq!(repaired.report.candidates.len(), 1, "the first result is good");
+    repaired
 }
 
-fn volume(it: &Repaired) -> f64 {
-    it.report.after.as_ref().unwrap().measures.volume.value
+fn volume(repaired: &Repaired) -> f64 {
+    repaired.report.after.as_ref().unwrap().measures.volume.value
 }
 
 fn close(a: f64, b: f64, most: f64) {
@@ -51,10 +57,10 @@ fn stray_faces_without_area_are_no_part_of_the_box() {
     let mut soup = at(0.0, 10.0);
     push(&mut soup, [DVec3::new(500.0, 0.0, 0.0); 3]);
     push(&mut soup, [600.0, 601.0, 602.0].map(DVec3::splat));
-    let it = repaired_at_once(&soup);
-    let changes = it.report.changes.unwrap();
+    let repaired = repaired_at_once(&soup);
+    let changes = repaired.report.changes.unwrap();
     assert_eq!(changes.box_change_pct, Some(0.0));
-    assert!((volume(&it) - 1000.0).abs() < 1e-9, "{}", volume(&it));
+    assert!((volume(&repaired) - 1000.0).abs() < 1e-9, "{}", volume(&repaired));
 }
 
 #[test]
@@ -69,24 +75,24 @@ fn a_face_with_an_area_that_is_gone_still_moves_the_box() {
     let context =
         meshmend::repair::Context::new(&meshmend::repair::NoProgress, &cancel, &clock, std::time::Duration::MAX);
     let [a, b] = [&before, &after].map(|soup| meshmend::inspect::Analysis::new(soup.into(), &context).unwrap());
-    let it = meshmend::inspect::compare(&a, &b, Default::default(), &context).unwrap();
-    assert!(it.changes.box_change_pct.unwrap() > 90.0);
-    assert!(!it.faithful);
+    let comparison = meshmend::inspect::compare(&a, &b, Default::default(), &context).unwrap();
+    assert!(comparison.changes.box_change_pct.unwrap() > 90.0);
+    assert!(!comparison.faithful);
 }
 
 #[test]
 fn one_of_three_boxes_inside_out_changes_no_volume() {
     let soup = join(&join(&at(0.0, 10.0), &at(20.0, 10.0)), &inside_out(at(40.0, 10.0)));
-    let it = repaired_at_once(&soup);
-    close(volume(&it), 3000.0, 1e-6);
-    close(it.report.changes.unwrap().volume_change_pct.unwrap(), 0.0, 1e-6);
+    let repaired = repaired_at_once(&soup);
+    close(volume(&repaired), 3000.0, 1e-6);
+    close(repaired.report.changes.unwrap().volume_change_pct.unwrap(), 0.0, 1e-6);
 }
 
 #[test]
 fn boxes_whose_volumes_cancel_are_turned_without_a_flag() {
-    let it = repaired_at_once(&join(&at(0.0, 10.0), &inside_out(at(40.0, 10.0))));
-    close(volume(&it), 2000.0, 1e-6);
-    assert!(it.report.changes.unwrap().volume_change_pct.is_none_or(|change| change.abs() < 1e-6));
+    let repaired = repaired_at_once(&join(&at(0.0, 10.0), &inside_out(at(40.0, 10.0))));
+    close(volume(&repaired), 2000.0, 1e-6);
+    assert!(repaired.report.changes.unwrap().volume_change_pct.is_none_or(|change| change.abs() < 1e-6));
 }
 
 #[test]
@@ -98,17 +104,17 @@ fn nested_boxes_of_every_orientation_are_repaired_at_once() {
             let part = about(half);
             soup = join(&soup, &if turned >> number & 1 == 1 { inside_out(part) } else { part });
         }
-        let it = repair_soup(&soup, &Options::default(), None);
-        let what = format!("{turned:03b}: {} {:?}", it.report.summary, it.report.red_flags);
-        assert!(matches!(it.report.outcome, Outcome::Repaired | Outcome::AlreadyPrintable), "{what}");
-        assert!(it.report.red_flags.is_empty() && it.report.candidates.len() == 1, "{what}");
+        let repaired = repair_soup(&soup, &Options::default(), None);
+        let what = format!("{turned:03b}: {} {:?}", repaired.report.summary, repaired.report.red_flags);
+        assert!(matches!(repaired.report.outcome, Outcome::Repaired | Outcome::AlreadyPrintable), "{what}");
+        assert!(repaired.report.red_flags.is_empty() && repaired.report.candidates.len() == 1, "{what}");
         // A cavity stays a cavity, even if the whole model was inside out. An inner box with the orientation of the outer one
         // stays a solid, unless only the outer one was flipped.
         let inner = match turned & 0b11 {
             0b00 => volumes[1],
             _ => -volumes[1],
         };
-        close(volume(&it), volumes[0] + inner + volumes[2], 1e-6);
+        close(volume(&repaired), volumes[0] + inner + volumes[2], 1e-6);
     }
 }
 
@@ -116,17 +122,17 @@ fn nested_boxes_of_every_orientation_are_repaired_at_once() {
 fn a_part_that_is_gone_is_still_flagged_where_another_was_inside_out() {
     // Without the lost part, the result has the same volume as the signed volumes of the input add up to.
     let input = join(&join(&at(0.0, 10.0), &at(20.0, 10.0)), &inside_out(at(40.0, 10.0)));
-    let it = repair_soup(&input, &Options { max_volume_change_pct: 0.0, ..Options::default() }, None);
-    assert!(it.report.red_flags.iter().all(|flag| flag.code != RedFlagCode::VolumeChange));
+    let repaired = repair_soup(&input, &Options { max_volume_change_pct: 0.0, ..Options::default() }, None);
+    assert!(repaired.report.red_flags.iter().all(|flag| flag.code != RedFlagCode::VolumeChange));
 }
 
 #[test]
 fn six_loose_sides_with_gaps_are_a_box() {
     for gap in [1e-3, 1e-4] {
         let soup = apart(&cube(DVec3::splat(-5.0), 10.0, 1), 2, |_, middle| middle.normalize() * gap);
-        let it = repaired_at_once(&soup);
-        close(volume(&it), 1000.0, 1.0);
-        assert_ne!(it.report.plan.category, Category::OpenSheet);
+        let repaired = repaired_at_once(&soup);
+        close(volume(&repaired), 1000.0, 1.0);
+        assert_ne!(repaired.report.plan.category, Category::OpenSheet);
     }
 }
 
@@ -135,13 +141,19 @@ fn exploded_triangles_are_the_solid_that_they_were() {
     for gap in [1e-3, 1e-4] {
         for solid in [about(5.0), sphere(DVec3::ZERO, 10.0, 24, 12)] {
             let whole = {
-                let it = repair_soup(&solid, &Options::default(), None);
-                volume(&it)
+                let repaired = repair_soup(&solid, &Options::default(), None);
+                volume(&repaired)
             };
             let soup = apart(&solid, 1, |_, middle| middle.normalize() * gap);
-            let it = repair_soup(&soup, &Options::default(), None);
-            assert_eq!(it.report.outcome, Outcome::Repaired, "{gap}: {} {:?}", it.report.summary, it.report.red_flags);
-            close(volume(&it), whole, whole * 2e-3);
+            let result = repair_soup(&soup, &Options::default(), None);
+            assert_eq!(
+                result.report.outcome,
+                Outcome::Repaired,
+                "{gap}: {} {:?}",
+                result.report.summary,
+                result.report.red_flags
+            );
+            close(volume(&result), whole, whole * 2e-3);
         }
     }
 }
@@ -149,9 +161,9 @@ fn exploded_triangles_are_the_solid_that_they_were() {
 #[test]
 fn an_open_surface_in_pieces_is_still_a_sheet() {
     for soup in [sheet(12), apart(&sheet(12), 1, |number, _| DVec3::Z * 1e-4 * (number % 3) as f64)] {
-        let it = repair_soup(&soup, &Options::default(), None);
-        assert_eq!(it.report.plan.category, Category::OpenSheet);
-        assert_ne!(it.report.outcome, Outcome::Repaired);
+        let repaired = repair_soup(&soup, &Options::default(), None);
+        assert_eq!(repaired.report.plan.category, Category::OpenSheet);
+        assert_ne!(repaired.report.outcome, Outcome::Repaired);
     }
 }
 
@@ -162,8 +174,8 @@ fn boxes_with_tops_one_f32_step_apart_are_repaired_for_readers_of_eight_decimals
     let over = |p: DVec3| DVec3::new(0.1 * p.x - 0.03, 0.08 * p.y - 0.02, (f64::from(below) + 0.04) * p.z - 0.04);
     let mut wide = cube(DVec3::ZERO, 1.0, 1);
     wide.positions.iter_mut().for_each(|p| *p = over(*p));
-    let it = repaired_at_once(&join(&cube(DVec3::ZERO, f64::from(top), 1), &wide));
-    assert_eq!(it.report.after.unwrap().measures.near_coincident_faults, 0);
+    let repaired = repaired_at_once(&join(&cube(DVec3::ZERO, f64::from(top), 1), &wide));
+    assert_eq!(repaired.report.after.unwrap().measures.near_coincident_faults, 0);
 }
 
 #[test]
@@ -175,10 +187,10 @@ fn a_sphere_cut_into_eight_is_flagged_and_methods_sharing_its_closed_holes_skipp
         let octant = corners.into_iter().sum::<DVec3>().map(f64::signum);
         push(&mut chips, corners.map(|p| p + 0.05 * octant));
     }
-    let it = repair_soup(&chips, &Options::default(), None).report;
-    assert_eq!(it.outcome, Outcome::PartiallyRepaired, "{}", it.summary);
-    assert!(it.red_flags.iter().any(|flag| flag.code == RedFlagCode::VolumeChange), "{:?}", it.red_flags);
-    assert!(it.steps.iter().all(|step| step.operator != Some(Operator::Remesh)));
+    let repaired = repair_soup(&chips, &Options::default(), None).report;
+    assert_eq!(repaired.outcome, Outcome::PartiallyRepaired, "{}", repaired.summary);
+    assert!(repaired.red_flags.iter().any(|flag| flag.code == RedFlagCode::VolumeChange), "{:?}", repaired.red_flags);
+    assert!(repaired.steps.iter().all(|step| step.operator != Some(Operator::Remesh)));
     let why = "it starts from the same closed holes, so it encloses the same room";
-    assert!(it.steps.iter().any(|step| step.note.as_deref() == Some(why)), "{:?}", it.steps);
+    assert!(repaired.steps.iter().any(|step| step.note.as_deref() == Some(why)), "{:?}", repaired.steps);
 }

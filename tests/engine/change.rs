@@ -124,7 +124,7 @@ fn meshes_of_nothing_or_of_broken_faces_are_no_trouble() {
 }
 
 fn drawing<'a>(drawings: &'a [Drawing], name: &str) -> &'a [u8] {
-    &drawings.iter().find(|it| it.name == name).unwrap_or_else(|| panic!("no {name}")).bytes
+    &drawings.iter().find(|drawing| drawing.name == name).unwrap_or_else(|| panic!("no {name}")).bytes
 }
 
 #[test]
@@ -175,7 +175,7 @@ fn a_repair_reports_the_areas_and_draws_them() {
         assert!((surface.kept.area - 5.0).abs() < 1e-6 && (surface.added.area - 1.0).abs() < 1e-6, "{surface:?}");
         assert_eq!((surface.kept.faces, surface.removed.faces), (90, 0));
         let drawn = |result| draw(&input, result, &options, &Limits::default(), context).unwrap();
-        let names: Vec<_> = drawn(Some(&repaired.bytes)).iter().map(|it| it.name).collect();
+        let names: Vec<_> = drawn(Some(&repaired.bytes)).iter().map(|drawing| drawing.name).collect();
         assert_eq!(names[3..], ["after.png", "change.png", "change.glb", "change.ply"]);
         let mut told = repaired.report.drawings();
         told.sort_unstable();

@@ -55,9 +55,9 @@ fn genus_counts_the_handles() {
         ("block with two holes", block(5, 3, |x, y| y == 1 && (x == 1 || x == 3)), 2),
         ("block with three holes", block(7, 3, |x, y| y == 1 && x % 2 == 1), 3),
     ] {
-        let it = look(&soup).characteristics;
-        assert_eq!(it.shells.genus, Some(handles), "{name}");
-        assert_eq!((it.shells.list[0].genus, it.shells.count), (Some(handles), 1), "{name}");
+        let characteristics = look(&soup).characteristics;
+        assert_eq!(characteristics.shells.genus, Some(handles), "{name}");
+        assert_eq!((characteristics.shells.list[0].genus, characteristics.shells.count), (Some(handles), 1), "{name}");
     }
 }
 
@@ -78,9 +78,9 @@ fn genus_is_that_of_each_part_and_the_reason_is_said_where_it_has_none() {
     assert_eq!((shells.count, shells.genus_not_measurable), (1, Some(Unmeasurable::NotManifold)));
     // Two boxes that share a corner are two parts, each with a genus, though the mesh is not manifold.
     let two = join(&cube(DVec3::ZERO, 1.0, 1), &cube(DVec3::ONE, 1.0, 1));
-    let it = look(&two);
-    assert_eq!((it.measures.manifold, it.characteristics.shells.genus), (false, Some(0)));
-    assert_eq!(it.characteristics.shells.list[1].vertices, 8);
+    let inspection = look(&two);
+    assert_eq!((inspection.measures.manifold, inspection.characteristics.shells.genus), (false, Some(0)));
+    assert_eq!(inspection.characteristics.shells.list[1].vertices, 8);
 }
 
 #[test]
@@ -119,9 +119,9 @@ fn a_cavity_is_turned_rightly_and_a_solid_in_a_solid_is_not() {
         (join(&outer, &inner), Answer::No, vec![Some(0), Some(1)]),
         (join(&inside_out(outer.clone()), &inner), Answer::No, vec![Some(0), Some(1)]),
     ] {
-        let it = look(&soup).characteristics;
-        assert_eq!(it.attributes.outward, outward);
-        assert_eq!(it.shells.list.iter().map(|s| s.depth).collect::<Vec<_>>(), depths);
+        let characteristics = look(&soup).characteristics;
+        assert_eq!(characteristics.attributes.outward, outward);
+        assert_eq!(characteristics.shells.list.iter().map(|s| s.depth).collect::<Vec<_>>(), depths);
     }
 }
 
@@ -143,18 +143,18 @@ fn a_thousand_parts_are_counted_and_the_hundred_largest_are_listed() {
 #[test]
 fn elements_tell_what_the_file_has_from_what_was_merged() {
     let box_ = cube(DVec3::ZERO, 1.0, 1);
-    let it = look(&box_).characteristics.elements;
-    assert_eq!((it.vertices, it.indistinguishable_vertices), (36, None), "no vertex is used twice");
+    let counts = look(&box_).characteristics.elements;
+    assert_eq!((counts.vertices, counts.indistinguishable_vertices), (36, None), "no vertex is used twice");
     let mut indexed = Soup {
         positions: vec![DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::Z, DVec3::ZERO, DVec3::ONE, DVec3::X * 3.0],
         faces: vec![[0, 2, 1], [4, 1, 3], [1, 2, 3], [2, 0, 3]],
     };
     indexed.faces.extend([[0, 0, 1], [0, 4, 1], [0, 1, 6]]);
-    let it = look(&indexed);
-    let elements = it.characteristics.elements;
+    let inspection = look(&indexed);
+    let elements = inspection.characteristics.elements;
     assert_eq!((elements.vertices, elements.indistinguishable_vertices), (7, Some(1)));
     assert_eq!((elements.repeated_vertex_faces, elements.collinear_faces), (2, 1));
-    assert_eq!((it.measures.degenerate_faces, it.measures.unreferenced_vertices), (3, 1));
+    assert_eq!((inspection.measures.degenerate_faces, inspection.measures.unreferenced_vertices), (3, 1));
     assert_eq!((elements.missing_vertices, elements.vertices_contiguous), (None, None));
 }
 
@@ -170,17 +170,17 @@ fn numbers_of_the_file_are_told_where_it_has_numbers() {
         is_indexed: false,
         unit: None,
     };
-    let it = look_at(subject, &InspectOptions::default()).characteristics.elements;
-    assert_eq!((it.missing_vertices, it.faces_without_vertex), (Some(1), Some(1)));
-    assert_eq!((it.vertices_contiguous, it.faces_contiguous), (Some(false), Some(true)));
-    assert_eq!(it.indistinguishable_vertices, Some(0));
+    let elements = look_at(subject, &InspectOptions::default()).characteristics.elements;
+    assert_eq!((elements.missing_vertices, elements.faces_without_vertex), (Some(1), Some(1)));
+    assert_eq!((elements.vertices_contiguous, elements.faces_contiguous), (Some(false), Some(true)));
+    assert_eq!(elements.indistinguishable_vertices, Some(0));
 }
 
 #[test]
 fn statistics_are_left_out_at_level_none_and_attributes_are_not() {
     let options = InspectOptions { level: Level::None, ..InspectOptions::default() };
-    let it = look_at((&cube(DVec3::ZERO, 1.0, 1)).into(), &options).characteristics;
-    assert_eq!((it.statistics, it.attributes.outward), (None, Answer::Yes));
+    let characteristics = look_at((&cube(DVec3::ZERO, 1.0, 1)).into(), &options).characteristics;
+    assert_eq!((characteristics.statistics, characteristics.attributes.outward), (None, Answer::Yes));
 }
 
 /// A regular tetrahedron with edges of length `sqrt(8)`, and its inspection, which includes the search for intersections.
@@ -190,20 +190,20 @@ fn good_mesh() -> (Soup, Inspection) {
         positions: vec![corner(1., 1., 1.), corner(1., -1., -1.), corner(-1., 1., -1.), corner(-1., -1., 1.)],
         faces: vec![[0, 1, 2], [0, 3, 1], [0, 2, 3], [1, 3, 2]],
     };
-    let mut it = look(&soup);
-    it.measures.self_intersections =
+    let mut inspection = look(&soup);
+    inspection.measures.self_intersections =
         SelfIntersections { checked: true, complete: true, pairs: Some(0), ..SelfIntersections::default() };
-    (soup, it)
+    (soup, inspection)
 }
 
 #[test]
 fn a_mesh_is_good_within_its_thresholds_and_not_on_them() {
-    let (_, it) = good_mesh();
+    let (_, inspection) = good_mesh();
     let angle = std::f64::consts::TAU - (1f64 / 3.0).acos();
     let within = Thresholds { aspect_ratio: 1.16, edge_angle: angle - 0.01, edge_length: 2.8 };
-    assert_eq!(goodness(&it, within).reasons, []);
-    assert!(goodness(&it, within).good);
-    let statistics = it.characteristics.statistics.as_ref().unwrap();
+    assert_eq!(goodness(&inspection, within).reasons, []);
+    assert!(goodness(&inspection, within).good);
+    let statistics = inspection.characteristics.statistics.as_ref().unwrap();
     let of = |d: &Option<Distribution>| d.clone().unwrap();
     let (ratio, length) = (of(&statistics.face_aspect_ratio).max, of(&statistics.edge_length).min);
     let angle = of(&statistics.edge_angle.distribution).min;
@@ -212,9 +212,9 @@ fn a_mesh_is_good_within_its_thresholds_and_not_on_them() {
         (Thresholds { edge_angle: angle, ..within }, Lack::EdgeAngle, angle),
         (Thresholds { edge_length: length, ..within }, Lack::EdgeLength, length),
     ] {
-        let it = goodness(&it, thresholds);
-        assert!(!it.good);
-        assert_eq!(it.reasons.iter().map(|r| (r.lack, r.value)).collect::<Vec<_>>(), [(lack, Some(value))]);
+        let verdict = goodness(&inspection, thresholds);
+        assert!(!verdict.good);
+        assert_eq!(verdict.reasons.iter().map(|r| (r.lack, r.value)).collect::<Vec<_>>(), [(lack, Some(value))]);
     }
 }
 
@@ -222,11 +222,12 @@ fn a_mesh_is_good_within_its_thresholds_and_not_on_them() {
 fn each_thing_that_meshalyzer_asks_of_a_good_mesh_is_asked() {
     let (soup, fine) = good_mesh();
     let lenient = Thresholds { aspect_ratio: 1e9, edge_angle: 0.0, edge_length: 0.0 };
-    let lacks = |it: &Inspection| goodness(it, lenient).reasons.iter().map(|r| r.lack).collect::<Vec<_>>();
+    let lacks =
+        |inspection: &Inspection| goodness(inspection, lenient).reasons.iter().map(|r| r.lack).collect::<Vec<_>>();
     let of = |soup: &Soup| {
-        let mut it = look(soup);
-        it.measures.self_intersections = fine.measures.self_intersections;
-        lacks(&it)
+        let mut inspection = look(soup);
+        inspection.measures.self_intersections = fine.measures.self_intersections;
+        lacks(&inspection)
     };
     assert!(lacks(&look(&soup)).is_empty());
     let mut unfinished = fine.clone();
@@ -282,9 +283,9 @@ fn an_inspection_goes_through_json_and_comes_back_the_same() {
     for scale in [1.0, 1e300, 1e-300] {
         let mut soup = join(&torus(3.0, 1.0, 12, 8), &sheet(3));
         soup.positions.iter_mut().for_each(|p| *p *= scale);
-        let it = look(&soup);
-        let text = serde_json::to_string(&it).unwrap();
-        assert_eq!(serde_json::from_str::<Inspection>(&text).unwrap(), it);
+        let inspection = look(&soup);
+        let text = serde_json::to_string(&inspection).unwrap();
+        assert_eq!(serde_json::from_str::<Inspection>(&text).unwrap(), inspection);
     }
 }
 
@@ -295,9 +296,12 @@ fn a_mesh_without_a_usable_face_is_described_too() {
         Soup { positions: vec![DVec3::NAN; 3], faces: vec![[0, 1, 2]] },
         Soup { positions: vec![DVec3::X; 3], faces: vec![[0, 1, 2]] },
     ] {
-        let it = look(&soup).characteristics;
-        assert_eq!((it.attributes.closed, it.shells.count, it.shells.genus), (Answer::No, 0, None));
-        assert_eq!(it.statistics.unwrap().edge_length, None);
+        let characteristics = look(&soup).characteristics;
+        assert_eq!(
+            (characteristics.attributes.closed, characteristics.shells.count, characteristics.shells.genus),
+            (Answer::No, 0, None)
+        );
+        assert_eq!(characteristics.statistics.unwrap().edge_length, None);
     }
 }
 

@@ -20,11 +20,11 @@ fn with_analyses<T>(soups: &[&Soup], look: impl FnOnce(&[&Analysis<'_>], &Contex
 }
 
 fn compared(before: &Soup, after: &Soup) -> Comparison {
-    with_analyses(&[before, after], |it, context| compare(it[0], it[1], FAST, context).unwrap())
+    with_analyses(&[before, after], |analyses, context| compare(analyses[0], analyses[1], FAST, context).unwrap())
 }
 
 fn spaced(soups: &[&Soup]) -> Vec<Spacing> {
-    with_analyses(soups, |it, context| spacing(it, context).unwrap())
+    with_analyses(soups, |analyses, context| spacing(analyses, context).unwrap())
 }
 
 fn mapped(soup: &Soup, map: impl Fn(DVec3) -> DVec3) -> Soup {
@@ -35,20 +35,20 @@ fn close(found: f64, expected: f64, tolerance: f64) {
     assert!((found - expected).abs() <= tolerance, "{found} is not {expected}");
 }
 
-fn deviations(it: &Comparison) -> [meshmend::inspect::Deviation; 3] {
-    [it.changes.lost.unwrap(), it.deviation.unwrap(), it.changes.made.unwrap()]
+fn deviations(comparison: &Comparison) -> [meshmend::inspect::Deviation; 3] {
+    [comparison.changes.lost.unwrap(), comparison.deviation.unwrap(), comparison.changes.made.unwrap()]
 }
 
 #[test]
 fn a_mesh_is_no_distance_from_itself_and_all_of_it_is_kept() {
     let ball = sphere(DVec3::ONE, 2.0, 24, 12);
-    let it = compared(&ball, &ball);
-    assert!(it.faithful);
-    assert_eq!((it.changes.faces_kept_pct, it.changes.surface_lost_pct), (100.0, Some(0.0)));
-    for deviation in deviations(&it) {
+    let comparison = compared(&ball, &ball);
+    assert!(comparison.faithful);
+    assert_eq!((comparison.changes.faces_kept_pct, comparison.changes.surface_lost_pct), (100.0, Some(0.0)));
+    for deviation in deviations(&comparison) {
         assert_eq!((deviation.distance.max, deviation.distance.rms, deviation.complete), (0.0, 0.0, true));
     }
-    let inside = it.inside.unwrap();
+    let inside = comparison.inside.unwrap();
     assert_eq!((inside.agree_pct, inside.overlap_pct, inside.points), (100.0, Some(100.0), 3000));
     // A ball in its bounding box.
     close(inside.inside_before as f64 / 3000.0, std::f64::consts::PI / 6.0, 0.02);
@@ -58,8 +58,8 @@ fn a_mesh_is_no_distance_from_itself_and_all_of_it_is_kept() {
 fn a_shifted_cube_is_apart_by_the_shift_where_that_is_across_the_faces() {
     let before = cube(DVec3::ZERO, 1.0, 3);
     let after = mapped(&before, |p| p + DVec3::X * 0.1);
-    let it = compared(&before, &after);
-    for deviation in deviations(&it) {
+    let comparison = compared(&before, &after);
+    for deviation in deviations(&comparison) {
         close(deviation.distance.max, 0.1, 1e-12);
         close(deviation.percent.max, 10.0 / 3f64.sqrt(), 1e-9);
         // One side is 0.1 away. So is the opposite side, except near its rim, where the other four sides are nearer. A tenth of
@@ -69,37 +69,37 @@ fn a_shifted_cube_is_apart_by_the_shift_where_that_is_across_the_faces() {
         close(deviation.distance.p50, 0.0, 1e-12);
         close(deviation.distance.p95, 0.1, 1e-12);
     }
-    close(it.changes.box_change_pct.unwrap(), 10.0 / 3f64.sqrt(), 1e-9);
-    close(it.changes.volume_change_pct.unwrap(), 0.0, 1e-9);
-    let inside = it.inside.unwrap();
+    close(comparison.changes.box_change_pct.unwrap(), 10.0 / 3f64.sqrt(), 1e-9);
+    close(comparison.changes.volume_change_pct.unwrap(), 0.0, 1e-9);
+    let inside = comparison.inside.unwrap();
     close(inside.agree_pct, (1.0 - 0.2 / 1.1) * 100.0, 1.0);
     close(inside.overlap_pct.unwrap(), 0.9 / 1.1 * 100.0, 1.0);
-    assert!(!it.faithful);
+    assert!(!comparison.faithful);
 }
 
 #[test]
 fn a_finer_sphere_is_away_by_the_height_of_the_coarse_one_s_facets() {
     let (coarse, fine) = (sphere(DVec3::ZERO, 1.0, 32, 16), sphere(DVec3::ZERO, 1.0, 128, 64));
-    let it = compared(&coarse, &fine);
+    let comparison = compared(&coarse, &fine);
     // The sagitta of 1/32 of a circle is 0.0048; facets bend both ways.
-    for deviation in deviations(&it) {
+    for deviation in deviations(&comparison) {
         assert!((0.0048..0.0105).contains(&deviation.distance.max), "{deviation:?}");
         assert!((0.001..0.006).contains(&deviation.distance.mean), "{deviation:?}");
     }
-    assert!(it.faithful && it.inside.unwrap().agree_pct > 98.0);
-    assert!(it.changes.volume_change_pct.unwrap() > 1.0);
+    assert!(comparison.faithful && comparison.inside.unwrap().agree_pct > 98.0);
+    assert!(comparison.changes.volume_change_pct.unwrap() > 1.0);
 }
 
 #[test]
 fn what_nobody_can_see_is_not_lost_but_it_deviates() {
     let outer = cube(DVec3::ZERO, 4.0, 4);
     let both = join(&outer, &cube(DVec3::splat(1.0), 2.0, 4));
-    let it = compared(&both, &outer);
-    assert_eq!(it.changes.surface_lost_pct, Some(0.0));
-    assert_eq!(it.changes.lost.unwrap().distance.max, 0.0);
-    close(it.visible_pct.unwrap(), 80.0, 0.5);
-    close(it.deviation.unwrap().distance.max, 1.0, 1e-9);
-    assert_eq!((it.changes.parts, it.changes.faces), (-1, -192));
+    let comparison = compared(&both, &outer);
+    assert_eq!(comparison.changes.surface_lost_pct, Some(0.0));
+    assert_eq!(comparison.changes.lost.unwrap().distance.max, 0.0);
+    close(comparison.visible_pct.unwrap(), 80.0, 0.5);
+    close(comparison.deviation.unwrap().distance.max, 1.0, 1e-9);
+    assert_eq!((comparison.changes.parts, comparison.changes.faces), (-1, -192));
 }
 
 #[test]
@@ -115,15 +115,18 @@ fn powers_of_two_and_right_angles_change_no_figure_in_percent() {
     let base = compared(&before, &after);
     for power in [-900, -300, -3, 5, 300, 900] {
         let size = 2f64.powi(power);
-        let it = compared(&mapped(&before, |p| p * size), &mapped(&after, |p| p * size));
-        for (scaled, whole) in deviations(&it).iter().zip(deviations(&base)) {
+        let comparison = compared(&mapped(&before, |p| p * size), &mapped(&after, |p| p * size));
+        for (scaled, whole) in deviations(&comparison).iter().zip(deviations(&base)) {
             assert_eq!((scaled.percent, scaled.distance.max), (whole.percent, whole.distance.max * size), "2^{power}");
         }
-        assert_eq!((it.inside, it.visible_pct, it.faithful), (base.inside, base.visible_pct, base.faithful));
+        assert_eq!(
+            (comparison.inside, comparison.visible_pct, comparison.faithful),
+            (base.inside, base.visible_pct, base.faithful)
+        );
     }
     let turn = |p: DVec3| DVec3::new(-p.y, p.x, p.z);
-    let it = compared(&mapped(&before, turn), &mapped(&after, turn));
-    for (turned, whole) in deviations(&it).iter().zip(deviations(&base)) {
+    let moved = compared(&mapped(&before, turn), &mapped(&after, turn));
+    for (turned, whole) in deviations(&moved).iter().zip(deviations(&base)) {
         close(turned.percent.max, whole.percent.max, 1e-9);
         close(turned.percent.mean, whole.percent.mean, 1e-9);
     }
@@ -139,17 +142,17 @@ fn huge_tiny_empty_and_broken_meshes_are_compared_without_a_number_that_is_none(
     let all = [ball(1.0), ball(1e300), ball(1e-300), ball(1.7e308), Soup::default(), broken, point];
     for before in &all {
         for after in &all {
-            let it = compared(before, after);
-            let text = serde_json::to_string(&it).unwrap();
-            assert_eq!(serde_json::from_str::<Comparison>(&text).unwrap(), it);
+            let comparison = compared(before, after);
+            let text = serde_json::to_string(&comparison).unwrap();
+            assert_eq!(serde_json::from_str::<Comparison>(&text).unwrap(), comparison);
         }
     }
-    let it = compared(&ball(1e300), &ball(2e300));
-    close(it.deviation.unwrap().distance.max / 1e300, 1.0, 0.1);
+    let scaled = compared(&ball(1e300), &ball(2e300));
+    close(scaled.deviation.unwrap().distance.max / 1e300, 1.0, 0.1);
     // From a ball the size of an atom to an astronomically large one, and back.
-    let it = compared(&ball(1.0), &ball(1e200));
-    close(it.deviation.unwrap().distance.max / 1e200, 0.95, 0.06);
-    close(it.changes.made.unwrap().distance.max / 1e200, 1.0, 1e-6);
+    let scaled = compared(&ball(1.0), &ball(1e200));
+    close(scaled.deviation.unwrap().distance.max / 1e200, 0.95, 0.06);
+    close(scaled.changes.made.unwrap().distance.max / 1e200, 1.0, 1e-6);
 }
 
 #[test]
@@ -161,9 +164,9 @@ fn a_fan_of_needles_takes_no_longer_than_its_budget() {
     }
     let moved = mapped(&fan, |p| p * 1.01 + DVec3::Z * 0.03);
     let start = std::time::Instant::now();
-    let it = compared(&fan, &moved);
+    let comparison = compared(&fan, &moved);
     assert!(start.elapsed() < Duration::from_secs(60), "{:?}", start.elapsed());
-    assert!(it.deviation.unwrap().samples > 50);
+    assert!(comparison.deviation.unwrap().samples > 50);
 }
 
 #[test]
@@ -186,7 +189,7 @@ fn spacing_is_from_each_vertex_to_the_nearest_of_the_other_meshes() {
     assert_eq!(distances, [0.5, 0.5, 0.5, 0.5, 1.5, 1.5, 1.5, 1.5]);
     let gap = found[1].least.unwrap();
     assert_eq!((gap.distance, gap.mesh, gap.from[0], gap.to[0]), (0.25, 2, 2.5, 2.75));
-    assert!(found.iter().all(|it| it.complete && it.distances.len() == 8));
+    assert!(found.iter().all(|spacing| spacing.complete && spacing.distances.len() == 8));
     assert!(spaced(&[&left])[0].distances.is_empty() && spaced(&[&left, &Soup::default()])[0].least.is_none());
     let huge = spaced(&[&mapped(&left, |p| p * 1e300), &mapped(&middle, |p| p * 1e300)]);
     close(huge[0].least.unwrap().distance / 1e300, 0.5, 1e-12);

@@ -46,15 +46,15 @@ fn verdict_on(damaged: &Damaged, may_join: bool) -> Result<(), String> {
 /// A solid with several kinds of damage, one for each bit of `kinds`.
 fn damaged(solid: usize, kinds: usize, amount: usize, seed: u64) -> (String, Damaged) {
     let (mut name, make) = (SOLIDS[solid].0.to_owned(), SOLIDS[solid].1);
-    let mut it = make();
+    let mut mesh = make();
     let mut random = Random::new(seed);
     for (i, (kind, damage)) in DAMAGES.iter().enumerate() {
         if kinds >> i & 1 == 1 {
             name.push_str(&format!(", {kind}"));
-            damage(&mut it, amount, &mut random);
+            damage(&mut mesh, amount, &mut random);
         }
     }
-    (name, it)
+    (name, mesh)
 }
 
 #[test]
@@ -62,8 +62,8 @@ fn each_solid_survives_each_kind_of_damage() {
     let mut wrong = Vec::new();
     for solid in 0..SOLIDS.len() {
         for kind in 0..DAMAGES.len() {
-            let (name, it) = damaged(solid, 1 << kind, 4, 7);
-            wrong.extend(verdict(&it).err().map(|why| format!("{name}: {why}")));
+            let (name, damaged_solid) = damaged(solid, 1 << kind, 4, 7);
+            wrong.extend(verdict(&damaged_solid).err().map(|why| format!("{name}: {why}")));
         }
     }
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
@@ -77,8 +77,8 @@ proptest! {
         solid in 0..SOLIDS.len(), kinds in 1..1usize << DAMAGES.len(), amount in 1..8usize, seed: u64,
     ) {
         let amount = if SOLIDS[solid].0 == SHARED_WALL { amount.min(4) } else { amount };
-        let (name, it) = damaged(solid, kinds, amount, seed);
-        prop_assert_eq!(verdict(&it), Ok(()), "{}", name);
+        let (name, damaged_solid) = damaged(solid, kinds, amount, seed);
+        prop_assert_eq!(verdict(&damaged_solid), Ok(()), "{}", name);
     }
 }
 
@@ -107,15 +107,15 @@ fn may_join(solid: usize) -> bool {
 
 /// A solid torn open, with other kinds of damage, one for each bit of `others`.
 fn torn(solid: usize, tear: usize, others: usize, amount: usize, seed: u64) -> (String, Damaged) {
-    let mut it = SOLIDS[solid].1();
+    let mut mesh = SOLIDS[solid].1();
     let mut random = Random::new(seed);
-    TEARS[tear].1(&mut it, amount, &mut random);
+    TEARS[tear].1(&mut mesh, amount, &mut random);
     let mut name = format!("{}, {}", SOLIDS[solid].0, TEARS[tear].0);
     for (_, (kind, damage)) in DAMAGES.iter().enumerate().filter(|(i, _)| others >> i & 1 == 1) {
         name.push_str(&format!(", {kind}"));
-        damage(&mut it, amount, &mut random);
+        damage(&mut mesh, amount, &mut random);
     }
-    (name, it)
+    (name, mesh)
 }
 
 #[test]
@@ -123,8 +123,8 @@ fn each_solid_survives_each_kind_of_tear() {
     let mut wrong = Vec::new();
     for solid in 0..SOLIDS.len() {
         for tear in 0..TEARS.len() {
-            let (name, it) = torn(solid, tear, 0, 4, 7);
-            wrong.extend(verdict_on(&it, may_join(solid)).err().map(|why| format!("{name}: {why}")));
+            let (name, damaged_solid) = torn(solid, tear, 0, 4, 7);
+            wrong.extend(verdict_on(&damaged_solid, may_join(solid)).err().map(|why| format!("{name}: {why}")));
         }
     }
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
@@ -138,23 +138,23 @@ proptest! {
         solid in 0..SOLIDS.len(), tear in 0..TEARS.len(), others in 0..1usize << DAMAGES.len(), amount in 1..6usize, seed: u64,
     ) {
         let others = if SOLIDS[solid].0 == SHARED_WALL { others & !DOUBLED } else { others };
-        let (name, it) = torn(solid, tear, others, amount, seed);
-        prop_assert_eq!(verdict_on(&it, may_join(solid)), Ok(()), "{}", name);
+        let (name, damaged_solid) = torn(solid, tear, others, amount, seed);
+        prop_assert_eq!(verdict_on(&damaged_solid, may_join(solid)), Ok(()), "{}", name);
     }
 }
 
 #[test]
 fn cavities_stay_cavities_where_the_wall_around_them_has_holes() {
     for (solid, amount, seed) in [(4, 1, 7705), (4, 3, 8167), (5, 1, 1_221_763_412_210_828_781), (5, 5, 18331)] {
-        let (name, it) = damaged(solid, 0b10101, amount, seed);
-        assert_eq!(verdict(&it), Ok(()), "{name}");
+        let (name, damaged_solid) = damaged(solid, 0b10101, amount, seed);
+        assert_eq!(verdict(&damaged_solid), Ok(()), "{name}");
     }
 }
 
 #[test]
 fn a_wall_that_two_solids_share_goes_where_some_of_it_is_missing() {
     for (kinds, amount, seed) in [(0b11, 2, 13_384_030_922_545_145_770), (0b100, 6, 16483), (0b11011, 4, 34578)] {
-        let (name, it) = damaged(6, kinds, amount, seed);
-        assert_eq!(verdict(&it), Ok(()), "{name}");
+        let (name, damaged_solid) = damaged(6, kinds, amount, seed);
+        assert_eq!(verdict(&damaged_solid), Ok(()), "{name}");
     }
 }

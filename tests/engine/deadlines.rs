@@ -95,13 +95,17 @@ fn a_repair_overruns_its_deadline_by_at_most_a_tenth_and_two_seconds() {
             let took = clock.now();
             assert!(took <= DEADLINE + promised_overrun(DEADLINE), "{tick_ms} ms a reading: {took:?}");
             match result {
-                Ok(it) => {
-                    let left_out = &it.report.left_out;
-                    assert_eq!(left_out.contains(&LeftOut::Repair), it.report.summary.contains("deadline_s"));
-                    assert!(!it.bytes.is_empty() && it.report.after.is_some() && it.report.verified_from_output_bytes);
+                Ok(repaired) => {
+                    let left_out = &repaired.report.left_out;
+                    assert_eq!(left_out.contains(&LeftOut::Repair), repaired.report.summary.contains("deadline_s"));
+                    assert!(
+                        !repaired.bytes.is_empty()
+                            && repaired.report.after.is_some()
+                            && repaired.report.verified_from_output_bytes
+                    );
                     // No result is called printable without verification.
                     let unknown = left_out.contains(&LeftOut::InputVerification);
-                    assert!(!(unknown && it.report.outcome.is_printable()), "{tick_ms}");
+                    assert!(!(unknown && repaired.report.outcome.is_printable()), "{tick_ms}");
                 }
                 Err(error) => assert!(matches!(error, RepairError::OutOfTime(_)) && tick_ms > 80, "{tick_ms}: {error}"),
             }
@@ -111,22 +115,22 @@ fn a_repair_overruns_its_deadline_by_at_most_a_tenth_and_two_seconds() {
 
 #[test]
 fn with_time_for_everything_nothing_is_left_out() {
-    let it = run(&broken(), &Options::default(), None, &NoProgress, &Clock::default()).unwrap();
-    assert_eq!(it.report.left_out, []);
-    assert!(!it.report.summary.contains("deadline_s"), "{}", it.report.summary);
+    let repaired = run(&broken(), &Options::default(), None, &NoProgress, &Clock::default()).unwrap();
+    assert_eq!(repaired.report.left_out, []);
+    assert!(!repaired.report.summary.contains("deadline_s"), "{}", repaired.report.summary);
 }
 
 #[test]
 fn a_model_that_could_be_inspected_and_no_more_comes_back_as_it_was() {
     let clock = Clock::default();
-    let it = run(&broken(), &Options::default(), None, &At(Stage::Repair, DEADLINE, &clock), &clock).unwrap();
-    assert_eq!(it.report.outcome, Outcome::Unrepairable);
-    assert_eq!(it.bytes, format::write(&broken(), Format::Stl).unwrap());
-    assert!(it.report.before.measures.self_intersections.checked);
-    assert!(it.report.left_out.contains(&LeftOut::Repair));
-    assert!(it.report.summary.contains("deadline_s"), "{}", it.report.summary);
-    let skipped = it.report.steps.iter().filter(|step| step.status == StepStatus::Skipped).count();
-    assert_eq!(skipped, it.report.plan.rungs.len(), "each strategy says that it did not run");
+    let repaired = run(&broken(), &Options::default(), None, &At(Stage::Repair, DEADLINE, &clock), &clock).unwrap();
+    assert_eq!(repaired.report.outcome, Outcome::Unrepairable);
+    assert_eq!(repaired.bytes, format::write(&broken(), Format::Stl).unwrap());
+    assert!(repaired.report.before.measures.self_intersections.checked);
+    assert!(repaired.report.left_out.contains(&LeftOut::Repair));
+    assert!(repaired.report.summary.contains("deadline_s"), "{}", repaired.report.summary);
+    let skipped = repaired.report.steps.iter().filter(|step| step.status == StepStatus::Skipped).count();
+    assert_eq!(skipped, repaired.report.plan.rungs.len(), "each strategy says that it did not run");
 }
 
 #[test]
@@ -135,13 +139,13 @@ fn a_model_that_could_not_be_inspected_is_not_said_to_be_printable_or_broken() {
     for output in [OutputFormat::Same, OutputFormat::Ply] {
         let clock = Clock::default();
         let options = Options { output, ..Options::default() };
-        let it = run(&ball, &options, None, &At(Stage::Inspect, DEADLINE, &clock), &clock).unwrap();
-        assert_eq!(it.report.outcome, Outcome::Unrepairable);
-        let left_out = &it.report.left_out;
+        let repaired = run(&ball, &options, None, &At(Stage::Inspect, DEADLINE, &clock), &clock).unwrap();
+        assert_eq!(repaired.report.outcome, Outcome::Unrepairable);
+        let left_out = &repaired.report.left_out;
         assert!(left_out.contains(&LeftOut::InputVerification) && left_out.contains(&LeftOut::Repair), "{left_out:?}");
-        assert!(it.report.summary.contains("not known whether it is printable"), "{}", it.report.summary);
-        assert_eq!((it.report.before.level, it.report.after.unwrap().level), (Level::None, Level::None));
-        let read = format::read(&it.bytes, &Limits::default()).unwrap().soup;
+        assert!(repaired.report.summary.contains("not known whether it is printable"), "{}", repaired.report.summary);
+        assert_eq!((repaired.report.before.level, repaired.report.after.unwrap().level), (Level::None, Level::None));
+        let read = format::read(&repaired.bytes, &Limits::default()).unwrap().soup;
         assert_eq!(read.faces.len(), ball.faces.len());
     }
 }
@@ -160,9 +164,9 @@ fn what_operators_did_before_the_deadline_is_verified_and_handed_out() {
     let clock = Clock::default();
     let mut open = sphere(DVec3::ZERO, 1.0, 32, 16);
     open.faces.drain(40..60);
-    let it = run(&open, &Options::default(), None, &At(Stage::Verify, DEADLINE, &clock), &clock).unwrap();
-    assert_eq!(it.report.outcome, Outcome::Repaired, "{}", it.report.summary);
-    assert!(it.report.verified_from_output_bytes && it.report.after.unwrap().measures.printable());
+    let repaired = run(&open, &Options::default(), None, &At(Stage::Verify, DEADLINE, &clock), &clock).unwrap();
+    assert_eq!(repaired.report.outcome, Outcome::Repaired, "{}", repaired.report.summary);
+    assert!(repaired.report.verified_from_output_bytes && repaired.report.after.unwrap().measures.printable());
 }
 
 #[test]
@@ -171,10 +175,10 @@ fn a_result_that_there_was_no_time_to_verify_is_not_handed_out() {
     let mut open = sphere(DVec3::ZERO, 1.0, 32, 16);
     open.faces.drain(40..60);
     let late = DEADLINE + Duration::from_millis(1900);
-    let it = run(&open, &Options::default(), None, &At(Stage::Verify, late, &clock), &clock).unwrap();
-    assert_eq!((it.report.outcome, it.report.candidates.len()), (Outcome::Unrepairable, 1));
-    assert!(it.report.left_out.contains(&LeftOut::Verification));
-    assert_eq!(it.bytes, format::write(&open, Format::Stl).unwrap());
+    let repaired = run(&open, &Options::default(), None, &At(Stage::Verify, late, &clock), &clock).unwrap();
+    assert_eq!((repaired.report.outcome, repaired.report.candidates.len()), (Outcome::Unrepairable, 1));
+    assert!(repaired.report.left_out.contains(&LeftOut::Verification));
+    assert_eq!(repaired.bytes, format::write(&open, Format::Stl).unwrap());
 }
 
 /// A remesher that takes some time on the clock.
@@ -218,11 +222,11 @@ fn a_finished_remesh_is_kept_where_the_time_ends_while_its_faces_are_reduced() {
     let fine = join(&cube(DVec3::ZERO, 1.0, 10), &cube(DVec3::new(1.004, 1.004, 0.0), 1.0, 10));
     let clock = Clock::default();
     let late = Slow::answering(fine.clone(), DEADLINE, &clock);
-    let it = run(&cubes, &options, Some(&late), &NoProgress, &clock).unwrap();
-    assert_eq!(it.report.outcome, Outcome::Repaired, "{}", it.report.summary);
-    assert_eq!(it.report.after.unwrap().measures.faces, fine.faces.len() as u64);
-    assert!(it.report.left_out.contains(&LeftOut::Repair), "{:?}", it.report.left_out);
-    let step = it.report.steps.iter().find(|step| step.action == Action::VoxelRemesh).unwrap();
+    let repaired = run(&cubes, &options, Some(&late), &NoProgress, &clock).unwrap();
+    assert_eq!(repaired.report.outcome, Outcome::Repaired, "{}", repaired.report.summary);
+    assert_eq!(repaired.report.after.unwrap().measures.faces, fine.faces.len() as u64);
+    assert!(repaired.report.left_out.contains(&LeftOut::Repair), "{:?}", repaired.report.left_out);
+    let step = repaired.report.steps.iter().find(|step| step.action == Action::VoxelRemesh).unwrap();
     assert!(step.note.as_ref().unwrap().contains("time was over"), "{step:?}");
 }
 
@@ -246,9 +250,9 @@ fn a_blender_remesh_that_was_asked_for_is_the_one_that_runs() {
     let clock = Clock::default();
     let apart = join(&cube(DVec3::ZERO, 1.0, 3), &cube(DVec3::new(1.004, 1.004, 0.0), 1.0, 3));
     let fake = Slow::answering(apart, Duration::ZERO, &clock);
-    let it = run(&cubes, &options, Some(&fake), &NoProgress, &clock).unwrap();
-    assert_eq!((it.report.outcome, fake.asked.get()), (Outcome::Repaired, Some(RemeshAction::VoxelRemesh)));
-    assert_eq!(it.report.steps.iter().find_map(|step| step.voxel_size), Some(0.1));
+    let repaired = run(&cubes, &options, Some(&fake), &NoProgress, &clock).unwrap();
+    assert_eq!((repaired.report.outcome, fake.asked.get()), (Outcome::Repaired, Some(RemeshAction::VoxelRemesh)));
+    assert_eq!(repaired.report.steps.iter().find_map(|step| step.voxel_size), Some(0.1));
 }
 
 #[test]
@@ -270,28 +274,29 @@ fn a_simplification_that_a_deadline_ends_keeps_what_it_did() {
         surface.check().unwrap();
         done.map(|done| (done, surface))
     };
-    let (done, surface) =
-        (1..100).find_map(|looks| reduced(looks).ok().filter(|it| it.0.faces_after < it.0.faces_before)).unwrap();
+    let (done, surface) = (1..100)
+        .find_map(|looks| reduced(looks).ok().filter(|result| result.0.faces_after < result.0.faces_before))
+        .unwrap();
     assert!(done.is_late && surface.faces.len() > 100 && surface.faces.len() < ball.faces.len(), "{done:?}");
     assert!(done.left.unwrap().contains("time was over"));
     let clock = Clock::default();
-    let it = run(&surface.to_soup(), &Options::default(), None, &NoProgress, &clock).unwrap();
-    assert_eq!(it.report.outcome, Outcome::AlreadyPrintable, "every intermediate state is valid");
+    let repaired = run(&surface.to_soup(), &Options::default(), None, &NoProgress, &clock).unwrap();
+    assert_eq!(repaired.report.outcome, Outcome::AlreadyPrintable, "every intermediate state is valid");
 }
 
 #[test]
 fn a_number_of_faces_that_was_not_reached_is_told_with_the_reason() {
     let options = Options { max_faces: Some(12), ..Options::default() };
     let ball = sphere(DVec3::ZERO, 1.0, 32, 16);
-    let it = run(&ball, &options, None, &NoProgress, &Clock::default()).unwrap();
-    let faces = it.report.after.unwrap().measures.faces;
+    let repaired = run(&ball, &options, None, &NoProgress, &Clock::default()).unwrap();
+    let faces = repaired.report.after.unwrap().measures.faces;
     assert!(faces > 12 && faces < 900, "{faces}");
-    let told = it.report.warnings.iter().find(|warning| warning.contains("max_faces=12")).unwrap();
+    let told = repaired.report.warnings.iter().find(|warning| warning.contains("max_faces=12")).unwrap();
     assert!(told.contains(&faces.to_string()) && told.contains("max_error"), "{told}");
     let enough = Options { max_faces: Some(12), max_error: Some(10.0), ..Options::default() };
-    let it = run(&cube(DVec3::ZERO, 1.0, 4), &enough, None, &NoProgress, &Clock::default()).unwrap();
-    assert_eq!(it.report.after.unwrap().measures.faces, 12);
-    assert!(!it.report.warnings.iter().any(|warning| warning.contains("max_faces")));
+    let result = run(&cube(DVec3::ZERO, 1.0, 4), &enough, None, &NoProgress, &Clock::default()).unwrap();
+    assert_eq!(result.report.after.unwrap().measures.faces, 12);
+    assert!(!result.report.warnings.iter().any(|warning| warning.contains("max_faces")));
 }
 
 #[test]

@@ -97,14 +97,14 @@ fn holes_slits_and_cracks_are_where_they_were_cut() {
     assert_eq!(hole.value, Some(length));
 
     for (gap, kind) in [(1e-9, K::Slit), (5e-5, K::Crack)] {
-        let it = the_one(&findings(&cut(gap)), kind);
-        assert!((it.value.unwrap() / gap - 1.0).abs() < 1e-6, "{it:?}");
+        let defect = the_one(&findings(&cut(gap)), kind);
+        assert!((defect.value.unwrap() / gap - 1.0).abs() < 1e-6, "{defect:?}");
         // Both sides of the slit, from one end to the other and back.
-        assert_eq!(it.line.len(), 7);
+        assert_eq!(defect.line.len(), 7);
         for i in 2..6 {
-            assert!(it.line.contains(&top(i, 4).to_array()), "{i}");
+            assert!(defect.line.contains(&top(i, 4).to_array()), "{i}");
         }
-        assert_eq!(it.faces.len(), 6);
+        assert_eq!(defect.faces.len(), 6);
     }
 }
 
@@ -112,11 +112,11 @@ fn holes_slits_and_cracks_are_where_they_were_cut() {
 fn an_exact_t_junction_is_told_from_a_near_one_by_its_value() {
     for off in [0.0, 1e-8] {
         let (soup, m, _) = with_t_junction(off);
-        let it = the_one(&findings(&soup), K::TJunction);
-        assert_eq!(it.at, m.to_array());
-        assert!((it.value.unwrap() - off).abs() < 1e-12);
-        assert_eq!(it.value == Some(0.0), off == 0.0);
-        let mut line = it.line.clone();
+        let defect = the_one(&findings(&soup), K::TJunction);
+        assert_eq!(defect.at, m.to_array());
+        assert!((defect.value.unwrap() - off).abs() < 1e-12);
+        assert_eq!(defect.value == Some(0.0), off == 0.0);
+        let mut line = defect.line.clone();
         line.sort_by(|a, b| a[0].total_cmp(&b[0]));
         assert_eq!(line, [top(3, 4).to_array(), top(4, 4).to_array()]);
     }
@@ -129,7 +129,7 @@ fn an_exact_t_junction_is_told_from_a_near_one_by_its_value() {
 #[test]
 fn a_foldover_names_its_faces_and_draws_its_folds() {
     let soup = folded();
-    let it = the_one(&findings(&soup), K::Foldover);
+    let defect = the_one(&findings(&soup), K::Foldover);
     let upside_down: Vec<u32> = (0..u32::try_from(soup.faces.len()).unwrap())
         .filter(|&f| {
             let [a, b, c] = soup.corners(f as usize);
@@ -137,10 +137,10 @@ fn a_foldover_names_its_faces_and_draws_its_folds() {
         })
         .collect();
     assert_eq!(upside_down.len(), 2);
-    assert!(upside_down.iter().all(|f| it.faces.contains(f)));
+    assert!(upside_down.iter().all(|f| defect.faces.contains(f)));
     // Four folds around two faces, each with one neighbouring face.
-    assert_eq!((it.line.len(), it.faces.len()), (5, 6));
-    assert!(it.value.unwrap() < 1e-12);
+    assert_eq!((defect.line.len(), defect.faces.len()), (5, 6));
+    assert!(defect.value.unwrap() < 1e-12);
 }
 
 #[test]

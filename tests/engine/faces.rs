@@ -183,9 +183,9 @@ fn a_foldover_is_unfolded_without_moving_a_vertex() {
 fn a_foldover_is_mended_by_a_plan() {
     // Across one edge, and across a vertex, where no edge flip alone unfolds it.
     for to in [[2.7, 1.4], [3.2, 1.9]] {
-        let it = mended(&folded_cube(to), &Options::default());
-        assert_eq!(it.report.outcome, Outcome::Repaired, "{:?}", it.report.summary);
-        let after = it.report.after.unwrap().measures;
+        let repaired = mended(&folded_cube(to), &Options::default());
+        assert_eq!(repaired.report.outcome, Outcome::Repaired, "{:?}", repaired.report.summary);
+        let after = repaired.report.after.unwrap().measures;
         assert!((after.volume.value - 64.0).abs() < 1e-4 && after.parts == 1);
     }
 }
@@ -244,9 +244,9 @@ fn the_sharp_edge_of_a_wedge_is_kept() {
 
 /// Asserts that repair gives one solid of this volume, and this number of faces if given.
 fn expect_solid(soup: &Soup, volume: f64, faces: Option<u64>, what: &str) {
-    let it = mended(soup, &Options::default());
-    assert_eq!(it.report.outcome, Outcome::Repaired, "{what}: {}", it.report.summary);
-    let after = it.report.after.unwrap().measures;
+    let repaired = mended(soup, &Options::default());
+    assert_eq!(repaired.report.outcome, Outcome::Repaired, "{what}: {}", repaired.report.summary);
+    let after = repaired.report.after.unwrap().measures;
     assert!(after.printable(), "{what}: {after:?}");
     assert!((after.volume.value - volume).abs() < 1e-4, "{what}: {}", after.volume.value);
     if let Some(faces) = faces {

@@ -105,8 +105,8 @@ proptest! {
 #[test]
 fn solids_that_do_not_meet_themselves_have_no_pair() {
     for soup in [cube(DVec3::ZERO, 1.0, 7), sphere(DVec3::ONE, 1.0, 40, 20), torus(2.0, 0.75, 60, 24)] {
-        let it = found(&soup);
-        assert!(it.counts.proven_none(), "{:?}", it.counts);
+        let file = found(&soup);
+        assert!(file.counts.proven_none(), "{:?}", file.counts);
         assert!(with_context(|context| measure(&soup, context).unwrap()).printable());
     }
 }
@@ -114,12 +114,12 @@ fn solids_that_do_not_meet_themselves_have_no_pair() {
 #[test]
 fn a_corner_of_a_cube_in_another_is_between_parts_and_crosses() {
     let soup = join(&cube(DVec3::ZERO, 4.0, 1), &cube(DVec3::new(3.0, 2.9, 2.7), 4.0, 1));
-    let it = found(&soup);
-    let counts = it.counts;
+    let file = found(&soup);
+    let counts = file.counts;
     assert!(counts.crossing > 0 && counts.touching == 0 && counts.coplanar == 0, "{counts:?}");
     assert_eq!((counts.between_parts, counts.within_one_part), (counts.crossing, 0));
-    assert!(it.pairs.iter().all(|p| p.faces[0] < 12 && p.faces[1] >= 12 && !p.within_one_part));
-    let taking_part = it.takes_part[0].iter().filter(|&&t| t).count() as u64;
+    assert!(file.pairs.iter().all(|p| p.faces[0] < 12 && p.faces[1] >= 12 && !p.within_one_part));
+    let taking_part = file.takes_part[0].iter().filter(|&&t| t).count() as u64;
     assert_eq!(counts.faces, taking_part);
 }
 

@@ -30,7 +30,7 @@ fn booked(before: &Soup, after: &Soup) -> Ledger {
 fn certificates(before: &Soup, after: &Soup) -> Vec<(u32, Certificate)> {
     let booked = booked(before, after);
     assert_eq!(booked.lost, 0, "{booked:?}");
-    booked.certificates.iter().map(|it| (it.part, it.certificate)).collect()
+    booked.certificates.iter().map(|certified| (certified.part, certified.certificate)).collect()
 }
 
 fn box_at(x: f64, size: f64) -> Soup {
@@ -242,8 +242,8 @@ fn dropping_a_part_is_worse_than_closing_an_opening_over_a_wall() {
     let answers = Answers(info, answer);
     let report = with_context(|c| repair(&bytes, &options, &Limits::default(), Some(&answers), c).unwrap()).report;
     let flags = |chosen: bool| {
-        let of = report.candidates.iter().filter(move |it| it.printable && it.chosen == chosen);
-        of.flat_map(|it| &it.red_flags).map(|flag| flag.code).collect::<Vec<_>>()
+        let of = report.candidates.iter().filter(move |candidate| candidate.printable && candidate.chosen == chosen);
+        of.flat_map(|candidate| &candidate.red_flags).map(|flag| flag.code).collect::<Vec<_>>()
     };
     assert!(flags(false).contains(&RedFlagCode::PartLost), "{:?}", report.candidates);
     assert_eq!(flags(true), [RedFlagCode::SurfaceLost, RedFlagCode::SurfaceInvented]);
@@ -283,7 +283,7 @@ proptest! {
             after = if keep { join(&after, &anew) } else { after };
         }
         let booked = booked(&before, &after);
-        let lost: Vec<u32> = booked.lost_parts.iter().map(|it| it.part).collect();
+        let lost: Vec<u32> = booked.lost_parts.iter().map(|part| part.part).collect();
         let dropped: Vec<u32> = (0u32..).zip(&keep).filter(|(_, keep)| !**keep).map(|(i, _)| i).collect();
         prop_assert_eq!(lost, dropped);
     }

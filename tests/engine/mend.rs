@@ -187,7 +187,7 @@ proptest! {
 
 fn resolved(soup: &Soup) -> (Surface, Resolved) {
     let (mut surface, _) = Surface::from_soup(soup);
-    let it = with_context(|c| {
+    let result = with_context(|c| {
         Resolve { inside: Inside::Positive, max_deviation: f64::INFINITY, sheets: None, always: false }.apply(
             &mut surface,
             &Exact,
@@ -195,14 +195,14 @@ fn resolved(soup: &Soup) -> (Surface, Resolved) {
         )
     })
     .unwrap();
-    (surface, it)
+    (surface, result)
 }
 
 #[test]
 fn two_cubes_that_overlap_become_one_solid_of_their_common_volume() {
     let soup = join(&cube(DVec3::ZERO, 1.0, 2), &cube(DVec3::new(0.5, 0.25, 0.125), 1.0, 2));
-    let (surface, it) = resolved(&soup);
-    assert!(change_count(&it.changes, "intersecting_pairs_resolved") > 0 && it.error.is_none());
+    let (surface, result) = resolved(&soup);
+    assert!(change_count(&result.changes, "intersecting_pairs_resolved") > 0 && result.error.is_none());
     let after = measured_as_stl(&surface);
     assert!(after.printable(), "{after:?}");
     assert_eq!(after.parts, 1);
@@ -222,9 +222,9 @@ fn solids_that_share_part_of_a_wall_become_one_and_the_wall_goes() {
 fn a_sphere_through_a_torus_keeps_the_volume_of_both_without_their_common_part() {
     let (ball, ring) = (sphere(DVec3::new(3.0, 0.0, 0.1), 1.4, 24, 12), torus(3.0, 1.0, 36, 18));
     let volume = |soup: &Soup| with_context(|c| measure(soup, c)).unwrap().volume.value;
-    let (surface, it) = resolved(&join(&ball, &ring));
+    let (surface, result) = resolved(&join(&ball, &ring));
     let after = measured_as_stl(&surface);
-    assert!(after.printable(), "{after:?}, {it:?}");
+    assert!(after.printable(), "{after:?}, {result:?}");
     assert!(after.volume.value < volume(&ball) + volume(&ring));
     assert!(after.volume.value > volume(&ball).max(volume(&ring)));
 }
@@ -237,8 +237,8 @@ fn what_does_not_intersect_or_is_not_closed_is_left_bit_for_bit() {
     let mut open = join(&cube(DVec3::ZERO, 1.0, 1), &cube(DVec3::splat(0.5), 1.0, 1));
     open.faces.pop();
     let (before, _) = Surface::from_soup(&open);
-    let (after, it) = resolved(&open);
-    assert_eq!((after, it.error), (before, Some(ArrangeError::NotClosed(NotClosed))));
+    let (after, result) = resolved(&open);
+    assert_eq!((after, result.error), (before, Some(ArrangeError::NotClosed(NotClosed))));
 }
 
 #[test]
@@ -249,7 +249,7 @@ fn a_resolve_that_is_cancelled_leaves_the_surface_as_it_was() {
     let cancel = std::sync::atomic::AtomicBool::new(true);
     let clock = || std::time::Duration::ZERO;
     let context = Context::new(&NoProgress, &cancel, &clock, std::time::Duration::from_secs(1));
-    let it = Resolve { inside: Inside::Positive, max_deviation: f64::INFINITY, sheets: None, always: false };
-    assert!(it.apply(&mut surface, &Exact, &context).is_err());
+    let resolve = Resolve { inside: Inside::Positive, max_deviation: f64::INFINITY, sheets: None, always: false };
+    assert!(resolve.apply(&mut surface, &Exact, &context).is_err());
     assert_eq!(surface, before);
 }

@@ -84,17 +84,22 @@ fn kit() -> Scene {
 #[test]
 fn objects_stay_objects_and_each_is_repaired_apart() {
     let before = kit();
-    let it = run(&packed(&before, Format::ThreeMf), &Options::default());
-    assert_eq!((it.format, it.report.outcome), (Format::ThreeMf, Outcome::Repaired), "{}", it.report.summary);
-    let after = scene_of(&it);
+    let repaired = run(&packed(&before, Format::ThreeMf), &Options::default());
+    assert_eq!(
+        (repaired.format, repaired.report.outcome),
+        (Format::ThreeMf, Outcome::Repaired),
+        "{}",
+        repaired.report.summary
+    );
+    let after = scene_of(&repaired);
     let names = |scene: &Scene| scene.objects.iter().map(|object| object.name.clone()).collect::<Vec<_>>();
     assert_eq!(names(&after), names(&before));
     assert_eq!(after.items, before.items);
     assert_eq!(after.objects[2], before.objects[2]);
     assert_eq!(after.objects[0].mesh().unwrap().soup.faces.len(), 48, "nothing was done to the box");
-    let sections: Vec<_> = it.report.objects.iter().map(|it| (it.name.as_deref(), it.places, it.outcome)).collect();
+    let sections: Vec<_> = repaired.report.objects.iter().map(|o| (o.name.as_deref(), o.places, o.outcome)).collect();
     assert_eq!(sections, [(Some("box"), 2, Outcome::AlreadyPrintable), (Some("lid"), 1, Outcome::Repaired)]);
-    assert!(it.report.after.unwrap().measures.printable() && it.report.verified_from_output_bytes);
+    assert!(repaired.report.after.unwrap().measures.printable() && repaired.report.verified_from_output_bytes);
 }
 
 #[test]
@@ -103,9 +108,9 @@ fn a_file_whose_objects_need_nothing_comes_back_byte_for_byte() {
     scene.objects[1] = named("lid", welded(&cylinder(DVec3::ZERO, 5.0, 3.0, 16)));
     for format in [Format::ThreeMf, Format::Glb] {
         let bytes = packed(&scene, format);
-        let it = run(&bytes, &Options::default());
-        assert_eq!(it.report.outcome, Outcome::AlreadyPrintable);
-        assert!(it.bytes == bytes, "{format:?}");
+        let repaired = run(&bytes, &Options::default());
+        assert_eq!(repaired.report.outcome, Outcome::AlreadyPrintable);
+        assert!(repaired.bytes == bytes, "{format:?}");
     }
 }
 
@@ -117,10 +122,10 @@ fn vertices_that_are_one_by_position_only_become_one_in_3mf() {
         faces: (0..12).map(|face| [3 * face, 3 * face + 1, 3 * face + 2]).collect(),
     };
     let scene = Scene { objects: vec![named("box", soup)], items: vec![Item::of(0)], ..kit() };
-    let it = run(&packed(&scene, Format::ThreeMf), &Options::default());
-    assert_eq!(it.report.outcome, Outcome::Repaired);
-    assert_eq!(it.report.before.measures.unshared_edges, 18);
-    assert_eq!(scene_of(&it).objects[0].mesh().unwrap().soup.positions.len(), 8);
+    let repaired = run(&packed(&scene, Format::ThreeMf), &Options::default());
+    assert_eq!(repaired.report.outcome, Outcome::Repaired);
+    assert_eq!(repaired.report.before.measures.unshared_edges, 18);
+    assert_eq!(scene_of(&repaired).objects[0].mesh().unwrap().soup.positions.len(), 8);
 }
 
 #[test]
@@ -145,9 +150,11 @@ fn what_holds_other_things_up_is_left_as_it_is() {
     let mut scene = kit();
     scene.objects[1].kind = ObjectKind::Support;
     let bytes = packed(&scene, Format::ThreeMf);
-    let it = run(&bytes, &Options::default());
-    assert_eq!(it.report.outcome, Outcome::AlreadyPrintable);
-    assert!(it.bytes == bytes && it.report.warnings.iter().any(|warning| warning.contains("left as they are")));
+    let repaired = run(&bytes, &Options::default());
+    assert_eq!(repaired.report.outcome, Outcome::AlreadyPrintable);
+    assert!(
+        repaired.bytes == bytes && repaired.report.warnings.iter().any(|warning| warning.contains("left as they are"))
+    );
 }
 
 #[test]
@@ -156,9 +163,9 @@ fn faces_that_may_be_left_are_shared_among_objects() {
     let apart = DAffine3::from_translation(DVec3::new(100.0, 0.0, 0.0));
     let items = vec![Item::of(0), Item { transform: apart, ..Item::of(1) }];
     let bytes = packed(&Scene { objects, items, ..kit() }, Format::ThreeMf);
-    let it = run(&bytes, &Options { max_faces: Some(2560), ..Options::default() });
+    let repaired = run(&bytes, &Options { max_faces: Some(2560), ..Options::default() });
     let faces: Vec<usize> =
-        scene_of(&it).objects.iter().map(|object| object.mesh().unwrap().soup.faces.len()).collect();
+        scene_of(&repaired).objects.iter().map(|object| object.mesh().unwrap().soup.faces.len()).collect();
     assert!(faces[0] <= 2048 && faces[1] <= 512, "{faces:?}");
 }
 
@@ -249,9 +256,10 @@ fn colours_and_pictures_stay_on_what_stays_and_are_given_to_what_is_new() {
     for (format, output) in formats {
         for merge in [Merge::None, Merge::Objects] {
             let input = packed(&painted(true), format);
-            let it = run(&input, &Options { output, merge, scale_to: Some(Unit::Millimetre), ..Options::default() });
-            assert_eq!(it.report.outcome, Outcome::Repaired, "{}", it.report.summary);
-            let (was, is) = (read(&input), read(&it.bytes));
+            let repaired =
+                run(&input, &Options { output, merge, scale_to: Some(Unit::Millimetre), ..Options::default() });
+            assert_eq!(repaired.report.outcome, Outcome::Repaired, "{}", repaired.report.summary);
+            let (was, is) = (read(&input), read(&repaired.bytes));
             let scale = |file: ReadFile| {
                 let mut file = file;
                 let factor = file.scene.as_ref().unwrap().unit.map_or(1.0, |unit| unit.to(Unit::Millimetre));
@@ -263,7 +271,7 @@ fn colours_and_pictures_stay_on_what_stays_and_are_given_to_what_is_new() {
             let new: Vec<_> = is.iter().filter(|look| !was.contains(look)).collect();
             assert!(!new.is_empty());
             assert!(new.iter().all(|(_, look)| look == "[0, 255, 0, 255]"), "{format:?}: the gap was green: {new:?}");
-            let scene = scene_of(&it);
+            let scene = scene_of(&repaired);
             assert_eq!(scene.textures[0].bytes, painted(true).textures[0].bytes);
         }
     }
@@ -272,10 +280,10 @@ fn colours_and_pictures_stay_on_what_stays_and_are_given_to_what_is_new() {
 #[test]
 fn a_painted_file_in_another_format_keeps_its_colours() {
     let input = packed(&painted(false), Format::Glb);
-    let it =
+    let repaired =
         run(&input, &Options { output: OutputFormat::ThreeMf, scale_to: Some(Unit::Millimetre), ..Options::default() });
-    assert_eq!((it.format, it.report.outcome), (Format::ThreeMf, Outcome::AlreadyPrintable));
-    let after = read(&it.bytes);
+    assert_eq!((repaired.format, repaired.report.outcome), (Format::ThreeMf, Outcome::AlreadyPrintable));
+    let after = read(&repaired.bytes);
     assert_eq!(after.scene.as_ref().unwrap().unit, Some(Unit::Millimetre));
     // glTF has y up and 3MF has z up: the model stands upright again.
     assert_eq!(looks(&after), looks(&read(&packed(&painted(false), Format::ThreeMf))));
@@ -356,9 +364,9 @@ fn two_colours() -> Scene {
 #[test]
 fn colours_of_ply_come_back_in_ply() {
     let input = packed(&two_colours(), Format::Ply);
-    let it = run(&input, &Options::default());
-    assert_eq!((it.format, it.report.outcome), (Format::Ply, Outcome::Repaired));
-    let (was, is) = (looks(&read(&input)), looks(&read(&it.bytes)));
+    let repaired = run(&input, &Options::default());
+    assert_eq!((repaired.format, repaired.report.outcome), (Format::Ply, Outcome::Repaired));
+    let (was, is) = (looks(&read(&input)), looks(&read(&repaired.bytes)));
     assert!(was.iter().all(|look| is.contains(look)));
     assert_eq!(is.len(), 48);
 }
@@ -379,10 +387,10 @@ fn an_archive_is_not_handed_out_for_the_model_in_it() {
     archive.start_file("folder/cube.stl", zip::write::SimpleFileOptions::default()).unwrap();
     archive.write_all(&stl).unwrap();
     let archive = archive.finish().unwrap().into_inner();
-    let it = run(&archive, &Options { output: OutputFormat::Same, ..Options::default() });
-    assert_eq!((it.format, it.report.outcome), (Format::Stl, Outcome::AlreadyPrintable));
-    assert_eq!(read(&it.bytes).mesh.soup, read(&stl).mesh.soup);
-    assert!(it.report.input.dialect.contains("ZIP"), "{}", it.report.input.dialect);
+    let repaired = run(&archive, &Options { output: OutputFormat::Same, ..Options::default() });
+    assert_eq!((repaired.format, repaired.report.outcome), (Format::Stl, Outcome::AlreadyPrintable));
+    assert_eq!(read(&repaired.bytes).mesh.soup, read(&stl).mesh.soup);
+    assert!(repaired.report.input.dialect.contains("ZIP"), "{}", repaired.report.input.dialect);
 }
 
 #[test]
@@ -397,13 +405,17 @@ fn the_report_of_as_many_objects_as_are_kept_apart_is_of_bounded_size() {
         items: (0..count).map(item).collect(),
         ..kit()
     };
-    let it = run(&packed(&scene(200), Format::ThreeMf), &Options::default());
-    assert_eq!((it.report.outcome, it.report.objects.len()), (Outcome::Repaired, 200));
-    let size = serde_json::to_vec_pretty(&it.report).unwrap().len();
+    let repaired = run(&packed(&scene(200), Format::ThreeMf), &Options::default());
+    assert_eq!((repaired.report.outcome, repaired.report.objects.len()), (Outcome::Repaired, 200));
+    let size = serde_json::to_vec_pretty(&repaired.report).unwrap().len();
     assert!(size < 12 << 20, "{size}");
-    let it = run(&packed(&scene(201), Format::ThreeMf), &Options::default());
-    assert_eq!((scene_of(&it).objects.len(), it.report.objects.len()), (1, 0));
-    assert!(it.report.warnings.iter().any(|warning| warning.contains("more than 200")), "{:?}", it.report.warnings);
+    let result = run(&packed(&scene(201), Format::ThreeMf), &Options::default());
+    assert_eq!((scene_of(&result).objects.len(), result.report.objects.len()), (1, 0));
+    assert!(
+        result.report.warnings.iter().any(|warning| warning.contains("more than 200")),
+        "{:?}",
+        result.report.warnings
+    );
 }
 
 /// Two overlapping boxes of different colours, and a third box apart from them.
@@ -433,12 +445,12 @@ fn flags(repaired: &Repaired) -> Vec<RedFlagCode> {
 
 #[test]
 fn objects_that_overlap_become_one_solid_in_their_colours_and_others_stay_objects() {
-    let it = run(&packed(&colored_boxes(), Format::Glb), &Options::default());
-    assert_eq!((it.report.outcome, flags(&it)), (Outcome::Repaired, vec![]), "{}", it.report.summary);
-    let file = read(&it.bytes);
+    let repaired = run(&packed(&colored_boxes(), Format::Glb), &Options::default());
+    assert_eq!((repaired.report.outcome, flags(&repaired)), (Outcome::Repaired, vec![]), "{}", repaired.report.summary);
+    let file = read(&repaired.bytes);
     let names: Vec<_> = file.scene.as_ref().unwrap().objects.iter().map(|object| object.name.clone()).collect();
     assert_eq!(names, [Some("red + green".to_owned()), Some("blue".to_owned())]);
-    let after = it.report.after.as_ref().unwrap();
+    let after = repaired.report.after.as_ref().unwrap();
     assert!(after.measures.printable());
     // GLB is in metres.
     let volume = after.measures.volume.value * 1e9;
@@ -447,7 +459,8 @@ fn objects_that_overlap_become_one_solid_in_their_colours_and_others_stay_object
     for color in ["255, 0, 0", "0, 255, 0", "0, 0, 255"] {
         assert!(looks.iter().any(|look| look.contains(color)), "{color} in {looks:?}");
     }
-    let united: Vec<_> = it.report.assumptions.iter().filter(|it| it.kind == AssumptionKind::ObjectsUnited).collect();
+    let united: Vec<_> =
+        repaired.report.assumptions.iter().filter(|a| a.kind == AssumptionKind::ObjectsUnited).collect();
     assert_eq!((united.len(), united[0].count, united[0].option.as_deref()), (1, 2, Some("merge=none")));
 }
 
@@ -455,11 +468,11 @@ fn objects_that_overlap_become_one_solid_in_their_colours_and_others_stay_object
 fn objects_kept_apart_that_overlap_are_flagged_by_name_and_place() {
     for format in [Format::Glb, Format::ThreeMf] {
         let bytes = packed(&colored_boxes(), format);
-        let it = run(&bytes, &Options { merge: Merge::None, ..Options::default() });
-        assert_eq!(it.report.outcome, Outcome::PartiallyRepaired);
-        let flag = it.report.red_flags.iter().find(|flag| flag.code == RedFlagCode::ObjectsIntersect).unwrap();
+        let repaired = run(&bytes, &Options { merge: Merge::None, ..Options::default() });
+        assert_eq!(repaired.report.outcome, Outcome::PartiallyRepaired);
+        let flag = repaired.report.red_flags.iter().find(|flag| flag.code == RedFlagCode::ObjectsIntersect).unwrap();
         assert!(flag.detail.contains("'red' and object 'green'") && !flag.places.is_empty(), "{}", flag.detail);
-        assert!(it.report.summary.contains("merge=auto"), "{}", it.report.summary);
+        assert!(repaired.report.summary.contains("merge=auto"), "{}", repaired.report.summary);
     }
 }
 
@@ -467,11 +480,11 @@ fn objects_kept_apart_that_overlap_are_flagged_by_name_and_place() {
 fn an_object_that_overlaps_its_other_instance_is_united_there_and_kept_elsewhere() {
     let mut scene = colored_boxes();
     scene.items.iter_mut().for_each(|item| item.object = 0);
-    let it = run(&packed(&scene, Format::ThreeMf), &Options::default());
-    assert_eq!(it.report.outcome, Outcome::Repaired, "{}", it.report.summary);
-    let after = it.report.after.as_ref().unwrap();
+    let repaired = run(&packed(&scene, Format::ThreeMf), &Options::default());
+    assert_eq!(repaired.report.outcome, Outcome::Repaired, "{}", repaired.report.summary);
+    let after = repaired.report.after.as_ref().unwrap();
     assert!(after.measures.printable() && (after.measures.volume.value - 2875.0).abs() < 1e-3);
-    assert_eq!(volumes(&it), [1000.0, 1875.0]);
+    assert_eq!(volumes(&repaired), [1000.0, 1875.0]);
 }
 
 #[test]
@@ -486,11 +499,11 @@ fn the_halves_of_a_solid_that_are_two_objects_are_closed_by_each_other() {
     };
     let objects = vec![named("lower", half(false)), named("upper", half(true))];
     let scene = Scene { objects, items: vec![Item::of(0), Item::of(1)], ..kit() };
-    let it = run(&packed(&scene, Format::ThreeMf), &Options::default());
-    assert_eq!(it.report.outcome, Outcome::Repaired, "{}", it.report.summary);
-    let after = it.report.after.as_ref().unwrap();
+    let repaired = run(&packed(&scene, Format::ThreeMf), &Options::default());
+    assert_eq!(repaired.report.outcome, Outcome::Repaired, "{}", repaired.report.summary);
+    let after = repaired.report.after.as_ref().unwrap();
     assert!(after.measures.printable() && (after.measures.volume.value - 1000.0).abs() < 1e-3);
-    assert_eq!((scene_of(&it).objects.len(), after.measures.faces), (1, soup.faces.len() as u64));
+    assert_eq!((scene_of(&repaired).objects.len(), after.measures.faces), (1, soup.faces.len() as u64));
 }
 
 #[test]
@@ -512,12 +525,12 @@ fn random_scenes_end_with_the_verdict_that_an_inspection_of_the_result_gives() {
         {
             for output in [OutputFormat::Same, OutputFormat::Stl, OutputFormat::ThreeMf] {
                 let options = Options { merge, output, ..Options::default() };
-                let it = run(&packed(&scene, format), &options);
-                let again = is_printable(&it.bytes);
-                let (summary, flags) = (&it.report.summary, &it.report.red_flags);
+                let repaired = run(&packed(&scene, format), &options);
+                let again = is_printable(&repaired.bytes);
+                let (summary, flags) = (&repaired.report.summary, &repaired.report.red_flags);
                 let told = format!("{round} {format:?} {merge:?} {output:?}: {summary} {flags:?}");
-                assert!(!it.report.outcome.is_printable() || again, "{told}");
-                assert!(it.report.outcome.is_printable() || !again || !flags.is_empty(), "{told}");
+                assert!(!repaired.report.outcome.is_printable() || again, "{told}");
+                assert!(repaired.report.outcome.is_printable() || !again || !flags.is_empty(), "{told}");
                 // A red flag says that bodies of different materials could not be cut.
                 let is_assembly = format == Format::ThreeMf && output != OutputFormat::Stl;
                 assert!(again || merge == Merge::None || is_assembly, "{told}");
@@ -541,11 +554,11 @@ fn volumes(repaired: &Repaired) -> Vec<f64> {
 
 #[test]
 fn parts_of_other_materials_in_3mf_stay_parts_and_the_later_one_keeps_the_space() {
-    let it = run(&packed(&colored_boxes(), Format::ThreeMf), &Options::default());
-    assert_eq!((it.report.outcome, flags(&it)), (Outcome::Repaired, vec![]), "{}", it.report.summary);
-    assert_eq!(volumes(&it), [875.0, 1000.0, 1000.0]);
-    assert!(is_printable(&it.bytes));
-    let cut: Vec<_> = it.report.assumptions.iter().filter(|it| it.kind == AssumptionKind::OverlapRemoved).collect();
+    let repaired = run(&packed(&colored_boxes(), Format::ThreeMf), &Options::default());
+    assert_eq!((repaired.report.outcome, flags(&repaired)), (Outcome::Repaired, vec![]), "{}", repaired.report.summary);
+    assert_eq!(volumes(&repaired), [875.0, 1000.0, 1000.0]);
+    assert!(is_printable(&repaired.bytes));
+    let cut: Vec<_> = repaired.report.assumptions.iter().filter(|a| a.kind == AssumptionKind::OverlapRemoved).collect();
     assert_eq!((cut.len(), cut[0].amount.map(f64::round)), (1, Some(125.0)), "{cut:?}");
 }
 
@@ -557,10 +570,16 @@ fn a_part_within_a_part_of_another_material_gets_a_cavity_of_its_shape() {
     scene.items[1].transform = DAffine3::from_translation(DVec3::splat(2.0));
     let bytes = packed(&scene, Format::ThreeMf);
     assert!(!is_printable(&bytes));
-    let it = run(&bytes, &Options::default());
-    assert_eq!(it.report.outcome, Outcome::Repaired, "{} {:?}", it.report.summary, it.report.red_flags);
-    assert_eq!(volumes(&it), [875.0, 125.0, 1000.0]);
-    assert!(is_printable(&it.bytes));
+    let repaired = run(&bytes, &Options::default());
+    assert_eq!(
+        repaired.report.outcome,
+        Outcome::Repaired,
+        "{} {:?}",
+        repaired.report.summary,
+        repaired.report.red_flags
+    );
+    assert_eq!(volumes(&repaired), [875.0, 125.0, 1000.0]);
+    assert!(is_printable(&repaired.bytes));
 }
 
 #[test]
@@ -574,15 +593,15 @@ fn touching_parts_of_two_materials_are_an_assembly_and_of_one_material_one_solid
     scene.items[1].transform = DAffine3::from_translation(DVec3::new(10.0, 0.0, 0.0));
     let bytes = packed(&scene, Format::ThreeMf);
     assert!(is_printable(&bytes));
-    let it = run(&bytes, &Options::default());
-    assert_eq!(it.report.outcome, Outcome::AlreadyPrintable, "{}", it.report.summary);
-    assert!(it.bytes == bytes);
+    let repaired = run(&bytes, &Options::default());
+    assert_eq!(repaired.report.outcome, Outcome::AlreadyPrintable, "{}", repaired.report.summary);
+    assert!(repaired.bytes == bytes);
     scene.items[1].object = 0;
     let one = packed(&scene, Format::ThreeMf);
     assert!(!is_printable(&one));
-    let it = run(&one, &Options::default());
-    assert_eq!(it.report.outcome, Outcome::Repaired, "{}", it.report.summary);
-    assert_eq!(volumes(&it), [2000.0, 1000.0]);
+    let result = run(&one, &Options::default());
+    assert_eq!(result.report.outcome, Outcome::Repaired, "{}", result.report.summary);
+    assert_eq!(volumes(&result), [2000.0, 1000.0]);
 }
 
 #[test]
@@ -595,9 +614,15 @@ fn parts_whose_surfaces_cross_only_along_edges_still_overlap() {
     }
     let bytes = packed(&scene, Format::ThreeMf);
     assert!(!is_printable(&bytes));
-    let it = run(&bytes, &Options::default());
-    assert_eq!(it.report.outcome, Outcome::Repaired, "{} {:?}", it.report.summary, it.report.red_flags);
-    assert_eq!(volumes(&it), [875.0, 1000.0, 1000.0]);
+    let repaired = run(&bytes, &Options::default());
+    assert_eq!(
+        repaired.report.outcome,
+        Outcome::Repaired,
+        "{} {:?}",
+        repaired.report.summary,
+        repaired.report.red_flags
+    );
+    assert_eq!(volumes(&repaired), [875.0, 1000.0, 1000.0]);
 }
 
 /// Whether inspection finds a file printable.

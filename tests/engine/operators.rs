@@ -80,9 +80,9 @@ fn welding_closes_a_crack_narrower_than_the_tolerance_and_no_other() {
         soup.positions[v as usize] += DVec3::new(1e-7, -1e-7, 1e-7);
     }
     for (tolerance, open) in [(1e-6, 0), (1e-9, 6)] {
-        let mut it = surface(&soup);
-        let changes = with_context(|c| Weld { tolerance, max_deviation: f64::INFINITY }.apply(&mut it, c)).unwrap();
-        assert_eq!(measured(&it.to_soup()).boundary_edges, open);
+        let mut mesh = surface(&soup);
+        let changes = with_context(|c| Weld { tolerance, max_deviation: f64::INFINITY }.apply(&mut mesh, c)).unwrap();
+        assert_eq!(measured(&mesh.to_soup()).boundary_edges, open);
         assert_eq!(change_count(&changes.changes, "boundary_vertices_merged"), if open == 0 { 3 } else { 0 });
     }
 }
@@ -92,10 +92,10 @@ fn welding_never_collapses_a_face_smaller_than_the_tolerance() {
     let mut soup = sheet(4);
     let tiny = 1e-4;
     push(&mut soup, [DVec3::ZERO, DVec3::X * tiny, DVec3::Y * tiny].map(|p| p + DVec3::new(9.0, 9.0, 0.0)));
-    let mut it = surface(&soup);
-    with_context(|c| Weld { tolerance: 0.01, max_deviation: f64::INFINITY }.apply(&mut it, c)).unwrap();
-    assert!(it.faces.iter().all(|&[a, b, c]| a != b && b != c && c != a));
-    assert_eq!(it.faces.len(), soup.faces.len());
+    let mut mesh = surface(&soup);
+    with_context(|c| Weld { tolerance: 0.01, max_deviation: f64::INFINITY }.apply(&mut mesh, c)).unwrap();
+    assert!(mesh.faces.iter().all(|&[a, b, c]| a != b && b != c && c != a));
+    assert_eq!(mesh.faces.len(), soup.faces.len());
 }
 
 #[test]
@@ -106,9 +106,9 @@ fn welding_many_vertices_in_one_place_is_not_quadratic() {
         push(&mut soup, [p, p + DVec3::new(0.0, 1e-12, 0.0), p + DVec3::new(0.0, 0.0, 1e-12)]);
     }
     push(&mut soup, [DVec3::ZERO, DVec3::X, DVec3::Y]);
-    let mut it = surface(&soup);
-    with_context(|c| Weld { tolerance: 0.01, max_deviation: f64::INFINITY }.apply(&mut it, c)).unwrap();
-    it.check().unwrap();
+    let mut mesh = surface(&soup);
+    with_context(|c| Weld { tolerance: 0.01, max_deviation: f64::INFINITY }.apply(&mut mesh, c)).unwrap();
+    mesh.check().unwrap();
 }
 
 /// A cube with a vertex on an edge that only one of its faces uses, and a cap that closes the gap.
@@ -120,13 +120,13 @@ fn welding_many_vertices_in_one_place_is_not_quadratic() {
 /// ```
 fn cube_with_cap() -> Soup {
     let soup = cube(DVec3::ZERO, 1.0, 1);
-    let (it, _) = Surface::from_soup(&soup);
-    let mut out = Soup { positions: it.positions.clone(), faces: Vec::new() };
-    let [a, b, c] = it.faces[0];
+    let (indexed, _) = Surface::from_soup(&soup);
+    let mut out = Soup { positions: indexed.positions.clone(), faces: Vec::new() };
+    let [a, b, c] = indexed.faces[0];
     let m = out.positions.len() as u32;
-    out.positions.push((it.positions[a as usize] + it.positions[b as usize]) / 2.0);
+    out.positions.push((indexed.positions[a as usize] + indexed.positions[b as usize]) / 2.0);
     out.faces.extend([[a, m, c], [m, b, c], [a, b, m]]);
-    out.faces.extend(&it.faces[1..]);
+    out.faces.extend(&indexed.faces[1..]);
     out
 }
 
@@ -135,13 +135,13 @@ fn a_cap_is_flipped_away_and_the_surface_stays_closed() {
     let soup = cube_with_cap();
     let before = measured(&soup);
     assert_eq!((before.degenerate_faces, before.boundary_edges), (1, 0));
-    let mut it = surface(&soup);
-    let changes = with_context(|c| remove_caps(&mut it, c)).unwrap();
+    let mut mesh = surface(&soup);
+    let changes = with_context(|c| remove_caps(&mut mesh, c)).unwrap();
     assert_eq!(change_count(&changes, "degenerate_faces_flipped"), 1);
-    let after = measured(&it.to_soup());
+    let after = measured(&mesh.to_soup());
     assert!(after.printable(), "{after:?}");
     assert_eq!(after.volume.value, before.volume.value);
-    assert_eq!(it.positions, surface(&soup).positions);
+    assert_eq!(mesh.positions, surface(&soup).positions);
 }
 
 #[test]
@@ -156,9 +156,9 @@ fn two_caps_on_the_same_edge_are_both_flipped_away() {
     soup.faces.remove(at);
     soup.faces.extend([[b, a, n], [b, n, d], [n, a, d]]);
     assert_eq!(measured(&soup).degenerate_faces, 2);
-    let mut it = surface(&soup);
-    with_context(|c| remove_caps(&mut it, c)).unwrap();
-    let after = measured(&it.to_soup());
+    let mut mesh = surface(&soup);
+    with_context(|c| remove_caps(&mut mesh, c)).unwrap();
+    let after = measured(&mesh.to_soup());
     assert!(after.printable(), "{after:?}");
 }
 
@@ -176,11 +176,11 @@ fn a_face_whose_area_is_lost_in_f64_is_no_face_and_goes_without_a_trace() {
     let before = measured(&soup);
     assert_eq!((before.degenerate_faces, before.boundary_edges), (1, 0));
     assert!(!before.printable(), "its normal belongs to no face");
-    let mut it = surface(&soup);
-    let applied = with_context(|c| remove_without_area(&mut it, f64::INFINITY, c)).unwrap();
+    let mut mesh = surface(&soup);
+    let applied = with_context(|c| remove_without_area(&mut mesh, f64::INFINITY, c)).unwrap();
     assert_eq!(change_count(&applied.changes, "short_edges_collapsed"), 1);
     assert!(applied.moved > 0.0 && applied.moved < 1e-44, "{}", applied.moved);
-    let after = measured(&it.to_soup());
+    let after = measured(&mesh.to_soup());
     assert!(after.printable() && after.faces == 4, "{after:?}");
     assert_eq!(after.volume.value, before.volume.value);
 }
@@ -188,37 +188,37 @@ fn a_face_whose_area_is_lost_in_f64_is_no_face_and_goes_without_a_trace() {
 #[test]
 fn a_face_whose_area_is_lost_in_f64_stays_where_no_vertex_may_move() {
     let soup = tetrahedron_with_a_face_that_vanishes();
-    let mut it = surface(&soup);
-    let applied = with_context(|c| remove_without_area(&mut it, 0.0, c)).unwrap();
+    let mut mesh = surface(&soup);
+    let applied = with_context(|c| remove_without_area(&mut mesh, 0.0, c)).unwrap();
     assert_eq!(applied.moved, 0.0);
-    assert_eq!(it.to_soup(), surface(&soup).to_soup());
+    assert_eq!(mesh.to_soup(), surface(&soup).to_soup());
 }
 
 #[test]
 fn a_face_with_a_repeated_vertex_goes_and_nothing_opens() {
-    let mut it = surface(&cube(DVec3::ZERO, 1.0, 1));
-    it.faces.push([0, 0, 1]);
-    it.source.push(12);
-    assert_eq!(change_count(&remove_collapsed(&mut it), "collapsed_faces_removed"), 1);
-    assert!(measured(&it.to_soup()).printable());
+    let mut mesh = surface(&cube(DVec3::ZERO, 1.0, 1));
+    mesh.faces.push([0, 0, 1]);
+    mesh.source.push(12);
+    assert_eq!(change_count(&remove_collapsed(&mut mesh), "collapsed_faces_removed"), 1);
+    assert!(measured(&mesh.to_soup()).printable());
 }
 
 #[test]
 fn of_duplicates_the_first_stays() {
     let cube = cube(DVec3::ZERO, 1.0, 2);
-    let mut it = surface(&join(&cube, &cube));
-    assert_eq!(change_count(&remove_duplicates(&mut it), "duplicate_faces_removed"), cube.faces.len() as u64);
-    assert_eq!(it.source, (0..cube.faces.len() as u32).collect::<Vec<_>>());
-    assert!(measured(&it.to_soup()).printable());
+    let mut mesh = surface(&join(&cube, &cube));
+    assert_eq!(change_count(&remove_duplicates(&mut mesh), "duplicate_faces_removed"), cube.faces.len() as u64);
+    assert_eq!(mesh.source, (0..cube.faces.len() as u32).collect::<Vec<_>>());
+    assert!(measured(&mesh.to_soup()).printable());
 }
 
 #[test]
 fn a_wall_without_thickness_between_two_boxes_goes_whole() {
     // Two adjacent cubes, each with its own wall between them.
-    let mut it = surface(&join(&cube(DVec3::ZERO, 1.0, 2), &cube(DVec3::X, 1.0, 2)));
-    let changes = remove_duplicates(&mut it);
+    let mut mesh = surface(&join(&cube(DVec3::ZERO, 1.0, 2), &cube(DVec3::X, 1.0, 2)));
+    let changes = remove_duplicates(&mut mesh);
     assert_eq!(change_count(&changes, "cancelling_faces_removed"), 16);
-    let after = measured(&it.to_soup());
+    let after = measured(&mesh.to_soup());
     assert!(after.printable(), "{after:?}");
     assert!((after.volume.value - 2.0).abs() < 1e-9);
 }
@@ -231,41 +231,41 @@ fn a_small_flap_of_two_faces_goes_and_a_large_one_stays_as_a_sheet() {
         let tip = (a + b) * 0.5 - DVec3::splat(length);
         push(&mut soup, [a, b, tip]);
         push(&mut soup, [b, a, tip]);
-        let mut it = surface(&soup);
-        let changes = remove_duplicates(&mut it);
+        let mut mesh = surface(&soup);
+        let changes = remove_duplicates(&mut mesh);
         assert_eq!(change_count(&changes, "cancelling_faces_removed"), gone);
         assert_eq!(change_count(&changes, "duplicate_faces_removed"), if gone > 0 { 0 } else { 1 });
-        assert_eq!(measured(&it.to_soup()).printable(), gone > 0);
+        assert_eq!(measured(&mesh.to_soup()).printable(), gone > 0);
     }
 }
 
 #[test]
 fn a_two_sided_sheet_alone_is_not_lost() {
     let one = sheet(3);
-    let mut it = surface(&join(&one, &inside_out(one.clone())));
-    remove_duplicates(&mut it);
-    assert_eq!(it.faces.len(), one.faces.len());
+    let mut mesh = surface(&join(&one, &inside_out(one.clone())));
+    remove_duplicates(&mut mesh);
+    assert_eq!(mesh.faces.len(), one.faces.len());
 }
 
 #[test]
 fn a_cavity_keeps_looking_into_the_hollow_and_a_solid_outward() {
     let hollow = join(&cube(DVec3::ZERO, 4.0, 2), &inside_out(cube(DVec3::ONE, 1.0, 1)));
-    let mut it = surface(&hollow);
-    let before = it.faces.clone();
-    with_context(|c| Orient::default().apply(&mut it, c)).unwrap();
-    assert_eq!(it.faces, before);
-    let mut it = surface(&inside_out(torus(3.0, 1.0, 12, 6)));
-    let changes = with_context(|c| Orient::default().apply(&mut it, c)).unwrap().changes;
+    let mut mesh = surface(&hollow);
+    let before = mesh.faces.clone();
+    with_context(|c| Orient::default().apply(&mut mesh, c)).unwrap();
+    assert_eq!(mesh.faces, before);
+    let mut target = surface(&inside_out(torus(3.0, 1.0, 12, 6)));
+    let changes = with_context(|c| Orient::default().apply(&mut target, c)).unwrap().changes;
     assert_eq!(change_count(&changes, "closed_parts_turned"), 1);
-    assert!(measured(&it.to_soup()).printable());
+    assert!(measured(&target.to_soup()).printable());
 }
 
 #[test]
 fn an_open_box_turned_inside_out_is_turned_by_what_its_faces_see() {
     let mut soup = inside_out(cube(DVec3::ZERO, 1.0, 4));
     soup.faces.truncate(soup.faces.len() - 2);
-    let mut it = surface(&soup);
-    let changes = with_context(|c| Orient::default().apply(&mut it, c)).unwrap().changes;
+    let mut mesh = surface(&soup);
+    let changes = with_context(|c| Orient::default().apply(&mut mesh, c)).unwrap().changes;
     assert_eq!(change_count(&changes, "open_parts_turned"), 1);
 }
 
@@ -273,13 +273,13 @@ fn an_open_box_turned_inside_out_is_turned_by_what_its_faces_see() {
 fn a_hole_on_a_sphere_is_closed_without_moving_a_vertex() {
     let mut soup = sphere(DVec3::ZERO, 1.0, 24, 12);
     soup.faces.drain(100..140);
-    let mut it = surface(&soup);
-    let before = it.clone();
-    let filled = with_context(|c| FillHoles { max_edges: 10_000, ..FillHoles::default() }.apply(&mut it, c)).unwrap();
+    let mut mesh = surface(&soup);
+    let before = mesh.clone();
+    let filled = with_context(|c| FillHoles { max_edges: 10_000, ..FillHoles::default() }.apply(&mut mesh, c)).unwrap();
     assert!(filled.holes_left == 0 && filled.open_sheets == 0);
-    assert_eq!(it.positions, before.positions);
-    assert_eq!(it.faces[..before.faces.len()], before.faces);
-    assert!(measured(&it.to_soup()).printable());
+    assert_eq!(mesh.positions, before.positions);
+    assert_eq!(mesh.faces[..before.faces.len()], before.faces);
+    assert!(measured(&mesh.to_soup()).printable());
 }
 
 #[test]
@@ -292,12 +292,12 @@ fn a_hole_of_hundreds_of_edges_is_closed() {
             index += 1;
             index % 10 != 1
         });
-        let mut it = surface(&soup);
+        let mut mesh = surface(&soup);
         let filled =
-            with_context(|c| FillHoles { max_edges: 10_000, ..FillHoles::default() }.apply(&mut it, c)).unwrap();
+            with_context(|c| FillHoles { max_edges: 10_000, ..FillHoles::default() }.apply(&mut mesh, c)).unwrap();
         assert_eq!(filled.holes_left, 0);
         assert_eq!(change_count(&filled.changes, "faces_added"), u64::from(n) - 2);
-        let after = measured(&it.to_soup());
+        let after = measured(&mesh.to_soup());
         assert!(after.printable(), "{n}: {after:?}");
     }
 }
@@ -306,18 +306,18 @@ fn a_hole_of_hundreds_of_edges_is_closed() {
 fn a_hole_over_the_limit_is_left_and_told() {
     let mut soup = cube(DVec3::ZERO, 1.0, 4);
     soup.faces.truncate(soup.faces.len() - 32);
-    let mut it = surface(&soup);
-    let filled = with_context(|c| FillHoles { max_edges: 8, ..FillHoles::default() }.apply(&mut it, c)).unwrap();
+    let mut mesh = surface(&soup);
+    let filled = with_context(|c| FillHoles { max_edges: 8, ..FillHoles::default() }.apply(&mut mesh, c)).unwrap();
     assert_eq!(filled.holes_left, 1);
-    assert_eq!(it.faces.len(), soup.faces.len());
+    assert_eq!(mesh.faces.len(), soup.faces.len());
 }
 
 #[test]
 fn an_open_sheet_is_left_open() {
-    let mut it = surface(&sheet(10));
-    assert!(open_sheet_share(&it) > 0.99);
-    let filled = with_context(|c| FillHoles { max_edges: 10_000, ..FillHoles::default() }.apply(&mut it, c)).unwrap();
-    assert_eq!((filled.open_sheets, it.faces.len()), (1, 200));
+    let mut mesh = surface(&sheet(10));
+    assert!(open_sheet_share(&mesh) > 0.99);
+    let filled = with_context(|c| FillHoles { max_edges: 10_000, ..FillHoles::default() }.apply(&mut mesh, c)).unwrap();
+    assert_eq!((filled.open_sheets, mesh.faces.len()), (1, 200));
     let mut half_open = cube(DVec3::ZERO, 1.0, 4);
     half_open.faces.truncate(half_open.faces.len() - 32);
     assert_eq!(open_sheet_share(&surface(&half_open)), 0.0);
@@ -335,37 +335,37 @@ proptest! {
     #[test]
     fn flipped_faces_are_turned_back(flips in proptest::collection::vec(any::<bool>(), 96), which in 0..3usize) {
         let soup = [cube(DVec3::ZERO, 1.0, 2), torus(3.0, 1.0, 8, 6), sphere(DVec3::ZERO, 1.0, 8, 7)][which].clone();
-        let mut it = surface(&soup);
-        for (face, flip) in it.faces.iter_mut().zip(&flips) {
+        let mut mesh = surface(&soup);
+        for (face, flip) in mesh.faces.iter_mut().zip(&flips) {
             if *flip {
                 face.swap(1, 2);
             }
         }
-        with_context(|c| Orient::default().apply(&mut it, c)).unwrap();
-        prop_assert!(measured(&it.to_soup()).printable());
+        with_context(|c| Orient::default().apply(&mut mesh, c)).unwrap();
+        prop_assert!(measured(&mesh.to_soup()).printable());
     }
 
     #[test]
     fn no_operator_breaks_a_surface_of_random_faces(faces in proptest::collection::vec((0..9u32, 0..9u32, 0..9u32), 1..40)) {
         let positions = (0..9).map(|i| DVec3::new(f64::from(i % 3), f64::from(i / 3), f64::from(i * i % 5))).collect();
         let soup = Soup { positions, faces: faces.into_iter().map(|(a, b, c)| [a, b, c]).collect() };
-        let mut it = surface(&soup);
+        let mut mesh = surface(&soup);
         with_context(|c| {
-            remove_collapsed(&mut it);
-            Weld { tolerance: 0.01, max_deviation: f64::INFINITY }.apply(&mut it, c).unwrap();
-            remove_collapsed(&mut it);
-            remove_duplicates(&mut it);
-            let before = measured(&it.to_soup()).degenerate_faces;
-            remove_caps(&mut it, c).unwrap();
-            prop_assert!(measured(&it.to_soup()).degenerate_faces <= before);
-            Orient::default().apply(&mut it, c).unwrap();
-            let open = measured(&it.to_soup());
-            FillHoles { max_edges: 1000, ..FillHoles::default() }.apply(&mut it, c).unwrap();
-            let after = measured(&it.to_soup());
+            remove_collapsed(&mut mesh);
+            Weld { tolerance: 0.01, max_deviation: f64::INFINITY }.apply(&mut mesh, c).unwrap();
+            remove_collapsed(&mut mesh);
+            remove_duplicates(&mut mesh);
+            let before = measured(&mesh.to_soup()).degenerate_faces;
+            remove_caps(&mut mesh, c).unwrap();
+            prop_assert!(measured(&mesh.to_soup()).degenerate_faces <= before);
+            Orient::default().apply(&mut mesh, c).unwrap();
+            let open = measured(&mesh.to_soup());
+            FillHoles { max_edges: 1000, ..FillHoles::default() }.apply(&mut mesh, c).unwrap();
+            let after = measured(&mesh.to_soup());
             prop_assert!(after.boundary_edges <= open.boundary_edges);
             prop_assert!(after.nonmanifold_edges <= open.nonmanifold_edges);
-            it.drop_unreferenced();
-            it.check().unwrap();
+            mesh.drop_unreferenced();
+            mesh.check().unwrap();
             Ok(())
         })?;
     }

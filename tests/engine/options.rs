@@ -47,8 +47,8 @@ fn nested_boxes() -> Soup {
     join(&join(&at(10.0), &at(6.0)), &at(3.0))
 }
 
-fn cause(it: &Repaired, option: &str) -> Option<NotAppliedCause> {
-    it.report.options_not_applied.iter().find(|found| found.option == option).map(|found| found.cause)
+fn cause(repaired: &Repaired, option: &str) -> Option<NotAppliedCause> {
+    repaired.report.options_not_applied.iter().find(|found| found.option == option).map(|found| found.cause)
 }
 
 #[test]
@@ -61,13 +61,13 @@ fn nested_boxes_that_are_printable_are_wound_in_layers_where_that_is_asked_for()
         Options { nested: Nested::Alternate, ..Options::default() },
         Options { inside: InsideRule::Odd, ..Options::default() },
     ] {
-        let it = repair_bytes(&bytes, &options, None).unwrap();
-        assert_eq!(volumes(&it.bytes), [1000.0, -216.0, 27.0], "{:?}", it.report.summary);
-        assert_eq!(it.report.outcome, Outcome::Repaired, "{:?}", it.report.red_flags);
-        assert!(it.report.options_not_applied.is_empty(), "{:?}", it.report.options_not_applied);
+        let repaired = repair_bytes(&bytes, &options, None).unwrap();
+        assert_eq!(volumes(&repaired.bytes), [1000.0, -216.0, 27.0], "{:?}", repaired.report.summary);
+        assert_eq!(repaired.report.outcome, Outcome::Repaired, "{:?}", repaired.report.red_flags);
+        assert!(repaired.report.options_not_applied.is_empty(), "{:?}", repaired.report.options_not_applied);
         // A model that already satisfies the option comes back unchanged, and the report says so.
-        let again = repair_bytes(&it.bytes, &options, None).unwrap();
-        assert_eq!((again.report.outcome, again.bytes == it.bytes), (Outcome::AlreadyPrintable, true));
+        let again = repair_bytes(&repaired.bytes, &options, None).unwrap();
+        assert_eq!((again.report.outcome, again.bytes == repaired.bytes), (Outcome::AlreadyPrintable, true));
         let [only] = again.report.options_not_applied.as_slice() else { panic!("{:?}", again.report.warnings) };
         assert_eq!(only.cause, NotAppliedCause::NothingToDo);
         assert_eq!(again.report.warnings.last(), Some(&only.in_words()));
@@ -78,9 +78,9 @@ fn nested_boxes_that_are_printable_are_wound_in_layers_where_that_is_asked_for()
 fn solids_within_a_solid_go_where_a_winding_rule_is_asked_for_that_makes_them_one() {
     let bytes = stl(&nested_boxes());
     for inside in [InsideRule::Positive, InsideRule::Nonzero] {
-        let it = repair_bytes(&bytes, &Options { inside, ..Options::default() }, None).unwrap();
-        assert_eq!(volumes(&it.bytes), [1000.0], "{:?}", it.report.summary);
-        assert_eq!(it.report.outcome, Outcome::Repaired, "{:?}", it.report.red_flags);
+        let repaired = repair_bytes(&bytes, &Options { inside, ..Options::default() }, None).unwrap();
+        assert_eq!(volumes(&repaired.bytes), [1000.0], "{:?}", repaired.report.summary);
+        assert_eq!(repaired.report.outcome, Outcome::Repaired, "{:?}", repaired.report.red_flags);
     }
 }
 
@@ -90,20 +90,20 @@ fn objects_that_are_printable_are_wound_in_layers_too() {
     let options = Options { nested: Nested::Alternate, output: OutputFormat::Stl, ..Options::default() };
     let same = Options { output: OutputFormat::Same, ..options.clone() };
     assert_eq!(volumes(&repair_bytes(&bytes, &options, None).unwrap().bytes), [1000.0, -216.0, 27.0]);
-    let it = repair_bytes(&bytes, &same, None).unwrap();
-    assert_eq!(volumes(&it.bytes), [1000.0, -216.0, 27.0]);
-    assert!(it.report.options_not_applied.is_empty());
+    let repaired = repair_bytes(&bytes, &same, None).unwrap();
+    assert_eq!(volumes(&repaired.bytes), [1000.0, -216.0, 27.0]);
+    assert!(repaired.report.options_not_applied.is_empty());
 }
 
 #[test]
 fn a_preset_that_is_asked_for_runs_on_a_printable_model() {
     let bytes = stl(&torus(3.0, 1.0, 16, 8));
     for preset in [Preset::BasicCleanup, Preset::FullRepair, Preset::ConservativeRepair, Preset::ManifoldRepair] {
-        let it = repair_bytes(&bytes, &Options { preset, ..Options::default() }, None).unwrap();
-        assert_eq!((it.report.outcome, it.bytes == bytes), (Outcome::AlreadyPrintable, true), "{preset:?}");
-        assert_eq!(it.report.plan.preset, preset);
-        assert!(!it.report.steps.is_empty());
-        assert_eq!(cause(&it, "preset"), Some(NotAppliedCause::NothingToDo));
+        let repaired = repair_bytes(&bytes, &Options { preset, ..Options::default() }, None).unwrap();
+        assert_eq!((repaired.report.outcome, repaired.bytes == bytes), (Outcome::AlreadyPrintable, true), "{preset:?}");
+        assert_eq!(repaired.report.plan.preset, preset);
+        assert!(!repaired.report.steps.is_empty());
+        assert_eq!(cause(&repaired, "preset"), Some(NotAppliedCause::NothingToDo));
     }
 }
 
@@ -111,10 +111,10 @@ fn a_preset_that_is_asked_for_runs_on_a_printable_model() {
 fn a_remesh_that_is_asked_for_runs_on_a_printable_model() {
     let bytes = stl(&as_f32(sphere(DVec3::ZERO, 10.0, 24, 12)));
     let options = Options { with: vec![Operator::Remesh], voxel_size: Some(0.5), ..Options::default() };
-    let it = repair_bytes(&bytes, &options, None).unwrap();
-    assert_eq!(it.report.outcome, Outcome::Repaired, "{:?}", it.report.options_not_applied);
-    assert!(it.report.options_not_applied.is_empty(), "{:?}", it.report.options_not_applied);
-    assert_ne!(it.bytes, bytes);
+    let repaired = repair_bytes(&bytes, &options, None).unwrap();
+    assert_eq!(repaired.report.outcome, Outcome::Repaired, "{:?}", repaired.report.options_not_applied);
+    assert!(repaired.report.options_not_applied.is_empty(), "{:?}", repaired.report.options_not_applied);
+    assert_ne!(repaired.bytes, bytes);
 }
 
 /// A box with a sliver of this height along an edge of its top.
@@ -148,9 +148,9 @@ fn slivers_of_a_printable_model_go_where_a_tolerance_is_asked_for() {
     let bytes = stl(&box_with_a_sliver(1e-3));
     let usual = repair_bytes(&bytes, &Options::default(), None).unwrap();
     assert_eq!((usual.report.outcome, usual.bytes == bytes), (Outcome::AlreadyPrintable, true));
-    let it = repair_bytes(&bytes, &Options { degenerate_tolerance: 1e-3, ..Options::default() }, None).unwrap();
-    assert_eq!(it.report.outcome, Outcome::Repaired, "{:?}", it.report.options_not_applied);
-    assert_eq!(it.report.after.unwrap().measures.faces, 12);
+    let repaired = repair_bytes(&bytes, &Options { degenerate_tolerance: 1e-3, ..Options::default() }, None).unwrap();
+    assert_eq!(repaired.report.outcome, Outcome::Repaired, "{:?}", repaired.report.options_not_applied);
+    assert_eq!(repaired.report.after.unwrap().measures.faces, 12);
     let finer = repair_bytes(&bytes, &Options { degenerate_tolerance: 1e-6, ..Options::default() }, None).unwrap();
     assert_eq!(
         (cause(&finer, "degenerate_tolerance"), finer.bytes == bytes),
@@ -169,10 +169,10 @@ fn what_finds_nothing_to_do_on_a_printable_model_is_said() {
         voxel_size: Some(0.1),
         ..Options::default()
     };
-    let it = repair_bytes(&bytes, &options, None).unwrap();
-    assert_eq!((it.report.outcome, it.bytes == bytes), (Outcome::AlreadyPrintable, true));
+    let repaired = repair_bytes(&bytes, &options, None).unwrap();
+    assert_eq!((repaired.report.outcome, repaired.bytes == bytes), (Outcome::AlreadyPrintable, true));
     for option in ["open_sheets", "thickness", "sew_ratio", "stitch_threshold", "voxel_size"] {
-        assert_eq!(cause(&it, option), Some(NotAppliedCause::NothingToDo), "{option}");
+        assert_eq!(cause(&repaired, option), Some(NotAppliedCause::NothingToDo), "{option}");
     }
     let without = Options { nested: Nested::Alternate, without: vec![Operator::Orient], ..Options::default() };
     assert_eq!(cause(&repair_bytes(&bytes, &without, None).unwrap(), "nested"), Some(NotAppliedCause::Excluded));
@@ -195,37 +195,37 @@ fn a_ratio_to_sew_with_is_the_only_limit_where_it_is_asked_for() {
     // The gap is a hundredth of the shortest edge, and more than a thousandth of the diagonal.
     let soup = box_with_a_lid_above(0.05, 2);
     let options = |sew_ratio| Options { sew_ratio, stitch_threshold: Some(0.0), ..Options::default() };
-    let sewn = |it: &Repaired| {
-        it.report.steps.iter().any(|step| step.operator == Some(Operator::Sew) && !step.changed.is_empty())
+    let sewn = |repaired: &Repaired| {
+        repaired.report.steps.iter().any(|step| step.operator == Some(Operator::Sew) && !step.changed.is_empty())
     };
     assert!(!sewn(&repair_soup(&soup, &options(None), None)));
-    let it = repair_soup(&soup, &options(Some(0.2)), None);
-    assert!(sewn(&it), "{:?}", it.report.steps);
-    assert_eq!(it.report.outcome, Outcome::Repaired);
+    let repaired = repair_soup(&soup, &options(Some(0.2)), None);
+    assert!(sewn(&repaired), "{:?}", repaired.report.steps);
+    assert_eq!(repaired.report.outcome, Outcome::Repaired);
 }
 
 #[test]
 fn a_crack_is_stitched_up_to_a_length_in_the_models_unit() {
     let soup = box_with_a_lid_above(0.05, 2);
-    let stitched = |it: &Repaired| {
-        it.report.steps.iter().any(|step| step.operator == Some(Operator::Stitch) && !step.changed.is_empty())
+    let stitched = |repaired: &Repaired| {
+        repaired.report.steps.iter().any(|step| step.operator == Some(Operator::Stitch) && !step.changed.is_empty())
     };
     let options =
         |distance| Options { sew_ratio: Some(0.0), stitch_distance: Some(distance), max_tier: 2, ..Options::default() };
     assert!(!stitched(&repair_soup(&soup, &options(0.04), None)));
-    let it = repair_soup(&soup, &options(0.06), None);
-    assert!(stitched(&it), "{:?}", it.report.steps);
-    assert_eq!(it.report.outcome, Outcome::Repaired);
-    let heights = |it: &Repaired| -> Vec<f64> {
-        format::read(&it.bytes, &Limits::default()).unwrap().soup.positions.iter().map(|p| p.z).collect()
+    let repaired = repair_soup(&soup, &options(0.06), None);
+    assert!(stitched(&repaired), "{:?}", repaired.report.steps);
+    assert_eq!(repaired.report.outcome, Outcome::Repaired);
+    let heights = |repaired: &Repaired| -> Vec<f64> {
+        format::read(&repaired.bytes, &Limits::default()).unwrap().soup.positions.iter().map(|p| p.z).collect()
     };
     let is_halfway = |z: &f64| (z - 10.025).abs() < 1e-5;
-    assert!(!heights(&it).iter().any(is_halfway));
+    assert!(!heights(&repaired).iter().any(is_halfway));
     let average = Options { stitch_position: StitchPosition::Average, ..options(0.06) };
-    let it = repair_soup(&soup, &average, None);
-    assert_eq!(it.report.outcome, Outcome::Repaired);
-    assert!(heights(&it).iter().any(is_halfway), "{:?}", heights(&it));
-    assert!(it.report.options_not_applied.is_empty(), "{:?}", it.report.options_not_applied);
+    let repaired = repair_soup(&soup, &average, None);
+    assert_eq!(repaired.report.outcome, Outcome::Repaired);
+    assert!(heights(&repaired).iter().any(is_halfway), "{:?}", heights(&repaired));
+    assert!(repaired.report.options_not_applied.is_empty(), "{:?}", repaired.report.options_not_applied);
 }
 
 #[test]
@@ -233,9 +233,14 @@ fn a_gap_that_the_edges_beside_it_do_not_allow_is_said() {
     // The gap is wider than half of an edge, which is 0.5.
     let soup = box_with_a_lid_above(0.7, 10);
     let options = Options { stitch_distance: Some(1.0), preset: Preset::FullRepair, max_tier: 2, ..Options::default() };
-    let it = repair_soup(&soup, &options, None);
-    assert_eq!(cause(&it, "stitch_distance"), Some(NotAppliedCause::Limited), "{:?}", it.report.options_not_applied);
-    assert!(it.report.warnings.iter().any(|warning| warning.starts_with("`stitch_distance=1.0`")));
+    let repaired = repair_soup(&soup, &options, None);
+    assert_eq!(
+        cause(&repaired, "stitch_distance"),
+        Some(NotAppliedCause::Limited),
+        "{:?}",
+        repaired.report.options_not_applied
+    );
+    assert!(repaired.report.warnings.iter().any(|warning| warning.starts_with("`stitch_distance=1.0`")));
 }
 
 #[test]
@@ -250,17 +255,22 @@ fn a_tolerance_that_edges_shorter_than_it_keep_from_being_used_is_said() {
 fn a_limit_to_movement_that_cuts_an_option_short_is_said() {
     let soup = box_with_a_lid_above(0.05, 2);
     let limited = Options { stitch_distance: Some(0.06), max_deviation: Some(0.01), ..Options::default() };
-    let it = repair_soup(&soup, &Options { preset: Preset::FullRepair, max_tier: 2, ..limited }, None);
-    assert_eq!(cause(&it, "stitch_distance"), Some(NotAppliedCause::Limited), "{:?}", it.report.options_not_applied);
+    let repaired = repair_soup(&soup, &Options { preset: Preset::FullRepair, max_tier: 2, ..limited }, None);
+    assert_eq!(
+        cause(&repaired, "stitch_distance"),
+        Some(NotAppliedCause::Limited),
+        "{:?}",
+        repaired.report.options_not_applied
+    );
 }
 
 #[test]
 fn vertices_are_merged_by_their_distance_alone() {
     // Two vertices of each long side are close, and none is on a boundary.
     let bytes = stl(&box_with_a_sliver(1e-3));
-    let it = repair_bytes(&bytes, &Options { merge_distance: Some(0.01), ..Options::default() }, None).unwrap();
-    assert_eq!(it.report.outcome, Outcome::Repaired, "{:?}", it.report.options_not_applied);
-    assert_eq!(it.report.after.unwrap().measures.faces, 12);
+    let repaired = repair_bytes(&bytes, &Options { merge_distance: Some(0.01), ..Options::default() }, None).unwrap();
+    assert_eq!(repaired.report.outcome, Outcome::Repaired, "{:?}", repaired.report.options_not_applied);
+    assert_eq!(repaired.report.after.unwrap().measures.faces, 12);
     let nothing = repair_bytes(&bytes, &Options { merge_distance: Some(1e-4), ..Options::default() }, None).unwrap();
     assert_eq!((cause(&nothing, "merge_distance"), nothing.bytes == bytes), (Some(NotAppliedCause::NothingToDo), true));
 }
@@ -272,19 +282,25 @@ fn small_parts_are_dropped_where_that_is_asked_for_and_told() {
     let bytes = stl(&soup);
     assert_eq!(repair_bytes(&bytes, &Options::default(), None).unwrap().bytes, bytes);
     let options = Options { min_part_volume_pct: 1.0, ..Options::default() };
-    let it = repair_bytes(&bytes, &options, None).unwrap();
-    assert_eq!(it.report.outcome, Outcome::Repaired, "{:?} {:?}", it.report.options_not_applied, it.report.red_flags);
-    assert_eq!(it.report.after.as_ref().unwrap().measures.parts, 1);
-    let ledger = it.report.ledger.as_ref().unwrap();
+    let repaired = repair_bytes(&bytes, &options, None).unwrap();
+    assert_eq!(
+        repaired.report.outcome,
+        Outcome::Repaired,
+        "{:?} {:?}",
+        repaired.report.options_not_applied,
+        repaired.report.red_flags
+    );
+    assert_eq!(repaired.report.after.as_ref().unwrap().measures.parts, 1);
+    let ledger = repaired.report.ledger.as_ref().unwrap();
     assert_eq!((ledger.lost, ledger.dropped, ledger.kept), (0, 2, 1));
-    let told = it.report.assumptions.iter().find(|it| it.kind == AssumptionKind::PiecesDropped).unwrap();
+    let told = repaired.report.assumptions.iter().find(|a| a.kind == AssumptionKind::PiecesDropped).unwrap();
     assert_eq!((told.count, told.option.as_deref()), (2, Some("min_part_volume_pct=0")));
     // A broken part is repaired first, and kept because it is large.
     let mut broken = join(&soup, &cube(DVec3::new(0.0, 0.0, 20.0), 8.0, 1));
     broken.faces.pop();
-    let it = repair_soup(&broken, &options, None);
-    assert_eq!(it.report.outcome, Outcome::Repaired, "{:?}", it.report.red_flags);
-    assert_eq!(it.report.after.as_ref().unwrap().measures.parts, 2);
+    let result = repair_soup(&broken, &options, None);
+    assert_eq!(result.report.outcome, Outcome::Repaired, "{:?}", result.report.red_flags);
+    assert_eq!(result.report.after.as_ref().unwrap().measures.parts, 2);
 }
 
 #[test]
@@ -294,19 +310,22 @@ fn the_cavities_of_a_part_go_with_it_and_those_of_others_stay() {
         join(&cube(at, size, 1), &inner)
     };
     let soup = join(&hollow(DVec3::ZERO, 10.0), &hollow(DVec3::splat(20.0), 1.0));
-    let it = repair_soup(&soup, &Options { min_part_volume_pct: 5.0, ..Options::default() }, None);
-    assert_eq!(it.report.outcome, Outcome::Repaired, "{:?}", it.report.red_flags);
-    assert!((it.report.after.unwrap().measures.volume.value - 875.0).abs() < 1e-6);
+    let repaired = repair_soup(&soup, &Options { min_part_volume_pct: 5.0, ..Options::default() }, None);
+    assert_eq!(repaired.report.outcome, Outcome::Repaired, "{:?}", repaired.report.red_flags);
+    assert!((repaired.report.after.unwrap().measures.volume.value - 875.0).abs() < 1e-6);
 }
 
 #[test]
 fn a_category_that_is_given_chooses_the_plan() {
     let mut soup = cube(DVec3::ZERO, 1.0, 2);
     soup.faces.pop();
-    let it = repair_soup(&soup, &Options { category: Some(Category::NonManifold), ..Options::default() }, None);
-    assert_eq!((it.report.plan.category, it.report.plan.preset), (Category::NonManifold, Preset::ManifoldRepair));
-    assert!(it.report.plan.reason.contains("non_manifold"));
-    assert_eq!(it.report.outcome, Outcome::Repaired);
+    let repaired = repair_soup(&soup, &Options { category: Some(Category::NonManifold), ..Options::default() }, None);
+    assert_eq!(
+        (repaired.report.plan.category, repaired.report.plan.preset),
+        (Category::NonManifold, Preset::ManifoldRepair)
+    );
+    assert!(repaired.report.plan.reason.contains("non_manifold"));
+    assert_eq!(repaired.report.outcome, Outcome::Repaired);
     let whole = repair_soup(
         &cube(DVec3::ZERO, 1.0, 2),
         &Options { category: Some(Category::Holes), ..Options::default() },
@@ -350,8 +369,9 @@ fn neighbours_that_overlap_go_up_to_the_angle_that_is_asked_for() {
     let tip = DVec3::new(tip.x, 5.0, tip.z);
     push(&mut soup, [DVec3::new(0.0, 0.0, 10.0), DVec3::new(10.0, 0.0, 10.0), tip]);
     let with = vec![Operator::RemoveOverlappingNeighbours];
-    let removed = |it: &Repaired| {
-        let steps = it.report.steps.iter().filter(|it| it.operator == Some(Operator::RemoveOverlappingNeighbours));
+    let removed = |repaired: &Repaired| {
+        let steps =
+            repaired.report.steps.iter().filter(|step| step.operator == Some(Operator::RemoveOverlappingNeighbours));
         steps.flat_map(|step| &step.changed).any(|change| change.what == ChangeKind::OverlappingFacesRemoved)
     };
     let usual = Options { preset: Preset::ConservativeRepair, max_tier: 2, ..Options::default() };
@@ -369,8 +389,8 @@ fn faces_whose_outer_side_cannot_be_told_are_listed() {
     let mut soup = Soup::default();
     push(&mut soup, [DVec3::ZERO, DVec3::X, DVec3::Y]);
     push(&mut soup, [DVec3::X, DVec3::new(1.0, 1.0, 0.0), DVec3::Y]);
-    let it = repair_soup(&soup, &Options::default(), None);
-    let listed = it.report.steps.iter().find_map(|step| step.unfixed.as_ref()).unwrap();
+    let repaired = repair_soup(&soup, &Options::default(), None);
+    let listed = repaired.report.steps.iter().find_map(|step| step.unfixed.as_ref()).unwrap();
     assert_eq!((listed.count, listed.faces.as_slice()), (2, [0, 1].as_slice()));
 }
 
@@ -391,6 +411,6 @@ fn options_out_of_range_are_refused_by_name() {
 #[test]
 fn every_option_is_known_to_the_account_of_those_that_were_not_applied() {
     use utoipa::IntoParams;
-    let names: Vec<String> = Options::into_params(|| None).into_iter().map(|it| it.name).collect();
+    let names: Vec<String> = Options::into_params(|| None).into_iter().map(|option| option.name).collect();
     assert_eq!(meshmend::repair::options_accounted_for(), names);
 }

@@ -59,11 +59,11 @@ fn non_manifold() -> Soup {
 #[test]
 fn a_printable_file_comes_back_bit_for_bit() {
     let bytes = format::write(&torus(3.0, 1.0, 16, 8), Format::Stl).unwrap();
-    let it = repair_bytes(&bytes, &Options::default(), None).unwrap();
-    assert_eq!(it.report.outcome, Outcome::AlreadyPrintable);
-    assert_eq!(it.bytes, bytes);
-    assert!(it.report.verified_from_output_bytes && it.report.steps.is_empty());
-    assert_eq!(it.report.changes.unwrap().faces_kept_pct, 100.0);
+    let repaired = repair_bytes(&bytes, &Options::default(), None).unwrap();
+    assert_eq!(repaired.report.outcome, Outcome::AlreadyPrintable);
+    assert_eq!(repaired.bytes, bytes);
+    assert!(repaired.report.verified_from_output_bytes && repaired.report.steps.is_empty());
+    assert_eq!(repaired.report.changes.unwrap().faces_kept_pct, 100.0);
 }
 
 #[test]
@@ -73,19 +73,19 @@ fn a_file_of_which_faces_were_left_out_is_never_handed_back_itself() {
     let whole = format::write(&soup, Format::Mesh).unwrap();
     assert_eq!(repair_bytes(&whole, &options, None).unwrap().bytes, whole);
     let more = [whole.as_slice(), b"Face 13 1 2 99\n"].concat();
-    let it = repair_bytes(&more, &options, None).unwrap();
-    assert_eq!((it.report.outcome, it.format), (Outcome::Repaired, Format::Mesh));
-    assert_eq!(read(&it.bytes).faces.len(), 12);
-    assert!(!String::from_utf8(it.bytes).unwrap().contains("99"));
+    let repaired = repair_bytes(&more, &options, None).unwrap();
+    assert_eq!((repaired.report.outcome, repaired.format), (Outcome::Repaired, Format::Mesh));
+    assert_eq!(read(&repaired.bytes).faces.len(), 12);
+    assert!(!String::from_utf8(repaired.bytes).unwrap().contains("99"));
 }
 
 #[test]
 fn a_printable_file_in_another_format_keeps_its_faces_in_order() {
     let soup = as_f32(sphere(DVec3::ZERO, 1.0, 12, 6));
     let options = Options { output: OutputFormat::Off, ..Options::default() };
-    let it = repair_soup(&soup, &options, None);
-    assert_eq!((it.report.outcome, it.format), (Outcome::AlreadyPrintable, Format::Off));
-    let out = read(&it.bytes);
+    let repaired = repair_soup(&soup, &options, None);
+    assert_eq!((repaired.report.outcome, repaired.format), (Outcome::AlreadyPrintable, Format::Off));
+    let out = read(&repaired.bytes);
     for f in 0..soup.faces.len() {
         assert_eq!(out.corners(f), soup.corners(f));
     }
@@ -101,10 +101,10 @@ fn a_file_that_breaks_when_it_is_rounded_goes_on_to_repair() {
         }
     }
     let bytes = format::write(&soup, Format::Off).unwrap();
-    let it = repair_bytes(&bytes, &Options::default(), None).unwrap();
-    assert!(it.report.before.measures.printable());
-    assert_ne!(it.report.outcome, Outcome::Unrepairable);
-    assert!(it.report.after.unwrap().measures.printable());
+    let repaired = repair_bytes(&bytes, &Options::default(), None).unwrap();
+    assert!(repaired.report.before.measures.printable());
+    assert_ne!(repaired.report.outcome, Outcome::Unrepairable);
+    assert!(repaired.report.after.unwrap().measures.printable());
 }
 
 #[test]
@@ -130,23 +130,23 @@ fn each_kind_of_damage_is_repaired_by_the_first_tier() {
         ("doubled", doubled, Category::NonManifold),
         ("hollow", hollow_with_hole, Category::MultipleComponents),
     ] {
-        let it = repair_soup(&soup, &Options::default(), None);
-        assert_eq!(it.report.outcome, Outcome::Repaired, "{name}: {:?}", it.report);
-        assert_eq!(it.report.plan.category, category, "{name}");
-        assert!(it.report.candidates.iter().filter(|c| c.chosen).count() == 1);
+        let repaired = repair_soup(&soup, &Options::default(), None);
+        assert_eq!(repaired.report.outcome, Outcome::Repaired, "{name}: {:?}", repaired.report);
+        assert_eq!(repaired.report.plan.category, category, "{name}");
+        assert!(repaired.report.candidates.iter().filter(|c| c.chosen).count() == 1);
     }
-    let it = repair_soup(&hollow, &Options::default(), None);
-    assert_eq!(it.report.outcome, Outcome::AlreadyPrintable);
+    let result = repair_soup(&hollow, &Options::default(), None);
+    assert_eq!(result.report.outcome, Outcome::AlreadyPrintable);
 }
 
 #[test]
 fn surface_that_was_fine_is_not_moved() {
     let mut soup = as_f32(torus(3.0, 1.0, 24, 12));
     soup.faces.drain(100..106);
-    let it = repair_soup(&soup, &Options::default(), None);
-    assert_eq!(it.report.outcome, Outcome::Repaired);
-    assert_eq!(it.report.changes.unwrap().faces_kept_pct, 100.0);
-    let out = read(&it.bytes);
+    let repaired = repair_soup(&soup, &Options::default(), None);
+    assert_eq!(repaired.report.outcome, Outcome::Repaired);
+    assert_eq!(repaired.report.changes.unwrap().faces_kept_pct, 100.0);
+    let out = read(&repaired.bytes);
     for f in 0..soup.faces.len() {
         assert_eq!(out.corners(f), soup.corners(f), "face {f} did not move");
     }
@@ -156,10 +156,10 @@ fn surface_that_was_fine_is_not_moved() {
 fn an_open_sheet_is_handed_back_with_the_reason() {
     let bytes = format::write(&sheet(12), Format::Stl).unwrap();
     let fake = Fake::answering(vec![]);
-    let it = repair_bytes(&bytes, &Options::default(), Some(&fake)).unwrap();
-    assert_eq!((it.report.outcome, it.report.plan.category), (Outcome::Unrepairable, Category::OpenSheet));
-    assert_eq!(it.bytes, bytes);
-    assert!(it.report.summary.contains("open surface"), "{}", it.report.summary);
+    let repaired = repair_bytes(&bytes, &Options::default(), Some(&fake)).unwrap();
+    assert_eq!((repaired.report.outcome, repaired.report.plan.category), (Outcome::Unrepairable, Category::OpenSheet));
+    assert_eq!(repaired.bytes, bytes);
+    assert!(repaired.report.summary.contains("open surface"), "{}", repaired.report.summary);
     assert!(fake.asked.borrow().is_empty());
 }
 
@@ -175,13 +175,13 @@ fn an_open_sheet_is_remeshed_when_that_is_asked_for() {
 fn what_tier_1_cannot_mend_goes_to_the_boolean_and_then_to_voxels() {
     let apart = join(&cube(DVec3::ZERO, 1.0, 3), &cube(DVec3::new(1.004, 1.004, 0.0), 1.0, 3));
     let fake = Fake::answering(vec![Err(RemeshError::Failed("no".into())), Ok(apart)]);
-    let it = repair_soup(&non_manifold(), &without_tier_2(), Some(&fake));
+    let repaired = repair_soup(&non_manifold(), &without_tier_2(), Some(&fake));
     let asked: Vec<RemeshAction> = fake.asked.borrow().iter().map(|a| a.0).collect();
     assert_eq!(asked, [RemeshAction::BooleanUnion, RemeshAction::VoxelRemesh]);
-    assert_eq!(it.report.outcome, Outcome::Repaired, "{:#?}", it.report);
-    let failed = it.report.steps.iter().find(|s| s.status == StepStatus::Failed).unwrap();
+    assert_eq!(repaired.report.outcome, Outcome::Repaired, "{:#?}", repaired.report);
+    let failed = repaired.report.steps.iter().find(|s| s.status == StepStatus::Failed).unwrap();
     assert_eq!((failed.action, failed.note.as_deref()), (Action::BooleanUnion, Some("no")));
-    let voxels = it.report.steps.iter().find(|s| s.action == Action::VoxelRemesh).unwrap();
+    let voxels = repaired.report.steps.iter().find(|s| s.action == Action::VoxelRemesh).unwrap();
     assert!(voxels.voxel_size.unwrap() > 0.0 && voxels.program.as_ref().unwrap().kind == "fake");
 }
 
@@ -194,32 +194,32 @@ fn overlapping(n: u32) -> Soup {
 fn a_closed_model_whose_faces_intersect_is_not_printable_and_goes_to_the_boolean() {
     let beside = |x: f64| join(&cube(DVec3::ZERO, 1.0, 2), &cube(DVec3::new(x, 0.1, 0.2), 1.0, 2));
     let fake = Fake::answering(vec![Ok(beside(1.0005))]);
-    let it = repair_soup(&beside(0.998), &without_tier_2(), Some(&fake));
-    let before = &it.report.before.measures;
+    let repaired = repair_soup(&beside(0.998), &without_tier_2(), Some(&fake));
+    let before = &repaired.report.before.measures;
     assert!(before.closed && before.outward && before.defects() == before.self_intersections.pairs.unwrap());
-    assert_eq!(it.report.plan.category, Category::MultipleComponents);
+    assert_eq!(repaired.report.plan.category, Category::MultipleComponents);
     assert_eq!(fake.asked.borrow()[0].0, RemeshAction::BooleanUnion);
-    assert_eq!(it.report.outcome, Outcome::Repaired, "{:#?}", it.report);
-    assert!(it.report.after.unwrap().measures.self_intersections.proven_none());
+    assert_eq!(repaired.report.outcome, Outcome::Repaired, "{:#?}", repaired.report);
+    assert!(repaired.report.after.unwrap().measures.self_intersections.proven_none());
 }
 
 #[test]
 fn without_blender_an_intersecting_model_comes_back_as_it_is_with_the_reason() {
     let bytes = format::write(&overlapping(2), Format::Stl).unwrap();
-    let it = repair_bytes(&bytes, &without_tier_2(), None).unwrap();
-    assert_eq!((it.report.outcome, &it.bytes), (Outcome::Unrepairable, &bytes));
-    assert!(it.report.summary.contains("pairs of intersecting faces"), "{}", it.report.summary);
+    let repaired = repair_bytes(&bytes, &without_tier_2(), None).unwrap();
+    assert_eq!((repaired.report.outcome, &repaired.bytes), (Outcome::Unrepairable, &bytes));
+    assert!(repaired.report.summary.contains("pairs of intersecting faces"), "{}", repaired.report.summary);
 }
 
 #[test]
 fn a_result_with_fewer_intersecting_faces_is_better_than_one_with_more() {
     // The union has fewer intersecting pairs and the remesh more; both keep the model's extent.
     let fake = Fake::answering(vec![Ok(overlapping(2)), Ok(overlapping(6))]);
-    let it = repair_soup(&overlapping(4), &without_tier_2(), Some(&fake));
-    let pairs: Vec<u64> = it.report.candidates.iter().map(|c| c.defects).collect();
+    let repaired = repair_soup(&overlapping(4), &without_tier_2(), Some(&fake));
+    let pairs: Vec<u64> = repaired.report.candidates.iter().map(|c| c.defects).collect();
     assert!(pairs[1] < pairs[0] && pairs[0] < pairs[2], "{pairs:?}");
-    let chosen = it.report.candidates.iter().position(|c| c.chosen);
-    assert_eq!((it.report.outcome, chosen), (Outcome::PartiallyRepaired, Some(1)));
+    let chosen = repaired.report.candidates.iter().position(|c| c.chosen);
+    assert_eq!((repaired.report.outcome, chosen), (Outcome::PartiallyRepaired, Some(1)));
 }
 
 #[test]
@@ -234,9 +234,9 @@ fn a_hole_closed_is_worth_faces_that_intersect() {
         k += 1;
         !gone.contains(&(k - 1))
     });
-    let it = repair_soup(&soup, &without_tier_2(), None);
-    assert_eq!(it.report.outcome, Outcome::PartiallyRepaired, "{:#?}", it.report);
-    let after = it.report.after.unwrap();
+    let repaired = repair_soup(&soup, &without_tier_2(), None);
+    assert_eq!(repaired.report.outcome, Outcome::PartiallyRepaired, "{:#?}", repaired.report);
+    let after = repaired.report.after.unwrap();
     assert!(after.measures.printable_but_for_intersections() && after.measures.self_intersections.pairs > Some(0));
 }
 
@@ -245,25 +245,25 @@ fn a_result_that_lost_most_of_the_model_is_not_chosen() {
     let corner = || cube(DVec3::ZERO, 0.5, 1);
     let fake = Fake::answering(vec![Ok(corner()), Ok(corner())]);
     let bytes = format::write(&non_manifold(), Format::Stl).unwrap();
-    let it = repair_bytes(&bytes, &without_tier_2(), Some(&fake)).unwrap();
-    assert_eq!(it.report.outcome, Outcome::Unrepairable);
-    assert_eq!(it.bytes, bytes);
-    let judged = it.report.candidates.iter().find(|c| c.rung == Some(1)).unwrap();
+    let repaired = repair_bytes(&bytes, &without_tier_2(), Some(&fake)).unwrap();
+    assert_eq!(repaired.report.outcome, Outcome::Unrepairable);
+    assert_eq!(repaired.bytes, bytes);
+    let judged = repaired.report.candidates.iter().find(|c| c.rung == Some(1)).unwrap();
     assert!(judged.printable && judged.red_flags.iter().any(|f| f.code == RedFlagCode::BoxChange));
 }
 
 #[test]
 fn an_empty_result_is_never_handed_out() {
     let fake = Fake::answering(vec![Ok(Soup::default()), Err(RemeshError::Empty)]);
-    let it = repair_soup(&non_manifold(), &without_tier_2(), Some(&fake));
-    assert_eq!(it.report.outcome, Outcome::Unrepairable);
-    assert!(!read(&it.bytes).faces.is_empty());
+    let repaired = repair_soup(&non_manifold(), &without_tier_2(), Some(&fake));
+    assert_eq!(repaired.report.outcome, Outcome::Unrepairable);
+    assert!(!read(&repaired.bytes).faces.is_empty());
 }
 
 #[test]
 fn without_blender_the_rung_is_skipped_and_says_so() {
-    let it = repair_soup(&non_manifold(), &without_tier_2(), None);
-    let skipped: Vec<_> = it.report.steps.iter().filter(|s| s.tier == 3).collect();
+    let repaired = repair_soup(&non_manifold(), &without_tier_2(), None);
+    let skipped: Vec<_> = repaired.report.steps.iter().filter(|s| s.tier == 3).collect();
     assert_eq!(skipped.len(), 2);
     assert!(skipped.iter().all(|s| s.status == StepStatus::Skipped && s.note.as_ref().unwrap().contains("Blender")));
 }
@@ -271,8 +271,8 @@ fn without_blender_the_rung_is_skipped_and_says_so() {
 #[test]
 fn max_tier_keeps_higher_tiers_out_of_the_plan() {
     let fake = Fake::answering(vec![]);
-    let it = repair_soup(&non_manifold(), &Options { max_tier: 1, ..Options::default() }, Some(&fake));
-    assert!(it.report.plan.rungs.iter().all(|r| r.tier == 1));
+    let repaired = repair_soup(&non_manifold(), &Options { max_tier: 1, ..Options::default() }, Some(&fake));
+    assert!(repaired.report.plan.rungs.iter().all(|r| r.tier == 1));
     assert!(fake.asked.borrow().is_empty());
 }
 
@@ -282,9 +282,9 @@ fn parts_that_became_one_raise_a_flag() {
     let two = join(&cube(DVec3::ZERO, 1.0, 1), &cube(DVec3::ONE, 0.005, 1));
     let whole = cube(DVec3::ZERO, 1.0, 2);
     let fake = Fake::answering(vec![Ok(whole.clone()), Ok(whole)]);
-    let it = repair_soup(&two, &without_tier_2(), Some(&fake));
-    assert_eq!(it.report.outcome, Outcome::PartiallyRepaired, "{:#?}", it.report);
-    assert_eq!(it.report.red_flags[0].code, RedFlagCode::PartsMerged);
+    let repaired = repair_soup(&two, &without_tier_2(), Some(&fake));
+    assert_eq!(repaired.report.outcome, Outcome::PartiallyRepaired, "{:#?}", repaired.report);
+    assert_eq!(repaired.report.red_flags[0].code, RedFlagCode::PartsMerged);
 }
 
 #[test]
@@ -306,7 +306,7 @@ fn voxels_are_as_fine_as_thin_walls_need_and_no_finer_than_a_quarter_of_the_usua
         let options = Options { preset: Preset::BlenderRemesh, max_remesh_faces: 20_000_000, ..without_tier_2() };
         repair_soup(&plate, &options, Some(&fake));
         let asked = fake.asked.borrow();
-        let voxels = asked.iter().find(|it| it.0 == RemeshAction::VoxelRemesh).unwrap();
+        let voxels = asked.iter().find(|request| request.0 == RemeshAction::VoxelRemesh).unwrap();
         (voxels.2, 2.0 * (2.0 + thickness * thickness).sqrt() / 300.0)
     };
     let (found, usual) = size(1.0);
@@ -326,10 +326,10 @@ fn a_remesh_that_could_not_keep_to_so_few_faces_is_refused_with_the_reason() {
     }
     let options = Options { preset: Preset::BlenderRemesh, max_remesh_faces: 1000, ..without_tier_2() };
     let report = repair_soup(&comb, &options, Some(&fake)).report;
-    let step = report.steps.iter().find(|it| it.action == Action::VoxelRemesh).unwrap();
+    let step = report.steps.iter().find(|step| step.action == Action::VoxelRemesh).unwrap();
     assert_eq!(step.status, StepStatus::Failed);
     assert!(step.note.as_ref().unwrap().contains("max_remesh_faces"), "{step:?}");
-    assert!(fake.asked.borrow().iter().all(|it| it.0 != RemeshAction::VoxelRemesh));
+    assert!(fake.asked.borrow().iter().all(|request| request.0 != RemeshAction::VoxelRemesh));
 }
 
 #[test]
@@ -338,14 +338,14 @@ fn a_cancelled_job_ends_with_an_error() {
     let clock = || Duration::ZERO;
     let context = Context::new(&NoProgress, &cancel, &clock, Duration::from_secs(600));
     let bytes = format::write(&non_manifold(), Format::Stl).unwrap();
-    let it = repair(&bytes, &Options::default(), &Limits::default(), None, &context);
-    assert!(matches!(it, Err(RepairError::Cancelled(_))));
+    let repaired = repair(&bytes, &Options::default(), &Limits::default(), None, &context);
+    assert!(matches!(repaired, Err(RepairError::Cancelled(_))));
 }
 
 #[test]
 fn an_option_out_of_range_is_refused_before_the_file_is_read() {
-    let it = repair_bytes(b"", &Options { max_tier: 4, ..Options::default() }, None);
-    assert!(matches!(it, Err(RepairError::Options(_))));
+    let repaired = repair_bytes(b"", &Options { max_tier: 4, ..Options::default() }, None);
+    assert!(matches!(repaired, Err(RepairError::Options(_))));
 }
 
 #[test]
@@ -353,8 +353,8 @@ fn a_file_of_nothing_but_broken_faces_is_handed_back() {
     let mut soup = Soup::default();
     push(&mut soup, [DVec3::X, DVec3::X, DVec3::Y]);
     let bytes = format::write(&soup, Format::Stl).unwrap();
-    let it = repair_bytes(&bytes, &Options::default(), None).unwrap();
-    assert_eq!((it.report.outcome, it.bytes), (Outcome::Unrepairable, bytes));
+    let repaired = repair_bytes(&bytes, &Options::default(), None).unwrap();
+    assert_eq!((repaired.report.outcome, repaired.bytes), (Outcome::Unrepairable, bytes));
 }
 
 proptest! {
@@ -397,11 +397,11 @@ fn a_printable_result_that_lost_visible_surface_is_flagged_as_partially_repaired
     let model = join(&non_manifold(), &cube(DVec3::new(0.2, 0.2, 1.2), 0.3, 2));
     let two = || join(&cube(DVec3::ZERO, 1.0, 4), &cube(DVec3::new(1.004, 1.004, 0.0), 1.0, 4));
     let fake = Fake::answering(vec![Ok(two()), Ok(two())]);
-    let it = repair_soup(&model, &without_tier_2(), Some(&fake));
-    assert_eq!(it.report.outcome, Outcome::PartiallyRepaired, "{:?}", it.report.red_flags);
-    let flag = it.report.red_flags.iter().find(|f| f.code == RedFlagCode::SurfaceLost).unwrap();
-    assert!(flag.value > 1.0 && it.report.changes.unwrap().surface_lost_pct == Some(flag.value));
-    assert!(!it.report.summary.is_empty());
+    let repaired = repair_soup(&model, &without_tier_2(), Some(&fake));
+    assert_eq!(repaired.report.outcome, Outcome::PartiallyRepaired, "{:?}", repaired.report.red_flags);
+    let flag = repaired.report.red_flags.iter().find(|f| f.code == RedFlagCode::SurfaceLost).unwrap();
+    assert!(flag.value > 1.0 && repaired.report.changes.unwrap().surface_lost_pct == Some(flag.value));
+    assert!(!repaired.report.summary.is_empty());
 }
 
 #[test]
@@ -411,12 +411,12 @@ fn a_result_that_is_not_printable_and_lost_a_part_is_not_preferred_to_the_input(
     let model = join(&non_manifold(), &join(&small(0.125, 1.5), &small(0.375, 1.75)));
     let fake = Fake::answering(vec![Ok(non_manifold()), Ok(non_manifold())]);
     let bytes = format::write(&model, Format::Stl).unwrap();
-    let it = repair_bytes(&bytes, &without_tier_2(), Some(&fake)).unwrap();
-    let judged = it.report.candidates.iter().find(|c| c.rung == Some(1)).unwrap();
-    assert!(!judged.printable && judged.defects < it.report.before.measures.defects());
+    let repaired = repair_bytes(&bytes, &without_tier_2(), Some(&fake)).unwrap();
+    let judged = repaired.report.candidates.iter().find(|c| c.rung == Some(1)).unwrap();
+    assert!(!judged.printable && judged.defects < repaired.report.before.measures.defects());
     let flag = judged.red_flags.iter().find(|f| f.code == RedFlagCode::SurfaceLost).unwrap();
     assert!((3.0..25.0).contains(&flag.value) && judged.red_flags.iter().all(|f| f.code != RedFlagCode::BoxChange));
-    assert_eq!((it.report.outcome, it.bytes), (Outcome::Unrepairable, bytes));
+    assert_eq!((repaired.report.outcome, repaired.bytes), (Outcome::Unrepairable, bytes));
 }
 
 #[test]
@@ -443,8 +443,8 @@ fn a_strategy_reuses_a_shared_prefix_and_gives_the_result_it_would_give_alone() 
     let auto = repair_soup(&soup, &Options { max_tier: 2, ..Options::default() }, None).report;
     assert!(auto.candidates.len() > 2, "{:#?}", auto.plan);
     let facts = |steps: &[Step], rung: u32| -> Vec<_> {
-        let it = steps.iter().filter(|step| step.rung == rung);
-        it.map(|step| (step.action, step.operator, step.status, step.changed.clone(), step.moved)).collect()
+        let own = steps.iter().filter(|step| step.rung == rung);
+        own.map(|step| (step.action, step.operator, step.status, step.changed.clone(), step.moved)).collect()
     };
     for (index, rung) in (0..2).zip(&auto.plan.rungs) {
         let alone =
@@ -454,8 +454,8 @@ fn a_strategy_reuses_a_shared_prefix_and_gives_the_result_it_would_give_alone() 
         assert_eq!((a.faces, a.defects, a.printable), (b.faces, b.defects, b.printable));
     }
     let taken = |rung: u32, operator: Operator| {
-        let mut it = auto.steps.iter().filter(|step| step.rung == rung && step.operator == Some(operator));
-        it.all(|step| step.note.as_ref().is_some_and(|note| note.contains("taken over")))
+        let mut mesh = auto.steps.iter().filter(|step| step.rung == rung && step.operator == Some(operator));
+        mesh.all(|step| step.note.as_ref().is_some_and(|note| note.contains("taken over")))
     };
     assert!(!taken(0, Operator::Sew) && taken(1, Operator::Sew) && taken(2, Operator::Sew), "{:#?}", auto.steps);
 }

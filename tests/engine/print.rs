@@ -41,8 +41,8 @@ fn close(found: f64, expected: f64, tolerance: f64) {
 #[test]
 fn a_plate_s_thinnest_wall_is_its_thickness_between_its_two_sides() {
     let plate = block(DVec3::ZERO, DVec3::new(10.0, 8.0, 0.25));
-    let it = print(&plate);
-    let wall = it.thinnest_wall.unwrap();
+    let measures = print(&plate);
+    let wall = measures.thinnest_wall.unwrap();
     assert_eq!(wall.places[0], ThinPlace { at: wall.at, thickness: wall.thickness });
     assert!(wall.places.len() <= 100 && wall.places.is_sorted_by(|a, b| a.thickness <= b.thickness));
     close(wall.thickness, 0.25, 1e-9);
@@ -50,8 +50,8 @@ fn a_plate_s_thinnest_wall_is_its_thickness_between_its_two_sides() {
     assert!(wall.samples > 200);
     let heights = wall.faces.map(|face| plate.corners(face as usize).map(|p| p.z));
     assert!(heights.contains(&[0.0; 3]) && heights.contains(&[0.25; 3]), "{heights:?}");
-    assert_eq!(it.volume.map(|v| (v * 1e9).round() / 1e9), Some(20.0));
-    assert_eq!((it.size, it.solids), ([10.0, 8.0, 0.25], 1));
+    assert_eq!(measures.volume.map(|v| (v * 1e9).round() / 1e9), Some(20.0));
+    assert_eq!((measures.size, measures.solids), ([10.0, 8.0, 0.25], 1));
 }
 
 #[test]
@@ -64,13 +64,13 @@ fn the_edges_of_a_cube_are_no_thin_walls_and_a_ball_is_as_thick_as_it_is_wide() 
 #[test]
 fn a_cavity_is_no_solid_and_leaves_a_wall_and_a_lighter_side() {
     let hole = block(DVec3::new(0.5, 1.0, 1.0), DVec3::new(2.0, 2.0, 2.0));
-    let it = print(&join(&block(DVec3::ZERO, DVec3::splat(4.0)), &inside_out(hole)));
-    assert_eq!(it.solids, 1);
-    close(it.volume.unwrap(), 64.0 - 8.0, 1e-9);
+    let measures = print(&join(&block(DVec3::ZERO, DVec3::splat(4.0)), &inside_out(hole)));
+    assert_eq!(measures.solids, 1);
+    close(measures.volume.unwrap(), 64.0 - 8.0, 1e-9);
     // The moments of the whole minus those of the hole.
-    close(it.centre_of_mass.unwrap()[0], (64.0 * 2.0 - 8.0 * 1.5) / 56.0, 1e-9);
-    close(it.centre_of_mass.unwrap()[1], 2.0, 1e-9);
-    close(it.thinnest_wall.unwrap().thickness, 0.5, 1e-9);
+    close(measures.centre_of_mass.unwrap()[0], (64.0 * 2.0 - 8.0 * 1.5) / 56.0, 1e-9);
+    close(measures.centre_of_mass.unwrap()[1], 2.0, 1e-9);
+    close(measures.thinnest_wall.unwrap().thickness, 0.5, 1e-9);
 }
 
 #[test]
@@ -89,9 +89,9 @@ fn overlapping_parts_are_one_wall_and_turned_parts_have_the_same() {
 
 #[test]
 fn an_open_sheet_has_no_wall_and_says_why_and_a_box_with_a_hole_has_one() {
-    let it = print(&sheet(12));
-    assert_eq!((it.thinnest_wall, it.no_wall), (None, Some(NoWall::OpenSurface)));
-    assert_eq!((it.volume, it.centre_of_mass, it.solids), (None, None, 0));
+    let measures = print(&sheet(12));
+    assert_eq!((measures.thinnest_wall, measures.no_wall), (None, Some(NoWall::OpenSurface)));
+    assert_eq!((measures.volume, measures.centre_of_mass, measures.solids), (None, None, 0));
     let mut box_with_hole = cube(DVec3::ZERO, 3.0, 8);
     box_with_hole.faces.drain(70..72);
     close(print(&box_with_hole).thinnest_wall.unwrap().thickness, 3.0, 1e-9);
@@ -115,17 +115,17 @@ fn gallows() -> Soup {
     inside_out(soup)
 }
 
-fn area_beyond(it: &PrintMeasures, degrees: f64) -> f64 {
-    it.overhang.beyond.iter().find(|area| area.degrees == degrees).unwrap().area
+fn area_beyond(measures: &PrintMeasures, degrees: f64) -> f64 {
+    measures.overhang.beyond.iter().find(|area| area.degrees == degrees).unwrap().area
 }
 
 #[test]
 fn an_arm_hangs_over_by_its_underside_and_the_foot_does_not() {
     let soup = gallows();
-    let it = print(&soup);
-    close(it.volume.unwrap(), 5.0, 1e-12);
+    let measures = print(&soup);
+    close(measures.volume.unwrap(), 5.0, 1e-12);
     for degrees in [30.0, 45.0, 60.0] {
-        close(area_beyond(&it, degrees), 2.0, 1e-12);
+        close(area_beyond(&measures, degrees), 2.0, 1e-12);
     }
     // Upside down, the top lies on the plate and nothing overhangs. Sideways, the post's inner side does not lie on the plate.
     let options = InspectOptions { up: [0.0, 0.0, -5.0], ..InspectOptions::default() };
@@ -139,23 +139,23 @@ fn a_slope_hangs_over_by_more_than_the_limits_below_its_angle() {
     // A block sheared by 45 degrees: its bottom lies on the plate, and one side overhangs at 45 degrees.
     let sheared = mapped(&cube(DVec3::ZERO, 1.0, 2), |p| p + DVec3::X * p.z);
     let options = InspectOptions { overhang_deg: 40.0, ..InspectOptions::default() };
-    let it = with(&sheared, &options).unwrap();
-    let degrees: Vec<f64> = it.overhang.beyond.iter().map(|area| area.degrees).collect();
+    let result = with(&sheared, &options).unwrap();
+    let degrees: Vec<f64> = result.overhang.beyond.iter().map(|area| area.degrees).collect();
     assert_eq!(degrees, [30.0, 40.0, 45.0, 60.0]);
-    close(area_beyond(&it, 40.0), 2f64.sqrt(), 1e-12);
-    close(area_beyond(&it, 45.0), 0.0, 1e-12);
+    close(area_beyond(&result, 40.0), 2f64.sqrt(), 1e-12);
+    close(area_beyond(&result, 45.0), 0.0, 1e-12);
 }
 
 #[test]
 fn the_unit_is_declared_or_assumed_and_decides_what_fits() {
     let soup = block(DVec3::ONE, DVec3::new(4.0, 10.0, 2.0));
-    let it = print(&soup);
-    assert_eq!((it.unit, it.unit_source, it.fit), (Unit::Millimetre, UnitSource::Assumed, None));
+    let measures = print(&soup);
+    assert_eq!((measures.unit, measures.unit_source, measures.fit), (Unit::Millimetre, UnitSource::Assumed, None));
     let fits = |unit, build_volume| {
         let options = InspectOptions { unit, build_volume: Some(build_volume), ..InspectOptions::default() };
-        let it = with(&soup, &options).unwrap();
-        let fit = it.fit.unwrap();
-        (it.unit_source, it.size_mm[0].round(), fit.as_is, fit.turned)
+        let measures = with(&soup, &options).unwrap();
+        let fit = measures.fit.unwrap();
+        (measures.unit_source, measures.size_mm[0].round(), fit.as_is, fit.turned)
     };
     assert_eq!(fits(None, [4.0, 10.0, 2.0]), (UnitSource::Assumed, 4.0, true, true));
     assert_eq!(fits(Some(Unit::Inch), [100.0, 300.0, 300.0]), (UnitSource::Declared, 102.0, false, true));
@@ -166,12 +166,12 @@ fn the_unit_is_declared_or_assumed_and_decides_what_fits() {
 fn scale_and_right_angles_change_print_measures_as_they_must() {
     let soup = join(&block(DVec3::ZERO, DVec3::new(4.0, 3.0, 0.5)), &gallows());
     let base = print(&soup);
-    let thickness = |it: &PrintMeasures| it.thinnest_wall.as_ref().unwrap().thickness;
+    let thickness = |measures: &PrintMeasures| measures.thinnest_wall.as_ref().unwrap().thickness;
     for power in [-300, -2, 7, 300] {
         let size = 2f64.powi(power);
-        let it = print(&mapped(&soup, |p| p * size));
-        assert_eq!((thickness(&it), it.solids), (thickness(&base) * size, base.solids), "2^{power}");
-        assert_eq!(it.overhang.beyond[0].percent, base.overhang.beyond[0].percent);
+        let measures = print(&mapped(&soup, |p| p * size));
+        assert_eq!((thickness(&measures), measures.solids), (thickness(&base) * size, base.solids), "2^{power}");
+        assert_eq!(measures.overhang.beyond[0].percent, base.overhang.beyond[0].percent);
     }
     let options = InspectOptions { up: [1.0, 0.0, 0.0], ..InspectOptions::default() };
     let turned = with(&mapped(&soup, |p| DVec3::new(p.z, p.x, p.y)), &options).unwrap();
@@ -191,10 +191,10 @@ fn no_input_is_too_broken_and_level_none_measures_nothing_for_print() {
     push(&mut broken, [DVec3::NAN, DVec3::X, DVec3::Y]);
     close(print(&broken).thinnest_wall.unwrap().thickness, 1.0, 1e-9);
     for size in [1e300, 1e-300, 8e307] {
-        let it = print(&sphere(DVec3::ZERO, size, 12, 8));
-        let text = serde_json::to_string(&it).unwrap();
-        assert_eq!(serde_json::from_str::<PrintMeasures>(&text).unwrap(), it, "{size}");
-        assert!(it.thinnest_wall.unwrap().thickness / size > 1.5);
+        let measures = print(&sphere(DVec3::ZERO, size, 12, 8));
+        let text = serde_json::to_string(&measures).unwrap();
+        assert_eq!(serde_json::from_str::<PrintMeasures>(&text).unwrap(), measures, "{size}");
+        assert!(measures.thinnest_wall.unwrap().thickness / size > 1.5);
     }
     let options = InspectOptions { up: [0.0, f64::NAN, 0.0], overhang_deg: f64::NAN, ..InspectOptions::default() };
     assert_eq!(with(&cube(DVec3::ZERO, 1.0, 1), &options).unwrap().overhang.up, [0.0, 0.0, 1.0]);

@@ -148,9 +148,9 @@ fn a_drawn_ply_has_the_legend_then_the_mesh_ordered_by_kind_then_the_markers() {
     let markers = 4 * 6 + 8;
     assert_eq!(found.soup.faces.len(), soup.faces.len() + markers);
     let corners = |soup: &Soup, f: usize| {
-        let mut it = soup.corners(f).map(|p| p.to_array());
-        it.sort_by(|a, b| a.partial_cmp(b).unwrap());
-        it
+        let mut mesh = soup.corners(f).map(|p| p.to_array());
+        mesh.sort_by(|a, b| a.partial_cmp(b).unwrap());
+        mesh
     };
     for f in 0..soup.faces.len() {
         assert!(

@@ -244,16 +244,16 @@ fn joining_runs_on_request_only_and_is_told() {
         other.positions.iter_mut().for_each(|p| p.x += 5.0);
         other
     });
-    let ran = |it: &Repaired| it.report.steps.iter().any(|s| s.operator == Some(Operator::JoinParts));
+    let ran = |repaired: &Repaired| repaired.report.steps.iter().any(|s| s.operator == Some(Operator::JoinParts));
     let asked = Options {
         with: vec![Operator::JoinParts],
         open_sheets: OpenSheets::Thicken,
         max_tier: 2,
         ..Options::default()
     };
-    let it = run(&soup, &asked);
-    let joined = it.report.assumptions.iter().any(|assumption| assumption.kind == AssumptionKind::PartsJoined);
-    assert!(ran(&it) && joined, "{:?}", it.report.assumptions);
+    let repaired = run(&soup, &asked);
+    let joined = repaired.report.assumptions.iter().any(|assumption| assumption.kind == AssumptionKind::PartsJoined);
+    assert!(ran(&repaired) && joined, "{:?}", repaired.report.assumptions);
     assert!(!ran(&run(&soup, &Options { with: vec![], ..asked })));
 }
 
@@ -269,12 +269,12 @@ fn box_with_a_wing() -> Soup {
 #[test]
 fn a_wing_through_a_box_becomes_part_of_the_solid_and_nothing_of_the_box_goes() {
     let soup = box_with_a_wing();
-    let it = run(&soup, &Options { max_tier: 2, max_surface_added_pct: 100.0, ..Options::default() });
-    let after = it.report.after.as_ref().unwrap();
-    assert_eq!(it.report.outcome, Outcome::Repaired, "{:?}", it.report.red_flags);
+    let repaired = run(&soup, &Options { max_tier: 2, max_surface_added_pct: 100.0, ..Options::default() });
+    let after = repaired.report.after.as_ref().unwrap();
+    assert_eq!(repaired.report.outcome, Outcome::Repaired, "{:?}", repaired.report.red_flags);
     assert!(after.measures.printable());
     assert!(after.measures.volume.value > 64.0 && after.measures.volume.value < 66.5);
-    let result = format::read(&it.bytes, &Limits::default()).unwrap().soup;
+    let result = format::read(&repaired.bytes, &Limits::default()).unwrap().soup;
     let (surface, _) = Surface::from_soup(&result);
     // The sides that the sheet does not cross are unchanged.
     let mut untouched = cube(DVec3::ZERO, 4.0, 2);
@@ -283,16 +283,17 @@ fn a_wing_through_a_box_becomes_part_of_the_solid_and_nothing_of_the_box_goes() 
         !(x[0] == x[1] && x[1] == x[2])
     });
     assert!(keeps_every_face(&surface, &untouched));
-    let close = it.report.plan.rungs.iter().position(|r| r.actions.iter().any(|a| a.action == Action::CloseSheets));
-    assert_eq!(it.report.candidates.iter().find(|c| c.chosen).unwrap().rung, close.map(|c| c as u32));
-    assert!(it.report.assumptions.iter().any(|assumption| assumption.kind == AssumptionKind::SheetsThickened));
+    let close =
+        repaired.report.plan.rungs.iter().position(|r| r.actions.iter().any(|a| a.action == Action::CloseSheets));
+    assert_eq!(repaired.report.candidates.iter().find(|c| c.chosen).unwrap().rung, close.map(|c| c as u32));
+    assert!(repaired.report.assumptions.iter().any(|assumption| assumption.kind == AssumptionKind::SheetsThickened));
 }
 
 #[test]
 fn sheets_are_left_where_that_is_asked_for() {
     let options = Options { open_sheets: OpenSheets::Leave, max_tier: 2, ..Options::default() };
-    let it = run(&box_with_a_wing(), &options);
-    assert!(it.report.steps.iter().all(|s| s.action != Action::CloseSheets));
+    let repaired = run(&box_with_a_wing(), &options);
+    assert!(repaired.report.steps.iter().all(|s| s.action != Action::CloseSheets));
 }
 
 #[test]
@@ -303,17 +304,17 @@ fn a_model_that_is_a_sheet_is_made_solid_only_when_that_is_asked_for() {
     let left = with(OpenSheets::Auto);
     assert_eq!((left.report.outcome, left.report.plan.category), (Outcome::Unrepairable, Category::OpenSheet));
     for asked in [OpenSheets::Thicken, OpenSheets::Base] {
-        let it = with(asked);
-        assert_eq!(it.report.outcome, Outcome::Repaired, "{asked:?} {:?}", it.report.red_flags);
+        let result = with(asked);
+        assert_eq!(result.report.outcome, Outcome::Repaired, "{asked:?} {:?}", result.report.red_flags);
     }
 }
 
 #[test]
 fn sheets_are_closed_in_a_rung_of_their_own_only_where_something_was_left_open() {
     let soup = join(&cube(DVec3::ZERO, 1.0, 1), &cube(DVec3::new(1.0, 1.0, 0.0), 1.0, 1));
-    let it = run(&soup, &Options { max_tier: 2, ..Options::default() });
+    let repaired = run(&soup, &Options { max_tier: 2, ..Options::default() });
     let ran = |s: &&meshmend::repair::Step| s.action == Action::CloseSheets && s.status != StepStatus::Skipped;
-    assert_eq!(it.report.steps.iter().find(ran), None);
+    assert_eq!(repaired.report.steps.iter().find(ran), None);
 }
 
 #[test]

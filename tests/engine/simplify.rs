@@ -34,7 +34,7 @@ fn apart(before: &Soup, after: &Surface) -> f64 {
         let (a, b) = (Analysis::new(before.into(), c).unwrap(), Analysis::new((&after).into(), c).unwrap());
         let there = compare(&a, &b, CompareOptions::BRIEF, c).unwrap();
         let back = compare(&b, &a, CompareOptions::BRIEF, c).unwrap();
-        [there, back].map(|it| it.deviation.unwrap().distance.max).into_iter().fold(0.0, f64::max)
+        [there, back].map(|comparison| comparison.deviation.unwrap().distance.max).into_iter().fold(0.0, f64::max)
     })
 }
 
@@ -42,8 +42,8 @@ fn apart(before: &Soup, after: &Surface) -> f64 {
 fn a_cube_of_many_faces_comes_back_as_twelve() {
     let (surface, done) = simplified(&cube(DVec3::ZERO, 1.0, 32), &EXACT);
     assert_eq!(surface.faces.len(), 12, "{done:?}");
-    let it = measured_as_stl(&surface);
-    assert!(it.printable() && it.volume.value == 1.0, "{it:?}");
+    let measures = measured_as_stl(&surface);
+    assert!(measures.printable() && measures.volume.value == 1.0, "{measures:?}");
     assert!(done.error < 1e-12 && done.left.is_none(), "{done:?}");
 }
 
@@ -68,8 +68,8 @@ fn a_ball_stays_within_the_error_that_was_asked_for() {
     let soup = as_f32(sphere(DVec3::new(3.0, 1.0, -2.0), 2.0, 128, 64));
     for (max_error, most_faces) in [(0.1, 400), (0.01, 2500)] {
         let (surface, done) = simplified(&soup, &Simplify { max_error, ..EXACT });
-        let it = measured_as_stl(&surface);
-        assert!(it.printable(), "{it:?}");
+        let measures = measured_as_stl(&surface);
+        assert!(measures.printable(), "{measures:?}");
         let apart = apart(&soup, &surface);
         assert!(apart <= 1.2 * max_error && apart <= done.bound && done.error <= max_error, "{apart} {done:?}");
         assert!(surface.faces.len() < most_faces, "{done:?}");
@@ -81,8 +81,8 @@ fn walls_as_thin_as_paper_do_not_cross() {
     // A thin shell: a ball with a cavity a hundredth below its surface.
     let soup = as_f32(join(&sphere(DVec3::ZERO, 1.0, 64, 32), &inside_out(sphere(DVec3::ZERO, 0.99, 61, 33))));
     let (surface, done) = simplified(&soup, &to(300));
-    let it = measured_as_stl(&surface);
-    assert!(it.printable() && it.parts == 2, "{it:?} {done:?}");
+    let measures = measured_as_stl(&surface);
+    assert!(measures.printable() && measures.parts == 2, "{measures:?} {done:?}");
     assert!(surface.faces.len() < 4000, "{done:?}");
 }
 
@@ -94,16 +94,16 @@ fn nested_shells_stay_nested_and_none_vanishes() {
         soup = join(&soup, &if i % 2 == 0 { ball } else { inside_out(ball) });
     }
     let (surface, _) = simplified(&as_f32(soup), &to(100));
-    let it = measured_as_stl(&surface);
-    assert!(it.printable() && it.parts == 4, "{it:?}");
+    let measures = measured_as_stl(&surface);
+    assert!(measures.printable() && measures.parts == 4, "{measures:?}");
     assert!(surface.faces.len() <= 100);
 }
 
 #[test]
 fn a_ring_keeps_its_hole_however_few_faces_are_asked_for() {
     let (surface, done) = simplified(&as_f32(torus(2.0, 0.5, 48, 24)), &to(4));
-    let it = measured_as_stl(&surface);
-    assert!(it.printable() && it.parts == 1, "{it:?}");
+    let measures = measured_as_stl(&surface);
+    assert!(measures.printable() && measures.parts == 1, "{measures:?}");
     let (faces, vertices) = (surface.faces.len() as i64, surface.positions.len() as i64);
     assert_eq!(vertices - faces / 2, 0, "the Euler characteristic of a torus");
     assert!(faces < 100 && done.left.is_some(), "{done:?}");
@@ -120,8 +120,8 @@ fn an_open_sheet_keeps_its_boundary() {
     // A wavy sheet, whose boundary is a wave on two sides.
     let wavy = as_f32(sheet(40));
     let (surface, done) = simplified(&wavy, &Simplify { max_error: 0.1, ..EXACT });
-    let it = with_context(|c| measure(&surface.to_soup(), c)).unwrap();
-    assert!(it.boundary_loops == 1 && it.self_intersections.pairs == Some(0), "{it:?}");
+    let result = with_context(|c| measure(&surface.to_soup(), c)).unwrap();
+    assert!(result.boundary_loops == 1 && result.self_intersections.pairs == Some(0), "{result:?}");
     let apart = apart(&wavy, &surface);
     assert!(apart <= 0.12 && apart <= done.bound && done.error <= 0.1, "{apart} {done:?}");
     assert!(surface.faces.len() < wavy.faces.len() / 3, "{done:?}");
@@ -170,8 +170,8 @@ fn vertices_cut_apart_at_one_position_stay_where_they_are() {
     let doubled = surface.positions.iter().filter(|p| p.x == 1.0 && p.y == 1.0).count();
     assert_eq!(doubled, 14, "seven vertices, twice");
     assert!(surface.faces.len() < 120, "{}", surface.faces.len());
-    let it = with_context(|c| measure(&surface.to_soup(), c)).unwrap();
-    assert_eq!((it.boundary_edges, it.self_intersections.pairs), (0, Some(0)), "{it:?}");
+    let result = with_context(|c| measure(&surface.to_soup(), c)).unwrap();
+    assert_eq!((result.boundary_edges, result.self_intersections.pairs), (0, Some(0)), "{result:?}");
 }
 
 #[test]
@@ -216,10 +216,10 @@ fn a_broken_model_is_mended_and_then_has_as_few_faces_as_were_asked_for() {
     let mut soup = cube(DVec3::ZERO, 1.0, 10);
     soup.faces.remove(57);
     let options = Options { max_tier: 2, max_error: Some(1e-6), pictures: false, ..Options::default() };
-    let it = repair_soup(&soup, &options, None);
-    assert_eq!(it.report.outcome, Outcome::Repaired, "{:?}", it.report);
-    assert_eq!(it.report.after.unwrap().measures.faces, 12);
-    assert!(it.report.red_flags.is_empty(), "{:?}", it.report.red_flags);
+    let repaired = repair_soup(&soup, &options, None);
+    assert_eq!(repaired.report.outcome, Outcome::Repaired, "{:?}", repaired.report);
+    assert_eq!(repaired.report.after.unwrap().measures.faces, 12);
+    assert!(repaired.report.red_flags.is_empty(), "{:?}", repaired.report.red_flags);
 }
 
 #[test]
@@ -278,6 +278,6 @@ fn a_large_shell_is_simplified_in_slabs_to_the_same_result_on_any_number_of_thre
     assert_eq!(surface, again);
     assert!(done.faces_after < 5_000 && done.error <= 0.05, "{done:?}");
     assert!(apart(&shell, &surface) <= 2.0 * 0.05);
-    let it = measured_as_stl(&surface);
-    assert!(it.printable() && it.parts == 2, "{it:?}");
+    let measures = measured_as_stl(&surface);
+    assert!(measures.printable() && measures.parts == 2, "{measures:?}");
 }

@@ -57,7 +57,7 @@ fn patch(surface: &Surface, faces: usize, random: &mut Random) -> Vec<bool> {
 /// of its outer edges.
 fn cracked(soup: &Soup, inside: &[bool], size: f64, cuts: f64, random: &mut Random) -> Surface {
     let whole = surface(soup);
-    let mut it = Surface { positions: whole.positions.clone(), ..Surface::default() };
+    let mut surface = Surface { positions: whole.positions.clone(), ..Surface::default() };
     let mut shared = vec![false; whole.positions.len()];
     for (face, _) in whole.faces.iter().zip(inside).filter(|(_, i)| !**i) {
         face.iter().for_each(|&v| shared[v as usize] = true);
@@ -66,38 +66,39 @@ fn cracked(soup: &Soup, inside: &[bool], size: f64, cuts: f64, random: &mut Rand
     let edges = Edges::new(&whole.faces);
     for (f, face) in whole.faces.iter().enumerate() {
         if !inside[f] {
-            it.push_patch(*face);
+            surface.push_patch(*face);
             continue;
         }
         let own = face.map(|v| {
-            let add = |it: &mut Surface, random: &mut Random| {
-                it.positions.push(whole.positions[v as usize] + random.within(size));
-                it.positions.len() as u32 - 1
+            let add = |surface: &mut Surface, random: &mut Random| {
+                surface.positions.push(whole.positions[v as usize] + random.within(size));
+                surface.positions.len() as u32 - 1
             };
-            if shared[v as usize] { *copy[v as usize].get_or_insert_with(|| add(&mut it, random)) } else { v }
+            if shared[v as usize] { *copy[v as usize].get_or_insert_with(|| add(&mut surface, random)) } else { v }
         });
         let outer = (0..3).find(|&i| {
             let pair = edges.half_edges(edges.find(face[i], face[(i + 1) % 3]).unwrap());
             pair.iter().any(|&h| !inside[h as usize / 3])
         });
         match outer.filter(|_| random.next() < cuts) {
-            None => it.push_patch(own),
+            None => surface.push_patch(own),
             Some(i) => {
                 let [a, b, c] = [own[i], own[(i + 1) % 3], own[(i + 2) % 3]];
-                let middle = it.positions[a as usize].lerp(it.positions[b as usize], 0.3 + 0.4 * random.next());
-                let m = it.positions.len() as u32;
-                it.positions.push(middle + random.within(size));
-                it.push_patch([a, m, c]);
-                it.push_patch([m, b, c]);
+                let middle =
+                    surface.positions[a as usize].lerp(surface.positions[b as usize], 0.3 + 0.4 * random.next());
+                let m = surface.positions.len() as u32;
+                surface.positions.push(middle + random.within(size));
+                surface.push_patch([a, m, c]);
+                surface.push_patch([m, b, c]);
             }
         }
     }
-    it.drop_unreferenced();
-    it
+    surface.drop_unreferenced();
+    surface
 }
 
-fn stitched(it: &mut Surface, stitch: Stitch) -> Applied {
-    with_context(|c| stitch.apply(it, c)).unwrap()
+fn stitched(surface: &mut Surface, stitch: Stitch) -> Applied {
+    with_context(|c| stitch.apply(surface, c)).unwrap()
 }
 
 /// The largest distance of a face corner of `after` from the nearest vertex of `before`.
@@ -116,20 +117,20 @@ fn a_crack_with_the_same_vertices_on_both_sides_is_sewn() {
     for soup in solids() {
         let whole = measured(&surface(&soup));
         let inside = patch(&surface(&soup), soup.faces.len() / 3, &mut random);
-        let mut it = cracked(&soup, &inside, 1e-4, 0.0, &mut random);
-        let before = it.clone();
-        assert!(measured(&it).boundary_edges > 20);
-        let applied = with_context(|c| Sew::default().apply(&mut it, c)).unwrap();
-        let after = measured(&it);
+        let mut mesh = cracked(&soup, &inside, 1e-4, 0.0, &mut random);
+        let before = mesh.clone();
+        assert!(measured(&mesh).boundary_edges > 20);
+        let applied = with_context(|c| Sew::default().apply(&mut mesh, c)).unwrap();
+        let after = measured(&mesh);
         assert!(after.printable() && after.parts == 1, "{after:?}");
         assert_eq!(
-            before.positions.len() - it.positions.len(),
+            before.positions.len() - mesh.positions.len(),
             change_count(&applied.changes, "boundary_vertices_sewn") as usize
         );
         assert!((after.volume.value - whole.volume.value).abs() < 1e-3 * whole.volume.value);
         assert!(applied.moved > 0.0 && applied.moved < 4e-4);
-        assert_eq!(farthest(&before, &it), 0.0, "vertices that stay do not move");
-        assert_eq!(it.faces.len(), soup.faces.len());
+        assert_eq!(farthest(&before, &mesh), 0.0, "vertices that stay do not move");
+        assert_eq!(mesh.faces.len(), soup.faces.len());
     }
 }
 
@@ -147,11 +148,11 @@ fn sewing_respects_the_ratio_and_the_cap() {
         (0.2, 1e-2, 1e-5, false),
         (0.0, 1e-2, f64::INFINITY, false),
     ] {
-        let mut it = open.clone();
-        let applied = with_context(|c| Sew { ratio, tolerance, max_deviation: most }.apply(&mut it, c)).unwrap();
-        assert_eq!(measured(&it).boundary_edges, if closes { 0 } else { boundary }, "{ratio} {tolerance} {most}");
+        let mut mesh = open.clone();
+        let applied = with_context(|c| Sew { ratio, tolerance, max_deviation: most }.apply(&mut mesh, c)).unwrap();
+        assert_eq!(measured(&mesh).boundary_edges, if closes { 0 } else { boundary }, "{ratio} {tolerance} {most}");
         assert!(applied.moved <= most);
-        assert!(closes || it == open);
+        assert!(closes || mesh == open);
     }
 }
 
@@ -164,14 +165,14 @@ fn t_junctions_are_cut_all_at_once_and_no_coordinate_changes() {
     for face in 2..coarse.faces.len() {
         push(&mut soup, coarse.corners(face));
     }
-    let mut it = surface(&soup);
-    assert_eq!(it.positions.len(), surface(&soup).positions.len());
-    let before = it.clone();
-    assert!(measured(&it).boundary_edges > 0);
-    let applied = with_context(|c| SplitTJunctions::default().apply(&mut it, c)).unwrap();
+    let mut mesh = surface(&soup);
+    assert_eq!(mesh.positions.len(), surface(&soup).positions.len());
+    let before = mesh.clone();
+    assert!(measured(&mesh).boundary_edges > 0);
+    let applied = with_context(|c| SplitTJunctions::default().apply(&mut mesh, c)).unwrap();
     assert_eq!(change_count(&applied.changes, "t_junctions_split"), 28);
-    assert_eq!(it.positions, before.positions);
-    let after = measured(&it);
+    assert_eq!(mesh.positions, before.positions);
+    let after = measured(&mesh);
     assert!(after.printable(), "{after:?}");
     assert!((after.volume.value - 8.0).abs() < 1e-12);
 }
@@ -183,8 +184,8 @@ fn a_vertex_off_the_edge_or_only_touching_it_is_no_t_junction() {
         push(&mut soup, [DVec3::ZERO, DVec3::X, DVec3::Y]);
         let tip = DVec3::new(0.5, -offset, 0.0);
         push(&mut soup, [tip, tip + along - DVec3::Y, tip + along]);
-        let mut it = surface(&soup);
-        let applied = with_context(|c| SplitTJunctions::default().apply(&mut it, c)).unwrap();
+        let mut mesh = surface(&soup);
+        let applied = with_context(|c| SplitTJunctions::default().apply(&mut mesh, c)).unwrap();
         change_count(&applied.changes, "t_junctions_split")
     };
     assert_eq!(near(0.0, DVec3::X), 1 + 1, "the tip on the edge, and the edge's end on the other's");
@@ -199,14 +200,14 @@ fn a_crack_with_other_vertices_on_its_sides_is_stitched() {
             let mut random = Random(seed);
             let whole = measured(&surface(&soup));
             let inside = patch(&surface(&soup), soup.faces.len() / 3, &mut random);
-            let mut it = cracked(&soup, &inside, 1e-3, 0.6, &mut random);
-            let before = it.clone();
-            let applied = stitched(&mut it, Stitch { threshold: 5e-3, ..Stitch::default() });
-            let after = measured(&it);
+            let mut mesh = cracked(&soup, &inside, 1e-3, 0.6, &mut random);
+            let before = mesh.clone();
+            let applied = stitched(&mut mesh, Stitch { threshold: 5e-3, ..Stitch::default() });
+            let after = measured(&mesh);
             assert!(after.closed && after.manifold && after.parts == 1, "{seed} {applied:?} {after:?}");
             assert!(change_count(&applied.changes, "crack_edges_split") > 0);
             assert!((after.volume.value - whole.volume.value).abs() < 0.01 * whole.volume.value);
-            assert_eq!(farthest(&before, &it), 0.0);
+            assert_eq!(farthest(&before, &mesh), 0.0);
         }
     }
 }
@@ -224,19 +225,19 @@ fn a_crack_between_two_parts_is_stitched() {
         let kept = (0..soup.faces.len()).filter(|&f| (soup.corners(f).iter().map(|p| p.z).sum::<f64>() > 0.0) == upper);
         Soup { positions: soup.positions.clone(), faces: kept.map(|f| soup.faces[f]).collect() }
     };
-    let mut it = surface(&join(&half(&soup, true), &half(&turned, false)));
-    assert_eq!(measured(&it).parts, 2);
-    stitched(&mut it, Stitch { threshold: 1e-2, ..Stitch::default() });
-    let after = measured(&it);
+    let mut mesh = surface(&join(&half(&soup, true), &half(&turned, false)));
+    assert_eq!(measured(&mesh).parts, 2);
+    stitched(&mut mesh, Stitch { threshold: 1e-2, ..Stitch::default() });
+    let after = measured(&mesh);
     assert!(after.closed && after.manifold && after.parts == 1, "{after:?}");
 }
 
 /// A square of four fans around a slit from `y` = 0 to `width`, with vertices on its sides at `upper` and `lower`.
 fn slit(width: f64, upper: &[f64], lower: &[f64]) -> Surface {
-    let mut it = Surface::default();
+    let mut mesh = Surface::default();
     let mut add = |x: f64, y: f64| {
-        it.positions.push(DVec3::new(x, y, 0.0));
-        it.positions.len() as u32 - 1
+        mesh.positions.push(DVec3::new(x, y, 0.0));
+        mesh.positions.len() as u32 - 1
     };
     let ends = [add(0.0, 0.0), add(10.0, 0.0)];
     let (top, bottom) = (add(5.0, 5.0), add(5.0, -5.0));
@@ -247,46 +248,46 @@ fn slit(width: f64, upper: &[f64], lower: &[f64]) -> Surface {
     let above = chain(&mut add, upper, width);
     let below = chain(&mut add, lower, 0.0);
     for pair in above.windows(2) {
-        it.push_patch([pair[0], pair[1], top]);
+        mesh.push_patch([pair[0], pair[1], top]);
     }
     for pair in below.windows(2) {
-        it.push_patch([pair[1], pair[0], bottom]);
+        mesh.push_patch([pair[1], pair[0], bottom]);
     }
-    it
+    mesh
 }
 
 #[test]
 fn vertices_in_a_straight_line_are_not_merged() {
     // The nearest vertices are on the same side with one between them, and merging them would leave a T-junction. On the
     // other side there is only an edge.
-    let mut it = slit(0.05, &[2.0, 2.01, 2.02, 6.0], &[]);
-    let before = it.clone();
-    let applied = stitched(&mut it, Stitch { threshold: 0.02, ..Stitch::default() });
+    let mut mesh = slit(0.05, &[2.0, 2.01, 2.02, 6.0], &[]);
+    let before = mesh.clone();
+    let applied = stitched(&mut mesh, Stitch { threshold: 0.02, ..Stitch::default() });
     assert_eq!(change_count(&applied.changes, "crack_vertices_merged"), 0);
     assert_eq!(change_count(&applied.changes, "crack_edges_split"), 4);
-    assert_eq!(it.positions, before.positions);
-    assert_eq!(measured(&it).boundary_edges, 4, "only the outline is open");
+    assert_eq!(mesh.positions, before.positions);
+    assert_eq!(measured(&mesh).boundary_edges, 4, "only the outline is open");
 }
 
 #[test]
 fn the_threshold_and_the_reach_bound_the_width_of_a_crack() {
     for (threshold, most, closes) in [(1e-2, 1.0, true), (1e-3, 1.0, false), (1e-2, 0.04, false), (0.0, 1.0, false)] {
         let open = slit(0.05, &[3.0, 7.0], &[5.0]);
-        let mut it = open.clone();
-        let applied = stitched(&mut it, Stitch { threshold, max_deviation: most, ..Stitch::default() });
-        assert_eq!(measured(&it).boundary_edges == 4, closes, "{threshold} {most}");
+        let mut mesh = open.clone();
+        let applied = stitched(&mut mesh, Stitch { threshold, max_deviation: most, ..Stitch::default() });
+        assert_eq!(measured(&mesh).boundary_edges == 4, closes, "{threshold} {most}");
         assert!(applied.moved <= most.min(threshold * 20.0));
-        assert!(closes || it == open);
+        assert!(closes || mesh == open);
     }
 }
 
 #[test]
 fn near_an_end_of_an_edge_the_end_is_taken() {
     for (snap, splits) in [(0.2, 0), (0.0, 2)] {
-        let mut it = slit(0.01, &[5.0], &[5.1]);
-        let applied = stitched(&mut it, Stitch { threshold: 0.02, snap, ..Stitch::default() });
+        let mut mesh = slit(0.01, &[5.0], &[5.1]);
+        let applied = stitched(&mut mesh, Stitch { threshold: 0.02, snap, ..Stitch::default() });
         assert_eq!(change_count(&applied.changes, "crack_edges_split"), splits, "{applied:?}");
-        assert_eq!(measured(&it).boundary_edges, 4);
+        assert_eq!(measured(&mesh).boundary_edges, 4);
     }
 }
 
@@ -295,10 +296,10 @@ fn a_hole_as_wide_as_its_edges_is_no_crack() {
     // Two faces of a fine mesh are missing.
     let mut soup = sphere(DVec3::ZERO, 1.0, 200, 100);
     soup.faces.drain(7001..7003);
-    let mut it = surface(&soup);
-    let before = it.clone();
-    stitched(&mut it, Stitch { threshold: 0.1, ..Stitch::default() });
-    assert_eq!(it, before);
+    let mut target = surface(&soup);
+    let before = target.clone();
+    stitched(&mut target, Stitch { threshold: 0.1, ..Stitch::default() });
+    assert_eq!(target, before);
 }
 
 #[test]
@@ -317,13 +318,13 @@ fn closed_parts_near_one_another_and_open_sheets_are_not_touched() {
     ];
     for soup in sheets {
         let before = surface(&soup);
-        let mut it = before.clone();
+        let mut mesh = before.clone();
         with_context(|c| {
-            SplitTJunctions::default().apply(&mut it, c).unwrap();
-            Sew::default().apply(&mut it, c).unwrap();
-            Stitch::default().apply(&mut it, c).unwrap();
+            SplitTJunctions::default().apply(&mut mesh, c).unwrap();
+            Sew::default().apply(&mut mesh, c).unwrap();
+            Stitch::default().apply(&mut mesh, c).unwrap();
         });
-        assert_eq!(it, before);
+        assert_eq!(mesh, before);
     }
 }
 
@@ -337,13 +338,13 @@ fn a_narrow_sheet_is_not_folded() {
         push(&mut soup, [DVec3::X * (x + 1.0), DVec3::new(x + 1.5, y, 0.0), DVec3::new(x + 0.5, y, 0.0)]);
     }
     let before = surface(&soup);
-    let mut it = before.clone();
+    let mut mesh = before.clone();
     with_context(|c| {
-        SplitTJunctions { tolerance: 1e-3, ..SplitTJunctions::default() }.apply(&mut it, c).unwrap();
-        Sew::default().apply(&mut it, c).unwrap();
-        Stitch::default().apply(&mut it, c).unwrap();
+        SplitTJunctions { tolerance: 1e-3, ..SplitTJunctions::default() }.apply(&mut mesh, c).unwrap();
+        Sew::default().apply(&mut mesh, c).unwrap();
+        Stitch::default().apply(&mut mesh, c).unwrap();
     });
-    assert_eq!(it, before);
+    assert_eq!(mesh, before);
 }
 
 #[test]
@@ -353,8 +354,8 @@ fn many_edges_in_one_place_are_given_up_in_bounded_time() {
         let p = DVec3::new(f64::from(i) * 1e-9, 0.0, 0.0);
         push(&mut soup, [p, p + DVec3::Y, p + DVec3::new(0.5, 0.5, 1.0)]);
     }
-    let mut it = surface(&soup);
-    let applied = stitched(&mut it, Stitch::default());
+    let mut mesh = surface(&soup);
+    let applied = stitched(&mut mesh, Stitch::default());
     assert!(applied.left.is_some(), "{:?}", applied.changes);
 }
 
@@ -366,24 +367,24 @@ proptest! {
         let soup = &solids()[which];
         let mut random = Random(seed);
         let inside = patch(&surface(soup), (soup.faces.len() as f64 * share) as usize + 1, &mut random);
-        let mut it = cracked(soup, &inside, if exact { 0.0 } else { 5e-4 }, cuts, &mut random);
+        let mut mesh = cracked(soup, &inside, if exact { 0.0 } else { 5e-4 }, cuts, &mut random);
         if exact {
-            it = surface(&it.to_soup());
+            mesh = surface(&mesh.to_soup());
         }
         let whole = measured(&surface(soup));
         let moved = with_context(|c| {
             let applied = [
-                SplitTJunctions::default().apply(&mut it, c).unwrap(),
-                Sew::default().apply(&mut it, c).unwrap(),
-                Stitch::default().apply(&mut it, c).unwrap(),
+                SplitTJunctions::default().apply(&mut mesh, c).unwrap(),
+                Sew::default().apply(&mut mesh, c).unwrap(),
+                Stitch::default().apply(&mut mesh, c).unwrap(),
             ];
             applied.iter().map(|a| a.moved).sum::<f64>()
         });
         // Edges stay open where a crack ends bluntly, or where its last vertices are too far apart.
-        let stitched = measured(&it);
+        let stitched = measured(&mesh);
         prop_assert!(stitched.boundary_edges <= 8 && stitched.manifold, "{stitched:?}");
-        with_context(|c| FillHoles::default().apply(&mut it, c)).unwrap();
-        let after = measured(&it);
+        with_context(|c| FillHoles::default().apply(&mut mesh, c)).unwrap();
+        let after = measured(&mesh);
         prop_assert!(after.closed && after.manifold && after.parts == 1, "{after:?}");
         prop_assert!((after.volume.value - whole.volume.value).abs() <= 3.0 * (moved + 1e-6) * whole.area);
     }
@@ -392,15 +393,15 @@ proptest! {
     fn random_faces_are_never_made_worse(faces in proptest::collection::vec((0..12u32, 0..12u32, 0..12u32), 1..30)) {
         let positions = (0..12).map(|i| DVec3::new(f64::from(i % 3), f64::from(i / 3) * 0.2, f64::from(i * i % 5) * 0.1)).collect();
         let soup = Soup { positions, faces: faces.into_iter().map(|(a, b, c)| [a, b, c]).collect() };
-        let mut it = surface(&soup);
+        let mut mesh = surface(&soup);
         with_context(|c| {
-            let before = Counts::of(&it);
-            SplitTJunctions { tolerance: 0.05, ..SplitTJunctions::default() }.apply(&mut it, c).unwrap();
-            let cut = Counts::of(&it);
-            Sew { ratio: 0.5, tolerance: 0.5, ..Sew::default() }.apply(&mut it, c).unwrap();
-            let sewn = Counts::of(&it);
-            Stitch { threshold: 0.5, ..Stitch::default() }.apply(&mut it, c).unwrap();
-            let after = Counts::of(&it);
+            let before = Counts::of(&mesh);
+            SplitTJunctions { tolerance: 0.05, ..SplitTJunctions::default() }.apply(&mut mesh, c).unwrap();
+            let cut = Counts::of(&mesh);
+            Sew { ratio: 0.5, tolerance: 0.5, ..Sew::default() }.apply(&mut mesh, c).unwrap();
+            let sewn = Counts::of(&mesh);
+            Stitch { threshold: 0.5, ..Stitch::default() }.apply(&mut mesh, c).unwrap();
+            let after = Counts::of(&mesh);
             use meshmend::repair::operators::Counter;
             for counter in [Counter::NonmanifoldEdges, Counter::MisorientedEdges, Counter::DegenerateFaces, Counter::DuplicateFaces] {
                 prop_assert!(after.get(counter) <= before.get(counter), "{counter:?} {before:?} {after:?}");

@@ -52,7 +52,7 @@ fn the_whole_pipeline_answers_the_same_on_any_number_of_threads() {
         soup.faces[40..60].iter_mut().for_each(|face| face.swap(0, 1));
         let one = on(1, || mended(&soup, &options));
         for operator in through {
-            let did = one.report.steps.iter().any(|it| it.operator == Some(operator) && !it.changed.is_empty());
+            let did = one.report.steps.iter().any(|step| step.operator == Some(operator) && !step.changed.is_empty());
             assert!(did, "{operator:?} had something to do: {:?}", one.report.steps);
         }
         for again in [on(2, || mended(&soup, &options)), on(2, || mended(&soup, &options))] {

@@ -36,7 +36,7 @@ struct Harm {
 
 /// A soup of solids with damage, and the volume change that the damage may cause.
 fn harmed(solids: &[Soup], harm: Harm, random: &mut Random) -> (Soup, f64) {
-    let mut soup = as_f32(solids.iter().fold(Soup::default(), |all, it| join(&all, it)));
+    let mut soup = as_f32(solids.iter().fold(Soup::default(), |all, solid| join(&all, solid)));
     let mut slack = 0.0;
     let mut around: Vec<DVec3> = Vec::new();
     for _ in 0..harm.holes {
@@ -63,15 +63,15 @@ fn harmed(solids: &[Soup], harm: Harm, random: &mut Random) -> (Soup, f64) {
 
 /// Repairs damaged solids and describes what is wrong with the result, if anything.
 fn verdict(solids: &[Soup], harm: Harm, seed: u64) -> Result<(), String> {
-    let volume = filled(&as_f32(solids.iter().fold(Soup::default(), |all, it| join(&all, it))));
+    let volume = filled(&as_f32(solids.iter().fold(Soup::default(), |all, solid| join(&all, solid))));
     let (soup, slack) = harmed(solids, harm, &mut Random::new(seed));
-    let it = repair_up_to_tier_2(&write(&soup, Format::Stl).unwrap());
-    let result = read(&it.bytes, &Limits::default()).unwrap().soup;
+    let repaired = repair_up_to_tier_2(&write(&soup, Format::Stl).unwrap());
+    let result = read(&repaired.bytes, &Limits::default()).unwrap().soup;
     let after = with_context(|c| measure(&result, c)).unwrap();
     // Internal walls that are visible through a hole are surface of the model, so overlaps there may remain.
     let closed = after.closed && after.manifold && after.consistent && harm.holes > 0;
     if !after.printable() && !closed {
-        return Err(format!("{}; {}", after.in_short(), it.report.summary));
+        return Err(format!("{}; {}", after.in_short(), repaired.report.summary));
     }
     let is = filled(&result);
     let most = slack + 1e-3 * volume;
@@ -95,7 +95,7 @@ fn turned(mut soup: Soup, turn: DMat3) -> Soup {
 /// Boxes, cylinders, tori and balls at random places.
 fn in_general_position(random: &mut Random, count: usize) -> Vec<Soup> {
     let one = |random: &mut Random| {
-        let it = match random.below(4) {
+        let solid = match random.below(4) {
             0 => cube(DVec3::splat(-0.5), 1.0, 2),
             1 => cylinder(DVec3::new(0.0, 0.0, -0.6), 0.5, 1.2, 14),
             2 => torus(0.6, 0.25, 16, 10),
@@ -103,7 +103,7 @@ fn in_general_position(random: &mut Random, count: usize) -> Vec<Soup> {
         };
         let axis = (random.vector() + DVec3::splat(0.01)).normalize();
         let turn = DMat3::from_axis_angle(axis, random.vector().x * 3.0);
-        moved(turned(it, turn), random.vector() * 0.8)
+        moved(turned(solid, turn), random.vector() * 0.8)
     };
     (0..count).map(|_| one(random)).collect()
 }
@@ -178,10 +178,10 @@ fn new_vertices_beside_zero_stand_no_nearer_to_one_another_than_the_model_is_wor
             cylinder(DVec3::new(0.0, 0.5, 0.0), 1.25, 0.5, n + 3),
             cylinder(DVec3::new(-0.25, -0.5, -0.25), 0.75, 1.0, 7),
         ];
-        let soup = as_f32(turned(solids.iter().fold(Soup::default(), |all, it| join(&all, it)), noise));
-        let it = repair_up_to_tier_2(&write(&soup, Format::Stl).unwrap());
-        assert_eq!(it.report.outcome, Outcome::Repaired, "{}", it.report.summary);
-        let made = read(&it.bytes, &Limits::default()).unwrap().soup;
+        let soup = as_f32(turned(solids.iter().fold(Soup::default(), |all, solid| join(&all, solid)), noise));
+        let repaired = repair_up_to_tier_2(&write(&soup, Format::Stl).unwrap());
+        assert_eq!(repaired.report.outcome, Outcome::Repaired, "{}", repaired.report.summary);
+        let made = read(&repaired.bytes, &Limits::default()).unwrap().soup;
         for &p in made.positions.iter().filter(|&&p| !known(&soup, p)) {
             new += 1;
             let finest = p.abs().to_array().into_iter().filter(|&x| x > 0.0).fold(f64::INFINITY, f64::min);

@@ -31,7 +31,7 @@ fn kept(name: &str) -> PathBuf {
 }
 
 fn number(variable: &str, default: u64) -> u64 {
-    std::env::var(variable).ok().and_then(|it| it.parse().ok()).unwrap_or(default)
+    std::env::var(variable).ok().and_then(|value| value.parse().ok()).unwrap_or(default)
 }
 
 /// Tries inputs from consecutive seeds until `enough` is true of their number. Returns the number.

@@ -203,7 +203,7 @@ fn model(random: &mut Random) -> Soup {
     for _ in 0..=random.below(4) {
         let n = 1 + random.below(4) as u32;
         let low = whole(random, 4);
-        let it = match random.below(7) {
+        let solid = match random.below(7) {
             0 | 1 => cube(low, 1.0 + random.below(3) as f64, n),
             2 => moved(torus(1.0 + random.below(2) as f64, 1.0, 4 + 2 * n, 3 + n), low),
             3 => sphere(low, 1.0, 3 + n, 2 + n),
@@ -211,8 +211,8 @@ fn model(random: &mut Random) -> Soup {
             5 => inside_out(cube(low, 1.0, n)),
             _ => any_triangles(random),
         };
-        if soup.faces.len() + it.faces.len() <= MOST {
-            soup = join(&soup, &it);
+        if soup.faces.len() + solid.faces.len() <= MOST {
+            soup = join(&soup, &solid);
         }
     }
     if soup.faces.is_empty() {

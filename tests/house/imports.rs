@@ -128,14 +128,14 @@ impl Module {
 impl<'ast> Visit<'ast> for Module {
     fn visit_item(&mut self, item: &'ast syn::Item) {
         let (attributes, name) = match item {
-            syn::Item::Mod(it) => (&it.attrs, None),
-            syn::Item::Fn(it) => (&it.attrs, Some(&it.sig.ident)),
-            syn::Item::Struct(it) => (&it.attrs, Some(&it.ident)),
-            syn::Item::Enum(it) => (&it.attrs, Some(&it.ident)),
-            syn::Item::Trait(it) => (&it.attrs, Some(&it.ident)),
-            syn::Item::Type(it) => (&it.attrs, Some(&it.ident)),
-            syn::Item::Const(it) => (&it.attrs, Some(&it.ident)),
-            syn::Item::Static(it) => (&it.attrs, Some(&it.ident)),
+            syn::Item::Mod(item) => (&item.attrs, None),
+            syn::Item::Fn(item) => (&item.attrs, Some(&item.sig.ident)),
+            syn::Item::Struct(item) => (&item.attrs, Some(&item.ident)),
+            syn::Item::Enum(item) => (&item.attrs, Some(&item.ident)),
+            syn::Item::Trait(item) => (&item.attrs, Some(&item.ident)),
+            syn::Item::Type(item) => (&item.attrs, Some(&item.ident)),
+            syn::Item::Const(item) => (&item.attrs, Some(&item.ident)),
+            syn::Item::Static(item) => (&item.attrs, Some(&item.ident)),
             _ => return syn::visit::visit_item(self, item),
         };
         let is_test = |attribute: &syn::Attribute| {

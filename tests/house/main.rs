@@ -163,9 +163,9 @@ fn test_binaries() -> Vec<PathBuf> {
 }
 
 fn has_tests(file: &Path) -> bool {
-    code(file)
-        .lines()
-        .any(|line| ["#[test]", "#[tokio::test", "on_each_store! {"].iter().any(|it| line.trim_start().starts_with(it)))
+    code(file).lines().any(|line| {
+        ["#[test]", "#[tokio::test", "on_each_store! {"].iter().any(|start| line.trim_start().starts_with(start))
+    })
 }
 
 /// The imports of items that are defined in a file with tests.

@@ -144,7 +144,7 @@ async fn what_waits_and_runs_is_counted_by_class_of_tenants(bench: Bench) {
     assert_eq!(bench.claim().await.expect("a job").job.tenant, "big");
     assert_eq!(bench.store.class_loads().await.expect("an answer"), [load("gold", 1, 1, 4), load("standard", 1, 0, 4)]);
     let tenants = bench.store.tenants(None, 10).await.expect("an answer").items;
-    let classes = tenants.iter().map(|it| (it.name.as_str(), it.class.as_deref()));
+    let classes = tenants.iter().map(|tenant| (tenant.name.as_str(), tenant.class.as_deref()));
     assert_eq!(classes.collect::<Vec<_>>(), [("big", Some("gold")), ("large", Some("gold"))]);
 }
 

@@ -124,7 +124,8 @@ async fn settings_of_a_tenant_are_changed_one_by_one_and_hold_at_once() {
         assert_eq!(status, 422);
         assert!(problem["detail"].as_str().expect("text").contains(field), "{problem}");
     }
-    let names = |page: &Value| page["tenants"].as_array().expect("a list").iter().map(|it| it["id"].clone()).collect();
+    let names =
+        |page: &Value| page["tenants"].as_array().expect("a list").iter().map(|tenant| tenant["id"].clone()).collect();
     let page = admin.get("/v1/tenants?limit=1").await;
     let first: Vec<Value> = names(&page);
     let page = admin.get(&format!("/v1/tenants?cursor={}", page["next"].as_str().expect("a cursor"))).await;

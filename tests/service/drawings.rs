@@ -152,7 +152,7 @@ async fn a_result_that_is_given_again_has_all_pictures_whether_drawn_before_or_n
     let picture = api.artifact(&first, "after.png").await;
     let drawn = api.submit(files::broken_box(), json!({"max_tier": 1})).await;
     assert_eq!(
-        api.finished(&drawn).await["artifacts"].get("after.png").and_then(|it| it.get("bytes")),
+        api.finished(&drawn).await["artifacts"].get("after.png").and_then(|picture| picture.get("bytes")),
         None,
         "the second job's picture is not drawn yet"
     );

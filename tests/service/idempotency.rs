@@ -82,7 +82,7 @@ async fn an_idempotency_key_is_taken_during_its_request_and_free_again_if_that_f
     let under_way = tokio::spawn(request.send());
     let uploads = data.path().join("files/uploads");
     until("the file's upload has begun", async || {
-        std::fs::read_dir(&uploads).is_ok_and(|it| it.count() > 0).then_some(())
+        std::fs::read_dir(&uploads).is_ok_and(|entries| entries.count() > 0).then_some(())
     })
     .await;
     let refused = post(&api, "k", files::broken_box(), "").await;

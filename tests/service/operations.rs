@@ -58,7 +58,7 @@ fn what_is_in_force_is_told_with_where_it_is_from_and_no_secret_in_it() {
     assert_eq!(printed["command"], "serve");
     assert_eq!(printed["unknown_variables"], json!(["MESHMEND_WORKRES"]));
     let settings = printed["settings"].as_array().expect("settings");
-    let setting = |flag: &str| settings.iter().find(|it| it["flag"] == flag).expect("a setting").clone();
+    let setting = |flag: &str| settings.iter().find(|setting| setting["flag"] == flag).expect("a setting").clone();
     let of = |flag: &str| [setting(flag)["value"].clone(), setting(flag)["source"].clone()];
     assert_eq!(of("--listen"), [json!("127.0.0.1:1"), json!("flag")]);
     assert_eq!(of("--workers"), [json!("3"), json!("environment")]);
@@ -78,7 +78,7 @@ fn what_is_in_force_is_told_with_where_it_is_from_and_no_secret_in_it() {
     assert!(bare.status.success(), "{}", String::from_utf8_lossy(&bare.stderr));
     let bare: Value = serde_json::from_slice(&bare.stdout).expect("JSON");
     let computed = |flag: &str| {
-        let setting = bare["settings"].as_array().expect("settings").iter().find(|it| it["flag"] == flag);
+        let setting = bare["settings"].as_array().expect("settings").iter().find(|setting| setting["flag"] == flag);
         let setting = setting.expect("a setting");
         assert_eq!(setting["source"], "computed", "{setting}");
         setting["value"].as_str().expect("a value").to_owned()
@@ -152,7 +152,7 @@ async fn servers_and_workers_answer_probes_and_metrics_on_a_separate_listener() 
         for check in ["store", "blobs", "disk", "scratch"] {
             assert_eq!(ready["checks"][check], "ok", "{ready}");
         }
-        assert!(ready["checks"]["blender"].as_str().is_some_and(|it| it.starts_with("missing")), "{ready}");
+        assert!(ready["checks"]["blender"].as_str().is_some_and(|state| state.starts_with("missing")), "{ready}");
         assert_eq!(probe(program, "/v1/jobs").await.0, 404, "the listener serves nothing else");
         measured(program, "meshmend_jobs{status=\"succeeded\"}", |jobs| jobs == 1.0).await;
         measured(program, "meshmend_queue_wait_seconds", |seconds| seconds == 0.0).await;

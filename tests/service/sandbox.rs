@@ -181,8 +181,10 @@ async fn a_job_that_fills_its_folder_is_stopped_and_says_so() {
 
 /// Processes with this word on their command line.
 fn with_argument(word: &str) -> Vec<u32> {
-    let ids =
-        std::fs::read_dir("/proc").expect("a folder").flatten().filter_map(|it| it.file_name().to_str()?.parse().ok());
+    let ids = std::fs::read_dir("/proc")
+        .expect("a folder")
+        .flatten()
+        .filter_map(|entry| entry.file_name().to_str()?.parse().ok());
     let has_it = |id: &u32| {
         let line = std::fs::read(format!("/proc/{id}/cmdline")).unwrap_or_default();
         line.split(|&byte| byte == 0).any(|argument| argument == word.as_bytes())

@@ -26,7 +26,8 @@ impl Collector {
         let spans = self.clone();
         let take = async move |body: Bytes| {
             let sent = ExportTraceServiceRequest::decode(body).expect("protobuf");
-            let spans_of = sent.resource_spans.into_iter().flat_map(|it| it.scope_spans).flat_map(|it| it.spans);
+            let spans_of =
+                sent.resource_spans.into_iter().flat_map(|spans| spans.scope_spans).flat_map(|spans| spans.spans);
             spans.0.lock().expect("not poisoned").extend(spans_of);
             StatusCode::OK
         };
@@ -101,7 +102,7 @@ async fn a_trace_goes_on_from_the_request_to_the_worker_in_another_process() {
         let line = program.log().lines().find(|line| line.contains(message)).expect("a line").to_owned();
         let line: Value = serde_json::from_str(&line).expect("JSON");
         let spans = line["spans"].as_array().expect("spans");
-        let found = spans.iter().find(|it| it["name"] == span).expect("the span");
+        let found = spans.iter().find(|recorded| recorded["name"] == span).expect("the span");
         assert_eq!(found["trace_id"], TRACE, "{line}");
         match span {
             "request" => {
@@ -158,7 +159,8 @@ async fn a_request_that_is_not_to_be_sampled_sends_nothing() {
         ("/problems", Some(asked)),
         ("/livez", Some("00-4bf92f3577b34da6a3ce929d0e0e4736-00f067aa0ba902b7-00")),
     ] {
-        let request = traceparent.into_iter().fold(api.get(path), |request, it| request.header("traceparent", it));
+        let request =
+            traceparent.into_iter().fold(api.get(path), |request, parent| request.header("traceparent", parent));
         assert_eq!(request.send().await.expect("an answer").status(), 200);
     }
     program.terminate();

@@ -71,8 +71,12 @@ async fn a_receiver_is_told_of_a_jobs_end_and_can_verify_it() {
     for field in ["id", "status", "outcome", "created_at", "finished_at", "metadata", "problem"] {
         assert_eq!(data[field], job[field], "{field}");
     }
-    let kinds: Vec<&Value> =
-        job["report"]["assumptions"].as_array().expect("assumptions").iter().map(|it| &it["kind"]).collect();
+    let kinds: Vec<&Value> = job["report"]["assumptions"]
+        .as_array()
+        .expect("assumptions")
+        .iter()
+        .map(|assumption| &assumption["kind"])
+        .collect();
     assert_eq!(
         (&data["printable"], &data["red_flags"], data["assumptions"].as_array().map(Vec::len)),
         (&json!(true), &json!([]), Some(kinds.len())),

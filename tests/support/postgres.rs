@@ -138,7 +138,7 @@ fn is_root() -> bool {
 fn binary(name: &str) -> PathBuf {
     let versions = std::fs::read_dir("/usr/lib/postgresql").into_iter().flatten().flatten();
     let version = |path: &Path| path.file_name().and_then(|name| name.to_str()?.parse::<u32>().ok()).unwrap_or(0);
-    let newest = versions.map(|it| it.path()).max_by_key(|path| version(path));
+    let newest = versions.map(|entry| entry.path()).max_by_key(|path| version(path));
     let found = newest.map(|path| path.join("bin").join(name)).filter(|path| path.is_file());
     found.unwrap_or_else(|| PathBuf::from(name))
 }

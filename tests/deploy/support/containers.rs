@@ -26,7 +26,7 @@ impl Container {
         let mut variables = image.variables();
         variables.extend(self.variables.clone());
         let settings = settings(&self.command, &variables);
-        let number = |variable: &str| settings.get(variable).map(|it| it.parse::<f64>().expect("a number"));
+        let number = |variable: &str| settings.get(variable).map(|value| value.parse::<f64>().expect("a number"));
         for folder in [settings["MESHMEND_DATA_DIR"].as_str(), "/tmp"] {
             assert!(self.mounts.iter().any(|mount| mount == folder), "{name}: {folder} is not writable");
         }
@@ -37,7 +37,7 @@ impl Container {
                 self.grace
             );
         }
-        if settings.get("MESHMEND_NO_WORKERS").is_none_or(|it| it == "false")
+        if settings.get("MESHMEND_NO_WORKERS").is_none_or(|value| value == "false")
             && let (Some(jobs), Some(job)) = (number("MESHMEND_WORKERS"), number("MESHMEND_JOB_MEMORY_MIB"))
         {
             let blenders =

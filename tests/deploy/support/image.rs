@@ -18,7 +18,7 @@ impl Image {
 
     /// The arguments of each instruction with that name.
     pub fn all(&self, name: &str) -> Vec<&str> {
-        self.0.iter().filter(|(it, _)| it == name).map(|(_, rest)| rest.as_str()).collect()
+        self.0.iter().filter(|(instruction, _)| instruction == name).map(|(_, rest)| rest.as_str()).collect()
     }
 
     pub fn list(&self, name: &str) -> Vec<String> {

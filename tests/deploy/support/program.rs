@@ -22,7 +22,9 @@ pub fn settings(line: &[String], variables: &BTreeMap<String, String>) -> BTreeM
     let unknown = config["unknown_variables"].as_array().expect("a list");
     assert!(unknown.is_empty(), "{line:?}: nothing reads {unknown:?}");
     let settings = config["settings"].as_array().expect("a list").iter();
-    settings.filter_map(|it| Some((it["variable"].as_str()?.to_owned(), it["value"].as_str()?.to_owned()))).collect()
+    settings
+        .filter_map(|setting| Some((setting["variable"].as_str()?.to_owned(), setting["value"].as_str()?.to_owned())))
+        .collect()
 }
 
 /// Every variable that a running service reads.
@@ -30,7 +32,7 @@ pub fn known() -> BTreeSet<String> {
     let of = |verb: &str| {
         let config = config(&[verb.to_owned()], &BTreeMap::new()).expect("a command");
         let settings = config["settings"].as_array().expect("a list").clone();
-        settings.into_iter().filter_map(|it| Some(it["variable"].as_str()?.to_owned())).collect::<Vec<_>>()
+        settings.into_iter().filter_map(|setting| Some(setting["variable"].as_str()?.to_owned())).collect::<Vec<_>>()
     };
     ["serve", "work", "migrate", "config"].into_iter().flat_map(of).collect()
 }

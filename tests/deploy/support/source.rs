@@ -44,5 +44,5 @@ pub fn names<'a>(text: &'a str, prefix: &str, goes_on: fn(char) -> bool) -> Vec<
 }
 
 pub fn strings(list: &Value) -> Vec<String> {
-    list.as_array().into_iter().flatten().map(|it| it.as_str().expect("a string").to_owned()).collect()
+    list.as_array().into_iter().flatten().map(|item| item.as_str().expect("a string").to_owned()).collect()
 }

@@ -25,7 +25,7 @@ pub fn shown() -> Vec<Shown> {
         Shown { name: "halves", model: halves(), options: &[], pictures: changed },
         Shown { name: "sheet", model: wavy(), options: &["--open-sheets", "base"], pictures: repaired },
     ];
-    for p in shown.iter_mut().flat_map(|it| &mut it.model.positions) {
+    for p in shown.iter_mut().flat_map(|shown| &mut shown.model.positions) {
         *p = (*p * 1024.0).round() / 1024.0;
     }
     shown
@@ -79,6 +79,7 @@ fn wavy() -> Soup {
 
 /// The file names of the pictures.
 pub fn picture_names() -> Vec<String> {
-    let of = |it: &Shown| it.pictures.iter().map(|(_, kind)| format!("{}-{kind}.png", it.name)).collect::<Vec<_>>();
+    let of =
+        |shown: &Shown| shown.pictures.iter().map(|(_, kind)| format!("{}-{kind}.png", shown.name)).collect::<Vec<_>>();
     shown().iter().flat_map(of).collect()
 }

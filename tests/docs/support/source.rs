@@ -7,8 +7,9 @@ use crate::server::files_below;
 pub fn variants(name: &str) -> Vec<String> {
     let before = format!("pub enum {name} {{\n");
     // An enum in a macro is indented.
-    let code =
-        files_below(&root().join("src")).into_iter().filter(|path| path.extension().is_some_and(|it| it == "rs"));
+    let code = files_below(&root().join("src"))
+        .into_iter()
+        .filter(|path| path.extension().is_some_and(|ending| ending == "rs"));
     let texts = code.map(|path| std::fs::read_to_string(path).unwrap());
     let found: Vec<_> = texts.filter_map(|text| Some(text.split_once(&before)?.1.to_owned())).collect();
     assert_eq!(found.len(), 1, "enums {name}");
@@ -25,6 +26,6 @@ pub fn variants(name: &str) -> Vec<String> {
             docs.push(std::mem::take(&mut said).trim().to_owned());
         }
     }
-    assert!(docs.iter().all(|it| !it.is_empty()), "{name}: {docs:?}");
+    assert!(docs.iter().all(|doc| !doc.is_empty()), "{name}: {docs:?}");
     docs
 }

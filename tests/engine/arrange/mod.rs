@@ -19,7 +19,7 @@ use crate::support::{arranged, measured, measured_as_stl, with_context};
 
 fn solid(soup: &Soup, inside: Inside) -> Result<Surface, ArrangeError> {
     let (surface, _) = Surface::from_soup(soup);
-    arranged(&Exact, &surface, inside.into()).map(|it| it.surface)
+    arranged(&Exact, &surface, inside.into()).map(|solid| solid.surface)
 }
 
 fn united(soup: &Soup) -> Measures {
@@ -53,9 +53,9 @@ fn turned(mut soup: Soup, turn: DQuat, offset: DVec3) -> Soup {
 #[test]
 fn two_boxes_that_overlap_are_one_solid_of_their_union() {
     let soup = join(&block([0, 0, 0], [4, 4, 4]), &block([1, 2, 3], [4, 4, 4]));
-    let it = united(&soup);
-    near(it.volume.value, 128.0 - 3.0 * 2.0 * 1.0);
-    assert_eq!((it.parts, it.printable()), (1, true));
+    let measures = united(&soup);
+    near(measures.volume.value, 128.0 - 3.0 * 2.0 * 1.0);
+    assert_eq!((measures.parts, measures.printable()), (1, true));
 }
 
 #[test]
@@ -91,10 +91,10 @@ fn a_cavity_stays_and_a_solid_within_a_solid_goes() {
 
 #[test]
 fn a_solid_that_is_inside_out_is_nothing_or_turned_as_asked() {
-    let it = inside_out(block([0, 0, 0], [1, 1, 1]));
-    assert_eq!(solid(&it, Inside::Positive), Err(ArrangeError::Empty));
+    let flipped = inside_out(block([0, 0, 0], [1, 1, 1]));
+    assert_eq!(solid(&flipped, Inside::Positive), Err(ArrangeError::Empty));
     for inside in [Inside::Nonzero, Inside::Odd] {
-        near(measured(&solid(&it, inside).unwrap()).volume.value, 1.0);
+        near(measured(&solid(&flipped, inside).unwrap()).volume.value, 1.0);
     }
 }
 
@@ -136,11 +136,11 @@ fn an_open_surface_is_refused() {
 
 #[test]
 fn a_torus_through_itself_has_the_volume_that_it_winds_around() {
-    // Interceptor the inner sheets of a spindle torus the winding number is 0. The volume of the rest is given by Pappus's theorem.
+    // Between the inner sheets of a spindle torus the winding number is 0. The volume of the rest is given by Pappus's theorem.
     let soup = torus(0.5, 1.0, 64, 48);
-    let it = united(&soup);
+    let measures = united(&soup);
     let exact = 2.0 * std::f64::consts::PI.powi(2) * 0.5;
-    assert!((it.volume.value / exact - 1.0).abs() < 0.02, "{} is not {exact}", it.volume.value);
+    assert!((measures.volume.value / exact - 1.0).abs() < 0.02, "{} is not {exact}", measures.volume.value);
 }
 
 #[test]
@@ -151,9 +151,14 @@ fn fifty_thousand_intersections_are_resolved_in_seconds_at_the_same_volume() {
     let start = Instant::now();
     let resolve = Resolve { inside: Inside::Positive, max_deviation: 0.01, sheets: None, always: false };
     let done = with_context(|c| resolve.apply(&mut surface, &Exact, c)).unwrap();
-    let it = measured_as_stl(&surface);
-    assert!(it.printable(), "{done:?} {it:?}");
-    assert!((it.volume.value / before.volume.value - 1.0).abs() < 1e-3, "{} {}", it.volume.value, before.volume.value);
+    let measures = measured_as_stl(&surface);
+    assert!(measures.printable(), "{done:?} {measures:?}");
+    assert!(
+        (measures.volume.value / before.volume.value - 1.0).abs() < 1e-3,
+        "{} {}",
+        measures.volume.value,
+        before.volume.value
+    );
     assert!(done.moved < 0.004, "{done:?}");
     assert!(start.elapsed() < Duration::from_secs(10), "{:?}", start.elapsed());
 }
@@ -172,8 +177,8 @@ proptest! {
             soup = join(&soup, &block([x, y, z], [a, b, c]));
             covered.extend((x..x + a).flat_map(|i| (y..y + b).flat_map(move |j| (z..z + c).map(move |k| (i, j, k)))));
         }
-        let it = united(&soup);
-        prop_assert!((it.volume.value - covered.len() as f64).abs() < 1e-6, "{}", it.volume.value);
+        let measures = united(&soup);
+        prop_assert!((measures.volume.value - covered.len() as f64).abs() < 1e-6, "{}", measures.volume.value);
         // After a rotation, faces that were coplanar are so only up to rounding. The result must be solid in an STL file.
         let axis = DVec3::new(turn.0, turn.1, turn.2 + 0.1).normalize();
         let soup = as_f32(turned(soup, DQuat::from_axis_angle(axis, 1.0 + turn.0), DVec3::ZERO));
@@ -181,9 +186,9 @@ proptest! {
         let resolve = Resolve { inside: Inside::Positive, max_deviation: f64::INFINITY, sheets: None, always: false };
         let done = with_context(|c| resolve.apply(&mut surface, &Exact, c)).unwrap();
         with_context(|c| Separate::default().apply(&mut surface, c)).unwrap();
-        let it = measured_as_stl(&surface);
-        prop_assert!(it.printable(), "{:?} {:?}", done, it);
-        prop_assert!((it.volume.value - covered.len() as f64).abs() < 1e-3, "{}", it.volume.value);
+        let after = measured_as_stl(&surface);
+        prop_assert!(after.printable(), "{:?} {:?}", done, after);
+        prop_assert!((after.volume.value - covered.len() as f64).abs() < 1e-3, "{}", after.volume.value);
     }
 
     #[test]
@@ -192,14 +197,14 @@ proptest! {
     ) {
         let mut soup = Soup::default();
         for (kind, place, angle) in places {
-            let it = match kind {
+            let solid = match kind {
                 0 => cube(DVec3::splat(-0.5), 1.0, 2),
                 1 => sphere(DVec3::ZERO, 0.7, 12, 6),
                 2 => torus(0.6, 0.2, 12, 8),
                 _ => inside_out(sphere(DVec3::ZERO, 0.3, 8, 5)),
             };
             let turn = DQuat::from_axis_angle(DVec3::new(0.2, 0.7, 0.4).normalize(), angle);
-            soup = join(&soup, &turned(it, turn, DVec3::from_array(place)));
+            soup = join(&soup, &turned(solid, turn, DVec3::from_array(place)));
         }
         let (surface, _) = Surface::from_soup(&soup);
         for inside in [Inside::Positive, Inside::Nonzero] {

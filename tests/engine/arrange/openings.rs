@@ -89,14 +89,14 @@ fn a_cup_with_a_block_in_it_comes_back_with_the_block_to_be_seen() {
     let open: Vec<bool> = (0..soup.faces.len()).map(|f| is_lid(&soup, f)).collect();
     let mut lid = open.into_iter();
     soup.faces.retain(|_| lid.next() == Some(false));
-    let it =
+    let repaired =
         repair_soup(&as_f32(soup), &Options { max_tier: 2, max_surface_added_pct: 100.0, ..Options::default() }, None);
-    assert_eq!(it.report.outcome, Outcome::Repaired, "{:?}", it.report.red_flags);
-    let after = &it.report.after.unwrap().measures;
+    assert_eq!(repaired.report.outcome, Outcome::Repaired, "{:?}", repaired.report.red_flags);
+    let after = &repaired.report.after.unwrap().measures;
     assert!(after.printable() && after.parts == 2, "{after:?}");
     // The volume of the block, and of five walls with a thickness of 0.3 % of the diagonal.
     let walls = 5.0 * 16.0 * 0.003 * 6.9282;
     assert!((after.volume.value - 3.375 - walls).abs() < 0.1, "{}", after.volume.value);
-    let told = it.report.assumptions.iter().any(|assumption| assumption.detail.contains("left open"));
-    assert!(told, "{:?}", it.report.assumptions);
+    let told = repaired.report.assumptions.iter().any(|assumption| assumption.detail.contains("left open"));
+    assert!(told, "{:?}", repaired.report.assumptions);
 }

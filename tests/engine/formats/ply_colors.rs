@@ -14,15 +14,15 @@ fn scene_of(bytes: &[u8]) -> ReadScene {
     read_scene(bytes, &ReadOptions::default()).unwrap_or_else(|error| panic!("{error}"))
 }
 
-fn colors(it: &ReadScene) -> Vec<Option<Corners>> {
-    let color = |paint: &Paint| it.scene.palettes.get(paint.palette as usize)?.colors(paint.at);
-    it.scene.objects[0].mesh().unwrap().paint.iter().map(color).collect()
+fn colors(file: &ReadScene) -> Vec<Option<Corners>> {
+    let color = |paint: &Paint| file.scene.palettes.get(paint.palette as usize)?.colors(paint.at);
+    file.scene.objects[0].mesh().unwrap().paint.iter().map(color).collect()
 }
 
 /// A square and a triangle; `vertex` and `face` are extra properties, and their values in each row.
 fn ascii(vertex: (&str, [&str; 4]), face: (&str, [&str; 2])) -> Vec<u8> {
     let properties = |kind_and_names: &str| -> String {
-        kind_and_names.split(", ").filter(|it| !it.is_empty()).map(|it| format!("property {it}\n")).collect()
+        kind_and_names.split(", ").filter(|name| !name.is_empty()).map(|name| format!("property {name}\n")).collect()
     };
     let positions = ["0 0 0", "1 0 0", "1 1 0", "0 1 0"];
     let vertices: String = positions.iter().zip(vertex.1).map(|(p, more)| format!("{p} {more}\n")).collect();
@@ -41,10 +41,10 @@ const BYTES: &str = "uchar red, uchar green, uchar blue";
 fn colours_of_vertices_run_over_faces() {
     let bytes = ascii((BYTES, ["255 0 0", "0 255 0", "0 0 255", "9 8 7"]), ("", [""; 2]));
     let of = [[255, 0, 0, 255], [0, 255, 0, 255], [0, 0, 255, 255], [9, 8, 7, 255]];
-    let it = scene_of(&bytes);
-    let soup = &it.scene.objects[0].mesh().unwrap().soup;
+    let file = scene_of(&bytes);
+    let soup = &file.scene.objects[0].mesh().unwrap().soup;
     let expected: Vec<_> = soup.faces.iter().map(|face| Some(face.map(|v| of[v as usize]))).collect();
-    assert_eq!((colors(&it), it.warnings.len()), (expected, 0));
+    assert_eq!((colors(&file), file.warnings.len()), (expected, 0));
     assert_eq!(*soup, read_all(&bytes).soup);
     assert_eq!(*soup, read_all(&ascii(("", [""; 4]), ("", [""; 2]))).soup, "as without colours");
 }
@@ -57,30 +57,30 @@ fn colours_are_of_any_type_and_may_have_an_opacity() {
         ("ushort red, ushort green, ushort blue, ushort alpha", "65535 32896 0 13107"),
         ("int diffuse_red, int diffuse_green, int diffuse_blue, uchar alpha", "999 128 -5 51"),
     ] {
-        let it = scene_of(&ascii((properties, [row; 4]), ("", [""; 2])));
-        assert_eq!(colors(&it), [Some([[255, 128, 0, 51]; 3]); 3], "{properties}");
+        let file = scene_of(&ascii((properties, [row; 4]), ("", [""; 2])));
+        assert_eq!(colors(&file), [Some([[255, 128, 0, 51]; 3]); 3], "{properties}");
     }
     for (properties, row) in
         [("uchar red, uchar green", "1 2"), ("list uchar int red, uchar green, uchar blue", "1 7 2 3")]
     {
-        let it = scene_of(&ascii((properties, [row; 4]), ("", [""; 2])));
-        assert_eq!(it.scene.palettes, [], "{properties}");
+        let read = scene_of(&ascii((properties, [row; 4]), ("", [""; 2])));
+        assert_eq!(read.scene.palettes, [], "{properties}");
     }
 }
 
 #[test]
 fn colours_of_faces_are_those_of_their_triangles() {
-    let it = scene_of(&ascii(("", [""; 4]), (BYTES, ["255 0 0", "0 0 9"])));
+    let file = scene_of(&ascii(("", [""; 4]), (BYTES, ["255 0 0", "0 0 9"])));
     let (red, blue) = (Some([[255, 0, 0, 255]; 3]), Some([[0, 0, 9, 255]; 3]));
-    assert_eq!(colors(&it), [red, red, blue]);
+    assert_eq!(colors(&file), [red, red, blue]);
     let both = ascii((BYTES, ["1 2 3"; 4]), (BYTES, ["255 0 0", "0 0 9"]));
     assert_eq!(colors(&scene_of(&both)), [Some([[1, 2, 3, 255]; 3]); 3], "vertices go before faces");
 }
 
 #[test]
 fn what_is_no_number_is_black_and_harms_nothing() {
-    let it = scene_of(&ascii((BYTES, ["x 0 0", "0 nan 0", "0 0 0", "0 0 0"]), ("", [""; 2])));
-    assert_eq!(colors(&it), [Some([[0, 0, 0, 255]; 3]); 3]);
+    let file = scene_of(&ascii((BYTES, ["x 0 0", "0 nan 0", "0 0 0", "0 0 0"]), ("", [""; 2])));
+    assert_eq!(colors(&file), [Some([[0, 0, 0, 255]; 3]); 3]);
 }
 
 #[test]
@@ -90,8 +90,8 @@ fn a_picture_is_told_to_be_left_out_by_who_reads_colours_only() {
     let named = named.replace("1.0\n", "1.0\ncomment TextureFile a.png\n").into_bytes();
     for bytes in [list, named] {
         assert_eq!(read_all(&bytes).warnings, Vec::<String>::new());
-        let it = scene_of(&bytes);
-        assert!(it.warnings.len() == 1 && it.warnings[0].contains("picture were left out"), "{:?}", it.warnings);
+        let file = scene_of(&bytes);
+        assert!(file.warnings.len() == 1 && file.warnings[0].contains("picture were left out"), "{:?}", file.warnings);
     }
 }
 
@@ -125,34 +125,34 @@ fn faces_of_one_colour_are_written_as_such() {
     assert!(
         header.contains("vertex_indices\nproperty uchar red\nproperty uchar green\nproperty uchar blue\nend_header")
     );
-    let it = scene_of(&bytes);
+    let file = scene_of(&bytes);
     let flat = |color| Some([color; 3]);
     let expected = [[255, 0, 0, 255], [7, 7, 7, 255], [255; 4], [0, 255, 0, 255]].map(flat);
-    assert_eq!(colors(&it), expected);
+    assert_eq!(colors(&file), expected);
     if let meshmend::scene::Shape::Mesh(mesh) = &mut scene.objects[0].shape {
         mesh.paint[3] = colored([2; 3]);
     }
-    let it = scene_of(&write_scene(&scene, Format::Ply).unwrap());
-    assert_eq!(colors(&it)[3], flat([1, 2, 3, 99]));
+    let read = scene_of(&write_scene(&scene, Format::Ply).unwrap());
+    assert_eq!(colors(&read)[3], flat([1, 2, 3, 99]));
 }
 
 #[test]
 fn a_colour_whose_bytes_are_those_of_a_replaced_character_is_read() {
     let mut scene = painted(vec![colored([0; 3]); 4]);
     scene.palettes[0] = Palette::Colors(vec![[0xEF, 0xBF, 0xBD, 255]]);
-    let it = scene_of(&write_scene(&scene, Format::Ply).unwrap());
-    assert_eq!(colors(&it), [Some([[0xEF, 0xBF, 0xBD, 255]; 3]); 4]);
+    let file = scene_of(&write_scene(&scene, Format::Ply).unwrap());
+    assert_eq!(colors(&file), [Some([[0xEF, 0xBF, 0xBD, 255]; 3]); 4]);
 }
 
 #[test]
 fn a_vertex_has_the_colour_of_the_first_face_that_runs_over_it() {
     // Faces [0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3].
-    let it = painted(vec![colored([2; 3]), PAINTLESS, colored([0, 1, 0]), colored([1, 1, 1])]);
-    let it = scene_of(&write_scene(&it, Format::Ply).unwrap());
+    let scene = painted(vec![colored([2; 3]), PAINTLESS, colored([0, 1, 0]), colored([1, 1, 1])]);
+    let file = scene_of(&write_scene(&scene, Format::Ply).unwrap());
     let [red, green, blue] = [[255, 0, 0, 255], [0, 255, 0, 255], [1, 2, 3, 99]];
     let of = [blue, red, green, red];
     let expected: Vec<_> = tetrahedron().faces.iter().map(|face| Some(face.map(|v| of[v as usize]))).collect();
-    assert_eq!(colors(&it), expected);
+    assert_eq!(colors(&file), expected);
 }
 
 proptest! {
@@ -168,8 +168,8 @@ proptest! {
             mesh.soup = soup.clone();
         }
         let bytes = write_scene(&scene, Format::Ply).unwrap();
-        let it = scene_of(&bytes);
-        prop_assert_eq!(&it.scene.objects[0].mesh().unwrap().soup, &soup);
-        prop_assert_eq!(write_scene(&it.scene, Format::Ply).unwrap(), bytes);
+        let file = scene_of(&bytes);
+        prop_assert_eq!(&file.scene.objects[0].mesh().unwrap().soup, &soup);
+        prop_assert_eq!(write_scene(&file.scene, Format::Ply).unwrap(), bytes);
     }
 }

@@ -38,7 +38,7 @@ impl Client {
     fn names(&self) -> Vec<String> {
         let entries = std::fs::read_dir(self.folder.path()).expect("a folder");
         let mut names: Vec<_> =
-            entries.map(|it| it.expect("an entry").file_name().into_string().expect("text")).collect();
+            entries.map(|entry| entry.expect("an entry").file_name().into_string().expect("text")).collect();
         names.sort();
         names
     }

@@ -13,7 +13,8 @@ const TEXTURE: &str = "<m:texture2d id=\"3\" path=\"/3D/t.png\" contenttype=\"im
 
 /// A mesh of one triangle for each of these attributes.
 fn triangles(attributes: &[&str]) -> String {
-    let each: String = attributes.iter().map(|it| format!("<triangle v1=\"0\" v2=\"1\" v3=\"2\" {it}/>")).collect();
+    let each: String =
+        attributes.iter().map(|attributes| format!("<triangle v1=\"0\" v2=\"1\" v3=\"2\" {attributes}/>")).collect();
     format!(
         "<mesh><vertices><vertex x=\"0\" y=\"0\" z=\"0\"/><vertex x=\"1\" y=\"0\" z=\"0\"/><vertex x=\"0\" y=\"1\" z=\"0\"/></vertices><triangles>{each}</triangles></mesh>"
     )
@@ -28,23 +29,23 @@ fn a_triangle_has_its_own_property_or_that_of_its_object() {
     let resources = format!("{MATERIALS}{COLORS}");
     let triangles =
         triangles(&["", "p1=\"1\"", "pid=\"2\" p1=\"0\" p2=\"1\" p3=\"2\"", "pid=\"2\" p1=\"2\"", "pid=\"2\""]);
-    let it = clean(&simple("", &resources, "pid=\"1\" pindex=\"0\"", &triangles));
+    let file = clean(&simple("", &resources, "pid=\"1\" pindex=\"0\"", &triangles));
     let expected = [[0; 3], [1; 3]].map(|at| painted(0, at)).into_iter();
     let expected: Vec<Paint> =
         expected.chain([painted(1, [0, 1, 2]), painted(1, [2; 3]), painted(0, [0; 3])]).collect();
-    assert_eq!(mesh(&it).paint, expected);
+    assert_eq!(mesh(&file).paint, expected);
     let materials = Palette::Materials(vec![
         Material { name: "PLA \"red\"".to_owned(), color: [255, 0, 0, 255] },
         Material { name: "b".to_owned(), color: [0, 0, 255, 128] },
     ]);
     let colors = Palette::Colors(vec![[0x10, 0x20, 0x30, 255], [0x40, 0x50, 0x60, 255], [0x70, 0x80, 0x90, 255]]);
-    assert_eq!(it.scene.palettes, [materials, colors]);
+    assert_eq!(file.scene.palettes, [materials, colors]);
 }
 
 #[test]
 fn a_triangle_without_any_property_is_not_painted() {
-    let it = clean(&simple("", COLORS, "", &triangles(&["", "pid=\"2\" p1=\"1\"", ""])));
-    assert_eq!(mesh(&it).paint, [PAINTLESS, painted(0, [1; 3]), PAINTLESS]);
+    let file = clean(&simple("", COLORS, "", &triangles(&["", "pid=\"2\" p1=\"1\"", ""])));
+    assert_eq!(mesh(&file).paint, [PAINTLESS, painted(0, [1; 3]), PAINTLESS]);
 }
 
 #[test]
@@ -57,32 +58,32 @@ fn a_texture_is_the_bytes_of_its_part() {
         ),
         "<item objectid=\"9\"/>",
     );
-    let it = clean(&file_with(&text, &[("3D/T.PNG", b"a picture")]));
-    let texture = &it.scene.textures[0];
+    let read = clean(&file_with(&text, &[("3D/T.PNG", b"a picture")]));
+    let texture = &read.scene.textures[0];
     assert_eq!(texture.bytes, Arc::from(&b"a picture"[..]));
     assert_eq!((texture.wrap_u, texture.wrap_v, texture.nearest), (Wrap::Mirror, Wrap::None, true));
     let places = vec![[0.0, 0.25], [1.0, 2.0]];
-    assert_eq!(it.scene.palettes, [Palette::Textured { texture: 0, name: None, tint: [255; 4], places }]);
-    assert_eq!(mesh(&it).paint, [painted(0, [0, 1, 1]), painted(0, [1; 3])]);
+    assert_eq!(read.scene.palettes, [Palette::Textured { texture: 0, name: None, tint: [255; 4], places }]);
+    assert_eq!(mesh(&read).paint, [painted(0, [0, 1, 1]), painted(0, [1; 3])]);
     assert_no(&super::file(&text), ReadErrorKind::Malformed, "the texture 3D/t.png is not in the file");
 }
 
 #[test]
 fn mixtures_of_materials_become_their_mean_colours() {
     let mixed = "<m:compositematerials id=\"5\" matid=\"1\" matindices=\"0 1\"><m:composite values=\"1 3\"/><m:composite values=\"0 0\"/><m:composite values=\"2\"/></m:compositematerials>";
-    let it = scene_of(&simple("", &format!("{MATERIALS}{mixed}"), "pid=\"5\" pindex=\"0\"", &triangles(&[""])));
+    let file = scene_of(&simple("", &format!("{MATERIALS}{mixed}"), "pid=\"5\" pindex=\"0\"", &triangles(&[""])));
     // Proportions are divided by their sum, or equal if the sum is zero; missing ones are zero.
-    assert_eq!(it.scene.palettes[1], Palette::Colors(vec![[64, 0, 191, 160], [128, 0, 128, 192], [255, 0, 0, 255]]));
-    assert!(it.warnings[0].contains("mixtures"), "{:?}", it.warnings);
+    assert_eq!(file.scene.palettes[1], Palette::Colors(vec![[64, 0, 191, 160], [128, 0, 128, 192], [255, 0, 0, 255]]));
+    assert!(file.warnings[0].contains("mixtures"), "{:?}", file.warnings);
 }
 
 #[test]
 fn of_layers_the_uppermost_with_colour_is_kept() {
     let layers = "<m:multiproperties id=\"6\" pids=\"1 2\" blendmethods=\"multiply\"><m:multi pindices=\"1 2\"/><m:multi pindices=\"0\"/></m:multiproperties>";
     let resources = format!("{layers}{MATERIALS}{COLORS}");
-    let it = scene_of(&simple("", &resources, "", &triangles(&["pid=\"6\" p1=\"0\" p2=\"1\" p3=\"0\""])));
-    assert_eq!(mesh(&it).paint, [painted(1, [2, 0, 2])]);
-    assert!(it.warnings[0].contains("multiproperties"), "{:?}", it.warnings);
+    let file = scene_of(&simple("", &resources, "", &triangles(&["pid=\"6\" p1=\"0\" p2=\"1\" p3=\"0\""])));
+    assert_eq!(mesh(&file).paint, [painted(1, [2, 0, 2])]);
+    assert!(file.warnings[0].contains("multiproperties"), "{:?}", file.warnings);
 }
 
 #[test]

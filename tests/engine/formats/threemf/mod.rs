@@ -58,9 +58,9 @@ fn simple(attributes: &str, resources: &str, object: &str, mesh: &str) -> Vec<u8
 #[track_caller]
 fn scene_of(bytes: &[u8]) -> ReadScene {
     match read_scene(bytes, &ReadOptions::default()) {
-        Ok(it) => {
-            assert_eq!((it.format, it.dialect.as_str()), (Format::ThreeMf, "3MF"));
-            it
+        Ok(file) => {
+            assert_eq!((file.format, file.dialect.as_str()), (Format::ThreeMf, "3MF"));
+            file
         }
         Err(error) => panic!("{error}"),
     }
@@ -69,15 +69,15 @@ fn scene_of(bytes: &[u8]) -> ReadScene {
 /// Reads a file and asserts that there are no warnings.
 #[track_caller]
 fn clean(bytes: &[u8]) -> ReadScene {
-    let it = scene_of(bytes);
-    assert_eq!(it.warnings, Vec::<String>::new());
-    it
+    let file = scene_of(bytes);
+    assert_eq!(file.warnings, Vec::<String>::new());
+    file
 }
 
 #[track_caller]
 fn assert_no(bytes: &[u8], kind: ReadErrorKind, words: &str) {
     match read_scene(bytes, &ReadOptions::default()) {
-        Ok(it) => panic!("was read: {:?}", it.scene),
+        Ok(file) => panic!("was read: {:?}", file.scene),
         Err(error) => {
             assert_eq!(error.kind, kind, "{error}");
             assert!(error.detail.contains(words), "'{error}' does not say '{words}'");
@@ -86,8 +86,8 @@ fn assert_no(bytes: &[u8], kind: ReadErrorKind, words: &str) {
 }
 
 /// The only mesh.
-fn mesh(it: &ReadScene) -> &PaintedMesh {
-    let mut meshes = it.scene.objects.iter().filter_map(|object| object.mesh());
+fn mesh(file: &ReadScene) -> &PaintedMesh {
+    let mut meshes = file.scene.objects.iter().filter_map(|object| object.mesh());
     let mesh = meshes.next().unwrap();
     assert!(meshes.next().is_none());
     mesh

@@ -9,12 +9,12 @@ use super::{MESH, assert_no, clean, file, file_with, mesh, model, relationships,
 #[test]
 fn a_mesh_has_its_numbers_and_its_unit() {
     let text = "<mesh><vertices><vertex x=\" 0.1\" y=\"-2.5e-3\" z=\"+3\"/><vertex z=\"0\" y=\".5\" x=\"1\"/><vertex x='0' y='1' z='0'/></vertices><triangles><triangle v3=\"0\" v2=\"1\" v1=\"2\"></triangle></triangles></mesh>";
-    let it = clean(&simple("unit=\"inch\" xml:lang=\"en\"", "", "", text));
-    assert_eq!(it.scene.unit, Some(Unit::Inch));
-    let soup = &mesh(&it).soup;
+    let file = clean(&simple("unit=\"inch\" xml:lang=\"en\"", "", "", text));
+    assert_eq!(file.scene.unit, Some(Unit::Inch));
+    let soup = &mesh(&file).soup;
     assert_eq!(soup.positions, [DVec3::new(0.1, -2.5e-3, 3.0), DVec3::new(1.0, 0.5, 0.0), DVec3::Y]);
     assert_eq!(soup.faces, [[2, 1, 0]]);
-    assert!(mesh(&it).paint.is_empty());
+    assert!(mesh(&file).paint.is_empty());
 }
 
 #[test]
@@ -33,13 +33,13 @@ fn an_element_may_have_any_prefix_for_its_namespace() {
 #[test]
 fn objects_have_names_kinds_numbers_and_notes() {
     let group = "<metadatagroup><metadata name=\"v:key\" type=\"xs:string\" preserve=\"1\">a &lt; b<![CDATA[ & c]]></metadata></metadatagroup>";
-    let it = clean(&simple(
+    let file = clean(&simple(
         "xmlns:v=\"urn:v\"",
         "",
         "name=\"A &amp; B\" partnumber=\"7\" type=\"support\"",
         &format!("{group}{MESH}"),
     ));
-    let object = &it.scene.objects[0];
+    let object = &file.scene.objects[0];
     assert_eq!(
         (object.name.as_deref(), object.part_number.as_deref(), object.kind),
         (Some("A & B"), Some("7"), ObjectKind::Support)
@@ -61,13 +61,13 @@ fn components_come_after_what_they_are_made_of_and_items_stand_in_their_places()
     );
     let item = "<item objectid=\"9\" partnumber=\"x\" transform=\"0 1 0 -1 0 0 0 0 2 10 0 0\"><metadatagroup><metadata name=\"Title\">left</metadata></metadatagroup></item>";
     let bytes = file(&model("", &resources, item));
-    let it = clean(&bytes);
-    let names: Vec<_> = it.scene.objects.iter().map(|object| object.name.as_deref().unwrap()).collect();
+    let found = clean(&bytes);
+    let names: Vec<_> = found.scene.objects.iter().map(|object| object.name.as_deref().unwrap()).collect();
     assert_eq!(names, ["one", "pair"]);
-    let Shape::Components(parts) = &it.scene.objects[1].shape else { panic!("not components") };
+    let Shape::Components(parts) = &found.scene.objects[1].shape else { panic!("not components") };
     assert_eq!(parts.iter().map(|part| part.object).collect::<Vec<_>>(), [0, 0]);
     assert_eq!(parts[1].transform, DAffine3::from_translation(DVec3::new(0.0, 0.0, 5.0)));
-    let item = &it.scene.items[0];
+    let item = &found.scene.items[0];
     assert_eq!((item.name.as_deref(), item.part_number.as_deref(), item.notes.len()), (Some("left"), Some("x"), 0));
     let placed = read(&bytes, &Limits::default()).unwrap().soup;
     assert_eq!(placed.faces.len(), 2);
@@ -83,10 +83,10 @@ fn objects_are_taken_from_other_parts() {
     );
     let other =
         model("", &format!("<object id=\"1\">{MESH}</object><object id=\"5\" name=\"far\">{MESH}</object>"), "");
-    let it = clean(&file_with(&root, &[("3D/Objects/a.model", other.as_bytes())]));
-    assert_eq!(it.scene.objects.len(), 3);
-    assert_eq!(it.scene.objects[it.scene.items[1].object as usize].name.as_deref(), Some("far"));
-    assert_eq!(it.scene.placed_faces(), 2);
+    let read = clean(&file_with(&root, &[("3D/Objects/a.model", other.as_bytes())]));
+    assert_eq!(read.scene.objects.len(), 3);
+    assert_eq!(read.scene.objects[read.scene.items[1].object as usize].name.as_deref(), Some("far"));
+    assert_eq!(read.scene.placed_faces(), 2);
     assert_no(&file(&root), ReadErrorKind::Malformed, "3D/Objects/a.model is not in the file");
 }
 
@@ -104,9 +104,9 @@ fn extensions_that_are_not_required_are_read_past_with_a_warning() {
     let inside =
         MESH.replace("</mesh>", "<b:beamlattice><b:beams><b:beam v1=\"0\" v2=\"1\"/></b:beams></b:beamlattice></mesh>");
     let bytes = simple(lattice, "<o:thing><o:deep/>text</o:thing>", "o:mark=\"1\" printable=\"1\"", &inside);
-    let it = scene_of(&bytes);
-    assert_eq!(mesh(&it).soup.faces.len(), 1);
-    let [extensions, names] = &it.warnings[..] else { panic!("{:?}", it.warnings) };
+    let file = scene_of(&bytes);
+    assert_eq!(mesh(&file).soup.faces.len(), 1);
+    let [extensions, names] = &file.warnings[..] else { panic!("{:?}", file.warnings) };
     assert!(extensions.contains("beam lattices") && extensions.contains("'urn:own'"), "{extensions}");
     assert!(names.contains("'printable'"), "{names}");
 }
@@ -118,9 +118,9 @@ fn a_draft_is_read_without_its_colours() {
         &format!("<color id=\"1\" value=\"#000000\"/><object id=\"0\" materialid=\"5\">{MESH}</object>"),
         "<item objectid=\"0\"/>",
     );
-    let it = scene_of(&file(&draft.replace("core/2015/02", "2013/01")));
-    assert_eq!(it.scene.placed_faces(), 1);
-    assert!(it.warnings[0].contains("draft"), "{:?}", it.warnings);
+    let read = scene_of(&file(&draft.replace("core/2015/02", "2013/01")));
+    assert_eq!(read.scene.placed_faces(), 1);
+    assert!(read.warnings[0].contains("draft"), "{:?}", read.warnings);
 }
 
 #[test]

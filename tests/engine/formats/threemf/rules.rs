@@ -157,7 +157,7 @@ fn a_model_is_held_to_what_the_core_specification_asks_of_it() {
 #[test]
 fn a_note_with_a_name_of_its_own_is_kept_with_a_warning() {
     let text = one_object().replace("<resources>", "<metadata name=\"Region\">US</metadata><resources>");
-    let it = super::scene_of(&file(&text));
-    assert_eq!((it.scene.notes[0].name.as_str(), it.scene.notes[0].value.as_str()), ("Region", "US"));
-    assert!(it.warnings[0].contains("'Region'"), "{:?}", it.warnings);
+    let read = super::scene_of(&file(&text));
+    assert_eq!((read.scene.notes[0].name.as_str(), read.scene.notes[0].value.as_str()), ("Region", "US"));
+    assert!(read.warnings[0].contains("'Region'"), "{:?}", read.warnings);
 }

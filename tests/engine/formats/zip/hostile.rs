@@ -77,9 +77,9 @@ fn a_model_that_is_encrypted_or_damaged_is_refused_and_a_side_file_left_out() {
     assert_no(&with("model.obj", &encrypt), ReadErrorKind::UnsupportedFormat, &["model.obj is encrypted"]);
     assert_no(&with("model.obj", &miscount), ReadErrorKind::Malformed, &["model.obj can't be unpacked"]);
     for change in [&encrypt as &dyn Fn(&mut [u8], usize, usize), &miscount] {
-        let it = read_scene(&with("c.mtl", change), &ReadOptions::default()).unwrap();
-        assert!(mesh(&it).paint.is_empty());
-        assert!(it.warnings.iter().any(|warning| warning.contains("'c.mtl'")), "{:?}", it.warnings);
+        let file = read_scene(&with("c.mtl", change), &ReadOptions::default()).unwrap();
+        assert!(mesh(&file).paint.is_empty());
+        assert!(file.warnings.iter().any(|warning| warning.contains("'c.mtl'")), "{:?}", file.warnings);
     }
 }
 
@@ -101,12 +101,12 @@ fn a_library_that_is_no_library_harms_nothing() {
         ("c.mtl", b"\xFF\xFE\0newmtl\nnewmtl \nKd\nmap_Kd\nmap_Kd -clamp\nTr\nd -halo\n"),
         ("c.mtl", PNG),
     ] {
-        let it = answer(&[("m.obj", &obj(library)), ("c.mtl", content)]).unwrap();
+        let result = answer(&[("m.obj", &obj(library)), ("c.mtl", content)]).unwrap();
         assert_eq!(
-            (mesh(&it).soup.faces.len(), mesh(&it).paint.len(), it.warnings.len()),
+            (mesh(&result).soup.faces.len(), mesh(&result).paint.len(), result.warnings.len()),
             (1, 0, 1),
             "{:?}",
-            it.warnings
+            result.warnings
         );
     }
 }
@@ -118,9 +118,9 @@ fn libraries_without_end_are_read_in_good_time() {
     let lines: String = (0..100_000).map(|number| format!("mtllib x{number}.mtl\n")).collect();
     for statements in [words, lines, "mtllib c.mtl\n".repeat(100_000)] {
         let obj = [statements.as_bytes(), b"usemtl red\n", TRIANGLE].concat();
-        let it = in_time(|| answer(&[("m.obj", &obj), ("c.mtl", &mtl)]).unwrap());
-        assert_eq!(mesh(&it).soup.faces.len(), 1);
-        assert!(it.warnings.iter().all(|warning| warning.len() < 300), "{:?}", it.warnings);
+        let result = in_time(|| answer(&[("m.obj", &obj), ("c.mtl", &mtl)]).unwrap());
+        assert_eq!(mesh(&result).soup.faces.len(), 1);
+        assert!(result.warnings.iter().all(|warning| warning.len() < 300), "{:?}", result.warnings);
     }
 }
 
@@ -135,15 +135,15 @@ fn places_and_materials_without_end_are_read_in_good_time_within_the_limits() {
     .concat();
     let bytes = package(&[("m.obj", &obj), ("c.mtl", mtl), ("wood.png", PNG)]);
     let limits = Limits { max_vertices: 3, ..Limits::default() };
-    let it = in_time(|| read_scene(&bytes, &ReadOptions::within(limits)).unwrap());
-    assert_eq!(colors(&it), [None, Some([[255, 0, 0, 255]; 3])], "the fourth texture coordinate is over the limit");
+    let result = in_time(|| read_scene(&bytes, &ReadOptions::within(limits)).unwrap());
+    assert_eq!(colors(&result), [None, Some([[255, 0, 0, 255]; 3])], "the fourth texture coordinate is over the limit");
     let changes =
         "usemtl wood\nusemtl x\nusemtl\n".repeat(300_000) + &"usemtl wood\nf 1 2 3\nusemtl y\nf 1 2 3\n".repeat(50_000);
     let names: String = (0..200_000).map(|number| format!("usemtl {number}\nf 1 2 3\n")).collect();
     for more in [changes, names] {
         let obj = [b"mtllib c.mtl\n", TRIANGLE, more.as_bytes()].concat();
-        let it = in_time(|| answer(&[("m.obj", &obj), ("c.mtl", mtl), ("wood.png", PNG)]).unwrap());
-        assert!(it.warnings.len() <= 2, "{:?}", it.warnings);
+        let result = in_time(|| answer(&[("m.obj", &obj), ("c.mtl", mtl), ("wood.png", PNG)]).unwrap());
+        assert!(result.warnings.len() <= 2, "{:?}", result.warnings);
     }
 }
 
@@ -153,8 +153,8 @@ fn a_picture_that_many_materials_have_is_kept_once() {
     let materials: String = (0..2000).map(|number| format!("newmtl {number}\nmap_Kd p.png\n")).collect();
     let faces: String = (0..2000).map(|number| format!("usemtl {number}\nf 1/1 2/1 3/1\n")).collect();
     let obj = [&b"mtllib c.mtl\nvt 0 0\n"[..], TRIANGLE, faces.as_bytes()].concat();
-    let it = in_time(|| clean(&[("m.obj", &obj), ("c.mtl", materials.as_bytes()), ("p.png", &picture)]));
-    assert_eq!((it.scene.textures.len(), it.scene.palettes.len()), (1, 2000));
+    let result = in_time(|| clean(&[("m.obj", &obj), ("c.mtl", materials.as_bytes()), ("p.png", &picture)]));
+    assert_eq!((result.scene.textures.len(), result.scene.palettes.len()), (1, 2000));
 }
 
 #[test]
@@ -172,10 +172,10 @@ fn pictures_of_gltf_that_name_one_file_over_and_over_are_bounded() {
         many(&|_| r#"{"uri":"p.png"}"#.to_owned()),
         "A".repeat(48),
     );
-    let it = in_time(|| answer(&[("s.gltf", json.as_bytes()), ("p.png", &picture)]).unwrap());
-    let bytes: usize = it.scene.textures.iter().map(|texture| texture.bytes.len()).sum();
+    let result = in_time(|| answer(&[("s.gltf", json.as_bytes()), ("p.png", &picture)]).unwrap());
+    let bytes: usize = result.scene.textures.iter().map(|texture| texture.bytes.len()).sum();
     assert!(bytes > 64 << 20 && bytes <= 128 << 20, "{bytes}");
-    assert!(it.warnings.iter().any(|warning| warning.contains("'p.png'")), "{:?}", it.warnings);
+    assert!(result.warnings.iter().any(|warning| warning.contains("'p.png'")), "{:?}", result.warnings);
 }
 
 /// Keywords of OBJ and MTL.
@@ -223,7 +223,7 @@ proptest! {
         let whole = in_time(|| answer(&[("m.obj", &obj), ("c.mtl", text(&mtl).as_bytes()), ("p.png", PNG)]));
         match (whole, read(&obj, &Limits::default())) {
             // Compared as text, since NaN is not equal to itself.
-            (Ok(it), Ok(alone)) => prop_assert_eq!(format!("{:?}", mesh(&it).soup), format!("{:?}", alone.soup)),
+            (Ok(file), Ok(alone)) => prop_assert_eq!(format!("{:?}", mesh(&file).soup), format!("{:?}", alone.soup)),
             (Err(error), Err(alone)) => prop_assert_eq!((error.kind, error.place), (alone.kind, alone.place)),
             (one, other) => prop_assert!(false, "{:?} and {:?}", one, other),
         }

@@ -26,51 +26,51 @@ fn scene_of(files: &[(&str, &[u8])]) -> ReadScene {
 /// Reads an archive and asserts that there are no warnings.
 #[track_caller]
 fn clean(files: &[(&str, &[u8])]) -> ReadScene {
-    let it = scene_of(files);
-    assert_eq!(it.warnings, Vec::<String>::new());
-    it
+    let file = scene_of(files);
+    assert_eq!(file.warnings, Vec::<String>::new());
+    file
 }
 
 /// Reads an archive and asserts that there is one warning, which contains these words.
 #[track_caller]
 fn warned(files: &[(&str, &[u8])], words: &str) -> ReadScene {
-    let it = scene_of(files);
-    assert_eq!(it.warnings.len(), 1, "{:?}", it.warnings);
-    assert!(it.warnings[0].contains(words), "'{}' does not say '{words}'", it.warnings[0]);
-    it
+    let file = scene_of(files);
+    assert_eq!(file.warnings.len(), 1, "{:?}", file.warnings);
+    assert!(file.warnings[0].contains(words), "'{}' does not say '{words}'", file.warnings[0]);
+    file
 }
 
 #[track_caller]
 fn assert_no(bytes: &[u8], kind: ReadErrorKind, words: &[&str]) {
     match read_scene(bytes, &ReadOptions::default()) {
-        Ok(it) => panic!("was read: {:?}", it.scene),
+        Ok(file) => panic!("was read: {:?}", file.scene),
         Err(error) => {
             assert_eq!(error.kind, kind, "{error}");
-            assert!(words.iter().all(|it| error.detail.contains(it)), "'{error}' does not say {words:?}");
+            assert!(words.iter().all(|word| error.detail.contains(word)), "'{error}' does not say {words:?}");
             assert!(error.detail.len() < 600, "{error}");
         }
     }
 }
 
-fn mesh(it: &ReadScene) -> &PaintedMesh {
-    it.scene.objects[0].mesh().unwrap()
+fn mesh(file: &ReadScene) -> &PaintedMesh {
+    file.scene.objects[0].mesh().unwrap()
 }
 
 /// The colours at the corners of each face; none if it has no colour or a texture.
-fn colors(it: &ReadScene) -> Vec<Option<[[u8; 4]; 3]>> {
-    let mesh = mesh(it);
+fn colors(file: &ReadScene) -> Vec<Option<[[u8; 4]; 3]>> {
+    let mesh = mesh(file);
     let color = |face: usize| {
         let paint = mesh.paint.get(face)?;
-        it.scene.palettes.get(paint.palette as usize)?.colors(paint.at)
+        file.scene.palettes.get(paint.palette as usize)?.colors(paint.at)
     };
     (0..mesh.soup.faces.len()).map(color).collect()
 }
 
 /// The texture coordinates at the corners of each face.
-fn places(it: &ReadScene) -> Vec<Option<[[f64; 2]; 3]>> {
-    let place = |paint: &meshmend::scene::Paint| match it.scene.palettes.get(paint.palette as usize)? {
+fn places(file: &ReadScene) -> Vec<Option<[[f64; 2]; 3]>> {
+    let place = |paint: &meshmend::scene::Paint| match file.scene.palettes.get(paint.palette as usize)? {
         Palette::Textured { places, .. } => Some(paint.at.map(|at| places[at as usize])),
         _ => None,
     };
-    mesh(it).paint.iter().map(place).collect()
+    mesh(file).paint.iter().map(place).collect()
 }

@@ -37,7 +37,7 @@ fn one_model_of_any_format_is_read_as_what_it_is() {
 
 #[test]
 fn what_is_often_sent_along_is_no_model() {
-    let it = clean(&[
+    let file = clean(&[
         ("__MACOSX/._thing.obj", b"v 1 2 3\nf 1 1 1\n"),
         (".DS_Store", TRIANGLE),
         ("thing/.hidden/other.obj", TRIANGLE),
@@ -48,8 +48,8 @@ fn what_is_often_sent_along_is_no_model() {
         ("thing/thing.obj", TRIANGLE),
         ("thing/thing.mtl", b"newmtl x\n"),
     ]);
-    assert_eq!((it.format, mesh(&it).soup.faces.len()), (Format::Zip, 1));
-    assert_eq!(it.dialect, "OBJ in a ZIP archive");
+    assert_eq!((file.format, mesh(&file).soup.faces.len()), (Format::Zip, 1));
+    assert_eq!(file.dialect, "OBJ in a ZIP archive");
 }
 
 #[test]
@@ -57,8 +57,8 @@ fn a_model_is_told_by_its_content_whatever_its_name() {
     let stl = write(&tetrahedron(), Format::Stl).unwrap();
     assert_eq!(answer(&[("thing.obj", &stl)]).unwrap().format, Format::Stl);
     // A file with a model's extension is preferred to one that only looks like a model.
-    let it = clean(&[("points", TRIANGLE), ("thing.STL", &stl)]);
-    assert_eq!(it.format, Format::Stl);
+    let read = clean(&[("points", TRIANGLE), ("thing.STL", &stl)]);
+    assert_eq!(read.format, Format::Stl);
     // A game engine (OGRE) also uses the extension `.mesh`.
     assert_eq!(clean(&[("game.mesh", b"[MeshSerializer_v1.100]"), ("thing.stl", &stl)]).format, Format::Stl);
 }
@@ -110,8 +110,8 @@ fn an_archive_with_a_3mf_model_is_3mf_whatever_stands_first_in_it() {
     for first in ["a", filler.as_str()] {
         let mut files: Vec<(&str, &[u8])> = vec![("first.txt", first.as_bytes())];
         files.extend(parts);
-        let it = answer(&files).unwrap();
-        assert_eq!((it.format, it.dialect.as_str()), (Format::ThreeMf, "3MF"));
+        let result = answer(&files).unwrap();
+        assert_eq!((result.format, result.dialect.as_str()), (Format::ThreeMf, "3MF"));
     }
     let mut stored = zip::ZipWriter::new(std::io::Cursor::new(Vec::new()));
     let plain = zip::write::SimpleFileOptions::default().compression_method(zip::CompressionMethod::Stored);

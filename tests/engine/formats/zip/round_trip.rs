@@ -44,7 +44,9 @@ fn seen(scene: &Scene, paint: Paint) -> Seen {
                         clamp: ends(texture.wrap_u) && ends(texture.wrap_v),
                         name,
                         tint: *tint,
-                        places: paint.at.map(|at| places[at as usize].map(|it| if it.is_finite() { it } else { 0.0 })),
+                        places: paint.at.map(|at| {
+                            places[at as usize].map(|coordinate| if coordinate.is_finite() { coordinate } else { 0.0 })
+                        }),
                     }
                 }
                 _ => Seen::Material(name, *tint),
@@ -155,9 +157,9 @@ fn scenes() -> impl Strategy<Value = Scene> {
 }
 
 fn read(bytes: &[u8]) -> meshmend::format::ReadScene {
-    let it = meshmend::format::read_scene(bytes, &Default::default()).unwrap_or_else(|error| panic!("{error}"));
-    assert_eq!((it.format, it.warnings.len()), (Format::Zip, 0), "{:?}", it.warnings);
-    it
+    let file = meshmend::format::read_scene(bytes, &Default::default()).unwrap_or_else(|error| panic!("{error}"));
+    assert_eq!((file.format, file.warnings.len()), (Format::Zip, 0), "{:?}", file.warnings);
+    file
 }
 
 /// The files of an archive, in order.
