@@ -355,11 +355,11 @@ fn children_in_sessions_of_their_own_with_no_environment_are_ended_too() {
 #[test]
 fn a_crash_starts_it_again_once_with_larger_voxels_and_the_result_says_so() {
     let fake = Fake::new("[ $(wc -l < $desk/runs) = 2 ] || kill -SEGV $$; cp $desk/mesh $target").with_mesh();
-    let made = fake.voxels(0.1, 1.0, LONG).unwrap();
+    let remeshed = fake.voxels(0.1, 1.0, LONG).unwrap();
     assert_eq!(fake.runs().len(), 2);
     assert!((fake.runs()[1][0] - 0.15).abs() < 1e-12, "{:?}", fake.runs());
-    assert!((made.voxel_size.unwrap() - 0.15).abs() < 1e-12);
-    assert!(made.note.unwrap().contains("signal: 11"));
+    assert!((remeshed.voxel_size.unwrap() - 0.15).abs() < 1e-12);
+    assert!(remeshed.note.unwrap().contains("signal: 11"));
     fake.assert_nothing_left();
 }
 
@@ -387,9 +387,9 @@ fn what_ran_out_of_time_is_not_started_again() {
 fn a_result_that_was_whole_when_time_was_over_or_it_crashed_is_kept() {
     for end in ["sleep 600; true", "kill -SEGV $$"] {
         let fake = Fake::new(&format!("cp $desk/mesh $target; {end}")).with_mesh();
-        let made = fake.voxels(0.1, 1.0, Duration::from_secs(2)).unwrap();
-        assert_eq!((made.soup.faces.len(), made.voxel_size, fake.runs().len()), (1, None, 1), "{end}");
-        assert!(made.note.unwrap().contains("its result was there"));
+        let remeshed = fake.voxels(0.1, 1.0, Duration::from_secs(2)).unwrap();
+        assert_eq!((remeshed.soup.faces.len(), remeshed.voxel_size, fake.runs().len()), (1, None, 1), "{end}");
+        assert!(remeshed.note.unwrap().contains("its result was there"));
         fake.assert_nothing_left();
     }
     // A truncated result is not a result.
@@ -400,12 +400,12 @@ fn a_result_that_was_whole_when_time_was_over_or_it_crashed_is_kept() {
 #[test]
 fn a_long_remesh_comes_after_a_coarser_one_that_is_kept_when_time_is_over() {
     let fake = Fake::new("cp $desk/mesh $target.0; sleep 600; true").with_mesh();
-    let made = fake.voxels(0.005, 1.0, Duration::from_secs(2)).unwrap();
+    let remeshed = fake.voxels(0.005, 1.0, Duration::from_secs(2)).unwrap();
     let runs = fake.runs();
     assert_eq!(runs.len(), 1);
     assert!((runs[0][0] - 0.01).abs() < 1e-12 && (runs[0][1] - 0.005).abs() < 1e-12, "{runs:?}");
-    assert!((made.voxel_size.unwrap() - 0.01).abs() < 1e-12);
-    assert!(made.note.unwrap().contains("coarser stage"));
+    assert!((remeshed.voxel_size.unwrap() - 0.01).abs() < 1e-12);
+    assert!(remeshed.note.unwrap().contains("coarser stage"));
     // A quick run reports one stage.
     let fake = Fake::new("cp $desk/mesh $target").with_mesh();
     assert_eq!(fake.voxels(0.1, 1.0, LONG).unwrap().note, None);
@@ -423,11 +423,11 @@ fn voxels_are_made_larger_until_memory_allows_them_and_refused_beyond_what_may_b
         ..BlenderConfig::default()
     };
     let remesher = BlenderRemesher::new(info, config);
-    let made = fake.voxels_by(&remesher, [0.0005, 0.1], LONG, &NoProgress).unwrap();
+    let remeshed = fake.voxels_by(&remesher, [0.0005, 0.1], LONG, &NoProgress).unwrap();
     let used = *fake.runs()[0].last().unwrap();
     assert!((0.002..0.02).contains(&used), "{used}");
-    assert_eq!(made.voxel_size, Some(used));
-    assert!(made.note.unwrap().contains("100 MiB"));
+    assert_eq!(remeshed.voxel_size, Some(used));
+    assert!(remeshed.note.unwrap().contains("100 MiB"));
     let refused = fake.voxels_by(&remesher, [0.0005, 0.001], LONG, &NoProgress).unwrap_err();
     assert!(refused.to_string().contains("choose a larger voxel_size"), "{refused}");
     assert_eq!(fake.runs().len(), 1, "nothing ran");
@@ -460,12 +460,12 @@ fn no_more_run_at_once_than_memory_allows_and_the_others_wait_within_their_time(
     assert_eq!(config.at_once(), 1);
     let remesher = BlenderRemesher::new(info, config);
     let stages = Stages::default();
-    let made: Vec<_> = thread::scope(|scope| {
+    let remeshed: Vec<_> = thread::scope(|scope| {
         let runs: Vec<_> =
             (0..3).map(|_| scope.spawn(|| fake.voxels_by(&remesher, [0.1, 0.1], LONG, &stages))).collect();
         runs.into_iter().map(|run| run.join().unwrap()).collect()
     });
-    assert!(made.iter().all(Result::is_ok), "{made:?}");
+    assert!(remeshed.iter().all(Result::is_ok), "{remeshed:?}");
     assert!(!fake.folder.path().join("two-ran").exists());
     let waited = stages.0.lock().unwrap().iter().filter(|stage| **stage == (Stage::Wait, Some(3), 42)).count();
     assert_eq!(waited, 2);

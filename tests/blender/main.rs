@@ -46,6 +46,6 @@ fn remesh(
     let cancel = AtomicBool::new(false);
     let clock = monotonic_clock();
     let context = Context::new(&log, &cancel, &clock, Duration::from_secs(600));
-    let result = remesher.remesh(&request, &context).map(|made| made.soup);
+    let result = remesher.remesh(&request, &context).map(|remeshed| remeshed.soup);
     (result, log.text())
 }

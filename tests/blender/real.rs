@@ -28,14 +28,14 @@ fn blender() -> BlenderRemesher {
 }
 
 #[track_caller]
-fn made(soup: &Soup, action: RemeshAction, voxel_size: f64) -> Soup {
+fn remeshed(soup: &Soup, action: RemeshAction, voxel_size: f64) -> Soup {
     let (result, log) = remesh(&blender(), soup, action, voxel_size, 1_000_000);
     result.unwrap_or_else(|error| panic!("{error}\n{log}"))
 }
 
 #[track_caller]
 fn union(soup: &Soup) -> Soup {
-    made(soup, RemeshAction::BooleanUnion, f64::NAN)
+    remeshed(soup, RemeshAction::BooleanUnion, f64::NAN)
 }
 
 #[track_caller]
@@ -46,7 +46,7 @@ fn assert_close(found: f64, expected: f64, tolerance: f64) {
 #[test]
 fn a_voxel_remesh_of_a_box_is_closed_and_has_its_volume_and_place() {
     let (low, high) = (DVec3::new(10.0, 20.0, 30.0), DVec3::new(40.0, 40.0, 40.0));
-    let solid = made(&cuboid(low, high), RemeshAction::VoxelRemesh, 0.5);
+    let solid = remeshed(&cuboid(low, high), RemeshAction::VoxelRemesh, 0.5);
     assert!(is_closed(&solid));
     assert_close(volume(&solid), 6000.0, 0.01);
     let (found_low, found_high) = bounds(&solid);
@@ -59,7 +59,7 @@ fn a_voxel_remesh_keeps_unit_and_place_far_from_the_origin_and_at_extreme_sizes(
     for (size, place) in [(1.0, 1e6), (1e-6, 0.0), (1e-6, 1.0), (1e9, -3e9), (1e-150, 0.0), (1e150, 0.0)] {
         let low = DVec3::splat(place);
         let high = low + size;
-        let solid = made(&cuboid(low, high), RemeshAction::VoxelRemesh, size / 20.0);
+        let solid = remeshed(&cuboid(low, high), RemeshAction::VoxelRemesh, size / 20.0);
         assert!(is_closed(&solid), "size {size} at {place}");
         assert_close(volume(&sized(&solid, size)), 1.0, 0.05);
         let (found_low, found_high) = bounds(&solid);
@@ -70,7 +70,7 @@ fn a_voxel_remesh_keeps_unit_and_place_far_from_the_origin_and_at_extreme_sizes(
 
 #[test]
 fn a_voxel_remesh_unites_overlapping_parts() {
-    let solid = made(&overlapping_cubes(1.0, DVec3::ZERO), RemeshAction::VoxelRemesh, 0.02);
+    let solid = remeshed(&overlapping_cubes(1.0, DVec3::ZERO), RemeshAction::VoxelRemesh, 0.02);
     assert!(is_closed(&solid));
     assert_close(volume(&solid), 1.875, 0.02);
 }
@@ -129,14 +129,14 @@ fn faces_that_are_flat_or_repeated_do_no_harm() {
     let again = soup.faces[0];
     soup.faces.extend([[0, 0, 1], [1, 1, 1], [0, 17, 1], again, again]);
     assert_close(volume(&union(&soup)), 1.875, 1e-6);
-    assert_close(volume(&made(&soup, RemeshAction::VoxelRemesh, 0.02)), 1.875, 0.02);
+    assert_close(volume(&remeshed(&soup, RemeshAction::VoxelRemesh, 0.02)), 1.875, 0.02);
 }
 
 #[test]
 fn the_same_mesh_gives_the_same_result() {
     let cubes = overlapping_cubes(1.0, DVec3::ZERO);
     for action in [RemeshAction::VoxelRemesh, RemeshAction::BooleanUnion] {
-        assert!(made(&cubes, action, 0.01) == made(&cubes, action, 0.01), "{action:?} differs from run to run");
+        assert!(remeshed(&cubes, action, 0.01) == remeshed(&cubes, action, 0.01), "{action:?} differs from run to run");
     }
 }
 
@@ -204,10 +204,10 @@ fn a_remesh_in_stages_gives_the_last_one() {
         time_limit,
         percent: 0,
     };
-    let made = blender().remesh(&request, &Context::new(&NoProgress, &cancel, &clock, time_limit)).unwrap();
-    assert_eq!((made.voxel_size, &made.note), (None, &None));
-    assert!(is_closed(&made.soup));
-    assert!((100_000..300_000).contains(&made.soup.faces.len()), "{}", made.soup.faces.len());
+    let remeshed = blender().remesh(&request, &Context::new(&NoProgress, &cancel, &clock, time_limit)).unwrap();
+    assert_eq!((remeshed.voxel_size, &remeshed.note), (None, &None));
+    assert!(is_closed(&remeshed.soup));
+    assert!((100_000..300_000).contains(&remeshed.soup.faces.len()), "{}", remeshed.soup.faces.len());
 }
 
 #[test]

@@ -29,8 +29,8 @@ fn named(kind: &str, name: &str) -> Value {
 /// The pod templates by the name of the object that holds them.
 fn templates() -> BTreeMap<String, Value> {
     let name = |object: &Value| object["metadata"]["name"].as_str().expect("a name").to_owned();
-    let made = objects().into_iter().filter(|object| object["spec"]["template"].is_object());
-    made.map(|object| (name(&object), object["spec"]["template"].clone())).collect()
+    let workloads = objects().into_iter().filter(|object| object["spec"]["template"].is_object());
+    workloads.map(|object| (name(&object), object["spec"]["template"].clone())).collect()
 }
 
 fn container(template: &Value) -> &Value {

@@ -114,13 +114,13 @@ fn alerts_are_of_metrics_that_there_are_and_say_what_they_are_about() {
 #[test]
 fn the_documentation_says_of_each_alert_what_to_do() {
     let page = text("docs/metrics.md");
-    let told: Vec<_> = page.lines().filter_map(|line| line.strip_prefix("| `Meshmend")).collect();
+    let documented: Vec<_> = page.lines().filter_map(|line| line.strip_prefix("| `Meshmend")).collect();
     let [alerts] = yaml("deploy/prometheus/alerts.yml").try_into().expect("one document");
     let rules = alerts["groups"][0]["rules"].as_array().expect("rules").clone();
-    assert_eq!(told.len(), rules.len());
-    for (told, rule) in told.iter().zip(&rules) {
+    assert_eq!(documented.len(), rules.len());
+    for (documented, rule) in documented.iter().zip(&rules) {
         let word = |value: &Value| value.as_str().expect("a string").to_owned();
-        let row = format!("Meshmend{told}");
+        let row = format!("Meshmend{documented}");
         let expected = format!("{}` | {} | ", word(&rule["alert"]), word(&rule["labels"]["severity"]));
         assert!(row.starts_with(&expected), "{row} should start with {expected}");
     }

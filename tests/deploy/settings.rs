@@ -25,8 +25,8 @@ fn every_variable_that_is_named_is_one_that_the_program_reads() {
 fn every_command_that_is_told_is_one_that_the_program_takes() {
     let mut seen = 0;
     for (path, text) in shipped() {
-        let told = ["run --rm api ", "`meshmend ", "(meshmend "];
-        for (at, before) in told.iter().flat_map(|before| text.match_indices(before)) {
+        let prefixes = ["run --rm api ", "`meshmend ", "(meshmend "];
+        for (at, before) in prefixes.iter().flat_map(|before| text.match_indices(before)) {
             let line = &text[at + before.len()..];
             let line = &line[..line.find(['`', ')', '\n']).unwrap_or(line.len())];
             // With `--help` the program would not check the rest of the line.

@@ -67,28 +67,31 @@ async fn every_page_comes_without_a_key_and_may_run_nothing() {
     let api = Api::new(&program);
     for page in manual::pages() {
         let path = if page.is_index() { "/docs/".to_owned() } else { format!("/docs/{}", page.name) };
-        let answer = api.get(&path).send().await.expect("an answer");
-        assert_eq!(answer.status(), 200, "{path}");
-        let header = |name: &str| answer.headers()[name].to_str().expect("text").to_owned();
+        let response = api.get(&path).send().await.expect("a response");
+        assert_eq!(response.status(), 200, "{path}");
+        let header = |name: &str| response.headers()[name].to_str().expect("text").to_owned();
         assert_eq!(header("content-type"), "text/html; charset=utf-8", "{path}");
         assert_eq!(header("x-content-type-options"), "nosniff");
         let policy = header("content-security-policy");
         assert!(policy.starts_with("default-src 'none'; style-src 'self'; img-src 'self';"), "{policy}");
         assert!(!policy.contains("script") && !policy.contains("unsafe"), "{policy}");
         let tag = header("etag");
-        let again = api.get(&path).header("if-none-match", &tag).send().await.expect("an answer");
+        let again = api.get(&path).header("if-none-match", &tag).send().await.expect("a response");
         assert_eq!(again.status(), 304, "{path}");
-        let packed = api.get(&path).header("accept-encoding", "gzip").send().await.expect("an answer");
+        let packed = api.get(&path).header("accept-encoding", "gzip").send().await.expect("a response");
         assert_eq!(packed.headers()["content-encoding"], "gzip", "{path}");
-        let markdown = api.get(&format!("/docs/{}.md", page.name)).send().await.expect("an answer");
+        let markdown = api.get(&format!("/docs/{}.md", page.name)).send().await.expect("a response");
         assert_eq!(markdown.headers()["content-type"], "text/markdown; charset=utf-8");
         assert_eq!(markdown.bytes().await.expect("bytes"), page.markdown.plain());
     }
     for name in picture_names() {
-        let answer = api.get(&format!("/docs/pictures/{name}")).header("accept-encoding", "gzip").send().await;
-        let answer = answer.expect("an answer");
-        assert_eq!((answer.status().as_u16(), &answer.headers()["content-type"]), (200, &"image/png".parse().unwrap()));
-        assert!(!answer.headers().contains_key("content-encoding"), "a PNG is compressed already");
+        let response = api.get(&format!("/docs/pictures/{name}")).header("accept-encoding", "gzip").send().await;
+        let response = response.expect("a response");
+        assert_eq!(
+            (response.status().as_u16(), &response.headers()["content-type"]),
+            (200, &"image/png".parse().unwrap())
+        );
+        assert!(!response.headers().contains_key("content-encoding"), "a PNG is compressed already");
     }
 }
 
@@ -105,16 +108,16 @@ async fn whatever_a_page_leads_to_on_the_service_is_there() {
             words.windows(2).filter(|two| two[0].ends_with("href=") || two[0].ends_with("src=")).map(|two| two[1]);
         for link in links.filter(|link| !link.starts_with('#') && !link.starts_with("https://")) {
             let address = url::Url::parse(&format!("{}/docs/", api.url)).unwrap().join(link).unwrap();
-            let answer = api.http.get(address.clone()).send().await.expect("an answer");
-            assert_eq!(answer.status(), 200, "{}: {link}", page.name);
+            let response = api.http.get(address.clone()).send().await.expect("a response");
+            assert_eq!(response.status(), 200, "{}: {link}", page.name);
             seen += 1;
         }
     }
     assert!(seen > 100, "{seen}");
-    let index = api.get("/docs").send().await.expect("an answer");
+    let index = api.get("/docs").send().await.expect("a response");
     assert_eq!(index.url().path(), "/docs/", "the address without a slash redirects");
     for path in ["/docs/nothing", "/docs/nothing.md", "/docs/pictures/nothing.png", "/docs/README"] {
-        let missing = api.get(path).send().await.expect("an answer");
+        let missing = api.get(path).send().await.expect("a response");
         assert_eq!(
             (missing.status().as_u16(), &missing.headers()["content-type"]),
             (404, &"application/problem+json".parse().unwrap()),
@@ -128,18 +131,18 @@ async fn language_models_are_told_of_every_page() {
     let data = tempfile::tempdir().expect("a folder");
     let program = Start::serve(data.path()).arg("--auth", "keys").start();
     let api = Api::new(&program);
-    let answer = api.get("/llms.txt").send().await.expect("an answer");
-    assert_eq!(answer.headers()["content-type"], "text/plain; charset=utf-8");
-    let list = answer.text().await.expect("text");
+    let response = api.get("/llms.txt").send().await.expect("a response");
+    assert_eq!(response.headers()["content-type"], "text/plain; charset=utf-8");
+    let list = response.text().await.expect("text");
     assert!(list.starts_with("# meshmend\n\n> "), "{list}");
     for (name, _) in &PAGES[1..] {
         assert!(list.contains(&format!("](/docs/{name}.md): ")), "{name} is not in {list}");
     }
     assert!(list.contains("](/openapi.json)"), "{list}");
     for link in list.split("](").skip(1).map(|rest| rest.split(')').next().unwrap()) {
-        assert_eq!(api.get(link).send().await.expect("an answer").status(), 200, "{link}");
+        assert_eq!(api.get(link).send().await.expect("a response").status(), 200, "{link}");
     }
-    let whole = api.get("/llms-full.txt").send().await.expect("an answer").text().await.expect("text");
+    let whole = api.get("/llms-full.txt").send().await.expect("a response").text().await.expect("text");
     for (name, text) in &PAGES[1..] {
         assert!(whole.contains(text.trim()), "{name}");
     }

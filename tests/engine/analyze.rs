@@ -41,8 +41,8 @@ fn each_file_is_told_in_its_order_and_all_must_be_printable_for_the_whole_to_be(
     let files = two_files();
     let report = analyse(&files, &AnalyzeOptions::default(), &NoProgress).unwrap();
     assert_eq!(report.printable, Some(false));
-    let told: Vec<_> = report.files.iter().map(|file| (file.name.as_str(), file.format, file.printable)).collect();
-    assert_eq!(told, [("box.stl", Format::Stl, Some(true)), ("ball.off", Format::Off, Some(false))]);
+    let summaries: Vec<_> = report.files.iter().map(|file| (file.name.as_str(), file.format, file.printable)).collect();
+    assert_eq!(summaries, [("box.stl", Format::Stl, Some(true)), ("ball.off", Format::Off, Some(false))]);
     let alone = analyse(&files[..1], &AnalyzeOptions::default(), &NoProgress).unwrap();
     assert_eq!(alone.printable, Some(true));
     for (file, (_, bytes)) in report.files.iter().zip(&files) {

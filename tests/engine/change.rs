@@ -177,9 +177,9 @@ fn a_repair_reports_the_areas_and_draws_them() {
         let drawn = |result| draw(&input, result, &options, &Limits::default(), context).unwrap();
         let names: Vec<_> = drawn(Some(&repaired.bytes)).iter().map(|drawing| drawing.name).collect();
         assert_eq!(names[3..], ["after.png", "change.png", "change.glb", "change.ply"]);
-        let mut told = repaired.report.drawings();
-        told.sort_unstable();
-        assert_eq!(told, sorted(names), "the report knows them before they are drawn");
+        let mut reported = repaired.report.drawings();
+        reported.sort_unstable();
+        assert_eq!(reported, sorted(names), "the report knows them before they are drawn");
         assert_eq!(drawn(Some(&input)).last().unwrap().name, "remaining.glb", "a hole is left");
         assert_eq!(drawn(None).len(), 3);
     });

@@ -291,8 +291,8 @@ fn a_number_of_faces_that_was_not_reached_is_told_with_the_reason() {
     let repaired = run(&ball, &options, None, &NoProgress, &Clock::default()).unwrap();
     let faces = repaired.report.after.unwrap().measures.faces;
     assert!(faces > 12 && faces < 900, "{faces}");
-    let told = repaired.report.warnings.iter().find(|warning| warning.contains("max_faces=12")).unwrap();
-    assert!(told.contains(&faces.to_string()) && told.contains("max_error"), "{told}");
+    let warning = repaired.report.warnings.iter().find(|warning| warning.contains("max_faces=12")).unwrap();
+    assert!(warning.contains(&faces.to_string()) && warning.contains("max_error"), "{warning}");
     let enough = Options { max_faces: Some(12), max_error: Some(10.0), ..Options::default() };
     let result = run(&cube(DVec3::ZERO, 1.0, 4), &enough, None, &NoProgress, &Clock::default()).unwrap();
     assert_eq!(result.report.after.unwrap().measures.faces, 12);
@@ -303,7 +303,7 @@ fn a_number_of_faces_that_was_not_reached_is_told_with_the_reason() {
 fn voxels_larger_than_asked_for_are_told_with_the_reason() {
     let (cubes, options) = for_blender();
     let apart = join(&cube(DVec3::ZERO, 1.0, 3), &cube(DVec3::new(1.004, 1.004, 0.0), 1.0, 3));
-    let told = |voxel_size: f64| {
+    let warning = |voxel_size: f64| {
         let clock = Clock::default();
         let fake = Slow::answering(apart.clone(), Duration::ZERO, &clock);
         let options = Options { voxel_size: Some(voxel_size), max_remesh_faces: 10_000, ..options.clone() };
@@ -311,9 +311,9 @@ fn voxels_larger_than_asked_for_are_told_with_the_reason() {
         assert_eq!(report.outcome, Outcome::Repaired, "{}", report.summary);
         report.warnings.into_iter().find(|warning| warning.contains("voxel_size"))
     };
-    assert_eq!(told(0.1), None);
-    let told = told(0.001).unwrap();
-    assert!(told.contains("voxel_size=0.001") && told.contains("max_remesh_faces"), "{told}");
+    assert_eq!(warning(0.1), None);
+    let warning = warning(0.001).unwrap();
+    assert!(warning.contains("voxel_size=0.001") && warning.contains("max_remesh_faces"), "{warning}");
 }
 
 #[test]

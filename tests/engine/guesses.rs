@@ -24,16 +24,16 @@ fn run(soup: &Soup, options: &Options) -> Repaired {
     repair(&bytes, options, &Limits::default(), None, &context).unwrap()
 }
 
-fn assumed(made: &Repaired, kind: AssumptionKind) -> Option<&Assumption> {
-    made.report.assumptions.iter().find(|assumption| assumption.kind == kind)
+fn assumed(repaired: &Repaired, kind: AssumptionKind) -> Option<&Assumption> {
+    repaired.report.assumptions.iter().find(|assumption| assumption.kind == kind)
 }
 
-fn flags(made: &Repaired) -> Vec<RedFlagCode> {
-    made.report.red_flags.iter().map(|flag| flag.code).collect()
+fn flags(repaired: &Repaired) -> Vec<RedFlagCode> {
+    repaired.report.red_flags.iter().map(|flag| flag.code).collect()
 }
 
-fn volume(made: &Repaired) -> f64 {
-    made.report.after.as_ref().unwrap().measures.volume.value
+fn volume(repaired: &Repaired) -> f64 {
+    repaired.report.after.as_ref().unwrap().measures.volume.value
 }
 
 /// The soup without the faces above a height.
@@ -59,22 +59,22 @@ fn a_hole_of_many_edges_is_closed_and_the_solid_stays_solid() {
     assert!(Options::default().max_hole_edges >= 1_000_000);
     let solid = as_f32(cylinder(DVec3::ZERO, 5.0, 20.0, 600));
     let cup = cut_off(solid, 20.0);
-    let made = run(&cup, &Options::default());
-    assert_eq!(made.report.outcome, Outcome::Repaired, "{}", made.report.summary);
+    let repaired = run(&cup, &Options::default());
+    assert_eq!(repaired.report.outcome, Outcome::Repaired, "{}", repaired.report.summary);
     let full = std::f64::consts::PI * 25.0 * 20.0;
-    assert!((volume(&made) / full - 1.0).abs() < 1e-3, "{} of {full}", volume(&made));
+    assert!((volume(&repaired) / full - 1.0).abs() < 1e-3, "{} of {full}", volume(&repaired));
 }
 
 #[test]
 fn a_solid_whose_hole_the_options_leave_open_becomes_no_shell() {
     let ball = cut_off(as_f32(sphere(DVec3::ZERO, 10.0, 48, 24)), 8.0);
     let options = Options { max_hole_size: 0.05, ..Options::default() };
-    let made = run(&ball, &options);
-    assert!(!made.report.outcome.is_printable(), "{}", made.report.summary);
-    assert!(made.report.summary.contains("max_hole_size"), "{}", made.report.summary);
-    let after = &made.report.after.as_ref().unwrap().measures;
+    let repaired = run(&ball, &options);
+    assert!(!repaired.report.outcome.is_printable(), "{}", repaired.report.summary);
+    assert!(repaired.report.summary.contains("max_hole_size"), "{}", repaired.report.summary);
+    let after = &repaired.report.after.as_ref().unwrap().measures;
     assert!(!after.closed, "{after:?}");
-    assert!(assumed(&made, AssumptionKind::SheetsThickened).is_none());
+    assert!(assumed(&repaired, AssumptionKind::SheetsThickened).is_none());
 }
 
 #[test]
@@ -82,9 +82,15 @@ fn whoever_asks_for_a_shell_of_a_solid_with_an_open_hole_gets_it() {
     let ball = cut_off(as_f32(sphere(DVec3::ZERO, 10.0, 48, 24)), 8.0);
     let options =
         Options { max_hole_size: 0.05, open_sheets: OpenSheets::Thicken, thickness: Some(0.5), ..Options::default() };
-    let made = run(&ball, &options);
-    assert_eq!(made.report.outcome, Outcome::Repaired, "{} {:?}", made.report.summary, made.report.red_flags);
-    assert!((assumed(&made, AssumptionKind::SheetsThickened).unwrap().amount.unwrap() - 0.5).abs() < 1e-9);
+    let repaired = run(&ball, &options);
+    assert_eq!(
+        repaired.report.outcome,
+        Outcome::Repaired,
+        "{} {:?}",
+        repaired.report.summary,
+        repaired.report.red_flags
+    );
+    assert!((assumed(&repaired, AssumptionKind::SheetsThickened).unwrap().amount.unwrap() - 0.5).abs() < 1e-9);
 }
 
 #[test]
@@ -133,16 +139,16 @@ fn thickening_spares_parts_that_are_almost_closed_and_thickens_sheets_beside_the
 
 #[test]
 fn a_thickened_wall_that_is_much_of_the_result_is_told_and_flagged() {
-    let made = run(&block_and_wall(), &Options::default());
-    assert_eq!(made.report.outcome, Outcome::PartiallyRepaired, "{}", made.report.summary);
-    assert_eq!(flags(&made), [RedFlagCode::SurfaceInvented]);
-    assert!(made.report.after.as_ref().unwrap().measures.printable());
-    let told = assumed(&made, AssumptionKind::SheetsThickened).unwrap();
-    let share = told.share_pct.unwrap();
-    assert!(told.count == 1 && (25.0..35.0).contains(&share), "{told:?}");
-    assert_eq!(told.option.as_deref(), Some("open_sheets=leave"));
-    assert!(!told.places.is_empty());
-    let flag = &made.report.red_flags[0];
+    let repaired = run(&block_and_wall(), &Options::default());
+    assert_eq!(repaired.report.outcome, Outcome::PartiallyRepaired, "{}", repaired.report.summary);
+    assert_eq!(flags(&repaired), [RedFlagCode::SurfaceInvented]);
+    assert!(repaired.report.after.as_ref().unwrap().measures.printable());
+    let assumption = assumed(&repaired, AssumptionKind::SheetsThickened).unwrap();
+    let share = assumption.share_pct.unwrap();
+    assert!(assumption.count == 1 && (25.0..35.0).contains(&share), "{assumption:?}");
+    assert_eq!(assumption.option.as_deref(), Some("open_sheets=leave"));
+    assert!(!assumption.places.is_empty());
+    let flag = &repaired.report.red_flags[0];
     assert!((flag.value - share).abs() < 1e-6 && flag.threshold == 10.0, "{flag:?}");
 }
 
@@ -152,32 +158,41 @@ fn a_thickness_that_was_asked_for_is_an_assumption_and_no_flag() {
         Options { open_sheets: OpenSheets::Thicken, ..Options::default() },
         Options { max_surface_added_pct: 100.0, ..Options::default() },
     ] {
-        let made = run(&block_and_wall(), &options);
-        assert_eq!(made.report.outcome, Outcome::Repaired, "{} {:?}", made.report.summary, made.report.red_flags);
-        assert!(assumed(&made, AssumptionKind::SheetsThickened).is_some());
+        let repaired = run(&block_and_wall(), &options);
+        assert_eq!(
+            repaired.report.outcome,
+            Outcome::Repaired,
+            "{} {:?}",
+            repaired.report.summary,
+            repaired.report.red_flags
+        );
+        assert!(assumed(&repaired, AssumptionKind::SheetsThickened).is_some());
     }
 }
 
 #[test]
 fn a_large_hole_is_told_with_its_place_and_a_small_one_is_not() {
     let without_lid = cut_off(as_f32(cube(DVec3::ZERO, 2.0, 4)), 2.0);
-    let made = run(&without_lid, &Options::default());
-    assert_eq!((made.report.outcome, flags(&made)), (Outcome::PartiallyRepaired, vec![RedFlagCode::SurfaceInvented]));
-    let told = assumed(&made, AssumptionKind::LargeHolesClosed).unwrap();
-    assert!(told.count == 1 && (told.amount.unwrap() - 4.0).abs() < 1e-6, "{told:?}");
-    assert!((told.share_pct.unwrap() - 100.0 / 6.0).abs() < 1e-3);
-    assert!((told.places[0][2] - 2.0).abs() < 1e-6);
+    let repaired = run(&without_lid, &Options::default());
+    assert_eq!(
+        (repaired.report.outcome, flags(&repaired)),
+        (Outcome::PartiallyRepaired, vec![RedFlagCode::SurfaceInvented])
+    );
+    let assumption = assumed(&repaired, AssumptionKind::LargeHolesClosed).unwrap();
+    assert!(assumption.count == 1 && (assumption.amount.unwrap() - 4.0).abs() < 1e-6, "{assumption:?}");
+    assert!((assumption.share_pct.unwrap() - 100.0 / 6.0).abs() < 1e-3);
+    assert!((assumption.places[0][2] - 2.0).abs() < 1e-6);
     // The option that the assumption names turns the assumption off.
-    let (name, value) = told.option.as_deref().unwrap().split_once('=').unwrap();
+    let (name, value) = assumption.option.as_deref().unwrap().split_once('=').unwrap();
     assert_eq!(name, "max_hole_size");
     let options = Options { max_hole_size: value.parse().unwrap(), ..Options::default() };
     assert!(!run(&without_lid, &options).report.outcome.is_printable());
 
     let mut small = as_f32(cube(DVec3::ZERO, 2.0, 10));
     small.faces.remove(0);
-    let made = run(&small, &Options::default());
-    assert_eq!(made.report.outcome, Outcome::Repaired);
-    assert!(assumed(&made, AssumptionKind::LargeHolesClosed).is_none());
+    let repaired = run(&small, &Options::default());
+    assert_eq!(repaired.report.outcome, Outcome::Repaired);
+    assert!(assumed(&repaired, AssumptionKind::LargeHolesClosed).is_none());
 }
 
 #[test]

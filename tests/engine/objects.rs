@@ -331,12 +331,12 @@ fn a_unit_is_declared_or_read_or_assumed_and_lengths_are_scaled_to_another() {
 
 #[test]
 fn what_is_hardly_in_millimetres_is_told() {
-    let told = |side: f64| {
+    let warnings_of = |side: f64| {
         let stl = format::write(&cube(DVec3::ZERO, side, 1), Format::Stl).unwrap();
         run(&stl, &Options::default()).report.warnings.join(" ")
     };
-    assert!(told(2.0).contains("inches"), "{}", told(2.0));
-    assert!(told(30_000.0).contains("micrometres"));
+    assert!(warnings_of(2.0).contains("inches"), "{}", warnings_of(2.0));
+    assert!(warnings_of(30_000.0).contains("micrometres"));
     let stl = format::write(&cube(DVec3::ZERO, 2.0, 1), Format::Stl).unwrap();
     assert_eq!(
         run(&stl, &Options { unit: Some(Unit::Inch), ..Options::default() }).report.warnings,
@@ -373,10 +373,11 @@ fn colours_of_ply_come_back_in_ply() {
 
 #[test]
 fn what_a_format_can_not_hold_is_told() {
-    let told = |options: Options| run(&packed(&painted(true), Format::ThreeMf), &options).report.warnings.join(" ");
-    let stl = told(Options { output: OutputFormat::Stl, ..Options::default() });
+    let warnings_of =
+        |options: Options| run(&packed(&painted(true), Format::ThreeMf), &options).report.warnings.join(" ");
+    let stl = warnings_of(Options { output: OutputFormat::Stl, ..Options::default() });
     assert!(stl.contains("STL can't hold colours and pictures"), "{stl}");
-    assert_eq!(told(Options::default()), "");
+    assert_eq!(warnings_of(Options::default()), "");
 }
 
 #[test]
@@ -528,12 +529,12 @@ fn random_scenes_end_with_the_verdict_that_an_inspection_of_the_result_gives() {
                 let repaired = run(&packed(&scene, format), &options);
                 let again = is_printable(&repaired.bytes);
                 let (summary, flags) = (&repaired.report.summary, &repaired.report.red_flags);
-                let told = format!("{round} {format:?} {merge:?} {output:?}: {summary} {flags:?}");
-                assert!(!repaired.report.outcome.is_printable() || again, "{told}");
-                assert!(repaired.report.outcome.is_printable() || !again || !flags.is_empty(), "{told}");
+                let context = format!("{round} {format:?} {merge:?} {output:?}: {summary} {flags:?}");
+                assert!(!repaired.report.outcome.is_printable() || again, "{context}");
+                assert!(repaired.report.outcome.is_printable() || !again || !flags.is_empty(), "{context}");
                 // A red flag says that bodies of different materials could not be cut.
                 let is_assembly = format == Format::ThreeMf && output != OutputFormat::Stl;
-                assert!(again || merge == Merge::None || is_assembly, "{told}");
+                assert!(again || merge == Merge::None || is_assembly, "{context}");
             }
         }
     }

@@ -293,8 +293,8 @@ fn small_parts_are_dropped_where_that_is_asked_for_and_told() {
     assert_eq!(repaired.report.after.as_ref().unwrap().measures.parts, 1);
     let ledger = repaired.report.ledger.as_ref().unwrap();
     assert_eq!((ledger.lost, ledger.dropped, ledger.kept), (0, 2, 1));
-    let told = repaired.report.assumptions.iter().find(|a| a.kind == AssumptionKind::PiecesDropped).unwrap();
-    assert_eq!((told.count, told.option.as_deref()), (2, Some("min_part_volume_pct=0")));
+    let assumption = repaired.report.assumptions.iter().find(|a| a.kind == AssumptionKind::PiecesDropped).unwrap();
+    assert_eq!((assumption.count, assumption.option.as_deref()), (2, Some("min_part_volume_pct=0")));
     // A broken part is repaired first, and kept because it is large.
     let mut broken = join(&soup, &cube(DVec3::new(0.0, 0.0, 20.0), 8.0, 1));
     broken.faces.pop();

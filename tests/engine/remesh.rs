@@ -13,25 +13,25 @@ use crate::meshes::{cube, inside_out, join, push, sheet, sphere};
 use crate::support::{change_count, measured_as_stl, with_context};
 
 /// Remeshes with cells of 1/`n` of the diagonal.
-fn made(soup: &Soup, n: f64, inside: Inside) -> Result<Remeshed, RemeshError> {
+fn remeshed(soup: &Soup, n: f64, inside: Inside) -> Result<Remeshed, RemeshError> {
     let (surface, _) = Surface::from_soup(soup);
     let diagonal = meshmend::math::Box3::of(surface.positions.iter().copied()).diagonal();
     with_context(|c| Remesh { cell: Some(diagonal / n), inside, ..Remesh::default() }.apply(&surface, c))
 }
 
 fn solid(soup: &Soup, n: f64) -> Remeshed {
-    let made = made(soup, n, Inside::Outward).unwrap();
-    let m = measured_as_stl(&made.surface);
+    let remeshed = remeshed(soup, n, Inside::Outward).unwrap();
+    let m = measured_as_stl(&remeshed.surface);
     assert!(m.closed && m.manifold && m.consistent, "{m:?}");
     assert_eq!((m.degenerate_faces, m.duplicate_faces, m.self_intersections.pairs), (0, 0, Some(0)), "{m:?}");
     assert!(m.printable() && m.volume.value > 0.0, "{m:?}");
-    assert_eq!(m.faces, made.surface.faces.len() as u64);
-    assert!(made.surface.source.iter().all(|&source| source == NO_SOURCE));
-    made
+    assert_eq!(m.faces, remeshed.surface.faces.len() as u64);
+    assert!(remeshed.surface.source.iter().all(|&source| source == NO_SOURCE));
+    remeshed
 }
 
-fn volume(made: &Remeshed) -> f64 {
-    measured_as_stl(&made.surface).volume.value
+fn volume(remeshed: &Remeshed) -> f64 {
+    measured_as_stl(&remeshed.surface).volume.value
 }
 
 fn turned(mut soup: Soup) -> Soup {
@@ -104,8 +104,8 @@ fn bracket() -> Soup {
 }
 
 /// The share of the length of these edges that is within a quarter of a cell of the result.
-fn kept(made: &Remeshed, edges: &[[DVec3; 2]]) -> f64 {
-    let Surface { positions, faces, .. } = &made.surface;
+fn kept(remeshed: &Remeshed, edges: &[[DVec3; 2]]) -> f64 {
+    let Surface { positions, faces, .. } = &remeshed.surface;
     let tree = Tree::new(positions, faces);
     let corners = |f: u32| faces[f as usize].map(|v| positions[v as usize]);
     let (mut good, mut all) = (0.0, 0.0);
@@ -114,7 +114,7 @@ fn kept(made: &Remeshed, edges: &[[DVec3; 2]]) -> f64 {
             let p = a.lerp(*b, (f64::from(i) + 0.5) / 200.0);
             let near = tree.nearest(p, f64::INFINITY, &mut u64::MAX.clone(), corners).unwrap();
             all += a.distance(*b);
-            good += if near.distance <= made.cell / 4.0 { a.distance(*b) } else { 0.0 };
+            good += if near.distance <= remeshed.cell / 4.0 { a.distance(*b) } else { 0.0 };
         }
     }
     good / all
@@ -123,10 +123,10 @@ fn kept(made: &Remeshed, edges: &[[DVec3; 2]]) -> f64 {
 #[test]
 fn a_turned_box_keeps_its_volume_its_sides_and_its_edges() {
     let soup = turned(cube(DVec3::ZERO, 1.0, 1));
-    let made = solid(&soup, 64.0);
-    assert_near(volume(&made), 1.0, 1e-4);
-    assert!(made.deviation.lost.max < made.cell / 4.0, "{:?}", made.deviation);
-    assert!(made.deviation.made.p99 < 0.02 * made.cell, "{:?}", made.deviation);
+    let remeshed = solid(&soup, 64.0);
+    assert_near(volume(&remeshed), 1.0, 1e-4);
+    assert!(remeshed.deviation.lost.max < remeshed.cell / 4.0, "{:?}", remeshed.deviation);
+    assert!(remeshed.deviation.made.p99 < 0.02 * remeshed.cell, "{:?}", remeshed.deviation);
     let corners: Vec<DVec3> = turned(Soup {
         positions: (0..8).map(|i| DVec3::new(f64::from(i & 1), f64::from(i >> 1 & 1), f64::from(i >> 2))).collect(),
         faces: Vec::new(),
@@ -138,31 +138,31 @@ fn a_turned_box_keeps_its_volume_its_sides_and_its_edges() {
         .map(|(i, j)| [corners[i], corners[j]])
         .collect();
     assert_eq!(edges.len(), 12);
-    assert!(kept(&made, &edges) > 0.98, "{}", kept(&made, &edges));
+    assert!(kept(&remeshed, &edges) > 0.98, "{}", kept(&remeshed, &edges));
 }
 
 #[test]
 fn a_box_along_the_axes_has_flat_sides() {
-    let made = solid(&cube(DVec3::ZERO, 10.0, 2), 80.0);
-    assert_near(volume(&made), 1000.0, 1e-4);
-    assert!(made.deviation.made.p99 < 1e-5, "{:?}", made.deviation);
+    let remeshed = solid(&cube(DVec3::ZERO, 10.0, 2), 80.0);
+    assert_near(volume(&remeshed), 1000.0, 1e-4);
+    assert!(remeshed.deviation.made.p99 < 1e-5, "{:?}", remeshed.deviation);
 }
 
 #[test]
 fn a_ball_keeps_its_volume_and_its_shape() {
-    let made = solid(&sphere(DVec3::splat(5.0), 1.0, 48, 24), 100.0);
+    let remeshed = solid(&sphere(DVec3::splat(5.0), 1.0, 48, 24), 100.0);
     let wanted = with_context(|c| measure(&sphere(DVec3::ZERO, 1.0, 48, 24), c)).unwrap().volume.value;
-    assert_near(volume(&made), wanted, 1e-3);
-    assert!(made.deviation.lost.max < made.cell / 4.0 && made.deviation.made.max < made.cell / 4.0);
+    assert_near(volume(&remeshed), wanted, 1e-3);
+    assert!(remeshed.deviation.lost.max < remeshed.cell / 4.0 && remeshed.deviation.made.max < remeshed.cell / 4.0);
 }
 
 #[test]
 fn a_cavity_stays_a_cavity() {
     let soup = join(&sphere(DVec3::ZERO, 2.0, 32, 16), &inside_out(cube(DVec3::splat(-0.5), 1.0, 1)));
-    let made = solid(&soup, 80.0);
+    let remeshed = solid(&soup, 80.0);
     let outer = with_context(|c| measure(&sphere(DVec3::ZERO, 2.0, 32, 16), c)).unwrap().volume.value;
-    assert_near(volume(&made), outer - 1.0, 2e-3);
-    assert_eq!(measured_as_stl(&made.surface).parts, 2);
+    assert_near(volume(&remeshed), outer - 1.0, 2e-3);
+    assert_eq!(measured_as_stl(&remeshed.surface).parts, 2);
 }
 
 #[test]
@@ -174,32 +174,32 @@ fn holes_are_closed_and_flipped_faces_forgiven() {
     for f in [17, 100, 180] {
         soup.faces[f].swap(1, 2);
     }
-    let made = solid(&turned(soup), 64.0);
-    assert_near(volume(&made), 1.0, 0.01);
-    assert_eq!(measured_as_stl(&made.surface).parts, 1);
+    let remeshed = solid(&turned(soup), 64.0);
+    assert_near(volume(&remeshed), 1.0, 0.01);
+    assert_eq!(measured_as_stl(&remeshed.surface).parts, 1);
 }
 
 #[test]
 fn boxes_that_overlap_are_one() {
     let soup = turned(join(&cube(DVec3::ZERO, 1.0, 2), &cube(DVec3::splat(0.5), 1.0, 3)));
-    let made = solid(&soup, 64.0);
-    assert_near(volume(&made), 2.0 - 0.125, 1e-3);
-    assert_eq!(measured_as_stl(&made.surface).parts, 1);
+    let remeshed = solid(&soup, 64.0);
+    assert_near(volume(&remeshed), 2.0 - 0.125, 1e-3);
+    assert_eq!(measured_as_stl(&remeshed.surface).parts, 1);
 }
 
 #[test]
 fn what_is_inside_out_is_solid_where_asked_for() {
     let soup = inside_out(cube(DVec3::ZERO, 1.0, 2));
-    assert_eq!(made(&soup, 32.0, Inside::Outward).unwrap_err(), RemeshError::Empty);
-    let made = made(&soup, 32.0, Inside::EitherWay).unwrap();
-    assert_near(volume(&made), 1.0, 1e-3);
+    assert_eq!(remeshed(&soup, 32.0, Inside::Outward).unwrap_err(), RemeshError::Empty);
+    let remeshed = remeshed(&soup, 32.0, Inside::EitherWay).unwrap();
+    assert_near(volume(&remeshed), 1.0, 1e-3);
 }
 
 #[test]
 fn the_sharp_edges_of_a_bracket_are_kept() {
-    let made = solid(&turned(bracket()), 128.0);
+    let remeshed = solid(&turned(bracket()), 128.0);
     let area = 16.0 - 24.0 * 0.36 * (std::f64::consts::TAU / 48.0).sin();
-    assert_near(volume(&made), area * 0.5 + 0.5 * 4.0 * 2.5, 2e-3);
+    assert_near(volume(&remeshed), area * 0.5 + 0.5 * 4.0 * 2.5, 2e-3);
     let hole = circle([0.0, 0.0], 0.6, 48, false);
     let mut edges: Vec<[DVec3; 2]> = Vec::new();
     for z in [0.0, 0.5] {
@@ -219,7 +219,7 @@ fn the_sharp_edges_of_a_bracket_are_kept() {
     let positions = edges.iter().flatten().copied().collect();
     let turned: Vec<DVec3> = turned(Soup { positions, faces: Vec::new() }).positions;
     let edges: Vec<[DVec3; 2]> = turned.chunks(2).map(|ends| [ends[0], ends[1]]).collect();
-    assert!(kept(&made, &edges) > 0.95, "{}", kept(&made, &edges));
+    assert!(kept(&remeshed, &edges) > 0.95, "{}", kept(&remeshed, &edges));
 }
 
 #[test]
@@ -233,18 +233,18 @@ fn a_wall_and_a_wire_thinner_than_a_cell_do_not_vanish() {
         *p = DVec3::new(p.x * 10.0, 3.0 + p.y * 0.02, 5.0 + p.z * 0.02);
     }
     for soup in [&wall, &wire] {
-        let made = solid(&turned(join(soup, &cube(DVec3::new(0.0, 6.0, 0.0), 1.0, 1))), 64.0);
-        assert!(made.deviation.lost.max < 1.5 * made.cell, "{:?} at {}", made.deviation, made.cell);
-        assert_eq!(measured_as_stl(&made.surface).parts, 2);
+        let remeshed = solid(&turned(join(soup, &cube(DVec3::new(0.0, 6.0, 0.0), 1.0, 1))), 64.0);
+        assert!(remeshed.deviation.lost.max < 1.5 * remeshed.cell, "{:?} at {}", remeshed.deviation, remeshed.cell);
+        assert_eq!(measured_as_stl(&remeshed.surface).parts, 2);
     }
 }
 
 #[test]
 fn a_small_part_far_away_does_not_vanish() {
     let soup = join(&cube(DVec3::ZERO, 1e-3, 1), &cube(DVec3::splat(100.0), 20.0, 1));
-    let made = solid(&soup, 100.0);
-    assert_eq!(measured_as_stl(&made.surface).parts, 2);
-    assert!(made.deviation.lost.max < 1.5 * made.cell);
+    let remeshed = solid(&soup, 100.0);
+    assert_eq!(measured_as_stl(&remeshed.surface).parts, 2);
+    assert!(remeshed.deviation.lost.max < 1.5 * remeshed.cell);
 }
 
 #[test]
@@ -271,8 +271,8 @@ fn what_bulges_up_to_the_limit_of_the_grid_is_closed_there() {
         one.positions.iter_mut().for_each(|p| p.z += 0.01 * f64::from(i));
         join(&all, &one)
     });
-    let made = solid(&soup, 24.0);
-    assert!(volume(&made) > 100.0, "{}", volume(&made));
+    let remeshed = solid(&soup, 24.0);
+    assert!(volume(&remeshed) > 100.0, "{}", volume(&remeshed));
 }
 
 #[test]
@@ -286,7 +286,7 @@ fn what_has_no_inside_is_empty() {
         p.z = 0.0;
     }
     for soup in [Soup::default(), triangle, needle, flat] {
-        assert_eq!(made(&soup, 64.0, Inside::Outward).unwrap_err(), RemeshError::Empty);
+        assert_eq!(remeshed(&soup, 64.0, Inside::Outward).unwrap_err(), RemeshError::Empty);
     }
 }
 
@@ -294,8 +294,8 @@ fn what_has_no_inside_is_empty() {
 fn there_are_never_more_faces_than_allowed() {
     let (surface, _) = Surface::from_soup(&sphere(DVec3::ZERO, 1.0, 24, 12));
     for max_faces in [500, 3000, 20_000] {
-        let made = with_context(|c| Remesh { max_faces, ..Remesh::default() }.apply(&surface, c)).unwrap();
-        let faces = made.surface.faces.len() as u64;
+        let remeshed = with_context(|c| Remesh { max_faces, ..Remesh::default() }.apply(&surface, c)).unwrap();
+        let faces = remeshed.surface.faces.len() as u64;
         assert!(faces <= max_faces && faces * 4 > max_faces, "{faces}");
     }
     let none = with_context(|c| Remesh { max_faces: 3, ..Remesh::default() }.apply(&surface, c));
@@ -309,8 +309,8 @@ fn size_and_place_of_the_model_do_not_matter() {
         for p in &mut soup.positions {
             *p = *p * size + at;
         }
-        let made = made(&soup, 48.0, Inside::Outward).unwrap();
-        let m = measured_as_stl(&made.surface);
+        let remeshed = remeshed(&soup, 48.0, Inside::Outward).unwrap();
+        let m = measured_as_stl(&remeshed.surface);
         assert!(m.closed && m.manifold && m.consistent, "{size} {at} {m:?}");
         assert_eq!(m.self_intersections.pairs, Some(0), "{size} {at}");
     }
@@ -321,7 +321,7 @@ fn it_is_the_same_for_any_number_of_threads() {
     let soup = turned(join(&bracket(), &sphere(DVec3::splat(0.4), 1.0, 24, 12)));
     let [one, two] = [1, 2].map(|threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| made(&soup, 100.0, Inside::Outward).unwrap())
+        pool.install(|| remeshed(&soup, 100.0, Inside::Outward).unwrap())
     });
     assert_eq!(one.surface, two.surface);
     assert_eq!(one.deviation, two.deviation);
@@ -367,9 +367,9 @@ proptest! {
             push(&mut soup, [corner(0), corner(1), corner(2)]);
         }
         for inside in [Inside::Outward, Inside::EitherWay] {
-            match made(&soup, n, inside) {
-                Ok(made) => {
-                    let m = measured_as_stl(&made.surface);
+            match remeshed(&soup, n, inside) {
+                Ok(remeshed) => {
+                    let m = measured_as_stl(&remeshed.surface);
                     prop_assert!(m.closed && m.manifold && m.consistent, "{:?}", m);
                     prop_assert_eq!(m.self_intersections.pairs, Some(0));
                     prop_assert_eq!(m.degenerate_faces, 0);

@@ -181,8 +181,8 @@ fn new_vertices_beside_zero_stand_no_nearer_to_one_another_than_the_model_is_wor
         let soup = as_f32(turned(solids.iter().fold(Soup::default(), |all, solid| join(&all, solid)), noise));
         let repaired = repair_up_to_tier_2(&write(&soup, Format::Stl).unwrap());
         assert_eq!(repaired.report.outcome, Outcome::Repaired, "{}", repaired.report.summary);
-        let made = read(&repaired.bytes, &Limits::default()).unwrap().soup;
-        for &p in made.positions.iter().filter(|&&p| !known(&soup, p)) {
+        let result = read(&repaired.bytes, &Limits::default()).unwrap().soup;
+        for &p in result.positions.iter().filter(|&&p| !known(&soup, p)) {
             new += 1;
             let finest = p.abs().to_array().into_iter().filter(|&x| x > 0.0).fold(f64::INFINITY, f64::min);
             assert!(finest > 1e-14, "{p:?}");

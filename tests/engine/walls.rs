@@ -131,8 +131,8 @@ fn each_thin_region_is_told_once_and_thick_ones_are_not() {
     let chip = |x: f64, thickness: f64| block(DVec3::new(x, 3.0, 7.0), DVec3::new(1.0, 1.5, thickness), 6);
     let body = block(DVec3::ZERO, DVec3::splat(100.0), 12);
     let wall = thinnest(&join(&body, &join(&chip(120.0, 0.3), &chip(150.0, 0.1))));
-    let told: Vec<f64> = wall.places.iter().map(|place| (place.thickness * 1e6).round() / 1e6).collect();
-    assert_eq!(told, [0.1, 0.3]);
+    let thicknesses: Vec<f64> = wall.places.iter().map(|place| (place.thickness * 1e6).round() / 1e6).collect();
+    assert_eq!(thicknesses, [0.1, 0.3]);
     let plate = thinnest(&block(DVec3::ZERO, DVec3::new(160.0, 160.0, 1.0), 30));
     assert!((30..=100).contains(&plate.places.len()), "{}", plate.places.len());
     for (i, a) in plate.places.iter().enumerate() {

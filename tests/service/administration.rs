@@ -23,9 +23,9 @@ impl Admin {
     }
 
     async fn get(&self, path: &str) -> Value {
-        let (status, answer) = self.send(Method::GET, path, None).await;
-        assert_eq!(status, 200, "{path}: {answer}");
-        answer
+        let (status, response) = self.send(Method::GET, path, None).await;
+        assert_eq!(status, 200, "{path}: {response}");
+        response
     }
 }
 
@@ -37,17 +37,17 @@ async fn a_key_shows_its_secret_once_and_is_invalid_after_it_is_revoked() {
     let admin = Admin { api: Api::new(&program), admin };
     let asked = json!({"tenant": "shop", "scopes": ["jobs:write", "jobs:read"], "label": "till", "expires_in_s": 3600});
     let request = admin.api.post("/v1/keys").bearer_auth(&admin.admin).json(&asked);
-    let answer = request.send().await.expect("an answer");
+    let response = request.send().await.expect("a response");
     assert_eq!(
-        (answer.status().as_u16(), &answer.headers()["cache-control"]),
+        (response.status().as_u16(), &response.headers()["cache-control"]),
         (201, &"no-store".parse().expect("text"))
     );
-    let location = answer.headers()["location"].to_str().expect("text").to_owned();
-    let made: Value = answer.json().await.expect("a key");
-    let (id, secret) = (made["id"].as_str().expect("an id"), made["secret"].as_str().expect("a secret"));
+    let location = response.headers()["location"].to_str().expect("text").to_owned();
+    let created: Value = response.json().await.expect("a key");
+    let (id, secret) = (created["id"].as_str().expect("an id"), created["secret"].as_str().expect("a secret"));
     assert_eq!(location, format!("/v1/keys/{id}"));
-    assert_eq!(made["scopes"], json!(["jobs:read", "jobs:write"]));
-    assert!(made["expires_at"].is_string() && made["revoked_at"].is_null(), "{made}");
+    assert_eq!(created["scopes"], json!(["jobs:read", "jobs:write"]));
+    assert!(created["expires_at"].is_string() && created["revoked_at"].is_null(), "{created}");
     let list = async |bearer: &str| send(admin.api.get("/v1/jobs").bearer_auth(bearer)).await.0;
     assert_eq!(list(secret).await, 200);
     assert_eq!(list(&admin.admin).await, 403, "the scope admin gives no access to jobs");
@@ -56,7 +56,7 @@ async fn a_key_shows_its_secret_once_and_is_invalid_after_it_is_revoked() {
     assert_eq!((page["keys"][0]["id"].as_str(), &page["next"]), (Some(id), &Value::Null));
     assert!(!page.to_string().contains(secret) && !admin.get(&location).await.to_string().contains(secret));
     let first = admin.get("/v1/keys?limit=1").await;
-    assert_eq!(first["keys"][0]["id"], made["id"], "newest first");
+    assert_eq!(first["keys"][0]["id"], created["id"], "newest first");
     let next = admin.get(&format!("/v1/keys?limit=1&cursor={}", first["next"].as_str().expect("a cursor"))).await;
     assert_eq!(next["keys"][0]["tenant"], "operator");
 

@@ -14,8 +14,8 @@ fn form(files: Vec<(&str, Vec<u8>)>, options: Value) -> Form {
 }
 
 async fn submit(api: &Api, files: Vec<(&str, Vec<u8>)>, options: Value) -> (u16, Value) {
-    let answer = api.post("/v1/jobs").multipart(form(files, options)).send().await.expect("an answer");
-    (answer.status().as_u16(), answer.json().await.expect("JSON"))
+    let response = api.post("/v1/jobs").multipart(form(files, options)).send().await.expect("a response");
+    (response.status().as_u16(), response.json().await.expect("JSON"))
 }
 
 /// Submits files, asserts that they are accepted, and returns the job's id.
@@ -30,7 +30,7 @@ fn analyze() -> Value {
 }
 
 async fn nothing_is_left(api: &Api, data: &std::path::Path) {
-    let list: Value = api.get("/v1/jobs").send().await.expect("an answer").json().await.expect("JSON");
+    let list: Value = api.get("/v1/jobs").send().await.expect("a response").json().await.expect("JSON");
     assert_eq!(list["jobs"].as_array().map(Vec::len), Some(0), "no refused request became a job");
     assert_eq!(stored_uploads(data), 0, "no file of a refused request is stored");
 }
@@ -79,7 +79,7 @@ async fn one_file_is_analysed_and_what_is_said_of_it_is_what_a_repair_says_of_it
     assert_eq!(repaired["before"], plain["files"][0]["inspection"]);
 
     let whole = api.post("/v1/jobs?mode=analyze&level=basic&name=b.stl").body(files::whole_box());
-    let whole: Value = whole.send().await.expect("an answer").json().await.expect("a job");
+    let whole: Value = whole.send().await.expect("a response").json().await.expect("a job");
     let whole = api.finished(whole["id"].as_str().expect("an id")).await;
     assert_eq!((whole["outcome"].as_str(), &whole["report"]["printable"]), (Some("undecided"), &Value::Null));
     assert_eq!(whole["report"]["files"][0]["inspection"]["level"], "basic");
@@ -99,11 +99,11 @@ async fn several_files_are_analysed_in_their_order_and_deleted_together() {
     let inputs = job["inputs"].as_array().expect("several");
     assert_eq!((inputs.len(), &inputs[0]), (3, &job["input"]));
     let files = job["report"]["files"].as_array().expect("files");
-    let told: Vec<(&str, bool)> = files
+    let summaries: Vec<(&str, bool)> = files
         .iter()
         .map(|file| (file["name"].as_str().expect("a name"), file["printable"].as_bool().expect("a verdict")))
         .collect();
-    assert_eq!(told, [("a.stl", true), ("b.stl", false), ("a.stl", false)]);
+    assert_eq!(summaries, [("a.stl", true), ("b.stl", false), ("a.stl", false)]);
     for (file, input) in files.iter().zip(inputs) {
         assert_eq!((&file["sha256"], &file["bytes"]), (&input["sha256"], &input["bytes"]));
     }
@@ -111,7 +111,7 @@ async fn several_files_are_analysed_in_their_order_and_deleted_together() {
     assert_eq!(job["artifacts"]["3-defects.png"]["filename"], "a-defects.png");
     assert!(api.artifact(&id, "3-defects.png").await.starts_with(b"\x89PNG"));
     assert_eq!(stored_files(data.path(), &id).len(), 15, "and three drawings of each");
-    assert_eq!(api.delete(&format!("/v1/jobs/{id}")).send().await.expect("an answer").status(), 204);
+    assert_eq!(api.delete(&format!("/v1/jobs/{id}")).send().await.expect("a response").status(), 204);
     assert!(stored_files(data.path(), &id).is_empty());
     assert_eq!(stored_uploads(data.path()), 0);
 }
@@ -157,7 +157,7 @@ async fn wrong_options_repairs_of_two_files_and_too_many_or_large_files_are_refu
         assert_eq!((status, problem["code"].as_str()), (422, Some("invalid_options")), "{problem}");
         assert!(problem["detail"].as_str().expect("text").contains(named), "{problem}");
     }
-    let query = api.post("/v1/jobs?mode=analyze&max_tier=2").body(files::whole_box()).send().await.expect("an answer");
+    let query = api.post("/v1/jobs?mode=analyze&max_tier=2").body(files::whole_box()).send().await.expect("a response");
     assert_eq!(query.status(), 422);
     let (status, problem) = submit(&api, vec![small("a.stl"), small("b.stl")], json!({"mode": "repair"})).await;
     assert_eq!((status, problem["code"].as_str()), (400, Some("invalid_request")), "{problem}");
@@ -173,11 +173,11 @@ async fn wrong_options_repairs_of_two_files_and_too_many_or_large_files_are_refu
         ])])))
     };
     let both = Form::new().text("options", analyze().to_string()).part("file", half()).part("file", half());
-    let answer = api.post("/v1/jobs").multipart(both).send().await.expect("an answer");
-    assert_eq!(answer.status(), 413);
-    assert_eq!(answer.json::<Value>().await.expect("a problem")["code"], "payload_too_large");
+    let response = api.post("/v1/jobs").multipart(both).send().await.expect("a response");
+    assert_eq!(response.status(), 413);
+    assert_eq!(response.json::<Value>().await.expect("a problem")["code"], "payload_too_large");
     nothing_is_left(&api, data.path()).await;
-    let can: Value = api.get("/v1/capabilities").send().await.expect("an answer").json().await.expect("JSON");
+    let can: Value = api.get("/v1/capabilities").send().await.expect("a response").json().await.expect("JSON");
     assert_eq!((&can["modes"], &can["limits"]["max_files"]), (&json!(["repair", "analyze"]), &json!(2)));
     assert_eq!(can["levels"], json!(["none", "basic", "full"]));
     assert_eq!(can["default_analyze_options"]["level"], "full");
@@ -214,8 +214,8 @@ async fn canceling_an_analysis_ends_its_process_and_a_killed_process_is_run_agai
     let canceled = accepted(&api, two(), analyze()).await;
     api.reaches(&canceled, "inspect", None).await;
     let child = until("the child runs", async || program.job_children().first().copied()).await;
-    let answer = api.post(&format!("/v1/jobs/{canceled}/cancel")).send().await.expect("an answer");
-    assert_eq!(answer.json::<Value>().await.expect("a job")["status"], "canceled");
+    let response = api.post(&format!("/v1/jobs/{canceled}/cancel")).send().await.expect("a response");
+    assert_eq!(response.json::<Value>().await.expect("a job")["status"], "canceled");
     until("the child is gone", async || (!crate::server::is_alive(child)).then_some(())).await;
 
     let killed = accepted(&api, two(), analyze()).await;

@@ -11,7 +11,7 @@ async fn a_model_beyond_tier_one_is_repaired_by_a_real_blender_and_its_report_sa
     let data = tempfile::tempdir().expect("a folder");
     let program = Start::serve(data.path()).real_blender().start();
     let api = Api::new(&program);
-    let can: Value = api.get("/v1/capabilities").send().await.expect("an answer").json().await.expect("JSON");
+    let can: Value = api.get("/v1/capabilities").send().await.expect("a response").json().await.expect("JSON");
     assert_eq!(can["tiers"][2]["available"], true, "these tests need a real Blender: {can}");
     let version = can["tiers"][2]["program"]["version"].clone();
     assert!(version.as_str().is_some_and(|v| v.contains('.')), "{can}");

@@ -286,7 +286,7 @@ async fn files_that_nobody_touched_are_found_and_deleted_unless_one_of_their_job
     }
     assert!(owners.iter().all(|owner| owner.job != *young), "{owners:?}");
     for (id, goes) in [(old, true), (growing, false), (young, false)] {
-        assert_eq!(bench.blobs.delete_quiet_job(*id, HOUR).await.expect("an answer"), goes);
+        assert_eq!(bench.blobs.delete_quiet_job(*id, HOUR).await.expect("a result"), goes);
     }
     for (id, keys) in &jobs {
         assert_eq!(bench.has(&keys[3]).await, id != old);
@@ -325,7 +325,7 @@ async fn a_file_that_waited_too_long_for_its_job_goes(bench: Bench) {
 
 async fn a_store_that_works_says_so(bench: Bench) {
     bench.blobs.probe().await.expect("it works");
-    assert!(bench.blobs.free_bytes().expect("an answer").is_some_and(|free| free > 0));
+    assert!(bench.blobs.free_bytes().expect("a result").is_some_and(|free| free > 0));
 }
 
 #[tokio::test(flavor = "multi_thread")]

@@ -27,10 +27,10 @@ async fn succeeded(api: &Api, id: &str) -> Value {
 }
 
 /// Asserts that a response says that the store is unavailable and when to retry.
-async fn assert_unavailable(answer: reqwest::Response) {
-    assert_eq!(answer.status(), 503);
-    assert_eq!(answer.headers()["retry-after"], "5");
-    assert_eq!(answer.json::<Value>().await.expect("a problem")["code"], "unavailable");
+async fn assert_unavailable(response: reqwest::Response) {
+    assert_eq!(response.status(), 503);
+    assert_eq!(response.headers()["retry-after"], "5");
+    assert_eq!(response.json::<Value>().await.expect("a problem")["code"], "unavailable");
 }
 
 #[tokio::test]
@@ -46,13 +46,13 @@ async fn processes_that_share_a_database_and_a_bucket_need_no_folder_in_common()
     assert_eq!(bucket.files().len(), FILES_PER_JOB, "{:?}", bucket.files());
     for (name, artifact) in job["artifacts"].as_object().expect("files") {
         let bytes = api.artifact(&id, name).await.len();
-        assert!(artifact.get("bytes").is_none_or(|told| *told == bytes), "{name}");
+        assert!(artifact.get("bytes").is_none_or(|declared| *declared == bytes), "{name}");
     }
     assert!(bucket.files().len() > FILES_PER_JOB, "the worker drew the pictures that were requested");
     let range = api.get(&format!("/v1/jobs/{id}/artifacts/model")).header("range", "bytes=0-83").send().await;
-    let range = range.expect("an answer");
+    let range = range.expect("a response");
     assert_eq!((range.status().as_u16(), range.bytes().await.expect("bytes").len()), (206, 84));
-    let deleted = api.delete(&format!("/v1/jobs/{id}")).send().await.expect("an answer");
+    let deleted = api.delete(&format!("/v1/jobs/{id}")).send().await.expect("a response");
     assert_eq!(deleted.status(), 204);
     assert_eq!(bucket.files(), Vec::<String>::new());
     for data in [of_server, of_worker] {
@@ -71,20 +71,20 @@ async fn while_the_bucket_is_down_clients_are_told_when_to_retry_and_nothing_is_
     ];
     succeeded(&api, &kept).await;
     succeeded(&api, &deleted).await;
-    let ready = async || api.get("/readyz").send().await.expect("an answer").status().as_u16();
+    let ready = async || api.get("/readyz").send().await.expect("a response").status().as_u16();
     assert_eq!(ready().await, 200);
 
     bucket.kill();
     assert_unavailable(api.try_submit("a.stl", files::broken_box(), options()).await).await;
     let model = format!("/v1/jobs/{kept}/artifacts/model");
-    assert_unavailable(api.get(&model).send().await.expect("an answer")).await;
-    assert_unavailable(api.delete(&format!("/v1/jobs/{deleted}")).send().await.expect("an answer")).await;
+    assert_unavailable(api.get(&model).send().await.expect("a response")).await;
+    assert_unavailable(api.delete(&format!("/v1/jobs/{deleted}")).send().await.expect("a response")).await;
     assert_eq!(ready().await, 503);
     assert_eq!(api.job(&kept).await["status"], "succeeded", "requests that need no files still work");
 
     bucket.restart();
     assert_eq!(api.artifact(&kept, "model").await.len(), 84 + 50 * 12);
-    assert_eq!(api.delete(&format!("/v1/jobs/{deleted}")).send().await.expect("an answer").status(), 410);
+    assert_eq!(api.delete(&format!("/v1/jobs/{deleted}")).send().await.expect("a response").status(), 410);
     assert_eq!(
         bucket.files().len(),
         FILES_PER_JOB,

@@ -19,11 +19,11 @@ async fn cancelling_a_running_job_ends_its_whole_process_tree() {
         (tree.len() >= 2).then_some(tree)
     })
     .await;
-    let answer = api.post(&format!("/v1/jobs/{id}/cancel")).send().await.expect("an answer");
-    assert_eq!(answer.status(), 200);
-    assert_eq!(answer.json::<Value>().await.expect("a job")["status"], "canceled");
+    let response = api.post(&format!("/v1/jobs/{id}/cancel")).send().await.expect("a response");
+    assert_eq!(response.status(), 200);
+    assert_eq!(response.json::<Value>().await.expect("a job")["status"], "canceled");
     until("the processes are gone", async || processes.iter().all(|pid| !is_alive(*pid)).then_some(())).await;
-    let again = api.post(&format!("/v1/jobs/{id}/cancel")).send().await.expect("an answer");
+    let again = api.post(&format!("/v1/jobs/{id}/cancel")).send().await.expect("a response");
     assert_eq!(again.status(), 200, "a second cancel changes nothing");
     let id = api.submit(files::whole_box(), json!({})).await;
     assert_eq!(api.finished(&id).await["status"], "succeeded", "the worker continues");
@@ -41,11 +41,11 @@ async fn a_waiting_job_is_cancelled_before_it_starts_and_a_finished_one_no_more(
     api.reaches(&running, "repair", Some(3)).await;
     let waiting = api.submit(files::broken_box(), json!({})).await;
     assert_eq!(api.job(&waiting).await["progress"]["queue_position"], 0);
-    let answer = api.post(&format!("/v1/jobs/{waiting}/cancel")).send().await.expect("an answer");
-    assert_eq!(answer.json::<Value>().await.expect("a job")["started_at"], Value::Null);
-    let answer = api.post(&format!("/v1/jobs/{done}/cancel")).send().await.expect("an answer");
-    assert_eq!(answer.status(), 409);
-    assert_eq!(answer.json::<Value>().await.expect("a problem")["code"], "job_finished");
+    let response = api.post(&format!("/v1/jobs/{waiting}/cancel")).send().await.expect("a response");
+    assert_eq!(response.json::<Value>().await.expect("a job")["started_at"], Value::Null);
+    let response = api.post(&format!("/v1/jobs/{done}/cancel")).send().await.expect("a response");
+    assert_eq!(response.status(), 409);
+    assert_eq!(response.json::<Value>().await.expect("a problem")["code"], "job_finished");
 }
 
 #[tokio::test]
@@ -61,14 +61,14 @@ async fn deleting_a_job_deletes_its_files_and_leaves_nothing_to_read() {
         12,
         "the upload, the model, seven drawings, both reports and the log"
     );
-    let answer = api.delete(&format!("/v1/jobs/{id}")).send().await.expect("an answer");
-    assert_eq!(answer.status(), 204);
+    let response = api.delete(&format!("/v1/jobs/{id}")).send().await.expect("a response");
+    assert_eq!(response.status(), 204);
     assert!(stored_files(data.path(), &id).is_empty());
     for path in [format!("/v1/jobs/{id}"), format!("/v1/jobs/{id}/artifacts/model"), format!("/v1/jobs/{id}/events")] {
-        let answer = api.get(&path).send().await.expect("an answer");
-        assert_eq!(answer.status(), 410, "{path}");
+        let response = api.get(&path).send().await.expect("a response");
+        assert_eq!(response.status(), 410, "{path}");
     }
-    let list: Value = api.get("/v1/jobs").send().await.expect("an answer").json().await.expect("JSON");
+    let list: Value = api.get("/v1/jobs").send().await.expect("a response").json().await.expect("JSON");
     assert_eq!(list["jobs"].as_array().map(Vec::len), Some(0));
 }
 
@@ -81,7 +81,7 @@ async fn deleting_a_running_job_stops_it() {
     let id = api.submit(files::boxes_on_an_edge(), json!({"preset": "blender-remesh"})).await;
     api.reaches(&id, "repair", Some(3)).await;
     let processes = descendants(program.pid());
-    assert_eq!(api.delete(&format!("/v1/jobs/{id}")).send().await.expect("an answer").status(), 204);
+    assert_eq!(api.delete(&format!("/v1/jobs/{id}")).send().await.expect("a response").status(), 204);
     until("the processes are gone", async || processes.iter().all(|pid| !is_alive(*pid)).then_some(())).await;
     until("its files are gone", async || stored_files(data.path(), &id).is_empty().then_some(())).await;
 }

@@ -93,7 +93,7 @@ fn a_variable_that_nothing_reads_is_refused_by_every_command_that_runs_the_servi
 async fn a_host_name_may_be_listened_on_and_an_open_service_that_others_reach_warns() {
     let data = tempfile::tempdir().expect("a folder");
     let program = Start::serve_on("localhost:0", data.path()).start();
-    assert_eq!(Api::new(&program).get("/v1/jobs").send().await.expect("an answer").status(), 200);
+    assert_eq!(Api::new(&program).get("/v1/jobs").send().await.expect("a response").status(), 200);
     assert_says(&program.log(), &["listening on", "no request needs a key"]);
     assert!(!program.log().contains("--auth is open"), "only this machine reaches it");
     drop(program);
@@ -205,7 +205,7 @@ async fn a_database_is_copied_while_the_service_runs_and_no_file_is_overwritten(
 
     let clock = std::sync::Arc::new(SystemClock);
     let store = SqliteStore::open(&copy, clock, RetryPolicy::default()).await.expect("a database");
-    let job = meshmend::jobs::JobStore::get(&store, id.parse().expect("an id")).await.expect("an answer");
+    let job = meshmend::jobs::JobStore::get(&store, id.parse().expect("an id")).await.expect("a response");
     assert_eq!(job.map(|job| job.id.to_string()), Some(id), "the copy has the latest writes");
 }
 

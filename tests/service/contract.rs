@@ -22,7 +22,7 @@ fn service(data: &tempfile::TempDir) -> (Program, Api) {
 }
 
 async fn status(api: &Api, path: &str, body: Value) -> u16 {
-    api.post(path).json(&body).send().await.expect("an answer").status().as_u16()
+    api.post(path).json(&body).send().await.expect("a response").status().as_u16()
 }
 
 #[tokio::test]
@@ -37,9 +37,9 @@ async fn every_file_of_a_job_comes_as_a_media_type_that_is_documented() {
         for name in keys(&api.finished(&id).await["artifacts"]) {
             for (range, status) in [("lines=1-2", "200"), ("bytes=0-0", "206")] {
                 let request = api.get(&format!("/v1/jobs/{id}/artifacts/{name}")).header("range", range);
-                let answer = request.send().await.expect("an answer");
-                assert_eq!(answer.status().as_str(), status, "{name}");
-                let media_type = answer.headers()["content-type"].to_str().expect("text").split(';').next();
+                let response = request.send().await.expect("a response");
+                assert_eq!(response.status().as_str(), status, "{name}");
+                let media_type = response.headers()["content-type"].to_str().expect("text").split(';').next();
                 let media_type = media_type.expect("a type").to_owned();
                 assert!(!documented[status]["content"][&media_type].is_null(), "{name} is {media_type}");
                 seen.insert(media_type);
@@ -54,7 +54,7 @@ async fn each_event_of_a_job_has_the_fields_that_are_documented() {
     let data = tempfile::tempdir().expect("a folder");
     let (_program, api) = service(&data);
     let id = api.submit(files::broken_box(), json!({"max_tier": 1})).await;
-    let events = api.get(&format!("/v1/jobs/{id}/events")).send().await.expect("an answer");
+    let events = api.get(&format!("/v1/jobs/{id}/events")).send().await.expect("a response");
     let text = events.text().await.expect("the stream ends");
     let document = document();
     let documented = keys(&document["components"]["schemas"]["StreamEvent"]["properties"]);
@@ -82,8 +82,8 @@ async fn a_whole_number_may_be_written_with_a_point() {
     }
     let id = api.submit(files::broken_box(), json!({"max_tier": 1})).await;
     for (wait, expected) in [("0", 200), ("-1", 400), (&most.to_string(), 200), (&(most + 1).to_string(), 400)] {
-        let answer = api.get(&format!("/v1/jobs/{id}?wait={wait}")).send().await.expect("an answer");
-        assert_eq!(answer.status().as_u16(), expected, "{wait}");
+        let response = api.get(&format!("/v1/jobs/{id}?wait={wait}")).send().await.expect("a response");
+        assert_eq!(response.status().as_u16(), expected, "{wait}");
     }
     for (seconds, expected) in [(json!(60.0), 201), (json!(null), 201), (json!(60.5), 400), (json!(1e99), 400)] {
         let token = json!({"origin": "https://shop.example", "expires_in_s": seconds, "max_bytes": 9.0});
@@ -116,9 +116,9 @@ async fn an_array_is_not_taken_for_an_object() {
 async fn options_of_an_upload_may_be_null_as_documented() {
     let data = tempfile::tempdir().expect("a folder");
     let (_program, api) = service(&data);
-    let upload: Value = api.post("/v1/uploads").send().await.expect("an answer").json().await.expect("an upload");
+    let upload: Value = api.post("/v1/uploads").send().await.expect("a response").json().await.expect("an upload");
     let address = format!("{}{}", api.url, upload["put"]["url"].as_str().expect("an address"));
-    let sent = api.http.put(address).body(files::broken_box()).send().await.expect("an answer");
+    let sent = api.http.put(address).body(files::broken_box()).send().await.expect("a response");
     assert_eq!(sent.status(), 204);
     let job = json!({"source": {"upload_id": upload["id"]}, "options": null, "name": null, "callback_url": null});
     assert_eq!(status(&api, "/v1/jobs", job).await, 202);
@@ -184,8 +184,8 @@ async fn a_field_of_the_query_is_documented_as_in_a_body_and_read_as_documented(
     ];
     for query in ways {
         let request = api.post(&format!("/v1/jobs?{query}")).body(files::broken_box());
-        let answer = request.send().await.expect("an answer");
-        let taken = answer.status();
-        assert_eq!(taken, 202, "{query}: {}", answer.text().await.expect("text"));
+        let response = request.send().await.expect("a response");
+        let taken = response.status();
+        assert_eq!(taken, 202, "{query}: {}", response.text().await.expect("text"));
     }
 }

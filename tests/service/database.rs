@@ -56,7 +56,7 @@ async fn what_changes_in_the_database_rings_in_every_process_that_shares_it() {
 /// The write-ahead log's position, and how far it is flushed to disk.
 async fn written_and_synced(pool: &PgPool) -> (i64, i64) {
     let found = "SELECT (pg_current_wal_insert_lsn() - '0/0')::bigint, (pg_current_wal_flush_lsn() - '0/0')::bigint";
-    sqlx::query_as(found).fetch_one(pool).await.expect("an answer")
+    sqlx::query_as(found).fetch_one(pool).await.expect("a response")
 }
 
 #[tokio::test]
@@ -76,7 +76,7 @@ async fn what_is_promised_waits_for_the_databases_disk_and_a_claim_does_not() {
         store.submit(Bench::job("shop")).await.expect("accepted");
         let (submitted, synced) = written_and_synced(&looking).await;
         waited[0] += u32::from(synced > before);
-        let claim = store.claim("a worker", lease, 1).await.expect("an answer").expect("a job");
+        let claim = store.claim("a worker", lease, 1).await.expect("a response").expect("a job");
         let (claimed, synced) = written_and_synced(&looking).await;
         waited[1] += u32::from(synced > submitted);
         store.heartbeat(&claim.lease, lease, None).await.expect("ours");
@@ -100,24 +100,25 @@ async fn receivers_are_told_by_whichever_process_serves_and_by_one_of_them() {
     let _worker = work(data.path(), &cluster).start();
     let api = Api::new(&one);
     let receiver = Receiver::start(&[Reply::Status(204)]).await;
-    let made = api.post("/v1/webhook-endpoints").json(&json!({"url": receiver.url})).send().await.expect("an answer");
-    let endpoint: Value = made.json().await.expect("an endpoint");
+    let created =
+        api.post("/v1/webhook-endpoints").json(&json!({"url": receiver.url})).send().await.expect("a response");
+    let endpoint: Value = created.json().await.expect("an endpoint");
     let mut jobs = Vec::new();
     for tier in [1, 2, 1, 2, 1, 2] {
         jobs.push(json!(api.submit(files::broken_box(), json!({"max_tier": tier, "pictures": false})).await));
     }
     receiver.got(jobs.len()).await;
     until("all is delivered", async || {
-        let metrics = api.get("/metrics").send().await.expect("an answer").text().await.expect("text");
+        let metrics = api.get("/metrics").send().await.expect("a response").text().await.expect("text");
         metrics.contains("meshmend_webhook_backlog 0").then_some(())
     })
     .await;
     let seen = receiver.seen();
     assert!(seen.iter().all(|message| message.verifies(&endpoint["secret"])));
-    let mut told: Vec<Value> = seen.iter().map(|message| message.json()["data"]["id"].clone()).collect();
-    told.sort_by_key(Value::to_string);
+    let mut job_ids: Vec<Value> = seen.iter().map(|message| message.json()["data"]["id"].clone()).collect();
+    job_ids.sort_by_key(Value::to_string);
     jobs.sort_by_key(Value::to_string);
-    assert_eq!(told, jobs, "each once");
+    assert_eq!(job_ids, jobs, "each once");
 }
 
 #[tokio::test]

@@ -12,8 +12,8 @@ use crate::server::{Api, Start, stored_uploads, until};
 use crate::support::disk::{disk, fill, has_spool_open};
 
 async fn submit(api: &Api) -> (u16, Value) {
-    let answer = api.try_submit("a.stl", files::broken_box(), json!({"max_tier": 1, "pictures": false})).await;
-    (answer.status().as_u16(), answer.json().await.expect("JSON"))
+    let response = api.try_submit("a.stl", files::broken_box(), json!({"max_tier": 1, "pictures": false})).await;
+    (response.status().as_u16(), response.json().await.expect("JSON"))
 }
 
 fn id(job: &Value) -> &str {
@@ -34,9 +34,9 @@ async fn a_full_disk_refuses_uploads_and_loses_no_accepted_job() {
     let filler = fill(&disk, 0);
     let (status, problem) = submit(&api).await;
     assert_eq!((status, &problem["code"]), (503, &json!("storage_full")), "{problem}");
-    let answer = api.try_submit("a.stl", files::broken_box(), json!({})).await;
-    assert!(answer.headers().contains_key("retry-after"));
-    let ready = api.get("/readyz").send().await.expect("an answer");
+    let response = api.try_submit("a.stl", files::broken_box(), json!({})).await;
+    assert!(response.headers().contains_key("retry-after"));
+    let ready = api.get("/readyz").send().await.expect("a response");
     assert_eq!(ready.status(), 503);
     let log = until("the attempt fails on the full disk", async || {
         let log = program.log();
@@ -76,9 +76,9 @@ async fn an_upload_is_refused_when_the_disk_fills_up_during_it_with_a_folder_or_
         let filler = fill(&disk, 0);
         sender.send(Ok(vec![0; 1 << 20])).await.expect("the upload listens");
         drop(sender);
-        let answer = upload.await.expect("no panic").expect("an answer");
-        let retry = answer.headers().get("retry-after").cloned();
-        let (status, problem): (_, Value) = (answer.status(), answer.json().await.expect("a problem"));
+        let response = upload.await.expect("no panic").expect("a response");
+        let retry = response.headers().get("retry-after").cloned();
+        let (status, problem): (_, Value) = (response.status(), response.json().await.expect("a problem"));
         assert_eq!((status.as_u16(), &problem["code"]), (503, &json!("storage_full")), "{problem}");
         assert!(
             retry.is_some() && problem["detail"].as_str().is_some_and(|detail| detail.contains("no room")),

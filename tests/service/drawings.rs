@@ -38,7 +38,7 @@ async fn ended(bench: &Bench, tenant: &str) -> JobId {
 }
 
 async fn claimed(bench: &Bench) -> Option<Claim> {
-    bench.store.claim_drawings(HOLD).await.expect("an answer")
+    bench.store.claim_drawings(HOLD).await.expect("a result")
 }
 
 async fn pictures_are_claimed_when_they_are_asked_for_and_published_by_the_last_hold(bench: Bench) {
@@ -79,11 +79,11 @@ async fn pictures_are_claimed_when_they_are_asked_for_and_published_by_the_last_
 async fn pictures_of_a_job_that_was_deleted_are_not_drawn(bench: Bench) {
     let (first, second) = (ended(&bench, "shop").await, ended(&bench, "shop").await);
     bench.store.ask_for_drawings(first).await.expect("noted");
-    assert!(bench.store.purge(first).await.expect("an answer"));
+    assert!(bench.store.purge(first).await.expect("a result"));
     assert!(claimed(&bench).await.is_none());
     bench.store.ask_for_drawings(second).await.expect("noted");
     let held = claimed(&bench).await.expect("pictures to draw");
-    assert!(bench.store.purge(second).await.expect("an answer"));
+    assert!(bench.store.purge(second).await.expect("a result"));
     let late = bench.store.finish_drawings(&held.lease, Artifacts::new()).await;
     assert!(matches!(late, Err(StoreError::LeaseLost)), "{late:?}");
     assert!(bench.get(second).await.artifacts.is_empty());
@@ -122,13 +122,13 @@ async fn pictures_are_drawn_when_one_is_asked_for_and_each_is_listed_typed_and_s
     ] {
         let listed = &job["artifacts"][name];
         assert_eq!((&listed["media_type"], listed.get("bytes")), (&json!(media_type), None), "{job}");
-        let answer = api.get(&format!("/v1/jobs/{id}/artifacts/{name}")).send().await.expect("an answer");
+        let response = api.get(&format!("/v1/jobs/{id}/artifacts/{name}")).send().await.expect("a response");
         assert_eq!(
-            (answer.status().as_u16(), &answer.headers()["content-type"]),
+            (response.status().as_u16(), &response.headers()["content-type"]),
             (200, &media_type.parse().expect("a value"))
         );
-        assert!(answer.headers()["content-disposition"].to_str().expect("text").contains(&format!("-{name}\"")));
-        let bytes = answer.bytes().await.expect("bytes");
+        assert!(response.headers()["content-disposition"].to_str().expect("text").contains(&format!("-{name}\"")));
+        let bytes = response.bytes().await.expect("bytes");
         assert!(bytes.starts_with(magic), "{name}");
         assert_eq!(api.job(&id).await["artifacts"][name]["bytes"], bytes.len());
         names.push(name);
@@ -173,7 +173,7 @@ async fn drawing_that_is_killed_is_tried_again_and_given_up_in_the_end() {
     });
     let child = until("the child draws", async || program.job_children().first().copied()).await;
     signal(child, "KILL");
-    assert!(asked.await.expect("an answer").starts_with(b"\x89PNG"), "the second attempt starts at once");
+    assert!(asked.await.expect("a result").starts_with(b"\x89PNG"), "the second attempt starts at once");
     assert_eq!(api.job(&id).await["status"], "succeeded");
 }
 
@@ -187,8 +187,8 @@ async fn pictures_that_can_never_be_drawn_are_named_no_more() {
     // Damage the stored upload, so that it cannot be read again.
     let upload = data.path().join("files/uploads").join(&id);
     std::fs::write(upload, b"not what it was").expect("written");
-    let answer = api.get(&format!("/v1/jobs/{id}/artifacts/before.png")).send().await.expect("an answer");
-    let (status, problem): (u16, Value) = (answer.status().as_u16(), answer.json().await.expect("JSON"));
+    let response = api.get(&format!("/v1/jobs/{id}/artifacts/before.png")).send().await.expect("a response");
+    let (status, problem): (u16, Value) = (response.status().as_u16(), response.json().await.expect("JSON"));
     assert_eq!((status, &problem["code"]), (404, &json!("artifact_not_found")), "{problem}");
     let job = api.job(&id).await;
     let names: Vec<&String> = job["artifacts"].as_object().expect("files").keys().collect();

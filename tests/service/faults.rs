@@ -36,7 +36,8 @@ async fn done_exactly_once(api: &Api, data: &Path, id: &str, attempt: u64) {
     .await;
     assert_eq!(files.len(), FILES_PER_JOB, "{files:?}");
     assert_eq!(api.artifact(id, "model").await.len(), 84 + 50 * 12);
-    let list: Value = api.get("/v1/jobs?status=succeeded").send().await.expect("an answer").json().await.expect("JSON");
+    let list: Value =
+        api.get("/v1/jobs?status=succeeded").send().await.expect("a response").json().await.expect("JSON");
     assert_eq!(list["jobs"].as_array().map(Vec::len), Some(1));
 }
 
@@ -131,7 +132,7 @@ async fn a_kill_during_an_upload_leaves_no_job_and_a_kill_after_the_response_los
     let program = Start::serve(data.path()).start();
     let api = Api::new(&program);
     done_exactly_once(&api, data.path(), &accepted, 1).await;
-    let list: Value = api.get("/v1/jobs").send().await.expect("an answer").json().await.expect("JSON");
+    let list: Value = api.get("/v1/jobs").send().await.expect("a response").json().await.expect("JSON");
     assert_eq!(list["jobs"].as_array().map(Vec::len), Some(1));
 }
 
@@ -205,5 +206,5 @@ async fn a_child_killed_while_blender_runs_leaves_no_blender_behind() {
     signal(processes[0], "KILL");
     until("no process is left", async || processes.iter().all(|pid| !is_alive(*pid)).then_some(())).await;
     until("the job is retried", async || (api.job(&id).await["attempt"] == 2).then_some(())).await;
-    api.delete(&format!("/v1/jobs/{id}")).send().await.expect("an answer");
+    api.delete(&format!("/v1/jobs/{id}")).send().await.expect("a response");
 }

@@ -12,19 +12,19 @@ use crate::server::{Api, Start, stored_uploads, until};
 async fn post(api: &Api, key: &str, model: Vec<u8>, options: &str) -> Response {
     let address = format!("/v1/jobs?name=a.stl{options}");
     let request = api.post(&address).header("content-type", "application/octet-stream").header("idempotency-key", key);
-    request.body(model).send().await.expect("an answer")
+    request.body(model).send().await.expect("a response")
 }
 
-async fn id_of(answer: Response) -> String {
-    let status = answer.status();
-    let job: Value = answer.json().await.expect("a job");
+async fn id_of(response: Response) -> String {
+    let status = response.status();
+    let job: Value = response.json().await.expect("a job");
     assert_eq!(status, 202, "{job}");
     job["id"].as_str().expect("an id").to_owned()
 }
 
-async fn code_of(answer: Response) -> (u16, String) {
-    let status = answer.status().as_u16();
-    let problem: Value = answer.json().await.expect("a problem");
+async fn code_of(response: Response) -> (u16, String) {
+    let status = response.status().as_u16();
+    let problem: Value = response.json().await.expect("a problem");
     (status, problem["code"].as_str().unwrap_or_default().to_owned())
 }
 
@@ -47,11 +47,11 @@ async fn the_same_request_with_the_same_key_makes_one_job_whatever_became_of_it_
     assert_eq!(again.headers()["location"], format!("/v1/jobs/{id}").as_str());
     assert_eq!(id_of(again).await, id);
     only_one_upload_is_left(data.path()).await;
-    let list: Value = api.get("/v1/jobs").send().await.expect("an answer").json().await.expect("JSON");
+    let list: Value = api.get("/v1/jobs").send().await.expect("a response").json().await.expect("JSON");
     assert_eq!(list["jobs"].as_array().map(Vec::len), Some(1));
     // Another key, or none, makes another request.
     assert_ne!(id_of(post(&api, "k-2", files::broken_box(), "&max_tier=1").await).await, id);
-    api.delete(&format!("/v1/jobs/{id}")).send().await.expect("an answer");
+    api.delete(&format!("/v1/jobs/{id}")).send().await.expect("a response");
     let gone = post(&api, "k-1", files::broken_box(), "&max_tier=1").await;
     assert_eq!(code_of(gone).await, (410, "job_deleted".to_owned()));
 }
@@ -92,9 +92,9 @@ async fn an_idempotency_key_is_taken_during_its_request_and_free_again_if_that_f
     let no_model = post(&api, "other", b"no model".to_vec(), "").await;
     assert_eq!(no_model.status(), 415);
     until("both keys are free", async || {
-        let answers =
+        let responses =
             [post(&api, "k", files::broken_box(), "").await, post(&api, "other", files::broken_box(), "").await];
-        answers.iter().all(|answer| answer.status() == 202).then_some(())
+        responses.iter().all(|response| response.status() == 202).then_some(())
     })
     .await;
 }
@@ -105,11 +105,11 @@ async fn a_key_that_is_empty_too_long_or_given_twice_is_refused() {
     let program = Start::serve(data.path()).env("MESHMEND_NO_WORKERS", "true").start();
     let api = Api::new(&program);
     for key in ["", "\"\"", "a b", &"x".repeat(256)] {
-        let answer = post(&api, key, files::broken_box(), "").await;
-        assert_eq!(code_of(answer).await, (400, "invalid_request".to_owned()), "{key}");
+        let response = post(&api, key, files::broken_box(), "").await;
+        assert_eq!(code_of(response).await, (400, "invalid_request".to_owned()), "{key}");
     }
     let twice = api.post("/v1/jobs").header("idempotency-key", "a").header("idempotency-key", "b");
-    let answer = twice.body(files::broken_box()).send().await.expect("an answer");
-    assert_eq!(code_of(answer).await.0, 400);
+    let response = twice.body(files::broken_box()).send().await.expect("a response");
+    assert_eq!(code_of(response).await.0, 400);
     assert_eq!(json!(stored_uploads(data.path())), json!(0));
 }

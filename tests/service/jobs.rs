@@ -77,7 +77,7 @@ async fn a_raw_body_with_its_options_in_the_query_is_a_job_too() {
         .body(files::broken_box())
         .send()
         .await
-        .expect("an answer");
+        .expect("a response");
     assert_eq!(answer.status(), 202);
     let job: Value = answer.json().await.expect("a job");
     assert_eq!(job["input"]["name"], "raw.stl");
@@ -98,16 +98,16 @@ async fn waiting_holds_the_answer_until_the_status_changes_and_entity_tags_spare
     let mut statuses = Vec::new();
     let mut etag = String::new();
     while statuses.last().is_none_or(|s| s != "succeeded") {
-        let answer = api.get(&format!("/v1/jobs/{id}?wait=20")).send().await.expect("an answer");
+        let answer = api.get(&format!("/v1/jobs/{id}?wait=20")).send().await.expect("a response");
         etag = answer.headers()["etag"].to_str().expect("text").to_owned();
         let job: Value = answer.json().await.expect("a job");
         statuses.push(job["status"].as_str().expect("a status").to_owned());
         assert!(statuses.len() < 4, "each response has a new status: {statuses:?}");
     }
-    let again = api.get(&format!("/v1/jobs/{id}")).header("if-none-match", &etag).send().await.expect("an answer");
+    let again = api.get(&format!("/v1/jobs/{id}")).header("if-none-match", &etag).send().await.expect("a response");
     assert_eq!(again.status(), 304);
     assert!(again.bytes().await.expect("bytes").is_empty());
-    let other = api.get(&format!("/v1/jobs/{id}")).header("if-none-match", "W/\"0\"").send().await.expect("an answer");
+    let other = api.get(&format!("/v1/jobs/{id}")).header("if-none-match", "W/\"0\"").send().await.expect("a response");
     assert_eq!(other.status(), 200);
 }
 
@@ -120,7 +120,7 @@ async fn a_download_can_be_resumed_and_is_named_and_tagged() {
     let id = answer.json::<Value>().await.expect("a job")["id"].as_str().expect("an id").to_owned();
     let job = api.finished(&id).await;
     let path = format!("/v1/jobs/{id}/artifacts/model");
-    let whole = api.get(&path).send().await.expect("an answer");
+    let whole = api.get(&path).send().await.expect("a response");
     assert_eq!(whole.headers()["accept-ranges"], "bytes");
     let etag = whole.headers()["etag"].to_str().expect("text").to_owned();
     assert_eq!(etag.trim_matches('"'), job["artifacts"]["model"]["sha256"].as_str().expect("a hash"));
@@ -128,18 +128,18 @@ async fn a_download_can_be_resumed_and_is_named_and_tagged() {
     assert!(named.contains("filename*=UTF-8''gr%C3%B6%C3%9Fe-repaired.stl"), "{named}");
     let bytes = whole.bytes().await.expect("bytes");
 
-    let part = api.get(&path).header("range", "bytes=80-").header("if-range", &etag).send().await.expect("an answer");
+    let part = api.get(&path).header("range", "bytes=80-").header("if-range", &etag).send().await.expect("a response");
     assert_eq!(part.status(), 206);
     assert_eq!(
         part.headers()["content-range"].to_str().expect("text"),
         format!("bytes 80-{}/{}", bytes.len() - 1, bytes.len())
     );
     assert_eq!(part.bytes().await.expect("bytes"), bytes[80..]);
-    let outside = api.get(&path).header("range", "bytes=999999-").send().await.expect("an answer");
+    let outside = api.get(&path).header("range", "bytes=999999-").send().await.expect("a response");
     assert_eq!(outside.status(), 416);
-    let known = api.get(&path).header("if-none-match", &etag).send().await.expect("an answer");
+    let known = api.get(&path).header("if-none-match", &etag).send().await.expect("a response");
     assert_eq!(known.status(), 304);
-    let head = api.http.head(format!("{}{path}", api.url)).send().await.expect("an answer");
+    let head = api.http.head(format!("{}{path}", api.url)).send().await.expect("a response");
     assert_eq!(head.headers()["content-length"].to_str().expect("text"), bytes.len().to_string());
 }
 
@@ -151,7 +151,7 @@ async fn events_tell_each_stage_and_end_with_the_job() {
     // The second job waits behind the first, so the listener is connected before it starts.
     api.submit(files::large_open_sphere(60_000), json!({"max_tier": 1})).await;
     let id = api.submit(files::large_open_sphere(60_000), json!({"max_tier": 1})).await;
-    let events = api.get(&format!("/v1/jobs/{id}/events")).send().await.expect("an answer");
+    let events = api.get(&format!("/v1/jobs/{id}/events")).send().await.expect("a response");
     assert_eq!(events.headers()["content-type"], "text/event-stream");
     let text = events.text().await.expect("the stream ends by itself");
     let of = |name: &str| -> Vec<Value> {
@@ -183,7 +183,7 @@ async fn the_list_pages_through_all_jobs_newest_first() {
     let mut seen = Vec::new();
     let mut path = "/v1/jobs?limit=2".to_owned();
     loop {
-        let page: Value = api.get(&path).send().await.expect("an answer").json().await.expect("JSON");
+        let page: Value = api.get(&path).send().await.expect("a response").json().await.expect("JSON");
         seen.extend(page["jobs"].as_array().expect("jobs").iter().map(|j| j["id"].as_str().expect("an id").to_owned()));
         let Some(next) = page["next"].as_str() else { break };
         path = format!("/v1/jobs?limit=2&cursor={next}");
@@ -192,7 +192,7 @@ async fn the_list_pages_through_all_jobs_newest_first() {
     for id in &ids {
         api.finished(id).await;
     }
-    let none: Value = api.get("/v1/jobs?status=failed").send().await.expect("an answer").json().await.expect("JSON");
+    let none: Value = api.get("/v1/jobs?status=failed").send().await.expect("a response").json().await.expect("JSON");
     assert_eq!(none["jobs"].as_array().map(Vec::len), Some(0));
 }
 

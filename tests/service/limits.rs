@@ -118,7 +118,7 @@ async fn many_large_uploads_at_once_leave_the_servers_memory_small() {
                 let form = reqwest::multipart::Form::new();
                 api.post("/v1/jobs").multipart(form.part("file", reqwest::multipart::Part::stream(body)))
             };
-            request.send().await.expect("an answer").status()
+            request.send().await.expect("a response").status()
         })
     });
     for upload in uploads.collect::<Vec<_>>() {
@@ -140,7 +140,7 @@ async fn a_full_queue_or_disk_refuses_jobs_before_reading_files_and_says_when_to
     assert_eq!((full.status().as_u16(), &full.headers()["retry-after"]), (429, &"30".parse().expect("a value")));
     assert_eq!(full.json::<Value>().await.expect("a problem")["code"], "queue_full");
     assert_eq!(stored_uploads(data.path()), 1);
-    api.post(&format!("/v1/jobs/{id}/cancel")).send().await.expect("an answer");
+    api.post(&format!("/v1/jobs/{id}/cancel")).send().await.expect("a response");
     api.submit(files::broken_box(), json!({})).await;
     drop(program);
 
@@ -150,7 +150,7 @@ async fn a_full_queue_or_disk_refuses_jobs_before_reading_files_and_says_when_to
     let full = api.try_submit("b.stl", files::broken_box(), json!({})).await;
     assert_eq!((full.status().as_u16(), &full.headers()["retry-after"]), (503, &"30".parse().expect("a value")));
     assert_eq!(full.json::<Value>().await.expect("a problem")["code"], "storage_full");
-    let ready = api.get("/readyz").send().await.expect("an answer");
+    let ready = api.get("/readyz").send().await.expect("a response");
     assert_eq!(ready.status(), 503);
     let checks = ready.json::<Value>().await.expect("checks");
     assert!(checks["checks"]["disk"].as_str().expect("words").contains("no room"), "{checks}");

@@ -31,12 +31,12 @@ async fn client(url: String, seen: Arc<Seen>) {
     while !seen.stop.load(Ordering::Relaxed) {
         let submit = http.post(format!("{url}/v1/jobs?max_tier=1&pictures=false")).header("cache-control", "no-cache");
         let id = match submit.body(files::broken_box()).send().await {
-            Ok(answer) if answer.status() == 202 => {
+            Ok(response) if response.status() == 202 => {
                 seen.accepted.fetch_add(1, Ordering::Relaxed);
-                let job: Value = answer.json().await.expect("a job");
+                let job: Value = response.json().await.expect("a job");
                 job["id"].as_str().expect("an id").to_owned()
             }
-            Ok(answer) if answer.status() == 429 && answer.headers().contains_key("retry-after") => {
+            Ok(response) if response.status() == 429 && response.headers().contains_key("retry-after") => {
                 seen.refused.fetch_add(1, Ordering::Relaxed);
                 tokio::time::sleep(Duration::from_millis(200)).await;
                 continue;
@@ -50,8 +50,8 @@ async fn client(url: String, seen: Arc<Seen>) {
             tokio::time::sleep(Duration::from_millis(100)).await;
             let asked = Instant::now();
             match http.get(format!("{url}/v1/jobs/{id}")).send().await {
-                Ok(answer) if answer.status() == 200 => {
-                    let job = answer.json::<Value>().await;
+                Ok(response) if response.status() == 200 => {
+                    let job = response.json::<Value>().await;
                     let took = u64::try_from(asked.elapsed().as_micros()).expect("short");
                     seen.reads.lock().expect("a list").push(took);
                     assert!(job.is_ok_and(|job| job["id"] == id.as_str()));
@@ -128,7 +128,7 @@ async fn time_of_jobs(jobs: usize, workers: usize) -> Duration {
     let api = Api::new(&server);
     for _ in 0..jobs {
         let request = api.post("/v1/jobs?max_tier=1&pictures=false").header("cache-control", "no-cache");
-        assert_eq!(request.body(files::broken_box()).send().await.expect("an answer").status(), 202);
+        assert_eq!(request.body(files::broken_box()).send().await.expect("a response").status(), 202);
     }
     let work = || Start::work(data.path()).env("MESHMEND_DATABASE_URL", &url).arg("--workers", "1").start();
     let _workers: Vec<_> = (0..workers).map(|_| work()).collect();
@@ -139,7 +139,7 @@ async fn time_of_jobs(jobs: usize, workers: usize) -> Duration {
         )
         .fetch_one(&pool)
         .await
-        .expect("an answer");
+        .expect("a response");
         (done.0 == i64::try_from(jobs).expect("few")).then(|| Duration::from_millis(done.1.unwrap_or(0).unsigned_abs()))
     })
     .await

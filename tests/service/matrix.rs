@@ -116,7 +116,7 @@ impl Ground {
 /// An upload of which half has been sent.
 struct Upload {
     rest: mpsc::Sender<Result<Vec<u8>, std::io::Error>>,
-    answer: JoinHandle<reqwest::Result<Response>>,
+    response: JoinHandle<reqwest::Result<Response>>,
 }
 
 /// Jobs at all stages.
@@ -147,7 +147,7 @@ impl Scene {
         let server = ground.serve("server", "127.0.0.1:0");
         let (api, audit) = (Api::new(&server), Audit::begin(&ground.cluster.url()).await);
         let endpoint = api.post("/v1/webhook-endpoints").json(&json!({"url": ground.receiver.url}));
-        assert_eq!(endpoint.send().await.expect("an answer").status(), 201);
+        assert_eq!(endpoint.send().await.expect("a response").status(), 201);
         let (mut workers, mut accepted) = (Vec::new(), Vec::new());
         for (place, model, preset) in PLACES {
             let worker = ground.work(place, Some(place));
@@ -162,8 +162,8 @@ impl Scene {
         }
         // No worker is free to claim it.
         let canceled = api.submit(files::whole_box(), json!({})).await;
-        let answer = api.post(&format!("/v1/jobs/{canceled}/cancel")).send().await.expect("an answer");
-        assert_eq!(answer.status(), 200);
+        let response = api.post(&format!("/v1/jobs/{canceled}/cancel")).send().await.expect("a response");
+        assert_eq!(response.status(), 200);
         accepted.push(canceled);
         ground.receiver.got(1).await;
         let upload = half_an_upload(&api, &server).await;
@@ -191,9 +191,9 @@ impl Scene {
         let _ = self.upload.rest.send(Ok(model[model.len() / 2..].to_vec())).await;
         let (closed, _) = mpsc::channel(1);
         self.upload.rest = closed;
-        let answer = (&mut self.upload.answer).await.expect("no panic");
-        let accepted = match answer {
-            Ok(answer) if answer.status() == 202 => answer,
+        let response = (&mut self.upload.response).await.expect("no panic");
+        let accepted = match response {
+            Ok(response) if response.status() == 202 => response,
             _ => {
                 until("the model is accepted", async || {
                     let sent = self.api.post("/v1/jobs").body(files::whole_box()).send().await.ok()?;
@@ -232,11 +232,11 @@ async fn half_an_upload(api: &Api, server: &Program) -> Upload {
     let (rest, receiver) = mpsc::channel(1);
     let body =
         futures::stream::unfold(receiver, |mut r: mpsc::Receiver<_>| async { r.recv().await.map(|chunk| (chunk, r)) });
-    let answer = tokio::spawn(api.post("/v1/jobs").body(Body::wrap_stream(body)).send());
+    let response = tokio::spawn(api.post("/v1/jobs").body(Body::wrap_stream(body)).send());
     let model = files::whole_box();
     rest.send(Ok(model[..model.len() / 2].to_vec())).await.expect("the upload listens");
     until("the upload has begun", async || has_spool_open(server).then_some(())).await;
-    Upload { rest, answer }
+    Upload { rest, response }
 }
 
 async fn tries_again(worker: &Program, words: &str) {

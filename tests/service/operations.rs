@@ -17,8 +17,8 @@ fn with_probes(start: Start<'_>) -> Start<'_> {
 
 async fn probe(program: &Program, path: &str) -> (u16, String) {
     meshmend::tls::use_ring();
-    let answer = reqwest::get(format!("{}{path}", program.probes)).await.expect("an answer");
-    (answer.status().as_u16(), answer.text().await.expect("text"))
+    let response = reqwest::get(format!("{}{path}", program.probes)).await.expect("a response");
+    (response.status().as_u16(), response.text().await.expect("text"))
 }
 
 /// Waits until a series has an accepted value.
@@ -106,22 +106,22 @@ async fn operators_see_what_waits_of_each_class_of_tenants() {
     let data = tempfile::tempdir().expect("a folder");
     let meshmend = |args: &[&str]| {
         let mut command = Command::new(env!("CARGO_BIN_EXE_meshmend"));
-        let answer = command.args(args).arg("--data-dir").arg(data.path()).output().expect("it runs");
-        assert!(answer.status.success(), "{args:?}");
-        String::from_utf8(answer.stdout).expect("text").trim().to_owned()
+        let response = command.args(args).arg("--data-dir").arg(data.path()).output().expect("it runs");
+        assert!(response.status.success(), "{args:?}");
+        String::from_utf8(response.stdout).expect("text").trim().to_owned()
     };
-    let told = meshmend(&["tenants", "set", "big-shop", "--json", "--class", "gold"]);
-    assert!(told.contains(r#""class":"gold""#), "{told}");
+    let tenant = meshmend(&["tenants", "set", "big-shop", "--json", "--class", "gold"]);
+    assert!(tenant.contains(r#""class":"gold""#), "{tenant}");
     let keys = ["big-shop", "corner-shop"].map(|tenant| meshmend(&["keys", "create", "--tenant", tenant]));
     let server = with_probes(Start::serve(data.path())).env("MESHMEND_NO_WORKERS", "true").start();
     for key in &keys[..1] {
         let request = Api::new(&server).post("/v1/jobs").bearer_auth(key).body(files::broken_box());
-        assert_eq!(request.send().await.expect("an answer").status(), 202);
+        assert_eq!(request.send().await.expect("a response").status(), 202);
     }
     measured(&server, r#"meshmend_class_jobs{class="gold",status="queued"}"#, |n| n == 1.0).await;
     measured(&server, r#"meshmend_class_queue_wait_seconds{class="gold"}"#, |seconds| seconds > 0.0).await;
     let request = Api::new(&server).post("/v1/jobs").bearer_auth(&keys[1]).body(files::broken_box());
-    assert_eq!(request.send().await.expect("an answer").status(), 202);
+    assert_eq!(request.send().await.expect("a response").status(), 202);
     measured(&server, r#"meshmend_class_jobs{class="standard",status="queued"}"#, |n| n == 1.0).await;
 
     let _worker = Start::work(data.path()).start();
@@ -265,9 +265,9 @@ async fn refused_requests_and_failed_jobs_are_logged_with_their_code_and_key() {
     let program = start_with_keys(Start::serve(data.path()).env("MESHMEND_LOG_FORMAT", "json"));
     let api = Api::new(&program);
     let request = api.post("/v1/jobs").bearer_auth(&secret).header("x-request-id", "the-request");
-    assert_eq!(request.body(files::broken_box()).send().await.expect("an answer").status(), 403);
-    assert_eq!(api.get("/wp-login.php").send().await.expect("an answer").status(), 404);
-    assert_eq!(api.get("/v1/jobs").bearer_auth(&secret).send().await.expect("an answer").status(), 200);
+    assert_eq!(request.body(files::broken_box()).send().await.expect("a response").status(), 403);
+    assert_eq!(api.get("/wp-login.php").send().await.expect("a response").status(), 404);
+    assert_eq!(api.get("/v1/jobs").bearer_auth(&secret).send().await.expect("a response").status(), 200);
     let line = until("the log has the line", async || {
         let log = program.log();
         let line = log.lines().find(|line| line.contains("request refused"))?;

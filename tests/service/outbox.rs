@@ -42,12 +42,12 @@ fn new_endpoint(tenant: &str, events: &[JobEvent]) -> NewEndpoint {
 }
 
 async fn endpoint(bench: &Bench, tenant: &str) -> Endpoint {
-    let made = bench.store.create_endpoint(new_endpoint(tenant, &JobEvent::ALL), MOST).await;
-    made.expect("an answer").expect("an endpoint")
+    let created = bench.store.create_endpoint(new_endpoint(tenant, &JobEvent::ALL), MOST).await;
+    created.expect("a result").expect("an endpoint")
 }
 
 async fn claim(bench: &Bench) -> Option<DueDelivery> {
-    bench.store.claim_delivery(LEASE, MOST).await.expect("an answer")
+    bench.store.claim_delivery(LEASE, MOST).await.expect("a result")
 }
 
 fn attempt(status: u16) -> Attempt {
@@ -55,19 +55,19 @@ fn attempt(status: u16) -> Attempt {
 }
 
 async fn settle(bench: &Bench, due: &DueDelivery, verdict: Verdict) -> bool {
-    bench.store.settle_delivery(due, attempt(500), verdict).await.expect("an answer")
+    bench.store.settle_delivery(due, attempt(500), verdict).await.expect("a result")
 }
 
 /// Cancels a new job of the tenant, which creates a delivery for each of its endpoints.
 async fn cancelled(bench: &Bench, tenant: &str) -> Job {
     let job = bench.submit_of(tenant).await;
-    bench.store.cancel(job.id).await.expect("an answer");
+    bench.store.cancel(job.id).await.expect("a result");
     job
 }
 
 async fn all_of(bench: &Bench, tenant: &str) -> Vec<meshmend::jobs::Delivery> {
     let query = DeliveryQuery { tenant: tenant.into(), limit: 100, ..DeliveryQuery::default() };
-    bench.store.deliveries(query).await.expect("an answer").items
+    bench.store.deliveries(query).await.expect("a result").items
 }
 
 fn completion() -> Completion {
@@ -78,56 +78,56 @@ async fn every_end_of_a_job_is_noted_for_those_who_are_told_of_it(bench: Bench) 
     let store = &bench.store;
     let all = endpoint(&bench, "shop").await;
     let only_failures = new_endpoint("shop", &[JobEvent::Failed]);
-    let only_failures = store.create_endpoint(only_failures, MOST).await.expect("an answer").expect("an endpoint");
+    let only_failures = store.create_endpoint(only_failures, MOST).await.expect("a result").expect("an endpoint");
     let disabled = endpoint(&bench, "shop").await;
     let off = EndpointChange { enabled: Some(false), ..EndpointChange::default() };
-    store.change_endpoint("shop", &disabled.id, off).await.expect("an answer").expect("there");
+    store.change_endpoint("shop", &disabled.id, off).await.expect("a result").expect("there");
     endpoint(&bench, "rival").await;
 
-    let told = async |job: JobId| {
+    let events_of = async |job: JobId| {
         let query = DeliveryQuery { tenant: "shop".into(), job: Some(job), limit: 10, ..DeliveryQuery::default() };
-        let mut told = store.deliveries(query).await.expect("an answer").items;
-        told.sort_by(|a, b| a.id.cmp(&b.id));
-        told.into_iter().map(|d| (d.kind, d.endpoint.or(d.url).expect("a receiver"))).collect::<Vec<_>>()
+        let mut deliveries = store.deliveries(query).await.expect("a result").items;
+        deliveries.sort_by(|a, b| a.id.cmp(&b.id));
+        deliveries.into_iter().map(|d| (d.kind, d.endpoint.or(d.url).expect("a receiver"))).collect::<Vec<_>>()
     };
     let to = |kind: &str, whom: &[&str]| whom.iter().map(|id| (kind.to_owned(), (*id).to_owned())).collect::<Vec<_>>();
 
     let callback = Some("https://shop.example/one".to_owned());
     let with_callback = NewJob { callback_url: callback, ..Bench::job("shop") };
     let first = store.submit(with_callback).await.expect("accepted");
-    assert_eq!(told(first.id).await, [], "the job has not ended");
+    assert_eq!(events_of(first.id).await, [], "the job has not ended");
     let held = bench.claim().await.expect("a job").lease;
     store.fail(&held, Bench::failure(FailureKind::Passing)).await.expect("noted");
-    assert_eq!(told(first.id).await, [], "the delivery is retried");
+    assert_eq!(events_of(first.id).await, [], "the delivery is retried");
     bench.pass(Duration::from_secs(600));
     let held = bench.claim().await.expect("the job again").lease;
     let done = store.complete(&held, completion()).await.expect("completed");
-    assert_eq!(told(first.id).await, to("job.succeeded", &[&all.id, "https://shop.example/one"]));
+    assert_eq!(events_of(first.id).await, to("job.succeeded", &[&all.id, "https://shop.example/one"]));
     store.complete(&held, completion()).await.expect("completed before");
-    assert_eq!(told(first.id).await.len(), 2, "no delivery is claimed twice");
+    assert_eq!(events_of(first.id).await.len(), 2, "no delivery is claimed twice");
 
     let failed = bench.submit().await;
     let held = bench.claim().await.expect("a job").lease;
     store.fail(&held, Bench::failure(FailureKind::Final)).await.expect("noted");
-    assert_eq!(told(failed.id).await, to("job.failed", &[&all.id, &only_failures.id]));
+    assert_eq!(events_of(failed.id).await, to("job.failed", &[&all.id, &only_failures.id]));
 
     let lost = bench.submit().await;
     for _ in 0..bench.policy.max_crashes {
-        assert_eq!(told(lost.id).await, []);
+        assert_eq!(events_of(lost.id).await, []);
         bench.claim().await.expect("a job");
         bench.pass(LEASE + Duration::from_secs(1));
-        store.rescue().await.expect("an answer");
+        store.rescue().await.expect("a result");
     }
-    assert_eq!(told(lost.id).await, to("job.failed", &[&all.id, &only_failures.id]));
+    assert_eq!(events_of(lost.id).await, to("job.failed", &[&all.id, &only_failures.id]));
 
     let stopped = cancelled(&bench, "shop").await;
-    store.cancel(stopped.id).await.expect("an answer");
-    assert_eq!(told(stopped.id).await, to("job.canceled", &[&all.id]));
+    store.cancel(stopped.id).await.expect("a result");
+    assert_eq!(events_of(stopped.id).await, to("job.canceled", &[&all.id]));
 
     let (outcome, report) = (done.outcome.expect("an outcome"), done.report.clone().expect("a report"));
     let result = Some(Reused { from: done.id, outcome, report, artifacts: Artifacts::new() });
     let reused = store.submit(NewJob { result, ..Bench::job("shop") }).await.expect("accepted");
-    assert_eq!(told(reused.id).await, to("job.succeeded", &[&all.id]));
+    assert_eq!(events_of(reused.id).await, to("job.succeeded", &[&all.id]));
 
     let due = claim(&bench).await.expect("due");
     let payload: Value = serde_json::from_str(&due.payload).expect("JSON");
@@ -175,7 +175,7 @@ async fn a_delivery_is_claimed_by_one_and_by_another_when_its_lease_ends(bench: 
     assert_eq!(second.tries, 2);
     settle(&bench, &first, Verdict::Gone).await;
     assert_eq!(all_of(&bench, "shop").await[0].status, DeliveryStatus::Pending, "the first claim has expired");
-    let known = store.endpoint("shop", &endpoint.id).await.expect("an answer").expect("there");
+    let known = store.endpoint("shop", &endpoint.id).await.expect("a result").expect("there");
     assert_eq!((known.disabled, known.failing_since), (None, None));
 
     settle(&bench, &second, Verdict::Again(Duration::from_secs(60))).await;
@@ -185,7 +185,7 @@ async fn a_delivery_is_claimed_by_one_and_by_another_when_its_lease_ends(bench: 
     bench.pass(Duration::from_secs(1));
     let third = claim(&bench).await.expect("due");
     assert_eq!((third.tries, third.attempts.len()), (3, 1));
-    store.settle_delivery(&third, attempt(204), Verdict::Delivered).await.expect("an answer");
+    store.settle_delivery(&third, attempt(204), Verdict::Delivered).await.expect("a result");
     bench.pass(10 * LEASE);
     assert_eq!(claim(&bench).await, None, "the message was delivered");
     let delivery = &all_of(&bench, "shop").await[0];
@@ -203,7 +203,7 @@ async fn tenants_take_turns_and_one_whose_receivers_hang_holds_nobody_up(bench: 
         bench.pass(Duration::from_millis(5));
     }
     let mut order = Vec::new();
-    while let Some(due) = bench.store.claim_delivery(LEASE, 3).await.expect("an answer") {
+    while let Some(due) = bench.store.claim_delivery(LEASE, 3).await.expect("a result") {
         order.push(due.tenant);
     }
     assert_eq!(order, ["busy", "calm", "busy", "calm", "busy"], "the fourth delivery to the busy endpoint has to wait");
@@ -246,14 +246,14 @@ async fn an_endpoint_is_disabled_when_it_is_gone_or_fails_for_days(bench: Bench)
     }
     let due = claim(&bench).await.expect("due");
     assert!(settle(&bench, &due, Verdict::Gone).await);
-    let known = store.endpoint("shop", &gone.id).await.expect("an answer").expect("there");
+    let known = store.endpoint("shop", &gone.id).await.expect("a result").expect("there");
     assert!(known.disabled.is_some_and(|(_, why)| why.contains("410")));
     assert_eq!(claim(&bench).await, None, "nothing more is sent to the endpoint");
     assert!(all_of(&bench, "shop").await.iter().all(|delivery| delivery.status == DeliveryStatus::Failed));
     cancelled(&bench, "shop").await;
     assert_eq!(all_of(&bench, "shop").await.len(), 2, "a disabled endpoint gets no messages");
     let on = EndpointChange { enabled: Some(true), ..EndpointChange::default() };
-    let known = store.change_endpoint("shop", &gone.id, on).await.expect("an answer").expect("there");
+    let known = store.change_endpoint("shop", &gone.id, on).await.expect("a result").expect("there");
     assert_eq!((known.disabled, known.failing_since), (None, None));
 
     let wait = FAILING / 4;
@@ -266,7 +266,7 @@ async fn an_endpoint_is_disabled_when_it_is_gone_or_fails_for_days(bench: Bench)
     }
     assert_eq!(disabled, [false, false, false, false, true], "five days after the first failure");
     let on = EndpointChange { enabled: Some(true), ..EndpointChange::default() };
-    store.change_endpoint("shop", &gone.id, on).await.expect("an answer").expect("there");
+    store.change_endpoint("shop", &gone.id, on).await.expect("a result").expect("there");
     cancelled(&bench, "shop").await;
     for verdict in [Verdict::Again(FAILING), Verdict::Delivered] {
         let due = claim(&bench).await.expect("due");
@@ -282,7 +282,7 @@ async fn what_was_given_up_or_delivered_is_sent_again_when_asked_for(bench: Benc
     let store = &bench.store;
     let endpoint = endpoint(&bench, "shop").await;
     cancelled(&bench, "shop").await;
-    let again = async |tenant: &str, id: &str| store.redeliver(tenant, id).await.expect("an answer");
+    let again = async |tenant: &str, id: &str| store.redeliver(tenant, id).await.expect("a result");
     for verdict in [Verdict::Failed, Verdict::Delivered, Verdict::Again(Duration::from_secs(3600))] {
         let due = claim(&bench).await.expect("due");
         assert_eq!(due.tries, 1);
@@ -299,9 +299,9 @@ async fn what_was_given_up_or_delivered_is_sent_again_when_asked_for(bench: Benc
     assert_eq!(all_of(&bench, "shop").await[0].status, DeliveryStatus::Pending);
     settle(&bench, &due, Verdict::Failed).await;
     let off = EndpointChange { enabled: Some(false), ..EndpointChange::default() };
-    store.change_endpoint("shop", &endpoint.id, off).await.expect("an answer").expect("there");
+    store.change_endpoint("shop", &endpoint.id, off).await.expect("a result").expect("there");
     assert_eq!(again("shop", &due.id).await, Redelivered::Disabled);
-    assert_eq!(store.send_ping("shop", &endpoint.id).await.expect("an answer"), None);
+    assert_eq!(store.send_ping("shop", &endpoint.id).await.expect("a result"), None);
 }
 
 async fn a_secret_that_was_replaced_is_known_beside_the_new_one(bench: Bench) {
@@ -309,17 +309,17 @@ async fn a_secret_that_was_replaced_is_known_beside_the_new_one(bench: Bench) {
     let endpoint = endpoint(&bench, "shop").await;
     let day = Duration::from_secs(24 * 3600);
     let rotated = store.rotate_endpoint("shop", &endpoint.id, &secret("c2Vjb25k"), day).await;
-    let secrets = rotated.expect("an answer").expect("there").secrets;
+    let secrets = rotated.expect("a result").expect("there").secrets;
     let (old, until) = secrets.previous.clone().expect("the old one");
     assert_eq!((&secrets.current, old), (&secret("c2Vjb25k"), secret("Zmlyc3Q=")));
     assert_eq!(until.unix_timestamp(), 1_800_000_000 + 24 * 3600);
     cancelled(&bench, "shop").await;
     assert_eq!(claim(&bench).await.expect("due").secrets, Some(secrets));
-    assert_eq!(store.rotate_endpoint("rival", &endpoint.id, &secret("eA=="), day).await.expect("an answer"), None);
+    assert_eq!(store.rotate_endpoint("rival", &endpoint.id, &secret("eA=="), day).await.expect("a result"), None);
 
     let callback_url = Some("https://other.example/".to_owned());
     let job = store.submit(NewJob { callback_url, ..Bench::job("other") }).await.expect("accepted");
-    store.cancel(job.id).await.expect("an answer");
+    store.cancel(job.id).await.expect("a result");
     let due = claim(&bench).await.expect("due");
     assert_eq!((due.secrets.as_ref(), due.endpoint.as_ref()), (None, None), "there is none yet");
     let first = store.callback_secrets("other", &secret("YQ==")).await.expect("secrets");
@@ -335,32 +335,32 @@ async fn a_secret_that_was_replaced_is_known_beside_the_new_one(bench: Bench) {
 async fn endpoints_are_their_tenants_own_and_no_more_than_may_be(bench: Bench) {
     let store = &bench.store;
     let own = endpoint(&bench, "shop").await;
-    let more = store.create_endpoint(new_endpoint("shop", &JobEvent::ALL), 1).await.expect("an answer");
+    let more = store.create_endpoint(new_endpoint("shop", &JobEvent::ALL), 1).await.expect("a result");
     assert_eq!(more, None);
-    let theirs = store.create_endpoint(new_endpoint("rival", &JobEvent::ALL), 1).await.expect("an answer");
+    let theirs = store.create_endpoint(new_endpoint("rival", &JobEvent::ALL), 1).await.expect("a result");
     let theirs = theirs.expect("each has its own");
-    assert_eq!(store.endpoints("shop").await.expect("an answer"), std::slice::from_ref(&own));
+    assert_eq!(store.endpoints("shop").await.expect("a result"), std::slice::from_ref(&own));
     let change = EndpointChange {
         url: Some("https://shop.example/new".into()),
         events: Some(vec![JobEvent::Failed]),
         ..EndpointChange::default()
     };
-    assert_eq!(store.change_endpoint("shop", &theirs.id, change.clone()).await.expect("an answer"), None);
-    assert_eq!(store.endpoint("shop", &theirs.id).await.expect("an answer"), None);
-    assert_eq!(store.send_ping("shop", &theirs.id).await.expect("an answer"), None);
-    assert!(!store.delete_endpoint("shop", &theirs.id).await.expect("an answer"));
-    let changed = store.change_endpoint("shop", &own.id, change).await.expect("an answer").expect("there");
+    assert_eq!(store.change_endpoint("shop", &theirs.id, change.clone()).await.expect("a result"), None);
+    assert_eq!(store.endpoint("shop", &theirs.id).await.expect("a result"), None);
+    assert_eq!(store.send_ping("shop", &theirs.id).await.expect("a result"), None);
+    assert!(!store.delete_endpoint("shop", &theirs.id).await.expect("a result"));
+    let changed = store.change_endpoint("shop", &own.id, change).await.expect("a result").expect("there");
     assert_eq!(
         (changed.url.as_str(), changed.events.as_slice()),
         ("https://shop.example/new", &[JobEvent::Failed][..])
     );
     assert_eq!(changed.description, own.description);
 
-    assert!(store.send_ping("shop", &own.id).await.expect("an answer").is_some());
+    assert!(store.send_ping("shop", &own.id).await.expect("a result").is_some());
     let due = claim(&bench).await.expect("whatever it is told of");
     assert_eq!((due.url.as_str(), due.tenant.as_str()), ("https://shop.example/new", "shop"));
     assert!(due.payload.contains("\"ping\""), "{}", due.payload);
-    assert!(store.delete_endpoint("shop", &own.id).await.expect("an answer"));
+    assert!(store.delete_endpoint("shop", &own.id).await.expect("a result"));
     assert!(all_of(&bench, "shop").await.is_empty());
     assert!(!settle(&bench, &due, Verdict::Gone).await, "the delivery is deleted with its endpoint");
 }
@@ -371,15 +371,15 @@ async fn what_was_told_is_forgotten_with_its_job_or_after_a_while(bench: Bench) 
     let (kept, deleted) = (cancelled(&bench, "shop").await, cancelled(&bench, "shop").await);
     let due = claim(&bench).await.expect("due");
     bench.pass(Duration::from_secs(5));
-    let backlog = store.backlog().await.expect("an answer");
+    let backlog = store.backlog().await.expect("a result");
     assert_eq!((backlog.pending, backlog.overdue), (2, Duration::from_secs(5)));
-    assert!(store.purge(deleted.id).await.expect("an answer"));
+    assert!(store.purge(deleted.id).await.expect("a result"));
     let left: Vec<_> = all_of(&bench, "shop").await.into_iter().map(|delivery| delivery.job).collect();
     assert_eq!(left, [Some(kept.id)]);
     settle(&bench, &due, Verdict::Delivered).await;
-    assert_eq!(store.backlog().await.expect("an answer").pending, 0);
+    assert_eq!(store.backlog().await.expect("a result").pending, 0);
     bench.pass(Duration::from_secs(60));
-    assert_eq!(store.forget_messages(Duration::from_secs(3600)).await.expect("an answer"), 0);
-    assert_eq!(store.forget_messages(Duration::from_secs(60)).await.expect("an answer"), 1);
+    assert_eq!(store.forget_messages(Duration::from_secs(3600)).await.expect("a result"), 0);
+    assert_eq!(store.forget_messages(Duration::from_secs(60)).await.expect("a result"), 1);
     assert!(all_of(&bench, "shop").await.is_empty());
 }

@@ -19,7 +19,7 @@ async fn the_page_comes_with_all_it_needs_and_may_reach_nothing_else() {
     let data = tempfile::tempdir().expect("a folder");
     let program = Start::serve(data.path()).start();
     let api = Api::new(&program);
-    let answer = api.get("/").send().await.expect("an answer");
+    let answer = api.get("/").send().await.expect("a response");
     assert_eq!(
         (answer.status().as_u16(), &answer.headers()["content-type"]),
         (200, &"text/html; charset=utf-8".parse().expect("text"))
@@ -43,14 +43,14 @@ async fn the_page_comes_with_all_it_needs_and_may_reach_nothing_else() {
     let named = assets(&document);
     assert_eq!(named.len(), 3, "{document}");
     for path in named {
-        let answer = api.get(path).send().await.expect("an answer");
+        let response = api.get(path).send().await.expect("a response");
         assert_eq!(
-            (answer.status().as_u16(), &answer.headers()["cache-control"]),
+            (response.status().as_u16(), &response.headers()["cache-control"]),
             (200, &"public, max-age=31536000, immutable".parse().expect("text")),
             "{path}"
         );
     }
-    let missing = api.get("/assets/page-00000000.js").send().await.expect("an answer");
+    let missing = api.get("/assets/page-00000000.js").send().await.expect("a response");
     assert_eq!(
         (missing.status().as_u16(), &missing.headers()["content-type"]),
         (404, &"application/problem+json".parse().expect("text"))
@@ -62,13 +62,13 @@ async fn a_browser_gets_the_page_packed_and_only_when_it_changed() {
     let data = tempfile::tempdir().expect("a folder");
     let program = Start::serve(data.path()).start();
     let api = Api::new(&program);
-    let document = api.get("/").send().await.expect("an answer").text().await.expect("text");
+    let document = api.get("/").send().await.expect("a response").text().await.expect("text");
     for path in assets(&document).into_iter().chain(["/", "/widget.js"]) {
-        let plain = api.get(path).send().await.expect("an answer");
+        let plain = api.get(path).send().await.expect("a response");
         assert!(!plain.headers().contains_key("content-encoding"), "a client that does not accept gzip gets none");
         let tag = plain.headers()["etag"].clone();
         let plain = plain.bytes().await.expect("bytes");
-        let packed = api.get(path).header("accept-encoding", "gzip, br").send().await.expect("an answer");
+        let packed = api.get(path).header("accept-encoding", "gzip, br").send().await.expect("a response");
         assert_eq!(
             (&packed.headers()["content-encoding"], &packed.headers()["vary"]),
             (&"gzip".parse().expect("text"), &"accept-encoding".parse().expect("text"))
@@ -80,10 +80,10 @@ async fn a_browser_gets_the_page_packed_and_only_when_it_changed() {
             packed.len(),
             plain.len()
         );
-        let again = api.get(path).header("if-none-match", &tag).send().await.expect("an answer");
+        let again = api.get(path).header("if-none-match", &tag).send().await.expect("a response");
         assert_eq!((again.status().as_u16(), &again.headers()["etag"]), (304, &tag), "{path}");
         assert!(again.bytes().await.expect("bytes").is_empty());
-        let head = api.http.head(format!("{}{path}", api.url)).send().await.expect("an answer");
+        let head = api.http.head(format!("{}{path}", api.url)).send().await.expect("a response");
         assert_eq!((head.status().as_u16(), &head.headers()["content-length"]), (200, &plain.len().into()), "{path}");
     }
 }
@@ -94,7 +94,7 @@ async fn the_widget_and_what_it_loads_are_for_pages_of_all_origins_and_the_page_
     let program = Start::serve(data.path()).arg("--auth", "keys").start();
     let api = Api::new(&program);
     let get = |path: &str| api.get(path).header("origin", "https://shop.example").send();
-    let widget = get("/widget.js").await.expect("an answer");
+    let widget = get("/widget.js").await.expect("a response");
     assert_eq!(
         (widget.status().as_u16(), &widget.headers()["content-type"]),
         (200, &"text/javascript; charset=utf-8".parse().expect("text"))
@@ -105,15 +105,15 @@ async fn the_widget_and_what_it_loads_are_for_pages_of_all_origins_and_the_page_
     for path in ["/widget.js", viewer] {
         for tag in ["\"none\"", "*"] {
             let request = api.get(path).header("origin", "https://shop.example").header("if-none-match", tag);
-            let answer = request.header("accept-encoding", "gzip").send().await.expect("an answer");
-            assert_eq!(answer.status().as_u16(), if tag == "*" { 304 } else { 200 }, "{path}");
-            assert_eq!(answer.headers()["access-control-allow-origin"], "*", "{path}");
-            assert_eq!(answer.headers()["cross-origin-resource-policy"], "cross-origin", "{path}");
-            assert!(answer.headers().contains_key("etag"), "{path}");
-            assert_eq!(answer.headers().contains_key("content-encoding"), tag != "*", "{path}");
+            let response = request.header("accept-encoding", "gzip").send().await.expect("a response");
+            assert_eq!(response.status().as_u16(), if tag == "*" { 304 } else { 200 }, "{path}");
+            assert_eq!(response.headers()["access-control-allow-origin"], "*", "{path}");
+            assert_eq!(response.headers()["cross-origin-resource-policy"], "cross-origin", "{path}");
+            assert!(response.headers().contains_key("etag"), "{path}");
+            assert_eq!(response.headers().contains_key("content-encoding"), tag != "*", "{path}");
         }
     }
-    let page = get("/").await.expect("an answer");
+    let page = get("/").await.expect("a response");
     assert!(
         !page.headers().contains_key("access-control-allow-origin"),
         "no other page may read the service's own assets"
@@ -127,8 +127,8 @@ async fn the_page_needs_no_key_even_where_the_api_asks_for_one() {
     let data = tempfile::tempdir().expect("a folder");
     let program = Start::serve(data.path()).arg("--auth", "keys").start();
     let api = Api::new(&program);
-    assert_eq!(api.get("/").send().await.expect("an answer").status(), 200);
-    assert_eq!(api.get("/v1/capabilities").send().await.expect("an answer").status(), 401);
+    assert_eq!(api.get("/").send().await.expect("a response").status(), 200);
+    assert_eq!(api.get("/v1/capabilities").send().await.expect("a response").status(), 401);
 }
 
 #[tokio::test]
@@ -138,9 +138,9 @@ async fn the_page_may_reach_the_bucket_to_which_files_go() {
     let program = bucket.store_files_of(Start::serve(data.path())).start();
     let api = Api::new(&program);
     let upload: serde_json::Value =
-        api.post("/v1/uploads").send().await.expect("an answer").json().await.expect("JSON");
+        api.post("/v1/uploads").send().await.expect("a response").json().await.expect("JSON");
     let url = url::Url::parse(upload["put"]["url"].as_str().expect("text")).expect("an address");
-    let answer = api.get("/").send().await.expect("an answer");
-    let allowed = policy(answer.headers());
+    let response = api.get("/").send().await.expect("a response");
+    let allowed = policy(response.headers());
     assert!(allowed.contains(&format!("connect-src 'self' {};", url.origin().ascii_serialization())), "{allowed}");
 }

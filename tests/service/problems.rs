@@ -11,11 +11,11 @@ use crate::server::{Api, Start, stored_uploads};
 
 /// Sends a request and asserts that the response is this problem, with all of its members.
 async fn problem(request: RequestBuilder, status: u16, code: &str) -> Value {
-    let answer = request.send().await.expect("an answer");
-    assert_eq!(answer.headers()["content-type"], "application/problem+json", "{code}");
-    let id = answer.headers()["x-request-id"].to_str().expect("text").to_owned();
-    assert_eq!(answer.status(), status, "{code}");
-    let problem: Value = answer.json().await.expect("JSON");
+    let response = request.send().await.expect("a response");
+    assert_eq!(response.headers()["content-type"], "application/problem+json", "{code}");
+    let id = response.headers()["x-request-id"].to_str().expect("text").to_owned();
+    assert_eq!(response.status(), status, "{code}");
+    let problem: Value = response.json().await.expect("JSON");
     assert_eq!(problem["code"], code);
     assert_eq!(problem["status"], status);
     assert_eq!(problem["type"], format!("/problems/{code}"));
@@ -83,7 +83,7 @@ async fn every_kind_of_wrong_request_gets_a_problem_that_says_what_to_do() {
     )
     .await;
     assert!(large["detail"].as_str().expect("text").contains("64 KiB"));
-    let list: Value = api.get("/v1/jobs").send().await.expect("an answer").json().await.expect("JSON");
+    let list: Value = api.get("/v1/jobs").send().await.expect("a response").json().await.expect("JSON");
     assert_eq!(list["jobs"].as_array().map(Vec::len), Some(0), "no refused request became a job");
     assert_eq!(stored_uploads(data.path()), 0, "no file of a refused request is stored");
 }
@@ -106,7 +106,7 @@ async fn a_client_that_still_sends_sees_why_it_is_refused() {
     let program = Start::serve(data.path()).arg("--max-file-mib", "1").start();
     let address = program.url.trim_start_matches("http://");
     for _ in 0..20 {
-        let (mut answer, mut sending) = TcpStream::connect(address).await.expect("a connection").into_split();
+        let (mut response, mut sending) = TcpStream::connect(address).await.expect("a connection").into_split();
         let head = format!("POST /v1/jobs HTTP/1.1\r\nhost: {address}\r\ncontent-length: {}\r\n\r\n", 3 << 20);
         let sent = tokio::spawn(async move {
             sending.write_all(head.as_bytes()).await?;
@@ -116,7 +116,7 @@ async fn a_client_that_still_sends_sees_why_it_is_refused() {
             Ok::<_, std::io::Error>(sending)
         });
         let mut text = String::new();
-        answer.read_to_string(&mut text).await.expect("an answer, and an end that is no break");
+        response.read_to_string(&mut text).await.expect("an answer, and an end that is no break");
         assert!(text.starts_with("HTTP/1.1 413") && text.contains("payload_too_large"), "{text}");
         sent.await.expect("no panic").expect("all could be sent");
     }
@@ -151,7 +151,7 @@ async fn a_file_that_only_a_full_read_finds_broken_fails_its_job_and_names_the_p
 
 /// The problem of a refused request: its code, its detail and the messages for single fields.
 async fn refused(request: RequestBuilder) -> (String, String, Vec<[String; 2]>) {
-    let problem: Value = request.send().await.expect("an answer").json().await.expect("JSON");
+    let problem: Value = request.send().await.expect("a response").json().await.expect("JSON");
     let text = |value: &Value| value.as_str().expect("text").to_owned();
     let errors = problem["errors"].as_array().into_iter().flatten();
     let errors = errors.map(|error| [text(&error["field"]), text(&error["message"])]).collect();
@@ -230,8 +230,8 @@ async fn jobs_are_listed_by_statuses_outcomes_dates_and_metadata() {
     for (file, order) in [(files::whole_box(), "1"), (files::broken_box(), "2"), (files::open_sheet(), "3")] {
         let metadata = format!(r#"{{"order":"{order}","shop":"north"}}"#);
         let form = Form::new().text("metadata", metadata).part("file", Part::bytes(file).file_name("box.stl"));
-        let answer = api.post("/v1/jobs").multipart(form).send().await;
-        let job: Value = answer.expect("an answer").json().await.expect("a job");
+        let response = api.post("/v1/jobs").multipart(form).send().await;
+        let job: Value = response.expect("a response").json().await.expect("a job");
         ids.push(job["id"].as_str().expect("an id").to_owned());
         api.finished(&ids[ids.len() - 1]).await;
     }
@@ -253,7 +253,7 @@ async fn jobs_are_listed_by_statuses_outcomes_dates_and_metadata() {
         (before.as_str(), vec![0]),
     ] {
         let page: Value =
-            api.get(&format!("/v1/jobs?{query}")).send().await.expect("an answer").json().await.expect("JSON");
+            api.get(&format!("/v1/jobs?{query}")).send().await.expect("a response").json().await.expect("JSON");
         let found: Vec<_> =
             page["jobs"].as_array().expect("jobs").iter().map(|job| job["id"].as_str().expect("an id")).collect();
         assert_eq!(found, expected.iter().map(|&number: &usize| ids[number].as_str()).collect::<Vec<_>>(), "{query}");

@@ -47,18 +47,18 @@ async fn what_ended_long_ago_expires_and_is_forgotten_later(bench: Bench) {
     bench.submit().await;
     let young = succeed(&bench).await;
     let waiting = bench.submit().await.id;
-    assert_eq!(bench.store.expire(2 * DAY, 10).await.expect("an answer"), []);
-    assert_eq!(bench.store.expire(DAY, 1).await.expect("an answer"), [old], "the oldest first, no more than requested");
-    assert_eq!(bench.store.expire(DAY, 10).await.expect("an answer"), [claim.job.id]);
+    assert_eq!(bench.store.expire(2 * DAY, 10).await.expect("a result"), []);
+    assert_eq!(bench.store.expire(DAY, 1).await.expect("a result"), [old], "the oldest first, no more than requested");
+    assert_eq!(bench.store.expire(DAY, 10).await.expect("a result"), [claim.job.id]);
     let expired = bench.get(old).await;
     assert_eq!(expired.status, Status::Expired);
     assert_eq!((expired.report, expired.artifacts.len(), expired.inputs[0].name.as_str()), (None, 0, ""));
     assert!(expired.outcome.is_some(), "the job's record is kept longer");
     assert_eq!(bench.get(young).await.status, Status::Succeeded);
     bench.pass(DAY);
-    assert_eq!(bench.store.forget_jobs(3 * DAY).await.expect("an answer"), 0);
-    assert_eq!(bench.store.forget_jobs(2 * DAY).await.expect("an answer"), 2);
-    assert_eq!(bench.store.get(old).await.expect("an answer"), None);
+    assert_eq!(bench.store.forget_jobs(3 * DAY).await.expect("a result"), 0);
+    assert_eq!(bench.store.forget_jobs(2 * DAY).await.expect("a result"), 2);
+    assert_eq!(bench.store.get(old).await.expect("a result"), None);
     assert_eq!(bench.get(young).await.status, Status::Succeeded, "a job that has not expired keeps its record");
     assert_eq!(bench.get(waiting).await.status, Status::Queued);
 }
@@ -67,7 +67,7 @@ async fn a_result_is_found_by_its_fingerprint_as_long_as_it_is_kept(bench: Bench
     let job = NewJob { fingerprint: "f".into(), ..Bench::job("shop") };
     bench.store.submit(job).await.expect("accepted");
     let find = async |tenant, fingerprint| {
-        bench.store.find_result(tenant, fingerprint).await.expect("an answer").map(|job| job.id)
+        bench.store.find_result(tenant, fingerprint).await.expect("a result").map(|job| job.id)
     };
     assert_eq!(find("shop", "f").await, None, "the job has not ended");
     let id = succeed(&bench).await;
@@ -75,7 +75,7 @@ async fn a_result_is_found_by_its_fingerprint_as_long_as_it_is_kept(bench: Bench
     assert_eq!(find("other", "f").await, None);
     assert_eq!(find("shop", "g").await, None);
     bench.pass(DAY);
-    bench.store.expire(DAY, 10).await.expect("an answer");
+    bench.store.expire(DAY, 10).await.expect("a result");
     assert_eq!(find("shop", "f").await, None, "the job has expired");
 }
 
@@ -96,7 +96,7 @@ async fn a_job_that_is_given_a_result_has_ended_when_it_is_accepted(bench: Bench
     assert_eq!(accepted.metadata.get("order").map(String::as_str), Some("17"));
     assert_eq!(bench.claim().await, None);
     let all = ListQuery { tenant: "shop".into(), limit: 10, ..ListQuery::default() };
-    assert_eq!(bench.store.list(all).await.expect("an answer").items.len(), 2);
+    assert_eq!(bench.store.list(all).await.expect("a result").items.len(), 2);
 }
 
 fn text(report: &StoredReport) -> String {
@@ -124,7 +124,7 @@ async fn the_same_bytes_and_options_are_repaired_once() {
     let (one, other) = (first["id"].as_str().expect("an id"), again["id"].as_str().expect("an id"));
     let model = api.artifact(one, "model").await;
     assert_eq!(api.artifact(other, "model").await, model);
-    let deleted = api.delete(&format!("/v1/jobs/{one}")).send().await.expect("an answer");
+    let deleted = api.delete(&format!("/v1/jobs/{one}")).send().await.expect("a response");
     assert_eq!(deleted.status(), 204);
     assert_eq!(api.artifact(other, "model").await, model, "each job has its own files");
 
@@ -133,7 +133,7 @@ async fn the_same_bytes_and_options_are_repaired_once() {
         assert_eq!(api.finished(&id).await["reused_from"], Value::Null);
     }
     let asked = api.post("/v1/jobs?max_tier=2").header("cache-control", "no-cache").body(files::broken_box());
-    let anew: Value = asked.send().await.expect("an answer").json().await.expect("a job");
+    let anew: Value = asked.send().await.expect("a response").json().await.expect("a job");
     assert_eq!((&anew["status"], &anew["reused_from"]), (&json!("queued"), &Value::Null));
 }
 
@@ -146,20 +146,20 @@ async fn a_jobs_notes_come_back_with_it_and_wrong_ones_are_refused() {
         let part = reqwest::multipart::Part::bytes(files::broken_box()).file_name("a.stl");
         reqwest::multipart::Form::new().part("file", part).text("metadata", notes.to_owned())
     };
-    let answer = api.post("/v1/jobs").multipart(form(r#"{"order": "17"}"#)).send().await.expect("an answer");
-    let job: Value = answer.json().await.expect("a job");
+    let response = api.post("/v1/jobs").multipart(form(r#"{"order": "17"}"#)).send().await.expect("a response");
+    let job: Value = response.json().await.expect("a job");
     assert_eq!(job["metadata"], json!({"order": "17"}));
     let id = job["id"].as_str().expect("an id");
     assert_eq!(api.job(id).await["metadata"], json!({"order": "17"}));
     let raw = api.post("/v1/jobs?metadata=%7B%22a%22%3A%22b%22%7D").body(files::broken_box());
-    let raw: Value = raw.send().await.expect("an answer").json().await.expect("a job");
+    let raw: Value = raw.send().await.expect("a response").json().await.expect("a job");
     assert_eq!(raw["metadata"], json!({"a": "b"}));
     let many: BTreeMap<String, String> = (0..51).map(|n| (n.to_string(), String::new())).collect();
     let long = format!(r#"{{"a": "{}"}}"#, "x".repeat(9000));
     for wrong in ["[]", "{\"a\": 1}", "{", &serde_json::to_string(&many).expect("JSON"), &long] {
-        let answer = api.post("/v1/jobs").multipart(form(wrong)).send().await.expect("an answer");
-        assert_eq!(answer.status(), 422, "{wrong}");
-        let problem: Value = answer.json().await.expect("a problem");
+        let response = api.post("/v1/jobs").multipart(form(wrong)).send().await.expect("a response");
+        assert_eq!(response.status(), 422, "{wrong}");
+        let problem: Value = response.json().await.expect("a problem");
         assert!(problem["detail"].as_str().is_some_and(|detail| detail.contains("metadata")), "{problem}");
     }
 }
@@ -182,9 +182,9 @@ async fn an_expired_job_says_so_and_its_files_are_gone() {
     })
     .await;
     assert_eq!((&job["report"], &job["artifacts"]), (&Value::Null, &json!({})));
-    let answer = api.get(&format!("/v1/jobs/{id}/artifacts/model")).send().await.expect("an answer");
-    assert_eq!(answer.status(), 410);
-    let problem: Value = answer.json().await.expect("a problem");
+    let response = api.get(&format!("/v1/jobs/{id}/artifacts/model")).send().await.expect("a response");
+    assert_eq!(response.status(), 410);
+    let problem: Value = response.json().await.expect("a problem");
     assert_eq!(problem["code"], "job_expired");
 }
 

@@ -22,7 +22,7 @@ fn hostile_blender(folder: &Path, script: &str) -> PathBuf {
 }
 
 async fn sandbox(api: &Api) -> Value {
-    let can: Value = api.get("/v1/capabilities").send().await.expect("an answer").json().await.expect("JSON");
+    let can: Value = api.get("/v1/capabilities").send().await.expect("a response").json().await.expect("JSON");
     can["sandbox"].clone()
 }
 
@@ -123,14 +123,14 @@ async fn capabilities_tell_the_walls_and_the_limits_of_jobs() {
     let data = tempfile::tempdir().expect("a folder");
     let start = Start::serve(data.path()).arg("--job-memory-mib", "3000").arg("--job-scratch-mib", "70");
     let program = start.arg("--job-processes", "99").start();
-    let told = sandbox(&Api::new(&program)).await;
-    assert_eq!(told["mode"], "auto");
-    assert_eq!((&told["memory_bytes"], &told["scratch_bytes"]), (&json!(3000_u64 << 20), &json!(70_u64 << 20)));
-    assert_eq!(told["max_processes"], 99);
+    let walls = sandbox(&Api::new(&program)).await;
+    assert_eq!(walls["mode"], "auto");
+    assert_eq!((&walls["memory_bytes"], &walls["scratch_bytes"]), (&json!(3000_u64 << 20), &json!(70_u64 << 20)));
+    assert_eq!(walls["max_processes"], 99);
     for wall in ["network", "files", "system_calls", "signals", "processes"] {
-        let (in_force, by) = (told[wall]["in_force"] == true, told[wall]["by"].as_array().expect("a list"));
-        assert_eq!(in_force, !by.is_empty(), "{told}");
-        assert!(in_force || told[wall]["detail"].is_string(), "{told}");
+        let (in_force, by) = (walls[wall]["in_force"] == true, walls[wall]["by"].as_array().expect("a list"));
+        assert_eq!(in_force, !by.is_empty(), "{walls}");
+        assert!(in_force || walls[wall]["detail"].is_string(), "{walls}");
     }
     assert!(program.log().contains("walled off"), "{}", program.log());
     let data = tempfile::tempdir().expect("a folder");
@@ -236,7 +236,7 @@ async fn a_process_that_left_its_group_ends_with_its_job_all_the_same() {
     let (data, tools) = (tempfile::tempdir().expect("a folder"), tempfile::tempdir().expect("a folder"));
     let word = format!("stray-{}", std::process::id());
     let (program, id) = stray(data.path(), tools.path(), &word).await;
-    Api::new(&program).post(&format!("/v1/jobs/{id}/cancel")).send().await.expect("an answer");
+    Api::new(&program).post(&format!("/v1/jobs/{id}/cancel")).send().await.expect("a response");
     until("no stray process is left", async || with_argument(&word).is_empty().then_some(())).await;
     until("no zombie is left", async || program.job_children().is_empty().then_some(())).await;
 }
@@ -253,6 +253,6 @@ async fn a_process_that_left_its_group_ends_when_the_jobs_process_is_killed() {
         before.iter().all(|id| !with_argument(&word).contains(id)).then_some(())
     })
     .await;
-    api.delete(&format!("/v1/jobs/{id}")).send().await.expect("an answer");
+    api.delete(&format!("/v1/jobs/{id}")).send().await.expect("a response");
     until("none of the next attempt", async || with_argument(&word).is_empty().then_some(())).await;
 }

@@ -28,7 +28,7 @@ async fn a_job_and_its_report_are_short_and_the_full_report_is_a_file() {
     for (model, most) in [(files::whole_box(), 8 << 10), (files::broken_box(), 8 << 10), (many_holes(), 32 << 10)] {
         let id = api.submit(model, json!({})).await;
         let with_report = api.finished(&id).await;
-        let text = api.get(&format!("/v1/jobs/{id}")).send().await.expect("an answer").text().await.expect("text");
+        let text = api.get(&format!("/v1/jobs/{id}")).send().await.expect("a response").text().await.expect("text");
         assert!(text.len() < 4 << 10, "{} bytes: {text}", text.len());
         let job: Value = serde_json::from_str(&text).expect("JSON");
         assert_eq!(job.get("report"), None);
@@ -86,23 +86,23 @@ async fn text_is_answered_in_the_coding_that_the_client_takes() {
     let id = api.submit(files::broken_box(), json!({})).await;
     api.finished(&id).await;
     let path = format!("/v1/jobs/{id}/artifacts/report.json");
-    let plain = api.get(&path).send().await.expect("an answer");
+    let plain = api.get(&path).send().await.expect("a response");
     let tag = plain.headers()["etag"].to_str().expect("text").to_owned();
     let plain = plain.bytes().await.expect("bytes");
     for coding in ["gzip", "br", "zstd"] {
-        let answer = api.get(&path).header("accept-encoding", coding).send().await.expect("an answer");
-        assert_eq!(answer.headers()["content-encoding"], coding);
+        let response = api.get(&path).header("accept-encoding", coding).send().await.expect("a response");
+        assert_eq!(response.headers()["content-encoding"], coding);
         assert_eq!(
-            answer.headers()["etag"],
+            response.headers()["etag"],
             format!("W/{tag}").as_str(),
             "a compressed response has a different entity tag"
         );
-        assert!(answer.bytes().await.expect("bytes").len() * 2 < plain.len());
+        assert!(response.bytes().await.expect("bytes").len() * 2 < plain.len());
         let model = api.get(&format!("/v1/jobs/{id}/artifacts/model")).header("accept-encoding", coding);
-        assert!(model.send().await.expect("an answer").headers().get("content-encoding").is_none());
+        assert!(model.send().await.expect("a response").headers().get("content-encoding").is_none());
     }
     let known = api.get(&path).header("accept-encoding", "gzip").header("if-none-match", format!("W/{tag}"));
-    assert_eq!(known.send().await.expect("an answer").status(), 304);
+    assert_eq!(known.send().await.expect("a response").status(), 304);
 }
 
 #[tokio::test]
@@ -119,27 +119,27 @@ async fn a_model_may_be_sent_compressed_within_the_limits_of_its_size() {
         encoder.write_all(bytes).expect("memory");
         encoder.finish().expect("memory")
     };
-    let answer = send("gzip", gzip(&files::whole_box())).await.expect("an answer");
-    assert_eq!(answer.status(), 202);
-    let job: Value = answer.json().await.expect("JSON");
+    let response = send("gzip", gzip(&files::whole_box())).await.expect("a response");
+    assert_eq!(response.status(), 202);
+    let job: Value = response.json().await.expect("JSON");
     assert_eq!((&job["input"]["format"], &job["input"]["bytes"]), (&json!("stl"), &json!(files::whole_box().len())));
 
     let mut many = files::whole_box();
     many.resize(3 << 20, 0);
-    let answer = send("gzip", gzip(&many)).await.expect("an answer");
-    assert_eq!(answer.status(), 413, "the limit applies to the decoded bytes");
+    let response = send("gzip", gzip(&many)).await.expect("a response");
+    assert_eq!(response.status(), 413, "the limit applies to the decoded bytes");
 
     let mut broken = gzip(&files::whole_box());
     broken[20] ^= 0xff;
-    let answer = send("gzip", broken).await.expect("an answer");
-    assert_eq!(answer.status(), 400);
-    let detail = answer.json::<Value>().await.expect("JSON")["detail"].clone();
+    let response = send("gzip", broken).await.expect("a response");
+    assert_eq!(response.status(), 400);
+    let detail = response.json::<Value>().await.expect("JSON")["detail"].clone();
     assert!(detail.as_str().expect("text").contains("`Content-Encoding`"), "{detail}");
 
     let mut deflated = DeflateEncoder::new(Vec::new(), Compression::best());
     deflated.write_all(&files::whole_box()).expect("memory");
-    let answer = send("compress", deflated.finish().expect("memory")).await.expect("an answer");
-    assert_eq!(answer.status(), 415);
-    let problem: Value = answer.json().await.expect("JSON");
+    let response = send("compress", deflated.finish().expect("memory")).await.expect("a response");
+    assert_eq!(response.status(), 415);
+    let problem: Value = response.json().await.expect("JSON");
     assert_eq!(problem["code"], "unsupported_media_type");
 }

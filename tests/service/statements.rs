@@ -37,14 +37,14 @@ async fn submit(http: &Client, url: &str, key: &str) -> String {
     let sent = Instant::now();
     let id = until("the model is accepted", async || {
         let request = http.post(format!("{url}/v1/jobs?max_tier=1&pictures=false")).header("idempotency-key", key);
-        let answer =
-            request.header("cache-control", "no-cache").body(files::broken_box()).send().await.expect("an answer");
-        let status = answer.status().as_u16();
-        assert!([202, 409, 503].contains(&status), "{status} {:?}", answer.text().await);
+        let response =
+            request.header("cache-control", "no-cache").body(files::broken_box()).send().await.expect("a response");
+        let status = response.status().as_u16();
+        assert!([202, 409, 503].contains(&status), "{status} {:?}", response.text().await);
         if status != 202 {
             return None;
         }
-        let job: Value = answer.json().await.expect("a job");
+        let job: Value = response.json().await.expect("a job");
         Some(job["id"].as_str().expect("an id").to_owned())
     })
     .await;
@@ -69,7 +69,7 @@ async fn break_at_each_statement(side: Side) {
     let audit = Audit::begin(&cluster.url()).await;
     let http = Client::new();
     let endpoint = http.post(format!("{}/v1/webhook-endpoints", program.url)).json(&json!({"url": receiver.url}));
-    assert_eq!(endpoint.send().await.expect("an answer").status(), 201);
+    assert_eq!(endpoint.send().await.expect("a response").status(), 201);
 
     // The first job runs among the statements of the program's start, which are not repeated soon.
     let mut accepted = vec![submit(&http, &program.url, "first").await];
@@ -91,7 +91,7 @@ async fn break_at_each_statement(side: Side) {
     let failed: Vec<String> = sqlx::query_scalar("SELECT id FROM jobs WHERE status <> 'succeeded'")
         .fetch_all(&audit.pool)
         .await
-        .expect("an answer");
+        .expect("a response");
     assert_eq!(failed, [""; 0]);
     assert_eq!(audit.ended_once(&accepted).await, accepted.len(), "no request created two jobs");
     audit.delivered_once(&receiver).await;

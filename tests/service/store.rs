@@ -80,9 +80,9 @@ async fn a_heartbeat_extends_the_lease_and_an_expired_lease_makes_the_job_claima
     bench.store.heartbeat(&first.lease, LEASE, Some(progress)).await.expect("still held");
     assert_eq!(bench.get(job.id).await.progress, Some(progress));
     bench.pass(LEASE / 2 + Duration::from_secs(1));
-    assert!(bench.store.rescue().await.expect("an answer").is_empty(), "the heartbeat extended the lease");
+    assert!(bench.store.rescue().await.expect("a result").is_empty(), "the heartbeat extended the lease");
     bench.pass(LEASE);
-    let rescued = bench.store.rescue().await.expect("an answer");
+    let rescued = bench.store.rescue().await.expect("a result");
     assert_eq!((rescued[0].id, rescued[0].status, rescued[0].crashes), (job.id, Status::Queued, 1));
     let second = bench.claim().await.expect("the job again");
     assert_eq!(second.lease.attempt, 2);
@@ -93,7 +93,7 @@ async fn every_write_of_a_stale_worker_loses(bench: Bench) {
     let job = bench.submit().await;
     let stale = bench.claim().await.expect("a job").lease;
     bench.pass(LEASE + Duration::from_secs(1));
-    bench.store.rescue().await.expect("an answer");
+    bench.store.rescue().await.expect("a result");
     bench.claim().await.expect("the job again");
     let before = bench.get(job.id).await;
     let lost = |result: Result<(), StoreError>| assert!(matches!(result, Err(StoreError::LeaseLost)), "{result:?}");
@@ -136,7 +136,7 @@ async fn a_job_that_kills_its_workers_is_set_aside(bench: Bench) {
     for crash in 1..=bench.policy.max_crashes {
         bench.claim().await.expect("claimable");
         bench.pass(LEASE + Duration::from_secs(1));
-        let rescued = bench.store.rescue().await.expect("an answer");
+        let rescued = bench.store.rescue().await.expect("a result");
         assert_eq!(rescued[0].crashes, crash);
     }
     let job = bench.get(job.id).await;
@@ -162,10 +162,10 @@ async fn a_job_handed_back_is_charged_nothing(bench: Bench) {
 async fn a_cancelled_job_is_taken_from_its_worker(bench: Bench) {
     let job = bench.submit().await;
     let claim = bench.claim().await.expect("a job");
-    assert!(matches!(bench.store.cancel(job.id).await.expect("an answer"), Some(Cancelled::Yes(_))));
+    assert!(matches!(bench.store.cancel(job.id).await.expect("a result"), Some(Cancelled::Yes(_))));
     assert!(matches!(bench.store.heartbeat(&claim.lease, LEASE, None).await, Err(StoreError::LeaseLost)));
-    assert!(matches!(bench.store.cancel(job.id).await.expect("an answer"), Some(Cancelled::Yes(_))));
-    assert_eq!(bench.store.cancel(JobId::new()).await.expect("an answer"), None);
+    assert!(matches!(bench.store.cancel(job.id).await.expect("a result"), Some(Cancelled::Yes(_))));
+    assert_eq!(bench.store.cancel(JobId::new()).await.expect("a result"), None);
 }
 
 async fn a_final_failure_is_not_tried_again_and_can_not_be_cancelled(bench: Bench) {
@@ -173,13 +173,13 @@ async fn a_final_failure_is_not_tried_again_and_can_not_be_cancelled(bench: Benc
     let claim = bench.claim().await.expect("a job");
     let after = bench.store.fail(&claim.lease, Bench::failure(FailureKind::Final)).await.expect("noted");
     assert_eq!(after.status, Status::Failed);
-    assert!(matches!(bench.store.cancel(job.id).await.expect("an answer"), Some(Cancelled::TooLate(_))));
+    assert!(matches!(bench.store.cancel(job.id).await.expect("a result"), Some(Cancelled::TooLate(_))));
 }
 
 async fn a_purged_job_keeps_its_name_and_loses_its_content(bench: Bench) {
     let job = bench.submit().await;
     bench.claim().await.expect("a job");
-    assert!(bench.store.purge(job.id).await.expect("an answer"));
+    assert!(bench.store.purge(job.id).await.expect("a result"));
     let after = bench.get(job.id).await;
     assert!(after.purged);
     assert_eq!((after.status, after.inputs.len()), (Status::Canceled, 2));
@@ -191,11 +191,11 @@ async fn a_purged_job_keeps_its_name_and_loses_its_content(bench: Bench) {
             .store
             .list(ListQuery { tenant: "shop".into(), limit: 10, ..ListQuery::default() })
             .await
-            .expect("an answer")
+            .expect("a result")
             .items
             .is_empty()
     );
-    assert!(!bench.store.purge(JobId::new()).await.expect("an answer"));
+    assert!(!bench.store.purge(JobId::new()).await.expect("a result"));
 }
 
 async fn the_queue_position_counts_those_ahead(bench: Bench) {
@@ -205,16 +205,16 @@ async fn the_queue_position_counts_those_ahead(bench: Bench) {
         bench.pass(Duration::from_millis(5));
     }
     for (ahead, job) in jobs.iter().enumerate() {
-        assert_eq!(bench.store.queue_position(job).await.expect("an answer"), Some(ahead as u64));
+        assert_eq!(bench.store.queue_position(job).await.expect("a result"), Some(ahead as u64));
     }
     bench.claim().await.expect("a job");
-    assert_eq!(bench.store.queue_position(&jobs[2]).await.expect("an answer"), Some(1));
+    assert_eq!(bench.store.queue_position(&jobs[2]).await.expect("a result"), Some(1));
     let running = bench.get(jobs[0].id).await;
-    assert_eq!(bench.store.queue_position(&running).await.expect("an answer"), None);
+    assert_eq!(bench.store.queue_position(&running).await.expect("a result"), None);
 }
 
 async fn the_longest_wait_counts_due_jobs_and_not_retries_that_are_not_due(bench: Bench) {
-    let wait = async || bench.store.longest_wait().await.expect("an answer");
+    let wait = async || bench.store.longest_wait().await.expect("a result");
     assert_eq!(wait().await, Duration::ZERO);
     bench.submit().await;
     bench.pass(Duration::from_secs(3));
@@ -262,7 +262,7 @@ async fn an_end_whose_answer_was_lost_is_answered_again(bench: Bench) {
 
 async fn a_key_is_held_by_one_request_until_it_is_accepted_given_back_or_late(bench: Bench) {
     let [first, second] = [JobId::new(), JobId::new()];
-    let hold = async |job| bench.store.hold_key("shop", "k", job).await.expect("an answer");
+    let hold = async |job| bench.store.hold_key("shop", "k", job).await.expect("a result");
     let submit = async |id, fingerprint: &str| {
         let key = Some(RequestKey { key: "k".into(), fingerprint: fingerprint.into() });
         let inputs = bench.submit().await.inputs;
@@ -273,21 +273,21 @@ async fn a_key_is_held_by_one_request_until_it_is_accepted_given_back_or_late(be
     assert_eq!(hold(first).await, KeyState::Held, "the key is held longer");
     bench.pass(KEY_HOLD / 2 + Duration::from_secs(1));
     assert_eq!(hold(second).await, KeyState::InUse);
-    bench.store.release_key("shop", "k", second).await.expect("an answer");
+    bench.store.release_key("shop", "k", second).await.expect("a result");
     assert_eq!(hold(second).await, KeyState::InUse, "only its holder releases the key");
     bench.pass(KEY_HOLD);
     assert_eq!(hold(second).await, KeyState::Held, "the first request is too late");
     assert!(matches!(submit(first, "a").await, Err(StoreError::KeyLost)));
-    assert_eq!(bench.store.get(first).await.expect("an answer"), None);
+    assert_eq!(bench.store.get(first).await.expect("a result"), None);
     submit(second, "b").await.expect("accepted");
     assert_eq!(hold(first).await, KeyState::Used { fingerprint: "b".into(), job: second });
-    bench.store.release_key("shop", "k", second).await.expect("an answer");
+    bench.store.release_key("shop", "k", second).await.expect("a result");
     assert!(matches!(hold(second).await, KeyState::Used { .. }), "the key of an accepted request is not released");
-    assert_eq!(bench.store.forget_keys().await.expect("an answer"), 0);
+    assert_eq!(bench.store.forget_keys().await.expect("a result"), 0);
     bench.pass(KEY_LIFE);
-    assert_eq!(bench.store.forget_keys().await.expect("an answer"), 1);
+    assert_eq!(bench.store.forget_keys().await.expect("a result"), 1);
     assert_eq!(hold(first).await, KeyState::Held);
-    bench.store.release_key("shop", "k", first).await.expect("an answer");
+    bench.store.release_key("shop", "k", first).await.expect("a result");
     assert_eq!(hold(second).await, KeyState::Held);
 }
 
@@ -299,11 +299,11 @@ fn new_upload() -> NewUpload {
 async fn an_upload_is_open_for_a_while_waits_for_longer_and_becomes_one_job_at_most(bench: Bench) {
     let uploads = [new_upload(), new_upload()];
     for upload in &uploads {
-        let noted = bench.store.add_upload(upload.clone(), 10).await.expect("an answer").expect("noted");
+        let noted = bench.store.add_upload(upload.clone(), 10).await.expect("a result").expect("noted");
         assert_eq!((&noted.upload, noted.is_open, noted.job), (upload, true, None));
         assert_eq!(noted.created_at.unix_timestamp_nanos() / 1_000_000, i128::from(bench.clock.now_ms()));
     }
-    let find = async |upload: &NewUpload| bench.store.upload(upload.id).await.expect("an answer");
+    let find = async |upload: &NewUpload| bench.store.upload(upload.id).await.expect("a result");
     let submit = async |id, upload: UploadId| {
         let inputs = bench.submit().await.inputs;
         let job = NewJob { upload: Some(upload), ..NewJob::new(id, "default", inputs, JobOptions::default()) };
@@ -318,22 +318,22 @@ async fn an_upload_is_open_for_a_while_waits_for_longer_and_becomes_one_job_at_m
     submit(first, used.id).await.expect("accepted");
     for upload in [used.id, UploadId::new()] {
         assert!(matches!(submit(second, upload).await, Err(StoreError::UploadTaken)));
-        assert_eq!(bench.store.get(second).await.expect("an answer"), None);
+        assert_eq!(bench.store.get(second).await.expect("a result"), None);
     }
     assert_eq!(find(used).await.expect("there").job, Some(first));
-    assert_eq!(bench.store.forget_uploads().await.expect("an answer"), 0);
+    assert_eq!(bench.store.forget_uploads().await.expect("a result"), 0);
     bench.pass(UPLOAD_LIFE - UPLOAD_OPEN);
     assert_eq!(find(unused).await, None);
     assert!(matches!(submit(second, unused.id).await, Err(StoreError::UploadTaken)));
     assert_eq!(find(used).await.expect("the request may be repeated").job, Some(first));
-    assert_eq!(bench.store.forget_uploads().await.expect("an answer"), 1);
+    assert_eq!(bench.store.forget_uploads().await.expect("a result"), 1);
     bench.pass(KEY_LIFE);
-    assert_eq!(bench.store.forget_uploads().await.expect("an answer"), 1);
+    assert_eq!(bench.store.forget_uploads().await.expect("a result"), 1);
     assert_eq!(find(used).await, None);
 }
 
 async fn no_more_uploads_wait_than_may(bench: Bench) {
-    let add = async || bench.store.add_upload(new_upload(), 2).await.expect("an answer");
+    let add = async || bench.store.add_upload(new_upload(), 2).await.expect("a result");
     let first = add().await.expect("noted").upload.id;
     bench.pass(Duration::from_secs(60));
     assert!(add().await.is_some() && add().await.is_none());
@@ -377,7 +377,7 @@ async fn jobs_of_the_first_version_are_read_claimed_and_purged() {
 
     let clock = Arc::new(Manual(AtomicI64::new(1_800_000_000_000)));
     let store = SqliteStore::open(&path, clock, RetryPolicy::default()).await.expect("brought up to date");
-    let claim = store.claim("worker", LEASE, u32::MAX).await.expect("an answer").expect("the old job");
+    let claim = store.claim("worker", LEASE, u32::MAX).await.expect("a result").expect("the old job");
     let input = &claim.job.inputs[0];
     assert_eq!((claim.job.id, claim.job.inputs.len()), (queued, 1));
     assert_eq!((input.key.clone(), input.name.as_str(), input.bytes), (format!("uploads/{queued}"), "a.stl", 84));
@@ -385,6 +385,6 @@ async fn jobs_of_the_first_version_are_read_claimed_and_purged() {
     let report = store.get(done).await.expect("readable").expect("there").report.expect("the old report");
     let report = serde_json::to_value(report).expect("JSON");
     assert_eq!(report, serde_json::json!({"mode": "repair", "version": 1}));
-    assert!(store.purge(done).await.expect("an answer"));
+    assert!(store.purge(done).await.expect("a result"));
     assert_eq!(store.get(done).await.expect("readable").expect("there").inputs[0].name, "");
 }

@@ -59,7 +59,7 @@ async fn a_trace_goes_on_from_the_request_to_the_worker_in_another_process() {
     let api = Api::new(&server);
     let request = api.post("/v1/jobs?max_tier=1").header("x-request-id", "the-request");
     let request = request.header("traceparent", format!("00-{TRACE}-b7ad6b7169203331-01")).body(files::broken_box());
-    let job: Value = request.send().await.expect("an answer").json().await.expect("a job");
+    let job: Value = request.send().await.expect("a response").json().await.expect("a job");
     let id = job["id"].as_str().expect("an id").to_owned();
     assert_eq!(api.finished(&id).await["outcome"], "repaired");
     // The processes send their last spans when they end.
@@ -119,7 +119,7 @@ async fn without_a_collector_the_log_lines_of_a_request_and_its_job_still_share_
     let program = Start::serve(data.path()).env("MESHMEND_LOG_FORMAT", "json").start();
     let api = Api::new(&program);
     let request = api.post("/v1/jobs?max_tier=1").header("traceparent", "00-not-a-trace").body(files::broken_box());
-    let job: Value = request.send().await.expect("an answer").json().await.expect("a job");
+    let job: Value = request.send().await.expect("a response").json().await.expect("a job");
     api.finished(job["id"].as_str().expect("an id")).await;
     let trace_of = |message: &str| {
         let log = program.log();
@@ -161,7 +161,7 @@ async fn a_request_that_is_not_to_be_sampled_sends_nothing() {
     ] {
         let request =
             traceparent.into_iter().fold(api.get(path), |request, parent| request.header("traceparent", parent));
-        assert_eq!(request.send().await.expect("an answer").status(), 200);
+        assert_eq!(request.send().await.expect("a response").status(), 200);
     }
     program.terminate();
     assert_eq!(program.wait(), Some(0));

@@ -36,10 +36,10 @@ impl Service {
     }
 
     async fn announce(&self, what: Value) -> Value {
-        let answer = self.api.post("/v1/uploads").json(&what).send().await.expect("an answer");
-        assert_eq!(answer.status(), 201);
-        assert_eq!(answer.headers()["cache-control"], "no-store");
-        answer.json().await.expect("an upload")
+        let response = self.api.post("/v1/uploads").json(&what).send().await.expect("a response");
+        assert_eq!(response.status(), 201);
+        assert_eq!(response.headers()["cache-control"], "no-store");
+        response.json().await.expect("an upload")
     }
 
     async fn send(&self, upload: &Value, bytes: Vec<u8>) -> Response {
@@ -48,7 +48,7 @@ impl Service {
         let is_ours = url.starts_with('/');
         assert_eq!(is_ours, self.bucket.is_none(), "{url}");
         let url = if is_ours { format!("{}{url}", self.api.url) } else { url.to_owned() };
-        self.api.http.put(url).body(bytes).send().await.expect("an answer")
+        self.api.http.put(url).body(bytes).send().await.expect("a response")
     }
 
     /// Creates an upload and sends its file.
@@ -60,7 +60,7 @@ impl Service {
     }
 
     async fn submit(&self, job: Value, key: &str) -> Response {
-        self.api.post("/v1/jobs").header("idempotency-key", key).json(&job).send().await.expect("an answer")
+        self.api.post("/v1/jobs").header("idempotency-key", key).json(&job).send().await.expect("a response")
     }
 
     /// The number of uploads that wait for a job.
@@ -70,9 +70,9 @@ impl Service {
     }
 }
 
-async fn refusal(answer: Response) -> (u16, String) {
-    let status = answer.status().as_u16();
-    let problem: Value = answer.json().await.expect("a problem");
+async fn refusal(response: Response) -> (u16, String) {
+    let status = response.status().as_u16();
+    let problem: Value = response.json().await.expect("a problem");
     (status, problem["code"].as_str().expect("a code").to_owned())
 }
 
@@ -109,9 +109,9 @@ with_each_store! {
 async fn a_job_is_made_of_a_file_that_was_sent_before(service: Service) {
     let upload = service.upload("../box.stl", files::broken_box()).await;
     assert_eq!(service.waiting(), 1);
-    let answer = service.submit(of(&upload), "a").await;
-    assert_eq!(answer.status(), 202);
-    let job: Value = answer.json().await.expect("a job");
+    let response = service.submit(of(&upload), "a").await;
+    assert_eq!(response.status(), 202);
+    let job: Value = response.json().await.expect("a job");
     assert_eq!((&job["input"]["name"], &job["input"]["bytes"]), (&json!("box.stl"), &json!(files::broken_box().len())));
     until("the upload is the job's", async || (service.waiting() == 0).then_some(())).await;
     let job = service.api.finished(job["id"].as_str().expect("an id")).await;
@@ -130,20 +130,21 @@ async fn a_job_is_made_of_a_file_that_was_sent_before(service: Service) {
 async fn a_job_is_made_of_the_files_of_an_earlier_one(service: Service) {
     let first = service.api.submit(files::broken_box(), json!({"max_tier": 1})).await;
     service.api.finished(&first).await;
-    let made = async |source: Value, options: Value, key| {
-        let answer = service.submit(json!({"source": source, "options": options, "name": "other.stl"}), key).await;
-        assert_eq!(answer.status(), 202);
-        let job: Value = answer.json().await.expect("a job");
+    let submit = async |source: Value, options: Value, key| {
+        let response = service.submit(json!({"source": source, "options": options, "name": "other.stl"}), key).await;
+        assert_eq!(response.status(), 202);
+        let job: Value = response.json().await.expect("a job");
         service.api.finished(job["id"].as_str().expect("an id")).await
     };
     // The upload of an earlier job, with other options.
-    let again = made(json!({"job_id": first}), json!({"max_tier": 1, "output": "off"}), "a").await;
+    let again = submit(json!({"job_id": first}), json!({"max_tier": 1, "output": "off"}), "a").await;
     assert_eq!((&again["outcome"], &again["input"]["bytes"]), (&json!("repaired"), &json!(files::broken_box().len())));
     let id = again["id"].as_str().expect("an id");
     assert_ne!(id, first);
     assert!(service.api.artifact(id, "model").await.starts_with(b"OFF"));
     // The result of an earlier job, in another format.
-    let other = made(json!({"job_id": first, "file": "model"}), json!({"output": "obj", "pictures": false}), "b").await;
+    let other =
+        submit(json!({"job_id": first, "file": "model"}), json!({"output": "obj", "pictures": false}), "b").await;
     assert_eq!(
         (&other["outcome"], &other["input"]["name"]),
         (&json!("already_printable"), &json!("other.stl")),
@@ -160,7 +161,7 @@ async fn a_job_is_made_of_the_files_of_an_earlier_one(service: Service) {
         assert_eq!(refused(source.clone()).await, (422, "invalid_options".to_owned()), "{source}");
     }
     assert_eq!(refused(json!({"job_id": first, "file": "log.txt"})).await, (400, "invalid_request".to_owned()));
-    service.api.delete(&format!("/v1/jobs/{first}")).send().await.expect("an answer");
+    service.api.delete(&format!("/v1/jobs/{first}")).send().await.expect("a response");
     assert_eq!(refused(json!({"job_id": first})).await, (410, "job_deleted".to_owned()));
 }
 
@@ -177,19 +178,19 @@ async fn a_job_of_an_upload_that_is_asked_for_again_with_its_key_is_the_same_job
     let other = json!({"source": {"upload_id": upload}, "options": {"max_tier": 2}});
     assert_eq!(refusal(service.submit(other, "k").await).await, (422, "idempotency_key_reused".to_owned()));
     let id = first["id"].as_str().expect("an id");
-    service.api.delete(&format!("/v1/jobs/{id}")).send().await.expect("an answer");
+    service.api.delete(&format!("/v1/jobs/{id}")).send().await.expect("a response");
     assert_eq!(refusal(service.submit(of(&upload), "k").await).await, (410, "job_deleted".to_owned()));
 }
 
 async fn an_upload_is_refused_for_what_it_is_and_only_then(service: Service) {
     let (large, too_large) = (vec![0; (1 << 20) + 1], (413, "payload_too_large".to_owned()));
     let announced =
-        service.api.post("/v1/uploads").json(&json!({"bytes": large.len()})).send().await.expect("an answer");
+        service.api.post("/v1/uploads").json(&json!({"bytes": large.len()})).send().await.expect("a response");
     assert_eq!(refusal(announced).await, too_large);
-    let odd = service.api.post("/v1/uploads").json(&json!({"colour": "red"})).send().await.expect("an answer");
+    let odd = service.api.post("/v1/uploads").json(&json!({"colour": "red"})).send().await.expect("a response");
     assert_eq!(refusal(odd).await, (400, "invalid_request".to_owned()));
     let long =
-        service.api.post("/v1/uploads").json(&json!({"name": "x".repeat(100_000)})).send().await.expect("an answer");
+        service.api.post("/v1/uploads").json(&json!({"name": "x".repeat(100_000)})).send().await.expect("a response");
     assert_eq!(refusal(long).await, too_large);
 
     let upload = service.announce(json!({})).await;
@@ -222,7 +223,7 @@ async fn an_upload_is_refused_for_what_it_is_and_only_then(service: Service) {
 async fn no_more_uploads_wait_than_jobs_may(service: Service) {
     let uploads =
         [service.upload("a.stl", files::broken_box()).await, service.upload("b.stl", files::broken_box()).await];
-    let third = service.api.post("/v1/uploads").send().await.expect("an answer");
+    let third = service.api.post("/v1/uploads").send().await.expect("a response");
     assert!(third.headers().contains_key("retry-after"));
     assert_eq!(refusal(third).await, (429, "queue_full".to_owned()));
     assert_eq!(service.submit(of(&uploads[0]), "a").await.status(), 202);
@@ -239,7 +240,7 @@ async fn the_address_of_an_upload_to_the_service_takes_one_file_from_who_knows_i
     assert_eq!(refusal(service.send(&guessed, files::whole_box()).await).await, (404, "upload_not_found".to_owned()));
     let url = format!("{}{}", service.api.url, upload["put"]["url"].as_str().expect("an address"));
     let silent = reqwest::Body::wrap_stream(futures::stream::pending::<Result<Vec<u8>, std::io::Error>>());
-    let stopped = service.api.http.put(url).body(silent).send().await.expect("an answer");
+    let stopped = service.api.http.put(url).body(silent).send().await.expect("a response");
     assert_eq!(refusal(stopped).await, (408, "upload_timeout".to_owned()));
     assert_eq!(service.waiting(), 0);
     assert_eq!(service.send(&upload, files::broken_box()).await.status(), 204, "an interrupted upload may be repeated");
@@ -257,7 +258,7 @@ async fn uploads_pass_through_the_service_where_clients_do_not_reach_the_bucket(
     let url = upload["put"]["url"].as_str().expect("an address");
     assert!(url.starts_with("/v1/uploads/"), "{url}");
     let sent = service.api.http.put(format!("{}{url}", service.api.url)).body(files::broken_box()).send().await;
-    assert_eq!(sent.expect("an answer").status(), 204);
+    assert_eq!(sent.expect("a response").status(), 204);
     let job: Value = service.submit(of(upload["id"].as_str().expect("an id")), "a").await.json().await.expect("a job");
     assert_eq!(service.api.finished(job["id"].as_str().expect("an id")).await["status"], "succeeded");
 }
@@ -270,7 +271,7 @@ async fn downloads_are_sent_on_to_the_bucket_where_that_is_wanted() {
         let job = service.api.finished(&id).await;
         let path = format!("{}/v1/jobs/{id}/artifacts/model", service.api.url);
         let http = Client::builder().redirect(redirect::Policy::none()).build().expect("a client");
-        let first = http.get(&path).send().await.expect("an answer");
+        let first = http.get(&path).send().await.expect("a response");
         if wanted == "false" {
             assert_eq!(first.status(), 200);
             continue;
@@ -279,17 +280,17 @@ async fn downloads_are_sent_on_to_the_bucket_where_that_is_wanted() {
         assert_eq!(first.headers()["cache-control"], "no-store");
         let address = first.headers()["location"].to_str().expect("text").to_owned();
         assert!(!address.starts_with(&service.api.url), "{address}");
-        let there = http.get(&address).send().await.expect("an answer");
+        let there = http.get(&address).send().await.expect("a response");
         assert_eq!(there.status(), 200);
         assert_eq!(there.headers()["content-type"], "model/stl");
         let disposition = there.headers()["content-disposition"].to_str().expect("text").to_owned();
         assert!(disposition.contains("filename=\"model-repaired.stl\""), "{disposition}");
         assert_eq!(there.bytes().await.expect("bytes").len() as u64, job["artifacts"]["model"]["bytes"]);
         // Requests that need no bytes are answered by the service.
-        let head = http.head(&path).send().await.expect("an answer");
+        let head = http.head(&path).send().await.expect("a response");
         assert_eq!(head.status(), 200);
         let etag = head.headers()["etag"].clone();
-        let known = http.get(&path).header("if-none-match", etag).send().await.expect("an answer");
+        let known = http.get(&path).header("if-none-match", etag).send().await.expect("a response");
         assert_eq!(known.status(), 304);
         assert_eq!(service.api.artifact(&id, "model").await.len(), 84 + 50 * 12, "clients follow redirects");
     }

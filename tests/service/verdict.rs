@@ -13,7 +13,7 @@ async fn a_job_that_requires_a_printable_result_fails_with_its_report_and_withou
     let api = Api::new(&program);
     let receiver = Receiver::start(&[Reply::Status(204)]).await;
     let endpoint = api.post("/v1/webhook-endpoints").json(&json!({"url": receiver.url})).send().await;
-    assert_eq!(endpoint.expect("an answer").status(), 201);
+    assert_eq!(endpoint.expect("a response").status(), 201);
     let id = api.submit(files::open_sheet(), json!({"max_tier": 2, "require": "printable"})).await;
     let job = api.finished(&id).await;
     assert_eq!((&job["status"], &job["outcome"]), (&json!("failed"), &json!("unrepairable")), "{job}");
@@ -25,8 +25,8 @@ async fn a_job_that_requires_a_printable_result_fails_with_its_report_and_withou
     assert_eq!(job["report"]["verdict"]["file"], "none");
     for name in ["model", "original"] {
         assert!(job["artifacts"].get(name).is_none(), "{job}");
-        let answer = api.get(&format!("/v1/jobs/{id}/artifacts/{name}")).send().await.expect("an answer");
-        assert_eq!(answer.status(), 404);
+        let response = api.get(&format!("/v1/jobs/{id}/artifacts/{name}")).send().await.expect("a response");
+        assert_eq!(response.status(), 404);
     }
     let stored: Value = serde_json::from_slice(&api.artifact(&id, "report.json").await).expect("JSON");
     assert_eq!(stored, job["report"]);
@@ -39,7 +39,7 @@ async fn a_job_that_requires_a_printable_result_fails_with_its_report_and_withou
     );
     assert_eq!((&message["data"]["outcome"], &message["data"]["printable"]), (&json!("unrepairable"), &json!(false)));
     assert!(message["data"]["artifacts"].get("model").is_none(), "{message}");
-    let metrics = api.get("/metrics").send().await.expect("an answer").text().await.expect("text");
+    let metrics = api.get("/metrics").send().await.expect("a response").text().await.expect("text");
     let line = "meshmend_attempts_total{status=\"failed\",outcome=\"unrepairable\"} 1";
     assert!(metrics.contains(line), "{line} is not in\n{metrics}");
 }
@@ -81,9 +81,9 @@ async fn a_requirement_that_is_not_known_is_refused_with_those_that_are() {
     let data = tempfile::tempdir().expect("a folder");
     let program = Start::serve(data.path()).start();
     let api = Api::new(&program);
-    let answer = api.try_submit("a.stl", files::broken_box(), json!({"require": "print_ready"})).await;
-    assert_eq!(answer.status(), 422);
-    let problem: Value = answer.json().await.expect("JSON");
+    let response = api.try_submit("a.stl", files::broken_box(), json!({"require": "print_ready"})).await;
+    assert_eq!(response.status(), 422);
+    let problem: Value = response.json().await.expect("JSON");
     let detail = problem["detail"].as_str().expect("text");
     for words in ["require", "print_ready", "`any`", "`printable`"] {
         assert!(detail.contains(words), "{detail}");

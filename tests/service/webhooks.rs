@@ -65,9 +65,9 @@ async fn a_receiver_is_told_of_a_jobs_end_and_can_verify_it() {
     assert!(!message.verifies(&json!("whsec_c29tZSBvdGhlciBzZWNyZXQgb2YgYSBnb29kIHNpemU=")));
     assert_eq!(message.headers["content-type"], "application/json");
     let job = api.job(id(&job)).await;
-    let told = message.json();
-    assert_eq!((&told["type"], &told["timestamp"]), (&json!("job.succeeded"), &job["finished_at"]));
-    let data = &told["data"];
+    let event = message.json();
+    assert_eq!((&event["type"], &event["timestamp"]), (&json!("job.succeeded"), &job["finished_at"]));
+    let data = &event["data"];
     for field in ["id", "status", "outcome", "created_at", "finished_at", "metadata", "problem"] {
         assert_eq!(data[field], job[field], "{field}");
     }
@@ -89,7 +89,7 @@ async fn a_receiver_is_told_of_a_jobs_end_and_can_verify_it() {
         }
     }
     let model = api.get(data["artifacts"]["model"]["href"].as_str().expect("an address")).send().await;
-    assert_eq!(model.expect("an answer").status(), 200, "the result exists when the webhook arrives");
+    assert_eq!(model.expect("a response").status(), 200, "the result exists when the webhook arrives");
 
     let delivery = settled(&api, &endpoint, "delivered").await;
     assert_eq!((&delivery["webhook_id"], &delivery["job"]), (&json!(message.id()), &job["id"]));
@@ -98,7 +98,7 @@ async fn a_receiver_is_told_of_a_jobs_end_and_can_verify_it() {
     let again = api.submit(files::broken_box(), json!({"max_tier": 1})).await;
     let second = receiver.got(2).await.remove(1);
     assert_eq!((&second.json()["data"]["id"], second.verifies(&endpoint["secret"])), (&json!(again), true));
-    let metrics = api.get("/metrics").send().await.expect("an answer").text().await.expect("text");
+    let metrics = api.get("/metrics").send().await.expect("a response").text().await.expect("text");
     for line in ["meshmend_webhook_deliveries_total{result=\"delivered\"}", "meshmend_webhook_backlog 0"] {
         assert!(metrics.contains(line), "{line} is not in\n{metrics}");
     }

@@ -30,14 +30,14 @@ impl Postgres {
             let given = Command::new("chown").arg(NOBODY).arg(folder.path()).status().expect("chown");
             assert!(given.success());
         }
-        let made = as_server(&binary("initdb"))
+        let created = as_server(&binary("initdb"))
             .args(["--no-sync", "--auth=trust", "--username=meshmend", "--encoding=UTF8", "--locale=C", "-D"])
             .arg(folder.path().join("data"))
             .current_dir(folder.path())
             .stdout(Stdio::null())
             .output()
             .expect("initdb");
-        assert!(made.status.success(), "initdb: {}", String::from_utf8_lossy(&made.stderr));
+        assert!(created.status.success(), "initdb: {}", String::from_utf8_lossy(&created.stderr));
         let server = launch(folder.path(), synced);
         let cluster = Self { folder, server, synced };
         cluster.wait_until_ready();

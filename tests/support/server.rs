@@ -280,7 +280,7 @@ impl Api {
     pub async fn try_submit(&self, name: &str, file: Vec<u8>, options: Value) -> Response {
         let part = reqwest::multipart::Part::bytes(file).file_name(name.to_owned());
         let form = reqwest::multipart::Form::new().part("file", part).text("options", options.to_string());
-        self.post("/v1/jobs").multipart(form).send().await.expect("an answer")
+        self.post("/v1/jobs").multipart(form).send().await.expect("a response")
     }
 
     /// Submits a file, asserts that it is accepted, and returns the job's id.
@@ -293,7 +293,7 @@ impl Api {
 
     /// The job with its report.
     pub async fn job(&self, id: &str) -> Value {
-        let answer = self.get(&format!("/v1/jobs/{id}?include=report")).send().await.expect("an answer");
+        let answer = self.get(&format!("/v1/jobs/{id}?include=report")).send().await.expect("a response");
         assert_eq!(answer.status(), 200);
         answer.json().await.expect("a job")
     }
@@ -317,7 +317,7 @@ impl Api {
     }
 
     pub async fn artifact(&self, id: &str, name: &str) -> Vec<u8> {
-        let answer = self.get(&format!("/v1/jobs/{id}/artifacts/{name}")).send().await.expect("an answer");
+        let answer = self.get(&format!("/v1/jobs/{id}/artifacts/{name}")).send().await.expect("a response");
         assert_eq!(answer.status(), 200, "{name}");
         answer.bytes().await.expect("bytes").to_vec()
     }

@@ -35,9 +35,9 @@ impl Arrangement for ManifoldRust {
         // The engine runs in another thread, since the context cannot leave this one, which checks for cancellation. A
         // panic of the engine also stays in that thread.
         let worker = std::thread::Builder::new().stack_size(STACK).spawn(move || {
-            let made = Manifold::from_mesh_gl64_robust(&mesh).rebuild_solid_with_token(rule, Some(&watched));
-            let status = made.status();
-            let _ = send.send((status, made.get_mesh_gl64(0)));
+            let solid = Manifold::from_mesh_gl64_robust(&mesh).rebuild_solid_with_token(rule, Some(&watched));
+            let status = solid.status();
+            let _ = send.send((status, solid.get_mesh_gl64(0)));
         });
         let worker = worker.map_err(|error| ArrangeError::Failed(error.to_string()))?;
         let mut stopped = None;

@@ -63,16 +63,16 @@ async fn client(load: Arc<Load>, number: usize) {
             let request = http.post(format!("http://{address}/v1/jobs?max_tier=1&pictures=false"));
             let request = request.header("idempotency-key", &key).header("cache-control", "no-cache");
             match request.body(files::broken_box()).send().await {
-                Ok(answer) if answer.status() == 202 => {
-                    let Ok(job) = answer.json::<Value>().await else { continue };
+                Ok(response) if response.status() == 202 => {
+                    let Ok(job) = response.json::<Value>().await else { continue };
                     load.accepted.lock().expect("a list").push(job["id"].as_str().expect("an id").to_owned());
                     break;
                 }
-                Ok(answer) if [409, 429, 503].contains(&answer.status().as_u16()) => {
+                Ok(response) if [409, 429, 503].contains(&response.status().as_u16()) => {
                     load.refused.fetch_add(1, Ordering::Relaxed);
                 }
-                Ok(answer) => {
-                    let text = format!("{} {}", answer.status(), answer.text().await.unwrap_or_default());
+                Ok(response) => {
+                    let text = format!("{} {}", response.status(), response.text().await.unwrap_or_default());
                     load.wrong.lock().expect("a list").push(text);
                 }
                 // The server is being killed.

@@ -24,9 +24,9 @@ use random::Random;
 use service::{Files, Service};
 
 async fn get(http: &Client, url: String) -> reqwest::Response {
-    let answer = http.get(url).timeout(Duration::from_secs(10)).send().await.expect("an answer");
-    assert_eq!(answer.status(), 200);
-    answer
+    let response = http.get(url).timeout(Duration::from_secs(10)).send().await.expect("a response");
+    assert_eq!(response.status(), 200);
+    response
 }
 
 /// The status of a finished job; asserts that its files are intact.
@@ -56,7 +56,7 @@ async fn survive(files: Files, kills: usize, seed: u64) {
     meshmend::tls::use_ring();
     let (http, base) = (Client::new(), format!("http://{}", service.addresses()[0]));
     let endpoint = http.post(format!("{base}/v1/webhook-endpoints")).json(&json!({"url": service.receiver.url}));
-    assert_eq!(endpoint.send().await.expect("an answer").status(), 201);
+    assert_eq!(endpoint.send().await.expect("a response").status(), 201);
     let mut clients = Clients::start(service.addresses());
     // Every victim is hit once before any is hit again.
     let (mut hits, mut deck) = (BTreeMap::new(), Vec::new());

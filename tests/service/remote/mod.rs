@@ -50,13 +50,13 @@ impl Client {
         command
     }
 
-    async fn run(&self, args: &[&str]) -> Said {
+    async fn run(&self, args: &[&str]) -> Finished {
         self.run_with(args, &[]).await
     }
 
-    async fn run_with(&self, args: &[&str], env: &[(&str, &str)]) -> Said {
+    async fn run_with(&self, args: &[&str], env: &[(&str, &str)]) -> Finished {
         let output = tokio::time::timeout(PATIENCE, self.command(args, env).output()).await;
-        Said::of(&output.expect("it ends").expect("it runs"))
+        Finished::of(&output.expect("it ends").expect("it runs"))
     }
 
     /// Starts the program without waiting for its end.
@@ -99,24 +99,24 @@ impl Running {
         signal(self.child.id().expect("it runs"), "INT");
     }
 
-    async fn ended(mut self) -> Said {
+    async fn ended(mut self) -> Finished {
         while let Some(line) = self.lines.next_line().await.expect("text") {
             self.heard.push_str(&line);
         }
         let output = self.child.wait_with_output().await.expect("it ends");
-        Said { err: self.heard, ..Said::of(&output) }
+        Finished { err: self.heard, ..Finished::of(&output) }
     }
 }
 
 /// The exit code and output of a run.
 #[derive(Debug)]
-struct Said {
+struct Finished {
     code: Option<i32>,
     out: String,
     err: String,
 }
 
-impl Said {
+impl Finished {
     fn of(output: &Output) -> Self {
         let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
         Self { code: output.status.code(), out: text(&output.stdout), err: text(&output.stderr) }
@@ -129,7 +129,7 @@ impl Said {
     }
 
     #[track_caller]
-    fn told(&self, words: &str) -> &Self {
+    fn prints(&self, words: &str) -> &Self {
         assert!(self.err.contains(words), "'{words}' is not in {self:?}");
         self
     }
@@ -137,7 +137,7 @@ impl Said {
 
 /// The ids of all jobs.
 async fn jobs(api: &Api) -> Vec<String> {
-    let list: Value = api.get("/v1/jobs").send().await.expect("an answer").json().await.expect("JSON");
+    let list: Value = api.get("/v1/jobs").send().await.expect("a response").json().await.expect("JSON");
     let jobs = list["jobs"].as_array().expect("jobs").iter();
     jobs.map(|job| job["id"].as_str().expect("an id").to_owned()).collect()
 }

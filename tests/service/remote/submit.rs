@@ -13,20 +13,21 @@ async fn submit_writes_a_printable_model_the_report_and_pictures_and_prints_wher
     let program = Start::serve(data.path()).start();
     let client = Client::of(&program.url);
     client.put("in.stl", &files::broken_box());
-    let said = client
+    let finished = client
         .run(&["submit", "in.stl", "-o", "out.obj", "--report", "r.json", "--max-tier", "1", "--without", "sew,stitch"])
         .await;
-    said.ended_with(0).told("in.stl: submitted as job_").told("printable");
-    assert_eq!(said.out, "out.obj\n");
+    finished.ended_with(0).prints("in.stl: submitted as job_").prints("printable");
+    assert_eq!(finished.out, "out.obj\n");
     assert_eq!(client.faces("out.obj"), 12);
     assert_eq!(client.names(), ["in.stl", "out.obj", "r.json"], "no pictures, and no leftovers");
     let report = client.json("r.json");
     assert_eq!((&report["outcome"], &report["options"]["max_tier"]), (&"repaired".into(), &1.into()));
     assert_eq!(report["options"]["without"], serde_json::json!(["sew", "stitch"]));
 
-    let said = client.run(&["submit", "in.stl", "--output-dir", "made/here", "--pictures", "seen", "--quiet"]).await;
-    said.ended_with(0);
-    assert_eq!((said.out.as_str(), said.err.as_str()), ("made/here/in-repaired.stl\n", ""));
+    let finished =
+        client.run(&["submit", "in.stl", "--output-dir", "made/here", "--pictures", "seen", "--quiet"]).await;
+    finished.ended_with(0);
+    assert_eq!((finished.out.as_str(), finished.err.as_str()), ("made/here/in-repaired.stl\n", ""));
     assert!(client.path("seen/in-before.png").exists() && client.path("seen/in-defects.glb").exists());
 }
 
@@ -37,12 +38,12 @@ async fn without_a_model_nothing_is_written_and_the_code_says_why() {
     let client = Client::of(&program.url);
     client.put("in.stl", &files::open_sheet());
     let args = ["submit", "in.stl", "-o", "out.stl", "--report", "r.json", "--max-tier", "2"];
-    let said = client.run(&args).await;
-    said.ended_with(1).told("it is handed back unchanged").told("no model was made");
-    assert_eq!(said.out, "");
+    let finished = client.run(&args).await;
+    finished.ended_with(1).prints("it is handed back unchanged").prints("no model was made");
+    assert_eq!(finished.out, "");
     assert_eq!(client.names(), ["in.stl", "r.json"]);
-    let said = client.run(&[args.as_slice(), &["--force", "--require", "printable"]].concat()).await;
-    said.ended_with(5).told("Not printable: ");
+    let finished = client.run(&[args.as_slice(), &["--force", "--require", "printable"]].concat()).await;
+    finished.ended_with(5).prints("Not printable: ");
     assert_eq!(client.names(), ["in.stl", "r.json"]);
     assert_eq!(client.json("r.json")["verdict"]["file"], "none");
 }
@@ -60,12 +61,12 @@ async fn of_several_files_each_is_told_of_and_the_worst_is_the_code() {
     names.extend(["none.stl".to_owned(), "missing.stl".to_owned()]);
     let mut args = vec!["submit", "--output-dir", "out", "--json", "--max-tier", "1"];
     args.extend(names.iter().map(String::as_str));
-    let said = client.run(&args).await;
-    said.ended_with(2).told("none.stl: Not a model that can be read").told("(unsupported_model, request ");
-    said.told("missing.stl: No such file");
-    let mut lines: Vec<Value> = said.out.lines().map(|line| serde_json::from_str(line).expect("JSON")).collect();
+    let finished = client.run(&args).await;
+    finished.ended_with(2).prints("none.stl: Not a model that can be read").prints("(unsupported_model, request ");
+    finished.prints("missing.stl: No such file");
+    let mut lines: Vec<Value> = finished.out.lines().map(|line| serde_json::from_str(line).expect("JSON")).collect();
     lines.sort_by_key(|line| line["name"].to_string());
-    assert_eq!(lines.len(), 8, "{said:?}");
+    assert_eq!(lines.len(), 8, "{finished:?}");
     for (number, line) in lines[..6].iter().enumerate() {
         assert_eq!((&line["outcome"], &line["exit_code"]), (&"repaired".into(), &0.into()), "{line}");
         assert_eq!(line["files"]["model"], format!("out/{number}-repaired.stl"), "{line}");
@@ -84,11 +85,11 @@ async fn what_is_there_already_stays_unless_force_is_given() {
     client.put("out.stl", b"mine");
     client.put("in-repaired.stl", b"mine too");
     let before = client.run(&["submit", "in.stl", "-o", "out.stl"]).await;
-    before.ended_with(2).told("out.stl: there is a file already; --force replaces it");
+    before.ended_with(2).prints("out.stl: there is a file already; --force replaces it");
     assert!(jobs(&Api::new(&program)).await.is_empty(), "no job was submitted");
     // The client does not know in advance which name the service chooses.
     let after = client.run(&["submit", "in.stl", "--max-tier", "1"]).await;
-    after.ended_with(2).told("in-repaired.stl: there is a file already").told("To go on: meshmend watch job_");
+    after.ended_with(2).prints("in-repaired.stl: there is a file already").prints("To go on: meshmend watch job_");
     assert_eq!(std::fs::read(client.path("out.stl")).expect("a file"), b"mine");
     assert_eq!(std::fs::read(client.path("in-repaired.stl")).expect("a file"), b"mine too");
     assert_eq!(client.names(), ["in-repaired.stl", "in.stl", "out.stl"]);
@@ -120,9 +121,9 @@ async fn what_can_not_be_done_is_said_before_anything_is_sent() {
         client.put("large.stl", &vec![0; (1 << 20) + 1]);
         if args.contains(&"--server") {
             client.server = args[2].to_owned();
-            client.run(&["submit", args[0]]).await.ended_with(2).told(words);
+            client.run(&["submit", args[0]]).await.ended_with(2).prints(words);
         } else {
-            client.run(&[&["submit"], args].concat()).await.ended_with(2).told(words);
+            client.run(&[&["submit"], args].concat()).await.ended_with(2).prints(words);
         }
     }
     assert!(jobs(&Api::new(&program)).await.is_empty());
@@ -136,18 +137,19 @@ async fn an_analysis_is_asked_for_by_the_options_of_the_api_and_its_report_is_th
     client.put("in.stl", &files::broken_box());
     client.put("fine.stl", &files::whole_box());
     let analyze = ["submit", "--mode", "analyze", "--option", "level=basic;places=3"];
-    let said = client.run(&[&analyze[..], &["in.stl", "-o", "r.json"]].concat()).await;
-    said.ended_with(1).told("not printable");
-    assert_eq!(said.out, "r.json\n");
+    let finished = client.run(&[&analyze[..], &["in.stl", "-o", "r.json"]].concat()).await;
+    finished.ended_with(1).prints("not printable");
+    assert_eq!(finished.out, "r.json\n");
     let report = client.json("r.json");
     assert_eq!((&report["mode"], &report["options"]["places"]), (&"analyze".into(), &3.into()));
-    let said = client.run(&[&analyze[..], &["fine.stl"]].concat()).await;
-    said.ended_with(0);
-    assert_eq!(said.out, "fine-report-full.json\n");
-    let said = client.run(&[&analyze[..], &["in.stl", "--preset", "fill-holes"]].concat()).await;
-    said.ended_with(2)
-        .told("`preset` is an option of mode `repair`; this job's mode is `analyze`.")
-        .told("(invalid_options, request ");
+    let finished = client.run(&[&analyze[..], &["fine.stl"]].concat()).await;
+    finished.ended_with(0);
+    assert_eq!(finished.out, "fine-report-full.json\n");
+    let finished = client.run(&[&analyze[..], &["in.stl", "--preset", "fill-holes"]].concat()).await;
+    finished
+        .ended_with(2)
+        .prints("`preset` is an option of mode `repair`; this job's mode is `analyze`.")
+        .prints("(invalid_options, request ");
 }
 
 #[tokio::test]
@@ -161,13 +163,21 @@ async fn a_key_is_taken_from_the_variable_or_a_file_and_who_has_none_hears_how()
     client.put("key.txt", format!("{secret}\n").as_bytes());
     let submit = ["submit", "in.stl", "--no-wait"];
     let without = client.run(&submit).await;
-    without.ended_with(4).told("This service asks for a key").told("MESHMEND_API_KEY").told("(unauthorized, request ");
+    without
+        .ended_with(4)
+        .prints("This service asks for a key")
+        .prints("MESHMEND_API_KEY")
+        .prints("(unauthorized, request ");
     let wrong = client.run_with(&submit, &[("MESHMEND_API_KEY", "mm_key_guess")]).await;
-    wrong.ended_with(4).told("unknown, revoked or expired");
-    client.run_with(&submit, &[("MESHMEND_API_KEY", &reader)]).await.ended_with(4).told("jobs:write");
+    wrong.ended_with(4).prints("unknown, revoked or expired");
+    client.run_with(&submit, &[("MESHMEND_API_KEY", &reader)]).await.ended_with(4).prints("jobs:write");
     client.run_with(&submit, &[("MESHMEND_API_KEY", &secret)]).await.ended_with(0);
     client.run(&[&submit[..], &["--api-key-file", "key.txt"]].concat()).await.ended_with(0);
-    client.run(&[&submit[..], &["--api-key-file", "no.txt"]].concat()).await.ended_with(2).told("no.txt: No such file");
+    client
+        .run(&[&submit[..], &["--api-key-file", "no.txt"]].concat())
+        .await
+        .ended_with(2)
+        .prints("no.txt: No such file");
     let shown = client.run_with(&["config", "submit", "in.stl"], &[("MESHMEND_API_KEY", &secret)]).await;
     assert!(shown.ended_with(0).out.contains("--api-key ") && !shown.out.contains(&secret), "{shown:?}");
 }

@@ -25,8 +25,8 @@ async fn a_service_that_is_not_there_is_said_plainly_and_soon() {
     client.put("in.stl", &files::broken_box());
     let started = Instant::now();
     for args in [&["submit", "in.stl"][..], &["watch"], &["watch", "job_019a3c5e7b1f7c3e8d2a4b6c8d0e2f4a"]] {
-        let said = client.run(&[args, &["--timeout-s", "1"]].concat()).await;
-        said.ended_with(4).told("can't be reached: Connection refused").told("does the service run?");
+        let finished = client.run(&[args, &["--timeout-s", "1"]].concat()).await;
+        finished.ended_with(4).prints("can't be reached: Connection refused").prints("does the service run?");
     }
     assert!(started.elapsed() < Duration::from_secs(20));
 }
@@ -38,11 +38,11 @@ async fn a_certificate_that_nobody_vouches_for_is_refused_and_the_way_out_is_nam
     let receiver = Receiver::start_tls(&[Reply::Status(404)], &authority).await;
     let client = Client::of(&receiver.url);
     client.put("in.stl", &files::broken_box());
-    let said = client.run(&["submit", "in.stl"]).await;
-    said.ended_with(4).told("can't be trusted").told("SSL_CERT_FILE");
+    let finished = client.run(&["submit", "in.stl"]).await;
+    finished.ended_with(4).prints("can't be trusted").prints("SSL_CERT_FILE");
     let authority = authority.to_str().expect("a path");
-    let said = client.run_with(&["submit", "in.stl"], &[("SSL_CERT_FILE", authority)]).await;
-    said.ended_with(4).told("404").told("not as meshmend does");
+    let finished = client.run_with(&["submit", "in.stl"], &[("SSL_CERT_FILE", authority)]).await;
+    finished.ended_with(4).prints("404").prints("not as meshmend does");
 }
 
 #[tokio::test]
@@ -56,8 +56,8 @@ async fn a_submission_whose_answer_is_lost_is_sent_again_and_makes_one_job() {
     .await;
     let client = Client::of(&interceptor.url);
     client.put("in.stl", &files::broken_box());
-    let said = client.run(&["submit", "in.stl", "-o", "out.stl", "--max-tier", "1"]).await;
-    said.ended_with(0).told("tried again in");
+    let finished = client.run(&["submit", "in.stl", "-o", "out.stl", "--max-tier", "1"]).await;
+    finished.ended_with(0).prints("tried again in");
     assert_eq!(client.faces("out.stl"), 12);
     assert_eq!(jobs(&Api::new(&program)).await.len(), 1);
 }
@@ -74,8 +74,8 @@ async fn a_service_that_is_busy_is_asked_again_when_it_wants_to_be() {
     let client = Client::of(&interceptor.url);
     client.put("in.stl", &files::broken_box());
     let started = Instant::now();
-    let said = client.run(&["submit", "in.stl", "-o", "out.stl", "--max-tier", "1"]).await;
-    said.ended_with(0).told("answered 503 Service Unavailable; tried again in");
+    let finished = client.run(&["submit", "in.stl", "-o", "out.stl", "--max-tier", "1"]).await;
+    finished.ended_with(0).prints("answered 503 Service Unavailable; tried again in");
     assert!(started.elapsed() >= Duration::from_secs(1), "the client did not wait");
     // The client gives up on a service that stays busy.
     let full = Interceptor::start(&program, |method, _| match method {
@@ -84,7 +84,7 @@ async fn a_service_that_is_busy_is_asked_again_when_it_wants_to_be() {
     })
     .await;
     let client = Client { server: full.url.clone(), ..client };
-    client.run(&["submit", "in.stl", "--no-wait", "--timeout-s", "2"]).await.ended_with(4).told("answered 429");
+    client.run(&["submit", "in.stl", "--no-wait", "--timeout-s", "2"]).await.ended_with(4).prints("answered 429");
 }
 
 #[tokio::test]
@@ -98,9 +98,9 @@ async fn a_damaged_download_is_noticed_and_leaves_no_file() {
     .await;
     let client = Client::of(&interceptor.url);
     client.put("in.stl", &files::broken_box());
-    let said = client.run(&["submit", "in.stl", "-o", "out.stl", "--max-tier", "1"]).await;
-    said.ended_with(4).told("other bytes than the service has").told("To go on: meshmend watch job_");
-    assert_eq!((said.out.as_str(), client.names()), ("", vec!["in.stl".to_owned()]));
+    let finished = client.run(&["submit", "in.stl", "-o", "out.stl", "--max-tier", "1"]).await;
+    finished.ended_with(4).prints("other bytes than the service has").prints("To go on: meshmend watch job_");
+    assert_eq!((finished.out.as_str(), client.names()), ("", vec!["in.stl".to_owned()]));
 }
 
 #[tokio::test]
@@ -128,7 +128,7 @@ async fn an_interrupt_leaves_the_job_and_says_how_to_go_on() {
     running.says("waits for its turn").await;
     running.interrupt();
     let id = jobs(&api).await.pop().expect("a job");
-    running.ended().await.ended_with(130).told(&format!("meshmend watch {id} --server {}", program.url));
+    running.ended().await.ended_with(130).prints(&format!("meshmend watch {id} --server {}", program.url));
     assert_eq!(api.job(&id).await["status"], "queued");
     assert_eq!(client.names(), ["in.stl"]);
 }

@@ -13,24 +13,24 @@ async fn what_was_submitted_without_waiting_is_watched_to_its_end_and_downloaded
     let client = Client::of(&program.url);
     client.put("a.stl", &files::broken_box());
     client.put("b.stl", &files::boxes_on_an_edge());
-    let said = client.run(&["submit", "a.stl", "b.stl", "--no-wait", "--preset", "fill-holes"]).await;
-    said.ended_with(0);
-    let ids: Vec<&str> = said.out.lines().collect();
-    assert!(ids.len() == 2 && ids.iter().all(|id| id.starts_with("job_")), "{said:?}");
-    let said = client.run(&["watch", ids[0], ids[1], "--download", "out", "--json"]).await;
-    said.ended_with(1).told("is printable").told("Nothing that ran made the model better");
-    let lines: Vec<Value> = said.out.lines().map(|line| serde_json::from_str(line).expect("JSON")).collect();
-    assert_eq!(lines.len(), 2, "{said:?}");
-    let made: Vec<bool> =
+    let finished = client.run(&["submit", "a.stl", "b.stl", "--no-wait", "--preset", "fill-holes"]).await;
+    finished.ended_with(0);
+    let ids: Vec<&str> = finished.out.lines().collect();
+    assert!(ids.len() == 2 && ids.iter().all(|id| id.starts_with("job_")), "{finished:?}");
+    let finished = client.run(&["watch", ids[0], ids[1], "--download", "out", "--json"]).await;
+    finished.ended_with(1).prints("is printable").prints("Nothing that ran made the model better");
+    let lines: Vec<Value> = finished.out.lines().map(|line| serde_json::from_str(line).expect("JSON")).collect();
+    assert_eq!(lines.len(), 2, "{finished:?}");
+    let exist: Vec<bool> =
         ["a-repaired.stl", "b-repaired.stl", "b.stl"].map(|name| client.path("out").join(name).exists()).to_vec();
-    assert_eq!(made, [true, false, false], "an unrepaired model is not downloaded, since it is the input");
+    assert_eq!(exist, [true, false, false], "an unrepaired model is not downloaded, since it is the input");
     // Without a folder the client only reports.
-    let said = client.run(&["watch", ids[0]]).await;
-    said.told(": ");
-    assert_eq!(said.out, "");
-    let said = client.run(&["watch", "job_00000000000000000000000000000000"]).await;
-    said.ended_with(4).told("No such job").told("(job_not_found, request ");
-    client.run(&["watch", "part.stl"]).await.ended_with(2).told("a job id is 'job_'");
+    let finished = client.run(&["watch", ids[0]]).await;
+    finished.prints(": ");
+    assert_eq!(finished.out, "");
+    let finished = client.run(&["watch", "job_00000000000000000000000000000000"]).await;
+    finished.ended_with(4).prints("No such job").prints("(job_not_found, request ");
+    client.run(&["watch", "part.stl"]).await.ended_with(2).prints("a job id is 'job_'");
 }
 
 #[tokio::test]
@@ -40,8 +40,8 @@ async fn a_job_that_fails_or_is_cancelled_says_so_in_words_and_code() {
     let client = Client::of(&program.url);
     // The file begins like a model.
     client.put("cut.stl", b"solid x\nfacet normal 0 0 1\nouter loop\nvertex 0,5 0 0\n");
-    let said = client.run(&["submit", "cut.stl", "-o", "out.stl"]).await;
-    said.ended_with(2).told("line 4");
+    let finished = client.run(&["submit", "cut.stl", "-o", "out.stl"]).await;
+    finished.ended_with(2).prints("line 4");
     assert_eq!(client.names(), ["cut.stl"]);
     let idle = tempfile::tempdir().expect("a folder");
     let program = Start::serve(idle.path()).env("MESHMEND_NO_WORKERS", "true").start();
@@ -49,8 +49,8 @@ async fn a_job_that_fails_or_is_cancelled_says_so_in_words_and_code() {
     let id = api.submit(files::broken_box(), json!({})).await;
     let mut running = client.start(&["watch", &id]);
     running.says("waits for its turn").await;
-    api.post(&format!("/v1/jobs/{id}/cancel")).send().await.expect("an answer");
-    running.ended().await.ended_with(1).told("canceled");
+    api.post(&format!("/v1/jobs/{id}/cancel")).send().await.expect("a response");
+    running.ended().await.ended_with(1).prints("canceled");
 }
 
 #[tokio::test]
@@ -63,8 +63,8 @@ async fn without_jobs_all_that_come_are_watched_until_it_is_interrupted() {
     running.says(&format!("{first} model.stl: waits for its turn")).await;
     let second = api.submit(files::broken_box(), json!({})).await;
     running.says(&format!("{second} model.stl: waits for its turn")).await;
-    api.post(&format!("/v1/jobs/{first}/cancel")).send().await.expect("an answer");
+    api.post(&format!("/v1/jobs/{first}/cancel")).send().await.expect("a response");
     running.says(&format!("{first} model.stl: the job was canceled")).await;
     running.interrupt();
-    running.ended().await.ended_with(130).told(&second);
+    running.ended().await.ended_with(130).prints(&second);
 }

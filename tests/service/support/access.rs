@@ -30,7 +30,7 @@ pub fn start_with_keys(start: Start<'_>) -> Program {
 
 /// Sends a request and returns its status and its body, null where that is not JSON.
 pub async fn send(request: RequestBuilder) -> (u16, Value) {
-    let response = request.send().await.expect("an answer");
+    let response = request.send().await.expect("a response");
     let status = response.status().as_u16();
     (status, response.json().await.unwrap_or(Value::Null))
 }

@@ -66,29 +66,29 @@ impl Audit {
 
     /// Asserts that the receiver got one correct message about every job, possibly several times. Returns the number received.
     pub async fn delivered_once(&self, receiver: &Receiver) -> usize {
-        let noted: Vec<(String, String, Option<String>, Option<String>)> = sqlx::query_as(
+        let stored: Vec<(String, String, Option<String>, Option<String>)> = sqlx::query_as(
             "SELECT j.id, j.status, m.id, d.status FROM jobs j LEFT JOIN webhook_messages m ON m.job_id = j.id \
              LEFT JOIN webhook_deliveries d ON d.message_id = m.id WHERE j.finished_at IS NOT NULL",
         )
         .fetch_all(&self.pool)
         .await
         .expect("messages");
-        let mut came: BTreeMap<String, BTreeSet<(String, String)>> = BTreeMap::new();
+        let mut received: BTreeMap<String, BTreeSet<(String, String)>> = BTreeMap::new();
         let seen = receiver.seen();
         for message in &seen {
-            let told = message.json();
-            let job = told["data"]["id"].as_str().expect("an id").to_owned();
-            let kind = told["type"].as_str().expect("a type").to_owned();
-            came.entry(job).or_default().insert((message.id(), kind));
+            let event = message.json();
+            let job = event["data"]["id"].as_str().expect("an id").to_owned();
+            let kind = event["type"].as_str().expect("a type").to_owned();
+            received.entry(job).or_default().insert((message.id(), kind));
         }
-        let mut told = BTreeSet::new();
-        for (job, status, message, delivery) in &noted {
-            assert!(told.insert(job), "{job} has more than one message");
+        let mut checked = BTreeSet::new();
+        for (job, status, message, delivery) in &stored {
+            assert!(checked.insert(job), "{job} has more than one message");
             assert_eq!(delivery.as_deref(), Some("delivered"), "{job}");
             let right = (message.clone().expect("a message"), format!("job.{status}"));
-            assert_eq!(came.remove(job), Some(BTreeSet::from([right])), "{job}");
+            assert_eq!(received.remove(job), Some(BTreeSet::from([right])), "{job}");
         }
-        assert!(came.is_empty(), "messages about jobs that never ended: {came:?}");
+        assert!(received.is_empty(), "messages about jobs that never ended: {received:?}");
         seen.len()
     }
 

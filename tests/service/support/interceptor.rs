@@ -65,7 +65,7 @@ async fn pass_on(http: &Client, service: &str, request: Request, action: Action)
     let path = parts.uri.path_and_query().expect("a path");
     let body = to_bytes(body, 64 << 20).await.expect("a body");
     let asked = http.request(parts.method, format!("{service}{path}")).headers(parts.headers).body(body);
-    let answer = asked.send().await.expect("an answer");
+    let answer = asked.send().await.expect("a response");
     let (status, headers) = (answer.status(), answer.headers().clone());
     let body = match action {
         Action::LoseResponse => std::panic::resume_unwind(Box::new("the connection breaks")),

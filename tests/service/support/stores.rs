@@ -103,11 +103,11 @@ impl Bench {
     }
 
     pub async fn claim(&self) -> Option<Claim> {
-        self.store.claim("worker", LEASE, u32::MAX).await.expect("an answer")
+        self.store.claim("worker", LEASE, u32::MAX).await.expect("a result")
     }
 
     pub async fn get(&self, id: JobId) -> Job {
-        self.store.get(id).await.expect("an answer").expect("a job")
+        self.store.get(id).await.expect("a result").expect("a job")
     }
 
     /// The report of a repair that had nothing to do.

@@ -80,7 +80,7 @@ fn lib3mf_reads_what_is_written_without_a_warning() {
     let path = folder.path().join("scene.3mf");
     std::fs::write(&path, write_scene(&scene(), Format::ThreeMf).unwrap()).unwrap();
     let python = std::env::var("MESHMEND_LIB3MF_PYTHON").unwrap();
-    let told = Command::new(python).args(["-c", SCRIPT]).arg(&path).output().unwrap();
-    assert!(told.status.success(), "{}", String::from_utf8_lossy(&told.stderr));
-    assert_eq!(String::from_utf8_lossy(&told.stdout).trim(), "0 3 8 3 1 3 1 1 1 3");
+    let output = Command::new(python).args(["-c", SCRIPT]).arg(&path).output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    assert_eq!(String::from_utf8_lossy(&output.stdout).trim(), "0 3 8 3 1 3 1 1 1 3");
 }

@@ -242,7 +242,7 @@ fn two_namespaces_that_want_one_prefix_get_two() {
     ];
     let bytes = write_scene(&scene, Format::ThreeMf).unwrap();
     let again = clean(&bytes).scene;
-    let told: Vec<_> = again.notes.iter().map(|note| (note.name.as_str(), note.namespace.as_deref())).collect();
-    assert_eq!(told, [("v:a", Some("urn:1")), ("n1:a", Some("urn:2")), ("n2:a", Some("urn:3")), ("a_b", None)]);
+    let names: Vec<_> = again.notes.iter().map(|note| (note.name.as_str(), note.namespace.as_deref())).collect();
+    assert_eq!(names, [("v:a", Some("urn:1")), ("n1:a", Some("urn:2")), ("n2:a", Some("urn:3")), ("a_b", None)]);
     assert_eq!(write_scene(&again, Format::ThreeMf).unwrap(), bytes);
 }

@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 use meshmend::format::{Limits, ReadErrorKind, ReadOptions, read, read_scene};
 use proptest::prelude::*;
 
-use super::{PNG, TRIANGLE, answer, assert_no, clean, colors, mesh};
+use super::{PNG, TRIANGLE, assert_no, clean, colors, mesh, read_files};
 use crate::support::archives::{headers, overwrite, package, replaced};
 
 fn in_time<T>(run: impl FnOnce() -> T) -> T {
@@ -101,7 +101,7 @@ fn a_library_that_is_no_library_harms_nothing() {
         ("c.mtl", b"\xFF\xFE\0newmtl\nnewmtl \nKd\nmap_Kd\nmap_Kd -clamp\nTr\nd -halo\n"),
         ("c.mtl", PNG),
     ] {
-        let result = answer(&[("m.obj", &obj(library)), ("c.mtl", content)]).unwrap();
+        let result = read_files(&[("m.obj", &obj(library)), ("c.mtl", content)]).unwrap();
         assert_eq!(
             (mesh(&result).soup.faces.len(), mesh(&result).paint.len(), result.warnings.len()),
             (1, 0, 1),
@@ -118,7 +118,7 @@ fn libraries_without_end_are_read_in_good_time() {
     let lines: String = (0..100_000).map(|number| format!("mtllib x{number}.mtl\n")).collect();
     for statements in [words, lines, "mtllib c.mtl\n".repeat(100_000)] {
         let obj = [statements.as_bytes(), b"usemtl red\n", TRIANGLE].concat();
-        let result = in_time(|| answer(&[("m.obj", &obj), ("c.mtl", &mtl)]).unwrap());
+        let result = in_time(|| read_files(&[("m.obj", &obj), ("c.mtl", &mtl)]).unwrap());
         assert_eq!(mesh(&result).soup.faces.len(), 1);
         assert!(result.warnings.iter().all(|warning| warning.len() < 300), "{:?}", result.warnings);
     }
@@ -142,7 +142,7 @@ fn places_and_materials_without_end_are_read_in_good_time_within_the_limits() {
     let names: String = (0..200_000).map(|number| format!("usemtl {number}\nf 1 2 3\n")).collect();
     for more in [changes, names] {
         let obj = [b"mtllib c.mtl\n", TRIANGLE, more.as_bytes()].concat();
-        let result = in_time(|| answer(&[("m.obj", &obj), ("c.mtl", mtl), ("wood.png", PNG)]).unwrap());
+        let result = in_time(|| read_files(&[("m.obj", &obj), ("c.mtl", mtl), ("wood.png", PNG)]).unwrap());
         assert!(result.warnings.len() <= 2, "{:?}", result.warnings);
     }
 }
@@ -172,7 +172,7 @@ fn pictures_of_gltf_that_name_one_file_over_and_over_are_bounded() {
         many(&|_| r#"{"uri":"p.png"}"#.to_owned()),
         "A".repeat(48),
     );
-    let result = in_time(|| answer(&[("s.gltf", json.as_bytes()), ("p.png", &picture)]).unwrap());
+    let result = in_time(|| read_files(&[("s.gltf", json.as_bytes()), ("p.png", &picture)]).unwrap());
     let bytes: usize = result.scene.textures.iter().map(|texture| texture.bytes.len()).sum();
     assert!(bytes > 64 << 20 && bytes <= 128 << 20, "{bytes}");
     assert!(result.warnings.iter().any(|warning| warning.contains("'p.png'")), "{:?}", result.warnings);
@@ -220,7 +220,7 @@ proptest! {
     ) {
         let text = |words: &[usize]| words.iter().map(|&word| WORDS[word]).collect::<Vec<_>>().join(" ");
         let obj = [b"mtllib c.mtl\nvt 0 0\n", TRIANGLE, text(&obj).as_bytes()].concat();
-        let whole = in_time(|| answer(&[("m.obj", &obj), ("c.mtl", text(&mtl).as_bytes()), ("p.png", PNG)]));
+        let whole = in_time(|| read_files(&[("m.obj", &obj), ("c.mtl", text(&mtl).as_bytes()), ("p.png", PNG)]));
         match (whole, read(&obj, &Limits::default())) {
             // Compared as text, since NaN is not equal to itself.
             (Ok(file), Ok(alone)) => prop_assert_eq!(format!("{:?}", mesh(&file).soup), format!("{:?}", alone.soup)),

@@ -14,13 +14,13 @@ use crate::support::archives::package;
 const TRIANGLE: &[u8] = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
 const PNG: &[u8] = b"\x89PNG\r\n\x1A\nrest";
 
-fn answer(files: &[(&str, &[u8])]) -> Result<ReadScene, ReadError> {
+fn read_files(files: &[(&str, &[u8])]) -> Result<ReadScene, ReadError> {
     read_scene(&package(files), &ReadOptions::default())
 }
 
 #[track_caller]
 fn scene_of(files: &[(&str, &[u8])]) -> ReadScene {
-    answer(files).unwrap_or_else(|error| panic!("{error}"))
+    read_files(files).unwrap_or_else(|error| panic!("{error}"))
 }
 
 /// Reads an archive and asserts that there are no warnings.

@@ -4,7 +4,7 @@ use meshmend::format::{Format, Limits, ReadErrorKind, ReadOptions, read, read_sc
 use meshmend::repair::Options;
 
 use super::super::{corners, tetrahedron};
-use super::{TRIANGLE, answer, assert_no, clean, mesh};
+use super::{TRIANGLE, assert_no, clean, mesh, read_files};
 use crate::support::archives::package;
 use crate::support::repair_bytes;
 
@@ -55,7 +55,7 @@ fn what_is_often_sent_along_is_no_model() {
 #[test]
 fn a_model_is_told_by_its_content_whatever_its_name() {
     let stl = write(&tetrahedron(), Format::Stl).unwrap();
-    assert_eq!(answer(&[("thing.obj", &stl)]).unwrap().format, Format::Stl);
+    assert_eq!(read_files(&[("thing.obj", &stl)]).unwrap().format, Format::Stl);
     // A file with a model's extension is preferred to one that only looks like a model.
     let read = clean(&[("points", TRIANGLE), ("thing.STL", &stl)]);
     assert_eq!(read.format, Format::Stl);
@@ -86,7 +86,7 @@ fn a_model_that_can_not_be_read_says_why() {
     assert_no(&package(&[("a.stl", b"hello world")]), ReadErrorKind::UnknownFormat, &["a.stl", "'hello world'"]);
     let step = package(&[("a.obj", b"ISO-10303-21;\nHEADER;")]);
     assert_no(&step, NO, &["a.obj", "STEP"]);
-    let error = answer(&[("x/a.obj", b"v 0 0 0\nf 1 2 3\n")]).unwrap_err();
+    let error = read_files(&[("x/a.obj", b"v 0 0 0\nf 1 2 3\n")]).unwrap_err();
     assert_eq!((error.kind, error.place), (ReadErrorKind::IndexOutOfRange, Some(meshmend::format::Place::Line(2))));
     assert!(error.detail.starts_with("in the archive's file x/a.obj: a face names vertex 3"), "{error}");
 }
@@ -110,7 +110,7 @@ fn an_archive_with_a_3mf_model_is_3mf_whatever_stands_first_in_it() {
     for first in ["a", filler.as_str()] {
         let mut files: Vec<(&str, &[u8])> = vec![("first.txt", first.as_bytes())];
         files.extend(parts);
-        let result = answer(&files).unwrap();
+        let result = read_files(&files).unwrap();
         assert_eq!((result.format, result.dialect.as_str()), (Format::ThreeMf, "3MF"));
     }
     let mut stored = zip::ZipWriter::new(std::io::Cursor::new(Vec::new()));

@@ -3,7 +3,7 @@
 use meshmend::format::{Format, ReadOptions, read_scene};
 use meshmend::scene::{Material, PAINTLESS, Paint, Palette, Wrap};
 
-use super::{PNG, answer, clean, colors, mesh, places, warned};
+use super::{PNG, clean, colors, mesh, places, read_files, warned};
 
 const OBJ: &[u8] = b"mtllib colors.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nusemtl red\nf 1 2 3\nusemtl wood\nf 1/1 3/3 2/2\n";
 const MTL: &[u8] = b"newmtl red\nKd 1 0 0\nd 0.5\nnewmtl wood\nKd 1 1 1\nmap_Kd -s 1 1 1 wood.png\n";
@@ -61,7 +61,7 @@ fn a_statement_may_name_several_libraries_or_one_with_blanks() {
 
 #[test]
 fn a_library_that_is_missing_is_told_and_the_model_read() {
-    let result = answer(&[("m.obj", OBJ), ("wood.png", PNG)]).unwrap();
+    let result = read_files(&[("m.obj", OBJ), ("wood.png", PNG)]).unwrap();
     assert_eq!(mesh(&result).paint, []);
     let [undefined, missing] = &result.warnings[..] else { panic!("{:?}", result.warnings) };
     assert!(undefined.contains("not defined were left without colour: 2, the first of 'red'"), "{undefined}");
@@ -89,7 +89,7 @@ fn corners_without_a_place_or_with_one_that_is_not_there_have_the_materials_colo
     let with = |corners: &str| {
         let text = format!("mtllib c.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nusemtl wood\nf {corners}\n");
         let mtl: &[u8] = b"newmtl wood\nKd 0 1 0\nmap_Kd wood.png\n";
-        answer(&[("m.obj", text.as_bytes()), ("c.mtl", mtl), ("wood.png", PNG)]).unwrap()
+        read_files(&[("m.obj", text.as_bytes()), ("c.mtl", mtl), ("wood.png", PNG)]).unwrap()
     };
     for (corners, warnings) in
         [("1 2 3", 0), ("1/1 2/1 3", 0), ("1/1 2/1 3/0", 0), ("1/1 2/1 3/2", 1), ("1/1 2/-1 3/-9", 0)]
@@ -119,7 +119,7 @@ fn places_in_a_picture_follow_polygons_as_they_are_cut() {
         format!("mtllib c.mtl\nusemtl wood\n{counted}{texture}{vertices}"),
         format!("{texture}usemtl wood\n{}{vertices}mtllib c.mtl\n", counted.replace("f 1 2 3 4", "f 1/1 2 3 4/9")),
     ] {
-        let result = answer(&[("m.obj", text.as_bytes()), ("c.mtl", mtl), ("wood.png", PNG)]).unwrap();
+        let result = read_files(&[("m.obj", text.as_bytes()), ("c.mtl", mtl), ("wood.png", PNG)]).unwrap();
         let mesh = mesh(&result);
         assert_eq!(mesh.soup.faces.len(), 8);
         for (face, found) in places(&result).into_iter().enumerate() {
@@ -152,10 +152,10 @@ fn gltf_takes_its_buffers_and_pictures_from_beside_it() {
         (&file.scene.textures[0].bytes[..], places(&file)[0]),
         (PNG, Some([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]))
     );
-    let error = answer(&[("scene.gltf", json), ("a b.png", PNG)]).unwrap_err();
+    let error = read_files(&[("scene.gltf", json), ("a b.png", PNG)]).unwrap_err();
     assert!(error.detail.contains("'data.bin'") && error.detail.contains("ZIP archive"), "{error}");
-    let error = answer(&[("scene.gltf", json), ("data.bin", &data[..59])]).unwrap_err();
+    let error = read_files(&[("scene.gltf", json), ("data.bin", &data[..59])]).unwrap_err();
     assert!(error.detail.contains("is to have 60 bytes and has 59"), "{error}");
-    let result = answer(&[("scene.gltf", json), ("data.bin", &data)]).unwrap();
+    let result = read_files(&[("scene.gltf", json), ("data.bin", &data)]).unwrap();
     assert!(result.warnings.iter().any(|warning| warning.contains("'tex/a b.png'")), "{:?}", result.warnings);
 }
