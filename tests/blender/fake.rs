@@ -232,7 +232,7 @@ fn a_line_without_an_end_is_cut_in_pieces() {
 }
 
 #[test]
-fn what_a_crashing_program_printed_is_in_the_log() {
+fn the_output_of_a_crashing_program_is_in_the_log() {
     let (message, log) = Fake::new("echo 'part one'; printf 'bad \\033[31m bytes \\377' >&2; kill -SEGV $$").failure();
     assert!(message.contains("signal: 11"), "{message}");
     assert!(log.contains("blender: part one"), "{log}");
@@ -313,7 +313,7 @@ fn a_program_sees_no_environment_and_no_home_but_its_scratch_folder() {
 }
 
 #[test]
-fn a_program_stays_in_the_process_group_of_its_caller_unless_told_otherwise() {
+fn a_program_stays_in_its_caller_s_process_group_by_default() {
     for own_process_group in [false, true] {
         let mut fake = Fake::new("cut -d ' ' -f 5 /proc/$$/stat; echo pid=$$; exit 1");
         fake.own_process_group = own_process_group;
@@ -353,7 +353,7 @@ fn children_in_sessions_of_their_own_with_no_environment_are_ended_too() {
 }
 
 #[test]
-fn a_crash_starts_it_again_once_with_larger_voxels_and_the_result_says_so() {
+fn after_a_crash_it_runs_once_more_with_larger_voxels_and_the_result_says_so() {
     let fake = Fake::new("[ $(wc -l < $desk/runs) = 2 ] || kill -SEGV $$; cp $desk/mesh $target").with_mesh();
     let remeshed = fake.voxels(0.1, 1.0, LONG).unwrap();
     assert_eq!(fake.runs().len(), 2);
@@ -377,7 +377,7 @@ fn a_crash_is_final_the_second_time_or_in_a_boolean_or_if_voxels_may_not_grow() 
 }
 
 #[test]
-fn what_ran_out_of_time_is_not_started_again() {
+fn a_run_that_timed_out_is_not_repeated() {
     let fake = Fake::new("sleep 600; true");
     assert_eq!(fake.voxels(0.1, 1.0, SHORT).unwrap_err(), RemeshError::TimedOut(SHORT));
     assert_eq!(fake.runs().len(), 1);
@@ -482,7 +482,7 @@ fn no_more_run_at_once_than_memory_allows_and_the_others_wait_within_their_time(
 }
 
 #[test]
-fn a_warm_up_tells_whether_the_program_works() {
+fn a_warm_up_shows_whether_the_program_works() {
     let config = |fake: &Fake| BlenderConfig {
         scratch: Some(fake.folder.path().to_owned()),
         slots: Some(fake.folder.path().join("slots")),

@@ -141,7 +141,7 @@ fn the_same_mesh_gives_the_same_result() {
 }
 
 #[test]
-fn a_result_with_nothing_in_it_is_told() {
+fn an_empty_result_is_an_error() {
     let cube = cuboid(DVec3::ZERO, DVec3::ONE);
     let flat = vec![[0, 0, 1], [1, 2, 1]];
     for (soup, action) in [
@@ -155,7 +155,7 @@ fn a_result_with_nothing_in_it_is_told() {
 }
 
 #[test]
-fn more_faces_than_allowed_are_told_with_their_number() {
+fn more_faces_than_allowed_are_reported_with_their_number() {
     let cube = cuboid(DVec3::ZERO, DVec3::ONE);
     let (result, log) = remesh(&blender(), &cube, RemeshAction::VoxelRemesh, 0.05, 100);
     match result {

@@ -8,7 +8,7 @@ use crate::files;
 use crate::support::{Workspace, exit_code, stderr};
 
 #[test]
-fn compare_says_what_changed_and_whether_the_shape_was_kept_by_its_code() {
+fn compare_prints_the_changes_and_its_exit_code_says_whether_the_shape_was_kept() {
     let workspace = Workspace::new();
     workspace.put("whole.stl", &files::whole_box());
     workspace.put("broken.stl", &files::broken_box());
@@ -46,7 +46,7 @@ fn migrate_makes_the_database_and_may_be_run_again() {
 }
 
 #[test]
-fn a_port_in_use_is_said_plainly() {
+fn a_port_in_use_is_reported_with_its_address() {
     let taken = std::net::TcpListener::bind("127.0.0.1:0").expect("a port");
     let address = taken.local_addr().expect("an address").to_string();
     let workspace = Workspace::new();

@@ -8,7 +8,7 @@ use meshmend::format::{Limits, read};
 use crate::files;
 
 #[test]
-fn the_example_of_the_library_repairs_a_file_and_tells_what_it_did() {
+fn the_library_s_example_repairs_a_file_and_prints_what_it_did() {
     let folder = tempfile::tempdir().expect("a folder");
     let (broken, repaired) = (folder.path().join("broken.stl"), folder.path().join("repaired.stl"));
     std::fs::write(&broken, files::broken_box()).expect("a file");

@@ -10,7 +10,7 @@ fn text(output: std::process::Output) -> String {
 }
 
 #[test]
-fn inspect_says_what_is_wrong_for_people_and_for_programs() {
+fn inspect_reports_defects_as_text_and_as_json() {
     let workspace = Workspace::new();
     workspace.put("bad.stl", &files::open_box());
     workspace.put("good.stl", &files::whole_box());
@@ -132,7 +132,7 @@ fn the_report_fits_on_a_screen_and_a_half_and_offenders_lists_every_place() {
 }
 
 #[test]
-fn what_a_level_does_not_look_for_is_said_and_nothing_is_called_unprintable_for_it() {
+fn skipped_searches_of_a_level_are_reported_and_never_fail_a_model() {
     let workspace = Workspace::new();
     workspace.put("good.stl", &files::whole_box());
     let basic = text(workspace.run(&["inspect", "good.stl", "--level", "basic"]));

@@ -72,7 +72,7 @@ fn tolerances_decide_what_counts_as_nothing() {
 }
 
 #[test]
-fn an_option_that_can_t_be_used_is_code_two_and_says_what_to_give() {
+fn an_unusable_option_exits_with_code_two_and_a_remedy() {
     let workspace = Workspace::new();
     workspace.put("box.stl", &files::whole_box());
     for (given, expected) in [

@@ -8,7 +8,7 @@ use crate::support::{Workspace, exit_code, stderr};
 use crate::{files, meshes};
 
 #[test]
-fn repair_writes_the_model_and_the_report_and_says_printable_by_code_zero() {
+fn repair_writes_the_model_and_the_report_and_exits_with_zero_if_printable() {
     let workspace = Workspace::new();
     workspace.put("in.stl", &files::broken_box());
     let output = workspace.run(&["repair", "in.stl", "-o", "out.stl", "--report", "r.json", "--max-tier", "1"]);

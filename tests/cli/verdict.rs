@@ -38,7 +38,7 @@ fn report_exit_code_and_inspection_of_the_result_agree() {
 }
 
 #[test]
-fn what_must_be_printable_and_is_not_leaves_a_report_and_no_model() {
+fn an_unprintable_result_that_must_be_printable_leaves_only_a_report() {
     let workspace = Workspace::new();
     workspace.put("sheet.stl", &files::open_sheet());
     let args =
@@ -57,7 +57,7 @@ fn what_must_be_printable_and_is_not_leaves_a_report_and_no_model() {
 }
 
 #[test]
-fn what_must_be_printable_and_is_comes_out_as_ever() {
+fn a_printable_result_that_is_required_is_written_as_usual() {
     let workspace = Workspace::new();
     workspace.put("broken.stl", &files::broken_box());
     let output = workspace.run(&["repair", "broken.stl", "-o", "out.stl", "--max-tier", "1", "--require", "printable"]);

@@ -86,7 +86,7 @@ fn no_container_has_more_than_it_needs() {
 }
 
 #[test]
-fn whatever_it_names_is_there() {
+fn names_in_the_compose_file_exist() {
     let compose = compose();
     let has = |kind: &str, name: &str| compose[kind].as_object().is_some_and(|them| them.contains_key(name));
     for (name, service) in services(&compose) {

@@ -121,7 +121,7 @@ fn no_pod_has_more_than_it_needs() {
 }
 
 #[test]
-fn whatever_is_named_is_there() {
+fn names_in_the_manifests_exist() {
     let templates = templates();
     let labels: Vec<_> =
         templates.values().map(|template| template["metadata"]["labels"].as_object().expect("labels")).collect();

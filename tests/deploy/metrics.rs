@@ -77,7 +77,7 @@ fn every_metric_is_drawn_and_whatever_is_drawn_is_a_metric() {
 }
 
 #[test]
-fn the_panels_of_the_dashboard_do_not_lie_on_one_another() {
+fn dashboard_panels_do_not_overlap() {
     let dashboard = dashboard();
     let panels = dashboard["panels"].as_array().expect("panels");
     let mut taken = BTreeSet::new();
@@ -93,7 +93,7 @@ fn the_panels_of_the_dashboard_do_not_lie_on_one_another() {
 }
 
 #[test]
-fn alerts_are_of_metrics_that_there_are_and_say_what_they_are_about() {
+fn alerts_use_existing_metrics_and_have_descriptions() {
     let [alerts] = yaml("deploy/prometheus/alerts.yml").try_into().expect("one document");
     let rules = alerts["groups"][0]["rules"].as_array().expect("rules").clone();
     assert!(rules.len() > 8);
@@ -112,7 +112,7 @@ fn alerts_are_of_metrics_that_there_are_and_say_what_they_are_about() {
 }
 
 #[test]
-fn the_documentation_says_of_each_alert_what_to_do() {
+fn the_documentation_has_a_remedy_for_each_alert() {
     let page = text("docs/metrics.md");
     let documented: Vec<_> = page.lines().filter_map(|line| line.strip_prefix("| `Meshmend")).collect();
     let [alerts] = yaml("deploy/prometheus/alerts.yml").try_into().expect("one document");

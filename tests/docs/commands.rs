@@ -70,7 +70,7 @@ fn the_commands_of_every_page_run_as_pasted() {
 }
 
 #[test]
-fn every_block_is_of_a_kind_that_is_looked_at() {
+fn every_code_block_is_of_a_known_kind() {
     for page in written() {
         for block in page.blocks() {
             match block.kind.as_str() {
@@ -109,7 +109,7 @@ fn is_taken(line: &str) -> Result<(), String> {
 }
 
 #[test]
-fn what_only_an_operator_can_run_names_commands_targets_and_files_that_there_are() {
+fn commands_for_operators_name_existing_programs_targets_and_files() {
     let makefile = std::fs::read_to_string(root().join("Makefile")).unwrap();
     let mut seen = 0;
     for page in written() {

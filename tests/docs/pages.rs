@@ -19,7 +19,7 @@ fn every_file_in_docs_is_a_page_that_is_served() {
 }
 
 #[test]
-fn every_page_has_one_title_and_says_what_it_is_about() {
+fn every_page_has_one_title_and_a_summary() {
     for page in meshmend::manual::pages() {
         let text = std::str::from_utf8(page.markdown.plain()).unwrap();
         assert!(text.starts_with(&format!("# {}\n", page.outline.title)), "{}", page.name);

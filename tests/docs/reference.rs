@@ -235,7 +235,7 @@ fn made_anew(page: &Page, sections: &BTreeMap<&str, String>) -> String {
 }
 
 #[test]
-fn the_tables_are_what_the_program_says() {
+fn the_tables_match_the_program() {
     let sections = sections();
     let mut used = 0;
     for page in written() {

@@ -96,7 +96,7 @@ async fn every_page_comes_without_a_key_and_may_run_nothing() {
 }
 
 #[tokio::test]
-async fn whatever_a_page_leads_to_on_the_service_is_there() {
+async fn links_of_a_page_to_the_service_exist() {
     let data = tempfile::tempdir().expect("a folder");
     let program = Start::serve(data.path()).start();
     let api = Api::new(&program);
@@ -127,7 +127,7 @@ async fn whatever_a_page_leads_to_on_the_service_is_there() {
 }
 
 #[tokio::test]
-async fn language_models_are_told_of_every_page() {
+async fn llms_txt_lists_every_page() {
     let data = tempfile::tempdir().expect("a folder");
     let program = Start::serve(data.path()).arg("--auth", "keys").start();
     let api = Api::new(&program);

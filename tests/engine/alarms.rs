@@ -64,7 +64,7 @@ fn stray_faces_without_area_are_no_part_of_the_box() {
 }
 
 #[test]
-fn a_face_with_an_area_that_is_gone_still_moves_the_box() {
+fn a_removed_face_with_an_area_still_changes_the_bounding_box() {
     let soup = join(&at(0.0, 1.0), &at(50.0, 1.0));
     let options = Options { with: vec![], ..Options::default() };
     let whole = repair_soup(&soup, &options, None);
@@ -119,7 +119,7 @@ fn nested_boxes_of_every_orientation_are_repaired_at_once() {
 }
 
 #[test]
-fn a_part_that_is_gone_is_still_flagged_where_another_was_inside_out() {
+fn a_missing_part_is_still_flagged_if_another_part_was_inside_out() {
     // Without the lost part, the result has the same volume as the signed volumes of the input add up to.
     let input = join(&join(&at(0.0, 10.0), &at(20.0, 10.0)), &inside_out(at(40.0, 10.0)));
     let repaired = repair_soup(&input, &Options { max_volume_change_pct: 0.0, ..Options::default() }, None);

@@ -37,7 +37,7 @@ fn two_files() -> [(&'static str, Vec<u8>); 2] {
 }
 
 #[test]
-fn each_file_is_told_in_its_order_and_all_must_be_printable_for_the_whole_to_be() {
+fn files_are_reported_in_order_and_all_must_be_printable() {
     let files = two_files();
     let report = analyse(&files, &AnalyzeOptions::default(), &NoProgress).unwrap();
     assert_eq!(report.printable, Some(false));
@@ -80,7 +80,7 @@ fn a_file_that_can_not_be_read_is_named_where_there_are_several() {
 }
 
 #[test]
-fn what_is_left_out_is_told_as_a_warning() {
+fn omitted_faces_give_a_warning() {
     let text = "OFF\n4 2 0\n0 0 0\n1 0 0\n0 1 0\nnan 0 0\n3 0 1 2\n3 0 1 3\n";
     let report = analyse(&[("a.off", text.into())], &AnalyzeOptions::default(), &NoProgress).unwrap();
     let file = &report.files[0];

@@ -37,7 +37,7 @@ fn without_top(soup: &Soup) -> Soup {
 }
 
 #[test]
-fn the_same_surface_is_kept_in_any_order_and_cut_anew() {
+fn the_same_surface_is_kept_in_any_face_order_and_triangulation() {
     let coarse = cube(DVec3::ZERO, 1.0, 1);
     let mut turned = coarse.clone();
     turned.faces.reverse();
@@ -47,7 +47,7 @@ fn the_same_surface_is_kept_in_any_order_and_cut_anew() {
 }
 
 #[test]
-fn a_patch_is_added_however_small_the_hole_and_a_wall_that_is_gone_is_removed() {
+fn a_patch_counts_as_added_for_any_hole_and_a_missing_wall_as_removed() {
     let whole = cube(DVec3::ZERO, 1.0, 6);
     assert!(near(areas(&without_top(&whole), &whole), [5.0, 0.0, 1.0, 0.0], 1e-9));
     assert!(near(areas(&whole, &without_top(&whole)), [5.0, 0.0, 0.0, 1.0], 1e-9));
@@ -73,7 +73,7 @@ fn a_small_displacement_counts_as_moved_and_a_large_one_as_removed_and_added() {
 }
 
 #[test]
-fn of_a_face_that_runs_into_a_solid_the_inner_piece_is_removed() {
+fn the_inner_piece_of_a_face_that_enters_a_solid_is_removed() {
     // A bar through the wall of a box. Half of each of the bar's four sides is inside.
     let shell = cube(DVec3::ZERO, 4.0, 1);
     let quad = |soup: &mut Soup, [a, b, c, d]: [DVec3; 4]| {

@@ -62,7 +62,7 @@ fn genus_counts_the_handles() {
 }
 
 #[test]
-fn genus_is_that_of_each_part_and_the_reason_is_said_where_it_has_none() {
+fn each_part_has_its_genus_or_a_reason_why_not() {
     let both = join(&torus(3.0, 1.0, 24, 12), &cube(DVec3::splat(10.0), 1.0, 1));
     let shells = look(&both).characteristics.shells;
     assert_eq!(shells.genus, Some(1));
@@ -141,7 +141,7 @@ fn a_thousand_parts_are_counted_and_the_hundred_largest_are_listed() {
 }
 
 #[test]
-fn elements_tell_what_the_file_has_from_what_was_merged() {
+fn elements_distinguish_the_file_s_vertices_from_merged_ones() {
     let box_ = cube(DVec3::ZERO, 1.0, 1);
     let counts = look(&box_).characteristics.elements;
     assert_eq!((counts.vertices, counts.indistinguishable_vertices), (36, None), "no vertex is used twice");
@@ -159,7 +159,7 @@ fn elements_tell_what_the_file_has_from_what_was_merged() {
 }
 
 #[test]
-fn numbers_of_the_file_are_told_where_it_has_numbers() {
+fn vertex_numbers_of_the_file_are_reported_if_it_has_any() {
     let text = "Vertex 1 0 0 0\nVertex 2 1 0 0\nVertex 5 0 1 0\nFace 1 1 2 5\nFace 2 1 2 7\n";
     let mesh = read(text.as_bytes(), &Limits::default()).unwrap();
     let subject = Subject {

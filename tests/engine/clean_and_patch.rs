@@ -96,7 +96,7 @@ fn a_place_whose_patch_strays_too_far_is_put_back_and_the_other_is_patched() {
 }
 
 #[test]
-fn where_no_hole_can_be_closed_everything_is_put_back() {
+fn if_no_hole_can_be_closed_everything_is_restored() {
     let mut before = ball();
     crumple(&mut before, DVec3::X, 0.3, 0.12, 1);
     let (after, applied) = cleaned(&before, CleanAndPatch { max_hole_edges: 3, ..CleanAndPatch::default() });
@@ -105,7 +105,7 @@ fn where_no_hole_can_be_closed_everything_is_put_back() {
 }
 
 #[test]
-fn no_more_goes_than_the_limits_allow() {
+fn no_more_is_removed_than_the_limits_allow() {
     let mut before = ball();
     crumple(&mut before, DVec3::X, 0.3, 0.12, 1);
     for clean in [

@@ -55,7 +55,7 @@ fn a_mesh_is_no_distance_from_itself_and_all_of_it_is_kept() {
 }
 
 #[test]
-fn a_shifted_cube_is_apart_by_the_shift_where_that_is_across_the_faces() {
+fn a_shifted_cube_differs_by_the_shift_perpendicular_to_its_faces() {
     let before = cube(DVec3::ZERO, 1.0, 3);
     let after = mapped(&before, |p| p + DVec3::X * 0.1);
     let comparison = compared(&before, &after);
@@ -78,7 +78,7 @@ fn a_shifted_cube_is_apart_by_the_shift_where_that_is_across_the_faces() {
 }
 
 #[test]
-fn a_finer_sphere_is_away_by_the_height_of_the_coarse_one_s_facets() {
+fn a_finer_sphere_differs_by_the_sagitta_of_the_coarse_one_s_facets() {
     let (coarse, fine) = (sphere(DVec3::ZERO, 1.0, 32, 16), sphere(DVec3::ZERO, 1.0, 128, 64));
     let comparison = compared(&coarse, &fine);
     // The sagitta of 1/32 of a circle is 0.0048; facets bend both ways.
@@ -91,7 +91,7 @@ fn a_finer_sphere_is_away_by_the_height_of_the_coarse_one_s_facets() {
 }
 
 #[test]
-fn what_nobody_can_see_is_not_lost_but_it_deviates() {
+fn invisible_surface_is_not_lost_but_it_deviates() {
     let outer = cube(DVec3::ZERO, 4.0, 4);
     let both = join(&outer, &cube(DVec3::splat(1.0), 2.0, 4));
     let comparison = compared(&both, &outer);

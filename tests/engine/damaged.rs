@@ -152,7 +152,7 @@ fn cavities_stay_cavities_where_the_wall_around_them_has_holes() {
 }
 
 #[test]
-fn a_wall_that_two_solids_share_goes_where_some_of_it_is_missing() {
+fn a_wall_shared_by_two_solids_is_removed_even_if_parts_of_it_are_missing() {
     for (kinds, amount, seed) in [(0b11, 2, 13_384_030_922_545_145_770), (0b100, 6, 16483), (0b11011, 4, 34578)] {
         let (name, damaged_solid) = damaged(6, kinds, amount, seed);
         assert_eq!(verdict(&damaged_solid), Ok(()), "{name}");

@@ -134,7 +134,7 @@ fn a_model_that_could_be_inspected_and_no_more_comes_back_as_it_was() {
 }
 
 #[test]
-fn a_model_that_could_not_be_inspected_is_not_said_to_be_printable_or_broken() {
+fn a_model_that_could_not_be_inspected_is_called_neither_printable_nor_broken() {
     let ball = sphere(DVec3::ZERO, 1.0, 32, 16);
     for output in [OutputFormat::Same, OutputFormat::Ply] {
         let clock = Clock::default();
@@ -151,7 +151,7 @@ fn a_model_that_could_not_be_inspected_is_not_said_to_be_printable_or_broken() {
 }
 
 #[test]
-fn where_not_even_the_faces_could_be_counted_the_error_names_the_option() {
+fn if_not_even_the_faces_could_be_counted_the_error_names_the_option() {
     let clock = Clock::default();
     let late = DEADLINE + promised_overrun(DEADLINE);
     let error = run(&broken(), &Options::default(), None, &At(Stage::Inspect, late, &clock), &clock).unwrap_err();
@@ -159,7 +159,7 @@ fn where_not_even_the_faces_could_be_counted_the_error_names_the_option() {
 }
 
 #[test]
-fn what_operators_did_before_the_deadline_is_verified_and_handed_out() {
+fn results_from_before_the_deadline_are_verified_and_returned() {
     // Verification begins after the first strategy.
     let clock = Clock::default();
     let mut open = sphere(DVec3::ZERO, 1.0, 32, 16);
@@ -170,7 +170,7 @@ fn what_operators_did_before_the_deadline_is_verified_and_handed_out() {
 }
 
 #[test]
-fn a_result_that_there_was_no_time_to_verify_is_not_handed_out() {
+fn a_result_that_could_not_be_verified_in_time_is_not_returned() {
     let clock = Clock::default();
     let mut open = sphere(DVec3::ZERO, 1.0, 32, 16);
     open.faces.drain(40..60);
@@ -285,7 +285,7 @@ fn a_simplification_that_a_deadline_ends_keeps_what_it_did() {
 }
 
 #[test]
-fn a_number_of_faces_that_was_not_reached_is_told_with_the_reason() {
+fn a_face_count_that_was_not_reached_is_reported_with_the_reason() {
     let options = Options { max_faces: Some(12), ..Options::default() };
     let ball = sphere(DVec3::ZERO, 1.0, 32, 16);
     let repaired = run(&ball, &options, None, &NoProgress, &Clock::default()).unwrap();
@@ -300,7 +300,7 @@ fn a_number_of_faces_that_was_not_reached_is_told_with_the_reason() {
 }
 
 #[test]
-fn voxels_larger_than_asked_for_are_told_with_the_reason() {
+fn voxels_larger_than_requested_are_reported_with_the_reason() {
     let (cubes, options) = for_blender();
     let apart = join(&cube(DVec3::ZERO, 1.0, 3), &cube(DVec3::new(1.004, 1.004, 0.0), 1.0, 3));
     let warning = |voxel_size: f64| {

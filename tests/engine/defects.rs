@@ -109,7 +109,7 @@ fn holes_slits_and_cracks_are_where_they_were_cut() {
 }
 
 #[test]
-fn an_exact_t_junction_is_told_from_a_near_one_by_its_value() {
+fn the_value_of_a_t_junction_distinguishes_exact_from_near() {
     for off in [0.0, 1e-8] {
         let (soup, m, _) = with_t_junction(off);
         let defect = the_one(&findings(&soup), K::TJunction);
@@ -163,7 +163,7 @@ fn a_fold_is_one_up_to_the_tolerances_only() {
 }
 
 #[test]
-fn shells_inside_are_told_apart_by_depth_and_turn() {
+fn inner_shells_are_classified_by_depth_and_orientation() {
     let shell = |size: f64| cube(DVec3::splat(-size), 2.0 * size, 1);
     let nested = join(&join(&shell(8.0), &inside_out(shell(4.0))), &join(&shell(2.0), &inside_out(shell(1.0))));
     let depths =
@@ -177,7 +177,7 @@ fn shells_inside_are_told_apart_by_depth_and_turn() {
 }
 
 #[test]
-fn faces_below_the_tolerance_are_flat_or_degenerate_and_say_by_how_much() {
+fn faces_below_the_tolerance_are_flat_or_degenerate_with_their_size() {
     let sliver = |height: f64, short: f64| {
         let mut soup = cube(DVec3::ZERO, 1.0, 1);
         let first = DVec3::new(0.0, 3.0, 0.0);
@@ -277,7 +277,7 @@ fn a_facet_normal_against_its_corners_is_bad_at_all_three() {
 }
 
 #[test]
-fn crafted_boundaries_end_at_the_budget_and_say_so() {
+fn crafted_boundaries_stop_at_the_budget_and_are_reported() {
     // Edges of many triangles, all close enough to each other to be slits.
     let mut soup = Soup::default();
     for i in 0..10_000 {
@@ -292,7 +292,7 @@ fn crafted_boundaries_end_at_the_budget_and_say_so() {
 }
 
 #[test]
-fn meshes_made_to_be_slow_are_looked_at_in_good_time() {
+fn meshes_made_to_be_slow_are_inspected_quickly() {
     let begin = std::time::Instant::now();
     let circle = |i: u32| {
         let (y, x) = (f64::from(i) * 1e-5).sin_cos();

@@ -217,7 +217,7 @@ fn a_plate_without_thickness_keeps_its_rim() {
 }
 
 #[test]
-fn of_two_neighbours_on_one_another_the_smaller_goes() {
+fn the_smaller_of_two_overlapping_neighbours_is_removed() {
     let mut soup = cube(DVec3::ZERO, 1.0, 1);
     // A face that is folded back onto the top from one of its edges.
     push(&mut soup, [DVec3::new(0.0, 0.0, 1.0), DVec3::new(1.0, 0.0, 1.0), DVec3::new(0.6, 0.2, 1.0)]);
@@ -260,7 +260,7 @@ fn both_sides(soup: &mut Soup, [a, b, c]: [DVec3; 3]) {
 }
 
 #[test]
-fn a_flap_without_thickness_goes_and_the_solid_stays() {
+fn a_zero_thickness_flap_is_removed_and_the_solid_stays() {
     let corner = |x: f64, y: f64, z: f64| DVec3::new(x, y, z);
     let mut flap = cube(DVec3::ZERO, 1.0, 1);
     both_sides(&mut flap, [corner(0.0, 0.0, 0.0), corner(1.0, 0.0, 0.0), corner(0.5, -0.02, -0.02)]);
@@ -268,7 +268,7 @@ fn a_flap_without_thickness_goes_and_the_solid_stays() {
 }
 
 #[test]
-fn a_sheet_of_two_sides_in_a_solid_goes() {
+fn a_two_sided_sheet_inside_a_solid_is_removed() {
     let corner = |x: f64, y: f64, z: f64| DVec3::new(x, y, z);
     let mut inside = cube(DVec3::ZERO, 4.0, 8);
     both_sides(&mut inside, [corner(1.0, 1.0, 1.0), corner(3.0, 1.0, 1.0), corner(2.0, 3.0, 2.0)]);
@@ -276,7 +276,7 @@ fn a_sheet_of_two_sides_in_a_solid_goes() {
 }
 
 #[test]
-fn walls_without_thickness_in_a_solid_go_whole_or_partial() {
+fn complete_and_partial_zero_thickness_walls_in_a_solid_are_removed() {
     let corner = |x: f64, y: f64, z: f64| DVec3::new(x, y, z);
     let walls = |sides: usize, partial: bool| {
         let mut soup = cube(DVec3::ZERO, 4.0, 2);

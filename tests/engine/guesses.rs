@@ -78,7 +78,7 @@ fn a_solid_whose_hole_the_options_leave_open_becomes_no_shell() {
 }
 
 #[test]
-fn whoever_asks_for_a_shell_of_a_solid_with_an_open_hole_gets_it() {
+fn a_shell_of_a_solid_with_an_open_hole_is_made_on_request() {
     let ball = cut_off(as_f32(sphere(DVec3::ZERO, 10.0, 48, 24)), 8.0);
     let options =
         Options { max_hole_size: 0.05, open_sheets: OpenSheets::Thicken, thickness: Some(0.5), ..Options::default() };
@@ -138,7 +138,7 @@ fn thickening_spares_parts_that_are_almost_closed_and_thickens_sheets_beside_the
 }
 
 #[test]
-fn a_thickened_wall_that_is_much_of_the_result_is_told_and_flagged() {
+fn a_thickened_wall_that_is_much_of_the_result_is_reported_and_flagged() {
     let repaired = run(&block_and_wall(), &Options::default());
     assert_eq!(repaired.report.outcome, Outcome::PartiallyRepaired, "{}", repaired.report.summary);
     assert_eq!(flags(&repaired), [RedFlagCode::SurfaceInvented]);
@@ -171,7 +171,7 @@ fn a_thickness_that_was_asked_for_is_an_assumption_and_no_flag() {
 }
 
 #[test]
-fn a_large_hole_is_told_with_its_place_and_a_small_one_is_not() {
+fn a_large_closed_hole_is_reported_with_its_place_and_a_small_one_is_not() {
     let without_lid = cut_off(as_f32(cube(DVec3::ZERO, 2.0, 4)), 2.0);
     let repaired = run(&without_lid, &Options::default());
     assert_eq!(
@@ -196,7 +196,7 @@ fn a_large_hole_is_told_with_its_place_and_a_small_one_is_not() {
 }
 
 #[test]
-fn an_assumed_unit_is_told_and_a_declared_one_is_not() {
+fn an_assumed_unit_is_reported_and_a_declared_one_is_not() {
     let solid = as_f32(cube(DVec3::ZERO, 2.0, 2));
     assert!(assumed(&run(&solid, &Options::default()), AssumptionKind::Unit).is_some());
     let declared = Options { unit: Some(meshmend::scene::Unit::Inch), ..Options::default() };

@@ -136,7 +136,7 @@ fn a_washer_without_its_ends_gets_rings_and_keeps_its_shaft() {
 }
 
 #[test]
-fn both_ends_of_a_flat_cone_without_ends_are_closed_apart() {
+fn both_open_ends_of_a_flat_cone_are_closed_separately() {
     let mut soup = Soup::default();
     let (low, high) = (ring(24, 2.0), ring(24, 1.0));
     for i in 0..24 {
@@ -171,7 +171,7 @@ fn holes_that_touch_in_a_vertex_are_closed_to_one_manifold_surface() {
 }
 
 #[test]
-fn of_two_patches_that_which_intersects_nothing_is_taken() {
+fn the_one_of_two_patches_that_intersects_nothing_is_chosen() {
     // The rim of a box is a bent square: a patch along one diagonal is a ridge, along the other a valley. A spike ends between
     // the two, from below or from above, so that only the ridge or only the valley is free.
     for base in [-0.5, 1.0] {
@@ -296,7 +296,7 @@ fn a_plane_patch_stays_plane_when_patches_are_faired() {
 }
 
 #[test]
-fn limits_in_size_and_number_leave_the_larger_holes_and_say_so() {
+fn limits_on_size_and_number_leave_the_larger_holes_and_are_reported() {
     let mut soup = sphere(DVec3::ZERO, 1.0, 24, 12);
     soup.faces.drain(300..302);
     soup.faces.drain(156..170);
@@ -350,7 +350,7 @@ fn a_vase_without_its_rim_gets_a_rim_and_no_lid() {
 }
 
 #[test]
-fn solids_with_openings_are_told_from_sheets() {
+fn solids_with_openings_are_distinguished_from_sheets() {
     let tube = {
         let outline = ring(24, 1.0);
         without_lid(&[outline], &[])
@@ -391,7 +391,7 @@ proptest! {
     #![proptest_config(ProptestConfig { cases: 64, failure_persistence: None, rng_seed: RngSeed::Fixed(1), ..ProptestConfig::default() })]
 
     #[test]
-    fn whatever_faces_are_missing_the_surface_is_closed_again(
+    fn the_surface_is_closed_again_whichever_faces_are_missing(
         which in 0..3usize,
         gone in proptest::collection::vec((0..10_000usize, 1..5usize), 1..12),
     ) {

@@ -124,7 +124,7 @@ fn a_corner_of_a_cube_in_another_is_between_parts_and_crosses() {
 }
 
 #[test]
-fn a_box_that_stands_on_another_lies_in_one_plane_with_it_and_touches() {
+fn a_box_on_another_box_touches_it_and_is_coplanar_with_it() {
     // The bottom of the small cube lies on the top of the large one, away from its diagonal.
     let soup = join(&cube(DVec3::ZERO, 8.0, 1), &cube(DVec3::new(5.0, 1.0, 8.0), 1.0, 1));
     let counts = found(&soup).counts;

@@ -45,7 +45,7 @@ fn cuboid(low: DVec3, sides: DVec3, n: u32) -> Soup {
 }
 
 #[test]
-fn what_stands_is_kept_and_what_stands_in_part_is_changed() {
+fn a_complete_part_is_kept_and_a_partial_one_is_changed() {
     let both = join(&box_at(0.0, 1.0), &box_at(3.0, 1.0));
     let whole = booked(&both, &both);
     assert_eq!((whole.parts, whole.kept, whole.changed, whole.united), (2, 2, 0, 0));
@@ -120,7 +120,7 @@ fn an_open_bit_that_is_too_small_to_print_is_debris() {
 }
 
 #[test]
-fn a_part_that_is_gone_without_a_reason_is_lost() {
+fn a_part_that_is_missing_without_a_reason_is_lost() {
     let (big, small) = (box_at(0.0, 4.0), box_at(6.0, 1.0));
     let booked_beside = booked(&join(&big, &small), &big);
     assert_eq!((booked_beside.kept, booked_beside.lost), (1, 1));
@@ -269,7 +269,7 @@ proptest! {
     #![proptest_config(ProptestConfig { cases: 24, failure_persistence: None, ..ProptestConfig::default() })]
 
     #[test]
-    fn whatever_parts_are_dropped_are_the_ones_that_are_lost(
+    fn exactly_the_dropped_parts_are_lost(
         keep in proptest::collection::vec(any::<bool>(), 2..12),
         size in prop::sample::select(vec![1e-6, 1.0, 1e6]),
         n in 1u32..4,

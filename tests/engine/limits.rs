@@ -31,7 +31,7 @@ fn on_an_edge() -> Soup {
 }
 
 #[test]
-fn what_needs_more_than_max_deviation_is_left_and_reported() {
+fn changes_beyond_max_deviation_are_not_made_and_are_reported() {
     let free = run(&on_an_edge(), &native(), None).report;
     assert_eq!(free.outcome, Outcome::Repaired);
     let farthest = free.steps.iter().map(|s| s.moved).fold(0.0, f64::max);

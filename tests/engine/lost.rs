@@ -28,7 +28,7 @@ fn without(soup: &Soup, gone: impl Fn([DVec3; 3]) -> bool) -> Soup {
 }
 
 #[test]
-fn a_wall_that_is_gone_is_lost_by_its_share_of_the_area() {
+fn a_missing_wall_is_lost_by_its_share_of_the_area() {
     let whole = cube(DVec3::ZERO, 1.0, 8);
     let open = without(&whole, |corners| corners.iter().all(|p| p.x == 1.0));
     let share = lost(&whole, &open);
@@ -38,7 +38,7 @@ fn a_wall_that_is_gone_is_lost_by_its_share_of_the_area() {
 }
 
 #[test]
-fn a_part_that_is_gone_is_lost_and_one_that_nobody_could_see_is_not() {
+fn a_removed_part_is_lost_unless_it_was_invisible() {
     let outer = cube(DVec3::ZERO, 4.0, 4);
     let beside = join(&outer, &cube(DVec3::new(6.0, 0.0, 0.0), 4.0, 4));
     assert!((lost(&beside, &outer) - 50.0).abs() < 2.0);

@@ -111,7 +111,7 @@ fn a_fin_is_cut_off_and_the_solid_stays_closed() {
 }
 
 #[test]
-fn a_sheet_inside_a_solid_goes_and_one_outside_stays() {
+fn a_sheet_inside_a_solid_is_removed_and_one_outside_stays() {
     for (middle, goes) in [(DVec3::ZERO, true), (DVec3::X * 3.0, false)] {
         let mut soup = sphere(DVec3::ZERO, 2.0, 16, 8);
         push(&mut soup, [DVec3::X, DVec3::Y, DVec3::Z].map(|p| p + middle));
@@ -137,7 +137,7 @@ fn a_sheet_that_only_begins_inside_a_solid_is_not_counted_with_those_that_went()
 }
 
 #[test]
-fn nothing_goes_where_all_is_debris() {
+fn nothing_is_removed_if_everything_is_debris() {
     let mut soup = Soup::default();
     push(&mut soup, [DVec3::ZERO, DVec3::X, DVec3::Y]);
     let (mut surface, _) = Surface::from_soup(&soup);
@@ -210,7 +210,7 @@ fn two_cubes_that_overlap_become_one_solid_of_their_common_volume() {
 }
 
 #[test]
-fn solids_that_share_part_of_a_wall_become_one_and_the_wall_goes() {
+fn solids_that_share_part_of_a_wall_become_one_without_the_wall() {
     let soup = join(&cube(DVec3::ZERO, 1.0, 1), &cube(DVec3::new(1.0, 0.25, 0.25), 0.5, 1));
     let (surface, _) = resolved(&soup);
     let after = measured_as_stl(&surface);
@@ -230,7 +230,7 @@ fn a_sphere_through_a_torus_keeps_the_volume_of_both_without_their_common_part()
 }
 
 #[test]
-fn what_does_not_intersect_or_is_not_closed_is_left_bit_for_bit() {
+fn surfaces_that_are_open_or_do_not_intersect_are_unchanged() {
     let apart = join(&cube(DVec3::ZERO, 1.0, 1), &cube(DVec3::splat(3.0), 1.0, 1));
     let (before, _) = Surface::from_soup(&apart);
     assert_eq!(resolved(&apart), (before, Resolved::default()));

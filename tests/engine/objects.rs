@@ -82,7 +82,7 @@ fn kit() -> Scene {
 }
 
 #[test]
-fn objects_stay_objects_and_each_is_repaired_apart() {
+fn objects_stay_objects_and_each_is_repaired_separately() {
     let before = kit();
     let repaired = run(&packed(&before, Format::ThreeMf), &Options::default());
     assert_eq!(
@@ -146,7 +146,7 @@ fn objects_are_united_where_that_is_asked_for_and_where_the_format_has_none() {
 }
 
 #[test]
-fn what_holds_other_things_up_is_left_as_it_is() {
+fn support_structures_are_left_unchanged() {
     let mut scene = kit();
     scene.objects[1].kind = ObjectKind::Support;
     let bytes = packed(&scene, Format::ThreeMf);
@@ -330,7 +330,7 @@ fn a_unit_is_declared_or_read_or_assumed_and_lengths_are_scaled_to_another() {
 }
 
 #[test]
-fn what_is_hardly_in_millimetres_is_told() {
+fn a_size_implausible_in_millimetres_gives_a_warning() {
     let warnings_of = |side: f64| {
         let stl = format::write(&cube(DVec3::ZERO, side, 1), Format::Stl).unwrap();
         run(&stl, &Options::default()).report.warnings.join(" ")
@@ -372,7 +372,7 @@ fn colours_of_ply_come_back_in_ply() {
 }
 
 #[test]
-fn what_a_format_can_not_hold_is_told() {
+fn properties_that_a_format_cannot_hold_are_reported() {
     let warnings_of =
         |options: Options| run(&packed(&painted(true), Format::ThreeMf), &options).report.warnings.join(" ");
     let stl = warnings_of(Options { output: OutputFormat::Stl, ..Options::default() });
@@ -381,7 +381,7 @@ fn what_a_format_can_not_hold_is_told() {
 }
 
 #[test]
-fn an_archive_is_not_handed_out_for_the_model_in_it() {
+fn an_archive_is_not_returned_for_the_model_in_it() {
     use std::io::Write;
     let stl = format::write(&cube(DVec3::ZERO, 20.0, 1), Format::Stl).unwrap();
     let mut archive = zip::ZipWriter::new(std::io::Cursor::new(Vec::new()));
@@ -395,7 +395,7 @@ fn an_archive_is_not_handed_out_for_the_model_in_it() {
 }
 
 #[test]
-fn the_report_of_as_many_objects_as_are_kept_apart_is_of_bounded_size() {
+fn the_report_of_the_maximum_number_of_objects_has_a_bounded_size() {
     let soup = open(torus(10.0, 3.0, 12, 8));
     let item = |number: u32| Item {
         transform: DAffine3::from_translation(DVec3::new(f64::from(number) * 30.0, 0.0, 0.0)),
@@ -466,7 +466,7 @@ fn objects_that_overlap_become_one_solid_in_their_colours_and_others_stay_object
 }
 
 #[test]
-fn objects_kept_apart_that_overlap_are_flagged_by_name_and_place() {
+fn separate_objects_that_overlap_are_flagged_with_name_and_place() {
     for format in [Format::Glb, Format::ThreeMf] {
         let bytes = packed(&colored_boxes(), format);
         let repaired = run(&bytes, &Options { merge: Merge::None, ..Options::default() });

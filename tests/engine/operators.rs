@@ -131,7 +131,7 @@ fn cube_with_cap() -> Soup {
 }
 
 #[test]
-fn a_cap_is_flipped_away_and_the_surface_stays_closed() {
+fn a_cap_is_removed_by_an_edge_flip_and_the_surface_stays_closed() {
     let soup = cube_with_cap();
     let before = measured(&soup);
     assert_eq!((before.degenerate_faces, before.boundary_edges), (1, 0));
@@ -145,7 +145,7 @@ fn a_cap_is_flipped_away_and_the_surface_stays_closed() {
 }
 
 #[test]
-fn two_caps_on_the_same_edge_are_both_flipped_away() {
+fn two_caps_on_the_same_edge_are_both_removed_by_edge_flips() {
     let mut soup = cube_with_cap();
     let (faces, n) = (soup.faces.clone(), soup.positions.len() as u32);
     // The neighbour across the cap's long edge gets another cap at a different place.
@@ -171,7 +171,7 @@ fn tetrahedron_with_a_face_that_vanishes() -> Soup {
 }
 
 #[test]
-fn a_face_whose_area_is_lost_in_f64_is_no_face_and_goes_without_a_trace() {
+fn a_face_whose_area_is_zero_in_f64_is_removed_without_a_report() {
     let soup = tetrahedron_with_a_face_that_vanishes();
     let before = measured(&soup);
     assert_eq!((before.degenerate_faces, before.boundary_edges), (1, 0));
@@ -195,7 +195,7 @@ fn a_face_whose_area_is_lost_in_f64_stays_where_no_vertex_may_move() {
 }
 
 #[test]
-fn a_face_with_a_repeated_vertex_goes_and_nothing_opens() {
+fn a_face_with_a_repeated_vertex_is_removed_and_nothing_opens() {
     let mut mesh = surface(&cube(DVec3::ZERO, 1.0, 1));
     mesh.faces.push([0, 0, 1]);
     mesh.source.push(12);
@@ -204,7 +204,7 @@ fn a_face_with_a_repeated_vertex_goes_and_nothing_opens() {
 }
 
 #[test]
-fn of_duplicates_the_first_stays() {
+fn the_first_of_duplicate_faces_stays() {
     let cube = cube(DVec3::ZERO, 1.0, 2);
     let mut mesh = surface(&join(&cube, &cube));
     assert_eq!(change_count(&remove_duplicates(&mut mesh), "duplicate_faces_removed"), cube.faces.len() as u64);
@@ -213,7 +213,7 @@ fn of_duplicates_the_first_stays() {
 }
 
 #[test]
-fn a_wall_without_thickness_between_two_boxes_goes_whole() {
+fn a_zero_thickness_wall_between_two_boxes_is_removed_completely() {
     // Two adjacent cubes, each with its own wall between them.
     let mut mesh = surface(&join(&cube(DVec3::ZERO, 1.0, 2), &cube(DVec3::X, 1.0, 2)));
     let changes = remove_duplicates(&mut mesh);
@@ -224,7 +224,7 @@ fn a_wall_without_thickness_between_two_boxes_goes_whole() {
 }
 
 #[test]
-fn a_small_flap_of_two_faces_goes_and_a_large_one_stays_as_a_sheet() {
+fn a_small_two_sided_flap_is_removed_and_a_large_one_stays_as_a_sheet() {
     for (length, gone) in [(0.02, 2), (3.0, 0)] {
         let mut soup = cube(DVec3::ZERO, 1.0, 1);
         let [a, b, _] = soup.corners(0);
@@ -303,7 +303,7 @@ fn a_hole_of_hundreds_of_edges_is_closed() {
 }
 
 #[test]
-fn a_hole_over_the_limit_is_left_and_told() {
+fn a_hole_over_the_limit_is_left_and_reported() {
     let mut soup = cube(DVec3::ZERO, 1.0, 4);
     soup.faces.truncate(soup.faces.len() - 32);
     let mut mesh = surface(&soup);

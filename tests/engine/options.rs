@@ -159,7 +159,7 @@ fn slivers_of_a_printable_model_go_where_a_tolerance_is_asked_for() {
 }
 
 #[test]
-fn what_finds_nothing_to_do_on_a_printable_model_is_said() {
+fn options_without_effect_on_a_printable_model_are_reported() {
     let bytes = stl(&cube(DVec3::ZERO, 10.0, 2));
     let options = Options {
         open_sheets: OpenSheets::Thicken,
@@ -229,7 +229,7 @@ fn a_crack_is_stitched_up_to_a_length_in_the_models_unit() {
 }
 
 #[test]
-fn a_gap_that_the_edges_beside_it_do_not_allow_is_said() {
+fn a_gap_wider_than_its_edges_allow_is_reported() {
     // The gap is wider than half of an edge, which is 0.5.
     let soup = box_with_a_lid_above(0.7, 10);
     let options = Options { stitch_distance: Some(1.0), preset: Preset::FullRepair, max_tier: 2, ..Options::default() };
@@ -244,7 +244,7 @@ fn a_gap_that_the_edges_beside_it_do_not_allow_is_said() {
 }
 
 #[test]
-fn a_tolerance_that_edges_shorter_than_it_keep_from_being_used_is_said() {
+fn a_weld_tolerance_limited_by_shorter_edges_is_reported() {
     let soup = box_with_a_lid_above(0.02, 40);
     let welded = |weld_tolerance| repair_soup(&soup, &Options { weld_tolerance, ..Options::default() }, None);
     assert_eq!(cause(&welded(0.01), "weld_tolerance"), Some(NotAppliedCause::Limited));
@@ -252,7 +252,7 @@ fn a_tolerance_that_edges_shorter_than_it_keep_from_being_used_is_said() {
 }
 
 #[test]
-fn a_limit_to_movement_that_cuts_an_option_short_is_said() {
+fn a_movement_limit_that_restricts_an_option_is_reported() {
     let soup = box_with_a_lid_above(0.05, 2);
     let limited = Options { stitch_distance: Some(0.06), max_deviation: Some(0.01), ..Options::default() };
     let repaired = repair_soup(&soup, &Options { preset: Preset::FullRepair, max_tier: 2, ..limited }, None);
@@ -276,7 +276,7 @@ fn vertices_are_merged_by_their_distance_alone() {
 }
 
 #[test]
-fn small_parts_are_dropped_where_that_is_asked_for_and_told() {
+fn small_parts_are_dropped_on_request_and_reported() {
     let crumbs = join(&cube(DVec3::new(20.0, 0.0, 0.0), 0.2, 1), &sphere(DVec3::new(0.0, 20.0, 0.0), 0.3, 8, 6));
     let soup = as_f32(join(&cube(DVec3::ZERO, 10.0, 1), &crumbs));
     let bytes = stl(&soup);
@@ -385,7 +385,7 @@ fn neighbours_that_overlap_go_up_to_the_angle_that_is_asked_for() {
 }
 
 #[test]
-fn faces_whose_outer_side_cannot_be_told_are_listed() {
+fn faces_with_an_ambiguous_outer_side_are_listed() {
     let mut soup = Soup::default();
     push(&mut soup, [DVec3::ZERO, DVec3::X, DVec3::Y]);
     push(&mut soup, [DVec3::X, DVec3::new(1.0, 1.0, 0.0), DVec3::Y]);

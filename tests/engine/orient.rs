@@ -98,7 +98,7 @@ fn a_cavity_is_kept_and_told() {
 }
 
 #[test]
-fn a_solid_in_a_solid_is_kept_and_told() {
+fn a_solid_inside_a_solid_is_kept_and_reported() {
     let (surface, applied) = oriented(&nest(&[true, true]), KEEP);
     assert_eq!(outward(&surface), [true, true]);
     assert_eq!(change_count(&applied.changes, "solids_inside_solids"), 1);
@@ -153,7 +153,7 @@ fn a_ball_over_or_beside_an_open_sheet_is_turned_outward() {
 }
 
 #[test]
-fn of_two_cubes_that_overlap_the_one_inside_out_is_turned() {
+fn the_inverted_one_of_two_overlapping_cubes_is_flipped() {
     for (first, second) in [(true, false), (false, true), (false, false)] {
         let turned = |cube: Soup, outward: bool| if outward { cube } else { inside_out(cube) };
         let soup = join(&turned(cube(DVec3::ZERO, 2.0, 1), first), &turned(cube(DVec3::splat(0.7), 2.0, 1), second));
@@ -197,7 +197,7 @@ fn an_open_box_in_a_solid_is_kept_as_it_was() {
 }
 
 #[test]
-fn an_open_box_that_sticks_in_another_is_decided_by_what_stands_out() {
+fn an_open_box_stuck_in_another_is_oriented_by_its_outer_part() {
     let through = |soup: Soup| join(&cube(DVec3::new(0.2, 0.2, -0.3), 0.6, 2), &soup);
     for soup in [through(open_box(4)), through(inside_out(open_box(4)))] {
         let (surface, _) = oriented(&soup, KEEP);
@@ -288,7 +288,7 @@ fn a_klein_bottle_is_cut_into_a_part_with_two_sides() {
 }
 
 #[test]
-fn a_cut_within_no_distance_is_left_and_told() {
+fn coincident_vertices_that_may_not_move_are_left_and_reported() {
     let mut surface = moebius_band(20, 2);
     with_context(|c| KEEP.apply(&mut surface, c)).unwrap();
     let cut =
@@ -297,7 +297,7 @@ fn a_cut_within_no_distance_is_left_and_told() {
 }
 
 #[test]
-fn what_has_two_sides_is_not_cut() {
+fn an_orientable_surface_is_not_cut() {
     for soup in [torus(3.0, 1.0, 12, 8), sheet(5), sphere(DVec3::ZERO, 1.0, 12, 6)] {
         let (mut surface, _) = oriented(&soup, KEEP);
         let before = surface.clone();

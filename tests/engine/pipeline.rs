@@ -67,7 +67,7 @@ fn a_printable_file_comes_back_bit_for_bit() {
 }
 
 #[test]
-fn a_file_of_which_faces_were_left_out_is_never_handed_back_itself() {
+fn a_file_from_which_faces_were_left_out_is_never_returned_unchanged() {
     let soup = Surface::from_soup(&cube(DVec3::ZERO, 1.0, 1)).0.to_soup();
     let options = Options { output: OutputFormat::Same, ..Options::default() };
     let whole = format::write(&soup, Format::Mesh).unwrap();
@@ -92,7 +92,7 @@ fn a_printable_file_in_another_format_keeps_its_faces_in_order() {
 }
 
 #[test]
-fn a_file_that_breaks_when_it_is_rounded_goes_on_to_repair() {
+fn a_file_that_breaks_when_rounded_is_repaired() {
     // A slit so thin that both sides round to the same f32.
     let mut soup = Surface::from_soup(&cube(DVec3::splat(1000.0), 1.0, 2)).0.to_soup();
     for p in &mut soup.positions {
@@ -153,7 +153,7 @@ fn surface_that_was_fine_is_not_moved() {
 }
 
 #[test]
-fn an_open_sheet_is_handed_back_with_the_reason() {
+fn an_open_sheet_is_returned_with_the_reason() {
     let bytes = format::write(&sheet(12), Format::Stl).unwrap();
     let fake = Fake::answering(vec![]);
     let repaired = repair_bytes(&bytes, &Options::default(), Some(&fake)).unwrap();
@@ -172,7 +172,7 @@ fn an_open_sheet_is_remeshed_when_that_is_asked_for() {
 }
 
 #[test]
-fn what_tier_1_cannot_mend_goes_to_the_boolean_and_then_to_voxels() {
+fn models_that_tier_1_cannot_repair_go_to_the_boolean_and_then_to_voxels() {
     let apart = join(&cube(DVec3::ZERO, 1.0, 3), &cube(DVec3::new(1.004, 1.004, 0.0), 1.0, 3));
     let fake = Fake::answering(vec![Err(RemeshError::Failed("no".into())), Ok(apart)]);
     let repaired = repair_soup(&non_manifold(), &without_tier_2(), Some(&fake));
@@ -191,7 +191,7 @@ fn overlapping(n: u32) -> Soup {
 }
 
 #[test]
-fn a_closed_model_whose_faces_intersect_is_not_printable_and_goes_to_the_boolean() {
+fn a_closed_model_with_intersecting_faces_is_not_printable_and_goes_to_the_boolean() {
     let beside = |x: f64| join(&cube(DVec3::ZERO, 1.0, 2), &cube(DVec3::new(x, 0.1, 0.2), 1.0, 2));
     let fake = Fake::answering(vec![Ok(beside(1.0005))]);
     let repaired = repair_soup(&beside(0.998), &without_tier_2(), Some(&fake));
@@ -223,7 +223,7 @@ fn a_result_with_fewer_intersecting_faces_is_better_than_one_with_more() {
 }
 
 #[test]
-fn a_hole_closed_is_worth_faces_that_intersect() {
+fn closing_a_hole_is_better_even_if_faces_intersect() {
     let mut soup = overlapping(2);
     // A hole of two faces in the second cube, at the corner inside the first: its patch intersects as the faces did.
     let inside = |f: &[u32; 3]| f.iter().all(|&v| soup.positions[v as usize].max_element() < 1.35 && f[0] >= 144);
@@ -253,7 +253,7 @@ fn a_result_that_lost_most_of_the_model_is_not_chosen() {
 }
 
 #[test]
-fn an_empty_result_is_never_handed_out() {
+fn an_empty_result_is_never_returned() {
     let fake = Fake::answering(vec![Ok(Soup::default()), Err(RemeshError::Empty)]);
     let repaired = repair_soup(&non_manifold(), &without_tier_2(), Some(&fake));
     assert_eq!(repaired.report.outcome, Outcome::Unrepairable);
@@ -261,7 +261,7 @@ fn an_empty_result_is_never_handed_out() {
 }
 
 #[test]
-fn without_blender_the_rung_is_skipped_and_says_so() {
+fn without_blender_the_strategy_is_skipped_and_reported() {
     let repaired = repair_soup(&non_manifold(), &without_tier_2(), None);
     let skipped: Vec<_> = repaired.report.steps.iter().filter(|s| s.tier == 3).collect();
     assert_eq!(skipped.len(), 2);
@@ -349,7 +349,7 @@ fn an_option_out_of_range_is_refused_before_the_file_is_read() {
 }
 
 #[test]
-fn a_file_of_nothing_but_broken_faces_is_handed_back() {
+fn a_file_with_only_broken_faces_is_returned() {
     let mut soup = Soup::default();
     push(&mut soup, [DVec3::X, DVec3::X, DVec3::Y]);
     let bytes = format::write(&soup, Format::Stl).unwrap();

@@ -55,7 +55,7 @@ fn a_plate_s_thinnest_wall_is_its_thickness_between_its_two_sides() {
 }
 
 #[test]
-fn the_edges_of_a_cube_are_no_thin_walls_and_a_ball_is_as_thick_as_it_is_wide() {
+fn edges_of_a_cube_are_not_thin_walls_and_a_ball_is_as_thick_as_its_diameter() {
     close(print(&cube(DVec3::ZERO, 2.0, 4)).thinnest_wall.unwrap().thickness, 2.0, 1e-9);
     let ball = print(&sphere(DVec3::ZERO, 1.0, 48, 24)).thinnest_wall.unwrap();
     assert!((1.9..2.0).contains(&ball.thickness), "{ball:?}");
@@ -88,7 +88,7 @@ fn overlapping_parts_are_one_wall_and_turned_parts_have_the_same() {
 }
 
 #[test]
-fn an_open_sheet_has_no_wall_and_says_why_and_a_box_with_a_hole_has_one() {
+fn an_open_sheet_has_no_wall_thickness_and_a_box_with_a_hole_has_one() {
     let measures = print(&sheet(12));
     assert_eq!((measures.thinnest_wall, measures.no_wall), (None, Some(NoWall::OpenSurface)));
     assert_eq!((measures.volume, measures.centre_of_mass, measures.solids), (None, None, 0));
@@ -201,7 +201,7 @@ fn no_input_is_too_broken_and_level_none_measures_nothing_for_print() {
 }
 
 #[test]
-fn units_are_said_by_their_symbols_and_read_by_their_names_too() {
+fn units_are_written_as_symbols_and_also_read_as_names() {
     assert_eq!(serde_json::to_string(&Unit::Millimetre).unwrap(), "\"mm\"");
     for (said, unit) in [("\"in\"", Unit::Inch), ("\"inch\"", Unit::Inch), ("\"millimetre\"", Unit::Millimetre)] {
         assert_eq!(serde_json::from_str::<Unit>(said).unwrap(), unit);

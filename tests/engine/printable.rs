@@ -111,7 +111,7 @@ fn one_unshared_edge_is_a_slit_at_its_place() {
 }
 
 #[test]
-fn a_face_that_names_a_missing_vertex_is_not_printable_and_is_told_where_it_is() {
+fn a_face_with_a_missing_vertex_is_not_printable_and_its_place_is_reported() {
     let soup = shared_cube();
     let mut bytes = format::write(&soup, Format::Mesh).unwrap();
     bytes.extend_from_slice(b"Face 999 1 2 4711\n");
@@ -189,7 +189,7 @@ fn a_face_lower_than_the_tolerance_is_advice_and_not_a_broken_rule() {
 }
 
 #[test]
-fn normals_that_point_into_the_mesh_are_left_out_of_what_is_handed_out() {
+fn normals_that_point_into_the_mesh_are_left_out_of_the_result() {
     let soup = as_f32(shared_cube());
     let mut text = String::new();
     for p in &soup.positions {

@@ -188,7 +188,7 @@ fn boxes_that_overlap_are_one() {
 }
 
 #[test]
-fn what_is_inside_out_is_solid_where_asked_for() {
+fn an_inverted_part_is_solid_on_request() {
     let soup = inside_out(cube(DVec3::ZERO, 1.0, 2));
     assert_eq!(remeshed(&soup, 32.0, Inside::Outward).unwrap_err(), RemeshError::Empty);
     let remeshed = remeshed(&soup, 32.0, Inside::EitherWay).unwrap();
@@ -240,7 +240,7 @@ fn a_wall_and_a_wire_thinner_than_a_cell_do_not_vanish() {
 }
 
 #[test]
-fn a_small_part_far_away_does_not_vanish() {
+fn a_small_distant_part_is_kept() {
     let soup = join(&cube(DVec3::ZERO, 1e-3, 1), &cube(DVec3::splat(100.0), 20.0, 1));
     let remeshed = solid(&soup, 100.0);
     assert_eq!(measured_as_stl(&remeshed.surface).parts, 2);
@@ -264,7 +264,7 @@ fn a_soup_of_walls_is_solid() {
 }
 
 #[test]
-fn what_bulges_up_to_the_limit_of_the_grid_is_closed_there() {
+fn a_volume_that_reaches_the_limit_of_the_grid_is_closed_there() {
     // So many coincident sheets have a winding number above one half far outside their bounding box.
     let soup = (0..40).fold(Soup::default(), |all, i| {
         let mut one = sheet(6);
@@ -276,7 +276,7 @@ fn what_bulges_up_to_the_limit_of_the_grid_is_closed_there() {
 }
 
 #[test]
-fn what_has_no_inside_is_empty() {
+fn a_mesh_that_encloses_nothing_gives_an_empty_result() {
     let mut triangle = Soup::default();
     push(&mut triangle, [DVec3::ZERO, DVec3::X, DVec3::Y]);
     let mut needle = Soup::default();

@@ -241,7 +241,7 @@ fn a_repair_is_drawn_before_and_after_and_without_a_result_only_before() {
 }
 
 #[test]
-fn what_remains_of_a_result_is_drawn_as_the_defects_of_the_same_mesh_are() {
+fn remaining_defects_of_a_result_are_drawn_like_defects_of_an_input() {
     let (soup, findings) = marked_cube(DVec3::ZERO, 1.0);
     let marked = Marked { soup: &soup, findings: &findings };
     let defects = with_context(|context| draw_repaired(marked, None, context)).unwrap();

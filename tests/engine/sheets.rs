@@ -179,7 +179,7 @@ fn terrain_is_put_on_a_flat_base_around_its_hole() {
 }
 
 #[test]
-fn terrain_that_looks_down_is_turned_and_still_stands_on_its_base() {
+fn terrain_that_faces_down_is_flipped_and_still_gets_its_base() {
     let soup = crate::meshes::inside_out(as_f32(sheet(5)));
     let (surface, applied) = based(&soup, 1.0);
     let m = measured(&surface);
@@ -199,7 +199,7 @@ fn a_sheet_along_another_axis_is_extruded_along_it() {
 }
 
 #[test]
-fn what_is_no_height_field_gets_no_base() {
+fn a_surface_that_is_not_a_height_field_gets_no_base() {
     let mut soup = torus(3.0, 1.0, 16, 8);
     soup.faces.truncate(200);
     let (surface, applied) = based(&soup, 1.0);
@@ -238,7 +238,7 @@ fn parts_too_far_from_one_another_are_not_joined() {
 }
 
 #[test]
-fn joining_runs_on_request_only_and_is_told() {
+fn parts_are_joined_only_on_request_and_that_is_reported() {
     let soup = join(&as_f32(sheet(4)), &{
         let mut other = as_f32(sheet(4));
         other.positions.iter_mut().for_each(|p| p.x += 5.0);
@@ -267,7 +267,7 @@ fn box_with_a_wing() -> Soup {
 }
 
 #[test]
-fn a_wing_through_a_box_becomes_part_of_the_solid_and_nothing_of_the_box_goes() {
+fn a_sheet_through_a_box_joins_the_solid_and_nothing_of_the_box_is_removed() {
     let soup = box_with_a_wing();
     let repaired = run(&soup, &Options { max_tier: 2, max_surface_added_pct: 100.0, ..Options::default() });
     let after = repaired.report.after.as_ref().unwrap();
@@ -310,7 +310,7 @@ fn a_model_that_is_a_sheet_is_made_solid_only_when_that_is_asked_for() {
 }
 
 #[test]
-fn sheets_are_closed_in_a_rung_of_their_own_only_where_something_was_left_open() {
+fn sheets_are_closed_in_a_separate_strategy_only_if_something_was_left_open() {
     let soup = join(&cube(DVec3::ZERO, 1.0, 1), &cube(DVec3::new(1.0, 1.0, 0.0), 1.0, 1));
     let repaired = run(&soup, &Options { max_tier: 2, ..Options::default() });
     let ran = |s: &&meshmend::repair::Step| s.action == Action::CloseSheets && s.status != StepStatus::Skipped;

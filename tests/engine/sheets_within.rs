@@ -28,7 +28,7 @@ fn with_triangle(mut soup: Soup, triangle: [[f64; 3]; 3]) -> Soup {
 }
 
 #[test]
-fn a_sheet_that_hangs_within_or_floats_goes_though_the_solid_has_a_hole() {
+fn an_internal_sheet_is_removed_even_if_the_solid_has_a_hole() {
     let hanging = [[2.0, 2.0, 0.0], [2.0, 3.0, 0.0], [2.0, 2.5, 1.0]];
     assert_eq!(removed(&with_triangle(holed(), hanging)), (1, 1));
     let floating = [[2.0, 2.0, 1.0], [2.0, 3.0, 1.0], [2.0, 2.5, 2.0]];
@@ -37,7 +37,7 @@ fn a_sheet_that_hangs_within_or_floats_goes_though_the_solid_has_a_hole() {
 }
 
 #[test]
-fn what_is_outside_or_reaches_out_stays() {
+fn sheets_outside_or_partly_outside_a_solid_stay() {
     let fin = [[2.0, 2.0, 4.0], [2.0, 3.0, 4.0], [2.0, 2.5, 5.0]];
     assert_eq!(removed(&with_triangle(holed(), fin)), (0, 0));
     let through = [[2.0, 2.0, 3.0], [2.0, 3.0, 3.0], [2.0, 2.5, 7.0]];

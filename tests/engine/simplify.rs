@@ -128,7 +128,7 @@ fn an_open_sheet_keeps_its_boundary() {
 }
 
 #[test]
-fn what_is_minimal_comes_back_bit_for_bit() {
+fn a_minimal_mesh_comes_back_bit_for_bit() {
     let tetrahedron = Soup {
         positions: vec![DVec3::new(0.1, 0.2, 0.3), DVec3::X * 3.0, DVec3::Y * 2.0, DVec3::Z * 7.7],
         faces: vec![[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]],
@@ -157,7 +157,7 @@ fn faces_that_intersect_do_not_become_more() {
 }
 
 #[test]
-fn vertices_cut_apart_at_one_position_stay_where_they_are() {
+fn vertices_split_at_one_position_do_not_move() {
     // Two cubes that share an edge with separate vertices.
     let (a, b) = (cube(DVec3::ZERO, 1.0, 6), cube(DVec3::new(1.0, 1.0, 0.0), 1.0, 6));
     let (mut surface, _) = Surface::from_soup(&a);
@@ -237,7 +237,7 @@ proptest! {
 
     /// Bumpy balls, nested and side by side: with any options a printable model stays printable.
     #[test]
-    fn what_is_printable_stays_printable(
+    fn a_printable_model_stays_printable(
         waves in proptest::collection::vec((1.0..6.0f64, 0.0..6.0f64, 0.0..0.25f64), 1..4),
         faces in 4u64..600,
         share in 0.001..0.2f64,

@@ -101,7 +101,7 @@ fn a_wall_of_no_thickness_that_can_be_seen_gets_one() {
 }
 
 #[test]
-fn where_nothing_may_be_resolved_the_surface_is_made_anew() {
+fn if_nothing_may_be_resolved_the_model_is_remeshed() {
     let options = Options { without: vec![Operator::Resolve], voxel_resolution: 60, ..native() };
     let repaired = repair_soup(&overlapping(), &options, None);
     assert_eq!(repaired.report.outcome, Outcome::Repaired, "{:?}", repaired.report.red_flags);

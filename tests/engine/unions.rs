@@ -152,7 +152,7 @@ proptest! {
 }
 
 #[test]
-fn solids_that_lie_in_others_but_for_common_edges_are_not_turned_inside_out() {
+fn solids_inside_others_with_common_edges_are_not_inverted() {
     let solids = in_degenerate_position(&mut Random::new(11), 5);
     assert_eq!(verdict(&solids, Harm { shuffled: false, turned: false, holes: 0 }, 11), Ok(()));
 }
@@ -167,7 +167,7 @@ fn solids_nearly_at_one_place_are_united_though_half_of_their_faces_go() {
 }
 
 #[test]
-fn new_vertices_beside_zero_stand_no_nearer_to_one_another_than_the_model_is_worth() {
+fn new_vertices_near_zero_are_no_closer_than_the_model_s_precision() {
     let known = |soup: &Soup, p: DVec3| soup.positions.contains(&p);
     let mut new = 0;
     for (n, angle) in [(5, 0.5), (9, 1.7), (12, 2.9)] {

@@ -121,13 +121,13 @@ fn where_sides_meet_at_45_degrees_there_is_no_thin_wall_and_at_20_degrees_there_
 }
 
 #[test]
-fn the_edges_of_boxes_are_no_thin_walls() {
+fn the_edges_of_boxes_are_not_thin_walls() {
     close(thinnest(&block(DVec3::ZERO, DVec3::new(3.0, 5.0, 4.0), 40)).thickness, 3.0);
     close(thinnest(&block(DVec3::ZERO, DVec3::new(3.0, 5.0, 4.0), 1)).thickness, 3.0);
 }
 
 #[test]
-fn each_thin_region_is_told_once_and_thick_ones_are_not() {
+fn each_thin_region_is_reported_once_and_thick_ones_are_not() {
     let chip = |x: f64, thickness: f64| block(DVec3::new(x, 3.0, 7.0), DVec3::new(1.0, 1.5, thickness), 6);
     let body = block(DVec3::ZERO, DVec3::splat(100.0), 12);
     let wall = thinnest(&join(&body, &join(&chip(120.0, 0.3), &chip(150.0, 0.1))));

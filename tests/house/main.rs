@@ -184,6 +184,15 @@ fn no_file_imports_from_a_file_with_tests() {
 }
 
 #[test]
+fn no_test_name_has_more_than_80_characters() {
+    for file in test_binaries().iter().flat_map(|folder| rust_files(folder)) {
+        for name in names_after(&code(&file), "fn ") {
+            assert!(name.len() <= 80, "{}: {name} has {} characters", file.display(), name.len());
+        }
+    }
+}
+
+#[test]
 fn an_import_from_a_file_with_tests_is_found() {
     let folder = tempfile::tempdir().unwrap();
     let write = |name: &str, text: &str| std::fs::write(folder.path().join(name), text).unwrap();
@@ -237,7 +246,7 @@ fn metric_names_are_defined_in_one_place() {
 /// `repair::Verdict` and `JobOutcome::is_printable` say what an outcome means. Another file that distinguishes outcomes
 /// could contradict them.
 #[test]
-fn what_an_outcome_means_is_decided_in_one_place() {
+fn the_meaning_of_an_outcome_is_decided_in_one_place() {
     // These map the outcomes of repairs to those of jobs, and decide which results may be reused.
     let may = ["jobs/report.rs", "api/submit.rs"];
     for file in rust_files(&source()) {

@@ -18,13 +18,13 @@ use crate::support::stores::{Bench, on_each_store};
 
 on_each_store! {
     a_key_is_found_by_its_secret_until_it_expires_or_is_revoked,
-    a_token_is_worth_nothing_without_the_key_it_was_made_with,
+    a_token_is_invalid_without_the_key_that_created_it,
     tenants_take_turns_however_many_jobs_one_of_them_has,
     no_more_of_a_tenants_jobs_run_than_may,
     lists_counts_and_positions_are_a_tenants_own,
     a_change_of_a_tenant_keeps_the_settings_that_it_does_not_name,
     keys_and_tenants_are_listed_in_pages,
-    what_waits_and_runs_is_counted_by_class_of_tenants,
+    queued_and_running_jobs_are_counted_by_tenant_class,
 }
 
 fn new_key(life_s: Option<u64>, parent: Option<String>) -> NewKey {
@@ -121,7 +121,7 @@ async fn keys_and_tenants_are_listed_in_pages(bench: Bench) {
     assert_eq!(store.tenant("nobody").await.expect("a result"), None);
 }
 
-async fn what_waits_and_runs_is_counted_by_class_of_tenants(bench: Bench) {
+async fn queued_and_running_jobs_are_counted_by_tenant_class(bench: Bench) {
     let gold: Option<TenantClass> = "gold".parse().ok();
     for tenant in ["big", "large"] {
         let name = tenant.parse().expect("a name");
@@ -148,7 +148,7 @@ async fn what_waits_and_runs_is_counted_by_class_of_tenants(bench: Bench) {
     assert_eq!(classes.collect::<Vec<_>>(), [("big", Some("gold")), ("large", Some("gold"))]);
 }
 
-async fn a_token_is_worth_nothing_without_the_key_it_was_made_with(bench: Bench) {
+async fn a_token_is_invalid_without_the_key_that_created_it(bench: Bench) {
     let store = bench.store.as_ref();
     let (id, _) = create_key_in(store, new_key(None, None)).await;
     let (_, token) = create_key_in(store, new_key(Some(60), Some(id.clone()))).await;
@@ -472,7 +472,7 @@ async fn allowed_origins_may_read_responses_and_other_origins_only_their_refusal
 }
 
 #[tokio::test]
-async fn limits_of_requests_and_of_waiting_jobs_hold_for_each_tenant_apart() {
+async fn limits_on_requests_and_queued_jobs_apply_to_each_tenant_separately() {
     let data = tempfile::tempdir().expect("a folder");
     let (busy, calm) = (create_key(data.path(), "busy", ALL_SCOPES), create_key(data.path(), "calm", ALL_SCOPES));
     meshmend(data.path(), &["tenants", "set", "busy", "--requests-per-minute", "5"]);

@@ -136,7 +136,7 @@ async fn settings_of_a_tenant_are_changed_one_by_one_and_hold_at_once() {
 }
 
 #[tokio::test]
-async fn an_open_service_lets_nobody_manage_keys_without_one() {
+async fn a_service_without_auth_still_requires_a_key_to_manage_keys() {
     let data = tempfile::tempdir().expect("a folder");
     let admin = create_key(data.path(), "operator", "admin");
     let program = Start::serve(data.path()).start();

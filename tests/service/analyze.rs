@@ -41,7 +41,7 @@ async fn full_report(api: &Api, id: &str) -> Value {
 }
 
 #[tokio::test]
-async fn one_file_is_analysed_and_what_is_said_of_it_is_what_a_repair_says_of_its_input() {
+async fn the_analysis_of_a_file_equals_what_a_repair_reports_of_its_input() {
     let data = tempfile::tempdir().expect("a folder");
     let program = Start::serve(data.path()).start();
     let api = Api::new(&program);

@@ -117,21 +117,21 @@ macro_rules! on_each_store {
 }
 
 on_each_store! {
-    what_was_put_is_got_whole_and_in_part,
+    a_stored_file_can_be_read_whole_and_in_ranges,
     a_local_file_is_stored_as_it_is,
     an_upload_that_is_too_large_or_breaks_off_leaves_nothing,
     an_upload_whose_client_went_leaves_nothing,
     many_uploads_at_once_all_arrive,
-    bytes_that_were_damaged_are_never_handed_out_to_their_end,
-    what_a_job_had_goes_with_it_and_nothing_else_does,
+    a_damaged_file_is_never_served_completely,
+    deleting_a_job_deletes_its_files_and_no_others,
     only_the_attempt_that_won_keeps_its_files,
-    files_that_nobody_touched_are_found_and_deleted_unless_one_of_their_job_is_young,
-    what_one_claim_made_goes_without_the_rest_of_its_job,
-    a_file_that_waited_too_long_for_its_job_goes,
-    a_store_that_works_says_so,
+    old_files_are_found_and_deleted_unless_their_job_has_a_recent_one,
+    the_files_of_one_attempt_are_deleted_without_the_rest_of_its_job,
+    an_upload_that_waited_too_long_for_its_job_is_deleted,
+    the_probe_of_a_working_store_succeeds,
 }
 
-async fn what_was_put_is_got_whole_and_in_part(bench: Bench) {
+async fn a_stored_file_can_be_read_whole_and_in_ranges(bench: Bench) {
     for count in [0, 1, 8 << 20, LARGE] {
         let bytes = some_bytes(count);
         let stored = bench.put("uploads/x", &bytes).await;
@@ -213,7 +213,7 @@ async fn many_uploads_at_once_all_arrive(bench: Bench) {
     }
 }
 
-async fn bytes_that_were_damaged_are_never_handed_out_to_their_end(bench: Bench) {
+async fn a_damaged_file_is_never_served_completely(bench: Bench) {
     let mut bytes = some_bytes(1 << 20);
     let stored = bench.put("uploads/x", &bytes).await;
     let last = bytes.len() - 1;
@@ -252,7 +252,7 @@ async fn a_job(bench: &Bench) -> (JobId, [String; 4]) {
     (id, keys)
 }
 
-async fn what_a_job_had_goes_with_it_and_nothing_else_does(bench: Bench) {
+async fn deleting_a_job_deletes_its_files_and_no_others(bench: Bench) {
     let ((id, keys), (_, others)) = (a_job(&bench).await, a_job(&bench).await);
     bench.blobs.delete_job(id).await.expect("deleted");
     bench.blobs.delete_job(id).await.expect("deleted before");
@@ -270,7 +270,7 @@ async fn only_the_attempt_that_won_keeps_its_files(bench: Bench) {
     }
 }
 
-async fn files_that_nobody_touched_are_found_and_deleted_unless_one_of_their_job_is_young(bench: Bench) {
+async fn old_files_are_found_and_deleted_unless_their_job_has_a_recent_one(bench: Bench) {
     let mut jobs = [a_job(&bench).await, a_job(&bench).await, a_job(&bench).await];
     jobs.sort();
     let [(old, of_old), (growing, of_growing), (young, _)] = &jobs;
@@ -295,7 +295,7 @@ async fn files_that_nobody_touched_are_found_and_deleted_unless_one_of_their_job
     assert!(bench.owners().await.iter().all(|owner| owner.job == *growing));
 }
 
-async fn what_one_claim_made_goes_without_the_rest_of_its_job(bench: Bench) {
+async fn the_files_of_one_attempt_are_deleted_without_the_rest_of_its_job(bench: Bench) {
     let (id, keys) = a_job(&bench).await;
     bench.blobs.delete_claim(id, "one").await.expect("deleted");
     bench.blobs.delete_claim(id, "one").await.expect("deleted before");
@@ -304,7 +304,7 @@ async fn what_one_claim_made_goes_without_the_rest_of_its_job(bench: Bench) {
     }
 }
 
-async fn a_file_that_waited_too_long_for_its_job_goes(bench: Bench) {
+async fn an_upload_that_waited_too_long_for_its_job_is_deleted(bench: Bench) {
     bench.blobs.delete_quiet_incoming(HOUR).await.expect("nothing to delete");
     let [old, young] = [UploadId::new(), UploadId::new()].map(Blobs::incoming_key);
     for key in [&old, &young] {
@@ -323,7 +323,7 @@ async fn a_file_that_waited_too_long_for_its_job_goes(bench: Bench) {
     assert!(bench.has(&young).await && !half.exists());
 }
 
-async fn a_store_that_works_says_so(bench: Bench) {
+async fn the_probe_of_a_working_store_succeeds(bench: Bench) {
     bench.blobs.probe().await.expect("it works");
     assert!(bench.blobs.free_bytes().expect("a result").is_some_and(|free| free > 0));
 }
@@ -380,7 +380,7 @@ async fn a_bucket_killed_during_an_upload_has_the_whole_file_or_nothing() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn what_is_wrong_with_a_bucket_is_told_apart_from_its_being_away() {
+async fn a_misconfigured_bucket_is_distinguished_from_an_unreachable_one() {
     let bench = Bench::bucket();
     let config = bench.server.as_ref().expect("a server").config(bench.folder.path().join("spool"));
     for url in ["", "meshmend", "s3://", "s3:///x", "s3://a b/c", "https://bucket.example.com/x", "s3://bucket/a//x"] {

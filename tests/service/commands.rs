@@ -45,7 +45,7 @@ fn mode(path: &Path) -> u32 {
 }
 
 #[test]
-fn a_setting_that_can_t_be_used_is_told_with_its_name_and_what_to_do() {
+fn an_unusable_setting_is_reported_with_its_name_and_a_remedy() {
     let (code, message) = refused(&["serve", "--workers", "0"], &[]);
     assert_eq!(code, 2);
     assert_says(&message, &["--workers", "at least 1", "--no-workers"]);
@@ -105,7 +105,7 @@ async fn a_host_name_may_be_listened_on_and_an_open_service_that_others_reach_wa
 }
 
 #[tokio::test]
-async fn what_a_service_keeps_is_for_its_own_user_alone() {
+async fn only_the_service_s_user_can_read_its_data() {
     let above = tempfile::tempdir().expect("a folder");
     let data = above.path().join("data");
     let program = Start::serve(&data).start();

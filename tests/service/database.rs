@@ -26,7 +26,7 @@ fn work<'a>(data: &'a Path, cluster: &Postgres) -> Start<'a> {
 }
 
 #[tokio::test]
-async fn what_changes_in_the_database_rings_in_every_process_that_shares_it() {
+async fn changes_in_the_database_notify_every_process() {
     let cluster = Postgres::start();
     let open = || PostgresStore::open("postgres", 4, None, RetryPolicy::default());
     assert!(open().await.is_err(), "no address");
@@ -60,7 +60,7 @@ async fn written_and_synced(pool: &PgPool) -> (i64, i64) {
 }
 
 #[tokio::test]
-async fn what_is_promised_waits_for_the_databases_disk_and_a_claim_does_not() {
+async fn promised_writes_wait_for_fsync_and_claims_do_not() {
     let cluster = Postgres::start();
     let url = cluster.url();
     // Otherwise the WAL writer also flushes commits that do not wait for it.
@@ -93,7 +93,7 @@ async fn what_is_promised_waits_for_the_databases_disk_and_a_claim_does_not() {
 }
 
 #[tokio::test]
-async fn receivers_are_told_by_whichever_process_serves_and_by_one_of_them() {
+async fn any_server_sends_the_webhooks_and_only_one_sends_each() {
     let (cluster, data) = (Postgres::start(), tempfile::tempdir().expect("a folder"));
     let start = || serve(data.path(), &cluster).env("MESHMEND_WEBHOOK_ALLOW_PRIVATE", "true").start();
     let (one, _other) = (start(), start());

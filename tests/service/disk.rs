@@ -93,7 +93,7 @@ async fn an_upload_is_refused_when_the_disk_fills_up_during_it_with_a_folder_or_
 }
 
 #[tokio::test]
-async fn no_job_is_begun_where_the_disk_has_too_little_room() {
+async fn no_job_starts_if_the_disk_has_too_little_space() {
     let data = tempfile::tempdir().expect("a folder");
     let start = Start::serve(data.path()).arg("--min-free-mib", "8").arg("--workers", "1");
     let Some(program) = start.env("FAILPOINTS", "child-read=sleep(1500)").on_small_disk(24) else { return };
@@ -110,7 +110,7 @@ async fn no_job_is_begun_where_the_disk_has_too_little_room() {
 }
 
 #[tokio::test]
-async fn a_folder_that_may_not_be_written_to_is_told_and_got_over() {
+async fn a_read_only_folder_is_reported_and_work_resumes_once_it_is_writable() {
     let data = tempfile::tempdir().expect("a folder");
     let program = Start::serve(data.path()).env("MESHMEND_NO_WORKERS", "true").start();
     let api = Api::new(&program);

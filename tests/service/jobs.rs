@@ -7,7 +7,7 @@ use crate::files;
 use crate::server::{Api, Start};
 
 #[tokio::test]
-async fn a_broken_model_goes_in_and_a_printable_one_with_its_account_comes_out() {
+async fn a_broken_model_is_repaired_to_a_printable_one_with_a_report() {
     let data = tempfile::tempdir().expect("a folder");
     let program = Start::serve(data.path()).start();
     let api = Api::new(&program);
@@ -144,7 +144,7 @@ async fn a_download_can_be_resumed_and_is_named_and_tagged() {
 }
 
 #[tokio::test]
-async fn events_tell_each_stage_and_end_with_the_job() {
+async fn events_report_each_stage_and_end_with_the_job() {
     let data = tempfile::tempdir().expect("a folder");
     let program = Start::serve(data.path()).arg("--workers", "1").start();
     let api = Api::new(&program);

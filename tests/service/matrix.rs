@@ -350,7 +350,7 @@ async fn jobs_whose_workers_are_killed_at_every_place_end_once() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn jobs_whose_server_is_killed_at_every_place_end_once_and_are_told_of_by_the_next() {
+async fn jobs_end_once_if_the_server_is_killed_and_the_next_one_sends_their_webhooks() {
     every_job_ends_once(Fault::Server).await;
 }
 
@@ -360,7 +360,7 @@ async fn jobs_whose_database_is_killed_at_every_place_end_once() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn jobs_whose_bucket_is_away_at_every_place_end_once() {
+async fn jobs_end_once_if_the_bucket_is_down_at_every_stage() {
     every_job_ends_once(Fault::Bucket).await;
 }
 
@@ -372,6 +372,6 @@ async fn jobs_whose_disks_are_full_at_every_place_end_once() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn jobs_whose_processes_stand_still_at_every_place_beyond_their_leases_end_once() {
+async fn jobs_end_once_if_all_processes_pause_beyond_their_leases_at_every_stage() {
     every_job_ends_once(Fault::Pause).await;
 }

@@ -38,7 +38,7 @@ fn config(args: &[&str], variables: &[(&str, &str)]) -> Output {
 }
 
 #[test]
-fn what_is_in_force_is_told_with_where_it_is_from_and_no_secret_in_it() {
+fn config_lists_effective_settings_with_their_sources_and_without_secrets() {
     let secret = "hunter2";
     let url = format!("postgres://operator:{secret}@db.example:5433/jobs?password={secret}");
     let collector = format!("http://{secret}@127.0.0.1:4318?key={secret}");
@@ -172,7 +172,7 @@ async fn servers_and_workers_answer_probes_and_metrics_on_a_separate_listener() 
 }
 
 #[tokio::test]
-async fn every_metric_is_one_of_the_table_and_says_what_it_is() {
+async fn every_metric_is_in_the_table_and_has_a_description() {
     let data = tempfile::tempdir().expect("a folder");
     let program = with_probes(Start::serve(data.path())).start();
     let api = Api::new(&program);
@@ -201,7 +201,7 @@ async fn every_metric_is_one_of_the_table_and_says_what_it_is() {
 }
 
 #[tokio::test]
-async fn what_is_killed_and_what_crashes_is_counted_with_its_reason() {
+async fn killed_and_crashed_children_are_counted_with_the_reason() {
     let data = tempfile::tempdir().expect("a folder");
     let hangs = with_probes(Start::serve(data.path())).arg("--deadline-grace-s", "0.5");
     let hangs = hangs.env("FAILPOINTS", "child-inspect=sleep(600000)").start();
@@ -239,7 +239,7 @@ async fn blenders_that_crash_are_counted_and_so_are_those_that_follow_them() {
 }
 
 #[tokio::test]
-async fn while_the_database_is_away_the_probes_say_so_and_what_is_not_known_is_no_number() {
+async fn during_a_database_outage_probes_fail_and_unknown_metrics_are_not_numbers() {
     let (mut cluster, data) = (Postgres::start(), tempfile::tempdir().expect("a folder"));
     let program = with_probes(Start::serve(data.path())).env("MESHMEND_DATABASE_URL", &cluster.url()).start();
     assert_eq!(probe(&program, "/readyz").await.0, 200);

@@ -13,16 +13,16 @@ use time::OffsetDateTime;
 use crate::support::stores::{Bench, LEASE, on_each_store};
 
 on_each_store! {
-    every_end_of_a_job_is_noted_for_those_who_are_told_of_it,
-    a_jobs_end_and_what_is_told_of_it_are_written_together_or_not_at_all,
+    every_end_of_a_job_creates_its_deliveries,
+    a_job_s_end_and_its_messages_are_written_in_one_transaction,
     a_delivery_is_claimed_by_one_and_by_another_when_its_lease_ends,
-    tenants_take_turns_and_one_whose_receivers_hang_holds_nobody_up,
+    tenants_take_turns_and_hanging_receivers_delay_no_other_tenant,
     many_couriers_at_once_never_get_the_same_delivery,
-    an_endpoint_is_disabled_when_it_is_gone_or_fails_for_days,
-    what_was_given_up_or_delivered_is_sent_again_when_asked_for,
+    an_endpoint_is_disabled_when_it_responds_410_or_fails_for_days,
+    finished_deliveries_are_sent_again_on_request,
     a_secret_that_was_replaced_is_known_beside_the_new_one,
     endpoints_are_their_tenants_own_and_no_more_than_may_be,
-    what_was_told_is_forgotten_with_its_job_or_after_a_while,
+    messages_are_deleted_with_their_job_or_after_some_time,
 }
 
 const MOST: u32 = 100;
@@ -74,7 +74,7 @@ fn completion() -> Completion {
     Completion { report: Bench::report(), artifacts: Artifacts::new() }
 }
 
-async fn every_end_of_a_job_is_noted_for_those_who_are_told_of_it(bench: Bench) {
+async fn every_end_of_a_job_creates_its_deliveries(bench: Bench) {
     let store = &bench.store;
     let all = endpoint(&bench, "shop").await;
     let only_failures = new_endpoint("shop", &[JobEvent::Failed]);
@@ -136,7 +136,7 @@ async fn every_end_of_a_job_is_noted_for_those_who_are_told_of_it(bench: Bench) 
     assert!(all_of(&bench, "rival").await.is_empty());
 }
 
-async fn a_jobs_end_and_what_is_told_of_it_are_written_together_or_not_at_all(bench: Bench) {
+async fn a_job_s_end_and_its_messages_are_written_in_one_transaction(bench: Bench) {
     endpoint(&bench, "shop").await;
     let (running, waiting) = (bench.submit().await, bench.submit().await);
     let claim = bench.claim().await.expect("a job");
@@ -194,7 +194,7 @@ async fn a_delivery_is_claimed_by_one_and_by_another_when_its_lease_ends(bench: 
     assert_eq!(statuses, [Some(500), Some(204)]);
 }
 
-async fn tenants_take_turns_and_one_whose_receivers_hang_holds_nobody_up(bench: Bench) {
+async fn tenants_take_turns_and_hanging_receivers_delay_no_other_tenant(bench: Bench) {
     for tenant in ["busy", "calm"] {
         endpoint(&bench, tenant).await;
     }
@@ -238,7 +238,7 @@ async fn many_couriers_at_once_never_get_the_same_delivery(bench: Bench) {
     assert_eq!(all.len(), 40);
 }
 
-async fn an_endpoint_is_disabled_when_it_is_gone_or_fails_for_days(bench: Bench) {
+async fn an_endpoint_is_disabled_when_it_responds_410_or_fails_for_days(bench: Bench) {
     let store = &bench.store;
     let gone = endpoint(&bench, "shop").await;
     for _ in 0..2 {
@@ -278,7 +278,7 @@ async fn an_endpoint_is_disabled_when_it_is_gone_or_fails_for_days(bench: Bench)
     assert!(!settle(&bench, &due, Verdict::Failed).await, "the last success reset the count of failures");
 }
 
-async fn what_was_given_up_or_delivered_is_sent_again_when_asked_for(bench: Bench) {
+async fn finished_deliveries_are_sent_again_on_request(bench: Bench) {
     let store = &bench.store;
     let endpoint = endpoint(&bench, "shop").await;
     cancelled(&bench, "shop").await;
@@ -365,7 +365,7 @@ async fn endpoints_are_their_tenants_own_and_no_more_than_may_be(bench: Bench) {
     assert!(!settle(&bench, &due, Verdict::Gone).await, "the delivery is deleted with its endpoint");
 }
 
-async fn what_was_told_is_forgotten_with_its_job_or_after_a_while(bench: Bench) {
+async fn messages_are_deleted_with_their_job_or_after_some_time(bench: Bench) {
     let store = &bench.store;
     endpoint(&bench, "shop").await;
     let (kept, deleted) = (cancelled(&bench, "shop").await, cancelled(&bench, "shop").await);

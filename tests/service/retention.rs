@@ -13,7 +13,7 @@ use crate::server::{Api, Start, make_old, stored_files, until};
 use crate::support::stores::{Bench, on_each_store};
 
 on_each_store! {
-    what_ended_long_ago_expires_and_is_forgotten_later,
+    old_jobs_expire_and_their_records_are_deleted_later,
     a_result_is_found_by_its_fingerprint_as_long_as_it_is_kept,
     a_job_that_is_given_a_result_has_ended_when_it_is_accepted,
 }
@@ -37,7 +37,7 @@ async fn succeed(bench: &Bench) -> JobId {
     id
 }
 
-async fn what_ended_long_ago_expires_and_is_forgotten_later(bench: Bench) {
+async fn old_jobs_expire_and_their_records_are_deleted_later(bench: Bench) {
     bench.submit().await;
     let old = succeed(&bench).await;
     bench.submit().await;
@@ -165,7 +165,7 @@ async fn a_jobs_notes_come_back_with_it_and_wrong_ones_are_refused() {
 }
 
 #[tokio::test]
-async fn an_expired_job_says_so_and_its_files_are_gone() {
+async fn an_expired_job_is_reported_as_expired_and_its_files_are_deleted() {
     let data = tempfile::tempdir().expect("a folder");
     let program = Start::serve(data.path()).arg("--retain-results-h", "0").start();
     let api = Api::new(&program);
@@ -189,7 +189,7 @@ async fn an_expired_job_says_so_and_its_files_are_gone() {
 }
 
 #[tokio::test]
-async fn what_was_left_of_a_lost_attempt_is_swept_away_and_the_result_stays() {
+async fn files_of_a_stale_attempt_are_swept_and_the_result_stays() {
     let data = tempfile::tempdir().expect("a folder");
     let program = Start::serve(data.path()).start();
     let api = Api::new(&program);

@@ -94,7 +94,7 @@ async fn tried_under(mode: &str) -> (BTreeMap<String, bool>, Value) {
 }
 
 #[tokio::test]
-async fn what_a_hostile_blender_tries_fails_in_the_sandbox_and_only_there() {
+async fn attempts_of_a_hostile_blender_fail_in_the_sandbox_and_succeed_outside() {
     let (inside, sandbox) = tried_under("auto").await;
     let (outside, off) = tried_under("off").await;
     let failed_by = |wall: &str, names: &[&str]| {
@@ -119,7 +119,7 @@ async fn what_a_hostile_blender_tries_fails_in_the_sandbox_and_only_there() {
 }
 
 #[tokio::test]
-async fn capabilities_tell_the_walls_and_the_limits_of_jobs() {
+async fn capabilities_list_the_sandbox_and_the_limits_of_jobs() {
     let data = tempfile::tempdir().expect("a folder");
     let start = Start::serve(data.path()).arg("--job-memory-mib", "3000").arg("--job-scratch-mib", "70");
     let program = start.arg("--job-processes", "99").start();

@@ -21,7 +21,7 @@ on_each_store! {
     every_write_of_a_stale_worker_loses,
     a_passing_failure_waits_longer_each_time_and_is_final_at_the_last_attempt,
     a_job_that_kills_its_workers_is_set_aside,
-    a_job_handed_back_is_charged_nothing,
+    a_released_job_is_charged_no_attempt,
     a_cancelled_job_is_taken_from_its_worker,
     a_final_failure_is_not_tried_again_and_can_not_be_cancelled,
     a_purged_job_keeps_its_name_and_loses_its_content,
@@ -145,7 +145,7 @@ async fn a_job_that_kills_its_workers_is_set_aside(bench: Bench) {
     assert_eq!(bench.claim().await, None);
 }
 
-async fn a_job_handed_back_is_charged_nothing(bench: Bench) {
+async fn a_released_job_is_charged_no_attempt(bench: Bench) {
     let job = bench.submit().await;
     let claim = bench.claim().await.expect("a job");
     bench.store.hand_back(&claim.lease).await.expect("held");

@@ -49,7 +49,7 @@ fn traced<'a>(start: Start<'a>, collector: &str) -> Start<'a> {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn a_trace_goes_on_from_the_request_to_the_worker_in_another_process() {
+async fn a_trace_continues_from_the_request_to_the_worker_in_another_process() {
     const TRACE: &str = "0af7651916cd43dd8448eb211c80319c";
     let data = tempfile::tempdir().expect("a folder");
     let collector = Collector::default();

@@ -231,7 +231,7 @@ async fn no_more_uploads_wait_than_jobs_may(service: Service) {
 }
 
 #[tokio::test]
-async fn the_address_of_an_upload_to_the_service_takes_one_file_from_who_knows_it() {
+async fn an_upload_url_accepts_one_file_without_a_key() {
     let service = Service::in_folder(&[("MESHMEND_NO_WORKERS", "true"), ("MESHMEND_UPLOAD_IDLE_S", "1")]);
     let upload = service.announce(json!({"name": "a.stl"})).await;
     let mut guessed = upload.clone();

@@ -45,7 +45,7 @@ async fn a_job_that_requires_a_printable_result_fails_with_its_report_and_withou
 }
 
 #[tokio::test]
-async fn what_was_not_repaired_is_offered_as_the_upload_and_not_as_a_model() {
+async fn an_unrepaired_job_offers_its_upload_and_no_model() {
     let data = tempfile::tempdir().expect("a folder");
     let program = Start::serve(data.path()).start();
     let api = Api::new(&program);
@@ -63,7 +63,7 @@ async fn what_was_not_repaired_is_offered_as_the_upload_and_not_as_a_model() {
 }
 
 #[tokio::test]
-async fn what_is_printable_is_no_other_for_having_to_be() {
+async fn requiring_a_printable_result_does_not_change_a_printable_one() {
     let data = tempfile::tempdir().expect("a folder");
     let program = Start::serve(data.path()).start();
     let api = Api::new(&program);

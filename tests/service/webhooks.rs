@@ -51,7 +51,7 @@ async fn settled(api: &Api, endpoint: &Value, status: &str) -> Value {
 }
 
 #[tokio::test]
-async fn a_receiver_is_told_of_a_jobs_end_and_can_verify_it() {
+async fn a_receiver_gets_a_verifiable_message_about_a_job_s_end() {
     let data = tempfile::tempdir().expect("a folder");
     let program = serve(data.path()).start();
     let api = Api::new(&program);
@@ -141,7 +141,7 @@ async fn both_secrets_sign_after_a_rotation() {
 }
 
 #[tokio::test]
-async fn what_fails_is_tried_again_given_up_and_sent_again_when_asked_for() {
+async fn failed_deliveries_are_retried_then_given_up_and_resent_on_request() {
     let data = tempfile::tempdir().expect("a folder");
     let program = serve(data.path()).env("MESHMEND_NO_WORKERS", "true").start();
     let api = Api::new(&program);
@@ -187,7 +187,7 @@ async fn what_fails_is_tried_again_given_up_and_sent_again_when_asked_for() {
 }
 
 #[tokio::test]
-async fn a_receiver_that_is_gone_is_told_no_more_until_it_is_enabled_again() {
+async fn a_receiver_that_responds_410_gets_no_messages_until_it_is_enabled_again() {
     let data = tempfile::tempdir().expect("a folder");
     let program = serve(data.path()).env("MESHMEND_NO_WORKERS", "true").start();
     let api = Api::new(&program);
@@ -220,7 +220,7 @@ async fn a_receiver_that_is_gone_is_told_no_more_until_it_is_enabled_again() {
 }
 
 #[tokio::test]
-async fn nobody_is_told_of_anything_inside_unless_the_operator_allows_it() {
+async fn webhooks_to_private_addresses_are_refused_unless_the_operator_allows_them() {
     let data = tempfile::tempdir().expect("a folder");
     let receiver = Receiver::start(&[Reply::Status(200)]).await;
     let program = serve(data.path()).env("MESHMEND_NO_WORKERS", "true").env("MESHMEND_NO_WEBHOOKS", "true").start();
@@ -257,7 +257,7 @@ async fn nobody_is_told_of_anything_inside_unless_the_operator_allows_it() {
 }
 
 #[tokio::test]
-async fn what_was_not_delivered_when_the_service_was_killed_is_delivered_after_it() {
+async fn deliveries_pending_when_the_service_was_killed_are_sent_after_its_restart() {
     let data = tempfile::tempdir().expect("a folder");
     let receiver = Receiver::start(&[Reply::Hang, Reply::Status(200)]).await;
     let kill = |program: Program| {
@@ -289,7 +289,7 @@ async fn what_was_not_delivered_when_the_service_was_killed_is_delivered_after_i
 }
 
 #[tokio::test]
-async fn a_receiver_is_told_by_https_if_its_certificate_is_trusted() {
+async fn webhooks_are_sent_by_https_if_the_certificate_is_trusted() {
     let data = tempfile::tempdir().expect("a folder");
     let (authority, other) = (data.path().join("authority.pem"), data.path().join("other.pem"));
     let receiver = Receiver::start_tls(&[Reply::Status(200)], &authority).await;

@@ -59,7 +59,7 @@ fn two_boxes_that_overlap_are_one_solid_of_their_union() {
 }
 
 #[test]
-fn boxes_that_share_walls_edges_or_corners_are_united_along_them() {
+fn boxes_that_share_walls_edges_or_corners_are_united() {
     let unit = block([0, 0, 0], [2, 2, 2]);
     for (other, volume) in [
         (block([2, 0, 0], [2, 2, 2]), 16.0),
@@ -77,7 +77,7 @@ fn boxes_that_share_walls_edges_or_corners_are_united_along_them() {
 }
 
 #[test]
-fn a_cavity_stays_and_a_solid_within_a_solid_goes() {
+fn a_cavity_stays_and_a_solid_inside_a_solid_is_removed() {
     let (big, small) = (block([0, 0, 0], [4, 4, 4]), block([1, 1, 1], [2, 2, 2]));
     let kept = solid(&join(&big, &inside_out(small.clone())), Inside::Positive).unwrap();
     assert_eq!(kept.faces.len(), 24);
@@ -99,7 +99,7 @@ fn a_solid_that_is_inside_out_is_nothing_or_turned_as_asked() {
 }
 
 #[test]
-fn walls_of_opposite_turn_that_lie_on_one_another_cancel() {
+fn coincident_walls_of_opposite_orientation_cancel() {
     // A box minus one of its halves is the other half; minus both halves it is empty.
     let whole = block([0, 0, 0], [2, 2, 2]);
     let half = inside_out(block([0, 0, 0], [1, 2, 2]));

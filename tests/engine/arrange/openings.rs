@@ -41,7 +41,7 @@ fn in_the_cup(size: f64) -> Soup {
 }
 
 #[test]
-fn a_room_is_left_open_where_something_in_it_is_seen_through_a_patch() {
+fn a_region_is_left_open_if_its_content_is_visible_through_a_patch() {
     let soup = join(&cup(), &in_the_cup(1.5));
     let filled = solid(&soup, Inside::Positive.into());
     assert!((volume(&filled) - 64.0).abs() < 1e-9 && filled.opened.faces.is_empty());
@@ -57,7 +57,7 @@ fn a_room_is_left_open_where_something_in_it_is_seen_through_a_patch() {
 }
 
 #[test]
-fn what_was_inside_is_behind_the_skin_of_an_inverted_room_too() {
+fn the_content_of_an_inverted_region_is_behind_its_skin_too() {
     let soup = inside_out(join(&cup(), &in_the_cup(1.5)));
     let open = solid(&soup, doubting(Inside::Nonzero));
     let outward = |f| (open.opened.corners(f)[0] - DVec3::splat(2.0)).dot(open.opened.area_vector(f)) > 0.0;
@@ -65,7 +65,7 @@ fn what_was_inside_is_behind_the_skin_of_an_inverted_room_too() {
 }
 
 #[test]
-fn a_room_is_filled_where_nothing_is_in_it_or_nothing_of_that_can_be_seen() {
+fn a_region_is_filled_if_it_contains_nothing_visible() {
     let alone = solid(&cup(), doubting(Inside::Positive));
     assert!((volume(&alone) - 64.0).abs() < 1e-9 && alone.opened.faces.is_empty());
     // A region that touches no patch is hidden by real walls.
@@ -78,7 +78,7 @@ fn a_room_is_filled_where_nothing_is_in_it_or_nothing_of_that_can_be_seen() {
 }
 
 #[test]
-fn a_speck_in_a_room_does_not_open_it() {
+fn a_speck_in_a_region_does_not_leave_it_open() {
     let speck = solid(&join(&cup(), &in_the_cup(0.1)), doubting(Inside::Positive));
     assert!((volume(&speck) - 64.0).abs() < 1e-9 && speck.opened.faces.is_empty());
 }

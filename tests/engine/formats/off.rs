@@ -135,7 +135,7 @@ fn a_point_cloud_is_named() {
 }
 
 #[test]
-fn text_after_the_last_face_is_told() {
+fn text_after_the_last_face_gives_a_warning() {
     let mesh = read_all(format!("OFF\n4 4 6\n{VERTICES}{FACES}more\n").as_bytes());
     assert_eq!(mesh.soup, tetrahedron());
     assert_warned(&mesh, "after the last face");

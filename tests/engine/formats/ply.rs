@@ -132,7 +132,7 @@ fn a_body_that_begins_with_a_byte_like_a_line_end_is_read_from_its_first_byte() 
 }
 
 #[test]
-fn triangle_strips_are_turned_every_other_time_and_start_anew_after_minus_one() {
+fn triangle_strips_alternate_orientation_and_restart_after_minus_one() {
     let text = "ply\nformat ascii 1.0\nelement vertex 6\nproperty float x\nproperty float y\nproperty float z\nelement tristrips 1\nproperty list int int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n1 1 0\n0 2 0\n1 2 0\n10 0 1 2 3 4 -1 2 3 4 5\n";
     let mesh = read_all(text.as_bytes());
     assert_eq!(mesh.soup.faces, [[0, 1, 2], [2, 1, 3], [2, 3, 4], [2, 3, 4], [4, 3, 5]]);
@@ -144,7 +144,7 @@ fn triangle_strips_are_turned_every_other_time_and_start_anew_after_minus_one() 
 }
 
 #[test]
-fn triangles_that_only_join_strips_are_left_out_and_told() {
+fn triangles_that_only_join_strips_are_left_out_with_a_warning() {
     let text = "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\nelement tristrips 1\nproperty list int int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n1 1 0\n6 0 1 2 2 1 3\n";
     let mesh = read_all(text.as_bytes());
     assert_eq!(mesh.soup.faces.len(), 2);
@@ -253,7 +253,7 @@ fn a_header_that_lacks_something_is_refused_with_its_line() {
 }
 
 #[test]
-fn strange_lines_in_the_header_are_told_once() {
+fn unknown_header_lines_give_one_warning() {
     let text = ascii().replace("element vertex", "Created by hand\nand foot\nelement vertex");
     let mesh = read_all(text.as_bytes());
     assert_eq!(mesh.soup, tetrahedron());
@@ -278,7 +278,7 @@ fn a_point_cloud_is_named() {
 }
 
 #[test]
-fn what_follows_the_last_element_is_told() {
+fn bytes_after_the_last_element_give_a_warning() {
     let mut bytes = write(&tetrahedron(), Format::Ply).unwrap();
     bytes.extend_from_slice(b"more");
     assert_warned(&read_all(&bytes), "4 bytes after the last element");

@@ -78,13 +78,13 @@ fn colours_of_faces_are_those_of_their_triangles() {
 }
 
 #[test]
-fn what_is_no_number_is_black_and_harms_nothing() {
+fn a_colour_that_is_not_a_number_is_black() {
     let file = scene_of(&ascii((BYTES, ["x 0 0", "0 nan 0", "0 0 0", "0 0 0"]), ("", [""; 2])));
     assert_eq!(colors(&file), [Some([[0, 0, 0, 255]; 3]); 3]);
 }
 
 #[test]
-fn a_picture_is_told_to_be_left_out_by_who_reads_colours_only() {
+fn a_ply_with_a_texture_gives_a_warning_that_it_is_ignored() {
     let list = ascii(("", [""; 4]), ("list uchar float texcoord", ["2 0 0", "2 0 0"]));
     let named = String::from_utf8(ascii(("", [""; 4]), ("", [""; 2]))).unwrap();
     let named = named.replace("1.0\n", "1.0\ncomment TextureFile a.png\n").into_bytes();
@@ -109,7 +109,7 @@ fn colored(at: [u32; 3]) -> Paint {
 }
 
 #[test]
-fn what_has_no_colours_is_written_as_ever() {
+fn a_scene_without_colours_is_written_as_a_plain_mesh() {
     let picture = Paint { palette: 2, at: [0; 3] };
     for paint in [vec![], vec![picture, PAINTLESS, picture, Paint { palette: 9, at: [0; 3] }]] {
         assert_eq!(write_scene(&painted(paint), Format::Ply), write(&tetrahedron(), Format::Ply));
@@ -157,7 +157,7 @@ fn a_vertex_has_the_colour_of_the_first_face_that_runs_over_it() {
 
 proptest! {
     #[test]
-    fn colours_change_nothing_of_the_shape_and_are_written_alike_again(
+    fn colours_do_not_change_the_shape_and_are_written_the_same_again(
         rows in prop::collection::vec(([0..6_u32, 0..6, 0..6], 0..4_u32, [0..4_u32, 0..4, 0..4]), 1..12),
         far in any::<bool>(),
     ) {

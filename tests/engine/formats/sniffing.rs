@@ -17,7 +17,7 @@ fn each_format_is_found_from_its_head() {
 }
 
 #[test]
-fn a_head_of_four_thousand_bytes_says_what_the_whole_file_says() {
+fn the_first_four_thousand_bytes_give_the_same_format_as_the_whole_file() {
     // Coordinates that compress badly.
     let corner = |i: u32| DVec3::new(f64::from(i).sin(), f64::from(i).cos(), f64::from(i).sqrt().fract());
     let soup =

@@ -70,7 +70,7 @@ fn attribute_bytes_are_ignored() {
 }
 
 #[test]
-fn a_count_too_large_reads_the_facets_that_are_there_and_tells_both_numbers() {
+fn with_too_large_a_count_existing_facets_are_read_and_both_numbers_reported() {
     for count in [5, 1000, u32::MAX] {
         let mesh = read_all(&with_count(count));
         assert_eq!(corners(&mesh.soup), corners(&tetrahedron()));
@@ -96,14 +96,14 @@ fn a_file_cut_off_within_its_first_facet_is_refused() {
 }
 
 #[test]
-fn a_count_too_small_reads_what_it_counts_and_tells_what_is_left() {
+fn with_too_small_a_count_that_many_facets_are_read_and_the_rest_reported() {
     let mesh = read_all(&with_count(3));
     assert_eq!(corners(&mesh.soup), corners(&tetrahedron())[..3]);
     assert_warned(&mesh, "counts 3 facets, but bytes for 4 follow");
 }
 
 #[test]
-fn bytes_after_the_last_facet_are_told() {
+fn bytes_after_the_last_facet_give_a_warning() {
     let mut bytes = binary();
     bytes.extend_from_slice(b"made by hand");
     let mesh = read_all(&bytes);
@@ -190,7 +190,7 @@ fn several_solids_are_all_kept() {
 }
 
 #[test]
-fn a_missing_endsolid_is_told() {
+fn a_missing_endsolid_gives_a_warning() {
     let text = plain().replace("endsolid tetrahedron\n", "");
     let mesh = read_all(text.as_bytes());
     assert_eq!(corners(&mesh.soup), corners(&tetrahedron()));
@@ -256,7 +256,7 @@ fn ascii_coordinates_are_rounded_to_f32_as_binary_ones_are() {
 }
 
 #[test]
-fn strange_words_between_facets_are_told_once() {
+fn unknown_words_between_facets_give_one_warning() {
     let text = plain().replace("endfacet", "endfacet blah").replace("endloop", "endloop foo");
     let mesh = read_all(text.as_bytes());
     assert_eq!(corners(&mesh.soup), corners(&tetrahedron()));

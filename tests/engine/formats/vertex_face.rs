@@ -78,7 +78,7 @@ fn a_vertex_number_given_twice_is_refused_at_its_second_line() {
 }
 
 #[test]
-fn what_is_wrong_in_a_line_is_named_with_the_line() {
+fn an_error_in_a_line_is_reported_with_its_line() {
     let line = |n| Some(Place::Line(n));
     for (text, place, words) in [
         ("Vertex 1 0 0\nFace 1 1 1 1\n", line(1), "the line ends where a coordinate"),

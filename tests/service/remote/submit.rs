@@ -32,7 +32,7 @@ async fn submit_writes_a_printable_model_the_report_and_pictures_and_prints_wher
 }
 
 #[tokio::test]
-async fn without_a_model_nothing_is_written_and_the_code_says_why() {
+async fn without_a_model_nothing_is_written_and_the_exit_code_says_why() {
     let data = tempfile::tempdir().expect("a folder");
     let program = Start::serve(data.path()).start();
     let client = Client::of(&program.url);
@@ -49,7 +49,7 @@ async fn without_a_model_nothing_is_written_and_the_code_says_why() {
 }
 
 #[tokio::test]
-async fn of_several_files_each_is_told_of_and_the_worst_is_the_code() {
+async fn each_of_several_files_is_reported_and_the_exit_code_is_the_worst() {
     let data = tempfile::tempdir().expect("a folder");
     let program = Start::serve(data.path()).start();
     let client = Client::of(&program.url);
@@ -77,7 +77,7 @@ async fn of_several_files_each_is_told_of_and_the_worst_is_the_code() {
 }
 
 #[tokio::test]
-async fn what_is_there_already_stays_unless_force_is_given() {
+async fn existing_files_are_not_overwritten_without_force() {
     let data = tempfile::tempdir().expect("a folder");
     let program = Start::serve(data.path()).start();
     let client = Client::of(&program.url);
@@ -98,7 +98,7 @@ async fn what_is_there_already_stays_unless_force_is_given() {
 }
 
 #[tokio::test]
-async fn what_can_not_be_done_is_said_before_anything_is_sent() {
+async fn impossible_requests_are_reported_before_anything_is_sent() {
     let data = tempfile::tempdir().expect("a folder");
     let program = Start::serve(data.path()).arg("--max-file-mib", "1").start();
     let client = Client::of(&program.url);
@@ -153,7 +153,7 @@ async fn an_analysis_is_asked_for_by_the_options_of_the_api_and_its_report_is_th
 }
 
 #[tokio::test]
-async fn a_key_is_taken_from_the_variable_or_a_file_and_who_has_none_hears_how() {
+async fn a_key_comes_from_a_variable_or_a_file_and_without_one_the_message_says_how() {
     let data = tempfile::tempdir().expect("a folder");
     let program = start_with_keys(Start::serve(data.path()));
     let secret = create_key(data.path(), "shop", "jobs:read,jobs:write");

@@ -19,7 +19,7 @@ fn serve(data: &tempfile::TempDir) -> Program {
 }
 
 #[tokio::test]
-async fn a_service_that_is_not_there_is_said_plainly_and_soon() {
+async fn an_unreachable_service_is_reported_soon() {
     let closed = std::net::TcpListener::bind("127.0.0.1:0").expect("a port").local_addr().expect("an address");
     let client = Client::of(&format!("http://{closed}"));
     client.put("in.stl", &files::broken_box());
@@ -32,7 +32,7 @@ async fn a_service_that_is_not_there_is_said_plainly_and_soon() {
 }
 
 #[tokio::test]
-async fn a_certificate_that_nobody_vouches_for_is_refused_and_the_way_out_is_named() {
+async fn an_untrusted_certificate_is_refused_and_the_message_names_the_remedy() {
     let folder = tempfile::tempdir().expect("a folder");
     let authority = folder.path().join("authority.pem");
     let receiver = Receiver::start_tls(&[Reply::Status(404)], &authority).await;
@@ -104,7 +104,7 @@ async fn a_damaged_download_is_noticed_and_leaves_no_file() {
 }
 
 #[tokio::test]
-async fn where_events_are_not_let_through_the_job_is_asked_for() {
+async fn without_an_event_stream_the_client_polls_the_job() {
     let data = tempfile::tempdir().expect("a folder");
     let program = serve(&data);
     let interceptor = Interceptor::start(&program, |_, path| match path.ends_with("/events") {
@@ -119,7 +119,7 @@ async fn where_events_are_not_let_through_the_job_is_asked_for() {
 }
 
 #[tokio::test]
-async fn an_interrupt_leaves_the_job_and_says_how_to_go_on() {
+async fn an_interrupt_leaves_the_job_and_says_how_to_continue() {
     let data = tempfile::tempdir().expect("a folder");
     let program = Start::serve(data.path()).env("MESHMEND_NO_WORKERS", "true").start();
     let (api, client) = (Api::new(&program), Client::of(&program.url));

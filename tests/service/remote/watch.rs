@@ -7,7 +7,7 @@ use crate::files;
 use crate::server::{Api, Start};
 
 #[tokio::test]
-async fn what_was_submitted_without_waiting_is_watched_to_its_end_and_downloaded() {
+async fn jobs_submitted_without_waiting_are_watched_to_their_end_and_downloaded() {
     let data = tempfile::tempdir().expect("a folder");
     let program = Start::serve(data.path()).start();
     let client = Client::of(&program.url);
@@ -34,7 +34,7 @@ async fn what_was_submitted_without_waiting_is_watched_to_its_end_and_downloaded
 }
 
 #[tokio::test]
-async fn a_job_that_fails_or_is_cancelled_says_so_in_words_and_code() {
+async fn a_failed_or_canceled_job_is_reported_in_text_and_exit_code() {
     let data = tempfile::tempdir().expect("a folder");
     let program = Start::serve(data.path()).start();
     let client = Client::of(&program.url);

@@ -22,7 +22,7 @@ fn an_archive_that_unpacks_to_far_more_is_refused_unread() {
 }
 
 #[test]
-fn a_part_is_not_read_beyond_the_size_that_its_entry_tells() {
+fn a_part_is_not_read_beyond_the_size_in_its_entry() {
     let mut bytes = file_with(&text(), &[]);
     let (local, central) = headers(&bytes, ROOT);
     for at in [local + 22, central + 24] {
@@ -88,7 +88,7 @@ fn two_entries_of_one_name_are_refused() {
 }
 
 #[test]
-fn what_is_encrypted_or_packed_otherwise_is_named() {
+fn encryption_and_unsupported_compression_are_named() {
     let bytes = file_with(&text(), &[]);
     let (local, central) = headers(&bytes, ROOT);
     let mut encrypted = bytes.clone();

@@ -78,7 +78,7 @@ fn mixtures_of_materials_become_their_mean_colours() {
 }
 
 #[test]
-fn of_layers_the_uppermost_with_colour_is_kept() {
+fn the_uppermost_coloured_layer_is_kept() {
     let layers = "<m:multiproperties id=\"6\" pids=\"1 2\" blendmethods=\"multiply\"><m:multi pindices=\"1 2\"/><m:multi pindices=\"0\"/></m:multiproperties>";
     let resources = format!("{layers}{MATERIALS}{COLORS}");
     let file = scene_of(&simple("", &resources, "", &triangles(&["pid=\"6\" p1=\"0\" p2=\"1\" p3=\"0\""])));
@@ -87,7 +87,7 @@ fn of_layers_the_uppermost_with_colour_is_kept() {
 }
 
 #[test]
-fn what_says_nothing_sound_of_colours_is_refused() {
+fn invalid_colour_properties_are_refused() {
     let malformed = ReadErrorKind::Malformed;
     let multi = |pids: &str| {
         format!(

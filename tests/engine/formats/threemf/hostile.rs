@@ -123,7 +123,7 @@ fn xml_that_grows_is_refused() {
 }
 
 #[test]
-fn what_is_looked_up_one_by_one_is_bounded() {
+fn lists_that_are_searched_linearly_are_bounded() {
     let notes: String = (0..10_001).map(|n| format!("<metadata name=\"x:n{n}\"/>")).collect();
     let text = model("xmlns:x=\"urn:x\"", &format!("<object id=\"1\">{MESH}</object>"), "<item objectid=\"1\"/>");
     assert_no(&file(&text.replace("<resources>", &format!("{notes}<resources>"))), TOO_LARGE, "more than 10000 notes");

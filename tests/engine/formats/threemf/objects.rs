@@ -55,7 +55,7 @@ fn objects_have_names_kinds_numbers_and_notes() {
 }
 
 #[test]
-fn components_come_after_what_they_are_made_of_and_items_stand_in_their_places() {
+fn components_follow_their_parts_and_items_have_their_transforms() {
     let resources = format!(
         "<object id=\"9\" name=\"pair\"><components><component objectid=\"4\"/><component objectid=\"4\" transform=\"1 0 0 0 1 0 0 0 1 0 0 5\"/></components></object><object id=\"4\" name=\"one\">{MESH}</object>"
     );
@@ -124,7 +124,7 @@ fn a_draft_is_read_without_its_colours() {
 }
 
 #[test]
-fn an_archive_is_3mf_until_its_end_tells_otherwise() {
+fn an_archive_is_3mf_unless_its_end_shows_otherwise() {
     let bytes = super::package(&[("3D/model.txt", b"words")]);
     assert_eq!(sniff(&bytes, None), Ok(Format::ThreeMf));
     assert_no(&bytes, ReadErrorKind::UnsupportedFormat, "no model that is read here (3D/model.txt)");

@@ -161,7 +161,7 @@ proptest! {
     }
 
     #[test]
-    fn a_scene_of_any_text_is_written_alike_again(scene in scenes("\\PC{0,6}|[\u{0}-\u{20}]{0,4}|:|xml")) {
+    fn a_scene_with_any_text_is_written_the_same_again(scene in scenes("\\PC{0,6}|[\u{0}-\u{20}]{0,4}|:|xml")) {
         let bytes = write_scene(&scene, Format::ThreeMf).unwrap();
         let again = clean(&bytes).scene;
         prop_assert_eq!(again.objects.len(), scene.objects.len());
@@ -196,7 +196,7 @@ fn numbers_that_are_none_are_not_written() {
 }
 
 #[test]
-fn what_3mf_can_not_say_is_left_out() {
+fn properties_that_3mf_cannot_express_are_left_out() {
     let paint = |palette| Paint { palette, at: [0; 3] };
     let mut soup = triangle();
     soup.faces = vec![[0, 1, 2]; 4];

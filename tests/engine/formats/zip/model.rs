@@ -36,7 +36,7 @@ fn one_model_of_any_format_is_read_as_what_it_is() {
 }
 
 #[test]
-fn what_is_often_sent_along_is_no_model() {
+fn common_sidecar_files_are_not_taken_for_models() {
     let file = clean(&[
         ("__MACOSX/._thing.obj", b"v 1 2 3\nf 1 1 1\n"),
         (".DS_Store", TRIANGLE),
@@ -53,7 +53,7 @@ fn what_is_often_sent_along_is_no_model() {
 }
 
 #[test]
-fn a_model_is_told_by_its_content_whatever_its_name() {
+fn a_model_is_recognized_by_its_content_whatever_its_name() {
     let stl = write(&tetrahedron(), Format::Stl).unwrap();
     assert_eq!(read_files(&[("thing.obj", &stl)]).unwrap().format, Format::Stl);
     // A file with a model's extension is preferred to one that only looks like a model.
@@ -100,7 +100,7 @@ fn an_archive_in_an_archive_is_not_opened() {
 }
 
 #[test]
-fn an_archive_with_a_3mf_model_is_3mf_whatever_stands_first_in_it() {
+fn an_archive_with_a_3mf_model_is_3mf_whatever_comes_first_in_it() {
     let parts = [
         ("model.obj", TRIANGLE),
         ("_rels/.rels", b"<Relationships xmlns=\"http://schemas.openxmlformats.org/package/2006/relationships\"><Relationship Id=\"r\" Type=\"http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmodel\" Target=\"/a.model\"/></Relationships>"),
@@ -125,7 +125,7 @@ fn an_archive_with_a_3mf_model_is_3mf_whatever_stands_first_in_it() {
 }
 
 #[test]
-fn what_is_handed_back_is_never_the_archive_for_the_model_in_it() {
+fn a_result_is_never_the_archive_instead_of_its_model() {
     let stl = write(&tetrahedron(), Format::Stl).unwrap();
     let bytes = package(&[("thing.stl", &stl)]);
     let repaired = repair_bytes(&bytes, &Options::default(), None).unwrap();

@@ -186,7 +186,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(512))]
 
     #[test]
-    fn a_scene_comes_back_as_one_mesh_with_its_paint_and_is_written_alike(scene in scenes()) {
+    fn a_scene_comes_back_as_one_mesh_with_its_paint_and_is_written_the_same_again(scene in scenes()) {
         let bytes = write_scene(&scene, Format::Zip).unwrap();
         let again = read(&bytes);
         let expected = scene.placed(1000).unwrap();
@@ -220,7 +220,7 @@ proptest! {
 }
 
 #[test]
-fn what_is_not_painted_is_a_model_alone_the_same_as_without_an_archive() {
+fn an_unpainted_scene_is_a_zip_with_only_the_plain_obj_file() {
     let bytes = write(&tetrahedron(), Format::Zip).unwrap();
     let obj = write(&tetrahedron(), Format::Obj).unwrap();
     assert_eq!(files(&bytes), [("model.obj".to_owned(), obj)]);

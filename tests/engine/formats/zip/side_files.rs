@@ -60,7 +60,7 @@ fn a_statement_may_name_several_libraries_or_one_with_blanks() {
 }
 
 #[test]
-fn a_library_that_is_missing_is_told_and_the_model_read() {
+fn a_missing_library_is_reported_and_the_model_is_read() {
     let result = read_files(&[("m.obj", OBJ), ("wood.png", PNG)]).unwrap();
     assert_eq!(mesh(&result).paint, []);
     let [undefined, missing] = &result.warnings[..] else { panic!("{:?}", result.warnings) };
