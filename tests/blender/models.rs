@@ -19,7 +19,7 @@ pub fn cuboid(low: DVec3, high: DVec3) -> Soup {
 }
 
 /// The soup with every face flipped.
-pub fn turned(mut soup: Soup) -> Soup {
+pub fn flipped(mut soup: Soup) -> Soup {
     soup.faces.iter_mut().for_each(|face| face.swap(1, 2));
     soup
 }
@@ -30,7 +30,7 @@ pub fn sized(soup: &Soup, size: f64) -> Soup {
 }
 
 /// All parts as one soup.
-pub fn together(parts: &[Soup]) -> Soup {
+pub fn joined(parts: &[Soup]) -> Soup {
     let mut all = Soup::default();
     for part in parts {
         let first = u32::try_from(all.positions.len()).unwrap();
@@ -43,7 +43,7 @@ pub fn together(parts: &[Soup]) -> Soup {
 /// Two unit cubes that share an eighth, so that their union has a volume of 1.875; `size` and `place` move them.
 pub fn overlapping_cubes(size: f64, place: DVec3) -> Soup {
     let cube = |low: f64| cuboid(place + DVec3::splat(low * size), place + DVec3::splat((low + 1.0) * size));
-    together(&[cube(0.0), cube(0.5)])
+    joined(&[cube(0.0), cube(0.5)])
 }
 
 /// Whether every edge joins exactly two faces that run through it in opposite directions.

@@ -11,7 +11,7 @@ use meshmend::repair::{
     Context, NoProgress, RemeshAction, RemeshError, RemeshRequest, Remesher, RemesherInfo, monotonic_clock,
 };
 
-use crate::models::{bounds, cuboid, is_closed, overlapping_cubes, sized, together, turned, volume};
+use crate::models::{bounds, cuboid, flipped, is_closed, joined, overlapping_cubes, sized, volume};
 use crate::remesh;
 
 fn config() -> BlenderConfig {
@@ -105,9 +105,9 @@ fn the_union_does_not_move_what_it_leaves_alone() {
 fn the_union_keeps_a_cavity_and_swallows_an_inner_body() {
     let outer = cuboid(DVec3::ZERO, DVec3::splat(4.0));
     let inner = cuboid(DVec3::splat(1.0), DVec3::splat(3.0));
-    let hollow = union(&together(&[outer.clone(), turned(inner.clone())]));
+    let hollow = union(&joined(&[outer.clone(), flipped(inner.clone())]));
     assert_close(volume(&hollow), 56.0, 1e-6);
-    let solid = union(&together(&[outer, inner]));
+    let solid = union(&joined(&[outer, inner]));
     assert_close(volume(&solid), 64.0, 1e-6);
     assert!(is_closed(&hollow) && is_closed(&solid));
 }
@@ -184,7 +184,7 @@ fn a_run_that_needs_more_memory_than_allowed_fails_and_says_so() {
     let parts: Vec<Soup> = (0..4000).map(|i| overlapping_cubes(1.0, DVec3::X * f64::from(i) * 3.0)).collect();
     let config = BlenderConfig { memory: 1 << 20, ..config() };
     let remesher = BlenderRemesher::new(blender().info().expect("found").clone(), config);
-    let (result, log) = remesh(&remesher, &together(&parts), RemeshAction::BooleanUnion, 1.0, 1_000_000);
+    let (result, log) = remesh(&remesher, &joined(&parts), RemeshAction::BooleanUnion, 1.0, 1_000_000);
     match result {
         Err(RemeshError::Failed(message)) => assert!(message.contains("memory"), "{message}\n{log}"),
         other => panic!("{other:?}\n{log}"),

@@ -2,18 +2,18 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use crate::support::program::{config, known};
+use crate::support::program::{config, known_variables};
 use crate::support::source::{names, shipped};
 
 #[test]
 fn every_variable_that_is_named_is_one_that_the_program_reads() {
-    let known = known();
+    let known_variables = known_variables();
     let mut seen = BTreeSet::new();
     for (path, text) in shipped() {
         for name in names(&text, "MESHMEND_", |c| c.is_ascii_uppercase() || c.is_ascii_digit() || c == '_') {
             // `MESHMEND_` alone is the prefix.
             if name != "MESHMEND_" {
-                assert!(known.contains(name), "{path}: nothing reads {name}");
+                assert!(known_variables.contains(name), "{path}: nothing reads {name}");
                 seen.insert(name.to_owned());
             }
         }

@@ -7,7 +7,7 @@ use std::process::Command;
 use meshmend::format::{Limits, read};
 
 use crate::server::Start;
-use crate::support::pages::{Page, root, written};
+use crate::support::pages::{Page, all_pages, root};
 
 /// The address of the service in examples.
 const SERVICE: &str = "http://127.0.0.1:8080";
@@ -52,7 +52,7 @@ fn run(page: &Page, folder: &Path) -> String {
 #[test]
 fn the_commands_of_every_page_run_as_pasted() {
     let mut ran = 0;
-    for page in written() {
+    for page in all_pages() {
         let folder = tempfile::tempdir().unwrap();
         let printed = run(&page, folder.path());
         ran += usize::from(!script(&page).is_empty());
@@ -71,7 +71,7 @@ fn the_commands_of_every_page_run_as_pasted() {
 
 #[test]
 fn every_code_block_is_of_a_known_kind() {
-    for page in written() {
+    for page in all_pages() {
         for block in page.blocks() {
             match block.kind.as_str() {
                 "sh" | "sh operator" => {}
@@ -102,7 +102,7 @@ fn lines(code: &str) -> Vec<String> {
 }
 
 /// Checks that the program accepts a command line.
-fn is_taken(line: &str) -> Result<(), String> {
+fn check_command(line: &str) -> Result<(), String> {
     let mut command = Command::new(env!("CARGO_BIN_EXE_meshmend"));
     let output = command.arg("config").args(line.split_whitespace()).env_clear().output().expect("it runs");
     if output.status.success() { Ok(()) } else { Err(String::from_utf8_lossy(&output.stderr).into_owned()) }
@@ -112,7 +112,7 @@ fn is_taken(line: &str) -> Result<(), String> {
 fn commands_for_operators_name_existing_programs_targets_and_files() {
     let makefile = std::fs::read_to_string(root().join("Makefile")).unwrap();
     let mut seen = 0;
-    for page in written() {
+    for page in all_pages() {
         for block in page.blocks().into_iter().filter(|block| block.kind == "sh operator") {
             for line in lines(&block.code) {
                 // Skips variables before the command and prefixes such as sudo.
@@ -122,7 +122,7 @@ fn commands_for_operators_name_existing_programs_targets_and_files() {
                 match *program {
                     "meshmend" => {
                         let line = arguments.join(" ");
-                        is_taken(&line).unwrap_or_else(|error| panic!("{}: {line}: {error}", page.path));
+                        check_command(&line).unwrap_or_else(|error| panic!("{}: {line}: {error}", page.path));
                     }
                     "make" => {
                         let target = format!("\n{}:", arguments[0]);
@@ -145,11 +145,11 @@ fn every_command_and_variable_within_the_text_is_one_of_the_programs() {
     let mut seen = 0;
     let known = settings();
     let style = std::fs::read_to_string(root().join("src/web/page/src/widget/widget.css")).unwrap();
-    for page in written() {
+    for page in all_pages() {
         for (at, before) in page.text.match_indices("`meshmend ") {
             let line = &page.text[at + before.len()..];
             let line = line[..line.find('`').expect("an end")].replace(" --help", "");
-            is_taken(&line).unwrap_or_else(|error| panic!("{}: {line}: {error}", page.path));
+            check_command(&line).unwrap_or_else(|error| panic!("{}: {line}: {error}", page.path));
             seen += 1;
         }
         for (at, _) in page.text.match_indices("MESHMEND_") {

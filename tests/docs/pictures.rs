@@ -9,7 +9,7 @@ use crate::support::pages::root;
 use crate::support::pictures::{Shown, shown};
 
 /// File names and bytes of the pictures as the program draws them now.
-fn drawn() -> Vec<(String, Vec<u8>)> {
+fn drawn_pictures() -> Vec<(String, Vec<u8>)> {
     let folder = tempfile::tempdir().unwrap();
     let draw = |shown: Shown| {
         let model = folder.path().join(format!("{}.off", shown.name));
@@ -38,7 +38,7 @@ fn pixels(png: &[u8]) -> (u32, u32, Vec<u8>) {
 }
 
 /// The same picture, compressed better than the program does in its short time.
-fn packed(png: &[u8]) -> Vec<u8> {
+fn recompressed(png: &[u8]) -> Vec<u8> {
     let (width, height, pixels) = pixels(png);
     let mut file = Vec::new();
     let mut encoder = png::Encoder::new(&mut file, width, height);
@@ -50,23 +50,24 @@ fn packed(png: &[u8]) -> Vec<u8> {
     file
 }
 
-fn kept(name: &str) -> PathBuf {
+fn stored_path(name: &str) -> PathBuf {
     root().join("docs/pictures").join(name)
 }
 
 #[test]
 fn the_pictures_are_what_the_program_draws() {
-    for (name, bytes) in drawn() {
-        let kept = std::fs::read(kept(&name)).unwrap_or_else(|error| panic!("{name}: {error}; run 'make pictures'"));
-        assert!(pixels(&kept) == pixels(&bytes), "{name} is not what the program draws: run 'make pictures'");
-        assert!(kept.len() < 150_000, "{name} has {} bytes", kept.len());
+    for (name, bytes) in drawn_pictures() {
+        let stored =
+            std::fs::read(stored_path(&name)).unwrap_or_else(|error| panic!("{name}: {error}; run 'make pictures'"));
+        assert!(pixels(&stored) == pixels(&bytes), "{name} is not what the program draws: run 'make pictures'");
+        assert!(stored.len() < 150_000, "{name} has {} bytes", stored.len());
     }
 }
 
 #[test]
 #[ignore = "writes docs/pictures: 'make pictures'"]
 fn write_pictures() {
-    for (name, bytes) in drawn() {
-        std::fs::write(kept(&name), packed(&bytes)).unwrap();
+    for (name, bytes) in drawn_pictures() {
+        std::fs::write(stored_path(&name), recompressed(&bytes)).unwrap();
     }
 }

@@ -13,7 +13,7 @@ use meshmend::repair::Operator;
 use meshmend::telemetry::METRICS;
 use serde_json::Value;
 
-use crate::support::pages::{Page, root, written};
+use crate::support::pages::{Page, all_pages, root};
 use crate::support::source::variants;
 
 /// The prefix of references to schemas in the OpenAPI document.
@@ -26,7 +26,7 @@ fn sections() -> BTreeMap<&'static str, String> {
     let of_enum = |name: &str| table(["Name", "What it is"], described(schemas, name));
     let of_fields = |name: &str| {
         let fields = schemas[name]["properties"].as_object().unwrap();
-        table(["Field", "What it is"], fields.iter().map(|(field, schema)| [code(field), said(schema)]))
+        table(["Field", "What it is"], fields.iter().map(|(field, schema)| [code(field), description(schema)]))
     };
     BTreeMap::from([
         ("pages", list_of_pages()),
@@ -64,9 +64,9 @@ fn sections() -> BTreeMap<&'static str, String> {
 /// The JSON names of an enum's values, each with the doc comment from the code.
 fn described(schemas: &Value, name: &str) -> Vec<[String; 2]> {
     let names = schemas[name]["enum"].as_array().unwrap_or_else(|| panic!("{name} is no enum"));
-    let said = variants(name);
-    assert_eq!(names.len(), said.len(), "{name}");
-    names.iter().map(|name| code(name.as_str().unwrap())).zip(said).map(|(name, what)| [name, what]).collect()
+    let description = variants(name);
+    assert_eq!(names.len(), description.len(), "{name}");
+    names.iter().map(|name| code(name.as_str().unwrap())).zip(description).map(|(name, what)| [name, what]).collect()
 }
 
 fn code(text: &str) -> String {
@@ -79,7 +79,7 @@ fn cell(text: &str) -> String {
 }
 
 /// The description of a schema.
-fn said(schema: &Value) -> String {
+fn description(schema: &Value) -> String {
     let own = schema["description"].as_str().or_else(|| schema["oneOf"][0]["description"].as_str());
     own.unwrap_or_else(|| panic!("nothing is said of {schema}")).to_owned()
 }
@@ -117,7 +117,7 @@ fn options(mode: Mode, schemas: &Value) -> String {
             Value::Object(_) => "[below](#tolerances)".to_owned(),
             other => code(&other.to_string()),
         };
-        [code(&name), kind(&name, schema, schemas), default, range(schema), said(schema)]
+        [code(&name), kind(&name, schema, schemas), default, range(schema), description(schema)]
     };
     table(["Option", "Type", "Default", "Range", "What it does"], options_of(mode, schemas).into_iter().map(row))
 }
@@ -179,11 +179,11 @@ fn operators() -> String {
 }
 
 fn defects() -> String {
-    let said = variants("DefectKind");
+    let description = variants("DefectKind");
     let at = |kind: DefectKind| DefectKind::ALL.iter().position(|other| *other == kind).unwrap();
     let row = |kind| {
         let colour = palette::colour(kind).to_string();
-        [code(&palette::id(kind)), palette::in_words(kind, 1).to_owned(), code(&colour), said[at(kind)].clone()]
+        [code(&palette::id(kind)), palette::in_words(kind, 1).to_owned(), code(&colour), description[at(kind)].clone()]
     };
     table(["Kind", "In words", "Colour", "What it is"], palette::BY_GRAVITY.into_iter().map(row))
 }
@@ -223,7 +223,7 @@ fn metrics() -> String {
 }
 
 /// The page with its tables generated again.
-fn made_anew(page: &Page, sections: &BTreeMap<&str, String>) -> String {
+fn regenerated(page: &Page, sections: &BTreeMap<&str, String>) -> String {
     let mut text = page.text.clone();
     for (name, section) in sections {
         let (from, to) = (format!("<!-- {name} -->\n"), format!("<!-- /{name} -->"));
@@ -238,8 +238,8 @@ fn made_anew(page: &Page, sections: &BTreeMap<&str, String>) -> String {
 fn the_tables_match_the_program() {
     let sections = sections();
     let mut used = 0;
-    for page in written() {
-        assert!(made_anew(&page, &sections) == page.text, "a table of {} is stale: run 'make docs'", page.path);
+    for page in all_pages() {
+        assert!(regenerated(&page, &sections) == page.text, "a table of {} is stale: run 'make docs'", page.path);
         let comments = page.text.lines().filter(|line| line.starts_with("<!-- ") && !line.starts_with("<!-- /"));
         for comment in comments {
             let name = comment.trim_start_matches("<!-- ").trim_end_matches(" -->");
@@ -258,7 +258,7 @@ fn the_tables_match_the_program() {
 #[ignore = "writes docs: 'make docs'"]
 fn write_tables() {
     let sections = sections();
-    for page in written() {
-        std::fs::write(root().join(&page.path), made_anew(&page, &sections)).unwrap();
+    for page in all_pages() {
+        std::fs::write(root().join(&page.path), regenerated(&page, &sections)).unwrap();
     }
 }

@@ -26,21 +26,21 @@ fn volume(repaired: &Repaired) -> f64 {
     repaired.report.after.as_ref().unwrap().measures.volume.value
 }
 
-fn close(a: f64, b: f64, most: f64) {
+fn assert_close(a: f64, b: f64, most: f64) {
     assert!((a - b).abs() <= most, "{a} is not {b}");
 }
 
-fn at(x: f64, size: f64) -> Soup {
+fn cube_at(x: f64, size: f64) -> Soup {
     cube(DVec3::new(x, 0.0, 0.0), size, 1)
 }
 
 /// A box centred on the origin.
-fn about(half: f64) -> Soup {
+fn centered_cube(half: f64) -> Soup {
     cube(DVec3::splat(-half), 2.0 * half, 1)
 }
 
 /// The soup split into groups of faces, each moved by `shift` of its index and its centre.
-fn apart(soup: &Soup, faces_a_group: usize, shift: impl Fn(usize, DVec3) -> DVec3) -> Soup {
+fn split_into_groups(soup: &Soup, faces_a_group: usize, shift: impl Fn(usize, DVec3) -> DVec3) -> Soup {
     let mut all = Soup::default();
     for (number, group) in soup.faces.chunks(faces_a_group).enumerate() {
         let corners: Vec<[DVec3; 3]> = group.iter().map(|face| face.map(|v| soup.positions[v as usize])).collect();
@@ -54,7 +54,7 @@ fn apart(soup: &Soup, faces_a_group: usize, shift: impl Fn(usize, DVec3) -> DVec
 
 #[test]
 fn stray_faces_without_area_are_no_part_of_the_box() {
-    let mut soup = at(0.0, 10.0);
+    let mut soup = cube_at(0.0, 10.0);
     push(&mut soup, [DVec3::new(500.0, 0.0, 0.0); 3]);
     push(&mut soup, [600.0, 601.0, 602.0].map(DVec3::splat));
     let repaired = repaired_at_once(&soup);
@@ -65,11 +65,11 @@ fn stray_faces_without_area_are_no_part_of_the_box() {
 
 #[test]
 fn a_removed_face_with_an_area_still_changes_the_bounding_box() {
-    let soup = join(&at(0.0, 1.0), &at(50.0, 1.0));
+    let soup = join(&cube_at(0.0, 1.0), &cube_at(50.0, 1.0));
     let options = Options { with: vec![], ..Options::default() };
     let whole = repair_soup(&soup, &options, None);
     assert_eq!(whole.report.outcome, Outcome::AlreadyPrintable);
-    let (before, after) = (soup, at(0.0, 1.0));
+    let (before, after) = (soup, cube_at(0.0, 1.0));
     let cancel = std::sync::atomic::AtomicBool::new(false);
     let clock = || std::time::Duration::ZERO;
     let context =
@@ -82,16 +82,16 @@ fn a_removed_face_with_an_area_still_changes_the_bounding_box() {
 
 #[test]
 fn one_of_three_boxes_inside_out_changes_no_volume() {
-    let soup = join(&join(&at(0.0, 10.0), &at(20.0, 10.0)), &inside_out(at(40.0, 10.0)));
+    let soup = join(&join(&cube_at(0.0, 10.0), &cube_at(20.0, 10.0)), &inside_out(cube_at(40.0, 10.0)));
     let repaired = repaired_at_once(&soup);
-    close(volume(&repaired), 3000.0, 1e-6);
-    close(repaired.report.changes.unwrap().volume_change_pct.unwrap(), 0.0, 1e-6);
+    assert_close(volume(&repaired), 3000.0, 1e-6);
+    assert_close(repaired.report.changes.unwrap().volume_change_pct.unwrap(), 0.0, 1e-6);
 }
 
 #[test]
 fn boxes_whose_volumes_cancel_are_turned_without_a_flag() {
-    let repaired = repaired_at_once(&join(&at(0.0, 10.0), &inside_out(at(40.0, 10.0))));
-    close(volume(&repaired), 2000.0, 1e-6);
+    let repaired = repaired_at_once(&join(&cube_at(0.0, 10.0), &inside_out(cube_at(40.0, 10.0))));
+    assert_close(volume(&repaired), 2000.0, 1e-6);
     assert!(repaired.report.changes.unwrap().volume_change_pct.is_none_or(|change| change.abs() < 1e-6));
 }
 
@@ -101,7 +101,7 @@ fn nested_boxes_of_every_orientation_are_repaired_at_once() {
     for turned in 0..8u32 {
         let mut soup = Soup::default();
         for (number, half) in [5.0, 3.0, 1.0].into_iter().enumerate() {
-            let part = about(half);
+            let part = centered_cube(half);
             soup = join(&soup, &if turned >> number & 1 == 1 { inside_out(part) } else { part });
         }
         let repaired = repair_soup(&soup, &Options::default(), None);
@@ -114,14 +114,14 @@ fn nested_boxes_of_every_orientation_are_repaired_at_once() {
             0b00 => volumes[1],
             _ => -volumes[1],
         };
-        close(volume(&repaired), volumes[0] + inner + volumes[2], 1e-6);
+        assert_close(volume(&repaired), volumes[0] + inner + volumes[2], 1e-6);
     }
 }
 
 #[test]
 fn a_missing_part_is_still_flagged_if_another_part_was_inside_out() {
     // Without the lost part, the result has the same volume as the signed volumes of the input add up to.
-    let input = join(&join(&at(0.0, 10.0), &at(20.0, 10.0)), &inside_out(at(40.0, 10.0)));
+    let input = join(&join(&cube_at(0.0, 10.0), &cube_at(20.0, 10.0)), &inside_out(cube_at(40.0, 10.0)));
     let repaired = repair_soup(&input, &Options { max_volume_change_pct: 0.0, ..Options::default() }, None);
     assert!(repaired.report.red_flags.iter().all(|flag| flag.code != RedFlagCode::VolumeChange));
 }
@@ -129,9 +129,9 @@ fn a_missing_part_is_still_flagged_if_another_part_was_inside_out() {
 #[test]
 fn six_loose_sides_with_gaps_are_a_box() {
     for gap in [1e-3, 1e-4] {
-        let soup = apart(&cube(DVec3::splat(-5.0), 10.0, 1), 2, |_, middle| middle.normalize() * gap);
+        let soup = split_into_groups(&cube(DVec3::splat(-5.0), 10.0, 1), 2, |_, middle| middle.normalize() * gap);
         let repaired = repaired_at_once(&soup);
-        close(volume(&repaired), 1000.0, 1.0);
+        assert_close(volume(&repaired), 1000.0, 1.0);
         assert_ne!(repaired.report.plan.category, Category::OpenSheet);
     }
 }
@@ -139,12 +139,12 @@ fn six_loose_sides_with_gaps_are_a_box() {
 #[test]
 fn exploded_triangles_are_the_solid_that_they_were() {
     for gap in [1e-3, 1e-4] {
-        for solid in [about(5.0), sphere(DVec3::ZERO, 10.0, 24, 12)] {
+        for solid in [centered_cube(5.0), sphere(DVec3::ZERO, 10.0, 24, 12)] {
             let whole = {
                 let repaired = repair_soup(&solid, &Options::default(), None);
                 volume(&repaired)
             };
-            let soup = apart(&solid, 1, |_, middle| middle.normalize() * gap);
+            let soup = split_into_groups(&solid, 1, |_, middle| middle.normalize() * gap);
             let result = repair_soup(&soup, &Options::default(), None);
             assert_eq!(
                 result.report.outcome,
@@ -153,14 +153,14 @@ fn exploded_triangles_are_the_solid_that_they_were() {
                 result.report.summary,
                 result.report.red_flags
             );
-            close(volume(&result), whole, whole * 2e-3);
+            assert_close(volume(&result), whole, whole * 2e-3);
         }
     }
 }
 
 #[test]
 fn an_open_surface_in_pieces_is_still_a_sheet() {
-    for soup in [sheet(12), apart(&sheet(12), 1, |number, _| DVec3::Z * 1e-4 * (number % 3) as f64)] {
+    for soup in [sheet(12), split_into_groups(&sheet(12), 1, |number, _| DVec3::Z * 1e-4 * (number % 3) as f64)] {
         let repaired = repair_soup(&soup, &Options::default(), None);
         assert_eq!(repaired.report.plan.category, Category::OpenSheet);
         assert_ne!(repaired.report.outcome, Outcome::Repaired);

@@ -88,9 +88,9 @@ fn omitted_faces_give_a_warning() {
 }
 
 #[derive(Default)]
-struct Heard(Mutex<Vec<(Stage, u8)>>);
+struct Recorder(Mutex<Vec<(Stage, u8)>>);
 
-impl Progress for Heard {
+impl Progress for Recorder {
     fn report(&self, stage: Stage, _: Option<u8>, percent: u8) {
         self.0.lock().unwrap().push((stage, percent));
     }
@@ -100,7 +100,7 @@ impl Progress for Heard {
 
 #[test]
 fn progress_goes_from_file_to_file_and_never_falls() {
-    let heard = Heard::default();
+    let heard = Recorder::default();
     analyse(&two_files(), &AnalyzeOptions::default(), &heard).unwrap();
     let heard = heard.0.into_inner().unwrap();
     let stages: Vec<Stage> = heard.iter().map(|(stage, _)| *stage).collect();

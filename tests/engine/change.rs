@@ -26,7 +26,7 @@ fn areas(before: &Soup, after: &Soup) -> [f64; 4] {
     [shares.kept, shares.moved, shares.added, shares.removed].map(|share| share.area)
 }
 
-fn near(found: [f64; 4], expected: [f64; 4], within: f64) -> bool {
+fn is_near(found: [f64; 4], expected: [f64; 4], within: f64) -> bool {
     found.iter().zip(expected).all(|(a, b)| (a - b).abs() <= within)
 }
 
@@ -42,15 +42,15 @@ fn the_same_surface_is_kept_in_any_face_order_and_triangulation() {
     let mut turned = coarse.clone();
     turned.faces.reverse();
     assert_eq!(areas(&coarse, &turned), [6.0, 0.0, 0.0, 0.0]);
-    assert!(near(areas(&coarse, &cube(DVec3::ZERO, 1.0, 5)), [6.0, 0.0, 0.0, 0.0], 1e-9));
-    assert!(near(areas(&cube(DVec3::ZERO, 1.0, 5), &coarse), [6.0, 0.0, 0.0, 0.0], 1e-9));
+    assert!(is_near(areas(&coarse, &cube(DVec3::ZERO, 1.0, 5)), [6.0, 0.0, 0.0, 0.0], 1e-9));
+    assert!(is_near(areas(&cube(DVec3::ZERO, 1.0, 5), &coarse), [6.0, 0.0, 0.0, 0.0], 1e-9));
 }
 
 #[test]
 fn a_patch_counts_as_added_for_any_hole_and_a_missing_wall_as_removed() {
     let whole = cube(DVec3::ZERO, 1.0, 6);
-    assert!(near(areas(&without_top(&whole), &whole), [5.0, 0.0, 1.0, 0.0], 1e-9));
-    assert!(near(areas(&whole, &without_top(&whole)), [5.0, 0.0, 0.0, 1.0], 1e-9));
+    assert!(is_near(areas(&without_top(&whole), &whole), [5.0, 0.0, 1.0, 0.0], 1e-9));
+    assert!(is_near(areas(&whole, &without_top(&whole)), [5.0, 0.0, 0.0, 1.0], 1e-9));
     // A hole narrower than the distance within which surface counts as moved.
     let fine = cube(DVec3::ZERO, 1.0, 300);
     let mut holed = fine.clone();
@@ -66,10 +66,10 @@ fn a_small_displacement_counts_as_moved_and_a_large_one_as_removed_and_added() {
     let before = sphere(DVec3::ZERO, 1.0, 40, 20);
     let scaled = |by: f64| Soup { positions: before.positions.iter().map(|&p| p * by).collect(), ..before.clone() };
     let area = areas(&before, &before)[0];
-    assert!(near(areas(&before, &scaled(1.002)), [0.0, area * 1.002f64.powi(2), 0.0, 0.0], 1e-9));
-    assert!(near(areas(&before, &scaled(1.1)), [0.0, 0.0, area * 1.21, area], 1e-9));
+    assert!(is_near(areas(&before, &scaled(1.002)), [0.0, area * 1.002f64.powi(2), 0.0, 0.0], 1e-9));
+    assert!(is_near(areas(&before, &scaled(1.1)), [0.0, 0.0, area * 1.21, area], 1e-9));
     // A displacement as small as rounding to f32.
-    assert!(near(areas(&before, &scaled(1.0 + 1e-8)), [area, 0.0, 0.0, 0.0], 1e-6));
+    assert!(is_near(areas(&before, &scaled(1.0 + 1e-8)), [area, 0.0, 0.0, 0.0], 1e-6));
 }
 
 #[test]
@@ -104,7 +104,7 @@ fn sizes_and_places_change_nothing_but_the_areas() {
         let mut after = before.clone();
         after.faces.truncate(before.faces.len() - 32);
         let found = areas(&after, &before).map(|area| area / size / size);
-        assert!(near(found, [20.0, 0.0, 4.0, 0.0], 1e-9), "{size}: {found:?}");
+        assert!(is_near(found, [20.0, 0.0, 4.0, 0.0], 1e-9), "{size}: {found:?}");
     }
 }
 

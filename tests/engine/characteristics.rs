@@ -15,13 +15,13 @@ use proptest::prelude::*;
 
 use crate::meshes::{cube, inside_out, join, sheet, sphere, torus};
 
-fn look_at(subject: Subject<'_>, options: &InspectOptions) -> Inspection {
+fn inspect_subject(subject: Subject<'_>, options: &InspectOptions) -> Inspection {
     let (cancel, clock) = (AtomicBool::new(false), || Duration::ZERO);
     inspect(subject, options, &Context::new(&NoProgress, &cancel, &clock, Duration::MAX)).unwrap().0
 }
 
-fn look(soup: &Soup) -> Inspection {
-    look_at(soup.into(), &InspectOptions::default())
+fn inspect_soup(soup: &Soup) -> Inspection {
+    inspect_subject(soup.into(), &InspectOptions::default())
 }
 
 /// The outer surface of `columns` by `rows` unit cubes, without those where `hole` is true.
@@ -55,7 +55,7 @@ fn genus_counts_the_handles() {
         ("block with two holes", block(5, 3, |x, y| y == 1 && (x == 1 || x == 3)), 2),
         ("block with three holes", block(7, 3, |x, y| y == 1 && x % 2 == 1), 3),
     ] {
-        let characteristics = look(&soup).characteristics;
+        let characteristics = inspect_soup(&soup).characteristics;
         assert_eq!(characteristics.shells.genus, Some(handles), "{name}");
         assert_eq!((characteristics.shells.list[0].genus, characteristics.shells.count), (Some(handles), 1), "{name}");
     }
@@ -64,21 +64,21 @@ fn genus_counts_the_handles() {
 #[test]
 fn each_part_has_its_genus_or_a_reason_why_not() {
     let both = join(&torus(3.0, 1.0, 24, 12), &cube(DVec3::splat(10.0), 1.0, 1));
-    let shells = look(&both).characteristics.shells;
+    let shells = inspect_soup(&both).characteristics.shells;
     assert_eq!(shells.genus, Some(1));
     assert_eq!(shells.list.iter().map(|s| (s.faces, s.genus)).collect::<Vec<_>>(), [(576, Some(1)), (12, Some(0))]);
-    let shells = look(&join(&both, &sheet(3))).characteristics.shells;
+    let shells = inspect_soup(&join(&both, &sheet(3))).characteristics.shells;
     assert_eq!((shells.genus, shells.genus_not_measurable), (None, Some(Unmeasurable::NotClosed)));
     let open = shells.list.iter().find(|s| s.faces == 18).unwrap();
     assert_eq!((open.genus, open.boundaries, open.closed, open.depth), (None, 1, false, None));
     assert_eq!((open.vertices, open.edges), (16, 33));
     // Two boxes that share an edge are one part.
     let two = join(&cube(DVec3::ZERO, 1.0, 1), &cube(DVec3::new(1.0, 1.0, 0.0), 1.0, 1));
-    let shells = look(&two).characteristics.shells;
+    let shells = inspect_soup(&two).characteristics.shells;
     assert_eq!((shells.count, shells.genus_not_measurable), (1, Some(Unmeasurable::NotManifold)));
     // Two boxes that share a corner are two parts, each with a genus, though the mesh is not manifold.
     let two = join(&cube(DVec3::ZERO, 1.0, 1), &cube(DVec3::ONE, 1.0, 1));
-    let inspection = look(&two);
+    let inspection = inspect_soup(&two);
     assert_eq!((inspection.measures.manifold, inspection.characteristics.shells.genus), (false, Some(0)));
     assert_eq!(inspection.characteristics.shells.list[1].vertices, 8);
 }
@@ -93,14 +93,14 @@ fn a_surface_pinched_at_a_vertex_within_one_part_has_no_genus() {
             *p = a;
         }
     }
-    let shell = &look(&soup).characteristics.shells.list[0];
+    let shell = &inspect_soup(&soup).characteristics.shells.list[0];
     assert_eq!((shell.closed, shell.manifold, shell.genus), (true, false, None));
 }
 
 #[test]
 fn area_volume_and_box_of_each_part_are_those_of_geometry() {
     let both = join(&cube(DVec3::new(1e6, 0.0, 0.0), 0.5, 2), &inside_out(cube(DVec3::ZERO, 2.0, 1)));
-    let shells = look(&both).characteristics.shells;
+    let shells = inspect_soup(&both).characteristics.shells;
     for (shell, area, volume, outward) in [(&shells.list[0], 24.0, -8.0, false), (&shells.list[1], 1.5, 0.125, true)] {
         assert!((shell.area / area - 1.0).abs() < 1e-12 && (shell.volume.value / volume - 1.0).abs() < 1e-12);
         assert_eq!((shell.volume.reliable, shell.outward), (true, Some(outward)));
@@ -119,7 +119,7 @@ fn a_cavity_is_turned_rightly_and_a_solid_in_a_solid_is_not() {
         (join(&outer, &inner), Answer::No, vec![Some(0), Some(1)]),
         (join(&inside_out(outer.clone()), &inner), Answer::No, vec![Some(0), Some(1)]),
     ] {
-        let characteristics = look(&soup).characteristics;
+        let characteristics = inspect_soup(&soup).characteristics;
         assert_eq!(characteristics.attributes.outward, outward);
         assert_eq!(characteristics.shells.list.iter().map(|s| s.depth).collect::<Vec<_>>(), depths);
     }
@@ -135,7 +135,7 @@ fn a_thousand_parts_are_counted_and_the_hundred_largest_are_listed() {
             [DVec3::X * x, DVec3::X * (x + 1.0), DVec3::new(x, f64::from(i % 500 + 1), 0.0)],
         );
     }
-    let shells = look(&soup).characteristics.shells;
+    let shells = inspect_soup(&soup).characteristics.shells;
     assert_eq!((shells.count, shells.list.len()), (1000, 100));
     assert_eq!([0, 1, 99].map(|i| shells.list[i].first_face), [499, 999, 950]);
 }
@@ -143,14 +143,14 @@ fn a_thousand_parts_are_counted_and_the_hundred_largest_are_listed() {
 #[test]
 fn elements_distinguish_the_file_s_vertices_from_merged_ones() {
     let box_ = cube(DVec3::ZERO, 1.0, 1);
-    let counts = look(&box_).characteristics.elements;
+    let counts = inspect_soup(&box_).characteristics.elements;
     assert_eq!((counts.vertices, counts.indistinguishable_vertices), (36, None), "no vertex is used twice");
     let mut indexed = Soup {
         positions: vec![DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::Z, DVec3::ZERO, DVec3::ONE, DVec3::X * 3.0],
         faces: vec![[0, 2, 1], [4, 1, 3], [1, 2, 3], [2, 0, 3]],
     };
     indexed.faces.extend([[0, 0, 1], [0, 4, 1], [0, 1, 6]]);
-    let inspection = look(&indexed);
+    let inspection = inspect_soup(&indexed);
     let elements = inspection.characteristics.elements;
     assert_eq!((elements.vertices, elements.indistinguishable_vertices), (7, Some(1)));
     assert_eq!((elements.repeated_vertex_faces, elements.collinear_faces), (2, 1));
@@ -170,7 +170,7 @@ fn vertex_numbers_of_the_file_are_reported_if_it_has_any() {
         is_indexed: false,
         unit: None,
     };
-    let elements = look_at(subject, &InspectOptions::default()).characteristics.elements;
+    let elements = inspect_subject(subject, &InspectOptions::default()).characteristics.elements;
     assert_eq!((elements.missing_vertices, elements.faces_without_vertex), (Some(1), Some(1)));
     assert_eq!((elements.vertices_contiguous, elements.faces_contiguous), (Some(false), Some(true)));
     assert_eq!(elements.indistinguishable_vertices, Some(0));
@@ -179,7 +179,7 @@ fn vertex_numbers_of_the_file_are_reported_if_it_has_any() {
 #[test]
 fn statistics_are_left_out_at_level_none_and_attributes_are_not() {
     let options = InspectOptions { level: Level::None, ..InspectOptions::default() };
-    let characteristics = look_at((&cube(DVec3::ZERO, 1.0, 1)).into(), &options).characteristics;
+    let characteristics = inspect_subject((&cube(DVec3::ZERO, 1.0, 1)).into(), &options).characteristics;
     assert_eq!((characteristics.statistics, characteristics.attributes.outward), (None, Answer::Yes));
 }
 
@@ -190,7 +190,7 @@ fn good_mesh() -> (Soup, Inspection) {
         positions: vec![corner(1., 1., 1.), corner(1., -1., -1.), corner(-1., 1., -1.), corner(-1., -1., 1.)],
         faces: vec![[0, 1, 2], [0, 3, 1], [0, 2, 3], [1, 3, 2]],
     };
-    let mut inspection = look(&soup);
+    let mut inspection = inspect_soup(&soup);
     inspection.measures.self_intersections =
         SelfIntersections { checked: true, complete: true, pairs: Some(0), ..SelfIntersections::default() };
     (soup, inspection)
@@ -225,11 +225,11 @@ fn each_thing_that_meshalyzer_asks_of_a_good_mesh_is_asked() {
     let lacks =
         |inspection: &Inspection| goodness(inspection, lenient).reasons.iter().map(|r| r.lack).collect::<Vec<_>>();
     let of = |soup: &Soup| {
-        let mut inspection = look(soup);
+        let mut inspection = inspect_soup(soup);
         inspection.measures.self_intersections = fine.measures.self_intersections;
         lacks(&inspection)
     };
-    assert!(lacks(&look(&soup)).is_empty());
+    assert!(lacks(&inspect_soup(&soup)).is_empty());
     let mut unfinished = fine.clone();
     unfinished.measures.self_intersections.complete = false;
     assert_eq!(lacks(&unfinished), [Lack::IntersectionsChecked]);
@@ -271,7 +271,7 @@ fn each_thing_that_meshalyzer_asks_of_a_good_mesh_is_asked() {
         is_indexed: false,
         unit: None,
     };
-    let mut numbered = look_at(subject, &InspectOptions::default());
+    let mut numbered = inspect_subject(subject, &InspectOptions::default());
     numbered.measures.self_intersections = fine.measures.self_intersections;
     assert_eq!(lacks(&numbered), [Lack::NoMissingVertices, Lack::ContiguousVertices, Lack::ContiguousFaces]);
     let counts: Vec<_> = goodness(&numbered, lenient).reasons.iter().map(|r| r.value).collect();
@@ -283,7 +283,7 @@ fn an_inspection_goes_through_json_and_comes_back_the_same() {
     for scale in [1.0, 1e300, 1e-300] {
         let mut soup = join(&torus(3.0, 1.0, 12, 8), &sheet(3));
         soup.positions.iter_mut().for_each(|p| *p *= scale);
-        let inspection = look(&soup);
+        let inspection = inspect_soup(&soup);
         let text = serde_json::to_string(&inspection).unwrap();
         assert_eq!(serde_json::from_str::<Inspection>(&text).unwrap(), inspection);
     }
@@ -296,7 +296,7 @@ fn a_mesh_without_a_usable_face_is_described_too() {
         Soup { positions: vec![DVec3::NAN; 3], faces: vec![[0, 1, 2]] },
         Soup { positions: vec![DVec3::X; 3], faces: vec![[0, 1, 2]] },
     ] {
-        let characteristics = look(&soup).characteristics;
+        let characteristics = inspect_soup(&soup).characteristics;
         assert_eq!(
             (characteristics.attributes.closed, characteristics.shells.count, characteristics.shells.genus),
             (Answer::No, 0, None)
@@ -385,7 +385,7 @@ proptest! {
         axis in 0..3usize,
         power in -60..60i32,
     ) {
-        let given = look(&soup);
+        let given = inspect_soup(&soup);
         // Reorder faces and vertices, and rotate the corners of each face.
         let n = soup.positions.len() as u32;
         let shift = order.index(n as usize) as u32;
@@ -402,10 +402,10 @@ proptest! {
             }
             *p *= scale;
         }
-        assert_same(&given, &look(&moved), scale);
+        assert_same(&given, &inspect_soup(&moved), scale);
         // A file with vertex indices gives exactly the same.
         let bytes = write(&soup, Format::Mesh).unwrap();
-        let again = look(&read(&bytes, &Limits::default()).unwrap().soup);
+        let again = inspect_soup(&read(&bytes, &Limits::default()).unwrap().soup);
         prop_assert_eq!(again, given);
     }
 }

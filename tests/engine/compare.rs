@@ -31,7 +31,7 @@ fn mapped(soup: &Soup, map: impl Fn(DVec3) -> DVec3) -> Soup {
     Soup { positions: soup.positions.iter().map(|&p| map(p)).collect(), faces: soup.faces.clone() }
 }
 
-fn close(found: f64, expected: f64, tolerance: f64) {
+fn assert_close(found: f64, expected: f64, tolerance: f64) {
     assert!((found - expected).abs() <= tolerance, "{found} is not {expected}");
 }
 
@@ -51,7 +51,7 @@ fn a_mesh_is_no_distance_from_itself_and_all_of_it_is_kept() {
     let inside = comparison.inside.unwrap();
     assert_eq!((inside.agree_pct, inside.overlap_pct, inside.points), (100.0, Some(100.0), 3000));
     // A ball in its bounding box.
-    close(inside.inside_before as f64 / 3000.0, std::f64::consts::PI / 6.0, 0.02);
+    assert_close(inside.inside_before as f64 / 3000.0, std::f64::consts::PI / 6.0, 0.02);
 }
 
 #[test]
@@ -60,20 +60,20 @@ fn a_shifted_cube_differs_by_the_shift_perpendicular_to_its_faces() {
     let after = mapped(&before, |p| p + DVec3::X * 0.1);
     let comparison = compared(&before, &after);
     for deviation in deviations(&comparison) {
-        close(deviation.distance.max, 0.1, 1e-12);
-        close(deviation.percent.max, 10.0 / 3f64.sqrt(), 1e-9);
+        assert_close(deviation.distance.max, 0.1, 1e-12);
+        assert_close(deviation.percent.max, 10.0 / 3f64.sqrt(), 1e-9);
         // One side is 0.1 away. So is the opposite side, except near its rim, where the other four sides are nearer. A tenth of
         // those four sides is away too, by half as much on average.
         let rim = (1.0 - 0.8f64.powi(3)) / 6.0;
-        close(deviation.distance.mean, (0.1 + rim + 4.0 * 0.1 * 0.05) / 6.0, 3e-4);
-        close(deviation.distance.p50, 0.0, 1e-12);
-        close(deviation.distance.p95, 0.1, 1e-12);
+        assert_close(deviation.distance.mean, (0.1 + rim + 4.0 * 0.1 * 0.05) / 6.0, 3e-4);
+        assert_close(deviation.distance.p50, 0.0, 1e-12);
+        assert_close(deviation.distance.p95, 0.1, 1e-12);
     }
-    close(comparison.changes.box_change_pct.unwrap(), 10.0 / 3f64.sqrt(), 1e-9);
-    close(comparison.changes.volume_change_pct.unwrap(), 0.0, 1e-9);
+    assert_close(comparison.changes.box_change_pct.unwrap(), 10.0 / 3f64.sqrt(), 1e-9);
+    assert_close(comparison.changes.volume_change_pct.unwrap(), 0.0, 1e-9);
     let inside = comparison.inside.unwrap();
-    close(inside.agree_pct, (1.0 - 0.2 / 1.1) * 100.0, 1.0);
-    close(inside.overlap_pct.unwrap(), 0.9 / 1.1 * 100.0, 1.0);
+    assert_close(inside.agree_pct, (1.0 - 0.2 / 1.1) * 100.0, 1.0);
+    assert_close(inside.overlap_pct.unwrap(), 0.9 / 1.1 * 100.0, 1.0);
     assert!(!comparison.faithful);
 }
 
@@ -97,8 +97,8 @@ fn invisible_surface_is_not_lost_but_it_deviates() {
     let comparison = compared(&both, &outer);
     assert_eq!(comparison.changes.surface_lost_pct, Some(0.0));
     assert_eq!(comparison.changes.lost.unwrap().distance.max, 0.0);
-    close(comparison.visible_pct.unwrap(), 80.0, 0.5);
-    close(comparison.deviation.unwrap().distance.max, 1.0, 1e-9);
+    assert_close(comparison.visible_pct.unwrap(), 80.0, 0.5);
+    assert_close(comparison.deviation.unwrap().distance.max, 1.0, 1e-9);
     assert_eq!((comparison.changes.parts, comparison.changes.faces), (-1, -192));
 }
 
@@ -127,8 +127,8 @@ fn powers_of_two_and_right_angles_change_no_figure_in_percent() {
     let turn = |p: DVec3| DVec3::new(-p.y, p.x, p.z);
     let moved = compared(&mapped(&before, turn), &mapped(&after, turn));
     for (turned, whole) in deviations(&moved).iter().zip(deviations(&base)) {
-        close(turned.percent.max, whole.percent.max, 1e-9);
-        close(turned.percent.mean, whole.percent.mean, 1e-9);
+        assert_close(turned.percent.max, whole.percent.max, 1e-9);
+        assert_close(turned.percent.mean, whole.percent.mean, 1e-9);
     }
 }
 
@@ -148,11 +148,11 @@ fn huge_tiny_empty_and_broken_meshes_are_compared_without_a_number_that_is_none(
         }
     }
     let scaled = compared(&ball(1e300), &ball(2e300));
-    close(scaled.deviation.unwrap().distance.max / 1e300, 1.0, 0.1);
+    assert_close(scaled.deviation.unwrap().distance.max / 1e300, 1.0, 0.1);
     // From a ball the size of an atom to an astronomically large one, and back.
     let scaled = compared(&ball(1.0), &ball(1e200));
-    close(scaled.deviation.unwrap().distance.max / 1e200, 0.95, 0.06);
-    close(scaled.changes.made.unwrap().distance.max / 1e200, 1.0, 1e-6);
+    assert_close(scaled.deviation.unwrap().distance.max / 1e200, 0.95, 0.06);
+    assert_close(scaled.changes.made.unwrap().distance.max / 1e200, 1.0, 1e-6);
 }
 
 #[test]
@@ -192,7 +192,7 @@ fn spacing_is_from_each_vertex_to_the_nearest_of_the_other_meshes() {
     assert!(found.iter().all(|spacing| spacing.complete && spacing.distances.len() == 8));
     assert!(spaced(&[&left])[0].distances.is_empty() && spaced(&[&left, &Soup::default()])[0].least.is_none());
     let huge = spaced(&[&mapped(&left, |p| p * 1e300), &mapped(&middle, |p| p * 1e300)]);
-    close(huge[0].least.unwrap().distance / 1e300, 0.5, 1e-12);
+    assert_close(huge[0].least.unwrap().distance / 1e300, 0.5, 1e-12);
 }
 
 #[test]

@@ -182,7 +182,7 @@ fn a_result_that_could_not_be_verified_in_time_is_not_returned() {
 }
 
 /// A remesher that takes some time on the clock.
-struct Slow<'a> {
+struct SlowRemesher<'a> {
     info: RemesherInfo,
     answer: Soup,
     until: Duration,
@@ -190,14 +190,14 @@ struct Slow<'a> {
     asked: Cell<Option<RemeshAction>>,
 }
 
-impl<'a> Slow<'a> {
-    fn answering(answer: Soup, until: Duration, clock: &'a Clock) -> Self {
+impl<'a> SlowRemesher<'a> {
+    fn returning(answer: Soup, until: Duration, clock: &'a Clock) -> Self {
         let info = RemesherInfo { kind: "fake".into(), version: "1".into(), program: "none".into() };
         Self { info, answer, until, clock, asked: Cell::new(None) }
     }
 }
 
-impl Remesher for Slow<'_> {
+impl Remesher for SlowRemesher<'_> {
     fn info(&self) -> Result<&RemesherInfo, &str> {
         Ok(&self.info)
     }
@@ -221,7 +221,7 @@ fn a_finished_remesh_is_kept_where_the_time_ends_while_its_faces_are_reduced() {
     let (cubes, options) = for_blender();
     let fine = join(&cube(DVec3::ZERO, 1.0, 10), &cube(DVec3::new(1.004, 1.004, 0.0), 1.0, 10));
     let clock = Clock::default();
-    let late = Slow::answering(fine.clone(), DEADLINE, &clock);
+    let late = SlowRemesher::returning(fine.clone(), DEADLINE, &clock);
     let repaired = run(&cubes, &options, Some(&late), &NoProgress, &clock).unwrap();
     assert_eq!(repaired.report.outcome, Outcome::Repaired, "{}", repaired.report.summary);
     assert_eq!(repaired.report.after.unwrap().measures.faces, fine.faces.len() as u64);
@@ -236,7 +236,7 @@ fn the_faces_of_a_remesh_are_not_reduced_without_simplify() {
     let fine = join(&cube(DVec3::ZERO, 1.0, 10), &cube(DVec3::new(1.004, 1.004, 0.0), 1.0, 10));
     let faces = |without: Vec<Operator>| {
         let clock = Clock::default();
-        let fake = Slow::answering(fine.clone(), Duration::ZERO, &clock);
+        let fake = SlowRemesher::returning(fine.clone(), Duration::ZERO, &clock);
         let options = Options { without, ..options.clone() };
         run(&cubes, &options, Some(&fake), &NoProgress, &clock).unwrap().report.after.unwrap().measures.faces
     };
@@ -249,7 +249,7 @@ fn a_blender_remesh_that_was_asked_for_is_the_one_that_runs() {
     let (cubes, options) = for_blender();
     let clock = Clock::default();
     let apart = join(&cube(DVec3::ZERO, 1.0, 3), &cube(DVec3::new(1.004, 1.004, 0.0), 1.0, 3));
-    let fake = Slow::answering(apart, Duration::ZERO, &clock);
+    let fake = SlowRemesher::returning(apart, Duration::ZERO, &clock);
     let repaired = run(&cubes, &options, Some(&fake), &NoProgress, &clock).unwrap();
     assert_eq!((repaired.report.outcome, fake.asked.get()), (Outcome::Repaired, Some(RemeshAction::VoxelRemesh)));
     assert_eq!(repaired.report.steps.iter().find_map(|step| step.voxel_size), Some(0.1));
@@ -305,7 +305,7 @@ fn voxels_larger_than_requested_are_reported_with_the_reason() {
     let apart = join(&cube(DVec3::ZERO, 1.0, 3), &cube(DVec3::new(1.004, 1.004, 0.0), 1.0, 3));
     let warning = |voxel_size: f64| {
         let clock = Clock::default();
-        let fake = Slow::answering(apart.clone(), Duration::ZERO, &clock);
+        let fake = SlowRemesher::returning(apart.clone(), Duration::ZERO, &clock);
         let options = Options { voxel_size: Some(voxel_size), max_remesh_faces: 10_000, ..options.clone() };
         let report = run(&cubes, &options, Some(&fake), &NoProgress, &clock).unwrap().report;
         assert_eq!(report.outcome, Outcome::Repaired, "{}", report.summary);

@@ -1,6 +1,6 @@
 //! Inspection finds exactly the known defects of meshes, at their places, in any representation of the mesh.
 
-mod made;
+mod examples;
 
 use std::collections::BTreeMap;
 use std::sync::atomic::AtomicBool;
@@ -16,8 +16,8 @@ use proptest::prelude::*;
 
 use crate::meshes::{cube, inside_out, join, push, sphere, torus};
 use DefectKind as K;
-use made::{
-    block, cut, damaged, faces_with, first_of_its_like, folded, indexed, moved, other, top, with_t_junction, without,
+use examples::{
+    block, cut, damaged, faces_with, first_equal_face, folded, indexed, moved, top, variant, with_t_junction, without,
 };
 
 fn look(subject: Subject<'_>, options: &InspectOptions) -> (Inspection, Findings) {
@@ -36,7 +36,7 @@ fn counts(findings: &Findings) -> BTreeMap<DefectKind, u64> {
     found.filter(|&(kind, count)| count > 0 && kind != K::SelfIntersection).collect()
 }
 
-fn the_one(findings: &Findings, kind: DefectKind) -> Defect {
+fn only_defect(findings: &Findings, kind: DefectKind) -> Defect {
     let [one] = findings.places(kind) else { panic!("{kind:?}: {:?}", findings.places(kind)) };
     one.clone()
 }
@@ -89,7 +89,7 @@ fn as_many_defects_are_placed_as_the_measures_count() {
 
 #[test]
 fn holes_slits_and_cracks_are_where_they_were_cut() {
-    let hole = the_one(&findings(&without(block(), 100)), K::Hole);
+    let hole = only_defect(&findings(&without(block(), 100)), K::Hole);
     let corners = block().corners(100).map(|p| p.to_array());
     assert_eq!((hole.line.len(), hole.line.first()), (4, hole.line.last()));
     assert!(corners.iter().all(|p| hole.line.contains(p)));
@@ -97,7 +97,7 @@ fn holes_slits_and_cracks_are_where_they_were_cut() {
     assert_eq!(hole.value, Some(length));
 
     for (gap, kind) in [(1e-9, K::Slit), (5e-5, K::Crack)] {
-        let defect = the_one(&findings(&cut(gap)), kind);
+        let defect = only_defect(&findings(&cut(gap)), kind);
         assert!((defect.value.unwrap() / gap - 1.0).abs() < 1e-6, "{defect:?}");
         // Both sides of the slit, from one end to the other and back.
         assert_eq!(defect.line.len(), 7);
@@ -112,7 +112,7 @@ fn holes_slits_and_cracks_are_where_they_were_cut() {
 fn the_value_of_a_t_junction_distinguishes_exact_from_near() {
     for off in [0.0, 1e-8] {
         let (soup, m, _) = with_t_junction(off);
-        let defect = the_one(&findings(&soup), K::TJunction);
+        let defect = only_defect(&findings(&soup), K::TJunction);
         assert_eq!(defect.at, m.to_array());
         assert!((defect.value.unwrap() - off).abs() < 1e-12);
         assert_eq!(defect.value == Some(0.0), off == 0.0);
@@ -129,7 +129,7 @@ fn the_value_of_a_t_junction_distinguishes_exact_from_near() {
 #[test]
 fn a_foldover_names_its_faces_and_draws_its_folds() {
     let soup = folded();
-    let defect = the_one(&findings(&soup), K::Foldover);
+    let defect = only_defect(&findings(&soup), K::Foldover);
     let upside_down: Vec<u32> = (0..u32::try_from(soup.faces.len()).unwrap())
         .filter(|&f| {
             let [a, b, c] = soup.corners(f as usize);
@@ -172,7 +172,7 @@ fn inner_shells_are_classified_by_depth_and_orientation() {
     assert_eq!(depths(&join(&shell(2.0), &shell(1.0))), [-1.0]);
     let wrong = join(&join(&shell(8.0), &inside_out(shell(4.0))), &inside_out(shell(2.0)));
     let found = findings(&wrong);
-    assert_eq!(the_one(&found, K::InvertedPart).value, Some(2.0));
+    assert_eq!(only_defect(&found, K::InvertedPart).value, Some(2.0));
     assert_eq!(found.marks[24..].iter().map(|m| m & K::InvertedPart.bit()).collect::<Vec<_>>(), [1 << 14; 12]);
 }
 
@@ -187,7 +187,7 @@ fn faces_below_the_tolerance_are_flat_or_degenerate_with_their_size() {
     };
     let found = sliver(1e-9, 2e-9);
     assert_eq!((found.count(K::FlatFace), found.count(K::DegenerateFace)), (2, 1));
-    let degenerate = the_one(&found, K::DegenerateFace);
+    let degenerate = only_defect(&found, K::DegenerateFace);
     assert_eq!(degenerate.faces, [13]);
     assert!((degenerate.value.unwrap() / 2e-9 - 1.0).abs() < 1e-6);
     assert!((found.places(K::FlatFace)[0].value.unwrap() / 1e-9 - 1.0).abs() < 1e-6);
@@ -230,7 +230,7 @@ fn vertex_normals_that_point_into_the_mesh_are_found() {
     normals[9] = [0.0, f32::NAN, 1.0];
     let found = look_at(&CornerNormals::OfVertices(normals.clone()));
     assert_eq!(counts(&found), [(K::BadVertexNormal, 1)].into());
-    let bad = the_one(&found, K::BadVertexNormal);
+    let bad = only_defect(&found, K::BadVertexNormal);
     assert_eq!(bad.at, soup.positions[5].to_array());
     assert!(bad.value.unwrap() > 2.5);
 
@@ -247,9 +247,9 @@ fn vertex_normals_that_point_into_the_mesh_are_found() {
     faces[31][2] = u32::MAX;
     let found = look_at(&CornerNormals::OfCorners { normals, faces });
     assert_eq!(counts(&found), [(K::BadVertexNormal, 1)].into());
-    assert_eq!(the_one(&found, K::BadVertexNormal).faces, [30]);
+    assert_eq!(only_defect(&found, K::BadVertexNormal).faces, [30]);
     let at = soup.positions[soup.faces[30][1] as usize].to_array();
-    assert_eq!(the_one(&found, K::BadVertexNormal).at, at);
+    assert_eq!(only_defect(&found, K::BadVertexNormal).at, at);
 }
 
 #[test]
@@ -313,8 +313,8 @@ fn meshes_made_to_be_slow_are_inspected_quickly() {
         push(&mut pile, if i % 2 == 0 { corners } else { [corners[0], corners[2], corners[1]] });
     }
     assert!(findings(&fan).count(K::Hole) == 1);
-    assert_eq!(the_one(&findings(&pinch), K::NonManifoldVertex).value, Some(2e4));
-    let edge = the_one(&findings(&book), K::NonManifoldEdge);
+    assert_eq!(only_defect(&findings(&pinch), K::NonManifoldVertex).value, Some(2e4));
+    let edge = only_defect(&findings(&book), K::NonManifoldEdge);
     assert_eq!((edge.value, edge.faces.len()), (Some(2e4), 1000));
     assert!(findings(&pile).count(K::Sheet) > 0);
     assert!(begin.elapsed().as_secs() < 60, "{:?}", begin.elapsed());
@@ -324,7 +324,7 @@ fn meshes_made_to_be_slow_are_inspected_quickly() {
 fn coordinates_near_the_ends_of_f64_change_no_count() {
     for power in [-900, 900] {
         for (name, soup, expected) in damaged() {
-            let found = counts(&findings(&other(&soup, 1, 5, power).soup));
+            let found = counts(&findings(&variant(&soup, 1, 5, power).soup));
             assert_eq!(found, expected.into_iter().collect(), "{name} {power}");
         }
     }
@@ -364,10 +364,10 @@ proptest! {
     ) {
         let all = damaged();
         let (name, soup, expected) = &all[damage % all.len()];
-        let changed = other(soup, seed, turns, power);
+        let changed = variant(soup, seed, turns, power);
         let (first, second) = (findings(soup), findings(&changed.soup));
         prop_assert_eq!(counts(&second), expected.iter().copied().collect::<BTreeMap<_, _>>(), "{}", name);
-        let same = first_of_its_like(soup);
+        let same = first_equal_face(soup);
         let was: Vec<u32> = changed.was.iter().map(|&f| same[f as usize]).collect();
         for kind in K::ALL.into_iter().filter(|&kind| kind != K::SelfIntersection) {
             let here = places(&first, kind, &same, |p| moved(p, turns, power));

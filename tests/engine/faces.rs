@@ -28,7 +28,7 @@ fn measured(soup: &Soup) -> Measures {
 }
 
 /// Repairs without tier 3.
-fn mended(soup: &Soup, options: &Options) -> Repaired {
+fn repair_without_tier_3(soup: &Soup, options: &Options) -> Repaired {
     let bytes = format::write(soup, Format::Obj).unwrap();
     let cancel = AtomicBool::new(false);
     let clock = || Duration::ZERO;
@@ -183,7 +183,7 @@ fn a_foldover_is_unfolded_without_moving_a_vertex() {
 fn a_foldover_is_mended_by_a_plan() {
     // Across one edge, and across a vertex, where no edge flip alone unfolds it.
     for to in [[2.7, 1.4], [3.2, 1.9]] {
-        let repaired = mended(&folded_cube(to), &Options::default());
+        let repaired = repair_without_tier_3(&folded_cube(to), &Options::default());
         assert_eq!(repaired.report.outcome, Outcome::Repaired, "{:?}", repaired.report.summary);
         let after = repaired.report.after.unwrap().measures;
         assert!((after.volume.value - 64.0).abs() < 1e-4 && after.parts == 1);
@@ -244,7 +244,7 @@ fn the_sharp_edge_of_a_wedge_is_kept() {
 
 /// Asserts that repair gives one solid of this volume, and this number of faces if given.
 fn expect_solid(soup: &Soup, volume: f64, faces: Option<u64>, what: &str) {
-    let repaired = mended(soup, &Options::default());
+    let repaired = repair_without_tier_3(soup, &Options::default());
     assert_eq!(repaired.report.outcome, Outcome::Repaired, "{what}: {}", repaired.report.summary);
     let after = repaired.report.after.unwrap().measures;
     assert!(after.printable(), "{what}: {after:?}");
@@ -359,7 +359,7 @@ fn operators_that_are_switched_off_do_not_run() {
     mesh.faces.remove(3);
     mesh.source.remove(3);
     let ran = |options: &Options| {
-        let steps = mended(&mesh.to_soup(), options).report.steps;
+        let steps = repair_without_tier_3(&mesh.to_soup(), options).report.steps;
         steps.iter().flat_map(|s| s.changed.clone()).any(|c| c.what == ChangeKind::ShortEdgesCollapsed)
     };
     assert!(ran(&Options::default()));

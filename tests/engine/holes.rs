@@ -222,8 +222,8 @@ fn a_rim_of_ten_thousand_edges_is_closed() {
         let (surface, filled) = fill(&cup(10_000, wave), FillHoles::default());
         assert_eq!((filled.holes_left, filled.intersecting, filled.unchecked), (0, 0, 0));
         assert_eq!(surface.faces.len(), 30_000 + 9_998);
-        let uses = uses(&surface);
-        assert!(uses.iter().all(|(&(a, b), &n)| n == 1 && uses.contains_key(&(b, a))));
+        let edge_uses = edge_uses(&surface);
+        assert!(edge_uses.iter().all(|(&(a, b), &n)| n == 1 && edge_uses.contains_key(&(b, a))));
     }
 }
 
@@ -377,14 +377,14 @@ fn solids_with_openings_are_distinguished_from_sheets() {
 }
 
 /// How many faces use each edge in each direction.
-fn uses(surface: &Surface) -> HashMap<(u32, u32), u32> {
-    let mut uses = HashMap::new();
+fn edge_uses(surface: &Surface) -> HashMap<(u32, u32), u32> {
+    let mut edge_uses = HashMap::new();
     for &[a, b, c] in &surface.faces {
         for edge in [(a, b), (b, c), (c, a)] {
-            *uses.entry(edge).or_default() += 1;
+            *edge_uses.entry(edge).or_default() += 1;
         }
     }
-    uses
+    edge_uses
 }
 
 proptest! {
@@ -414,7 +414,7 @@ proptest! {
         prop_assume!(measured(&holed).parts == 1);
         let (after, filled) = fill(&holed, FillHoles::default());
         prop_assert_eq!((filled.holes_left, filled.open_sheets), (0, 0));
-        prop_assert!(uses(&after).values().all(|&n| n == 1));
+        prop_assert!(edge_uses(&after).values().all(|&n| n == 1));
         let m = measured(&after.to_soup());
         prop_assert!(m.closed && m.manifold && m.consistent, "{:?}", m);
         prop_assert!((m.volume.value - whole).abs() < 0.2 * whole, "{} {}", m.volume.value, whole);

@@ -15,12 +15,12 @@ use proptest::prelude::*;
 use crate::meshes::{cube, join, push, sphere, torus};
 use crate::support::with_context;
 
-fn found(soup: &Soup) -> Intersections {
+fn intersections_of(soup: &Soup) -> Intersections {
     with_context(|context| intersections(&Analysis::new(soup.into(), context).unwrap(), context).unwrap())
 }
 
 fn pairs(soup: &Soup) -> Vec<IntersectingPair> {
-    found(soup).pairs
+    intersections_of(soup).pairs
 }
 
 /// Whether an edge of one triangle crosses the interior of the other, in integer arithmetic; none if they only touch.
@@ -84,7 +84,7 @@ proptest! {
             let q = DVec3::new(p[turn], p[(turn + 1) % 3], p[(turn + 2) % 3]);
             (if mirrored { DVec3::new(-q.y, q.x, q.z) } else { q }) * scale
         };
-        let all = found(&soup_of(&triangles, place));
+        let all = intersections_of(&soup_of(&triangles, place));
         prop_assert_eq!(all.pairs.iter().map(|p| p.faces).collect::<Vec<_>>(), expected.clone());
         prop_assert_eq!(all.counts.crossing, expected.len() as u64);
         prop_assert_eq!(all.counts.pairs, Some(expected.len() as u64));
@@ -105,7 +105,7 @@ proptest! {
 #[test]
 fn solids_that_do_not_meet_themselves_have_no_pair() {
     for soup in [cube(DVec3::ZERO, 1.0, 7), sphere(DVec3::ONE, 1.0, 40, 20), torus(2.0, 0.75, 60, 24)] {
-        let file = found(&soup);
+        let file = intersections_of(&soup);
         assert!(file.counts.proven_none(), "{:?}", file.counts);
         assert!(with_context(|context| measure(&soup, context).unwrap()).printable());
     }
@@ -114,7 +114,7 @@ fn solids_that_do_not_meet_themselves_have_no_pair() {
 #[test]
 fn a_corner_of_a_cube_in_another_is_between_parts_and_crosses() {
     let soup = join(&cube(DVec3::ZERO, 4.0, 1), &cube(DVec3::new(3.0, 2.9, 2.7), 4.0, 1));
-    let file = found(&soup);
+    let file = intersections_of(&soup);
     let counts = file.counts;
     assert!(counts.crossing > 0 && counts.touching == 0 && counts.coplanar == 0, "{counts:?}");
     assert_eq!((counts.between_parts, counts.within_one_part), (counts.crossing, 0));
@@ -127,7 +127,7 @@ fn a_corner_of_a_cube_in_another_is_between_parts_and_crosses() {
 fn a_box_on_another_box_touches_it_and_is_coplanar_with_it() {
     // The bottom of the small cube lies on the top of the large one, away from its diagonal.
     let soup = join(&cube(DVec3::ZERO, 8.0, 1), &cube(DVec3::new(5.0, 1.0, 8.0), 1.0, 1));
-    let counts = found(&soup).counts;
+    let counts = intersections_of(&soup).counts;
     // Coplanar: the two triangles of the bottom. Touching: on each of the other four sides, one triangle with two corners
     // there and one triangle with one.
     assert_eq!((counts.coplanar, counts.touching, counts.crossing), (2, 8, 0), "{counts:?}");
@@ -199,7 +199,7 @@ fn the_answer_is_the_same_for_any_number_of_threads() {
     let soup = join(&first, &second);
     let with = |threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| found(&soup))
+        pool.install(|| intersections_of(&soup))
     };
     let one = with(1);
     assert!(one.pairs.len() > 500);

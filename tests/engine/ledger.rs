@@ -14,23 +14,27 @@ use proptest::prelude::*;
 use crate::meshes::{cube, inside_out, join, push, sheet, sphere};
 use crate::support::with_context;
 
-fn booked(before: &Soup, after: &Soup) -> Ledger {
-    let booked = with_context(|context| {
+fn account_parts(before: &Soup, after: &Soup) -> Ledger {
+    let accounts = with_context(|context| {
         let [before, after] = [before, after].map(|soup| Analysis::new(soup.into(), context).unwrap());
         let measured = measures(&before, context).unwrap();
         let original = Original::new(&before, &measured, CompareOptions::BRIEF);
         ledger(&original, &after, &Options::default(), context).unwrap()
     });
-    let Ledger { parts, kept, changed, duplicate, no_volume, inside_another, debris, lost, unknown, .. } = booked;
-    assert_eq!(kept + changed + duplicate + no_volume + inside_another + debris + lost + unknown, parts, "{booked:?}");
-    booked
+    let Ledger { parts, kept, changed, duplicate, no_volume, inside_another, debris, lost, unknown, .. } = accounts;
+    assert_eq!(
+        kept + changed + duplicate + no_volume + inside_another + debris + lost + unknown,
+        parts,
+        "{accounts:?}"
+    );
+    accounts
 }
 
 /// The reasons by part.
 fn certificates(before: &Soup, after: &Soup) -> Vec<(u32, Certificate)> {
-    let booked = booked(before, after);
-    assert_eq!(booked.lost, 0, "{booked:?}");
-    booked.certificates.iter().map(|certified| (certified.part, certified.certificate)).collect()
+    let accounts = account_parts(before, after);
+    assert_eq!(accounts.lost, 0, "{accounts:?}");
+    accounts.certificates.iter().map(|certified| (certified.part, certified.certificate)).collect()
 }
 
 fn box_at(x: f64, size: f64) -> Soup {
@@ -47,16 +51,16 @@ fn cuboid(low: DVec3, sides: DVec3, n: u32) -> Soup {
 #[test]
 fn a_complete_part_is_kept_and_a_partial_one_is_changed() {
     let both = join(&box_at(0.0, 1.0), &box_at(3.0, 1.0));
-    let whole = booked(&both, &both);
+    let whole = account_parts(&both, &both);
     assert_eq!((whole.parts, whole.kept, whole.changed, whole.united), (2, 2, 0, 0));
     let mut cut = both.clone();
     cut.faces.pop();
-    let cut = booked(&both, &cut);
+    let cut = account_parts(&both, &cut);
     assert_eq!((cut.kept, cut.changed, cut.lost), (1, 1, 0));
     // Remeshed and moved slightly.
     let mut anew = join(&cube(DVec3::ZERO, 1.0, 5), &cube(DVec3::new(3.0, 0.0, 0.0), 1.0, 7));
     anew.positions.iter_mut().for_each(|p| *p += DVec3::splat(0.003));
-    assert_eq!(booked(&both, &anew).changed, 2);
+    assert_eq!(account_parts(&both, &anew).changed, 2);
 }
 
 #[test]
@@ -64,8 +68,8 @@ fn parts_that_share_a_part_of_the_result_are_united() {
     let apart = join(&join(&box_at(0.0, 1.0), &box_at(0.5, 1.0)), &box_at(5.0, 1.0));
     // The two overlapping cuboids become one.
     let united = join(&cuboid(DVec3::ZERO, DVec3::new(1.5, 1.0, 1.0), 4), &box_at(5.0, 1.0));
-    let booked = booked(&apart, &united);
-    assert_eq!((booked.kept, booked.changed, booked.united, booked.lost), (1, 2, 2, 0));
+    let accounts = account_parts(&apart, &united);
+    assert_eq!((accounts.kept, accounts.changed, accounts.united, accounts.lost), (1, 2, 2, 0));
 }
 
 #[test]
@@ -78,8 +82,8 @@ fn a_copy_of_a_part_is_a_duplicate() {
     assert_eq!(certificates(&join(&coarse, &one), &anew), [(1, Certificate::Duplicate)]);
     // Copies with the same faces share their edges, so they are one part; some of that part remains.
     let twice = join(&one, &one);
-    assert_eq!((booked(&twice, &one).parts, booked(&twice, &one).changed), (1, 1));
-    assert_eq!(booked(&twice, &twice).kept, 1);
+    assert_eq!((account_parts(&twice, &one).parts, account_parts(&twice, &one).changed), (1, 1));
+    assert_eq!(account_parts(&twice, &twice).kept, 1);
 }
 
 #[test]
@@ -122,7 +126,7 @@ fn an_open_bit_that_is_too_small_to_print_is_debris() {
 #[test]
 fn a_part_that_is_missing_without_a_reason_is_lost() {
     let (big, small) = (box_at(0.0, 4.0), box_at(6.0, 1.0));
-    let booked_beside = booked(&join(&big, &small), &big);
+    let booked_beside = account_parts(&join(&big, &small), &big);
     assert_eq!((booked_beside.kept, booked_beside.lost), (1, 1));
     let lost = &booked_beside.lost_parts[0];
     assert_eq!((lost.part, lost.first_face, lost.faces), (1, 108, 54 * 2));
@@ -131,32 +135,32 @@ fn a_part_that_is_missing_without_a_reason_is_lost() {
     // A part whose faces have inconsistent orientation.
     let mut mixed = small.clone();
     mixed.faces.iter_mut().step_by(3).for_each(|face| face.swap(0, 1));
-    assert_eq!(booked(&join(&big, &mixed), &big).lost, 1);
+    assert_eq!(account_parts(&join(&big, &mixed), &big).lost, 1);
     // A box without a lid is not a sheet.
     let mut open = small.clone();
     open.faces.truncate(90);
-    assert_eq!(booked(&join(&big, &open), &big).lost, 1);
+    assert_eq!(account_parts(&join(&big, &open), &big).lost, 1);
     // A part in a closed cavity is not inside the result.
     let hollow = join(&box_at(0.0, 4.0), &inside_out(cube(DVec3::splat(0.5), 3.0, 2)));
     let ball = sphere(DVec3::splat(2.0), 0.5, 12, 8);
-    assert_eq!(booked(&join(&hollow, &ball), &hollow).lost, 1);
+    assert_eq!(account_parts(&join(&hollow, &ball), &hollow).lost, 1);
 }
 
 #[test]
 fn a_thin_plate_on_a_large_part_is_none_of_its_surface() {
     let table = cube(DVec3::ZERO, 100.0, 4);
     let plate = cuboid(DVec3::new(20.0, 20.0, 100.0), DVec3::new(30.0, 30.0, 0.2), 3);
-    assert_eq!(booked(&join(&table, &plate), &table).lost, 1);
+    assert_eq!(account_parts(&join(&table, &plate), &table).lost, 1);
     let mut near = join(&table, &plate);
     near.positions.iter_mut().for_each(|p| p.x += 0.01);
-    assert_eq!(booked(&join(&table, &plate), &near).changed, 2);
+    assert_eq!(account_parts(&join(&table, &plate), &near).changed, 2);
 }
 
 #[test]
 fn a_result_of_nothing_loses_all_but_sheets() {
     let input = join(&box_at(0.0, 1.0), &sheet(3));
-    let booked = booked(&input, &Soup::default());
-    assert_eq!((booked.parts, booked.lost, booked.no_volume), (2, 1, 1));
+    let accounts = account_parts(&input, &Soup::default());
+    assert_eq!((accounts.parts, accounts.lost, accounts.no_volume), (2, 1, 1));
 }
 
 #[test]
@@ -166,14 +170,14 @@ fn lists_are_bounded_and_counts_are_not() {
         let at = DVec3::new(f64::from(i % 40) * 3.0, f64::from(i / 40) * 3.0, 10.0);
         push(&mut input, [at, at + DVec3::X, at + DVec3::Y]);
     }
-    let booked = booked(&input, &box_at(0.0, 1.0));
-    assert_eq!((booked.parts, booked.no_volume, booked.certificates.len()), (1501, 1500, 1000));
+    let accounts = account_parts(&input, &box_at(0.0, 1.0));
+    assert_eq!((accounts.parts, accounts.no_volume, accounts.certificates.len()), (1501, 1500, 1000));
 }
 
 /// A remesher that always returns the same mesh.
-struct Answers(RemesherInfo, Soup);
+struct FixedRemesher(RemesherInfo, Soup);
 
-impl Remesher for Answers {
+impl Remesher for FixedRemesher {
     fn info(&self) -> Result<&RemesherInfo, &str> {
         Ok(&self.0)
     }
@@ -196,7 +200,9 @@ fn remeshed(input: &Soup, answer: Soup) -> Repaired {
         max_box_change_pct: 100.0,
         ..Options::default()
     };
-    with_context(|context| repair(&bytes, &options, &Limits::default(), Some(&Answers(info, answer)), context).unwrap())
+    with_context(|context| {
+        repair(&bytes, &options, &Limits::default(), Some(&FixedRemesher(info, answer)), context).unwrap()
+    })
 }
 
 #[test]
@@ -239,7 +245,7 @@ fn dropping_a_part_is_worse_than_closing_an_opening_over_a_wall() {
         ..Options::default()
     };
     let bytes = format::write(&input, Format::Stl).unwrap();
-    let answers = Answers(info, answer);
+    let answers = FixedRemesher(info, answer);
     let report = with_context(|c| repair(&bytes, &options, &Limits::default(), Some(&answers), c).unwrap()).report;
     let flags = |chosen: bool| {
         let of = report.candidates.iter().filter(move |candidate| candidate.printable && candidate.chosen == chosen);
@@ -260,9 +266,9 @@ fn the_native_tiers_lose_no_part_of_a_model_of_many() {
     let bytes = format::write(&input, Format::Stl).unwrap();
     let options = Options { max_tier: 2, ..Options::default() };
     let report = with_context(|context| repair(&bytes, &options, &Limits::default(), None, context).unwrap()).report;
-    let booked = report.ledger.unwrap();
-    assert_eq!((booked.parts, booked.lost, booked.unknown), (6, 0, 0), "{booked:?}");
-    assert!(booked.duplicate == 1 && booked.united >= 4, "{booked:?}");
+    let accounts = report.ledger.unwrap();
+    assert_eq!((accounts.parts, accounts.lost, accounts.unknown), (6, 0, 0), "{accounts:?}");
+    assert!(accounts.duplicate == 1 && accounts.united >= 4, "{accounts:?}");
 }
 
 proptest! {
@@ -282,8 +288,8 @@ proptest! {
             let anew = cube(DVec3::new(f64::from(i) * 1.5, 0.0, 0.0) * size, size, n + u32::from(i % 2 == 0));
             after = if keep { join(&after, &anew) } else { after };
         }
-        let booked = booked(&before, &after);
-        let lost: Vec<u32> = booked.lost_parts.iter().map(|part| part.part).collect();
+        let accounts = account_parts(&before, &after);
+        let lost: Vec<u32> = accounts.lost_parts.iter().map(|part| part.part).collect();
         let dropped: Vec<u32> = (0u32..).zip(&keep).filter(|(_, keep)| !**keep).map(|(i, _)| i).collect();
         prop_assert_eq!(lost, dropped);
     }

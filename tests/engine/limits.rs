@@ -47,9 +47,9 @@ fn changes_beyond_max_deviation_are_not_made_and_are_reported() {
 }
 
 /// A remesher that returns a ball of the right size with other faces.
-struct Ball(RemesherInfo);
+struct BallRemesher(RemesherInfo);
 
-impl Remesher for Ball {
+impl Remesher for BallRemesher {
     fn info(&self) -> Result<&RemesherInfo, &str> {
         Ok(&self.0)
     }
@@ -63,7 +63,7 @@ impl Remesher for Ball {
 fn a_remesh_farther_from_the_input_than_max_deviation_is_flagged() {
     let mut broken = sphere(DVec3::ZERO, 1.0, 64, 32);
     broken.faces.truncate(broken.faces.len() - 3);
-    let ball = Ball(RemesherInfo { kind: "fake".into(), version: "1".into(), program: "none".into() });
+    let ball = BallRemesher(RemesherInfo { kind: "fake".into(), version: "1".into(), program: "none".into() });
     let asked = Options { preset: meshmend::repair::Preset::BlenderRemesh, ..Options::default() };
     let free = run(&broken, &asked, Some(&ball)).report;
     assert_eq!(free.outcome, Outcome::Repaired, "{}", free.summary);

@@ -51,7 +51,7 @@ fn named(name: &str, soup: Soup) -> Object {
 }
 
 /// A box that is placed twice, once rotated, and an open cylinder between the two.
-fn kit() -> Scene {
+fn sample_scene() -> Scene {
     let turned = DAffine3::from_rotation_z(0.5) * DAffine3::from_translation(DVec3::new(40.0, 0.0, 0.0));
     Scene {
         unit: Some(Unit::Millimetre),
@@ -83,7 +83,7 @@ fn kit() -> Scene {
 
 #[test]
 fn objects_stay_objects_and_each_is_repaired_separately() {
-    let before = kit();
+    let before = sample_scene();
     let repaired = run(&packed(&before, Format::ThreeMf), &Options::default());
     assert_eq!(
         (repaired.format, repaired.report.outcome),
@@ -104,7 +104,7 @@ fn objects_stay_objects_and_each_is_repaired_separately() {
 
 #[test]
 fn a_file_whose_objects_need_nothing_comes_back_byte_for_byte() {
-    let mut scene = kit();
+    let mut scene = sample_scene();
     scene.objects[1] = named("lid", welded(&cylinder(DVec3::ZERO, 5.0, 3.0, 16)));
     for format in [Format::ThreeMf, Format::Glb] {
         let bytes = packed(&scene, format);
@@ -121,7 +121,7 @@ fn vertices_that_are_one_by_position_only_become_one_in_3mf() {
         positions: soup.faces.iter().flatten().map(|&v| soup.positions[v as usize]).collect(),
         faces: (0..12).map(|face| [3 * face, 3 * face + 1, 3 * face + 2]).collect(),
     };
-    let scene = Scene { objects: vec![named("box", soup)], items: vec![Item::of(0)], ..kit() };
+    let scene = Scene { objects: vec![named("box", soup)], items: vec![Item::of(0)], ..sample_scene() };
     let repaired = run(&packed(&scene, Format::ThreeMf), &Options::default());
     assert_eq!(repaired.report.outcome, Outcome::Repaired);
     assert_eq!(repaired.report.before.measures.unshared_edges, 18);
@@ -130,7 +130,7 @@ fn vertices_that_are_one_by_position_only_become_one_in_3mf() {
 
 #[test]
 fn objects_are_united_where_that_is_asked_for_and_where_the_format_has_none() {
-    let mut scene = kit();
+    let mut scene = sample_scene();
     scene.items[1].transform = DAffine3::from_translation(DVec3::splat(3.0));
     let bytes = packed(&scene, Format::ThreeMf);
     let apart = run(&bytes, &Options::default());
@@ -147,7 +147,7 @@ fn objects_are_united_where_that_is_asked_for_and_where_the_format_has_none() {
 
 #[test]
 fn support_structures_are_left_unchanged() {
-    let mut scene = kit();
+    let mut scene = sample_scene();
     scene.objects[1].kind = ObjectKind::Support;
     let bytes = packed(&scene, Format::ThreeMf);
     let repaired = run(&bytes, &Options::default());
@@ -162,7 +162,7 @@ fn faces_that_may_be_left_are_shared_among_objects() {
     let objects = vec![named("large", torus(30.0, 8.0, 64, 32)), named("small", torus(30.0, 8.0, 32, 16))];
     let apart = DAffine3::from_translation(DVec3::new(100.0, 0.0, 0.0));
     let items = vec![Item::of(0), Item { transform: apart, ..Item::of(1) }];
-    let bytes = packed(&Scene { objects, items, ..kit() }, Format::ThreeMf);
+    let bytes = packed(&Scene { objects, items, ..sample_scene() }, Format::ThreeMf);
     let repaired = run(&bytes, &Options { max_faces: Some(2560), ..Options::default() });
     let faces: Vec<usize> =
         scene_of(&repaired).objects.iter().map(|object| object.mesh().unwrap().soup.faces.len()).collect();
@@ -225,14 +225,14 @@ fn painted(open_side: bool) -> Scene {
 }
 
 /// The centre of each face with its colour, or with its texture coordinates.
-fn looks(file: &ReadFile) -> Vec<([i64; 3], String)> {
+fn appearances(file: &ReadFile) -> Vec<([i64; 3], String)> {
     let scene = file.scene.as_ref().unwrap();
-    let mut looks: Vec<_> = (0..file.mesh.soup.faces.len())
+    let mut appearances: Vec<_> = (0..file.mesh.soup.faces.len())
         .map(|face| {
             let corners = file.mesh.soup.corners(face);
             let middle = (corners[0] + corners[1] + corners[2]) * 1e4 / 3.0;
             let paint = file.paint[face];
-            let look = match &scene.palettes[paint.palette as usize] {
+            let appearance = match &scene.palettes[paint.palette as usize] {
                 Palette::Materials(materials) => format!("{:?}", materials[paint.at[0] as usize].color),
                 Palette::Colors(colors) => format!("{:?}", colors[paint.at[0] as usize]),
                 Palette::Textured { places, .. } => {
@@ -242,11 +242,11 @@ fn looks(file: &ReadFile) -> Vec<([i64; 3], String)> {
                     format!("{at:?}")
                 }
             };
-            (middle.to_array().map(|x| x.round() as i64), look)
+            (middle.to_array().map(|x| x.round() as i64), appearance)
         })
         .collect();
-    looks.sort();
-    looks
+    appearances.sort();
+    appearances
 }
 
 #[test]
@@ -264,13 +264,16 @@ fn colours_and_pictures_stay_on_what_stays_and_are_given_to_what_is_new() {
                 let mut file = file;
                 let factor = file.scene.as_ref().unwrap().unit.map_or(1.0, |unit| unit.to(Unit::Millimetre));
                 file.mesh.soup.positions.iter_mut().for_each(|p| *p *= factor);
-                looks(&file)
+                appearances(&file)
             };
             let (was, is) = (scale(was), scale(is));
-            assert!(was.iter().all(|look| is.contains(look)), "{format:?}: what stayed looks as it did");
-            let new: Vec<_> = is.iter().filter(|look| !was.contains(look)).collect();
+            assert!(was.iter().all(|appearance| is.contains(appearance)), "{format:?}: what stayed looks as it did");
+            let new: Vec<_> = is.iter().filter(|appearance| !was.contains(appearance)).collect();
             assert!(!new.is_empty());
-            assert!(new.iter().all(|(_, look)| look == "[0, 255, 0, 255]"), "{format:?}: the gap was green: {new:?}");
+            assert!(
+                new.iter().all(|(_, appearance)| appearance == "[0, 255, 0, 255]"),
+                "{format:?}: the gap was green: {new:?}"
+            );
             let scene = scene_of(&repaired);
             assert_eq!(scene.textures[0].bytes, painted(true).textures[0].bytes);
         }
@@ -286,7 +289,7 @@ fn a_painted_file_in_another_format_keeps_its_colours() {
     let after = read(&repaired.bytes);
     assert_eq!(after.scene.as_ref().unwrap().unit, Some(Unit::Millimetre));
     // glTF has y up and 3MF has z up: the model stands upright again.
-    assert_eq!(looks(&after), looks(&read(&packed(&painted(false), Format::ThreeMf))));
+    assert_eq!(appearances(&after), appearances(&read(&packed(&painted(false), Format::ThreeMf))));
 }
 
 fn longest_side(bytes: &[u8]) -> f64 {
@@ -366,8 +369,8 @@ fn colours_of_ply_come_back_in_ply() {
     let input = packed(&two_colours(), Format::Ply);
     let repaired = run(&input, &Options::default());
     assert_eq!((repaired.format, repaired.report.outcome), (Format::Ply, Outcome::Repaired));
-    let (was, is) = (looks(&read(&input)), looks(&read(&repaired.bytes)));
-    assert!(was.iter().all(|look| is.contains(look)));
+    let (was, is) = (appearances(&read(&input)), appearances(&read(&repaired.bytes)));
+    assert!(was.iter().all(|appearance| is.contains(appearance)));
     assert_eq!(is.len(), 48);
 }
 
@@ -404,7 +407,7 @@ fn the_report_of_the_maximum_number_of_objects_has_a_bounded_size() {
     let scene = |count: u32| Scene {
         objects: (0..count).map(|number| named(&number.to_string(), soup.clone())).collect(),
         items: (0..count).map(item).collect(),
-        ..kit()
+        ..sample_scene()
     };
     let repaired = run(&packed(&scene(200), Format::ThreeMf), &Options::default());
     assert_eq!((repaired.report.outcome, repaired.report.objects.len()), (Outcome::Repaired, 200));
@@ -456,9 +459,9 @@ fn objects_that_overlap_become_one_solid_in_their_colours_and_others_stay_object
     // GLB is in metres.
     let volume = after.measures.volume.value * 1e9;
     assert!((volume - 2875.0).abs() < 1e-2, "{volume}");
-    let looks: Vec<String> = looks(&file).into_iter().map(|(_, look)| look).collect();
+    let appearances: Vec<String> = appearances(&file).into_iter().map(|(_, appearance)| appearance).collect();
     for color in ["255, 0, 0", "0, 255, 0", "0, 0, 255"] {
-        assert!(looks.iter().any(|look| look.contains(color)), "{color} in {looks:?}");
+        assert!(appearances.iter().any(|appearance| appearance.contains(color)), "{color} in {appearances:?}");
     }
     let united: Vec<_> =
         repaired.report.assumptions.iter().filter(|a| a.kind == AssumptionKind::ObjectsUnited).collect();
@@ -499,7 +502,7 @@ fn the_halves_of_a_solid_that_are_two_objects_are_closed_by_each_other() {
         welded(&Soup { faces: faces.map(|face| soup.faces[face]).collect(), positions: soup.positions.clone() })
     };
     let objects = vec![named("lower", half(false)), named("upper", half(true))];
-    let scene = Scene { objects, items: vec![Item::of(0), Item::of(1)], ..kit() };
+    let scene = Scene { objects, items: vec![Item::of(0), Item::of(1)], ..sample_scene() };
     let repaired = run(&packed(&scene, Format::ThreeMf), &Options::default());
     assert_eq!(repaired.report.outcome, Outcome::Repaired, "{}", repaired.report.summary);
     let after = repaired.report.after.as_ref().unwrap();

@@ -34,7 +34,7 @@ fn outward(surface: &Surface) -> Vec<bool> {
 }
 
 /// Nested cubes from the outermost in, each facing outward or not.
-fn nest(outward: &[bool]) -> Soup {
+fn nested_cubes(outward: &[bool]) -> Soup {
     let mut soup = Soup::default();
     for (i, &outward) in outward.iter().enumerate() {
         let cube = cube(DVec3::splat(i as f64), 16.0 - 2.0 * i as f64, 1);
@@ -81,7 +81,7 @@ fn klein_bottle(n: u32, m: u32) -> Surface {
 
 #[test]
 fn a_cavity_of_a_solid_that_is_inside_out_as_a_whole_is_turned_with_it() {
-    let (surface, applied) = oriented(&nest(&[false, true]), KEEP);
+    let (surface, applied) = oriented(&nested_cubes(&[false, true]), KEEP);
     assert_eq!(outward(&surface), [true, false]);
     assert_eq!(change_count(&applied.changes, "closed_parts_turned"), 2);
     assert!(measured(&surface).printable());
@@ -89,17 +89,17 @@ fn a_cavity_of_a_solid_that_is_inside_out_as_a_whole_is_turned_with_it() {
 
 #[test]
 fn a_cavity_is_kept_and_told() {
-    let soup = nest(&[true, false]);
+    let soup = nested_cubes(&[true, false]);
     let (surface, applied) = oriented(&soup, KEEP);
     assert_eq!(outward(&surface), [true, false]);
     assert_eq!((change_count(&applied.changes, "cavities_kept"), applied.left), (1, None));
     // A cavity in a shell that alone was flipped stays a cavity.
-    assert_eq!(outward(&oriented(&nest(&[false, false]), KEEP).0), [true, false]);
+    assert_eq!(outward(&oriented(&nested_cubes(&[false, false]), KEEP).0), [true, false]);
 }
 
 #[test]
 fn a_solid_inside_a_solid_is_kept_and_reported() {
-    let (surface, applied) = oriented(&nest(&[true, true]), KEEP);
+    let (surface, applied) = oriented(&nested_cubes(&[true, true]), KEEP);
     assert_eq!(outward(&surface), [true, true]);
     assert_eq!(change_count(&applied.changes, "solids_inside_solids"), 1);
 }
@@ -108,17 +108,17 @@ fn a_solid_inside_a_solid_is_kept_and_reported() {
 fn layers_alternate_where_that_is_asked_for_however_they_were_wound() {
     for bits in 0..16u32 {
         let as_it_was: Vec<bool> = (0..4).map(|i| bits >> i & 1 == 1).collect();
-        let (surface, _) = oriented(&nest(&as_it_was), ALTERNATE);
+        let (surface, _) = oriented(&nested_cubes(&as_it_was), ALTERNATE);
         assert_eq!(outward(&surface), [true, false, true, false], "{as_it_was:?}");
-        let kept = outward(&oriented(&nest(&as_it_was), KEEP).0);
+        let kept = outward(&oriented(&nested_cubes(&as_it_was), KEEP).0);
         assert!(kept[0] && kept[2], "{as_it_was:?}: {kept:?}");
         assert_eq!(measured(&surface).inverted_parts, 0);
     }
 }
 
 /// Nested cubes without the first face of the outermost.
-fn nest_with_a_hole(outward: &[bool]) -> Soup {
-    let mut soup = nest(outward);
+fn nested_cubes_with_a_hole(outward: &[bool]) -> Soup {
+    let mut soup = nested_cubes(outward);
     soup.faces.remove(0);
     soup
 }
@@ -132,7 +132,7 @@ fn a_cavity_behind_a_wall_with_a_hole_stays_one_and_is_turned_with_the_wall() {
         ([false, true, false], [false, true]),
         ([false, false, true], [false, true]),
     ] {
-        let (surface, _) = oriented(&nest_with_a_hole(&as_it_was), KEEP);
+        let (surface, _) = oriented(&nested_cubes_with_a_hole(&as_it_was), KEEP);
         assert_eq!(inner(&surface), becomes, "{as_it_was:?}");
         assert!(volume(&surface, 0..11) > 0.0);
     }

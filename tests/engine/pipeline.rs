@@ -22,20 +22,20 @@ fn read(bytes: &[u8]) -> Soup {
 }
 
 /// A remesher that returns the given results in order, and records its requests.
-struct Fake {
+struct FakeRemesher {
     info: RemesherInfo,
     answers: RefCell<Vec<Result<Soup, RemeshError>>>,
     asked: RefCell<Vec<(RemeshAction, usize, f64)>>,
 }
 
-impl Fake {
-    fn answering(answers: Vec<Result<Soup, RemeshError>>) -> Self {
+impl FakeRemesher {
+    fn returning(answers: Vec<Result<Soup, RemeshError>>) -> Self {
         let info = RemesherInfo { kind: "fake".into(), version: "1".into(), program: "none".into() };
         Self { info, answers: RefCell::new(answers), asked: RefCell::default() }
     }
 }
 
-impl Remesher for Fake {
+impl Remesher for FakeRemesher {
     fn info(&self) -> Result<&RemesherInfo, &str> {
         Ok(&self.info)
     }
@@ -155,7 +155,7 @@ fn surface_that_was_fine_is_not_moved() {
 #[test]
 fn an_open_sheet_is_returned_with_the_reason() {
     let bytes = format::write(&sheet(12), Format::Stl).unwrap();
-    let fake = Fake::answering(vec![]);
+    let fake = FakeRemesher::returning(vec![]);
     let repaired = repair_bytes(&bytes, &Options::default(), Some(&fake)).unwrap();
     assert_eq!((repaired.report.outcome, repaired.report.plan.category), (Outcome::Unrepairable, Category::OpenSheet));
     assert_eq!(repaired.bytes, bytes);
@@ -165,7 +165,7 @@ fn an_open_sheet_is_returned_with_the_reason() {
 
 #[test]
 fn an_open_sheet_is_remeshed_when_that_is_asked_for() {
-    let fake = Fake::answering(vec![Ok(cube(DVec3::ZERO, 12.0, 4))]);
+    let fake = FakeRemesher::returning(vec![Ok(cube(DVec3::ZERO, 12.0, 4))]);
     let options = Options { preset: Preset::BlenderRemesh, ..Options::default() };
     repair_soup(&sheet(12), &options, Some(&fake));
     assert_eq!(fake.asked.borrow().len(), 1);
@@ -174,7 +174,7 @@ fn an_open_sheet_is_remeshed_when_that_is_asked_for() {
 #[test]
 fn models_that_tier_1_cannot_repair_go_to_the_boolean_and_then_to_voxels() {
     let apart = join(&cube(DVec3::ZERO, 1.0, 3), &cube(DVec3::new(1.004, 1.004, 0.0), 1.0, 3));
-    let fake = Fake::answering(vec![Err(RemeshError::Failed("no".into())), Ok(apart)]);
+    let fake = FakeRemesher::returning(vec![Err(RemeshError::Failed("no".into())), Ok(apart)]);
     let repaired = repair_soup(&non_manifold(), &without_tier_2(), Some(&fake));
     let asked: Vec<RemeshAction> = fake.asked.borrow().iter().map(|a| a.0).collect();
     assert_eq!(asked, [RemeshAction::BooleanUnion, RemeshAction::VoxelRemesh]);
@@ -193,7 +193,7 @@ fn overlapping(n: u32) -> Soup {
 #[test]
 fn a_closed_model_with_intersecting_faces_is_not_printable_and_goes_to_the_boolean() {
     let beside = |x: f64| join(&cube(DVec3::ZERO, 1.0, 2), &cube(DVec3::new(x, 0.1, 0.2), 1.0, 2));
-    let fake = Fake::answering(vec![Ok(beside(1.0005))]);
+    let fake = FakeRemesher::returning(vec![Ok(beside(1.0005))]);
     let repaired = repair_soup(&beside(0.998), &without_tier_2(), Some(&fake));
     let before = &repaired.report.before.measures;
     assert!(before.closed && before.outward && before.defects() == before.self_intersections.pairs.unwrap());
@@ -214,7 +214,7 @@ fn without_blender_an_intersecting_model_comes_back_as_it_is_with_the_reason() {
 #[test]
 fn a_result_with_fewer_intersecting_faces_is_better_than_one_with_more() {
     // The union has fewer intersecting pairs and the remesh more; both keep the model's extent.
-    let fake = Fake::answering(vec![Ok(overlapping(2)), Ok(overlapping(6))]);
+    let fake = FakeRemesher::returning(vec![Ok(overlapping(2)), Ok(overlapping(6))]);
     let repaired = repair_soup(&overlapping(4), &without_tier_2(), Some(&fake));
     let pairs: Vec<u64> = repaired.report.candidates.iter().map(|c| c.defects).collect();
     assert!(pairs[1] < pairs[0] && pairs[0] < pairs[2], "{pairs:?}");
@@ -243,7 +243,7 @@ fn closing_a_hole_is_better_even_if_faces_intersect() {
 #[test]
 fn a_result_that_lost_most_of_the_model_is_not_chosen() {
     let corner = || cube(DVec3::ZERO, 0.5, 1);
-    let fake = Fake::answering(vec![Ok(corner()), Ok(corner())]);
+    let fake = FakeRemesher::returning(vec![Ok(corner()), Ok(corner())]);
     let bytes = format::write(&non_manifold(), Format::Stl).unwrap();
     let repaired = repair_bytes(&bytes, &without_tier_2(), Some(&fake)).unwrap();
     assert_eq!(repaired.report.outcome, Outcome::Unrepairable);
@@ -254,7 +254,7 @@ fn a_result_that_lost_most_of_the_model_is_not_chosen() {
 
 #[test]
 fn an_empty_result_is_never_returned() {
-    let fake = Fake::answering(vec![Ok(Soup::default()), Err(RemeshError::Empty)]);
+    let fake = FakeRemesher::returning(vec![Ok(Soup::default()), Err(RemeshError::Empty)]);
     let repaired = repair_soup(&non_manifold(), &without_tier_2(), Some(&fake));
     assert_eq!(repaired.report.outcome, Outcome::Unrepairable);
     assert!(!read(&repaired.bytes).faces.is_empty());
@@ -270,7 +270,7 @@ fn without_blender_the_strategy_is_skipped_and_reported() {
 
 #[test]
 fn max_tier_keeps_higher_tiers_out_of_the_plan() {
-    let fake = Fake::answering(vec![]);
+    let fake = FakeRemesher::returning(vec![]);
     let repaired = repair_soup(&non_manifold(), &Options { max_tier: 1, ..Options::default() }, Some(&fake));
     assert!(repaired.report.plan.rungs.iter().all(|r| r.tier == 1));
     assert!(fake.asked.borrow().is_empty());
@@ -281,7 +281,7 @@ fn parts_that_became_one_raise_a_flag() {
     // The second part is so small that no other red flag reports its loss.
     let two = join(&cube(DVec3::ZERO, 1.0, 1), &cube(DVec3::ONE, 0.005, 1));
     let whole = cube(DVec3::ZERO, 1.0, 2);
-    let fake = Fake::answering(vec![Ok(whole.clone()), Ok(whole)]);
+    let fake = FakeRemesher::returning(vec![Ok(whole.clone()), Ok(whole)]);
     let repaired = repair_soup(&two, &without_tier_2(), Some(&fake));
     assert_eq!(repaired.report.outcome, Outcome::PartiallyRepaired, "{:#?}", repaired.report);
     assert_eq!(repaired.report.red_flags[0].code, RedFlagCode::PartsMerged);
@@ -289,7 +289,7 @@ fn parts_that_became_one_raise_a_flag() {
 
 #[test]
 fn the_voxels_are_made_larger_until_the_faces_fit() {
-    let fake = Fake::answering(vec![Err(RemeshError::Empty), Err(RemeshError::Empty)]);
+    let fake = FakeRemesher::returning(vec![Err(RemeshError::Empty), Err(RemeshError::Empty)]);
     let options = Options { voxel_size: Some(1e-6), max_remesh_faces: 10_000, ..without_tier_2() };
     repair_soup(&non_manifold(), &options, Some(&fake));
     let size = fake.asked.borrow()[1].2;
@@ -302,7 +302,7 @@ fn voxels_are_as_fine_as_thin_walls_need_and_no_finer_than_a_quarter_of_the_usua
     let size = |thickness: f64| {
         let mut plate = join(&cube(DVec3::ZERO, 1.0, 8), &cube(DVec3::splat(1.0), 1.0, 8));
         plate.positions.iter_mut().for_each(|p| p.z *= thickness);
-        let fake = Fake::answering(vec![Err(RemeshError::Empty), Err(RemeshError::Empty)]);
+        let fake = FakeRemesher::returning(vec![Err(RemeshError::Empty), Err(RemeshError::Empty)]);
         let options = Options { preset: Preset::BlenderRemesh, max_remesh_faces: 20_000_000, ..without_tier_2() };
         repair_soup(&plate, &options, Some(&fake));
         let asked = fake.asked.borrow();
@@ -319,7 +319,7 @@ fn voxels_are_as_fine_as_thin_walls_need_and_no_finer_than_a_quarter_of_the_usua
 
 #[test]
 fn a_remesh_that_could_not_keep_to_so_few_faces_is_refused_with_the_reason() {
-    let fake = Fake::answering((0..2).map(|_| Err(RemeshError::Empty)).collect());
+    let fake = FakeRemesher::returning((0..2).map(|_| Err(RemeshError::Empty)).collect());
     let mut comb = Soup::default();
     for i in 0..60 {
         comb = join(&comb, &cube(DVec3::new(0.0, 0.0, f64::from(i) * 0.02), 1.0, 1));
@@ -396,7 +396,7 @@ fn a_printable_result_that_lost_visible_surface_is_flagged_as_partially_repaired
     // The remesher drops the third cube, which is too small for any other red flag.
     let model = join(&non_manifold(), &cube(DVec3::new(0.2, 0.2, 1.2), 0.3, 2));
     let two = || join(&cube(DVec3::ZERO, 1.0, 4), &cube(DVec3::new(1.004, 1.004, 0.0), 1.0, 4));
-    let fake = Fake::answering(vec![Ok(two()), Ok(two())]);
+    let fake = FakeRemesher::returning(vec![Ok(two()), Ok(two())]);
     let repaired = repair_soup(&model, &without_tier_2(), Some(&fake));
     assert_eq!(repaired.report.outcome, Outcome::PartiallyRepaired, "{:?}", repaired.report.red_flags);
     let flag = repaired.report.red_flags.iter().find(|f| f.code == RedFlagCode::SurfaceLost).unwrap();
@@ -409,7 +409,7 @@ fn a_result_that_is_not_printable_and_lost_a_part_is_not_preferred_to_the_input(
     // The remesher drops the two small cubes, which halves the defects and moves no side of the box.
     let small = |x: f64, y: f64| cube(DVec3::new(x, y, 0.25), 0.25, 1);
     let model = join(&non_manifold(), &join(&small(0.125, 1.5), &small(0.375, 1.75)));
-    let fake = Fake::answering(vec![Ok(non_manifold()), Ok(non_manifold())]);
+    let fake = FakeRemesher::returning(vec![Ok(non_manifold()), Ok(non_manifold())]);
     let bytes = format::write(&model, Format::Stl).unwrap();
     let repaired = repair_bytes(&bytes, &without_tier_2(), Some(&fake)).unwrap();
     let judged = repaired.report.candidates.iter().find(|c| c.rung == Some(1)).unwrap();
@@ -422,7 +422,7 @@ fn a_result_that_is_not_printable_and_lost_a_part_is_not_preferred_to_the_input(
 #[test]
 fn the_report_says_how_far_the_result_is_from_the_input() {
     let apart = join(&cube(DVec3::ZERO, 1.0, 3), &cube(DVec3::new(1.004, 1.004, 0.0), 1.0, 3));
-    let fake = Fake::answering(vec![Ok(apart)]);
+    let fake = FakeRemesher::returning(vec![Ok(apart)]);
     let changes = repair_soup(&non_manifold(), &without_tier_2(), Some(&fake)).report.changes.unwrap();
     let (lost, made) = (changes.lost.unwrap(), changes.made.unwrap());
     for farthest in [lost.distance.max, made.distance.max] {

@@ -34,7 +34,7 @@ fn mapped(soup: &Soup, map: impl Fn(DVec3) -> DVec3) -> Soup {
     Soup { positions: soup.positions.iter().map(|&p| map(p)).collect(), faces: soup.faces.clone() }
 }
 
-fn close(found: f64, expected: f64, tolerance: f64) {
+fn assert_close(found: f64, expected: f64, tolerance: f64) {
     assert!((found - expected).abs() <= tolerance, "{found} is not {expected}");
 }
 
@@ -45,8 +45,8 @@ fn a_plate_s_thinnest_wall_is_its_thickness_between_its_two_sides() {
     let wall = measures.thinnest_wall.unwrap();
     assert_eq!(wall.places[0], ThinPlace { at: wall.at, thickness: wall.thickness });
     assert!(wall.places.len() <= 100 && wall.places.is_sorted_by(|a, b| a.thickness <= b.thickness));
-    close(wall.thickness, 0.25, 1e-9);
-    close(wall.median, 0.25, 1e-9);
+    assert_close(wall.thickness, 0.25, 1e-9);
+    assert_close(wall.median, 0.25, 1e-9);
     assert!(wall.samples > 200);
     let heights = wall.faces.map(|face| plate.corners(face as usize).map(|p| p.z));
     assert!(heights.contains(&[0.0; 3]) && heights.contains(&[0.25; 3]), "{heights:?}");
@@ -56,7 +56,7 @@ fn a_plate_s_thinnest_wall_is_its_thickness_between_its_two_sides() {
 
 #[test]
 fn edges_of_a_cube_are_not_thin_walls_and_a_ball_is_as_thick_as_its_diameter() {
-    close(print(&cube(DVec3::ZERO, 2.0, 4)).thinnest_wall.unwrap().thickness, 2.0, 1e-9);
+    assert_close(print(&cube(DVec3::ZERO, 2.0, 4)).thinnest_wall.unwrap().thickness, 2.0, 1e-9);
     let ball = print(&sphere(DVec3::ZERO, 1.0, 48, 24)).thinnest_wall.unwrap();
     assert!((1.9..2.0).contains(&ball.thickness), "{ball:?}");
 }
@@ -66,11 +66,11 @@ fn a_cavity_is_no_solid_and_leaves_a_wall_and_a_lighter_side() {
     let hole = block(DVec3::new(0.5, 1.0, 1.0), DVec3::new(2.0, 2.0, 2.0));
     let measures = print(&join(&block(DVec3::ZERO, DVec3::splat(4.0)), &inside_out(hole)));
     assert_eq!(measures.solids, 1);
-    close(measures.volume.unwrap(), 64.0 - 8.0, 1e-9);
+    assert_close(measures.volume.unwrap(), 64.0 - 8.0, 1e-9);
     // The moments of the whole minus those of the hole.
-    close(measures.centre_of_mass.unwrap()[0], (64.0 * 2.0 - 8.0 * 1.5) / 56.0, 1e-9);
-    close(measures.centre_of_mass.unwrap()[1], 2.0, 1e-9);
-    close(measures.thinnest_wall.unwrap().thickness, 0.5, 1e-9);
+    assert_close(measures.centre_of_mass.unwrap()[0], (64.0 * 2.0 - 8.0 * 1.5) / 56.0, 1e-9);
+    assert_close(measures.centre_of_mass.unwrap()[1], 2.0, 1e-9);
+    assert_close(measures.thinnest_wall.unwrap().thickness, 0.5, 1e-9);
 }
 
 #[test]
@@ -80,9 +80,9 @@ fn overlapping_parts_are_one_wall_and_turned_parts_have_the_same() {
         &block(DVec3::ZERO, DVec3::new(8.0, 8.0, 1.0)),
         &block(DVec3::new(0.0, 0.0, 0.5), DVec3::new(8.0, 8.0, 1.0)),
     );
-    close(print(&plates).thinnest_wall.unwrap().thickness, 1.5, 1e-9);
+    assert_close(print(&plates).thinnest_wall.unwrap().thickness, 1.5, 1e-9);
     let turned = inside_out(block(DVec3::ZERO, DVec3::new(8.0, 8.0, 1.0)));
-    close(print(&turned).thinnest_wall.unwrap().thickness, 1.0, 1e-9);
+    assert_close(print(&turned).thinnest_wall.unwrap().thickness, 1.0, 1e-9);
     let two = join(&cube(DVec3::ZERO, 1.0, 2), &cube(DVec3::X * 3.0, 1.0, 2));
     assert_eq!(print(&two).solids, 2);
 }
@@ -94,7 +94,7 @@ fn an_open_sheet_has_no_wall_thickness_and_a_box_with_a_hole_has_one() {
     assert_eq!((measures.volume, measures.centre_of_mass, measures.solids), (None, None, 0));
     let mut box_with_hole = cube(DVec3::ZERO, 3.0, 8);
     box_with_hole.faces.drain(70..72);
-    close(print(&box_with_hole).thinnest_wall.unwrap().thickness, 3.0, 1e-9);
+    assert_close(print(&box_with_hole).thinnest_wall.unwrap().thickness, 3.0, 1e-9);
 }
 
 /// A gallows seen from the side: a post from 0 to 1, an arm from 1 to 3 at height 2 to 3, one unit deep.
@@ -123,15 +123,15 @@ fn area_beyond(measures: &PrintMeasures, degrees: f64) -> f64 {
 fn an_arm_hangs_over_by_its_underside_and_the_foot_does_not() {
     let soup = gallows();
     let measures = print(&soup);
-    close(measures.volume.unwrap(), 5.0, 1e-12);
+    assert_close(measures.volume.unwrap(), 5.0, 1e-12);
     for degrees in [30.0, 45.0, 60.0] {
-        close(area_beyond(&measures, degrees), 2.0, 1e-12);
+        assert_close(area_beyond(&measures, degrees), 2.0, 1e-12);
     }
     // Upside down, the top lies on the plate and nothing overhangs. Sideways, the post's inner side does not lie on the plate.
     let options = InspectOptions { up: [0.0, 0.0, -5.0], ..InspectOptions::default() };
-    close(area_beyond(&with(&soup, &options).unwrap(), 45.0), 0.0, 1e-12);
+    assert_close(area_beyond(&with(&soup, &options).unwrap(), 45.0), 0.0, 1e-12);
     let options = InspectOptions { up: [-1.0, 0.0, 0.0], ..InspectOptions::default() };
-    close(area_beyond(&with(&soup, &options).unwrap(), 45.0), 2.0, 1e-12);
+    assert_close(area_beyond(&with(&soup, &options).unwrap(), 45.0), 2.0, 1e-12);
 }
 
 #[test]
@@ -142,8 +142,8 @@ fn a_slope_hangs_over_by_more_than_the_limits_below_its_angle() {
     let result = with(&sheared, &options).unwrap();
     let degrees: Vec<f64> = result.overhang.beyond.iter().map(|area| area.degrees).collect();
     assert_eq!(degrees, [30.0, 40.0, 45.0, 60.0]);
-    close(area_beyond(&result, 40.0), 2f64.sqrt(), 1e-12);
-    close(area_beyond(&result, 45.0), 0.0, 1e-12);
+    assert_close(area_beyond(&result, 40.0), 2f64.sqrt(), 1e-12);
+    assert_close(area_beyond(&result, 45.0), 0.0, 1e-12);
 }
 
 #[test]
@@ -175,8 +175,8 @@ fn scale_and_right_angles_change_print_measures_as_they_must() {
     }
     let options = InspectOptions { up: [1.0, 0.0, 0.0], ..InspectOptions::default() };
     let turned = with(&mapped(&soup, |p| DVec3::new(p.z, p.x, p.y)), &options).unwrap();
-    close(area_beyond(&turned, 45.0), area_beyond(&base, 45.0), 1e-12);
-    close(thickness(&turned), thickness(&base), 1e-9);
+    assert_close(area_beyond(&turned, 45.0), area_beyond(&base, 45.0), 1e-12);
+    assert_close(thickness(&turned), thickness(&base), 1e-9);
 }
 
 #[test]
@@ -189,7 +189,7 @@ fn no_input_is_too_broken_and_level_none_measures_nothing_for_print() {
     assert_eq!(print(&flat).no_wall, Some(NoWall::NoSurface));
     let mut broken = cube(DVec3::ZERO, 1.0, 1);
     push(&mut broken, [DVec3::NAN, DVec3::X, DVec3::Y]);
-    close(print(&broken).thinnest_wall.unwrap().thickness, 1.0, 1e-9);
+    assert_close(print(&broken).thinnest_wall.unwrap().thickness, 1.0, 1e-9);
     for size in [1e300, 1e-300, 8e307] {
         let measures = print(&sphere(DVec3::ZERO, size, 12, 8));
         let text = serde_json::to_string(&measures).unwrap();

@@ -104,7 +104,7 @@ fn bracket() -> Soup {
 }
 
 /// The share of the length of these edges that is within a quarter of a cell of the result.
-fn kept(remeshed: &Remeshed, edges: &[[DVec3; 2]]) -> f64 {
+fn share_kept(remeshed: &Remeshed, edges: &[[DVec3; 2]]) -> f64 {
     let Surface { positions, faces, .. } = &remeshed.surface;
     let tree = Tree::new(positions, faces);
     let corners = |f: u32| faces[f as usize].map(|v| positions[v as usize]);
@@ -138,7 +138,7 @@ fn a_turned_box_keeps_its_volume_its_sides_and_its_edges() {
         .map(|(i, j)| [corners[i], corners[j]])
         .collect();
     assert_eq!(edges.len(), 12);
-    assert!(kept(&remeshed, &edges) > 0.98, "{}", kept(&remeshed, &edges));
+    assert!(share_kept(&remeshed, &edges) > 0.98, "{}", share_kept(&remeshed, &edges));
 }
 
 #[test]
@@ -219,7 +219,7 @@ fn the_sharp_edges_of_a_bracket_are_kept() {
     let positions = edges.iter().flatten().copied().collect();
     let turned: Vec<DVec3> = turned(Soup { positions, faces: Vec::new() }).positions;
     let edges: Vec<[DVec3; 2]> = turned.chunks(2).map(|ends| [ends[0], ends[1]]).collect();
-    assert!(kept(&remeshed, &edges) > 0.95, "{}", kept(&remeshed, &edges));
+    assert!(share_kept(&remeshed, &edges) > 0.95, "{}", share_kept(&remeshed, &edges));
 }
 
 #[test]
@@ -345,8 +345,8 @@ fn the_operator_keeps_what_would_move_too_far_and_what_has_no_inside() {
         with_context(|c| RemeshInside { remesh, max_deviation: most, reduce: true }.apply(surface, c)).unwrap()
     };
     let mut surface = before.clone();
-    let kept = run(&mut surface, 0.0);
-    assert!(kept.failed.is_some() && surface == before);
+    let applied = run(&mut surface, 0.0);
+    assert!(applied.failed.is_some() && surface == before);
     let applied = run(&mut surface, f64::INFINITY);
     assert!(applied.failed.is_none() && applied.moved > 0.0 && surface != before);
     let count = |what| change_count(&applied.changes, what);

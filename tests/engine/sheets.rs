@@ -36,7 +36,7 @@ fn thickened(soup: &Soup, thickness: f64, skins: Skins) -> (Surface, Applied) {
     (surface, applied)
 }
 
-fn based(soup: &Soup, thickness: f64) -> (Surface, Applied) {
+fn put_on_base(soup: &Soup, thickness: f64) -> (Surface, Applied) {
     let (mut surface, _) = Surface::from_soup(soup);
     let base = AddBase { thickness: Some(thickness), max_deviation: f64::INFINITY, precision: Precision::F32 };
     let applied = with_context(|c| base.apply(&mut surface, c)).unwrap();
@@ -69,7 +69,7 @@ fn moebius(n: u32) -> Soup {
 }
 
 /// The corner positions of each face, from its smallest corner on, to find faces by position.
-fn places(soup: &Soup) -> Vec<[[u64; 3]; 3]> {
+fn face_positions(soup: &Soup) -> Vec<[[u64; 3]; 3]> {
     let mut all: Vec<_> = soup
         .faces
         .iter()
@@ -85,8 +85,8 @@ fn places(soup: &Soup) -> Vec<[[u64; 3]; 3]> {
 }
 
 fn keeps_every_face(surface: &Surface, soup: &Soup) -> bool {
-    let after = places(&surface.to_soup());
-    places(soup).iter().all(|face| after.binary_search(face).is_ok())
+    let after = face_positions(&surface.to_soup());
+    face_positions(soup).iter().all(|face| after.binary_search(face).is_ok())
 }
 
 #[test]
@@ -164,7 +164,7 @@ fn terrain_is_put_on_a_flat_base_around_its_hole() {
     let mut soup = as_f32(sheet(8));
     soup.faces.drain(70..72);
     let area = 62.0 + 1.0;
-    let (surface, applied) = based(&soup, 1.0);
+    let (surface, applied) = put_on_base(&soup, 1.0);
     let m = measured(&surface);
     assert!(m.closed && m.manifold && m.consistent, "{m:?}");
     assert_eq!(m.self_intersections.pairs, Some(0));
@@ -181,7 +181,7 @@ fn terrain_is_put_on_a_flat_base_around_its_hole() {
 #[test]
 fn terrain_that_faces_down_is_flipped_and_still_gets_its_base() {
     let soup = crate::meshes::inside_out(as_f32(sheet(5)));
-    let (surface, applied) = based(&soup, 1.0);
+    let (surface, applied) = put_on_base(&soup, 1.0);
     let m = measured(&surface);
     assert!(m.closed && m.consistent && m.volume.value > 0.0, "{m:?}");
     assert_eq!(change_count(&applied.changes, "open_parts_turned"), 1);
@@ -193,7 +193,7 @@ fn a_sheet_along_another_axis_is_extruded_along_it() {
     for p in &mut soup.positions {
         *p = DVec3::new(p.z, p.x, p.y);
     }
-    let m = measured(&based(&soup, 1.0).0);
+    let m = measured(&put_on_base(&soup, 1.0).0);
     assert!(m.closed && m.manifold && m.volume.value > 0.0, "{m:?}");
     assert!(m.bounding_box.unwrap().min[0] < -1.0);
 }
@@ -202,7 +202,7 @@ fn a_sheet_along_another_axis_is_extruded_along_it() {
 fn a_surface_that_is_not_a_height_field_gets_no_base() {
     let mut soup = torus(3.0, 1.0, 16, 8);
     soup.faces.truncate(200);
-    let (surface, applied) = based(&soup, 1.0);
+    let (surface, applied) = put_on_base(&soup, 1.0);
     assert_eq!(surface.faces.len(), 200);
     assert!(applied.left.unwrap().contains("no height field"));
 }
@@ -258,7 +258,7 @@ fn parts_are_joined_only_on_request_and_that_is_reported() {
 }
 
 /// A box with a sheet through it that sticks out on both sides.
-fn box_with_a_wing() -> Soup {
+fn box_with_a_sheet_through_it() -> Soup {
     let mut soup = cube(DVec3::ZERO, 4.0, 2);
     let at = |x: f64, y: f64| DVec3::new(x, y, 2.1);
     push(&mut soup, [at(-6.0, 1.1), at(10.0, 1.2), at(10.0, 2.9)]);
@@ -268,7 +268,7 @@ fn box_with_a_wing() -> Soup {
 
 #[test]
 fn a_sheet_through_a_box_joins_the_solid_and_nothing_of_the_box_is_removed() {
-    let soup = box_with_a_wing();
+    let soup = box_with_a_sheet_through_it();
     let repaired = run(&soup, &Options { max_tier: 2, max_surface_added_pct: 100.0, ..Options::default() });
     let after = repaired.report.after.as_ref().unwrap();
     assert_eq!(repaired.report.outcome, Outcome::Repaired, "{:?}", repaired.report.red_flags);
@@ -292,7 +292,7 @@ fn a_sheet_through_a_box_joins_the_solid_and_nothing_of_the_box_is_removed() {
 #[test]
 fn sheets_are_left_where_that_is_asked_for() {
     let options = Options { open_sheets: OpenSheets::Leave, max_tier: 2, ..Options::default() };
-    let repaired = run(&box_with_a_wing(), &options);
+    let repaired = run(&box_with_a_sheet_through_it(), &options);
     assert!(repaired.report.steps.iter().all(|s| s.action != Action::CloseSheets));
 }
 

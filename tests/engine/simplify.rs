@@ -15,7 +15,7 @@ use crate::support::{measured_as_stl, repair_soup, with_context};
 const EXACT: Simplify<'static> =
     Simplify { max_faces: None, max_error: 1e-9, feature_angle_deg: 50.0, precision: Precision::F32, toward: None };
 
-fn to(max_faces: u64) -> Simplify<'static> {
+fn to_faces(max_faces: u64) -> Simplify<'static> {
     Simplify { max_faces: Some(max_faces), max_error: f64::INFINITY, ..EXACT }
 }
 
@@ -28,7 +28,7 @@ fn simplified(soup: &Soup, with: &Simplify<'_>) -> (Surface, Simplified) {
 }
 
 /// The largest distance of samples of either surface from the other.
-fn apart(before: &Soup, after: &Surface) -> f64 {
+fn distance(before: &Soup, after: &Surface) -> f64 {
     let after = after.to_soup();
     with_context(|c| {
         let (a, b) = (Analysis::new(before.into(), c).unwrap(), Analysis::new((&after).into(), c).unwrap());
@@ -70,8 +70,11 @@ fn a_ball_stays_within_the_error_that_was_asked_for() {
         let (surface, done) = simplified(&soup, &Simplify { max_error, ..EXACT });
         let measures = measured_as_stl(&surface);
         assert!(measures.printable(), "{measures:?}");
-        let apart = apart(&soup, &surface);
-        assert!(apart <= 1.2 * max_error && apart <= done.bound && done.error <= max_error, "{apart} {done:?}");
+        let distance = distance(&soup, &surface);
+        assert!(
+            distance <= 1.2 * max_error && distance <= done.bound && done.error <= max_error,
+            "{distance} {done:?}"
+        );
         assert!(surface.faces.len() < most_faces, "{done:?}");
     }
 }
@@ -80,7 +83,7 @@ fn a_ball_stays_within_the_error_that_was_asked_for() {
 fn walls_as_thin_as_paper_do_not_cross() {
     // A thin shell: a ball with a cavity a hundredth below its surface.
     let soup = as_f32(join(&sphere(DVec3::ZERO, 1.0, 64, 32), &inside_out(sphere(DVec3::ZERO, 0.99, 61, 33))));
-    let (surface, done) = simplified(&soup, &to(300));
+    let (surface, done) = simplified(&soup, &to_faces(300));
     let measures = measured_as_stl(&surface);
     assert!(measures.printable() && measures.parts == 2, "{measures:?} {done:?}");
     assert!(surface.faces.len() < 4000, "{done:?}");
@@ -93,7 +96,7 @@ fn nested_shells_stay_nested_and_none_vanishes() {
         let ball = sphere(DVec3::ZERO, radius, 32, 16);
         soup = join(&soup, &if i % 2 == 0 { ball } else { inside_out(ball) });
     }
-    let (surface, _) = simplified(&as_f32(soup), &to(100));
+    let (surface, _) = simplified(&as_f32(soup), &to_faces(100));
     let measures = measured_as_stl(&surface);
     assert!(measures.printable() && measures.parts == 4, "{measures:?}");
     assert!(surface.faces.len() <= 100);
@@ -101,7 +104,7 @@ fn nested_shells_stay_nested_and_none_vanishes() {
 
 #[test]
 fn a_ring_keeps_its_hole_however_few_faces_are_asked_for() {
-    let (surface, done) = simplified(&as_f32(torus(2.0, 0.5, 48, 24)), &to(4));
+    let (surface, done) = simplified(&as_f32(torus(2.0, 0.5, 48, 24)), &to_faces(4));
     let measures = measured_as_stl(&surface);
     assert!(measures.printable() && measures.parts == 1, "{measures:?}");
     let (faces, vertices) = (surface.faces.len() as i64, surface.positions.len() as i64);
@@ -122,8 +125,8 @@ fn an_open_sheet_keeps_its_boundary() {
     let (surface, done) = simplified(&wavy, &Simplify { max_error: 0.1, ..EXACT });
     let result = with_context(|c| measure(&surface.to_soup(), c)).unwrap();
     assert!(result.boundary_loops == 1 && result.self_intersections.pairs == Some(0), "{result:?}");
-    let apart = apart(&wavy, &surface);
-    assert!(apart <= 0.12 && apart <= done.bound && done.error <= 0.1, "{apart} {done:?}");
+    let distance = distance(&wavy, &surface);
+    assert!(distance <= 0.12 && distance <= done.bound && done.error <= 0.1, "{distance} {done:?}");
     assert!(surface.faces.len() < wavy.faces.len() / 3, "{done:?}");
 }
 
@@ -133,7 +136,7 @@ fn a_minimal_mesh_comes_back_bit_for_bit() {
         positions: vec![DVec3::new(0.1, 0.2, 0.3), DVec3::X * 3.0, DVec3::Y * 2.0, DVec3::Z * 7.7],
         faces: vec![[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]],
     };
-    for (soup, with) in [(&tetrahedron, to(1)), (&cube(DVec3::splat(0.1), 0.7, 1), EXACT)] {
+    for (soup, with) in [(&tetrahedron, to_faces(1)), (&cube(DVec3::splat(0.1), 0.7, 1), EXACT)] {
         let (before, _) = Surface::from_soup(soup);
         assert_eq!(simplified(soup, &with).0, before);
     }
@@ -141,7 +144,7 @@ fn a_minimal_mesh_comes_back_bit_for_bit() {
 
 #[test]
 fn faces_keep_their_source_and_their_order() {
-    let (surface, _) = simplified(&as_f32(torus(2.0, 0.5, 48, 24)), &to(500));
+    let (surface, _) = simplified(&as_f32(torus(2.0, 0.5, 48, 24)), &to_faces(500));
     assert_eq!(surface.faces.len(), 500);
     assert!(surface.source.is_sorted() && surface.source.iter().all(|&s| s < 2304));
     assert!(surface.positions.iter().all(|p| p.as_vec3().as_dvec3() == *p), "f32 holds every position");
@@ -151,7 +154,7 @@ fn faces_keep_their_source_and_their_order() {
 fn faces_that_intersect_do_not_become_more() {
     let soup = as_f32(join(&sphere(DVec3::ZERO, 1.0, 48, 24), &sphere(DVec3::X, 1.0, 47, 25)));
     let pairs = |soup: &Soup| with_context(|c| measure(soup, c)).unwrap().self_intersections.pairs.unwrap();
-    let (surface, _) = simplified(&soup, &to(1000));
+    let (surface, _) = simplified(&soup, &to_faces(1000));
     assert!(surface.faces.len() < 3000);
     assert!(pairs(&surface.to_soup()) <= pairs(&soup));
 }
@@ -182,7 +185,7 @@ fn a_reference_is_not_left_farther_behind_than_it_was() {
     let tree = Tree::new(&ball_surface.positions, &ball_surface.faces);
     let toward = Reference { tree: &tree, positions: &ball_surface.positions, faces: &ball_surface.faces };
     let (near, _) = simplified(&soup, &Simplify { max_error: 0.05, toward: Some(toward), ..EXACT });
-    assert!(apart(&ball, &near) < 0.07 && near.faces.len() < soup.faces.len() / 2);
+    assert!(distance(&ball, &near) < 0.07 && near.faces.len() < soup.faces.len() / 2);
 }
 
 #[test]
@@ -196,7 +199,7 @@ fn a_vertex_of_very_many_faces_does_not_take_all_day() {
         let (a, b) = (2 + i, 2 + (i + 1) % n);
         soup.faces.extend([[0, a, b], [1, b, a]]);
     }
-    let (_, done) = simplified(&soup, &Simplify { precision: Precision::F64, ..to(100) });
+    let (_, done) = simplified(&soup, &Simplify { precision: Precision::F64, ..to_faces(100) });
     assert!(done.left.unwrap().ends_with("the search was given up"));
 }
 
@@ -207,7 +210,7 @@ fn a_cancelled_run_leaves_the_surface_as_it_was() {
     let cancel = std::sync::atomic::AtomicBool::new(true);
     let clock = || std::time::Duration::ZERO;
     let context = Context::new(&NoProgress, &cancel, &clock, std::time::Duration::from_secs(1));
-    assert!(to(10).apply(&mut surface, &context).is_err());
+    assert!(to_faces(10).apply(&mut surface, &context).is_err());
     assert_eq!(surface, before);
 }
 
@@ -227,7 +230,7 @@ fn one_thread_and_two_give_the_same_surface() {
     let soup = as_f32(torus(2.0, 0.7, 60, 30));
     let on = |threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| simplified(&soup, &to(700)))
+        pool.install(|| simplified(&soup, &to_faces(700)))
     };
     assert_eq!(on(1), on(2));
 }
@@ -259,8 +262,8 @@ proptest! {
         let after = measured_as_stl(&surface);
         prop_assert!(after.printable(), "{:?} {:?}", after, done);
         prop_assert_eq!(after.parts, before.parts);
-        let apart = apart(&soup, &surface);
-        prop_assert!(apart <= done.bound + 1e-9 && apart <= 1.5 * share && done.error <= share, "{} {:?}", apart, done);
+        let distance = distance(&soup, &surface);
+        prop_assert!(distance <= done.bound + 1e-9 && distance <= 1.5 * share && done.error <= share, "{} {:?}", distance, done);
     }
 }
 
@@ -277,7 +280,7 @@ fn a_large_shell_is_simplified_in_slabs_to_the_same_result_on_any_number_of_thre
     let ((surface, done), (again, _)) = (on(1), on(3));
     assert_eq!(surface, again);
     assert!(done.faces_after < 5_000 && done.error <= 0.05, "{done:?}");
-    assert!(apart(&shell, &surface) <= 2.0 * 0.05);
+    assert!(distance(&shell, &surface) <= 2.0 * 0.05);
     let measures = measured_as_stl(&surface);
     assert!(measures.printable() && measures.parts == 2, "{measures:?}");
 }

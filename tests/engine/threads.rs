@@ -34,7 +34,7 @@ fn touching() -> Soup {
 }
 
 /// The clock stands still, so that whole reports can be compared.
-fn mended(soup: &Soup, options: &Options) -> Repaired {
+fn run_repair(soup: &Soup, options: &Options) -> Repaired {
     let (cancel, clock) = (AtomicBool::new(false), || Duration::ZERO);
     let context = Context::new(&NoProgress, &cancel, &clock, Duration::from_secs(600));
     repair(&write(soup, Format::Stl).unwrap(), options, &Limits::default(), None, &context).unwrap()
@@ -50,12 +50,12 @@ fn the_whole_pipeline_answers_the_same_on_any_number_of_threads() {
         // A hole, and flipped faces.
         soup.faces.drain(20..22);
         soup.faces[40..60].iter_mut().for_each(|face| face.swap(0, 1));
-        let one = on(1, || mended(&soup, &options));
+        let one = on(1, || run_repair(&soup, &options));
         for operator in through {
             let did = one.report.steps.iter().any(|step| step.operator == Some(operator) && !step.changed.is_empty());
             assert!(did, "{operator:?} had something to do: {:?}", one.report.steps);
         }
-        for again in [on(2, || mended(&soup, &options)), on(2, || mended(&soup, &options))] {
+        for again in [on(2, || run_repair(&soup, &options)), on(2, || run_repair(&soup, &options))] {
             assert!(again.bytes == one.bytes, "the bytes differ");
             assert_eq!(again.report, one.report);
         }

@@ -25,7 +25,7 @@ fn filled(soup: &Soup) -> f64 {
 
 /// Damage to the faces.
 #[derive(Debug, Clone, Copy)]
-struct Harm {
+struct Damage {
     /// The faces are reordered.
     shuffled: bool,
     /// Half of the faces are flipped.
@@ -35,11 +35,11 @@ struct Harm {
 }
 
 /// A soup of solids with damage, and the volume change that the damage may cause.
-fn harmed(solids: &[Soup], harm: Harm, random: &mut Random) -> (Soup, f64) {
+fn damaged(solids: &[Soup], done: Damage, random: &mut Random) -> (Soup, f64) {
     let mut soup = as_f32(solids.iter().fold(Soup::default(), |all, solid| join(&all, solid)));
     let mut slack = 0.0;
     let mut around: Vec<DVec3> = Vec::new();
-    for _ in 0..harm.holes {
+    for _ in 0..done.holes {
         let f = random.below(soup.faces.len());
         let [a, b, c] = soup.corners(f);
         if [a, b, c].iter().any(|p| around.contains(p)) {
@@ -50,11 +50,11 @@ fn harmed(solids: &[Soup], harm: Harm, random: &mut Random) -> (Soup, f64) {
         soup.faces.remove(f);
     }
     for f in (1..soup.faces.len()).rev() {
-        if harm.shuffled {
+        if done.shuffled {
             soup.faces.swap(f, random.below(f + 1));
             soup.faces[f].rotate_left(random.below(3));
         }
-        if harm.turned && random.below(2) == 0 {
+        if done.turned && random.below(2) == 0 {
             soup.faces[f].swap(0, 1);
         }
     }
@@ -62,14 +62,14 @@ fn harmed(solids: &[Soup], harm: Harm, random: &mut Random) -> (Soup, f64) {
 }
 
 /// Repairs damaged solids and describes what is wrong with the result, if anything.
-fn verdict(solids: &[Soup], harm: Harm, seed: u64) -> Result<(), String> {
+fn verdict(solids: &[Soup], done: Damage, seed: u64) -> Result<(), String> {
     let volume = filled(&as_f32(solids.iter().fold(Soup::default(), |all, solid| join(&all, solid))));
-    let (soup, slack) = harmed(solids, harm, &mut Random::new(seed));
+    let (soup, slack) = damaged(solids, done, &mut Random::new(seed));
     let repaired = repair_up_to_tier_2(&write(&soup, Format::Stl).unwrap());
     let result = read(&repaired.bytes, &Limits::default()).unwrap().soup;
     let after = with_context(|c| measure(&result, c)).unwrap();
     // Internal walls that are visible through a hole are surface of the model, so overlaps there may remain.
-    let closed = after.closed && after.manifold && after.consistent && harm.holes > 0;
+    let closed = after.closed && after.manifold && after.consistent && done.holes > 0;
     if !after.printable() && !closed {
         return Err(format!("{}; {}", after.in_short(), repaired.report.summary));
     }
@@ -128,33 +128,33 @@ proptest! {
     #[test]
     fn solids_in_general_position_are_united(count in 2..6usize, shuffled: bool, turned: bool, seed: u64) {
         let solids = in_general_position(&mut Random::new(seed), count);
-        prop_assert_eq!(verdict(&solids, Harm { shuffled, turned, holes: 0 }, seed), Ok(()), "{}", seed);
+        prop_assert_eq!(verdict(&solids, Damage { shuffled, turned, holes: 0 }, seed), Ok(()), "{}", seed);
     }
 
     #[test]
     fn solids_in_degenerate_position_are_united(count in 2..6usize, shuffled: bool, seed: u64) {
         let solids = in_degenerate_position(&mut Random::new(seed), count);
-        prop_assert_eq!(verdict(&solids, Harm { shuffled, turned: false, holes: 0 }, seed), Ok(()), "{}", seed);
+        prop_assert_eq!(verdict(&solids, Damage { shuffled, turned: false, holes: 0 }, seed), Ok(()), "{}", seed);
     }
 
     // With more solids that share faces, and faces flipped at random, repair may take one solid for the wall of another.
     #[test]
     fn solids_in_degenerate_position_are_united_though_half_of_their_faces_are_flipped(count in 2..4usize, seed: u64) {
         let solids = in_degenerate_position(&mut Random::new(seed), count);
-        prop_assert_eq!(verdict(&solids, Harm { shuffled: true, turned: true, holes: 0 }, seed), Ok(()), "{}", seed);
+        prop_assert_eq!(verdict(&solids, Damage { shuffled: true, turned: true, holes: 0 }, seed), Ok(()), "{}", seed);
     }
 
     #[test]
     fn solids_with_holes_are_closed_and_fill_the_same_space(count in 2..5usize, turned: bool, seed: u64) {
         let solids = in_general_position(&mut Random::new(seed), count);
-        prop_assert_eq!(verdict(&solids, Harm { shuffled: true, turned, holes: 3 }, seed), Ok(()), "{}", seed);
+        prop_assert_eq!(verdict(&solids, Damage { shuffled: true, turned, holes: 3 }, seed), Ok(()), "{}", seed);
     }
 }
 
 #[test]
 fn solids_inside_others_with_common_edges_are_not_inverted() {
     let solids = in_degenerate_position(&mut Random::new(11), 5);
-    assert_eq!(verdict(&solids, Harm { shuffled: false, turned: false, holes: 0 }, 11), Ok(()));
+    assert_eq!(verdict(&solids, Damage { shuffled: false, turned: false, holes: 0 }, 11), Ok(()));
 }
 
 #[test]

@@ -24,7 +24,7 @@ fn thinnest(soup: &Soup) -> ThinnestWall {
     wall
 }
 
-fn close(found: f64, expected: f64) {
+fn assert_close(found: f64, expected: f64) {
     assert!((found / expected - 1.0).abs() < 0.01, "{found} is not {expected}");
 }
 
@@ -83,7 +83,7 @@ fn a_pin_of_0_4_mm_on_a_ball_of_80_000_faces_is_found() {
     let ball = ball_with_pin(0.2, 3.0, 200);
     assert!(ball.faces.len() > 80_000);
     let wall = thinnest(&ball);
-    close(wall.thickness, 0.4);
+    assert_close(wall.thickness, 0.4);
     assert!(wall.at[2] > 49.9, "{wall:?}");
     assert!(wall.median > 90.0);
 }
@@ -92,7 +92,7 @@ fn a_pin_of_0_4_mm_on_a_ball_of_80_000_faces_is_found() {
 fn a_pin_that_overlaps_a_ball_is_found_too() {
     let parts = join(&sphere(DVec3::ZERO, 50.0, 60, 60), &cylinder(DVec3::Z * 45.0, 0.2, 9.0, 12));
     let wall = measured(&parts).unwrap();
-    close(wall.thickness, 0.4 * 15f64.to_radians().cos());
+    assert_close(wall.thickness, 0.4 * 15f64.to_radians().cos());
     assert!(wall.at[2] > 49.0, "{wall:?}");
 }
 
@@ -100,18 +100,18 @@ fn a_pin_that_overlaps_a_ball_is_found_too() {
 fn a_thin_fin_of_few_faces_and_little_area_is_found() {
     let body = block(DVec3::ZERO, DVec3::splat(100.0), 12);
     let fin = |thickness: f64| block(DVec3::new(120.0, 3.0, 7.0), DVec3::new(1.0, 1.5, thickness), 1);
-    close(thinnest(&join(&body, &fin(0.05))).thickness, 0.05);
+    assert_close(thinnest(&join(&body, &fin(0.05))).thickness, 0.05);
     let sticks_out = mapped(fin(0.05), |p| p - DVec3::X * 20.5);
-    close(measured(&join(&body, &sticks_out)).unwrap().thickness, 0.05);
-    close(measured(&join(&body, &inside_out(fin(0.05)))).unwrap().thickness, 0.05);
+    assert_close(measured(&join(&body, &sticks_out)).unwrap().thickness, 0.05);
+    assert_close(measured(&join(&body, &inside_out(fin(0.05)))).unwrap().thickness, 0.05);
 }
 
 #[test]
 fn a_tube_s_wall_is_as_thick_as_its_radii_differ() {
     let tube = lathe(&[[10.0, 0.0], [10.0, 40.0], [9.5, 40.0], [9.5, 0.0], [10.0, 0.0]], 64);
     let wall = thinnest(&tube);
-    close(wall.thickness, 0.5);
-    close(wall.median, 0.5);
+    assert_close(wall.thickness, 0.5);
+    assert_close(wall.median, 0.5);
 }
 
 #[test]
@@ -122,8 +122,8 @@ fn where_sides_meet_at_45_degrees_there_is_no_thin_wall_and_at_20_degrees_there_
 
 #[test]
 fn the_edges_of_boxes_are_not_thin_walls() {
-    close(thinnest(&block(DVec3::ZERO, DVec3::new(3.0, 5.0, 4.0), 40)).thickness, 3.0);
-    close(thinnest(&block(DVec3::ZERO, DVec3::new(3.0, 5.0, 4.0), 1)).thickness, 3.0);
+    assert_close(thinnest(&block(DVec3::ZERO, DVec3::new(3.0, 5.0, 4.0), 40)).thickness, 3.0);
+    assert_close(thinnest(&block(DVec3::ZERO, DVec3::new(3.0, 5.0, 4.0), 1)).thickness, 3.0);
 }
 
 #[test]

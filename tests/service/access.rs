@@ -67,7 +67,7 @@ async fn a_key_is_found_by_its_secret_until_it_expires_or_is_revoked(bench: Benc
     assert!(key.scopes.has(Scope::Tokens) && !key.scopes.has(Scope::JobsWrite));
     assert!(!is_valid(store, &Token::of("mm_key_guess")).await);
     assert!(is_valid(store, &short).await);
-    bench.pass(Duration::from_secs(60));
+    bench.advance(Duration::from_secs(60));
     assert!(!is_valid(store, &short).await);
     assert!(key.last_used_at.is_none());
     store.touch_key(&id).await.expect("noted");
@@ -130,10 +130,10 @@ async fn queued_and_running_jobs_are_counted_by_tenant_class(bench: Bench) {
     }
     assert_eq!(bench.store.class_loads().await.expect("a result"), []);
     bench.submit_of("big").await;
-    bench.pass(Duration::from_secs(3));
+    bench.advance(Duration::from_secs(3));
     bench.submit_of("large").await;
     bench.submit_of("small").await;
-    bench.pass(Duration::from_secs(4));
+    bench.advance(Duration::from_secs(4));
     let load = |class: &str, queued, running, seconds| ClassLoad {
         class: class.into(),
         queued,
@@ -157,7 +157,7 @@ async fn a_token_is_invalid_without_the_key_that_created_it(bench: Bench) {
     assert!(store.revoke_key(&id).await.expect("a result"));
     assert!(!is_valid(store, &token).await);
     assert_eq!(store.forget_tokens().await.expect("a result"), 0);
-    bench.pass(Duration::from_secs(61));
+    bench.advance(Duration::from_secs(61));
     assert_eq!(store.forget_tokens().await.expect("a result"), 1);
 }
 
@@ -166,13 +166,13 @@ async fn tenants_take_turns_however_many_jobs_one_of_them_has(bench: Bench) {
         bench.submit_of("busy").await;
     }
     for tenant in ["calm", "calm", "quiet"] {
-        bench.pass(Duration::from_millis(5));
+        bench.advance(Duration::from_millis(5));
         bench.submit_of(tenant).await;
     }
     let mut served = Vec::new();
     // One worker: nothing runs when it claims a job.
     for _ in 0..8 {
-        bench.pass(Duration::from_millis(5));
+        bench.advance(Duration::from_millis(5));
         let claim = bench.claim().await.expect("a job");
         served.push(claim.job.tenant.clone());
         bench.store.fail(&claim.lease, Bench::failure(meshmend::jobs::FailureKind::Final)).await.expect("noted");

@@ -212,14 +212,14 @@ async fn canceling_an_analysis_ends_its_process_and_a_killed_process_is_run_agai
     let api = Api::new(&program);
     let two = || vec![("a.stl", files::whole_box()), ("b.stl", files::open_box())];
     let canceled = accepted(&api, two(), analyze()).await;
-    api.reaches(&canceled, "inspect", None).await;
+    api.wait_for_stage(&canceled, "inspect", None).await;
     let child = until("the child runs", async || program.job_children().first().copied()).await;
     let response = api.post(&format!("/v1/jobs/{canceled}/cancel")).send().await.expect("a response");
     assert_eq!(response.json::<Value>().await.expect("a job")["status"], "canceled");
     until("the child is gone", async || (!crate::server::is_alive(child)).then_some(())).await;
 
     let killed = accepted(&api, two(), analyze()).await;
-    api.reaches(&killed, "inspect", None).await;
+    api.wait_for_stage(&killed, "inspect", None).await;
     signal(until("the child runs", async || program.job_children().first().copied()).await, "KILL");
     let job = api.finished(&killed).await;
     assert_eq!((job["status"].as_str(), job["attempt"].as_u64()), (Some("succeeded"), Some(2)), "{job}");

@@ -13,7 +13,7 @@ async fn cancelling_a_running_job_ends_its_whole_process_tree() {
     let program = Start::serve(data.path()).blender(&blender).start();
     let api = Api::new(&program);
     let id = api.submit(files::boxes_on_an_edge(), json!({"preset": "blender-remesh"})).await;
-    api.reaches(&id, "repair", Some(3)).await;
+    api.wait_for_stage(&id, "repair", Some(3)).await;
     let processes = until("Blender runs", async || {
         let tree = descendants(program.pid());
         (tree.len() >= 2).then_some(tree)
@@ -38,7 +38,7 @@ async fn a_waiting_job_is_cancelled_before_it_starts_and_a_finished_one_no_more(
     let done = api.submit(files::whole_box(), json!({})).await;
     api.finished(&done).await;
     let running = api.submit(files::boxes_on_an_edge(), json!({"preset": "blender-remesh"})).await;
-    api.reaches(&running, "repair", Some(3)).await;
+    api.wait_for_stage(&running, "repair", Some(3)).await;
     let waiting = api.submit(files::broken_box(), json!({})).await;
     assert_eq!(api.job(&waiting).await["progress"]["queue_position"], 0);
     let response = api.post(&format!("/v1/jobs/{waiting}/cancel")).send().await.expect("a response");
@@ -79,7 +79,7 @@ async fn deleting_a_running_job_stops_it() {
     let program = Start::serve(data.path()).blender(&blender).start();
     let api = Api::new(&program);
     let id = api.submit(files::boxes_on_an_edge(), json!({"preset": "blender-remesh"})).await;
-    api.reaches(&id, "repair", Some(3)).await;
+    api.wait_for_stage(&id, "repair", Some(3)).await;
     let processes = descendants(program.pid());
     assert_eq!(api.delete(&format!("/v1/jobs/{id}")).send().await.expect("a response").status(), 204);
     until("the processes are gone", async || processes.iter().all(|pid| !is_alive(*pid)).then_some(())).await;

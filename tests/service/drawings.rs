@@ -29,7 +29,7 @@ fn artifacts(pictures: [(&str, Option<&str>); 3]) -> Artifacts {
 }
 
 /// A finished job with two pictures to draw.
-async fn ended(bench: &Bench, tenant: &str) -> JobId {
+async fn finished_job(bench: &Bench, tenant: &str) -> JobId {
     bench.submit_of(tenant).await;
     let claim = bench.claim().await.expect("a job");
     let artifacts = artifacts([("model", Some("jobs/model")), ("before.png", None), ("after.png", None)]);
@@ -42,7 +42,7 @@ async fn claimed(bench: &Bench) -> Option<Claim> {
 }
 
 async fn pictures_are_claimed_when_they_are_asked_for_and_published_by_the_last_hold(bench: Bench) {
-    let id = ended(&bench, "shop").await;
+    let id = finished_job(&bench, "shop").await;
     assert!(claimed(&bench).await.is_none(), "no picture was requested");
     for _ in 0..2 {
         bench.store.ask_for_drawings(id).await.expect("noted");
@@ -50,11 +50,11 @@ async fn pictures_are_claimed_when_they_are_asked_for_and_published_by_the_last_
     let lost = claimed(&bench).await.expect("pictures to draw");
     assert_eq!((lost.job.id, lost.lease.attempt, lost.job.status), (id, 1, Status::Succeeded));
     assert!(claimed(&bench).await.is_none(), "only one process draws at a time");
-    bench.pass(HOLD - Duration::from_secs(1));
+    bench.advance(HOLD - Duration::from_secs(1));
     bench.store.hold_drawings(&lost.lease, HOLD).await.expect("held");
-    bench.pass(HOLD - Duration::from_secs(1));
+    bench.advance(HOLD - Duration::from_secs(1));
     assert!(claimed(&bench).await.is_none(), "the lease was extended");
-    bench.pass(HOLD);
+    bench.advance(HOLD);
     let held = claimed(&bench).await.expect("the hold ran out");
     assert_eq!(held.lease.attempt, 2);
     let drawn = || BTreeMap::from([("before.png".to_owned(), picture(Some("jobs/before")))]);
@@ -77,7 +77,7 @@ async fn pictures_are_claimed_when_they_are_asked_for_and_published_by_the_last_
 }
 
 async fn pictures_of_a_job_that_was_deleted_are_not_drawn(bench: Bench) {
-    let (first, second) = (ended(&bench, "shop").await, ended(&bench, "shop").await);
+    let (first, second) = (finished_job(&bench, "shop").await, finished_job(&bench, "shop").await);
     bench.store.ask_for_drawings(first).await.expect("noted");
     assert!(bench.store.purge(first).await.expect("a result"));
     assert!(claimed(&bench).await.is_none());
@@ -91,10 +91,10 @@ async fn pictures_of_a_job_that_was_deleted_are_not_drawn(bench: Bench) {
 
 async fn tenants_take_turns_with_their_pictures(bench: Bench) {
     for _ in 0..2 {
-        bench.store.ask_for_drawings(ended(&bench, "busy").await).await.expect("noted");
-        bench.pass(Duration::from_secs(1));
+        bench.store.ask_for_drawings(finished_job(&bench, "busy").await).await.expect("noted");
+        bench.advance(Duration::from_secs(1));
     }
-    bench.store.ask_for_drawings(ended(&bench, "calm").await).await.expect("noted");
+    bench.store.ask_for_drawings(finished_job(&bench, "calm").await).await.expect("noted");
     let mut turns = Vec::new();
     while let Some(claim) = claimed(&bench).await {
         turns.push(claim.job.tenant);

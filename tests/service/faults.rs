@@ -52,7 +52,7 @@ async fn a_child_killed_at_any_stage_is_run_again() {
         let program = Start::serve(data.path()).env("FAILPOINTS", &paused(pause)).start();
         let api = Api::new(&program);
         let id = api.submit(files::broken_box(), json!({"max_tier": 1})).await;
-        api.reaches(&id, stage, None).await;
+        api.wait_for_stage(&id, stage, None).await;
         signal(one_child(&program).await, "KILL");
         done_exactly_once(&api, data.path(), &id, 2).await;
     }
@@ -65,7 +65,7 @@ async fn a_killed_server_leaves_no_process_and_finishes_the_job_after_its_restar
         let program = Start::serve(data.path()).env("FAILPOINTS", &paused(pause)).start();
         let api = Api::new(&program);
         let id = api.submit(files::broken_box(), json!({"max_tier": 1})).await;
-        api.reaches(&id, stage, None).await;
+        api.wait_for_stage(&id, stage, None).await;
         let child = one_child(&program).await;
         program.kill();
         until("the child is gone too", async || (!is_alive(child)).then_some(())).await;
@@ -143,7 +143,7 @@ async fn a_stop_hands_running_jobs_back_and_charges_no_attempt() {
         Start::serve(data.path()).arg("--shutdown-grace-s", "0.3").env("FAILPOINTS", &paused("child-tier1")).start();
     let api = Api::new(&program);
     let id = api.submit(files::broken_box(), json!({"max_tier": 1})).await;
-    api.reaches(&id, "repair", Some(1)).await;
+    api.wait_for_stage(&id, "repair", Some(1)).await;
     let child = one_child(&program).await;
     program.terminate();
     assert_eq!(program.wait(), Some(0));
@@ -158,7 +158,7 @@ async fn a_stop_lets_running_jobs_finish_and_takes_no_new_connection() {
     let mut program = Start::serve(data.path()).env("FAILPOINTS", "child-tier1=sleep(1500)").start();
     let api = Api::new(&program);
     let id = api.submit(files::broken_box(), json!({"max_tier": 1})).await;
-    api.reaches(&id, "repair", Some(1)).await;
+    api.wait_for_stage(&id, "repair", Some(1)).await;
     program.terminate();
     until("the server accepts no connections", async || {
         let fresh = Api::new(&program);
@@ -174,7 +174,7 @@ async fn a_stop_lets_running_jobs_finish_and_takes_no_new_connection() {
 /// Starts a job that hangs in Blender, and returns the server's descendant processes.
 async fn hanging_in_tier_three(program: &Program, api: &Api) -> (String, Vec<u32>) {
     let id = api.submit(files::boxes_on_an_edge(), json!({"preset": "blender-remesh", "deadline_s": 30})).await;
-    api.reaches(&id, "repair", Some(3)).await;
+    api.wait_for_stage(&id, "repair", Some(3)).await;
     let processes = until("Blender runs", async || {
         let tree = descendants(program.pid());
         (tree.len() >= 2).then_some(tree)

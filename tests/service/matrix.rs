@@ -23,9 +23,9 @@ use crate::support::fake_blender::fake_blender;
 use crate::support::receiver::{Receiver, Reply};
 
 /// The failpoint where a worker or its child waits for a gate file, and the model and preset of a job that reaches it.
-type Place = (&'static str, fn() -> Vec<u8>, &'static str);
+type Stage = (&'static str, fn() -> Vec<u8>, &'static str);
 
-const PLACES: [Place; 6] = [
+const STAGES: [Stage; 6] = [
     ("worker-claimed", files::broken_box, "auto"),
     ("child-tier1", files::broken_box, "fill-holes"),
     ("child-tier2", files::boxes_on_an_edge, "auto"),
@@ -65,7 +65,7 @@ impl Fault {
 }
 
 /// What the processes share: a database and a bucket.
-struct Ground {
+struct Environment {
     folder: TempDir,
     lease: &'static str,
     small_disks: bool,
@@ -74,7 +74,7 @@ struct Ground {
     receiver: Receiver,
 }
 
-impl Ground {
+impl Environment {
     /// The data folder of a process if it has no small disk.
     fn data(&self, name: &str) -> PathBuf {
         let data = self.folder.path().join(name);
@@ -93,10 +93,10 @@ impl Ground {
     }
 
     /// Starts a worker for one job at a time, which waits at a stage if one is given.
-    fn work(&self, name: &str, place: Option<&str>) -> Program {
+    fn work(&self, name: &str, stage: Option<&str>) -> Program {
         // A sandboxed child sees only its own folder.
-        let gate = |place: &str| if place.starts_with("child") { PathBuf::from("gate") } else { self.gate() };
-        let waits = place.map(|place| format!("{place}=return({})", gate(place).display())).unwrap_or_default();
+        let gate = |stage: &str| if stage.starts_with("child") { PathBuf::from("gate") } else { self.gate() };
+        let waits = stage.map(|stage| format!("{stage}=return({})", gate(stage).display())).unwrap_or_default();
         let data = self.data(name);
         let start = Start::work(&data).blender(&self.folder.path().join("blender"));
         self.start(start.arg("--workers", "1").env("FAILPOINTS", &waits))
@@ -120,8 +120,8 @@ struct Upload {
 }
 
 /// Jobs at all stages.
-struct Scene {
-    ground: Ground,
+struct JobsAtStages {
+    environment: Environment,
     audit: Audit,
     api: Api,
     server: Program,
@@ -131,12 +131,12 @@ struct Scene {
     upload: Upload,
 }
 
-impl Scene {
+impl JobsAtStages {
     async fn set(fault: Fault) -> Self {
         let folder = tempfile::tempdir().expect("a folder");
         // A Blender whose every run fails.
         fake_blender(folder.path(), "exit 1");
-        let ground = Ground {
+        let environment = Environment {
             folder,
             lease: fault.lease(),
             small_disks: fault == Fault::Disk,
@@ -144,17 +144,17 @@ impl Scene {
             bucket: S3::start(),
             receiver: Receiver::start(&[Reply::Hang, Reply::Status(204)]).await,
         };
-        let server = ground.serve("server", "127.0.0.1:0");
-        let (api, audit) = (Api::new(&server), Audit::begin(&ground.cluster.url()).await);
-        let endpoint = api.post("/v1/webhook-endpoints").json(&json!({"url": ground.receiver.url}));
+        let server = environment.serve("server", "127.0.0.1:0");
+        let (api, audit) = (Api::new(&server), Audit::begin(&environment.cluster.url()).await);
+        let endpoint = api.post("/v1/webhook-endpoints").json(&json!({"url": environment.receiver.url}));
         assert_eq!(endpoint.send().await.expect("a response").status(), 201);
         let (mut workers, mut accepted) = (Vec::new(), Vec::new());
-        for (place, model, preset) in PLACES {
-            let worker = ground.work(place, Some(place));
+        for (stage, model, preset) in STAGES {
+            let worker = environment.work(stage, Some(stage));
             let options = json!({"preset": preset, "max_tier": 3, "pictures": false});
             let id = api.submit(model(), options).await;
             until("the job has reached its stage", async || {
-                is_at(place, &ground, &api, &worker, &id).await.then_some(())
+                is_at(stage, &environment, &api, &worker, &id).await.then_some(())
             })
             .await;
             workers.push(worker);
@@ -165,9 +165,9 @@ impl Scene {
         let response = api.post(&format!("/v1/jobs/{canceled}/cancel")).send().await.expect("a response");
         assert_eq!(response.status(), 200);
         accepted.push(canceled);
-        ground.receiver.got(1).await;
+        environment.receiver.got(1).await;
         let upload = half_an_upload(&api, &server).await;
-        Self { ground, audit, api, server, workers, accepted, upload }
+        Self { environment, audit, api, server, workers, accepted, upload }
     }
 
     fn open_gates(&self) {
@@ -177,7 +177,7 @@ impl Scene {
                 let _ = std::fs::write(format!("/proc/{child}/cwd/gate"), "");
             }
         }
-        std::fs::write(self.ground.gate(), "").expect("a file");
+        std::fs::write(self.environment.gate(), "").expect("a file");
     }
 
     /// The processes of all jobs.
@@ -208,15 +208,15 @@ impl Scene {
     }
 }
 
-async fn is_at(place: &str, ground: &Ground, api: &Api, worker: &Program, id: &str) -> bool {
+async fn is_at(stage: &str, environment: &Environment, api: &Api, worker: &Program, id: &str) -> bool {
     let job = api.job(id).await;
     let files_of_attempt =
-        || ground.bucket.files().iter().filter(|key| key.starts_with("jobs/") && key.contains(id)).count();
+        || environment.bucket.files().iter().filter(|key| key.starts_with("jobs/") && key.contains(id)).count();
     let has_report = || {
-        let data = disk(worker, &ground.data(place));
+        let data = disk(worker, &environment.data(stage));
         files_below(&data.join("scratch")).iter().any(|file| file.ends_with("report-full.json"))
     };
-    match place {
+    match stage {
         "worker-claimed" => job["status"] == "running",
         "worker-publish" => worker.job_children().is_empty() && has_report(),
         "worker-complete" => files_of_attempt() == FILES_PER_JOB - 1,
@@ -244,10 +244,10 @@ async fn tries_again(worker: &Program, words: &str) {
 }
 
 async fn every_job_ends_once(fault: Fault) {
-    let mut scene = Scene::set(fault).await;
+    let mut scene = JobsAtStages::set(fault).await;
     let processes = scene.of_jobs();
     assert!(processes.len() >= 3, "one in each tier");
-    let others = strike(&mut scene, fault, &processes).await;
+    let others = inject_fault(&mut scene, fault, &processes).await;
     scene.finish_upload().await;
     scene.audit.at_rest().await;
     assert_all_ended(&scene, fault).await;
@@ -259,7 +259,7 @@ async fn every_job_ends_once(fault: Fault) {
 
 /// Injects a fault into all jobs at once, and lets them continue. Returns the programs that replace killed ones.
 #[expect(clippy::too_many_lines, reason = "one arm for each fault")]
-async fn strike(scene: &mut Scene, fault: Fault, processes: &[u32]) -> Vec<Program> {
+async fn inject_fault(scene: &mut JobsAtStages, fault: Fault, processes: &[u32]) -> Vec<Program> {
     let mut others = Vec::new();
     match fault {
         Fault::Child => {
@@ -268,7 +268,7 @@ async fn strike(scene: &mut Scene, fault: Fault, processes: &[u32]) -> Vec<Progr
         }
         Fault::Worker => {
             scene.workers.drain(..).for_each(Program::kill);
-            others.push(scene.ground.work("other", None));
+            others.push(scene.environment.work("other", None));
         }
         Fault::Server => {
             let address = scene.api.url.trim_start_matches("http://").to_owned();
@@ -281,24 +281,27 @@ async fn strike(scene: &mut Scene, fault: Fault, processes: &[u32]) -> Vec<Progr
                 (open == 0).then_some(())
             };
             until("all jobs finish without it", of_workers).await;
-            scene.server = scene.ground.serve("server", &address);
+            scene.server = scene.environment.serve("server", &address);
         }
         Fault::Database => {
-            scene.ground.cluster.kill();
+            scene.environment.cluster.kill();
             scene.open_gates();
             tries_again(&scene.workers[COMPLETE], "trying again").await;
-            scene.ground.cluster.restart();
+            scene.environment.cluster.restart();
         }
         Fault::Bucket => {
-            scene.ground.bucket.kill();
+            scene.environment.bucket.kill();
             scene.open_gates();
             tries_again(&scene.workers[CLAIMED], "trying again").await;
-            scene.ground.bucket.restart();
+            scene.environment.bucket.restart();
         }
         Fault::Disk => {
-            let full =
-                scene.workers.iter().zip(PLACES).map(|(worker, (place, ..))| disk(worker, &scene.ground.data(place)));
-            let full = full.chain([disk(&scene.server, &scene.ground.data("server"))]);
+            let full = scene
+                .workers
+                .iter()
+                .zip(STAGES)
+                .map(|(worker, (stage, ..))| disk(worker, &scene.environment.data(stage)));
+            let full = full.chain([disk(&scene.server, &scene.environment.data("server"))]);
             let fillers: Vec<_> = full.map(|disk| fill(&disk, 0)).collect();
             scene.open_gates();
             tries_again(&scene.workers[CLAIMED], "No space left on device").await;
@@ -309,7 +312,7 @@ async fn strike(scene: &mut Scene, fault: Fault, processes: &[u32]) -> Vec<Progr
         Fault::Pause => {
             let still: Vec<_> = scene.workers.iter().chain([&scene.server]).map(Program::pid).collect();
             still.iter().for_each(|pid| signal(*pid, "STOP"));
-            others.extend([scene.ground.work("other", None), scene.ground.serve("another", "127.0.0.1:0")]);
+            others.extend([scene.environment.work("other", None), scene.environment.serve("another", "127.0.0.1:0")]);
             scene.audit.at_rest().await;
             still.iter().for_each(|pid| signal(*pid, "CONT"));
             scene.open_gates();
@@ -321,20 +324,20 @@ async fn strike(scene: &mut Scene, fault: Fault, processes: &[u32]) -> Vec<Progr
     others
 }
 
-async fn assert_all_ended(scene: &Scene, fault: Fault) {
-    let Scene { ground, audit, accepted, .. } = scene;
+async fn assert_all_ended(scene: &JobsAtStages, fault: Fault) {
+    let JobsAtStages { environment, audit, accepted, .. } = scene;
     assert_eq!(audit.ended_once(accepted).await, accepted.len(), "no other jobs");
-    audit.delivered_once(&ground.receiver).await;
+    audit.delivered_once(&environment.receiver).await;
     let ends: Vec<(String, i64)> =
         sqlx::query_as("SELECT status, attempt FROM jobs ORDER BY id").fetch_all(&audit.pool).await.expect("jobs");
     assert_eq!(ends.iter().filter(|(status, _)| status == "canceled").count(), 1, "{ends:?}");
-    assert_eq!(ends.iter().filter(|(status, _)| status == "succeeded").count(), PLACES.len() + 1, "{ends:?}");
+    assert_eq!(ends.iter().filter(|(status, _)| status == "succeeded").count(), STAGES.len() + 1, "{ends:?}");
     if matches!(fault, Fault::Server | Fault::Database | Fault::Bucket) {
         assert!(ends.iter().all(|(_, attempt)| *attempt <= 1), "the fault costs no attempt: {ends:?}");
     }
     let owned = audit.owned().await;
     until("the jobs' files are there and no others", async || {
-        (ground.bucket.files().into_iter().collect::<BTreeSet<_>>() == owned).then_some(())
+        (environment.bucket.files().into_iter().collect::<BTreeSet<_>>() == owned).then_some(())
     })
     .await;
 }

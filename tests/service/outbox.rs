@@ -59,13 +59,13 @@ async fn settle(bench: &Bench, due: &DueDelivery, verdict: Verdict) -> bool {
 }
 
 /// Cancels a new job of the tenant, which creates a delivery for each of its endpoints.
-async fn cancelled(bench: &Bench, tenant: &str) -> Job {
+async fn cancel_new_job(bench: &Bench, tenant: &str) -> Job {
     let job = bench.submit_of(tenant).await;
     bench.store.cancel(job.id).await.expect("a result");
     job
 }
 
-async fn all_of(bench: &Bench, tenant: &str) -> Vec<meshmend::jobs::Delivery> {
+async fn deliveries_of(bench: &Bench, tenant: &str) -> Vec<meshmend::jobs::Delivery> {
     let query = DeliveryQuery { tenant: tenant.into(), limit: 100, ..DeliveryQuery::default() };
     bench.store.deliveries(query).await.expect("a result").items
 }
@@ -99,7 +99,7 @@ async fn every_end_of_a_job_creates_its_deliveries(bench: Bench) {
     let held = bench.claim().await.expect("a job").lease;
     store.fail(&held, Bench::failure(FailureKind::Passing)).await.expect("noted");
     assert_eq!(events_of(first.id).await, [], "the delivery is retried");
-    bench.pass(Duration::from_secs(600));
+    bench.advance(Duration::from_secs(600));
     let held = bench.claim().await.expect("the job again").lease;
     let done = store.complete(&held, completion()).await.expect("completed");
     assert_eq!(events_of(first.id).await, to("job.succeeded", &[&all.id, "https://shop.example/one"]));
@@ -115,12 +115,12 @@ async fn every_end_of_a_job_creates_its_deliveries(bench: Bench) {
     for _ in 0..bench.policy.max_crashes {
         assert_eq!(events_of(lost.id).await, []);
         bench.claim().await.expect("a job");
-        bench.pass(LEASE + Duration::from_secs(1));
+        bench.advance(LEASE + Duration::from_secs(1));
         store.rescue().await.expect("a result");
     }
     assert_eq!(events_of(lost.id).await, to("job.failed", &[&all.id, &only_failures.id]));
 
-    let stopped = cancelled(&bench, "shop").await;
+    let stopped = cancel_new_job(&bench, "shop").await;
     store.cancel(stopped.id).await.expect("a result");
     assert_eq!(events_of(stopped.id).await, to("job.canceled", &[&all.id]));
 
@@ -133,7 +133,7 @@ async fn every_end_of_a_job_creates_its_deliveries(bench: Bench) {
     let payload: Value = serde_json::from_str(&due.payload).expect("JSON");
     assert_eq!((&payload["type"], &payload["data"]["id"]), (&json!("job.succeeded"), &json!(first.id)));
     assert_eq!((&payload["data"]["status"], &payload["data"]["input"]["name"]), (&json!("succeeded"), &json!("a.stl")));
-    assert!(all_of(&bench, "rival").await.is_empty());
+    assert!(deliveries_of(&bench, "rival").await.is_empty());
 }
 
 async fn a_job_s_end_and_its_messages_are_written_in_one_transaction(bench: Bench) {
@@ -156,39 +156,39 @@ async fn a_job_s_end_and_its_messages_are_written_in_one_transaction(bench: Benc
     assert_eq!(bench.get(waiting.id).await.status, Status::Queued);
     bench.execute("DROP TRIGGER broken", "DROP TRIGGER broken ON webhook_deliveries").await;
     bench.store.complete(&claim.lease, completion()).await.expect("completed");
-    assert_eq!(all_of(&bench, "shop").await.len(), 1);
+    assert_eq!(deliveries_of(&bench, "shop").await.len(), 1);
 }
 
 async fn a_delivery_is_claimed_by_one_and_by_another_when_its_lease_ends(bench: Bench) {
     let store = &bench.store;
     let endpoint = endpoint(&bench, "shop").await;
-    let job = cancelled(&bench, "shop").await;
+    let job = cancel_new_job(&bench, "shop").await;
     let first = claim(&bench).await.expect("due");
     assert_eq!(
         (first.url.as_str(), first.tries, first.endpoint.as_ref()),
         (endpoint.url.as_str(), 1, Some(&endpoint.id))
     );
     assert_eq!(claim(&bench).await, None);
-    bench.pass(LEASE);
+    bench.advance(LEASE);
     let second = claim(&bench).await.expect("due again");
     assert_eq!((&second.id, &second.message, &second.payload), (&first.id, &first.message, &first.payload));
     assert_eq!(second.tries, 2);
     settle(&bench, &first, Verdict::Gone).await;
-    assert_eq!(all_of(&bench, "shop").await[0].status, DeliveryStatus::Pending, "the first claim has expired");
+    assert_eq!(deliveries_of(&bench, "shop").await[0].status, DeliveryStatus::Pending, "the first claim has expired");
     let known = store.endpoint("shop", &endpoint.id).await.expect("a result").expect("there");
     assert_eq!((known.disabled, known.failing_since), (None, None));
 
     settle(&bench, &second, Verdict::Again(Duration::from_secs(60))).await;
     assert_eq!(claim(&bench).await, None, "the delivery waits");
-    bench.pass(Duration::from_secs(59));
+    bench.advance(Duration::from_secs(59));
     assert_eq!(claim(&bench).await, None, "the delivery waits");
-    bench.pass(Duration::from_secs(1));
+    bench.advance(Duration::from_secs(1));
     let third = claim(&bench).await.expect("due");
     assert_eq!((third.tries, third.attempts.len()), (3, 1));
     store.settle_delivery(&third, attempt(204), Verdict::Delivered).await.expect("a result");
-    bench.pass(10 * LEASE);
+    bench.advance(10 * LEASE);
     assert_eq!(claim(&bench).await, None, "the message was delivered");
-    let delivery = &all_of(&bench, "shop").await[0];
+    let delivery = &deliveries_of(&bench, "shop").await[0];
     assert_eq!((delivery.status, delivery.job), (DeliveryStatus::Delivered, Some(job.id)));
     let statuses: Vec<_> = delivery.attempts.iter().map(|attempt| attempt.status).collect();
     assert_eq!(statuses, [Some(500), Some(204)]);
@@ -199,8 +199,8 @@ async fn tenants_take_turns_and_hanging_receivers_delay_no_other_tenant(bench: B
         endpoint(&bench, tenant).await;
     }
     for tenant in ["busy", "busy", "busy", "busy", "calm", "calm"] {
-        cancelled(&bench, tenant).await;
-        bench.pass(Duration::from_millis(5));
+        cancel_new_job(&bench, tenant).await;
+        bench.advance(Duration::from_millis(5));
     }
     let mut order = Vec::new();
     while let Some(due) = bench.store.claim_delivery(LEASE, 3).await.expect("a result") {
@@ -212,7 +212,7 @@ async fn tenants_take_turns_and_hanging_receivers_delay_no_other_tenant(bench: B
 async fn many_couriers_at_once_never_get_the_same_delivery(bench: Bench) {
     endpoint(&bench, "shop").await;
     for _ in 0..40 {
-        cancelled(&bench, "shop").await;
+        cancel_new_job(&bench, "shop").await;
     }
     let bench = Arc::new(bench);
     let couriers: Vec<_> = (0..6)
@@ -242,37 +242,37 @@ async fn an_endpoint_is_disabled_when_it_responds_410_or_fails_for_days(bench: B
     let store = &bench.store;
     let gone = endpoint(&bench, "shop").await;
     for _ in 0..2 {
-        cancelled(&bench, "shop").await;
+        cancel_new_job(&bench, "shop").await;
     }
     let due = claim(&bench).await.expect("due");
     assert!(settle(&bench, &due, Verdict::Gone).await);
     let known = store.endpoint("shop", &gone.id).await.expect("a result").expect("there");
     assert!(known.disabled.is_some_and(|(_, why)| why.contains("410")));
     assert_eq!(claim(&bench).await, None, "nothing more is sent to the endpoint");
-    assert!(all_of(&bench, "shop").await.iter().all(|delivery| delivery.status == DeliveryStatus::Failed));
-    cancelled(&bench, "shop").await;
-    assert_eq!(all_of(&bench, "shop").await.len(), 2, "a disabled endpoint gets no messages");
+    assert!(deliveries_of(&bench, "shop").await.iter().all(|delivery| delivery.status == DeliveryStatus::Failed));
+    cancel_new_job(&bench, "shop").await;
+    assert_eq!(deliveries_of(&bench, "shop").await.len(), 2, "a disabled endpoint gets no messages");
     let on = EndpointChange { enabled: Some(true), ..EndpointChange::default() };
     let known = store.change_endpoint("shop", &gone.id, on).await.expect("a result").expect("there");
     assert_eq!((known.disabled, known.failing_since), (None, None));
 
     let wait = FAILING / 4;
-    cancelled(&bench, "shop").await;
+    cancel_new_job(&bench, "shop").await;
     let mut disabled = Vec::new();
     for _ in 0..5 {
         let due = claim(&bench).await.expect("due");
         disabled.push(settle(&bench, &due, Verdict::Again(wait)).await);
-        bench.pass(wait);
+        bench.advance(wait);
     }
     assert_eq!(disabled, [false, false, false, false, true], "five days after the first failure");
     let on = EndpointChange { enabled: Some(true), ..EndpointChange::default() };
     store.change_endpoint("shop", &gone.id, on).await.expect("a result").expect("there");
-    cancelled(&bench, "shop").await;
+    cancel_new_job(&bench, "shop").await;
     for verdict in [Verdict::Again(FAILING), Verdict::Delivered] {
         let due = claim(&bench).await.expect("due");
         assert!(!settle(&bench, &due, verdict).await);
-        bench.pass(FAILING - Duration::from_secs(1));
-        cancelled(&bench, "shop").await;
+        bench.advance(FAILING - Duration::from_secs(1));
+        cancel_new_job(&bench, "shop").await;
     }
     let due = claim(&bench).await.expect("due");
     assert!(!settle(&bench, &due, Verdict::Failed).await, "the last success reset the count of failures");
@@ -281,7 +281,7 @@ async fn an_endpoint_is_disabled_when_it_responds_410_or_fails_for_days(bench: B
 async fn finished_deliveries_are_sent_again_on_request(bench: Bench) {
     let store = &bench.store;
     let endpoint = endpoint(&bench, "shop").await;
-    cancelled(&bench, "shop").await;
+    cancel_new_job(&bench, "shop").await;
     let again = async |tenant: &str, id: &str| store.redeliver(tenant, id).await.expect("a result");
     for verdict in [Verdict::Failed, Verdict::Delivered, Verdict::Again(Duration::from_secs(3600))] {
         let due = claim(&bench).await.expect("due");
@@ -296,7 +296,7 @@ async fn finished_deliveries_are_sent_again_on_request(bench: Bench) {
     assert_eq!(again("shop", &late.id).await, Redelivered::Yes);
     let due = claim(&bench).await.expect("due though it is under way");
     settle(&bench, &late, Verdict::Delivered).await;
-    assert_eq!(all_of(&bench, "shop").await[0].status, DeliveryStatus::Pending);
+    assert_eq!(deliveries_of(&bench, "shop").await[0].status, DeliveryStatus::Pending);
     settle(&bench, &due, Verdict::Failed).await;
     let off = EndpointChange { enabled: Some(false), ..EndpointChange::default() };
     store.change_endpoint("shop", &endpoint.id, off).await.expect("a result").expect("there");
@@ -313,7 +313,7 @@ async fn a_secret_that_was_replaced_is_known_beside_the_new_one(bench: Bench) {
     let (old, until) = secrets.previous.clone().expect("the old one");
     assert_eq!((&secrets.current, old), (&secret("c2Vjb25k"), secret("Zmlyc3Q=")));
     assert_eq!(until.unix_timestamp(), 1_800_000_000 + 24 * 3600);
-    cancelled(&bench, "shop").await;
+    cancel_new_job(&bench, "shop").await;
     assert_eq!(claim(&bench).await.expect("due").secrets, Some(secrets));
     assert_eq!(store.rotate_endpoint("rival", &endpoint.id, &secret("eA=="), day).await.expect("a result"), None);
 
@@ -361,25 +361,25 @@ async fn endpoints_are_their_tenants_own_and_no_more_than_may_be(bench: Bench) {
     assert_eq!((due.url.as_str(), due.tenant.as_str()), ("https://shop.example/new", "shop"));
     assert!(due.payload.contains("\"ping\""), "{}", due.payload);
     assert!(store.delete_endpoint("shop", &own.id).await.expect("a result"));
-    assert!(all_of(&bench, "shop").await.is_empty());
+    assert!(deliveries_of(&bench, "shop").await.is_empty());
     assert!(!settle(&bench, &due, Verdict::Gone).await, "the delivery is deleted with its endpoint");
 }
 
 async fn messages_are_deleted_with_their_job_or_after_some_time(bench: Bench) {
     let store = &bench.store;
     endpoint(&bench, "shop").await;
-    let (kept, deleted) = (cancelled(&bench, "shop").await, cancelled(&bench, "shop").await);
+    let (kept, deleted) = (cancel_new_job(&bench, "shop").await, cancel_new_job(&bench, "shop").await);
     let due = claim(&bench).await.expect("due");
-    bench.pass(Duration::from_secs(5));
+    bench.advance(Duration::from_secs(5));
     let backlog = store.backlog().await.expect("a result");
     assert_eq!((backlog.pending, backlog.overdue), (2, Duration::from_secs(5)));
     assert!(store.purge(deleted.id).await.expect("a result"));
-    let left: Vec<_> = all_of(&bench, "shop").await.into_iter().map(|delivery| delivery.job).collect();
+    let left: Vec<_> = deliveries_of(&bench, "shop").await.into_iter().map(|delivery| delivery.job).collect();
     assert_eq!(left, [Some(kept.id)]);
     settle(&bench, &due, Verdict::Delivered).await;
     assert_eq!(store.backlog().await.expect("a result").pending, 0);
-    bench.pass(Duration::from_secs(60));
+    bench.advance(Duration::from_secs(60));
     assert_eq!(store.forget_messages(Duration::from_secs(3600)).await.expect("a result"), 0);
     assert_eq!(store.forget_messages(Duration::from_secs(60)).await.expect("a result"), 1);
-    assert!(all_of(&bench, "shop").await.is_empty());
+    assert!(deliveries_of(&bench, "shop").await.is_empty());
 }

@@ -43,7 +43,7 @@ async fn old_jobs_expire_and_their_records_are_deleted_later(bench: Bench) {
     bench.submit().await;
     let claim = bench.claim().await.expect("a job");
     bench.store.fail(&claim.lease, Bench::failure(FailureKind::Final)).await.expect("noted");
-    bench.pass(DAY);
+    bench.advance(DAY);
     bench.submit().await;
     let young = succeed(&bench).await;
     let waiting = bench.submit().await.id;
@@ -55,7 +55,7 @@ async fn old_jobs_expire_and_their_records_are_deleted_later(bench: Bench) {
     assert_eq!((expired.report, expired.artifacts.len(), expired.inputs[0].name.as_str()), (None, 0, ""));
     assert!(expired.outcome.is_some(), "the job's record is kept longer");
     assert_eq!(bench.get(young).await.status, Status::Succeeded);
-    bench.pass(DAY);
+    bench.advance(DAY);
     assert_eq!(bench.store.forget_jobs(3 * DAY).await.expect("a result"), 0);
     assert_eq!(bench.store.forget_jobs(2 * DAY).await.expect("a result"), 2);
     assert_eq!(bench.store.get(old).await.expect("a result"), None);
@@ -74,7 +74,7 @@ async fn a_result_is_found_by_its_fingerprint_as_long_as_it_is_kept(bench: Bench
     assert_eq!(find("shop", "f").await, Some(id));
     assert_eq!(find("other", "f").await, None);
     assert_eq!(find("shop", "g").await, None);
-    bench.pass(DAY);
+    bench.advance(DAY);
     bench.store.expire(DAY, 10).await.expect("a result");
     assert_eq!(find("shop", "f").await, None, "the job has expired");
 }

@@ -27,13 +27,13 @@ async fn sandbox(api: &Api) -> Value {
 }
 
 /// Whether a restriction of the sandbox is active. If not, prints that this machine does not test it.
-fn stands(sandbox: &Value, wall: &str) -> bool {
-    let stands = sandbox[wall]["in_force"].as_bool().expect("a boolean");
-    if !stands {
+fn is_active(sandbox: &Value, wall: &str) -> bool {
+    let is_active = sandbox[wall]["in_force"].as_bool().expect("a boolean");
+    if !is_active {
         let _ =
             writeln!(std::io::stderr(), "NOT TESTED: this machine has no wall '{wall}': {}", sandbox[wall]["detail"]);
     }
-    stands
+    is_active
 }
 
 async fn hostile_job(api: &Api) -> String {
@@ -101,7 +101,7 @@ async fn attempts_of_a_hostile_blender_fail_in_the_sandbox_and_succeed_outside()
         for name in names {
             assert!(outside[*name], "{name} fails without a sandbox too, so it proves nothing: {outside:?}");
             assert!(!off[wall]["in_force"].as_bool().expect("a boolean"), "{off}");
-            assert!(!stands(&sandbox, wall) || !inside[*name], "{name} worked: {inside:?}");
+            assert!(!is_active(&sandbox, wall) || !inside[*name], "{name} worked: {inside:?}");
         }
     };
     failed_by("network", &["connect"]);
@@ -112,8 +112,8 @@ async fn attempts_of_a_hostile_blender_fail_in_the_sandbox_and_succeed_outside()
     failed_by("files", &["link-out", "pipe"]);
     failed_by("system_calls", &["own-session", "close-data"]);
     failed_by("signals", &["signal"]);
-    assert!(!stands(&sandbox, "files") || !inside["read-passwords"], "{inside:?}");
-    assert!(!stands(&sandbox, "system_calls") || !inside["new-namespace"], "{inside:?}");
+    assert!(!is_active(&sandbox, "files") || !inside["read-passwords"], "{inside:?}");
+    assert!(!is_active(&sandbox, "system_calls") || !inside["new-namespace"], "{inside:?}");
     assert!(!inside["capabilities"] && !inside["more-files"], "{inside:?}");
     assert!(inside["write-inside"] && inside["run-programs"] && inside["read-proc"], "{inside:?}");
 }
@@ -154,7 +154,7 @@ async fn a_required_sandbox_that_leaves_files_open_is_no_start() {
     let probed = Start::serve(data.path()).start();
     let can = sandbox(&Api::new(&probed)).await;
     drop(probed);
-    if stands(&can, "network") && stands(&can, "files") {
+    if is_active(&can, "network") && is_active(&can, "files") {
         assert!(said.contains("can be read"), "{said}");
         let program = Start::serve(data.path()).arg("--sandbox", "require").start();
         let api = Api::new(&program);

@@ -12,7 +12,7 @@ use meshmend::jobs::{
 };
 use sqlx::sqlite::SqliteConnectOptions;
 
-use crate::support::stores::{Bench, LEASE, Manual, on_each_store};
+use crate::support::stores::{Bench, LEASE, ManualClock, on_each_store};
 
 on_each_store! {
     jobs_are_claimed_in_the_order_they_came_and_each_only_once,
@@ -38,7 +38,7 @@ async fn jobs_are_claimed_in_the_order_they_came_and_each_only_once(bench: Bench
     let mut ids = Vec::new();
     for _ in 0..4 {
         ids.push(bench.submit().await.id);
-        bench.pass(Duration::from_millis(1));
+        bench.advance(Duration::from_millis(1));
     }
     for id in ids {
         assert_eq!(bench.claim().await.expect("a job").job.id, id);
@@ -75,13 +75,13 @@ async fn many_workers_at_once_never_get_the_same_job(bench: Bench) {
 async fn a_heartbeat_extends_the_lease_and_an_expired_lease_makes_the_job_claimable(bench: Bench) {
     let job = bench.submit().await;
     let first = bench.claim().await.expect("a job");
-    bench.pass(LEASE / 2);
+    bench.advance(LEASE / 2);
     let progress = JobProgress { stage: Stage::Repair, tier: Some(1), percent: 40 };
     bench.store.heartbeat(&first.lease, LEASE, Some(progress)).await.expect("still held");
     assert_eq!(bench.get(job.id).await.progress, Some(progress));
-    bench.pass(LEASE / 2 + Duration::from_secs(1));
+    bench.advance(LEASE / 2 + Duration::from_secs(1));
     assert!(bench.store.rescue().await.expect("a result").is_empty(), "the heartbeat extended the lease");
-    bench.pass(LEASE);
+    bench.advance(LEASE);
     let rescued = bench.store.rescue().await.expect("a result");
     assert_eq!((rescued[0].id, rescued[0].status, rescued[0].crashes), (job.id, Status::Queued, 1));
     let second = bench.claim().await.expect("the job again");
@@ -92,7 +92,7 @@ async fn a_heartbeat_extends_the_lease_and_an_expired_lease_makes_the_job_claima
 async fn every_write_of_a_stale_worker_loses(bench: Bench) {
     let job = bench.submit().await;
     let stale = bench.claim().await.expect("a job").lease;
-    bench.pass(LEASE + Duration::from_secs(1));
+    bench.advance(LEASE + Duration::from_secs(1));
     bench.store.rescue().await.expect("a result");
     bench.claim().await.expect("the job again");
     let before = bench.get(job.id).await;
@@ -126,7 +126,7 @@ async fn a_passing_failure_waits_longer_each_time_and_is_final_at_the_last_attem
         );
         assert!(wait >= waited, "{wait:?} after {waited:?}");
         waited = wait;
-        bench.pass(wait);
+        bench.advance(wait);
     }
     assert_eq!(bench.get(job.id).await.crashes, 0, "crashes are counted separately");
 }
@@ -135,7 +135,7 @@ async fn a_job_that_kills_its_workers_is_set_aside(bench: Bench) {
     let job = bench.submit().await;
     for crash in 1..=bench.policy.max_crashes {
         bench.claim().await.expect("claimable");
-        bench.pass(LEASE + Duration::from_secs(1));
+        bench.advance(LEASE + Duration::from_secs(1));
         let rescued = bench.store.rescue().await.expect("a result");
         assert_eq!(rescued[0].crashes, crash);
     }
@@ -202,7 +202,7 @@ async fn the_queue_position_counts_those_ahead(bench: Bench) {
     let mut jobs = Vec::new();
     for _ in 0..3 {
         jobs.push(bench.submit().await);
-        bench.pass(Duration::from_millis(5));
+        bench.advance(Duration::from_millis(5));
     }
     for (ahead, job) in jobs.iter().enumerate() {
         assert_eq!(bench.store.queue_position(job).await.expect("a result"), Some(ahead as u64));
@@ -217,9 +217,9 @@ async fn the_longest_wait_counts_due_jobs_and_not_retries_that_are_not_due(bench
     let wait = async || bench.store.longest_wait().await.expect("a result");
     assert_eq!(wait().await, Duration::ZERO);
     bench.submit().await;
-    bench.pass(Duration::from_secs(3));
+    bench.advance(Duration::from_secs(3));
     bench.submit().await;
-    bench.pass(Duration::from_secs(2));
+    bench.advance(Duration::from_secs(2));
     assert_eq!(wait().await, Duration::from_secs(5));
     let first = bench.claim().await.expect("a job");
     assert_eq!(wait().await, Duration::from_secs(2));
@@ -250,7 +250,7 @@ async fn an_end_whose_answer_was_lost_is_answered_again(bench: Bench) {
     let failed = bench.store.fail(&first, Bench::failure(FailureKind::Passing)).await.expect("noted");
     let again = bench.store.fail(&first, Bench::failure(FailureKind::Passing)).await.expect("noted before");
     assert_eq!((failed.status, again), (Status::Queued, failed.clone()));
-    bench.pass(Duration::from_secs(600));
+    bench.advance(Duration::from_secs(600));
     let second = bench.claim().await.expect("the job again").lease;
     let completion = Completion { report: Bench::report(), artifacts: Artifacts::new() };
     let done = bench.store.complete(&second, completion.clone()).await.expect("ended");
@@ -269,13 +269,13 @@ async fn a_key_is_held_by_one_request_until_it_is_accepted_given_back_or_late(be
         bench.store.submit(NewJob { key, ..NewJob::new(id, "shop", inputs, JobOptions::default()) }).await
     };
     assert_eq!((hold(first).await, hold(second).await), (KeyState::Held, KeyState::InUse));
-    bench.pass(KEY_HOLD / 2);
+    bench.advance(KEY_HOLD / 2);
     assert_eq!(hold(first).await, KeyState::Held, "the key is held longer");
-    bench.pass(KEY_HOLD / 2 + Duration::from_secs(1));
+    bench.advance(KEY_HOLD / 2 + Duration::from_secs(1));
     assert_eq!(hold(second).await, KeyState::InUse);
     bench.store.release_key("shop", "k", second).await.expect("a result");
     assert_eq!(hold(second).await, KeyState::InUse, "only its holder releases the key");
-    bench.pass(KEY_HOLD);
+    bench.advance(KEY_HOLD);
     assert_eq!(hold(second).await, KeyState::Held, "the first request is too late");
     assert!(matches!(submit(first, "a").await, Err(StoreError::KeyLost)));
     assert_eq!(bench.store.get(first).await.expect("a result"), None);
@@ -284,7 +284,7 @@ async fn a_key_is_held_by_one_request_until_it_is_accepted_given_back_or_late(be
     bench.store.release_key("shop", "k", second).await.expect("a result");
     assert!(matches!(hold(second).await, KeyState::Used { .. }), "the key of an accepted request is not released");
     assert_eq!(bench.store.forget_keys().await.expect("a result"), 0);
-    bench.pass(KEY_LIFE);
+    bench.advance(KEY_LIFE);
     assert_eq!(bench.store.forget_keys().await.expect("a result"), 1);
     assert_eq!(hold(first).await, KeyState::Held);
     bench.store.release_key("shop", "k", first).await.expect("a result");
@@ -310,9 +310,9 @@ async fn an_upload_is_open_for_a_while_waits_for_longer_and_becomes_one_job_at_m
         bench.store.submit(job).await
     };
     let [used, unused] = &uploads;
-    bench.pass(UPLOAD_OPEN - Duration::from_millis(1));
+    bench.advance(UPLOAD_OPEN - Duration::from_millis(1));
     assert!(find(used).await.expect("there").is_open);
-    bench.pass(Duration::from_millis(1));
+    bench.advance(Duration::from_millis(1));
     assert!(!find(used).await.expect("there").is_open);
     let [first, second] = [JobId::new(), JobId::new()];
     submit(first, used.id).await.expect("accepted");
@@ -322,12 +322,12 @@ async fn an_upload_is_open_for_a_while_waits_for_longer_and_becomes_one_job_at_m
     }
     assert_eq!(find(used).await.expect("there").job, Some(first));
     assert_eq!(bench.store.forget_uploads().await.expect("a result"), 0);
-    bench.pass(UPLOAD_LIFE - UPLOAD_OPEN);
+    bench.advance(UPLOAD_LIFE - UPLOAD_OPEN);
     assert_eq!(find(unused).await, None);
     assert!(matches!(submit(second, unused.id).await, Err(StoreError::UploadTaken)));
     assert_eq!(find(used).await.expect("the request may be repeated").job, Some(first));
     assert_eq!(bench.store.forget_uploads().await.expect("a result"), 1);
-    bench.pass(KEY_LIFE);
+    bench.advance(KEY_LIFE);
     assert_eq!(bench.store.forget_uploads().await.expect("a result"), 1);
     assert_eq!(find(used).await, None);
 }
@@ -335,13 +335,13 @@ async fn an_upload_is_open_for_a_while_waits_for_longer_and_becomes_one_job_at_m
 async fn no_more_uploads_wait_than_may(bench: Bench) {
     let add = async || bench.store.add_upload(new_upload(), 2).await.expect("a result");
     let first = add().await.expect("noted").upload.id;
-    bench.pass(Duration::from_secs(60));
+    bench.advance(Duration::from_secs(60));
     assert!(add().await.is_some() && add().await.is_none());
     let inputs = bench.submit().await.inputs;
     let job = NewJob { upload: Some(first), ..NewJob::new(JobId::new(), "default", inputs, JobOptions::default()) };
     bench.store.submit(job).await.expect("accepted");
     assert!(add().await.is_some() && add().await.is_none(), "one became a job");
-    bench.pass(UPLOAD_LIFE);
+    bench.advance(UPLOAD_LIFE);
     assert!(add().await.is_some(), "all other uploads have expired");
 }
 
@@ -375,7 +375,7 @@ async fn jobs_of_the_first_version_are_read_claimed_and_purged() {
     }
     old.close().await;
 
-    let clock = Arc::new(Manual(AtomicI64::new(1_800_000_000_000)));
+    let clock = Arc::new(ManualClock(AtomicI64::new(1_800_000_000_000)));
     let store = SqliteStore::open(&path, clock, RetryPolicy::default()).await.expect("brought up to date");
     let claim = store.claim("worker", LEASE, u32::MAX).await.expect("a result").expect("the old job");
     let input = &claim.job.inputs[0];

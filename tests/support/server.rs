@@ -93,7 +93,7 @@ impl<'a> Start<'a> {
         if !mounts_small_disks() {
             return None;
         }
-        let mut unshare = unshared();
+        let mut unshare = in_new_mount_namespace();
         let script = format!("mount -t tmpfs -o size={mebibytes}m none \"$0\" && exec \"$@\"");
         unshare
             .args(["sh", "-c", &script])
@@ -146,7 +146,7 @@ impl<'a> Start<'a> {
 }
 
 /// A command that runs another in a new mount namespace.
-fn unshared() -> Command {
+fn in_new_mount_namespace() -> Command {
     let mut unshare = Command::new("unshare");
     unshare.arg("--mount");
     if !rustix::process::geteuid().is_root() {
@@ -157,7 +157,7 @@ fn unshared() -> Command {
 
 /// Whether this user may mount a disk; prints a note if not.
 pub fn mounts_small_disks() -> bool {
-    let mounted = unshared().args(["mount", "-t", "tmpfs", "none", "/mnt"]).output();
+    let mounted = in_new_mount_namespace().args(["mount", "-t", "tmpfs", "none", "/mnt"]).output();
     let mounts = mounted.is_ok_and(|mounted| mounted.status.success());
     if !mounts {
         let _ = writeln!(std::io::stderr(), "SKIPPED: this machine does not let tests mount a small disk");
@@ -308,7 +308,7 @@ impl Api {
     }
 
     /// Waits until the job's progress is at `stage`, and in `tier` if given.
-    pub async fn reaches(&self, id: &str, stage: &str, tier: Option<u64>) {
+    pub async fn wait_for_stage(&self, id: &str, stage: &str, tier: Option<u64>) {
         until("the job reaches its stage", async || {
             let progress = self.job(id).await["progress"].clone();
             (progress["stage"] == stage && (tier.is_none() || progress["tier"].as_u64() == tier)).then_some(())

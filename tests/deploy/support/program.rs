@@ -28,7 +28,7 @@ pub fn settings(line: &[String], variables: &BTreeMap<String, String>) -> BTreeM
 }
 
 /// Every variable that a running service reads.
-pub fn known() -> BTreeSet<String> {
+pub fn known_variables() -> BTreeSet<String> {
     let of = |verb: &str| {
         let config = config(&[verb.to_owned()], &BTreeMap::new()).expect("a command");
         let settings = config["settings"].as_array().expect("a list").clone();

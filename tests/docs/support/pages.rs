@@ -17,7 +17,7 @@ pub struct Page {
 }
 
 /// The served pages and the README.
-pub fn written() -> Vec<Page> {
+pub fn all_pages() -> Vec<Page> {
     let paths = PAGES.iter().map(|(name, _)| format!("docs/{name}.md"));
     paths
         .chain(["README.md".to_owned()])

@@ -29,7 +29,7 @@ fn united(soup: &Soup) -> Measures {
     measures
 }
 
-fn near(a: f64, b: f64) {
+fn assert_near(a: f64, b: f64) {
     assert!((a - b).abs() < 1e-9 * a.abs().max(1.0), "{a} is not {b}");
 }
 
@@ -54,7 +54,7 @@ fn turned(mut soup: Soup, turn: DQuat, offset: DVec3) -> Soup {
 fn two_boxes_that_overlap_are_one_solid_of_their_union() {
     let soup = join(&block([0, 0, 0], [4, 4, 4]), &block([1, 2, 3], [4, 4, 4]));
     let measures = united(&soup);
-    near(measures.volume.value, 128.0 - 3.0 * 2.0 * 1.0);
+    assert_near(measures.volume.value, 128.0 - 3.0 * 2.0 * 1.0);
     assert_eq!((measures.parts, measures.printable()), (1, true));
 }
 
@@ -72,7 +72,7 @@ fn boxes_that_share_walls_edges_or_corners_are_united() {
         (block([2, 2, 2], [2, 2, 2]), 16.0),
         (block([-1, 1, -1], [4, 4, 1]), 24.0),
     ] {
-        near(united(&join(&unit, &other)).volume.value, volume);
+        assert_near(united(&join(&unit, &other)).volume.value, volume);
     }
 }
 
@@ -81,12 +81,12 @@ fn a_cavity_stays_and_a_solid_inside_a_solid_is_removed() {
     let (big, small) = (block([0, 0, 0], [4, 4, 4]), block([1, 1, 1], [2, 2, 2]));
     let kept = solid(&join(&big, &inside_out(small.clone())), Inside::Positive).unwrap();
     assert_eq!(kept.faces.len(), 24);
-    near(measured(&kept).volume.value, 56.0);
+    assert_near(measured(&kept).volume.value, 56.0);
     let gone = solid(&join(&big, &small), Inside::Positive).unwrap();
     assert_eq!(gone.faces.len(), 12);
-    near(measured(&gone).volume.value, 64.0);
+    assert_near(measured(&gone).volume.value, 64.0);
     let odd = solid(&join(&big, &small), Inside::Odd).unwrap();
-    near(measured(&odd).volume.value, 56.0);
+    assert_near(measured(&odd).volume.value, 56.0);
 }
 
 #[test]
@@ -94,7 +94,7 @@ fn a_solid_that_is_inside_out_is_nothing_or_turned_as_asked() {
     let flipped = inside_out(block([0, 0, 0], [1, 1, 1]));
     assert_eq!(solid(&flipped, Inside::Positive), Err(ArrangeError::Empty));
     for inside in [Inside::Nonzero, Inside::Odd] {
-        near(measured(&solid(&flipped, inside).unwrap()).volume.value, 1.0);
+        assert_near(measured(&solid(&flipped, inside).unwrap()).volume.value, 1.0);
     }
 }
 
@@ -103,7 +103,7 @@ fn coincident_walls_of_opposite_orientation_cancel() {
     // A box minus one of its halves is the other half; minus both halves it is empty.
     let whole = block([0, 0, 0], [2, 2, 2]);
     let half = inside_out(block([0, 0, 0], [1, 2, 2]));
-    near(united(&join(&whole, &half)).volume.value, 4.0);
+    assert_near(united(&join(&whole, &half)).volume.value, 4.0);
     let rest = inside_out(block([1, 0, 0], [1, 2, 2]));
     assert_eq!(solid(&join(&join(&whole, &half), &rest), Inside::Positive), Err(ArrangeError::Empty));
 }

@@ -48,7 +48,7 @@ async fn outcome(http: &Client, base: &str, id: &str) -> String {
     format!("{} {code}", job["status"].as_str().expect("text"))
 }
 
-async fn survive(files: Files, kills: usize, seed: u64) {
+async fn run_with_faults(files: Files, kills: usize, seed: u64) {
     let began = Instant::now();
     let mut random = Random(seed);
     let mut service = Service::start(files, &mut random).await;
@@ -104,12 +104,12 @@ async fn survive(files: Files, kills: usize, seed: u64) {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn no_job_is_lost_or_done_twice_by_a_dozen_kills() {
-    survive(Files::Folder, 10, 7).await;
+    run_with_faults(Files::Folder, 10, 7).await;
 }
 
 #[tokio::test(flavor = "multi_thread")]
 async fn no_job_is_lost_or_done_twice_by_a_dozen_kills_with_its_files_in_a_bucket() {
-    survive(Files::Bucket, 14, 7).await;
+    run_with_faults(Files::Bucket, 14, 7).await;
 }
 
 #[tokio::test(flavor = "multi_thread")]
@@ -118,5 +118,5 @@ async fn no_job_is_lost_or_done_twice_by_hundreds_of_kills() {
     let number =
         |name: &str, otherwise: u64| std::env::var(name).ok().and_then(|n| n.parse().ok()).unwrap_or(otherwise);
     let kills = usize::try_from(number("MESHMEND_KILLS", 500)).expect("a number");
-    survive(Files::Bucket, kills, number("MESHMEND_KILL_SEED", 1)).await;
+    run_with_faults(Files::Bucket, kills, number("MESHMEND_KILL_SEED", 1)).await;
 }

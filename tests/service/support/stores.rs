@@ -21,9 +21,9 @@ const FILE: &str = "jobs.db";
 pub const LEASE: Duration = Duration::from_secs(10);
 
 /// A clock that only tests advance.
-pub struct Manual(pub AtomicI64);
+pub struct ManualClock(pub AtomicI64);
 
-impl Clock for Manual {
+impl Clock for ManualClock {
     fn now_ms(&self) -> i64 {
         self.0.load(Ordering::SeqCst)
     }
@@ -32,7 +32,7 @@ impl Clock for Manual {
 /// A store under test.
 pub struct Bench {
     pub store: Box<dyn Store>,
-    pub clock: Arc<Manual>,
+    pub clock: Arc<ManualClock>,
     pub policy: RetryPolicy,
     /// The store's database, dropped after the store.
     home: Home,
@@ -59,8 +59,8 @@ impl Bench {
         Self { store: Box::new(store), clock, policy, home: Home::Postgres(Box::new(cluster)) }
     }
 
-    fn time() -> (Arc<Manual>, RetryPolicy) {
-        (Arc::new(Manual(AtomicI64::new(1_800_000_000_000))), RetryPolicy::default())
+    fn time() -> (Arc<ManualClock>, RetryPolicy) {
+        (Arc::new(ManualClock(AtomicI64::new(1_800_000_000_000))), RetryPolicy::default())
     }
 
     /// Executes SQL on the database without going through the store.
@@ -78,7 +78,7 @@ impl Bench {
         }
     }
 
-    pub fn pass(&self, time: Duration) {
+    pub fn advance(&self, time: Duration) {
         self.clock.0.fetch_add(i64::try_from(time.as_millis()).expect("short"), Ordering::SeqCst);
     }
 

@@ -16,30 +16,30 @@ const JPEG: &[u8] = b"\xFF\xD8\xFFrest";
 
 /// The appearance of the corners of a face.
 #[derive(Debug, Clone, PartialEq)]
-enum Seen {
+enum Appearance {
     Nothing,
     Material(String, [u8; 4]),
     Colors([[u8; 4]; 3]),
     Picture { bytes: Vec<u8>, clamp: bool, name: String, tint: [u8; 4], places: [[f64; 2]; 3] },
 }
 
-fn seen(scene: &Scene, paint: Paint) -> Seen {
-    let Some(palette) = scene.palettes.get(paint.palette as usize) else { return Seen::Nothing };
+fn appearance(scene: &Scene, paint: Paint) -> Appearance {
+    let Some(palette) = scene.palettes.get(paint.palette as usize) else { return Appearance::Nothing };
     if paint.at.iter().any(|&at| at as usize >= palette.len()) {
-        return Seen::Nothing;
+        return Appearance::Nothing;
     }
     match palette {
         Palette::Materials(materials) => {
             let Material { name, color } = &materials[paint.at[0] as usize];
-            Seen::Material(name.clone(), *color)
+            Appearance::Material(name.clone(), *color)
         }
-        Palette::Colors(_) => Seen::Colors(palette.colors(paint.at).unwrap()),
+        Palette::Colors(_) => Appearance::Colors(palette.colors(paint.at).unwrap()),
         Palette::Textured { texture, name, tint, places } => {
             let name = name.clone().unwrap_or_default();
             match scene.textures.get(*texture as usize) {
                 Some(texture) if texture.bytes.starts_with(&PNG[..4]) || texture.bytes.starts_with(&JPEG[..3]) => {
                     let ends = |wrap| matches!(wrap, Wrap::Clamp | Wrap::None);
-                    Seen::Picture {
+                    Appearance::Picture {
                         bytes: texture.bytes.to_vec(),
                         clamp: ends(texture.wrap_u) && ends(texture.wrap_v),
                         name,
@@ -49,7 +49,7 @@ fn seen(scene: &Scene, paint: Paint) -> Seen {
                         }),
                     }
                 }
-                _ => Seen::Material(name, *tint),
+                _ => Appearance::Material(name, *tint),
             }
         }
     }
@@ -57,27 +57,29 @@ fn seen(scene: &Scene, paint: Paint) -> Seen {
 
 /// Whether two appearances are the same as far as OBJ can express them: material names are single words made unique by
 /// numbers, materials without a name are colours, and each vertex has one opaque colour.
-fn is_said(found: &Seen, expected: &Seen) -> bool {
+fn is_expressed(found: &Appearance, expected: &Appearance) -> bool {
     let named = |found: &str, expected: &str| {
         let expected = expected.replace(' ', "_");
         let rest = found.strip_prefix(&expected);
         rest.is_some_and(|rest| rest.bytes().all(|c| c == b'_' || c.is_ascii_digit()))
     };
     match (found, expected) {
-        (Seen::Material(name, color), Seen::Material(wanted, other)) => color == other && named(name, wanted),
-        (Seen::Colors(found), Seen::Material(name, color)) => {
+        (Appearance::Material(name, color), Appearance::Material(wanted, other)) => {
+            color == other && named(name, wanted)
+        }
+        (Appearance::Colors(found), Appearance::Material(name, color)) => {
             (name.is_empty() || name == "color_FF0000") && *found == [*color; 3]
         }
-        (Seen::Colors(found), Seen::Colors(colors)) if colors[0] == colors[1] && colors[1] == colors[2] => {
+        (Appearance::Colors(found), Appearance::Colors(colors)) if colors[0] == colors[1] && colors[1] == colors[2] => {
             found == colors
         }
-        (Seen::Colors(found), Seen::Colors(colors)) => {
+        (Appearance::Colors(found), Appearance::Colors(colors)) => {
             let opaque = colors.map(|[r, g, b, _]| [r, g, b, 255]);
             *found == opaque || *found == [opaque[0]; 3]
         }
         (
-            Seen::Picture { bytes, clamp, name, tint, places },
-            Seen::Picture { bytes: b, clamp: c, name: n, tint: t, places: p },
+            Appearance::Picture { bytes, clamp, name, tint, places },
+            Appearance::Picture { bytes: b, clamp: c, name: n, tint: t, places: p },
         ) => (bytes, clamp, tint, places) == (b, c, t, p) && (n.is_empty() || named(name, n)),
         (found, expected) => found == expected,
     }
@@ -194,9 +196,9 @@ proptest! {
         prop_assert_eq!(bits(&found.soup), bits(&expected.soup));
         prop_assert_eq!(&found.soup.faces, &expected.soup.faces);
         for face in 0..found.soup.faces.len() {
-            let of = |scene: &Scene, mesh: &PaintedMesh| seen(scene, mesh.paint.get(face).copied().unwrap_or(PAINTLESS));
+            let of = |scene: &Scene, mesh: &PaintedMesh| appearance(scene, mesh.paint.get(face).copied().unwrap_or(PAINTLESS));
             let (found, expected) = (of(&again.scene, found), of(&scene, &expected));
-            prop_assert!(is_said(&found, &expected), "{:?} for {:?} of face {}\n{}", found, expected, face, texts(&bytes));
+            prop_assert!(is_expressed(&found, &expected), "{:?} for {:?} of face {}\n{}", found, expected, face, texts(&bytes));
         }
         let second = write_scene(&again.scene, Format::Zip).unwrap();
         prop_assert!(second == bytes, "{}\n\n{}", texts(&bytes), texts(&second));
@@ -213,8 +215,8 @@ proptest! {
         let scene = Scene { palettes: vec![palette], ..Scene::of_mesh(PaintedMesh { soup, paint }) };
         let again = read(&write_scene(&scene, Format::Zip).unwrap());
         for (number, (face, _)) in faces.iter().enumerate() {
-            let found = seen(&again.scene, mesh(&again).paint[number]);
-            prop_assert_eq!(found, Seen::Colors(face.map(|v| { let [r, g, b] = colors[v as usize]; [r, g, b, 255] })));
+            let found = appearance(&again.scene, mesh(&again).paint[number]);
+            prop_assert_eq!(found, Appearance::Colors(face.map(|v| { let [r, g, b] = colors[v as usize]; [r, g, b, 255] })));
         }
     }
 }

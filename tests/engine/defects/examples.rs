@@ -176,13 +176,13 @@ pub fn damaged() -> Vec<Damaged> {
 }
 
 /// An equivalent mesh: faces reordered, corners rotated, turned by right angles and scaled.
-pub struct Other {
+pub struct Variant {
     pub soup: Soup,
     /// For each face, its index in the original mesh.
     pub was: Vec<u32>,
 }
 
-pub fn other(soup: &Soup, seed: u64, turns: usize, power: i32) -> Other {
+pub fn variant(soup: &Soup, seed: u64, turns: usize, power: i32) -> Variant {
     let mut was: Vec<u32> = (0..u32::try_from(soup.faces.len()).unwrap()).collect();
     let mut state = seed;
     let mut random = |below: usize| {
@@ -194,7 +194,7 @@ pub fn other(soup: &Soup, seed: u64, turns: usize, power: i32) -> Other {
     }
     let mut faces: Vec<[u32; 3]> = was.iter().map(|&f| soup.faces[f as usize]).collect();
     faces.iter_mut().for_each(|face| face.rotate_left(random(3)));
-    Other { soup: Soup { positions: soup.positions.iter().map(|&p| moved(p, turns, power)).collect(), faces }, was }
+    Variant { soup: Soup { positions: soup.positions.iter().map(|&p| moved(p, turns, power)).collect(), faces }, was }
 }
 
 pub fn moved(p: DVec3, turns: usize, power: i32) -> DVec3 {
@@ -213,7 +213,7 @@ pub fn moved(p: DVec3, turns: usize, power: i32) -> DVec3 {
 }
 
 /// For each face the first with the same corners in the same order, since equal faces cannot be distinguished.
-pub fn first_of_its_like(soup: &Soup) -> Vec<u32> {
+pub fn first_equal_face(soup: &Soup) -> Vec<u32> {
     let mut first = std::collections::BTreeMap::new();
     (0u32..)
         .zip(&soup.faces)
