@@ -280,7 +280,7 @@ fn a_result_file_that_grows_without_end_is_stopped() {
 }
 
 #[test]
-fn a_program_that_is_not_there_is_named() {
+fn a_missing_program_is_named() {
     let fake = Fake::new("");
     fs::remove_file(fake.program()).unwrap();
     match fake.run().0 {
@@ -384,7 +384,7 @@ fn a_run_that_timed_out_is_not_repeated() {
 }
 
 #[test]
-fn a_result_that_was_whole_when_time_was_over_or_it_crashed_is_kept() {
+fn a_result_that_was_complete_before_a_timeout_or_crash_is_kept() {
     for end in ["sleep 600; true", "kill -SEGV $$"] {
         let fake = Fake::new(&format!("cp $desk/mesh $target; {end}")).with_mesh();
         let remeshed = fake.voxels(0.1, 1.0, Duration::from_secs(2)).unwrap();

@@ -165,7 +165,7 @@ fn more_faces_than_allowed_are_reported_with_their_number() {
 }
 
 #[test]
-fn a_voxel_that_would_eat_the_memory_is_refused_before_anything_runs() {
+fn a_voxel_size_that_needs_too_much_memory_is_refused_before_anything_runs() {
     let cube = cuboid(DVec3::ZERO, DVec3::ONE);
     for (voxel_size, words) in [(1e-4, "memory"), (1e-9, "too small"), (0.0, "above zero"), (f64::NAN, "above zero")] {
         let nothing = RemesherInfo { kind: "blender".into(), version: "4.2.0".into(), program: "/nowhere".into() };

@@ -26,7 +26,7 @@ fn compare_prints_the_changes_and_its_exit_code_says_whether_the_shape_was_kept(
 }
 
 #[test]
-fn the_kept_openapi_document_is_the_one_that_the_code_makes() {
+fn the_stored_openapi_document_is_up_to_date() {
     let kept = Path::new(env!("CARGO_MANIFEST_DIR")).join("openapi/openapi.json");
     let workspace = Workspace::new();
     let kept = kept.to_str().expect("a path");

@@ -68,7 +68,7 @@ fn inspect_takes_files_and_folders_in_order_and_exits_with_the_worst_code() {
 }
 
 #[test]
-fn inspect_has_an_equal_for_each_option_of_meshalyzer() {
+fn inspect_has_an_equivalent_for_each_option_of_meshalyzer() {
     let workspace = Workspace::new();
     workspace.put("good.stl", &files::whole_box());
     workspace.put("bad.stl", &files::open_box());
@@ -181,7 +181,7 @@ fn overlapping_files_are_counted_and_separate_ones_measured() {
 }
 
 #[test]
-fn a_folder_alone_is_measured_between_its_files_and_distances_ask_for_good_ones() {
+fn distances_are_measured_between_the_good_files_of_a_folder() {
     let workspace = Workspace::new();
     std::fs::create_dir(workspace.path().join("set")).expect("a folder");
     workspace.put("set/a.stl", &files::whole_box());

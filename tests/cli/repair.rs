@@ -21,7 +21,7 @@ fn repair_writes_the_model_and_the_report_and_exits_with_zero_if_printable() {
 }
 
 #[test]
-fn a_printable_model_of_too_many_faces_comes_back_with_as_many_as_were_asked_for() {
+fn a_printable_model_is_simplified_to_the_requested_face_count() {
     let workspace = Workspace::new();
     workspace.put("in.stl", &write(&meshes::cube(DVec3::ZERO, 10.0, 8), Format::Stl).expect("a model"));
     let faces = |name: &str| read(&workspace.get(name), &Limits::default()).expect("a model").soup.faces.len();
@@ -65,7 +65,7 @@ fn repair_draws_into_the_folder_that_is_named_and_only_then() {
 }
 
 #[test]
-fn a_model_repaired_only_in_part_is_written_and_code_one() {
+fn a_partially_repaired_model_is_written_and_exits_with_code_one() {
     let workspace = Workspace::new();
     workspace.put("in.stl", &files::boxes_on_an_edge());
     let output = workspace.run(&["repair", "in.stl", "-o", "out.stl", "--preset", "fill-holes"]);
@@ -75,7 +75,7 @@ fn a_model_repaired_only_in_part_is_written_and_code_one() {
 }
 
 #[test]
-fn bad_input_is_code_two_with_the_place_and_nothing_is_written() {
+fn bad_input_exits_with_code_two_and_its_place_and_writes_nothing() {
     let workspace = Workspace::new();
     workspace.put("in.stl", b"solid x\nfacet normal 0 0 1\nouter loop\nvertex 0,5 0 0\n");
     for (args, expected) in [

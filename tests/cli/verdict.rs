@@ -66,7 +66,7 @@ fn a_printable_result_that_is_required_is_written_as_usual() {
 }
 
 #[test]
-fn a_requirement_that_is_not_known_is_refused_with_those_that_are() {
+fn an_unknown_requirement_is_refused_with_the_list_of_known_ones() {
     let workspace = Workspace::new();
     workspace.put("broken.stl", &files::broken_box());
     let output = workspace.run(&["repair", "broken.stl", "-o", "out.stl", "--require", "print_ready"]);

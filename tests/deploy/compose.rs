@@ -120,7 +120,7 @@ fn names_in_the_compose_file_exist() {
 }
 
 #[test]
-fn prometheus_asks_the_services_where_they_listen_for_operators() {
+fn prometheus_scrapes_the_listeners_for_metrics() {
     let [prometheus] = yaml("deploy/prometheus/prometheus.yml").try_into().expect("one document");
     let asked = &prometheus["scrape_configs"][0]["dns_sd_configs"][0];
     let port = format!(":{}", asked["port"]);

@@ -10,7 +10,7 @@ use crate::support::program::settings;
 use crate::support::source::{files, root, text};
 
 #[test]
-fn everything_that_the_build_copies_is_there_and_nothing_else_is_sent() {
+fn all_files_that_the_build_copies_exist_and_no_others_are_sent() {
     let ignored = text(".dockerignore");
     let mut sent: Vec<_> = ignored.lines().filter_map(|line| line.strip_prefix('!')).collect();
     assert!(ignored.lines().any(|line| line == "*"));
@@ -44,7 +44,7 @@ fn everything_that_the_build_copies_is_there_and_nothing_else_is_sent() {
 }
 
 #[test]
-fn the_layer_of_dependencies_is_a_package_that_cargo_takes() {
+fn the_dependency_layer_is_a_package_that_cargo_accepts() {
     let folder = tempfile::tempdir().expect("a folder");
     let image = Image::read();
     let first = image.all("COPY")[0].split_whitespace().filter(|word| word.starts_with("Cargo"));

@@ -24,7 +24,7 @@ fn pairs<'a>(lines: impl Iterator<Item = &'a str>) -> BTreeMap<String, String> {
 }
 
 #[test]
-fn it_starts_the_program_with_settings_that_it_takes() {
+fn the_unit_starts_the_program_with_valid_settings() {
     let service = section("Service");
     let one = |name: &str| service[name].first().expect("a value").as_str();
     let given: Vec<_> = service["Environment"].iter().flat_map(|line| line.split(' ')).collect();

@@ -109,7 +109,7 @@ fn sizes_and_places_change_nothing_but_the_areas() {
 }
 
 #[test]
-fn meshes_of_nothing_or_of_broken_faces_are_no_trouble() {
+fn empty_meshes_and_broken_faces_are_handled() {
     let whole = cube(DVec3::ZERO, 1.0, 1);
     let empty = Soup::default();
     assert_eq!(areas(&empty, &empty), [0.0; 4]);

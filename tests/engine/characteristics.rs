@@ -98,7 +98,7 @@ fn a_surface_pinched_at_a_vertex_within_one_part_has_no_genus() {
 }
 
 #[test]
-fn area_volume_and_box_of_each_part_are_those_of_geometry() {
+fn each_part_s_area_volume_and_bounding_box_are_exact() {
     let both = join(&cube(DVec3::new(1e6, 0.0, 0.0), 0.5, 2), &inside_out(cube(DVec3::ZERO, 2.0, 1)));
     let shells = inspect_soup(&both).characteristics.shells;
     for (shell, area, volume, outward) in [(&shells.list[0], 24.0, -8.0, false), (&shells.list[1], 1.5, 0.125, true)] {
@@ -111,7 +111,7 @@ fn area_volume_and_box_of_each_part_are_those_of_geometry() {
 }
 
 #[test]
-fn a_cavity_is_turned_rightly_and_a_solid_in_a_solid_is_not() {
+fn a_cavity_has_correct_orientation_and_a_solid_in_a_solid_has_not() {
     let outer = cube(DVec3::ZERO, 4.0, 1);
     let inner = cube(DVec3::ONE, 1.0, 1);
     for (soup, outward, depths) in [
@@ -378,7 +378,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
 
     #[test]
-    fn order_turn_and_scale_change_nothing(
+    fn face_order_rotation_and_scale_change_nothing(
         soup in broken(),
         order in any::<prop::sample::Index>(),
         turns in 0..4u32,

@@ -152,7 +152,7 @@ fn a_cancelled_run_leaves_the_surface_as_it_was() {
 }
 
 #[test]
-fn the_plan_of_auto_has_it_after_the_other_ways_and_runs_it_only_then() {
+fn auto_plans_clean_and_patch_after_the_other_strategies() {
     let mut broken = ball();
     crumple(&mut broken, DVec3::X, 0.3, 0.12, 1);
     let bytes = write(&broken.to_soup(), Format::Stl).unwrap();

@@ -40,7 +40,7 @@ fn deviations(comparison: &Comparison) -> [meshmend::inspect::Deviation; 3] {
 }
 
 #[test]
-fn a_mesh_is_no_distance_from_itself_and_all_of_it_is_kept() {
+fn a_mesh_has_zero_distance_from_itself_and_is_kept_completely() {
     let ball = sphere(DVec3::ONE, 2.0, 24, 12);
     let comparison = compared(&ball, &ball);
     assert!(comparison.faithful);
@@ -133,7 +133,7 @@ fn powers_of_two_and_right_angles_change_no_figure_in_percent() {
 }
 
 #[test]
-fn huge_tiny_empty_and_broken_meshes_are_compared_without_a_number_that_is_none() {
+fn comparing_huge_tiny_empty_or_broken_meshes_gives_no_nan() {
     let ball = |size: f64| sphere(DVec3::ZERO, size, 12, 8);
     let mut broken = ball(1.0);
     push(&mut broken, [DVec3::NAN, DVec3::INFINITY, DVec3::X]);
@@ -170,7 +170,7 @@ fn a_fan_of_needles_takes_no_longer_than_its_budget() {
 }
 
 #[test]
-fn any_number_of_threads_gives_the_same_figures() {
+fn any_number_of_threads_gives_the_same_values() {
     let (before, after) = (torus(3.0, 1.0, 40, 20), torus(3.01, 1.0, 36, 20));
     let with = |threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
@@ -196,7 +196,7 @@ fn spacing_is_from_each_vertex_to_the_nearest_of_the_other_meshes() {
 }
 
 #[test]
-fn faces_that_went_are_buried_where_the_result_is_around_them() {
+fn removed_faces_inside_the_result_are_buried() {
     let inner = cube(DVec3::splat(1.0), 1.0, 4);
     let buried = |before: &Soup, after: &Soup| compared(before, after).changes.faces_buried_pct;
     let outer = cube(DVec3::ZERO, 3.0, 2);

@@ -121,7 +121,7 @@ fn with_time_for_everything_nothing_is_left_out() {
 }
 
 #[test]
-fn a_model_that_could_be_inspected_and_no_more_comes_back_as_it_was() {
+fn a_model_that_could_only_be_inspected_comes_back_unchanged() {
     let clock = Clock::default();
     let repaired = run(&broken(), &Options::default(), None, &At(Stage::Repair, DEADLINE, &clock), &clock).unwrap();
     assert_eq!(repaired.report.outcome, Outcome::Unrepairable);
@@ -245,7 +245,7 @@ fn the_faces_of_a_remesh_are_not_reduced_without_simplify() {
 }
 
 #[test]
-fn a_blender_remesh_that_was_asked_for_is_the_one_that_runs() {
+fn a_requested_blender_remesh_runs_with_blender() {
     let (cubes, options) = for_blender();
     let clock = Clock::default();
     let apart = join(&cube(DVec3::ZERO, 1.0, 3), &cube(DVec3::new(1.004, 1.004, 0.0), 1.0, 3));
@@ -317,7 +317,7 @@ fn voxels_larger_than_requested_are_reported_with_the_reason() {
 }
 
 #[test]
-fn triangles_all_over_one_another_do_not_hold_a_repair_up() {
+fn heavily_overlapping_triangles_do_not_delay_a_repair() {
     let mut heap = Soup::default();
     for i in 0..400u32 {
         let z = f64::from(i);

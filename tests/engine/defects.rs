@@ -144,7 +144,7 @@ fn a_foldover_names_its_faces_and_draws_its_folds() {
 }
 
 #[test]
-fn a_fold_is_one_up_to_the_tolerances_only() {
+fn a_fold_is_found_only_within_the_tolerances() {
     // A flap on a plate, at an angle of 0.004: at its tip 0.0005 above it.
     let flap = |tolerances: Tolerances| {
         let mut soup = block();

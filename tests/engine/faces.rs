@@ -78,7 +78,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(24))]
 
     #[test]
-    fn slivers_that_are_put_into_a_solid_go_and_it_stays_closed_and_as_large(
+    fn slivers_in_a_solid_are_removed_and_it_stays_closed_with_its_volume(
         ring in any::<bool>(),
         splits in prop::collection::vec((any::<prop::sample::Index>(), 0..3usize, 1e-9..1e-7f64), 1..12),
         caps in prop::collection::vec((any::<prop::sample::Index>(), 0..3usize, 1e-9..1e-7f64), 1..12),
@@ -191,7 +191,7 @@ fn a_foldover_is_mended_by_a_plan() {
 }
 
 #[test]
-fn a_plate_without_thickness_keeps_its_rim() {
+fn a_zero_thickness_plate_keeps_its_rim() {
     let mut soup = Soup::default();
     for z in [0.0, 1e-9] {
         let at = |i: u32, j: u32| {

@@ -66,7 +66,7 @@ fn a_hole_of_many_edges_is_closed_and_the_solid_stays_solid() {
 }
 
 #[test]
-fn a_solid_whose_hole_the_options_leave_open_becomes_no_shell() {
+fn a_solid_with_a_hole_left_open_on_request_does_not_become_a_shell() {
     let ball = cut_off(as_f32(sphere(DVec3::ZERO, 10.0, 48, 24)), 8.0);
     let options = Options { max_hole_size: 0.05, ..Options::default() };
     let repaired = run(&ball, &options);

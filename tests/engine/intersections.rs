@@ -103,7 +103,7 @@ proptest! {
 }
 
 #[test]
-fn solids_that_do_not_meet_themselves_have_no_pair() {
+fn solids_without_self_intersections_have_no_pairs() {
     for soup in [cube(DVec3::ZERO, 1.0, 7), sphere(DVec3::ONE, 1.0, 40, 20), torus(2.0, 0.75, 60, 24)] {
         let file = intersections_of(&soup);
         assert!(file.counts.proven_none(), "{:?}", file.counts);
@@ -192,7 +192,7 @@ fn the_full_level_lists_pairs_with_their_places_and_the_basic_level_does_not_loo
 }
 
 #[test]
-fn the_answer_is_the_same_for_any_number_of_threads() {
+fn intersections_are_the_same_on_any_number_of_threads() {
     let first = torus(2.0, 0.75, 90, 40);
     let mut second = first.clone();
     second.positions.iter_mut().for_each(|p| *p += DVec3::new(0.31, 0.17, 0.6));

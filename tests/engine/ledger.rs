@@ -116,7 +116,7 @@ fn sheets_and_closed_parts_without_volume_enclose_nothing() {
 }
 
 #[test]
-fn an_open_bit_that_is_too_small_to_print_is_debris() {
+fn an_open_piece_too_small_to_print_is_debris() {
     let solid = box_at(0.0, 100.0);
     let mut bit = cube(DVec3::new(150.0, 0.0, 0.0), 0.01, 1);
     bit.faces.truncate(10);
@@ -147,7 +147,7 @@ fn a_part_that_is_missing_without_a_reason_is_lost() {
 }
 
 #[test]
-fn a_thin_plate_on_a_large_part_is_none_of_its_surface() {
+fn a_thin_plate_on_a_large_part_is_not_matched_with_its_surface() {
     let table = cube(DVec3::ZERO, 100.0, 4);
     let plate = cuboid(DVec3::new(20.0, 20.0, 100.0), DVec3::new(30.0, 30.0, 0.2), 3);
     assert_eq!(account_parts(&join(&table, &plate), &table).lost, 1);
@@ -206,7 +206,7 @@ fn remeshed(input: &Soup, answer: Soup) -> Repaired {
 }
 
 #[test]
-fn a_dropped_part_raises_the_flag_and_the_repair_is_one_in_part() {
+fn a_dropped_part_raises_the_flag_and_makes_the_repair_partial() {
     let mut open = cube(DVec3::ZERO, 4.0, 3);
     open.faces.pop();
     let kept = cube(DVec3::new(2.5, 2.5, 4.5), 1.0, 2);

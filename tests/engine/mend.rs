@@ -50,7 +50,7 @@ fn vertices_move_by_no_more_than_a_few_units_in_the_last_place() {
 }
 
 #[test]
-fn solids_that_touch_in_a_vertex_are_parted() {
+fn solids_that_touch_in_a_vertex_are_separated() {
     let soup = join(&cube(DVec3::ZERO, 1.0, 1), &cube(DVec3::ONE, 1.0, 1));
     assert_eq!(with_context(|c| measure(&soup, c)).unwrap().nonmanifold_vertices, 1);
     let after = measured_as_stl(&separated(&soup));

@@ -250,7 +250,7 @@ fn appearances(file: &ReadFile) -> Vec<([i64; 3], String)> {
 }
 
 #[test]
-fn colours_and_pictures_stay_on_what_stays_and_are_given_to_what_is_new() {
+fn kept_faces_keep_colours_and_textures_and_new_faces_get_them() {
     let formats =
         [(Format::ThreeMf, OutputFormat::ThreeMf), (Format::Glb, OutputFormat::Glb), (Format::Zip, OutputFormat::Auto)];
     for (format, output) in formats {
@@ -348,7 +348,7 @@ fn a_size_implausible_in_millimetres_gives_a_warning() {
 }
 
 #[test]
-fn stl_is_the_result_unless_the_file_holds_more() {
+fn stl_is_the_output_format_unless_the_file_holds_more() {
     let soup = open(cube(DVec3::ZERO, 20.0, 2));
     let of = |format| run(&format::write(&soup, format).unwrap(), &Options::default()).format;
     assert_eq!([Format::Stl, Format::Obj, Format::Off].map(of), [Format::Stl; 3]);

@@ -25,7 +25,7 @@ fn surface(soup: &Soup) -> Surface {
 }
 
 #[test]
-fn made_solids_are_printable_as_they_are() {
+fn generated_solids_are_printable() {
     for soup in [cube(DVec3::ZERO, 2.0, 3), torus(3.0, 1.0, 24, 12), sphere(DVec3::ONE, 2.0, 16, 8)] {
         let m = measured(&soup);
         assert!(m.printable(), "{m:?}");
@@ -248,7 +248,7 @@ fn a_two_sided_sheet_alone_is_not_lost() {
 }
 
 #[test]
-fn a_cavity_keeps_looking_into_the_hollow_and_a_solid_outward() {
+fn a_cavity_keeps_facing_inward_and_a_solid_outward() {
     let hollow = join(&cube(DVec3::ZERO, 4.0, 2), &inside_out(cube(DVec3::ONE, 1.0, 1)));
     let mut mesh = surface(&hollow);
     let before = mesh.faces.clone();
@@ -261,7 +261,7 @@ fn a_cavity_keeps_looking_into_the_hollow_and_a_solid_outward() {
 }
 
 #[test]
-fn an_open_box_turned_inside_out_is_turned_by_what_its_faces_see() {
+fn an_inverted_open_box_is_flipped_by_the_visibility_of_its_faces() {
     let mut soup = inside_out(cube(DVec3::ZERO, 1.0, 4));
     soup.faces.truncate(soup.faces.len() - 2);
     let mut mesh = surface(&soup);

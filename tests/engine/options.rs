@@ -75,7 +75,7 @@ fn nested_boxes_that_are_printable_are_wound_in_layers_where_that_is_asked_for()
 }
 
 #[test]
-fn solids_within_a_solid_go_where_a_winding_rule_is_asked_for_that_makes_them_one() {
+fn a_requested_winding_rule_removes_solids_inside_a_solid() {
     let bytes = stl(&nested_boxes());
     for inside in [InsideRule::Positive, InsideRule::Nonzero] {
         let repaired = repair_bytes(&bytes, &Options { inside, ..Options::default() }, None).unwrap();
@@ -144,7 +144,7 @@ fn box_with_a_sliver(height: f64) -> Soup {
 }
 
 #[test]
-fn slivers_of_a_printable_model_go_where_a_tolerance_is_asked_for() {
+fn slivers_of_a_printable_model_are_removed_with_a_tolerance() {
     let bytes = stl(&box_with_a_sliver(1e-3));
     let usual = repair_bytes(&bytes, &Options::default(), None).unwrap();
     assert_eq!((usual.report.outcome, usual.bytes == bytes), (Outcome::AlreadyPrintable, true));
@@ -191,7 +191,7 @@ fn box_with_a_lid_above(gap: f64, cells: u32) -> Soup {
 }
 
 #[test]
-fn a_ratio_to_sew_with_is_the_only_limit_where_it_is_asked_for() {
+fn a_requested_sewing_ratio_is_the_only_limit() {
     // The gap is a hundredth of the shortest edge, and more than a thousandth of the diagonal.
     let soup = box_with_a_lid_above(0.05, 2);
     let options = |sew_ratio| Options { sew_ratio, stitch_threshold: Some(0.0), ..Options::default() };

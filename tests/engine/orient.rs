@@ -105,7 +105,7 @@ fn a_solid_inside_a_solid_is_kept_and_reported() {
 }
 
 #[test]
-fn layers_alternate_where_that_is_asked_for_however_they_were_wound() {
+fn nested_layers_alternate_on_request_whatever_their_orientation() {
     for bits in 0..16u32 {
         let as_it_was: Vec<bool> = (0..4).map(|i| bits >> i & 1 == 1).collect();
         let (surface, _) = oriented(&nested_cubes(&as_it_was), ALTERNATE);
@@ -124,7 +124,7 @@ fn nested_cubes_with_a_hole(outward: &[bool]) -> Soup {
 }
 
 #[test]
-fn a_cavity_behind_a_wall_with_a_hole_stays_one_and_is_turned_with_the_wall() {
+fn a_cavity_behind_a_wall_with_a_hole_stays_one_and_is_flipped_with_the_wall() {
     let inner = |surface: &Surface| (0..2).map(|i| volume(surface, 11 + 12 * i..23 + 12 * i) > 0.0).collect::<Vec<_>>();
     for (as_it_was, becomes) in [
         ([true, false, true], [false, true]),
@@ -259,7 +259,7 @@ fn opened(surface: &mut Surface) -> [Applied; 2] {
 }
 
 #[test]
-fn a_moebius_band_is_cut_across_and_becomes_a_sheet_with_two_sides() {
+fn a_moebius_band_is_cut_across_into_an_orientable_sheet() {
     for (n, m) in [(40, 6), (9, 1), (24, 3)] {
         let mut surface = moebius_band(n, m);
         let before = measured(&surface);
@@ -277,7 +277,7 @@ fn a_moebius_band_is_cut_across_and_becomes_a_sheet_with_two_sides() {
 }
 
 #[test]
-fn a_klein_bottle_is_cut_into_a_part_with_two_sides() {
+fn a_klein_bottle_is_cut_into_an_orientable_part() {
     let mut surface = klein_bottle(32, 10);
     let before = measured(&surface);
     assert!(before.closed && before.manifold && before.misoriented_edges > 0);

@@ -288,7 +288,7 @@ fn parts_that_became_one_raise_a_flag() {
 }
 
 #[test]
-fn the_voxels_are_made_larger_until_the_faces_fit() {
+fn voxels_grow_until_the_face_limit_holds() {
     let fake = FakeRemesher::returning(vec![Err(RemeshError::Empty), Err(RemeshError::Empty)]);
     let options = Options { voxel_size: Some(1e-6), max_remesh_faces: 10_000, ..without_tier_2() };
     repair_soup(&non_manifold(), &options, Some(&fake));
@@ -318,7 +318,7 @@ fn voxels_are_as_fine_as_thin_walls_need_and_no_finer_than_a_quarter_of_the_usua
 }
 
 #[test]
-fn a_remesh_that_could_not_keep_to_so_few_faces_is_refused_with_the_reason() {
+fn a_remesh_that_exceeds_the_face_limit_is_refused_with_the_reason() {
     let fake = FakeRemesher::returning((0..2).map(|_| Err(RemeshError::Empty)).collect());
     let mut comb = Soup::default();
     for i in 0..60 {

@@ -62,7 +62,7 @@ fn edges_of_a_cube_are_not_thin_walls_and_a_ball_is_as_thick_as_its_diameter() {
 }
 
 #[test]
-fn a_cavity_is_no_solid_and_leaves_a_wall_and_a_lighter_side() {
+fn a_cavity_is_not_a_solid_and_changes_wall_thickness_and_centre_of_mass() {
     let hole = block(DVec3::new(0.5, 1.0, 1.0), DVec3::new(2.0, 2.0, 2.0));
     let measures = print(&join(&block(DVec3::ZERO, DVec3::splat(4.0)), &inside_out(hole)));
     assert_eq!(measures.solids, 1);

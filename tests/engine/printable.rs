@@ -278,7 +278,7 @@ proptest! {
 }
 
 #[test]
-fn a_fold_without_height_is_found_at_a_tolerance_of_nothing() {
+fn a_fold_of_zero_height_is_found_at_zero_tolerance() {
     // Two faces in an oblique plane, one folded back onto the other. In f64 the cross product of their heights is not 0.
     let soup = Soup {
         positions: [[0.125, 0.25, 0.375], [1.125, 0.5, 0.875], [0.375, 1.75, 0.625]].map(DVec3::from_array).to_vec(),
@@ -299,7 +299,7 @@ fn a_fold_without_height_is_found_at_a_tolerance_of_nothing() {
 }
 
 #[test]
-fn a_model_in_millimetres_is_as_printable_in_glb_whose_lengths_are_metres() {
+fn a_model_in_millimetres_is_equally_printable_in_glb_which_uses_metres() {
     // 5e-6 mm, which is 5e-9 m: distinct with eight decimals in millimetres, but not in metres.
     let mut soup = Surface::from_soup(&cube(DVec3::ZERO, 10.0, 1)).0.to_soup();
     assert_eq!(split_at_origin(&mut soup), (true, true));

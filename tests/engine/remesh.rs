@@ -223,7 +223,7 @@ fn the_sharp_edges_of_a_bracket_are_kept() {
 }
 
 #[test]
-fn a_wall_and_a_wire_thinner_than_a_cell_do_not_vanish() {
+fn a_wall_and_a_wire_thinner_than_a_cell_are_kept() {
     let mut wall = cube(DVec3::ZERO, 1.0, 1);
     for p in &mut wall.positions {
         *p = DVec3::new(p.x * 10.0, 0.003 + p.y * 0.01, p.z * 10.0);
@@ -317,7 +317,7 @@ fn size_and_place_of_the_model_do_not_matter() {
 }
 
 #[test]
-fn it_is_the_same_for_any_number_of_threads() {
+fn the_surface_and_deviation_are_the_same_on_any_number_of_threads() {
     let soup = turned(join(&bracket(), &sphere(DVec3::splat(0.4), 1.0, 24, 12)));
     let [one, two] = [1, 2].map(|threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
@@ -328,7 +328,7 @@ fn it_is_the_same_for_any_number_of_threads() {
 }
 
 #[test]
-fn it_stops_when_asked() {
+fn a_cancelled_remesh_stops() {
     let (surface, _) = Surface::from_soup(&cube(DVec3::ZERO, 1.0, 1));
     let cancel = std::sync::atomic::AtomicBool::new(true);
     let clock = || std::time::Duration::ZERO;
@@ -338,7 +338,7 @@ fn it_stops_when_asked() {
 }
 
 #[test]
-fn the_operator_keeps_what_would_move_too_far_and_what_has_no_inside() {
+fn a_remesh_that_moves_too_far_or_encloses_nothing_is_undone() {
     let (before, _) = Surface::from_soup(&sphere(DVec3::ZERO, 1.0, 16, 8));
     let remesh = Remesh { cell: Some(0.1), ..Remesh::default() };
     let run = |surface: &mut Surface, most: f64| {

@@ -290,7 +290,7 @@ fn a_sheet_through_a_box_joins_the_solid_and_nothing_of_the_box_is_removed() {
 }
 
 #[test]
-fn sheets_are_left_where_that_is_asked_for() {
+fn sheets_are_left_open_on_request() {
     let options = Options { open_sheets: OpenSheets::Leave, max_tier: 2, ..Options::default() };
     let repaired = run(&box_with_a_sheet_through_it(), &options);
     assert!(repaired.report.steps.iter().all(|s| s.action != Action::CloseSheets));
@@ -329,7 +329,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(48))]
 
     #[test]
-    fn any_faces_at_all_become_closed_and_consistently_wound_by_index(
+    fn any_faces_become_closed_and_consistently_oriented_by_index(
         faces in prop::collection::vec([0u32..9, 0u32..9, 0u32..9], 1..24),
         points in prop::collection::vec([-5.0f64..5.0, -5.0f64..5.0, -5.0f64..5.0], 9),
     ) {

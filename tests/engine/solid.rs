@@ -91,7 +91,7 @@ fn with_a_fin() -> Soup {
 }
 
 #[test]
-fn a_wall_of_no_thickness_that_can_be_seen_gets_one() {
+fn a_visible_zero_thickness_wall_is_thickened() {
     let repaired = repair_soup(&with_a_fin(), &native(), None);
     assert_eq!(repaired.report.outcome, Outcome::Repaired, "{:?}", repaired.report.red_flags);
     let after = &repaired.report.after.unwrap().measures;

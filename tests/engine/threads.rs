@@ -41,7 +41,7 @@ fn run_repair(soup: &Soup, options: &Options) -> Repaired {
 }
 
 #[test]
-fn the_whole_pipeline_answers_the_same_on_any_number_of_threads() {
+fn the_pipeline_gives_the_same_result_on_any_number_of_threads() {
     let options = Options { max_tier: 2, max_error: Some(1e-3), ..Options::default() };
     for (mut soup, through) in [
         (overlapping(), [Operator::FillHoles, Operator::Resolve, Operator::Simplify]),

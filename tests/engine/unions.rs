@@ -35,11 +35,11 @@ struct Damage {
 }
 
 /// A soup of solids with damage, and the volume change that the damage may cause.
-fn damaged(solids: &[Soup], done: Damage, random: &mut Random) -> (Soup, f64) {
+fn damaged(solids: &[Soup], damage: Damage, random: &mut Random) -> (Soup, f64) {
     let mut soup = as_f32(solids.iter().fold(Soup::default(), |all, solid| join(&all, solid)));
     let mut slack = 0.0;
     let mut around: Vec<DVec3> = Vec::new();
-    for _ in 0..done.holes {
+    for _ in 0..damage.holes {
         let f = random.below(soup.faces.len());
         let [a, b, c] = soup.corners(f);
         if [a, b, c].iter().any(|p| around.contains(p)) {
@@ -50,11 +50,11 @@ fn damaged(solids: &[Soup], done: Damage, random: &mut Random) -> (Soup, f64) {
         soup.faces.remove(f);
     }
     for f in (1..soup.faces.len()).rev() {
-        if done.shuffled {
+        if damage.shuffled {
             soup.faces.swap(f, random.below(f + 1));
             soup.faces[f].rotate_left(random.below(3));
         }
-        if done.turned && random.below(2) == 0 {
+        if damage.turned && random.below(2) == 0 {
             soup.faces[f].swap(0, 1);
         }
     }
@@ -62,14 +62,14 @@ fn damaged(solids: &[Soup], done: Damage, random: &mut Random) -> (Soup, f64) {
 }
 
 /// Repairs damaged solids and describes what is wrong with the result, if anything.
-fn verdict(solids: &[Soup], done: Damage, seed: u64) -> Result<(), String> {
+fn verdict(solids: &[Soup], damage: Damage, seed: u64) -> Result<(), String> {
     let volume = filled(&as_f32(solids.iter().fold(Soup::default(), |all, solid| join(&all, solid))));
-    let (soup, slack) = damaged(solids, done, &mut Random::new(seed));
+    let (soup, slack) = damaged(solids, damage, &mut Random::new(seed));
     let repaired = repair_up_to_tier_2(&write(&soup, Format::Stl).unwrap());
     let result = read(&repaired.bytes, &Limits::default()).unwrap().soup;
     let after = with_context(|c| measure(&result, c)).unwrap();
     // Internal walls that are visible through a hole are surface of the model, so overlaps there may remain.
-    let closed = after.closed && after.manifold && after.consistent && done.holes > 0;
+    let closed = after.closed && after.manifold && after.consistent && damage.holes > 0;
     if !after.printable() && !closed {
         return Err(format!("{}; {}", after.in_short(), repaired.report.summary));
     }
@@ -158,7 +158,7 @@ fn solids_inside_others_with_common_edges_are_not_inverted() {
 }
 
 #[test]
-fn solids_nearly_at_one_place_are_united_though_half_of_their_faces_go() {
+fn nearly_coincident_solids_are_united_though_half_of_their_faces_disappear() {
     let soup = as_f32(join(&sphere(DVec3::ZERO, 1.0, 120, 60), &sphere(DVec3::new(0.13, 0.09, 0.05), 1.0, 120, 60)));
     let report = repair_up_to_tier_2(&write(&soup, Format::Stl).unwrap()).report;
     assert_eq!((report.outcome, report.candidates.len()), (Outcome::Repaired, 1), "{:?}", report.red_flags);

@@ -106,7 +106,7 @@ fn some_damaged_gltf_files_are_read_and_written() {
 }
 
 #[test]
-fn a_document_of_gltf_to_be_damaged_is_sound() {
+fn the_gltf_document_is_valid_before_it_is_damaged() {
     assert!(mutate::gltf_is_read());
 }
 

@@ -241,7 +241,7 @@ fn guarded_operations() -> Vec<(Method, String)> {
 }
 
 #[tokio::test]
-async fn nothing_of_the_service_answers_without_a_key_or_with_a_wrong_or_revoked_one() {
+async fn the_service_requires_a_valid_key_for_every_guarded_operation() {
     let data = tempfile::tempdir().expect("a folder");
     let good = create_key(data.path(), "shop", ALL_SCOPES);
     let gone = create_key(data.path(), "shop", ALL_SCOPES);
@@ -502,7 +502,7 @@ async fn limits_on_requests_and_queued_jobs_apply_to_each_tenant_separately() {
 }
 
 #[tokio::test]
-async fn an_open_service_answers_its_own_pages_and_no_others() {
+async fn a_service_without_auth_serves_only_its_own_pages() {
     let data = tempfile::tempdir().expect("a folder");
     let program = Start::serve(data.path()).start();
     let api = Api::new(&program);

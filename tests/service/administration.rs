@@ -78,7 +78,7 @@ async fn a_key_shows_its_secret_once_and_is_invalid_after_it_is_revoked() {
 }
 
 #[tokio::test]
-async fn a_key_that_can_t_be_made_as_asked_is_refused_by_the_name_of_the_field() {
+async fn an_invalid_key_request_is_refused_with_the_name_of_the_field() {
     let data = tempfile::tempdir().expect("a folder");
     let admin = create_key(data.path(), "operator", "admin");
     let program = start_with_keys(Start::serve(data.path()));

@@ -90,7 +90,7 @@ fn a_variable_that_nothing_reads_is_refused_by_every_command_that_runs_the_servi
 }
 
 #[tokio::test]
-async fn a_host_name_may_be_listened_on_and_an_open_service_that_others_reach_warns() {
+async fn listening_on_a_host_name_works_and_a_reachable_service_without_auth_warns() {
     let data = tempfile::tempdir().expect("a folder");
     let program = Start::serve_on("localhost:0", data.path()).start();
     assert_eq!(Api::new(&program).get("/v1/jobs").send().await.expect("a response").status(), 200);

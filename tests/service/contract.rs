@@ -66,7 +66,7 @@ async fn each_event_of_a_job_has_the_fields_that_are_documented() {
 }
 
 #[tokio::test]
-async fn a_whole_number_may_be_written_with_a_point() {
+async fn an_integer_may_be_written_with_a_decimal_point() {
     let data = tempfile::tempdir().expect("a folder");
     let (_program, api) = service(&data);
     for (bytes, expected) in [(json!(30.0), 201), (json!(3e3), 201), (json!(30.5), 400), (json!(-1.0), 400)] {

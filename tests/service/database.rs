@@ -135,7 +135,7 @@ async fn one_process_serves_and_another_one_works() {
 }
 
 #[tokio::test]
-async fn a_database_that_is_killed_and_comes_back_loses_no_job_at_any_step_of_its_worker() {
+async fn a_database_outage_at_any_step_of_a_worker_loses_no_job() {
     for pause in ["worker-claimed", "child-tier1", "worker-publish", "worker-complete"] {
         let (mut cluster, data) = (Postgres::start(), tempfile::tempdir().expect("a folder"));
         let server = serve(data.path(), &cluster).start();

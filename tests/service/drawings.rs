@@ -178,7 +178,7 @@ async fn drawing_that_is_killed_is_tried_again_and_given_up_in_the_end() {
 }
 
 #[tokio::test]
-async fn pictures_that_can_never_be_drawn_are_named_no_more() {
+async fn pictures_that_can_never_be_drawn_are_no_longer_listed() {
     let data = tempfile::tempdir().expect("a folder");
     let program = Start::serve(data.path()).start();
     let api = Api::new(&program);

@@ -137,7 +137,7 @@ async fn a_kill_during_an_upload_leaves_no_job_and_a_kill_after_the_response_los
 }
 
 #[tokio::test]
-async fn a_stop_hands_running_jobs_back_and_charges_no_attempt() {
+async fn a_shutdown_releases_running_jobs_and_charges_no_attempt() {
     let data = tempfile::tempdir().expect("a folder");
     let mut program =
         Start::serve(data.path()).arg("--shutdown-grace-s", "0.3").env("FAILPOINTS", &paused("child-tier1")).start();
@@ -153,7 +153,7 @@ async fn a_stop_hands_running_jobs_back_and_charges_no_attempt() {
 }
 
 #[tokio::test]
-async fn a_stop_lets_running_jobs_finish_and_takes_no_new_connection() {
+async fn a_shutdown_lets_running_jobs_finish_and_accepts_no_new_connections() {
     let data = tempfile::tempdir().expect("a folder");
     let mut program = Start::serve(data.path()).env("FAILPOINTS", "child-tier1=sleep(1500)").start();
     let api = Api::new(&program);

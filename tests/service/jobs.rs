@@ -90,7 +90,7 @@ async fn a_raw_body_with_its_options_in_the_query_is_a_job_too() {
 }
 
 #[tokio::test]
-async fn waiting_holds_the_answer_until_the_status_changes_and_entity_tags_spare_the_body() {
+async fn long_polling_waits_for_a_new_status_and_entity_tags_spare_the_body() {
     let data = tempfile::tempdir().expect("a folder");
     let program = Start::serve(data.path()).start();
     let api = Api::new(&program);

@@ -58,7 +58,7 @@ async fn a_repair_that_hangs_is_killed_at_its_deadline_with_all_its_processes() 
 }
 
 #[tokio::test]
-async fn a_blender_that_hangs_costs_its_time_and_the_best_result_so_far_comes_back() {
+async fn a_hanging_blender_uses_up_its_time_and_the_best_result_so_far_is_returned() {
     let data = tempfile::tempdir().expect("a folder");
     let blender = hanging_blender(data.path());
     let program = Start::serve(data.path()).blender(&blender).start();

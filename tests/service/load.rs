@@ -105,7 +105,7 @@ async fn run_clients(clients: usize, time: Duration) -> Duration {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn a_full_queue_refuses_what_is_too_much_and_answers_the_rest() {
+async fn a_full_queue_refuses_excess_jobs_and_serves_the_rest() {
     let slowest = run_clients(40, Duration::from_secs(6)).await;
     // Clients, workers and other tests share the CPUs.
     assert!(slowest < Duration::from_secs(2), "{slowest:?}");

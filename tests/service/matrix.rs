@@ -343,12 +343,12 @@ async fn assert_all_ended(scene: &JobsAtStages, fault: Fault) {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn jobs_whose_processes_are_killed_at_every_place_end_once() {
+async fn jobs_end_once_if_their_processes_are_killed_at_every_stage() {
     every_job_ends_once(Fault::Child).await;
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn jobs_whose_workers_are_killed_at_every_place_end_once() {
+async fn jobs_end_once_if_the_workers_are_killed_at_every_stage() {
     every_job_ends_once(Fault::Worker).await;
 }
 
@@ -358,7 +358,7 @@ async fn jobs_end_once_if_the_server_is_killed_and_the_next_one_sends_their_webh
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn jobs_whose_database_is_killed_at_every_place_end_once() {
+async fn jobs_end_once_if_the_database_is_killed_at_every_stage() {
     every_job_ends_once(Fault::Database).await;
 }
 
@@ -368,7 +368,7 @@ async fn jobs_end_once_if_the_bucket_is_down_at_every_stage() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn jobs_whose_disks_are_full_at_every_place_end_once() {
+async fn jobs_end_once_if_disks_are_full_at_every_stage() {
     if mounts_small_disks() {
         every_job_ends_once(Fault::Disk).await;
     }

@@ -102,7 +102,7 @@ fn config_lists_effective_settings_with_their_sources_and_without_secrets() {
 }
 
 #[tokio::test]
-async fn operators_see_what_waits_of_each_class_of_tenants() {
+async fn metrics_count_queued_jobs_by_tenant_class() {
     let data = tempfile::tempdir().expect("a folder");
     let meshmend = |args: &[&str]| {
         let mut command = Command::new(env!("CARGO_BIN_EXE_meshmend"));
@@ -220,7 +220,7 @@ async fn killed_and_crashed_children_are_counted_with_the_reason() {
 }
 
 #[tokio::test]
-async fn blenders_that_crash_are_counted_and_so_are_those_that_follow_them() {
+async fn crashes_of_blender_and_its_repeated_runs_are_counted() {
     let data = tempfile::tempdir().expect("a folder");
     let blender = fake_blender(data.path(), "kill -SEGV $$");
     let program = with_probes(Start::serve(data.path())).blender(&blender).start();

@@ -17,11 +17,11 @@ on_each_store! {
     a_job_s_end_and_its_messages_are_written_in_one_transaction,
     a_delivery_is_claimed_by_one_and_by_another_when_its_lease_ends,
     tenants_take_turns_and_hanging_receivers_delay_no_other_tenant,
-    many_couriers_at_once_never_get_the_same_delivery,
+    concurrent_dispatchers_never_claim_the_same_delivery,
     an_endpoint_is_disabled_when_it_responds_410_or_fails_for_days,
     finished_deliveries_are_sent_again_on_request,
     a_secret_that_was_replaced_is_known_beside_the_new_one,
-    endpoints_are_their_tenants_own_and_no_more_than_may_be,
+    endpoints_belong_to_a_tenant_and_their_number_is_limited,
     messages_are_deleted_with_their_job_or_after_some_time,
 }
 
@@ -209,7 +209,7 @@ async fn tenants_take_turns_and_hanging_receivers_delay_no_other_tenant(bench: B
     assert_eq!(order, ["busy", "calm", "busy", "calm", "busy"], "the fourth delivery to the busy endpoint has to wait");
 }
 
-async fn many_couriers_at_once_never_get_the_same_delivery(bench: Bench) {
+async fn concurrent_dispatchers_never_claim_the_same_delivery(bench: Bench) {
     endpoint(&bench, "shop").await;
     for _ in 0..40 {
         cancel_new_job(&bench, "shop").await;
@@ -332,7 +332,7 @@ async fn a_secret_that_was_replaced_is_known_beside_the_new_one(bench: Bench) {
     assert_eq!(claim(&bench).await.expect("due").secrets, Some(new));
 }
 
-async fn endpoints_are_their_tenants_own_and_no_more_than_may_be(bench: Bench) {
+async fn endpoints_belong_to_a_tenant_and_their_number_is_limited(bench: Bench) {
     let store = &bench.store;
     let own = endpoint(&bench, "shop").await;
     let more = store.create_endpoint(new_endpoint("shop", &JobEvent::ALL), 1).await.expect("a result");

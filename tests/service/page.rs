@@ -58,7 +58,7 @@ async fn the_page_comes_with_all_it_needs_and_may_reach_nothing_else() {
 }
 
 #[tokio::test]
-async fn a_browser_gets_the_page_packed_and_only_when_it_changed() {
+async fn a_browser_gets_the_page_compressed_and_only_when_it_changed() {
     let data = tempfile::tempdir().expect("a folder");
     let program = Start::serve(data.path()).start();
     let api = Api::new(&program);

@@ -139,7 +139,7 @@ async fn capabilities_list_the_sandbox_and_the_limits_of_jobs() {
 }
 
 #[tokio::test]
-async fn a_required_sandbox_that_leaves_files_open_is_no_start() {
+async fn a_required_sandbox_that_cannot_restrict_files_prevents_the_start() {
     let data = tempfile::tempdir().expect("a folder");
     let serve = |more: &[&str]| {
         let mut command = Command::new(env!("CARGO_BIN_EXE_meshmend"));
@@ -193,7 +193,7 @@ fn with_argument(word: &str) -> Vec<u32> {
 }
 
 #[tokio::test]
-async fn a_job_that_starts_more_and_more_processes_gets_no_further_than_its_limit() {
+async fn a_job_cannot_start_more_processes_than_its_limit() {
     let (data, tools) = (tempfile::tempdir().expect("a folder"), tempfile::tempdir().expect("a folder"));
     let word = format!("many-{}", std::process::id());
     // Bounded, in case nothing stops it.
@@ -232,7 +232,7 @@ async fn stray(data: &Path, tools: &Path, word: &str) -> (Program, String) {
 }
 
 #[tokio::test]
-async fn a_process_that_left_its_group_ends_with_its_job_all_the_same() {
+async fn a_process_that_left_its_group_still_ends_with_its_job() {
     let (data, tools) = (tempfile::tempdir().expect("a folder"), tempfile::tempdir().expect("a folder"));
     let word = format!("stray-{}", std::process::id());
     let (program, id) = stray(data.path(), tools.path(), &word).await;

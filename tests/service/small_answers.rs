@@ -79,7 +79,7 @@ async fn a_quote_has_the_figures_of_the_result_in_millimetres() {
 }
 
 #[tokio::test]
-async fn text_is_answered_in_the_coding_that_the_client_takes() {
+async fn text_is_sent_in_an_encoding_that_the_client_accepts() {
     let data = tempfile::tempdir().expect("a folder");
     let program = Start::serve(data.path()).start();
     let api = Api::new(&program);

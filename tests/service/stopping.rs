@@ -47,7 +47,7 @@ async fn during_shutdown_reads_are_served_and_new_jobs_are_refused_with_a_time_t
 }
 
 #[tokio::test]
-async fn a_process_closes_its_listener_when_the_grace_ends_and_hands_its_job_back() {
+async fn when_the_grace_period_ends_a_process_closes_its_listener_and_releases_its_job() {
     let data = tempfile::tempdir().expect("a folder");
     let start = Start::serve(data.path()).env("FAILPOINTS", "child-inspect=sleep(600000)");
     let mut program = start.arg("--shutdown-grace-s", "2").start();

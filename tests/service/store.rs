@@ -16,7 +16,7 @@ use crate::support::stores::{Bench, LEASE, ManualClock, on_each_store};
 
 on_each_store! {
     jobs_are_claimed_in_the_order_they_came_and_each_only_once,
-    many_workers_at_once_never_get_the_same_job,
+    concurrent_workers_never_claim_the_same_job,
     a_heartbeat_extends_the_lease_and_an_expired_lease_makes_the_job_claimable,
     every_write_of_a_stale_worker_loses,
     a_passing_failure_waits_longer_each_time_and_is_final_at_the_last_attempt,
@@ -28,7 +28,7 @@ on_each_store! {
     the_queue_position_counts_those_ahead,
     the_longest_wait_counts_due_jobs_and_not_retries_that_are_not_due,
     each_change_grows_the_version_and_a_quiet_heartbeat_does_not,
-    an_end_whose_answer_was_lost_is_answered_again,
+    a_completion_whose_response_was_lost_may_be_repeated,
     a_key_is_held_by_one_request_until_it_is_accepted_given_back_or_late,
     an_upload_is_open_for_a_while_waits_for_longer_and_becomes_one_job_at_most,
     no_more_uploads_wait_than_may,
@@ -46,7 +46,7 @@ async fn jobs_are_claimed_in_the_order_they_came_and_each_only_once(bench: Bench
     assert_eq!(bench.claim().await, None);
 }
 
-async fn many_workers_at_once_never_get_the_same_job(bench: Bench) {
+async fn concurrent_workers_never_claim_the_same_job(bench: Bench) {
     let bench = Arc::new(bench);
     for _ in 0..100 {
         bench.submit().await;
@@ -244,7 +244,7 @@ async fn each_change_grows_the_version_and_a_quiet_heartbeat_does_not(bench: Ben
     assert_eq!(bench.get(job.id).await.version, news);
 }
 
-async fn an_end_whose_answer_was_lost_is_answered_again(bench: Bench) {
+async fn a_completion_whose_response_was_lost_may_be_repeated(bench: Bench) {
     let job = bench.submit().await;
     let first = bench.claim().await.expect("a job").lease;
     let failed = bench.store.fail(&first, Bench::failure(FailureKind::Passing)).await.expect("noted");

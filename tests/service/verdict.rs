@@ -77,7 +77,7 @@ async fn requiring_a_printable_result_does_not_change_a_printable_one() {
 }
 
 #[tokio::test]
-async fn a_requirement_that_is_not_known_is_refused_with_those_that_are() {
+async fn an_unknown_requirement_is_refused_with_the_list_of_known_ones() {
     let data = tempfile::tempdir().expect("a folder");
     let program = Start::serve(data.path()).start();
     let api = Api::new(&program);

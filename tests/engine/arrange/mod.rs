@@ -90,7 +90,7 @@ fn a_cavity_stays_and_a_solid_inside_a_solid_is_removed() {
 }
 
 #[test]
-fn a_solid_that_is_inside_out_is_nothing_or_turned_as_asked() {
+fn an_inverted_solid_is_empty_or_flipped_depending_on_the_winding_rule() {
     let flipped = inside_out(block([0, 0, 0], [1, 1, 1]));
     assert_eq!(solid(&flipped, Inside::Positive), Err(ArrangeError::Empty));
     for inside in [Inside::Nonzero, Inside::Odd] {
@@ -109,7 +109,7 @@ fn coincident_walls_of_opposite_orientation_cancel() {
 }
 
 #[test]
-fn faces_that_meet_no_other_come_back_bit_for_bit_and_in_order() {
+fn faces_that_intersect_no_other_come_back_bit_for_bit_and_in_order() {
     let turn = DQuat::from_axis_angle(DVec3::new(0.3, 0.5, 0.8).normalize(), 1.0);
     let ball = turned(sphere(DVec3::ZERO, 1.0, 24, 12), turn, DVec3::new(1.1, 0.1, 0.2));
     let soup = join(&cube(DVec3::ZERO, 1.0, 8), &ball);

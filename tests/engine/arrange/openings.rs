@@ -84,7 +84,7 @@ fn a_speck_in_a_region_does_not_leave_it_open() {
 }
 
 #[test]
-fn a_cup_with_a_block_in_it_comes_back_with_the_block_to_be_seen() {
+fn a_cup_with_a_block_in_it_keeps_the_block_visible() {
     let mut soup = join(&cup(), &in_the_cup(1.5));
     let open: Vec<bool> = (0..soup.faces.len()).map(|f| is_lid(&soup, f)).collect();
     let mut lid = open.into_iter();

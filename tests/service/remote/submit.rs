@@ -130,7 +130,7 @@ async fn impossible_requests_are_reported_before_anything_is_sent() {
 }
 
 #[tokio::test]
-async fn an_analysis_is_asked_for_by_the_options_of_the_api_and_its_report_is_the_result() {
+async fn an_analysis_is_requested_with_the_api_s_options_and_returns_its_report() {
     let data = tempfile::tempdir().expect("a folder");
     let program = Start::serve(data.path()).start();
     let client = Client::of(&program.url);

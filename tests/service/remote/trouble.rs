@@ -46,7 +46,7 @@ async fn an_untrusted_certificate_is_refused_and_the_message_names_the_remedy() 
 }
 
 #[tokio::test]
-async fn a_submission_whose_answer_is_lost_is_sent_again_and_makes_one_job() {
+async fn a_submission_whose_response_is_lost_is_repeated_and_creates_one_job() {
     let data = tempfile::tempdir().expect("a folder");
     let (program, posts) = (serve(&data), AtomicU32::new(0));
     let interceptor = Interceptor::start(&program, move |method, _| match method {
@@ -63,7 +63,7 @@ async fn a_submission_whose_answer_is_lost_is_sent_again_and_makes_one_job() {
 }
 
 #[tokio::test]
-async fn a_service_that_is_busy_is_asked_again_when_it_wants_to_be() {
+async fn a_busy_service_is_retried_after_the_time_that_it_gives() {
     let data = tempfile::tempdir().expect("a folder");
     let (program, posts) = (serve(&data), AtomicU32::new(0));
     let interceptor = Interceptor::start(&program, move |method, _| match method {

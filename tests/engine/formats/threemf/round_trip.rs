@@ -186,7 +186,7 @@ fn a_mesh_keeps_its_indices_and_every_bit() {
 }
 
 #[test]
-fn numbers_that_are_none_are_not_written() {
+fn non_finite_numbers_are_not_written() {
     let mut soup = triangle();
     soup.positions[1].y = f64::NAN;
     assert_eq!(write(&soup, Format::ThreeMf), Err(WriteError::NotFinite));

@@ -13,7 +13,7 @@ fn one_object() -> String {
 }
 
 #[test]
-fn relationships_are_held_to_what_3mf_asks_of_them() {
+fn relationships_must_follow_the_3mf_specification() {
     let text = one_object();
     let with = |root: &[(&str, &str)]| {
         let rels = relationships(root);
@@ -67,7 +67,7 @@ fn an_extension_that_is_required_and_not_read_is_named() {
 }
 
 #[test]
-fn xml_is_held_to_what_3mf_asks_of_it() {
+fn xml_must_follow_the_3mf_specification() {
     let text = one_object();
     let body = text.split_once("?>").unwrap().1;
     for (text, words) in [
@@ -109,7 +109,7 @@ fn xml_is_held_to_what_3mf_asks_of_it() {
 }
 
 #[test]
-fn a_model_is_held_to_what_the_core_specification_asks_of_it() {
+fn a_model_must_follow_the_core_specification() {
     let text = one_object();
     for (text, words) in [
         (text.replace("<object ", "<object pid=\"x\" "), "found 'x' where a whole number"),

@@ -93,7 +93,7 @@ fn an_archive_that_was_cut_off_is_answered_wherever_that_was() {
 }
 
 #[test]
-fn a_library_that_is_no_library_harms_nothing() {
+fn an_invalid_library_is_ignored() {
     let obj = |library: &str| [format!("mtllib {library}\nusemtl red\n").as_bytes(), TRIANGLE].concat();
     for (library, content) in [
         ("m.obj", &b""[..]),

@@ -11,7 +11,7 @@ use crate::support::repair_bytes;
 const NO: ReadErrorKind = ReadErrorKind::UnsupportedFormat;
 
 #[test]
-fn one_model_of_any_format_is_read_as_what_it_is() {
+fn a_single_model_of_any_format_is_read() {
     for format in Format::ALL.into_iter().filter(|&format| format != Format::Zip) {
         let alone = write(&tetrahedron(), format).unwrap();
         let bytes = package(&[("parts/thing", &alone)]);
