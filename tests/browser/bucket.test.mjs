@@ -7,7 +7,7 @@ import { brokenRing } from "./support/models.mjs";
 import { serve } from "./support/service.mjs";
 import { openShop } from "./support/shop.mjs";
 
-/** Opens the page of what is started on a bucket; `use` also gets the methods with which the bucket is asked. */
+/** Opens the page of a service or shop that uses a bucket; `use` also gets the methods of the requests to the bucket. */
 async function onBucket(how, start, use) {
   const store = await bucket(how);
   const started = await start(store);
@@ -38,7 +38,7 @@ test("the page sends a model straight to the bucket and fetches the result from 
     assert.deepEqual(faults, []);
   }));
 
-test("the widget on a shop's page does the same", { timeout: 120_000 }, () =>
+test("the widget on a shop's page sends to and fetches from the bucket too", { timeout: 120_000 }, () =>
   onBucket({}, openShop, async ({ page, faults, asked, methods }) => {
     await page.getByText("Drop your 3D model here").waitFor();
     await drop(page, [["ring.stl", brokenRing()]], "meshmend-upload .box");
@@ -52,7 +52,7 @@ test("the widget on a shop's page does the same", { timeout: 120_000 }, () =>
     assert.deepEqual(faults, []);
   }));
 
-test("where the bucket refuses the page, it says what the operator has to do", { timeout: 120_000 }, () =>
+test("if the bucket refuses the page, the page says what the operator must do", { timeout: 120_000 }, () =>
   onBucket({ cors: null }, (store) => serve(...store.args), async ({ page }) => {
     await drop(page, [["ring.stl", brokenRing()]]);
     await page.getByText("in the bucket's CORS rules").waitFor({ timeout: 60_000 });

@@ -1,10 +1,10 @@
-// The documentation for everybody: screen readers, keyboards, dark rooms and phones, and without scripts.
+// Accessibility of the documentation: screen readers, keyboards, dark mode, phones, and no scripts.
 import assert from "node:assert/strict";
 import { test } from "node:test";
 import { open, violations } from "./support/browser.mjs";
-import { browser, service } from "./support/desk.mjs";
+import { browser, service } from "./support/service-and-browser.mjs";
 
-/** The addresses of all pages, as the index lists them. */
+/** The URLs of all pages in the index. */
 async function pages() {
   const { page, close } = await open(browser, service.url, { path: "/docs/" });
   const paths = await page.locator("nav.pages a").evaluateAll((links) => links.map((link) => new URL(link.href).pathname));
@@ -24,7 +24,7 @@ for (const colorScheme of ["light", "dark"]) {
   });
 }
 
-test("no page is wider than a phone, and its tables and commands can be moved by keys", { timeout: 120_000 }, async () => {
+test("no page is wider than a phone, and its tables and commands scroll with the keyboard", { timeout: 120_000 }, async () => {
   for (const path of await pages()) {
     const { page, close } = await open(browser, service.url, { path, viewport: { width: 360, height: 740 } });
     const wide = await page.evaluate(() => document.documentElement.scrollWidth);
@@ -39,7 +39,7 @@ test("no page is wider than a phone, and its tables and commands can be moved by
   }
 });
 
-test("a page is read with keys alone: to the text, to a section, to another page", { timeout: 60_000 }, async () => {
+test("the keyboard alone reaches the text, a section and another page", { timeout: 60_000 }, async () => {
   const { page, close } = await open(browser, service.url, { path: "/docs/options" });
   await page.keyboard.press("Tab");
   assert.equal(await page.evaluate(() => document.activeElement.textContent), "Skip to the text");
@@ -53,19 +53,19 @@ test("a page is read with keys alone: to the text, to a section, to another page
   await close();
 });
 
-test("pictures are shown at their size, and nothing is asked of anybody else", { timeout: 60_000 }, async () => {
+test("pictures are shown at their size, and nothing is loaded from other hosts", { timeout: 60_000 }, async () => {
   const { page, asked, close } = await open(browser, service.url, { path: "/docs/how-repair-works" });
   for (const picture of await page.locator("article img").all()) {
     await picture.scrollIntoViewIfNeeded();
     await picture.evaluate((it) => it.decode());
-    const [shape, told] = await picture.evaluate((it) => [it.naturalWidth / it.naturalHeight, it.width / it.height]);
-    assert.ok(Math.abs(shape - told) < 0.01, `${shape} ${told}`);
+    const [shape, declared] = await picture.evaluate((image) => [image.naturalWidth / image.naturalHeight, image.width / image.height]);
+    assert.ok(Math.abs(shape - declared) < 0.01, `${shape} ${declared}`);
   }
   assert.deepEqual(asked.filter((url) => !url.startsWith(service.url)), []);
   await close();
 });
 
-test("the page where models are repaired leads to the documentation, and that leads back", { timeout: 60_000 }, async () => {
+test("the repair page links to the documentation, and the documentation links back", { timeout: 60_000 }, async () => {
   const { page, close } = await open(browser, service.url);
   await page.getByRole("link", { name: "Docs" }).click();
   await page.getByRole("heading", { level: 1, name: "Documentation" }).waitFor();

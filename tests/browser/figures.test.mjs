@@ -1,23 +1,23 @@
-// What the page weighs and how long people wait for it.
+// Size and loading time of the page.
 import assert from "node:assert/strict";
 import { get } from "node:http";
 import { test } from "node:test";
 import { LOOKS, open, pixels, settled, shown } from "./support/browser.mjs";
-import { browser, service } from "./support/desk.mjs";
+import { browser, service } from "./support/service-and-browser.mjs";
 import { largeRing } from "./support/models.mjs";
 import { repaired } from "./support/service.mjs";
 
-/** The best of some tries: other processes of the machine only make it slower. */
+/** The best of several tries, since other processes only make it slower. */
 async function best(tries, measure) {
   const all = [];
   for (let i = 0; i < tries; i += 1) all.push(await measure());
   return all.reduce((a, b) => (b.time < a.time ? b : a));
 }
 
-/** What is sent of a file, and its text. */
+/** The bytes sent for a file, and its text. */
 async function packed(path) {
   const text = await (await fetch(service.url + path)).text();
-  // fetch unpacks what it gets, so the bytes on the way are counted by a plain request.
+  // fetch decompresses, so a plain request counts the transferred bytes.
   const sent = await new Promise((resolve, reject) => {
     get(service.url + path, { headers: { "accept-encoding": "gzip" } }, (message) => {
       assert.equal(message.headers["content-encoding"], "gzip", path);
@@ -28,7 +28,7 @@ async function packed(path) {
   return { text, sent };
 }
 
-/** What a file weighs with whatever it names, and what that names, and so on. */
+/** The size of a file with all files that it refers to, directly or not. */
 async function weight(path, known = new Map()) {
   if (known.has(path)) return known;
   const { text, sent } = await packed(path);
@@ -37,7 +37,7 @@ async function weight(path, known = new Map()) {
   return known;
 }
 
-test("the page with its viewer weighs less than 350 kB, and a shop's page waits for less than 40 kB", { timeout: 60_000 }, async (t) => {
+test("the page with its viewer is below 350 kB, and a shop's page waits for less than 40 kB", { timeout: 60_000 }, async (t) => {
   const page = await weight("/");
   assert.ok(page.size >= 5, `the document, a style, an icon, and scripts with the viewer's: ${[...page.keys()]}`);
   assert.ok(!page.has("/widget.js"));
@@ -56,7 +56,7 @@ test("the page is painted within a second", { timeout: 60_000 }, async (t) => {
     const { page, close } = await open(browser, service.url);
     await page.getByRole("heading", { name: "Drop a 3D model" }).waitFor();
     await settled(page);
-    // What was painted is told a moment after it was.
+    // The browser reports a paint with a short delay.
     await page.waitForFunction(() => performance.getEntriesByName("first-contentful-paint").length > 0);
     const time = await page.evaluate(() => performance.getEntriesByName("first-contentful-paint")[0].startTime);
     await close();
@@ -74,7 +74,7 @@ test("a result of 200,000 faces can be turned within two seconds", { timeout: 24
     const { page, close } = await open(browser, service.url, { path: `/#/result/${job.id}` });
     await shown(page);
     const time = await page.evaluate(() => performance.getEntriesByName("model-shown")[0].startTime);
-    // Turning it draws a frame; how long that takes is told, but on a processor alone it is not asserted.
+    // Turning the model draws a frame. Its time is only reported, since it is slow without a graphics card.
     const frame = await page.evaluate(async () => {
       const start = performance.now();
       document.querySelector("canvas").dispatchEvent(new KeyboardEvent("keydown", { key: "ArrowLeft", bubbles: true }));
@@ -88,10 +88,10 @@ test("a result of 200,000 faces can be turned within two seconds", { timeout: 24
   assert.ok(time < 2000, `${time} ms`);
 });
 
-test("a large model is seen as a coarse one first, and then whole", { timeout: 240_000 }, async (t) => {
+test("a large model is shown coarse first, then whole", { timeout: 240_000 }, async (t) => {
   const job = await repaired(service.url, "huge.stl", largeRing(450_000));
   assert.equal(job.outcome, "repaired");
-  // The first that is asked for has them drawn.
+  // The first request for a picture draws all of them.
   assert.equal((await fetch(service.url + job.artifacts["after.png"].href)).status, 200);
   const { artifacts } = await (await fetch(`${service.url}/v1/jobs/${job.id}`)).json();
   const bytes = (name) => artifacts[name].bytes;

@@ -1,13 +1,13 @@
-// The jobs view, for whoever runs the service.
+// The jobs view for operators.
 import assert from "node:assert/strict";
 import { test } from "node:test";
 import { open, shown } from "./support/browser.mjs";
-import { browser, service } from "./support/desk.mjs";
+import { browser, service } from "./support/service-and-browser.mjs";
 import { brokenRing, soundBox } from "./support/models.mjs";
 import { repaired, serve } from "./support/service.mjs";
 
 test("jobs are listed by status and page, with the service's health beside them", { timeout: 120_000 }, async () => {
-  // More than one page, all but the first from an earlier result.
+  // More than one page of jobs, all but the first with a reused result.
   for (let i = 0; i < 27; i += 1) await repaired(service.url, `box-${i}.stl`, soundBox());
   await repaired(service.url, "cut.stl", Buffer.from("solid cut\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\n"));
   const { page, faults, close } = await open(browser, service.url, { path: "/#/jobs" });
@@ -51,8 +51,8 @@ test("a job has its steps, its log and its files, and is run again with other op
   await close();
 });
 
-test("a job that runs is followed and canceled, and one that ended is deleted after a question", { timeout: 120_000 }, async () => {
-  // Nobody takes jobs here, so that one waits as long as the test likes.
+test("a running job is followed and canceled, and a finished one is deleted after a confirmation", { timeout: 120_000 }, async () => {
+  // No worker runs here, so the job stays queued.
   const waiting = await serve("--no-workers");
   try {
     const form = new FormData();
@@ -76,7 +76,7 @@ test("a job that runs is followed and canceled, and one that ended is deleted af
   }
 });
 
-test("a job that is not there says so", { timeout: 60_000 }, async () => {
+test("a missing job is reported", { timeout: 60_000 }, async () => {
   const { page, close } = await open(browser, service.url, { path: "/#/jobs/job_019a3c5e7b1f7c3e8d2a4b6c8d0e2f4a" });
   await page.getByText("There is no such job, or it is not yours.").waitFor();
   await page.getByRole("link", { name: "All jobs" }).click();

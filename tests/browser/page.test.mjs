@@ -1,10 +1,10 @@
-// From a dropped model to its repaired one, as a person meets it.
+// The page from a dropped model to the repaired one.
 import assert from "node:assert/strict";
 import { createHash } from "node:crypto";
 import { readFileSync } from "node:fs";
 import { test } from "node:test";
 import { LOOKS, drop, open, pixels, settled, shown } from "./support/browser.mjs";
-import { browser, service } from "./support/desk.mjs";
+import { browser, service } from "./support/service-and-browser.mjs";
 import { brokenRing, sheet, soundBox, thinWall, twoObjects } from "./support/models.mjs";
 
 const sha256 = (bytes) => createHash("sha256").update(bytes).digest("hex");
@@ -23,7 +23,7 @@ test("a dropped model is repaired, shown and downloaded as the API has it", { ti
   const { page, faults, asked, close } = await open(browser, service.url);
   await page.getByRole("heading", { name: "Drop a 3D model" }).waitFor();
   await page.getByText("STL, OBJ, PLY").waitFor();
-  // Every stage that the list was on is written down, since a small model is through in a moment.
+  // Records every stage that the list shows, since a small model passes them quickly.
   await page.evaluate(() => {
     const seen = (window.stages = []);
     new MutationObserver(() => {
@@ -40,13 +40,13 @@ test("a dropped model is repaired, shown and downloaded as the API has it", { ti
   await page.getByRole("heading", { name: "Repaired and printable" }).waitFor();
   for (const line of ["2 holes closed", "2 parts united"]) await page.getByText(line, { exact: true }).waitFor();
 
-  // Before on the left with what is wrong in colour, after on the right without.
+  // Before on the left with coloured defects, after on the right without.
   const [left, right] = [await pixels(page, LOOKS, [0, 0.49]), await pixels(page, LOOKS, [0.51, 1])];
   assert.ok(left.grey > 10_000 && right.grey > 10_000, JSON.stringify({ left, right }));
   assert.ok(left.orange > 100 && left.red > 1000, JSON.stringify(left));
   assert.ok(right.orange === 0 && right.red < 50 && right.blue > 100, JSON.stringify(right));
 
-  // A layer that is switched off is seen no more.
+  // A layer that is switched off is not visible.
   const holes = page.getByRole("button", { name: /\d+ holes?$/ }).first();
   assert.equal(await holes.getAttribute("aria-pressed"), "true");
   await holes.click();
@@ -63,7 +63,7 @@ test("a dropped model is repaired, shown and downloaded as the API has it", { ti
   assert.ok(model.bytes.equals(served), "the bytes are the API's");
   assert.equal(sha256(model.bytes), job.artifacts.model.sha256);
 
-  // Another format is made of the result.
+  // The result is converted to another format.
   const off = await saved(page, () => page.getByLabel("Other format").selectOption("off"));
   assert.equal(off.name, "ring-repaired.off");
   assert.match(off.bytes.subarray(0, 20).toString(), /^OFF/);
@@ -149,7 +149,7 @@ test("walls thinner than a printer makes are marked", { timeout: 60_000 }, async
   await drop(page, [["wall.stl", thinWall()]]);
   await shown(page);
   const layer = page.locator(".layer.thin");
-  // More than the first places, which the job itself has.
+  // More places than the first ones, which are in the job itself.
   await layer.getByText(/^\d{2,}$/).waitFor();
   await settled(page);
   assert.match(await layer.textContent(), /places with thin walls/);
@@ -162,7 +162,7 @@ test("walls thinner than a printer makes are marked", { timeout: 60_000 }, async
   await close();
 });
 
-test("what could not be repaired says what to do, and a click does it", { timeout: 120_000 }, async () => {
+test("for an unrepaired model the page suggests a remedy, and a click applies it", { timeout: 120_000 }, async () => {
   const { page, faults, close } = await open(browser, service.url);
   await drop(page, [["sheet.obj", sheet()]]);
   await shown(page);
@@ -178,7 +178,7 @@ test("what could not be repaired says what to do, and a click does it", { timeou
   await close();
 });
 
-test("many files come in at once, and one that is no model says so and stops none", { timeout: 120_000 }, async () => {
+test("many files are dropped at once, and an invalid one is reported and stops no other", { timeout: 120_000 }, async () => {
   const { page, faults, close } = await open(browser, service.url);
   const cut = Buffer.from("solid cut\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\n");
   await drop(page, [["a.stl", soundBox()], ["cut.stl", cut], ["notes.txt", Buffer.from("hello")], ["b.stl", thinWall()]]);
@@ -193,7 +193,7 @@ test("many files come in at once, and one that is no model says so and stops non
   await close();
 });
 
-test("an upload is paused, begins anew and is resumed", { timeout: 120_000 }, async () => {
+test("an upload is paused, restarted and resumed", { timeout: 120_000 }, async () => {
   const { page, faults, close } = await open(browser, service.url);
   const session = await page.context().newCDPSession(page);
   await session.send("Network.enable");
@@ -218,7 +218,7 @@ test("the sample repairs itself to something printable", { timeout: 60_000 }, as
   await close();
 });
 
-test("the objects of a file are told of one by one", { timeout: 60_000 }, async () => {
+test("the objects of a file are listed one by one", { timeout: 60_000 }, async () => {
   const { page, faults, close } = await open(browser, service.url);
   await drop(page, [["pair.gltf", twoObjects()]]);
   await shown(page);

@@ -1,11 +1,11 @@
-// The page for everybody: screen readers, keyboards, dark rooms, phones, other languages, and services that ask for a key.
+// Accessibility of the page: screen readers, keyboards, dark mode, phones, languages, and services that require a key.
 import assert from "node:assert/strict";
 import { mkdtempSync, readFileSync } from "node:fs";
 import { tmpdir } from "node:os";
 import { join } from "node:path";
 import { before, test } from "node:test";
 import { drop, open, shown, violations } from "./support/browser.mjs";
-import { browser, service } from "./support/desk.mjs";
+import { browser, service } from "./support/service-and-browser.mjs";
 import { brokenRing, sheet } from "./support/models.mjs";
 import { repaired, run, serveFrom } from "./support/service.mjs";
 
@@ -15,7 +15,7 @@ before(async () => {
   failed = await repaired(service.url, "cut.stl", Buffer.from("solid cut\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\n"));
   await repaired(service.url, "sheet.obj", sheet());
 });
-/** Every place of the page that looks different, and what has to be there before it is looked at. */
+/** Every view of the page, and the element to wait for before it is checked. */
 const places = () => [
   ["/", (page) => page.getByText("STL, OBJ").waitFor()],
   [`/#/result/${ring.id}`, (page) => shown(page)],
@@ -37,7 +37,7 @@ for (const colorScheme of ["light", "dark"]) {
   });
 }
 
-test("the switch for dark goes over the system's, and stays", { timeout: 60_000 }, async () => {
+test("the switch for dark mode overrides the system's setting and is remembered", { timeout: 60_000 }, async () => {
   const { page, close } = await open(browser, service.url, { colorScheme: "light" });
   const ground = () => page.evaluate(() => getComputedStyle(document.body).backgroundColor);
   const light = await ground();
@@ -53,7 +53,7 @@ test("the switch for dark goes over the system's, and stays", { timeout: 60_000 
   await close();
 });
 
-test("everything can be reached with the keyboard, and the focus is seen", { timeout: 60_000 }, async () => {
+test("everything is reachable with the keyboard, and the focus is visible", { timeout: 60_000 }, async () => {
   const { page, close } = await open(browser, service.url, { path: `/#/result/${ring.id}` });
   await shown(page);
   const wanted = new Set(await page.locator("main").locator("button:not([disabled]), select:not([disabled]), canvas, summary, [role=slider]").evaluateAll((all) => all.map((it, i) => ((it.dataset.nth = String(i)), String(i)))));
@@ -84,7 +84,7 @@ test("the skip link leads past the navigation", { timeout: 60_000 }, async () =>
   await close();
 });
 
-test("on a phone nothing is wider than the screen, and the slider is what one sees", { timeout: 120_000 }, async () => {
+test("on a phone nothing is wider than the screen, and the slider is visible", { timeout: 120_000 }, async () => {
   for (const [path, ready] of places()) {
     for (const locale of ["en-US", "de-DE"]) {
       const { page, close } = await open(browser, service.url, { path, locale, viewport: { width: 360, height: 740 }, hasTouch: true, isMobile: true });
@@ -135,7 +135,7 @@ test("the handle between before and after has arrows and not the strokes of a pa
   await close();
 });
 
-test("nothing moves under a person's hands while the page loads", { timeout: 60_000 }, async () => {
+test("the layout does not shift while the page loads", { timeout: 60_000 }, async () => {
   for (const path of ["/", "/#/jobs", `/#/result/${ring.id}`]) {
     const { page, close } = await open(browser, service.url, { path: "/livez" });
     await page.addInitScript(() => {
@@ -155,7 +155,7 @@ test("nothing moves under a person's hands while the page loads", { timeout: 60_
   }
 });
 
-test("a browser that speaks German is spoken to in German, and English is one choice away", { timeout: 60_000 }, async () => {
+test("a German browser gets the page in German and can switch to English", { timeout: 60_000 }, async () => {
   const { page, close } = await open(browser, service.url, { locale: "de-AT" });
   await page.getByRole("heading", { name: "3D-Modell ablegen" }).waitFor();
   assert.equal(await page.evaluate(() => document.documentElement.lang), "de");
@@ -167,7 +167,7 @@ test("a browser that speaks German is spoken to in German, and English is one ch
   await close();
 });
 
-test("where the service asks for a key the page does, and keeps it no longer than the tab", { timeout: 120_000 }, async () => {
+test("if the service requires a key, the page asks for it and forgets it with the tab", { timeout: 120_000 }, async () => {
   const data = mkdtempSync(join(tmpdir(), "meshmend-keys-"));
   const secret = (await run("keys", "create", "--tenant", "shop", "--scopes", "jobs:read,jobs:write", "--data-dir", data)).match(/mm\w+_\S+/)?.[0];
   assert.ok(secret, "a key was printed");

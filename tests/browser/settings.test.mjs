@@ -1,8 +1,8 @@
-// What a person decides about a model: its unit, its size, and the thickness of an open surface; and what becomes of refused settings.
+// Settings of a model: its unit, its size and the thickness of an open surface; and refused settings.
 import assert from "node:assert/strict";
 import { test } from "node:test";
 import { LOOKS, drop, open, pixels, settled, shown } from "./support/browser.mjs";
-import { browser, service } from "./support/desk.mjs";
+import { browser, service } from "./support/service-and-browser.mjs";
 import { colouredGlb, coloured3mf } from "./support/coloured.mjs";
 import { sheet, soundBox, thinWall } from "./support/models.mjs";
 import { repaired } from "./support/service.mjs";
@@ -57,7 +57,7 @@ for (const [name, bytes, size] of [
   });
 }
 
-test("where the page has no file it asks for it, and takes no other", { timeout: 120_000 }, async () => {
+test("without the file the page asks for it, and accepts no other", { timeout: 120_000 }, async () => {
   const job = await repaired(service.url, "box.stl", soundBox());
   const { page, faults, close } = await open(browser, service.url, { path: `/#/result/${job.id}` });
   await shown(page);
@@ -112,7 +112,7 @@ test("an open surface gets the thickness that was chosen, after a preview of it"
   const job = await newest();
   assert.deepEqual([job.options.open_sheets, job.options.thickness, job.outcome], ["thicken", 1.5, "repaired"]);
   assert.equal(uploads(asked), 1);
-  // What was made can be made again, thicker.
+  // The result can be made again with a larger thickness.
   await shown(page);
   await page.getByRole("button", { name: "2 mm", exact: true }).click();
   await page.getByRole("button", { name: "Make it 2 mm thick" }).click();
@@ -121,7 +121,7 @@ test("an open surface gets the thickness that was chosen, after a preview of it"
   await close();
 });
 
-test("a thickness that the service chose itself is told, with what printers need", { timeout: 60_000 }, async () => {
+test("a thickness that the service chose is reported with what printers need", { timeout: 60_000 }, async () => {
   const job = await repaired(service.url, "sheet.obj", sheet(), { open_sheets: "thicken" });
   const { page, faults, close } = await open(browser, service.url, { path: `/#/result/${job.id}`, locale: "de-DE" });
   await shown(page);
@@ -151,7 +151,7 @@ test("a wall that most printers can't make is named", { timeout: 60_000 }, async
   await close();
 });
 
-test("another decision than the assumed one is a click away", { timeout: 120_000 }, async () => {
+test("a click replaces an assumption by another decision", { timeout: 120_000 }, async () => {
   const { page, faults, close } = await open(browser, service.url);
   await page.getByRole("button", { name: "Try a broken sample" }).click();
   await page.getByText("Where surfaces cross, the direction of the faces decided what is solid.").waitFor({ timeout: 60_000 });
@@ -162,7 +162,7 @@ test("another decision than the assumed one is a click away", { timeout: 120_000
   await close();
 });
 
-test("an option that the service refuses says so beside its field, whether errors are texts or objects", { timeout: 120_000 }, async () => {
+test("a refused option is reported beside its field, whether errors are texts or objects", { timeout: 120_000 }, async () => {
   const job = await repaired(service.url, "box.stl", soundBox());
   const { page, faults, close } = await open(browser, service.url, { path: `/#/jobs/${job.id}` });
   const problem = (errors) => ({ type: "/problems/invalid_options", title: "Invalid options", status: 400, code: "invalid_options", detail: "Two options are wrong.", errors });
@@ -180,7 +180,7 @@ test("an option that the service refuses says so beside its field, whether error
   await close();
 });
 
-test("a link to the result is copied, and opens it for somebody else", { timeout: 60_000 }, async () => {
+test("a link to the result is copied, and another browser can open it", { timeout: 60_000 }, async () => {
   const { page, faults, close } = await open(browser, service.url, { permissions: ["clipboard-read", "clipboard-write"] });
   await drop(page, [["box.stl", soundBox()]]);
   await shown(page);
@@ -197,7 +197,7 @@ test("a link to the result is copied, and opens it for somebody else", { timeout
   await other.close();
 });
 
-test("where the service has deleted the file, the page asks for it and goes on", { timeout: 120_000 }, async () => {
+test("if the service has deleted the file, the page asks for it and continues", { timeout: 120_000 }, async () => {
   const job = await repaired(service.url, "box.stl", soundBox());
   const { page, faults, close } = await open(browser, service.url, { path: `/#/result/${job.id}` });
   await shown(page);

@@ -12,7 +12,7 @@ import { openShop } from "./support/shop.mjs";
 const SHOP = new URL("../../examples/shop/", import.meta.url);
 const { Webhook } = createRequire(new URL("server.mjs", SHOP))("standardwebhooks");
 
-test("the shop takes messages that meshmend signed just now, and no others", { timeout: 60_000 }, async () => {
+test("the shop accepts only messages that meshmend signed recently", { timeout: 60_000 }, async () => {
   const shop = await openShop();
   try {
     const text = JSON.stringify({ type: "ping", data: {} });
@@ -32,7 +32,7 @@ test("the shop takes messages that meshmend signed just now, and no others", { t
   }
 });
 
-test("nobody acts for a customer but pages of the shop", { timeout: 60_000 }, async () => {
+test("only pages of the shop may act for a customer", { timeout: 60_000 }, async () => {
   const shop = await openShop();
   try {
     const [cookie] = (await fetch(shop.url)).headers.getSetCookie()[0].split(";");
@@ -45,7 +45,7 @@ test("nobody acts for a customer but pages of the shop", { timeout: 60_000 }, as
   }
 });
 
-test("an ordered model is fetched once however often the shop is told, and none that arrived damaged", async () => {
+test("an ordered model is fetched once however many webhooks arrive, and a damaged one is rejected", async () => {
   const model = Buffer.from("a model");
   const figures = { printable: true, size_mm: [10, 10, 10], volume_mm3: 1000, area_mm2: 600, thinnest_wall_mm: 10 };
   const href = "/v1/jobs/job_1/artifacts/model";

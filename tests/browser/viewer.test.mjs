@@ -1,9 +1,9 @@
-// What the viewer shows: models in their own colours and the right way up, nothing that the verdict does not name, and distances.
+// The viewer: models in their own colours and upright, marks that match the verdict, and distances.
 import assert from "node:assert/strict";
 import { test } from "node:test";
 import { LOOKS, PAINTS, drop, ends, open, pixels, settled, shown } from "./support/browser.mjs";
 import { colouredGlb, colouredObj, colouredOff, colouredPly, coloured3mf } from "./support/coloured.mjs";
-import { browser, service } from "./support/desk.mjs";
+import { browser, service } from "./support/service-and-browser.mjs";
 import { flatFace, openBox, soundBox } from "./support/models.mjs";
 
 const LEFT = [0, 0.49];
@@ -42,7 +42,7 @@ for (const [name, bytes, second, hasAfter] of [
   });
 }
 
-test("what is wrong is marked on a model in its own colours", { timeout: 120_000 }, async () => {
+test("defects are marked on a model in its own colours", { timeout: 120_000 }, async () => {
   const { page, faults, close } = await open(browser, service.url);
   const broken = colouredPly().toString().replace("element face 12", "element face 11").trimEnd().split("\n").slice(0, -1).join("\n");
   await drop(page, [["broken.ply", Buffer.from(`${broken}\n`)]]);
@@ -53,7 +53,7 @@ test("what is wrong is marked on a model in its own colours", { timeout: 120_000
   await close();
 });
 
-test("a model without colours has no switch for them", { timeout: 60_000 }, async () => {
+test("a model without colours has no colour switch", { timeout: 60_000 }, async () => {
   const { page, close } = await open(browser, service.url);
   await drop(page, [["box.stl", soundBox()]]);
   await coloured(page);
@@ -61,7 +61,7 @@ test("a model without colours has no switch for them", { timeout: 60_000 }, asyn
   await close();
 });
 
-test("a printable result has no marks for what the verdict does not name", { timeout: 60_000 }, async () => {
+test("a printable result has only marks that the verdict mentions", { timeout: 60_000 }, async () => {
   const { page, faults, close } = await open(browser, service.url);
   await drop(page, [["flat.obj", flatFace()]]);
   await shown(page);
@@ -155,7 +155,7 @@ test("the ruler works with a finger", { timeout: 60_000 }, async () => {
   await close();
 });
 
-test("a large hole that was closed is named as a guess in both languages", { timeout: 60_000 }, async () => {
+test("a large closed hole is reported as an assumption in both languages", { timeout: 60_000 }, async () => {
   for (const [locale, texts] of [
     ["en-US", [/% of the surface is new\. Its shape is a guess\./, /1 large hole was closed\. The shape of the patch is a guess/, /The file names no unit\. Its lengths were read as mm\./]],
     ["de-DE", [/% der Oberfläche sind neu\. Ihre Form ist geraten\./, /1 großes Loch wurde geschlossen\. Die Form des Flickens ist geraten/, /Die Datei nennt keine Einheit\. Ihre Längen wurden als mm gelesen\./]],

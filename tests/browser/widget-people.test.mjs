@@ -1,11 +1,11 @@
-// The widget for everybody: keyboards, screen readers, dark rooms, phones, other languages, and shops with looks of their own.
+// Accessibility of the widget: keyboards, screen readers, dark mode, phones, languages, and shops with their own style.
 import assert from "node:assert/strict";
 import { test } from "node:test";
 import { LOOKS, drop, pixels, settled, shown, violations } from "./support/browser.mjs";
 import { brokenRing, sheet } from "./support/models.mjs";
-import { BOX, CUT, visit, widget } from "./support/shop-desk.mjs";
+import { BOX, CUT, visit, widget } from "./support/shop-and-browser.mjs";
 
-test("all of it is done with the keyboard", { timeout: 120_000 }, async () => {
+test("the whole widget works with the keyboard", { timeout: 120_000 }, async () => {
   const { page, faults, close } = await visit({ reducedMotion: "reduce" });
   const focused = () => page.evaluate(() => document.activeElement?.shadowRoot?.activeElement?.textContent ?? "");
   const dialog = page.waitForEvent("filechooser");
@@ -78,7 +78,7 @@ for (const colorScheme of ["light", "dark"]) {
 test("on a phone nothing is wider than the screen, and nothing moves below the widget, in both languages", { timeout: 120_000 }, async () => {
   for (const [locale, heading] of [["en-US", "Repaired and printable"], ["de-DE", "Repariert und druckbar"]]) {
     const { page, close } = await visit({ locale, viewport: { width: 360, height: 740 }, hasTouch: true, isMobile: true });
-    // The shop's page is in English, and so is the widget unless it is told otherwise.
+    // The widget has the language of the shop's page, English, unless it is set.
     await widget(page).evaluate((it, lang) => (it.lang = lang), locale.slice(0, 2));
     await page.evaluate(() => {
       globalThis.shift = 0;
@@ -99,7 +99,7 @@ test("on a phone nothing is wider than the screen, and nothing moves below the w
   }
 });
 
-test("a shop's variables and parts style the widget, and its root's size of letters does not", { timeout: 60_000 }, async () => {
+test("a shop's variables and parts style the widget, and its root font size does not", { timeout: 60_000 }, async () => {
   const { page, close } = await visit();
   const look = () => page.getByRole("button", { name: "Choose a file" }).evaluate((it) => {
     const { backgroundColor, minHeight, letterSpacing, fontFamily } = getComputedStyle(it);

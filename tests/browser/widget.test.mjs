@@ -9,9 +9,9 @@ import { LOOKS, PAINTS, drop, open, pixels, settled, shown } from "./support/bro
 import { colouredGlb } from "./support/coloured.mjs";
 import { brokenRing, sheet, soundBox } from "./support/models.mjs";
 import { run } from "./support/service.mjs";
-import { BOX, CUT, browser, jobOf, shop, told, visit, widget } from "./support/shop-desk.mjs";
+import { BOX, CUT, browser, eventDetails, jobOf, shop, visit, widget } from "./support/shop-and-browser.mjs";
 
-/** A token of meshmend for pages of an origin, as a shop's backend asks for one. */
+/** A token of meshmend for pages of an origin, as a shop's backend requests it. */
 async function tokenFor(origin) {
   const init = { method: "POST", headers: { "content-type": "application/json" }, body: JSON.stringify({ origin }) };
   return (await shop.ask("/v1/browser-tokens", init)).json();
@@ -26,7 +26,7 @@ test("a customer uploads, sees the result and orders it, and the shop has the mo
   await page.getByText("2 holes closed", { exact: true }).waitFor();
   const seen = await pixels(page, LOOKS);
   assert.ok(seen.grey > 5000 && seen.orange > 100, `both models are seen: ${JSON.stringify(seen)}`);
-  const [{ jobId }] = await told(page, "uploaded");
+  const [{ jobId }] = await eventDetails(page, "uploaded");
   const job = await jobOf(jobId);
   await page.getByText(/cm³ cost €\d/).waitFor();
   const price = 390 + 0.038 * job.report.after.print.volume + 0.02 * job.report.after.print.area;
@@ -46,7 +46,7 @@ test("the numbers of the events are those of the job's report", { timeout: 120_0
   const { page, faults, close } = await visit();
   await widget(page).evaluate((it) => it.setAttribute("unit", "in"));
   await drop(page, [["box.stl", soundBox()]], BOX);
-  const [repaired] = await told(page, "repaired");
+  const [repaired] = await eventDetails(page, "repaired");
   const job = await jobOf(repaired.jobId);
   const { print, bounding_box } = job.report.after ?? job.report.before;
   assert.deepEqual([repaired.status, repaired.outcome], [job.status, job.outcome]);
@@ -59,26 +59,26 @@ test("the numbers of the events are those of the job's report", { timeout: 120_0
   near(metrics.volumeMm3, 24_000 * 25.4 ** 3);
   near(metrics.areaMm2, print.area * 25.4 ** 2);
   near(metrics.thinnestWallMm, print.thinnest_wall.thickness * 25.4);
-  const [first] = await told(page, "progress");
+  const [first] = await eventDetails(page, "progress");
   assert.deepEqual([first.status, first.jobId, first.bytes], ["uploading", null, soundBox().length]);
-  const shares = (await told(page, "progress")).filter(({ status }) => status !== "uploading");
+  const shares = (await eventDetails(page, "progress")).filter(({ status }) => status !== "uploading");
   assert.ok(shares.length > 0 && shares.every(({ jobId }) => jobId === repaired.jobId));
-  // The shop prints none that large.
+  // The shop does not print models that large.
   assert.deepEqual(faults.filter((it) => !/status of 422/.test(it)), []);
   await close();
 });
 
-test("the shop's page is served under the policy that the documentation tells, and nothing breaks it", { timeout: 60_000 }, async () => {
+test("the shop's page has the documented policy, and nothing violates it", { timeout: 60_000 }, async () => {
   const documented = /```http\nContent-Security-Policy: ([^`]+)\n```/.exec(readFileSync(new URL("../../docs/widget.md", import.meta.url), "utf8"))[1];
   const sent = (await fetch(shop.url)).headers.get("content-security-policy");
   assert.equal(sent, documented.replaceAll("https://meshmend.example", shop.meshmend).replaceAll(/\s+/g, " "));
   assert.ok(!/unsafe|\*|blob:|data:/.test(sent), sent);
 });
 
-test("a model that can't be read fails with the problem's code and words", { timeout: 60_000 }, async () => {
+test("an unreadable model fails with the problem's code and detail", { timeout: 60_000 }, async () => {
   const { page, faults, close } = await visit();
   await drop(page, [["cut.stl", CUT]], BOX);
-  const [failed] = await told(page, "failed");
+  const [failed] = await eventDetails(page, "failed");
   assert.deepEqual([failed.status, failed.code], ["failed", "bad_input"]);
   assert.equal(failed.message, "The file can't be read. Export it again, best as binary STL.");
   assert.equal(failed.detail, (await jobOf(failed.jobId)).problem.detail);
@@ -87,25 +87,25 @@ test("a model that can't be read fails with the problem's code and words", { tim
   await page.getByRole("button", { name: "Upload another model" }).click();
   await drop(page, [["notes.txt", Buffer.from("hello")]], BOX);
   await widget(page).getByText("This is no 3D model that can be read").waitFor();
-  assert.equal((await told(page, "failed"))[1].code, "unsupported_model");
+  assert.equal((await eventDetails(page, "failed"))[1].code, "unsupported_model");
   assert.deepEqual(faults.filter((it) => !/status of 415/.test(it)), []);
   await close();
 });
 
-test("what could not be repaired says what to do, and a click does it", { timeout: 120_000 }, async () => {
+test("for an unrepaired model the widget suggests a remedy, and a click applies it", { timeout: 120_000 }, async () => {
   const { page, faults, close } = await visit();
   await drop(page, [["sheet.obj", sheet()]], BOX);
-  const [failed] = await told(page, "failed");
+  const [failed] = await eventDetails(page, "failed");
   assert.deepEqual([failed.status, failed.outcome, failed.code], ["succeeded", "unrepairable", "unrepairable"]);
   assert.equal(await page.getByRole("button", { name: "Order" }).isDisabled(), true);
   await page.getByRole("button", { name: "2 mm", exact: true }).click();
   await page.getByRole("button", { name: "Make it 2 mm thick" }).click();
-  const [repaired] = await told(page, "repaired");
+  const [repaired] = await eventDetails(page, "repaired");
   assert.equal(repaired.outcome, "repaired");
   const { options } = await jobOf(repaired.jobId);
   assert.deepEqual([options.open_sheets, options.thickness], ["thicken", 2]);
   await page.getByText("This open surface was given a thickness of 2 mm.").waitFor();
-  // The shop prints none that thin.
+  // The shop does not print models that thin.
   assert.deepEqual(faults.filter((it) => !/status of 422/.test(it)), []);
   await close();
 });
@@ -129,20 +129,20 @@ test("a customer reads the size first, and all of it fits into the widget", { ti
 test("a customer sets the unit and the size, unless the shop does", { timeout: 120_000 }, async () => {
   const { page, faults, asked, close } = await visit();
   await drop(page, [["box.stl", soundBox()]], BOX);
-  await told(page, "repaired");
+  await eventDetails(page, "repaired");
   await widget(page).getByText("The file names no unit. Its lengths were read as mm.").waitFor();
   await widget(page).getByText("Unit and size").first().click();
   await widget(page).getByLabel("Unit of the file").selectOption("cm");
   await page.getByRole("button", { name: "Run again with these settings" }).click();
-  await page.waitForFunction(() => told.filter(([name]) => name === "repaired").length === 2, null, { timeout: 60_000 });
-  const metrics = (await told(page, "repaired"))[1].metrics;
+  await page.waitForFunction(() => events.filter(([name]) => name === "repaired").length === 2, null, { timeout: 60_000 });
+  const metrics = (await eventDetails(page, "repaired"))[1].metrics;
   assert.deepEqual([metrics.sizeMm, metrics.unitSource], [[400, 300, 200], "declared"]);
   assert.equal(asked.filter((url) => /\/v1\/uploads$/.test(url)).length, 1, "the service still has the file");
   await widget(page).getByText("Unit and size").first().click();
   await widget(page).getByLabel("Longest side in mm").fill("50");
   await page.getByRole("button", { name: "Run again with these settings" }).click();
-  await page.waitForFunction(() => told.filter(([name]) => name === "repaired").length === 3, null, { timeout: 60_000 });
-  const [length, width, height] = (await told(page, "repaired"))[2].metrics.sizeMm;
+  await page.waitForFunction(() => events.filter(([name]) => name === "repaired").length === 3, null, { timeout: 60_000 });
+  const [length, width, height] = (await eventDetails(page, "repaired"))[2].metrics.sizeMm;
   assert.ok(Math.abs(length - 50) < 1e-4 && Math.abs(width - 37.5) < 1e-4 && Math.abs(height - 25) < 1e-4, `${[length, width, height]}`);
   await page.getByRole("button", { name: "Upload another model" }).click();
   await widget(page).evaluate((it) => (it.setAttribute("unit", "mm"), it.setAttribute("options", JSON.stringify({ open_sheets: "thicken", thickness: 1 }))));
@@ -151,7 +151,7 @@ test("a customer sets the unit and the size, unless the shop does", { timeout: 1
   await widget(page).getByText("1 open surface was given a thickness of 1 mm.").waitFor();
   assert.equal(await widget(page).getByText("Unit and size").count(), 0);
   assert.equal(await widget(page).getByText("Thickness of the open surface").count(), 0);
-  // The shop prints none that large, and none that thin.
+  // The shop does not print models that large or that thin.
   assert.deepEqual(faults.filter((it) => !/status of 422/.test(it)), []);
   await close();
 });
@@ -173,13 +173,13 @@ test("a token for another origin is refused, and the widget says so", { timeout:
   await widget(page).evaluate((it, token) => it.setAttribute("token", token), token);
   await drop(page, [["box.stl", soundBox()]], BOX);
   await widget(page).getByText("for another address than this page's").waitFor();
-  const [failed] = await told(page, "failed");
+  const [failed] = await eventDetails(page, "failed");
   assert.deepEqual([failed.status, failed.jobId, failed.code], ["refused", null, "origin_not_allowed"]);
   assert.deepEqual(faults.filter((it) => !/status of 403/.test(it)), []);
   await close();
 });
 
-test("a token that is worth nothing any more is replaced by another one, whether or not its end was told", { timeout: 120_000 }, async () => {
+test("an expired token is replaced, whether or not its expiry was known", { timeout: 120_000 }, async () => {
   const { page, faults, close } = await visit();
   const old = await tokenFor(shop.url);
   await run("keys", "revoke", old.id, "--data-dir", shop.data);
@@ -189,13 +189,13 @@ test("a token that is worth nothing any more is replaced by another one, whether
     return asked === 1 ? route.fulfill({ status: 201, json: { token: old.token } }) : route.continue();
   });
   await drop(page, [["box.stl", soundBox()]], BOX);
-  await told(page, "repaired");
+  await eventDetails(page, "repaired");
   assert.equal(asked, 2);
   await page.getByRole("button", { name: "Upload another model" }).click();
   await drop(page, [["again.stl", soundBox()]], BOX);
-  await page.waitForFunction(() => told.filter(([name]) => name === "repaired").length === 2, null, { timeout: 60_000 });
+  await page.waitForFunction(() => events.filter(([name]) => name === "repaired").length === 2, null, { timeout: 60_000 });
   assert.equal(asked, 2, "a good one is used again");
-  // One that is nearly over is not begun with.
+  // A token that is about to expire is not used.
   await widget(page).evaluate(async (it) => it.setAttribute("token-url", "/meshmend-token?soon"));
   await page.route("**/meshmend-token?soon", async (route) => {
     asked += 1;
@@ -211,16 +211,16 @@ test("a token that is worth nothing any more is replaced by another one, whether
   await close();
 });
 
-test("tokens come from a function too, and where there is none at all the widget says what is missing", { timeout: 60_000 }, async () => {
+test("tokens may come from a function, and without any the widget says what is missing", { timeout: 60_000 }, async () => {
   const { page, faults, close } = await visit();
   const { token } = await tokenFor(shop.url);
   await widget(page).evaluate((it) => it.removeAttribute("token-url"));
   await drop(page, [["box.stl", soundBox()]], BOX);
   await widget(page).getByText("This upload is not set up yet").waitFor();
-  assert.equal((await told(page, "failed"))[0].code, "token_missing");
+  assert.equal((await eventDetails(page, "failed"))[0].code, "token_missing");
   await widget(page).evaluate((it, token) => (it.getToken = async () => token), token);
   await page.getByRole("button", { name: "Try again" }).click();
-  await told(page, "repaired");
+  await eventDetails(page, "repaired");
   await page.getByRole("button", { name: "Upload another model" }).click();
   await widget(page).evaluate((it) => (it.getToken = null, it.setAttribute("token-url", "/nowhere")));
   await drop(page, [["box.stl", soundBox()]], BOX);
@@ -229,7 +229,7 @@ test("tokens come from a function too, and where there is none at all the widget
   await close();
 });
 
-test("a function that was set before the script came is asked", { timeout: 60_000 }, async () => {
+test("a token function that was set before the script loaded is called", { timeout: 60_000 }, async () => {
   const { page, close } = await open(browser, shop.url, { path: "/shop.css" });
   let go;
   await page.route("**/widget.js", async (route) => {
@@ -247,19 +247,19 @@ test("a function that was set before the script came is asked", { timeout: 60_00
   await close();
 });
 
-test("one model is taken at a time", { timeout: 60_000 }, async () => {
+test("the widget accepts one model at a time", { timeout: 60_000 }, async () => {
   const { page, faults, close } = await visit();
   await drop(page, [["a.stl", soundBox()], ["b.stl", soundBox()]], BOX);
   await page.getByText("drop a single file").waitFor();
-  assert.deepEqual(await page.evaluate(() => told), []);
+  assert.deepEqual(await page.evaluate(() => events), []);
   await drop(page, [["a.stl", soundBox()]], BOX);
-  await told(page, "repaired");
+  await eventDetails(page, "repaired");
   assert.equal(await page.getByText("drop a single file").count(), 0);
   assert.deepEqual(faults, []);
   await close();
 });
 
-test("without WebGL the picture is seen that the service drew, under the same policy", { timeout: 60_000 }, async () => {
+test("without WebGL the service's picture is shown under the same policy", { timeout: 60_000 }, async () => {
   const { page, close, faults } = await visit();
   await page.evaluate(() => {
     const { getContext } = HTMLCanvasElement.prototype;
@@ -277,7 +277,7 @@ test("without WebGL the picture is seen that the service drew, under the same po
   await close();
 });
 
-test("an upload is paused, goes on, and is canceled", { timeout: 120_000 }, async () => {
+test("an upload is paused, resumed and canceled", { timeout: 120_000 }, async () => {
   const { page, faults, close } = await visit();
   const session = await page.context().newCDPSession(page);
   await session.send("Network.enable");
@@ -290,13 +290,13 @@ test("an upload is paused, goes on, and is canceled", { timeout: 120_000 }, asyn
   await page.getByRole("button", { name: "Go on" }).click();
   await page.getByRole("button", { name: "Cancel" }).click();
   await page.getByText("Drop your 3D model here").waitFor();
-  assert.deepEqual((await told(page, "failed")).map(({ code, jobId }) => [code, jobId]), [["canceled", null]]);
+  assert.deepEqual((await eventDetails(page, "failed")).map(({ code, jobId }) => [code, jobId]), [["canceled", null]]);
   await drop(page, [["ring.stl", brokenRing()]], BOX);
   await page.getByRole("button", { name: "Pause" }).click();
   await upload(-1);
   await page.getByRole("button", { name: "Go on" }).click();
-  await told(page, "repaired");
-  assert.equal((await told(page, "uploaded")).length, 1);
+  await eventDetails(page, "repaired");
+  assert.equal((await eventDetails(page, "uploaded")).length, 1);
   assert.deepEqual(faults, []);
   await close();
 });
@@ -310,12 +310,12 @@ test("an order form has the job's id as the widget's value", { timeout: 60_000 }
     it.setAttribute("name", "model");
   });
   await drop(page, [["box.stl", soundBox()]], BOX);
-  const [{ jobId }] = await told(page, "repaired");
+  const [{ jobId }] = await eventDetails(page, "repaired");
   assert.equal(await page.evaluate(() => new FormData(document.querySelector("form")).get("model")), jobId);
   await close();
 });
 
-/** Serves one document on an origin of its own while it is used. */
+/** Serves one document on a separate origin. */
 async function serving(made, use) {
   const server = createServer(async (_, answer) => answer.writeHead(200, { "content-type": "text/html" }).end(await made(url)));
   await new Promise((resolve) => server.listen(0, "127.0.0.1", resolve));

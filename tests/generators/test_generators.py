@@ -22,7 +22,7 @@ WORKSPACE = Path(os.environ["GENERATORS_WORKSPACE"])
 
 
 def run(*command: str | Path, cwd: Path) -> str:
-    """What a command prints; the test fails with its errors where it fails."""
+    """The output of a command; the test fails with the command's errors if it fails."""
     done = subprocess.run(command, check=False, cwd=cwd, capture_output=True, text=True, timeout=900)
     assert done.returncode == 0, f"{command}\n{done.stdout}\n{done.stderr}"
     return done.stdout
@@ -40,7 +40,7 @@ def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
                 break
         else:
             pytest.fail("the service does not start")
-        # The pipe is read to the end, so that the service never blocks on it.
+        # Read the pipe to its end, so that the service never blocks on it.
         threading.Thread(target=process.stderr.read, daemon=True).start()
         yield address[1]
     finally:
@@ -50,7 +50,7 @@ def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
 
 @pytest.fixture(scope="session")
 def documents(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with the document in both versions, as the program prints them."""
+    """A folder with both versions of the document, as the program prints them."""
     folder = tmp_path_factory.mktemp("documents")
     for spec in ("3.0", "3.1"):
         (folder / f"openapi-{spec}.json").write_text(run(PROGRAM, "openapi", "--spec", spec, cwd=folder))
@@ -59,7 +59,7 @@ def documents(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def model(tmp_path: Path) -> Path:
-    """A box of 40 by 30 by 20 mm with 12 by 12 squares a side, one of which is missing."""
+    """A box of 40 by 30 by 20 mm with 12 by 12 squares on each side, one of which is missing."""
     sides, count, triangles = (40.0, 30.0, 20.0), 12, []
     for axis in range(3):
         u, v = (axis + 1) % 3, (axis + 2) % 3

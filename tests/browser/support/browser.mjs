@@ -1,4 +1,4 @@
-// Chromium as the tests want it, and what they ask of what is on the screen.
+// Chromium for the tests, and checks of what is on the screen.
 import { readFileSync } from "node:fs";
 import { createRequire } from "node:module";
 import { after } from "node:test";
@@ -22,7 +22,7 @@ export function launch() {
   return chromium.launch({ executablePath: process.env.MESHMEND_BROWSER ?? "/usr/bin/chromium", headless: true, args: ARGUMENTS });
 }
 
-/** The same for all the tests of a file, beside what it is to end together with. */
+/** A browser for all tests of a file, which ends together with other resources. */
 export async function launchBeside(service) {
   const browser = await launch().catch(async (error) => {
     await service.stop();
@@ -35,7 +35,7 @@ export async function launchBeside(service) {
   return browser;
 }
 
-/** A page of its own that fails the test when something in it does: an error, or what the policy of the page forbids. */
+/** A new page that fails the test on an error or a violation of the page's policy. */
 export async function open(browser, url, { path = "/", ...options } = {}) {
   const context = await browser.newContext({ viewport: { width: 1360, height: 900 }, locale: "en-US", ...options });
   const page = await context.newPage();
@@ -50,14 +50,14 @@ export async function open(browser, url, { path = "/", ...options } = {}) {
   return { page, faults, asked, close: () => context.close() };
 }
 
-/** What axe-core finds wrong with a page. It is put in from outside the page's policy, as the browser's own tools are. */
+/** The violations that axe-core finds in a page. It is injected past the page's policy, as developer tools are. */
 export async function violations(page) {
   await page.evaluate(AXE);
   const found = await page.evaluate(() => globalThis.axe.run(document, { resultTypes: ["violations"] }));
   return found.violations.flatMap(({ id, nodes }) => nodes.map((node) => `${id}: ${node.html} (${node.failureSummary})`));
 }
 
-/** Lets go of files over the page or a part of it, as a person does. */
+/** Drops files on the page or an element. */
 export async function drop(page, files, over = "body") {
   const carried = await page.evaluateHandle((files) => {
     const data = new DataTransfer();
@@ -71,7 +71,7 @@ export async function drop(page, files, over = "body") {
   await page.dispatchEvent(over, "drop", { dataTransfer: carried });
 }
 
-/** Waits until the whole model is on the canvas and the camera stands still. */
+/** Waits until the whole model is on the canvas and the camera does not move. */
 export async function shown(page, timeout = 60_000) {
   await page.locator("canvas[data-ready]").waitFor({ timeout });
   await settled(page);
@@ -83,10 +83,10 @@ export async function settled(page) {
   });
 }
 
-/** Reads the pixels of the canvas, a part of it by shares from 0 to 1, as one of two summaries. */
+/** Reads the pixels of the canvas, or of a part given in fractions from 0 to 1, as one of two summaries. */
 async function read(page, summary, looks, [left, right]) {
   const picture = (await page.locator("canvas").screenshot()).toString("base64");
-  // A page without a policy, since data is read here.
+  // A page without a policy, since it reads data URLs.
   const reader = await page.context().newPage();
   try {
     return await reader.evaluate(
@@ -122,12 +122,12 @@ async function read(page, summary, looks, [left, right]) {
   }
 }
 
-/** Counts the pixels of the canvas by what they look like; a part of it by shares from 0 to 1. */
+/** Counts the pixels of the canvas by colour range; of a part given in fractions from 0 to 1. */
 export function pixels(page, looks, part = [0, 1]) {
   return read(page, "counts", looks, part);
 }
 
-/** The outermost pixels of each look: the first at the left, right, top and bottom, as places on the canvas. */
+/** The outermost pixels in each colour range: leftmost, rightmost, topmost and bottommost. */
 export function ends(page, looks, part = [0, 1]) {
   return read(page, "ends", looks, part);
 }

@@ -1,16 +1,16 @@
-// An S3-compatible bucket on another origin, with the CORS rules that operators are told to give theirs.
+// An S3-compatible bucket on another origin, with the CORS rules that the documentation recommends.
 import { mkdtempSync, rmSync } from "node:fs";
 import { tmpdir } from "node:os";
 import { join } from "node:path";
 import S3rver from "s3rver";
 
 const NAME = "models";
-/** Addresses are signed, so that whoever has one may use it, from whichever page; docs/operations.md has them narrower. */
+/** URLs are signed, so any page that has one may use it; the rules in docs/operations.md are narrower. */
 const CORS = `<CORSConfiguration><CORSRule>
   <AllowedOrigin>*</AllowedOrigin><AllowedMethod>GET</AllowedMethod><AllowedMethod>PUT</AllowedMethod><AllowedHeader>*</AllowedHeader>
 </CORSRule></CORSConfiguration>`;
 
-/** Starts one; `args` are what the service is to be started with. */
+/** Starts a bucket; `args` are the service's arguments for it. */
 export async function bucket({ cors = CORS } = {}) {
   const directory = mkdtempSync(join(tmpdir(), "meshmend-bucket-"));
   const server = new S3rver({

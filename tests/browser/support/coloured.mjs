@@ -1,5 +1,5 @@
-// Models with colours and textures of their own, as bytes: two boxes side by side, a red one and a checkered one of blue and yellow. They are
-// 60 mm tall along the axis that is up in the format, and 20 mm along each of the others.
+// Models with colours and textures: a red box beside one with a blue and yellow checker pattern. They are 60 mm tall along
+// the format's up axis, and 20 mm along the others.
 import { deflateSync } from "node:zlib";
 
 const CRC = Uint32Array.from({ length: 256 }, (_, n) => {

@@ -38,23 +38,23 @@ export function brokenRing() {
   return stl([...ring(96, 40, isHole, isFlipped), ...box([24, -8, -13], [14, 16, 26])]);
 }
 
-/** A ring with a hole, of about so many faces. */
+/** A ring with a hole, of about this many faces. */
 export function largeRing(faces) {
   const around = Math.round(Math.sqrt(faces));
   return stl(ring(around, Math.round(around / 2), (i, j) => i > 20 && i < 40 && j > 10 && j < 30, () => false));
 }
 
-/** A box of 40 by 30 by 20 mm that nothing is wrong with. */
+/** A box of 40 by 30 by 20 mm without defects. */
 export function soundBox() {
   return stl(box([0, 0, 0], [40, 30, 20]));
 }
 
-/** The same without half of its lid, which is a large hole. */
+/** That box without half of its lid, which is a large hole. */
 export function openBox() {
   return stl(box([0, 0, 0], [40, 30, 20]).filter((_, i) => i !== 2));
 }
 
-/** An OBJ file of that box with a vertex on the lid that is so near to an edge that one face has almost no area; it is printable all the same. */
+/** An OBJ file of that box with a vertex so near an edge of the lid that one face has almost no area; it is still printable. */
 export function flatFace() {
   const points = [[0, 0, 0], [40, 0, 0], [40, 30, 0], [0, 30, 0], [0, 0, 20], [40, 0, 20], [40, 30, 20], [0, 30, 20], [20, 1e-6, 20]];
   const sides = [[1, 3, 2], [1, 4, 3], [1, 2, 6], [1, 6, 5], [2, 3, 7], [2, 7, 6], [3, 4, 8], [3, 8, 7], [4, 1, 5], [4, 5, 8]];
@@ -83,12 +83,12 @@ export function twoObjects() {
   return Buffer.from(JSON.stringify(document));
 }
 
-/** A plate on which a wall of 0.5 mm stands, a part of its own. */
+/** A plate with a separate wall of 0.5 mm on it. */
 export function thinWall() {
   return stl([...box([0, 0, 0], [40, 30, 3]), ...box([5, 5, 2], [0.5, 20, 25])]);
 }
 
-/** An open sheet, which no repair makes solid unless it is asked to. */
+/** An open sheet, which repair makes solid only on request. */
 export function sheet() {
   const n = 20;
   const lines = [];

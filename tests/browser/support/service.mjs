@@ -1,20 +1,20 @@
-// The built program on a free port with a folder of its own, and requests to it.
+// The built program on a free port with a temporary folder, and requests to it.
 import { spawn } from "node:child_process";
 import { mkdtempSync, rmSync } from "node:fs";
 import { tmpdir } from "node:os";
 import { join } from "node:path";
 
 const PROGRAM = process.env.MESHMEND_PROGRAM ?? new URL("../../../target/debug/meshmend", import.meta.url).pathname;
-/** Longest time until it listens, and until it has ended, in milliseconds. */
+/** The longest time until the program listens, and until it has ended, in milliseconds. */
 const START = 30_000;
 const END = 10_000;
 
-/** Starts a service; what it answers has its address and a function that ends it and removes its folder. */
+/** Starts a service; returns its URL and a function that stops it and removes its folder. */
 export async function serve(...args) {
   return serveFrom(mkdtempSync(join(tmpdir(), "meshmend-page-")), ...args);
 }
 
-/** The same on a folder that is there already. */
+/** Starts a service on an existing folder. */
 export async function serveFrom(folder, ...args) {
   const given = ["serve", "--listen", "127.0.0.1:0", "--data-dir", folder, "--blender", "/nonexistent", ...args];
   const child = spawn(PROGRAM, given, { stdio: ["ignore", "ignore", "pipe"], env: { PATH: process.env.PATH } });
@@ -43,7 +43,7 @@ export async function serveFrom(folder, ...args) {
   return { url, stop };
 }
 
-/** Runs the program once, such as for making a key, and answers what it printed. */
+/** Runs a command of the program, such as one that creates a key, and returns its output. */
 export function run(...args) {
   return new Promise((resolve, reject) => {
     const child = spawn(PROGRAM, args, { stdio: ["ignore", "pipe", "inherit"], env: { PATH: process.env.PATH } });
@@ -53,7 +53,7 @@ export function run(...args) {
   });
 }
 
-/** Submits a file straight to the API, waits for its end, and answers the job with its report. */
+/** Submits a file to the API, waits for the job's end, and returns the job with its report. */
 export async function repaired(url, name, bytes, options = {}) {
   const form = new FormData();
   form.set("options", JSON.stringify(options));

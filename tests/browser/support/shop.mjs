@@ -1,4 +1,4 @@
-// The demo shop of examples/shop in front of a service that asks for keys, each on an origin of its own.
+// The demo shop of examples/shop in front of a service that requires keys, each on its own origin.
 import { spawn } from "node:child_process";
 import { mkdtempSync, rmSync } from "node:fs";
 import { createServer } from "node:net";
@@ -19,7 +19,7 @@ function freePort() {
   });
 }
 
-/** Starts both, with a bucket where one is given; what it answers has their addresses, requests with the shop's key, and a function that ends both. */
+/** Starts both, with a bucket if given; returns their URLs, requests with the shop's key, and a function that stops both. */
 export async function openShop(bucket = null) {
   const data = mkdtempSync(join(tmpdir(), "meshmend-shop-"));
   const key = (await run("keys", "create", "--tenant", "shop", "--scopes", SCOPES, "--data-dir", data)).trim();

@@ -1,4 +1,4 @@
-//! Repairs a model with a client that progenitor generates. Arguments: the service's address, the model, where the result goes.
+//! Repairs a model with a client that progenitor generates. Arguments: the service's URL, the model, the result's path.
 
 use std::error::Error as StdError;
 
