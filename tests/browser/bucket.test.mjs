@@ -13,11 +13,11 @@ async function onBucket(how, start, use) {
   const started = await start(store);
   const browser = await launch();
   try {
-    const it = await open(browser, started.url);
+    const opened = await open(browser, started.url);
     const methods = [];
-    it.page.on("request", (request) => request.url().startsWith(store.url) && methods.push(request.method()));
-    await use({ ...it, methods });
-    await it.close();
+    opened.page.on("request", (request) => request.url().startsWith(store.url) && methods.push(request.method()));
+    await use({ ...opened, methods });
+    await opened.close();
   } finally {
     await browser.close();
     await started.stop();

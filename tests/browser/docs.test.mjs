@@ -31,9 +31,9 @@ test("no page is wider than a phone, and its tables and commands scroll with the
     assert.ok(wide <= 360, `${path}: ${wide}`);
     const stuck = await page
       .locator("article :is(pre, .wide)")
-      .evaluateAll((all) => all.filter((it) => it.scrollWidth > it.clientWidth && it.tabIndex !== 0).length);
+      .evaluateAll((all) => all.filter((element) => element.scrollWidth > element.clientWidth && element.tabIndex !== 0).length);
     assert.equal(stuck, 0, path);
-    const marks = await page.locator("nav li").evaluateAll((all) => [...new Set(all.map((it) => getComputedStyle(it).listStyleType))]);
+    const marks = await page.locator("nav li").evaluateAll((all) => [...new Set(all.map((element) => getComputedStyle(element).listStyleType))]);
     assert.deepEqual(marks, ["none"], `${path}: lists of links have no marks`);
     await close();
   }
@@ -57,7 +57,7 @@ test("pictures are shown at their size, and nothing is loaded from other hosts",
   const { page, asked, close } = await open(browser, service.url, { path: "/docs/how-repair-works" });
   for (const picture of await page.locator("article img").all()) {
     await picture.scrollIntoViewIfNeeded();
-    await picture.evaluate((it) => it.decode());
+    await picture.evaluate((element) => element.decode());
     const [shape, declared] = await picture.evaluate((image) => [image.naturalWidth / image.naturalHeight, image.width / image.height]);
     assert.ok(Math.abs(shape - declared) < 0.01, `${shape} ${declared}`);
   }

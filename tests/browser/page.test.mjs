@@ -56,7 +56,7 @@ test("a dropped model is repaired, shown and downloaded as the API has it", { ti
   await settled(page);
   assert.ok((await pixels(page, LOOKS, [0, 0.49])).orange > 100);
 
-  const job = (await jobs()).find((it) => it.input.name === "ring.stl");
+  const job = (await jobs()).find((other) => other.input.name === "ring.stl");
   const model = await saved(page, () => page.getByRole("button", { name: "Download STL" }).click());
   const served = Buffer.from(await (await fetch(`${service.url}${job.artifacts.model.href}`)).arrayBuffer());
   assert.equal(model.name, "ring-repaired.stl");
@@ -189,7 +189,7 @@ test("many files are dropped at once, and an invalid one is reported and stops n
   await page.getByText("Code: bad_input").waitFor();
   await page.getByRole("button", { name: /^notes\.txt/ }).click();
   await page.getByText(/Code: unsupported_model/).waitFor();
-  assert.deepEqual(faults.filter((it) => !/status of 415/.test(it)), []);
+  assert.deepEqual(faults.filter((fault) => !/status of 415/.test(fault)), []);
   await close();
 });
 

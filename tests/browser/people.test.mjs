@@ -56,13 +56,13 @@ test("the switch for dark mode overrides the system's setting and is remembered"
 test("everything is reachable with the keyboard, and the focus is visible", { timeout: 60_000 }, async () => {
   const { page, close } = await open(browser, service.url, { path: `/#/result/${ring.id}` });
   await shown(page);
-  const wanted = new Set(await page.locator("main").locator("button:not([disabled]), select:not([disabled]), canvas, summary, [role=slider]").evaluateAll((all) => all.map((it, i) => ((it.dataset.nth = String(i)), String(i)))));
+  const wanted = new Set(await page.locator("main").locator("button:not([disabled]), select:not([disabled]), canvas, summary, [role=slider]").evaluateAll((all) => all.map((element, i) => ((element.dataset.nth = String(i)), String(i)))));
   assert.ok(wanted.size > 20, `${wanted.size} things to reach`);
   for (let i = 0; i < 120 && wanted.size > 0; i += 1) {
     await page.keyboard.press("Tab");
     const { nth, outline } = await page.evaluate(() => {
       const now = document.activeElement;
-      const parts = [now, ...now.querySelectorAll("*")].map((it) => getComputedStyle(it));
+      const parts = [now, ...now.querySelectorAll("*")].map((element) => getComputedStyle(element));
       return { nth: now.dataset.nth, outline: parts.some((style) => style.outlineStyle !== "none" && Number.parseFloat(style.outlineWidth) > 1) };
     });
     if (nth === undefined) continue;
@@ -114,12 +114,12 @@ test("the viewer has no empty column beside or below it", { timeout: 60_000 }, a
   for (const locale of ["en-US", "de-DE"]) {
     const { page, close } = await open(browser, service.url, { path: `/#/result/${ring.id}`, locale });
     await shown(page);
-    const box = (part) => page.locator(part).evaluate((it) => it.getBoundingClientRect().toJSON());
+    const box = (part) => page.locator(part).evaluate((element) => element.getBoundingClientRect().toJSON());
     const [viewer, tools, side] = [await box(".viewer"), await box(".tools-of-viewer"), await box(".side")];
     assert.ok(tools.top - viewer.bottom < 40 && tools.left === viewer.left && Math.abs(tools.right - viewer.right) < 1, JSON.stringify({ viewer, tools }));
     assert.ok(side.left - viewer.right < 40, JSON.stringify({ viewer, side }));
     const wide = await page.evaluate(() =>
-      [...document.querySelectorAll("main *")].filter((it) => !it.closest("canvas, .over, .hidden, pre") && it.scrollWidth > it.clientWidth + 1 && getComputedStyle(it).overflowX === "visible" && it.clientWidth > 0).map((it) => it.outerHTML.slice(0, 120)),
+      [...document.querySelectorAll("main *")].filter((element) => !element.closest("canvas, .over, .hidden, pre") && element.scrollWidth > element.clientWidth + 1 && getComputedStyle(element).overflowX === "visible" && element.clientWidth > 0).map((element) => element.outerHTML.slice(0, 120)),
     );
     assert.deepEqual(wide, [], `nothing is wider than its place in ${locale}`);
     await close();
@@ -130,8 +130,8 @@ test("the handle between before and after has arrows and not the strokes of a pa
   const { page, close } = await open(browser, service.url, { path: `/#/result/${ring.id}` });
   await shown(page);
   await page.getByRole("button", { name: "Slider" }).click();
-  const turned = await page.locator(".grip").evaluate((it) => ["::before", "::after"].map((part) => getComputedStyle(it, part).transform));
-  assert.ok(turned.every((it) => it.startsWith("matrix")) && turned[0] !== turned[1], `${turned}`);
+  const turned = await page.locator(".grip").evaluate((element) => ["::before", "::after"].map((part) => getComputedStyle(element, part).transform));
+  assert.ok(turned.every((transform) => transform.startsWith("matrix")) && turned[0] !== turned[1], `${turned}`);
   await close();
 });
 
@@ -195,7 +195,7 @@ test("if the service requires a key, the page asks for it and forgets it with th
     await page.getByText("Metrics need a key with the scope metrics").waitFor();
     await page.getByRole("button", { name: "Forget the key" }).click();
     await page.getByRole("heading", { name: "This service asks for a key" }).waitFor();
-    assert.deepEqual(faults.filter((it) => !/status of 403/.test(it)), []);
+    assert.deepEqual(faults.filter((fault) => !/status of 403/.test(fault)), []);
     await close();
   } finally {
     await locked.stop();

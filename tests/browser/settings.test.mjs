@@ -176,7 +176,7 @@ test("a refused option is reported beside its field, whether errors are texts or
   errors = ["The first text.", "The second text."];
   await page.getByRole("button", { name: "Run again" }).click();
   for (const text of errors) await note.getByText(text).waitFor();
-  assert.deepEqual(faults.filter((it) => !/status of 400/.test(it)), []);
+  assert.deepEqual(faults.filter((fault) => !/status of 400/.test(fault)), []);
   await close();
 });
 
@@ -215,6 +215,6 @@ test("if the service has deleted the file, the page asks for it and continues", 
   await page.getByRole("button", { name: "Choose the file again" }).click();
   await (await dialog).setFiles({ name: "box.stl", mimeType: "model/stl", buffer: soundBox() });
   await page.locator(".printing").getByText("400 × 300 × 200 mm").waitFor({ timeout: 60_000 });
-  assert.deepEqual(faults.filter((it) => !/status of 410/.test(it)), []);
+  assert.deepEqual(faults.filter((fault) => !/status of 410/.test(fault)), []);
   await close();
 });

@@ -68,7 +68,7 @@ test("a printable result has only marks that the verdict mentions", { timeout: 6
   await page.getByRole("heading", { name: "It was printable already" }).waitFor();
   const { jobs } = await (await fetch(`${service.url}/v1/jobs?limit=1`)).json();
   assert.ok("defects.glb" in jobs[0].artifacts && !("remaining.glb" in jobs[0].artifacts), "nothing that the verdict names remains");
-  const colour = await page.locator(".layer .swatch").first().evaluate((it) => getComputedStyle(it).backgroundColor.match(/\d+/g).map(Number));
+  const colour = await page.locator(".layer .swatch").first().evaluate((element) => getComputedStyle(element).backgroundColor.match(/\d+/g).map(Number));
   const marks = [["marks", [colour.map((part) => part - 25), colour.map((part) => part + 25)]]];
   await page.getByRole("button", { name: "Before", exact: true }).click();
   await settled(page);
@@ -130,7 +130,7 @@ test("the ruler works with the keyboard", { timeout: 60_000 }, async () => {
   await canvas.press("Enter");
   const text = await page.locator(".ruler .whole").textContent();
   const length = Number(/^Distance: ([\d.]+) mm$/.exec(text)?.[1]);
-  const along = await page.locator(".ruler .along span").evaluateAll((all) => all.map((it) => Number(/: ([\d.]+) mm/.exec(it.textContent)[1])));
+  const along = await page.locator(".ruler .along span").evaluateAll((all) => all.map((element) => Number(/: ([\d.]+) mm/.exec(element.textContent)[1])));
   assert.ok(length > 1 && Math.abs(Math.hypot(...along) - length) < 0.01 * length, `${text}: ${along}`);
   await canvas.press("Escape");
   await page.getByText("Pick two points on the model.").waitFor();

@@ -22,7 +22,7 @@ test("the whole widget works with the keyboard", { timeout: 120_000 }, async () 
     const { name, outline } = await page.evaluate(() => {
       const now = document.activeElement.shadowRoot?.activeElement;
       if (!now) return { name: "", outline: true };
-      const seen = [now, ...now.querySelectorAll("*")].map((it) => getComputedStyle(it));
+      const seen = [now, ...now.querySelectorAll("*")].map((element) => getComputedStyle(element));
       const names = { CANVAS: "canvas", DIV: now.getAttribute("role") === "slider" ? "slider" : now.ariaLabel };
       return {
         name: names[now.tagName] ?? (now.ariaLabel || now.textContent),
@@ -51,7 +51,7 @@ for (const colorScheme of ["light", "dark"]) {
   test(`axe-core finds nothing wrong on the shop's page in the ${colorScheme}`, { timeout: 180_000 }, async () => {
     const { page, faults, close } = await visit({ colorScheme, reducedMotion: "reduce" });
     assert.deepEqual(await violations(page), []);
-    const ground = await page.locator(BOX).evaluate((it) => getComputedStyle(it).backgroundColor);
+    const ground = await page.locator(BOX).evaluate((element) => getComputedStyle(element).backgroundColor);
     assert.equal(ground === "rgb(255, 255, 255)", colorScheme === "light", ground);
     await page.route("**/v1/jobs/*/events*", () => {});
     await drop(page, [["ring.stl", brokenRing()]], BOX);
@@ -79,14 +79,14 @@ test("on a phone nothing is wider than the screen, and nothing moves below the w
   for (const [locale, heading] of [["en-US", "Repaired and printable"], ["de-DE", "Repariert und druckbar"]]) {
     const { page, close } = await visit({ locale, viewport: { width: 360, height: 740 }, hasTouch: true, isMobile: true });
     // The widget has the language of the shop's page, English, unless it is set.
-    await widget(page).evaluate((it, lang) => (it.lang = lang), locale.slice(0, 2));
+    await widget(page).evaluate((element, lang) => (element.lang = lang), locale.slice(0, 2));
     await page.evaluate(() => {
       globalThis.shift = 0;
       new PerformanceObserver((list) => {
         for (const entry of list.getEntries()) globalThis.shift += entry.value;
       }).observe({ type: "layout-shift", buffered: true });
     });
-    const below = () => page.locator("#offer-title").evaluate((it) => it.getBoundingClientRect().top + scrollY);
+    const below = () => page.locator("#offer-title").evaluate((element) => element.getBoundingClientRect().top + scrollY);
     const first = await below();
     await drop(page, [["ring.stl", brokenRing()]], BOX);
     await page.getByRole("heading", { name: heading }).waitFor({ timeout: 60_000 });
@@ -101,8 +101,8 @@ test("on a phone nothing is wider than the screen, and nothing moves below the w
 
 test("a shop's variables and parts style the widget, and its root font size does not", { timeout: 60_000 }, async () => {
   const { page, close } = await visit();
-  const look = () => page.getByRole("button", { name: "Choose a file" }).evaluate((it) => {
-    const { backgroundColor, minHeight, letterSpacing, fontFamily } = getComputedStyle(it);
+  const look = () => page.getByRole("button", { name: "Choose a file" }).evaluate((element) => {
+    const { backgroundColor, minHeight, letterSpacing, fontFamily } = getComputedStyle(element);
     return { backgroundColor, minHeight, letterSpacing, fontFamily };
   });
   const first = await look();

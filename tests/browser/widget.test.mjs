@@ -44,7 +44,7 @@ test("a customer uploads, sees the result and orders it, and the shop has the mo
 
 test("the numbers of the events are those of the job's report", { timeout: 120_000 }, async () => {
   const { page, faults, close } = await visit();
-  await widget(page).evaluate((it) => it.setAttribute("unit", "in"));
+  await widget(page).evaluate((element) => element.setAttribute("unit", "in"));
   await drop(page, [["box.stl", soundBox()]], BOX);
   const [repaired] = await eventDetails(page, "repaired");
   const job = await jobOf(repaired.jobId);
@@ -64,7 +64,7 @@ test("the numbers of the events are those of the job's report", { timeout: 120_0
   const shares = (await eventDetails(page, "progress")).filter(({ status }) => status !== "uploading");
   assert.ok(shares.length > 0 && shares.every(({ jobId }) => jobId === repaired.jobId));
   // The shop does not print models that large.
-  assert.deepEqual(faults.filter((it) => !/status of 422/.test(it)), []);
+  assert.deepEqual(faults.filter((fault) => !/status of 422/.test(fault)), []);
   await close();
 });
 
@@ -88,7 +88,7 @@ test("an unreadable model fails with the problem's code and detail", { timeout: 
   await drop(page, [["notes.txt", Buffer.from("hello")]], BOX);
   await widget(page).getByText("This is no 3D model that can be read").waitFor();
   assert.equal((await eventDetails(page, "failed"))[1].code, "unsupported_model");
-  assert.deepEqual(faults.filter((it) => !/status of 415/.test(it)), []);
+  assert.deepEqual(faults.filter((fault) => !/status of 415/.test(fault)), []);
   await close();
 });
 
@@ -106,7 +106,7 @@ test("for an unrepaired model the widget suggests a remedy, and a click applies 
   assert.deepEqual([options.open_sheets, options.thickness], ["thicken", 2]);
   await page.getByText("This open surface was given a thickness of 2 mm.").waitFor();
   // The shop does not print models that thin.
-  assert.deepEqual(faults.filter((it) => !/status of 422/.test(it)), []);
+  assert.deepEqual(faults.filter((fault) => !/status of 422/.test(fault)), []);
   await close();
 });
 
@@ -145,14 +145,14 @@ test("a customer sets the unit and the size, unless the shop does", { timeout: 1
   const [length, width, height] = (await eventDetails(page, "repaired"))[2].metrics.sizeMm;
   assert.ok(Math.abs(length - 50) < 1e-4 && Math.abs(width - 37.5) < 1e-4 && Math.abs(height - 25) < 1e-4, `${[length, width, height]}`);
   await page.getByRole("button", { name: "Upload another model" }).click();
-  await widget(page).evaluate((it) => (it.setAttribute("unit", "mm"), it.setAttribute("options", JSON.stringify({ open_sheets: "thicken", thickness: 1 }))));
+  await widget(page).evaluate((element) => (element.setAttribute("unit", "mm"), element.setAttribute("options", JSON.stringify({ open_sheets: "thicken", thickness: 1 }))));
   await drop(page, [["sheet.obj", sheet()]], BOX);
   await page.getByRole("heading", { name: "Repaired and printable" }).waitFor({ timeout: 60_000 });
   await widget(page).getByText("1 open surface was given a thickness of 1 mm.").waitFor();
   assert.equal(await widget(page).getByText("Unit and size").count(), 0);
   assert.equal(await widget(page).getByText("Thickness of the open surface").count(), 0);
   // The shop does not print models that large or that thin.
-  assert.deepEqual(faults.filter((it) => !/status of 422/.test(it)), []);
+  assert.deepEqual(faults.filter((fault) => !/status of 422/.test(fault)), []);
   await close();
 });
 
@@ -163,19 +163,19 @@ test("a model is shown in its own colours", { timeout: 120_000 }, async () => {
   await settled(page);
   const seen = await pixels(page, PAINTS);
   assert.ok(seen.red > 2000 && seen.yellow > 2000 && seen.blue > 2000, JSON.stringify(seen));
-  assert.deepEqual(faults.filter((it) => !/status of 422/.test(it)), []);
+  assert.deepEqual(faults.filter((fault) => !/status of 422/.test(fault)), []);
   await close();
 });
 
 test("a token for another origin is refused, and the widget says so", { timeout: 60_000 }, async () => {
   const { page, faults, close } = await visit({ url: `http://localhost:${shop.port}` });
   const { token } = await tokenFor(shop.url);
-  await widget(page).evaluate((it, token) => it.setAttribute("token", token), token);
+  await widget(page).evaluate((element, token) => element.setAttribute("token", token), token);
   await drop(page, [["box.stl", soundBox()]], BOX);
   await widget(page).getByText("for another address than this page's").waitFor();
   const [failed] = await eventDetails(page, "failed");
   assert.deepEqual([failed.status, failed.jobId, failed.code], ["refused", null, "origin_not_allowed"]);
-  assert.deepEqual(faults.filter((it) => !/status of 403/.test(it)), []);
+  assert.deepEqual(faults.filter((fault) => !/status of 403/.test(fault)), []);
   await close();
 });
 
@@ -196,7 +196,7 @@ test("an expired token is replaced, whether or not its expiry was known", { time
   await page.waitForFunction(() => events.filter(([name]) => name === "repaired").length === 2, null, { timeout: 60_000 });
   assert.equal(asked, 2, "a good one is used again");
   // A token that is about to expire is not used.
-  await widget(page).evaluate(async (it) => it.setAttribute("token-url", "/meshmend-token?soon"));
+  await widget(page).evaluate(async (element) => element.setAttribute("token-url", "/meshmend-token?soon"));
   await page.route("**/meshmend-token?soon", async (route) => {
     asked += 1;
     await route.fulfill({ status: 201, json: { ...(await tokenFor(shop.url)), expires_at: new Date(Date.now() - 1000).toISOString() } });
@@ -214,15 +214,15 @@ test("an expired token is replaced, whether or not its expiry was known", { time
 test("tokens may come from a function, and without any the widget says what is missing", { timeout: 60_000 }, async () => {
   const { page, faults, close } = await visit();
   const { token } = await tokenFor(shop.url);
-  await widget(page).evaluate((it) => it.removeAttribute("token-url"));
+  await widget(page).evaluate((element) => element.removeAttribute("token-url"));
   await drop(page, [["box.stl", soundBox()]], BOX);
   await widget(page).getByText("This upload is not set up yet").waitFor();
   assert.equal((await eventDetails(page, "failed"))[0].code, "token_missing");
-  await widget(page).evaluate((it, token) => (it.getToken = async () => token), token);
+  await widget(page).evaluate((element, token) => (element.getToken = async () => token), token);
   await page.getByRole("button", { name: "Try again" }).click();
   await eventDetails(page, "repaired");
   await page.getByRole("button", { name: "Upload another model" }).click();
-  await widget(page).evaluate((it) => (it.getToken = null, it.setAttribute("token-url", "/nowhere")));
+  await widget(page).evaluate((element) => (element.getToken = null, element.setAttribute("token-url", "/nowhere")));
   await drop(page, [["box.stl", soundBox()]], BOX);
   await widget(page).getByText("gave no permission to upload").waitFor();
   assert.deepEqual(faults, []);
@@ -239,7 +239,7 @@ test("a token function that was set before the script loaded is called", { timeo
   const { token } = await tokenFor(shop.url);
   await page.goto(shop.url, { waitUntil: "commit" });
   await widget(page).waitFor({ state: "attached" });
-  await widget(page).evaluate((it, token) => (it.removeAttribute("token-url"), (it.getToken = async () => token)), token);
+  await widget(page).evaluate((element, token) => (element.removeAttribute("token-url"), (element.getToken = async () => token)), token);
   go();
   await page.getByText("Drop your 3D model here").waitFor();
   await drop(page, [["box.stl", soundBox()]], BOX);
@@ -273,7 +273,7 @@ test("without WebGL the service's picture is shown under the same policy", { tim
   await page.waitForFunction(() => document.querySelector("meshmend-upload").shadowRoot.querySelector("canvas").width > 300);
   await settled(page);
   assert.ok((await pixels(page, LOOKS)).grey > 5000);
-  assert.deepEqual(faults.filter((it) => !/WebGL/.test(it)), []);
+  assert.deepEqual(faults.filter((fault) => !/WebGL/.test(fault)), []);
   await close();
 });
 
@@ -303,11 +303,11 @@ test("an upload is paused, resumed and canceled", { timeout: 120_000 }, async ()
 
 test("an order form has the job's id as the widget's value", { timeout: 60_000 }, async () => {
   const { page, close } = await visit();
-  await widget(page).evaluate((it) => {
+  await widget(page).evaluate((element) => {
     const form = document.createElement("form");
-    it.replaceWith(form);
-    form.append(it);
-    it.setAttribute("name", "model");
+    element.replaceWith(form);
+    form.append(element);
+    element.setAttribute("name", "model");
   });
   await drop(page, [["box.stl", soundBox()]], BOX);
   const [{ jobId }] = await eventDetails(page, "repaired");

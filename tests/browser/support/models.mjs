@@ -68,7 +68,7 @@ export function twoObjects() {
   const meshes = [
     { name: "whole", triangles: whole },
     { name: "no lid", triangles: whole.slice(0, 10) },
-  ].map((it) => ({ ...it, points: new Float32Array(it.triangles.flat(2)) }));
+  ].map((object) => ({ ...object, points: new Float32Array(object.triangles.flat(2)) }));
   const bytes = Buffer.concat(meshes.map(({ points }) => Buffer.from(points.buffer)));
   const document = {
     asset: { version: "2.0" },

@@ -20,9 +20,9 @@ export async function serveFrom(folder, ...args) {
   const child = spawn(PROGRAM, given, { stdio: ["ignore", "ignore", "pipe"], env: { PATH: process.env.PATH } });
   let log = "";
   const url = await new Promise((resolve, reject) => {
-    const timer = setTimeout(() => reject(new Error(`it does not listen:\n${log}`)), START);
+    const timer = setTimeout(() => reject(new Error(`the service does not listen:\n${log}`)), START);
     child.once("error", reject);
-    child.once("exit", (code) => reject(new Error(`it ended with ${code}:\n${log}`)));
+    child.once("exit", (code) => reject(new Error(`the service ended with ${code}:\n${log}`)));
     child.stderr.on("data", (bytes) => {
       log += bytes;
       const [, address] = /listening on (http:\/\/[^\s,]+)/.exec(log) ?? [];

@@ -14,15 +14,15 @@ export const widget = (page) => page.locator("meshmend-upload");
 
 /** Opens the shop's page, which records the widget's events. */
 export async function visit({ url = shop.url, ...options } = {}) {
-  const it = await open(browser, url, options);
-  await it.page.getByText("Drop your 3D model here").or(it.page.getByText("3D-Modell hier ablegen")).waitFor();
-  await it.page.evaluate(() => {
+  const opened = await open(browser, url, options);
+  await opened.page.getByText("Drop your 3D model here").or(opened.page.getByText("3D-Modell hier ablegen")).waitFor();
+  await opened.page.evaluate(() => {
     globalThis.events = [];
     for (const name of ["uploaded", "progress", "repaired", "failed"]) {
       document.addEventListener(name, ({ detail }) => events.push([name, detail]));
     }
   });
-  return it;
+  return opened;
 }
 
 /** The details of all events with a name; waits for the first. */
