@@ -59,7 +59,7 @@ fn stray_faces_without_area_are_no_part_of_the_box() {
     push(&mut soup, [600.0, 601.0, 602.0].map(DVec3::splat));
     let repaired = repaired_at_once(&soup);
     let changes = repaired.report.changes.unwrap();
-    assert_eq!(changes.box_change_pct, Some(0.0));
+    assert_eq!(changes.bounding_box_change_pct, Some(0.0));
     assert!((volume(&repaired) - 1000.0).abs() < 1e-9, "{}", volume(&repaired));
 }
 
@@ -76,7 +76,7 @@ fn a_removed_face_with_an_area_still_changes_the_bounding_box() {
         meshmend::repair::Context::new(&meshmend::repair::NoProgress, &cancel, &clock, std::time::Duration::MAX);
     let [a, b] = [&before, &after].map(|soup| meshmend::inspect::Analysis::new(soup.into(), &context).unwrap());
     let comparison = meshmend::inspect::compare(&a, &b, Default::default(), &context).unwrap();
-    assert!(comparison.changes.box_change_pct.unwrap() > 90.0);
+    assert!(comparison.changes.bounding_box_change_pct.unwrap() > 90.0);
     assert!(!comparison.faithful);
 }
 
@@ -175,7 +175,7 @@ fn boxes_with_tops_one_f32_step_apart_are_repaired_for_readers_of_eight_decimals
     let mut wide = cube(DVec3::ZERO, 1.0, 1);
     wide.positions.iter_mut().for_each(|p| *p = over(*p));
     let repaired = repaired_at_once(&join(&cube(DVec3::ZERO, f64::from(top), 1), &wide));
-    assert_eq!(repaired.report.after.unwrap().measures.near_coincident_faults, 0);
+    assert_eq!(repaired.report.after.unwrap().measures.near_coincident_defects, 0);
 }
 
 #[test]

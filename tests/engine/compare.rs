@@ -69,7 +69,7 @@ fn a_shifted_cube_differs_by_the_shift_perpendicular_to_its_faces() {
         assert_close(deviation.distance.p50, 0.0, 1e-12);
         assert_close(deviation.distance.p95, 0.1, 1e-12);
     }
-    assert_close(comparison.changes.box_change_pct.unwrap(), 10.0 / 3f64.sqrt(), 1e-9);
+    assert_close(comparison.changes.bounding_box_change_pct.unwrap(), 10.0 / 3f64.sqrt(), 1e-9);
     assert_close(comparison.changes.volume_change_pct.unwrap(), 0.0, 1e-9);
     let inside = comparison.inside.unwrap();
     assert_close(inside.agree_pct, (1.0 - 0.2 / 1.1) * 100.0, 1.0);
@@ -198,7 +198,7 @@ fn spacing_is_from_each_vertex_to_the_nearest_of_the_other_meshes() {
 #[test]
 fn removed_faces_inside_the_result_are_buried() {
     let inner = cube(DVec3::splat(1.0), 1.0, 4);
-    let buried = |before: &Soup, after: &Soup| compared(before, after).changes.faces_buried_pct;
+    let buried = |before: &Soup, after: &Soup| compared(before, after).changes.enclosed_faces_pct;
     let outer = cube(DVec3::ZERO, 3.0, 2);
     assert_eq!(buried(&join(&outer, &inner), &outer), Some(100.0));
     // Surface lost on the outside, or with coarser faces, is not buried.

@@ -11,7 +11,7 @@ use meshmend::inspect::Level;
 use meshmend::math::Precision;
 use meshmend::mesh::{Soup, Surface};
 use meshmend::repair::{
-    Action, Context, LeftOut, NoProgress, Operator, Options, Outcome, OutputFormat, Preset, Progress, RemeshAction,
+    Action, Context, OmittedSection, NoProgress, Operator, Options, Outcome, OutputFormat, Preset, Progress, RemeshAction,
     RemeshError, RemeshRequest, Remeshed, Remesher, RemesherInfo, RepairError, Repaired, Stage, StepStatus,
     promised_overrun, repair,
 };
@@ -96,15 +96,15 @@ fn a_repair_overruns_its_deadline_by_at_most_a_tenth_and_two_seconds() {
             assert!(took <= DEADLINE + promised_overrun(DEADLINE), "{tick_ms} ms a reading: {took:?}");
             match result {
                 Ok(repaired) => {
-                    let left_out = &repaired.report.left_out;
-                    assert_eq!(left_out.contains(&LeftOut::Repair), repaired.report.summary.contains("deadline_s"));
+                    let omitted = &repaired.report.omitted;
+                    assert_eq!(omitted.contains(&OmittedSection::Repair), repaired.report.summary.contains("deadline_s"));
                     assert!(
                         !repaired.bytes.is_empty()
                             && repaired.report.after.is_some()
                             && repaired.report.verified_from_output_bytes
                     );
                     // No result is called printable without verification.
-                    let unknown = left_out.contains(&LeftOut::InputVerification);
+                    let unknown = omitted.contains(&OmittedSection::InputVerification);
                     assert!(!(unknown && repaired.report.outcome.is_printable()), "{tick_ms}");
                 }
                 Err(error) => assert!(matches!(error, RepairError::OutOfTime(_)) && tick_ms > 80, "{tick_ms}: {error}"),
@@ -116,7 +116,7 @@ fn a_repair_overruns_its_deadline_by_at_most_a_tenth_and_two_seconds() {
 #[test]
 fn with_time_for_everything_nothing_is_left_out() {
     let repaired = run(&broken(), &Options::default(), None, &NoProgress, &Clock::default()).unwrap();
-    assert_eq!(repaired.report.left_out, []);
+    assert_eq!(repaired.report.omitted, []);
     assert!(!repaired.report.summary.contains("deadline_s"), "{}", repaired.report.summary);
 }
 
@@ -127,10 +127,10 @@ fn a_model_that_could_only_be_inspected_comes_back_unchanged() {
     assert_eq!(repaired.report.outcome, Outcome::Unrepairable);
     assert_eq!(repaired.bytes, format::write(&broken(), Format::Stl).unwrap());
     assert!(repaired.report.before.measures.self_intersections.checked);
-    assert!(repaired.report.left_out.contains(&LeftOut::Repair));
+    assert!(repaired.report.omitted.contains(&OmittedSection::Repair));
     assert!(repaired.report.summary.contains("deadline_s"), "{}", repaired.report.summary);
     let skipped = repaired.report.steps.iter().filter(|step| step.status == StepStatus::Skipped).count();
-    assert_eq!(skipped, repaired.report.plan.rungs.len(), "each strategy says that it did not run");
+    assert_eq!(skipped, repaired.report.plan.strategies.len(), "each strategy says that it did not run");
 }
 
 #[test]
@@ -141,8 +141,8 @@ fn a_model_that_could_not_be_inspected_is_called_neither_printable_nor_broken() 
         let options = Options { output, ..Options::default() };
         let repaired = run(&ball, &options, None, &At(Stage::Inspect, DEADLINE, &clock), &clock).unwrap();
         assert_eq!(repaired.report.outcome, Outcome::Unrepairable);
-        let left_out = &repaired.report.left_out;
-        assert!(left_out.contains(&LeftOut::InputVerification) && left_out.contains(&LeftOut::Repair), "{left_out:?}");
+        let omitted = &repaired.report.omitted;
+        assert!(omitted.contains(&OmittedSection::InputVerification) && omitted.contains(&OmittedSection::Repair), "{omitted:?}");
         assert!(repaired.report.summary.contains("not known whether it is printable"), "{}", repaired.report.summary);
         assert_eq!((repaired.report.before.level, repaired.report.after.unwrap().level), (Level::None, Level::None));
         let read = format::read(&repaired.bytes, &Limits::default()).unwrap().soup;
@@ -177,7 +177,7 @@ fn a_result_that_could_not_be_verified_in_time_is_not_returned() {
     let late = DEADLINE + Duration::from_millis(1900);
     let repaired = run(&open, &Options::default(), None, &At(Stage::Verify, late, &clock), &clock).unwrap();
     assert_eq!((repaired.report.outcome, repaired.report.candidates.len()), (Outcome::Unrepairable, 1));
-    assert!(repaired.report.left_out.contains(&LeftOut::Verification));
+    assert!(repaired.report.omitted.contains(&OmittedSection::Verification));
     assert_eq!(repaired.bytes, format::write(&open, Format::Stl).unwrap());
 }
 
@@ -225,7 +225,7 @@ fn a_finished_remesh_is_kept_where_the_time_ends_while_its_faces_are_reduced() {
     let repaired = run(&cubes, &options, Some(&late), &NoProgress, &clock).unwrap();
     assert_eq!(repaired.report.outcome, Outcome::Repaired, "{}", repaired.report.summary);
     assert_eq!(repaired.report.after.unwrap().measures.faces, fine.faces.len() as u64);
-    assert!(repaired.report.left_out.contains(&LeftOut::Repair), "{:?}", repaired.report.left_out);
+    assert!(repaired.report.omitted.contains(&OmittedSection::Repair), "{:?}", repaired.report.omitted);
     let step = repaired.report.steps.iter().find(|step| step.action == Action::VoxelRemesh).unwrap();
     assert!(step.note.as_ref().unwrap().contains("time was over"), "{step:?}");
 }

@@ -47,14 +47,14 @@ fn a_missing_face_is_one_boundary_loop_of_three_edges() {
 #[test]
 fn two_cubes_that_share_an_edge_have_one_non_manifold_edge() {
     let m = measured(&join(&cube(DVec3::ZERO, 1.0, 1), &cube(DVec3::new(1.0, 1.0, 0.0), 1.0, 1)));
-    assert_eq!((m.nonmanifold_edges, m.boundary_edges, m.parts), (1, 0, 1));
+    assert_eq!((m.non_manifold_edges, m.boundary_edges, m.parts), (1, 0, 1));
     assert!(m.closed && !m.manifold);
 }
 
 #[test]
 fn two_cubes_that_share_a_vertex_have_one_non_manifold_vertex() {
     let m = measured(&join(&cube(DVec3::ZERO, 1.0, 1), &cube(DVec3::ONE, 1.0, 1)));
-    assert_eq!((m.nonmanifold_vertices, m.nonmanifold_edges, m.parts), (1, 0, 2));
+    assert_eq!((m.non_manifold_vertices, m.non_manifold_edges, m.parts), (1, 0, 2));
 }
 
 #[test]
@@ -256,7 +256,7 @@ fn a_cavity_keeps_facing_inward_and_a_solid_outward() {
     assert_eq!(mesh.faces, before);
     let mut target = surface(&inside_out(torus(3.0, 1.0, 12, 6)));
     let changes = with_context(|c| Orient::default().apply(&mut target, c)).unwrap().changes;
-    assert_eq!(change_count(&changes, "closed_parts_turned"), 1);
+    assert_eq!(change_count(&changes, "closed_parts_flipped"), 1);
     assert!(measured(&target.to_soup()).printable());
 }
 
@@ -266,7 +266,7 @@ fn an_inverted_open_box_is_flipped_by_the_visibility_of_its_faces() {
     soup.faces.truncate(soup.faces.len() - 2);
     let mut mesh = surface(&soup);
     let changes = with_context(|c| Orient::default().apply(&mut mesh, c)).unwrap().changes;
-    assert_eq!(change_count(&changes, "open_parts_turned"), 1);
+    assert_eq!(change_count(&changes, "open_parts_flipped"), 1);
 }
 
 #[test]
@@ -363,7 +363,7 @@ proptest! {
             FillHoles { max_edges: 1000, ..FillHoles::default() }.apply(&mut mesh, c).unwrap();
             let after = measured(&mesh.to_soup());
             prop_assert!(after.boundary_edges <= open.boundary_edges);
-            prop_assert!(after.nonmanifold_edges <= open.nonmanifold_edges);
+            prop_assert!(after.non_manifold_edges <= open.non_manifold_edges);
             mesh.drop_unreferenced();
             mesh.check().unwrap();
             Ok(())

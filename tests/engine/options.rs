@@ -6,7 +6,7 @@ use meshmend::mesh::Soup;
 use meshmend::repair::operators::orient::Nested;
 use meshmend::repair::operators::stitch::StitchPosition;
 use meshmend::repair::{
-    AssumptionKind, Category, ChangeKind, Compared, InsideRule, NotAppliedCause, OpenSheets, Operator, Options,
+    AssumptionKind, Category, ChangeKind, Compared, WindingRuleChoice, NotAppliedCause, OpenSheets, Operator, Options,
     Outcome, OutputFormat, Preset, RedFlagCode, Repaired, Standing, red_flags,
 };
 
@@ -59,7 +59,7 @@ fn nested_boxes_that_are_printable_are_wound_in_layers_where_that_is_asked_for()
     assert!(usual.report.options_not_applied.is_empty());
     for options in [
         Options { nested: Nested::Alternate, ..Options::default() },
-        Options { inside: InsideRule::Odd, ..Options::default() },
+        Options { winding_rule: WindingRuleChoice::Odd, ..Options::default() },
     ] {
         let repaired = repair_bytes(&bytes, &options, None).unwrap();
         assert_eq!(volumes(&repaired.bytes), [1000.0, -216.0, 27.0], "{:?}", repaired.report.summary);
@@ -77,8 +77,8 @@ fn nested_boxes_that_are_printable_are_wound_in_layers_where_that_is_asked_for()
 #[test]
 fn a_requested_winding_rule_removes_solids_inside_a_solid() {
     let bytes = stl(&nested_boxes());
-    for inside in [InsideRule::Positive, InsideRule::Nonzero] {
-        let repaired = repair_bytes(&bytes, &Options { inside, ..Options::default() }, None).unwrap();
+    for winding_rule in [WindingRuleChoice::Positive, WindingRuleChoice::Nonzero] {
+        let repaired = repair_bytes(&bytes, &Options { winding_rule, ..Options::default() }, None).unwrap();
         assert_eq!(volumes(&repaired.bytes), [1000.0], "{:?}", repaired.report.summary);
         assert_eq!(repaired.report.outcome, Outcome::Repaired, "{:?}", repaired.report.red_flags);
     }
@@ -291,8 +291,8 @@ fn small_parts_are_dropped_on_request_and_reported() {
         repaired.report.red_flags
     );
     assert_eq!(repaired.report.after.as_ref().unwrap().measures.parts, 1);
-    let ledger = repaired.report.ledger.as_ref().unwrap();
-    assert_eq!((ledger.lost, ledger.dropped, ledger.kept), (0, 2, 1));
+    let part_accounting = repaired.report.part_accounting.as_ref().unwrap();
+    assert_eq!((part_accounting.lost, part_accounting.dropped, part_accounting.kept), (0, 2, 1));
     let assumption = repaired.report.assumptions.iter().find(|a| a.kind == AssumptionKind::PiecesDropped).unwrap();
     assert_eq!((assumption.count, assumption.option.as_deref()), (2, Some("min_part_volume_pct=0")));
     // A broken part is repaired first, and kept because it is large.
@@ -372,7 +372,7 @@ fn neighbours_that_overlap_go_up_to_the_angle_that_is_asked_for() {
     let removed = |repaired: &Repaired| {
         let steps =
             repaired.report.steps.iter().filter(|step| step.operator == Some(Operator::RemoveOverlappingNeighbours));
-        steps.flat_map(|step| &step.changed).any(|change| change.what == ChangeKind::OverlappingFacesRemoved)
+        steps.flat_map(|step| &step.changed).any(|change| change.kind == ChangeKind::OverlappingFacesRemoved)
     };
     let usual = Options { preset: Preset::ConservativeRepair, max_tier: 2, ..Options::default() };
     let run_with = |overlap_angle_deg| {

@@ -248,8 +248,8 @@ fn a_result_that_lost_most_of_the_model_is_not_chosen() {
     let repaired = repair_bytes(&bytes, &without_tier_2(), Some(&fake)).unwrap();
     assert_eq!(repaired.report.outcome, Outcome::Unrepairable);
     assert_eq!(repaired.bytes, bytes);
-    let judged = repaired.report.candidates.iter().find(|c| c.rung == Some(1)).unwrap();
-    assert!(judged.printable && judged.red_flags.iter().any(|f| f.code == RedFlagCode::BoxChange));
+    let judged = repaired.report.candidates.iter().find(|c| c.strategy == Some(1)).unwrap();
+    assert!(judged.printable && judged.red_flags.iter().any(|f| f.code == RedFlagCode::BoundingBoxChange));
 }
 
 #[test]
@@ -272,7 +272,7 @@ fn without_blender_the_strategy_is_skipped_and_reported() {
 fn max_tier_keeps_higher_tiers_out_of_the_plan() {
     let fake = FakeRemesher::returning(vec![]);
     let repaired = repair_soup(&non_manifold(), &Options { max_tier: 1, ..Options::default() }, Some(&fake));
-    assert!(repaired.report.plan.rungs.iter().all(|r| r.tier == 1));
+    assert!(repaired.report.plan.strategies.iter().all(|r| r.tier == 1));
     assert!(fake.asked.borrow().is_empty());
 }
 
@@ -412,10 +412,10 @@ fn a_result_that_is_not_printable_and_lost_a_part_is_not_preferred_to_the_input(
     let fake = FakeRemesher::returning(vec![Ok(non_manifold()), Ok(non_manifold())]);
     let bytes = format::write(&model, Format::Stl).unwrap();
     let repaired = repair_bytes(&bytes, &without_tier_2(), Some(&fake)).unwrap();
-    let judged = repaired.report.candidates.iter().find(|c| c.rung == Some(1)).unwrap();
+    let judged = repaired.report.candidates.iter().find(|c| c.strategy == Some(1)).unwrap();
     assert!(!judged.printable && judged.defects < repaired.report.before.measures.defects());
     let flag = judged.red_flags.iter().find(|f| f.code == RedFlagCode::SurfaceLost).unwrap();
-    assert!((3.0..25.0).contains(&flag.value) && judged.red_flags.iter().all(|f| f.code != RedFlagCode::BoxChange));
+    assert!((3.0..25.0).contains(&flag.value) && judged.red_flags.iter().all(|f| f.code != RedFlagCode::BoundingBoxChange));
     assert_eq!((repaired.report.outcome, repaired.bytes), (Outcome::Unrepairable, bytes));
 }
 
@@ -442,19 +442,19 @@ fn a_strategy_reuses_a_shared_prefix_and_gives_the_result_it_would_give_alone() 
     soup = join(&soup, &open);
     let auto = repair_soup(&soup, &Options { max_tier: 2, ..Options::default() }, None).report;
     assert!(auto.candidates.len() > 2, "{:#?}", auto.plan);
-    let facts = |steps: &[Step], rung: u32| -> Vec<_> {
-        let own = steps.iter().filter(|step| step.rung == rung);
+    let facts = |steps: &[Step], strategy: u32| -> Vec<_> {
+        let own = steps.iter().filter(|step| step.strategy == strategy);
         own.map(|step| (step.action, step.operator, step.status, step.changed.clone(), step.moved)).collect()
     };
-    for (index, rung) in (0..2).zip(&auto.plan.rungs) {
+    for (index, strategy) in (0..2).zip(&auto.plan.strategies) {
         let alone =
-            repair_soup(&soup, &Options { max_tier: 2, preset: rung.preset, ..Options::default() }, None).report;
-        assert_eq!(facts(&auto.steps, index), facts(&alone.steps, 0), "{:?}", rung.preset);
+            repair_soup(&soup, &Options { max_tier: 2, preset: strategy.preset, ..Options::default() }, None).report;
+        assert_eq!(facts(&auto.steps, index), facts(&alone.steps, 0), "{:?}", strategy.preset);
         let [a, b] = [&auto.candidates[index as usize], &alone.candidates[0]];
         assert_eq!((a.faces, a.defects, a.printable), (b.faces, b.defects, b.printable));
     }
-    let taken = |rung: u32, operator: Operator| {
-        let mut mesh = auto.steps.iter().filter(|step| step.rung == rung && step.operator == Some(operator));
+    let taken = |strategy: u32, operator: Operator| {
+        let mut mesh = auto.steps.iter().filter(|step| step.strategy == strategy && step.operator == Some(operator));
         mesh.all(|step| step.note.as_ref().is_some_and(|note| note.contains("taken over")))
     };
     assert!(!taken(0, Operator::Sew) && taken(1, Operator::Sew) && taken(2, Operator::Sew), "{:#?}", auto.steps);

@@ -5,7 +5,7 @@ use meshmend::context::{Cancelled, Context, NoProgress};
 use meshmend::inspect::measure;
 use meshmend::math::{Tree, r3};
 use meshmend::mesh::{NO_SOURCE, Soup, Surface};
-use meshmend::remesh::{Inside, Remesh, RemeshError, Remeshed};
+use meshmend::remesh::{WindingRule, Remesh, RemeshError, Remeshed};
 use meshmend::repair::operators::remesh::RemeshInside;
 use proptest::prelude::*;
 
@@ -13,14 +13,14 @@ use crate::meshes::{cube, inside_out, join, push, sheet, sphere};
 use crate::support::{change_count, measured_as_stl, with_context};
 
 /// Remeshes with cells of 1/`n` of the diagonal.
-fn remeshed(soup: &Soup, n: f64, inside: Inside) -> Result<Remeshed, RemeshError> {
+fn remeshed(soup: &Soup, n: f64, winding_rule: WindingRule) -> Result<Remeshed, RemeshError> {
     let (surface, _) = Surface::from_soup(soup);
     let diagonal = meshmend::math::Box3::of(surface.positions.iter().copied()).diagonal();
-    with_context(|c| Remesh { cell: Some(diagonal / n), inside, ..Remesh::default() }.apply(&surface, c))
+    with_context(|c| Remesh { cell: Some(diagonal / n), winding_rule, ..Remesh::default() }.apply(&surface, c))
 }
 
 fn solid(soup: &Soup, n: f64) -> Remeshed {
-    let remeshed = remeshed(soup, n, Inside::Outward).unwrap();
+    let remeshed = remeshed(soup, n, WindingRule::Positive).unwrap();
     let m = measured_as_stl(&remeshed.surface);
     assert!(m.closed && m.manifold && m.consistent, "{m:?}");
     assert_eq!((m.degenerate_faces, m.duplicate_faces, m.self_intersections.pairs), (0, 0, Some(0)), "{m:?}");
@@ -190,8 +190,8 @@ fn boxes_that_overlap_are_one() {
 #[test]
 fn an_inverted_part_is_solid_on_request() {
     let soup = inside_out(cube(DVec3::ZERO, 1.0, 2));
-    assert_eq!(remeshed(&soup, 32.0, Inside::Outward).unwrap_err(), RemeshError::Empty);
-    let remeshed = remeshed(&soup, 32.0, Inside::EitherWay).unwrap();
+    assert_eq!(remeshed(&soup, 32.0, WindingRule::Positive).unwrap_err(), RemeshError::Empty);
+    let remeshed = remeshed(&soup, 32.0, WindingRule::Nonzero).unwrap();
     assert_near(volume(&remeshed), 1.0, 1e-3);
 }
 
@@ -286,7 +286,7 @@ fn a_mesh_that_encloses_nothing_gives_an_empty_result() {
         p.z = 0.0;
     }
     for soup in [Soup::default(), triangle, needle, flat] {
-        assert_eq!(remeshed(&soup, 64.0, Inside::Outward).unwrap_err(), RemeshError::Empty);
+        assert_eq!(remeshed(&soup, 64.0, WindingRule::Positive).unwrap_err(), RemeshError::Empty);
     }
 }
 
@@ -309,7 +309,7 @@ fn size_and_place_of_the_model_do_not_matter() {
         for p in &mut soup.positions {
             *p = *p * size + at;
         }
-        let remeshed = remeshed(&soup, 48.0, Inside::Outward).unwrap();
+        let remeshed = remeshed(&soup, 48.0, WindingRule::Positive).unwrap();
         let m = measured_as_stl(&remeshed.surface);
         assert!(m.closed && m.manifold && m.consistent, "{size} {at} {m:?}");
         assert_eq!(m.self_intersections.pairs, Some(0), "{size} {at}");
@@ -321,7 +321,7 @@ fn the_surface_and_deviation_are_the_same_on_any_number_of_threads() {
     let soup = turned(join(&bracket(), &sphere(DVec3::splat(0.4), 1.0, 24, 12)));
     let [one, two] = [1, 2].map(|threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| remeshed(&soup, 100.0, Inside::Outward).unwrap())
+        pool.install(|| remeshed(&soup, 100.0, WindingRule::Positive).unwrap())
     });
     assert_eq!(one.surface, two.surface);
     assert_eq!(one.deviation, two.deviation);
@@ -350,7 +350,7 @@ fn a_remesh_that_moves_too_far_or_encloses_nothing_is_undone() {
     let applied = run(&mut surface, f64::INFINITY);
     assert!(applied.failed.is_none() && applied.moved > 0.0 && surface != before);
     let count = |what| change_count(&applied.changes, what);
-    assert_eq!(count("faces_made") - count("faces_removed"), surface.faces.len() as u64);
+    assert_eq!(count("faces_created") - count("faces_removed"), surface.faces.len() as u64);
     let (mut open, _) =
         Surface::from_soup(&Soup { positions: vec![DVec3::ZERO, DVec3::X, DVec3::Y], faces: vec![[0, 1, 2]] });
     assert!(run(&mut open, f64::INFINITY).failed.unwrap().to_string().contains("nothing is inside"));
@@ -366,7 +366,7 @@ proptest! {
             let corner = |k: u32| DVec3::from(r3(f64::from(seed + 3 * i + k)));
             push(&mut soup, [corner(0), corner(1), corner(2)]);
         }
-        for inside in [Inside::Outward, Inside::EitherWay] {
+        for winding_rule in [WindingRule::Positive, WindingRule::Nonzero] {
             match remeshed(&soup, n, inside) {
                 Ok(remeshed) => {
                     let m = measured_as_stl(&remeshed.surface);

@@ -3,7 +3,7 @@
 use glam::DVec3;
 use meshmend::format::{Format, Limits, read, write};
 use meshmend::mesh::Soup;
-use meshmend::repair::{Action, InsideRule, Operator, Options, Outcome, OutputFormat, Overlaps, StepStatus};
+use meshmend::repair::{Action, WindingRuleChoice, Operator, Options, Outcome, OutputFormat, Overlaps, StepStatus};
 
 use crate::meshes::{cube, join, push};
 use crate::support::{repair_bytes, repair_soup};
@@ -72,7 +72,7 @@ fn parts_to_keep_come_back_unchanged_and_the_report_says_that_they_overlap() {
 fn with_the_odd_rule_what_two_parts_have_in_common_is_empty() {
     let repaired = repair_soup(
         &overlapping(),
-        &Options { inside: InsideRule::Odd, max_volume_change_pct: 100.0, ..native() },
+        &Options { winding_rule: WindingRuleChoice::Odd, max_volume_change_pct: 100.0, ..native() },
         None,
     );
     let after = &repaired.report.after.unwrap().measures;
@@ -102,7 +102,7 @@ fn a_visible_zero_thickness_wall_is_thickened() {
 
 #[test]
 fn if_nothing_may_be_resolved_the_model_is_remeshed() {
-    let options = Options { without: vec![Operator::Resolve], voxel_resolution: 60, ..native() };
+    let options = Options { without: vec![Operator::SelfUnion], voxel_resolution: 60, ..native() };
     let repaired = repair_soup(&overlapping(), &options, None);
     assert_eq!(repaired.report.outcome, Outcome::Repaired, "{:?}", repaired.report.red_flags);
     let remesh = repaired.report.steps.iter().find(|step| step.operator == Some(Operator::Remesh)).unwrap();

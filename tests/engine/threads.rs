@@ -44,8 +44,8 @@ fn run_repair(soup: &Soup, options: &Options) -> Repaired {
 fn the_pipeline_gives_the_same_result_on_any_number_of_threads() {
     let options = Options { max_tier: 2, max_error: Some(1e-3), ..Options::default() };
     for (mut soup, through) in [
-        (overlapping(), [Operator::FillHoles, Operator::Resolve, Operator::Simplify]),
-        (touching(), [Operator::FillHoles, Operator::Separate, Operator::Simplify]),
+        (overlapping(), [Operator::FillHoles, Operator::SelfUnion, Operator::Simplify]),
+        (touching(), [Operator::FillHoles, Operator::Perturb, Operator::Simplify]),
     ] {
         // A hole, and flipped faces.
         soup.faces.drain(20..22);

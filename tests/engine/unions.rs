@@ -3,7 +3,7 @@
 //! The solids are in general or degenerate position, with shuffled and flipped faces, and with holes.
 
 use glam::{DMat3, DVec3};
-use meshmend::arrange::Inside;
+use meshmend::arrange::WindingRule;
 use meshmend::format::{Format, Limits, read, write};
 use meshmend::inspect::measure;
 use meshmend::mesh::{Soup, Surface};
@@ -19,7 +19,7 @@ use crate::support::{arranged, repair_up_to_tier_2, with_context};
 /// The volume with positive winding number, by another engine than ours.
 fn filled(soup: &Soup) -> f64 {
     let (surface, _) = Surface::from_soup(soup);
-    let solid = arranged(&ManifoldRust, &surface, Inside::Positive.into()).unwrap();
+    let solid = arranged(&ManifoldRust, &surface, WindingRule::Positive.into()).unwrap();
     with_context(|c| measure(&solid.surface.to_soup(), c)).unwrap().volume.value
 }
 
@@ -163,7 +163,7 @@ fn nearly_coincident_solids_are_united_though_half_of_their_faces_disappear() {
     let report = repair_up_to_tier_2(&write(&soup, Format::Stl).unwrap()).report;
     assert_eq!((report.outcome, report.candidates.len()), (Outcome::Repaired, 1), "{:?}", report.red_flags);
     let changes = report.changes.unwrap();
-    assert!(changes.face_loss_pct > 40.0 && changes.faces_buried_pct > Some(70.0), "{changes:?}");
+    assert!(changes.face_loss_pct > 40.0 && changes.enclosed_faces_pct > Some(70.0), "{changes:?}");
 }
 
 #[test]

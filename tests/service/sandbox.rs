@@ -28,7 +28,7 @@ async fn sandbox(api: &Api) -> Value {
 
 /// Whether a restriction of the sandbox is active. If not, prints that this machine does not test it.
 fn is_active(sandbox: &Value, wall: &str) -> bool {
-    let is_active = sandbox[wall]["in_force"].as_bool().expect("a boolean");
+    let is_active = sandbox[wall]["enforced"].as_bool().expect("a boolean");
     if !is_active {
         let _ =
             writeln!(std::io::stderr(), "NOT TESTED: this machine has no wall '{wall}': {}", sandbox[wall]["detail"]);
@@ -100,7 +100,7 @@ async fn attempts_of_a_hostile_blender_fail_in_the_sandbox_and_succeed_outside()
     let failed_by = |wall: &str, names: &[&str]| {
         for name in names {
             assert!(outside[*name], "{name} fails without a sandbox too, so it proves nothing: {outside:?}");
-            assert!(!off[wall]["in_force"].as_bool().expect("a boolean"), "{off}");
+            assert!(!off[wall]["enforced"].as_bool().expect("a boolean"), "{off}");
             assert!(!is_active(&sandbox, wall) || !inside[*name], "{name} worked: {inside:?}");
         }
     };
@@ -128,9 +128,9 @@ async fn capabilities_list_the_sandbox_and_the_limits_of_jobs() {
     assert_eq!((&walls["memory_bytes"], &walls["scratch_bytes"]), (&json!(3000_u64 << 20), &json!(70_u64 << 20)));
     assert_eq!(walls["max_processes"], 99);
     for wall in ["network", "files", "system_calls", "signals", "processes"] {
-        let (in_force, by) = (walls[wall]["in_force"] == true, walls[wall]["by"].as_array().expect("a list"));
-        assert_eq!(in_force, !by.is_empty(), "{walls}");
-        assert!(in_force || walls[wall]["detail"].is_string(), "{walls}");
+        let (enforced, by) = (walls[wall]["enforced"] == true, walls[wall]["by"].as_array().expect("a list"));
+        assert_eq!(enforced, !by.is_empty(), "{walls}");
+        assert!(enforced || walls[wall]["detail"].is_string(), "{walls}");
     }
     assert!(program.log().contains("walled off"), "{}", program.log());
     let data = tempfile::tempdir().expect("a folder");
@@ -201,7 +201,7 @@ async fn a_job_cannot_start_more_processes_than_its_limit() {
     let blender = hostile_blender(tools.path(), &many);
     let program = Start::serve(data.path()).blender(&blender).arg("--job-processes", "60").start();
     let api = Api::new(&program);
-    assert_eq!(sandbox(&api).await["processes"]["in_force"], true);
+    assert_eq!(sandbox(&api).await["processes"]["enforced"], true);
     let options = json!({"preset": "blender-remesh", "voxel_size": 0.1, "deadline_s": 8});
     let id = api.submit(files::boxes_on_an_edge(), options).await;
     let mut most = 0;

@@ -1,7 +1,7 @@
 //! Doubtful patches: a region that is visible through a patch is not filled.
 
 use glam::DVec3;
-use meshmend::arrange::{Exact, Inside, Rule, Solid};
+use meshmend::arrange::{Exact, WindingRule, Rule, Solid};
 use meshmend::mesh::{NO_SOURCE, Soup, Surface};
 use meshmend::repair::{Options, Outcome};
 
@@ -28,8 +28,8 @@ fn solid(soup: &Soup, rule: Rule) -> Solid {
     arranged(&Exact, &surface, rule).unwrap()
 }
 
-fn doubting(inside: Inside) -> Rule {
-    Rule { inside, doubts_patches: true }
+fn doubting(winding_rule: WindingRule) -> Rule {
+    Rule { winding_rule, doubts_patches: true }
 }
 
 fn volume(solid: &Solid) -> f64 {
@@ -43,9 +43,9 @@ fn in_the_cup(size: f64) -> Soup {
 #[test]
 fn a_region_is_left_open_if_its_content_is_visible_through_a_patch() {
     let soup = join(&cup(), &in_the_cup(1.5));
-    let filled = solid(&soup, Inside::Positive.into());
+    let filled = solid(&soup, WindingRule::Positive.into());
     assert!((volume(&filled) - 64.0).abs() < 1e-9 && filled.opened.faces.is_empty());
-    let open = solid(&soup, doubting(Inside::Positive));
+    let open = solid(&soup, doubting(WindingRule::Positive));
     assert!((volume(&open) - 1.5f64.powi(3)).abs() < 1e-9, "{}", volume(&open));
     // The cup's walls and floor, still facing outward, and nothing of the lid.
     assert_eq!(open.opened.faces.len(), 40);
@@ -59,18 +59,18 @@ fn a_region_is_left_open_if_its_content_is_visible_through_a_patch() {
 #[test]
 fn the_content_of_an_inverted_region_is_behind_its_skin_too() {
     let soup = inside_out(join(&cup(), &in_the_cup(1.5)));
-    let open = solid(&soup, doubting(Inside::Nonzero));
+    let open = solid(&soup, doubting(WindingRule::Nonzero));
     let outward = |f| (open.opened.corners(f)[0] - DVec3::splat(2.0)).dot(open.opened.area_vector(f)) > 0.0;
     assert!(!open.opened.faces.is_empty() && (0..open.opened.faces.len()).all(outward));
 }
 
 #[test]
 fn a_region_is_filled_if_it_contains_nothing_visible() {
-    let alone = solid(&cup(), doubting(Inside::Positive));
+    let alone = solid(&cup(), doubting(WindingRule::Positive));
     assert!((volume(&alone) - 64.0).abs() < 1e-9 && alone.opened.faces.is_empty());
     // A region that touches no patch is hidden by real walls.
     let closed = join(&cube(DVec3::new(0.5, 0.5, 0.5), 3.0, 1), &in_the_cup(1.5));
-    let hidden = solid(&join(&cup(), &closed), doubting(Inside::Positive));
+    let hidden = solid(&join(&cup(), &closed), doubting(WindingRule::Positive));
     let behind =
         hidden.surface.positions.iter().filter(|p| (**p - DVec3::splat(2.0)).abs().max_element() < 1.0).count();
     assert_eq!(behind, 0, "the cube in the closed box in the cup is not seen");
@@ -79,7 +79,7 @@ fn a_region_is_filled_if_it_contains_nothing_visible() {
 
 #[test]
 fn a_speck_in_a_region_does_not_leave_it_open() {
-    let speck = solid(&join(&cup(), &in_the_cup(0.1)), doubting(Inside::Positive));
+    let speck = solid(&join(&cup(), &in_the_cup(0.1)), doubting(WindingRule::Positive));
     assert!((volume(&speck) - 64.0).abs() < 1e-9 && speck.opened.faces.is_empty());
 }
 

@@ -8,7 +8,7 @@ use manifold_rust::cancel::CancelToken;
 use manifold_rust::manifold::Manifold;
 use manifold_rust::types::{Error, MeshGL64, WindingRule};
 
-use meshmend::arrange::{ArrangeError, Arrangement, Inside, Rule, Solid};
+use meshmend::arrange::{ArrangeError, Arrangement, WindingRule, Rule, Solid};
 use meshmend::context::Context;
 use meshmend::mesh::{ClosedSurface, NO_SOURCE, NotClosed, Soup, Surface};
 
@@ -26,9 +26,9 @@ impl Arrangement for ManifoldRust {
         let token = CancelToken::new();
         let mesh = to_mesh(&surface);
         let rule = match rule.inside {
-            Inside::Positive => WindingRule::Positive,
-            Inside::Nonzero => WindingRule::Nonzero,
-            Inside::Odd => return Err(ArrangeError::Failed("the engine knows no odd rule".to_owned())),
+            WindingRule::Positive => WindingRule::Positive,
+            WindingRule::Nonzero => WindingRule::Nonzero,
+            WindingRule::Odd => return Err(ArrangeError::Failed("the engine knows no odd rule".to_owned())),
         };
         let (send, receive) = channel();
         let watched = token.clone();

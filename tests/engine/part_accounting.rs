@@ -6,22 +6,22 @@ use meshmend::format::{self, Format, Limits};
 use meshmend::inspect::{Analysis, CompareOptions, Original, measures};
 use meshmend::mesh::Soup;
 use meshmend::repair::{
-    Certificate, Ledger, OpenSheets, Operator, Options, Outcome, RedFlagCode, RemeshError, RemeshRequest, Remeshed,
-    Remesher, RemesherInfo, Repaired, ledger, repair,
+    PartReason, PartAccounting, OpenSheets, Operator, Options, Outcome, RedFlagCode, RemeshError, RemeshRequest, Remeshed,
+    Remesher, RemesherInfo, Repaired, part_accounting, repair,
 };
 use proptest::prelude::*;
 
 use crate::meshes::{cube, inside_out, join, push, sheet, sphere};
 use crate::support::with_context;
 
-fn account_parts(before: &Soup, after: &Soup) -> Ledger {
+fn account_parts(before: &Soup, after: &Soup) -> PartAccounting {
     let accounts = with_context(|context| {
         let [before, after] = [before, after].map(|soup| Analysis::new(soup.into(), context).unwrap());
         let measured = measures(&before, context).unwrap();
         let original = Original::new(&before, &measured, CompareOptions::BRIEF);
-        ledger(&original, &after, &Options::default(), context).unwrap()
+        part_accounting(&original, &after, &Options::default(), context).unwrap()
     });
-    let Ledger { parts, kept, changed, duplicate, no_volume, inside_another, debris, lost, unknown, .. } = accounts;
+    let PartAccounting { parts, kept, changed, duplicate, no_volume, inside_another, debris, lost, unknown, .. } = accounts;
     assert_eq!(
         kept + changed + duplicate + no_volume + inside_another + debris + lost + unknown,
         parts,
@@ -31,10 +31,10 @@ fn account_parts(before: &Soup, after: &Soup) -> Ledger {
 }
 
 /// The reasons by part.
-fn certificates(before: &Soup, after: &Soup) -> Vec<(u32, Certificate)> {
+fn reasons(before: &Soup, after: &Soup) -> Vec<(u32, PartReason)> {
     let accounts = account_parts(before, after);
     assert_eq!(accounts.lost, 0, "{accounts:?}");
-    accounts.certificates.iter().map(|certified| (certified.part, certified.certificate)).collect()
+    accounts.reasons.iter().map(|certified| (certified.part, certified.reason)).collect()
 }
 
 fn box_at(x: f64, size: f64) -> Soup {
@@ -76,10 +76,10 @@ fn parts_that_share_a_part_of_the_result_are_united() {
 fn a_copy_of_a_part_is_a_duplicate() {
     let one = box_at(0.0, 1.0);
     let coarse = cube(DVec3::ZERO, 1.0, 1);
-    assert_eq!(certificates(&join(&coarse, &one), &one), [(0, Certificate::Duplicate)]);
+    assert_eq!(reasons(&join(&coarse, &one), &one), [(0, PartReason::Duplicate)]);
     // Both copies are remeshed: one remains.
     let anew = cube(DVec3::ZERO, 1.0, 2);
-    assert_eq!(certificates(&join(&coarse, &one), &anew), [(1, Certificate::Duplicate)]);
+    assert_eq!(reasons(&join(&coarse, &one), &anew), [(1, PartReason::Duplicate)]);
     // Copies with the same faces share their edges, so they are one part; some of that part remains.
     let twice = join(&one, &one);
     assert_eq!((account_parts(&twice, &one).parts, account_parts(&twice, &one).changed), (1, 1));
@@ -91,7 +91,7 @@ fn a_part_within_the_result_is_inside_another() {
     let outer = box_at(0.0, 4.0);
     let ball = sphere(DVec3::splat(2.0), 1.0, 12, 8);
     for ball in [inside_out(ball.clone()), ball] {
-        assert_eq!(certificates(&join(&ball, &outer), &outer), [(0, Certificate::InsideAnother)]);
+        assert_eq!(reasons(&join(&ball, &outer), &outer), [(0, PartReason::InsideAnother)]);
     }
 }
 
@@ -103,16 +103,16 @@ fn sheets_and_closed_parts_without_volume_enclose_nothing() {
         soup
     };
     let flat = far(sheet(4));
-    assert_eq!(certificates(&join(&solid, &flat), &solid), [(1, Certificate::NoVolume)]);
+    assert_eq!(reasons(&join(&solid, &flat), &solid), [(1, PartReason::NoVolume)]);
     let double = join(&flat, &inside_out(flat.clone()));
-    assert_eq!(certificates(&join(&solid, &double), &solid), [(1, Certificate::NoVolume)]);
+    assert_eq!(reasons(&join(&solid, &double), &solid), [(1, PartReason::NoVolume)]);
     // A box pressed flat: closed, with two layers of different faces.
     let pressed = cuboid(DVec3::new(9.0, 0.0, 0.0), DVec3::new(1.0, 1.0, 1e-9), 3);
-    assert_eq!(certificates(&join(&solid, &pressed), &solid), [(1, Certificate::NoVolume)]);
+    assert_eq!(reasons(&join(&solid, &pressed), &solid), [(1, PartReason::NoVolume)]);
     // A needle with all corners on one line.
     let mut needle = solid.clone();
     push(&mut needle, [DVec3::splat(5.0), DVec3::splat(6.0), DVec3::splat(7.0)]);
-    assert_eq!(certificates(&needle, &solid), [(1, Certificate::NoVolume)]);
+    assert_eq!(reasons(&needle, &solid), [(1, PartReason::NoVolume)]);
 }
 
 #[test]
@@ -120,7 +120,7 @@ fn an_open_piece_too_small_to_print_is_debris() {
     let solid = box_at(0.0, 100.0);
     let mut bit = cube(DVec3::new(150.0, 0.0, 0.0), 0.01, 1);
     bit.faces.truncate(10);
-    assert_eq!(certificates(&join(&solid, &bit), &solid), [(1, Certificate::Debris)]);
+    assert_eq!(reasons(&join(&solid, &bit), &solid), [(1, PartReason::Debris)]);
 }
 
 #[test]
@@ -171,7 +171,7 @@ fn lists_are_bounded_and_counts_are_not() {
         push(&mut input, [at, at + DVec3::X, at + DVec3::Y]);
     }
     let accounts = account_parts(&input, &box_at(0.0, 1.0));
-    assert_eq!((accounts.parts, accounts.no_volume, accounts.certificates.len()), (1501, 1500, 1000));
+    assert_eq!((accounts.parts, accounts.no_volume, accounts.reasons.len()), (1501, 1500, 1000));
 }
 
 /// A remesher that always returns the same mesh.
@@ -197,7 +197,7 @@ fn remeshed(input: &Soup, answer: Soup) -> Repaired {
         max_surface_lost_pct: 100.0,
         max_face_loss_pct: 100.0,
         max_volume_change_pct: 100.0,
-        max_box_change_pct: 100.0,
+        max_bounding_box_change_pct: 100.0,
         ..Options::default()
     };
     with_context(|context| {
@@ -214,11 +214,11 @@ fn a_dropped_part_raises_the_flag_and_makes_the_repair_partial() {
     let dropped = remeshed(&input, join(&cube(DVec3::ZERO, 4.0, 5), &kept)).report;
     assert_eq!(dropped.outcome, Outcome::PartiallyRepaired);
     assert_eq!(dropped.red_flags.iter().map(|flag| flag.code).collect::<Vec<_>>(), [RedFlagCode::PartLost]);
-    assert_eq!(dropped.ledger.unwrap().lost_parts[0].part, 1);
+    assert_eq!(dropped.part_accounting.unwrap().lost_parts[0].part, 1);
     let whole = join(&cube(DVec3::ZERO, 4.0, 5), &cube(DVec3::new(1.0, 1.0, 4.5), 1.0, 4));
     let whole = remeshed(&input, join(&whole, &kept)).report;
     assert_eq!((whole.outcome, whole.red_flags.len()), (Outcome::Repaired, 0));
-    assert_eq!(whole.ledger.unwrap().changed, 2, "the third is kept");
+    assert_eq!(whole.part_accounting.unwrap().changed, 2, "the third is kept");
 }
 
 #[test]
@@ -253,7 +253,7 @@ fn dropping_a_part_is_worse_than_closing_an_opening_over_a_wall() {
     };
     assert!(flags(false).contains(&RedFlagCode::PartLost), "{:?}", report.candidates);
     assert_eq!(flags(true), [RedFlagCode::SurfaceLost, RedFlagCode::SurfaceInvented]);
-    assert_eq!(report.ledger.unwrap().lost, 0);
+    assert_eq!(report.part_accounting.unwrap().lost, 0);
 }
 
 #[test]
@@ -266,7 +266,7 @@ fn the_native_tiers_lose_no_part_of_a_model_of_many() {
     let bytes = format::write(&input, Format::Stl).unwrap();
     let options = Options { max_tier: 2, ..Options::default() };
     let report = with_context(|context| repair(&bytes, &options, &Limits::default(), None, context).unwrap()).report;
-    let accounts = report.ledger.unwrap();
+    let accounts = report.part_accounting.unwrap();
     assert_eq!((accounts.parts, accounts.lost, accounts.unknown), (6, 0, 0), "{accounts:?}");
     assert!(accounts.duplicate == 1 && accounts.united >= 4, "{accounts:?}");
 }
