@@ -17,16 +17,21 @@
 //!
 //! The engine (`math`, `mesh`, `format`, `inspect`, `analyze`, `arrange`, `simplify`, `remesh`, `repair`, `blender`) knows nothing of tokio, axum or sqlx.
 
+#[cfg(feature = "service")]
 pub mod access;
 pub mod analyze;
+#[cfg(feature = "service")]
 pub mod api;
 pub mod arrange;
 pub mod blender;
+#[cfg(feature = "service")]
 pub mod blobs;
 pub mod context;
 pub mod format;
 pub mod inspect;
+#[cfg(feature = "service")]
 pub mod jobs;
+#[cfg(feature = "service")]
 pub mod manual;
 pub mod math;
 pub mod mesh;
@@ -36,10 +41,15 @@ pub mod repair;
 pub mod sandbox;
 pub mod scene;
 pub mod simplify;
+#[cfg(feature = "service")]
 pub mod telemetry;
+#[cfg(feature = "service")]
 pub mod tls;
+#[cfg(feature = "service")]
 pub mod web;
+#[cfg(feature = "service")]
 pub mod webhooks;
+#[cfg(feature = "service")]
 pub mod worker;
 
 /// Name and version of the engine, as in every report.

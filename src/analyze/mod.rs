@@ -7,7 +7,6 @@ use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
-use utoipa::ToSchema;
 
 use crate::context::{Cancelled, Context, Stage};
 use crate::format::{self, Format, Limits, ReadError, ReadMesh, ReadOptions};
@@ -17,11 +16,12 @@ use crate::render::{Drawing, Marked, RenderError, draw_inspected, names_of_inspe
 use crate::scene::{LengthUnit, Unit};
 
 /// How files are to be analysed. Every field has a default.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(default)]
 pub struct AnalyzeOptions {
     /// Seconds the analysis of all files may take from its start; then the job fails.
-    #[schema(minimum = 1.0, maximum = 3600.0)]
+    #[cfg_attr(feature = "openapi", schema(minimum = 1.0, maximum = 3600.0))]
     pub deadline_s: f64,
     /// Whether to count the faces of each file that intersect those of another.
     pub intersections: bool,
@@ -73,7 +73,8 @@ impl AnalyzeOptions {
 pub const ANALYSIS_VERSION: u32 = 3;
 
 /// The account of one analysis.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct AnalysisReport {
     /// Version of this structure.
     pub version: u32,
@@ -105,7 +106,8 @@ impl AnalysisReport {
 }
 
 /// What was found in one file.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct FileAnalysis {
     /// The name it was sent with.
     pub name: String,

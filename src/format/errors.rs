@@ -1,10 +1,10 @@
 //! Why a file can't be read or written, and where in it.
 
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
 
 /// Where in a file something was found.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum Place {
     /// Offset in bytes from the file's start.
@@ -14,7 +14,8 @@ pub enum Place {
 }
 
 /// What is wrong with a file, for programs; the words for people are in [`ReadError::detail`].
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum ReadErrorKind {
     /// The file has no bytes.

@@ -1,13 +1,13 @@
 //! The formats that are read and written, what each can say, and what of a scene it can't.
 
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
 
 use crate::math::Precision;
 use crate::scene::{Note, PAINTLESS, Paint, Palette, Scene, Shape, Unit};
 
 /// A file format that is both read and written.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "lowercase")]
 pub enum Format {
     /// Stereolithography, binary or ASCII; written as binary. Coordinates are f32 and there are no indices.

@@ -1,10 +1,10 @@
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
 
 use super::{DefectKind, Findings, Level, Measures};
 
 /// A rule of Parasolid's mesh checking (seed 002, 86.4), as far as it concerns a mesh by itself.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum CheckRule {
     /// From level basic on: no edge of more than two faces and no vertex of more than one fan.
@@ -46,7 +46,8 @@ impl CheckRule {
 /// A rule is broken by what is exactly so: an edge without length, a face without area, a slit. What is so within the tolerances only,
 /// such as a face lower than a ten-millionth of the model, is advice: no reader takes it for broken, and to remove it may move surface
 /// into other surface. Normals of the file are advice too, since slicers compute their own.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct CheckVerdict {
     /// Every rule was checked, and none is broken.
     pub passes: bool,

@@ -1,5 +1,4 @@
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
 
 /// What rounding of coordinates to f32 makes of equal values, as a share of them: a range no wider is one bin, and a value that is so little
 /// below a border is on it.
@@ -10,7 +9,8 @@ const BINS: usize = 16;
 /// How a quantity is distributed over the elements of a mesh.
 ///
 /// The same values in any order give the same figures: they are sorted before they are added.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Distribution {
     /// How many values there are.
     pub count: u64,
@@ -30,7 +30,8 @@ pub struct Distribution {
 }
 
 /// How many values there are in each of a row of bins, usually 16.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Histogram {
     /// How the edges are placed.
     pub spacing: BinSpacing,
@@ -43,7 +44,8 @@ pub struct Histogram {
 }
 
 /// How the bins of a histogram are placed.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum BinSpacing {
     /// All of the same width.

@@ -1,10 +1,10 @@
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
 
 /// What can be wrong with a mesh at a place.
 ///
 /// The first ten are those of Parasolid's `PK_MESH_find_defects` (seed 002).
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum DefectKind {
     /// A part beside the largest, with its count of faces. No fault by itself.
@@ -83,7 +83,8 @@ impl DefectKind {
 }
 
 /// How two faces meet that should not.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum Meeting {
     /// The inside of one passes through the other.
@@ -95,7 +96,8 @@ pub enum Meeting {
 }
 
 /// One thing that is wrong, with its place.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Defect {
     /// A point of it, in the model's unit.
     pub at: [f64; 3],
@@ -200,7 +202,8 @@ impl Findings {
 }
 
 /// All defects of one kind.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct DefectGroup {
     /// Which kind.
     pub kind: DefectKind,

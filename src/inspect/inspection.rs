@@ -1,7 +1,6 @@
 //! Everything that is said of one mesh, and whether it is good.
 
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
 
 use super::{
     Analysis, Answer, Attributes, CheckVerdict, DefectGroup, DefectKind, Findings, InspectOptions, Level, Measures,
@@ -16,7 +15,8 @@ pub const INSPECTION_VERSION: u32 = 1;
 const MOST_PLACES: usize = 10_000;
 
 /// Everything that is to be said of one mesh: the `before` and `after` of a repair, and the answer of an analysis.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Inspection {
     /// Version of this structure.
     pub version: u32,
@@ -119,7 +119,8 @@ pub fn inspect_analysis(
 }
 
 /// What meshalyzer reports of a mesh (seed 004) beyond [`Measures`].
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Characteristics {
     /// The four attributes.
     pub attributes: Attributes,
@@ -151,7 +152,8 @@ pub fn characteristics(
 }
 
 /// What the file itself says of its vertices and faces, before vertices are merged.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Elements {
     /// Vertices in the file.
     pub vertices: u64,
@@ -202,7 +204,8 @@ impl Elements {
 }
 
 /// What a good mesh must keep to beyond having nothing wrong, after meshalyzer's option `-g` (seed 004).
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Thresholds {
     /// Aspect ratios of faces must be less than this.
     pub aspect_ratio: f64,
@@ -213,7 +216,8 @@ pub struct Thresholds {
 }
 
 /// Whether a mesh is good, and if not, why.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Goodness {
     /// No reason was found against it.
     pub good: bool,
@@ -224,7 +228,8 @@ pub struct Goodness {
 }
 
 /// One thing that keeps a mesh from being good.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Shortfall {
     /// What is lacking.
     pub lack: Lack,
@@ -233,7 +238,8 @@ pub struct Shortfall {
 }
 
 /// What a mesh can lack.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum Lack {
     /// There are boundary edges, or no face at all.

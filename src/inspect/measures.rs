@@ -1,11 +1,11 @@
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
 
 use super::Meeting;
 
 /// A mesh measured. Vertices are merged at exactly equal positions first, as every STL reader must, so that the
 /// counts say what a slicer sees; `-0.0` equals `0.0`.
-#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Measures {
     /// Faces, as the file has them.
     pub faces: u64,
@@ -195,7 +195,8 @@ impl Measures {
 }
 
 /// An axis-parallel box.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct BoundingBox {
     /// Smallest coordinates.
     pub min: [f64; 3],
@@ -212,7 +213,8 @@ impl BoundingBox {
 }
 
 /// Enclosed volume by the divergence theorem.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Volume {
     /// Cubic units; negative for a mesh that is inside out.
     pub value: f64,
@@ -223,7 +225,8 @@ pub struct Volume {
 /// Pairs of faces that intersect, counted exactly: they have a point in common beside a vertex or an edge that they
 /// share. Left out are faces whose corners are on a line and pairs with the same three vertices, which are counted as
 /// degenerate and duplicate faces.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct SelfIntersections {
     /// Whether they were counted at all.
     pub checked: bool,

@@ -2,15 +2,14 @@
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
-use utoipa::{IntoParams, ToSchema};
 
 use super::DefectKind;
 use crate::scene::Unit;
 
 /// How closely a mesh is looked at, after Parasolid's `PK_check_mesh_*` (seed 002).
-#[derive(
-    Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default, Serialize, Deserialize, ToSchema, clap::ValueEnum,
-)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 #[serde(rename_all = "snake_case")]
 pub enum Level {
     /// Counts and attributes only; no defect is looked for.
@@ -36,33 +35,34 @@ impl Level {
 }
 
 /// What to look for, and how. Every field has a default.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema, IntoParams)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema, utoipa::IntoParams))]
 #[serde(default)]
-#[into_params(parameter_in = Query)]
+#[cfg_attr(feature = "openapi", into_params(parameter_in = Query))]
 pub struct InspectOptions {
     /// How closely.
     pub level: Level,
     /// Places of each kind of defect that the report lists.
-    #[schema(minimum = 0, maximum = 1000)]
+    #[cfg_attr(feature = "openapi", schema(minimum = 0, maximum = 1000))]
     pub places: usize,
     /// How closely things must agree to count as the same.
     pub tolerances: Tolerances,
     /// The unit of the file's lengths, whatever it says itself. Without it, and where the file says none, millimetres are assumed.
     pub unit: Option<Unit>,
     /// The direction in which the model is built, of any length but zero.
-    #[schema(min_items = 3, max_items = 3)]
+    #[cfg_attr(feature = "openapi", schema(min_items = 3, max_items = 3))]
     pub up: [f64; 3],
     /// An angle from the vertical, in degrees from 0 to 90, for which the area of overhangs is told beside 30, 45 and 60.
-    #[schema(minimum = 0.0, maximum = 90.0)]
+    #[cfg_attr(feature = "openapi", schema(minimum = 0.0, maximum = 90.0))]
     pub overhang_deg: f64,
     /// Sides of the printer's build volume, in millimetres.
-    #[schema(min_items = 3, max_items = 3)]
+    #[cfg_attr(feature = "openapi", schema(min_items = 3, max_items = 3))]
     pub build_volume: Option<[f64; 3]>,
     /// Whether walls are measured of a printable mesh only. A repair asks for that of its input: what is printed is the result, and
     /// walls of a mesh with faults take winding numbers, which is half of the time of a small repair.
     #[serde(skip)]
-    #[schema(ignore)]
-    #[param(ignore)]
+    #[cfg_attr(feature = "openapi", schema(ignore))]
+    #[cfg_attr(feature = "openapi", param(ignore))]
     pub walls_of_printable_only: bool,
 }
 
@@ -105,7 +105,8 @@ impl InspectOptions {
 }
 
 /// A length below which something counts as nothing.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum Tolerance {
     /// A share of the diagonal of the box around the mesh.
@@ -136,7 +137,8 @@ impl Tolerance {
 ///
 /// An override that is not given is the linear tolerance. A tolerance of 0 finds only what is so exactly, decided by
 /// exact predicates; above 0 lengths are measured in f64.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(default, deny_unknown_fields)]
 pub struct Tolerances {
     /// What no override is given for. By default 1e-7 of the diagonal, about the distance of neighbouring 32-bit numbers

@@ -1,6 +1,5 @@
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
 
 use super::analysis::Pair;
 use super::sampling::ask;
@@ -14,7 +13,8 @@ const BUDGET: u64 = 50_000_000;
 const BUDGET_A_VERTEX: u64 = 1000;
 
 /// What is measured of a set of meshes beyond each one: characteristics 13 and 14 of meshalyzer (seed 004).
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct SetReport {
     /// Intersections between meshes, where they were asked for.
     pub intersections: Option<SetIntersections>,
@@ -23,7 +23,8 @@ pub struct SetReport {
 }
 
 /// Faces of different meshes that intersect.
-#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct SetIntersections {
     /// Pairs of intersecting faces in all pairs of meshes.
     pub total: u64,
@@ -34,7 +35,8 @@ pub struct SetIntersections {
 }
 
 /// Two meshes that intersect.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct MeshPair {
     /// The two meshes, by place in the list of files from 0, the smaller first.
     pub meshes: [u32; 2],
@@ -45,7 +47,8 @@ pub struct MeshPair {
 }
 
 /// Distances from the vertices of each mesh to the nearest point of any other mesh.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct SetSpacing {
     /// Over the vertices of all meshes.
     pub all: Option<Distribution>,
@@ -56,7 +59,8 @@ pub struct SetSpacing {
 }
 
 /// Distances from the vertices of one mesh to the nearest point of any other mesh of the set.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct MeshSpacing {
     /// How the distances are distributed; none where it has no vertex or there is no other mesh.
     pub distances: Option<Distribution>,
@@ -67,7 +71,8 @@ pub struct MeshSpacing {
 }
 
 /// The shortest way from a vertex to another mesh.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Nearest {
     /// How long it is.
     pub distance: f64,

@@ -1,7 +1,6 @@
 //! The parts of a mesh, how they are turned, and the attributes that follow.
 
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
 
 use super::{Analysis, BoundingBox, Measures, Volume, finite};
 use crate::context::{Cancelled, Context};
@@ -11,7 +10,8 @@ use crate::mesh::{Edges, Parts, boundary_chains};
 const MOST_SHELLS: usize = 100;
 
 /// An answer to a question that can't always be asked.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum Answer {
     /// The mesh has the attribute.
@@ -29,7 +29,8 @@ impl From<bool> for Answer {
 }
 
 /// Why something can't be measured.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum Unmeasurable {
     /// There is a boundary edge.
@@ -43,7 +44,8 @@ pub enum Unmeasurable {
 }
 
 /// The edge-connected parts of a mesh.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Shells {
     /// How many there are.
     pub count: u64,
@@ -59,7 +61,8 @@ pub struct Shells {
 }
 
 /// One edge-connected part of a mesh.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Shell {
     /// Its first face, by index in the file from 0.
     pub first_face: u32,
@@ -109,7 +112,8 @@ pub struct Turning {
 
 /// The four attributes of a mesh as meshalyzer defines them (seed 004), each one assuming those before it where its
 /// definition does.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Attributes {
     /// Each edge is shared by two or more faces. Edges of more than two are allowed.
     pub closed: Answer,

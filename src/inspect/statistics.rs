@@ -2,7 +2,6 @@ use std::f64::consts::{PI, TAU};
 
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
 
 use super::{Analysis, Attributes, Bins, Distribution, Turning, Unmeasurable};
 use crate::context::{Cancelled, Context};
@@ -15,7 +14,8 @@ const STRIDE: usize = 1 << 16;
 const ANGLE_BINS: usize = 17;
 
 /// How the faces and edges of a mesh are shaped.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Statistics {
     /// Areas of the faces, in square units; 0 for a degenerate face.
     pub face_area: Option<Distribution>,
@@ -31,7 +31,8 @@ pub struct Statistics {
 }
 
 /// Angles between the two faces of an edge, measured on the side that their normals look to.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct EdgeAngles {
     /// The angles in radians, from 0 to 2 pi: pi where the surface is flat, above pi where it is convex seen from the
     /// side of the normals, 0 where two faces lie on each other. Boundary edges have none.
@@ -46,7 +47,8 @@ pub struct EdgeAngles {
 }
 
 /// Which angles were measured.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum Side {
     /// Normals look out of the solid: angles are exterior, 3/2 pi at the edges of a box.

@@ -4,7 +4,6 @@ mod choices;
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
-use utoipa::{IntoParams, ToSchema};
 
 pub use self::choices::{Category, InsideRule, Merge, OpenSheets, OutputFormat, Overlaps, Preset, Require};
 pub use super::operators::Operator;
@@ -16,9 +15,10 @@ use crate::inspect::{OptionsError, changed_fields};
 use crate::scene::Unit;
 
 /// How a model is to be repaired. Every field has a default.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema, IntoParams)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema, utoipa::IntoParams))]
 #[serde(default)]
-#[into_params(parameter_in = Query)]
+#[cfg_attr(feature = "openapi", into_params(parameter_in = Query))]
 pub struct Options {
     /// The plan to run, or `auto`.
     pub preset: Preset,
@@ -38,99 +38,99 @@ pub struct Options {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub scale_to: Option<Unit>,
     /// Operators that run although they are left out by default.
-    #[param(explode = false)]
+    #[cfg_attr(feature = "openapi", param(explode = false))]
     #[serde(deserialize_with = "operators_by_name")]
     pub with: Vec<Operator>,
     /// Operators that do not run.
-    #[param(explode = false)]
+    #[cfg_attr(feature = "openapi", param(explode = false))]
     #[serde(deserialize_with = "operators_by_name")]
     pub without: Vec<Operator>,
     /// The farthest that surface may be moved from where it was or made, hole patches apart, in the model's unit. What can't be
     /// fixed within it is left and reported.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[schema(minimum = 0.0)]
+    #[cfg_attr(feature = "openapi", schema(minimum = 0.0))]
     pub max_deviation: Option<f64>,
     /// Most faces that the result should have: faces are removed by collapsing edges until there are no more, or `max_error`, or
     /// without it 0.5 % of the bounding box's diagonal, allows no further.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[schema(minimum = 4, maximum = 4294967295u64)]
+    #[cfg_attr(feature = "openapi", schema(minimum = 4, maximum = 4294967295u64))]
     pub max_faces: Option<u64>,
     /// The farthest that the surface may be, both ways, from where it was before faces were removed, in the model's unit. Without
     /// `max_faces`, all faces go that may go within it: with a tiny error those that plane surface does not need.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[schema(minimum = 0.0)]
+    #[cfg_attr(feature = "openapi", schema(minimum = 0.0))]
     pub max_error: Option<f64>,
     /// Highest tier that may run, 1 to 3: 1 cleans, 2 mends, 3 is Blender.
-    #[schema(minimum = 1, maximum = 3)]
+    #[cfg_attr(feature = "openapi", schema(minimum = 1, maximum = 3))]
     pub max_tier: u8,
     /// Seconds the repair may take from its start. It ends within 2 s and 10 % of that, with the best result that was verified by then, or
     /// fails where there was not even time to inspect the input; `left_out` in the report says what there was no time for.
-    #[schema(minimum = 1.0, maximum = 3600.0)]
+    #[cfg_attr(feature = "openapi", schema(minimum = 1.0, maximum = 3600.0))]
     pub deadline_s: f64,
     /// Red flag: share of the faces lost, in percent.
-    #[schema(minimum = 0.0, maximum = 100.0)]
+    #[cfg_attr(feature = "openapi", schema(minimum = 0.0, maximum = 100.0))]
     pub max_face_loss_pct: f64,
     /// Red flag: share of the vertices lost, in percent. A vertex is lost where no face at it is left, whole or cut.
-    #[schema(minimum = 0.0, maximum = 100.0)]
+    #[cfg_attr(feature = "openapi", schema(minimum = 0.0, maximum = 100.0))]
     pub max_vertex_loss_pct: f64,
     /// Red flag: change of the bounding box's diagonal, in percent.
-    #[schema(minimum = 0.0, maximum = 1000.0)]
+    #[cfg_attr(feature = "openapi", schema(minimum = 0.0, maximum = 1000.0))]
     pub max_box_change_pct: f64,
     /// Red flag: change of the volume, in percent; judged only where the input's volume is reliable.
-    #[schema(minimum = 0.0, maximum = 1000.0)]
+    #[cfg_attr(feature = "openapi", schema(minimum = 0.0, maximum = 1000.0))]
     pub max_volume_change_pct: f64,
     /// Red flag: share of the surface seen from outside that has no counterpart in the result, in percent.
-    #[schema(minimum = 0.0, maximum = 100.0)]
+    #[cfg_attr(feature = "openapi", schema(minimum = 0.0, maximum = 100.0))]
     pub max_surface_lost_pct: f64,
     /// Red flag: share of the result's surface that the input does not have, in percent: thickened skins, and patches of holes that are
     /// larger than 2 % of the surface each.
-    #[schema(minimum = 0.0, maximum = 100.0)]
+    #[cfg_attr(feature = "openapi", schema(minimum = 0.0, maximum = 100.0))]
     pub max_surface_added_pct: f64,
     /// Boundary vertices closer than this share of the bounding box's diagonal are merged; 0 merges equal positions only.
-    #[schema(minimum = 0.0, maximum = 0.01)]
+    #[cfg_attr(feature = "openapi", schema(minimum = 0.0, maximum = 0.01))]
     pub weld_tolerance: f64,
     /// Vertices closer than this are merged, on the boundary or not, in the model's unit. Without it, only equal positions are, and
     /// boundary vertices within `weld_tolerance`.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[schema(minimum = 0.0)]
+    #[cfg_attr(feature = "openapi", schema(minimum = 0.0))]
     pub merge_distance: Option<f64>,
     /// Boundary vertices closer than this share of the shortest boundary edge at either are merged; 0 merges none so. Without it 0.2,
     /// and vertices no farther apart than 0.1 % of the bounding box's diagonal.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[schema(minimum = 0.0, maximum = 0.5)]
+    #[cfg_attr(feature = "openapi", schema(minimum = 0.0, maximum = 0.5))]
     pub sew_ratio: Option<f64>,
     /// Widest crack that is stitched, as a share of the bounding box's diagonal; 0 stitches none. Without it 0.001. A gap wider than
     /// half of the edges beside it is a hole.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[schema(minimum = 0.0, maximum = 1.0)]
+    #[cfg_attr(feature = "openapi", schema(minimum = 0.0, maximum = 1.0))]
     pub stitch_threshold: Option<f64>,
     /// Widest crack that is stitched, in the model's unit, instead of `stitch_threshold`.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[schema(minimum = 0.0)]
+    #[cfg_attr(feature = "openapi", schema(minimum = 0.0))]
     pub stitch_distance: Option<f64>,
     /// Share of an edge at either end within which stitching takes the end instead of cutting the edge; from 0.5 on, always.
-    #[schema(minimum = 0.0, maximum = 1.0)]
+    #[cfg_attr(feature = "openapi", schema(minimum = 0.0, maximum = 1.0))]
     pub stitch_epsilon: f64,
     /// Where two vertices that are stitched meet.
     pub stitch_position: StitchPosition,
     /// Edges shorter and faces lower than this share of the bounding box's diagonal are removed, and surface that is folded onto itself
     /// as closely is unfolded; 0 leaves them.
-    #[schema(minimum = 0.0, maximum = 0.001)]
+    #[cfg_attr(feature = "openapi", schema(minimum = 0.0, maximum = 0.001))]
     pub degenerate_tolerance: f64,
     /// Where `with` asks for `remove_overlapping_neighbours`: the angle between two neighbouring faces, in degrees, up to
     /// which they lie on one another. Without it 1 degree, and faces no farther apart than 0.01 % of the bounding box's diagonal.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[schema(minimum = 0.0, maximum = 45.0)]
+    #[cfg_attr(feature = "openapi", schema(minimum = 0.0, maximum = 45.0))]
     pub overlap_angle_deg: Option<f64>,
     /// A polygon of the file whose corners rise from its plane by more than this angle, in degrees, is cut into
     /// triangles with the least fold, others as if they were flat: other programs do so with all, and show the same surface then.
-    #[schema(minimum = 0.0, maximum = 180.0)]
+    #[cfg_attr(feature = "openapi", schema(minimum = 0.0, maximum = 180.0))]
     pub twist_angle_deg: f64,
     /// Most edges around a hole that is closed.
-    #[schema(minimum = 3, maximum = 10000000)]
+    #[cfg_attr(feature = "openapi", schema(minimum = 3, maximum = 10000000))]
     pub max_hole_edges: u32,
     /// Closed parts with a smaller share of the volume of all parts are dropped, in percent; 0 keeps them.
-    #[schema(minimum = 0.0, maximum = 100.0)]
+    #[cfg_attr(feature = "openapi", schema(minimum = 0.0, maximum = 100.0))]
     pub min_part_volume_pct: f64,
     /// How closed parts that lie in others are wound: as they were, or each layer against the one around it.
     pub nested: Nested,
@@ -143,13 +143,13 @@ pub struct Options {
     /// Thickness of thickened sheets and of a base at its lowest point, in the model's unit. Without it, 0.3 % of the bounding
     /// box's diagonal.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[schema(exclusive_minimum = 0.0)]
+    #[cfg_attr(feature = "openapi", schema(exclusive_minimum = 0.0))]
     pub thickness: Option<f64>,
     /// Largest extent of a hole that is closed, as a share of the bounding box's diagonal; 1 closes holes of any size.
-    #[schema(minimum = 0.0, maximum = 1.0)]
+    #[cfg_attr(feature = "openapi", schema(minimum = 0.0, maximum = 1.0))]
     pub max_hole_size: f64,
     /// Most holes that are closed; of more, the smallest are.
-    #[schema(minimum = 0, maximum = 4294967295u64)]
+    #[cfg_attr(feature = "openapi", schema(minimum = 0, maximum = 4294967295u64))]
     pub max_holes: u32,
     /// How the triangles of a hole's patch are chosen.
     pub hole_filling: HoleFilling,
@@ -159,13 +159,13 @@ pub struct Options {
     pub fair_patches: bool,
     /// The edge of a remesh's voxels, natively or by Blender, in the model's unit. Without it the size follows from `voxel_resolution`.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[schema(exclusive_minimum = 0.0)]
+    #[cfg_attr(feature = "openapi", schema(exclusive_minimum = 0.0))]
     pub voxel_size: Option<f64>,
     /// Voxels along the bounding box's diagonal for a remesh.
-    #[schema(minimum = 16, maximum = 2000)]
+    #[cfg_attr(feature = "openapi", schema(minimum = 16, maximum = 2000))]
     pub voxel_resolution: u32,
     /// Most faces a remesh may have; the voxel size is made larger until the estimate is below.
-    #[schema(minimum = 1000, maximum = 20000000)]
+    #[cfg_attr(feature = "openapi", schema(minimum = 1000, maximum = 20000000))]
     pub max_remesh_faces: u64,
     /// Whether what was found and what was changed can be had as pictures: `before.png`, `after.png`, `defects.glb`, `defects.ply`,
     /// `change.png`, `change.glb` and `change.ply`. They are drawn when somebody asks for one of them first.

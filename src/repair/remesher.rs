@@ -1,13 +1,13 @@
 use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
 
 use crate::context::Context;
 use crate::mesh::Soup;
 
 /// What tier 3 can do.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum RemeshAction {
     /// Rebuild the surface on a voxel grid (the guide's `blender_remesh`).
@@ -17,7 +17,8 @@ pub enum RemeshAction {
 }
 
 /// A program that tier 3 runs.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct RemesherInfo {
     /// `blender` or `bpy`.
     pub kind: String,

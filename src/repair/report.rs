@@ -5,7 +5,6 @@ mod outcome;
 mod steps;
 
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
 
 pub use self::findings::{
     Assumption, AssumptionKind, LeftOut, NotAppliedCause, OptionNotApplied, RedFlag, RedFlagCode, ReportedOptions,
@@ -13,7 +12,6 @@ pub use self::findings::{
 pub use self::outcome::{HandedOut, Outcome, Property, Verdict};
 pub use self::steps::{Action, Candidate, Plan, PlannedAction, Rung, Step, StepStatus, UnfixedFaces, When};
 use self::steps::{abridge_candidates, abridge_steps};
-use super::options::Options;
 use crate::format::Format;
 use crate::inspect::{Changes, Inspection, Ledger, Measures};
 use crate::scene::LengthUnit;
@@ -26,7 +24,8 @@ use crate::scene::LengthUnit;
 pub const REPORT_VERSION: u32 = 7;
 
 /// The account of one repair.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Report {
     /// Version of this structure.
     pub version: u32,
@@ -46,10 +45,10 @@ pub struct Report {
     /// The input file.
     pub input: FileSummary,
     /// The result, of an `unrepairable` model what came in; none only if nothing can be written.
-    #[schema(required)]
+    #[cfg_attr(feature = "openapi", schema(required))]
     pub output: Option<FileSummary>,
     /// The options that were in force; in an abridged report those that differ from their defaults.
-    #[schema(value_type = Options)]
+    #[cfg_attr(feature = "openapi", schema(value_type = super::options::Options))]
     pub options: ReportedOptions,
     /// The unit of every length in this report and of the result.
     pub unit: LengthUnit,
@@ -57,12 +56,12 @@ pub struct Report {
     pub before: Inspection,
     /// The result, looked at in the same way, on its own bytes. Objects that are kept apart may meet one another, and then what is printable
     /// apart is not as one mesh; the warnings say so.
-    #[schema(required)]
+    #[cfg_attr(feature = "openapi", schema(required))]
     pub after: Option<Inspection>,
     /// Whether `after` was found on the written bytes, read back and welded by position.
     pub verified_from_output_bytes: bool,
     /// From `before` to `after`.
-    #[schema(required)]
+    #[cfg_attr(feature = "openapi", schema(required))]
     pub changes: Option<Changes>,
     /// What became of each part of the input; none where the input itself is handed out.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -94,7 +93,8 @@ pub struct Report {
 }
 
 /// A file that went in or came out.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct FileSummary {
     /// Its format.
     pub format: Format,
@@ -112,7 +112,8 @@ impl FileSummary {
 }
 
 /// The account of one object that was repaired apart from the others, in its own coordinates.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct ObjectReport {
     /// Its name in the file.
     #[serde(default, skip_serializing_if = "Option::is_none")]

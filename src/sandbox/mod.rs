@@ -23,13 +23,13 @@ use rlimit::Resource;
 use rustix::io::Errno;
 use rustix::process::{getppid, setpgid, test_kill_process};
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
 
 use layers::Layers;
 pub use layers::{Sandbox, SandboxMode};
 
 /// One wall.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Protection {
     /// Whether it held when the service started and tried it.
     pub in_force: bool,
@@ -41,7 +41,8 @@ pub struct Protection {
 }
 
 /// The walls around each job's processes, as they were tried.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Walls {
     /// No connection leads out, not even to this machine.
     pub network: Protection,
@@ -56,7 +57,8 @@ pub struct Walls {
 }
 
 /// What holds each job's processes, and what they may use.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct SandboxStatus {
     /// What the service was told to do where a wall can't be had.
     pub mode: SandboxMode,

@@ -4,35 +4,36 @@ use std::fmt;
 
 use glam::{DAffine3, DMat3, DVec3};
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
 
 /// A unit of length: what one step along an axis is, after the units of the 3MF core specification.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize, ToSchema, clap::ValueEnum)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 pub enum Unit {
     /// 0.001 mm.
     #[serde(rename = "um", alias = "micrometre")]
-    #[value(name = "um", alias = "micrometre")]
+    #[cfg_attr(feature = "clap", value(name = "um", alias = "micrometre"))]
     Micrometre,
     /// What slicers take numbers for.
     #[default]
     #[serde(rename = "mm", alias = "millimetre")]
-    #[value(name = "mm", alias = "millimetre")]
+    #[cfg_attr(feature = "clap", value(name = "mm", alias = "millimetre"))]
     Millimetre,
     /// 10 mm.
     #[serde(rename = "cm", alias = "centimetre")]
-    #[value(name = "cm", alias = "centimetre")]
+    #[cfg_attr(feature = "clap", value(name = "cm", alias = "centimetre"))]
     Centimetre,
     /// 25.4 mm.
     #[serde(rename = "in", alias = "inch")]
-    #[value(name = "in", alias = "inch")]
+    #[cfg_attr(feature = "clap", value(name = "in", alias = "inch"))]
     Inch,
     /// 304.8 mm.
     #[serde(rename = "ft", alias = "foot")]
-    #[value(name = "ft", alias = "foot")]
+    #[cfg_attr(feature = "clap", value(name = "ft", alias = "foot"))]
     Foot,
     /// 1000 mm.
     #[serde(rename = "m", alias = "metre")]
-    #[value(name = "m", alias = "metre")]
+    #[cfg_attr(feature = "clap", value(name = "m", alias = "metre"))]
     Metre,
 }
 
@@ -86,7 +87,8 @@ impl fmt::Display for Unit {
 }
 
 /// What lengths are in.
-#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct LengthUnit {
     /// The unit.
     pub used: Unit,
@@ -104,7 +106,8 @@ pub struct LengthUnit {
 }
 
 /// How the unit of a file is known.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum UnitSource {
     /// Who sent it says so.
@@ -117,7 +120,8 @@ pub enum UnitSource {
 }
 
 /// The axis that points up: z in 3MF, y in glTF. Other formats name none.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "lowercase")]
 pub enum Up {
     /// The second axis.

@@ -2,7 +2,6 @@
 
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
 
 use super::super::analysis::Pair;
 use super::super::matching::Common;
@@ -36,7 +35,8 @@ const SAME_INSIDE_PCT: f64 = 99.0;
 
 /// How one mesh, the result, differs from another, the input. Percentages are of the input's value; none where the input's
 /// value is zero or not reliable.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Changes {
     /// Faces after minus before.
     pub faces: i64,

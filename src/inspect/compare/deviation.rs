@@ -2,7 +2,6 @@
 
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
 
 use super::super::analysis::Pair;
 use super::super::distribution::percentile;
@@ -30,7 +29,8 @@ const MATERIAL: f64 = 0.9;
 pub(super) const INSIDE_WINDING: f64 = 0.5;
 
 /// How far the surface of one mesh is from that of another, sampled evenly by area.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Deviation {
     /// Points on faces that were measured.
     pub samples: u64,
@@ -47,7 +47,8 @@ pub struct Deviation {
 }
 
 /// Distances in figures.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Spread {
     /// The largest, of samples and vertices.
     pub max: f64,
@@ -183,7 +184,8 @@ impl Measured<'_> {
 
 /// Whether two meshes agree on what is inside, by generalized winding numbers (Jacobson et al. 2013) at points spread evenly
 /// in the box around both. Inside is where the number is at least a half, whichever way the mesh is turned.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct InsideAgreement {
     /// Points that were asked for.
     pub points: u64,

@@ -1,6 +1,5 @@
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
 
 use super::original::{FAR, Original, ROUNDING};
 use crate::context::{Cancelled, Context};
@@ -20,7 +19,8 @@ const BUDGET: u64 = 10_000_000;
 const BUDGET_A_POINT: u64 = 500;
 
 /// What became of a piece of surface on the way from one mesh, the input, to another, the result.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum Fate {
     /// It is in both, whole or cut anew.
@@ -39,7 +39,8 @@ impl Fate {
 }
 
 /// How much surface had one fate.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct SurfaceShare {
     /// Faces: of the result, and for what was removed those of the input of which at least a piece is gone.
     pub faces: u64,
@@ -48,7 +49,8 @@ pub struct SurfaceShare {
 }
 
 /// How much of the surface was kept, moved, added and removed.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct SurfaceShares {
     /// Surface of the result that the input has in the same place.
     pub kept: SurfaceShare,

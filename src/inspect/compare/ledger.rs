@@ -2,7 +2,6 @@
 
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
 
 use super::original::Original;
 use super::probes::{Place, Places, Probes};
@@ -19,7 +18,8 @@ const PRESENT: f64 = 0.1;
 const STRAY: f64 = 0.1;
 
 /// Why an input part of which nothing is in the result is not missed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum Certificate {
     /// All of it lies on surface of other parts, and that is in the result.
@@ -35,7 +35,8 @@ pub enum Certificate {
 }
 
 /// A part that is not in the result, and why it is not missed.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct PartCertificate {
     /// The part, by number from 0 in the order of the parts' first faces.
     pub part: u32,
@@ -50,7 +51,8 @@ pub struct PartCertificate {
 }
 
 /// A part that is not in the result without a reason.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct LostPart {
     /// The part, by number from 0 in the order of the parts' first faces.
     pub part: u32,
@@ -66,7 +68,8 @@ pub struct LostPart {
 
 /// What became of each edge-connected part of the input, found on the result's own bytes: every part is in the result, or has
 /// a certificate, or is lost.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Ledger {
     /// Parts of the input.
     pub parts: u64,

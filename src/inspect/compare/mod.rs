@@ -8,7 +8,6 @@ mod original;
 mod probes;
 
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
 
 use super::analysis::Pair;
 use super::{Analysis, Measures, measures, percent};
@@ -29,7 +28,8 @@ pub const COMPARISON_VERSION: u32 = 1;
 const INSIDE_KEPT_PCT: f64 = 50.0;
 
 /// Two meshes compared.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Comparison {
     /// Version of this structure.
     pub version: u32,

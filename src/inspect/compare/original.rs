@@ -3,7 +3,6 @@
 use std::cell::{OnceCell, RefCell};
 
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
 
 use super::super::sampling::{Sample, samples, visible};
 use super::super::{Analysis, Measures, Volume, measures};
@@ -16,7 +15,8 @@ pub(super) const FAR: f64 = 0.005;
 pub(super) const ROUNDING: f64 = 1.0 / (1u64 << 20) as f64;
 
 /// How closely two meshes are compared.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(deny_unknown_fields, default)]
 pub struct CompareOptions {
     /// Points on each surface from which the other's distance is measured.

@@ -4,7 +4,6 @@ mod wall_search;
 
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
 
 use super::distribution::percentile;
 use super::sampling::{Sample, ask, samples};
@@ -34,7 +33,8 @@ const PLATE: f64 = 1e-6;
 const MORE: f64 = 1e-9;
 
 /// Measures for printing. Lengths, areas and volumes are in the model's unit where nothing else is said.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct PrintMeasures {
     /// The model's unit.
     pub unit: Unit,
@@ -65,7 +65,8 @@ pub struct PrintMeasures {
 }
 
 /// Whether a model fits a printer.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Fit {
     /// Sides of the build volume, in millimetres.
     pub build_volume: [f64; 3],
@@ -148,7 +149,8 @@ fn fit(size: [f64; 3], build_volume: [f64; 3]) -> Fit {
 }
 
 /// Surface that faces down and may need support.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Overhang {
     /// The direction in which the model is built, of length 1.
     pub up: [f64; 3],
@@ -157,7 +159,8 @@ pub struct Overhang {
 }
 
 /// The area that hangs over by more than an angle.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct OverhangArea {
     /// The angle from the vertical, in degrees: a wall has 0, a ceiling 90.
     pub degrees: f64,
@@ -204,7 +207,8 @@ fn overhang(analysis: &Analysis<'_>, up: [f64; 3], degrees: f64) -> Overhang {
 }
 
 /// The thinnest wall.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct ThinnestWall {
     /// Its thickness, in the model's unit: the way from a face straight into the material to where it leaves through a face turned
     /// the other way to within 30 degrees. The least over every face's centre and over points spread by area.
@@ -228,7 +232,8 @@ pub struct ThinnestWall {
 }
 
 /// The thinnest point of a thin region.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct ThinPlace {
     /// The point, on the surface.
     pub at: [f64; 3],
@@ -237,7 +242,8 @@ pub struct ThinPlace {
 }
 
 /// Why no wall was measured.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum NoWall {
     /// The mesh has no area.

@@ -1,17 +1,16 @@
 //! The names by which options and reports know the operators, and the modes of some.
 
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
 
 /// Makes the names of the operators.
 macro_rules! operators {
     ($(#[doc = $about:literal])* pub enum $all:ident { $($(#[doc = $doc:literal])* $name:ident = $text:literal,)* }) => {
         $(#[doc = $about])*
-        #[derive(
-            Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, ToSchema, clap::ValueEnum,
-        )]
+        #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+        #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+        #[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
         #[serde(rename_all = "snake_case")]
-        #[value(rename_all = "snake_case")]
+        #[cfg_attr(feature = "clap", value(rename_all = "snake_case"))]
         pub enum $all {
             $($(#[doc = $doc])* $name,)*
         }
@@ -96,9 +95,11 @@ operators! {
 }
 
 /// How closed parts that lie in others are wound.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize, ToSchema, clap::ValueEnum)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 #[serde(rename_all = "snake_case")]
-#[value(rename_all = "snake_case")]
+#[cfg_attr(feature = "clap", value(rename_all = "snake_case"))]
 pub enum Nested {
     /// As they were: what looks inward in a solid is a cavity, what looks outward a solid of its own.
     #[default]
@@ -108,7 +109,9 @@ pub enum Nested {
 }
 
 /// How the triangles of a hole's patch are chosen.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize, ToSchema, clap::ValueEnum)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 #[serde(rename_all = "kebab-case")]
 pub enum HoleFilling {
     /// The first that intersects nothing of: least fold, planar, least area, sharp.
@@ -123,9 +126,11 @@ pub enum HoleFilling {
 }
 
 /// Where two vertices that are stitched meet. A vertex that is joined to an edge stays where it is, and the edge bends to it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize, ToSchema, clap::ValueEnum)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 #[serde(rename_all = "snake_case")]
-#[value(rename_all = "snake_case")]
+#[cfg_attr(feature = "clap", value(rename_all = "snake_case"))]
 pub enum StitchPosition {
     /// Where one of them is, so that no position is new.
     #[default]

@@ -1,12 +1,13 @@
 //! The choices that options offer, apart from numbers.
 
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
 
 use crate::format::{Format, ReadFile};
 
 /// A named plan, after the MeshPrep repair strategy guide ("Filter Scripts & When to Use Them").
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize, ToSchema, clap::ValueEnum)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 #[serde(rename_all = "kebab-case")]
 pub enum Preset {
     /// Chosen from the model's category.
@@ -43,9 +44,11 @@ impl Preset {
 }
 
 /// What kind of trouble a model is in, after the MeshPrep repair strategy guide ("Category-to-Filter Mapping").
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema, clap::ValueEnum)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 #[serde(rename_all = "snake_case")]
-#[value(rename_all = "snake_case")]
+#[cfg_attr(feature = "clap", value(rename_all = "snake_case"))]
 pub enum Category {
     /// Nothing is wrong.
     Clean,
@@ -92,7 +95,9 @@ impl Category {
 }
 
 /// What becomes of open sheets: parts that enclose nothing, such as terrain or a single wall.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize, ToSchema, clap::ValueEnum)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 #[serde(rename_all = "lowercase")]
 pub enum OpenSheets {
     /// A model that is an open sheet is left; sheets that are parts of another model get a thickness behind their surface where
@@ -108,7 +113,9 @@ pub enum OpenSheets {
 }
 
 /// What becomes of parts that overlap.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize, ToSchema, clap::ValueEnum)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 #[serde(rename_all = "lowercase")]
 pub enum Overlaps {
     /// They become one solid.
@@ -120,7 +127,9 @@ pub enum Overlaps {
 }
 
 /// What becomes of a file's objects, where its format and that of the result have such.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize, ToSchema, clap::ValueEnum)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 #[serde(rename_all = "lowercase")]
 pub enum Merge {
     /// Objects that intersect where they stand become one solid, and keep their colours; others stay objects. In 3MF, parts of different
@@ -134,9 +143,11 @@ pub enum Merge {
 }
 
 /// What a result must be for the repair to succeed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize, ToSchema, clap::ValueEnum)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 #[serde(rename_all = "snake_case")]
-#[value(rename_all = "snake_case")]
+#[cfg_attr(feature = "clap", value(rename_all = "snake_case"))]
 pub enum Require {
     /// The best result is handed out, whatever its outcome.
     #[default]
@@ -146,7 +157,9 @@ pub enum Require {
 }
 
 /// What is solid, by how many times the surface winds around it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize, ToSchema, clap::ValueEnum)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 #[serde(rename_all = "lowercase")]
 pub enum InsideRule {
     /// As the plan's rungs try it: `positive`, and `nonzero` where that is not good.
@@ -161,7 +174,9 @@ pub enum InsideRule {
 }
 
 /// The format of the result.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize, ToSchema, clap::ValueEnum)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 #[serde(rename_all = "lowercase")]
 pub enum OutputFormat {
     /// STL where that says all that the file holds, the input's own format where it does not: with objects, colours or a unit.
@@ -183,7 +198,7 @@ pub enum OutputFormat {
     Zip,
     /// 3MF.
     #[serde(rename = "3mf")]
-    #[value(name = "3mf")]
+    #[cfg_attr(feature = "clap", value(name = "3mf"))]
     ThreeMf,
     /// The input's own format.
     Same,

@@ -4,13 +4,13 @@ use std::ops::Deref;
 
 use serde::{Deserialize, Serialize, Serializer};
 use serde_json::Value;
-use utoipa::ToSchema;
 
 use crate::repair::options::Options;
 use crate::scene::{LengthUnit, UnitSource};
 
 /// Work that the deadline left no time for.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum LeftOut {
     /// The search for intersecting faces in the input: whether it is printable is not known.
@@ -30,7 +30,8 @@ pub enum LeftOut {
 }
 
 /// A sign that a repair destroyed something, after the MeshPrep repair strategy guide (lessons 3 and 4).
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct RedFlag {
     /// Which sign.
     pub code: RedFlagCode,
@@ -46,7 +47,8 @@ pub struct RedFlag {
 }
 
 /// The kinds of red flag.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum RedFlagCode {
     /// More faces were lost than `max_face_loss_pct`.
@@ -76,7 +78,8 @@ const MAX_PLACES: usize = 5;
 
 /// A decision that the input does not prove: what was decided, how much of the model it concerns, and the option that decides
 /// otherwise.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Assumption {
     /// What was decided.
     pub kind: AssumptionKind,
@@ -99,7 +102,8 @@ pub struct Assumption {
 }
 
 /// The kinds of [`Assumption`].
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum AssumptionKind {
     /// The file names no unit; lengths were taken to be millimetres.
@@ -170,7 +174,8 @@ impl Assumption {
 }
 
 /// An option that was set and that the result does not follow, or only in part.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct OptionNotApplied {
     /// The option's name.
     pub option: String,
@@ -183,7 +188,8 @@ pub struct OptionNotApplied {
 }
 
 /// The kinds of reason why an option was not applied.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum NotAppliedCause {
     /// The model has nothing that the option is about.

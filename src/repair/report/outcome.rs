@@ -1,11 +1,11 @@
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
 
 use crate::inspect::Measures;
 use crate::repair::options::Require;
 
 /// What became of a model, apart from whether the job ran.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum Outcome {
     /// The input is printable; its geometry comes back untouched.
@@ -41,7 +41,8 @@ impl Require {
 ///
 /// Every surface that tells an outcome takes its claims from here: report, exit codes, messages, webhooks, artifacts, the page and the
 /// widget.
-#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Verdict {
     /// Whether the file can be printed as it stands: the outcome is `already_printable` or `repaired`.
     pub printable: bool,
@@ -55,7 +56,8 @@ pub struct Verdict {
 }
 
 /// The file that a repair hands out.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum HandedOut {
     /// A result that is better than what came in, or was printable already.
@@ -68,7 +70,8 @@ pub enum HandedOut {
 }
 
 /// A property of a mesh that was checked on a file's own bytes.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum Property {
     /// No edge has a face on one side only.

@@ -1,7 +1,6 @@
 //! What was planned, what was done, and the results that were judged.
 
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
 
 use super::findings::{OptionNotApplied, RedFlag};
 use crate::repair::change::Change;
@@ -9,7 +8,8 @@ use crate::repair::options::{Category, Operator, Preset};
 use crate::repair::remesher::RemesherInfo;
 
 /// One thing a plan does.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum Action {
     /// Tier 1: weld, drop degenerate, duplicate and unreferenced (the guide's `trimesh_basic`).
@@ -49,7 +49,8 @@ pub enum Action {
 }
 
 /// What is to be done, as data: made from the inspection, run afterwards.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Plan {
     /// What kind of trouble the model is in.
     pub category: Category,
@@ -62,7 +63,8 @@ pub struct Plan {
 }
 
 /// When a rung runs, given that none before it was good.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum When {
     /// Always.
@@ -75,7 +77,8 @@ pub enum When {
 }
 
 /// One try of a plan.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Rung {
     /// When it runs.
     #[serde(default)]
@@ -89,7 +92,8 @@ pub struct Rung {
 }
 
 /// An action and what it comes to with the options in force.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct PlannedAction {
     /// The action.
     pub action: Action,
@@ -99,7 +103,8 @@ pub struct PlannedAction {
 }
 
 /// How a step ended.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum StepStatus {
     /// It ran.
@@ -113,7 +118,8 @@ pub enum StepStatus {
 }
 
 /// One operator, remesh or validation that was run or passed over.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Step {
     /// Index of the rung in the plan.
     pub rung: u32,
@@ -153,7 +159,8 @@ pub struct Step {
 }
 
 /// Faces that an operator could not fix, such as those of which it could not tell the outer side.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct UnfixedFaces {
     /// How many.
     pub count: u64,
@@ -188,10 +195,11 @@ impl Step {
 }
 
 /// A result that was judged.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Candidate {
     /// Index of the rung that made it; none for the input itself.
-    #[schema(required)]
+    #[cfg_attr(feature = "openapi", schema(required))]
     pub rung: Option<u32>,
     /// Whether it passed every check.
     pub printable: bool,
